@@ -1,0 +1,292 @@
+"""What a flight looks like in Drake's Meshcat: the pieces that the replay and a live view share.
+
+Everything is in the body-fixed frame K, 1 Meshcat unit = 100 km. The spacecraft is drawn about a
+thousand times its size.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import typing
+from collections.abc import Iterator
+
+import numpy as np
+from pydrake.geometry import Box, Meshcat, MeshcatParams, Rgba, Sphere
+from pydrake.math import RigidTransform
+from pydrake.perception import PointCloud
+
+from proxops.diagrams.body import Body
+from proxops.systems.ellipsoid import blocks_segment
+from proxops.systems.lidar import ray_directions
+
+METRES_PER_UNIT = 100.0e3
+# The path is made of this many pieces at most, besides those that changes of who flies add.
+PATH_PIECES = 240
+# What to call, and how to colour, each value of a log's `decision`.
+WHO_FLIES: dict[int, tuple[str, tuple[float, float, float]]] = {
+    0: ("controller", (0.25, 0.70, 0.45)),
+    1: ("MPC", (0.22, 0.55, 0.95)),
+    2: ("policy", (0.96, 0.55, 0.13)),
+}
+
+_BODY = Rgba(0.62, 0.57, 0.51)
+_KEEP_OUT = Rgba(0.35, 0.55, 0.95, 0.12)
+# Lines are opaque in Meshcat whatever their alpha, so these are dark instead.
+_GRATICULE = Rgba(0.16, 0.23, 0.40)
+GOAL = Rgba(0.30, 1.00, 0.45)
+_HULL = Rgba(0.92, 0.92, 0.95)
+_PANELS = Rgba(0.20, 0.32, 0.75)
+THRUST = Rgba(1.00, 0.85, 0.20)
+RETURNS = Rgba(1.00, 0.10, 0.30)
+_ROUTE = Rgba(0.45, 0.45, 0.50)
+# Lengths in Meshcat units: 0.01 is 1 km.
+_PATH_RADIUS = 0.007
+_ARROW_LENGTH = 0.30
+_POINT_SIZE = 0.03
+# Degrees; the field of view is the vertical one.
+_CAMERA_ELEVATION = 28.0
+_FIELD_OF_VIEW = 40.0
+
+
+@contextlib.contextmanager
+def quiet_meshcat() -> Iterator[Meshcat]:
+    """A Meshcat for making pages: it listens on whichever port is free and says nothing of it."""
+    logger = logging.getLogger("drake")
+    level = logger.level
+    logger.setLevel(logging.WARNING)
+    try:
+        # Port 0 lets the system choose, so that any number of processes can do this at once.
+        yield Meshcat(MeshcatParams(host="localhost", port=0))
+    finally:
+        logger.setLevel(level)
+
+
+def prepare_scene(meshcat: Meshcat) -> None:
+    """Space: dark, no grid, no axes, one sun that is set by `look_at_flight`, little else."""
+    meshcat.SetProperty("/Grid", "visible", False)
+    meshcat.SetProperty("/Axes", "visible", False)
+    meshcat.SetProperty("/Background/<object>", "top_color", [0.015, 0.018, 0.035])
+    meshcat.SetProperty("/Background/<object>", "bottom_color", [0.03, 0.035, 0.06])
+    for light in ("SpotLight", "PointLightNegativeX", "PointLightPositiveX"):
+        meshcat.SetProperty(f"/Lights/{light}", "visible", False)
+    meshcat.SetProperty("/Lights/AmbientLight/<object>", "intensity", 0.5)
+    meshcat.SetProperty("/Lights/FillLight/<object>", "intensity", 3.2)
+    meshcat.SetCamera(
+        Meshcat.PerspectiveCamera(fov=_FIELD_OF_VIEW, aspect=1.0, near=0.01, far=200.0)
+    )
+
+
+def look_at_flight(meshcat: Meshcat, body: Body, points: np.ndarray) -> None:
+    """Points camera and sun so that body and `points` (N, 3), in m in K, are in view and lit.
+
+    Of a ring of directions it takes the one from which the body hides fewest of the points, the
+    points spread widest and most of them are on the near side.
+    """
+    half = body.shape.extents / 2.0
+    everything = np.vstack([points, body.shape.vertices])
+    centre = (everything.min(axis=0) + everything.max(axis=0)) / 2.0
+    radius = float(np.linalg.norm(everything - centre, axis=1).max())
+    sample = points[:: max(1, len(points) // 40)]
+
+    def score(azimuth: float) -> float:
+        direction = _towards(azimuth, _CAMERA_ELEVATION)
+        eye = centre + 3.0 * radius * direction
+        seen = np.mean([not blocks_segment(half, eye, point) for point in sample])
+        across = sample - sample.mean(axis=0)
+        across = across - np.outer(across @ direction, direction)
+        spread = np.sqrt(np.mean(np.sum(across**2, axis=1))) / radius
+        # Where the lidar's returns are: on the side that the spacecraft sees.
+        before = (sample @ direction).mean() / radius
+        return float(seen + spread + before)
+
+    azimuth = float(max(np.arange(0.0, 360.0, 15.0), key=score))
+    direction = _towards(azimuth, _CAMERA_ELEVATION)
+    # As near as fits everything into a picture of 4:3 or wider, with a margin around it.
+    right = np.cross([0.0, 0.0, 1.0], direction)
+    right /= np.linalg.norm(right)
+    up = np.cross(direction, right)
+    slope = 0.8 * np.tan(np.radians(_FIELD_OF_VIEW / 2.0))
+    offsets = everything - centre
+    needed = np.maximum(np.abs(offsets @ up), np.abs(offsets @ right) / (4.0 / 3.0)) / slope
+    distance = (needed + offsets @ direction).max()
+    meshcat.SetCameraPose(
+        (centre + distance * direction) / METRES_PER_UNIT, centre / METRES_PER_UNIT
+    )
+    # From the side and above, so that relief is seen.
+    sun = 10.0 * _towards(azimuth + 30.0, 38.0)
+    meshcat.SetProperty("/Lights/FillLight/<object>", "position", sun.tolist())
+
+
+def add_body(meshcat: Meshcat, body: Body) -> None:
+    """The body's mesh, shaded smoothly."""
+    _set_mesh(meshcat, "/body", body.shape.vertices / METRES_PER_UNIT, body.shape.facets, _BODY)
+
+
+def add_keep_out(meshcat: Meshcat, body: Body) -> None:
+    """The keep-out ellipsoid, translucent, with meridians and parallels every 15 degrees."""
+    axes = body.keep_out_semi_axes / METRES_PER_UNIT
+    turns, rises = np.linspace(0.0, 2.0 * np.pi, 97), np.linspace(-np.pi / 2.0, np.pi / 2.0, 49)
+    turn, rise = np.meshgrid(turns, rises)
+    points = axes * np.stack(
+        [np.cos(rise) * np.cos(turn), np.cos(rise) * np.sin(turn), np.sin(rise)], axis=-1
+    )
+    facets = _grid_facets(*turn.shape)
+    # Only what faces the viewer, or the two sheets shade each other in the order of the facets.
+    side = Meshcat.SideOfFaceToRender.kFrontSide
+    _set_mesh(meshcat, "/keep_out/surface", points.reshape(-1, 3), facets, _KEEP_OUT, side)
+    meridians, parallels = points[:, ::4], points[4:-4:4]
+    start = [meridians[:-1].reshape(-1, 3), parallels[:, :-1].reshape(-1, 3)]
+    end = [meridians[1:].reshape(-1, 3), parallels[:, 1:].reshape(-1, 3)]
+    meshcat.SetLineSegments(
+        "/keep_out/graticule", np.concatenate(start).T, np.concatenate(end).T, 1.0, _GRATICULE
+    )
+
+
+def add_goal(meshcat: Meshcat, position: np.ndarray) -> None:
+    """A marker at a position (3,) in m in K: a ball with three long thin bars through it."""
+    meshcat.SetObject("/goal/ball", Sphere(0.022), GOAL)
+    for axis in range(3):
+        edges = np.full(3, 0.004)
+        edges[axis] = 0.16
+        meshcat.SetObject(f"/goal/bar_{axis}", Box(*edges), GOAL)
+    meshcat.SetTransform("/goal", _at(position / METRES_PER_UNIT))
+
+
+def add_spacecraft(meshcat: Meshcat) -> None:
+    """A hull with two panels, and an arrow of thrust along each axis; see `move_spacecraft`."""
+    meshcat.SetObject("/spacecraft/hull", Box(0.030, 0.030, 0.030), _HULL)
+    for side in (-1.0, 1.0):
+        name = f"/spacecraft/panel_{'left' if side < 0 else 'right'}"
+        meshcat.SetObject(name, Box(0.022, 0.055, 0.003), _PANELS)
+        meshcat.SetTransform(name, _at([0.0, side * 0.045, 0.0]))
+    # An arrow along x, as a surface of revolution; the other two by cyclic permutation.
+    along = _ARROW_LENGTH * np.array([0.0, 0.0, 0.72, 0.72, 1.0])
+    out = np.array([0.0, 0.005, 0.005, 0.016, 0.0])
+    turn = np.linspace(0.0, 2.0 * np.pi, 13)
+    points = np.stack(
+        np.broadcast_arrays(
+            along[:, None], np.outer(out, np.cos(turn)), np.outer(out, np.sin(turn))
+        ),
+        axis=-1,
+    ).reshape(-1, 3)
+    for axis, letter in enumerate("xyz"):
+        rolled = np.roll(points, axis, axis=1)
+        _set_mesh(meshcat, f"/spacecraft/thrust_{letter}", rolled, _grid_facets(5, 13), THRUST)
+
+
+def move_spacecraft(
+    meshcat: Meshcat,
+    position: np.ndarray,
+    force: np.ndarray,
+    thrust_limit: float,
+    time_in_recording: float | None = None,
+) -> None:
+    """Puts the spacecraft at a position (3,) in m, its arrows to a force (3,) in N, both in K.
+
+    Each arrow points where the force accelerates; at `thrust_limit` (N) it is 30 km long.
+    """
+    pose = _at(position / METRES_PER_UNIT)
+    meshcat.SetTransform("/spacecraft", pose, time_in_recording)
+    for letter, share in zip("xyz", force / thrust_limit, strict=True):
+        # A negative scale turns the arrow about, through zero and without swinging round. Zero
+        # itself would leave the surface without normals.
+        scale = float(share) if abs(share) > 1e-3 else 1e-3
+        name = f"/spacecraft/thrust_{letter}"
+        meshcat.SetProperty(name, "scale", [scale] * 3, time_in_recording)
+
+
+def add_path(
+    meshcat: Meshcat, positions: np.ndarray, decisions: np.ndarray
+) -> list[tuple[str, int]]:
+    """The path as pieces of tube in the colour of who flies, over a thin line of the whole.
+
+    Args:
+      positions: (N, 3) in m in K. decisions: (N,), who flies from each row to the next.
+
+    Returns: for each piece its name and the row at which the spacecraft has flown it.
+    """
+    points = positions / METRES_PER_UNIT
+    if len(points) > 1:
+        meshcat.SetLine("/path/route", points.T, 1.0, _ROUTE)
+    # Rows that are too near each other to make a tube (holding at the goal) are passed over.
+    rows = [0]
+    for row in range(1, len(points)):
+        if np.linalg.norm(points[row] - points[rows[-1]]) > _PATH_RADIUS / 4.0:
+            rows.append(row)
+    longest = max(1, len(rows) // PATH_PIECES)
+    pieces: list[tuple[str, int]] = []
+    begin = 0
+    for end in range(1, len(rows)):
+        who = int(decisions[rows[begin]])
+        last = end == len(rows) - 1
+        if end - begin < longest and not last and int(decisions[rows[end]]) == who:
+            continue
+        name = f"/path/piece_{len(pieces):03d}"
+        colour = WHO_FLIES.get(who, WHO_FLIES[0])[1]
+        points_of_tube, facets = _tube(points[rows[begin : end + 1]])
+        _set_mesh(meshcat, name, points_of_tube, facets, Rgba(*colour))
+        pieces.append((name, rows[end]))
+        begin = end
+    return pieces
+
+
+def add_returns(meshcat: Meshcat, name: str, position: np.ndarray, ranges: np.ndarray) -> None:
+    """What one lidar frame saw, as points.
+
+    Args:
+      position: (3,) in m in K. ranges: (planes, rays) in m, +inf where nothing returned.
+    """
+    planes, rays = ranges.shape
+    flat = ranges.reshape(-1)
+    hit = np.isfinite(flat)
+    places = position + flat[hit, None] * ray_directions(planes, rays)[hit]
+    cloud = PointCloud(int(hit.sum()))
+    cloud.mutable_xyzs()[:] = (places / METRES_PER_UNIT).T
+    meshcat.SetObject(name, cloud, _POINT_SIZE, RETURNS)
+
+
+def _at(position: typing.Any) -> RigidTransform:
+    """The pose at a position (3,) in Meshcat units; Drake's stubs know no numpy shapes."""
+    return RigidTransform(position)
+
+
+def _set_mesh(
+    meshcat: Meshcat,
+    name: str,
+    points: np.ndarray,
+    facets: np.ndarray,
+    colour: Rgba,
+    side: Meshcat.SideOfFaceToRender = Meshcat.SideOfFaceToRender.kDoubleSide,
+) -> None:
+    meshcat.SetTriangleMesh(name, points.T, facets.astype(np.int32).T, colour, side=side)
+    meshcat.SetProperty(f"{name}/<object>", "material.flatShading", False)
+
+
+def _towards(azimuth: float, elevation: float) -> np.ndarray:
+    """Unit vector (3,) in K; angles in degrees."""
+    a, e = np.radians([azimuth, elevation])
+    return np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
+
+
+def _grid_facets(rows: int, columns: int) -> np.ndarray:
+    """Triangles (2 (rows-1) (columns-1), 3) of a grid of points numbered row by row."""
+    corner = (np.arange(rows - 1)[:, None] * columns + np.arange(columns - 1)).reshape(-1, 1)
+    lower = corner + [0, 1, columns + 1]
+    upper = corner + [0, columns + 1, columns]
+    return np.concatenate([lower, upper])
+
+
+def _tube(points: np.ndarray, sides: int = 6) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices and facets of a tube about the polyline through points (N, 3), none repeated."""
+    tangents = np.gradient(points, axis=0)
+    tangents /= np.linalg.norm(tangents, axis=1, keepdims=True)
+    aside = np.eye(3)[np.argmin(np.abs(tangents.mean(axis=0)))]
+    first = np.cross(tangents, aside)
+    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    second = np.cross(tangents, first)
+    turn = np.linspace(0.0, 2.0 * np.pi, sides + 1)[None, :, None]
+    rings = points[:, None] + _PATH_RADIUS * (
+        np.cos(turn) * first[:, None] + np.sin(turn) * second[:, None]
+    )
+    return rings.reshape(-1, 3), _grid_facets(len(points), sides + 1)

@@ -1,0 +1,120 @@
+"""A flight in three dimensions as one HTML page, made with Drake's Meshcat, that needs no network.
+
+A replay runs at 160 times real time, so that a flight of 80 min takes 30 s; it has 16 frames a
+second, one for each 10 s control step. What it shows is in `proxops.diagrams.meshcat_scene`.
+"""
+
+from __future__ import annotations
+
+import html
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+from pydrake.geometry import Meshcat, Rgba
+
+from proxops.diagrams.flight_log import FlightLog, write_whole
+from proxops.diagrams.meshcat_scene import (
+    GOAL,
+    RETURNS,
+    THRUST,
+    WHO_FLIES,
+    add_body,
+    add_goal,
+    add_keep_out,
+    add_path,
+    add_returns,
+    add_spacecraft,
+    look_at_flight,
+    move_spacecraft,
+    prepare_scene,
+    quiet_meshcat,
+)
+
+PLAYBACK_SPEED = 160.0
+FRAMES_PER_SECOND = 16.0
+# The lidar is shown this many times a flight at most.
+LIDAR_FRAMES = 40
+
+
+def write_replay(log: FlightLog, path: str | Path) -> None:
+    """Writes the flight as one HTML page of 3 to 4 MB that any browser shows without a network.
+
+    Raises:
+      InputError: the folder does not exist or cannot be written.
+    """
+    with quiet_meshcat() as meshcat:
+        add_flight(meshcat, log)
+        page = meshcat.StaticHtml()
+    title = f"{log.body.config.name}, {log.dataset.attrs['controller']}"
+    page = page.replace("<title>Drake MeshCat</title>", f"<title>{html.escape(title)}</title>", 1)
+    head, end_of_body, tail = page.rpartition("</body>")
+    page = head + _legend(log, title) + end_of_body + tail
+    write_whole(Path(path), lambda name: name.write_text(page, encoding="utf-8"))
+
+
+def add_flight(meshcat: Meshcat, log: FlightLog) -> None:
+    """Puts the whole flight into a Meshcat, as an animation that begins to play by itself."""
+    data = log.dataset
+    times, positions = data["time"].values, data["state"].values[:, :3]
+    goal = data["target"].values[-1, :3]
+    limit = log.scenario.spacecraft.thrust_limit_n
+    prepare_scene(meshcat)
+    add_body(meshcat, log.body)
+    add_keep_out(meshcat, log.body)
+    add_goal(meshcat, goal)
+    add_spacecraft(meshcat)
+    pieces = add_path(meshcat, positions, data["decision"].values)
+    frames = _add_returns(meshcat, data) if "ranges" in data else []
+    look_at_flight(meshcat, log.body, np.vstack([positions, goal]))
+
+    # Where nothing plays, the page shows the end of the flight.
+    move_spacecraft(meshcat, positions[-1], np.zeros(3), limit)
+    for name, _ in frames[:-1]:
+        meshcat.SetProperty(name, "visible", False)
+    meshcat.StartRecording(FRAMES_PER_SECOND, set_visualizations_while_recording=False)
+    shown = (times - times[0]) / PLAYBACK_SPEED
+    for row, time in enumerate(shown):
+        force = np.nan_to_num(data["force"].values[row])
+        move_spacecraft(meshcat, positions[row], force, limit, float(time))
+    for name, row in pieces:
+        meshcat.SetProperty(name, "visible", False, 0.0)
+        meshcat.SetProperty(name, "visible", True, float(shown[row]))
+    for (name, row), following in zip(frames, [row for _, row in frames[1:]] + [None], strict=True):
+        meshcat.SetProperty(name, "visible", row == 0, 0.0)
+        meshcat.SetProperty(name, "visible", True, float(shown[row]))
+        if following is not None:
+            meshcat.SetProperty(name, "visible", False, float(shown[following]))
+    meshcat.PublishRecording()
+
+
+def _add_returns(meshcat: Meshcat, data: xr.Dataset) -> list[tuple[str, int]]:
+    """Some lidar frames of a log's dataset, evenly spread: for each its name and its row."""
+    ranges, positions = data["ranges"].values, data["state"].values[:, :3]
+    frames = []
+    for row in np.unique(np.linspace(0, len(ranges) - 1, LIDAR_FRAMES).astype(int)):
+        name = f"/lidar/row_{row:04d}"
+        add_returns(meshcat, name, positions[row], ranges[row])
+        frames.append((name, int(row)))
+    return frames
+
+
+def _legend(log: FlightLog, title: str) -> str:
+    """A line of text over the picture that says what the colours mean."""
+    named = {0: log.dataset.attrs["controller"], 1: WHO_FLIES[1][0], 2: WHO_FLIES[2][0]}
+    entries = [
+        (WHO_FLIES[who][1], f"{named[who]} flies")
+        for who in sorted({int(d) for d in log.dataset["decision"].values[:-1]} & set(named))
+    ]
+    entries += [(THRUST, "thrust"), (RETURNS, "lidar returns"), (GOAL, "goal")]
+    spans = []
+    for colour, text in entries:
+        rgb = (colour.r(), colour.g(), colour.b()) if isinstance(colour, Rgba) else colour
+        code = "".join(f"{round(255 * level):02x}" for level in rgb)
+        spans.append(f'<span style="color:#{code}">&#9679;</span> {html.escape(text)}')
+    return (
+        '<div id="legend" style="position:fixed;left:14px;bottom:12px;pointer-events:none;'
+        'font:14px/1.5 sans-serif;color:#c8ccd4"><b>'
+        f"{html.escape(title)}</b>, {PLAYBACK_SPEED:.0f} times real time, spacecraft not to scale"
+        f"<br>{' &nbsp; '.join(spans)}</div>\n"
+    )

@@ -1,0 +1,194 @@
+"""Flying: a scenario and a controller in, a `FlightLog` out."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib
+import sys
+import time
+from collections.abc import Callable
+from importlib import metadata
+from pathlib import Path
+
+import numpy as np
+from pydrake.geometry import Meshcat
+from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator, SimulatorStatus
+from pydrake.systems.framework import Context, Diagram, EventStatus, System
+from pydrake.systems.primitives import ConstantVectorSource, VectorLogSink
+
+from proxops.diagrams.body import Body, load_body
+from proxops.diagrams.flight_log import FlightLog, make_dataset
+from proxops.diagrams.scenario import Scenario, dump_scenario
+from proxops.diagrams.transit_diagram import make_controller, make_transit_diagram
+from proxops.systems.errors import InputError
+from proxops.systems.flight_monitor import COLLIDED, ENTERED_GOAL, NEVER, VIOLATIONS
+from proxops.systems.lidar import PLANES, RAYS
+
+# Relative accuracy to which events are found, and local error of the integration.
+_EVENT_ACCURACY = 1e-6
+_INTEGRATION_ACCURACY = 1e-9
+
+Progress = Callable[[float, float], None]
+"""Called now and then with the simulated time and the latest end, both in s."""
+
+
+def named_controller(name: str, scenario: Scenario, body: Body) -> System:
+    """The controller of a name: `mpc`, `zero`, or `MODULE:FACTORY` for your own.
+
+    FACTORY is called as `factory(scenario, body)` and returns a System with the ports that
+    `make_transit_diagram` asks for. MODULE is looked for in the working directory too.
+
+    Raises:
+      InputError: an unknown name, or a factory that cannot be imported or fails.
+    """
+    if name == "mpc":
+        return make_controller(scenario, body)
+    if name == "zero":
+        return _zero_controller()
+    module_name, colon, factory_name = name.partition(":")
+    if not colon:
+        raise InputError(f"controller {name!r} is not known: use mpc, zero or MODULE:FACTORY")
+    here = str(Path.cwd())
+    sys.path.insert(0, here)
+    try:
+        factory = getattr(importlib.import_module(module_name), factory_name)
+        controller = factory(scenario, body)
+    except Exception as error:
+        raise InputError(f"controller {name!r}: {type(error).__name__}: {error}") from error
+    finally:
+        sys.path.remove(here)
+    if not isinstance(controller, System):
+        raise InputError(f"controller {name!r} made a {type(controller).__name__}, not a System")
+    return controller
+
+
+def _zero_controller() -> System:
+    from pydrake.systems.framework import DiagramBuilder
+
+    builder = DiagramBuilder()
+    source = builder.AddNamedSystem("zero", ConstantVectorSource(np.zeros(3)))
+    builder.ExportOutput(source.get_output_port(), "force")
+    return builder.Build()
+
+
+def fly(
+    scenario: Scenario,
+    controller: str | System = "mpc",
+    meshcat: Meshcat | None = None,
+    progress: Progress | None = None,
+    body: Body | None = None,
+) -> FlightLog:
+    """Flies a scenario's transit from start to arrival, collision or the deadline.
+
+    Args:
+      controller: a name that `named_controller` knows, or a System.
+      meshcat: draws the flight live.
+      progress: is told how far the flight is.
+      body: None: the one that the scenario names.
+
+    Returns:
+      The log. The same scenario and controller give the same log, bit for bit, on one machine,
+      but for wall times.
+
+    Raises:
+      InputError: the scenario cannot be flown or the controller does not fit.
+    """
+    body = body or load_body(scenario.body)
+    name = controller if isinstance(controller, str) else type(controller).__name__
+    if isinstance(controller, str):
+        controller = named_controller(controller, scenario, body)
+    diagram = make_transit_diagram(scenario, controller, meshcat, body)
+    simulator = make_simulator(diagram, scenario)
+    latest = scenario.arrival.deadline_s + scenario.arrival.dwell_s
+    if progress is not None:
+        told = progress
+
+        def monitor(context: Context) -> EventStatus:
+            told(context.get_time(), latest)
+            return EventStatus.DidNothing()
+
+        simulator.set_monitor(monitor)
+    started = time.perf_counter()
+    status = simulator.AdvanceTo(latest)
+    wall = time.perf_counter() - started
+    if status.reason() == SimulatorStatus.ReturnReason.kEventHandlerFailed:
+        raise RuntimeError(status.FormatMessage())
+    return _collect_log(diagram, simulator.get_context(), scenario, body, name, wall)
+
+
+def make_simulator(diagram: Diagram, scenario: Scenario) -> Simulator:
+    """A Simulator of a transit diagram: RK5, no step longer than the control period."""
+    simulator = Simulator(diagram)
+    # Without an accuracy in the Context, events fire at the end of their step.
+    simulator.get_mutable_context().SetAccuracy(_EVENT_ACCURACY)
+    integrator = ResetIntegratorFromFlags(
+        simulator, scheme="runge_kutta5", max_step_size=scenario.control_period_s
+    )
+    integrator.set_target_accuracy(_INTEGRATION_ACCURACY)
+    simulator.Initialize()
+    return simulator
+
+
+def _collect_log(
+    diagram: Diagram,
+    context: Context,
+    scenario: Scenario,
+    body: Body,
+    controller: str,
+    wall: float,
+) -> FlightLog:
+    """Columns of the log from the diagram's log sinks, and the final state as the last row."""
+
+    def column(name: str) -> np.ndarray:
+        sink = diagram.GetSubsystemByName(f"log_{name}")
+        assert isinstance(sink, VectorLogSink)
+        return sink.FindLog(context).data().T
+
+    sink = diagram.GetSubsystemByName("log_state")
+    assert isinstance(sink, VectorLogSink)
+    times = sink.FindLog(context).sample_times()
+    names = {system.get_name() for system in diagram.GetSystems()}
+    columns = {name: column(name) for name in ("state", "target", "force", "command", "ranges")}
+    for name in ("mpc_force", "mpc_record"):
+        if f"log_{name}" in names:
+            columns[name] = column(name)
+
+    end = context.get_time()
+    if end > times[-1]:
+        # The flight ended between two control steps: its end state, with what was held then.
+        times = np.append(times, end)
+        columns = {key: np.concatenate([value, value[-1:]]) for key, value in columns.items()}
+        craft = diagram.GetSubsystemByName("spacecraft")
+        state = craft.GetOutputPort("state").Eval(craft.GetMyContextFromRoot(context))
+        columns["state"][-1] = state
+        columns["ranges"][-1] = np.nan
+        for name in ("mpc_force", "mpc_record"):
+            if name in columns:
+                columns[name][-1] = np.nan
+
+    blank = np.full((len(times), 3), np.nan)
+    record = columns.pop("mpc_record", np.full((len(times), 2), np.nan))
+    columns["disturbance"] = columns["force"] - columns.pop("command")
+    columns["solve_time"], columns["solve_status"] = record[:, 0], record[:, 1]
+    columns["decision"] = np.full(len(times), 1 if "mpc_force" in columns else 0, dtype=np.int8)
+    columns["ranges"] = columns["ranges"].astype(np.float32).reshape(len(times), PLANES, RAYS)
+    columns = {"mpc_force": blank, "policy_force": blank.copy(), **columns}
+
+    monitor = diagram.GetSubsystemByName("monitor")
+    outcome = monitor.GetOutputPort("outcome").Eval(monitor.GetMyContextFromRoot(context))
+    # In the goal region at the end, but not for long enough, is no arrival.
+    entered = outcome[ENTERED_GOAL]
+    dwelt = entered < NEVER and end - entered >= scenario.arrival.dwell_s * (1.0 - 1e-9)
+    attributes = {
+        "proxops_version": metadata.version("proxops"),
+        "controller": controller,
+        "scenario_sha256": hashlib.sha256(dump_scenario(scenario).encode()).hexdigest(),
+        "seed": scenario.transit.seed,
+        "transit": scenario.transit.index,
+        "noise_seed": scenario.noise_seed,
+        "arrival_time_s": float(entered) if dwelt else np.nan,
+        "collided": int(outcome[COLLIDED]),
+        "keep_out_violations": int(outcome[VIOLATIONS]),
+        "wall_s": wall,
+    }
+    return FlightLog(make_dataset(columns, times, scenario, body, attributes), body)

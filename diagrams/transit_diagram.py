@@ -1,0 +1,210 @@
+"""The wiring: world, sensor, controller, disturbance, hold and plant as one Drake Diagram."""
+
+from __future__ import annotations
+
+import numpy as np
+from pydrake.geometry import Meshcat
+from pydrake.systems.framework import Diagram, DiagramBuilder, System
+from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput, ZeroOrderHold
+
+from proxops.diagrams.body import Body, load_body
+from proxops.diagrams.flight_log import KEEP_OUT_TOLERANCE
+from proxops.diagrams.scenario import Scenario
+from proxops.diagrams.transits import scenario_transit
+from proxops.systems import (
+    FlightMonitor,
+    Horizon,
+    InputError,
+    Lidar,
+    ModelPredictiveController,
+    PolyhedralGravity,
+    RandomWalkDisturbance,
+    Spacecraft,
+    TransitLimits,
+    TransitProgram,
+)
+from proxops.systems.counter_noise import derived_seed
+
+# Streams of derived seeds.
+_LIDAR_STREAM, _DISTURBANCE_STREAM = range(2)
+# Input ports of a controller that may stay unconnected.
+_OPTIONAL_PORTS = {"enable"}
+
+
+def make_controller(scenario: Scenario, body: Body) -> ModelPredictiveController:
+    """The expert, as the scenario configures it."""
+    craft, mpc = scenario.spacecraft, scenario.mpc
+    program = TransitProgram(
+        field=body.gravity_field,
+        spin=body.spin_rate,
+        limits=TransitLimits(
+            mass=craft.mass_kg,
+            thrust=craft.thrust_limit_n,
+            speed=craft.speed_limit_m_s,
+            keep_out_semi_axes=body.keep_out_semi_axes + mpc.keep_out_margin_m,
+        ),
+        horizon=Horizon(
+            knots=mpc.knots,
+            knot_growth=mpc.knot_growth,
+            nominal_acceleration=mpc.nominal_acceleration_m_s2,
+            closing_speed_weight=mpc.closing_speed_weight,
+            minimum=mpc.min_horizon_s,
+        ),
+    )
+    return ModelPredictiveController(program, scenario.control_period_s, mpc.cold_iterations)
+
+
+def make_transit_diagram(
+    scenario: Scenario,
+    controller: System | None = None,
+    meshcat: Meshcat | None = None,
+    body: Body | None = None,
+) -> Diagram:
+    """Everything that a flight needs, wired: set nothing, simulate.
+
+    ```
+    target ──► controller ─► disturbance ─► hold ─► spacecraft ◄─► gravity
+                 ▲  ▲  ▲        (if any)     │           │
+                 │  │  └─── applied_force ◄──┘           │
+                 │  └────── ranges ◄──── lidar ◄─────────┤
+                 └───────── state ◄──────────────────────┘
+    ```
+
+    Args:
+      scenario: what is flown; its transit sets the start and the target.
+      controller: any system with an output port `force` (3), in N in K, and any of the input
+        ports `state` (6), `target` (6), `position` (3), `velocity` (3), `ranges` and
+        `applied_force` (3). None: the expert.
+      meshcat: draws the flight live.
+      body: None: the one that the scenario names.
+
+    Returns:
+      A Diagram whose subsystems are named gravity, spacecraft, lidar, target, controller,
+      disturbance (if there is one), hold, monitor, and log_NAME for every logged port. The Context
+      that it makes by default starts the scenario's transit.
+
+    Raises:
+      InputError: the controller's ports do not fit, or the scenario cannot be flown.
+    """
+    body = body or load_body(scenario.body)
+    transit = scenario_transit(scenario, body)
+    controller = controller or make_controller(scenario, body)
+    if not controller.get_name():
+        controller.set_name("controller")
+    period = scenario.control_period_s
+    seeds = (scenario.noise_seed, transit.seed, transit.index)
+    builder = DiagramBuilder()
+
+    def add(name: str, system: System):
+        return builder.AddNamedSystem(name, system)
+
+    gravity = add("gravity", PolyhedralGravity(body.gravity_field))
+    at_rest = np.concatenate([transit.start, np.zeros(3)])
+    craft = add("spacecraft", Spacecraft(scenario.spacecraft.mass_kg, body.spin_rate, at_rest))
+    craft_ports = {port: craft.GetOutputPort(port) for port in ("state", "position", "velocity")}
+    lidar = add(
+        "lidar",
+        Lidar(
+            body.shape,
+            noise_std=scenario.lidar.noise_std_m,
+            max_range=scenario.lidar.max_range_m,
+            period=period,
+            seed=derived_seed(*seeds, _LIDAR_STREAM),
+        ),
+    )
+    target = add("target", ConstantVectorSource(np.concatenate([transit.goal, np.zeros(3)])))
+    hold = add("hold", ZeroOrderHold(period, 3))
+    builder.AddSystem(controller)
+
+    builder.Connect(craft_ports["position"], gravity.GetInputPort("position"))
+    builder.Connect(gravity.GetOutputPort("acceleration"), craft.GetInputPort("gravity"))
+    builder.Connect(hold.get_output_port(), craft.GetInputPort("force"))
+    builder.Connect(craft_ports["position"], lidar.GetInputPort("position"))
+
+    sources = {
+        **craft_ports,
+        "target": target.get_output_port(),
+        "ranges": lidar.GetOutputPort("ranges"),
+        "applied_force": hold.get_output_port(),
+    }
+    _connect_controller(builder, controller, sources)
+    command = controller.GetOutputPort("force")
+    applied = command
+    if scenario.disturbance is not None:
+        settings = scenario.disturbance
+        disturbance = add(
+            "disturbance",
+            RandomWalkDisturbance(
+                thrust_limit=scenario.spacecraft.thrust_limit_n,
+                reset_period=settings.reset_period_s,
+                max_relative_magnitude=settings.max_relative_magnitude,
+                increment_std=settings.increment_std_n,
+                period=period,
+                seed=derived_seed(*seeds, _DISTURBANCE_STREAM),
+            ),
+        )
+        builder.Connect(command, disturbance.GetInputPort("force"))
+        applied = disturbance.GetOutputPort("force")
+    builder.Connect(applied, hold.get_input_port())
+
+    monitor = add(
+        "monitor",
+        FlightMonitor(
+            body.gravity_field,
+            body.keep_out_semi_axes,
+            radius=scenario.arrival.radius_m,
+            speed=scenario.arrival.speed_m_s,
+            dwell=scenario.arrival.dwell_s,
+            tolerance=KEEP_OUT_TOLERANCE,
+            period=period,
+        ),
+    )
+    builder.Connect(craft_ports["state"], monitor.GetInputPort("state"))
+    builder.Connect(target.get_output_port(), monitor.GetInputPort("target"))
+
+    # At a control step the hold has not yet taken the new command: what is logged as `force` is
+    # what it is about to hold.
+    logged = {
+        "state": craft_ports["state"],
+        "target": target.get_output_port(),
+        "force": applied,
+        "command": command,
+        "ranges": lidar.GetOutputPort("ranges"),
+    }
+    if isinstance(controller, ModelPredictiveController):
+        logged["mpc_force"] = command
+        logged["mpc_record"] = controller.GetOutputPort("record")
+    for name, port in logged.items():
+        LogVectorOutput(port, builder, publish_period=period).set_name(f"log_{name}")
+    if meshcat is not None:
+        from proxops.diagrams.live_view import add_live_view
+
+        add_live_view(builder, meshcat, body, transit, craft_ports["position"], lidar)
+    diagram = builder.Build()
+    diagram.set_name("transit")
+    return diagram
+
+
+def _connect_controller(builder: DiagramBuilder, controller: System, sources: dict) -> None:
+    """Connects the controller's input ports by name; refuses ports that nothing feeds."""
+    names = [controller.get_output_port(i).get_name() for i in range(controller.num_output_ports())]
+    if "force" not in names or controller.GetOutputPort("force").size() != 3:
+        raise InputError(
+            f"controller {controller.get_name()!r} needs an output port 'force' of size 3; "
+            f"it has {', '.join(names) or 'none'}"
+        )
+    for i in range(controller.num_input_ports()):
+        port = controller.get_input_port(i)
+        name = port.get_name()
+        if name in sources:
+            if port.size() != sources[name].size():
+                raise InputError(
+                    f"controller {controller.get_name()!r}: input port {name!r} has size "
+                    f"{port.size()}, but {sources[name].size()} is what feeds it"
+                )
+            builder.Connect(sources[name], port)
+        elif name not in _OPTIONAL_PORTS:
+            raise InputError(
+                f"controller {controller.get_name()!r}: nothing feeds input port {name!r}; "
+                f"what there is: {', '.join(sources)}"
+            )

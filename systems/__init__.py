@@ -1,0 +1,34 @@
+"""The blocks of the diagram: plain numerics, and a thin Drake LeafSystem over each."""
+
+from proxops.systems.errors import InputError
+from proxops.systems.flight_monitor import FlightMonitor
+from proxops.systems.gravity_field import Gravity, GravityField
+from proxops.systems.lidar import Lidar, RayCaster, ray_directions
+from proxops.systems.model_predictive_controller import ModelPredictiveController
+from proxops.systems.polyhedral_gravity import PolyhedralGravity, PolyhedralGravity_
+from proxops.systems.polyhedron import Polyhedron
+from proxops.systems.random_walk_disturbance import RandomWalkDisturbance
+from proxops.systems.spacecraft import Spacecraft, Spacecraft_, jacobi_integral
+from proxops.systems.transit_program import Horizon, Plan, TransitLimits, TransitProgram
+
+__all__ = [
+    "FlightMonitor",
+    "Gravity",
+    "GravityField",
+    "Horizon",
+    "InputError",
+    "Lidar",
+    "ModelPredictiveController",
+    "Plan",
+    "PolyhedralGravity",
+    "PolyhedralGravity_",
+    "Polyhedron",
+    "RandomWalkDisturbance",
+    "RayCaster",
+    "Spacecraft",
+    "Spacecraft_",
+    "TransitLimits",
+    "TransitProgram",
+    "jacobi_integral",
+    "ray_directions",
+]

@@ -1,0 +1,75 @@
+"""An axis-aligned ellipsoid about the origin: the keep-out zone, its normals and distances."""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+
+
+@numba.njit(cache=True, error_model="numpy")
+def closest_point(semi_axes, point):
+    """The point (3,) of the ellipsoid's surface nearest to `point` (3,), all in one length unit.
+
+    Eberly, "Distance from a Point to an Ellipse, an Ellipsoid, or a Hyperellipsoid" (2013): the
+    nearest point is a_i^2 y_i / (s + a_i^2) with s the greatest root of a function that is convex
+    and falling to the right of its last pole, found by bisection to the last bit. On the planes of
+    symmetry, inside, where that form degenerates, the coordinate along the shortest axis is moved
+    off the plane by rounding's worth.
+    """
+    shortest = np.argmin(semi_axes)
+    scale = semi_axes[shortest]
+    y = np.abs(point)
+    if y[shortest] < 1e-14 * scale:
+        y[shortest] = 1e-14 * scale
+    z = y / semi_axes
+    ratio = (semi_axes / scale) ** 2
+    # g(s) = sum (ratio z / (s + ratio))^2 - 1 changes sign in [low, high].
+    low = z[shortest] - 1.0
+    high = np.sqrt(np.sum((ratio * z) ** 2)) - 1.0
+    if high < low:
+        high = low
+    s = low
+    for _ in range(200):
+        s = 0.5 * (low + high)
+        if s == low or s == high:
+            break
+        if np.sum((ratio * z / (s + ratio)) ** 2) > 1.0:
+            low = s
+        else:
+            high = s
+    nearest = ratio * y / (s + ratio)
+    return np.where(point < 0.0, -nearest, nearest)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def clearances(semi_axes, points):
+    """Signed Euclidean distances (N,) of points (N, 3) to the surface, negative inside."""
+    out = np.empty(len(points))
+    for i in range(len(points)):
+        away = points[i] - closest_point(semi_axes, points[i])
+        inside = np.sum((points[i] / semi_axes) ** 2) < 1.0
+        distance = np.sqrt(np.sum(away**2))
+        out[i] = -distance if inside else distance
+    return out
+
+
+def tangent_half_spaces(semi_axes: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Half-spaces n.r >= b that hold no point of the ellipsoid's inside, one for each point.
+
+    Each touches the ellipsoid where the ray from the origin through the point leaves it. Returns
+    unit normals (N, 3) and offsets (N,). The origin itself counts as lying towards +z.
+    """
+    scaled = points / semi_axes
+    level = np.linalg.norm(scaled, axis=1, keepdims=True)
+    at_origin = level < 1e-12
+    unit = np.where(at_origin, [0.0, 0.0, 1.0], scaled / np.where(at_origin, 1.0, level))
+    normals = unit / semi_axes
+    length = np.linalg.norm(normals, axis=1, keepdims=True)
+    return normals / length, 1.0 / length[:, 0]
+
+
+def blocks_segment(semi_axes: np.ndarray, start: np.ndarray, end: np.ndarray) -> bool:
+    """Whether the straight line from start (3,) to end (3,) passes through the inside."""
+    a, d = start / semi_axes, (end - start) / semi_axes
+    t = np.clip(-(a @ d) / (d @ d), 0.0, 1.0) if d @ d > 0 else 0.0
+    return bool(np.sum((a + t * d) ** 2) < 1.0)

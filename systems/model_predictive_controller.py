@@ -1,0 +1,175 @@
+"""`ModelPredictiveController`: the expert, which knows its state exactly."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from pydrake.common.value import AbstractValue
+from pydrake.systems.framework import LeafSystem
+
+from proxops.systems.errors import InputError
+from proxops.systems.transit_program import Plan, TransitProgram
+
+SOLVED, FLOWN_ON, BRAKING = 0, 1, 2
+
+
+class ModelPredictiveController(LeafSystem):
+    """Plans from the state to the target at every step and commands the plan's first force.
+
+    ```
+    state (6) ──────►┌───────────────────────────┐
+    target (6) ─────►│ ModelPredictiveController ├─► force (3), N
+    enable (1) ─────►│                           ├─► plan (abstract Plan)
+                     └───────────────────────────┴─► record (2): wall time in s, Plan.status
+    ```
+
+    All vectors are in K, in m, m/s and N. The command depends on the state and the target alone:
+    the last plan, kept in the Context as discrete state and replaced every `period`, only says
+    where to linearise first. It is linearised about once if it is one period old and
+    `cold_iterations` times if it is older or there is none.
+
+    `enable`, if connected, gates the periodic update: while it is 0, nothing is solved unless an
+    output is asked for.
+
+    If the solver fails the flight goes on: the last plan is flown on by the clock (status 1), and
+    without one the spacecraft brakes (status 2).
+    """
+
+    def __init__(self, program: TransitProgram, period: float = 10.0, cold_iterations: int = 5):
+        """Takes the program to solve and the control period in s.
+
+        Raises:
+          InputError: the period or the number of iterations is not positive.
+        """
+        super().__init__()
+        if not (period > 0.0 and cold_iterations >= 1):
+            raise InputError(
+                "the MPC needs a positive period and at least one cold iteration, "
+                f"got {period} and {cold_iterations}"
+            )
+        self.program, self.period, self.cold_iterations = program, period, cold_iterations
+        self._state_port = self.DeclareVectorInputPort(name="state", size=6)
+        self._target_port = self.DeclareVectorInputPort(name="target", size=6)
+        self._enable_port = self.DeclareVectorInputPort(name="enable", size=1)
+        knots = program.horizon.knots
+        # Whether there is a plan, when it was made, its length, its states and its forces.
+        self._memory = self.DeclareDiscreteState(3 + 6 * (knots + 1) + 3 * knots)
+        depends = {
+            self._state_port.ticket(),
+            self._target_port.ticket(),
+            self.discrete_state_ticket(self._memory),
+            self.time_ticket(),
+        }
+        self._plan_port = self.DeclareAbstractOutputPort(
+            name="plan",
+            alloc=lambda: AbstractValue.Make(_empty_plan(knots)),
+            calc=self._calc_plan,
+            prerequisites_of_calc=depends,
+        )
+        self._force_port = self.DeclareVectorOutputPort(
+            name="force", size=3, calc=self._calc_force, prerequisites_of_calc=depends
+        )
+        self._record_port = self.DeclareVectorOutputPort(
+            name="record", size=2, calc=self._calc_record, prerequisites_of_calc=depends
+        )
+        # Discrete, not unrestricted: at one time all discrete updates see the same state before
+        # it, so that the hold downstream reads the plan that is cached and nothing is solved twice.
+        self.DeclarePeriodicDiscreteUpdateEvent(
+            period_sec=period, offset_sec=0.0, update=self._remember_plan
+        )
+
+    def _calc_plan(self, context, output):
+        state = self._state_port.Eval(context)
+        target = self._target_port.Eval(context)
+        last, age = self._recall(context)
+        if last is not None and age > 1.5 * self.period:
+            iterations = self.cold_iterations
+        else:
+            iterations = 1 if last is not None else self.cold_iterations
+        plan = self.program.solve(state, target, last, age, iterations)
+        if plan is None and last is not None:
+            # A plan that leads nowhere may be what the solver choked on: once more from nothing.
+            plan = self.program.solve(state, target, None, 0.0, self.cold_iterations)
+        if plan is None:
+            plan = self._flown_on(last, age) if last is not None else self._braking(state)
+        output.set_value(plan)
+
+    def _calc_force(self, context, output):
+        plan = self._plan_port.Eval(context)
+        limit = self.program.limits.thrust
+        output.SetFromVector(np.clip(plan.forces[0], -limit, limit))
+
+    def _calc_record(self, context, output):
+        plan = self._plan_port.Eval(context)
+        output.SetFromVector([plan.solve_time, plan.status])
+
+    def _remember_plan(self, context, discrete_state):
+        enabled = not self._enable_port.HasValue(context) or self._enable_port.Eval(context)[0] != 0
+        if not enabled:
+            return
+        plan = self._plan_port.Eval(context)
+        if plan.status == BRAKING:
+            return
+        memory = [[1.0, context.get_time(), plan.times[-1]], plan.states.ravel()]
+        discrete_state.set_value(self._memory, np.concatenate([*memory, plan.forces.ravel()]))
+
+    def _recall(self, context) -> tuple[Plan | None, float]:
+        """The last plan and its age in s."""
+        memory = context.get_discrete_state(self._memory).value()
+        if memory[0] == 0.0:
+            return None, 0.0
+        knots = self.program.horizon.knots
+        split = 3 + 6 * (knots + 1)
+        plan = dataclasses.replace(
+            _empty_plan(knots),
+            times=memory[2] * self.program.horizon.fractions(),
+            states=memory[3:split].reshape(knots + 1, 6),
+            forces=memory[split:].reshape(knots, 3),
+        )
+        return plan, context.get_time() - memory[1]
+
+    def _flown_on(self, last: Plan, age: float) -> Plan:
+        """What is left of the last plan, on the same knots; past its end, its last force."""
+        times = self.program.horizon.fractions() * max(last.times[-1] - age, self.period)
+        middle = age + 0.5 * (times[1:] + times[:-1])
+        at = np.clip(np.searchsorted(last.times, middle, side="right") - 1, 0, len(last.forces) - 1)
+        velocities = [np.interp(age + times, last.times, v) for v in last.states[:, 3:].T]
+        states = np.column_stack([last.positions_at(age + times), *velocities])
+        # The force that is due now, not the mean over the first of the new intervals.
+        now = np.clip(np.searchsorted(last.times, age, side="right") - 1, 0, len(last.forces) - 1)
+        forces = last.forces[at]
+        forces[0] = last.forces[now]
+        return dataclasses.replace(
+            last, times=times, states=states, forces=forces, status=FLOWN_ON
+        )
+
+    def _braking(self, state: np.ndarray) -> Plan:
+        """Hover thrust and full braking of the velocity in K, within the limits."""
+        knots, limits = self.program.horizon.knots, self.program.limits
+        gravity = self.program.field.evaluate(state[None, :3]).acceleration[0]
+        spin = self.program.spin
+        apparent = gravity + [spin**2 * state[0], spin**2 * state[1], 0.0]
+        apparent += [2.0 * spin * state[4], -2.0 * spin * state[3], 0.0]
+        force = -limits.mass * (apparent + state[3:] / self.period)
+        force = np.clip(force, -limits.thrust, limits.thrust)
+        return dataclasses.replace(
+            _empty_plan(knots),
+            times=self.program.horizon.fractions() * self.program.horizon.minimum,
+            states=np.tile(state, (knots + 1, 1)),
+            forces=np.tile(force, (knots, 1)),
+            status=BRAKING,
+        )
+
+
+def _empty_plan(knots: int) -> Plan:
+    return Plan(
+        times=np.zeros(knots + 1),
+        states=np.zeros((knots + 1, 6)),
+        forces=np.zeros((knots, 3)),
+        cost=np.nan,
+        slack=np.nan,
+        status=BRAKING,
+        iterations=0,
+        solve_time=0.0,
+    )
