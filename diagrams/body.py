@@ -51,6 +51,7 @@ class Body:
 
     @cached_property
     def gravity_field(self) -> GravityField:
+        """Gravity of the body, built at first use."""
         return GravityField(self.shape, mass=self.config.mass_kg)
 
 
@@ -65,7 +66,9 @@ def load_body(name_or_path: str) -> Body:
     path = Path(name_or_path)
     if not name_or_path.endswith((".yaml", ".yml")):
         if not shipped.is_file():
-            known = sorted(p.parent.name for p in ASSETS.glob("*/*.yaml") if p.stem == p.parent.name)
+            known = sorted(
+                p.parent.name for p in ASSETS.glob("*/*.yaml") if p.stem == p.parent.name
+            )
             raise InputError(
                 f"body {name_or_path!r} does not ship with proxops ({', '.join(known)} does); "
                 "for your own give the path of its .yaml file"

@@ -42,6 +42,8 @@ COORDINATES = {
 
 # A keep-out violation is deeper than this (m).
 KEEP_OUT_TOLERANCE = 1.0
+# The pure policy, which sees nothing but lidar, is also judged at this radius (m, m/s).
+WIDE_ARRIVAL = (2.0e3, 2.0)
 # Samples between two rows when the least clearance is sought.
 _SUBSTEPS = 10
 
@@ -217,6 +219,7 @@ def summarise(log: FlightLog) -> dict[str, typing.Any]:
         and arrival <= scenario.arrival.deadline_s
         and not collided
         and violations == 0,
+        "success_2km": _arrives(log, *WIDE_ARRIVAL) and not collided and violations == 0,
         "collided": collided,
         "keep_out_violations": violations,
         "min_clearance_m": least,
@@ -234,6 +237,41 @@ def summarise(log: FlightLog) -> dict[str, typing.Any]:
         "scenario_sha256": attrs["scenario_sha256"],
         "policy_sha256": attrs.get("policy_sha256"),
     }
+
+
+def _arrives(log: FlightLog, radius: float, speed: float) -> bool:
+    """Whether the rows show a dwell within radius (m) and speed (m/s) that begins in time."""
+    arrival = log.scenario.arrival
+    times = log.dataset["time"].values
+    error = log.dataset["state"].values - log.dataset["target"].values
+    distance, rate = np.linalg.norm(error[:, :3], axis=1), np.linalg.norm(error[:, 3:], axis=1)
+    outside = (distance > radius) | (rate > speed)
+    # Entered somewhere in the step before the first row inside.
+    entered = times[0] if not outside[0] else None
+    for k in range(1, len(times)):
+        if entered is not None and times[k] - entered >= arrival.dwell_s - 1e-6:
+            return bool(entered <= arrival.deadline_s)
+        if outside[k]:
+            entered = None
+        elif entered is None:
+            entered = times[k - 1]
+    return False
+
+
+def differences(first: FlightLog, second: FlightLog) -> list[str]:
+    """Names of the variables in which two logs differ by any bit, wall times aside."""
+    names = sorted(set(first.dataset.variables) | set(second.dataset.variables))
+    return [
+        name
+        for name in names
+        if name != "solve_time"
+        and not (
+            name in first.dataset
+            and name in second.dataset
+            and first.dataset[name].dtype == second.dataset[name].dtype
+            and first.dataset[name].identical(second.dataset[name])
+        )
+    ]
 
 
 def write_whole(path: Path, write: Callable[[Path], typing.Any]) -> None:

@@ -6,10 +6,8 @@ thousand times its size.
 
 from __future__ import annotations
 
-import contextlib
 import logging
 import typing
-from collections.abc import Iterator
 
 import numpy as np
 from pydrake.geometry import Box, Meshcat, MeshcatParams, Rgba, Sphere
@@ -21,8 +19,6 @@ from proxops.systems.ellipsoid import blocks_segment
 from proxops.systems.lidar import ray_directions
 
 METRES_PER_UNIT = 100.0e3
-# The path is made of this many pieces at most, besides those that changes of who flies add.
-PATH_PIECES = 240
 # What to call, and how to colour, each value of a log's `decision`.
 WHO_FLIES: dict[int, tuple[str, tuple[float, float, float]]] = {
     0: ("controller", (0.25, 0.70, 0.45)),
@@ -39,9 +35,7 @@ _HULL = Rgba(0.92, 0.92, 0.95)
 _PANELS = Rgba(0.20, 0.32, 0.75)
 THRUST = Rgba(1.00, 0.85, 0.20)
 RETURNS = Rgba(1.00, 0.10, 0.30)
-_ROUTE = Rgba(0.45, 0.45, 0.50)
 # Lengths in Meshcat units: 0.01 is 1 km.
-_PATH_RADIUS = 0.007
 _ARROW_LENGTH = 0.30
 _POINT_SIZE = 0.03
 # Degrees; the field of view is the vertical one.
@@ -49,15 +43,14 @@ _CAMERA_ELEVATION = 28.0
 _FIELD_OF_VIEW = 40.0
 
 
-@contextlib.contextmanager
-def quiet_meshcat() -> Iterator[Meshcat]:
+def quiet_meshcat() -> Meshcat:
     """A Meshcat for making pages: it listens on whichever port is free and says nothing of it."""
     logger = logging.getLogger("drake")
     level = logger.level
     logger.setLevel(logging.WARNING)
     try:
         # Port 0 lets the system choose, so that any number of processes can do this at once.
-        yield Meshcat(MeshcatParams(host="localhost", port=0))
+        return Meshcat(MeshcatParams(host="localhost", port=0))
     finally:
         logger.setLevel(level)
 
@@ -120,7 +113,7 @@ def look_at_flight(meshcat: Meshcat, body: Body, points: np.ndarray) -> None:
 
 def add_body(meshcat: Meshcat, body: Body) -> None:
     """The body's mesh, shaded smoothly."""
-    _set_mesh(meshcat, "/body", body.shape.vertices / METRES_PER_UNIT, body.shape.facets, _BODY)
+    set_mesh(meshcat, "/body", body.shape.vertices / METRES_PER_UNIT, body.shape.facets, _BODY)
 
 
 def add_keep_out(meshcat: Meshcat, body: Body) -> None:
@@ -131,16 +124,16 @@ def add_keep_out(meshcat: Meshcat, body: Body) -> None:
     points = axes * np.stack(
         [np.cos(rise) * np.cos(turn), np.cos(rise) * np.sin(turn), np.sin(rise)], axis=-1
     )
-    facets = _grid_facets(*turn.shape)
+    facets = grid_facets(*turn.shape)
     # Only what faces the viewer, or the two sheets shade each other in the order of the facets.
     side = Meshcat.SideOfFaceToRender.kFrontSide
-    _set_mesh(meshcat, "/keep_out/surface", points.reshape(-1, 3), facets, _KEEP_OUT, side)
+    set_mesh(meshcat, "/keep_out/surface", points.reshape(-1, 3), facets, _KEEP_OUT, side)
     meridians, parallels = points[:, ::4], points[4:-4:4]
     start = [meridians[:-1].reshape(-1, 3), parallels[:, :-1].reshape(-1, 3)]
     end = [meridians[1:].reshape(-1, 3), parallels[:, 1:].reshape(-1, 3)]
-    meshcat.SetLineSegments(
-        "/keep_out/graticule", np.concatenate(start).T, np.concatenate(end).T, 1.0, _GRATICULE
-    )
+    starts: typing.Any = np.concatenate(start).T
+    ends: typing.Any = np.concatenate(end).T
+    meshcat.SetLineSegments("/keep_out/graticule", starts, ends, 1.0, _GRATICULE)
 
 
 def add_goal(meshcat: Meshcat, position: np.ndarray) -> None:
@@ -150,7 +143,7 @@ def add_goal(meshcat: Meshcat, position: np.ndarray) -> None:
         edges = np.full(3, 0.004)
         edges[axis] = 0.16
         meshcat.SetObject(f"/goal/bar_{axis}", Box(*edges), GOAL)
-    meshcat.SetTransform("/goal", _at(position / METRES_PER_UNIT))
+    meshcat.SetTransform("/goal", _pose(position))
 
 
 def add_spacecraft(meshcat: Meshcat) -> None:
@@ -159,7 +152,7 @@ def add_spacecraft(meshcat: Meshcat) -> None:
     for side in (-1.0, 1.0):
         name = f"/spacecraft/panel_{'left' if side < 0 else 'right'}"
         meshcat.SetObject(name, Box(0.022, 0.055, 0.003), _PANELS)
-        meshcat.SetTransform(name, _at([0.0, side * 0.045, 0.0]))
+        meshcat.SetTransform(name, _pose(np.array([0.0, side * 0.045 * METRES_PER_UNIT, 0.0])))
     # An arrow along x, as a surface of revolution; the other two by cyclic permutation.
     along = _ARROW_LENGTH * np.array([0.0, 0.0, 0.72, 0.72, 1.0])
     out = np.array([0.0, 0.005, 0.005, 0.016, 0.0])
@@ -172,7 +165,7 @@ def add_spacecraft(meshcat: Meshcat) -> None:
     ).reshape(-1, 3)
     for axis, letter in enumerate("xyz"):
         rolled = np.roll(points, axis, axis=1)
-        _set_mesh(meshcat, f"/spacecraft/thrust_{letter}", rolled, _grid_facets(5, 13), THRUST)
+        set_mesh(meshcat, f"/spacecraft/thrust_{letter}", rolled, grid_facets(5, 13), THRUST)
 
 
 def move_spacecraft(
@@ -186,7 +179,7 @@ def move_spacecraft(
 
     Each arrow points where the force accelerates; at `thrust_limit` (N) it is 30 km long.
     """
-    pose = _at(position / METRES_PER_UNIT)
+    pose = _pose(position)
     meshcat.SetTransform("/spacecraft", pose, time_in_recording)
     for letter, share in zip("xyz", force / thrust_limit, strict=True):
         # A negative scale turns the arrow about, through zero and without swinging round. Zero
@@ -196,46 +189,10 @@ def move_spacecraft(
         meshcat.SetProperty(name, "scale", [scale] * 3, time_in_recording)
 
 
-def add_path(
-    meshcat: Meshcat, positions: np.ndarray, decisions: np.ndarray
-) -> list[tuple[str, int]]:
-    """The path as pieces of tube in the colour of who flies, over a thin line of the whole.
-
-    Args:
-      positions: (N, 3) in m in K. decisions: (N,), who flies from each row to the next.
-
-    Returns: for each piece its name and the row at which the spacecraft has flown it.
-    """
-    points = positions / METRES_PER_UNIT
-    if len(points) > 1:
-        meshcat.SetLine("/path/route", points.T, 1.0, _ROUTE)
-    # Rows that are too near each other to make a tube (holding at the goal) are passed over.
-    rows = [0]
-    for row in range(1, len(points)):
-        if np.linalg.norm(points[row] - points[rows[-1]]) > _PATH_RADIUS / 4.0:
-            rows.append(row)
-    longest = max(1, len(rows) // PATH_PIECES)
-    pieces: list[tuple[str, int]] = []
-    begin = 0
-    for end in range(1, len(rows)):
-        who = int(decisions[rows[begin]])
-        last = end == len(rows) - 1
-        if end - begin < longest and not last and int(decisions[rows[end]]) == who:
-            continue
-        name = f"/path/piece_{len(pieces):03d}"
-        colour = WHO_FLIES.get(who, WHO_FLIES[0])[1]
-        points_of_tube, facets = _tube(points[rows[begin : end + 1]])
-        _set_mesh(meshcat, name, points_of_tube, facets, Rgba(*colour))
-        pieces.append((name, rows[end]))
-        begin = end
-    return pieces
-
-
 def add_returns(meshcat: Meshcat, name: str, position: np.ndarray, ranges: np.ndarray) -> None:
-    """What one lidar frame saw, as points.
+    """What one lidar frame saw from a position (3,) in m in K, as points.
 
-    Args:
-      position: (3,) in m in K. ranges: (planes, rays) in m, +inf where nothing returned.
+    `ranges` (planes, rays) are in m, +inf where nothing returned.
     """
     planes, rays = ranges.shape
     flat = ranges.reshape(-1)
@@ -246,12 +203,7 @@ def add_returns(meshcat: Meshcat, name: str, position: np.ndarray, ranges: np.nd
     meshcat.SetObject(name, cloud, _POINT_SIZE, RETURNS)
 
 
-def _at(position: typing.Any) -> RigidTransform:
-    """The pose at a position (3,) in Meshcat units; Drake's stubs know no numpy shapes."""
-    return RigidTransform(position)
-
-
-def _set_mesh(
+def set_mesh(
     meshcat: Meshcat,
     name: str,
     points: np.ndarray,
@@ -259,8 +211,17 @@ def _set_mesh(
     colour: Rgba,
     side: Meshcat.SideOfFaceToRender = Meshcat.SideOfFaceToRender.kDoubleSide,
 ) -> None:
-    meshcat.SetTriangleMesh(name, points.T, facets.astype(np.int32).T, colour, side=side)
+    """A mesh of points (N, 3) in Meshcat units and facets (F, 3), shaded smoothly."""
+    vertices: typing.Any = points.T  # Drake's stubs know no numpy shapes.
+    faces: typing.Any = facets.astype(np.int32).T
+    meshcat.SetTriangleMesh(name, vertices, faces, colour, side=side)
     meshcat.SetProperty(f"{name}/<object>", "material.flatShading", False)
+
+
+def _pose(position: np.ndarray) -> RigidTransform:
+    """The pose, in Meshcat units, at a position (3,) in m."""
+    scaled: typing.Any = position / METRES_PER_UNIT
+    return RigidTransform(scaled)
 
 
 def _towards(azimuth: float, elevation: float) -> np.ndarray:
@@ -269,24 +230,13 @@ def _towards(azimuth: float, elevation: float) -> np.ndarray:
     return np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
 
 
-def _grid_facets(rows: int, columns: int) -> np.ndarray:
+def grid_facets(rows: int, columns: int) -> np.ndarray:
     """Triangles (2 (rows-1) (columns-1), 3) of a grid of points numbered row by row."""
-    corner = (np.arange(rows - 1)[:, None] * columns + np.arange(columns - 1)).reshape(-1, 1)
-    lower = corner + [0, 1, columns + 1]
-    upper = corner + [0, columns + 1, columns]
-    return np.concatenate([lower, upper])
-
-
-def _tube(points: np.ndarray, sides: int = 6) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices and facets of a tube about the polyline through points (N, 3), none repeated."""
-    tangents = np.gradient(points, axis=0)
-    tangents /= np.linalg.norm(tangents, axis=1, keepdims=True)
-    aside = np.eye(3)[np.argmin(np.abs(tangents.mean(axis=0)))]
-    first = np.cross(tangents, aside)
-    first /= np.linalg.norm(first, axis=1, keepdims=True)
-    second = np.cross(tangents, first)
-    turn = np.linspace(0.0, 2.0 * np.pi, sides + 1)[None, :, None]
-    rings = points[:, None] + _PATH_RADIUS * (
-        np.cos(turn) * first[:, None] + np.sin(turn) * second[:, None]
+    number = np.arange(rows * columns).reshape(rows, columns)
+    a, b, c, d = (
+        number[:-1, :-1].ravel(),
+        number[:-1, 1:].ravel(),
+        number[1:, 1:].ravel(),
+        number[1:, :-1].ravel(),
     )
-    return rings.reshape(-1, 3), _grid_facets(len(points), sides + 1)
+    return np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])

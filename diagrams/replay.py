@@ -7,6 +7,7 @@ second, one for each 10 s control step. What it shows is in `proxops.diagrams.me
 from __future__ import annotations
 
 import html
+import typing
 from pathlib import Path
 
 import numpy as np
@@ -16,25 +17,33 @@ from pydrake.geometry import Meshcat, Rgba
 from proxops.diagrams.flight_log import FlightLog, write_whole
 from proxops.diagrams.meshcat_scene import (
     GOAL,
+    METRES_PER_UNIT,
     RETURNS,
     THRUST,
     WHO_FLIES,
     add_body,
     add_goal,
     add_keep_out,
-    add_path,
     add_returns,
     add_spacecraft,
+    grid_facets,
     look_at_flight,
     move_spacecraft,
     prepare_scene,
     quiet_meshcat,
+    set_mesh,
 )
 
 PLAYBACK_SPEED = 160.0
 FRAMES_PER_SECOND = 16.0
 # The lidar is shown this many times a flight at most.
 LIDAR_FRAMES = 40
+# The path is made of this many pieces at most, besides those that changes of who flies add.
+PATH_PIECES = 240
+
+_ROUTE = Rgba(0.45, 0.45, 0.50)
+_PATH_RADIUS = 0.007  # Meshcat units; 0.01 is 1 km.
+_TINY = 1e-12  # Keeps the tube finite where a path turns back on itself.
 
 
 def write_replay(log: FlightLog, path: str | Path) -> None:
@@ -43,9 +52,9 @@ def write_replay(log: FlightLog, path: str | Path) -> None:
     Raises:
       InputError: the folder does not exist or cannot be written.
     """
-    with quiet_meshcat() as meshcat:
-        add_flight(meshcat, log)
-        page = meshcat.StaticHtml()
+    meshcat = quiet_meshcat()
+    add_flight(meshcat, log)
+    page = meshcat.StaticHtml()
     title = f"{log.body.config.name}, {log.dataset.attrs['controller']}"
     page = page.replace("<title>Drake MeshCat</title>", f"<title>{html.escape(title)}</title>", 1)
     head, end_of_body, tail = page.rpartition("</body>")
@@ -59,6 +68,8 @@ def add_flight(meshcat: Meshcat, log: FlightLog) -> None:
     times, positions = data["time"].values, data["state"].values[:, :3]
     goal = data["target"].values[-1, :3]
     limit = log.scenario.spacecraft.thrust_limit_n
+    for leftover in ("/path", "/lidar"):  # Of another flight that this Meshcat showed.
+        meshcat.Delete(leftover)
     prepare_scene(meshcat)
     add_body(meshcat, log.body)
     add_keep_out(meshcat, log.body)
@@ -80,12 +91,47 @@ def add_flight(meshcat: Meshcat, log: FlightLog) -> None:
     for name, row in pieces:
         meshcat.SetProperty(name, "visible", False, 0.0)
         meshcat.SetProperty(name, "visible", True, float(shown[row]))
-    for (name, row), following in zip(frames, [row for _, row in frames[1:]] + [None], strict=True):
+    ends = [row for _, row in frames[1:]]
+    for number, (name, row) in enumerate(frames):
         meshcat.SetProperty(name, "visible", row == 0, 0.0)
         meshcat.SetProperty(name, "visible", True, float(shown[row]))
-        if following is not None:
-            meshcat.SetProperty(name, "visible", False, float(shown[following]))
+        if number < len(ends):
+            meshcat.SetProperty(name, "visible", False, float(shown[ends[number]]))
     meshcat.PublishRecording()
+
+
+def add_path(
+    meshcat: Meshcat, positions: np.ndarray, decisions: np.ndarray
+) -> list[tuple[str, int]]:
+    """The path as pieces of tube in the colour of who flies, over a thin line of the whole.
+
+    Takes positions (N, 3) in m in K and decisions (N,), who flies from each row to the next.
+    Returns for each piece its name and the row at which the spacecraft has flown it.
+    """
+    points = positions / METRES_PER_UNIT
+    if len(points) > 1:
+        route: typing.Any = points.T  # Drake's stubs know no numpy shapes.
+        meshcat.SetLine("/path/route", route, 1.0, _ROUTE)
+    # Rows that are too near each other to make a tube (holding at the goal) are passed over.
+    rows = [0]
+    for row in range(1, len(points)):
+        if np.linalg.norm(points[row] - points[rows[-1]]) > _PATH_RADIUS / 4.0:
+            rows.append(row)
+    longest = -(-len(rows) // PATH_PIECES)
+    pieces: list[tuple[str, int]] = []
+    begin = 0
+    for end in range(1, len(rows)):
+        who = int(decisions[rows[begin]])
+        last = end == len(rows) - 1
+        if end - begin < longest and not last and int(decisions[rows[end]]) == who:
+            continue
+        name = f"/path/piece_{len(pieces):03d}"
+        colour = WHO_FLIES.get(who, WHO_FLIES[0])[1]
+        points_of_tube, facets = _tube(points[rows[begin : end + 1]])
+        set_mesh(meshcat, name, points_of_tube, facets, Rgba(*colour))
+        pieces.append((name, rows[end]))
+        begin = end
+    return pieces
 
 
 def _add_returns(meshcat: Meshcat, data: xr.Dataset) -> list[tuple[str, int]]:
@@ -97,6 +143,21 @@ def _add_returns(meshcat: Meshcat, data: xr.Dataset) -> list[tuple[str, int]]:
         add_returns(meshcat, name, positions[row], ranges[row])
         frames.append((name, int(row)))
     return frames
+
+
+def _tube(points: np.ndarray, sides: int = 6) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices and facets of a tube about the polyline through points (N, 3), none repeated."""
+    tangents = np.gradient(points, axis=0)
+    tangents /= np.linalg.norm(tangents, axis=1, keepdims=True) + _TINY
+    aside = np.eye(3)[np.argmin(np.abs(tangents.mean(axis=0)))]
+    first = np.cross(tangents, aside)
+    first /= np.linalg.norm(first, axis=1, keepdims=True) + _TINY
+    second = np.cross(tangents, first)
+    turn = np.linspace(0.0, 2.0 * np.pi, sides + 1)[None, :, None]
+    rings = points[:, None] + _PATH_RADIUS * (
+        np.cos(turn) * first[:, None] + np.sin(turn) * second[:, None]
+    )
+    return rings.reshape(-1, 3), grid_facets(len(points), sides + 1)
 
 
 def _legend(log: FlightLog, title: str) -> str:

@@ -2,6 +2,7 @@
 
 import dataclasses as dc
 import difflib
+import math
 import typing
 from pathlib import Path
 
@@ -132,6 +133,8 @@ def load_scenario(
     tree = {} if path is None else read_mapping(Path(path))
     if path is not None and _is_path(tree.get("body")):
         tree["body"] = str((Path(path).parent / tree["body"]).resolve())
+    if isinstance(overrides, str):
+        overrides = [overrides]
     if not isinstance(overrides, typing.Mapping):
         overrides = dict(_split_override(text) for text in overrides)
     for key, value in overrides.items():
@@ -143,12 +146,14 @@ def load_scenario(
 
 def dump_scenario(scenario: Scenario) -> str:
     """The whole scenario as YAML that `load_scenario` reads back to an equal one."""
-    return yaml_dump_typed(scenario, schema=Scenario)
+    text = yaml_dump_typed(scenario, schema=Scenario)
+    assert text is not None  # It is when the text is written to a file instead.
+    return text
 
 
 def parse_scenario(text: str, source: str = "scenario") -> Scenario:
     """The scenario in a YAML text, for instance one that `dump_scenario` wrote."""
-    scenario = load_typed(Scenario, yaml_load(data=text), source)
+    scenario = load_typed(Scenario, _mapping(text, source), source)
     check_scenario(scenario, source)
     return scenario
 
@@ -159,10 +164,10 @@ def load_typed(schema: type, tree: dict[str, typing.Any], source: str) -> typing
     Raises:
       InputError: an unknown key or a value of the wrong type; `source` names the file in it.
     """
-    _refuse_unknown_keys(schema, tree, source)
+    _check_tree(schema, tree, source)
     try:
         return yaml_load_typed(schema=schema, data=yaml_dump(tree), defaults=schema())
-    except (RuntimeError, ValueError, TypeError, AssertionError) as error:
+    except (yaml.YAMLError, RuntimeError, ValueError, TypeError, AssertionError) as error:
         raise InputError(f"{source}: {error}") from error
 
 
@@ -180,17 +185,7 @@ def read_mapping(path: Path) -> dict[str, typing.Any]:
         raise InputError(f"{path} cannot be read: {error.strerror}") from error
     except UnicodeDecodeError as error:
         raise InputError(f"{path} is not a text file: {error}") from error
-    if not text.strip():
-        raise InputError(f"{path} is empty; it needs at least one `key: value` line")
-    try:
-        tree = yaml_load(data=text)
-    except (yaml.YAMLError, AttributeError) as error:
-        raise InputError(f"{path} is not YAML: {' '.join(str(error).split())}") from error
-    if tree is None:
-        raise InputError(f"{path} is empty; it needs at least one `key: value` line")
-    if not isinstance(tree, dict):
-        raise InputError(f"{path} holds a {type(tree).__name__}, not `key: value` lines")
-    return tree
+    return _mapping(text, str(path))
 
 
 def check_scenario(scenario: Scenario, source: str = "scenario") -> None:
@@ -200,32 +195,36 @@ def check_scenario(scenario: Scenario, source: str = "scenario") -> None:
         if not good:
             raise InputError(f"{source}: {key} {why}")
 
-    def positive(section: str, *names: str) -> None:
+    def each(section: str, names: tuple[str, ...], good: typing.Callable, why: str) -> None:
         holder = getattr(scenario, section) if section else scenario
         for name in names:
             value = getattr(holder, name)
             key = f"{section}.{name}" if section else name
-            need(np.isfinite(value) and value > 0, key, f"must be positive, got {value}")
+            need(math.isfinite(value) and good(value), key, f"{why}, got {value}")
+
+    def positive(section: str, *names: str) -> None:
+        each(section, names, lambda value: value > 0, "must be positive")
+
+    def not_negative(section: str, *names: str) -> None:
+        each(section, names, lambda value: value >= 0, "must not be negative")
 
     positive("", "control_period_s")
+    not_negative("", "noise_seed")
     positive("spacecraft", "mass_kg", "thrust_limit_n", "speed_limit_m_s")
     positive("lidar", "max_range_m")
-    need(scenario.lidar.noise_std_m >= 0, "lidar.noise_std_m", "must not be negative")
+    not_negative("lidar", "noise_std_m")
     positive(
         "mpc", "knots", "knot_growth", "nominal_acceleration_m_s2", "min_horizon_s",
         "cold_iterations",
     )  # fmt: skip
     need(scenario.mpc.knots >= 2, "mpc.knots", "must be at least 2")
-    need(scenario.mpc.keep_out_margin_m >= 0, "mpc.keep_out_margin_m", "must not be negative")
+    not_negative("mpc", "keep_out_margin_m", "closing_speed_weight")
     if scenario.disturbance is not None:
         positive("disturbance", "reset_period_s")
-        for name in ("max_relative_magnitude", "increment_std_n"):
-            value = getattr(scenario.disturbance, name)
-            need(value >= 0, f"disturbance.{name}", f"must not be negative, got {value}")
+        not_negative("disturbance", "max_relative_magnitude", "increment_std_n")
     transit = scenario.transit
     positive("transit", "cube_m", "min_distance_m", "max_distance_m", "max_hover_share")
-    need(transit.seed >= 0, "transit.seed", f"must not be negative, got {transit.seed}")
-    need(transit.index >= 0, "transit.index", f"must not be negative, got {transit.index}")
+    not_negative("transit", "seed", "index", "end_clearance_m")
     need(
         transit.min_distance_m < transit.max_distance_m,
         "transit.min_distance_m",
@@ -245,6 +244,19 @@ def check_scenario(scenario: Scenario, source: str = "scenario") -> None:
                 f"must be three numbers, got {value}",
             )
     positive("arrival", "radius_m", "speed_m_s", "dwell_s", "deadline_s")
+
+
+def _mapping(text: str, source: str) -> dict[str, typing.Any]:
+    """The mapping at the root of a YAML text."""
+    try:
+        tree = yaml_load(data=text) if text.strip() else None
+    except (yaml.YAMLError, AttributeError) as error:  # AttributeError: a key that is no text.
+        raise InputError(f"{source} is not YAML: {' '.join(str(error).split())}") from error
+    if tree is None:
+        raise InputError(f"{source} is empty; it needs at least one `key: value` line")
+    if not isinstance(tree, dict):
+        raise InputError(f"{source} holds a {type(tree).__name__}, not `key: value` lines")
+    return tree
 
 
 def _is_path(body: typing.Any) -> bool:
@@ -268,30 +280,65 @@ def _assign(tree: dict[str, typing.Any], dotted_key: str, value: typing.Any) -> 
         if not isinstance(child, dict):
             child = tree[name] = {}
         tree = child
-    tree[last] = value
+    tree[last] = value.tolist() if isinstance(value, np.ndarray | np.generic) else value
 
 
-def _refuse_unknown_keys(schema: type, tree: dict[str, typing.Any], source: str) -> None:
-    """Raises `InputError` for the first key that `schema` lacks, with the nearest one it has."""
+def _check_tree(schema: type, tree: dict[str, typing.Any], source: str, key: str = "") -> None:
+    """Raises `InputError` for the first unknown key, wrong tag or value that cannot be the field's.
+
+    Tags that only say what is known anyway are removed: pydrake takes tags for unions alone.
+    """
+    where = f"{source}: {key}" if key else source
     fields = {field.name: field.type for field in dc.fields(schema)}
-    for key, value in tree.items():
-        if key == "_tag":
+    for name, value in tree.items():
+        if name == "_tag":
             continue
-        if key not in fields:
-            near = difflib.get_close_matches(str(key), fields, n=1, cutoff=0.0)[0]
+        if name not in fields:
+            near = difflib.get_close_matches(str(name), fields, n=1, cutoff=0.0)[0]
             raise InputError(
-                f"{source}: there is no key {key!r} in {schema.__name__}; the nearest is {near!r}"
+                f"{where}: there is no key {name!r} in {schema.__name__}; the nearest is {near!r}"
             )
-        options = typing.get_args(fields[key]) or (fields[key],)
-        nested = [option for option in options if dc.is_dataclass(option)]
+        options: list[typing.Any] = list(typing.get_args(fields[name]) or (fields[name],))
+        if typing.get_origin(fields[name]) is list:
+            options = [fields[name]]
+        nested: list[typing.Any] = [option for option in options if dc.is_dataclass(option)]
+        path = f"{key}.{name}" if key else name
         if nested and isinstance(value, dict):
-            tag = value.get("_tag", "!" + nested[0].__name__)
-            chosen = {"!" + option.__name__: option for option in nested}.get(tag)
-            if chosen is None:
-                raise InputError(
-                    f"{source}: {key} cannot be {tag}; "
-                    f"choose from {', '.join('!' + option.__name__ for option in nested)}"
-                )
-            _refuse_unknown_keys(chosen, value, f"{source}: {key}")
-        elif nested and not (value is None and type(None) in options):
-            raise InputError(f"{source}: {key} needs `key: value` lines, got {value!r}")
+            _check_tree(_choose(nested, value, f"{source}: {path}"), value, source, path)
+        elif not any(_fits(value, option) for option in options):
+            wanted = "`key: value` lines" if nested else " or ".join(map(_in_words, options))
+            raise InputError(f"{source}: {path} needs {wanted}, got {value!r}")
+
+
+def _choose(options: list[type], tree: dict[str, typing.Any], where: str) -> type:
+    """The one of the dataclasses that the mapping's tag says, the first if it has none."""
+    names = ["!" + option.__name__ for option in options]
+    tag = tree.get("_tag", names[0])
+    if tag not in names:
+        raise InputError(f"{where} cannot be {tag}; choose from {', '.join(names)}")
+    if len(options) == 1:
+        tree.pop("_tag", None)
+    return options[names.index(tag)]
+
+
+def _fits(value: typing.Any, schema: typing.Any) -> bool:
+    """Whether a YAML value can become one of type `schema`; pydrake judges types not named here."""
+    if schema is float and isinstance(value, str):  # YAML 1.1 reads 1e3 as a text.
+        try:
+            return float(value) is not None
+        except ValueError:
+            return False
+    if typing.get_origin(schema) is list:
+        (item,) = typing.get_args(schema)
+        return isinstance(value, list) and all(_fits(element, item) for element in value)
+    kinds = {float: (int, float), int: int, str: str, type(None): type(None)}
+    if schema in kinds:
+        return isinstance(value, kinds[schema]) and not isinstance(value, bool)
+    return not dc.is_dataclass(schema)
+
+
+def _in_words(schema: typing.Any) -> str:
+    words = {float: "a number", int: "a whole number", str: "a text", type(None): "null"}
+    if typing.get_origin(schema) is list:
+        return "a list, each " + _in_words(typing.get_args(schema)[0])
+    return words.get(schema, str(schema))

@@ -22,7 +22,7 @@ from proxops.diagrams.scenario import Scenario, dump_scenario
 from proxops.diagrams.transit_diagram import make_controller, make_transit_diagram
 from proxops.systems.errors import InputError
 from proxops.systems.flight_monitor import COLLIDED, ENTERED_GOAL, NEVER, VIOLATIONS
-from proxops.systems.lidar import PLANES, RAYS
+from proxops.systems.lidar import Lidar
 
 # Relative accuracy to which events are found, and local error of the integration.
 _EVENT_ACCURACY = 1e-6
@@ -110,10 +110,9 @@ def fly(
         simulator.set_monitor(monitor)
     started = time.perf_counter()
     status = simulator.AdvanceTo(latest)
-    wall = time.perf_counter() - started
     if status.reason() == SimulatorStatus.ReturnReason.kEventHandlerFailed:
         raise RuntimeError(status.FormatMessage())
-    return _collect_log(diagram, simulator.get_context(), scenario, body, name, wall)
+    return _collect_log(diagram, simulator.get_context(), scenario, body, name, started)
 
 
 def make_simulator(diagram: Diagram, scenario: Scenario) -> Simulator:
@@ -135,7 +134,7 @@ def _collect_log(
     scenario: Scenario,
     body: Body,
     controller: str,
-    wall: float,
+    started: float,
 ) -> FlightLog:
     """Columns of the log from the diagram's log sinks, and the final state as the last row."""
 
@@ -148,7 +147,7 @@ def _collect_log(
     assert isinstance(sink, VectorLogSink)
     times = sink.FindLog(context).sample_times()
     names = {system.get_name() for system in diagram.GetSystems()}
-    columns = {name: column(name) for name in ("state", "target", "force", "command", "ranges")}
+    columns = {name: column(name) for name in ("state", "target", "force", "command")}
     for name in ("mpc_force", "mpc_record"):
         if f"log_{name}" in names:
             columns[name] = column(name)
@@ -161,7 +160,6 @@ def _collect_log(
         craft = diagram.GetSubsystemByName("spacecraft")
         state = craft.GetOutputPort("state").Eval(craft.GetMyContextFromRoot(context))
         columns["state"][-1] = state
-        columns["ranges"][-1] = np.nan
         for name in ("mpc_force", "mpc_record"):
             if name in columns:
                 columns[name][-1] = np.nan
@@ -171,7 +169,9 @@ def _collect_log(
     columns["disturbance"] = columns["force"] - columns.pop("command")
     columns["solve_time"], columns["solve_status"] = record[:, 0], record[:, 1]
     columns["decision"] = np.full(len(times), 1 if "mpc_force" in columns else 0, dtype=np.int8)
-    columns["ranges"] = columns["ranges"].astype(np.float32).reshape(len(times), PLANES, RAYS)
+    lidar = diagram.GetSubsystemByName("lidar")
+    assert isinstance(lidar, Lidar)
+    columns["ranges"] = lidar.frames(times, columns["state"][:, :3], lidar.seed)
     columns = {"mpc_force": blank, "policy_force": blank.copy(), **columns}
 
     monitor = diagram.GetSubsystemByName("monitor")
@@ -189,6 +189,6 @@ def _collect_log(
         "arrival_time_s": float(entered) if dwelt else np.nan,
         "collided": int(outcome[COLLIDED]),
         "keep_out_violations": int(outcome[VIOLATIONS]),
-        "wall_s": wall,
+        "wall_s": time.perf_counter() - started,
     }
     return FlightLog(make_dataset(columns, times, scenario, body, attributes), body)

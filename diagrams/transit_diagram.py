@@ -162,14 +162,14 @@ def make_transit_diagram(
     builder.Connect(craft_ports["state"], monitor.GetInputPort("state"))
     builder.Connect(target.get_output_port(), monitor.GetInputPort("target"))
 
-    # At a control step the hold has not yet taken the new command: what is logged as `force` is
+    # The lidar is not logged: its frames are a function of time and position, so they are made
+    # from the log when the flight is over. At a control step the hold has not yet taken the new command: what is logged as `force` is
     # what it is about to hold.
     logged = {
         "state": craft_ports["state"],
         "target": target.get_output_port(),
         "force": applied,
         "command": command,
-        "ranges": lidar.GetOutputPort("ranges"),
     }
     if isinstance(controller, ModelPredictiveController):
         logged["mpc_force"] = command

@@ -8,6 +8,7 @@ it falls at least as fast as the potential itself.
 
 import math
 from collections.abc import Callable
+from functools import cache
 
 import numba
 import numpy as np
@@ -34,12 +35,20 @@ def fit_masses(
       the masses, and the distance from the origin from which on they may be used.
     """
     switch = SWITCH * radius
-    places = radius * _directions(_MASSES)
-    checks = switch * _directions(2 * _MASSES)
-    unit_potentials = switch / np.linalg.norm(checks[:, None] - places, axis=2)
+    places, checks, u, s, vt = _unit_fit()
+    weights = ((potential(switch * checks) @ u) / s) @ vt * switch
+    return np.ascontiguousarray(np.vstack([radius * places.T, weights])), switch
+
+
+@cache
+def _unit_fit() -> tuple[np.ndarray, ...]:
+    """Places (K, 3), directions to fit in, and singular value decomposition of the fit."""
+    places, checks = _directions(_MASSES), _directions(2 * _MASSES)
+    unit_potentials = SWITCH / np.linalg.norm(SWITCH * checks[:, None] - places, axis=2)
+    u, s, vt = np.linalg.svd(unit_potentials, full_matrices=False)
     # Singular values below the cut-off stand for degrees that do not reach this far.
-    weights = np.linalg.lstsq(unit_potentials, switch * potential(checks), rcond=1e-13)[0]
-    return np.ascontiguousarray(np.vstack([places.T, weights])), switch
+    kept = s > 1e-13 * s[0]
+    return places, checks, u[:, kept], s[kept], vt[kept]
 
 
 @numba.njit(cache=True, fastmath=_FAST, error_model="numpy")

@@ -131,7 +131,7 @@ def _facet_arguments(px, py, pz, facet_abc, facet_side, r, r2, t):
             + rb * (rc2 + ra2 - facet_side[5, f])
             + rc * (ra2 + rb2 - facet_side[6, f])
         )
-        is_near = (abs(num) > _SERIES_LIMIT * den) | (den < _WIDE_FACET * cube)
+        is_near = (abs(num) > _SERIES_LIMIT * den) | (den <= _WIDE_FACET * cube)
         near += is_near
         t[f] = 2.0 if is_near else num / den
     return near
@@ -191,7 +191,62 @@ def _solid_angle(px, py, pz, vertices, facet_abc, facet_side, r, f):
     return 2.0 * math.atan2(num, den)
 
 
-def _evaluate(
+@numba.njit(cache=True, error_model="numpy")
+def _evaluate_point(
+    point, vertices, edge_ab, edge_length, edge_moments, facet_abc, facet_side, facet_moments,
+    factor, masses, switch, out,
+):  # fmt: skip
+    px, py, pz = point[0], point[1], point[2]
+    if px * px + py * py + pz * pz >= switch * switch:
+        point_masses(px, py, pz, masses, out)
+        return
+    r = np.empty(vertices.shape[1])
+    r2 = np.empty(vertices.shape[1])
+    argument = np.empty(max(edge_length.size, facet_abc.shape[1]))
+    value = np.empty(argument.size)
+    e = np.empty(9)
+    f = np.empty(9)
+    _distances(px, py, pz, vertices, r, r2)
+
+    x = argument[: edge_length.size]
+    potential = value[: edge_length.size]
+    near = _edge_arguments(edge_ab, edge_length, r, x)
+    _edge_potentials(x, potential)
+    if near > 0:
+        _redo_near_edges(px, py, pz, vertices, edge_ab, edge_length, r, x, potential)
+    _weigh(edge_moments, potential, e)
+
+    t = argument[: facet_abc.shape[1]]
+    angle = value[: facet_abc.shape[1]]
+    near = _facet_arguments(px, py, pz, facet_abc, facet_side, r, r2, t)
+    _solid_angles(t, angle)
+    if near > 0:
+        _redo_near_facets(px, py, pz, vertices, facet_abc, facet_side, r, t, angle)
+    _weigh(facet_moments, angle, f)
+    total = _total(angle)
+
+    xx, yy = e[0] - f[0], e[1] - f[1]
+    xy, xz, yz = e[2] - f[2], e[3] - f[3], e[4] - f[4]
+    # E_e is traceless and F_f has trace 1.
+    zz = -total - xx - yy
+    bx, by, bz = e[5] - f[5], e[6] - f[6], e[7] - f[7]
+    qx = xx * px + xy * py + xz * pz
+    qy = xy * px + yy * py + yz * pz
+    qz = xz * px + yz * py + zz * pz
+    quadratic = e[8] - f[8] - 2.0 * (bx * px + by * py + bz * pz)
+    quadratic += qx * px + qy * py + qz * pz
+    out[0] = 0.5 * factor * quadratic
+    out[1] = factor * (qx - bx)
+    out[2] = factor * (qy - by)
+    out[3] = factor * (qz - bz)
+    out[4], out[5], out[6] = factor * xx, factor * yy, factor * zz
+    out[7], out[8], out[9] = factor * xy, factor * xz, factor * yz
+    out[10] = total
+
+
+# Two functions, not one compiled twice: numba's cache on disk does not tell the two apart.
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def evaluate_serial(
     points, vertices, edge_ab, edge_length, edge_moments, facet_abc, facet_side, facet_moments,
     factor, masses, switch, out,
 ):  # fmt: skip
@@ -200,56 +255,21 @@ def _evaluate(
     Columns: potential, acceleration (x, y, z), gradient (xx, yy, zz, xy, xz, yz), solid angle.
     From the distance ``switch`` on they are those of the point masses ``masses``.
     """
+    for i in range(points.shape[0]):
+        _evaluate_point(
+            points[i], vertices, edge_ab, edge_length, edge_moments, facet_abc, facet_side,
+            facet_moments, factor, masses, switch, out[i],
+        )  # fmt: skip
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True, parallel=True)
+def evaluate_parallel(
+    points, vertices, edge_ab, edge_length, edge_moments, facet_abc, facet_side, facet_moments,
+    factor, masses, switch, out,
+):  # fmt: skip
+    """As `evaluate_serial`, the points shared out among threads."""
     for i in numba.prange(points.shape[0]):
-        px, py, pz = points[i, 0], points[i, 1], points[i, 2]
-        if px * px + py * py + pz * pz >= switch * switch:
-            point_masses(px, py, pz, masses, out[i])
-            continue
-        r = np.empty(vertices.shape[1])
-        r2 = np.empty(vertices.shape[1])
-        argument = np.empty(max(edge_length.size, facet_abc.shape[1]))
-        value = np.empty(argument.size)
-        e = np.empty(9)
-        f = np.empty(9)
-        _distances(px, py, pz, vertices, r, r2)
-
-        x = argument[: edge_length.size]
-        potential = value[: edge_length.size]
-        near = _edge_arguments(edge_ab, edge_length, r, x)
-        _edge_potentials(x, potential)
-        if near > 0:
-            _redo_near_edges(px, py, pz, vertices, edge_ab, edge_length, r, x, potential)
-        _weigh(edge_moments, potential, e)
-
-        t = argument[: facet_abc.shape[1]]
-        angle = value[: facet_abc.shape[1]]
-        near = _facet_arguments(px, py, pz, facet_abc, facet_side, r, r2, t)
-        _solid_angles(t, angle)
-        if near > 0:
-            _redo_near_facets(px, py, pz, vertices, facet_abc, facet_side, r, t, angle)
-        _weigh(facet_moments, angle, f)
-        total = _total(angle)
-
-        xx, yy = e[0] - f[0], e[1] - f[1]
-        xy, xz, yz = e[2] - f[2], e[3] - f[3], e[4] - f[4]
-        # E_e is traceless and F_f has trace 1.
-        zz = -total - xx - yy
-        bx, by, bz = e[5] - f[5], e[6] - f[6], e[7] - f[7]
-        qx = xx * px + xy * py + xz * pz
-        qy = xy * px + yy * py + yz * pz
-        qz = xz * px + yz * py + zz * pz
-        quadratic = e[8] - f[8] - 2.0 * (bx * px + by * py + bz * pz)
-        quadratic += qx * px + qy * py + qz * pz
-        out[i, 0] = 0.5 * factor * quadratic
-        out[i, 1] = factor * (qx - bx)
-        out[i, 2] = factor * (qy - by)
-        out[i, 3] = factor * (qz - bz)
-        out[i, 4], out[i, 5], out[i, 6] = factor * xx, factor * yy, factor * zz
-        out[i, 7], out[i, 8], out[i, 9] = factor * xy, factor * xz, factor * yz
-        out[i, 10] = total
-
-
-evaluate_serial = numba.njit(cache=True, error_model="numpy", nogil=True)(_evaluate)
-evaluate_parallel = numba.njit(cache=True, error_model="numpy", nogil=True, parallel=True)(
-    _evaluate
-)
+        _evaluate_point(
+            points[i], vertices, edge_ab, edge_length, edge_moments, facet_abc, facet_side,
+            facet_moments, factor, masses, switch, out[i],
+        )  # fmt: skip

@@ -23,21 +23,24 @@ def closest_point(semi_axes, point):
         y[shortest] = 1e-14 * scale
     z = y / semi_axes
     ratio = (semi_axes / scale) ** 2
-    # g(s) = sum (ratio z / (s + ratio))^2 - 1 changes sign in [low, high].
-    low = z[shortest] - 1.0
-    high = np.sqrt(np.sum((ratio * z) ** 2)) - 1.0
+    # Its pole for the shortest axis is the greatest; s is counted from there, so that it keeps its
+    # digits close to it.
+    beyond = (semi_axes - scale) * (semi_axes + scale) / scale**2
+    # g(s) = sum (ratio z / (s + beyond))^2 - 1 changes sign in [low, high].
+    low = z[shortest]
+    high = np.sqrt(np.sum((ratio * z) ** 2))
     if high < low:
         high = low
     s = low
     for _ in range(200):
         s = 0.5 * (low + high)
-        if s == low or s == high:
+        if s in (low, high):
             break
-        if np.sum((ratio * z / (s + ratio)) ** 2) > 1.0:
+        if np.sum((ratio * z / (s + beyond)) ** 2) > 1.0:
             low = s
         else:
             high = s
-    nearest = ratio * y / (s + ratio)
+    nearest = ratio * y / (s + beyond)
     return np.where(point < 0.0, -nearest, nearest)
 
 

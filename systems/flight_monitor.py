@@ -13,7 +13,7 @@ from pydrake.systems.framework import (
 
 from proxops.systems.ellipsoid import blocks_segment, clearances
 from proxops.systems.gravity_field import GravityField
-from proxops.systems.lidar import RayCaster
+from proxops.systems.lidar import ray_caster
 
 # A time that never comes; finite, so that a witness may be interpolated.
 NEVER = 1e15
@@ -60,7 +60,7 @@ class FlightMonitor(LeafSystem):
         self._field, self._keep_out = field, np.asarray(keep_out_semi_axes, dtype=np.float64)
         self._radius, self._speed, self._dwell = radius, speed, dwell
         self._tolerance = tolerance
-        self._caster = RayCaster(field.shape)
+        self._caster = ray_caster(field.shape)
         self._state_port = self.DeclareVectorInputPort(name="state", size=6)
         self._target_port = self.DeclareVectorInputPort(name="target", size=6)
         self._outcome_index = self.DeclareDiscreteState(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore import EmbreeDevice
@@ -54,6 +56,12 @@ class RayCaster:
         return found
 
 
+@functools.lru_cache(maxsize=4)
+def ray_caster(shape: Polyhedron) -> RayCaster:
+    """The ray caster of a mesh, built once for all that cast rays against it."""
+    return RayCaster(shape)
+
+
 class Lidar(LeafSystem):
     """Planar lidars on a spacecraft whose axes are held to those of the body-fixed frame K.
 
@@ -101,9 +109,10 @@ class Lidar(LeafSystem):
         if planes < 1 or rays < 1:
             raise InputError(f"a lidar needs planes and rays, got {planes} and {rays}")
         self.noise_std, self.max_range, self.period = noise_std, max_range, period
+        self.planes, self.rays, self.seed = planes, rays, seed
         self.directions = ray_directions(planes, rays)
         self._rays32 = self.directions.astype(np.float32)
-        self._caster = RayCaster(shape)
+        self._caster = ray_caster(shape)
         self._seed_index = self.DeclareNumericParameter(BasicVector([float(seed)]))
         self._position_port = self.DeclareVectorInputPort(name="position", size=3)
         seeded = self.numeric_parameter_ticket(NumericParameterIndex(self._seed_index))
@@ -123,6 +132,21 @@ class Lidar(LeafSystem):
     def set_seed(self, context, seed: int) -> None:
         """Sets the noise's seed in this system's Context."""
         context.get_mutable_numeric_parameter(self._seed_index).SetAtIndex(0, float(seed))
+
+    def frames(self, times: np.ndarray, positions: np.ndarray, seed: int) -> np.ndarray:
+        """Ranges (N, planes, rays), float32, that the output port gives at times and positions.
+
+        Args:
+          times: (N,) in s. positions: (N, 3) in m in K. seed: of the noise.
+        """
+        context = self.CreateDefaultContext()
+        self.set_seed(context, seed)
+        frames = np.empty((len(times), self.planes, self.rays), dtype=np.float32)
+        for k, (now, position) in enumerate(zip(times, positions, strict=True)):
+            context.SetTime(now)
+            self._position_port.FixValue(context, position)
+            frames[k] = self._ranges_port.Eval(context).reshape(self.planes, self.rays)
+        return frames
 
     def _calc_ranges(self, context, output):
         position = self._position_port.Eval(context)

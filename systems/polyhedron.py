@@ -49,8 +49,7 @@ class Polyhedron:
           InputError: no such file, not a mesh, an unknown unit, or an unsound mesh.
         """
         path = Path(path)
-        if unit not in METRES_PER_UNIT:
-            raise InputError(f"mesh unit {unit!r} is not known: use one of 'km', 'm'")
+        _metres_per(unit)  # A wrong unit is said before the file is looked for.
         if not path.is_file():
             raise InputError(f"mesh file {path} does not exist or is not a file")
         try:
@@ -66,11 +65,11 @@ class Polyhedron:
         """Takes a `trimesh.Trimesh` whose numbers are in `unit` ("km" or "m")."""
         if not isinstance(mesh, trimesh.Trimesh) or len(mesh.faces) == 0:
             raise InputError(f"{name} holds no triangles")
-        return cls(mesh.vertices * METRES_PER_UNIT[unit], mesh.faces, name)
+        return cls(mesh.vertices * _metres_per(unit), mesh.faces, name)
 
     def to_trimesh(self, unit: str = "m") -> trimesh.Trimesh:
         """The same mesh as a `trimesh.Trimesh` in `unit`."""
-        scale = METRES_PER_UNIT[unit]
+        scale = _metres_per(unit)
         return trimesh.Trimesh(self.vertices / scale, self.facets, process=False)
 
     def recentred(self) -> Polyhedron:
@@ -123,6 +122,12 @@ class Polyhedron:
         digest = hashlib.sha256(self.vertices.astype("<f8").tobytes())
         digest.update(self.facets.astype("<i8").tobytes())
         return digest.hexdigest()
+
+
+def _metres_per(unit: str) -> float:
+    if unit not in METRES_PER_UNIT:
+        raise InputError(f"mesh unit {unit!r} is not known: use one of 'km', 'm'")
+    return METRES_PER_UNIT[unit]
 
 
 def _directed_edges(facets: np.ndarray, vertex_count: int):

@@ -1,0 +1,73 @@
+# The commands of README.md. Each makes .venv and installs what it needs, then does so again only
+# when pyproject.toml or constraints.txt has changed.
+
+PYTHON ?= python3
+FLIGHT ?= out/flight
+
+bin := .venv/bin
+pip_install := $(bin)/python -m pip install --quiet --constraint constraints.txt
+folders := assets cli diagrams systems training
+
+export PIP_DISABLE_PIP_VERSION_CHECK = 1
+
+.DELETE_ON_ERROR:
+.PHONY: help install fly test lint bench notebooks train clean
+
+help:
+	@echo "make fly        install, and fly one transit with the MPC into $(FLIGHT)"
+	@echo "make install    install proxops into .venv"
+	@echo "make test       run the tests (pytest -m slow and -m browser run the others)"
+	@echo "make lint       check format, style and types"
+	@echo "make bench      run the benchmarks against other packages"
+	@echo "make notebooks  run every notebook"
+	@echo "make train      install what training needs (PyTorch)"
+	@echo "make clean      remove .venv, build and caches"
+
+install: .venv/core.stamp
+
+fly: .venv/core.stamp
+	$(bin)/proxops fly --out $(FLIGHT)
+
+test: .venv/dev.stamp
+	$(bin)/pytest
+
+lint: .venv/dev.stamp
+	@mkdir -p build/links/proxops
+	@for folder in $(folders); do ln -sfn ../../../$$folder build/links/proxops/$$folder; done
+	@cd $$($(bin)/python -c "import sysconfig; print(sysconfig.get_path('purelib'))") && \
+	    { find pydrake -name '*.pyi'; echo pydrake/systems/scalar_conversion.pyi; } | \
+	    while read -r stub; do \
+	        mkdir -p "$(CURDIR)/build/stubs/$${stub%/*}"; \
+	        printf '%s\n' 'from typing import Any' 'def __getattr__(name: str) -> Any: ...' \
+	            > "$(CURDIR)/build/stubs/$$stub"; \
+	    done
+	$(bin)/ruff format --check
+	$(bin)/ruff check
+	$(bin)/pyright
+
+bench: .venv/dev.stamp .venv/bench.stamp
+	@for script in benchmarks/[!_]*.py; do \
+	    if [ -f "$$script" ]; then echo "== $$script"; $(bin)/python "$$script" || exit; fi; \
+	done
+
+notebooks: .venv/notebook.stamp
+	@for notebook in notebooks/*.ipynb; do \
+	    if [ -f "$$notebook" ]; then $(bin)/jupyter execute "$$notebook" || exit; fi; \
+	done
+
+train: .venv/train.stamp
+
+clean:
+	rm -rf .venv build dist *.egg-info .pytest_cache .ruff_cache .hypothesis
+	find . -name __pycache__ -prune -exec rm -rf {} +
+
+.venv/bin/pip:
+	$(PYTHON) -m venv .venv
+
+.venv/core.stamp: pyproject.toml constraints.txt | .venv/bin/pip
+	$(pip_install) --editable .
+	@touch $@
+
+.venv/%.stamp: pyproject.toml constraints.txt | .venv/bin/pip
+	$(pip_install) --editable '.[$*]'
+	@touch .venv/core.stamp $@

@@ -1,0 +1,54 @@
+"""What the commands share: consoles, output folders, tables."""
+
+from __future__ import annotations
+
+import json
+import os
+import typing
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+from proxops.diagrams.flight_log import write_whole
+from proxops.systems.errors import InputError
+
+console = Console()
+"""Results go here, to standard output."""
+status = Console(stderr=True)
+"""Progress and remarks go here, to standard error."""
+
+
+def check_folder(folder: Path) -> None:
+    """Raises `InputError` now if `folder` could not be made or written in later."""
+    nearest = folder.absolute()
+    while not nearest.exists():
+        nearest = nearest.parent
+    if not nearest.is_dir():
+        raise InputError(f"--out {folder}: {nearest} is a file, not a folder")
+    if not os.access(nearest, os.W_OK | os.X_OK):
+        raise InputError(f"--out {folder}: no permission to write in {nearest}")
+
+
+def make_folder(folder: Path) -> None:
+    """Makes an output folder and its parents."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"cannot make the folder {folder}: {error.strerror}") from error
+
+
+def write_json(path: Path, content: typing.Any) -> None:
+    """Writes `content` as JSON; the file appears only when it is whole."""
+    text = json.dumps(content, indent=2) + "\n"
+    write_whole(path, lambda name: name.write_text(text))
+
+
+def print_rows(title: str, rows: list[tuple[str, str]]) -> None:
+    """A table of two columns."""
+    table = Table(title=title, show_header=False, title_justify="left")
+    table.add_column(style="bold")
+    table.add_column(justify="right")
+    for row in rows:
+        table.add_row(*row)
+    console.print(table)

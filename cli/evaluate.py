@@ -1,0 +1,112 @@
+"""`proxops evaluate`: closed-loop figures over a set of transits."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+from proxops.cli.common import check_folder, console, status, write_json
+from proxops.diagrams.campaign import run_campaign, transit_flights
+from proxops.diagrams.scenario import load_scenario
+from proxops.systems.errors import InputError
+from proxops.training.evaluation import aggregate
+
+
+def evaluate_command(
+    scenario: Annotated[
+        Path | None, typer.Argument(help="Scenario file (YAML). Default: Kleopatra.")
+    ] = None,
+    controllers: Annotated[
+        str, typer.Option(help="Comma-separated: mpc, zero, MODULE:FACTORY.")
+    ] = "mpc",
+    transits: Annotated[int, typer.Option(min=1, help="How many transits each flies.")] = 50,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the set of transits.")] = 10000,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option("--set", help="Change a scenario value: key.subkey=value. Repeatable."),
+    ] = None,
+    out: Annotated[Path, typer.Option(help="Folder for results.json.")] = Path("out/evaluation"),
+    workers: Annotated[
+        int | None, typer.Option(min=1, help="Processes. Default: one for each core.")
+    ] = None,
+    scheduler: Annotated[
+        str | None, typer.Option(help="Address of a Dask scheduler to fly on instead.")
+    ] = None,
+    keep_logs: Annotated[bool, typer.Option(help="Keep every flight's log.")] = False,
+) -> None:
+    """Fly a set of transits with each controller; write results.json.
+
+    Run it again to finish what was interrupted: no flight is flown twice.
+
+    Example:
+
+      proxops evaluate --controllers mpc --transits 50 --seed 10000 --out out/mpc
+    """
+    names = [name.strip() for name in controllers.split(",") if name.strip()]
+    if not names or len(set(names)) != len(names):
+        raise InputError(f"--controllers {controllers!r} must name each controller once")
+    check_folder(out)
+    wanted = load_scenario(scenario, settings or [])
+    flights = {name: transit_flights(wanted, name, seed, transits) for name in names}
+    columns = (
+        TextColumn("flying"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeRemainingColumn(),
+        TextColumn("{task.description}"),
+    )
+    with Progress(*columns, console=status, transient=True) as bar:
+        task = bar.add_task("", total=len(names) * transits)
+        failures = 0
+
+        def tell(row: dict) -> None:
+            nonlocal failures
+            failures += not row["success"]
+            bar.update(task, advance=1, description=f"{failures} without success")
+
+        everything = [flight for group in flights.values() for flight in group]
+        rows = run_campaign(
+            everything,
+            out / "flights",
+            keep_logs=keep_logs,
+            workers=workers,
+            scheduler=scheduler,
+            progress=tell,
+        )
+    results = {
+        name: aggregate(rows[k * transits : (k + 1) * transits]) for k, name in enumerate(names)
+    }
+    write_json(out / "results.json", results)
+    _print(results, seed)
+    status.print(f"Wrote {out / 'results.json'}")
+
+
+def _print(results: dict, seed: int) -> None:
+    table = Table(title=f"transits of seed {seed}", title_justify="left")
+    names = ["controller", "success", "95 % interval", "collisions", "keep-out violations"]
+    names += ["end error, median and max (m)", "delta-v (m/s)", "arrival (s)", "MPC step (ms)"]
+    for name in names:
+        table.add_column(name, justify="left" if name == "controller" else "right")
+    for name, result in results.items():
+        low, high = result["success_rate_interval"]
+        table.add_row(
+            name,
+            f"{round(result['success_rate'] * result['transits'])} of {result['transits']}",
+            f"{100 * low:.1f} to {100 * high:.1f} %",
+            str(result["collisions"]),
+            str(result["keep_out_violations"]),
+            f"{_text(result['terminal_position_error_m_median'])}, "
+            f"{_text(result['terminal_position_error_m_max'])}",
+            _text(result["delta_v_m_s_median"]),
+            _text(result["arrival_time_s_median"], ".0f"),
+            _text(result["control_ms_median"]),
+        )
+    console.print(table)
+
+
+def _text(value: float | None, form: str = ".1f") -> str:
+    return "–" if value is None else format(value, form)

@@ -1,0 +1,146 @@
+"""`proxops fly`: one flight, logged and replayable."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+from proxops.cli.common import check_folder, make_folder, print_rows, status, write_json
+from proxops.diagrams.flight_log import FlightLog, differences
+from proxops.diagrams.replay import write_replay
+from proxops.diagrams.scenario import load_scenario
+from proxops.diagrams.simulation import fly
+from proxops.systems.errors import InputError
+
+def fly_command(
+    scenario: Annotated[
+        Path | None, typer.Argument(help="Scenario file (YAML). Default: Kleopatra.")
+    ] = None,
+    controller: Annotated[
+        str, typer.Option(help="mpc, zero, or MODULE:FACTORY for your own.")
+    ] = "mpc",
+    seed: Annotated[int | None, typer.Option(help="Seed of the set of transits.")] = None,
+    transit: Annotated[int | None, typer.Option(help="Number of the transit in the set.")] = None,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option("--set", help="Change a scenario value: key.subkey=value. Repeatable."),
+    ] = None,
+    out: Annotated[Path, typer.Option(help="Folder for flight.nc, summary.json, replay.html.")] = (
+        Path("out/flight")
+    ),
+    log_file: Annotated[
+        Path | None, typer.Option("--from", help="Repeat the flight of this flight.nc.")
+    ] = None,
+    meshcat: Annotated[bool, typer.Option(help="Serve the flight live in a browser.")] = False,
+) -> None:
+    """Fly one transit; write flight.nc, summary.json and replay.html.
+
+    Examples:
+
+      proxops fly
+
+      proxops fly --transit 1 --set spacecraft.mass_kg=120 --out out/heavy
+
+      proxops fly --from out/heavy/flight.nc --out out/again
+    """
+    check_folder(out)
+    server = None
+    if meshcat:
+        from proxops.diagrams.live_view import start_server
+
+        server = start_server()
+        status.print(f"Meshcat is at {server.web_url()}")
+    if log_file is not None:
+        if scenario is not None or settings or seed is not None or transit is not None:
+            raise InputError("--from repeats a flight as it was: give no scenario or settings")
+        original = FlightLog.load(log_file)
+        with _progress_bar() as progress:
+            log = fly(
+                original.scenario,
+                original.dataset.attrs["controller"],
+                meshcat=server,
+                progress=progress,
+                body=original.body,
+            )
+        _save(log, out)
+        changed = differences(original, log)
+        if changed:
+            status.print(f"The flight differs from its log in: {', '.join(changed)}")
+            raise typer.Exit(1)
+        status.print(f"The flight repeats {log_file} bit for bit.")
+    else:
+        overrides = list(settings or [])
+        if seed is not None:
+            overrides.append(f"transit.seed={seed}")
+        if transit is not None:
+            overrides.append(f"transit.index={transit}")
+        wanted = load_scenario(scenario, overrides)
+        with _progress_bar() as progress:
+            log = fly(wanted, controller, meshcat=server, progress=progress)
+        _save(log, out)
+    if server is not None:
+        status.print("Press Ctrl-C to end.")
+        with contextlib.suppress(KeyboardInterrupt):
+            _wait_for_ever()
+
+
+def _save(log: FlightLog, out: Path) -> None:
+    summary = log.summary
+    make_folder(out)
+    log.to_netcdf(out / "flight.nc")
+    write_json(out / "summary.json", summary)
+    write_replay(log, out / "replay.html")
+    print_rows(f"{log.body.config.name}, {summary['controller']}", _table(log, summary))
+    status.print(f"Wrote flight.nc, summary.json and replay.html in {out}")
+
+
+def _table(log: FlightLog, summary: dict[str, Any]) -> list[tuple[str, str]]:
+    flown = float(log.dataset["time"].values[-1])
+    arrival = summary["arrival_time_s"]
+    rows = [
+        ("transit", f"{summary['transit']} of seed {summary['seed']}"),
+        ("success", "yes" if summary["success"] else "no"),
+        ("collision", "yes" if summary["collided"] else "no"),
+        ("keep-out violations", str(summary["keep_out_violations"])),
+        ("least clearance of the keep-out", f"{summary['min_clearance_m'] / 1e3:.2f} km"),
+        ("arrival", "never" if arrival is None else f"{arrival:.0f} s"),
+        ("position error at the end", f"{summary['terminal_position_error_m']:.2f} m"),
+        ("speed at the end", f"{summary['terminal_speed_m_s']:.3f} m/s"),
+        ("delta-v to arrival", f"{summary['delta_v_m_s']:.1f} m/s"),
+        ("delta-v of the hold", f"{summary['hold_delta_v_m_s']:.1f} m/s"),
+        ("control steps", str(summary["steps"])),
+        ("MPC solves", str(summary["mpc_solves"])),
+    ]
+    if summary["control_ms_median"] is not None:
+        median, p99 = summary["control_ms_median"], summary["control_ms_p99"]
+        rows.append(("MPC step, median and p99", f"{median:.1f} ms, {p99:.1f} ms"))
+    rows.append(("simulated", f"{flown:.0f} s in {summary['wall_s']:.1f} s"))
+    rows.append(("speed against real time", f"{flown / summary['wall_s']:.0f} x"))
+    return rows
+
+
+@contextlib.contextmanager
+def _progress_bar() -> Iterator[Any]:
+    columns = (TextColumn("flying"), BarColumn(), TextColumn("{task.description}"))
+    with Progress(*columns, TimeElapsedColumn(), console=status, transient=True) as bar:
+        task = bar.add_task("", total=1.0)
+        shown = 0.0
+
+        def tell(now: float, latest: float) -> None:
+            nonlocal shown
+            if now - shown >= 100.0 or now < shown:
+                shown = now
+                bar.update(task, completed=now / latest, description=f"{now:.0f} s")
+
+        yield tell
+
+
+def _wait_for_ever() -> None:
+    while True:
+        time.sleep(1.0)

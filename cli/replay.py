@@ -1,0 +1,30 @@
+"""`proxops replay`: a flight log as a page that plays offline."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from proxops.cli.common import check_folder, make_folder, status
+from proxops.diagrams.flight_log import FlightLog
+from proxops.diagrams.replay import write_replay
+
+
+def replay_command(
+    log_file: Annotated[Path, typer.Argument(help="A flight.nc.")],
+    out: Annotated[Path | None, typer.Option(help="HTML file. Default: beside the log.")] = None,
+) -> None:
+    """Make the replay page of a flight log.
+
+    Example:
+
+      proxops replay out/flight/flight.nc --out flight.html
+    """
+    path = out or log_file.with_name("replay.html")
+    check_folder(path.parent)
+    log = FlightLog.load(log_file)
+    make_folder(path.parent)
+    write_replay(log, path)
+    status.print(f"Wrote {path}")

@@ -1,0 +1,175 @@
+"""Many flights: in parallel with Dask, durable one by one, resumable at any point."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses as dc
+import functools
+import json
+import os
+import typing
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
+from proxops.diagrams.body import load_body
+from proxops.diagrams.flight_log import write_whole
+from proxops.diagrams.scenario import Scenario, dump_scenario, parse_scenario
+from proxops.diagrams.simulation import fly
+from proxops.systems.errors import InputError
+
+Row = dict[str, typing.Any]
+
+
+@dc.dataclass(frozen=True)
+class Flight:
+    """One flight of a campaign, as text, so that it can be sent to any worker."""
+
+    name: str
+    """Of its files, unique in the campaign."""
+    scenario: str
+    """YAML of the whole scenario."""
+    controller: str
+    """As `named_controller` knows it."""
+
+
+def transit_flights(scenario: Scenario, controller: str, seed: int, count: int) -> list[Flight]:
+    """Flights of transits 0 … count - 1 of a seed by one controller."""
+    label = "".join(letter if letter.isalnum() else "-" for letter in controller)
+    flights = []
+    for index in range(count):
+        transit = dc.replace(scenario.transit, seed=seed, index=index, start_m=None, goal_m=None)
+        text = dump_scenario(dc.replace(scenario, transit=transit))
+        flights.append(Flight(f"{label}-{seed}-{index:05d}", text, controller))
+    return flights
+
+
+def run_campaign(
+    flights: Sequence[Flight],
+    folder: Path,
+    *,
+    keep_logs: bool = False,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    progress: Callable[[Row], None] | None = None,
+) -> list[Row]:
+    """Flies what has not been flown yet and returns every flight's summary, in order.
+
+    A flight's summary is written to `folder`/NAME.json, and its log to NAME.nc before, when it is
+    over; a file that exists is whole. A campaign that was interrupted, by Ctrl-C or `kill -9`,
+    goes on where it stopped when it is run again.
+
+    Args:
+      folder: made if it does not exist.
+      keep_logs: writes the logs too.
+      workers: processes on this machine; None: one for each core. 1 flies in this process.
+      scheduler: address of a Dask scheduler whose workers fly instead; they need proxops, and
+        `folder` under the same path.
+      progress: is called with the summary of each flight that is over, earlier ones first.
+
+    Raises:
+      InputError: the folder cannot be written, or holds other flights under the same names.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"cannot make the folder {folder}: {error.strerror}") from error
+    rows: dict[str, Row] = {}
+    todo = []
+    for flight in flights:
+        row = _finished(flight, folder, keep_logs)
+        if row is None:
+            todo.append(flight)
+        else:
+            rows[flight.name] = row
+            if progress is not None:
+                progress(row)
+    workers = min(workers or os.cpu_count() or 1, len(todo))
+    with contextlib.closing(_results(todo, folder, keep_logs, workers, scheduler)) as results:
+        for name, row in results:
+            rows[name] = row
+            if progress is not None:
+                progress(row)
+    return [rows[flight.name] for flight in flights]
+
+
+def _results(
+    flights: Sequence[Flight], folder: Path, keep_logs: bool, workers: int, scheduler: str | None
+) -> Iterator[tuple[str, Row]]:
+    """Name and summary of each flight as it ends."""
+    if scheduler is None and workers <= 1:
+        for flight in flights:
+            yield flight.name, _fly_one(flight, folder, keep_logs)
+        return
+    from dask.distributed import as_completed  # Slow to import: only when it is needed.
+
+    with _client(workers, scheduler) as client:
+        futures = [
+            client.submit(_fly_one, flight, folder.resolve(), keep_logs, key=flight.name, pure=False)
+            for flight in flights
+        ]
+        names = {future.key: flight.name for future, flight in zip(futures, flights, strict=True)}
+        done = as_completed(futures)
+        del futures
+        for future in done:
+            yield names[future.key], future.result()
+            future.release()
+
+
+@contextlib.contextmanager
+def _client(workers: int, scheduler: str | None):
+    import dask
+    from dask.distributed import Client, LocalCluster
+
+    if scheduler is not None:
+        try:
+            client = Client(scheduler, timeout="10s")
+        except (OSError, ValueError, TimeoutError) as error:
+            raise InputError(f"no Dask scheduler answers at {scheduler}: {error}") from error
+        with client:
+            yield client
+        return
+    # One flight is one thread's work; more threads would only get in each other's way.
+    single = {"OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    settings = {
+        "distributed.worker.multiprocessing-method": "spawn",
+        "distributed.nanny.pre-spawn-environ": single,
+        # A worker that is killed is replaced, and its flight flown again.
+        "distributed.scheduler.allowed-failures": 3,
+    }
+    with (
+        dask.config.set(settings),
+        LocalCluster(
+            n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=None
+        ) as cluster,
+        Client(cluster) as client,
+    ):
+        yield client
+
+
+def _fly_one(flight: Flight, folder: Path, keep_logs: bool) -> Row:
+    scenario = parse_scenario(flight.scenario)
+    log = fly(scenario, flight.controller, body=_body(scenario.body))
+    if keep_logs:
+        log.to_netcdf(folder / f"{flight.name}.nc")
+    row = log.summary
+    text = json.dumps({"flight": dc.asdict(flight), "summary": row})
+    write_whole(folder / f"{flight.name}.json", lambda path: path.write_text(text))
+    return row
+
+
+# A body is a campaign's one large thing: loaded once in each worker.
+_body = functools.lru_cache(maxsize=1)(load_body)
+
+
+def _finished(flight: Flight, folder: Path, keep_logs: bool) -> Row | None:
+    """The summary of a flight that is over, or None."""
+    path = folder / f"{flight.name}.json"
+    if not path.is_file() or (keep_logs and not (folder / f"{flight.name}.nc").is_file()):
+        return None
+    content = json.loads(path.read_text())
+    if content["flight"] != dc.asdict(flight):
+        raise InputError(
+            f"{path} is of a flight with another scenario or controller: "
+            "give another output folder, or remove that one"
+        )
+    return content["summary"]

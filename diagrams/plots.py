@@ -1,0 +1,200 @@
+"""Plots of flight logs, in km, N and minutes, with plain matplotlib and no display.
+
+Each `plot_…` draws on the axes given; `plot_flight` puts them together into one figure. Whoever
+wants a file calls the figure's `savefig`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.figure import Figure
+from matplotlib.image import AxesImage
+from matplotlib.lines import Line2D
+from matplotlib.patches import Ellipse
+
+from proxops.diagrams.body import Body
+from proxops.diagrams.flight_log import FlightLog, dense_positions
+from proxops.diagrams.meshcat_scene import WHO_FLIES
+from proxops.systems.ellipsoid import clearances
+
+_KM = 1e3
+_MINUTE = 60.0
+_BODY = "#b5aea4"
+_KEEP_OUT = "#5577bb"
+_GOAL = "#128a3a"
+_LIMIT = "#b03030"
+_LINE = "#33415c"
+_AXIS = {"x": 0, "y": 1, "z": 2}
+
+
+def plot_flight(log: FlightLog) -> Figure:
+    """The whole flight on one page.
+
+    The path in three projections; distance to the goal, speed and clearance over time; the force
+    along each axis over time, with the limits.
+    """
+    figure = Figure(figsize=(13.0, 10.5), layout="constrained")
+    grid = figure.subplots(3, 3, height_ratios=[1.5, 1.0, 1.0])
+    for ax, plane in zip(grid[0], ("xy", "xz", "yz"), strict=True):
+        plot_path(ax, log, plane)
+    for ax, plot in zip(grid[1], (plot_distance, plot_speed, plot_clearance), strict=True):
+        plot(ax, log)
+    for ax, axis in zip(grid[2], "xyz", strict=True):
+        plot_force(ax, log, axis)
+    figure.legend(handles=_legend(log), loc="outside lower center", ncols=8, frameon=False)
+    summary = log.summary
+    transit = f"seed {summary['seed']}, transit {summary['transit']}"
+    figure.suptitle(f"{log.body.config.name}: {summary['controller']}, {transit}")
+    return figure
+
+
+def plot_path(ax: Axes, log: FlightLog, plane: str = "xy") -> None:
+    """The path in K projected on the plane "xy", "xz" or "yz", in the colours of who flies.
+
+    With it the body's silhouette, the outline of the keep-out ellipsoid, start and goal.
+    """
+    across, up = (_AXIS[letter] for letter in plane)
+    positions = log.dataset["state"].values[:, :3] / _KM
+    goal = log.dataset["target"].values[-1, :3] / _KM
+    draw_body(ax, log.body, plane)
+    flat = positions[:, [across, up]]
+    segments = np.stack([flat[:-1], flat[1:]], axis=1)
+    colours = [_colour(who) for who in log.dataset["decision"].values[:-1]]
+    ax.add_collection(LineCollection(list(segments), colors=colours, linewidths=2.0, zorder=3))
+    ax.plot(*flat[0], "o", color="black", markersize=5, zorder=4)
+    ax.plot(goal[across], goal[up], "*", color=_GOAL, markersize=13, zorder=4)
+    reach = max(
+        np.abs(positions).max(), np.abs(goal).max(), log.body.keep_out_semi_axes.max() / _KM
+    )
+    ax.set_xlim(-1.08 * reach, 1.08 * reach)
+    ax.set_ylim(-1.08 * reach, 1.08 * reach)
+    ax.set_aspect("equal")
+    ax.set_xlabel(f"{plane[0]} (km)")
+    ax.set_ylabel(f"{plane[1]} (km)")
+    ax.grid(alpha=0.25)
+
+
+def draw_body(ax: Axes, body: Body, plane: str = "xy") -> None:
+    """The silhouettes of the body and of its keep-out ellipsoid, in km, seen along an axis."""
+    across, up = (_AXIS[letter] for letter in plane)
+    triangles = body.shape.vertices[body.shape.facets][:, :, [across, up]] / _KM
+    # The same colour inside and on the edges makes one shape of all facets, bent bodies too.
+    ax.add_collection(
+        PolyCollection(
+            list(triangles), facecolors=_BODY, edgecolors=_BODY, linewidths=0.5, rasterized=True
+        )
+    )
+    axes = body.keep_out_semi_axes / _KM
+    ax.add_patch(
+        Ellipse(
+            (0.0, 0.0), 2.0 * axes[across], 2.0 * axes[up],
+            fill=False, edgecolor=_KEEP_OUT, linestyle="--", linewidth=1.2,
+        )
+    )  # fmt: skip
+
+
+def plot_distance(ax: Axes, log: FlightLog) -> None:
+    """Distance to the goal over time, on a logarithmic scale, with the radius of arrival."""
+    data = log.dataset
+    distance = np.linalg.norm((data["state"] - data["target"]).values[:, :3], axis=1) / _KM
+    # A log scale has no zero: a metre is nearer than anything that is flown.
+    ax.semilogy(_minutes(log), np.maximum(distance, 1e-3), color=_LINE)
+    ax.axhline(log.scenario.arrival.radius_m / _KM, color=_GOAL, linestyle="--", linewidth=1.0)
+    _over_time(ax, log, "distance to the goal (km)")
+
+
+def plot_speed(ax: Axes, log: FlightLog) -> None:
+    """Speed relative to K over time, and its greatest component against the limit per axis."""
+    velocity = log.dataset["state"].values[:, 3:]
+    minutes = _minutes(log)
+    ax.plot(minutes, np.linalg.norm(velocity, axis=1), color=_LINE, label="speed")
+    ax.plot(
+        minutes, np.abs(velocity).max(axis=1), color=_LINE, alpha=0.5, linewidth=1.0,
+        label="greatest component",
+    )  # fmt: skip
+    limit = log.scenario.spacecraft.speed_limit_m_s
+    ax.axhline(limit, color=_LIMIT, linestyle="--", linewidth=1.0)
+    ax.set_ylim(bottom=0.0)
+    ax.legend(fontsize="small", frameon=False)
+    _over_time(ax, log, "speed (m/s)")
+
+
+def plot_clearance(ax: Axes, log: FlightLog) -> None:
+    """Euclidean distance to the keep-out ellipsoid over time; inside it is negative."""
+    times, states = log.dataset["time"].values, log.dataset["state"].values
+    clearance = clearances(log.body.keep_out_semi_axes, dense_positions(times, states)) / _KM
+    row = np.arange(len(clearance)) / max(1, (len(clearance) - 1)) * (len(times) - 1)
+    minutes = np.interp(row, np.arange(len(times)), times) / _MINUTE
+    ax.plot(minutes, clearance, color=_LINE)
+    inside = np.minimum(clearance, 0.0)
+    ax.fill_between(minutes, inside, 0.0, color=_LIMIT, alpha=0.4, linewidth=0.0)
+    ax.axhline(0.0, color=_KEEP_OUT, linestyle="--", linewidth=1.2)
+    _over_time(ax, log, "keep-out clearance (km)")
+
+
+def plot_force(ax: Axes, log: FlightLog, axis: str) -> None:
+    """The force applied along the axis "x", "y" or "z" of K, with its limits."""
+    # The last row is the end of the flight: no force is applied from there on.
+    force = log.dataset["force"].values[:-1, _AXIS[axis]]
+    minutes = _minutes(log)
+    ax.stairs(force, minutes, baseline=None, color=_LINE, linewidth=1.2)
+    limit = log.scenario.spacecraft.thrust_limit_n
+    for sign in (-1.0, 1.0):
+        ax.axhline(sign * limit, color=_LIMIT, linestyle="--", linewidth=1.0)
+    ax.set_ylim(-1.15 * limit, 1.15 * limit)
+    _over_time(ax, log, f"force along {axis} (N)")
+
+
+def plot_ranges(ax: Axes, frame: np.ndarray) -> AxesImage:
+    """One lidar frame (planes, rays) in m as a picture; rays without a return stay blank."""
+    planes, rays = frame.shape
+    step = 360.0 / rays
+    kilometres = np.ma.masked_invalid(frame / _KM)
+    image = ax.imshow(
+        kilometres, aspect="auto", origin="lower", interpolation="nearest", cmap="viridis_r",
+        extent=(-step / 2.0, 360.0 - step / 2.0, -0.5, planes - 0.5),
+    )  # fmt: skip
+    ax.set_facecolor("#eeeeee")
+    ax.set_xlabel(f"angle in the plane (degrees), {rays} rays")
+    ax.set_ylabel("plane")
+    ax.set_xticks(np.arange(0, 361, 60))
+    figure = ax.get_figure()
+    if figure is not None and kilometres.count():
+        figure.colorbar(image, ax=ax, label="range (km)", fraction=0.05, pad=0.02)
+    return image
+
+
+def _minutes(log: FlightLog) -> np.ndarray:
+    return log.dataset["time"].values / _MINUTE
+
+
+def _over_time(ax: Axes, log: FlightLog, label: str) -> None:
+    arrival = float(log.dataset.attrs["arrival_time_s"])
+    if np.isfinite(arrival):
+        ax.axvline(arrival / _MINUTE, color=_GOAL, linewidth=1.0)
+    ax.set_xlabel("time (min)")
+    ax.set_ylabel(label)
+    ax.margins(x=0.01)
+    ax.grid(alpha=0.25)
+
+
+def _colour(who: float) -> tuple[float, float, float]:
+    return WHO_FLIES.get(int(who), WHO_FLIES[0])[1]
+
+
+def _legend(log: FlightLog) -> list[Line2D]:
+    """What the colours and dashes mean, those that fly in this log only."""
+    handles = []
+    for who in sorted({int(value) for value in log.dataset["decision"].values[:-1]}):
+        name = log.dataset.attrs["controller"] if who == 0 else WHO_FLIES.get(who, WHO_FLIES[0])[0]
+        handles.append(Line2D([], [], color=_colour(who), linewidth=2.0, label=f"{name} flies"))
+    return [
+        *handles,
+        Line2D([], [], color="black", marker="o", linestyle="", label="start"),
+        Line2D([], [], color=_GOAL, marker="*", markersize=11, linestyle="", label="goal"),
+        Line2D([], [], color=_GOAL, linewidth=1.0, label="arrival"),
+        Line2D([], [], color=_KEEP_OUT, linestyle="--", label="keep-out ellipsoid"),
+        Line2D([], [], color=_LIMIT, linestyle="--", label="limit"),
+    ]

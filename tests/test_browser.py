@@ -1,0 +1,129 @@
+"""A replay as a browser shows it. Needs Chromium: `pytest -m browser`."""
+
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+from synthetic_log import synthetic_log
+
+from proxops.diagrams.replay import write_replay
+
+pytestmark = pytest.mark.browser
+
+WIDTH, HEIGHT = 960, 640
+# The body is grey: its channels lie near each other, and it is brighter than space.
+GREY_SPREAD, GREY_LEAST = 0.12, 0.2
+FLAGS = [
+    "--headless=new",
+    # Draws WebGL on the processor, so that no graphics card is needed.
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    # Chromium's sandbox does not start for root, as whom containers run.
+    "--no-sandbox",
+    "--disable-gpu-sandbox",
+    "--disable-dev-shm-usage",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--no-first-run",
+    # The page has to do without a network.
+    "--host-resolver-rules=MAP * ~NOTFOUND",
+    "--hide-scrollbars",
+    "--enable-logging=stderr",
+    "--v=0",
+    f"--window-size={WIDTH},{HEIGHT}",
+]
+
+
+def browser() -> str:
+    names = ("chromium", "chromium-browser", "google-chrome")
+    found = next((path for name in names if (path := shutil.which(name))), None)
+    if found is None:
+        pytest.fail(f"this test needs one of {', '.join(names)} on the PATH; install Chromium")
+    return found
+
+
+def photograph(page: Path, picture: Path, profile: Path, seconds: float) -> str:
+    """Takes a picture of the page after so many seconds of its own time; returns the log."""
+    done = subprocess.run(
+        [
+            browser(),
+            *FLAGS,
+            f"--user-data-dir={profile}",
+            f"--virtual-time-budget={seconds * 1e3:.0f}",
+            f"--screenshot={picture}",
+            page.as_uri(),
+        ],
+        capture_output=True,
+        text=True,
+        errors="replace",
+        timeout=240,
+        check=False,
+    )
+    assert picture.is_file(), done.stderr
+    return done.stderr
+
+
+def channels(image: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Red, green and blue, with the legend blacked out: its dots have the scene's colours."""
+    scene = image.copy()
+    scene[HEIGHT - 80 :, : WIDTH // 2] = 0.0
+    return scene[:, :, 0], scene[:, :, 1], scene[:, :, 2]
+
+
+@pytest.fixture(scope="module")
+def shown(tmp_path_factory: pytest.TempPathFactory) -> tuple[np.ndarray, np.ndarray, str]:
+    """Pictures (H, W, 3) in [0, 1] early and late in the replay, and what the console said."""
+    folder = tmp_path_factory.mktemp("browser")
+    page = folder / "replay.html"
+    write_replay(synthetic_log(), page)
+    images, said = [], ""
+    for seconds in (8.0, 20.0):
+        picture = folder / f"{seconds:.0f}.png"
+        said += photograph(page, picture, folder / "profile", seconds)
+        images.append(imread(picture)[:, :, :3])
+    return images[0], images[1], said
+
+
+def test_console_has_no_errors(shown: tuple[np.ndarray, np.ndarray, str]) -> None:
+    # Chromium logs `[…:INFO:CONSOLE:12] "message", source: …`; page errors are worded so.
+    lines = [line for line in shown[2].splitlines() if "CONSOLE" in line]
+    bad = [line for line in lines if re.search(r"ERROR|[Ee]rror|Uncaught", line)]
+    assert not bad, "\n".join(bad)
+
+
+def test_body_is_lit_against_the_dark(shown: tuple[np.ndarray, np.ndarray, str]) -> None:
+    image = shown[1]
+    middle = image[HEIGHT // 4 : 3 * HEIGHT // 4, WIDTH // 4 : 3 * WIDTH // 4]
+    grey = (np.ptp(middle, axis=2) < GREY_SPREAD) & (middle.mean(axis=2) > GREY_LEAST)
+    assert grey.mean() > 0.2
+    assert np.std(middle[grey]) > 0.05  # relief
+    corner = image[: HEIGHT // 10, : WIDTH // 10]
+    assert corner.mean() < 0.06
+    assert len(np.unique((image * 255).astype(int).reshape(-1, 3), axis=0)) > 1000
+
+
+def test_path_grows_while_it_plays(shown: tuple[np.ndarray, np.ndarray, str]) -> None:
+    def coloured(image: np.ndarray) -> tuple[int, int]:
+        red, green, blue = channels(image)
+        policy = (red > 0.6) & (green > 0.3) & (green < 0.75) & (blue < 0.3) & (red - green > 0.2)
+        mpc = (blue > 0.7) & (red < 0.45) & (green > 0.3)
+        return int(policy.sum()), int(mpc.sum())
+
+    early, late = (coloured(image) for image in shown[:2])
+    assert late[0] > 1.5 * early[0] > 0
+    assert late[1] > 1.5 * early[1]
+    assert late[1] > 50
+
+
+def test_returns_thrust_and_goal_are_seen(shown: tuple[np.ndarray, np.ndarray, str]) -> None:
+    red, green, blue = channels(shown[0])
+    returns = (red > 0.6) & (green < 0.4) & (blue < 0.55) & (red - green > 0.35)
+    thrust = (red > 0.5) & (green > 0.8 * red) & (green < 1.05 * red) & (blue < 0.6 * red)
+    goal = (green > 0.4) & (red < 0.65 * green) & (blue < 0.75 * green)
+    for mask in (returns, thrust, goal):
+        assert mask.sum() > 20

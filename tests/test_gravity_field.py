@@ -1,0 +1,532 @@
+"""Polyhedral gravity against closed forms, a plain implementation, and the laws it must obey."""
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from plain_polyhedral_gravity import G, PlainPolyhedralGravity, box, star_shaped
+
+from proxops.assets import asset_path
+from proxops.diagrams.body import load_body
+from proxops.systems.errors import InputError
+from proxops.systems.gravity_field import GRAVITATIONAL_CONSTANT, GravityField
+from proxops.systems.polyhedron import Polyhedron
+
+DENSITY = 2000.0
+G_RHO = G * DENSITY
+seeds = st.integers(0, 2**32 - 1)
+few = settings(max_examples=15, deadline=None)
+
+
+def field_of(mesh: trimesh.Trimesh, density: float = DENSITY) -> GravityField:
+    return GravityField(Polyhedron.from_trimesh(mesh, "m"), density=density)
+
+
+def relative(value: np.ndarray, reference: np.ndarray) -> float:
+    """Greatest relative difference over rows, each row's norm its scale."""
+    value, reference = (np.asarray(a).reshape(len(reference), -1) for a in (value, reference))
+    error = np.linalg.norm((value - reference).astype(float), axis=1)
+    return float((error / np.linalg.norm(reference.astype(float), axis=1)).max())
+
+
+def surface_points(
+    mesh: trimesh.Trimesh, count: int, seed: int = 1
+) -> tuple[np.ndarray, np.ndarray]:
+    """Points (N, 3) on the surface, at least a little off the edges, and their facets (N,)."""
+    rng = np.random.default_rng(seed)
+    facet = rng.integers(0, len(mesh.faces), count)
+    weight = 0.05 + 0.85 * rng.dirichlet([1.0, 1.0, 1.0], count)
+    weight /= weight.sum(axis=1, keepdims=True)
+    return np.einsum("nc,nci->ni", weight, np.asarray(mesh.triangles)[facet]), facet
+
+
+@pytest.fixture(scope="module")
+def kleopatra():
+    return load_body("kleopatra")
+
+
+@pytest.fixture(scope="module")
+def kleopatra_mesh(kleopatra) -> trimesh.Trimesh:
+    return kleopatra.shape.to_trimesh()
+
+
+@pytest.fixture(scope="module")
+def kleopatra_extended(kleopatra) -> PlainPolyhedralGravity:
+    shape = kleopatra.shape
+    return PlainPolyhedralGravity(
+        shape.vertices, shape.facets, kleopatra.gravity_field.density, np.longdouble
+    )
+
+
+# --- closed forms ---------------------------------------------------------------------------------
+
+BOX_LOW, BOX_HIGH = np.array([-1.0, -0.7, -0.4]), np.array([1.2, 0.5, 0.9])
+
+
+def box_field(points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Field of the box over G rho: MacMillan, The Theory of the Potential (1930), sec. 43.
+
+    log(z + r) is written asinh(z / hypot(x, y)): the rest cancels between the two ends in z. On
+    faces the gradient is the mean of both sides; on edges it is infinite and here without meaning.
+    """
+    potential = np.zeros(len(points))
+    acceleration, gradient = np.zeros((len(points), 3)), np.zeros((len(points), 3, 3))
+    for corner in np.ndindex(2, 2, 2):
+        sign = (-1.0) ** (3 - sum(corner))
+        c = np.where(corner, BOX_HIGH, BOX_LOW) - points
+        r = np.linalg.norm(c, axis=1)
+        for k in range(3):
+            i, j = (k + 1) % 3, (k + 2) % 3
+            across = np.hypot(c[:, i], c[:, j])
+            log = np.arcsinh(c[:, k] / np.maximum(across, 1e-150))
+            angle = np.sign(c[:, k]) * np.arctan2(c[:, i] * c[:, j], np.abs(c[:, k]) * r)
+            potential += sign * (c[:, i] * c[:, j] * log - 0.5 * c[:, k] ** 2 * angle)
+            acceleration[:, i] -= sign * c[:, j] * log
+            acceleration[:, j] -= sign * c[:, i] * log
+            acceleration[:, k] += sign * c[:, k] * angle
+            gradient[:, k, k] -= sign * angle
+            gradient[:, i, j] += sign * log
+            gradient[:, j, i] += sign * log
+    return potential, acceleration, gradient
+
+
+@pytest.fixture(scope="module")
+def box_gravity() -> GravityField:
+    return GravityField(Polyhedron(*box(BOX_LOW, BOX_HIGH)), density=DENSITY)
+
+
+def test_constant_is_codata() -> None:
+    assert GRAVITATIONAL_CONSTANT == G
+
+
+def test_box_in_space(box_gravity: GravityField) -> None:
+    points = np.random.default_rng(0).uniform(-3.0, 3.0, (500, 3))
+    field = box_gravity.evaluate(points)
+    for value, reference in zip(field[:3], box_field(points), strict=True):
+        assert relative(value, G_RHO * reference) < 2e-13
+    np.testing.assert_array_equal(
+        field.inside, ((points > BOX_LOW) & (points < BOX_HIGH)).all(axis=1)
+    )
+
+
+def test_box_at_vertices_edges_and_faces(box_gravity: GravityField) -> None:
+    """All 26 places on the surface where a coordinate is at a limit, and off-centre ones."""
+    at = np.array([place for place in np.ndindex(3, 3, 3) if place != (1, 1, 1)]) / 2.0
+    shifted = np.where(at == 0.5, 0.37, at)
+    at = np.concatenate([at, shifted])
+    points = BOX_LOW * (1 - at) + BOX_HIGH * at
+    field = box_gravity.evaluate(points)
+    potential, acceleration, gradient = box_field(points)
+    assert relative(field.potential, G_RHO * potential) < 1e-13
+    assert relative(field.acceleration, G_RHO * acceleration) < 1e-13
+    assert np.isfinite(field.gradient).all()
+    face = np.isin(at, [0.0, 1.0]).sum(axis=1) == 1
+    assert relative(field.gradient[face], G_RHO * gradient[face]) < 1e-13
+    np.testing.assert_allclose(
+        np.trace(field.gradient[face], axis1=1, axis2=2), -2 * np.pi * G_RHO, rtol=1e-13
+    )
+
+
+def test_cube_at_centre_and_corner() -> None:
+    """Waldvogel (1976): 3 log((sqrt 3 + 1)/(sqrt 3 - 1)) - pi/2 at the centre, half at a corner."""
+    field = GravityField(Polyhedron(*box(np.zeros(3), np.ones(3))), density=DENSITY)
+    result = field.evaluate(np.array([[0.5, 0.5, 0.5], [0.0, 0.0, 0.0], [1.0, 0.0, 1.0]]))
+    root = np.sqrt(3.0)
+    centre = G_RHO * (3 * np.log((root + 1) / (root - 1)) - np.pi / 2)
+    np.testing.assert_allclose(result.potential, [centre, centre / 2, centre / 2], rtol=2e-14)
+    np.testing.assert_allclose(result.acceleration[0], 0.0, atol=1e-15 * G_RHO)
+
+
+def test_icospheres_converge_to_the_sphere() -> None:
+    """The error falls by four with each subdivision, inside and outside."""
+    points = np.array([[0.3, -0.2, 0.1], [0.0, 0.0, 0.5], [1.4, 0.2, -0.3], [3.0, -4.0, 1.0]])
+    r = np.linalg.norm(points, axis=1)
+    inside = r < 1.0
+    mean = 4 / 3 * np.pi * G_RHO
+    potential = np.where(inside, mean * (1.5 - r**2 / 2), mean / r)
+    acceleration = -mean * points * np.where(inside, 1.0, r**-3)[:, None]
+    errors = []
+    for subdivisions in (1, 2, 3, 4):
+        field = field_of(trimesh.creation.icosphere(subdivisions)).evaluate(points)
+        np.testing.assert_array_equal(field.inside, inside)
+        errors.append(
+            (relative(field.potential, potential), relative(field.acceleration, acceleration))
+        )
+    ratios = np.array(errors[:-1]) / np.array(errors[1:])
+    assert ((ratios > 3.5) & (ratios < 4.6)).all(), ratios
+    assert max(errors[-1]) < 4e-3
+
+
+# --- far away -------------------------------------------------------------------------------------
+
+
+def test_far_field_of_a_box(box_gravity: GravityField) -> None:
+    """MacCullagh's formula; the next term of a box is of the fourth degree."""
+    centre, half = (BOX_LOW + BOX_HIGH) / 2, (BOX_HIGH - BOX_LOW) / 2
+    gm = G_RHO * np.prod(2 * half)
+    rng = np.random.default_rng(2)
+    direction = rng.normal(size=(60, 3))
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    r = 10.0 ** rng.uniform(4, 9, 60)
+    moment = np.diag(half**2 / 3)
+    level = np.einsum("ni,ij,nj->n", direction, moment, direction)
+    excess = (3 * level - np.trace(moment)) / (2 * r**2)
+    slope = 3 * direction @ moment - 1.5 * direction * (5 * level - np.trace(moment))[:, None]
+    field = box_gravity.evaluate(centre + r[:, None] * direction)
+    # The position itself is rounded to 1e-16 of r; no more is lost.
+    assert relative(field.potential, gm / r * (1 + excess)) < 2e-13
+    expected = gm / r[:, None] ** 2 * (-direction + slope / r[:, None] ** 2)
+    assert relative(field.acceleration, expected) < 2e-13
+    monopole = (
+        gm / r[:, None, None] ** 3 * (3 * direction[:, :, None] * direction[:, None] - np.eye(3))
+    )
+    assert relative(field.gradient, monopole) < 1e-6
+    assert not field.inside.any()
+
+
+@pytest.mark.parametrize("distance", [12.0, 1e2, 1e3, 1e4, 1e6])
+def test_icosahedral_symmetry_far_away(distance: float) -> None:
+    """Of an icosphere's field all that is not a point mass's is of the sixth degree."""
+    field = field_of(trimesh.creation.icosphere(1))
+    points = distance * trimesh.creation.icosphere(2).vertices[:30]
+    result = field.evaluate(points)
+    gm = G * field.mass
+    radial = points / distance
+    dyads = 3 * radial[:, :, None] * radial[:, None] - np.eye(3)
+    bound = 2e-13 + 10 * distance**-6.0
+    assert relative(result.potential, np.full(30, gm / distance)) < bound
+    assert relative(result.acceleration, -gm / distance**2 * radial) < bound
+    assert relative(result.gradient, gm / distance**3 * dyads) < 10 * bound
+
+
+def test_far_field_joins_without_a_step(kleopatra, kleopatra_extended) -> None:
+    """Both sides of the switch agree with extended precision, and so with each other."""
+    field, shape = kleopatra.gravity_field, kleopatra.shape
+    radius = np.linalg.norm(shape.vertices, axis=1).max()
+    direction = np.random.default_rng(3).normal(size=(40, 3))
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    points = np.concatenate([radius * share * direction for share in (9.999, 10.001, 20.0)])
+    result = field.evaluate(points)
+    truth = [kleopatra_extended.at(point) for point in points]
+    for index, bound in enumerate((1e-13, 5e-13, 2e-12)):
+        assert relative(result[index], np.array([t[index] for t in truth])) < bound
+
+
+# --- against the plain implementation -------------------------------------------------------------
+
+
+def test_kleopatra_against_the_plain_formula(kleopatra, kleopatra_mesh) -> None:
+    shape, field = kleopatra.shape, kleopatra.gravity_field
+    plain = PlainPolyhedralGravity(shape.vertices, shape.facets, field.density)
+    surface, _ = surface_points(kleopatra_mesh, 300)
+    share = np.exp(np.random.default_rng(4).uniform(np.log(1.0001), np.log(10.0), 300))
+    points = surface * share[:, None]
+    result = field.evaluate(points)
+    reference = [plain.at(point) for point in points]
+    for index in range(3):
+        assert relative(result[index], np.array([r[index] for r in reference])) < 1e-11
+
+
+def test_kleopatra_against_extended_precision(
+    kleopatra, kleopatra_mesh, kleopatra_extended: PlainPolyhedralGravity
+) -> None:
+    surface, _ = surface_points(kleopatra_mesh, 100, seed=5)
+    share = np.exp(np.random.default_rng(5).uniform(np.log(1.0001), np.log(10.0), 100))
+    points = np.concatenate([surface * share[:, None], 0.9 * surface])
+    result = kleopatra.gravity_field.evaluate(points)
+    truth = [kleopatra_extended.at(point) for point in points]
+    for index, bound in enumerate((1e-13, 3e-13, 1e-11)):
+        assert relative(result[index], np.array([t[index] for t in truth])) < bound
+    angle = np.array([t.solid_angle for t in truth], dtype=float)
+    np.testing.assert_array_equal(result.inside, angle > 2 * np.pi)
+
+
+@few
+@given(seeds)
+def test_random_bodies_against_the_plain_formula(seed: int) -> None:
+    mesh = star_shaped(seed, size=1000.0)
+    plain = PlainPolyhedralGravity(mesh.vertices, mesh.faces, DENSITY)
+    surface, facet = surface_points(mesh, 12, seed)
+    normal = np.asarray(mesh.face_normals)[facet]
+    rng = np.random.default_rng(seed)
+    height = 10.0 ** rng.uniform(-1, 3.7, 12)
+    outside = surface + height[:, None] * normal
+    points = np.concatenate([outside, rng.uniform(0.1, 0.9, (12, 1)) * surface])
+    result = field_of(mesh).evaluate(points)
+    reference = [plain.at(point) for point in points]
+    for index in range(3):
+        assert relative(result[index], np.array([r[index] for r in reference])) < 1e-11
+    angle = np.array([r.solid_angle for r in reference])
+    np.testing.assert_array_equal(result.inside, angle > 2 * np.pi)
+
+
+@pytest.mark.parametrize("distance", [10.0, 0.1, 1e-3, 1e-5])
+def test_beside_edges(kleopatra, kleopatra_extended, distance: float) -> None:
+    """Metres to micrometres from edges kilometres long acceleration keeps its digits."""
+    vertices, (edges, _) = kleopatra.shape.vertices, kleopatra.shape.edges
+    rng = np.random.default_rng(6)
+    ends = vertices[edges[rng.integers(0, len(edges), 40)]]
+    share = rng.uniform(0.1, 0.9, (40, 1))
+    away = rng.normal(size=(40, 3))
+    away *= distance / np.linalg.norm(away, axis=1, keepdims=True)
+    points = ends[:, 0] * share + ends[:, 1] * (1 - share) + away
+    result = kleopatra.gravity_field.evaluate(points)
+    truth = [kleopatra_extended.at(point) for point in points]
+    assert relative(result.potential, np.array([t.potential for t in truth])) < 1e-13
+    assert relative(result.acceleration, np.array([t.acceleration for t in truth])) < 1e-12
+    assert np.isfinite(result.gradient).all()
+    if distance >= 0.1:  # Nearer, the reference itself has lost the gradient.
+        assert relative(result.gradient, np.array([t.gradient for t in truth])) < 1e-8
+
+
+# --- laws -----------------------------------------------------------------------------------------
+
+
+def outward_flux(field: GravityField, centre: np.ndarray, radius: float) -> float:
+    """Flux of the acceleration through a sphere: Gauss-Legendre in z, trapezium in azimuth."""
+    z, weight = np.polynomial.legendre.leggauss(48)
+    azimuth = 2 * np.pi * np.arange(96) / 96
+    across = np.sqrt(1 - z**2)
+    normal = np.stack(
+        np.broadcast_arrays(
+            across[:, None] * np.cos(azimuth), across[:, None] * np.sin(azimuth), z[:, None]
+        ),
+        axis=-1,
+    ).reshape(-1, 3)
+    weights = np.repeat(weight, 96) * 2 * np.pi / 96 * radius**2
+    acceleration = field.evaluate(centre + radius * normal).acceleration
+    return float(weights @ np.einsum("ni,ni->n", acceleration, normal))
+
+
+@settings(max_examples=5, deadline=None)
+@given(seeds)
+def test_gauss_law(seed: int) -> None:
+    mesh = star_shaped(seed, subdivisions=1)
+    field = field_of(mesh)
+    radius = np.linalg.norm(mesh.vertices, axis=1).max()
+    total = 4 * np.pi * G * field.mass
+    assert outward_flux(field, np.zeros(3), 2.5 * radius) == pytest.approx(-total, rel=1e-11)
+    assert outward_flux(field, np.array([0.0, 4.0 * radius, 0.0]), 2.0 * radius) == pytest.approx(
+        0.0, abs=1e-11 * total
+    )
+
+
+@few
+@given(seeds)
+def test_derivatives(seed: int) -> None:
+    """Acceleration is the slope of the potential, gradient that of acceleration; Poisson holds."""
+    mesh = star_shaped(seed)
+    field = field_of(mesh)
+    rng = np.random.default_rng(seed)
+    points = surface_points(mesh, 8, seed)[0] * rng.choice([0.3, 0.5, 1.3, 2.0, 8.0, 15.0], (8, 1))
+    result = field.evaluate(points)
+    step = 1e-3 * np.linalg.norm(points, axis=1)
+    for axis in range(3):
+        moves = step[:, None] * np.eye(3)[axis]
+        # Richardson's central difference, of the fourth order.
+        near = [field.evaluate(points + k * moves) for k in (-2, -1, 1, 2)]
+        slope, rise = (
+            (n[0] - 8 * n[1] + 8 * n[2] - n[3]) / (12 * step)
+            for n in ([f.potential for f in near], [f.acceleration.T for f in near])
+        )
+        scale = np.linalg.norm(result.acceleration, axis=1)
+        assert (np.abs(slope - result.acceleration[:, axis]) < 1e-6 * scale).all()
+        scale = np.linalg.norm(result.gradient, axis=(1, 2))
+        assert (np.abs(rise - result.gradient[:, axis].T) < 1e-5 * scale).all()
+    np.testing.assert_array_equal(result.gradient, result.gradient.transpose(0, 2, 1))
+    trace = np.trace(result.gradient, axis1=1, axis2=2)
+    np.testing.assert_allclose(trace, -4 * np.pi * G_RHO * result.inside, atol=1e-12 * G_RHO)
+    assert (result.potential > 0).all()
+    assert (np.einsum("ni,ni->n", result.acceleration, points)[~result.inside] < 0).all()
+
+
+@few
+@given(seeds, st.floats(-3, 9))
+def test_scale_and_rotation(seed: int, magnitude: float) -> None:
+    """A body 10^m times as large has 10^2m the potential; a turned one turns its field."""
+    mesh = star_shaped(seed, subdivisions=1)
+    points = surface_points(mesh, 20, seed)[0] * np.geomspace(0.2, 50.0, 20)[:, None]
+    base = field_of(mesh).evaluate(points)
+    size = 10.0**magnitude
+    turn = trimesh.transformations.random_rotation_matrix(
+        np.random.default_rng(seed).uniform(size=3)
+    )[:3, :3]
+    vertices = size * mesh.vertices @ turn.T
+    result = field_of(trimesh.Trimesh(vertices, mesh.faces, process=False)).evaluate(
+        size * points @ turn.T
+    )
+    assert relative(result.potential, size**2 * base.potential) < 2e-12
+    assert relative(result.acceleration, size * base.acceleration @ turn.T) < 2e-12
+    assert relative(result.gradient, turn @ base.gradient @ turn.T) < 1e-11
+    np.testing.assert_array_equal(result.inside, base.inside)
+
+
+@few
+@given(seeds, arrays(float, 3, elements=st.floats(-5, 5)))
+def test_origin_does_not_matter(seed: int, offset: np.ndarray) -> None:
+    mesh = star_shaped(seed, subdivisions=1)
+    points = surface_points(mesh, 20, seed)[0] * np.geomspace(0.2, 50.0, 20)[:, None]
+    base = field_of(mesh).evaluate(points)
+    moved = trimesh.Trimesh(mesh.vertices + offset, mesh.faces, process=False)
+    result = field_of(moved).evaluate(points + offset)
+    for index in range(3):
+        assert relative(result[index], base[index]) < 1e-11
+
+
+# --- on the surface -------------------------------------------------------------------------------
+
+
+def test_facets_from_both_sides(kleopatra, kleopatra_mesh) -> None:
+    """Potential and acceleration are continuous; the gradient jumps by 4 pi G rho n n^T."""
+    field = kleopatra.gravity_field
+    points, facet = surface_points(kleopatra_mesh, 100, seed=7)
+    normal = np.asarray(kleopatra_mesh.face_normals)[facet]
+    step = 1e-4  # m, on a body of 200 km
+    at = field.evaluate(points)
+    above, below = field.evaluate(points + step * normal), field.evaluate(points - step * normal)
+    assert not above.inside.any()
+    assert below.inside.all()
+    strength = G * field.density
+    for side in (above, below):
+        slack = 2 * step * np.linalg.norm(at.acceleration, axis=1).max()
+        np.testing.assert_allclose(side.potential, at.potential, rtol=1e-13, atol=slack)
+        np.testing.assert_allclose(side.acceleration, at.acceleration, atol=50 * step * strength)
+    np.testing.assert_allclose(
+        above.gradient - below.gradient,
+        4 * np.pi * strength * normal[:, :, None] * normal[:, None],
+        atol=1e-6 * strength,
+    )
+    np.testing.assert_allclose(
+        at.gradient, (above.gradient + below.gradient) / 2, atol=1e-6 * strength
+    )
+    np.testing.assert_allclose(
+        np.trace(at.gradient, axis1=1, axis2=2), -2 * np.pi * strength, rtol=1e-11
+    )
+
+
+def test_vertices_and_edges_of_kleopatra(kleopatra) -> None:
+    """Finite and the limit of what is around, at every vertex and on every edge."""
+    field, shape = kleopatra.gravity_field, kleopatra.shape
+    edges, _ = shape.edges
+    midpoints = shape.vertices[edges].mean(axis=1)
+    thirds = (shape.vertices[edges[:, 0]] + 2 * shape.vertices[edges[:, 1]]) / 3
+    points = np.concatenate([shape.vertices, midpoints, thirds])
+    at = field.evaluate(points)
+    for part in at[:3]:
+        assert np.isfinite(part).all()
+    strength = G * field.density
+    assert np.abs(at.gradient).max() < 200 * strength
+    step = 1e-3
+    for direction in np.concatenate([np.eye(3), -np.eye(3)]):
+        near = field.evaluate(points + step * direction)
+        slack = 2 * step * np.linalg.norm(at.acceleration, axis=1).max()
+        np.testing.assert_allclose(near.potential, at.potential, rtol=1e-13, atol=slack)
+        np.testing.assert_allclose(near.acceleration, at.acceleration, atol=100 * step * strength)
+
+
+def test_plane_and_edge_lines_produced(box_gravity: GravityField) -> None:
+    """Outside, in the planes of facets and on the lines of edges, nothing is singular."""
+    rng = np.random.default_rng(8)
+    limits = np.stack([BOX_LOW, BOX_HIGH])
+    points = rng.uniform(1.5, 4.0, (60, 3)) * rng.choice([-1, 1], (60, 3))
+    for row, point in enumerate(points):
+        for axis in rng.permutation(3)[: 1 + row % 2]:
+            point[axis] = limits[rng.integers(2), axis]
+    result = box_gravity.evaluate(points)
+    for value, reference in zip(result[:3], box_field(points), strict=True):
+        assert relative(value, G_RHO * reference) < 1e-12
+    np.testing.assert_allclose(np.trace(result.gradient, axis1=1, axis2=2), 0.0, atol=1e-13 * G_RHO)
+
+
+# --- batches and bad input ------------------------------------------------------------------------
+
+
+def test_nan_stays_in_its_row(box_gravity: GravityField) -> None:
+    points = np.array([[2.0, 0.0, 0.0], [np.nan, 0.0, 0.0], [0.0, 0.0, np.nan], [50.0, 0.0, 0.0]])
+    result = box_gravity.evaluate(points)
+    for part in result[:3]:
+        finite = np.isfinite(part.reshape(4, -1))
+        assert finite[[0, 3]].all()
+        assert np.isnan(part[1:3]).all()
+    assert not result.inside[1:3].any()
+
+
+def test_empty_batch_and_shapes(box_gravity: GravityField) -> None:
+    result = box_gravity.evaluate(np.empty((0, 3)))
+    assert [part.shape for part in result] == [(0,), (0, 3), (0, 3, 3), (0,)]
+    assert result.inside.dtype == bool
+    integers = box_gravity.evaluate(np.array([[2, 3, 4]]))
+    np.testing.assert_array_equal(
+        integers.acceleration, box_gravity.evaluate(np.array([[2.0, 3.0, 4.0]])).acceleration
+    )
+    turned = np.asfortranarray(np.random.default_rng(0).normal(size=(7, 3)))
+    np.testing.assert_array_equal(
+        box_gravity.evaluate(turned[::2]).potential, box_gravity.evaluate(turned).potential[::2]
+    )
+
+
+@pytest.mark.parametrize("shape", [(3,), (2, 2), (1, 3, 3), ()])
+def test_wrong_shape_of_points(box_gravity: GravityField, shape: tuple[int, ...]) -> None:
+    with pytest.raises(InputError, match=r"\(N, 3\)"):
+        box_gravity.evaluate(np.zeros(shape))
+
+
+def test_parallel_equals_serial(kleopatra) -> None:
+    points = np.random.default_rng(9).uniform(-2e6, 2e6, (600, 3))
+    points[:200] *= 0.05
+    together = kleopatra.gravity_field.evaluate(points)
+    apart = [kleopatra.gravity_field.evaluate(chunk) for chunk in np.array_split(points, 6)]
+    for index in range(3):
+        chunks = np.concatenate([part[index] for part in apart])
+        assert relative(together[index], chunks) < 1e-14
+    np.testing.assert_array_equal(together.inside, np.concatenate([part.inside for part in apart]))
+
+
+def test_mass_and_density_agree() -> None:
+    shape = Polyhedron(*box(np.zeros(3), np.array([2.0, 3.0, 4.0])))
+    by_mass, by_density = GravityField(shape, mass=48000.0), GravityField(shape, density=2000.0)
+    assert by_mass.density == pytest.approx(2000.0)
+    assert by_density.mass == pytest.approx(48000.0)
+    point = np.array([[5.0, 1.0, 2.0]])
+    np.testing.assert_allclose(
+        by_mass.evaluate(point).acceleration, by_density.evaluate(point).acceleration, rtol=1e-15
+    )
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        ({}, "exactly one of mass"),
+        ({"mass": 24000.0, "density": 1000.0}, "exactly one of mass"),
+        ({"mass": -1.0}, "mass must be positive"),
+        ({"mass": 0.0}, "mass must be positive"),
+        ({"mass": np.nan}, "mass must be positive"),
+        ({"mass": np.inf}, "mass must be positive"),
+        ({"density": -2000.0}, "density must be positive"),
+        ({"density": 0.0}, "density must be positive"),
+        ({"density": np.nan}, "density must be positive"),
+        ({"density": np.inf}, "density must be positive"),
+        ({"density": 1.0}, "which no body has"),
+        ({"density": 1e5}, "which no body has"),
+    ],
+)
+def test_mass_or_density_refused(arguments: dict, complaint: str) -> None:
+    shape = Polyhedron(*box(np.zeros(3), np.ones(3)))
+    with pytest.raises(InputError, match=complaint):
+        GravityField(shape, **arguments)
+
+
+def test_wrong_unit_is_refused(kleopatra, tmp_path) -> None:
+    """Kilometres read as metres, and metres as kilometres."""
+    mass = kleopatra.config.mass_kg
+    too_small = Polyhedron.load(asset_path("kleopatra/kleopatra.obj"), unit="m")
+    with pytest.raises(InputError, match="in the unit that was said"):
+        GravityField(too_small, mass=mass)
+    path = tmp_path / "metres.obj"
+    kleopatra.shape.to_trimesh("m").export(path)
+    too_large = Polyhedron.load(path, unit="km")
+    with pytest.raises(InputError, match="in the unit that was said"):
+        GravityField(too_large, mass=mass)
+    GravityField(Polyhedron.load(path, unit="m"), mass=mass)

@@ -1,0 +1,147 @@
+"""The plots show what is in the log, in the units on their axes."""
+
+import io
+
+import numpy as np
+import pytest
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.figure import Figure
+from matplotlib.patches import Ellipse, StepPatch
+from synthetic_log import synthetic_log
+
+from proxops.diagrams import plots
+from proxops.diagrams.flight_log import FlightLog
+from proxops.diagrams.meshcat_scene import WHO_FLIES
+from proxops.systems.ellipsoid import clearances
+
+
+@pytest.fixture(scope="module")
+def log() -> FlightLog:
+    return synthetic_log()
+
+
+@pytest.fixture
+def ax() -> Axes:
+    return Figure().subplots()
+
+
+def only(kind: type, of: list) -> list:
+    return [artist for artist in of if isinstance(artist, kind)]
+
+
+def curve(ax: Axes, number: int) -> tuple[np.ndarray, np.ndarray]:
+    """Abscissae and ordinates of a line of the axes."""
+    line = ax.lines[number]
+    return np.asarray(line.get_xdata()), np.asarray(line.get_ydata())
+
+
+def png(figure: Figure) -> bytes:
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png")
+    return buffer.getvalue()
+
+
+def test_flight_is_one_page_of_labelled_axes(log: FlightLog) -> None:
+    figure = log.plot()
+    assert len(figure.axes) == 9
+    labels = [ax.get_ylabel() for ax in figure.axes]
+    for unit in ("(km)", "(m/s)", "(N)"):
+        assert any(label.endswith(unit) for label in labels)
+    assert all(ax.get_xlabel().endswith(("(km)", "(min)")) for ax in figure.axes)
+    named = {text.get_text() for text in figure.legends[0].get_texts()}
+    assert {"MPC flies", "policy flies", "goal", "keep-out ellipsoid", "limit"} <= named
+    assert "hybrid flies" not in named
+    assert len(png(figure)) > 20_000
+
+
+@pytest.mark.parametrize(("plane", "axes"), [("xy", [0, 1]), ("xz", [0, 2]), ("yz", [1, 2])])
+def test_path(log: FlightLog, ax: Axes, plane: str, axes: list[int]) -> None:
+    plots.plot_path(ax, log, plane)
+    [path] = only(LineCollection, list(ax.collections))
+    segments = np.array(path.get_segments())
+    expected = log.dataset["state"].values[:, axes] / 1e3
+    np.testing.assert_allclose(segments[:, 0], expected[:-1])
+    np.testing.assert_allclose(segments[:, 1], expected[1:])
+    flies = log.dataset["decision"].values[:-1]
+    colours = [WHO_FLIES[int(who)][1] for who in flies]
+    np.testing.assert_allclose(path.get_colors()[:, :3], colours)
+    goal = np.concatenate(curve(ax, -1))
+    np.testing.assert_allclose(goal, log.dataset["target"].values[0, axes] / 1e3)
+    assert ax.get_aspect() == 1.0
+    x, y = np.array([ax.get_xlim(), ax.get_ylim()])
+    assert x[0] < expected[:, 0].min() < expected[:, 0].max() < x[1]
+    assert y[0] < expected[:, 1].min() < expected[:, 1].max() < y[1]
+
+
+@pytest.mark.parametrize(("plane", "axes"), [("xy", [0, 1]), ("xz", [0, 2]), ("yz", [1, 2])])
+def test_body_and_ellipsoid(log: FlightLog, ax: Axes, plane: str, axes: list[int]) -> None:
+    plots.draw_body(ax, log.body, plane)
+    [silhouette] = only(PolyCollection, list(ax.collections))
+    corners = np.concatenate([path.vertices for path in silhouette.get_paths()])
+    np.testing.assert_allclose(np.ptp(corners, axis=0), log.body.shape.extents[axes] / 1e3)
+    [outline] = only(Ellipse, list(ax.patches))
+    assert [outline.width, outline.height] == pytest.approx(
+        2.0 * log.body.keep_out_semi_axes[axes] / 1e3
+    )
+
+
+def test_distance(log: FlightLog, ax: Axes) -> None:
+    plots.plot_distance(ax, log)
+    distance = np.linalg.norm((log.dataset["state"] - log.dataset["target"]).values[:, :3], axis=1)
+    minutes, shown = curve(ax, 0)
+    np.testing.assert_allclose(minutes, log.dataset["time"].values / 60.0)
+    np.testing.assert_allclose(shown, np.maximum(distance, 1.0) / 1e3)
+    assert ax.get_yscale() == "log"
+
+
+def test_speed(log: FlightLog, ax: Axes) -> None:
+    plots.plot_speed(ax, log)
+    speed = np.linalg.norm(log.dataset["state"].values[:, 3:], axis=1)
+    np.testing.assert_allclose(curve(ax, 0)[1], speed)
+    np.testing.assert_allclose(curve(ax, 2)[1], log.scenario.spacecraft.speed_limit_m_s)
+
+
+def test_clearance(log: FlightLog, ax: Axes) -> None:
+    plots.plot_clearance(ax, log)
+    minutes, shown = curve(ax, 0)
+    positions = log.dataset["state"].values[:, :3]
+    at_rows = np.interp(log.dataset["time"].values / 60.0, minutes, shown)
+    expected = clearances(log.body.keep_out_semi_axes, positions) / 1e3
+    np.testing.assert_allclose(at_rows, expected, atol=1e-3)
+    assert shown.min() == pytest.approx(log.summary["min_clearance_m"] / 1e3)
+
+
+@pytest.mark.parametrize(("axis", "index"), [("x", 0), ("y", 1), ("z", 2)])
+def test_force(log: FlightLog, ax: Axes, axis: str, index: int) -> None:
+    plots.plot_force(ax, log, axis)
+    [steps] = only(StepPatch, list(ax.patches))
+    values, edges, _ = steps.get_data()
+    np.testing.assert_allclose(values, log.dataset["force"].values[:-1, index])
+    np.testing.assert_allclose(edges, log.dataset["time"].values / 60.0)
+    limits = {float(curve(ax, number)[1][0]) for number in range(len(ax.lines))}
+    assert {-7.0, 7.0} <= limits
+    assert axis in ax.get_ylabel()
+
+
+def test_ranges(log: FlightLog, ax: Axes) -> None:
+    frame = log.dataset["ranges"].values[100]
+    image = plots.plot_ranges(ax, frame)
+    shown = np.ma.asarray(image.get_array())
+    np.testing.assert_array_equal(np.ma.getmaskarray(shown), np.isinf(frame))
+    np.testing.assert_allclose(shown.compressed(), frame[np.isfinite(frame)] / 1e3)
+    assert np.isfinite(frame).any()
+    # Ray 0 is centred on 0 degrees, plane 0 on 0.
+    assert image.get_extent() == pytest.approx([-0.5, 359.5, -0.5, 11.5])
+
+
+def test_frame_without_a_return(ax: Axes) -> None:
+    plots.plot_ranges(ax, np.full((12, 360), np.inf))
+    figure = ax.get_figure()
+    assert isinstance(figure, Figure)
+    assert png(figure)
+
+
+@pytest.mark.parametrize("steps", [1, 2])
+def test_flights_that_end_at_once(steps: int) -> None:
+    assert png(synthetic_log(steps, ranges=False).plot())

@@ -1,0 +1,356 @@
+"""The shape of a body: its geometry, what it is read from, and what is refused."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from plain_polyhedral_gravity import box, star_shaped
+
+from proxops.diagrams.body import load_body
+from proxops.systems.errors import InputError
+from proxops.systems.polyhedron import Polyhedron
+
+LOW, HIGH = np.array([-1.0, 2.0, 0.5]), np.array([1.5, 3.0, 4.0])
+few = settings(max_examples=25, deadline=None)
+seeds = st.integers(0, 2**32 - 1)
+# A pebble of a millimetre, a body in metres, a planet.
+sizes = pytest.mark.parametrize("size", [1e-3, 1.0, 1e9])
+
+
+def test_box() -> None:
+    shape = Polyhedron(*box(LOW, HIGH))
+    extents = HIGH - LOW
+    assert shape.volume == pytest.approx(np.prod(extents), rel=1e-14)
+    np.testing.assert_allclose(shape.centre_of_mass, (LOW + HIGH) / 2, rtol=1e-14)
+    np.testing.assert_array_equal(shape.extents, extents)
+    outward = shape.vertices[shape.facets].mean(axis=1) - (LOW + HIGH) / 2
+    assert (np.sum(outward * shape.normals, axis=1) > 0).all()
+    np.testing.assert_allclose(np.abs(shape.normals).sum(axis=1), 1.0)
+
+
+@few
+@given(seeds)
+def test_tetrahedron(seed: int) -> None:
+    corners = np.random.default_rng(seed).normal(size=(4, 3))
+    sixth = np.linalg.det(corners[1:] - corners[0]) / 6
+    facets = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])
+    if sixth < 0:
+        facets = facets[:, ::-1]
+    if abs(sixth) < 1e-6:
+        return
+    shape = Polyhedron(corners, facets)
+    assert shape.volume == pytest.approx(abs(sixth), rel=1e-9)
+    np.testing.assert_allclose(shape.centre_of_mass, corners.mean(axis=0), atol=1e-9)
+    edges, neighbours = shape.edges
+    assert len(edges) == len(neighbours) == 6
+
+
+@few
+@given(seeds, st.floats(-3, 9))
+def test_random_bodies_against_trimesh(seed: int, magnitude: float) -> None:
+    mesh = star_shaped(seed, subdivisions=1)
+    size = 10.0**magnitude
+    offset = size * np.random.default_rng(seed).uniform(-3, 3, 3)
+    shape = Polyhedron(size * mesh.vertices + offset, mesh.faces)
+    assert shape.volume == pytest.approx(size**3 * mesh.volume, rel=1e-12)
+    centre = size * mesh.center_mass + offset
+    np.testing.assert_allclose(shape.centre_of_mass, centre, rtol=0, atol=1e-12 * size)
+    np.testing.assert_allclose(shape.normals, mesh.face_normals, atol=1e-9)
+    recentred = shape.recentred()
+    np.testing.assert_allclose(recentred.centre_of_mass, 0.0, atol=1e-12 * size)
+    assert recentred.volume == pytest.approx(shape.volume, rel=1e-12)
+
+
+def test_bent_body_has_its_signed_volume() -> None:
+    """A horseshoe: its centre is outside it, where sums of absolute volumes go wrong."""
+    outline = np.array([[0, 0], [4, 0], [4, 3], [3, 3], [3, 1], [1, 1], [1, 3], [0, 3.0]])
+    squares = [[0, 1, 4, 5], [1, 2, 3, 4], [0, 5, 6, 7]]
+    lid = np.array([[s[0], s[i], s[i + 1]] for s in squares for i in (1, 2)])
+    n = len(outline)
+    vertices = np.vstack([np.c_[outline, np.zeros(n)], np.c_[outline, np.ones(n)]])
+    walls = []
+    for i in range(n):
+        j = (i + 1) % n
+        walls += [[i, j, n + j], [i, n + j, n + i]]
+    shape = Polyhedron(vertices, np.concatenate([lid[:, ::-1], lid + n, walls]))
+    assert shape.volume == pytest.approx(4 * 3 - 2 * 2, rel=1e-14)
+    centre = (12 * np.array([2, 1.5]) - 4 * np.array([2, 2.0])) / 8
+    np.testing.assert_allclose(shape.centre_of_mass, [*centre, 0.5], rtol=1e-14)
+
+
+@pytest.mark.parametrize("body", ["kleopatra", 0, 1])
+def test_edges(body: str | int) -> None:
+    """Each edge once; its first facet runs along it, its second back."""
+    if isinstance(body, str):
+        shape = load_body(body).shape
+    else:
+        shape = Polyhedron.from_trimesh(star_shaped(body), "m")
+    edges, neighbours = shape.edges
+    assert len(edges) == 3 * len(shape.facets) // 2
+    assert len(edges) == len(shape.vertices) + len(shape.facets) - 2
+    assert len(np.unique(np.sort(edges, axis=1), axis=0)) == len(edges)
+    assert (neighbours[:, 0] != neighbours[:, 1]).all()
+    for side, ends in enumerate((edges, edges[:, ::-1])):
+        corners = shape.facets[neighbours[:, side]]
+        runs = [(corners[:, [k, (k + 1) % 3]] == ends).all(axis=1) for k in range(3)]
+        assert np.any(runs, axis=0).all()
+
+
+def test_hash_names_the_shape() -> None:
+    vertices, facets = box(LOW, HIGH)
+    shape = Polyhedron(vertices, facets, "a")
+    assert shape.sha256 == Polyhedron(vertices.copy(), facets.astype(np.int32), "b").sha256
+    assert shape.sha256 != Polyhedron(vertices * 2, facets).sha256
+    assert shape.sha256 != Polyhedron(vertices, np.roll(facets, 1, axis=0)).sha256
+
+
+def test_shape_cannot_be_changed_behind_its_back() -> None:
+    vertices, facets = box(LOW, HIGH)
+    shape = Polyhedron(vertices, facets)
+    vertices[0] = 99.0
+    assert shape.vertices.max() < 99.0
+    with pytest.raises(ValueError, match="read-only"):
+        shape.vertices[0] = 1.0
+    with pytest.raises(ValueError, match="read-only"):
+        shape.facets[0] = 1
+
+
+# --- files ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("unit", ["m", "km"])
+@pytest.mark.parametrize("suffix", ["obj", "ply", "stl", "STL"])
+def test_formats_load_the_same(tmp_path: Path, suffix: str, unit: str) -> None:
+    mesh = star_shaped(3)
+    mesh.vertices = np.round(mesh.vertices, 3)
+    path = tmp_path / f"body.{suffix}"
+    mesh.export(path, file_type=suffix.lower())
+    shape = Polyhedron.load(path, unit)
+    scale = {"m": 1.0, "km": 1000.0}[unit]
+    # STL and PLY hold single precision.
+    assert shape.volume == pytest.approx(scale**3 * mesh.volume, rel=1e-6)
+    np.testing.assert_allclose(shape.centre_of_mass, scale * mesh.center_mass, atol=1e-6 * scale)
+    np.testing.assert_allclose(shape.extents, scale * mesh.extents, rtol=1e-6)
+    assert shape.facets.shape == mesh.faces.shape
+    assert shape.vertices.shape == mesh.vertices.shape
+    corners = shape.vertices[shape.facets] / scale
+    np.testing.assert_allclose(corners, mesh.triangles, atol=1e-6)
+    assert shape.name == path.name
+
+
+def test_loads_polygons_text_path_and_default_unit(tmp_path: Path) -> None:
+    """OBJ facets with four corners, and a path given as text; kilometres unless said otherwise."""
+    path = tmp_path / "cube.obj"
+    corners = "".join(f"v {i} {j} {k}\n" for i in (0, 1) for j in (0, 1) for k in (0, 1))
+    squares = ["1 2 4 3", "5 7 8 6", "1 5 6 2", "3 4 8 7", "1 3 7 5", "2 6 8 4"]
+    path.write_text("# a cube\n" + corners + "".join(f"f {square}\n" for square in squares))
+    shape = Polyhedron.load(str(path))
+    assert shape.facets.shape == (12, 3)
+    assert shape.volume == pytest.approx(1e9)
+
+
+def test_trimesh_round_trip() -> None:
+    mesh = star_shaped(5)
+    shape = Polyhedron.from_trimesh(mesh, "km", name="lump")
+    assert shape.name == "lump"
+    back = shape.to_trimesh("km")
+    np.testing.assert_allclose(back.vertices, mesh.vertices, rtol=1e-15)
+    np.testing.assert_array_equal(back.faces, mesh.faces)
+
+
+def test_unknown_unit(tmp_path: Path) -> None:
+    path = tmp_path / "body.obj"
+    star_shaped(1).export(path)
+    for unit in ("mile", "", "KM"):
+        with pytest.raises(InputError, match=r"unit .* is not known"):
+            Polyhedron.load(path, unit)
+        with pytest.raises(InputError, match=r"unit .* is not known"):
+            Polyhedron.from_trimesh(star_shaped(1), unit)
+        with pytest.raises(InputError, match=r"unit .* is not known"):
+            Polyhedron.from_trimesh(star_shaped(1), "m").to_trimesh(unit)
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("words.obj", b"these are only words\n"),
+        ("empty.obj", b""),
+        ("points.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\n"),
+        ("short.obj", b"v 0 0\nf 1 2 3\n"),
+        ("beyond.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n"),
+        ("noise.obj", bytes(range(256)) * 4),
+        ("words.stl", b"these are only words\n"),
+        ("empty.stl", b""),
+        ("noise.stl", bytes(range(256)) * 4),
+        ("words.ply", b"these are only words\n"),
+        ("empty.ply", b""),
+        ("noise.ply", b"ply\n" + bytes(range(256))),
+        ("body.txt", b"v 0 0 0\n"),
+        ("body", b"v 0 0 0\n"),
+        ("picture.png", b"\x89PNG\r\n\x1a\n"),
+    ],
+)
+def test_files_that_hold_no_mesh(tmp_path: Path, name: str, content: bytes) -> None:
+    path = tmp_path / name
+    path.write_bytes(content)
+    with pytest.raises(InputError, match=name):
+        Polyhedron.load(path)
+
+
+def test_missing_file_and_directory(tmp_path: Path) -> None:
+    for path in (tmp_path / "absent.obj", tmp_path):
+        with pytest.raises(InputError, match="does not exist or is not a file"):
+            Polyhedron.load(path)
+
+
+def test_from_trimesh_refuses_what_is_no_mesh() -> None:
+    with pytest.raises(InputError, match="holds no triangles"):
+        Polyhedron.from_trimesh(trimesh.PointCloud(np.eye(3)), "m")  # pyright: ignore[reportArgumentType]
+    with pytest.raises(InputError, match="holds no triangles"):
+        Polyhedron.from_trimesh(trimesh.Trimesh(np.eye(3)), "m")
+
+
+# --- refusals -------------------------------------------------------------------------------------
+
+
+def _holes(v: np.ndarray, f: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    return v, f[1:]
+
+
+def _flipped(v: np.ndarray, f: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    return v, f[:, ::-1]
+
+
+def _mixed(v: np.ndarray, f: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    f[5] = f[5, ::-1]
+    return v, f
+
+
+def _nan(v: np.ndarray, f: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    v[7, 1] = np.nan
+    return v, f
+
+
+def _infinite(v: np.ndarray, f: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    v[7, 1] = -np.inf
+    return v, f
+
+
+def _duplicate(v: np.ndarray, f: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Facet 0 with a private copy of its first vertex."""
+    f = f.copy()
+    v = np.vstack([v, v[f[0, 0]]])
+    f[0, 0] = len(v) - 1
+    return v, f
+
+
+def _flat(v: np.ndarray, f: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Two triangles of four, back to back."""
+    size = np.abs(v).max()
+    corners = size * np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1.0, 0]])
+    return corners, np.array([[0, 1, 2], [0, 2, 3], [2, 1, 0], [3, 2, 0]])
+
+
+def _no_height(v: np.ndarray, f: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A tetrahedron whose four corners lie in a plane."""
+    size = np.abs(v).max()
+    corners = size * np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0.3, 0.3, 0]])
+    return corners, np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])
+
+
+def _degenerate_index(v: np.ndarray, f: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    return v, np.vstack([f, [0, 0, 1]])
+
+
+def _degenerate_area(v: np.ndarray, f: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A vertex put on the middle of an edge: the facet there has no area."""
+    a, b, _ = f[0]
+    neighbour = next(k for k, g in enumerate(f.tolist()) if k and a in g and b in g)
+    apex = next(k for k in f[neighbour] if k not in (a, b))
+    new = len(v)
+    rest = np.array([g for k, g in enumerate(f.tolist()) if k != neighbour])
+    # The neighbour now has the new vertex on edge a-b; the sliver a, new, b fills the gap.
+    fill = [[b, a, new], [a, apex, new], [apex, b, new]]
+    return np.vstack([v, (v[a] + v[b]) / 2]), np.vstack([rest, fill])
+
+
+def _third_facet(v: np.ndarray, f: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A fin on an edge."""
+    v = np.vstack([v, 2 * v[f[0, 0]]])
+    return v, np.vstack([f, [f[0, 0], f[0, 1], len(v) - 1], [f[0, 1], f[0, 0], len(v) - 1]])
+
+
+def _two_on_an_edge(v: np.ndarray, f: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Two tetrahedra that touch along an edge, which then has four facets."""
+    size = np.abs(v).max()
+    corners = [[0, 0, 0], [0, 0, 1], [1, 0, 0], [0.5, 1, 0.5], [-1, 0, 0], [-0.5, -1, 0.5]]
+    tetrahedron = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])
+    other = np.array([0, 1, 4, 5])[tetrahedron]
+    return size * np.array(corners), np.vstack([tetrahedron, other])
+
+
+def _index_too_large(v: np.ndarray, f: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    f[3, 1] = len(v)
+    return v, f
+
+
+def _index_negative(v: np.ndarray, f: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    f[3, 1] = -1
+    return v, f
+
+
+@sizes
+@pytest.mark.parametrize(
+    ("spoil", "complaint"),
+    [
+        (_holes, "has holes: 3 edges"),
+        (_flipped, "is inside out"),
+        (_mixed, r"mixed winding: .* \(3 such edges"),
+        (_nan, "vertex 7 is .*, not finite"),
+        (_infinite, "vertex 7 is .*, not finite"),
+        (_duplicate, "1 duplicate vertices"),
+        (_flat, "belong to more than two facets|encloses no volume"),
+        (_no_height, "encloses no volume"),
+        (_degenerate_index, "1 facets have no area, the first is facet 80"),
+        (_degenerate_area, "1 facets have no area"),
+        (_third_facet, "belong to more than two facets"),
+        (_two_on_an_edge, "1 edges belong to more than two facets"),
+        (_index_too_large, "names a vertex outside"),
+        (_index_negative, "names a vertex outside"),
+    ],
+)
+def test_unsound_mesh_is_refused_at_any_size(size: float, spoil, complaint: str) -> None:
+    mesh = star_shaped(2, subdivisions=1, size=size)
+    vertices, facets = np.array(mesh.vertices), np.array(mesh.faces)
+    Polyhedron(vertices, facets)  # Sound before it is spoilt.
+    with pytest.raises(InputError, match=f"^lump.*({complaint})"):
+        Polyhedron(*spoil(vertices, facets), name="lump")
+
+
+@sizes
+def test_thin_but_sound_bodies_pass_at_any_size(size: float) -> None:
+    """A needle and a plate of 1:1000, far from the origin."""
+    for thin in ([1.0, 1e-3, 1e-3], [1.0, 1.0, 1e-3]):
+        low = size * np.array([5.0, -3.0, 4.0])
+        shape = Polyhedron(*box(low, low + size * np.array(thin)))
+        assert shape.volume == pytest.approx(size**3 * np.prod(thin), rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("vertices", "facets", "complaint"),
+    [
+        (np.zeros((4, 2)), np.zeros((4, 3), int), "must be"),
+        (np.zeros((4, 3)), np.zeros((4, 4), int), "must be"),
+        (np.zeros(12), np.zeros((4, 3), int), "must be"),
+        (np.eye(3), np.array([[0, 1, 2]]), "has 1 facets"),
+        (np.eye(3), np.empty((0, 3), int), "has 0 facets"),
+        (np.empty((0, 3)), np.empty((0, 3), int), "has 0 facets"),
+        (np.empty((0, 3)), np.zeros((4, 3), int), "names a vertex outside"),
+    ],
+)
+def test_arrays_of_wrong_shape(vertices: np.ndarray, facets: np.ndarray, complaint: str) -> None:
+    with pytest.raises(InputError, match=complaint):
+        Polyhedron(vertices, facets)

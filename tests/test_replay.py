@@ -1,0 +1,217 @@
+"""A replay is one HTML page that needs nothing else and holds the flight that is in the log."""
+
+import base64
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pydrake.geometry import Meshcat
+from synthetic_log import synthetic_log
+
+from proxops.diagrams import replay
+from proxops.diagrams.flight_log import FlightLog
+from proxops.diagrams.meshcat_scene import (
+    add_body,
+    add_keep_out,
+    add_returns,
+    move_spacecraft,
+    quiet_meshcat,
+)
+from proxops.systems.errors import InputError
+
+
+@pytest.fixture(scope="module")
+def log() -> FlightLog:
+    return synthetic_log()
+
+
+@pytest.fixture(scope="module")
+def page(log: FlightLog, tmp_path_factory: pytest.TempPathFactory) -> str:
+    path = tmp_path_factory.mktemp("replay") / "replay.html"
+    replay.write_replay(log, path)
+    return path.read_text(encoding="utf-8")
+
+
+@pytest.fixture
+def meshcat() -> Meshcat:
+    return quiet_meshcat()
+
+
+def messages(html: str) -> list[bytes]:
+    """What the page tells the viewer, as Meshcat's binary messages."""
+    return [base64.b64decode(text) for text in re.findall(r"base64,([A-Za-z0-9+/=]{20,})", html)]
+
+
+def test_page_needs_no_network(page: str) -> None:
+    tags = re.findall(r"<(?:script|link|img|iframe|base|meta)\b[^>]*>", page)
+    assert not [tag for tag in tags if re.search(r"https?:|//", tag)]
+    assert "@import" not in page
+    assert not re.search(r"""src\s*=\s*["']?(https?:)?//""", page)
+    assert not re.search(r"""url\(["']?(https?:)?//""", page)
+
+
+def test_page_is_small(page: str) -> None:
+    assert 2.0e6 < len(page.encode()) < 4.0e6
+
+
+def test_page_says_what_it_shows(page: str) -> None:
+    assert "<title>Kleopatra, hybrid</title>" in page
+    legend = page[page.index('id="legend"') :]
+    for text in ("MPC flies", "policy flies", "thrust", "lidar returns", "goal", "160 times"):
+        assert text in legend
+
+
+def test_names_in_the_log_are_text_not_markup(tmp_path: Path) -> None:
+    log = synthetic_log(3, ranges=False)
+    attrs = {**log.dataset.attrs, "controller": "<script>alert(1)</script>"}
+    replay.write_replay(
+        FlightLog(log.dataset.assign_attrs(attrs), log.body), tmp_path / "replay.html"
+    )
+    page = (tmp_path / "replay.html").read_text(encoding="utf-8")
+    assert "<script>alert(1)" not in page
+    assert "&lt;script&gt;alert(1)" in page
+
+
+def test_page_moves_what_moves(page: str) -> None:
+    told = messages(page)
+    [animation] = [message for message in told if b"set_animation" in message]
+    for path in (b"/spacecraft", b"/spacecraft/thrust_x", b"/path/piece_000", b"/lidar/row_0000"):
+        assert path in animation
+    assert b"/body" not in animation
+    assert b".scale" in animation
+    assert b".visible" in animation
+
+
+def test_recording(log: FlightLog, meshcat: Meshcat) -> None:
+    replay.add_flight(meshcat, log)
+    recording = meshcat.get_mutable_recording()
+    assert recording.frames_per_second() == 16.0
+    steps = len(log.dataset["time"]) - 1
+    assert recording.autoplay()
+    # One frame a row: 480 steps in 30 s.
+    assert recording.frame(steps * 10.0 / replay.PLAYBACK_SPEED) == steps
+    for name in ("body", "keep_out", "goal", "spacecraft", "path/route", "path/piece_000"):
+        assert meshcat.HasPath(f"/{name}")
+
+
+def test_path_is_in_pieces(log: FlightLog, meshcat: Meshcat) -> None:
+    positions = log.dataset["state"].values[:, :3]
+    decisions = log.dataset["decision"].values
+    pieces = replay.add_path(meshcat, positions, decisions)
+    rows = [row for _, row in pieces]
+    assert rows == sorted(set(rows))
+    assert len(pieces) <= replay.PATH_PIECES + np.count_nonzero(np.diff(decisions))
+    assert all(meshcat.HasPath(name) for name, _ in pieces)
+    # What is left out at the end is standing still at the goal.
+    left = np.linalg.norm(positions[rows[-1] :] - positions[-1], axis=1)
+    assert left.max() < 500.0
+
+
+def test_each_change_of_who_flies_begins_a_piece(meshcat: Meshcat) -> None:
+    positions = np.arange(2000)[:, None] * [300.0, 200.0, 0.0] + [0.0, 0.0, 1e5]
+    decisions = (np.arange(2000) // 77) % 3
+    ends = {row for _, row in replay.add_path(meshcat, positions, decisions)}
+    assert ends >= set(np.flatnonzero(np.diff(decisions)) + 1)
+    assert max(ends) == 1999
+    assert len(ends) <= replay.PATH_PIECES + 2000 // 77 + 1
+
+
+def test_tube_lies_about_its_points() -> None:
+    turn = np.linspace(0.0, 2.0, 30)
+    points = np.stack([np.cos(turn), np.sin(turn), 0.3 * turn], axis=1)
+    vertices, facets = replay._tube(points)
+    near = np.linalg.norm(vertices[:, None] - points, axis=2).min(axis=1)
+    np.testing.assert_allclose(near, replay._PATH_RADIUS, rtol=1e-6)
+    assert facets.max() == len(vertices) - 1
+
+
+def test_tube_of_a_path_that_turns_back() -> None:
+    vertices, _ = replay._tube(np.array([[0.0, 0, 0], [1.0, 0, 0], [0.0, 0, 0]]))
+    assert np.isfinite(vertices).all()
+
+
+def points_told(meshcat: Meshcat, name: str) -> np.ndarray:
+    """The point cloud (N, 3) that the page holds under a name."""
+    [message] = [m for m in messages(meshcat.StaticHtml()) if name.encode() in m]
+    at = message.index(b"position")
+    at = message.index(b"array", at) + len(b"array")
+    # MessagePack: an extension of type 0x17 (float32) whose length precedes it.
+    kind = message[at]
+    width = {0xC7: 1, 0xC8: 2, 0xC9: 4}[kind]
+    size = int.from_bytes(message[at + 1 : at + 1 + width], "big")
+    data = message[at + 2 + width : at + 2 + width + size]
+    return np.frombuffer(data, np.float32).reshape(-1, 3)
+
+
+def test_returns_lie_on_the_body(log: FlightLog, meshcat: Meshcat) -> None:
+    row = 100
+    frame = log.dataset["ranges"].values[row]
+    add_returns(meshcat, "/returns", log.dataset["state"].values[row, :3], frame)
+    points = points_told(meshcat, "/returns") * 100e3
+    assert len(points) == np.isfinite(frame).sum() > 0
+    depth = np.einsum(
+        "pfi,fi->pf",
+        points[:, None] - log.body.shape.vertices[log.body.shape.facets[:, 0]],
+        log.body.shape.normals,
+    )
+    assert np.abs(depth).min(axis=1).max() < 1.0  # each in the plane of some facet
+
+
+def test_frame_without_a_return(meshcat: Meshcat) -> None:
+    add_returns(meshcat, "/returns", np.zeros(3), np.full((12, 360), np.inf))
+    assert meshcat.HasPath("/returns")
+
+
+def test_pieces_serve_a_live_view(log: FlightLog, meshcat: Meshcat) -> None:
+    add_body(meshcat, log.body)
+    add_keep_out(meshcat, log.body)
+    move_spacecraft(meshcat, np.array([1e5, 0.0, 0.0]), np.array([7.0, 0.0, -7.0]), 7.0)
+    for name in ("/body", "/keep_out/surface", "/keep_out/graticule", "/spacecraft"):
+        assert meshcat.HasPath(name)
+
+
+def test_a_second_flight_replaces_the_first(meshcat: Meshcat) -> None:
+    replay.add_flight(meshcat, synthetic_log(100, ranges=False))
+    replay.add_flight(meshcat, synthetic_log(3, ranges=False))
+    assert meshcat.HasPath("/path/piece_000")
+    assert not meshcat.HasPath("/path/piece_050")
+
+
+@pytest.mark.parametrize("steps", [0, 1, 2])
+def test_flights_that_end_at_once(tmp_path: Path, steps: int) -> None:
+    replay.write_replay(synthetic_log(steps), tmp_path / "replay.html")
+    assert (tmp_path / "replay.html").stat().st_size > 2e6
+
+
+def test_missing_folder_is_named(log: FlightLog, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="nowhere"):
+        replay.write_replay(log, tmp_path / "nowhere" / "replay.html")
+
+
+def test_it_says_nothing(
+    tmp_path: Path, capfd: pytest.CaptureFixture, caplog: pytest.LogCaptureFixture
+) -> None:
+    replay.write_replay(synthetic_log(2, ranges=False), tmp_path / "replay.html")
+    assert capfd.readouterr() == ("", "")
+    assert not caplog.records
+
+
+def test_several_processes_at_once(tmp_path: Path) -> None:
+    program = (
+        "import sys; from pathlib import Path\n"
+        "from synthetic_log import synthetic_log\n"
+        "from proxops.diagrams.replay import write_replay\n"
+        "write_replay(synthetic_log(5, ranges=False), Path(sys.argv[1]))\n"
+    )
+    paths = [tmp_path / f"{i}.html" for i in range(3)]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    running = [
+        subprocess.Popen([sys.executable, "-c", program, str(path)], env=environment)
+        for path in paths
+    ]
+    assert [process.wait(timeout=120) for process in running] == [0, 0, 0]
+    assert len({path.read_text(encoding="utf-8") for path in paths}) == 1

@@ -1,0 +1,446 @@
+"""Scenario and body files: what is read, what is written back, and what is refused and how."""
+
+import dataclasses as dc
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from plain_polyhedral_gravity import star_shaped
+
+from proxops.diagrams.body import BodyConfig, load_body
+from proxops.diagrams.scenario import (
+    ArrivalConfig,
+    LidarConfig,
+    MpcConfig,
+    RandomWalkDisturbanceConfig,
+    Scenario,
+    SpacecraftConfig,
+    TransitConfig,
+    check_scenario,
+    dump_scenario,
+    load_scenario,
+    parse_scenario,
+    read_mapping,
+)
+from proxops.systems.errors import InputError
+
+positive = st.floats(1e-300, 1e300)
+not_negative = st.floats(0.0, 1e300)
+points = st.lists(st.floats(-1e300, 1e300), min_size=3, max_size=3)
+
+
+@st.composite
+def scenarios(draw: st.DrawFn) -> Scenario:
+    ends = draw(st.none() | st.tuples(points, points))
+    near, far = sorted(draw(st.lists(positive, min_size=2, max_size=2, unique=True)))
+    disturbance = st.builds(RandomWalkDisturbanceConfig, positive, not_negative, not_negative)
+    return Scenario(
+        body=draw(st.text(st.characters(categories=["L", "N", "P", "Zs"]), min_size=1)),
+        spacecraft=draw(st.builds(SpacecraftConfig, positive, positive, positive)),
+        lidar=draw(st.builds(LidarConfig, not_negative, positive)),
+        mpc=draw(
+            st.builds(
+                MpcConfig,
+                st.integers(2, 10**6),
+                positive,
+                positive,
+                not_negative,
+                positive,
+                not_negative,
+                st.integers(1, 10**6),
+            )
+        ),
+        disturbance=draw(st.none() | disturbance),
+        transit=TransitConfig(
+            seed=draw(st.integers(0, 2**70)),
+            index=draw(st.integers(0, 10**9)),
+            start_m=ends and ends[0],
+            goal_m=ends and ends[1],
+            cube_m=draw(positive),
+            min_distance_m=near,
+            max_distance_m=far,
+            end_clearance_m=draw(not_negative),
+            max_hover_share=draw(positive),
+        ),
+        arrival=draw(st.builds(ArrivalConfig, positive, positive, positive, positive)),
+        control_period_s=draw(positive),
+        noise_seed=draw(st.integers(0, 2**70)),
+    )
+
+
+def write(folder: Path, text: str | bytes, name: str = "scenario.yaml") -> Path:
+    path = folder / name
+    path.write_bytes(text.encode() if isinstance(text, str) else text)
+    return path
+
+
+# --- what is read ---------------------------------------------------------------------------------
+
+
+@settings(max_examples=60, deadline=None)
+@given(scenarios())
+def test_round_trip(scenario: Scenario) -> None:
+    check_scenario(scenario)
+    text = dump_scenario(scenario)
+    assert parse_scenario(text) == scenario
+    assert dump_scenario(parse_scenario(text)) == text
+
+
+def test_defaults() -> None:
+    assert load_scenario() == Scenario()
+    assert load_scenario().spacecraft is not load_scenario().spacecraft
+
+
+def test_dump_holds_every_key_and_loads_from_a_file(tmp_path: Path) -> None:
+    ends = TransitConfig(start_m=[1.0, 2.0, 3.0], goal_m=[4.0, 5.0, 6.0])
+    scenario = Scenario(disturbance=RandomWalkDisturbanceConfig(), transit=ends)
+    text = dump_scenario(scenario)
+    for section in dc.fields(Scenario):
+        assert f"{section.name}:" in text
+        value = getattr(scenario, section.name)
+        if dc.is_dataclass(value):
+            for field in dc.fields(value):
+                assert f"{field.name}:" in text
+    assert load_scenario(write(tmp_path, text)) == scenario
+
+
+def test_file_over_defaults(tmp_path: Path) -> None:
+    path = write(tmp_path, "spacecraft: {mass_kg: 1e3}\nmpc:\n  knots: 12  # fewer\n")
+    expected = Scenario()
+    expected.spacecraft.mass_kg = 1000.0
+    expected.mpc.knots = 12
+    assert load_scenario(path) == expected
+    assert load_scenario(str(path)) == expected
+
+
+@pytest.mark.parametrize(
+    "text", ["disturbance: {}", "disturbance: !RandomWalkDisturbanceConfig {}", "!Scenario\n"]
+)
+def test_tag_that_says_what_is_known(tmp_path: Path, text: str) -> None:
+    scenario = load_scenario(write(tmp_path, text + "\ncontrol_period_s: 5"))
+    assert scenario.control_period_s == 5.0
+    if "disturbance" in text:
+        assert scenario.disturbance == RandomWalkDisturbanceConfig()
+
+
+def test_body_path_is_relative_to_the_file(tmp_path: Path) -> None:
+    (tmp_path / "sub").mkdir()
+    path = write(tmp_path / "sub", "body: ../rock.yaml")
+    assert load_scenario(path).body == str((tmp_path / "rock.yaml").resolve())
+    assert load_scenario(write(tmp_path, "body: kleopatra")).body == "kleopatra"
+
+
+@pytest.mark.parametrize(
+    "overrides",
+    [
+        ["spacecraft.mass_kg=250", "disturbance.reset_period_s=50", "transit.index=7"],
+        {"spacecraft.mass_kg": 250, "disturbance.reset_period_s": 50.0, "transit.index": 7},
+        {
+            "spacecraft.mass_kg": np.float64(250),
+            "disturbance.reset_period_s": np.float32(50),
+            "transit.index": np.int64(7),
+        },
+    ],
+)
+def test_overrides(tmp_path: Path, overrides) -> None:
+    path = write(tmp_path, "spacecraft: {thrust_limit_n: 3}\ndisturbance: null\ntransit: {seed: 4}")
+    expected = Scenario(disturbance=RandomWalkDisturbanceConfig(reset_period_s=50.0))
+    expected.spacecraft = SpacecraftConfig(mass_kg=250.0, thrust_limit_n=3.0)
+    expected.transit = TransitConfig(seed=4, index=7)
+    assert load_scenario(path, overrides) == expected
+
+
+def test_more_overrides() -> None:
+    ends = load_scenario(None, ["transit.start_m=[1, 2, 3]", "transit.goal_m=[4, 5.5, 6e3]"])
+    assert ends.transit.start_m == [1.0, 2.0, 3.0]
+    assert ends.transit.goal_m == [4.0, 5.5, 6000.0]
+    places = {"transit.start_m": np.arange(1, 4), "transit.goal_m": np.array([4.0, 5.5, 6e3])}
+    assert load_scenario(None, places) == ends
+    assert load_scenario(None, ["noise_seed=3", "noise_seed=4"]).noise_seed == 4
+    assert load_scenario(None, "noise_seed=3").noise_seed == 3
+    assert load_scenario(None, ["disturbance={}", "disturbance=null"]).disturbance is None
+
+
+# --- what is refused ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("content", "complaint"),
+    [
+        ("", "is empty"),
+        (" \n\n", "is empty"),
+        ("# only a comment\n", "is empty"),
+        ("---\n", "is empty"),
+        ("null", "is empty"),
+        ("- a\n- b\n", "holds a list"),
+        ("three", "holds a str"),
+        ("3", "holds a int"),
+        ("a: [1", "is not YAML.*line 1"),
+        ("\tx: 3", "is not YAML"),
+        ("x: *nothing", "is not YAML"),
+        ("7: 3", "is not YAML"),
+        ("x: !!python/object/apply:os.getcwd []", "is not YAML"),
+        (bytes(range(256)), "is not a text file"),
+        ("a: 1".encode("utf-16"), "is not a text file"),
+        (b"\x00\x01\x02", "is not YAML"),
+    ],
+)
+def test_files_that_hold_no_scenario(tmp_path: Path, content: str | bytes, complaint: str) -> None:
+    path = write(tmp_path, content)
+    with pytest.raises(InputError, match=rf"scenario\.yaml.*{complaint}"):
+        load_scenario(path)
+    with pytest.raises(InputError, match=complaint):
+        read_mapping(path)
+    if isinstance(content, str):
+        with pytest.raises(InputError, match=f"^log.*{complaint}"):
+            parse_scenario(content, "log")
+
+
+def test_directory_and_missing_file(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="is a directory"):
+        load_scenario(tmp_path)
+    for path in (tmp_path / "absent.yaml", write(tmp_path, "a: 1") / "below"):
+        with pytest.raises(InputError, match="cannot be read"):
+            load_scenario(path)
+
+
+@pytest.mark.parametrize(
+    ("key", "nearest"),
+    [
+        ("bodie", "body"),
+        ("control_period", "control_period_s"),
+        ("lidr", "lidar"),
+        ("Mpc", "mpc"),
+        ("spacecraft.mass", "mass_kg"),
+        ("spacecraft.thrust_limit", "thrust_limit_n"),
+        ("lidar.noise_std_km", "noise_std_m"),
+        ("mpc.knot", "knots"),
+        ("disturbance.reset_period", "reset_period_s"),
+        ("transit.start", "start_m"),
+        ("arrival.radius", "radius_m"),
+        ("spacecraft.", "mass_kg|thrust_limit_n|speed_limit_m_s"),
+    ],
+)
+def test_unknown_key_gives_the_nearest(tmp_path: Path, key: str, nearest: str) -> None:
+    *section, last = key.split(".")
+    expected = f"{''.join(section)}.*no key '{last}' in .*nearest is '({nearest})'"
+    with pytest.raises(InputError, match=expected):
+        load_scenario(None, [f"{key}=3"])
+    text = f"{section[0]}: {{'{last}': 3}}" if section else f"{last}: 3"
+    with pytest.raises(InputError, match=r"scenario\.yaml: " + expected):
+        load_scenario(write(tmp_path, text))
+
+
+@pytest.mark.parametrize(
+    ("override", "complaint"),
+    [
+        ("spacecraft.mass_kg=heavy", "spacecraft.mass_kg needs a number, got 'heavy'"),
+        ("spacecraft.mass_kg=", "spacecraft.mass_kg needs a number, got None"),
+        ("spacecraft.mass_kg=[1]", "spacecraft.mass_kg needs a number"),
+        ("spacecraft.mass_kg=true", "spacecraft.mass_kg needs a number, got True"),
+        ("spacecraft.mass_kg.x=3", "spacecraft.mass_kg needs a number"),
+        ("spacecraft=3", "spacecraft needs `key: value` lines, got 3"),
+        ("spacecraft=null", "spacecraft needs `key: value` lines, got None"),
+        ("disturbance=3", "disturbance needs `key: value` lines, got 3"),
+        ("disturbance=!Earthquake {}", "disturbance cannot be !Earthquake"),
+        ("spacecraft=!Boat {}", "spacecraft cannot be !Boat"),
+        ("mpc.knots=3.5", "mpc.knots needs a whole number, got 3.5"),
+        ("mpc.knots=1e1", "mpc.knots needs a whole number, got '1e1'"),
+        ("noise_seed=true", "noise_seed needs a whole number"),
+        ("control_period_s=2026-01-01", "control_period_s needs a number"),
+        ("body=3", "body needs a text, got 3"),
+        ("body=[a]", "body needs a text"),
+        ("transit.start_m=4", "transit.start_m needs a list, each a number or null, got 4"),
+        ("transit.start_m=[1, 2, x]", "transit.start_m needs a list, each a number"),
+        ("transit.start_m=[[1, 2, 3]]", "transit.start_m needs a list, each a number"),
+    ],
+)
+def test_wrong_type(override: str, complaint: str) -> None:
+    with pytest.raises(InputError, match=f"^scenario: {complaint}"):
+        load_scenario(None, [override])
+
+
+POSITIVE = [
+    "control_period_s",
+    "spacecraft.mass_kg",
+    "spacecraft.thrust_limit_n",
+    "spacecraft.speed_limit_m_s",
+    "lidar.max_range_m",
+    "mpc.knot_growth",
+    "mpc.nominal_acceleration_m_s2",
+    "mpc.min_horizon_s",
+    "disturbance.reset_period_s",
+    "transit.cube_m",
+    "transit.min_distance_m",
+    "transit.max_distance_m",
+    "transit.max_hover_share",
+    "arrival.radius_m",
+    "arrival.speed_m_s",
+    "arrival.dwell_s",
+    "arrival.deadline_s",
+]
+NOT_NEGATIVE = [
+    "lidar.noise_std_m",
+    "mpc.keep_out_margin_m",
+    "mpc.closing_speed_weight",
+    "disturbance.max_relative_magnitude",
+    "disturbance.increment_std_n",
+    "transit.end_clearance_m",
+]
+
+
+@pytest.mark.parametrize("value", ["-1.5", ".nan", ".inf", "-.inf"])
+@pytest.mark.parametrize("key", POSITIVE + NOT_NEGATIVE)
+def test_senseless_numbers(key: str, value: str) -> None:
+    with pytest.raises(InputError, match=f"^scenario: {key} must (be positive|not be negative)"):
+        load_scenario(None, [f"{key}={value}"])
+
+
+@pytest.mark.parametrize("key", POSITIVE)
+def test_zero_where_it_makes_no_sense(key: str) -> None:
+    with pytest.raises(InputError, match=f"^scenario: {key} must be positive, got 0"):
+        load_scenario(None, [f"{key}=0"])
+
+
+@pytest.mark.parametrize("key", NOT_NEGATIVE)
+def test_zero_where_it_makes_sense(key: str) -> None:
+    load_scenario(None, [f"{key}=0"])
+
+
+@pytest.mark.parametrize(
+    ("overrides", "complaint"),
+    [
+        (["noise_seed=-1"], "noise_seed must not be negative"),
+        (["transit.seed=-1"], "transit.seed must not be negative"),
+        (["transit.index=-1"], "transit.index must not be negative"),
+        (["mpc.knots=1"], "mpc.knots must be at least 2"),
+        (["mpc.cold_iterations=0"], "mpc.cold_iterations must be positive"),
+        (["transit.min_distance_m=2e5"], "transit.min_distance_m must be below"),
+        (["transit.start_m=[1, 2, 3]"], "transit needs start_m and goal_m"),
+        (["transit.start_m=[1, 2, 3]", "transit.goal_m=[1, 2]"], "goal_m must be three numbers"),
+        (["transit.start_m=[1, 2, .nan]", "transit.goal_m=[1, 2, 3]"], "start_m must be three"),
+    ],
+)
+def test_values_that_do_not_fit_each_other(overrides: list[str], complaint: str) -> None:
+    with pytest.raises(InputError, match=complaint):
+        load_scenario(None, overrides)
+
+
+@pytest.mark.parametrize("override", ["noise_seed", "=3", " = 3", ""])
+def test_override_without_key_or_value(override: str) -> None:
+    with pytest.raises(InputError, match=r"not of the form key\.subkey=value"):
+        load_scenario(None, [override])
+
+
+@pytest.mark.parametrize("value", ["[", "*a", "5: 3", "!Tag 3"])
+def test_override_that_is_not_yaml(value: str) -> None:
+    with pytest.raises(InputError, match="the value is not YAML"):
+        load_scenario(None, ["noise_seed=" + value])
+
+
+# --- bodies ---------------------------------------------------------------------------------------
+
+ROCK = {
+    "name": "Rock",
+    "mesh": "rock.obj",
+    "mesh_unit": "m",
+    "mass_kg": 1e9,
+    "rotation_period_h": 4.0,
+    "keep_out_semi_axes_m": [160.0, 160.0, 160.0],
+}
+
+
+@pytest.fixture
+def rock(tmp_path: Path):
+    """Writes a body of about 100 m, away from its mesh's origin, with some keys changed."""
+    mesh = star_shaped(0, subdivisions=1, size=60.0)
+    mesh.apply_translation([500.0, -300.0, 20.0])
+    mesh.export(tmp_path / "rock.obj")
+
+    def write_rock(drop: str = "", **changes: object) -> str:
+        tree = {key: value for key, value in (ROCK | changes).items() if key != drop}
+        lines = "".join(f"{key}: {value}\n" for key, value in tree.items())
+        return str(write(tmp_path, lines, "rock.yaml"))
+
+    return write_rock
+
+
+def test_kleopatra() -> None:
+    body = load_body("kleopatra")
+    assert body.config.name == "Kleopatra"
+    assert body.spin_rate == pytest.approx(2 * np.pi / (5.38528 * 3600))
+    np.testing.assert_array_equal(body.keep_out_semi_axes, [140e3, 70e3, 65e3])
+    np.testing.assert_allclose(body.shape.centre_of_mass, 0.0, atol=1e-6)
+    assert body.gravity_field.mass == pytest.approx(body.config.mass_kg, rel=1e-14)
+
+
+def test_own_body(rock) -> None:
+    body = load_body(rock())
+    assert body.config == BodyConfig(**ROCK)
+    np.testing.assert_allclose(body.shape.centre_of_mass, 0.0, atol=1e-10)
+    assert body.gravity_field.mass == pytest.approx(1e9)
+    assert body.spin_rate == pytest.approx(2 * np.pi / 14400)
+
+
+@pytest.mark.parametrize("name", ["itokawa", "", ".", "..", "kleopatra/kleopatra", "/", "a\nb"])
+def test_unknown_body(name: str) -> None:
+    with pytest.raises(InputError, match=r"does not ship with proxops \(kleopatra does\)"):
+        load_body(name)
+
+
+def test_missing_body_file(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="cannot be read"):
+        load_body(str(tmp_path / "absent.yaml"))
+
+
+@pytest.mark.parametrize("key", list(ROCK))
+def test_body_needs_every_key(rock, key: str) -> None:
+    with pytest.raises(InputError, match=rf"rock\.yaml: {key} missing"):
+        load_body(rock(drop=key))
+
+
+@pytest.mark.parametrize(
+    ("changes", "complaint"),
+    [
+        ({"mas_kg": 3.0}, "no key 'mas_kg' in BodyConfig; the nearest is 'mass_kg'"),
+        ({"mass_kg": "heavy"}, "mass_kg needs a number, got 'heavy'"),
+        ({"mass_kg": -1e9}, "mass_kg must be positive"),
+        ({"mass_kg": 0}, "mass_kg must be positive"),
+        ({"mass_kg": ".nan"}, "mass_kg must be positive"),
+        ({"mass_kg": 1e15}, "which no body has"),
+        ({"rotation_period_h": 0}, "rotation_period_h must be positive"),
+        ({"rotation_period_h": ".inf"}, "rotation_period_h must be positive"),
+        ({"keep_out_semi_axes_m": [160, 160]}, "must be three positive lengths"),
+        ({"keep_out_semi_axes_m": [160, 160, -160]}, "must be three positive lengths"),
+        ({"keep_out_semi_axes_m": [160, 160, 0]}, "must be three positive lengths"),
+        ({"keep_out_semi_axes_m": 160}, "keep_out_semi_axes_m needs a list, each a number"),
+        ({"keep_out_semi_axes_m": [160, 160, 20]}, "sticks out of the keep-out ellipsoid"),
+        ({"mesh_unit": "km"}, "is the mesh in the unit that was said"),
+        ({"mesh_unit": "feet"}, "unit 'feet' is not known"),
+        ({"mesh": "absent.obj"}, "absent.obj does not exist"),
+        ({"mesh": "."}, "does not exist or is not a file"),
+        ({"mesh": "rock.yaml"}, "could not be read as a mesh"),
+    ],
+)
+def test_body_refused(rock, changes: dict[str, object], complaint: str) -> None:
+    with pytest.raises(InputError, match=complaint):
+        load_body(rock(**changes))
+
+
+def test_body_with_unsound_mesh(rock, tmp_path: Path) -> None:
+    mesh = star_shaped(0, subdivisions=1, size=60.0)
+    trimesh.Trimesh(mesh.vertices, mesh.faces[1:], process=False).export(tmp_path / "open.obj")
+    with pytest.raises(InputError, match=r"open\.obj has holes"):
+        load_body(rock(mesh="open.obj"))
+
+
+def test_hint_of_the_ellipsoid_suffices(rock) -> None:
+    """The factor in the message is the one that makes the body fit."""
+    axes = np.array([80.0, 70.0, 60.0])
+    with pytest.raises(InputError) as caught:
+        load_body(rock(keep_out_semi_axes_m=axes.tolist()))
+    factor = float(str(caught.value).split("semi-axes ")[1].split()[0])
+    load_body(rock(keep_out_semi_axes_m=(axes * (factor + 1e-3)).tolist()))

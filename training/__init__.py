@@ -1,0 +1,1 @@
+"""Learning from flights, and judging what was learned."""

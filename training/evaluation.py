@@ -1,0 +1,67 @@
+"""Figures of merit over many flights of one controller."""
+
+from __future__ import annotations
+
+import math
+import typing
+from collections.abc import Sequence
+
+import numpy as np
+
+Row = dict[str, typing.Any]
+
+
+def wilson_interval(successes: int, trials: int, z: float = 1.959964) -> tuple[float, float]:
+    """Wilson's score interval of a share (95 % by default); (0, 1) without trials.
+
+    E. B. Wilson, J. Am. Stat. Assoc. 22 (1927) 209.
+    """
+    if trials == 0:
+        return 0.0, 1.0
+    share = successes / trials
+    scale = 1.0 + z * z / trials
+    centre = (share + z * z / (2 * trials)) / scale
+    half = z / scale * math.sqrt(share * (1 - share) / trials + z * z / (4 * trials**2))
+    return max(0.0, centre - half), min(1.0, centre + half)
+
+
+def aggregate(rows: Sequence[Row]) -> dict[str, typing.Any]:
+    """One controller's entry of `results.json` from its flights' summaries.
+
+    Terminal figures are over all flights, delta-v and arrival time over those that arrived.
+    """
+    successes = sum(row["success"] for row in rows)
+    arrived = [row for row in rows if row["success"]]
+    asked = [row for row in rows if row["mpc_solves"]]
+    return {
+        "transits": len(rows),
+        "success_rate": successes / len(rows),
+        "success_rate_interval": wilson_interval(successes, len(rows)),
+        "success_rate_2km": sum(row["success_2km"] for row in rows) / len(rows),
+        "collisions": sum(row["collided"] for row in rows),
+        "keep_out_violations": sum(row["keep_out_violations"] for row in rows),
+        "min_clearance_m": min(row["min_clearance_m"] for row in rows),
+        "terminal_position_error_m_median": _median(rows, "terminal_position_error_m"),
+        "terminal_position_error_m_p95": _percentile(rows, "terminal_position_error_m", 95),
+        "terminal_position_error_m_max": _percentile(rows, "terminal_position_error_m", 100),
+        "terminal_speed_m_s_max": _percentile(rows, "terminal_speed_m_s", 100),
+        "arrival_time_s_median": _median(arrived, "arrival_time_s"),
+        "delta_v_m_s_median": _median(arrived, "delta_v_m_s"),
+        "delta_v_m_s_mean": float(np.mean([row["delta_v_m_s"] for row in arrived]))
+        if arrived
+        else None,
+        "policy_share": float(np.mean([row["policy_share"] for row in rows])),
+        "mpc_solves": sum(row["mpc_solves"] for row in rows),
+        "control_ms_median": _median(asked, "control_ms_median"),
+        "control_ms_p99": _percentile(asked, "control_ms_p99", 100),
+        "flights": list(rows),
+    }
+
+
+def _percentile(rows: Sequence[Row], name: str, percent: float) -> float | None:
+    values = [row[name] for row in rows]
+    return float(np.percentile(values, percent)) if values else None
+
+
+def _median(rows: Sequence[Row], name: str) -> float | None:
+    return _percentile(rows, name, 50)
