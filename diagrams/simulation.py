@@ -18,6 +18,7 @@ from pydrake.systems.primitives import ConstantVectorSource, VectorLogSink
 
 from proxops.diagrams.body import Body, load_body
 from proxops.diagrams.flight_log import FlightLog, make_dataset
+from proxops.diagrams.replay import PLAYBACK_SPEED, add_flight
 from proxops.diagrams.scenario import Scenario, dump_scenario
 from proxops.diagrams.transit_diagram import make_controller, make_transit_diagram
 from proxops.systems.errors import InputError
@@ -82,7 +83,7 @@ def fly(
 
     Args:
       controller: a name that `named_controller` knows, or a System.
-      meshcat: draws the flight live.
+      meshcat: draws the flight live, at the replay's speed, and holds the replay afterwards.
       progress: is told how far the flight is.
       body: None: the one that the scenario names.
 
@@ -99,6 +100,8 @@ def fly(
         controller = named_controller(controller, scenario, body)
     diagram = make_transit_diagram(scenario, controller, meshcat, body)
     simulator = make_simulator(diagram, scenario)
+    if meshcat is not None:
+        simulator.set_target_realtime_rate(PLAYBACK_SPEED)  # Slow enough to be watched.
     latest = scenario.arrival.deadline_s + scenario.arrival.dwell_s
     if progress is not None:
         told = progress
@@ -112,7 +115,10 @@ def fly(
     status = simulator.AdvanceTo(latest)
     if status.reason() == SimulatorStatus.ReturnReason.kEventHandlerFailed:
         raise RuntimeError(status.FormatMessage())
-    return _collect_log(diagram, simulator.get_context(), scenario, body, name, started)
+    log = _collect_log(diagram, simulator.get_context(), scenario, body, name, started)
+    if meshcat is not None:
+        add_flight(meshcat, log)  # To be played again.
+    return log
 
 
 def make_simulator(diagram: Diagram, scenario: Scenario) -> Simulator:

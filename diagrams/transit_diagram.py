@@ -9,6 +9,7 @@ from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput, Ze
 
 from proxops.diagrams.body import Body, load_body
 from proxops.diagrams.flight_log import KEEP_OUT_TOLERANCE
+from proxops.diagrams.live_view import LiveView, add_live_view
 from proxops.diagrams.scenario import Scenario
 from proxops.diagrams.transits import scenario_transit
 from proxops.systems import (
@@ -177,9 +178,9 @@ def make_transit_diagram(
     for name, port in logged.items():
         LogVectorOutput(port, builder, publish_period=period).set_name(f"log_{name}")
     if meshcat is not None:
-        from proxops.diagrams.live_view import add_live_view
-
-        add_live_view(builder, meshcat, body, transit, craft_ports["position"], lidar)
+        view = LiveView(meshcat, lidar, scenario.spacecraft.thrust_limit_n, period)
+        seen = {name: sources[name] for name in ("position", "ranges")}
+        add_live_view(builder, meshcat, body, transit, view, {**seen, "force": applied})
     diagram = builder.Build()
     diagram.set_name("transit")
     return diagram
