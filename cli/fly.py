@@ -18,6 +18,7 @@ from proxops.diagrams.scenario import load_scenario
 from proxops.diagrams.simulation import fly
 from proxops.systems.errors import InputError
 
+
 def fly_command(
     scenario: Annotated[
         Path | None, typer.Argument(help="Scenario file (YAML). Default: Kleopatra.")

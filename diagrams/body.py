@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from proxops.assets import ASSETS
-from proxops.diagrams.scenario import load_typed, read_mapping
+from proxops.diagrams.typed_yaml import load_typed, read_mapping
 from proxops.systems.errors import InputError
 from proxops.systems.gravity_field import GravityField
 from proxops.systems.polyhedron import Polyhedron

@@ -8,7 +8,7 @@ import functools
 import json
 import os
 import typing
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from pathlib import Path
 
 from proxops.diagrams.body import load_body
@@ -94,7 +94,7 @@ def run_campaign(
 
 def _results(
     flights: Sequence[Flight], folder: Path, keep_logs: bool, workers: int, scheduler: str | None
-) -> Iterator[tuple[str, Row]]:
+) -> Generator[tuple[str, Row]]:
     """Name and summary of each flight as it ends."""
     if scheduler is None and workers <= 1:
         for flight in flights:
@@ -104,7 +104,9 @@ def _results(
 
     with _client(workers, scheduler) as client:
         futures = [
-            client.submit(_fly_one, flight, folder.resolve(), keep_logs, key=flight.name, pure=False)
+            client.submit(
+                _fly_one, flight, folder.resolve(), keep_logs, key=flight.name, pure=False
+            )
             for flight in flights
         ]
         names = {future.key: flight.name for future, flight in zip(futures, flights, strict=True)}
@@ -117,7 +119,7 @@ def _results(
 
 @contextlib.contextmanager
 def _client(workers: int, scheduler: str | None):
-    import dask
+    import dask.config
     from dask.distributed import Client, LocalCluster
 
     if scheduler is not None:
@@ -139,7 +141,10 @@ def _client(workers: int, scheduler: str | None):
     with (
         dask.config.set(settings),
         LocalCluster(
-            n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=None
+            n_workers=workers,
+            threads_per_worker=1,
+            processes=True,
+            dashboard_address=None,  # pyright: ignore[reportArgumentType]  (documented: none)
         ) as cluster,
         Client(cluster) as client,
     ):

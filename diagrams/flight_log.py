@@ -14,8 +14,9 @@ import xarray as xr
 from pydrake.common.yaml import yaml_dump_typed, yaml_load
 
 from proxops.diagrams.body import Body, BodyConfig
-from proxops.diagrams.scenario import Scenario, dump_scenario, load_typed, parse_scenario
-from proxops.systems.ellipsoid import clearances
+from proxops.diagrams.flight_summary import summarise
+from proxops.diagrams.scenario import Scenario, dump_scenario, parse_scenario
+from proxops.diagrams.typed_yaml import load_typed
 from proxops.systems.errors import InputError
 from proxops.systems.polyhedron import Polyhedron
 
@@ -39,13 +40,6 @@ COORDINATES = {
     "component": ["x", "y", "z", "vx", "vy", "vz"],
     "axis": ["x", "y", "z"],
 }
-
-# A keep-out violation is deeper than this (m).
-KEEP_OUT_TOLERANCE = 1.0
-# The pure policy, which sees nothing but lidar, is also judged at this radius (m, m/s).
-WIDE_ARRIVAL = (2.0e3, 2.0)
-# Samples between two rows when the least clearance is sought.
-_SUBSTEPS = 10
 
 
 @dataclass
@@ -97,7 +91,9 @@ class FlightLog:
         except (OSError, ValueError, KeyError) as error:
             raise InputError(f"{path} is not a flight log: {error}") from error
         missing = [name for name in ("state", "mesh_vertices") if name not in dataset]
-        missing += [name for name in ("scenario", "body", "controller") if name not in dataset.attrs]
+        missing += [
+            name for name in ("scenario", "body", "controller") if name not in dataset.attrs
+        ]
         if missing:
             raise InputError(f"{path} is not a flight log: it has no {', '.join(missing)}")
         config = load_typed(BodyConfig, yaml_load(data=dataset.attrs["body"]), str(path))
@@ -177,90 +173,9 @@ def inertial_motion(
     return turned(position), turned(states[:, 3:] + np.cross(spin, position))
 
 
-def dense_positions(times: np.ndarray, states: np.ndarray) -> np.ndarray:
-    """Positions (M, 3) along the path, ten a row: cubic Hermite through positions and velocities.
-
-    At 10 s steps it is within a millimetre of the integrated path.
-    """
-    step = np.diff(times)[:, None, None]
-    s = (np.arange(_SUBSTEPS) / _SUBSTEPS)[None, :, None]
-    p, v = states[:, None, :3], states[:, None, 3:]
-    path = (
-        (1 + 2 * s) * (1 - s) ** 2 * p[:-1]
-        + s * (1 - s) ** 2 * step * v[:-1]
-        + s**2 * (3 - 2 * s) * p[1:]
-        + s**2 * (s - 1) * step * v[1:]
-    )
-    return np.concatenate([path.reshape(-1, 3), states[-1:, :3]])
-
-
-def summarise(log: FlightLog) -> dict[str, typing.Any]:
-    """The flight's figures of merit; see `FlightLog.summary`."""
-    data, scenario = log.dataset, log.scenario
-    times, states = data["time"].values, data["state"].values
-    attrs = data.attrs
-    arrival = float(attrs["arrival_time_s"])
-    arrived = bool(np.isfinite(arrival))
-    least = float(clearances(log.body.keep_out_semi_axes, dense_positions(times, states)).min())
-    # Thrust acceleration, and how much of each interval lies before arrival.
-    thrust = np.abs(data["force"].values[:-1]).sum(axis=1) / scenario.spacecraft.mass_kg
-    lengths = np.diff(times)
-    until = np.clip((arrival if arrived else np.inf) - times[:-1], 0.0, lengths)
-    error = states[-1] - data["target"].values[-1]
-    solve_ms = data["solve_time"].values * 1e3
-    asked = solve_ms[np.isfinite(solve_ms)]
-    collided = bool(attrs["collided"])
-    violations = int(attrs["keep_out_violations"])
-    return {
-        "controller": attrs["controller"],
-        "seed": scenario.transit.seed,
-        "transit": scenario.transit.index,
-        "success": arrived
-        and arrival <= scenario.arrival.deadline_s
-        and not collided
-        and violations == 0,
-        "success_2km": _arrives(log, *WIDE_ARRIVAL) and not collided and violations == 0,
-        "collided": collided,
-        "keep_out_violations": violations,
-        "min_clearance_m": least,
-        "terminal_position_error_m": float(np.linalg.norm(error[:3])),
-        "terminal_speed_m_s": float(np.linalg.norm(error[3:])),
-        "arrival_time_s": arrival if arrived else None,
-        "delta_v_m_s": float(thrust @ until),
-        "hold_delta_v_m_s": float(thrust @ (lengths - until)),
-        "steps": len(times) - 1,
-        "mpc_solves": int(asked.size),
-        "policy_share": float(np.mean(data["decision"].values[:-1] == 2)),
-        "control_ms_median": float(np.median(asked)) if asked.size else None,
-        "control_ms_p99": float(np.percentile(asked, 99)) if asked.size else None,
-        "wall_s": float(attrs["wall_s"]),
-        "scenario_sha256": attrs["scenario_sha256"],
-        "policy_sha256": attrs.get("policy_sha256"),
-    }
-
-
-def _arrives(log: FlightLog, radius: float, speed: float) -> bool:
-    """Whether the rows show a dwell within radius (m) and speed (m/s) that begins in time."""
-    arrival = log.scenario.arrival
-    times = log.dataset["time"].values
-    error = log.dataset["state"].values - log.dataset["target"].values
-    distance, rate = np.linalg.norm(error[:, :3], axis=1), np.linalg.norm(error[:, 3:], axis=1)
-    outside = (distance > radius) | (rate > speed)
-    # Entered somewhere in the step before the first row inside.
-    entered = times[0] if not outside[0] else None
-    for k in range(1, len(times)):
-        if entered is not None and times[k] - entered >= arrival.dwell_s - 1e-6:
-            return bool(entered <= arrival.deadline_s)
-        if outside[k]:
-            entered = None
-        elif entered is None:
-            entered = times[k - 1]
-    return False
-
-
 def differences(first: FlightLog, second: FlightLog) -> list[str]:
     """Names of the variables in which two logs differ by any bit, wall times aside."""
-    names = sorted(set(first.dataset.variables) | set(second.dataset.variables))
+    names = sorted({str(name) for log in (first, second) for name in log.dataset.variables})
     return [
         name
         for name in names

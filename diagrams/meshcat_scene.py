@@ -36,8 +36,8 @@ _PANELS = Rgba(0.20, 0.32, 0.75)
 THRUST = Rgba(1.00, 0.85, 0.20)
 RETURNS = Rgba(1.00, 0.10, 0.30)
 # Lengths in Meshcat units: 0.01 is 1 km.
-_ARROW_LENGTH = 0.30
-_POINT_SIZE = 0.03
+_ARROW_LENGTH = 0.40
+_POINT_SIZE = 0.022
 # Degrees; the field of view is the vertical one.
 _CAMERA_ELEVATION = 28.0
 _FIELD_OF_VIEW = 40.0
@@ -177,14 +177,15 @@ def move_spacecraft(
 ) -> None:
     """Puts the spacecraft at a position (3,) in m, its arrows to a force (3,) in N, both in K.
 
-    Each arrow points where the force accelerates; at `thrust_limit` (N) it is 30 km long.
+    Each arrow points where the force accelerates. At `thrust_limit` (N) it is 40 km long; below,
+    its length goes with the square root of the force, so that the usual tenth of it is seen too.
     """
     pose = _pose(position)
     meshcat.SetTransform("/spacecraft", pose, time_in_recording)
     for letter, share in zip("xyz", force / thrust_limit, strict=True):
         # A negative scale turns the arrow about, through zero and without swinging round. Zero
         # itself would leave the surface without normals.
-        scale = float(share) if abs(share) > 1e-3 else 1e-3
+        scale = float(np.sign(share) * np.sqrt(abs(share))) if abs(share) > 1e-4 else 0.01
         name = f"/spacecraft/thrust_{letter}"
         meshcat.SetProperty(name, "scale", [scale] * 3, time_in_recording)
 

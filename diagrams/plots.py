@@ -15,7 +15,8 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Ellipse
 
 from proxops.diagrams.body import Body
-from proxops.diagrams.flight_log import FlightLog, dense_positions
+from proxops.diagrams.flight_log import FlightLog
+from proxops.diagrams.flight_summary import dense_positions
 from proxops.diagrams.meshcat_scene import WHO_FLIES
 from proxops.systems.ellipsoid import clearances
 

@@ -47,7 +47,7 @@ _TINY = 1e-12  # Keeps the tube finite where a path turns back on itself.
 
 
 def write_replay(log: FlightLog, path: str | Path) -> None:
-    """Writes the flight as one HTML page of 3 to 4 MB that any browser shows without a network.
+    """Writes the flight as one HTML page of about 4 MB that any browser shows without a network.
 
     Raises:
       InputError: the folder does not exist or cannot be written.
@@ -164,14 +164,14 @@ def _legend(log: FlightLog, title: str) -> str:
     """A line of text over the picture that says what the colours mean."""
     named = {0: log.dataset.attrs["controller"], 1: WHO_FLIES[1][0], 2: WHO_FLIES[2][0]}
     entries = [
-        (WHO_FLIES[who][1], f"{named[who]} flies")
+        (Rgba(*WHO_FLIES[who][1]), f"{named[who]} flies")
         for who in sorted({int(d) for d in log.dataset["decision"].values[:-1]} & set(named))
     ]
     entries += [(THRUST, "thrust"), (RETURNS, "lidar returns"), (GOAL, "goal")]
     spans = []
     for colour, text in entries:
-        rgb = (colour.r(), colour.g(), colour.b()) if isinstance(colour, Rgba) else colour
-        code = "".join(f"{round(255 * level):02x}" for level in rgb)
+        levels = (colour.r(), colour.g(), colour.b())
+        code = "".join(f"{round(255 * level):02x}" for level in levels)
         spans.append(f'<span style="color:#{code}">&#9679;</span> {html.escape(text)}')
     return (
         '<div id="legend" style="position:fixed;left:14px;bottom:12px;pointer-events:none;'

@@ -8,7 +8,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, System
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput, ZeroOrderHold
 
 from proxops.diagrams.body import Body, load_body
-from proxops.diagrams.flight_log import KEEP_OUT_TOLERANCE
+from proxops.diagrams.flight_summary import KEEP_OUT_TOLERANCE
 from proxops.diagrams.live_view import LiveView, add_live_view
 from proxops.diagrams.scenario import Scenario
 from proxops.diagrams.transits import scenario_transit
@@ -89,9 +89,9 @@ def make_transit_diagram(
     """
     body = body or load_body(scenario.body)
     transit = scenario_transit(scenario, body)
-    controller = controller or make_controller(scenario, body)
-    if not controller.get_name():
-        controller.set_name("controller")
+    pilot: System = make_controller(scenario, body) if controller is None else controller
+    if not pilot.get_name():
+        pilot.set_name("controller")
     period = scenario.control_period_s
     seeds = (scenario.noise_seed, transit.seed, transit.index)
     builder = DiagramBuilder()
@@ -115,7 +115,7 @@ def make_transit_diagram(
     )
     target = add("target", ConstantVectorSource(np.concatenate([transit.goal, np.zeros(3)])))
     hold = add("hold", ZeroOrderHold(period, 3))
-    builder.AddSystem(controller)
+    builder.AddSystem(pilot)
 
     builder.Connect(craft_ports["position"], gravity.GetInputPort("position"))
     builder.Connect(gravity.GetOutputPort("acceleration"), craft.GetInputPort("gravity"))
@@ -128,8 +128,8 @@ def make_transit_diagram(
         "ranges": lidar.GetOutputPort("ranges"),
         "applied_force": hold.get_output_port(),
     }
-    _connect_controller(builder, controller, sources)
-    command = controller.GetOutputPort("force")
+    _connect_controller(builder, pilot, sources)
+    command = pilot.GetOutputPort("force")
     applied = command
     if scenario.disturbance is not None:
         settings = scenario.disturbance
@@ -164,17 +164,17 @@ def make_transit_diagram(
     builder.Connect(target.get_output_port(), monitor.GetInputPort("target"))
 
     # The lidar is not logged: its frames are a function of time and position, so they are made
-    # from the log when the flight is over. At a control step the hold has not yet taken the new command: what is logged as `force` is
-    # what it is about to hold.
+    # from the log when the flight is over. At a control step the hold has not yet taken the new
+    # command: what is logged as `force` is what it is about to hold.
     logged = {
         "state": craft_ports["state"],
         "target": target.get_output_port(),
         "force": applied,
         "command": command,
     }
-    if isinstance(controller, ModelPredictiveController):
+    if isinstance(pilot, ModelPredictiveController):
         logged["mpc_force"] = command
-        logged["mpc_record"] = controller.GetOutputPort("record")
+        logged["mpc_record"] = pilot.GetOutputPort("record")
     for name, port in logged.items():
         LogVectorOutput(port, builder, publish_period=period).set_name(f"log_{name}")
     if meshcat is not None:

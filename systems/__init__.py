@@ -5,11 +5,12 @@ from proxops.systems.flight_monitor import FlightMonitor
 from proxops.systems.gravity_field import Gravity, GravityField
 from proxops.systems.lidar import Lidar, RayCaster, ray_directions
 from proxops.systems.model_predictive_controller import ModelPredictiveController
+from proxops.systems.plan import Horizon, Plan, TransitLimits
 from proxops.systems.polyhedral_gravity import PolyhedralGravity, PolyhedralGravity_
 from proxops.systems.polyhedron import Polyhedron
 from proxops.systems.random_walk_disturbance import RandomWalkDisturbance
 from proxops.systems.spacecraft import Spacecraft, Spacecraft_, jacobi_integral
-from proxops.systems.transit_program import Horizon, Plan, TransitLimits, TransitProgram
+from proxops.systems.transit_program import TransitProgram
 
 __all__ = [
     "FlightMonitor",

@@ -63,9 +63,7 @@ class FlightMonitor(LeafSystem):
         self._caster = ray_caster(field.shape)
         self._state_port = self.DeclareVectorInputPort(name="state", size=6)
         self._target_port = self.DeclareVectorInputPort(name="target", size=6)
-        self._outcome_index = self.DeclareDiscreteState(
-            BasicVector([NEVER, 0.0, 0.0, 0.0])
-        )
+        self._outcome_index = self.DeclareDiscreteState(BasicVector([NEVER, 0.0, 0.0, 0.0]))
         self._position_index = self.DeclareDiscreteState(BasicVector(np.full(3, np.nan)))
         self.DeclareStateOutputPort(name="outcome", state_index=self._outcome_index)
         self.DeclareInitializationDiscreteUpdateEvent(update=self._initialise)
@@ -90,6 +88,7 @@ class FlightMonitor(LeafSystem):
         return self.MakeWitnessFunction(description, direction, calc, event)
 
     def DoGetWitnessFunctions(self, context):  # noqa: N802
+        """All of them, always."""
         return self._witnesses
 
     def _calc_outside_goal(self, context) -> float:

@@ -101,11 +101,13 @@ class Lidar(LeafSystem):
           InputError: a property that no lidar has.
         """
         super().__init__()
-        if not noise_std >= 0.0 or not max_range > 0.0 or not period > 0.0:
+        if not (0.0 <= noise_std < np.inf and max_range > 0.0 and 0.0 < period < np.inf):
             raise InputError(
                 "a lidar needs noise_std >= 0, max_range > 0 and period > 0, "
                 f"got {noise_std}, {max_range}, {period}"
             )
+        if seed < 0:
+            raise InputError(f"a lidar needs a seed that is not negative, got {seed}")
         if planes < 1 or rays < 1:
             raise InputError(f"a lidar needs planes and rays, got {planes} and {rays}")
         self.noise_std, self.max_range, self.period = noise_std, max_range, period

@@ -9,7 +9,8 @@ from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import LeafSystem
 
 from proxops.systems.errors import InputError
-from proxops.systems.transit_program import Plan, TransitProgram
+from proxops.systems.plan import Plan
+from proxops.systems.transit_program import TransitProgram
 
 SOLVED, FLOWN_ON, BRAKING = 0, 1, 2
 
@@ -140,9 +141,7 @@ class ModelPredictiveController(LeafSystem):
         now = np.clip(np.searchsorted(last.times, age, side="right") - 1, 0, len(last.forces) - 1)
         forces = last.forces[at]
         forces[0] = last.forces[now]
-        return dataclasses.replace(
-            last, times=times, states=states, forces=forces, status=FLOWN_ON
-        )
+        return dataclasses.replace(last, times=times, states=states, forces=forces, status=FLOWN_ON)
 
     def _braking(self, state: np.ndarray) -> Plan:
         """Hover thrust and full braking of the velocity in K, within the limits."""

@@ -27,6 +27,8 @@ def _with_derivatives(value: np.ndarray, jacobian: np.ndarray, position: np.ndar
 
 @TemplateSystem.define("PolyhedralGravity_")
 def PolyhedralGravity_(T):  # noqa: N802 (Drake's own naming of templates)
+    """`PolyhedralGravity` for the scalar type T, float or AutoDiffXd."""
+
     class Impl(LeafSystem_[T]):
         """Gravity of a polyhedron at a point, all in the body-fixed frame K.
 

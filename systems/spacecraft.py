@@ -38,6 +38,8 @@ def jacobi_integral(
 
 @TemplateSystem.define("Spacecraft_")
 def Spacecraft_(T):  # noqa: N802 (Drake's own naming of templates)
+    """`Spacecraft` for the scalar type T, float or AutoDiffXd."""
+
     class Impl(LeafSystem_[T]):
         """A point mass whose attitude is held to the body-fixed rotating frame K.
 

@@ -1,0 +1,70 @@
+"""What a flight costs: speed against real time, control step, memory, import.
+
+Flies transits of the standard set with the MPC in this process, on one thread, lidar logged at
+every step, and prints the figures beside the paper's. Run it on a machine that does nothing else:
+
+    python benchmarks/flight.py [--transits 3]
+"""
+
+import argparse
+import os
+import resource
+import statistics
+import subprocess
+import sys
+import time
+
+for name in ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+    os.environ[name] = "1"
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from proxops.diagrams.scenario import load_scenario
+from proxops.diagrams.simulation import fly
+
+PAPER_MPC_S = 0.473
+
+
+def import_time() -> float:
+    """Median wall time in s of `import proxops.systems` in a new process, Python's start less."""
+
+    def run(code: str) -> float:
+        started = time.perf_counter()
+        subprocess.run([sys.executable, "-c", code], check=True)
+        return time.perf_counter() - started
+
+    full = [run("import proxops.systems") for _ in range(5)]
+    bare = [run("pass") for _ in range(5)]
+    return statistics.median(full) - statistics.median(bare)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--transits", type=int, default=3)
+    count = parser.parse_args().transits
+    fly(load_scenario(None, {"arrival.deadline_s": 100.0, "arrival.dwell_s": 10.0}))  # Warm up.
+    steps, factors = [], []
+    for index in range(count):
+        log = fly(load_scenario(None, {"transit.index": index}))
+        steps.append(log.dataset["solve_time"].values)
+        factors.append(float(log.dataset["time"].values[-1]) / log.summary["wall_s"])
+    step = np.concatenate(steps)
+    median, p99 = np.nanmedian(step), np.nanpercentile(step, 99)
+    table = Table(title=f"{count} transits of seed 10000, {step.size} control steps")
+    table.add_column("figure")
+    table.add_column("value", justify="right")
+    table.add_row("flight against real time, slowest", f"{min(factors):.0f} x")
+    table.add_row("flight against real time, median", f"{statistics.median(factors):.0f} x")
+    table.add_row("MPC control step, median", f"{1e3 * median:.2f} ms")
+    table.add_row("MPC control step, 99th percentile", f"{1e3 * p99:.2f} ms")
+    table.add_row("the paper's MPC step over ours", f"{PAPER_MPC_S / median:.0f} x")
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    table.add_row("peak memory of this process", f"{peak:.0f} MiB")
+    table.add_row("import proxops.systems", f"{import_time():.2f} s")
+    Console().print(table)
+
+
+if __name__ == "__main__":
+    main()
