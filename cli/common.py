@@ -22,7 +22,8 @@ status = Console(stderr=True)
 def check_folder(folder: Path) -> None:
     """Raises `InputError` now if `folder` could not be made or written in later."""
     nearest = folder.absolute()
-    while not nearest.exists():
+    # Path.exists raises where a parent may not be entered or a name is too long; this does not.
+    while not os.path.exists(nearest):  # noqa: PTH110
         nearest = nearest.parent
     if not nearest.is_dir():
         raise InputError(f"--out {folder}: {nearest} is a file, not a folder")

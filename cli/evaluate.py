@@ -10,8 +10,11 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from proxops.cli.common import check_folder, console, status, write_json
+from proxops.diagrams.body import load_body
 from proxops.diagrams.campaign import run_campaign, transit_flights
 from proxops.diagrams.scenario import load_scenario
+from proxops.diagrams.simulation import named_controller
+from proxops.diagrams.transits import draw_transit
 from proxops.systems.errors import InputError
 from proxops.training.evaluation import aggregate
 
@@ -51,6 +54,12 @@ def evaluate_command(
         raise InputError(f"--controllers {controllers!r} must name each controller once")
     check_folder(out)
     wanted = load_scenario(scenario, settings or [])
+    # Said now, before there are workers and folders.
+    body = load_body(wanted.body)
+    for name in names:
+        named_controller(name, wanted, body)
+    for index in range(min(transits, 2)):  # One of each kind: clear, and blocked by the keep-out.
+        draw_transit(seed, index, wanted, body)
     flights = {name: transit_flights(wanted, name, seed, transits) for name in names}
     columns = (
         TextColumn("flying"),

@@ -24,8 +24,8 @@ def fly_command(
         Path | None, typer.Argument(help="Scenario file (YAML). Default: Kleopatra.")
     ] = None,
     controller: Annotated[
-        str, typer.Option(help="mpc, zero, or MODULE:FACTORY for your own.")
-    ] = "mpc",
+        str | None, typer.Option(help="mpc (the default), zero, or MODULE:FACTORY for your own.")
+    ] = None,
     seed: Annotated[int | None, typer.Option(help="Seed of the set of transits.")] = None,
     transit: Annotated[int | None, typer.Option(help="Number of the transit in the set.")] = None,
     settings: Annotated[
@@ -58,8 +58,11 @@ def fly_command(
         server = start_server()
         status.print(f"Meshcat is at {server.web_url()}")
     if log_file is not None:
-        if scenario is not None or settings or seed is not None or transit is not None:
-            raise InputError("--from repeats a flight as it was: give no scenario or settings")
+        given = (scenario, settings or None, seed, transit, controller)
+        if any(value is not None for value in given):
+            raise InputError(
+                "--from repeats a flight as it was: give no scenario, controller or settings"
+            )
         original = FlightLog.load(log_file)
         with _progress_bar() as progress:
             log = fly(
@@ -83,7 +86,7 @@ def fly_command(
             overrides.append(f"transit.index={transit}")
         wanted = load_scenario(scenario, overrides)
         with _progress_bar() as progress:
-            log = fly(wanted, controller, meshcat=server, progress=progress)
+            log = fly(wanted, controller or "mpc", meshcat=server, progress=progress)
         _save(log, out)
     if server is not None:
         status.print("Press Ctrl-C to end.")

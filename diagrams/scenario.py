@@ -48,10 +48,9 @@ class MpcConfig:
     knots: int = 30
     # Length of the plan's last interval over that of its first.
     knot_growth: float = 4.0
-    # Time to go is max(min_horizon, sqrt(4 d / a) - c v / a): distance d, closing speed v,
-    # nominal acceleration a, closing-speed weight c.
+    # Sets the time to go: the mean thrust acceleration of a transit if there were no gravity.
     nominal_acceleration_m_s2: float = 0.025
-    closing_speed_weight: float = 0.6
+    # The time to go is never less than this.
     min_horizon_s: float = 300.0
     # Added to every semi-axis of the keep-out ellipsoid in the plan.
     keep_out_margin_m: float = 3.0e3
@@ -187,7 +186,7 @@ def check_scenario(scenario: Scenario, source: str = "scenario") -> None:
         "cold_iterations",
     )  # fmt: skip
     need(scenario.mpc.knots >= 2, "mpc.knots", "must be at least 2")
-    not_negative("mpc", "keep_out_margin_m", "closing_speed_weight")
+    not_negative("mpc", "keep_out_margin_m")
     if scenario.disturbance is not None:
         positive("disturbance", "reset_period_s")
         not_negative("disturbance", "max_relative_magnitude", "increment_std_n")

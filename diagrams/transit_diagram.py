@@ -11,6 +11,7 @@ from proxops.diagrams.body import Body, load_body
 from proxops.diagrams.flight_summary import KEEP_OUT_TOLERANCE
 from proxops.diagrams.live_view import LiveView, add_live_view
 from proxops.diagrams.scenario import Scenario
+from proxops.diagrams.thrusters import Thrusters
 from proxops.diagrams.transits import scenario_transit
 from proxops.systems import (
     FlightMonitor,
@@ -48,7 +49,6 @@ def make_controller(scenario: Scenario, body: Body) -> ModelPredictiveController
             knots=mpc.knots,
             knot_growth=mpc.knot_growth,
             nominal_acceleration=mpc.nominal_acceleration_m_s2,
-            closing_speed_weight=mpc.closing_speed_weight,
             minimum=mpc.min_horizon_s,
         ),
     )
@@ -64,11 +64,11 @@ def make_transit_diagram(
     """Everything that a flight needs, wired: set nothing, simulate.
 
     ```
-    target ──► controller ─► disturbance ─► hold ─► spacecraft ◄─► gravity
-                 ▲  ▲  ▲        (if any)     │           │
-                 │  │  └─── applied_force ◄──┘           │
-                 │  └────── ranges ◄──── lidar ◄─────────┤
-                 └───────── state ◄──────────────────────┘
+    target ──► controller ─► disturbance ─► thrusters ─► hold ─► spacecraft ◄─► gravity
+                 ▲  ▲  ▲        (if any)                  │           │
+                 │  │  └──────── applied_force ◄──────────┘           │
+                 │  └─────────── ranges ◄──── lidar ◄─────────────────┤
+                 └────────────── state ◄──────────────────────────────┘
     ```
 
     Args:
@@ -81,8 +81,8 @@ def make_transit_diagram(
 
     Returns:
       A Diagram whose subsystems are named gravity, spacecraft, lidar, target, controller,
-      disturbance (if there is one), hold, monitor, and log_NAME for every logged port. The Context
-      that it makes by default starts the scenario's transit.
+      disturbance (if there is one), thrusters, hold, monitor, and log_NAME for every logged port.
+      The Context that it makes by default starts the scenario's transit.
 
     Raises:
       InputError: the controller's ports do not fit, or the scenario cannot be flown.
@@ -146,6 +146,9 @@ def make_transit_diagram(
         )
         builder.Connect(command, disturbance.GetInputPort("force"))
         applied = disturbance.GetOutputPort("force")
+    thrusters = add("thrusters", Thrusters(scenario.spacecraft.thrust_limit_n))
+    builder.Connect(applied, thrusters.GetInputPort("force"))
+    applied = thrusters.GetOutputPort("force")
     builder.Connect(applied, hold.get_input_port())
 
     monitor = add(

@@ -56,24 +56,34 @@ class Horizon:
     knot_growth: float = 4.0
     """Length of the last interval over that of the first."""
     nominal_acceleration: float = 0.025
-    """m/s^2, a in the time to go below."""
-    closing_speed_weight: float = 0.6
-    """c in the time to go below."""
+    """m/s^2: the mean thrust acceleration of a transit without gravity; a in `time_to_go`."""
     minimum: float = 300.0
     """s."""
 
     def time_to_go(self, state: np.ndarray, target: np.ndarray) -> float:
-        """T = max(minimum, sqrt(4 d / a) - c v_c / a), d the distance, v_c the closing speed.
+        """The time T to plan for, in s: a function of state (6,) and target (6,) alone.
 
-        sqrt(4 d / a) is the time from rest to rest over d at the acceleration a; a speed towards
-        the target shortens it. It depends on the state and the target alone.
+        Without gravity, least quadratic effort from rest to rest over D in the time
+        T_0 = sqrt(4 D / a) passes, at the share s of T_0, the distance to go
+        d = D (1 - s)^2 (1 + 2 s) with the closing speed v = 6 D s (1 - s) / T_0. Solved for s,
+        with q = v^2 / (a d), this gives the time left on that motion::
+
+            s = (q + sqrt(q^2 + 9 q)) / 9        T = (1 - s) T_0 = sqrt(4 d / (a (1 + 2 s)))
+
+        So T falls by one second a second along the motion that it asks for, and the end of a plan
+        neither runs away nor rushes in as it is flown. For fast arrivals T goes to 3 d / v, which
+        braking alone takes; for a speed away from the target it is that from rest. It is never
+        less than `minimum`.
         """
         away = target[:3] - state[:3]
         distance = float(np.linalg.norm(away))
-        closing = float(away @ (state[3:] - target[3:])) / distance if distance > 0.0 else 0.0
+        if distance == 0.0:
+            return self.minimum
+        closing = max(0.0, float(away @ (state[3:] - target[3:])) / distance)
         a = self.nominal_acceleration
-        from_rest = np.sqrt(4.0 * distance / a)
-        return max(self.minimum, from_rest - self.closing_speed_weight * closing / a)
+        q = closing**2 / (a * distance)
+        share = (q + np.sqrt(q**2 + 9.0 * q)) / 9.0
+        return max(self.minimum, float(np.sqrt(4.0 * distance / (a * (1.0 + 2.0 * share)))))
 
     def fractions(self) -> np.ndarray:
         """Knots (N + 1,) as shares of T."""

@@ -43,16 +43,20 @@ class RandomWalkDisturbance(LeafSystem):
         """Takes forces in N and periods in s; `period` is the control period.
 
         Raises:
-          InputError: a limit or period is not positive, or the reset comes within a period.
+          InputError: a limit or period is not positive, the reset comes within a period, or another
+            property is negative or infinite.
         """
         super().__init__()
-        if not (thrust_limit > 0 and period > 0 and reset_period >= period):
+        if not (thrust_limit > 0 and 0 < period <= reset_period < np.inf):
             raise InputError(
                 "a disturbance needs thrust_limit > 0 and reset_period >= period > 0, "
                 f"got {thrust_limit}, {reset_period}, {period}"
             )
-        if not (max_relative_magnitude >= 0 and increment_std >= 0):
-            raise InputError("a disturbance's magnitude and increment must not be negative")
+        if not (0 <= max_relative_magnitude < np.inf and 0 <= increment_std < np.inf and seed >= 0):
+            raise InputError(
+                "a disturbance's magnitude, increment and seed must be finite and not negative, "
+                f"got {max_relative_magnitude}, {increment_std}, {seed}"
+            )
         self.thrust_limit = thrust_limit
         self.max_relative_magnitude, self.increment_std = max_relative_magnitude, increment_std
         self.period, self._steps_per_reset = period, round(reset_period / period)

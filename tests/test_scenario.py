@@ -285,7 +285,6 @@ POSITIVE = [
 NOT_NEGATIVE = [
     "lidar.noise_std_m",
     "mpc.keep_out_margin_m",
-    "mpc.closing_speed_weight",
     "disturbance.max_relative_magnitude",
     "disturbance.increment_std_n",
     "transit.end_clearance_m",

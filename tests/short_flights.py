@@ -1,0 +1,112 @@
+"""Flights for tests: one whole transit round Kleopatra, and some that are over in a second."""
+
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import trimesh
+from pydrake.systems.framework import LeafSystem
+
+from proxops.diagrams.body import load_body
+from proxops.diagrams.flight_log import FlightLog
+from proxops.diagrams.scenario import Scenario, load_scenario
+from proxops.diagrams.simulation import fly
+
+# 8 km past the long end of the body, then 100 s in the goal region: 120 steps.
+SHORT = {
+    "transit.start_m": [160e3, 0.0, 0.0],
+    "transit.goal_m": [160e3, 8e3, 0.0],
+    "arrival.dwell_s": 100.0,
+    "mpc.knots": 10,
+}
+# Over after 15 steps, wherever it is then.
+BRIEF = {"arrival.deadline_s": 100.0, "arrival.dwell_s": 50.0, "mpc.knots": 10}
+
+
+def short_scenario(**changes: object) -> Scenario:
+    """`SHORT` with changes, whose dots are written as two underscores."""
+    return load_scenario(None, SHORT | {k.replace("__", "."): v for k, v in changes.items()})
+
+
+@cache
+def kleopatra_flight() -> FlightLog:
+    """Transit 0 of seed 10000 by the MPC, flown once a session; look, don't touch."""
+    return fly(load_scenario())
+
+
+@cache
+def disturbed_flight() -> FlightLog:
+    """The short flight with the paper's disturbance, noise seed 3."""
+    return fly(short_scenario(disturbance={}, noise_seed=3))
+
+
+@cache
+def falling_flight() -> FlightLog:
+    """Let go 1 km above the keep-out's end on the spin axis; falls through it onto Kleopatra."""
+    return fly(short_scenario(transit__start_m=[0.0, 0.0, 66e3]), "zero")
+
+
+@cache
+def kleopatra():
+    return load_body("kleopatra")
+
+
+class PdController(LeafSystem):
+    """A user's own: proportional and derivative, clipped, with the least of ports."""
+
+    def __init__(self, mass: float = 100.0, limit: float = 7.0):
+        super().__init__()
+        self.mass, self.limit = mass, limit
+        self.state = self.DeclareVectorInputPort("state", 6)
+        self.target = self.DeclareVectorInputPort("target", 6)
+        self.DeclareVectorOutputPort("force", 3, self._calc_force)
+
+    def _calc_force(self, context, output):
+        error = self.target.Eval(context) - self.state.Eval(context)
+        wanted = self.mass * (2e-4 * error[:3] + 3e-2 * error[3:])
+        output.SetFromVector(np.clip(wanted, -self.limit, self.limit))
+
+
+class Scripted(LeafSystem):
+    """Commands what a function of time says; its ports may be made wrong on purpose."""
+
+    def __init__(self, force=lambda time: np.zeros(3), ports=(), output="force", size=3):
+        super().__init__()
+        for name, width in ports:
+            self.DeclareVectorInputPort(name, width)
+        self.DeclareVectorOutputPort(
+            output, size, lambda context, out: out.SetFromVector(force(context.get_time()))
+        )
+
+
+BLOB = {
+    "name": "Blob",
+    "mesh": "blob.obj",
+    "mesh_unit": "km",
+    "mass_kg": 2.97e18,
+    "rotation_period_h": 5.0,
+    "keep_out_semi_axes_m": [140e3, 70e3, 65e3],
+}
+
+
+def blob() -> trimesh.Trimesh:
+    """An ellipsoid of 80 facets about as large as Kleopatra, in km."""
+    ball = trimesh.creation.icosphere(1)
+    return trimesh.Trimesh(ball.vertices * [110.0, 50.0, 50.0], ball.faces, process=False)
+
+
+def write_blob(folder: Path, mesh: trimesh.Trimesh | None = None, **changes: object) -> str:
+    """Writes the body's YAML file and, unless it is there, its mesh; returns the YAML's path."""
+    path = folder / "blob.obj"
+    if mesh is not None or not path.exists():
+        path.write_text(obj_text(mesh or blob()))
+    tree = BLOB | changes
+    (folder / "blob.yaml").write_text("".join(f"{key}: {value}\n" for key, value in tree.items()))
+    return str(folder / "blob.yaml")
+
+
+def obj_text(mesh: trimesh.Trimesh) -> str:
+    """Wavefront text with every digit, written here so that no library repairs anything."""
+    lines = [f"v {x!r} {y!r} {z!r}" for x, y, z in mesh.vertices.tolist()]
+    lines += [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in mesh.faces.tolist()]
+    return "\n".join(lines) + "\n"

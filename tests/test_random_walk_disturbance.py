@@ -1,0 +1,205 @@
+"""The random walk on the command, step by step, against what can be worked out by hand."""
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput, ZeroOrderHold
+from scipy import stats
+
+from proxops.systems import InputError, RandomWalkDisturbance
+from proxops.systems.counter_noise import generator
+
+PERIOD = 10.0
+# Of a stretch between resets.
+STEPS = 10
+
+
+def walks(disturbance: RandomWalkDisturbance, commands: np.ndarray, seed: int = 0) -> np.ndarray:
+    """Forces (N, 3) for commands (N, 3) of successive control steps."""
+    context = disturbance.CreateDefaultContext()
+    disturbance.set_seed(context, seed)
+    return step_on(disturbance, context, commands)
+
+
+def step_on(disturbance, context, commands, first_step: int = 0) -> np.ndarray:
+    forces = []
+    for step, command in enumerate(commands, start=first_step):
+        context.SetTime(PERIOD * step)
+        disturbance.GetInputPort("force").FixValue(context, command)
+        forces.append(disturbance.GetOutputPort("force").Eval(context).copy())
+        updated = disturbance.EvalUniquePeriodicDiscreteUpdate(context).value()
+        assert np.array_equal(
+            np.clip(command + updated, -disturbance.thrust_limit, disturbance.thrust_limit),
+            forces[-1],
+        )
+        context.SetDiscreteState(updated)
+    return np.array(forces)
+
+
+def constant(command, steps: int) -> np.ndarray:
+    return np.tile(np.asarray(command, dtype=float), (steps, 1))
+
+
+def test_zero_command_passes_unchanged():
+    forces = walks(RandomWalkDisturbance(7.0), constant([0, 0, 0], 200))
+    assert np.array_equal(forces, np.zeros((200, 3)))
+
+
+def test_no_increment_or_no_magnitude_passes_the_command():
+    commands = constant([3.0, -2.0, 1.0], 30)
+    for settings in ({"increment_std": 0.0}, {"max_relative_magnitude": 0.0}):
+        assert np.array_equal(walks(RandomWalkDisturbance(7.0, **settings), commands), commands)
+
+
+def test_outside_the_limits_a_command_is_clipped():
+    disturbance = RandomWalkDisturbance(7.0, increment_std=0.0)
+    assert walks(disturbance, constant([9.0, -8.0, 1.0], 1)).tolist() == [[7.0, -7.0, 1.0]]
+
+
+def test_walk_is_the_sum_of_increments_since_the_reset():
+    """With a command so strong that the bound never binds."""
+    command = [1e6, 0.0, 0.0]
+    added = walks(RandomWalkDisturbance(1e9), constant(command, 60), seed=3) - command
+    drawn = np.array([0.5 * generator(3, step).standard_normal(3) for step in range(60)])
+    for stretch in range(6):
+        rows = slice(STEPS * stretch, STEPS * (stretch + 1))
+        assert added[rows] == pytest.approx(np.cumsum(drawn[rows], axis=0), abs=1e-9)
+
+
+def test_increments_have_the_stated_deviation():
+    command = [1e6, 0.0, 0.0]
+    disturbance = RandomWalkDisturbance(1e9, increment_std=0.2)
+    added = walks(disturbance, constant(command, 3000)) - command
+    growth = np.diff(added.reshape(-1, STEPS, 3), axis=1, prepend=0.0)
+    assert abs(growth.mean()) < 4.0 * 0.2 / np.sqrt(growth.size)
+    assert growth.std() == pytest.approx(0.2, abs=4.0 * 0.2 / np.sqrt(2 * growth.size))
+    assert stats.kstest(growth.ravel() / 0.2, "norm").pvalue > 1e-3
+    # A walk: its variance grows with the steps since the reset.
+    spread = added.reshape(-1, STEPS, 3).var(axis=(0, 2))
+    assert spread == pytest.approx(0.04 * np.arange(1, STEPS + 1), rel=0.2)
+
+
+def bounds(seed: int, stretches: int, command) -> np.ndarray:
+    """Bounds (stretches, STEPS), as multiples of the command: a wild walk always reaches them."""
+    disturbance = RandomWalkDisturbance(1e9, increment_std=1e5)
+    forces = walks(disturbance, constant(command, STEPS * stretches), seed)
+    lengths = np.linalg.norm(forces - command, axis=1) / np.linalg.norm(command)
+    return lengths.reshape(stretches, STEPS)
+
+
+def test_bound_is_drawn_anew_each_100_s_and_constant_between():
+    found = bounds(0, 400, [1.0, -2.0, 2.0])
+    assert np.ptp(found, axis=1).max() < 1e-12
+    drawn = found[:, 0]
+    assert len(np.unique(drawn)) == 400
+    assert 0.0 <= drawn.min() < 0.05
+    assert 1.95 < drawn.max() <= 2.0
+    assert stats.kstest(drawn / 2.0, "uniform").pvalue > 1e-3
+    assert abs(np.corrcoef(drawn[1:], drawn[:-1])[0, 1]) < 4.0 / np.sqrt(400)
+
+
+def test_bound_follows_the_command_within_a_stretch():
+    random = np.random.default_rng(0)
+    commands = random.normal(size=(200, 3)) * random.uniform(0.0, 3.0, (200, 1))
+    wild = RandomWalkDisturbance(1e9, increment_std=1e5)
+    ratios = np.linalg.norm(walks(wild, commands) - commands, axis=1)
+    ratios = (ratios / np.linalg.norm(commands, axis=1)).reshape(-1, STEPS)
+    assert ratios == pytest.approx(np.repeat(bounds(0, 20, [1.0, 0, 0])[:, :1], STEPS, axis=1))
+    # And of the walk as the paper flew it, no step is beyond the bound.
+    calm = np.linalg.norm(walks(RandomWalkDisturbance(1e9), commands) - commands, axis=1)
+    allowed = (ratios[:, :1] * np.linalg.norm(commands, axis=1).reshape(-1, STEPS)).ravel()
+    assert np.all(calm <= allowed * (1 + 1e-12))
+    assert np.any(calm < 0.5 * allowed)
+    assert np.all(calm <= 2.0 * np.linalg.norm(commands, axis=1))
+
+
+def test_sum_is_clipped_to_the_thrusters():
+    commands = constant([6.0, -6.0, 3.0], 400)
+    disturbance = RandomWalkDisturbance(7.0, increment_std=3.0)
+    free = RandomWalkDisturbance(1e9, increment_std=3.0)
+    forces, unclipped = walks(disturbance, commands), walks(free, commands)
+    assert np.abs(unclipped).max() > 10.0
+    assert np.array_equal(forces, np.clip(unclipped, -7.0, 7.0))
+
+
+def test_walk_starts_anew_after_a_pause_of_the_command():
+    """While the command is zero so is the walk: it grows again from there."""
+    commands = constant([1e6, 0.0, 0.0], 10)
+    commands[4] = 0.0
+    added = walks(RandomWalkDisturbance(1e9), commands) - commands
+    drawn = np.array([0.5 * generator(0, step).standard_normal(3) for step in range(10)])
+    assert np.array_equal(added[4], np.zeros(3))
+    assert added[5:] == pytest.approx(np.cumsum(drawn[5:], axis=0), abs=1e-9)
+
+
+def test_other_periods():
+    """A reset every 6 steps of 5 s."""
+    disturbance = RandomWalkDisturbance(1e9, reset_period=30.0, period=5.0, increment_std=1e5)
+    context = disturbance.CreateDefaultContext()
+    disturbance.GetInputPort("force").FixValue(context, np.array([1.0, 0.0, 0.0]))
+    found = []
+    for step in range(60):
+        context.SetTime(5.0 * step)
+        walk = disturbance.EvalUniquePeriodicDiscreteUpdate(context).value()
+        context.SetDiscreteState(walk)
+        found.append(np.linalg.norm(walk))
+    lengths = np.array(found).reshape(10, 6)
+    assert np.ptp(lengths, axis=1).max() < 1e-12
+    assert len(np.unique(lengths[:, 0])) == 10
+
+
+def test_clone_replays_and_seed_is_a_parameter_of_the_context():
+    commands = constant([2.0, 1.0, -3.0], 60)
+    disturbance = RandomWalkDisturbance(7.0, seed=4)
+    context = disturbance.CreateDefaultContext()
+    whole = step_on(disturbance, context, commands[:37])
+    twin = context.Clone()
+    rest = step_on(disturbance, context, commands[37:], first_step=37)
+    assert np.array_equal(rest, step_on(disturbance, twin, commands[37:], first_step=37))
+    whole = np.concatenate([whole, rest])
+    assert np.array_equal(whole, walks(disturbance, commands, seed=4))
+    other = walks(disturbance, commands, seed=5)
+    assert np.all(np.any(other != whole, axis=1))
+    assert np.array_equal(other, walks(RandomWalkDisturbance(7.0, seed=5), commands, seed=5))
+
+
+def test_simulated_behind_a_hold_it_gives_the_same():
+    builder = DiagramBuilder()
+    source = builder.AddSystem(ConstantVectorSource(np.array([2.0, 1.0, -3.0])))
+    disturbance = builder.AddSystem(RandomWalkDisturbance(7.0, seed=4))
+    hold = builder.AddSystem(ZeroOrderHold(PERIOD, 3))
+    builder.Connect(source.get_output_port(), disturbance.get_input_port())
+    builder.Connect(disturbance.get_output_port(), hold.get_input_port())
+    # What is held after a step is seen just before the next.
+    held = LogVectorOutput(hold.get_output_port(), builder, publish_period=PERIOD)
+    asked = LogVectorOutput(disturbance.get_output_port(), builder, publish_period=PERIOD)
+    simulator = Simulator(builder.Build())
+    simulator.AdvanceTo(400.0)
+    expected = walks(disturbance, constant([2.0, 1.0, -3.0], 41), seed=4)
+    context = simulator.get_context()
+    assert np.array_equal(asked.FindLog(context).data().T[:40], expected[:40])
+    assert np.array_equal(held.FindLog(context).data().T[1:41], expected[:40])
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"thrust_limit": 0.0},
+        {"thrust_limit": np.nan},
+        {"period": 0.0},
+        {"period": -10.0},
+        {"reset_period": 5.0},
+        {"reset_period": np.nan},
+        {"reset_period": np.inf},
+        {"max_relative_magnitude": -0.1},
+        {"max_relative_magnitude": np.nan},
+        {"max_relative_magnitude": np.inf},
+        {"increment_std": -0.1},
+        {"increment_std": np.inf},
+        {"seed": -1},
+    ],
+)
+def test_senseless_disturbance_is_refused(settings):
+    with pytest.raises(InputError, match="disturbance"):
+        RandomWalkDisturbance(**{"thrust_limit": 7.0, **settings})

@@ -1,0 +1,310 @@
+"""The expert's convex program against integration, closed forms and its own limits."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+import trimesh
+from scipy.integrate import solve_ivp
+from scipy.interpolate import CubicHermiteSpline
+
+from proxops.diagrams.body import load_body
+from proxops.diagrams.scenario import Scenario
+from proxops.diagrams.transit_diagram import make_controller
+from proxops.diagrams.transits import transit_set
+from proxops.systems import (
+    GravityField,
+    Horizon,
+    InputError,
+    Plan,
+    Polyhedron,
+    TransitLimits,
+    TransitProgram,
+)
+from proxops.systems.ellipsoid import blocks_segment, clearances
+from proxops.systems.spacecraft import rotating_frame_acceleration
+
+# Kleopatra's, with the margin of the default scenario.
+PLANNED_KEEP_OUT = np.array([143e3, 73e3, 68e3])
+MASS, THRUST, SPEED = 100.0, 7.0, 40.0
+
+
+@cache
+def program() -> TransitProgram:
+    return make_controller(Scenario(), load_body("kleopatra")).program
+
+
+@cache
+def transits(count: int = 10) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Starts and targets (6,), at rest; 1, 4 and 7 have the body in the way."""
+    rest = np.zeros(3)
+    return [
+        (np.concatenate([transit.start, rest]), np.concatenate([transit.goal, rest]))
+        for transit in transit_set(77, count)
+    ]
+
+
+def solved(start, target, iterations: int = 5, **kwargs) -> Plan:
+    plan = program().solve(start, target, iterations=iterations, **kwargs)
+    assert plan is not None
+    return plan
+
+
+@cache
+def converged(index: int) -> Plan:
+    return solved(*transits()[index], iterations=12)
+
+
+# The problem is the one it says
+
+
+def test_it_is_configured_as_the_scenario_says():
+    limits = program().limits
+    assert (limits.mass, limits.thrust, limits.speed) == (MASS, THRUST, SPEED)
+    assert limits.keep_out_semi_axes == pytest.approx(PLANNED_KEEP_OUT)
+
+
+@pytest.mark.parametrize("index", [0, 1])
+def test_motion_is_that_of_the_linearised_dynamics(index):
+    """Each interval against an integration of the linear equations about the plan before."""
+    field, spin = program().field, program().spin
+    before = converged(index)
+    plan = solved(*transits()[index], iterations=1, previous=before)
+    middle = 0.5 * (before.states[1:, :3] + before.states[:-1, :3])
+    gravity = field.evaluate(middle)
+    for k, step in enumerate(np.diff(plan.times)):
+
+        def rates(_, x, k=k):
+            about = gravity.acceleration[k] + gravity.gradient[k] @ (x[:3] - middle[k])
+            pull = rotating_frame_acceleration(x[:3], x[3:], about, plan.forces[k], MASS, spin)
+            return np.concatenate([x[3:], pull])
+
+        end = solve_ivp(rates, (0.0, step), plan.states[k], rtol=1e-11, atol=1e-8).y[:, -1]
+        assert end[:3] == pytest.approx(plan.states[k + 1, :3], abs=1e-5)
+        assert end[3:] == pytest.approx(plan.states[k + 1, 3:], abs=1e-8)
+
+
+def flown_open_loop(start: np.ndarray, plan: Plan) -> np.ndarray:
+    """States (N + 1, 6) at the knots, in the true field."""
+    states = [start]
+    for force, step in zip(plan.forces, np.diff(plan.times), strict=True):
+
+        def rates(_, x, force=force):
+            gravity = program().field.evaluate(x[None, :3]).acceleration[0]
+            pull = rotating_frame_acceleration(x[:3], x[3:], gravity, force, MASS, program().spin)
+            return np.concatenate([x[3:], pull])
+
+        states.append(solve_ivp(rates, (0.0, step), states[-1], rtol=1e-9, atol=1e-4).y[:, -1])
+    return np.array(states)
+
+
+@pytest.mark.parametrize("index", [0, 1, 3, 4, 7])
+def test_forces_flown_open_loop_follow_the_plan(index):
+    """Over 3,500 to 5,100 s without a correction; 2 to 210 m were measured."""
+    start, target = transits()[index]
+    plan = converged(index)
+    error = flown_open_loop(start, plan) - plan.states
+    distance = np.linalg.norm(target[:3] - start[:3])
+    assert np.linalg.norm(error[:, :3], axis=1).max() < min(300.0, 4e-3 * distance)
+    assert np.linalg.norm(error[:, 3:], axis=1).max() < 0.2
+
+
+@pytest.mark.parametrize("index", range(10))
+def test_limits_hold_at_every_knot_and_the_target_is_reached(index):
+    start, target = transits()[index]
+    plan = converged(index)
+    assert plan.status == 0
+    assert plan.iterations == 12
+    assert plan.slack < 1e-9
+    assert plan.times[-1] == pytest.approx(program().horizon.time_to_go(start, target))
+    assert plan.states[0] == pytest.approx(start, abs=1e-4)
+    assert plan.states[-1] == pytest.approx(target, abs=1e-4)
+    assert np.abs(plan.forces).max() <= THRUST + 1e-6
+    assert np.abs(plan.states[:, 3:]).max() <= SPEED + 1e-6
+    assert clearances(PLANNED_KEEP_OUT, plan.states[:, :3]).min() > -1e-2
+    share = np.diff(plan.times) / plan.times[-1]
+    effort = share @ np.sum((plan.forces / THRUST) ** 2, axis=1)
+    assert plan.cost == pytest.approx(effort, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("start", "target"),
+    [
+        ([0.0, 90e3, 0.0], [0.0, -90e3, 0.0]),
+        ([0.0, 0.0, 90e3], [0.0, 0.0, -90e3]),
+        ([60e3, 75e3, 10e3], [60e3, -75e3, -10e3]),
+        ([-90e3, 70e3, 0.0], [0.0, -90e3, 30e3]),
+    ],
+)
+def test_blocked_plan_goes_round_the_ellipsoid_and_touches_it(start, target):
+    """Even from exactly opposite sides, where nothing says which way round."""
+    assert blocks_segment(PLANNED_KEEP_OUT, np.array(start), np.array(target))
+    plan = solved(np.array([*start, 0.0, 0.0, 0.0]), np.array([*target, 0.0, 0.0, 0.0]), 8)
+    assert plan.slack < 1e-9
+    clearance = clearances(PLANNED_KEEP_OUT, plan.states[:, :3])
+    assert -1e-2 < clearance.min() < 10.0
+    # Between knots it cuts the ellipsoid's curvature, by a small part of the 3 km of margin.
+    spline = CubicHermiteSpline(plan.times, plan.states[:, :3], plan.states[:, 3:])
+    between = clearances(PLANNED_KEEP_OUT, spline(np.linspace(0.0, plan.times[-1], 1000)))
+    assert between.min() > -500.0
+
+
+# Optimality, where the answer is known
+
+
+def free_program(speed: float = 1e3, thrust: float = THRUST, horizon=None) -> TransitProgram:
+    """Beside a rock of 1 km that does not spin: no force but the thrusters'."""
+    rock = Polyhedron.from_trimesh(trimesh.creation.box(extents=3 * [1e3]), "m")
+    limits = TransitLimits(MASS, thrust, speed, np.array([70e3, 70e3, 70e3]))
+    return TransitProgram(GravityField(rock, density=1000.0), 0.0, limits, horizon or Horizon())
+
+
+def least_effort(start, target, times) -> np.ndarray:
+    """Forces (N, 3) of least mean square from start to target: the normal equations' answer."""
+    steps, left = np.diff(times), times[-1] - times[1:]
+    # What a unit of acceleration over each interval adds to the last position and velocity.
+    effect = np.stack([0.5 * steps**2 + steps * left, steps])
+    drift = np.stack([start[:3] + times[-1] * start[3:], start[3:]])
+    wanted = np.stack([target[:3], target[3:]]) - drift
+    weighted = effect / steps
+    return MASS * weighted.T @ np.linalg.solve(effect @ weighted.T, wanted)
+
+
+REST_START = np.array([120e3, -20e3, 10e3, 0.0, 0.0, 0.0])
+REST_TARGET = np.array([125e3, 25e3, -5e3, 0.0, 0.0, 0.0])
+
+
+@pytest.mark.parametrize("velocity", [[0.0, 0.0, 0.0], [3.0, -4.0, 2.0]])
+def test_unconstrained_plan_is_the_least_squares_solution(velocity):
+    start = np.concatenate([REST_START[:3], velocity])
+    free = free_program()
+    plan = free.solve(start, REST_TARGET, iterations=1)
+    assert plan is not None
+    expected = least_effort(start, REST_TARGET, plan.times)
+    assert np.abs(expected).max() < THRUST
+    assert plan.forces == pytest.approx(expected, abs=1e-4)
+    assert plan.slack < 1e-9
+
+
+@pytest.mark.parametrize(("knots", "tolerance"), [(30, 3e-3), (120, 2e-4)])
+def test_rest_to_rest_is_the_cubic(knots, tolerance):
+    """x(s) = d (3 s^2 - 2 s^3), whose mean square acceleration is 12 d^2 / T^4."""
+    free = free_program(horizon=Horizon(knots=knots))
+    plan = free.solve(REST_START, REST_TARGET, iterations=1)
+    assert plan is not None
+    away = REST_TARGET[:3] - REST_START[:3]
+    best = 12.0 * (away @ away) / plan.times[-1] ** 4 * (MASS / THRUST) ** 2
+    assert 1.0 - 1e-6 < plan.cost / best < 1.0 + tolerance
+    share = plan.times / plan.times[-1]
+    cubic = REST_START[:3] + (share**2 * (3.0 - 2.0 * share))[:, None] * away
+    assert np.abs(plan.states[:, :3] - cubic).max() < tolerance * np.linalg.norm(away)
+
+
+def test_speed_limit_binds_and_costs_effort():
+    """At a third over the mean speed the best is to hold the limit in the middle."""
+    free = free_program().solve(REST_START, REST_TARGET, iterations=1)
+    away = REST_TARGET[:3] - REST_START[:3]
+    assert free is not None
+    limit = 4.0 / 3.0 * np.abs(away).max() / free.times[-1]
+    limited = free_program(speed=limit).solve(REST_START, REST_TARGET, iterations=1)
+    assert limited is not None
+    assert np.abs(free.states[:, 3:]).max() > 1.1 * limit
+    assert np.abs(limited.states[:, 3:]).max() == pytest.approx(limit, abs=1e-6)
+    assert limited.slack < 1e-9
+    assert limited.states[-1] == pytest.approx(REST_TARGET, abs=1e-3)
+    assert limited.cost > 1.001 * free.cost
+
+
+def test_thrust_limit_binds():
+    free = free_program().solve(REST_START, REST_TARGET, iterations=1)
+    assert free is not None
+    # The greatest force of a rest-to-rest cubic is 1.5 times that of bang-bang.
+    limit = 0.8 * float(np.abs(free.forces).max())
+    limited = free_program(thrust=limit).solve(REST_START, REST_TARGET, iterations=1)
+    assert limited is not None
+    assert np.abs(limited.forces).max() == pytest.approx(limit, rel=1e-6)
+    assert limited.slack < 1e-9
+    assert limited.states[-1] == pytest.approx(REST_TARGET, abs=1e-3)
+
+
+def test_out_of_reach_uses_slack_instead_of_failing():
+    weak = free_program(thrust=0.3).solve(REST_START, REST_TARGET, iterations=1)
+    assert weak is not None
+    assert weak.status == 0
+    assert weak.slack > 0.1
+    assert np.abs(weak.forces).max() <= 0.3 * (1.0 + 1e-6)
+    assert np.linalg.norm(weak.states[-1, :3] - REST_TARGET[:3]) > 1e3
+
+
+# Time to go and knots
+
+
+def test_time_to_go_by_hand():
+    horizon = Horizon(nominal_acceleration=0.025, minimum=300.0)
+    target = np.array([100e3, 0.0, 0.0, 0.0, 0.0, 0.0])
+    assert horizon.time_to_go(np.zeros(6), target) == pytest.approx(4000.0)
+    # Moving away or aside counts as at rest.
+    assert horizon.time_to_go(np.array([0, 0, 0, -25.0, 5.0, -9.0]), target) == pytest.approx(4e3)
+    # q = 1: s = (1 + sqrt(10)) / 9.
+    closing = np.array([0.0, 0.0, 0.0, 50.0, 5.0, -9.0])
+    assert horizon.time_to_go(closing, target) == pytest.approx(
+        np.sqrt(4 * 100e3 / (0.025 * (1 + 2 * (1 + np.sqrt(10)) / 9)))
+    )
+    moving = target + [0, 0, 0, 50.0, 0, 0]
+    assert horizon.time_to_go(closing, moving) == pytest.approx(4000.0)
+    near = np.array([99.9e3, 0.0, 0.0, 0.0, 0.0, 0.0])
+    assert horizon.time_to_go(near, target) == 300.0
+    assert horizon.time_to_go(target, target) == 300.0
+    assert horizon.time_to_go(target + [0, 0, 0, 30.0, 0, 0], target) == 300.0
+
+
+@pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 0.8, 0.99])
+def test_time_to_go_runs_down_with_the_clock_on_the_motion_of_least_effort(share):
+    horizon = Horizon(nominal_acceleration=0.02, minimum=1.0)
+    distance = 90e3
+    duration = np.sqrt(4 * distance / 0.02)
+    # Least quadratic effort from rest to rest: a cubic in time.
+    travelled = distance * share**2 * (3 - 2 * share)
+    speed = 6 * distance / duration * share * (1 - share)
+    direction = np.array([0.6, 0.0, -0.8])
+    target = np.concatenate([distance * direction, np.zeros(3)])
+    state = np.concatenate([travelled * direction, speed * direction])
+    assert horizon.time_to_go(state, target) == pytest.approx((1 - share) * duration)
+
+
+def test_knots_are_denser_near_now():
+    fractions = Horizon(knots=30, knot_growth=4.0).fractions()
+    assert fractions.shape == (31,)
+    assert (fractions[0], fractions[-1]) == (0.0, pytest.approx(1.0))
+    lengths = np.diff(fractions)
+    assert lengths[-1] / lengths[0] == pytest.approx(4.0)
+    assert np.diff(lengths) == pytest.approx(np.full(29, np.diff(lengths)[0]))
+
+
+def test_positions_between_and_past_the_knots():
+    plan = converged(0)
+    between = 0.25 * plan.times[3] + 0.75 * plan.times[4]
+    expected = 0.25 * plan.states[3, :3] + 0.75 * plan.states[4, :3]
+    found = plan.positions_at(np.array([between, plan.times[-1] + 1e4]))
+    assert found[0] == pytest.approx(expected)
+    assert found[1] == pytest.approx(plan.states[-1, :3])
+
+
+@pytest.mark.parametrize("horizon", [Horizon(knots=1), Horizon(minimum=0.0)])
+def test_senseless_horizon_is_refused(horizon):
+    with pytest.raises(InputError, match="horizon"):
+        free_program(horizon=horizon)
+
+
+# A function of state and target
+
+
+def test_solving_leaves_nothing_behind():
+    """The program is shared by every Context: a solve in between changes nothing, to the bit."""
+    first = solved(*transits()[0])
+    for index in (1, 2, 3):
+        solved(*transits()[index], iterations=1)
+    again = solved(*transits()[0])
+    assert np.array_equal(first.forces, again.forces)
+    assert np.array_equal(first.states, again.states)
+    assert first.cost == again.cost
