@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
 
@@ -94,26 +95,40 @@ def evaluate_command(
     status.print(f"Wrote {out / 'results.json'}")
 
 
+def _success(result: dict) -> str:
+    return f"{round(result['success_rate'] * result['transits'])} of {result['transits']}"
+
+
+def _interval(result: dict) -> str:
+    low, high = result["success_rate_interval"]
+    return f"{100 * low:.1f} to {100 * high:.1f} %"
+
+
+_FIGURES: dict[str, Callable[[dict], str]] = {
+    "success": _success,
+    "success, 95 % interval": _interval,
+    "collisions": lambda result: str(result["collisions"]),
+    "keep-out violations": lambda result: str(result["keep_out_violations"]),
+    "least clearance (km)": lambda result: f"{result['min_clearance_m'] / 1e3:.2f}",
+    "end error, median (m)": lambda result: _text(result["terminal_position_error_m_median"]),
+    "end error, greatest (m)": lambda result: _text(result["terminal_position_error_m_max"]),
+    "end speed, greatest (m/s)": lambda result: _text(result["terminal_speed_m_s_max"], ".3f"),
+    "delta-v to arrival, median (m/s)": lambda result: _text(result["delta_v_m_s_median"]),
+    "arrival, median (s)": lambda result: _text(result["arrival_time_s_median"], ".0f"),
+    "MPC step, median (ms)": lambda result: _text(result["control_ms_median"], ".2f"),
+    "MPC step, greatest p99 of a flight (ms)": lambda result: _text(
+        result["control_ms_p99"], ".2f"
+    ),
+}
+
+
 def _print(results: dict, seed: int) -> None:
     table = Table(title=f"transits of seed {seed}", title_justify="left")
-    names = ["controller", "success", "95 % interval", "collisions", "keep-out violations"]
-    names += ["end error, median and max (m)", "delta-v (m/s)", "arrival (s)", "MPC step (ms)"]
-    for name in names:
-        table.add_column(name, justify="left" if name == "controller" else "right")
-    for name, result in results.items():
-        low, high = result["success_rate_interval"]
-        table.add_row(
-            name,
-            f"{round(result['success_rate'] * result['transits'])} of {result['transits']}",
-            f"{100 * low:.1f} to {100 * high:.1f} %",
-            str(result["collisions"]),
-            str(result["keep_out_violations"]),
-            f"{_text(result['terminal_position_error_m_median'])}, "
-            f"{_text(result['terminal_position_error_m_max'])}",
-            _text(result["delta_v_m_s_median"]),
-            _text(result["arrival_time_s_median"], ".0f"),
-            _text(result["control_ms_median"]),
-        )
+    table.add_column()
+    for name in results:
+        table.add_column(name, justify="right")
+    for label, tell in _FIGURES.items():
+        table.add_row(label, *(tell(result) for result in results.values()))
     console.print(table)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import time
 
 import numpy as np
 from pydrake.common.value import AbstractValue
@@ -88,12 +89,15 @@ class ModelPredictiveController(LeafSystem):
             iterations = self.cold_iterations
         else:
             iterations = 1 if last is not None else self.cold_iterations
+        started = time.perf_counter()
         plan = self.program.solve(state, target, last, age, iterations)
-        if plan is None and last is not None:
-            # A plan that leads nowhere may be what the solver choked on: once more from nothing.
-            plan = self.program.solve(state, target, None, 0.0, self.cold_iterations)
         if plan is None:
-            plan = self._flown_on(last, age) if last is not None else self._braking(state)
+            if last is not None:
+                # A plan that leads nowhere may be what the solver choked on: again from nothing.
+                plan = self.program.solve(state, target, None, 0.0, self.cold_iterations)
+            if plan is None:
+                plan = self._flown_on(last, age) if last is not None else self._braking(state)
+            plan = dataclasses.replace(plan, solve_time=time.perf_counter() - started)
         output.set_value(plan)
 
     def _calc_force(self, context, output):
@@ -110,8 +114,8 @@ class ModelPredictiveController(LeafSystem):
         if not enabled:
             return
         plan = self._plan_port.Eval(context)
-        if plan.status == BRAKING:
-            return
+        if plan.status != SOLVED:
+            return  # The last plan that was solved stays, to be flown on by its own clock.
         memory = [[1.0, context.get_time(), plan.times[-1]], plan.states.ravel()]
         discrete_state.set_value(self._memory, np.concatenate([*memory, plan.forces.ravel()]))
 
@@ -146,6 +150,8 @@ class ModelPredictiveController(LeafSystem):
     def _braking(self, state: np.ndarray) -> Plan:
         """Hover thrust and full braking of the velocity in K, within the limits."""
         knots, limits = self.program.horizon.knots, self.program.limits
+        if not np.isfinite(state).all():
+            return _empty_plan(knots)  # Of no known state, no thrust.
         gravity = self.program.field.evaluate(state[None, :3]).acceleration[0]
         spin = self.program.spin
         apparent = gravity + [spin**2 * state[0], spin**2 * state[1], 0.0]

@@ -111,6 +111,8 @@ class TransitProgram:
           iterations: how often to linearise and solve.
         """
         started = time.perf_counter()
+        if not (np.isfinite(state).all() and np.isfinite(target).all()):
+            return None  # Drake would end the process.
         duration = self.horizon.time_to_go(state, target)
         if previous is None:
             positions = self._guess(state, target)

@@ -20,7 +20,7 @@ SHORT = {
     "mpc.knots": 10,
 }
 # Over after 15 steps, wherever it is then.
-BRIEF = {"arrival.deadline_s": 100.0, "arrival.dwell_s": 50.0, "mpc.knots": 10}
+BRIEF = {"arrival__deadline_s": 100.0, "arrival__dwell_s": 50.0}
 
 
 def short_scenario(**changes: object) -> Scenario:

@@ -115,9 +115,7 @@ def test_one_solve_serves_all_outputs():
     assert program.calls == [5]
 
 
-@pytest.mark.parametrize(
-    "settings", [{"period": 0.0}, {"period": np.nan}, {"cold_iterations": 0}]
-)
+@pytest.mark.parametrize("settings", [{"period": 0.0}, {"period": np.nan}, {"cold_iterations": 0}])
 def test_senseless_settings_are_refused(settings):
     with pytest.raises(InputError, match="MPC needs"):
         ModelPredictiveController(expert().program, **settings)
@@ -133,7 +131,7 @@ def test_command_is_the_same_whatever_went_before(state, target):
     assert converged is not None
     assert converged.slack < 1e-9
     cold = force_of(alone(state, target))
-    assert cold == pytest.approx(converged.forces[0], abs=2e-5)
+    assert cold == pytest.approx(converged.forces[0], abs=2e-4)
 
     random = np.random.default_rng(0)
     before = np.concatenate([state[:3] - PERIOD * state[3:], state[3:]])
@@ -170,9 +168,7 @@ def test_old_plan_is_relinearised_as_often_as_none():
     for age, iterations in ((PERIOD, 1), (2 * PERIOD, 5), (10 * PERIOD, 5)):
         context.SetTime(age)
         cold = alone(START, controller=controller)
-        assert force_of(context, controller) == pytest.approx(
-            force_of(cold, controller), abs=0.005
-        )
+        assert force_of(context, controller) == pytest.approx(force_of(cold, controller), abs=0.005)
         assert program.calls[-2:] == [iterations, 5]
 
 
@@ -228,22 +224,26 @@ def test_any_state_is_answered():
         assert np.abs(force_of(context)).max() <= THRUST, name
 
 
-def test_too_fast_brakes():
-    """Above the speed limit the only thing to do is to thrust against the motion."""
-    state = START + [0.0, 0.0, 0.0, 60.0, -60.0, 60.0]
-    assert force_of(alone(state)) * state[3:] == pytest.approx(-7.0 * np.abs(state[3:]))
+@pytest.mark.parametrize("axis", range(3))
+def test_above_the_speed_limit_it_brakes(axis):
+    state = START.copy()
+    state[3 + axis] = 60.0
+    assert force_of(alone(state))[axis] == pytest.approx(-THRUST)
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
 def test_state_that_is_no_number_does_not_stop_the_flight(bad):
     state = START.copy()
     state[1] = bad
+    context = alone(state)
+    assert expert().GetOutputPort("record").Eval(context)[1] == BRAKING
+    assert force_of(context).tolist() == [0.0, 0.0, 0.0]
     context = alone(START)
     remember(expert(), context)
     context.SetTime(PERIOD)
     expert().GetInputPort("state").FixValue(context, state)
     assert expert().GetOutputPort("record").Eval(context)[1] == FLOWN_ON
-    assert np.abs(force_of(context)).max() <= THRUST
+    assert force_of(context) == pytest.approx(force_of(alone(START)))
 
 
 # In a simulation
@@ -281,8 +281,9 @@ def flight(controller, enable: float | None = None, pulled: bool = True) -> Diag
 
 def simulator_of(diagram: Diagram, context=None) -> Simulator:
     simulator = Simulator(diagram, context) if context is not None else Simulator(diagram)
+    # Steps of fixed length: an integrator's choice of the next step is no part of the Context.
     integrator = ResetIntegratorFromFlags(simulator, "runge_kutta5", PERIOD)
-    integrator.set_target_accuracy(1e-9)
+    integrator.set_fixed_step_mode(True)
     simulator.Initialize()
     return simulator
 

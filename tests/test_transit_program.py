@@ -242,34 +242,37 @@ def test_out_of_reach_uses_slack_instead_of_failing():
 def test_time_to_go_by_hand():
     horizon = Horizon(nominal_acceleration=0.025, minimum=300.0)
     target = np.array([100e3, 0.0, 0.0, 0.0, 0.0, 0.0])
-    assert horizon.time_to_go(np.zeros(6), target) == pytest.approx(4000.0)
-    # Moving away or aside counts as at rest.
-    assert horizon.time_to_go(np.array([0, 0, 0, -25.0, 5.0, -9.0]), target) == pytest.approx(4e3)
-    # q = 1: s = (1 + sqrt(10)) / 9.
-    closing = np.array([0.0, 0.0, 0.0, 50.0, 5.0, -9.0])
-    assert horizon.time_to_go(closing, target) == pytest.approx(
-        np.sqrt(4 * 100e3 / (0.025 * (1 + 2 * (1 + np.sqrt(10)) / 9)))
-    )
-    moving = target + [0, 0, 0, 50.0, 0, 0]
-    assert horizon.time_to_go(closing, moving) == pytest.approx(4000.0)
-    near = np.array([99.9e3, 0.0, 0.0, 0.0, 0.0, 0.0])
-    assert horizon.time_to_go(near, target) == 300.0
-    assert horizon.time_to_go(target, target) == 300.0
-    assert horizon.time_to_go(target + [0, 0, 0, 30.0, 0, 0], target) == 300.0
+
+    def after(*state: float, aim=target) -> float:
+        return horizon.time_to_go(np.array(state), aim)
+
+    assert after(0, 0, 0, 0, 0, 0) == pytest.approx(4000.0)  # sqrt(4 d / a)
+    # Only the speed towards the target counts, relative to the target's; away is as at rest.
+    assert after(0, 0, 0, -25, 5, -9) == pytest.approx(4000.0)
+    closing = after(0, 0, 0, 25, 0, 0)
+    assert closing < 4000.0
+    assert after(0, 0, 0, 25, 5, -9) == pytest.approx(closing)
+    assert after(0, 0, 0, 30, 0, 0, aim=target + [0, 0, 0, 5, 0, 0]) == pytest.approx(closing)
+    # v^2 = a d: s = (1 + sqrt(10)) / 9.
+    assert after(0, 0, 0, 50, 0, 0) == pytest.approx(4000.0 / np.sqrt(1 + 2 * (1 + 10**0.5) / 9))
+    assert after(0, 0, 0, 1e4, 0, 0) == 300.0
+    assert after(0, 0, 0, 700, 0, 0) == pytest.approx(3.0 * 100e3 / 700.0, rel=0.02)
+    assert after(99.9e3, 0, 0, 0, 0, 0) == 300.0
+    assert after(100e3, 0, 0, 0, 0, 0) == after(100e3, 0, 0, 30, 0, 0) == 300.0
 
 
-@pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 0.8, 0.99])
-def test_time_to_go_runs_down_with_the_clock_on_the_motion_of_least_effort(share):
-    horizon = Horizon(nominal_acceleration=0.02, minimum=1.0)
-    distance = 90e3
-    duration = np.sqrt(4 * distance / 0.02)
-    # Least quadratic effort from rest to rest: a cubic in time.
-    travelled = distance * share**2 * (3 - 2 * share)
-    speed = 6 * distance / duration * share * (1 - share)
-    direction = np.array([0.6, 0.0, -0.8])
-    target = np.concatenate([distance * direction, np.zeros(3)])
-    state = np.concatenate([travelled * direction, speed * direction])
-    assert horizon.time_to_go(state, target) == pytest.approx((1 - share) * duration)
+@pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 0.8, 0.95])
+def test_time_to_go_is_the_time_left_on_the_cubic(share):
+    """Along the least quadratic effort from rest to rest it falls by one second a second."""
+    horizon = Horizon(nominal_acceleration=0.025, minimum=1.0)
+    whole = 80e3
+    total = np.sqrt(4.0 * whole / 0.025)
+    passed = whole * share**2 * (3.0 - 2.0 * share)
+    speed = 6.0 * whole * share * (1.0 - share) / total
+    along = np.array([2.0, -1.0, 2.0]) / 3.0
+    state = np.concatenate([passed * along, speed * along])
+    target = np.append(whole * along, np.zeros(3))
+    assert horizon.time_to_go(state, target) == pytest.approx((1.0 - share) * total)
 
 
 def test_knots_are_denser_near_now():

@@ -4,7 +4,7 @@ import dataclasses as dc
 
 import numpy as np
 import pytest
-from plain_polyhedral_gravity import plain_gravity
+from plain_polyhedral_gravity import PlainPolyhedralGravity
 from short_flights import kleopatra, write_blob
 
 from proxops.diagrams.scenario import Scenario, load_scenario
@@ -58,8 +58,8 @@ def test_hover_share() -> None:
     scenario = load_scenario(None, {"spacecraft.mass_kg": 220.0})
     points = ends(transit_set(7, 30, scenario)).reshape(-1, 3)
     shape = kleopatra().shape
-    density = 2.97e18 / shape.volume
-    gravity = np.array([plain_gravity(shape.vertices, shape.facets, density, p)[1] for p in points])
+    plain = PlainPolyhedralGravity(shape.vertices, shape.facets, 2.97e18 / shape.volume)
+    gravity = np.array([plain.at(point).acceleration for point in points])
     spin = 2.0 * np.pi / (5.38528 * 3600.0)
     apparent = gravity + spin**2 * points * [1.0, 1.0, 0.0]
     force = 220.0 * np.abs(apparent).max(axis=1)

@@ -1,0 +1,351 @@
+"""Events of scripted flights against the times at which geometry says they happen."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+import trimesh
+from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator, SimulatorStatus
+from pydrake.systems.framework import BasicVector, DiagramBuilder, LeafSystem
+from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
+from trimesh.ray.ray_triangle import RayMeshIntersector
+
+from proxops.diagrams.body import load_body
+from proxops.systems import FlightMonitor, GravityField, Polyhedron
+from proxops.systems.ellipsoid import clearances
+from proxops.systems.flight_monitor import COLLIDED, ENTERED_GOAL, FINISHED, NEVER, VIOLATIONS
+
+KEEP_OUT = np.array([40e3, 30e3, 25e3])
+RADIUS, SPEED, DWELL = 1e3, 1.0, 600.0
+Script = Callable[[float], np.ndarray]
+
+
+def cube() -> GravityField:
+    """20 km along each edge, about the origin."""
+    mesh = trimesh.creation.box(extents=3 * [20e3])
+    return GravityField(Polyhedron.from_trimesh(mesh, "m"), density=2000.0)
+
+
+class Scripted(LeafSystem):
+    """A state that is a function of time."""
+
+    def __init__(self, script: Script):
+        super().__init__()
+        # A continuous state, so that time passes in an integrator's steps.
+        self.DeclareContinuousState(BasicVector([0.0]))
+        self.DeclareVectorOutputPort(
+            "state",
+            6,
+            lambda context, output: output.SetFromVector(script(context.get_time())),
+            prerequisites_of_calc={self.time_ticket()},
+        )
+
+    def DoCalcTimeDerivatives(self, context, derivatives):
+        derivatives.get_mutable_vector().SetFromVector([1.0])
+
+
+class Flown(NamedTuple):
+    end: float
+    reason: SimulatorStatus.ReturnReason
+    times: np.ndarray
+    outcomes: np.ndarray
+    """(N, 4), every second."""
+
+    @property
+    def last(self) -> np.ndarray:
+        return self.outcomes[-1]
+
+
+REACHED = SimulatorStatus.ReturnReason.kReachedTerminationCondition
+RAN_OUT = SimulatorStatus.ReturnReason.kReachedBoundaryTime
+
+
+def watch(
+    script: Script,
+    target=(300e3, 0.0, 0.0, 0.0, 0.0, 0.0),
+    until: float = 2000.0,
+    field: GravityField | None = None,
+    keep_out=KEEP_OUT,
+) -> Flown:
+    builder = DiagramBuilder()
+    flight = builder.AddSystem(Scripted(script))
+    goal = builder.AddSystem(ConstantVectorSource(np.array(target, dtype=float)))
+    monitor = builder.AddSystem(
+        FlightMonitor(field or cube(), keep_out, radius=RADIUS, speed=SPEED, dwell=DWELL)
+    )
+    builder.Connect(flight.get_output_port(), monitor.GetInputPort("state"))
+    builder.Connect(goal.get_output_port(), monitor.GetInputPort("target"))
+    sink = LogVectorOutput(monitor.GetOutputPort("outcome"), builder, publish_period=1.0)
+    diagram = builder.Build()
+    simulator = Simulator(diagram)
+    simulator.get_mutable_context().SetAccuracy(1e-6)
+    ResetIntegratorFromFlags(simulator, "runge_kutta5", 10.0)
+    simulator.Initialize()
+    status = simulator.AdvanceTo(until)
+    assert status.reason() != SimulatorStatus.ReturnReason.kEventHandlerFailed
+    context = simulator.get_context()
+    log = sink.FindLog(context)
+    last = monitor.GetOutputPort("outcome").Eval(monitor.GetMyContextFromRoot(context))
+    outcomes = np.concatenate([log.data().T, last[None]])
+    return Flown(
+        context.get_time(), status.reason(), np.append(log.sample_times(), context.get_time()),
+        outcomes,
+    )  # fmt: skip
+
+
+def straight(start, velocity) -> Script:
+    state, velocity = np.array([*start, *velocity], dtype=float), np.array(velocity, dtype=float)
+    return lambda time: state + time * np.append(velocity, np.zeros(3))
+
+
+# Arrival
+
+GOAL = np.array([100e3, 20e3, -30e3])
+
+
+def past_the_goal(times, offsets) -> Script:
+    """At rest, as far from the goal as interpolated: in position along y, in m."""
+
+    def script(time: float) -> np.ndarray:
+        offset = np.interp(time, times, offsets)
+        return np.concatenate([GOAL + [0.0, offset, 0.0], np.zeros(3)])
+
+    return script
+
+
+def goal_flight(script: Script, until: float = 3000.0) -> Flown:
+    return watch(script, target=[*GOAL, 0.0, 0.0, 0.0], until=until)
+
+
+def test_enters_dwells_and_ends():
+    # 0.9 m/s towards the goal, from 1 km + 0.9 * 123.456 away: on its way for 2,222 s within.
+    distance = RADIUS + 0.9 * 123.456
+    flown = goal_flight(straight(GOAL - [distance, 0, 0], [0.9, 0, 0]))
+    assert flown.last[ENTERED_GOAL] == pytest.approx(123.456, abs=1e-3)
+    assert flown.end == pytest.approx(123.456 + DWELL, abs=2e-3)
+    assert flown.end - flown.last[ENTERED_GOAL] >= DWELL * (1.0 - 1e-9)
+    assert flown.reason == REACHED
+    assert flown.last.tolist()[1:] == [0.0, 0.0, 1.0]
+    # Before that it says so.
+    before = flown.outcomes[flown.times < 123.0]
+    assert np.all(before == [NEVER, 0.0, 0.0, 0.0])
+
+
+def test_leaves_before_the_dwell_is_over():
+    # A chord of 2 * 400 m at 2 m/s relative to a target that moves along at 1.5.
+    flown = watch(
+        lambda t: np.array([100e3 - 600 + 2.4 * t, 917.0, 0, 2.4, 0, 0]),
+        target=[100e3, 0, 0, 1.5, 0, 0],
+        until=1500.0,
+    )
+    half = np.sqrt(RADIUS**2 - 917.0**2)
+    enter, leave = (600.0 - half) / 2.4, (600.0 + half) / 2.4
+    entered = flown.outcomes[:, ENTERED_GOAL]
+    inside = (flown.times > enter) & (flown.times < leave)
+    assert entered[inside] == pytest.approx(np.full(inside.sum(), enter), abs=1e-3)
+    assert np.all(entered[~inside] == NEVER)
+    assert flown.reason == RAN_OUT
+    assert flown.last.tolist() == [NEVER, 0.0, 0.0, 0.0]
+
+
+def test_leaving_starts_the_dwell_anew():
+    # In at 101.5, out at 203.0 for a little, in again at 405.5.
+    times = [0.0, 101.5, 150.0, 203.0, 300.0, 405.5, 450.0]
+    offsets = [1100.0, 1000.0, 500.0, 1000.0, 1300.0, 1000.0, 10.0]
+    flown = goal_flight(past_the_goal(times, offsets))
+    entered = flown.outcomes[:, ENTERED_GOAL]
+    first = (flown.times > 101.5) & (flown.times < 203.0)
+    away = (flown.times > 203.01) & (flown.times < 405.49)
+    assert entered[first] == pytest.approx(np.full(first.sum(), 101.5), abs=1e-3)
+    assert np.all(entered[away] == NEVER)
+    assert flown.last[ENTERED_GOAL] == pytest.approx(405.5, abs=1e-3)
+    assert flown.end == pytest.approx(405.5 + DWELL, abs=2e-3)
+    assert flown.last[FINISHED] == 1.0
+
+
+def test_leaving_at_the_last_moment_is_no_arrival():
+    times = [0.0, 100.0, 150.0, 699.0, 720.0]
+    flown = goal_flight(past_the_goal(times, [1100.0, 1000.0, 0.0, 1000.0, 1500.0]), until=1400.0)
+    assert flown.reason == RAN_OUT
+    assert flown.last.tolist() == [NEVER, 0.0, 0.0, 0.0]
+    # And one second later it would have been one.
+    times[3] = 701.0
+    flown = goal_flight(past_the_goal(times, [1100.0, 1000.0, 0.0, 1000.0, 1500.0]), until=1400.0)
+    assert flown.end == pytest.approx(700.0, abs=2e-3)
+    assert flown.last[FINISHED] == 1.0
+
+
+def test_speed_counts_as_well_as_distance():
+    # Within 1 km all the time; the speed falls to 1 m/s at 60.25 s and rises again at 260.25 s.
+    def script(time: float) -> np.ndarray:
+        speed = 1.0 + 0.01 * max(60.25 - time, time - 260.25)
+        return np.concatenate([GOAL, [0.0, 0.0, speed]])
+
+    flown = goal_flight(script, until=500.0)
+    entered = flown.outcomes[:, ENTERED_GOAL]
+    inside = (flown.times > 60.25) & (flown.times < 260.25)
+    assert entered[inside] == pytest.approx(np.full(inside.sum(), 60.25), abs=1e-3)
+    assert np.all(entered[~inside] == NEVER)
+
+
+def test_starting_inside_the_goal_region():
+    flown = goal_flight(straight(GOAL, [0.1, 0.0, 0.0]))
+    assert flown.outcomes[0, ENTERED_GOAL] == flown.last[ENTERED_GOAL] == 0.0
+    assert flown.end == pytest.approx(DWELL, abs=1e-3)
+    assert flown.reason == REACHED
+
+
+def test_starting_inside_and_leaving():
+    flown = goal_flight(straight(GOAL + [995.0, 0, 0], [0.5, 0.0, 0.0]), until=700.0)
+    inside = flown.times < 10.0
+    assert np.all(flown.outcomes[inside, ENTERED_GOAL] == 0.0)
+    assert np.all(flown.outcomes[flown.times > 10.01, ENTERED_GOAL] == NEVER)
+    assert flown.reason == RAN_OUT
+
+
+# Keep-out
+
+
+def over_the_top(times, heights) -> Script:
+    """Above the ellipsoid's pole on the z axis, where clearance is height."""
+
+    def script(time: float) -> np.ndarray:
+        return np.array([0.0, 0.0, KEEP_OUT[2] + np.interp(time, times, heights), 0.0, 0.0, 0.0])
+
+    return script
+
+
+@pytest.mark.parametrize(("depth", "count"), [(0.0, 0), (0.9, 0), (1.1, 1), (500.0, 1)])
+def test_only_deeper_than_a_metre_is_a_violation(depth, count):
+    script = over_the_top([0.0, 100.0, 200.0, 300.0], [400.0, -depth, -depth, 400.0])
+    flown = watch(script, until=320.0)
+    assert flown.last[VIOLATIONS] == count
+    assert flown.reason == RAN_OUT  # It is counted; the flight goes on.
+
+
+def test_violation_is_found_when_it_happens():
+    # 5 m/s downwards from 401 m: at a depth of 1 m after 80.4 s.
+    flown = watch(over_the_top([0.0, 100.0], [401.0, -99.0]), until=110.0)
+    violations = flown.outcomes[:, VIOLATIONS]
+    assert np.all(violations[flown.times < 80.4] == 0.0)
+    assert np.all(violations[flown.times > 80.401] == 1.0)
+
+
+def test_each_entry_is_counted():
+    times = [0.0, 50.0, 100.0, 150.0, 200.0, 250.0, 300.0]
+    heights = [100.0, -50.0, 30.0, -50.0, -0.5, -50.0, 100.0]
+    # The third dip comes from within the metre of tolerance: an entry too.
+    assert watch(over_the_top(times, heights), until=310.0).last[VIOLATIONS] == 3.0
+    heights[4] = -2.0
+    assert watch(over_the_top(times, heights), until=310.0).last[VIOLATIONS] == 2.0
+
+
+def test_graze_within_a_control_period_is_counted():
+    """The ends of the step are outside, the middle is some metres deep."""
+    half, depth = 5.0, 10.0
+    speed = 1.05 * np.sqrt(2.0 * depth * KEEP_OUT[0] ** 2 / KEEP_OUT[2]) / half
+
+    def script(time: float) -> np.ndarray:
+        along = speed * (time - 55.0)
+        return np.array([along, 0.0, KEEP_OUT[2] - depth, speed, 0.0, 0.0])
+
+    ends = np.stack([script(50.0)[:3], script(60.0)[:3]])
+    assert clearances(KEEP_OUT, ends).min() > 0.0
+    assert watch(script, until=100.0).last[VIOLATIONS] == 1.0
+
+
+# Collision
+
+
+def rays_through(field: GravityField, keep_out: np.ndarray, count: int):
+    """Starts outside the keep-out, velocities towards the body, exact times of collision."""
+    random = np.random.default_rng(5)
+    mesh = field.shape.to_trimesh()
+    for _ in range(count):
+        direction = random.normal(size=3)
+        start = 1.4 * keep_out * direction / np.linalg.norm(direction)
+        aim = mesh.triangles_center[random.integers(len(mesh.faces))] * 0.7
+        velocity = 35.0 * (aim - start) / np.linalg.norm(aim - start)
+        hits, _, _ = RayMeshIntersector(mesh).intersects_location(
+            start[None], velocity[None] / 35.0, multiple_hits=True
+        )
+        yield start, velocity, np.linalg.norm(hits - start, axis=1).min() / 35.0
+
+
+@pytest.mark.parametrize("body", ["cube", "kleopatra"])
+def test_collision_is_found_when_the_path_meets_the_mesh(body):
+    kleopatra = load_body("kleopatra")
+    field, keep_out = cube(), KEEP_OUT
+    if body == "kleopatra":
+        field, keep_out = kleopatra.gravity_field, kleopatra.keep_out_semi_axes
+    for start, velocity, time in rays_through(field, keep_out, 4):
+        flown = watch(straight(start, velocity), until=9000.0, field=field, keep_out=keep_out)
+        assert flown.reason == REACHED
+        assert flown.end == pytest.approx(time, abs=1e-3)
+        assert flown.last.tolist() == [NEVER, 1.0, 1.0, 0.0]
+        # The keep-out was counted before, when its 1 m of tolerance was used up.
+        first = flown.times[np.argmax(flown.outcomes[:, VIOLATIONS] > 0)]
+        path = start + flown.times[:, None] * velocity
+        deep = clearances(keep_out, path) < -1.0
+        assert first == flown.times[np.argmax(deep)]
+        assert first < flown.end
+
+
+def across_the_edge(cut: float, speed: float) -> Script:
+    """Diagonally across the cube's edge x = y = 10 km, `cut` within it, at 55 s."""
+    along = np.array([-1.0, 1.0, 0.0]) / np.sqrt(2.0)
+    middle = np.array([10e3 - cut, 10e3 - cut, 1234.0])
+    return lambda time: np.concatenate([middle + speed * (time - 55.0) * along, speed * along])
+
+
+@pytest.mark.parametrize("cut", [5.0, 40.0])
+def test_corner_cut_within_a_step_is_a_collision(cut):
+    """At 40 m/s the path is within the mesh for 0.35 s or 2.8 s, between two ends of steps."""
+    script = across_the_edge(cut, 40.0)
+    inside = 2.0 * cut * np.sqrt(2.0) / 40.0
+    field = cube()
+    ends = np.stack([script(time)[:3] for time in (50.0, 60.0)])
+    assert not field.evaluate(ends).inside.any()
+    flown = watch(script, until=200.0)
+    assert flown.reason == REACHED
+    assert flown.last[COLLIDED] == 1.0
+    assert 55.0 - 0.5 * inside - 1e-3 < flown.end <= 60.0
+    missed = watch(across_the_edge(-1.0, 40.0), until=80.0)
+    assert missed.reason == RAN_OUT
+    assert missed.last[COLLIDED] == 0.0
+
+
+def test_path_that_starts_outside_and_comes_through_a_thin_plate_is_a_collision():
+    """A plate of 50 m, passed in half a second."""
+    plate = trimesh.creation.box(extents=[10e3, 10e3, 50.0])
+    field = GravityField(Polyhedron.from_trimesh(plate, "m"), density=2000.0)
+    start = [100.0, 200.0, 40e3]
+    flown = watch(straight(start, [0.0, 0.0, -100.0]), until=900.0, field=field)
+    assert flown.last[COLLIDED] == 1.0
+    assert flown.last[VIOLATIONS] == 1.0
+    assert flown.end == pytest.approx(400.0, abs=10.0)
+
+
+def test_violation_is_never_after_the_collision():
+    """A corner just below the ellipsoid, cut within one step: both happen between its ends."""
+    keep_out = np.array([10e3 * np.sqrt(3.0) * 1.0005] * 3)
+
+    def script(time: float) -> np.ndarray:
+        out = np.ones(3) / np.sqrt(3.0)
+        along = np.array([1.0, -1.0, 0.0]) / np.sqrt(2.0)
+        position = (10e3 * np.sqrt(3.0) - 8.0) * out + 200.0 * (time - 55.0) * along
+        return np.concatenate([position, 200.0 * along])
+
+    ends = np.stack([script(time)[:3] for time in (50.0, 60.0)])
+    assert clearances(keep_out, ends).min() > 0.0
+    flown = watch(script, until=100.0, keep_out=keep_out)
+    assert flown.last[COLLIDED] == 1.0
+    assert flown.last[VIOLATIONS] == 1.0
+
+
+def test_free_flight_far_away_meets_nothing():
+    flown = watch(straight([200e3, 0, 0], [10.0, 20.0, 0.0]), until=500.0)
+    assert flown.reason == RAN_OUT
+    assert flown.end == 500.0
+    assert flown.last.tolist() == [NEVER, 0.0, 0.0, 0.0]

@@ -1,0 +1,243 @@
+"""The wiring: any controller of the right ports flies, and everything is where it says it is."""
+
+import collections
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Diagram, System
+from pydrake.systems.primitives import ZeroOrderHold
+from short_flights import BRIEF, PdController, Scripted, disturbed_flight, kleopatra, short_scenario
+
+from proxops.diagrams.simulation import fly, make_simulator
+from proxops.diagrams.transit_diagram import make_controller, make_transit_diagram
+from proxops.systems import InputError, Lidar, ModelPredictiveController, TransitProgram
+
+
+def build(controller: System | None = None, **changes: object) -> Diagram:
+    return make_transit_diagram(short_scenario(**changes), controller, body=kleopatra())
+
+
+def output(diagram: Diagram, context, system: str, port: str) -> np.ndarray:
+    subsystem = diagram.GetSubsystemByName(system)
+    return subsystem.GetOutputPort(port).Eval(subsystem.GetMyContextFromRoot(context))
+
+
+def test_subsystem_names() -> None:
+    names = [system.get_name() for system in build(disturbance={}).GetSystems()]
+    logs = {"log_state", "log_target", "log_force", "log_command", "log_mpc_force"}
+    assert logs <= set(names)
+    assert {name for name in names if not name.startswith("log_")} == {
+        "gravity", "spacecraft", "lidar", "target", "controller", "disturbance", "thrusters",
+        "hold", "monitor",
+    }  # fmt: skip
+    assert len(names) == len(set(names))
+    assert not build().HasSubsystemNamed("disturbance")
+
+
+def test_one_hold_only() -> None:
+    """Each further one would add a delay."""
+    holds = [system for system in build().GetSystems() if isinstance(system, ZeroOrderHold)]
+    assert len(holds) == 1
+    assert holds[0].period() == 10.0
+
+
+def test_graphviz_names_every_block() -> None:
+    diagram = build(disturbance={})
+    text = diagram.GetGraphvizString()
+    for system in diagram.GetSystems():
+        assert system.get_name() in text
+    for port in ("state", "position", "ranges", "applied_force", "target"):
+        assert port in text
+
+
+def test_starts_at_rest_at_the_start() -> None:
+    diagram = build()
+    context = diagram.CreateDefaultContext()
+    state = output(diagram, context, "spacecraft", "state")
+    np.testing.assert_array_equal(state, [160e3, 0, 0, 0, 0, 0])
+    target = diagram.GetSubsystemByName("target").get_output_port()
+    target = target.Eval(diagram.GetSubsystemByName("target").GetMyContextFromRoot(context))
+    np.testing.assert_array_equal(target, [160e3, 8e3, 0, 0, 0, 0])
+
+
+def test_the_expert_is_the_default() -> None:
+    controller = build().GetSubsystemByName("controller")
+    assert isinstance(controller, ModelPredictiveController)
+    assert controller.program.horizon.knots == 10
+    np.testing.assert_array_equal(controller.program.limits.keep_out_semi_axes, [143e3, 73e3, 68e3])
+
+
+# --- a user's own controller ----------------------------------------------------------------------
+
+
+def test_own_controller_flies() -> None:
+    log = fly(short_scenario(), PdController(), body=kleopatra())
+    assert log.summary["success"]
+    assert log.summary["controller"] == "PdController"
+    assert log.summary["mpc_solves"] == 0
+    assert np.isnan(log.dataset["mpc_force"]).all()
+    assert (log.dataset["decision"] == 0).all()
+
+
+def test_own_controller_keeps_its_name() -> None:
+    controller = PdController()
+    controller.set_name("mine")
+    assert build(controller).GetSubsystemByName("mine") is controller
+
+
+def test_every_port_there_is() -> None:
+    """Each input gets what its name says."""
+    ports = [("state", 6), ("target", 6), ("position", 3), ("velocity", 3), ("ranges", 4320)]
+    controller = Scripted(lambda time: np.array([1.0, 2.0, 3.0]), [*ports, ("applied_force", 3)])
+    diagram = build(controller)
+    simulator = make_simulator(diagram, short_scenario())
+    simulator.AdvanceTo(25.0)
+    context = controller.GetMyContextFromRoot(simulator.get_context())
+    seen = {name: controller.GetInputPort(name).Eval(context) for name, _ in ports}
+    np.testing.assert_array_equal(seen["state"], [*seen["position"], *seen["velocity"]])
+    np.testing.assert_array_equal(seen["target"], [160e3, 8e3, 0, 0, 0, 0])
+    np.testing.assert_array_equal(controller.GetInputPort("applied_force").Eval(context), [1, 2, 3])
+    lidar = diagram.GetSubsystemByName("lidar")
+    assert isinstance(lidar, Lidar)
+    assert 0 < np.isfinite(seen["ranges"]).sum() < 4320
+
+
+@pytest.mark.parametrize(
+    ("controller", "complaint"),
+    [
+        (Scripted(output="thrust"), "needs an output port 'force' of size 3; it has thrust"),
+        (Scripted(force=lambda time: np.zeros(2), size=2), "needs an output port 'force' of size"),
+        (Scripted(ports=[("state", 3)]), "input port 'state' has size 3, but 6 is what feeds it"),
+        (Scripted(ports=[("velocity", 6)]), "input port 'velocity' has size 6, but 3 is what"),
+        (Scripted(ports=[("sate", 6)]), "nothing feeds input port 'sate'; what there is: state"),
+    ],
+)
+def test_wrong_ports_refused(controller: System, complaint: str) -> None:
+    controller.set_name("mine")
+    with pytest.raises(InputError, match=complaint) as caught:
+        build(controller)
+    assert "controller 'mine'" in str(caught.value)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_force_that_is_no_number_refused(value: float) -> None:
+    """An integrator would look for a step that copes with it, for ever."""
+    controller = Scripted(lambda time: np.array([0.0, value if time >= 50.0 else 0.0, 0.0]))
+    with pytest.raises(InputError, match="commands .* N at 50 s; a force must be finite"):
+        fly(short_scenario(), controller, body=kleopatra())
+
+
+def test_thrusters_clip_what_anybody_commands() -> None:
+    controller = Scripted(lambda time: np.array([100.0, -0.5, -8.0]))
+    data = fly(short_scenario(**BRIEF), controller, body=kleopatra()).dataset
+    assert (data["force"] == [7.0, -0.5, -7.0]).all()
+    assert (data["disturbance"] == [-93.0, 0.0, 1.0]).all()
+
+
+# --- evaluation order -----------------------------------------------------------------------------
+
+
+def test_one_solve_a_step(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With logs, lidar and disturbance reading what they read."""
+    times = []
+    solve = TransitProgram.solve
+
+    def counted(self, *arguments, **options):
+        times.append(1)
+        return solve(self, *arguments, **options)
+
+    monkeypatch.setattr(TransitProgram, "solve", counted)
+    diagram = build(disturbance={})
+    simulator = make_simulator(diagram, short_scenario(disturbance={}))
+    for step in range(12):
+        simulator.AdvanceTo(10.0 * step + 5.0)  # Within each step, after its solve.
+        assert len(times) == step + 1
+
+
+def test_solves_in_the_log(monkeypatch: pytest.MonkeyPatch) -> None:
+    calls = []
+    solve = TransitProgram.solve
+
+    def counted(self, *arguments, **options):
+        calls.append(1)
+        return solve(self, *arguments, **options)
+
+    monkeypatch.setattr(TransitProgram, "solve", counted)
+    log = fly(short_scenario(**BRIEF), body=kleopatra())
+    assert log.summary["mpc_solves"] == len(calls) == np.isfinite(log.dataset["solve_time"]).sum()
+
+
+def test_a_disturbance_solves_nothing_more() -> None:
+    solves = disturbed_flight().dataset["solve_time"]
+    assert np.isfinite(solves[:-1]).all()
+
+
+def test_cloned_context_replays_identically() -> None:
+    scenario = short_scenario(disturbance={})
+    diagram = build(disturbance={})
+    simulator = make_simulator(diagram, scenario)
+    simulator.AdvanceTo(105.0)
+    clones = [simulator.get_context().Clone() for _ in range(2)]
+
+    def rest(context) -> tuple[np.ndarray, ...]:
+        again = Simulator(diagram, context)
+        again.get_mutable_integrator().set_maximum_step_size(10.0)
+        again.AdvanceTo(300.0)
+        outputs = [("spacecraft", "state"), ("controller", "force"), ("lidar", "ranges")]
+        return tuple(output(diagram, again.get_context(), *which) for which in outputs)
+
+    first, second = map(rest, clones)
+    for one, other in zip(first, second, strict=True):
+        np.testing.assert_array_equal(one, other)
+    # And as the flight that was cloned, to the integrator's accuracy.
+    simulator.AdvanceTo(300.0)
+    state = output(diagram, simulator.get_context(), "spacecraft", "state")
+    np.testing.assert_allclose(first[0], state, atol=1e-2)
+
+
+def test_two_simulations_of_one_diagram_do_not_touch() -> None:
+    scenario = short_scenario(disturbance={})
+    diagram = build(disturbance={})
+    together = [make_simulator(diagram, scenario) for _ in range(2)]
+    for time in np.arange(20.0, 220.0, 20.0):
+        for simulator in together:
+            simulator.AdvanceTo(time)
+    alone = make_simulator(build(disturbance={}), scenario)
+    alone.AdvanceTo(200.0)
+    states = [output(diagram, one.get_context(), "spacecraft", "state") for one in together]
+    reference = alone.get_context().get_continuous_state_vector().CopyToVector()
+    np.testing.assert_array_equal(states[0], states[1])
+    np.testing.assert_allclose(states[0], reference, atol=1e-6)
+
+
+def test_disturbance_is_in_the_chain() -> None:
+    data = disturbed_flight().dataset
+    applied, commanded = data["force"].values, data["mpc_force"].values
+    walk = data["disturbance"].values
+    asked = np.isfinite(commanded).all(axis=1)
+    np.testing.assert_allclose(applied[asked], (commanded + walk)[asked], atol=1e-12)
+    assert np.abs(walk).max() > 0.1
+    assert np.abs(applied).max() <= 7.0
+    # No more than twice the command; the clipping only shortens it.
+    excess = np.linalg.norm(walk, axis=1) - 2.0 * np.linalg.norm(commanded, axis=1)
+    assert excess[asked].max() <= 1e-9
+
+
+def test_disturbed_sum_is_clipped() -> None:
+    """A command at the limit on every axis, so that half of all pushes would exceed it."""
+    controller = Scripted(lambda time: np.full(3, 7.0))
+    scenario = short_scenario(**BRIEF, disturbance={"increment_std_n": 3.0})
+    data = fly(scenario, controller, body=kleopatra()).dataset
+    assert (np.abs(data["force"]) <= 7.0).all()
+    counts = collections.Counter(np.sign(data["disturbance"].values).ravel().tolist())
+    assert counts[1.0] == 0
+    assert counts[0.0] > 0
+    assert counts[-1.0] > 0
+
+
+def test_make_controller_is_of_the_scenario() -> None:
+    scenario = short_scenario(control_period_s=5.0, spacecraft__thrust_limit_n=3.0)
+    controller = make_controller(scenario, kleopatra())
+    assert controller.period == 5.0
+    assert controller.program.limits.thrust == 3.0
