@@ -38,8 +38,10 @@ class FlightMonitor(LeafSystem):
     * enters the true mesh, which ends the flight,
     * has spent `dwell` in the goal region without a break, which ends the flight.
 
-    A witness compares the ends of an integration step. So that no corner of the mesh is cut
-    between two of them, the chord of every control period is cast against the mesh as well.
+    A witness compares the ends of an integration step. So that no corner of the mesh is cut and
+    the ellipsoid is not dipped into between two of them, the path over every control period is
+    looked at as well: its chord is cast against the mesh, and a cubic through its ends checked
+    for depth.
     """
 
     def __init__(
@@ -64,11 +66,12 @@ class FlightMonitor(LeafSystem):
         self._state_port = self.DeclareVectorInputPort(name="state", size=6)
         self._target_port = self.DeclareVectorInputPort(name="target", size=6)
         self._outcome_index = self.DeclareDiscreteState(BasicVector([NEVER, 0.0, 0.0, 0.0]))
-        self._position_index = self.DeclareDiscreteState(BasicVector(np.full(3, np.nan)))
+        # State, time and violations at the last control step.
+        self._last_index = self.DeclareDiscreteState(BasicVector(np.full(8, np.nan)))
         self.DeclareStateOutputPort(name="outcome", state_index=self._outcome_index)
         self.DeclareInitializationDiscreteUpdateEvent(update=self._initialise)
         self.DeclarePeriodicDiscreteUpdateEvent(
-            period_sec=period, offset_sec=period, update=self._check_chord
+            period_sec=period, offset_sec=period, update=self._check_path
         )
         falling = WitnessFunctionDirection.kPositiveThenNonPositive
         rising = WitnessFunctionDirection.kNegativeThenNonNegative
@@ -112,18 +115,37 @@ class FlightMonitor(LeafSystem):
 
     def _initialise(self, context, discrete_state):
         outcome = discrete_state.get_mutable_value(self._outcome_index)
-        if self._calc_outside_goal(context) <= 0.0:
-            outcome[ENTERED_GOAL] = context.get_time()
-        discrete_state.set_value(self._position_index, self._state_port.Eval(context)[:3])
+        # A flight taken up again in the goal region, from a cloned Context, entered it before.
+        entered = min(outcome[ENTERED_GOAL], context.get_time())
+        outcome[ENTERED_GOAL] = entered if self._calc_outside_goal(context) <= 0.0 else NEVER
+        self._mark(context, discrete_state, outcome[VIOLATIONS])
 
-    def _check_chord(self, context, discrete_state):
-        last = context.get_discrete_state(self._position_index).value()
-        position = self._state_port.Eval(context)[:3]
-        discrete_state.set_value(self._position_index, position)
-        if blocks_segment(self._keep_out, last, position) and self._hits_body(last, position):
-            discrete_state.get_mutable_value(self._outcome_index)[COLLIDED] = 1.0
+    def _mark(self, context, discrete_state, violations: float) -> None:
+        now = np.concatenate([self._state_port.Eval(context), [context.get_time(), violations]])
+        discrete_state.set_value(self._last_index, now)
+
+    def _check_path(self, context, discrete_state):
+        last = context.get_discrete_state(self._last_index).value()
+        state = self._state_port.Eval(context)
+        outcome = discrete_state.get_mutable_value(self._outcome_index)
+        if outcome[VIOLATIONS] == last[7] and self._dips(
+            last[:6], state, context.get_time() - last[6]
+        ):
+            outcome[VIOLATIONS] += 1.0
+        self._mark(context, discrete_state, outcome[VIOLATIONS])
+        start, end = last[:3], state[:3]
+        if blocks_segment(self._keep_out, start, end) and self._hits_body(start, end):
+            outcome[COLLIDED] = 1.0
             return EventStatus.ReachedTermination(self, "collision: a corner of the body was cut")
         return EventStatus.Succeeded()
+
+    def _dips(self, start: np.ndarray, end: np.ndarray, duration: float) -> bool:
+        """Whether the path goes too deep between two states (6,) that are not too deep."""
+        s = np.linspace(0.0, 1.0, 11)[:, None]
+        positions = (1.0 - s) ** 2 * ((1.0 + 2.0 * s) * start[:3] + s * duration * start[3:])
+        positions += s**2 * ((3.0 - 2.0 * s) * end[:3] - (1.0 - s) * duration * end[3:])
+        clearance = clearances(self._keep_out, positions) + self._tolerance
+        return bool(clearance[0] > 0.0 and clearance[-1] > 0.0 and clearance.min() <= 0.0)
 
     def _hits_body(self, start: np.ndarray, end: np.ndarray) -> bool:
         length = float(np.linalg.norm(end - start))

@@ -18,6 +18,7 @@ from proxops.systems.flight_monitor import COLLIDED, ENTERED_GOAL, FINISHED, NEV
 
 KEEP_OUT = np.array([40e3, 30e3, 25e3])
 RADIUS, SPEED, DWELL = 1e3, 1.0, 600.0
+PERIOD = 10.0
 Script = Callable[[float], np.ndarray]
 
 
@@ -50,7 +51,7 @@ class Flown(NamedTuple):
     reason: SimulatorStatus.ReturnReason
     times: np.ndarray
     outcomes: np.ndarray
-    """(N, 4), every second."""
+    """(N, 4), every control period."""
 
     @property
     def last(self) -> np.ndarray:
@@ -76,11 +77,11 @@ def watch(
     )
     builder.Connect(flight.get_output_port(), monitor.GetInputPort("state"))
     builder.Connect(goal.get_output_port(), monitor.GetInputPort("target"))
-    sink = LogVectorOutput(monitor.GetOutputPort("outcome"), builder, publish_period=1.0)
+    sink = LogVectorOutput(monitor.GetOutputPort("outcome"), builder, publish_period=PERIOD)
     diagram = builder.Build()
     simulator = Simulator(diagram)
     simulator.get_mutable_context().SetAccuracy(1e-6)
-    ResetIntegratorFromFlags(simulator, "runge_kutta5", 10.0)
+    ResetIntegratorFromFlags(simulator, "runge_kutta5", PERIOD)
     simulator.Initialize()
     status = simulator.AdvanceTo(until)
     assert status.reason() != SimulatorStatus.ReturnReason.kEventHandlerFailed
@@ -342,6 +343,33 @@ def test_violation_is_never_after_the_collision():
     flown = watch(script, until=100.0, keep_out=keep_out)
     assert flown.last[COLLIDED] == 1.0
     assert flown.last[VIOLATIONS] == 1.0
+
+
+@pytest.mark.parametrize("cloned_at", [205.0, 290.0])
+def test_flight_taken_up_from_a_cloned_context_goes_on_as_it_was(cloned_at):
+    builder = DiagramBuilder()
+    flight = builder.AddSystem(Scripted(straight(GOAL - [1e3 + 90.0, 0, 0], [0.9, 0, 0])))
+    goal = builder.AddSystem(ConstantVectorSource(np.append(GOAL, np.zeros(3))))
+    monitor = builder.AddSystem(FlightMonitor(cube(), KEEP_OUT, RADIUS, SPEED, DWELL))
+    builder.Connect(flight.get_output_port(), monitor.GetInputPort("state"))
+    builder.Connect(goal.get_output_port(), monitor.GetInputPort("target"))
+    diagram = builder.Build()
+
+    def simulator(context=None) -> Simulator:
+        made = Simulator(diagram, context) if context is not None else Simulator(diagram)
+        made.get_mutable_context().SetAccuracy(1e-6)
+        ResetIntegratorFromFlags(made, "runge_kutta5", PERIOD)
+        made.Initialize()
+        return made
+
+    first = simulator()
+    first.AdvanceTo(cloned_at)
+    twin = simulator(first.get_context().Clone())
+    ends = []
+    for flown in (first, twin):
+        flown.AdvanceTo(2000.0)
+        ends.append(flown.get_context().get_time())
+    assert ends == pytest.approx([100.0 + DWELL] * 2, abs=2e-3)
 
 
 def test_free_flight_far_away_meets_nothing():

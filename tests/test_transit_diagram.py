@@ -47,7 +47,7 @@ def test_graphviz_names_every_block() -> None:
     text = diagram.GetGraphvizString()
     for system in diagram.GetSystems():
         assert system.get_name() in text
-    for port in ("state", "position", "ranges", "applied_force", "target"):
+    for port in ("state", "position", "velocity", "target", "acceleration", "ranges", "force"):
         assert port in text
 
 

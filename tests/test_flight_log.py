@@ -1,0 +1,392 @@
+"""A log holds what its schema says, its summary is right, and a file that exists is whole."""
+
+import dataclasses as dc
+import hashlib
+import json
+import os
+import subprocess
+import sys
+from importlib import metadata
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+import xarray as xr
+from scipy.interpolate import CubicHermiteSpline
+from scipy.optimize import minimize
+from short_flights import disturbed_flight, falling_flight, kleopatra_flight, short_scenario
+from synthetic_log import synthetic_log
+
+from proxops.diagrams.flight_log import VARIABLES, FlightLog, differences, write_whole
+from proxops.diagrams.scenario import dump_scenario, load_scenario, parse_scenario
+from proxops.systems import InputError
+
+SIZES = {"component": 6, "axis": 3, "plane": 12, "ray": 360}
+SUMMARY = (
+    "controller, seed, transit, success, success_2km, collided, keep_out_violations, "
+    "min_clearance_m, terminal_position_error_m, terminal_speed_m_s, arrival_time_s, delta_v_m_s, "
+    "hold_delta_v_m_s, steps, mpc_solves, policy_share, control_ms_median, control_ms_p99, wall_s, "
+    "scenario_sha256, policy_sha256"
+).split(", ")
+AXES = np.array([140e3, 70e3, 65e3])
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("log") / "flight.nc"
+    kleopatra_flight().to_netcdf(path)
+    return path
+
+
+# --- schema ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", list(VARIABLES))
+def test_variable(name: str) -> None:
+    data = kleopatra_flight().dataset
+    dimensions, units, long_name = VARIABLES[name]
+    assert data[name].dims == ("time", *dimensions)
+    assert data[name].shape[1:] == tuple(SIZES[dimension] for dimension in dimensions)
+    assert data[name].attrs["units"] == units
+    assert data[name].attrs["long_name"] == long_name
+
+
+def test_schema_holds_what_was_promised() -> None:
+    assert set(VARIABLES) == {
+        "state", "target", "force", "mpc_force", "policy_force", "disturbance", "decision",
+        "solve_time", "solve_status", "ranges",
+    }  # fmt: skip
+
+
+def test_every_variable_says_its_unit_and_name() -> None:
+    data = kleopatra_flight().dataset
+    for name in [*data.data_vars, "time"]:
+        assert data[name].attrs["units"], name
+        assert len(data[name].attrs["long_name"]) > 5, name
+    assert data["time"].attrs["units"] == "s"
+
+
+def test_coordinates() -> None:
+    data = kleopatra_flight().dataset
+    assert data["component"].values.tolist() == ["x", "y", "z", "vx", "vy", "vz"]
+    assert data["axis"].values.tolist() == ["x", "y", "z"]
+    assert (np.diff(data["time"]) > 0.0).all()
+
+
+def test_values_are_finite_where_they_must_be() -> None:
+    data = kleopatra_flight().dataset
+    for name in ("state", "target", "force", "disturbance", "position_inertial"):
+        assert np.isfinite(data[name]).all(), name
+    ranges = data["ranges"].values
+    assert not np.isnan(ranges).any()
+    assert (ranges >= 0.0).all()
+    hits = np.isfinite(ranges)
+    assert ranges[hits].max() < 350e3
+    assert hits.any(axis=(1, 2)).all()  # In the cube some ray always hits.
+
+
+def test_global_attributes() -> None:
+    log = kleopatra_flight()
+    attrs = log.dataset.attrs
+    assert parse_scenario(attrs["scenario"]) == load_scenario()
+    assert attrs["scenario_sha256"] == hashlib.sha256(attrs["scenario"].encode()).hexdigest()
+    assert attrs["proxops_version"] == metadata.version("proxops")
+    assert attrs["controller"] == "mpc"
+    assert (attrs["seed"], attrs["transit"], attrs["noise_seed"]) == (10000, 0, 0)
+    digest = hashlib.sha256(log.dataset["mesh_vertices"].values.astype("<f8").tobytes())
+    digest.update(log.dataset["mesh_facets"].values.astype("<i8").tobytes())
+    assert attrs["shape_sha256"] == digest.hexdigest()
+
+
+def test_scenario_of_the_log() -> None:
+    assert disturbed_flight().scenario == short_scenario(disturbance={}, noise_seed=3)
+    assert dump_scenario(disturbed_flight().scenario) == disturbed_flight().dataset.attrs["scenario"]
+
+
+# --- summary --------------------------------------------------------------------------------------
+
+
+def test_summary_has_exactly_these_keys() -> None:
+    for flight in (kleopatra_flight, disturbed_flight, falling_flight):
+        assert list(flight().summary) == SUMMARY
+
+
+def test_summary_is_plain_json() -> None:
+    for flight in (kleopatra_flight, falling_flight):
+        text = json.dumps(flight().summary, allow_nan=False)
+        assert json.loads(text) == flight().summary
+
+
+def test_summary_counts() -> None:
+    log = kleopatra_flight()
+    summary, data = log.summary, log.dataset
+    assert summary["steps"] == len(data["time"]) - 1
+    assert summary["mpc_solves"] == summary["steps"]
+    assert summary["policy_share"] == 0.0
+    assert summary["policy_sha256"] is None
+    solve_ms = 1e3 * data["solve_time"].values[:-1]
+    assert summary["control_ms_median"] == pytest.approx(np.median(solve_ms))
+    assert summary["control_ms_p99"] == pytest.approx(np.quantile(solve_ms, 0.99))
+    assert 0.0 < summary["wall_s"] < 600.0
+    assert solve_ms.sum() < 1e3 * summary["wall_s"]
+
+
+def test_delta_v() -> None:
+    """Integral of |F_x| + |F_y| + |F_z| over the mass, on a fine grid; split at arrival."""
+    log = kleopatra_flight()
+    data = log.dataset
+    times, end = data["time"].values, float(data["time"][-1])
+    step = 0.01
+    grid = np.arange(0.5 * step, end, step)
+    row = np.searchsorted(times, grid, side="right") - 1
+    rate = np.abs(data["force"].values[row]).sum(axis=1) / 100.0
+    before = grid < log.summary["arrival_time_s"]
+    assert log.summary["delta_v_m_s"] == pytest.approx(rate[before].sum() * step, rel=1e-4)
+    assert log.summary["hold_delta_v_m_s"] == pytest.approx(rate[~before].sum() * step, rel=1e-3)
+
+
+def test_terminal_error() -> None:
+    data = kleopatra_flight().dataset
+    error = data["state"].values[-1] - data["target"].values[-1]
+    summary = kleopatra_flight().summary
+    assert summary["terminal_position_error_m"] == pytest.approx(np.sqrt(np.sum(error[:3] ** 2)))
+    assert summary["terminal_speed_m_s"] == pytest.approx(np.sqrt(np.sum(error[3:] ** 2)))
+
+
+@pytest.mark.parametrize("flight", [kleopatra_flight, disturbed_flight, falling_flight])
+def test_least_clearance(flight) -> None:
+    """By brute force: every 0.5 s, and the ellipsoid's nearest point by minimisation."""
+    log = flight()
+    states, times = log.dataset["state"].values, log.dataset["time"].values
+    path = CubicHermiteSpline(times, states[:, :3], states[:, 3:])
+    points = path(np.append(np.arange(0.0, times[-1], 0.5), times[-1]))
+    sign = np.where(np.sum((points / AXES) ** 2, axis=1) < 1.0, -1.0, 1.0)
+
+    def surface(angles: np.ndarray) -> np.ndarray:
+        polar, azimuth = angles
+        across = np.sin(polar)
+        unit = [across * np.cos(azimuth), across * np.sin(azimuth), np.cos(polar)]
+        return AXES * np.stack(unit, axis=-1)
+
+    polar, azimuth = np.meshgrid(np.linspace(0, np.pi, 61), np.linspace(-np.pi, np.pi, 121))
+    grid = surface(np.stack([polar.ravel(), azimuth.ravel()]))
+    rough = sign * np.array([np.linalg.norm(grid - point, axis=1).min() for point in points[::10]
+                             ]).repeat(10)[: len(points)]  # fmt: skip
+    candidates = np.argsort(rough)[: 400 : 20]
+    found = []
+    for index in candidates:
+        start = grid[np.linalg.norm(grid - points[index], axis=1).argmin()] / AXES
+        angles = [np.arccos(np.clip(start[2], -1, 1)), np.arctan2(start[1], start[0])]
+        result = minimize(
+            lambda at, index=index: np.sum(((surface(at) - points[index]) / 1e4) ** 2),
+            angles,
+            method="Nelder-Mead",
+            options={"xatol": 1e-9, "fatol": 1e-12},
+        )
+        found.append(sign[index] * 1e4 * np.sqrt(result.fun))
+    assert log.summary["min_clearance_m"] == pytest.approx(min(found), abs=50.0)
+
+
+def test_success_at_two_kilometres_is_easier() -> None:
+    assert kleopatra_flight().summary["success_2km"]
+    assert not falling_flight().summary["success_2km"]
+
+
+# --- files ----------------------------------------------------------------------------------------
+
+
+def test_round_trip(file: Path) -> None:
+    log, loaded = kleopatra_flight(), FlightLog.load(file)
+    assert loaded.dataset.identical(log.dataset)
+    assert differences(loaded, log) == []
+    assert loaded.summary == log.summary
+    assert loaded.scenario == log.scenario
+    assert loaded.body.config == log.body.config
+    assert loaded.body.shape.sha256 == log.body.shape.sha256
+    for name, variable in log.dataset.variables.items():
+        assert loaded.dataset[name].dtype.kind == variable.dtype.kind, name
+
+
+@pytest.mark.parametrize("flight", [disturbed_flight, falling_flight])
+def test_round_trip_of_other_flights(flight, tmp_path: Path) -> None:
+    flight().to_netcdf(tmp_path / "flight.nc")
+    loaded = FlightLog.load(tmp_path / "flight.nc")
+    assert loaded.dataset.identical(flight().dataset)
+    assert loaded.summary == flight().summary
+
+
+def test_differences_sees_one_bit() -> None:
+    log = synthetic_log(20, ranges=False)
+    changed = log.dataset.copy(deep=True)
+    changed["force"][7, 1] = np.nextafter(changed["force"][7, 1], np.inf)
+    changed["solve_time"] = changed["solve_time"] + 1.0  # A wall time.
+    assert differences(log, dc.replace(log, dataset=changed)) == ["force"]
+    shorter = log.dataset.isel(time=slice(0, -1))
+    assert "state" in differences(log, dc.replace(log, dataset=shorter))
+    assert differences(log, dc.replace(log, dataset=log.dataset.drop_vars("target"))) == ["target"]
+
+
+def test_h5py_reads_it(file: Path) -> None:
+    with h5py.File(file) as opened:
+        state = opened["state"]
+        assert isinstance(state, h5py.Dataset)
+        np.testing.assert_array_equal(state[:], kleopatra_flight().dataset["state"])
+        assert state.attrs["units"] in ("m; m/s", b"m; m/s")
+        ranges = opened["ranges"]
+        assert isinstance(ranges, h5py.Dataset)
+        assert ranges.shape[1:] == (12, 360)
+        assert "Kleopatra" in str(opened.attrs["body"])
+
+
+def test_xarray_reads_it_without_proxops(file: Path) -> None:
+    with xr.open_dataset(file, engine="h5netcdf") as opened:
+        assert float(opened["state"].sel(component="x")[0]) == pytest.approx(
+            kleopatra_flight().dataset["state"].values[0, 0]
+        )
+
+
+def test_small_on_disk(file: Path) -> None:
+    assert file.stat().st_size < 1e6
+
+
+def test_unknown_file(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="absent"):
+        FlightLog.load(tmp_path / "absent.nc")
+
+
+def test_folder_is_no_log(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="is not a flight log"):
+        FlightLog.load(tmp_path)
+
+
+@pytest.mark.parametrize("content", [b"", b"hello", b"CDF\x01" + bytes(100), bytes(4096)])
+def test_other_file_refused(tmp_path: Path, content: bytes) -> None:
+    (tmp_path / "flight.nc").write_bytes(content)
+    with pytest.raises(InputError, match=r"flight\.nc is not a flight log"):
+        FlightLog.load(tmp_path / "flight.nc")
+
+
+def test_other_dataset_refused(tmp_path: Path) -> None:
+    xr.Dataset({"state": ("time", [1.0])}).to_netcdf(tmp_path / "other.nc", engine="h5netcdf")
+    with pytest.raises(InputError, match="it has no mesh_vertices"):
+        FlightLog.load(tmp_path / "other.nc")
+
+
+@pytest.mark.parametrize("share", [0.01, 0.3, 0.6, 0.9, 0.999])
+def test_truncated_file_refused(file: Path, tmp_path: Path, share: float) -> None:
+    whole = file.read_bytes()
+    (tmp_path / "flight.nc").write_bytes(whole[: int(share * len(whole))])
+    with pytest.raises(InputError, match=r"flight\.nc"):
+        FlightLog.load(tmp_path / "flight.nc")
+
+
+@pytest.mark.parametrize("name", ["mesh_vertices", "mesh_facets", "state", "target", "time"])
+def test_log_without_a_variable_refused(tmp_path: Path, name: str) -> None:
+    dataset = synthetic_log(5, ranges=False).dataset.drop_vars(name)
+    dataset.to_netcdf(tmp_path / "flight.nc", engine="h5netcdf")
+    with pytest.raises(InputError, match=rf"flight log: it has no .*{name}"):
+        FlightLog.load(tmp_path / "flight.nc")
+
+
+@pytest.mark.parametrize("name", ["scenario", "body", "controller", "shape_sha256"])
+def test_log_without_an_attribute_refused(tmp_path: Path, name: str) -> None:
+    dataset = synthetic_log(5, ranges=False).dataset.copy()
+    del dataset.attrs[name]
+    dataset.to_netcdf(tmp_path / "flight.nc", engine="h5netcdf")
+    with pytest.raises(InputError, match=f"flight log: it has no {name}"):
+        FlightLog.load(tmp_path / "flight.nc")
+
+
+def test_log_with_another_mesh_refused(tmp_path: Path) -> None:
+    dataset = synthetic_log(5, ranges=False).dataset.copy(deep=True)
+    dataset["mesh_vertices"][3, 1] += 0.5
+    dataset.to_netcdf(tmp_path / "flight.nc", engine="h5netcdf")
+    with pytest.raises(InputError, match="does not match its hash"):
+        FlightLog.load(tmp_path / "flight.nc")
+
+
+def test_damaged_file_is_refused_or_reads_the_same_mesh(tmp_path: Path) -> None:
+    """Bytes flipped all over: a clear refusal or a log, never another exception."""
+    synthetic_log(30, ranges=False).to_netcdf(tmp_path / "flight.nc")
+    whole = (tmp_path / "flight.nc").read_bytes()
+    random = np.random.default_rng(1)
+    for trial in range(40):
+        damaged = bytearray(whole)
+        start = int(random.integers(len(whole) - 64))
+        damaged[start : start + 64] = random.bytes(64)
+        path = tmp_path / f"{trial}.nc"
+        path.write_bytes(damaged)
+        try:
+            log = FlightLog.load(path)
+        except InputError as error:
+            assert path.name in str(error)  # noqa: PT017 (either outcome is right)
+        else:
+            assert log.body.shape.sha256 == log.dataset.attrs["shape_sha256"]
+
+
+def test_missing_folder(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="cannot write in .*nowhere"):
+        synthetic_log(3, ranges=False).to_netcdf(tmp_path / "nowhere" / "flight.nc")
+
+
+def test_folder_in_the_way(tmp_path: Path) -> None:
+    (tmp_path / "flight.nc").mkdir()
+    with pytest.raises(InputError, match="cannot write"):
+        synthetic_log(3, ranges=False).to_netcdf(tmp_path / "flight.nc")
+    assert list(tmp_path.iterdir()) == [tmp_path / "flight.nc"]
+
+
+def test_failure_to_write_leaves_the_old_file(tmp_path: Path) -> None:
+    path = tmp_path / "notes"
+    path.write_text("old")
+
+    def fail(temporary: Path) -> None:
+        temporary.write_text("half")
+        raise RuntimeError("no")
+
+    with pytest.raises(RuntimeError, match="no"):
+        write_whole(path, fail)
+    assert path.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+KILLED_WRITER = """
+import os, random, signal, sys, time
+from pathlib import Path
+from synthetic_log import synthetic_log
+from proxops.diagrams.flight_log import FlightLog, differences
+
+path, log = Path(sys.argv[1]), synthetic_log(200)
+started = time.perf_counter()
+log.to_netcdf(path)
+took = time.perf_counter() - started
+path.unlink()
+killed = 0
+for trial in range(25):
+    child = os.fork()
+    if child == 0:
+        while True:
+            log.to_netcdf(path)
+    time.sleep(random.Random(trial).uniform(0.0, 2.5 * took))
+    os.kill(child, signal.SIGKILL)
+    killed += os.WIFSIGNALED(os.waitpid(child, 0)[1])
+    if path.exists():
+        assert differences(FlightLog.load(path), log) == []
+assert path.exists(), "no write ever ended"
+print(killed, len(list(path.parent.glob(".flight.nc.*.part"))))
+"""
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
+def test_killed_while_writing(tmp_path: Path) -> None:
+    """25 processes killed at random moments of writing the same file over and over."""
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    command = [sys.executable, "-W", "ignore", "-c", KILLED_WRITER, str(tmp_path / "flight.nc")]
+    done = subprocess.run(
+        command, env=environment, capture_output=True, text=True, timeout=120, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    killed, unfinished = map(int, done.stdout.split())
+    assert killed == 25
+    assert unfinished > 0  # Some were in the midst of it.

@@ -1,0 +1,352 @@
+"""What is flown is physics: the log's motion, events and outcomes, each computed a second way."""
+
+import os
+import subprocess
+import sys
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.interpolate import CubicHermiteSpline
+from short_flights import (
+    BRIEF,
+    PdController,
+    Scripted,
+    disturbed_flight,
+    falling_flight,
+    kleopatra,
+    kleopatra_flight,
+    short_scenario,
+)
+
+from proxops.diagrams.flight_log import FlightLog, differences
+from proxops.diagrams.scenario import load_scenario
+from proxops.diagrams.simulation import fly, named_controller
+from proxops.systems import InputError, jacobi_integral
+
+SPIN = 2.0 * np.pi / (5.38528 * 3600.0)
+
+
+def acceleration(position: np.ndarray, velocity: np.ndarray, thrust: np.ndarray) -> np.ndarray:
+    """r'' in K: gravity, Coriolis, centrifugal, thrust, with cross products written out."""
+    spin = np.array([0.0, 0.0, SPIN])
+    gravity = kleopatra().gravity_field.evaluate(position[None]).acceleration[0]
+    coriolis = -2.0 * np.cross(spin, velocity)
+    return gravity + coriolis - np.cross(spin, np.cross(spin, position)) + thrust
+
+
+def reflown(log: FlightLog) -> np.ndarray:
+    """States at the log's times from its first state and its forces, by SciPy."""
+    times, forces = log.dataset["time"].values, log.dataset["force"].values
+    mass = log.scenario.spacecraft.mass_kg
+    states = [log.dataset["state"].values[0]]
+    for (start, end), force in zip(pairwise(times), forces, strict=False):
+
+        def rate(_, state, force=force):
+            return [*state[3:], *acceleration(state[:3], state[3:], force / mass)]
+
+        step = solve_ivp(rate, (start, end), states[-1], "DOP853", rtol=1e-10, atol=1e-6)
+        states.append(step.y[:, -1])
+    return np.array(states)
+
+
+def path(log: FlightLog) -> tuple[CubicHermiteSpline, CubicHermiteSpline]:
+    """Position in K as a function of time, and its derivative."""
+    states = log.dataset["state"].values
+    spline = CubicHermiteSpline(log.dataset["time"].values, states[:, :3], states[:, 3:])
+    return spline, spline.derivative()
+
+
+# --- one real flight ------------------------------------------------------------------------------
+
+
+def test_succeeds() -> None:
+    summary = kleopatra_flight().summary
+    assert summary["success"]
+    assert summary["success_2km"]
+    assert not summary["collided"]
+    assert summary["keep_out_violations"] == 0
+    assert summary["terminal_position_error_m"] < 100.0
+    assert summary["terminal_speed_m_s"] < 0.5
+
+
+def test_times_are_the_control_steps() -> None:
+    times = kleopatra_flight().dataset["time"].values
+    np.testing.assert_allclose(times[:-1], 10.0 * np.arange(len(times) - 1), atol=1e-9)
+    assert 0.0 < times[-1] - times[-2] <= 10.0
+
+
+@pytest.mark.parametrize("flight", [kleopatra_flight, disturbed_flight, falling_flight])
+def test_forces_give_the_states(flight) -> None:
+    log = flight()
+    error = reflown(log) - log.dataset["state"].values
+    assert np.linalg.norm(error[:, :3], axis=1).max() < 0.1
+    assert np.linalg.norm(error[:, 3:], axis=1).max() < 1e-3
+
+
+def test_limits_kept() -> None:
+    data = kleopatra_flight().dataset
+    assert np.abs(data["force"]).max() <= 7.0
+    assert np.abs(data["state"].values[:, 3:]).max() <= 40.0 * 1.01
+
+
+def test_undisturbed_force_is_the_expert_s() -> None:
+    data = kleopatra_flight().dataset
+    np.testing.assert_array_equal(data["force"][:-1], data["mpc_force"][:-1])
+    assert (data["disturbance"] == 0.0).all()
+    assert (data["solve_status"][:-1] == 0).all()
+
+
+def test_inertial_motion() -> None:
+    data = kleopatra_flight().dataset
+    times, states = data["time"].values, data["state"].values
+    position, velocity = data["position_inertial"].values, data["velocity_inertial"].values
+    np.testing.assert_array_equal(position[0], states[0, :3])
+    # The distance from the axis, and along it, are the same in both frames.
+    np.testing.assert_allclose(np.hypot(*position[:, :2].T), np.hypot(*states[:, :2].T), rtol=1e-12)
+    np.testing.assert_array_equal(position[:, 2], states[:, 2])
+    # It turns by the spin with respect to K.
+    turned = position[:, 0] + 1j * position[:, 1]
+    fixed = states[:, 0] + 1j * states[:, 1]
+    np.testing.assert_allclose(turned / fixed, np.exp(1j * SPIN * times), rtol=1e-9)
+    # Velocity is the derivative of position: central differences at 10 s, error h^2 a''/6.
+    rows = slice(1, -2)
+    slope = (position[2:-1] - position[:-3]) / 20.0
+    assert np.abs(slope - velocity[rows]).max() < 0.1
+    np.testing.assert_allclose(velocity[0], np.cross([0.0, 0.0, SPIN], position[0]), rtol=1e-12)
+
+
+def test_angular_momentum_changes_by_the_torque() -> None:
+    """About z, in the inertial frame: the thrust's moment and gravity's, integrated."""
+    data = kleopatra_flight().dataset
+    times = data["time"].values
+    position, velocity = data["position_inertial"].values, data["velocity_inertial"].values
+    momentum = np.cross(position, velocity)[:, 2]
+    spot, rate = path(kleopatra_flight())
+    nodes, weights = np.polynomial.legendre.leggauss(3)
+    middle, half = 0.5 * (times[1:] + times[:-1]), 0.5 * np.diff(times)
+    gained = np.zeros(len(middle))
+    for node, weight in zip(nodes, weights, strict=True):
+        at = spot(middle + node * half)
+        pull = kleopatra().gravity_field.evaluate(at).acceleration
+        pull = pull + data["force"].values[:-1] / 100.0
+        gained += weight * half * np.cross(at, pull)[:, 2]
+    scale = np.abs(momentum).max()
+    np.testing.assert_allclose(np.diff(momentum), gained, atol=1e-6 * scale)
+    assert np.abs(gained).sum() > 0.01 * scale
+    assert np.isfinite(rate(times)).all()
+
+
+def test_arrival_is_the_start_of_the_dwell() -> None:
+    log = kleopatra_flight()
+    spot, rate = path(log)
+    goal = log.dataset["target"].values[0, :3]
+    times = np.arange(0.0, log.dataset["time"].values[-1], 0.05)
+    near = np.linalg.norm(spot(times) - goal, axis=1) <= 1e3
+    slow = np.linalg.norm(rate(times), axis=1) <= 1.0
+    outside = np.flatnonzero(~(near & slow))
+    arrival = log.summary["arrival_time_s"]
+    assert arrival == pytest.approx(times[outside[-1]], abs=0.1)
+    # The first such stretch, which ends the flight when it is 600 s long.
+    assert np.diff(outside, prepend=-1).max() * 0.05 < 600.0
+    assert log.dataset["time"].values[-1] == pytest.approx(arrival + 600.0, abs=1e-6)
+
+
+# --- repeats --------------------------------------------------------------------------------------
+
+
+def test_repeats_bit_for_bit() -> None:
+    again = fly(kleopatra_flight().scenario, "mpc", body=kleopatra_flight().body)
+    assert differences(kleopatra_flight(), again) == []
+
+
+def test_disturbed_flight_repeats_bit_for_bit() -> None:
+    log = disturbed_flight()
+    assert differences(log, fly(log.scenario, "mpc", body=log.body)) == []
+
+
+def test_failed_flight_repeats_bit_for_bit() -> None:
+    log = falling_flight()
+    assert differences(log, fly(log.scenario, "zero", body=log.body)) == []
+
+
+def test_another_noise_seed_changes_the_sensor_and_the_push_alone() -> None:
+    scenario = short_scenario(**BRIEF)
+    one = fly(scenario, body=kleopatra())
+    scenario.noise_seed = 1
+    other = fly(scenario, body=kleopatra())
+    assert differences(one, other) == ["ranges"]
+
+
+@pytest.mark.slow
+def test_first_flight_on_a_machine_repeats_bit_for_bit(tmp_path) -> None:
+    """Compiled in this process or loaded from numba's cache: the same numbers."""
+    program = (
+        "import sys\n"
+        "from short_flights import BRIEF, fly, short_scenario\n"
+        "fly(short_scenario(**BRIEF)).to_netcdf(sys.argv[1])\n"
+    )
+    environment = {
+        **os.environ,
+        "NUMBA_CACHE_DIR": str(tmp_path / "numba"),
+        "PYTHONPATH": os.pathsep.join(filter(None, sys.path)),
+    }
+    logs = []
+    for name in ("compiled.nc", "cached.nc"):
+        command = [sys.executable, "-c", program, str(tmp_path / name)]
+        subprocess.run(command, env=environment, check=True, timeout=120)
+        logs.append(FlightLog.load(tmp_path / name))
+    assert differences(*logs) == []
+
+
+# --- events ---------------------------------------------------------------------------------------
+
+
+def test_collision() -> None:
+    log = falling_flight()
+    summary = log.summary
+    assert summary["collided"]
+    assert not summary["success"]
+    assert summary["arrival_time_s"] is None
+    assert summary["delta_v_m_s"] == 0.0
+    # The end lies on the mesh, coming from outside.
+    spot, rate = path(log)
+    end = log.dataset["time"].values[-1]
+    around = spot(end + np.array([-0.5, 0.5])) if end % 10.0 else spot([end - 0.5, end])
+    around[1] = spot(end) + 0.5 * rate(end)
+    inside = kleopatra().gravity_field.evaluate(around).inside
+    assert inside.tolist() == [False, True]
+    # And nothing before did.
+    before = spot(np.arange(0.0, end - 0.5, 0.5))
+    low = before[np.sum((before / [140e3, 70e3, 65e3]) ** 2, axis=1) < 1.0]
+    assert not kleopatra().gravity_field.evaluate(low).inside.any()
+
+
+def test_free_fall_keeps_the_jacobi_integral() -> None:
+    data = falling_flight().dataset
+    states = data["state"].values
+    potentials = kleopatra().gravity_field.evaluate(states[:, :3]).potential
+    integral = jacobi_integral(states[:, :3], states[:, 3:], potentials, SPIN)
+    # The last kilometres go past the edges of facets, where gravity is not smooth.
+    np.testing.assert_allclose(integral, integral[0], rtol=1e-7)
+    high = np.linalg.norm(states[:, :3], axis=1) > 60e3
+    np.testing.assert_allclose(integral[high], integral[0], rtol=1e-9)
+
+
+def test_keep_out_violations_are_counted() -> None:
+    """Falling in is one; so is each dip of a spacecraft that goes in and comes out again."""
+    assert falling_flight().summary["keep_out_violations"] == 1
+    thrust = np.array([0.0, 0.0, 7.0])
+    pulses = Scripted(lambda time: thrust if time >= 300.0 else np.zeros(3))
+    scenario = short_scenario(
+        transit__start_m=[0.0, 0.0, 66e3], arrival__deadline_s=1400.0
+    )
+    log = fly(scenario, pulses, body=kleopatra())
+    heights = log.dataset["state"].values[:, 2]
+    assert heights.min() < 65e3 - 1.0 < 65e3 < heights[-1]
+    assert log.summary["keep_out_violations"] == 1
+    assert log.summary["min_clearance_m"] < -1.0
+    assert not log.summary["collided"]
+
+
+def test_a_metre_is_no_violation() -> None:
+    scenario = short_scenario(**BRIEF, transit__start_m=[0.0, 0.0, 65e3 + 1.0])
+    # 0.04 m/s^2 downwards less this much: a few decimetres below the surface after 150 s.
+    gravity = kleopatra().gravity_field.evaluate(np.array([[0.0, 0.0, 65e3]])).acceleration[0]
+    fall = 1.5 / (0.5 * 150.0**2)
+    hold = Scripted(lambda time: -100.0 * (gravity + [0.0, 0.0, fall]))
+    log = fly(scenario, hold, body=kleopatra())
+    assert -1.0 < log.summary["min_clearance_m"] < 0.0
+    assert log.summary["keep_out_violations"] == 0
+
+
+def test_never_arriving_ends_after_deadline_and_dwell() -> None:
+    log = fly(short_scenario(**BRIEF), PdController(), body=kleopatra())
+    times = log.dataset["time"].values
+    np.testing.assert_allclose(times, np.arange(0.0, 151.0, 10.0), atol=1e-9)
+    summary = log.summary
+    assert summary["arrival_time_s"] is None
+    assert not summary["success"]
+    assert summary["steps"] == 15
+    assert summary["hold_delta_v_m_s"] == 0.0
+
+
+def test_late_arrival_is_no_success() -> None:
+    """Arrives at about 1,100 s, so that a deadline before that turns the same flight into none."""
+    arrival = fly(short_scenario(), body=kleopatra()).summary["arrival_time_s"]
+    in_time = fly(short_scenario(arrival__deadline_s=arrival + 1.0), body=kleopatra()).summary
+    late = fly(short_scenario(arrival__deadline_s=arrival - 1.0), body=kleopatra()).summary
+    assert in_time["success"]
+    assert in_time["arrival_time_s"] == pytest.approx(arrival)
+    assert not late["success"]
+
+
+def test_start_in_the_goal_region_arrives_at_once() -> None:
+    scenario = short_scenario(transit__start_m=[160e3, 7.9e3, 0.0])
+    summary = fly(scenario, body=kleopatra()).summary
+    assert summary["arrival_time_s"] == 0.0
+    assert summary["success"]
+    assert summary["delta_v_m_s"] == 0.0
+    assert summary["hold_delta_v_m_s"] > 0.0
+
+
+def test_leaving_the_goal_region_starts_the_dwell_anew() -> None:
+    """Starts 100 m inside the goal region's edge and lets go: it drifts out, so no arrival."""
+    scenario = short_scenario(
+        transit__start_m=[160e3, 7.9e3, 0.0], arrival__dwell_s=500.0, arrival__deadline_s=1000.0
+    )
+    log = fly(scenario, "zero", body=kleopatra())
+    assert log.summary["arrival_time_s"] is None
+    assert not log.summary["success"]
+    assert log.dataset["time"].values[-1] == pytest.approx(1500.0)
+
+
+def test_disturbed_flight() -> None:
+    log = disturbed_flight()
+    assert (np.abs(log.dataset["disturbance"]).max(axis=1) > 0.0).mean() > 0.9
+    assert log.scenario.disturbance is not None
+    assert log.summary["steps"] > 100
+
+
+# --- refusals -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("changes", "complaint"),
+    [
+        ({"transit__goal_m": [900e3, 0.0, 0.0]}, "goal_m .* cannot be held"),
+        ({"transit__start_m": [0.0, 0.0, 0.0]}, "is inside Kleopatra"),
+        ({"transit__start_m": [0.0, 0.0, 60e3]}, "inside the keep-out"),
+        ({"spacecraft__mass_kg": 5000.0}, "cannot be held"),
+        ({"disturbance": {"reset_period_s": 1.0}}, "reset_period"),
+        ({"body": "itokawa"}, "does not ship with proxops"),
+    ],
+)
+def test_flights_that_cannot_be_refused(changes: dict[str, object], complaint: str) -> None:
+    with pytest.raises(InputError, match=complaint):
+        fly(short_scenario(**changes))
+
+
+@pytest.mark.parametrize(
+    ("name", "complaint"),
+    [
+        ("pid", "controller 'pid' is not known: use mpc"),
+        ("", "is not known"),
+        ("no_such_module:make", "No module named 'no_such_module'"),
+        ("short_flights:no_such_factory", "no attribute 'no_such_factory'"),
+        ("short_flights:blob", "blob"),  # Takes no arguments.
+        ("builtins:isinstance", "isinstance"),
+    ],
+)
+def test_controllers_refused(name: str, complaint: str) -> None:
+    with pytest.raises(InputError, match=complaint) as caught:
+        named_controller(name, load_scenario(), kleopatra())
+    assert repr(name) in str(caught.value)
+
+
+def test_progress_is_told() -> None:
+    told = []
+    fly(short_scenario(**BRIEF), "zero", progress=lambda *at: told.append(at), body=kleopatra())
+    assert told[-1] == (pytest.approx(150.0), 150.0)
+    assert [now for now, _ in told] == sorted(now for now, _ in told)
