@@ -171,10 +171,14 @@ def _finished(flight: Flight, folder: Path, keep_logs: bool) -> Row | None:
     path = folder / f"{flight.name}.json"
     if not path.is_file() or (keep_logs and not (folder / f"{flight.name}.nc").is_file()):
         return None
-    content = json.loads(path.read_text())
-    if content["flight"] != dc.asdict(flight):
+    try:
+        content = json.loads(path.read_text())
+        flown, summary = content["flight"], content["summary"]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise InputError(f"{path} is not the summary of a flight: remove it") from error
+    if flown != dc.asdict(flight):
         raise InputError(
             f"{path} is of a flight with another scenario or controller: "
             "give another output folder, or remove that one"
         )
-    return content["summary"]
+    return summary

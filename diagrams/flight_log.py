@@ -36,6 +36,11 @@ VARIABLES: dict[str, tuple[tuple[str, ...], str, str]] = {
     "solve_status": ((), "1", "0 solved, 1 last plan flown on, 2 braking; NaN: not asked"),
     "ranges": (("plane", "ray"), "m", "lidar ranges; +inf where nothing returned"),
 }
+# Without these a file is no log; the frames may be left out.
+_NEEDED_VARIABLES = ["time", *(name for name in VARIABLES if name != "ranges")]
+_NEEDED_VARIABLES += ["mesh_vertices", "mesh_facets"]
+_NEEDED_ATTRIBUTES = ["scenario", "body", "controller", "shape_sha256", "arrival_time_s"]
+_NEEDED_ATTRIBUTES += ["collided", "keep_out_violations", "wall_s", "scenario_sha256"]
 COORDINATES = {
     "component": ["x", "y", "z", "vx", "vy", "vz"],
     "axis": ["x", "y", "z"],
@@ -88,18 +93,20 @@ class FlightLog:
         """
         try:
             dataset = xr.load_dataset(path, engine="h5netcdf")
-        except (OSError, ValueError, KeyError) as error:
+        except Exception as error:  # A damaged file makes h5py and xarray raise all sorts.
             raise InputError(f"{path} is not a flight log: {error}") from error
-        missing = [name for name in ("state", "mesh_vertices") if name not in dataset]
-        missing += [
-            name for name in ("scenario", "body", "controller") if name not in dataset.attrs
-        ]
+        missing = [name for name in _NEEDED_VARIABLES if name not in dataset.variables]
+        missing += [name for name in _NEEDED_ATTRIBUTES if name not in dataset.attrs]
         if missing:
             raise InputError(f"{path} is not a flight log: it has no {', '.join(missing)}")
-        config = load_typed(BodyConfig, yaml_load(data=dataset.attrs["body"]), str(path))
-        shape = Polyhedron(
-            dataset["mesh_vertices"].values, dataset["mesh_facets"].values, name=config.mesh
-        )
+        try:
+            config = load_typed(BodyConfig, yaml_load(data=dataset.attrs["body"]), str(path))
+            with np.errstate(all="ignore"):  # Damaged numbers may overflow before they are refused.
+                shape = Polyhedron(
+                    dataset["mesh_vertices"].values, dataset["mesh_facets"].values, name=config.mesh
+                )
+        except Exception as error:
+            raise InputError(f"{path} is damaged: {error}") from error
         if shape.sha256 != dataset.attrs["shape_sha256"]:
             raise InputError(f"{path}: the mesh does not match its hash; the file is damaged")
         return cls(dataset, Body(config, shape))

@@ -6,11 +6,9 @@ polyhedral potential on the sphere from which on they are used; the misfit is ha
 it falls at least as fast as the potential itself.
 """
 
-import math
 from collections.abc import Callable
 from functools import cache
 
-import numba
 import numpy as np
 
 SWITCH = 10.0
@@ -19,7 +17,6 @@ SWITCH = 10.0
 # They match the field to a degree of about sqrt(_MASSES). With 200, what is left is below rounding
 # at 10 radii; on the sphere that holds the body all come out positive, so that nothing cancels.
 _MASSES = 200
-_FAST = {"reassoc", "nsz", "arcp", "contract"}
 
 
 def fit_masses(
@@ -49,26 +46,6 @@ def _unit_fit() -> tuple[np.ndarray, ...]:
     # Singular values below the cut-off stand for degrees that do not reach this far.
     kept = s > 1e-13 * s[0]
     return places, checks, u[:, kept], s[kept], vt[kept]
-
-
-@numba.njit(cache=True, fastmath=_FAST, error_model="numpy")
-def point_masses(px, py, pz, masses, out):
-    """Fills ``out`` (11,) like the polyhedral kernel, solid angle 0, from masses (4, K)."""
-    u = gx = gy = gz = xx = yy = xy = xz = yz = 0.0
-    for k in range(masses.shape[1]):
-        x, y, z = masses[0, k] - px, masses[1, k] - py, masses[2, k] - pz
-        r2 = x * x + y * y + z * z
-        level = masses[3, k] / math.sqrt(r2)
-        pull = level / r2
-        steep = 3.0 * pull / r2
-        u += level
-        gx, gy, gz = gx + pull * x, gy + pull * y, gz + pull * z
-        xx += steep * x * x - pull
-        yy += steep * y * y - pull
-        xy, xz, yz = xy + steep * x * y, xz + steep * x * z, yz + steep * y * z
-    out[0], out[1], out[2], out[3] = u, gx, gy, gz
-    out[4], out[5], out[6] = xx, yy, -xx - yy
-    out[7], out[8], out[9], out[10] = xy, xz, yz, 0.0
 
 
 def _directions(count: int) -> np.ndarray:

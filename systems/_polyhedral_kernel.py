@@ -1,24 +1,24 @@
-"""Compiled kernel of polyhedral gravity (Werner & Scheeres 1997), one pass over edges and facets.
+"""Compiled kernel of polyhedral gravity (Werner & Scheeres 1997): sums over edges and facets.
 
-With ``L_e`` the edge potentials and ``w_f`` the facets' solid angles seen from the field point p,
-every quantity is a sum that is linear in ``L_e`` and ``w_f`` once the point is split off::
+With ``L`` an edge's potential and ``w`` a facet's solid angle as seen from the field point p, every
+quantity is a sum that is linear in ``L`` and ``w`` once p is split off, over edges with their dyads
+E at a point a of each, and over facets with F = n n^T::
 
-    sum_e L_e E_e            (6 numbers)      and the same three sums over facets with F_f = n n^T
-    sum_e L_e E_e p_e        (3 numbers)
-    sum_e L_e p_e.E_e p_e    (1 number)
+    sum L E   (6 numbers)        sum L E a   (3)        sum L a.E a   (1)
 
-so an edge costs one reciprocal, one odd series and ten multiply-adds on structure-of-arrays, with
-no branch: LLVM vectorises the loop. ``L = 2 atanh(x)``, ``x = l / (r_a + r_b)``, and
-``w = 2 atan(t)`` have small arguments for all but the nearest edges and facets; a second loop,
-entered only if there are such, replaces those by the exact logarithm and arctangent.
+E is traceless and F has trace 1, so five of the first six do. ``L = 2 atanh(x)`` with
+``x = l / (r_a + r_b)``, and ``w = 2 atan(t)``, have small arguments for all but the nearest edges
+and facets. So distances are gathered first, then short odd series are summed without a branch on
+structure-of-arrays, which LLVM vectorises; a second loop, entered only if there are near ones,
+replaces those by the exact logarithm and arctangent.
+
+All of it is in one file: numba's cache on disk looks at no other file than a function's own.
 """
 
 import math
 
 import numba
 import numpy as np
-
-from proxops.systems._far_field import point_masses
 
 # Largest argument that the series below are used for: the first omitted term is then under
 # 1e-17 of the sum.
@@ -27,71 +27,60 @@ _SERIES_LIMIT = 0.1
 # would lose digits. It is 4 r_1 r_2 r_3 far away.
 _WIDE_FACET = 3.5
 # r_a + r_b - l is kept above this share of l, so that the logarithm stays finite on an edge
-# (where E_e r vanishes and with it the edge's share of potential and acceleration). It is reached
+# (where E r vanishes and with it the edge's share of potential and acceleration). It is reached
 # at 1e-15 l from the edge.
 _EDGE_FLOOR = 1e-30
+# Stands for the argument of a facet that is near.
+_NEAR = 2.0
 
 # Not `nnan`: a NaN position must come out as NaN.
 _FAST = {"reassoc", "nsz", "arcp", "contract"}
+_fast = numba.njit(cache=True, fastmath=_FAST, error_model="numpy")
+_exact = numba.njit(cache=True, error_model="numpy")
 
 
-@numba.njit(cache=True, fastmath=_FAST, error_model="numpy", inline="always")
-def _two_atanh(x):
-    """2 atanh(x) for |x| <= _SERIES_LIMIT."""
-    s = x * x
-    series = 1 / 11 + s * (1 / 13 + s * (1 / 15))
-    series = 1 / 3 + s * (1 / 5 + s * (1 / 7 + s * (1 / 9 + s * series)))
-    return 2.0 * x * (1.0 + s * series)
-
-
-@numba.njit(cache=True, fastmath=_FAST, error_model="numpy", inline="always")
-def _two_atan(t):
-    """2 atan(t) for |t| <= _SERIES_LIMIT."""
-    s = t * t
-    series = -1 / 11 + s * (1 / 13 - s * (1 / 15))
-    series = -1 / 3 + s * (1 / 5 + s * (-1 / 7 + s * (1 / 9 + s * series)))
-    return 2.0 * t * (1.0 + s * series)
-
-
-@numba.njit(cache=True, fastmath=_FAST, error_model="numpy")
-def _distances(px, py, pz, vertices, r, r2):
+@_fast
+def _distances(px, py, pz, vertices, r):
     for i in range(r.size):
         dx = vertices[0, i] - px
         dy = vertices[1, i] - py
         dz = vertices[2, i] - pz
-        r2[i] = dx * dx + dy * dy + dz * dz
-        r[i] = math.sqrt(r2[i])
+        r[i] = math.sqrt(dx * dx + dy * dy + dz * dz)
 
 
-@numba.njit(cache=True, fastmath=_FAST, error_model="numpy")
-def _edge_arguments(edge_ab, edge_length, r, x):
-    """x = l / (r_a + r_b) for every edge; returns how many are too large for the series."""
+@_fast
+def _gather_edges(ends, r, s):
+    """r_a + r_b of every edge."""
+    for e in range(s.size):
+        s[e] = r[ends[0, e]] + r[ends[1, e]]
+
+
+@_fast
+def _edge_potentials(edges, s, potential):
+    """2 atanh(l / s) of every edge by series; returns how many edges are too near for that."""
     near = 0
-    for e in range(x.size):
-        x[e] = edge_length[e] / (r[edge_ab[0, e]] + r[edge_ab[1, e]])
-        near += x[e] > _SERIES_LIMIT
+    for e in range(s.size):
+        x = edges[9, e] / s[e]
+        near += x > _SERIES_LIMIT
+        q = x * x
+        series = 1 / 11 + q * (1 / 13 + q * (1 / 15))
+        series = 1 / 3 + q * (1 / 5 + q * (1 / 7 + q * (1 / 9 + q * series)))
+        potential[e] = 2.0 * x * (1.0 + q * series)
     return near
 
 
-@numba.njit(cache=True, fastmath=_FAST, error_model="numpy")
-def _edge_potentials(x, value):
-    for e in range(x.size):
-        value[e] = _two_atanh(x[e])
-
-
-@numba.njit(cache=True, error_model="numpy")
-def _redo_near_edges(px, py, pz, vertices, edge_ab, edge_length, r, x, value):
-    for e in range(x.size):
-        if x[e] > _SERIES_LIMIT:
-            length = edge_length[e]
-            s = r[edge_ab[0, e]] + r[edge_ab[1, e]]
-            gap = s - length
+@_exact
+def _redo_near_edges(px, py, pz, vertices, ends, edges, r, s, potential):
+    for e in range(s.size):
+        length = edges[9, e]
+        if length > _SERIES_LIMIT * s[e]:
+            gap = s[e] - length
             if gap < 0.1 * length:
-                gap = _edge_gap(px, py, pz, vertices, edge_ab[0, e], edge_ab[1, e], length, r)
-            value[e] = math.log((s + length) / max(gap, _EDGE_FLOOR * length))
+                gap = _edge_gap(px, py, pz, vertices, ends[0, e], ends[1, e], length, r)
+            potential[e] = math.log((s[e] + length) / max(gap, _EDGE_FLOOR * length))
 
 
-@numba.njit(cache=True, error_model="numpy")
+@_exact
 def _edge_gap(px, py, pz, vertices, a, b, length, r):
     """r_a + r_b - l without cancellation beside an edge, from the distance to its line."""
     ax, ay, az = vertices[0, a] - px, vertices[1, a] - py, vertices[2, a] - pz
@@ -112,164 +101,193 @@ def _edge_gap(px, py, pz, vertices, a, b, length, r):
     return gap_a + gap_b
 
 
-@numba.njit(cache=True, fastmath=_FAST, error_model="numpy")
-def _facet_arguments(px, py, pz, facet_abc, facet_side, r, r2, t):
-    """tan(w / 2) for every facet, 2 where the series does not serve; returns how many those are."""
-    near = 0
-    for f in range(t.size):
-        a, b, c = facet_abc[0, f], facet_abc[1, f], facet_abc[2, f]
-        ra, rb, rc = r[a], r[b], r[c]
-        ra2, rb2, rc2 = r2[a], r2[b], r2[c]
-        # r_a . (r_b x r_c) is the height over the facet's plane times twice its area, and
-        # r_b . r_c = (r_b^2 + r_c^2 - l_bc^2) / 2.
-        num = facet_side[0, f] - (
-            facet_side[1, f] * px + facet_side[2, f] * py + facet_side[3, f] * pz
-        )
-        cube = ra * rb * rc
-        den = cube + 0.5 * (
-            ra * (rb2 + rc2 - facet_side[4, f])
-            + rb * (rc2 + ra2 - facet_side[5, f])
-            + rc * (ra2 + rb2 - facet_side[6, f])
-        )
-        is_near = (abs(num) > _SERIES_LIMIT * den) | (den <= _WIDE_FACET * cube)
-        near += is_near
-        t[f] = 2.0 if is_near else num / den
-    return near
-
-
-@numba.njit(cache=True, fastmath=_FAST, error_model="numpy")
-def _solid_angles(t, value):
-    for f in range(t.size):
-        value[f] = _two_atan(t[f])
-
-
-@numba.njit(cache=True, error_model="numpy")
-def _redo_near_facets(px, py, pz, vertices, facet_abc, facet_side, r, t, value):
-    for f in range(t.size):
-        if t[f] == 2.0:
-            value[f] = _solid_angle(px, py, pz, vertices, facet_abc, facet_side, r, f)
-
-
-@numba.njit(cache=True, fastmath=_FAST, error_model="numpy")
-def _weigh(moments, value, sums):
-    """sums = moments @ value for moments (9, n), in two sweeps of few enough streams."""
+@_fast
+def _weigh_edges(edges, potential, sums):
+    """The nine sums over edges: rows 0 to 8 of ``edges`` times the potentials."""
     for k in range(0, 9, 3):
         s0 = s1 = s2 = 0.0
-        for e in range(value.size):
-            v = value[e]
-            s0 += moments[k, e] * v
-            s1 += moments[k + 1, e] * v
-            s2 += moments[k + 2, e] * v
+        for e in range(potential.size):
+            v = potential[e]
+            s0 += edges[k, e] * v
+            s1 += edges[k + 1, e] * v
+            s2 += edges[k + 2, e] * v
         sums[k], sums[k + 1], sums[k + 2] = s0, s1, s2
 
 
-@numba.njit(cache=True, fastmath=_FAST, error_model="numpy")
-def _total(value):
-    s = 0.0
-    for e in range(value.size):
-        s += value[e]
-    return s
+@_fast
+def _gather_facets(corners, r, ra, rb, rc):
+    for f in range(ra.size):
+        ra[f], rb[f], rc[f] = r[corners[0, f]], r[corners[1, f]], r[corners[2, f]]
 
 
-@numba.njit(cache=True, error_model="numpy")
-def _solid_angle(px, py, pz, vertices, facet_abc, facet_side, r, f):
-    """Signed solid angle of facet f by van Oosterom & Strackee (1983), eq. 8; 0 on the facet."""
-    a, b, c = facet_abc[0, f], facet_abc[1, f], facet_abc[2, f]
-    ax, ay, az = vertices[0, a] - px, vertices[1, a] - py, vertices[2, a] - pz
-    bx, by, bz = vertices[0, b] - px, vertices[1, b] - py, vertices[2, b] - pz
-    cx, cy, cz = vertices[0, c] - px, vertices[1, c] - py, vertices[2, c] - pz
-    num = ax * facet_side[1, f] + ay * facet_side[2, f] + az * facet_side[3, f]
-    # In the facet's plane, to rounding: the mean of both sides.
-    if abs(num) <= facet_side[7, f]:
-        return 0.0
-    den = (
-        r[a] * r[b] * r[c]
-        + r[a] * (bx * cx + by * cy + bz * cz)
-        + r[b] * (cx * ax + cy * ay + cz * az)
-        + r[c] * (ax * bx + ay * by + az * bz)
-    )
-    return 2.0 * math.atan2(num, den)
+@_fast
+def _solid_angles(px, py, pz, facets, a, b, c, angle):
+    """2 atan(t) of every facet by series; _NEAR in ``angle`` and counted where it does not serve.
+
+    t is r_a . (r_b x r_c), the height over the facet's plane times twice its area, over
+    r_a r_b r_c + sum r_a (r_b . r_c), where r_b . r_c = (r_b^2 + r_c^2 - l_bc^2) / 2.
+    """
+    near = 0
+    for f in range(angle.size):
+        ra, rb, rc = a[f], b[f], c[f]
+        qa, qb, qc = ra * ra, rb * rb, rc * rc
+        height = facets[3, f] - (facets[0, f] * px + facets[1, f] * py + facets[2, f] * pz)
+        numerator = height * facets[4, f]
+        cube = ra * rb * rc
+        denominator = cube + 0.5 * (
+            ra * (qb + qc - facets[5, f])
+            + rb * (qc + qa - facets[6, f])
+            + rc * (qa + qb - facets[7, f])
+        )
+        is_near = (abs(numerator) > _SERIES_LIMIT * denominator) | (
+            denominator <= _WIDE_FACET * cube
+        )
+        near += is_near
+        t = numerator / denominator
+        q = t * t
+        series = -1 / 11 + q * (1 / 13 - q * (1 / 15))
+        series = -1 / 3 + q * (1 / 5 + q * (-1 / 7 + q * (1 / 9 + q * series)))
+        angle[f] = _NEAR if is_near else 2.0 * t * (1.0 + q * series)
+    return near
 
 
-@numba.njit(cache=True, error_model="numpy")
-def _evaluate_point(
-    point, vertices, edge_ab, edge_length, edge_moments, facet_abc, facet_side, facet_moments,
-    factor, masses, switch, out,
-):  # fmt: skip
+@_exact
+def _redo_near_facets(px, py, pz, vertices, corners, facets, r, scale, angle):
+    """van Oosterom & Strackee, IEEE Trans. Biomed. Eng. 30 (1983) 125, eq. 8; 0 on the facet."""
+    for f in range(angle.size):
+        if angle[f] != _NEAR:
+            continue
+        i, j, k = corners[0, f], corners[1, f], corners[2, f]
+        ax, ay, az = vertices[0, i] - px, vertices[1, i] - py, vertices[2, i] - pz
+        bx, by, bz = vertices[0, j] - px, vertices[1, j] - py, vertices[2, j] - pz
+        cx, cy, cz = vertices[0, k] - px, vertices[1, k] - py, vertices[2, k] - pz
+        height = ax * facets[0, f] + ay * facets[1, f] + az * facets[2, f]
+        # In the facet's plane, to rounding: the mean of both sides.
+        if abs(height) <= 1e-14 * scale:
+            angle[f] = 0.0
+            continue
+        denominator = (
+            r[i] * r[j] * r[k]
+            + r[i] * (bx * cx + by * cy + bz * cz)
+            + r[j] * (cx * ax + cy * ay + cz * az)
+            + r[k] * (ax * bx + ay * by + az * bz)
+        )
+        angle[f] = 2.0 * math.atan2(height * facets[4, f], denominator)
+
+
+@_fast
+def _weigh_facets(facets, angle, sums):
+    """The nine sums over facets, from their normals and heights, and the total solid angle."""
+    xx = yy = xy = xz = yz = bx = by = bz = c = total = 0.0
+    for f in range(angle.size):
+        w, h = angle[f], facets[3, f]
+        nx, ny, nz = facets[0, f], facets[1, f], facets[2, f]
+        wx, wy, wh = w * nx, w * ny, w * h
+        total += w
+        xx += wx * nx
+        yy += wy * ny
+        xy += wx * ny
+        xz += wx * nz
+        yz += wy * nz
+        bx += wh * nx
+        by += wh * ny
+        bz += wh * nz
+        c += wh * h
+    sums[0], sums[1], sums[2], sums[3], sums[4] = xx, yy, xy, xz, yz
+    sums[5], sums[6], sums[7], sums[8] = bx, by, bz, c
+    return total
+
+
+@_exact
+def _fill_gradient(xx, yy, zz, xy, xz, yz, out):
+    out[4], out[5], out[6] = xx, xy, xz
+    out[7], out[8], out[9] = xy, yy, yz
+    out[10], out[11], out[12] = xz, yz, zz
+
+
+@_fast
+def _point_masses(px, py, pz, masses, out):
+    """Fills ``out`` (14,) as `_evaluate_point` does, solid angle 0, from masses (4, K)."""
+    u = gx = gy = gz = xx = yy = xy = xz = yz = 0.0
+    for k in range(masses.shape[1]):
+        x, y, z = masses[0, k] - px, masses[1, k] - py, masses[2, k] - pz
+        r2 = x * x + y * y + z * z
+        level = masses[3, k] / math.sqrt(r2)
+        pull = level / r2
+        steep = 3.0 * pull / r2
+        u += level
+        gx, gy, gz = gx + pull * x, gy + pull * y, gz + pull * z
+        xx += steep * x * x - pull
+        yy += steep * y * y - pull
+        xy, xz, yz = xy + steep * x * y, xz + steep * x * z, yz + steep * y * z
+    out[0], out[1], out[2], out[3] = u, gx, gy, gz
+    _fill_gradient(xx, yy, -xx - yy, xy, xz, yz, out)
+    out[13] = 0.0
+
+
+@_exact
+def _evaluate_point(point, ends, corners, vertices, edges, facets, masses, factor, limits, out):
+    """Fills ``out`` (14,): see `evaluate_serial`."""
     px, py, pz = point[0], point[1], point[2]
+    scale, switch = limits
     if px * px + py * py + pz * pz >= switch * switch:
-        point_masses(px, py, pz, masses, out)
+        _point_masses(px, py, pz, masses, out)
         return
     r = np.empty(vertices.shape[1])
-    r2 = np.empty(vertices.shape[1])
-    argument = np.empty(max(edge_length.size, facet_abc.shape[1]))
-    value = np.empty(argument.size)
-    e = np.empty(9)
-    f = np.empty(9)
-    _distances(px, py, pz, vertices, r, r2)
+    _distances(px, py, pz, vertices, r)
+    s, potential = np.empty(edges.shape[1]), np.empty(edges.shape[1])
+    e, f = np.empty(9), np.empty(9)
+    _gather_edges(ends, r, s)
+    if _edge_potentials(edges, s, potential) > 0:
+        _redo_near_edges(px, py, pz, vertices, ends, edges, r, s, potential)
+    _weigh_edges(edges, potential, e)
 
-    x = argument[: edge_length.size]
-    potential = value[: edge_length.size]
-    near = _edge_arguments(edge_ab, edge_length, r, x)
-    _edge_potentials(x, potential)
-    if near > 0:
-        _redo_near_edges(px, py, pz, vertices, edge_ab, edge_length, r, x, potential)
-    _weigh(edge_moments, potential, e)
+    n = facets.shape[1]
+    ra, rb, rc, angle = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
+    _gather_facets(corners, r, ra, rb, rc)
+    if _solid_angles(px, py, pz, facets, ra, rb, rc, angle) > 0:
+        _redo_near_facets(px, py, pz, vertices, corners, facets, r, scale, angle)
+    total = _weigh_facets(facets, angle, f)
 
-    t = argument[: facet_abc.shape[1]]
-    angle = value[: facet_abc.shape[1]]
-    near = _facet_arguments(px, py, pz, facet_abc, facet_side, r, r2, t)
-    _solid_angles(t, angle)
-    if near > 0:
-        _redo_near_facets(px, py, pz, vertices, facet_abc, facet_side, r, t, angle)
-    _weigh(facet_moments, angle, f)
-    total = _total(angle)
-
-    xx, yy = e[0] - f[0], e[1] - f[1]
-    xy, xz, yz = e[2] - f[2], e[3] - f[3], e[4] - f[4]
-    # E_e is traceless and F_f has trace 1.
+    xx, yy, xy, xz, yz = e[0] - f[0], e[1] - f[1], e[2] - f[2], e[3] - f[3], e[4] - f[4]
     zz = -total - xx - yy
     bx, by, bz = e[5] - f[5], e[6] - f[6], e[7] - f[7]
     qx = xx * px + xy * py + xz * pz
     qy = xy * px + yy * py + yz * pz
     qz = xz * px + yz * py + zz * pz
-    quadratic = e[8] - f[8] - 2.0 * (bx * px + by * py + bz * pz)
-    quadratic += qx * px + qy * py + qz * pz
+    quadratic = e[8] - f[8] + (qx - 2.0 * bx) * px + (qy - 2.0 * by) * py + (qz - 2.0 * bz) * pz
     out[0] = 0.5 * factor * quadratic
-    out[1] = factor * (qx - bx)
-    out[2] = factor * (qy - by)
-    out[3] = factor * (qz - bz)
-    out[4], out[5], out[6] = factor * xx, factor * yy, factor * zz
-    out[7], out[8], out[9] = factor * xy, factor * xz, factor * yz
-    out[10] = total
+    out[1], out[2], out[3] = factor * (qx - bx), factor * (qy - by), factor * (qz - bz)
+    _fill_gradient(
+        factor * xx, factor * yy, factor * zz, factor * xy, factor * xz, factor * yz, out
+    )
+    out[13] = total
 
 
 # Two functions, not one compiled twice: numba's cache on disk does not tell the two apart.
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def evaluate_serial(
-    points, vertices, edge_ab, edge_length, edge_moments, facet_abc, facet_side, facet_moments,
-    factor, masses, switch, out,
-):  # fmt: skip
-    """Rows of ``out`` (N, 11) from points (N, 3), both relative to the field's own origin.
+def evaluate_serial(points, ends, corners, vertices, edges, facets, masses, factor, limits, out):
+    """Rows of ``out`` (N, 14) from points (N, 3), both relative to the field's own origin.
 
-    Columns: potential, acceleration (x, y, z), gradient (xx, yy, zz, xy, xz, yz), solid angle.
-    From the distance ``switch`` on they are those of the point masses ``masses``.
+    Columns: potential, acceleration (3), gradient (9, row by row), solid angle.
+
+    Args:
+      ends, corners: (2, E) and (3, F), indices of vertices.
+      vertices: (3, V). edges: (10, E), nine moments and the length. facets: (8, F), normal, height
+        of the plane over the origin, twice the area, squares of the edges opposite to the corners.
+      masses: (4, K), point masses that serve for the field from the distance limits[1] on.
+      factor: G rho. limits: size of the body, and where the point masses take over.
     """
     for i in range(points.shape[0]):
         _evaluate_point(
-            points[i], vertices, edge_ab, edge_length, edge_moments, facet_abc, facet_side,
-            facet_moments, factor, masses, switch, out[i],
-        )  # fmt: skip
+            points[i], ends, corners, vertices, edges, facets, masses, factor, limits, out[i]
+        )
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True, parallel=True)
-def evaluate_parallel(
-    points, vertices, edge_ab, edge_length, edge_moments, facet_abc, facet_side, facet_moments,
-    factor, masses, switch, out,
-):  # fmt: skip
+def evaluate_parallel(points, ends, corners, vertices, edges, facets, masses, factor, limits, out):
     """As `evaluate_serial`, the points shared out among threads."""
     for i in numba.prange(points.shape[0]):
         _evaluate_point(
-            points[i], vertices, edge_ab, edge_length, edge_moments, facet_abc, facet_side,
-            facet_moments, factor, masses, switch, out[i],
-        )  # fmt: skip
+            points[i], ends, corners, vertices, edges, facets, masses, factor, limits, out[i]
+        )

@@ -128,9 +128,8 @@ class FlightMonitor(LeafSystem):
         last = context.get_discrete_state(self._last_index).value()
         state = self._state_port.Eval(context)
         outcome = discrete_state.get_mutable_value(self._outcome_index)
-        if outcome[VIOLATIONS] == last[7] and self._dips(
-            last[:6], state, context.get_time() - last[6]
-        ):
+        duration = context.get_time() - last[6]
+        if outcome[VIOLATIONS] == last[7] and self._dips(last[:6], state, duration):
             outcome[VIOLATIONS] += 1.0
         self._mark(context, discrete_state, outcome[VIOLATIONS])
         start, end = last[:3], state[:3]

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import functools
+import sys
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -77,15 +80,15 @@ class GravityField:
                 f"{self.density:.3g} kg/m^3, which no body has ({low:g} to {high:g}); "
                 "is the mesh in the unit that was said (km or m)?"
             )
+        _announce_compilation()
         # The tables are relative to the centre of mass: far away the sums then cancel least.
         self._origin = shape.centre_of_mass
         self._tables = _tables(shape, self._origin)
         self._factor = GRAVITATIONAL_CONSTANT * self.density
-        self._far = np.empty((4, 0)), np.inf
-        self._far = fit_masses(
-            lambda offsets: self._columns(offsets)[:, 0],
-            float(np.linalg.norm(shape.vertices - self._origin, axis=1).max()),
-        )
+        size = float(np.linalg.norm(shape.vertices - self._origin, axis=1).max())
+        self._masses, self._limits = np.empty((4, 0)), (size, np.inf)
+        self._masses, switch = fit_masses(lambda offsets: self._columns(offsets)[:, 0], size)
+        self._limits = (size, switch)
 
     def evaluate(self, points: np.ndarray) -> Gravity:
         """The field at points (N, 3) in m. Large batches use all threads that numba may use.
@@ -97,31 +100,36 @@ class GravityField:
         if points.ndim != 2 or points.shape[1] != 3:
             raise InputError(f"points must have shape (N, 3), got {points.shape}")
         columns = self._columns(points - self._origin)
-        gradient = columns[:, [4, 7, 8, 7, 5, 9, 8, 9, 6]].reshape(-1, 3, 3)
-        return Gravity(columns[:, 0], columns[:, 1:4], gradient, columns[:, 10] > 2.0 * np.pi)
+        gradient = columns[:, 4:13].reshape(-1, 3, 3)
+        return Gravity(columns[:, 0], columns[:, 1:4], gradient, columns[:, 13] > 2.0 * np.pi)
 
     def _columns(self, offsets: np.ndarray) -> np.ndarray:
-        """The kernel's columns (N, 11) at points (N, 3) relative to the centre of mass."""
-        columns = np.empty((len(offsets), 11))
+        """The kernel's columns (N, 14) at points (N, 3) relative to the centre of mass."""
+        columns = np.empty((len(offsets), 14))
         parallel = len(offsets) >= _PARALLEL_FROM
         run = kernel.evaluate_parallel if parallel else kernel.evaluate_serial
-        arguments = (offsets, *self._tables, self._factor, *self._far, columns)
-        run(*arguments)
+        run(offsets, *self._tables, self._masses, self._factor, self._limits, columns)
         return columns
+
+
+@functools.cache
+def _announce_compilation() -> None:
+    """Says, once, that the first use on a machine takes a while."""
+    stats = kernel.evaluate_serial.stats
+    if not stats.cache_hits and not list(Path(stats.cache_path).glob("*evaluate_serial*.nbi")):
+        sys.stderr.write("proxops: compiling gravity for this machine (once, about 5 s)\n")
 
 
 def _tables(shape: Polyhedron, origin: np.ndarray) -> tuple[np.ndarray, ...]:
     """The kernel's structure-of-arrays, from the shape relative to `origin`.
 
-    Returns vertices (3, V), edge ends (2, E), edge lengths (E,), edge moments (9, E), facet
-    corners (3, F), facet sides (8, F), facet moments (9, F). Moments of a dyad D at the point p
-    are D_xx, D_yy, D_xy, D_xz, D_yz, (D p)_x, (D p)_y, (D p)_z, p.D p.
+    Returns ends, corners, vertices, edges and facets as `kernel.evaluate_serial` takes them.
     """
     vertices = shape.vertices - origin
     normals = shape.normals
-    edges, neighbours = shape.edges
-    start = vertices[edges[:, 0]]
-    along = vertices[edges[:, 1]] - start
+    ends, neighbours = shape.edges
+    start = vertices[ends[:, 0]]
+    along = vertices[ends[:, 1]] - start
     length = np.linalg.norm(along, axis=1)
     along = along / length[:, None]
     n_a, n_b = normals[neighbours[:, 0]], normals[neighbours[:, 1]]
@@ -129,32 +137,18 @@ def _tables(shape: Polyhedron, origin: np.ndarray) -> tuple[np.ndarray, ...]:
     dyad = n_a[:, :, None] * np.cross(along, n_a)[:, None, :]
     dyad -= n_b[:, :, None] * np.cross(along, n_b)[:, None, :]
     dyad = 0.5 * (dyad + dyad.transpose(0, 2, 1))
+    moved = np.einsum("nij,nj->ni", dyad, start)
+    rows = [dyad[:, i, j] for i, j in ((0, 0), (1, 1), (0, 1), (0, 2), (1, 2))]
+    rows += [*moved.T, np.einsum("ni,ni->n", moved, start), length]
 
     a, b, c = np.moveaxis(vertices[shape.facets], 1, 0)
     twice_area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
     height = np.einsum("fi,fi->f", normals, a)
-    side = np.empty((8, len(normals)))
-    side[0] = height * twice_area
-    side[1:4] = (normals * twice_area[:, None]).T
-    side[4] = np.sum((b - c) ** 2, axis=1)
-    side[5] = np.sum((c - a) ** 2, axis=1)
-    side[6] = np.sum((a - b) ** 2, axis=1)
-    # A point this close to a facet's plane, in units of height times twice the area, lies in it.
-    side[7] = 1e-14 * np.abs(vertices).max() * twice_area
+    squares = [np.sum(side**2, axis=1) for side in (b - c, c - a, a - b)]
     return (
-        np.ascontiguousarray(vertices.T),
-        np.ascontiguousarray(edges.T.astype(np.uint32)),
-        length,
-        _moments(dyad, start),
+        np.ascontiguousarray(ends.T.astype(np.uint32)),
         np.ascontiguousarray(shape.facets.T.astype(np.uint32)),
-        side,
-        _moments(normals[:, :, None] * normals[:, None, :], a),
+        np.ascontiguousarray(vertices.T),
+        np.ascontiguousarray(rows),
+        np.ascontiguousarray([*normals.T, height, twice_area, *squares]),
     )
-
-
-def _moments(dyads: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Moments (9, n), as `_tables` lists them, of dyads (n, 3, 3) at points (n, 3)."""
-    moved = np.einsum("nij,nj->ni", dyads, points)
-    rows = [dyads[:, i, j] for i, j in ((0, 0), (1, 1), (0, 1), (0, 2), (1, 2))]
-    rows += [moved[:, 0], moved[:, 1], moved[:, 2], np.einsum("ni,ni->n", moved, points)]
-    return np.ascontiguousarray(rows)

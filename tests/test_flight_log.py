@@ -1,6 +1,7 @@
 """A log holds what its schema says, its summary is right, and a file that exists is whole."""
 
 import dataclasses as dc
+import gc
 import hashlib
 import json
 import os
@@ -269,7 +270,7 @@ def test_other_file_refused(tmp_path: Path, content: bytes) -> None:
 
 def test_other_dataset_refused(tmp_path: Path) -> None:
     xr.Dataset({"state": ("time", [1.0])}).to_netcdf(tmp_path / "other.nc", engine="h5netcdf")
-    with pytest.raises(InputError, match="it has no mesh_vertices"):
+    with pytest.raises(InputError, match="it has no .*mesh_vertices"):
         FlightLog.load(tmp_path / "other.nc")
 
 
@@ -306,6 +307,8 @@ def test_log_with_another_mesh_refused(tmp_path: Path) -> None:
         FlightLog.load(tmp_path / "flight.nc")
 
 
+# h5netcdf's own clean-up of what it could not open fails in its __del__.
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 def test_damaged_file_is_refused_or_reads_the_same_mesh(tmp_path: Path) -> None:
     """Bytes flipped all over: a clear refusal or a log, never another exception."""
     synthetic_log(30, ranges=False).to_netcdf(tmp_path / "flight.nc")
@@ -323,6 +326,7 @@ def test_damaged_file_is_refused_or_reads_the_same_mesh(tmp_path: Path) -> None:
             assert path.name in str(error)  # noqa: PT017 (either outcome is right)
         else:
             assert log.body.shape.sha256 == log.dataset.attrs["shape_sha256"]
+    gc.collect()  # Now, while the warnings of its leavings are let pass.
 
 
 def test_missing_folder(tmp_path: Path) -> None:
@@ -357,13 +361,13 @@ from pathlib import Path
 from synthetic_log import synthetic_log
 from proxops.diagrams.flight_log import FlightLog, differences
 
-path, log = Path(sys.argv[1]), synthetic_log(200)
+path, log = Path(sys.argv[1]), synthetic_log(100)
 started = time.perf_counter()
 log.to_netcdf(path)
 took = time.perf_counter() - started
 path.unlink()
 killed = 0
-for trial in range(25):
+for trial in range(15):
     child = os.fork()
     if child == 0:
         while True:
@@ -380,7 +384,7 @@ print(killed, len(list(path.parent.glob(".flight.nc.*.part"))))
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
 def test_killed_while_writing(tmp_path: Path) -> None:
-    """25 processes killed at random moments of writing the same file over and over."""
+    """15 processes killed at random moments of writing the same file over and over."""
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     command = [sys.executable, "-W", "ignore", "-c", KILLED_WRITER, str(tmp_path / "flight.nc")]
     done = subprocess.run(
@@ -388,5 +392,5 @@ def test_killed_while_writing(tmp_path: Path) -> None:
     )
     assert done.returncode == 0, done.stderr
     killed, unfinished = map(int, done.stdout.split())
-    assert killed == 25
+    assert killed == 15
     assert unfinished > 0  # Some were in the midst of it.

@@ -42,7 +42,7 @@ class Scripted(LeafSystem):
             prerequisites_of_calc={self.time_ticket()},
         )
 
-    def DoCalcTimeDerivatives(self, context, derivatives):
+    def DoCalcTimeDerivatives(self, context, derivatives):  # noqa: N802
         derivatives.get_mutable_vector().SetFromVector([1.0])
 
 

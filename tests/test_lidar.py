@@ -19,7 +19,9 @@ def box(centre, edge: float = 2e3) -> trimesh.Trimesh:
 
 
 def polyhedron(*meshes: trimesh.Trimesh) -> Polyhedron:
-    return Polyhedron.from_trimesh(trimesh.util.concatenate(list(meshes)), "m")
+    together = trimesh.util.concatenate(list(meshes))
+    assert isinstance(together, trimesh.Trimesh)
+    return Polyhedron.from_trimesh(together, "m")
 
 
 def lidar_at(lidar: Lidar, position, time: float = 0.0):
@@ -188,11 +190,8 @@ def test_ranges_agree_with_exact_intersections(name, count, kleopatra):
     differing, found = 0, 0
     for position in outside_poses(shape, count, 150e3):
         frame = ranges(lidar, lidar_at(lidar, position)).ravel()
-        facets, rays, points = exact.intersects_id(
-            np.tile(position, (len(directions), 1)),
-            directions,
-            multiple_hits=True,
-            return_locations=True,
+        points, rays, facets = exact.intersects_location(
+            np.tile(position, (len(directions), 1)), directions, multiple_hits=True
         )
         expected = np.full(len(frame), np.inf)
         distances = np.linalg.norm(points - position, axis=1)
@@ -317,7 +316,8 @@ def test_point_cloud_agrees_with_ranges(kleopatra):
     finite = np.isfinite(frame)
     assert cloud.size() == finite.sum() > 0
     expected = frame[finite, None] * ray_directions()[finite]
-    assert cloud.xyzs().T == pytest.approx(expected, rel=1e-6, abs=0.02)
+    points = cloud.xyzs().T
+    assert points == pytest.approx(expected, rel=1e-6, abs=0.02)
     exact = Lidar(kleopatra, noise_std=0.0)
     cloud = exact.GetOutputPort("point_cloud").Eval(lidar_at(exact, position))
     surface = trimesh.proximity.closest_point(

@@ -126,7 +126,7 @@ def test_senseless_settings_are_refused(settings):
 
 @pytest.mark.parametrize(("state", "target"), random_states(24, seed=3))
 def test_command_is_the_same_whatever_went_before(state, target):
-    """Cold, converged, and warm from three histories; measured: 2.5e-7, 1e-3, 3e-3 and 2e-2 N."""
+    """Off the converged command by 5e-5 N cold, 2.4e-3 to 1e-2 N warm from three histories."""
     converged = expert().program.solve(state, target, iterations=15)
     assert converged is not None
     assert converged.slack < 1e-9
@@ -138,9 +138,9 @@ def test_command_is_the_same_whatever_went_before(state, target):
     off = random.normal(size=6) * np.repeat([300.0, 0.5], 3)
     elsewhere = target + np.append(random.normal(size=3) * 3e3, np.zeros(3))
     for was, aim, tolerance in (
-        (before, target, 0.005),
-        (before + off, target, 0.02),
-        (before, elsewhere, 0.1),
+        (before, target, 0.006),
+        (before + off, target, 0.01),
+        (before, elsewhere, 0.03),
     ):
         context = alone(was, aim, time=500.0)
         remember(expert(), context)
@@ -153,7 +153,7 @@ def test_command_is_the_same_whatever_went_before(state, target):
         # One more step from there and hardly a trace is left.
         remember(expert(), context)
         context.SetTime(500.0 + PERIOD + 1e-3)
-        assert force_of(context) == pytest.approx(converged.forces[0], abs=0.005)
+        assert force_of(context) == pytest.approx(converged.forces[0], abs=0.001)
 
 
 def test_time_alone_changes_nothing():
@@ -309,13 +309,13 @@ def test_one_solve_a_step():
 
 
 def test_command_in_flight_is_that_of_the_state_alone():
-    """Along a flight, 1.1e-3 N was the greatest difference from a solve without a past."""
+    """Along a flight, 2e-5 N was the greatest difference from a solve without a past."""
     controller, _ = counting_expert()
     simulator = simulator_of(flight(controller))
     simulator.AdvanceTo(200 * PERIOD)
     states, forces = logged(simulator, "state"), logged(simulator, "force")
     for step in range(0, 200, 15):
-        assert forces[step] == pytest.approx(force_of(alone(states[step])), abs=0.01)
+        assert forces[step] == pytest.approx(force_of(alone(states[step])), abs=1e-3)
 
 
 @pytest.mark.parametrize("enable", [None, 1.0])

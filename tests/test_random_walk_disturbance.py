@@ -48,8 +48,11 @@ def test_zero_command_passes_unchanged():
 
 def test_no_increment_or_no_magnitude_passes_the_command():
     commands = constant([3.0, -2.0, 1.0], 30)
-    for settings in ({"increment_std": 0.0}, {"max_relative_magnitude": 0.0}):
-        assert np.array_equal(walks(RandomWalkDisturbance(7.0, **settings), commands), commands)
+    for disturbance in (
+        RandomWalkDisturbance(7.0, increment_std=0.0),
+        RandomWalkDisturbance(7.0, max_relative_magnitude=0.0),
+    ):
+        assert np.array_equal(walks(disturbance, commands), commands)
 
 
 def test_outside_the_limits_a_command_is_clipped():

@@ -1,0 +1,228 @@
+"""Many flights: the same however they are shared out, and never flown twice."""
+
+import dataclasses as dc
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+from short_flights import BRIEF, short_scenario
+
+from proxops.diagrams import campaign
+from proxops.diagrams.campaign import Flight, run_campaign, transit_flights
+from proxops.diagrams.flight_log import FlightLog
+from proxops.diagrams.scenario import Scenario, parse_scenario
+from proxops.diagrams.transits import transit_set
+from proxops.systems import InputError
+
+WALL_TIMES = {"wall_s", "control_ms_median", "control_ms_p99"}
+
+
+def brief() -> Scenario:
+    return short_scenario(**BRIEF)
+
+
+def flights(count: int = 3, controller: str = "mpc") -> list[Flight]:
+    return transit_flights(brief(), controller, 10000, count)
+
+
+def without_wall_times(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    return [{k: v for k, v in row.items() if k not in WALL_TIMES} for row in rows]
+
+
+@pytest.fixture
+def flown(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Names of the flights flown in this process."""
+    names = []
+    fly_one = campaign._fly_one
+
+    def told(flight: Flight, *arguments: Any) -> dict[str, Any]:
+        names.append(flight.name)
+        return fly_one(flight, *arguments)
+
+    monkeypatch.setattr(campaign, "_fly_one", told)
+    return names
+
+
+def test_flights_are_the_set_s_transits() -> None:
+    made = flights(12)
+    assert len({flight.name for flight in made}) == 12
+    for index, (flight, transit) in enumerate(zip(made, transit_set(10000, 12), strict=True)):
+        scenario = parse_scenario(flight.scenario)
+        assert (scenario.transit.seed, scenario.transit.index) == (10000, index)
+        assert (transit.seed, transit.index) == (10000, index)
+        assert scenario.transit.start_m is scenario.transit.goal_m is None
+        assert scenario.mpc == brief().mpc
+    assert flights(3) == made[:3]
+
+
+def test_names_suit_a_file_system() -> None:
+    [flight] = transit_flights(brief(), "my.module:make/it", 1, 1)
+    assert flight.name == "my-module-make-it-1-00000"
+
+
+def test_one_worker(tmp_path: Path, flown: list[str]) -> None:
+    told = []
+    rows = run_campaign(flights(), tmp_path, workers=1, progress=told.append)
+    assert [row["transit"] for row in rows] == [0, 1, 2]
+    assert told == rows
+    assert flown == [flight.name for flight in flights()]
+    assert sorted(path.name for path in tmp_path.iterdir()) == [f"{name}.json" for name in flown]
+    assert json.loads((tmp_path / f"{flown[1]}.json").read_text())["summary"] == rows[1]
+
+
+def test_two_workers_give_the_same_rows(tmp_path: Path) -> None:
+    alone = run_campaign(flights(4), tmp_path / "alone", workers=1)
+    together = run_campaign(flights(4), tmp_path / "together", workers=2, keep_logs=True)
+    assert without_wall_times(together) == without_wall_times(alone)
+    assert len(list((tmp_path / "together").glob("*.json"))) == 4
+    for path in (tmp_path / "together").glob("*.nc"):
+        assert FlightLog.load(path).dataset.attrs["controller"] == "mpc"
+
+
+def test_resumes(tmp_path: Path, flown: list[str]) -> None:
+    first = run_campaign(flights(2), tmp_path, workers=1)
+    assert len(flown) == 2
+    told = []
+    again = run_campaign(flights(2), tmp_path, workers=1, progress=told.append)
+    assert len(flown) == 2
+    assert again == first == told
+    more = run_campaign(flights(4), tmp_path, workers=1)
+    assert flown == [flight.name for flight in flights(4)]
+    assert more[:2] == first
+
+
+def test_logs_wanted_later_are_flown_for(tmp_path: Path, flown: list[str]) -> None:
+    run_campaign(flights(1), tmp_path, workers=1)
+    run_campaign(flights(1), tmp_path, workers=1, keep_logs=True)
+    assert len(flown) == 2
+    run_campaign(flights(1), tmp_path, workers=1, keep_logs=True)
+    assert len(flown) == 2
+    log = FlightLog.load(tmp_path / f"{flown[0]}.nc")
+    assert log.scenario == parse_scenario(flights(1)[0].scenario)
+
+
+def test_unfinished_files_are_ignored(tmp_path: Path, flown: list[str]) -> None:
+    name = flights(1)[0].name
+    (tmp_path / f".{name}.json.abc.part").write_text('{"flight": {"na')
+    (tmp_path / f".{name}.nc.abc.part").write_bytes(b"\x89HDF")
+    (tmp_path / f"{name}.nc").write_bytes(b"a log without a summary: overwritten")
+    [row] = run_campaign(flights(1), tmp_path, workers=1, keep_logs=True)
+    assert row["steps"] == 15
+    assert flown == [name]
+    assert FlightLog.load(tmp_path / f"{name}.nc").summary == row
+
+
+def test_another_scenario_under_the_same_names(tmp_path: Path, flown: list[str]) -> None:
+    run_campaign(flights(1), tmp_path, workers=1)
+    heavy = short_scenario(**BRIEF, spacecraft__mass_kg=120.0)
+    with pytest.raises(InputError, match="another scenario or controller: give another output"):
+        run_campaign(transit_flights(heavy, "mpc", 10000, 1), tmp_path, workers=1)
+    assert len(flown) == 1
+
+
+@pytest.mark.parametrize("content", ["", "{", "[]", '{"flight": 3}', "\x00\x01"])
+def test_foreign_file_under_a_flight_s_name(tmp_path: Path, content: str) -> None:
+    name = flights(1)[0].name
+    (tmp_path / f"{name}.json").write_text(content)
+    with pytest.raises(InputError, match=name):
+        run_campaign(flights(1), tmp_path, workers=1)
+
+
+def test_folder_that_cannot_be_made(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="cannot make the folder"):
+        run_campaign(flights(1), tmp_path / "file" / "out", workers=1)
+
+
+def test_nothing_to_fly(tmp_path: Path) -> None:
+    assert run_campaign([], tmp_path) == []
+
+
+def test_impossible_flight_is_told_apart(tmp_path: Path) -> None:
+    """A refusal comes through a worker process as what it is."""
+    made = flights(2, "no_such_module:make")
+    with pytest.raises(InputError, match="No module named 'no_such_module'"):
+        run_campaign(made, tmp_path, workers=1)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_no_scheduler(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no Dask scheduler answers"):
+        run_campaign(flights(1), tmp_path, scheduler="tcp://127.0.0.1:9")
+
+
+CAMPAIGN = """
+import sys
+from pathlib import Path
+from proxops.diagrams.campaign import Flight, run_campaign
+import json
+
+if __name__ == "__main__":
+    flights = [Flight(**entry) for entry in json.loads(Path(sys.argv[1]).read_text())]
+    run_campaign(flights, Path(sys.argv[2]), workers=int(sys.argv[3]), keep_logs=True)
+"""
+
+
+def killed_campaign(folder: Path, made: list[Flight], workers: int, finished: int) -> int:
+    """Starts a campaign, kills it a moment after some flights are over; returns its process id."""
+    (folder / "flights.json").write_text(json.dumps([dc.asdict(flight) for flight in made]))
+    (folder / "campaign.py").write_text(CAMPAIGN)
+    out = folder / "out"
+    command = [sys.executable, "campaign.py", "flights.json", "out", str(workers)]
+    with subprocess.Popen(command, cwd=folder, stderr=subprocess.DEVNULL) as process:
+        until = time.monotonic() + 60.0
+        while len(list(out.glob("*.json"))) < finished:
+            assert process.poll() is None
+            assert time.monotonic() < until
+            time.sleep(0.005)
+        time.sleep(random.Random(finished).uniform(0.0, 0.15))
+        os.kill(process.pid, signal.SIGKILL)
+        process.wait()
+    return process.pid
+
+
+def finish(folder: Path, made: list[Flight], flown: list[str]) -> None:
+    """Runs the rest in this process; nothing that was over is touched."""
+    out = folder / "out"
+    before = {path: path.stat().st_mtime_ns for path in out.glob("*.json")}
+    before |= {path: path.stat().st_mtime_ns for path in out.glob("*.nc")}
+    over = {path.stem for path in before if path.suffix == ".json"}
+    assert 0 < len(over) < len(made)
+    for name in over:  # What is there is whole.
+        assert FlightLog.load(out / f"{name}.nc").summary["steps"] == 15
+    rows = run_campaign(made, out, workers=1, keep_logs=True)
+    assert [row["transit"] for row in rows] == list(range(len(made)))
+    assert set(flown) == {flight.name for flight in made} - over
+    for path, time_ns in before.items():
+        if path.stem in over:
+            assert path.stat().st_mtime_ns == time_ns
+    assert without_wall_times(rows) == without_wall_times(
+        run_campaign(made, folder / "reference", workers=1)
+    )
+
+
+@pytest.mark.parametrize("finished", [1, 4])
+def test_killed_and_run_again(tmp_path: Path, flown: list[str], finished: int) -> None:
+    made = flights(14)
+    killed_campaign(tmp_path, made, workers=1, finished=finished)
+    flown.clear()
+    finish_flown = flown
+    out = tmp_path / "out"
+    before = set(path.stem for path in out.glob("*.json"))
+    finish(tmp_path, made, finish_flown)
+    assert before
+
+
+@pytest.mark.slow
+def test_killed_with_workers_and_run_again(tmp_path: Path, flown: list[str]) -> None:
+    made = flights(60)
+    killed_campaign(tmp_path, made, workers=2, finished=3)
+    time.sleep(8.0)  # The orphaned workers notice, and end.
+    finish(tmp_path, made, flown)

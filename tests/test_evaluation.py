@@ -1,0 +1,105 @@
+"""Figures over many flights."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.stats import binomtest
+
+from proxops.training.evaluation import aggregate, wilson_interval
+
+
+@pytest.mark.parametrize("trials", [1, 2, 7, 50, 1000])
+@pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 0.98, 1.0])
+def test_wilson_interval(trials: int, share: float) -> None:
+    successes = round(share * trials)
+    reference = binomtest(successes, trials).proportion_ci(0.95, method="wilson")
+    assert wilson_interval(successes, trials) == pytest.approx(
+        (reference.low, reference.high), abs=1e-7
+    )
+
+
+def test_wilson_interval_of_a_published_example() -> None:
+    """Newcombe, Statistics in Medicine 17 (1998) 857, table I: 81 of 263, 0 of 20, 1 of 29."""
+    assert wilson_interval(81, 263) == pytest.approx((0.2553, 0.3662), abs=5e-5)
+    assert wilson_interval(0, 20) == pytest.approx((0.0, 0.1611), abs=5e-5)
+    assert wilson_interval(1, 29) == pytest.approx((0.0061, 0.1718), abs=5e-5)
+
+
+def test_wilson_interval_at_its_ends() -> None:
+    assert wilson_interval(0, 0) == (0.0, 1.0)
+    assert wilson_interval(0, 5)[0] == 0.0
+    assert wilson_interval(5, 5)[1] == 1.0
+    for trials in range(1, 60):
+        for successes in range(trials + 1):
+            low, high = wilson_interval(successes, trials)
+            assert 0.0 <= low <= successes / trials <= high <= 1.0
+
+
+def row(**changes: Any) -> dict[str, Any]:
+    figures = {
+        "controller": "mpc", "seed": 1, "transit": 0, "success": True, "success_2km": True,
+        "collided": False, "keep_out_violations": 0, "min_clearance_m": 3000.0,
+        "terminal_position_error_m": 1.0, "terminal_speed_m_s": 0.1, "arrival_time_s": 4000.0,
+        "delta_v_m_s": 150.0, "hold_delta_v_m_s": 10.0, "steps": 460, "mpc_solves": 460,
+        "policy_share": 0.0, "control_ms_median": 4.0, "control_ms_p99": 8.0, "wall_s": 3.0,
+        "scenario_sha256": "0" * 64, "policy_sha256": None,
+    }  # fmt: skip
+    return figures | changes
+
+
+def test_aggregate() -> None:
+    rows = [
+        row(),
+        row(transit=1, terminal_position_error_m=3.0, delta_v_m_s=200.0, arrival_time_s=5000.0),
+        row(transit=2, terminal_position_error_m=2.0, control_ms_p99=30.0, mpc_solves=10),
+        row(
+            transit=3, success=False, success_2km=True, keep_out_violations=2,
+            terminal_position_error_m=1500.0, arrival_time_s=None, delta_v_m_s=999.0,
+            min_clearance_m=-40.0, policy_share=1.0, mpc_solves=0, control_ms_median=None,
+            control_ms_p99=None,
+        ),
+        row(
+            transit=4, success=False, success_2km=False, collided=True, keep_out_violations=1,
+            terminal_position_error_m=9e4, terminal_speed_m_s=45.0, arrival_time_s=None,
+            min_clearance_m=-2e4, delta_v_m_s=0.0,
+        ),
+    ]  # fmt: skip
+    found = aggregate(rows)
+    assert found["transits"] == 5
+    assert found["success_rate"] == 0.6
+    assert found["success_rate_interval"] == wilson_interval(3, 5)
+    assert found["success_rate_2km"] == 0.8
+    assert found["collisions"] == 1
+    assert found["keep_out_violations"] == 3
+    assert found["min_clearance_m"] == -2e4
+    assert found["terminal_position_error_m_median"] == 3.0
+    assert found["terminal_position_error_m_max"] == 9e4
+    assert 1500.0 < found["terminal_position_error_m_p95"] < 9e4
+    assert found["terminal_speed_m_s_max"] == 45.0
+    # Of those that arrived alone: who flies on for ever must not look cheap or dear.
+    assert found["arrival_time_s_median"] == 4000.0
+    assert found["delta_v_m_s_median"] == 150.0
+    assert found["delta_v_m_s_mean"] == pytest.approx(500.0 / 3.0)
+    assert found["policy_share"] == 0.2
+    assert found["mpc_solves"] == 460 * 3 + 10
+    assert found["control_ms_median"] == 4.0
+    assert found["control_ms_p99"] == 30.0
+    assert found["flights"] == rows
+
+
+def test_nobody_arrives_and_nobody_asks_the_mpc() -> None:
+    nothing = {"arrival_time_s": None, "control_ms_median": None, "control_ms_p99": None}
+    found = aggregate([row(success=False, success_2km=False, mpc_solves=0, **nothing)])
+    assert found["success_rate"] == 0.0
+    for name in ("arrival_time_s_median", "delta_v_m_s_median", "delta_v_m_s_mean",
+                 "control_ms_median", "control_ms_p99"):  # fmt: skip
+        assert found[name] is None
+    numbers = [value for value in found.values() if isinstance(value, float)]
+    assert not any(math.isnan(value) for value in numbers)
+
+
+def test_one_row_for_each_flight_is_kept_as_it_is() -> None:
+    rows = [row(transit=k, wall_s=float(np.pi * k)) for k in range(3)]
+    assert aggregate(rows)["flights"] == rows
