@@ -8,6 +8,7 @@ import typing
 from pathlib import Path
 
 from rich.console import Console
+from rich.progress import Progress, ProgressColumn
 from rich.table import Table
 
 from proxops.diagrams.flight_log import write_whole
@@ -15,8 +16,13 @@ from proxops.systems.errors import InputError
 
 console = Console()
 """Results go here, to standard output."""
-status = Console(stderr=True)
+status = Console(stderr=True, soft_wrap=True)
 """Progress and remarks go here, to standard error."""
+
+
+def progress_bar(*columns: ProgressColumn) -> Progress:
+    """A bar on a terminal; nothing, not even an empty line, where there is none."""
+    return Progress(*columns, console=status, transient=True, disable=not status.is_terminal)
 
 
 def check_folder(folder: Path) -> None:

@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from proxops.cli.common import check_folder, console, status, write_json
+from proxops.cli.common import check_folder, console, progress_bar, status, write_json
 from proxops.diagrams.body import load_body
 from proxops.diagrams.campaign import run_campaign, transit_flights
 from proxops.diagrams.scenario import load_scenario
@@ -69,7 +69,7 @@ def evaluate_command(
         TimeRemainingColumn(),
         TextColumn("{task.description}"),
     )
-    with Progress(*columns, console=status, transient=True) as bar:
+    with progress_bar(*columns) as bar:
         task = bar.add_task("", total=len(names) * transits)
         failures = 0
 

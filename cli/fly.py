@@ -9,9 +9,16 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
 
-from proxops.cli.common import check_folder, make_folder, print_rows, status, write_json
+from proxops.cli.common import (
+    check_folder,
+    make_folder,
+    print_rows,
+    progress_bar,
+    status,
+    write_json,
+)
 from proxops.diagrams.flight_log import FlightLog, differences
 from proxops.diagrams.replay import write_replay
 from proxops.diagrams.scenario import load_scenario
@@ -132,7 +139,7 @@ def _table(log: FlightLog, summary: dict[str, Any]) -> list[tuple[str, str]]:
 @contextlib.contextmanager
 def _progress_bar() -> Iterator[Any]:
     columns = (TextColumn("flying"), BarColumn(), TextColumn("{task.description}"))
-    with Progress(*columns, TimeElapsedColumn(), console=status, transient=True) as bar:
+    with progress_bar(*columns, TimeElapsedColumn()) as bar:
         task = bar.add_task("", total=1.0)
         shown = 0.0
 

@@ -27,7 +27,8 @@ def main() -> None:
     try:
         app()
     except InputError as error:
-        print(f"proxops: error: {error}", file=sys.stderr)
+        message = " ".join(str(error).splitlines())  # What YAML or HDF5 say may have several.
+        print(f"proxops: error: {message}", file=sys.stderr)
         sys.exit(2)
     except KeyboardInterrupt:
         print("proxops: interrupted", file=sys.stderr)

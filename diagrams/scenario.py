@@ -48,7 +48,7 @@ class MpcConfig:
     knots: int = 30
     # Length of the plan's last interval over that of its first.
     knot_growth: float = 4.0
-    # Sets the time to go: the mean thrust acceleration of a transit if there were no gravity.
+    # The time to go from rest is what this acceleration, one way and then the other, would take.
     nominal_acceleration_m_s2: float = 0.025
     # The time to go is never less than this.
     min_horizon_s: float = 300.0

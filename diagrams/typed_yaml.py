@@ -31,10 +31,10 @@ def read_mapping(path: Path) -> dict[str, typing.Any]:
     Raises:
       InputError: the file cannot be read, is not YAML, is empty, or holds no mapping.
     """
-    if path.is_dir():
-        raise InputError(f"{path} is a directory; give a YAML file")
     try:
         text = path.read_text(encoding="utf-8")
+    except IsADirectoryError as error:
+        raise InputError(f"{path} is a directory; give a YAML file") from error
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror}") from error
     except UnicodeDecodeError as error:

@@ -56,7 +56,8 @@ class Horizon:
     knot_growth: float = 4.0
     """Length of the last interval over that of the first."""
     nominal_acceleration: float = 0.025
-    """m/s^2: the mean thrust acceleration of a transit without gravity; a in `time_to_go`."""
+    """m/s^2, a in `time_to_go`: the time to go is what full thrust of a, one way and then the
+    other, would take from rest to rest without gravity."""
     minimum: float = 300.0
     """s."""
 

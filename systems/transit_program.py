@@ -26,9 +26,10 @@ from proxops.systems.plan import Horizon, Plan, TransitLimits
 
 # Terms of the exponential's series for one interval; |A| dt is at most about 0.3.
 _EXPONENTIAL_TERMS = 9
-# Price of one scaled unit of slack, against an effort of 0 to 3: above every multiplier, so that
-# slack is used only where there is no other way (an exact penalty).
-_SLACK_PRICE = 100.0
+# Prices of one scaled unit of slack, against an effort of 0 to 3: above every multiplier, so that
+# slack is used only where there is no other way (an exact penalty). Staying out of the keep-out
+# ellipsoid goes before speed and arrival.
+_KEEP_OUT_PRICE, _SLACK_PRICE = 1000.0, 100.0
 
 
 class TransitProgram:
@@ -90,6 +91,7 @@ class TransitProgram:
         for share, force in zip(np.diff(self._fractions), self._u, strict=True):
             program.AddQuadraticCost(2.0 * share * np.eye(3), np.zeros(3), force, is_convex=True)
         price = np.full(self._slacks.size, _SLACK_PRICE)
+        price[: keep_out_slack.size] = _KEEP_OUT_PRICE
         program.AddLinearCost(price, 0.0, self._slacks)
         self._program = program
         self._solver = ClarabelSolver()

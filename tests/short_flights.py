@@ -95,11 +95,11 @@ def blob() -> trimesh.Trimesh:
     return trimesh.Trimesh(ball.vertices * [110.0, 50.0, 50.0], ball.faces, process=False)
 
 
-def write_blob(folder: Path, mesh: trimesh.Trimesh | None = None, **changes: object) -> str:
+def write_blob(folder: Path, shape: trimesh.Trimesh | None = None, **changes: object) -> str:
     """Writes the body's YAML file and, unless it is there, its mesh; returns the YAML's path."""
     path = folder / "blob.obj"
-    if mesh is not None or not path.exists():
-        path.write_text(obj_text(mesh or blob()))
+    if shape is not None or not path.exists():
+        path.write_text(obj_text(shape or blob()))
     tree = BLOB | changes
     (folder / "blob.yaml").write_text("".join(f"{key}: {value}\n" for key, value in tree.items()))
     return str(folder / "blob.yaml")

@@ -16,20 +16,26 @@ import pytest
 import xarray as xr
 from scipy.interpolate import CubicHermiteSpline
 from scipy.optimize import minimize
-from short_flights import disturbed_flight, falling_flight, kleopatra_flight, short_scenario
+from short_flights import (
+    disturbed_flight,
+    falling_flight,
+    kleopatra,
+    kleopatra_flight,
+    short_scenario,
+)
 from synthetic_log import synthetic_log
 
-from proxops.diagrams.flight_log import VARIABLES, FlightLog, differences, write_whole
+from proxops.diagrams.flight_log import VARIABLES, FlightLog, differences, make_dataset, write_whole
 from proxops.diagrams.scenario import dump_scenario, load_scenario, parse_scenario
 from proxops.systems import InputError
 
 SIZES = {"component": 6, "axis": 3, "plane": 12, "ray": 360}
-SUMMARY = (
-    "controller, seed, transit, success, success_2km, collided, keep_out_violations, "
-    "min_clearance_m, terminal_position_error_m, terminal_speed_m_s, arrival_time_s, delta_v_m_s, "
-    "hold_delta_v_m_s, steps, mpc_solves, policy_share, control_ms_median, control_ms_p99, wall_s, "
-    "scenario_sha256, policy_sha256"
-).split(", ")
+SUMMARY = [
+    "controller", "seed", "transit", "success", "success_2km", "collided", "keep_out_violations",
+    "min_clearance_m", "terminal_position_error_m", "terminal_speed_m_s", "arrival_time_s",
+    "delta_v_m_s", "hold_delta_v_m_s", "steps", "mpc_solves", "policy_share", "control_ms_median",
+    "control_ms_p99", "wall_s", "scenario_sha256", "policy_sha256",
+]  # fmt: skip
 AXES = np.array([140e3, 70e3, 65e3])
 
 
@@ -102,7 +108,9 @@ def test_global_attributes() -> None:
 
 def test_scenario_of_the_log() -> None:
     assert disturbed_flight().scenario == short_scenario(disturbance={}, noise_seed=3)
-    assert dump_scenario(disturbed_flight().scenario) == disturbed_flight().dataset.attrs["scenario"]
+    assert (
+        dump_scenario(disturbed_flight().scenario) == disturbed_flight().dataset.attrs["scenario"]
+    )
 
 
 # --- summary --------------------------------------------------------------------------------------
@@ -174,7 +182,7 @@ def test_least_clearance(flight) -> None:
     grid = surface(np.stack([polar.ravel(), azimuth.ravel()]))
     rough = sign * np.array([np.linalg.norm(grid - point, axis=1).min() for point in points[::10]
                              ]).repeat(10)[: len(points)]  # fmt: skip
-    candidates = np.argsort(rough)[: 400 : 20]
+    candidates = np.argsort(rough)[:400:20]
     found = []
     for index in candidates:
         start = grid[np.linalg.norm(grid - points[index], axis=1).argmin()] / AXES
@@ -192,6 +200,41 @@ def test_least_clearance(flight) -> None:
 def test_success_at_two_kilometres_is_easier() -> None:
     assert kleopatra_flight().summary["success_2km"]
     assert not falling_flight().summary["success_2km"]
+
+
+def placed(distances_km: list[float], dwell: float = 600.0) -> FlightLog:
+    """A log of a spacecraft at rest at these distances from the goal, one every 10 s."""
+    scenario, body = load_scenario(None, {"arrival.dwell_s": dwell}), kleopatra()
+    count = len(distances_km)
+    states, target = np.zeros((count, 6)), np.zeros((count, 6))
+    target[:, 0] = 160e3
+    states[:, 0] = 160e3 + 1e3 * np.array(distances_km)
+    nothing = np.full(count, np.nan)
+    columns = {"state": states, "target": target, "force": np.zeros((count, 3))}
+    columns |= {"decision": np.zeros(count), "solve_time": nothing}
+    attributes = {"controller": "none", "arrival_time_s": np.nan, "collided": 0, "wall_s": 1.0}
+    attributes |= {"keep_out_violations": 0, "scenario_sha256": ""}
+    times = 10.0 * np.arange(count)
+    return FlightLog(make_dataset(columns, times, scenario, body, attributes), body)
+
+
+@pytest.mark.parametrize(
+    ("distances", "success"),
+    [
+        ([3.0] * 10 + [1.0] * 60 + [3.0] * 5, True),  # From 95 s to 695 s.
+        ([3.0] * 10 + [1.0] * 59 + [3.0] * 5, False),
+        ([3.0] * 10 + [1.0] * 30 + [3.0] + [1.0] * 30 + [3.0] * 5, False),
+        ([1.0] * 61, True),
+        ([1.0] * 60, False),
+        ([3.0] * 5 + [1.0] * 61, True),
+        ([3.0] * 5 + [1.0] * 60, False),  # 595 s when the log ends.
+        ([3.0] * 719 + [1.0] * 61, True),
+        ([3.0] * 722 + [1.0] * 61, False),  # Past the deadline.
+        ([3.0] * 100, False),
+    ],
+)
+def test_dwell_at_two_kilometres(distances: list[float], success: bool) -> None:
+    assert placed(distances).summary["success_2km"] == success
 
 
 # --- files ----------------------------------------------------------------------------------------
@@ -270,7 +313,7 @@ def test_other_file_refused(tmp_path: Path, content: bytes) -> None:
 
 def test_other_dataset_refused(tmp_path: Path) -> None:
     xr.Dataset({"state": ("time", [1.0])}).to_netcdf(tmp_path / "other.nc", engine="h5netcdf")
-    with pytest.raises(InputError, match="it has no .*mesh_vertices"):
+    with pytest.raises(InputError, match=r"it has no .*mesh_vertices"):
         FlightLog.load(tmp_path / "other.nc")
 
 
@@ -330,7 +373,7 @@ def test_damaged_file_is_refused_or_reads_the_same_mesh(tmp_path: Path) -> None:
 
 
 def test_missing_folder(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="cannot write in .*nowhere"):
+    with pytest.raises(InputError, match=r"cannot write in .*nowhere"):
         synthetic_log(3, ranges=False).to_netcdf(tmp_path / "nowhere" / "flight.nc")
 
 

@@ -239,9 +239,7 @@ def test_keep_out_violations_are_counted() -> None:
     assert falling_flight().summary["keep_out_violations"] == 1
     thrust = np.array([0.0, 0.0, 7.0])
     pulses = Scripted(lambda time: thrust if time >= 300.0 else np.zeros(3))
-    scenario = short_scenario(
-        transit__start_m=[0.0, 0.0, 66e3], arrival__deadline_s=1400.0
-    )
+    scenario = short_scenario(transit__start_m=[0.0, 0.0, 66e3], arrival__deadline_s=1400.0)
     log = fly(scenario, pulses, body=kleopatra())
     heights = log.dataset["state"].values[:, 2]
     assert heights.min() < 65e3 - 1.0 < 65e3 < heights[-1]

@@ -124,7 +124,7 @@ def test_wrong_ports_refused(controller: System, complaint: str) -> None:
 def test_force_that_is_no_number_refused(value: float) -> None:
     """An integrator would look for a step that copes with it, for ever."""
     controller = Scripted(lambda time: np.array([0.0, value if time >= 50.0 else 0.0, 0.0]))
-    with pytest.raises(InputError, match="commands .* N at 50 s; a force must be finite"):
+    with pytest.raises(InputError, match=r"commands .* N at 50 s; a force must be finite"):
         fly(short_scenario(), controller, body=kleopatra())
 
 

@@ -1,0 +1,137 @@
+"""Polyhedral gravity against ESA's polyhedral-gravity and Basilisk, in one process.
+
+The same mesh (Kleopatra, 4,000 facets) and the same points for all; medians of many calls, peers
+and ours in turn. Both peers come with the `bench` extra:
+
+    python benchmarks/gravity.py
+"""
+
+import os
+
+os.environ.setdefault("OMP_NUM_THREADS", "2")
+
+import statistics
+import time
+import tracemalloc
+from collections.abc import Callable
+
+import numba
+import numpy as np
+import polyhedral_gravity as esa
+import trimesh
+from Basilisk.simulation import gravityEffector
+from rich.console import Console
+from rich.table import Table
+
+from proxops.diagrams.body import load_body
+from proxops.systems import GravityField, Polyhedron
+from proxops.systems.gravity_field import GRAVITATIONAL_CONSTANT
+
+CONSOLE = Console()
+
+
+def medians(calls: dict[str, Callable], rounds: int) -> dict[str, float]:
+    """Median time in s of each call, all called in turn, once before to warm up."""
+    for call in calls.values():
+        call()
+    times: dict[str, list[float]] = {name: [] for name in calls}
+    for _ in range(rounds):
+        for name, call in calls.items():
+            started = time.perf_counter()
+            call()
+            times[name].append(time.perf_counter() - started)
+    return {name: statistics.median(values) for name, values in times.items()}
+
+
+def esa_model(field: GravityField):
+    shape = field.shape
+    off = esa.PolyhedronIntegrity.DISABLE
+    source = (shape.vertices, shape.facets)
+    return esa.GravityEvaluable(esa.Polyhedron(source, field.density, integrity_check=off))
+
+
+def basilisk_model(field: GravityField):
+    model = gravityEffector.PolyhedralGravityModel()
+    model.xyzVertex = field.shape.vertices.tolist()
+    model.orderFacet = (field.shape.facets + 1).tolist()
+    model.muBody = GRAVITATIONAL_CONSTANT * field.mass
+    model.initializeParameters()
+    return model
+
+
+def difference(ours: np.ndarray, theirs: np.ndarray) -> float:
+    """Greatest relative difference of vectors (N, 3)."""
+    apart = np.linalg.norm(ours - theirs, axis=1)
+    return float((apart / np.linalg.norm(theirs, axis=1)).max())
+
+
+def one_point(field: GravityField, name: str) -> None:
+    peer, basilisk = esa_model(field), basilisk_model(field)
+    random = np.random.default_rng(1)
+    directions = random.normal(size=(100, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    points = directions * random.uniform(1.3, 3.0, (100, 1)) * field.shape.extents.max() / 2
+    ours = field.evaluate(points).acceleration
+    theirs = np.array([peer(point, False)[1] for point in points])
+    column = [point.reshape(3, 1).tolist() for point in points]
+    others = np.array([basilisk.computeField(point) for point in column]).reshape(-1, 3)
+    point = points[:1]
+    found = medians(
+        {
+            "ours": lambda: field.evaluate(point),
+            "esa": lambda: peer(point[0], False),
+            "basilisk": lambda: basilisk.computeField(column[0]),
+        },
+        rounds=300,
+    )
+    table = Table(title=f"{name}, {len(field.shape.facets)} facets, one point, one thread")
+    for heading in ("", "time (µs)", "over ours", "difference, at most"):
+        table.add_column(heading, justify="left" if not heading else "right")
+    table.add_row("ours: all three", f"{1e6 * found['ours']:.1f}", "1", "")
+    for label, key, values in (
+        ("polyhedral-gravity: all three", "esa", theirs),
+        ("Basilisk: acceleration", "basilisk", others),
+    ):
+        ratio = found[key] / found["ours"]
+        agreement = f"{difference(ours, values):.1e}"
+        table.add_row(label, f"{1e6 * found[key]:.1f}", f"{ratio:.1f} x", agreement)
+    CONSOLE.print(table)
+
+
+def batches(field: GravityField) -> None:
+    random = np.random.default_rng(2)
+    points = random.uniform(-170e3, 170e3, (20_000, 3))
+    times = {}
+    most = numba.get_num_threads()
+    peer = esa_model(field)
+    for threads in sorted({1, most}):
+        numba.set_num_threads(threads)
+        times[threads] = medians({"ours": lambda: field.evaluate(points)}, rounds=3)["ours"]
+    few = points[:500]
+    other = medians({"esa": lambda: peer(few, True)}, rounds=3)["esa"] / len(few)
+    table = Table(title=f"{len(points)} points in the cube, a point")
+    table.add_column("threads", justify="right")
+    table.add_column("ours (µs)", justify="right")
+    table.add_column("better than one thread", justify="right")
+    for threads, seconds in times.items():
+        each = 1e6 * seconds / len(points)
+        table.add_row(str(threads), f"{each:.1f}", f"{times[1] / seconds:.2f} x")
+    table.add_row(f"{most}: polyhedral-gravity", f"{1e6 * other:.1f}", "")
+    CONSOLE.print(table)
+    tracemalloc.start()
+    field.evaluate(points)
+    peak = tracemalloc.get_traced_memory()[1]
+    CONSOLE.print(f"memory of a batch: {peak / len(points):.0f} bytes a point at the peak")
+
+
+def main() -> None:
+    one_point(load_body("kleopatra").gravity_field, "Kleopatra")
+    # Convex, so that Basilisk's mass, a sum of absolute volumes, is right.
+    ball = trimesh.creation.icosphere(subdivisions=4)
+    convex = Polyhedron(ball.vertices * [1e5, 6e4, 5e4], ball.faces, "ellipsoid")
+    one_point(GravityField(convex, density=3000.0), "An ellipsoid")
+    batches(load_body("kleopatra").gravity_field)
+
+
+if __name__ == "__main__":
+    main()

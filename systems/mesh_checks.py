@@ -1,0 +1,208 @@
+"""What can be wrong with a triangle mesh that should enclose a body, as findings.
+
+Everything is relative to the mesh's own size, so that a pebble and a planet are judged alike.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+# A facet whose height is less than about this share of the body's length has no area.
+FLAT = 1e-12
+# Share of the cube of the body's length below which nothing is enclosed.
+_NO_VOLUME = 1e-9
+
+
+@dataclass(frozen=True)
+class Defect:
+    """One kind of defect, and where it is."""
+
+    kind: str
+    """A short name, the same for every mesh."""
+    text: str
+    """What follows the mesh's name in a sentence that says it."""
+    facets: np.ndarray
+    """Indices of the facets (or, for vertices' defects, the vertices) concerned, ascending."""
+
+    def about(self, name: str = "the mesh") -> str:
+        """The sentence."""
+        return name + self.text
+
+
+def directed_edges(
+    facets: np.ndarray, vertex_count: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Directed edges (3F, 2), the facets they belong to, and an order that puts equals together."""
+    directed = np.concatenate([facets[:, [0, 1]], facets[:, [1, 2]], facets[:, [2, 0]]])
+    owner = np.tile(np.arange(len(facets)), 3)
+    key = directed.min(axis=1) * vertex_count + directed.max(axis=1)
+    return directed, owner, np.lexsort((owner, key))
+
+
+def six_volumes(vertices: np.ndarray, facets: np.ndarray) -> np.ndarray:
+    """Six times the signed volumes (F,) of the tetrahedra from the mean vertex to each facet."""
+    a, b, c = np.moveaxis(vertices[facets] - vertices.mean(axis=0), 1, 0)
+    return np.einsum("fi,fi->f", a, np.cross(b, c))
+
+
+def areas(vertices: np.ndarray, facets: np.ndarray) -> np.ndarray:
+    """Areas (F,) of the facets."""
+    a, b, c = np.moveaxis(vertices[facets], 1, 0)
+    return 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+
+
+def flat_facets(vertices: np.ndarray, facets: np.ndarray) -> np.ndarray:
+    """Indices of the facets that have no area, for the size of the mesh."""
+    scale = np.ptp(vertices, axis=0).max()
+    return np.flatnonzero(2.0 * areas(vertices, facets) <= FLAT * scale**2)
+
+
+def smallest_angles(vertices: np.ndarray, facets: np.ndarray) -> np.ndarray:
+    """The smallest angle (F,) of each facet in degrees; 0 for one without area."""
+    corners = vertices[facets]
+    sides = np.roll(corners, -1, axis=1) - corners
+    # Between two sides, by both products: acos would lose the digits of small angles.
+    into, out = -np.roll(sides, 1, axis=1), sides
+    across = np.linalg.norm(np.cross(out, into), axis=2)
+    return np.degrees(np.arctan2(across, np.einsum("fki,fki->fk", out, into)).min(axis=1))
+
+
+def shell_labels(facets: np.ndarray, vertex_count: int) -> tuple[int, np.ndarray]:
+    """How many shells there are, and the shell (F,) of each facet: facets that share edges."""
+    _, owner, order = directed_edges(facets, vertex_count)
+    low = np.sort(facets[:, [[0, 1], [1, 2], [2, 0]]], axis=2).transpose(1, 0, 2).reshape(-1, 2)
+    same = (low[order[1:]] == low[order[:-1]]).all(axis=1)
+    pairs = owner[order[:-1][same]], owner[order[1:][same]]
+    links = coo_array((np.ones(len(pairs[0]), dtype=np.int8), pairs), shape=(len(facets),) * 2)
+    return connected_components(links, directed=False)
+
+
+def winding_number(vertices: np.ndarray, facets: np.ndarray, point: np.ndarray) -> float:
+    """How often the facets wind round a point (3,): 1 inside a closed shell wound outwards.
+
+    van Oosterom & Strackee, IEEE Trans. Biomed. Eng. 30 (1983) 125.
+    """
+    a, b, c = np.moveaxis(vertices[facets] - point, 1, 0)
+    ra, rb, rc = (np.linalg.norm(corner, axis=1) for corner in (a, b, c))
+    above = np.einsum("fi,fi->f", a, np.cross(b, c))
+    below = ra * rb * rc
+    for x, y, r in ((a, b, rc), (b, c, ra), (c, a, rb)):
+        below = below + np.einsum("fi,fi->f", x, y) * r
+    return float(np.arctan2(above, below).sum() / (2.0 * np.pi))
+
+
+def inside_out_shells(
+    vertices: np.ndarray, facets: np.ndarray, count: int, labels: np.ndarray
+) -> list[int]:
+    """The closed shells that wind the wrong way: outwards in a void's wall, inwards elsewhere."""
+    parts = [facets[labels == k] for k in range(count)]
+    wrong = []
+    for k, part in enumerate(parts):
+        point = vertices[part[0]].mean(axis=0)
+        others = (other for j, other in enumerate(parts) if j != k)
+        depth = sum(abs(winding_number(vertices, other, point)) > 0.5 for other in others)
+        if (six_volumes(vertices, part).sum() > 0) != (depth % 2 == 0):
+            wrong.append(k)
+    return wrong
+
+
+def find_defects(vertices: np.ndarray, facets: np.ndarray) -> list[Defect]:
+    """Every defect that keeps vertices (V, 3) and facets (F, 3) from bounding a body.
+
+    The mesh must be closed, every edge shared by two facets that run along it in opposite
+    directions; no facet without area; each shell must wind outwards (the wall of a void: inwards)
+    and something must be enclosed. Defects after which the others mean nothing come alone.
+
+    Facets that cut each other take longer to find: see `self_intersection`.
+    """
+    if vertices.ndim != 2 or vertices.shape[1] != 3 or facets.ndim != 2 or facets.shape[1] != 3:
+        shapes = f"{vertices.shape} and {facets.shape}"
+        return [_defect("shape", f": vertices must be (V, 3) and facets (F, 3), got {shapes}")]
+    if len(facets) < 4:
+        text = f" has {len(facets)} facets; a closed body has at least 4"
+        return [_defect("too few facets", text)]
+    bad = np.flatnonzero(~np.isfinite(vertices).all(axis=1))
+    if bad.size:
+        return [_defect("not finite", f": vertex {bad[0]} is {vertices[bad[0]]}, not finite", bad)]
+    bad = np.flatnonzero(((facets < 0) | (facets >= len(vertices))).any(axis=1))
+    if bad.size:
+        text = (
+            f": a facet names a vertex outside 0…{len(vertices) - 1}, the first is facet {bad[0]}"
+        )
+        return [_defect("no such vertex", text, bad)]
+    found = []
+    unique, index = np.unique(vertices, axis=0, return_index=True)
+    if len(unique) < len(vertices):
+        twins = np.setdiff1d(np.arange(len(vertices)), index)
+        text = (
+            f": {twins.size} duplicate vertices (the first is vertex {twins[0]}); weld them so "
+            "that neighbouring facets share vertices"
+        )
+        found.append(_defect("duplicate vertices", text, twins))
+    flat = flat_facets(vertices, facets)
+    if flat.size:
+        text = f": {flat.size} facets have no area, the first is facet {flat[0]}"
+        found.append(_defect("no area", text, flat))
+    found += _edge_defects(vertices, facets)
+    return found or _volume_defects(vertices, facets)
+
+
+def _edge_defects(vertices: np.ndarray, facets: np.ndarray) -> list[Defect]:
+    directed, owner, order = directed_edges(facets, len(vertices))
+    low = np.sort(directed[order], axis=1)
+    starts = np.flatnonzero(np.r_[True, (low[1:] != low[:-1]).any(axis=1)])
+    counts = np.diff(np.r_[starts, len(low)])
+    found = []
+    holes = owner[order[starts[counts == 1]]]
+    if holes.size:
+        text = (
+            f" has holes: {holes.size} edges belong to one facet only, the first at facet "
+            f"{holes[0]}"
+        )
+        found.append(_defect("holes", text, holes))
+    crowded = owner[order[starts[counts > 2]]]
+    if crowded.size:
+        text = (
+            f": {crowded.size} edges belong to more than two facets, the first at facet "
+            f"{crowded[0]}"
+        )
+        found.append(_defect("crowded edges", text, crowded))
+    pairs = starts[counts == 2]
+    same = pairs[(directed[order[pairs]] == directed[order[pairs + 1]]).all(axis=1)]
+    if same.size:
+        first, second = owner[order[same[0]]], owner[order[same[0] + 1]]
+        text = (
+            f": mixed winding: facets {first} and {second} run along their common edge in the same "
+            f"direction ({same.size} such edges)"
+        )
+        found.append(_defect("mixed winding", text, owner[order[same]]))
+    return found
+
+
+def _volume_defects(vertices: np.ndarray, facets: np.ndarray) -> list[Defect]:
+    """Of a closed, consistently wound mesh."""
+    scale = float(np.ptp(vertices, axis=0).max())
+    volume = float(six_volumes(vertices, facets).sum()) / 6.0
+    if abs(volume) <= _NO_VOLUME * scale**3:
+        return [_defect("no volume", f" encloses no volume ({volume:.3g} m^3)")]
+    count, labels = shell_labels(facets, len(vertices))
+    wrong = inside_out_shells(vertices, facets, count, labels)
+    if not wrong:
+        return []
+    where = np.flatnonzero(np.isin(labels, wrong))
+    if len(wrong) == count:
+        text = (
+            f" is inside out: its facets wind inwards (volume {volume:.3g} m^3); reverse "
+            "the vertex order of every facet"
+        )
+    else:
+        text = f": {len(wrong)} of {count} shells are inside out, the first at facet {where[0]}"
+    return [_defect("inside out", text, where)]
+
+
+def _defect(kind: str, text: str, where: np.ndarray | None = None) -> Defect:
+    return Defect(kind, text, np.empty(0, dtype=int) if where is None else np.unique(where))

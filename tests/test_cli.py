@@ -1,0 +1,463 @@
+"""The command line: what it writes, what it says, and how it refuses bad input."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+from short_flights import blob, kleopatra, kleopatra_flight, short_scenario, write_blob
+from test_flight_log import SUMMARY
+
+from proxops.cli.main import main
+from proxops.diagrams.flight_log import FlightLog, differences
+
+BRIEF = ["--set", "arrival.deadline_s=100", "--set", "arrival.dwell_s=50", "--set", "mpc.knots=10"]
+SHORT = [
+    "--set", "transit.start_m=[160e3, 0, 0]", "--set", "transit.goal_m=[160e3, 8e3, 0]",
+    "--set", "arrival.dwell_s=100", "--set", "mpc.knots=10",
+]  # fmt: skip
+
+
+class Ran:
+    """Exit code and output of one run."""
+
+    def __init__(self, code: int, out: str, err: str):
+        self.code, self.out, self.err = code, out, err
+
+
+@pytest.fixture
+def run(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture, tmp_path: Path):
+    """`proxops ARGUMENTS` in this process, working in a folder of its own."""
+    kleopatra().gravity_field.evaluate(np.ones((1, 3)))  # Compiled by now, which would be told.
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "200")
+
+    def proxops(*arguments: object) -> Ran:
+        monkeypatch.setattr(sys, "argv", ["proxops", *map(str, arguments)])
+        capfd.readouterr()
+        code = 0
+        try:
+            main()
+        except SystemExit as end:
+            code = end.code if isinstance(end.code, int) else 0 if end.code is None else 1
+        return Ran(code, *capfd.readouterr())
+
+    return proxops
+
+
+def entries(folder: Path) -> set[str]:
+    return {path.relative_to(folder).as_posix() for path in folder.rglob("*")}
+
+
+def refused(ran: Ran, *words: str) -> None:
+    """Exit code 2 and one line on standard error that says all of this."""
+    assert ran.code == 2, ran.err
+    assert ran.out == ""
+    [line] = ran.err.splitlines()
+    assert line.startswith("proxops: error: ")
+    assert "Traceback" not in line
+    for word in words:
+        assert word in line
+
+
+def refused_by_parser(ran: Ran, *words: str) -> None:
+    """Exit code 2 and the parser's own box."""
+    assert ran.code == 2
+    assert ran.out == ""
+    assert "Traceback" not in ran.err
+    text = " ".join(ran.err.replace("│", " ").split())
+    for word in words:
+        assert word in text
+
+
+# --- fly ------------------------------------------------------------------------------------------
+
+
+def test_fly(run, tmp_path: Path) -> None:
+    (tmp_path / "short.yaml").write_text("mpc: {knots: 10}  # coarse\narrival: {dwell_s: 100}\n")
+    ran = run("fly", "short.yaml", *SHORT[:4], "--out", "a/b")
+    assert ran.code == 0, ran.err
+    out = tmp_path / "a" / "b"
+    assert entries(out) == {"flight.nc", "summary.json", "replay.html"}
+    summary = json.loads((out / "summary.json").read_text())
+    assert list(summary) == SUMMARY
+    assert summary["success"]
+    log = FlightLog.load(out / "flight.nc")
+    assert log.summary == summary
+    assert log.scenario == short_scenario()
+    assert (out / "replay.html").stat().st_size > 1e6
+    # The table: what the issue lists.
+    for words in ("Kleopatra, mpc", "success", "yes", "position error", "delta-v", "clearance",
+                  "MPC solves", "MPC step", "real time"):  # fmt: skip
+        assert words in ran.out
+    assert "Wrote flight.nc, summary.json and replay.html" in ran.err
+    assert entries(tmp_path) >= {"a/b/flight.nc", "short.yaml"}
+
+    again = run("fly", "--from", "a/b/flight.nc", "--out", "again")
+    assert again.code == 0, again.err
+    assert "repeats a/b/flight.nc bit for bit" in " ".join(again.err.split())
+    repeated = FlightLog.load(tmp_path / "again" / "flight.nc")
+    assert differences(log, repeated) == []
+
+    # A log that was altered is not repeated, and that is said.
+    log.dataset["force"][3, 0] += 1e-9
+    log.to_netcdf(tmp_path / "altered.nc")
+    other = run("fly", "--from", "altered.nc", "--out", "other")
+    assert other.code == 1
+    assert "differs from its log in: force" in " ".join(other.err.split())
+
+    page = run("replay", "a/b/flight.nc", "--out", "page/flight.html")
+    assert page.code == 0, page.err
+    assert (tmp_path / "page" / "flight.html").stat().st_size > 1e6
+
+
+def test_seed_and_transit(run, tmp_path: Path) -> None:
+    ran = run("fly", "--controller", "zero", *BRIEF, "--seed", 12, "--transit", 3, "--out", "out")
+    assert ran.code == 0, ran.err
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert (summary["seed"], summary["transit"]) == (12, 3)
+    assert summary["controller"] == "zero"
+    assert not summary["success"]
+
+
+def test_failed_flight_is_repeated_too(run, tmp_path: Path) -> None:
+    down = ["--set", "transit.start_m=[0, 0, 66e3]", "--set", "transit.goal_m=[0, 0, 90e3]"]
+    assert run("fly", "--controller", "zero", *down, "--out", "out").code == 0
+    assert json.loads((tmp_path / "out" / "summary.json").read_text())["collided"]
+    again = run("fly", "--from", "out/flight.nc", "--out", "again")
+    assert again.code == 0
+    assert "bit for bit" in " ".join(again.err.split())
+
+
+def test_own_controller_from_the_working_directory(run, tmp_path: Path) -> None:
+    (tmp_path / "mine_for_the_cli.py").write_text(
+        "from short_flights import PdController\n"
+        "def make(scenario, body):\n"
+        "    return PdController(scenario.spacecraft.mass_kg, scenario.spacecraft.thrust_limit_n)\n"
+    )
+    ran = run("fly", "--controller", "mine_for_the_cli:make", *SHORT, "--out", "out")
+    assert ran.code == 0, ran.err
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["success"]
+    assert summary["controller"] == "mine_for_the_cli:make"
+    again = run("fly", "--from", "out/flight.nc", "--out", "again")
+    assert again.code == 0, again.err
+
+
+def test_own_body(run, tmp_path: Path) -> None:
+    """From a scenario file that names it relative to itself; repeated when the body is gone."""
+    (tmp_path / "bodies").mkdir()
+    write_blob(tmp_path / "bodies")
+    (tmp_path / "bodies" / "scenario.yaml").write_text("body: blob.yaml\n")
+    ran = run("fly", "bodies/scenario.yaml", *SHORT, *BRIEF[:4], "--out", "out")
+    assert ran.code == 0, ran.err
+    assert "Blob, mpc" in ran.out
+    for path in (tmp_path / "bodies").iterdir():
+        path.unlink()
+    again = run("fly", "--from", "out/flight.nc", "--out", "again")
+    assert again.code == 0, again.err
+
+
+# --- evaluate -------------------------------------------------------------------------------------
+
+
+def test_evaluate(run, tmp_path: Path) -> None:
+    command = ["evaluate", "--controllers", "mpc,zero", "--transits", 2, "--seed", 31, *BRIEF]
+    ran = run(*command, "--workers", 1, "--out", "out")
+    assert ran.code == 0, ran.err
+    results = json.loads((tmp_path / "out" / "results.json").read_text())
+    assert list(results) == ["mpc", "zero"]
+    for name, result in results.items():
+        for key in ("success_rate", "success_rate_2km", "collisions", "keep_out_violations",
+                    "policy_share", "flights"):  # fmt: skip
+            assert key in result
+        assert result["success_rate"] == 0.0
+        assert [list(row) for row in result["flights"]] == [SUMMARY] * 2
+        assert [row["transit"] for row in result["flights"]] == [0, 1]
+        assert {row["controller"] for row in result["flights"]} == {name}
+        assert {row["seed"] for row in result["flights"]} == {31}
+    assert "0 of 2" in ran.out
+
+    # Again: nothing is flown twice.
+    flights = tmp_path / "out" / "flights"
+    times = {path: path.stat().st_mtime_ns for path in flights.iterdir()}
+    assert len(times) == 4
+    assert run(*command, "--workers", 1, "--out", "out").code == 0
+    assert {path: path.stat().st_mtime_ns for path in flights.iterdir()} == times
+    assert json.loads((tmp_path / "out" / "results.json").read_text()) == results
+
+    # Another scenario in the same folder would mix them up.
+    mixed = run(*command, "--workers", 1, "--out", "out", "--set", "noise_seed=1")
+    refused(mixed, "another scenario", "output folder")
+
+
+@pytest.mark.parametrize("controllers", ["", ",", "mpc,mpc", "nope", "mpc,nope"])
+def test_evaluate_controllers_refused(run, tmp_path: Path, controllers: str) -> None:
+    refused(run("evaluate", "--controllers", controllers, "--out", "out"), "controller")
+    assert entries(tmp_path) == set()
+
+
+@pytest.mark.parametrize("option", [["--transits", "0"], ["--transits", "-3"], ["--seed", "-1"],
+                                    ["--workers", "0"], ["--transits", "ten"]])  # fmt: skip
+def test_evaluate_counts_refused(run, tmp_path: Path, option: list[str]) -> None:
+    refused_by_parser(run("evaluate", *option, "--out", "out"), option[0])
+    assert entries(tmp_path) == set()
+
+
+def test_evaluate_impossible_set_refused(run, tmp_path: Path) -> None:
+    ran = run("evaluate", "--set", "transit.cube_m=100e3", "--transits", 2, "--out", "out")
+    refused(ran, "no transit was found", "transit.cube_m")
+    assert entries(tmp_path) == set()
+
+
+# --- bad input ------------------------------------------------------------------------------------
+
+
+def with_holes() -> trimesh.Trimesh:
+    return trimesh.Trimesh(blob().vertices, blob().faces[1:], process=False)
+
+
+def flipped() -> trimesh.Trimesh:
+    return trimesh.Trimesh(blob().vertices, blob().faces[:, ::-1], process=False)
+
+
+def mixed_winding() -> trimesh.Trimesh:
+    faces = blob().faces.copy()
+    faces[7] = faces[7, ::-1]
+    return trimesh.Trimesh(blob().vertices, faces, process=False)
+
+
+def not_a_number() -> trimesh.Trimesh:
+    vertices = np.array(blob().vertices)
+    vertices[5, 2] = np.nan
+    return trimesh.Trimesh(vertices, blob().faces, process=False)
+
+
+def duplicates() -> trimesh.Trimesh:
+    vertices, faces = np.array(blob().vertices), blob().faces.copy()
+    faces[3, 0] = len(vertices)
+    return trimesh.Trimesh(
+        np.vstack([vertices, vertices[blob().faces[3, 0]]]), faces, process=False
+    )
+
+
+def zero_volume() -> trimesh.Trimesh:
+    """A sheet and its back."""
+    corners = np.array([[-90.0, -40, 0], [90, -40, 0], [90, 40, 0], [-90, 40, 0]])
+    sheet = [[0, 1, 2], [0, 2, 3], [2, 1, 0], [3, 2, 0]]
+    return trimesh.Trimesh(corners, sheet, process=False)
+
+
+@pytest.mark.parametrize(
+    ("mesh", "changes", "words"),
+    [
+        (with_holes, {}, ["blob.obj", "holes"]),
+        (flipped, {}, ["blob.obj", "inside out"]),
+        (mixed_winding, {}, ["blob.obj", "mixed winding"]),
+        (not_a_number, {}, ["blob.obj", "not finite"]),
+        (duplicates, {}, ["blob.obj", "duplicate vertices"]),
+        (zero_volume, {}, ["blob.obj"]),
+        (blob, {"mesh_unit": "m"}, ["kg/m^3", "unit"]),
+        (blob, {"mesh_unit": "mm"}, ["unit 'mm' is not known"]),
+        (blob, {"mass_kg": -1e18}, ["mass_kg must be positive"]),
+        (blob, {"mesh": "absent.obj"}, ["absent.obj does not exist"]),
+        (blob, {"colour": "grey"}, ["no key 'colour'"]),
+        (blob, {"keep_out_semi_axes_m": [140e3, 70e3, 40e3]}, ["sticks out"]),
+    ],
+)
+@pytest.mark.parametrize("command", ["fly", "evaluate"])
+def test_bad_body(
+    run, tmp_path: Path, command: str, mesh, changes: dict[str, Any], words: list[str]
+) -> None:
+    write_blob(tmp_path, mesh(), **changes)
+    before = entries(tmp_path)
+    refused(run(command, "--set", "body=blob.yaml", "--out", "out"), *words)
+    assert entries(tmp_path) == before
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        (["transit.start_m=[0, 0, 0]", "transit.goal_m=[160e3, 0, 0]"], ["start_m", "is inside"]),
+        (["transit.start_m=[0, 0, 60e3]", "transit.goal_m=[160e3, 0, 0]"], ["start_m", "keep-out"]),
+        (["transit.start_m=[160e3, 0, 0]", "transit.goal_m=[0, 60e3, 0]"], ["goal_m", "keep-out"]),
+        (["transit.start_m=[160e3, 0, 0]", "transit.goal_m=[9e5, 0, 0]"], ["cannot be held", "N"]),
+        (["transit.start_m=[160e3, 0, 0]"], ["both or neither"]),
+        (["spacecraft.mass_kg=-100"], ["spacecraft.mass_kg must be positive, got -100"]),
+        (["spacecraft.mass_kg=0"], ["spacecraft.mass_kg"]),
+        (["spacecraft.mass_kg=heavy"], ["spacecraft.mass_kg", "number"]),
+        (["spacecraft.thrust_limit_n=0.01"], ["no transit was found"]),
+        (["spacecraft.mas_kg=3"], ["no key 'mas_kg'", "nearest is 'mass_kg'"]),
+        (["body=itokawa"], ["'itokawa' does not ship with proxops"]),
+        (["body=absent.yaml"], ["absent.yaml cannot be read"]),
+        (["noise_seed"], ["not of the form key.subkey=value"]),
+        (["mpc.knots=["], ["not YAML"]),
+        (["transit.seed=-1"], ["transit.seed"]),
+        (["disturbance={reset_period_s: 1}"], ["reset_period"]),
+        (["mpc.knots=1"], ["mpc.knots"]),
+    ],
+)
+def test_bad_setting(run, tmp_path: Path, settings: list[str], words: list[str]) -> None:
+    options = [part for setting in settings for part in ("--set", setting)]
+    refused(run("fly", *options, "--out", "out"), *words)
+    assert entries(tmp_path) == set()
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ("", ["empty"]),
+        ("# nothing but a remark\n", ["empty"]),
+        ("a: [1, 2\n", ["is not YAML"]),
+        ("\tx: 1\n", ["is not YAML"]),
+        ("just words", ["not `key: value` lines"]),
+        ("- 1\n- 2\n", ["not `key: value` lines"]),
+        ("masss: 3\n", ["no key 'masss'", "nearest"]),
+        ("mpc:\n  knots: many\n", ["mpc.knots", "whole number"]),
+        ("mpc: 3\n", ["mpc"]),
+    ],
+)
+@pytest.mark.parametrize("command", ["fly", "evaluate"])
+def test_bad_scenario(run, tmp_path: Path, command: str, content: str, words: list[str]) -> None:
+    (tmp_path / "bad.yaml").write_text(content)
+    refused(run(command, "bad.yaml", "--out", "out"), "bad.yaml", *words)
+    assert entries(tmp_path) == {"bad.yaml"}
+
+
+def test_scenario_is_a_folder(run, tmp_path: Path) -> None:
+    refused(run("fly", tmp_path, "--out", "out"), "is a directory; give a YAML file")
+
+
+def test_scenario_is_absent(run) -> None:
+    refused(run("fly", "absent.yaml"), "absent.yaml cannot be read")
+
+
+def test_scenario_name_too_long(run) -> None:
+    refused(run("fly", "x" * 300 + ".yaml"), "xxx.yaml cannot be read")
+
+
+def test_scenario_is_binary(run, tmp_path: Path) -> None:
+    (tmp_path / "bad.yaml").write_bytes(b"\x89HDF\r\n\x1a\n\x00\xff\xfe")
+    refused(run("fly", "bad.yaml"), "bad.yaml is not a text file")
+
+
+@pytest.mark.parametrize("command", ["fly", "evaluate"])
+def test_out_under_a_file(run, tmp_path: Path, command: str) -> None:
+    (tmp_path / "file").write_text("mine")
+    for out in ("file", "file/deeper"):
+        refused(run(command, *BRIEF, "--out", out), "file", "not a folder")
+    assert entries(tmp_path) == {"file"}
+    assert (tmp_path / "file").read_text() == "mine"
+
+
+@pytest.mark.parametrize("command", ["fly", "evaluate"])
+@pytest.mark.skipif(not Path("/proc/self").is_dir(), reason="needs Linux's /proc")
+def test_out_where_nobody_may_write(run, command: str) -> None:
+    """Not even the superuser: said when it is tried, after the flight, if not before."""
+    transits = ["--transits", "1", "--workers", "1"] if command == "evaluate" else []
+    for out in ("/proc/proxops", "/proc"):
+        ran = run(command, *BRIEF, *transits, "--out", out)
+        refused(ran, "/proc")
+
+
+def test_out_name_too_long(run, tmp_path: Path) -> None:
+    ran = run("fly", "--controller", "zero", *BRIEF, "--out", "x" * 300)
+    refused(ran, "cannot make the folder")
+    assert entries(tmp_path) == set()
+
+
+@pytest.mark.skipif(sys.platform == "win32" or os.geteuid() == 0, reason="root may write anywhere")
+def test_out_without_permission(run, tmp_path: Path) -> None:
+    (tmp_path / "closed").mkdir(mode=0o500)
+    refused(run("fly", *BRIEF, "--out", "closed/out"), "no permission to write")
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("pid", ["controller 'pid' is not known: use mpc"]),
+        ("no_such_module:make", ["No module named 'no_such_module'"]),
+        ("short_flights:none", ["none"]),
+        ("short_flights:BRIEF", ["not callable"]),
+        ("short_flights:load_scenario", ["controller 'short_flights:load_scenario'"]),
+    ],
+)
+def test_unknown_controller(run, tmp_path: Path, name: str, words: list[str]) -> None:
+    refused(run("fly", "--controller", name, *BRIEF, "--out", "out"), *words)
+    assert entries(tmp_path) == set()
+
+
+def test_controller_with_wrong_ports(run, tmp_path: Path) -> None:
+    (tmp_path / "wrong_for_the_cli.py").write_text(
+        "from short_flights import Scripted\n"
+        "def make(scenario, body):\n"
+        "    return Scripted(ports=[('sate', 6)])\n"
+    )
+    ran = run("fly", "--controller", "wrong_for_the_cli:make", *BRIEF, "--out", "out")
+    refused(ran, "nothing feeds input port 'sate'")
+
+
+def test_from_what_is_no_log(run, tmp_path: Path) -> None:
+    (tmp_path / "notes.nc").write_text("not a log")
+    refused(run("fly", "--from", "notes.nc", "--out", "out"), "notes.nc is not a flight log")
+    refused(run("fly", "--from", "absent.nc", "--out", "out"), "absent.nc is not a flight log")
+    refused(run("fly", "--from", ".", "--out", "out"), "is not a flight log")
+    refused(run("replay", "notes.nc"), "notes.nc is not a flight log")
+    refused(run("replay", "absent.nc"), "absent.nc is not a flight log")
+    assert entries(tmp_path) == {"notes.nc"}
+
+
+@pytest.mark.parametrize(
+    "extra",
+    [["--set", "noise_seed=1"], ["--seed", "3"], ["--transit", "3"], ["short.yaml"],
+     ["--controller", "zero"]],
+)  # fmt: skip
+def test_from_with_settings(run, tmp_path: Path, extra: list[str]) -> None:
+    kleopatra_flight().to_netcdf(tmp_path / "flight.nc")
+    refused(run("fly", "--from", "flight.nc", *extra), "--from repeats a flight as it was")
+    assert entries(tmp_path) == {"flight.nc"}
+
+
+# --- help -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("command", ["fly", "evaluate", "replay"])
+@pytest.mark.parametrize("option", ["--help", "-h"])
+def test_help(run, command: str, option: str) -> None:
+    ran = run(command, option)
+    assert ran.code == 0
+    assert f"proxops {command}" in ran.out
+    assert "Example" in ran.out
+    assert "--out" in ran.out
+
+
+def test_help_lists_the_commands(run) -> None:
+    ran = run("--help")
+    assert ran.code == 0
+    for command in ("fly", "evaluate", "replay"):
+        assert command in ran.out
+
+
+@pytest.mark.parametrize("arguments", [["fly", "--bogus"], ["flyy"], ["fly", "a", "b"]])
+def test_unknown_arguments(run, arguments: list[str]) -> None:
+    refused_by_parser(run(*arguments))
+
+
+def test_as_a_process(tmp_path: Path) -> None:
+    """Nothing but what it says reaches the streams, and no traceback."""
+    command = [sys.executable, "-m", "proxops.cli.main", "fly"]
+    ran = subprocess.run(
+        [*command, "--set", "spacecraft.mass_kg=-1", "--out", "out"],
+        cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False,
+    )  # fmt: skip
+    assert ran.returncode == 2
+    assert ran.stdout == ""
+    assert ran.stderr == (
+        "proxops: error: scenario: spacecraft.mass_kg must be positive, got -1.0\n"
+    )
+    assert entries(tmp_path) == set()
