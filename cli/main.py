@@ -7,7 +7,7 @@ import sys
 
 import typer
 
-from proxops.cli import evaluate, fly, replay
+from proxops.cli import evaluate, fly, replay, shape
 from proxops.systems.errors import InputError
 
 app = typer.Typer(
@@ -20,6 +20,7 @@ app = typer.Typer(
 app.command("fly")(fly.fly_command)
 app.command("evaluate")(evaluate.evaluate_command)
 app.command("replay")(replay.replay_command)
+app.command("shape")(shape.shape_command)
 
 
 def main() -> None:

@@ -32,12 +32,25 @@ class SpacecraftConfig:
 
 @dc.dataclass
 class LidarConfig:
-    """The ray-cast lidar: 12 planes of 360 rays."""
+    """The ray-cast lidar: see `proxops.systems.Lidar`."""
 
     # Standard deviation of the range noise; 0 switches it off.
     noise_std_m: float = 50.0
     # Beyond this a ray returns +inf.
     max_range_m: float = 350.0e3
+    # Planes turned about a common axis by equal angles, and rays in each.
+    planes: int = 12
+    rays: int = 360
+    # Added to every range.
+    bias_m: float = 0.0
+    # Ranges are 1 + this times as long.
+    scale_error: float = 0.0
+    # A surface met at a greater angle from its normal returns nothing; 90: all of it returns.
+    max_incidence_deg: float = 90.0
+    # Chance that a return is lost.
+    dropout: float = 0.0
+    # Chance that a ray is answered from a random range where there is nothing.
+    false_returns: float = 0.0
 
 
 @dc.dataclass
@@ -45,17 +58,20 @@ class MpcConfig:
     """The expert: see `proxops.systems.ModelPredictiveController`."""
 
     # Intervals of the plan, each with a constant force.
-    knots: int = 30
+    knots: int = 16
     # Length of the plan's last interval over that of its first.
     knot_growth: float = 4.0
     # The time to go from rest is what this acceleration, one way and then the other, would take.
     nominal_acceleration_m_s2: float = 0.025
-    # The time to go is never less than this.
+    # Weight of thrust's 1-norm (fuel) against its square in the cost, both over the limit: at 0
+    # thrust is smoothest, at 1 the fuel is nearly least.
+    fuel_weight: float = 0.8
+    # A plan is never shorter than this.
     min_horizon_s: float = 300.0
     # Added to every semi-axis of the keep-out ellipsoid in the plan.
     keep_out_margin_m: float = 3.0e3
     # Relinearisations when there is no recent plan to start from; otherwise one a step.
-    cold_iterations: int = 5
+    cold_iterations: int = 10
 
 
 @dc.dataclass
@@ -179,14 +195,19 @@ def check_scenario(scenario: Scenario, source: str = "scenario") -> None:
     positive("", "control_period_s")
     not_negative("", "noise_seed")
     positive("spacecraft", "mass_kg", "thrust_limit_n", "speed_limit_m_s")
-    positive("lidar", "max_range_m")
-    not_negative("lidar", "noise_std_m")
+    positive("lidar", "max_range_m", "planes", "rays", "max_incidence_deg")
+    not_negative("lidar", "noise_std_m", "dropout", "false_returns")
+    each("lidar", ("bias_m",), lambda value: True, "must be finite")
+    each("lidar", ("scale_error",), lambda value: value > -1, "must be above -1")
+    each("lidar", ("max_incidence_deg",), lambda value: value <= 90, "must be at most 90")
+    chances = ("dropout", "false_returns")
+    each("lidar", chances, lambda value: value <= 1, "must be at most 1, a chance")
     positive(
         "mpc", "knots", "knot_growth", "nominal_acceleration_m_s2", "min_horizon_s",
         "cold_iterations",
     )  # fmt: skip
     need(scenario.mpc.knots >= 2, "mpc.knots", "must be at least 2")
-    not_negative("mpc", "keep_out_margin_m")
+    not_negative("mpc", "keep_out_margin_m", "fuel_weight")
     if scenario.disturbance is not None:
         positive("disturbance", "reset_period_s")
         not_negative("disturbance", "max_relative_magnitude", "increment_std_n")

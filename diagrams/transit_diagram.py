@@ -11,7 +11,7 @@ from proxops.diagrams.body import Body, load_body
 from proxops.diagrams.flight_summary import KEEP_OUT_TOLERANCE
 from proxops.diagrams.live_view import LiveView, add_live_view
 from proxops.diagrams.scenario import Scenario
-from proxops.diagrams.thrusters import Thrusters
+from proxops.systems.thrusters import Thrusters
 from proxops.diagrams.transits import scenario_transit
 from proxops.systems import (
     FlightMonitor,
@@ -49,6 +49,7 @@ def make_controller(scenario: Scenario, body: Body) -> ModelPredictiveController
             knots=mpc.knots,
             knot_growth=mpc.knot_growth,
             nominal_acceleration=mpc.nominal_acceleration_m_s2,
+            fuel_weight=mpc.fuel_weight,
             minimum=mpc.min_horizon_s,
         ),
     )
@@ -103,14 +104,22 @@ def make_transit_diagram(
     at_rest = np.concatenate([transit.start, np.zeros(3)])
     craft = add("spacecraft", Spacecraft(scenario.spacecraft.mass_kg, body.spin_rate, at_rest))
     craft_ports = {port: craft.GetOutputPort(port) for port in ("state", "position", "velocity")}
+    sensor = scenario.lidar
     lidar = add(
         "lidar",
         Lidar(
             body.shape,
-            noise_std=scenario.lidar.noise_std_m,
-            max_range=scenario.lidar.max_range_m,
+            noise_std=sensor.noise_std_m,
+            max_range=sensor.max_range_m,
+            planes=sensor.planes,
+            rays=sensor.rays,
             period=period,
             seed=derived_seed(*seeds, _LIDAR_STREAM),
+            bias=sensor.bias_m,
+            scale_error=sensor.scale_error,
+            max_incidence=np.radians(sensor.max_incidence_deg),
+            dropout=sensor.dropout,
+            false_returns=sensor.false_returns,
         ),
     )
     target = add("target", ConstantVectorSource(np.concatenate([transit.goal, np.zeros(3)])))

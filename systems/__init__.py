@@ -10,6 +10,7 @@ from proxops.systems.polyhedral_gravity import PolyhedralGravity, PolyhedralGrav
 from proxops.systems.polyhedron import Polyhedron
 from proxops.systems.random_walk_disturbance import RandomWalkDisturbance
 from proxops.systems.spacecraft import Spacecraft, Spacecraft_, jacobi_integral
+from proxops.systems.thrusters import Thrusters
 from proxops.systems.transit_program import TransitProgram
 
 __all__ = [
@@ -28,6 +29,7 @@ __all__ = [
     "RayCaster",
     "Spacecraft",
     "Spacecraft_",
+    "Thrusters",
     "TransitLimits",
     "TransitProgram",
     "jacobi_integral",

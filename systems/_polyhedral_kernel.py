@@ -35,8 +35,10 @@ _NEAR = 2.0
 
 # Not `nnan`: a NaN position must come out as NaN.
 _FAST = {"reassoc", "nsz", "arcp", "contract"}
-_fast = numba.njit(cache=True, fastmath=_FAST, error_model="numpy")
-_exact = numba.njit(cache=True, error_model="numpy")
+# Inlined by force: of helpers compiled into both entry points, which copy a process runs would
+# depend on what it loaded first, and with reordered sums so would the last bit.
+_fast = numba.njit(cache=True, fastmath=_FAST, error_model="numpy", forceinline=True)
+_exact = numba.njit(cache=True, error_model="numpy", forceinline=True)
 
 
 @_fast

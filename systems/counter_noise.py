@@ -3,12 +3,15 @@
 import numpy as np
 
 
-def generator(seed: int, step: int) -> np.random.Generator:
+def generator(seed: int, step: int, stream: int = 0) -> np.random.Generator:
     """A generator for one step: numpy's Philox, keyed by seed and step.
 
-    Two different (seed, step) give independent streams; the same give the same numbers.
+    Two different (seed, step) give independent numbers; the same give the same numbers. Streams
+    of one key are 2^192 numbers apart, so that several effects may draw at the same step and each
+    gets the same numbers whether or not the others draw.
     """
-    return np.random.Generator(np.random.Philox(key=np.array([seed, step], dtype=np.uint64)))
+    key = np.array([seed, step], dtype=np.uint64)
+    return np.random.Generator(np.random.Philox(key=key, counter=[0, 0, 0, stream]))
 
 
 def derived_seed(*parts: int) -> int:

@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
-import functools
+import math
 
 import numpy as np
-from embreex.mesh_construction import TriangleMesh
-from embreex.rtcore import EmbreeDevice
-from embreex.rtcore_scene import EmbreeScene
 from pydrake.common.value import AbstractValue
 from pydrake.perception import PointCloud
 from pydrake.systems.framework import BasicVector, LeafSystem, NumericParameterIndex
 
-from proxops.systems.counter_noise import generator
 from proxops.systems.errors import InputError
+from proxops.systems.lidar_errors import (
+    LidarErrors,
+    false_ranges,
+    lost_by_chance,
+    measured_ranges,
+    too_grazing,
+)
 from proxops.systems.polyhedron import Polyhedron
+from proxops.systems.ray_caster import RayCaster as RayCaster  # found here by whoever casts rays
+from proxops.systems.ray_caster import ray_caster
 
 PLANES = 12
 RAYS = 360
@@ -32,36 +37,6 @@ def ray_directions(planes: int = PLANES, rays: int = RAYS) -> np.ndarray:
     return np.stack(xyz, axis=-1).reshape(-1, 3)
 
 
-class RayCaster:
-    """Distances along rays to a mesh, by Embree: single precision, 0.02 m at 350 km."""
-
-    def __init__(self, shape: Polyhedron):
-        # The robust flag makes rays watertight across the edges of facets.
-        self._device = EmbreeDevice()
-        self._scene = EmbreeScene(self._device, True)
-        vertices = shape.vertices.astype(np.float32)
-        self._mesh = TriangleMesh(self._scene, vertices, shape.facets.astype(np.int32))
-
-    def distances(self, origins: np.ndarray, directions: np.ndarray) -> np.ndarray:
-        """Distances (N,) in m, float64, from origins (N, 3) along unit directions (N, 3).
-
-        +inf where a ray meets nothing.
-        """
-        found = self._scene.run(
-            np.ascontiguousarray(origins, dtype=np.float32),
-            np.ascontiguousarray(directions, dtype=np.float32),
-            query="DISTANCE",
-        ).astype(np.float64)
-        found[found > 1e30] = np.inf  # Embree's "nothing" is 1e37.
-        return found
-
-
-@functools.lru_cache(maxsize=4)
-def ray_caster(shape: Polyhedron) -> RayCaster:
-    """The ray caster of a mesh, built once for all that cast rays against it."""
-    return RayCaster(shape)
-
-
 class Lidar(LeafSystem):
     """Planar lidars on a spacecraft whose axes are held to those of the body-fixed frame K.
 
@@ -72,10 +47,11 @@ class Lidar(LeafSystem):
                   └───────┘   spacecraft, in its axes; only rays that returned
     ```
 
-    Ranges carry Gaussian noise, drawn for the rays that returned. It is a pure function of
-    (seed, step), the seed a numeric parameter in the Context and the step the number of periods
-    since time 0: the same Context gives the same frame, whatever was evaluated before. Outputs
-    are computed when they are asked for, then cached.
+    Ranges carry Gaussian noise, bias and scale error; returns are lost at grazing incidence and by
+    chance; rays are answered falsely by chance: see `lidar_errors`. What is random is a pure
+    function of (seed, step), the seed a numeric parameter in the Context and the step the number
+    of periods since time 0: the same Context gives the same frame, whatever was evaluated before.
+    Outputs are computed when they are asked for, then cached.
     """
 
     def __init__(
@@ -87,6 +63,12 @@ class Lidar(LeafSystem):
         rays: int = RAYS,
         period: float = 10.0,
         seed: int = 0,
+        *,
+        bias: float = 0.0,
+        scale_error: float = 0.0,
+        max_incidence: float = math.pi / 2.0,
+        dropout: float = 0.0,
+        false_returns: float = 0.0,
     ):
         """Takes the mesh in K and the sensor's properties.
 
@@ -94,27 +76,36 @@ class Lidar(LeafSystem):
           noise_std: standard deviation of the range noise in m; 0 switches it off.
           max_range: a surface beyond it, in m, returns nothing.
           planes, rays: number of planes, and of rays in each.
-          period: time between steps in s, for the noise.
+          period: time between steps in s, for all that is random.
           seed: default of the Context's parameter.
+          bias: added to every range, in m.
+          scale_error: ranges are 1 + this times as long.
+          max_incidence: a surface met at a greater angle from its normal, in rad, returns nothing.
+          dropout: chance that a return is lost.
+          false_returns: chance that a ray is answered from a random range, up to `max_range`.
 
         Raises:
           InputError: a property that no lidar has.
         """
         super().__init__()
-        if not (0.0 <= noise_std < np.inf and max_range > 0.0 and 0.0 < period < np.inf):
+        if not (max_range > 0.0 and 0.0 < period < math.inf):
             raise InputError(
-                "a lidar needs noise_std >= 0, max_range > 0 and period > 0, "
-                f"got {noise_std}, {max_range}, {period}"
+                f"a lidar needs max_range > 0 and period > 0, got {max_range}, {period}"
             )
         if seed < 0:
             raise InputError(f"a lidar needs a seed that is not negative, got {seed}")
         if planes < 1 or rays < 1:
             raise InputError(f"a lidar needs planes and rays, got {planes} and {rays}")
-        self.noise_std, self.max_range, self.period = noise_std, max_range, period
+        self.errors = LidarErrors(
+            noise_std, bias, scale_error, max_incidence, dropout, false_returns
+        )
+        if false_returns > 0.0 and not max_range < math.inf:
+            raise InputError("a lidar needs a finite max_range for false_returns")
+        self.max_range, self.period = max_range, period
         self.planes, self.rays, self.seed = planes, rays, seed
         self.directions = ray_directions(planes, rays)
-        self._rays32 = self.directions.astype(np.float32)
-        self._caster = ray_caster(shape)
+        self._normals = shape.normals
+        self._fan = ray_caster(shape).fan(self.directions)
         self._seed_index = self.DeclareNumericParameter(BasicVector([float(seed)]))
         self._position_port = self.DeclareVectorInputPort(name="position", size=3)
         seeded = self.numeric_parameter_ticket(NumericParameterIndex(self._seed_index))
@@ -141,27 +132,38 @@ class Lidar(LeafSystem):
         Args:
           times: (N,) in s. positions: (N, 3) in m in K. seed: of the noise.
         """
-        context = self.CreateDefaultContext()
-        self.set_seed(context, seed)
         frames = np.empty((len(times), self.planes, self.rays), dtype=np.float32)
         for k, (now, position) in enumerate(zip(times, positions, strict=True)):
-            context.SetTime(now)
-            self._position_port.FixValue(context, position)
-            frames[k] = self._ranges_port.Eval(context).reshape(self.planes, self.rays)
+            step = round(now / self.period)
+            frames[k] = self._ranges(position, seed, step).reshape(self.planes, self.rays)
         return frames
+
+    def _ranges(self, position: np.ndarray, seed: int, step: int) -> np.ndarray:
+        """The frame (planes * rays,) in m, float64."""
+        errors = self.errors
+        _, rays, distances, facets = self._fan.hits(position[None])
+        distances = distances.astype(np.float64)
+        near = distances <= self.max_range
+        rays, distances, facets = rays[near], distances[near], facets[near]
+        # Drawn for all that is in range, before any is lost: dropout leaves the noise as it is.
+        found = measured_ranges(distances, errors, seed, step)
+        if errors.max_incidence < math.pi / 2.0:
+            normals, directions = self._normals[facets], self.directions[rays]
+            found[too_grazing(normals, directions, errors.max_incidence)] = np.inf
+        if errors.dropout > 0.0:
+            found[lost_by_chance(found.size, errors.dropout, seed, step)] = np.inf
+        ranges = np.full(self.planes * self.rays, np.inf)
+        ranges[rays] = found
+        if errors.false_returns > 0.0:
+            false = false_ranges(ranges.size, errors.false_returns, self.max_range, seed, step)
+            ranges = np.minimum(ranges, false)
+        return ranges
 
     def _calc_ranges(self, context, output):
         position = self._position_port.Eval(context)
-        origins = np.broadcast_to(position.astype(np.float32), self._rays32.shape)
-        ranges = self._caster.distances(origins, self._rays32)
-        ranges[ranges > self.max_range] = np.inf
-        if self.noise_std > 0.0:
-            hits = np.flatnonzero(np.isfinite(ranges))
-            seed = int(context.get_numeric_parameter(self._seed_index).GetAtIndex(0))
-            step = round(context.get_time() / self.period)
-            noise = generator(seed, step).standard_normal(hits.size)
-            ranges[hits] = np.maximum(ranges[hits] + self.noise_std * noise, 0.0)
-        output.SetFromVector(ranges)
+        seed = int(context.get_numeric_parameter(self._seed_index).GetAtIndex(0))
+        step = round(context.get_time() / self.period)
+        output.SetFromVector(self._ranges(position, seed, step))
 
     def _calc_point_cloud(self, context, output):
         ranges = self._ranges_port.Eval(context)

@@ -102,12 +102,23 @@ def inside_out_shells(
     parts = [facets[labels == k] for k in range(count)]
     wrong = []
     for k, part in enumerate(parts):
-        point = vertices[part[0]].mean(axis=0)
         others = (other for j, other in enumerate(parts) if j != k)
-        depth = sum(abs(winding_number(vertices, other, point)) > 0.5 for other in others)
+        depth = sum(_holds(vertices, other, part) for other in others)
         if (six_volumes(vertices, part).sum() > 0) != (depth % 2 == 0):
             wrong.append(k)
     return wrong
+
+
+def _holds(vertices: np.ndarray, outer: np.ndarray, inner: np.ndarray) -> bool:
+    """Whether one closed shell lies inside another, by its outermost vertices and some more."""
+    used = np.unique(inner)
+    points = vertices[used]
+    outermost = np.concatenate([points.argmin(axis=0), points.argmax(axis=0)])
+    sample = np.unique(np.r_[outermost, np.arange(0, len(used), len(used) // 20 + 1)])
+    low, high = vertices[outer].min(axis=(0, 1)), vertices[outer].max(axis=(0, 1))
+    if (points.min(axis=0) < low).any() or (points.max(axis=0) > high).any():
+        return False
+    return all(abs(winding_number(vertices, outer, points[k])) > 0.5 for k in sample)
 
 
 def find_defects(vertices: np.ndarray, facets: np.ndarray) -> list[Defect]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from proxops.systems._hole_filling import boundary_loops, triangulate_loop
 from proxops.systems.errors import InputError
@@ -40,17 +40,15 @@ class Repair:
     """What was done, one sentence each; empty if there was nothing to do."""
 
 
-def repair_mesh(
-    vertices: np.ndarray, facets: np.ndarray, *, recentre: bool = True, align: bool = False
-) -> Repair:
+def repair_mesh(vertices: np.ndarray, facets: np.ndarray, *, align: bool = False) -> Repair:
     """Welds, drops, reorients and fills until vertices (V, 3) and facets (F, 3) bound a body.
 
     In this order: vertices that coincide are welded; facets that name a vertex twice, copies of
     facets and pairs of facets back to back are dropped; neighbours are made to wind the same way;
-    small holes are filled; facets without area are flipped away; shells are turned outwards (the
-    walls of voids inwards); vertices that nothing uses are dropped; the centre of mass is put at
-    the origin; and, if `align` is said, the axes of least and greatest moment of inertia along x
-    and z.
+    facets without neighbours are dropped; small holes are filled; facets without area are flipped
+    away; shells are turned outwards (the walls of voids inwards); vertices that nothing uses are
+    dropped; the centre of mass is put at the origin; and, if `align` is said, the axes of least
+    and greatest moment of inertia along x and z.
 
     Raises:
       InputError: with the reason, if after all that the mesh still bounds no body.
@@ -62,6 +60,7 @@ def repair_mesh(
     _weld(mesh)
     _drop_facets(mesh)
     _wind_alike(mesh)
+    _drop_loose_facets(mesh)
     _fill_holes(mesh)
     _flip_flat_facets(mesh)
     _turn_shells(mesh)
@@ -75,7 +74,7 @@ def repair_mesh(
             f"the mesh cannot be mended: {len(cuts)} pairs of facets cut each other, the first "
             f"facets {cuts[0, 0]} and {cuts[0, 1]} of what was mended so far"
         )
-    _place(mesh, recentre, align)
+    _place(mesh, align)
     return mesh
 
 
@@ -85,7 +84,7 @@ def _list(defects: list) -> str:
 
 def _weld(mesh: Repair) -> None:
     reach = WELD * np.ptp(mesh.vertices, axis=0).max()
-    pairs = cKDTree(mesh.vertices).query_pairs(reach, output_type="ndarray")
+    pairs = KDTree(mesh.vertices).query_pairs(reach, output_type="ndarray")
     if not len(pairs):
         return
     count = len(mesh.vertices)
@@ -152,6 +151,15 @@ def _wind_alike(mesh: Repair) -> None:
     mesh.actions.append(f"reversed {turn.sum()} facets that wound against their neighbours")
 
 
+def _drop_loose_facets(mesh: Repair) -> None:
+    """Facets alone amid holes: their own rims could not be told from those of the holes."""
+    shells, label = shell_labels(mesh.facets, len(mesh.vertices))
+    loose = np.bincount(label, minlength=shells)[label] == 1
+    if loose.any():
+        mesh.facets = mesh.facets[~loose]
+        mesh.actions.append(f"dropped {loose.sum()} facets that shared no edge with another")
+
+
 def _fill_holes(mesh: Repair) -> None:
     total = areas(mesh.vertices, mesh.facets).sum()
     patches = []
@@ -216,7 +224,7 @@ def _turn_shells(mesh: Repair) -> None:
         turn = np.isin(labels, wrong)
         mesh.facets = np.where(turn[:, None], mesh.facets[:, ::-1], mesh.facets)
         mesh.actions.append(
-            f"turned {len(wrong)} of {count} shells ({turn.sum()} facets) inside out"
+            f"turned {len(wrong)} of {count} shells: {turn.sum()} facets wound the wrong way"
         )
 
 
@@ -229,16 +237,15 @@ def _drop_vertices(mesh: Repair) -> None:
         mesh.actions.append(f"dropped {unused} vertices that no facet uses")
 
 
-def _place(mesh: Repair, recentre: bool, align: bool) -> None:
+def _place(mesh: Repair, align: bool) -> None:
     properties = mass_properties(mesh.vertices, mesh.facets)
     size = np.ptp(mesh.vertices, axis=0).max()
-    if recentre and np.linalg.norm(properties.centre_of_mass) > 1e-9 * size:
+    if np.linalg.norm(properties.centre_of_mass) > 1e-9 * size:
         mesh.vertices = mesh.vertices - properties.centre_of_mass
         x, y, z = -properties.centre_of_mass
         mesh.actions.append(f"moved by ({x:.6g}, {y:.6g}, {z:.6g}) m to the centre of mass")
     if align and not np.allclose(properties.principal_axes, np.eye(3), rtol=0.0, atol=1e-9):
-        centre = mesh.vertices.mean(axis=0) if not recentre else np.zeros(3)
         axes = properties.principal_axes
-        mesh.vertices = (mesh.vertices - centre) @ axes.T + centre
+        mesh.vertices = mesh.vertices @ axes.T
         angle = np.degrees(np.arccos(np.clip((np.trace(axes) - 1.0) / 2.0, -1.0, 1.0)))
         mesh.actions.append(f"turned by {angle:.4g} degrees onto the principal axes")

@@ -28,8 +28,8 @@ class ModelPredictiveController(LeafSystem):
 
     All vectors are in K, in m, m/s and N. The command depends on the state and the target alone:
     the last plan, kept in the Context as discrete state and replaced every `period`, only says
-    where to linearise first. It is linearised about once if it is one period old and
-    `cold_iterations` times if it is older or there is none.
+    where to linearise first. It is linearised about once if it is one period old
+    and fits the state and target, and `cold_iterations` times if not, or if there is none.
 
     `enable`, if connected, gates the periodic update: while it is 0, nothing is solved unless an
     output is asked for.
@@ -38,7 +38,7 @@ class ModelPredictiveController(LeafSystem):
     without one the spacecraft brakes (status 2).
     """
 
-    def __init__(self, program: TransitProgram, period: float = 10.0, cold_iterations: int = 5):
+    def __init__(self, program: TransitProgram, period: float = 10.0, cold_iterations: int = 10):
         """Takes the program to solve and the control period in s.
 
         Raises:
@@ -55,8 +55,8 @@ class ModelPredictiveController(LeafSystem):
         self._target_port = self.DeclareVectorInputPort(name="target", size=6)
         self._enable_port = self.DeclareVectorInputPort(name="enable", size=1)
         knots = program.horizon.knots
-        # Whether there is a plan, when it was made, its length, its states and its forces.
-        self._memory = self.DeclareDiscreteState(3 + 6 * (knots + 1) + 3 * knots)
+        # Whether there is a plan, when it was made, its length, target, states and forces.
+        self._memory = self.DeclareDiscreteState(9 + 6 * (knots + 1) + 3 * knots)
         depends = {
             self._state_port.ticket(),
             self._target_port.ticket(),
@@ -85,10 +85,12 @@ class ModelPredictiveController(LeafSystem):
         state = self._state_port.Eval(context)
         target = self._target_port.Eval(context)
         last, age = self._recall(context)
-        if last is not None and age > 1.5 * self.period:
-            iterations = self.cold_iterations
-        else:
-            iterations = 1 if last is not None else self.cold_iterations
+        close = (
+            last is not None
+            and age <= 1.5 * self.period
+            and self.program.fits(last, age, state, target)
+        )
+        iterations = 1 if close else self.cold_iterations
         started = time.perf_counter()
         plan = self.program.solve(state, target, last, age, iterations)
         if plan is None:
@@ -116,8 +118,9 @@ class ModelPredictiveController(LeafSystem):
         plan = self._plan_port.Eval(context)
         if plan.status != SOLVED:
             return  # The last plan that was solved stays, to be flown on by its own clock.
-        memory = [[1.0, context.get_time(), plan.times[-1]], plan.states.ravel()]
-        discrete_state.set_value(self._memory, np.concatenate([*memory, plan.forces.ravel()]))
+        head = [1.0, context.get_time(), plan.times[-1], *plan.target]
+        memory = np.concatenate([head, plan.states.ravel(), plan.forces.ravel()])
+        discrete_state.set_value(self._memory, memory)
 
     def _recall(self, context) -> tuple[Plan | None, float]:
         """The last plan and its age in s."""
@@ -125,11 +128,12 @@ class ModelPredictiveController(LeafSystem):
         if memory[0] == 0.0:
             return None, 0.0
         knots = self.program.horizon.knots
-        split = 3 + 6 * (knots + 1)
+        split = 9 + 6 * (knots + 1)
         plan = dataclasses.replace(
             _empty_plan(knots),
             times=memory[2] * self.program.horizon.fractions(),
-            states=memory[3:split].reshape(knots + 1, 6),
+            target=memory[3:9],
+            states=memory[9:split].reshape(knots + 1, 6),
             forces=memory[split:].reshape(knots, 3),
         )
         return plan, context.get_time() - memory[1]
@@ -137,14 +141,10 @@ class ModelPredictiveController(LeafSystem):
     def _flown_on(self, last: Plan, age: float) -> Plan:
         """What is left of the last plan, on the same knots; past its end, its last force."""
         times = self.program.horizon.fractions() * max(last.times[-1] - age, self.period)
-        middle = age + 0.5 * (times[1:] + times[:-1])
-        at = np.clip(np.searchsorted(last.times, middle, side="right") - 1, 0, len(last.forces) - 1)
-        velocities = [np.interp(age + times, last.times, v) for v in last.states[:, 3:].T]
-        states = np.column_stack([last.positions_at(age + times), *velocities])
+        forces = last.forces_at(age + 0.5 * (times[1:] + times[:-1]))
         # The force that is due now, not the mean over the first of the new intervals.
-        now = np.clip(np.searchsorted(last.times, age, side="right") - 1, 0, len(last.forces) - 1)
-        forces = last.forces[at]
-        forces[0] = last.forces[now]
+        forces[0] = last.forces_at(np.array([age]))[0]
+        states = last.states_at(age + times)
         return dataclasses.replace(last, times=times, states=states, forces=forces, status=FLOWN_ON)
 
     def _braking(self, state: np.ndarray) -> Plan:
@@ -172,6 +172,7 @@ def _empty_plan(knots: int) -> Plan:
         times=np.zeros(knots + 1),
         states=np.zeros((knots + 1, 6)),
         forces=np.zeros((knots, 3)),
+        target=np.zeros(6),
         cost=np.nan,
         slack=np.nan,
         status=BRAKING,

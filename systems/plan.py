@@ -17,8 +17,10 @@ class Plan:
     """(N + 1, 6) in m and m/s."""
     forces: np.ndarray
     """(N, 3) in N, constant between knots."""
+    target: np.ndarray
+    """(6,) in m and m/s, what the plan aims at; it ends there if `slack` is 0."""
     cost: float
-    """Mean of |force / limit|^2, plus the price of slack."""
+    """In s: the integral that `TransitProgram` minimises, without the price of slack."""
     slack: float
     """Sum of all slacks in scaled units; 0 if the plan keeps every limit and reaches the target."""
     status: int
@@ -28,9 +30,14 @@ class Plan:
     solve_time: float
     """Wall time in s."""
 
-    def positions_at(self, times: np.ndarray) -> np.ndarray:
-        """Positions (M, 3) at times (M,), straight between knots, held past the last."""
-        return np.stack([np.interp(times, self.times, p) for p in self.states[:, :3].T], axis=1)
+    def states_at(self, times: np.ndarray) -> np.ndarray:
+        """States (M, 6) at times (M,), straight between knots, held past the last."""
+        return np.stack([np.interp(times, self.times, x) for x in self.states.T], axis=1)
+
+    def forces_at(self, times: np.ndarray) -> np.ndarray:
+        """Forces (M, 3) at times (M,); past the plan's ends those of its first or last interval."""
+        at = np.searchsorted(self.times, times, side="right") - 1
+        return self.forces[np.clip(at, 0, len(self.forces) - 1)]
 
 
 @dataclass(frozen=True)
@@ -49,17 +56,19 @@ class TransitLimits:
 
 @dataclass(frozen=True)
 class Horizon:
-    """How long a plan is, and how it is divided."""
+    """How long a plan is, by what it trades time for effort, and how it is divided."""
 
-    knots: int = 30
+    knots: int = 16
     """Number of intervals."""
     knot_growth: float = 4.0
     """Length of the last interval over that of the first."""
     nominal_acceleration: float = 0.025
     """m/s^2, a in `time_to_go`: the time to go is what full thrust of a, one way and then the
     other, would take from rest to rest without gravity."""
+    fuel_weight: float = 0.8
+    """Of the thrust's 1-norm, which fuel goes by, against its square, both over the limit."""
     minimum: float = 300.0
-    """s."""
+    """s; no plan is shorter."""
 
     def time_to_go(self, state: np.ndarray, target: np.ndarray) -> float:
         """The time T to plan for, in s: a function of state (6,) and target (6,) alone.

@@ -133,8 +133,9 @@ def _determinant_3(a, b, c, d):
     """det(a - d, b - d, c - d) for rows (N, 3), and the sum of its terms' sizes."""
     (ax, ay, az), (bx, by, bz), (cx, cy, cz) = ((p - d).T for p in (a, b, c))
     terms = ((ax, by * cz, bz * cy), (bx, cy * az, cz * ay), (cx, ay * bz, az * by))
-    value = sum(x * (plus - minus) for x, plus, minus in terms)
-    return value, sum(abs(x) * (abs(plus) + abs(minus)) for x, plus, minus in terms)
+    values = [x * (plus - minus) for x, plus, minus in terms]
+    sizes = [abs(x) * (abs(plus) + abs(minus)) for x, plus, minus in terms]
+    return values[0] + values[1] + values[2], sizes[0] + sizes[1] + sizes[2]
 
 
 def _determinant_2(a, b, c):
@@ -206,7 +207,8 @@ def _edge_meets(numbers: _Numbers, p, q, facets: np.ndarray) -> np.ndarray:
 
 
 def _in_plane(numbers: _Numbers, first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    sides = [numbers.side(*first.T, corner) for corner in second.T]
+    a, b, c = first.T
+    sides = [numbers.side(a, b, c, corner) for corner in second.T]
     return (np.stack(sides) == 0).all(axis=0)
 
 

@@ -1,13 +1,23 @@
 """The expert's optimal control problem as one MathematicalProgram, convexified step by step.
 
-Over the time to go T, split into intervals of constant force that grow with time, minimise the
-mean of |u|^2 (u the force over the thrust limit) subject to
+A plan takes the time T, which is free, in intervals of constant force whose lengths keep their
+ratio. With u the force over the thrust limit, minimise::
 
-* the motion in K, with gravity linearised about the previous plan,
+    integral over T of  w + |u|_2^2 + c |u|_1
+
+subject to
+
+* the motion in K, with gravity linearised about the previous plan and the step linear in T,
 * the thrust limit per axis,
 * and, each with an exactly penalised slack so that no state is infeasible: the speed limit per
   axis, the half-space that touches the keep-out ellipsoid below each knot, and the target at the
   last knot.
+
+As T is chosen by the same cost, what is left of an optimal plan is the optimal plan of what is
+left (Bellman): no clock is needed for the end of the plan to stay where it is while it is flown.
+w is set by `Horizon.nominal_acceleration`, and c, `Horizon.fuel_weight`, trades smoothness for fuel.
+Close to the target T comes to its least value; it is then a receding horizon, and c falls to zero
+there, for 1-norm effort over a receding horizon puts thrust off for ever.
 
 It knows nothing of a particular body, and nothing of Drake's systems.
 """
@@ -17,10 +27,16 @@ from __future__ import annotations
 import time
 
 import numpy as np
-from pydrake.solvers import ClarabelSolver, MathematicalProgram, SolverOptions
+from pydrake.solvers import (
+    ClarabelSolver,
+    MathematicalProgram,
+    MathematicalProgramResult,
+    SolverOptions,
+)
 
-from proxops.systems.ellipsoid import blocks_segment, tangent_half_spaces
+from proxops.systems.ellipsoid import tangent_half_spaces
 from proxops.systems.errors import InputError
+from proxops.systems.first_guess import first_positions
 from proxops.systems.gravity_field import GravityField
 from proxops.systems.plan import Horizon, Plan, TransitLimits
 
@@ -30,6 +46,13 @@ _EXPONENTIAL_TERMS = 9
 # slack is used only where there is no other way (an exact penalty). Staying out of the keep-out
 # ellipsoid goes before speed and arrival.
 _KEEP_OUT_PRICE, _SLACK_PRICE = 1000.0, 100.0
+# A plan is close whose state now and target are within this many units: 0.5 km and 0.5 m/s.
+_CLOSE = 0.05
+# T changes by no more than this share in one linearisation.
+_TRUSTED_STRETCH = 0.1
+# Curvature of the cost in T over its slope; the program sees only two thirds of it by itself, and
+# would jump to and fro across the best T without the rest.
+_STRETCH_CURVATURE = 1.0
 
 
 class TransitProgram:
@@ -49,13 +72,20 @@ class TransitProgram:
         self._speed_unit = limits.speed / 4.0
         self._length_unit = float(np.min(limits.keep_out_semi_axes)) / 7.0
         self._units = np.repeat([self._length_unit, self._speed_unit], 3)
+        # Without gravity, the best time from rest to rest over d is sqrt(4 d / a) for this w and
+        # quadratic effort: the mean of |u|^2 is then 12 (m d / F)^2 / T^4.
+        share = limits.mass * horizon.nominal_acceleration / limits.thrust
+        self._time_price = 2.25 * share**2
         self._build()
 
     def _build(self) -> None:
         n = self.horizon.knots
         program = MathematicalProgram()
         self._x = program.NewContinuousVariables(n + 1, 6, "x")
-        self._u = program.NewContinuousVariables(n, 3, "u")
+        # Force over its limit along +x, +y, +z, -x, -y, -z, none negative: linear cost of the sum
+        # is then the 1-norm.
+        self._u = program.NewContinuousVariables(n, 6, "u")
+        self._stretch = program.NewContinuousVariables(1, "stretch")  # Change of T over T.
         keep_out_slack = program.NewContinuousVariables(n, "keep_out_slack")
         speed_slack = program.NewContinuousVariables(n, "speed_slack")
         target_slack = program.NewContinuousVariables(6, "target_slack")
@@ -65,11 +95,14 @@ class TransitProgram:
         self._start = program.AddBoundingBoxConstraint(zero, zero, self._x[0])
         self._motion = [
             program.AddLinearEqualityConstraint(
-                np.zeros((6, 15)), zero, np.concatenate([self._x[k], self._u[k], self._x[k + 1]])
+                np.zeros((6, 19)),
+                zero,
+                np.concatenate([self._x[k], self._u[k], self._x[k + 1], self._stretch]),
             )
             for k in range(n)
         ]
-        program.AddBoundingBoxConstraint(-1.0, 1.0, self._u)
+        program.AddBoundingBoxConstraint(0.0, 1.0, self._u)
+        self._stretch_bounds = program.AddBoundingBoxConstraint(0.0, 0.0, self._stretch)
         program.AddBoundingBoxConstraint(0.0, np.inf, self._slacks)
         limit = self.limits.speed / self._speed_unit
         both_ways = np.hstack([np.vstack([np.eye(3), -np.eye(3)]), -np.ones((6, 1))])
@@ -89,7 +122,9 @@ class TransitProgram:
             np.concatenate([self._x[n], target_slack]),
         )
         for share, force in zip(np.diff(self._fractions), self._u, strict=True):
-            program.AddQuadraticCost(2.0 * share * np.eye(3), np.zeros(3), force, is_convex=True)
+            program.AddQuadraticCost(2.0 * share * np.eye(6), np.zeros(6), force, is_convex=True)
+        self._fuel = program.AddLinearCost(np.zeros(6 * n), 0.0, self._u.ravel())
+        self._time = program.AddQuadraticCost(np.eye(1), np.zeros(1), self._stretch, is_convex=True)
         price = np.full(self._slacks.size, _SLACK_PRICE)
         price[: keep_out_slack.size] = _KEEP_OUT_PRICE
         program.AddLinearCost(price, 0.0, self._slacks)
@@ -115,65 +150,80 @@ class TransitProgram:
         started = time.perf_counter()
         if not (np.isfinite(state).all() and np.isfinite(target).all()):
             return None  # Drake would end the process.
-        duration = self.horizon.time_to_go(state, target)
-        if previous is None:
-            positions = self._guess(state, target)
-        else:
-            # The old plan's remaining time and T differ a little: stretch it.
-            remaining = max(previous.times[-1] - age, 0.0)
-            positions = previous.positions_at(age + self._fractions * remaining)
-        plan = None
+        last = self._first_plan(state, target) if previous is None else previous
+        cold = previous is None
         for iteration in range(1, iterations + 1):
-            self._linearise(positions, duration)
-            self._set_ends(state, target)
-            result = self._solver.Solve(self._program, None, self._options)
+            result, duration = self._improve(state, target, last, age, cold and iteration == 1)
             if not result.is_success():
                 return None
-            states = result.GetSolution(self._x) * self._units
-            plan = Plan(
+            up_down = result.GetSolution(self._u)
+            controls = up_down[:, :3] - up_down[:, 3:]
+            duration *= 1.0 + float(result.GetSolution(self._stretch)[0])
+            last = Plan(
                 times=duration * self._fractions,
-                states=states,
-                forces=result.GetSolution(self._u) * self.limits.thrust,
-                cost=float(result.get_optimal_cost()),
+                states=result.GetSolution(self._x) * self._units,
+                forces=controls * self.limits.thrust,
+                target=target,
+                cost=duration * (self._time_price + self._mean_effort(controls, duration)),
                 slack=float(np.sum(result.GetSolution(self._slacks))),
                 status=0,
                 iterations=iteration,
                 solve_time=time.perf_counter() - started,
             )
-            positions = states[:, :3]
-        return plan
+            age = 0.0
+        return last
 
-    def _guess(self, state: np.ndarray, target: np.ndarray) -> np.ndarray:
-        """Positions (N + 1, 3) at the knots from state and target alone.
+    def fits(self, plan: Plan, age: float, state: np.ndarray, target: np.ndarray) -> bool:
+        """Whether a plan made `age` s ago is so close that one linearisation about it will do."""
+        away = np.abs(np.stack([plan.states_at(np.array([age]))[0] - state, plan.target - target]))
+        return bool((away < _CLOSE * self._units).all())
 
-        A straight line; where the keep-out ellipsoid is in the way, an arc over it instead: in
-        coordinates that make it a sphere, the great circle from start to target, by the shortest
-        axis where they are opposite, at the radius interpolated between the ends' and no less
-        than the sphere's.
-        """
-        share = (self._fractions**2 * (3.0 - 2.0 * self._fractions))[:, None]
+    def _first_plan(self, state: np.ndarray, target: np.ndarray) -> Plan:
+        """Something to linearise about that depends on state and target alone."""
+        times = self.horizon.time_to_go(state, target) * self._fractions
         axes = self.limits.keep_out_semi_axes
-        start, end = state[:3], target[:3]
-        if not blocks_segment(axes, start, end):
-            return start + share * (end - start)
-        a, b = start / axes, end / axes
-        radius_a, radius_b = np.linalg.norm(a), np.linalg.norm(b)
-        over = np.zeros(3)
-        over[np.argmin(axes)] = 1.0
-        unit_a = a / radius_a if radius_a > 1e-9 else over
-        unit_b = b / radius_b if radius_b > 1e-9 else over
-        middle = unit_a + unit_b
-        # The less the ends' directions say which way round, the more the fixed axis says.
-        middle = middle + over * max(0.0, 0.2 - float(np.linalg.norm(middle)))
-        middle /= max(float(np.linalg.norm(middle)), 1e-9)
-        arc = (1.0 - share) ** 2 * unit_a + 2.0 * share * (1.0 - share) * middle + share**2 * unit_b
-        arc /= np.linalg.norm(arc, axis=1, keepdims=True)
-        radius = np.maximum((1.0 - share) * radius_a + share * radius_b, 1.0)
-        return arc * radius * axes
+        positions = first_positions(self._fractions, state[:3], target[:3], axes)
+        states = np.hstack([positions, np.gradient(positions, times, axis=0)])
+        return Plan(times, states, np.zeros((len(times) - 1, 3)), target, 0.0, 0.0, 0, 0, 0.0)
 
-    def _linearise(self, positions: np.ndarray, duration: float) -> None:
-        """Motion and keep-out about positions (N + 1, 3) at the knots."""
+    def _improve(
+        self, state: np.ndarray, target: np.ndarray, last: Plan, age: float, fixed_time: bool
+    ) -> tuple[MathematicalProgramResult, float]:
+        """Solves the program linearised about `last`, `age` s old; returns its T before stretch."""
+        least = self.horizon.minimum
+        duration = max(last.times[-1] - age, least)
+        times = age + duration * self._fractions
+        states = last.states_at(times)
+        controls = last.forces_at(0.5 * (times[1:] + times[:-1])) / self.limits.thrust
+
+        self._linearise(states, controls, duration)
+        scaled = state / self._units
+        self._start.evaluator().set_bounds(scaled, scaled)
+        scaled = target / self._units
+        self._target.evaluator().set_bounds(np.concatenate([scaled, -scaled]), np.full(12, np.inf))
+        shares = np.repeat(np.diff(self._fractions), 6)
+        self._fuel.evaluator().UpdateCoefficients(self._fuel_weight(duration) * shares)
+        price = np.array([self._time_price + self._mean_effort(controls, duration)])
+        self._time.evaluator().UpdateCoefficients(_STRETCH_CURVATURE * price[None], price)
+        shorter = 0.0 if fixed_time else max(-_TRUSTED_STRETCH, least / duration - 1.0)
+        longer = 0.0 if fixed_time else _TRUSTED_STRETCH
+        self._stretch_bounds.evaluator().set_bounds([shorter], [longer])
+        return self._solver.Solve(self._program, None, self._options), duration
+
+    def _fuel_weight(self, duration: float) -> float:
+        """c for a plan of this length: none at the shortest, all from three times that on."""
+        beyond = 0.5 * (duration / self.horizon.minimum - 1.0)
+        return self.horizon.fuel_weight * min(max(beyond, 0.0), 1.0)
+
+    def _mean_effort(self, controls: np.ndarray, duration: float) -> float:
+        """Mean of |u|_2^2 + c |u|_1 over a plan, for controls u (N, 3)."""
+        effort = controls**2 + self._fuel_weight(duration) * np.abs(controls)
+        return float(np.diff(self._fractions) @ np.sum(effort, axis=1))
+
+    def _linearise(self, states: np.ndarray, controls: np.ndarray, duration: float) -> None:
+        """Motion and keep-out about states (N + 1, 6) at the knots and controls (N, 3) between."""
         n = self.horizon.knots
+        positions = states[:, :3]
         middle = 0.5 * (positions[1:] + positions[:-1])
         gravity = self.field.evaluate(middle)
         gradient = gravity.gradient.copy()
@@ -195,20 +245,20 @@ class TransitProgram:
             term = term @ rates / k
             step += term
 
-        coefficients = np.empty((n, 6, 15))
-        coefficients[:, :, :9] = step[:, :6, :9]
-        coefficients[:, :, 9:] = -np.eye(6)
+        motion = np.empty((n, 6, 19))
+        motion[:, :, :9] = step[:, :6, :9]
+        motion[:, :, 9:12] = -step[:, :6, 6:9]
+        motion[:, :, 12:18] = -np.eye(6)
+        # A longer T makes each step longer: d exp(A) / dT along the plan.
+        flown = np.concatenate([states[:-1] / self._units, controls, np.ones((n, 1))], axis=1)
+        motion[:, :, 18] = np.einsum("nij,nj->ni", rates, np.einsum("nij,nj->ni", step, flown))[
+            :, :6
+        ]
         normals, offsets = tangent_half_spaces(self.limits.keep_out_semi_axes, positions[1:])
         rows = np.ones((n, 1, 4))
         rows[:, 0, :3] = normals
         bounds = offsets / self._length_unit
         free = [np.inf]
         for k in range(n):
-            self._motion[k].evaluator().UpdateCoefficients(coefficients[k], -step[k, :6, 9])
+            self._motion[k].evaluator().UpdateCoefficients(motion[k], -step[k, :6, 9])
             self._keep_out[k].evaluator().UpdateCoefficients(rows[k], bounds[k : k + 1], free)
-
-    def _set_ends(self, state: np.ndarray, target: np.ndarray) -> None:
-        scaled = state / self._units
-        self._start.evaluator().set_bounds(scaled, scaled)
-        scaled = target / self._units
-        self._target.evaluator().set_bounds(np.concatenate([scaled, -scaled]), np.full(12, np.inf))

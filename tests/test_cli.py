@@ -31,7 +31,7 @@ class Ran:
 
 
 @pytest.fixture
-def run(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture, tmp_path: Path):
+def run(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], tmp_path: Path):
     """`proxops ARGUMENTS` in this process, working in a folder of its own."""
     kleopatra().gravity_field.evaluate(np.ones((1, 3)))  # Compiled by now, which would be told.
     monkeypatch.chdir(tmp_path)

@@ -44,7 +44,7 @@ def transits(count: int = 10) -> list[tuple[np.ndarray, np.ndarray]]:
     ]
 
 
-def solved(start, target, iterations: int = 5, **kwargs) -> Plan:
+def solved(start, target, iterations: int = 10, **kwargs) -> Plan:
     plan = program().solve(start, target, iterations=iterations, **kwargs)
     assert plan is not None
     return plan
@@ -52,7 +52,7 @@ def solved(start, target, iterations: int = 5, **kwargs) -> Plan:
 
 @cache
 def converged(index: int) -> Plan:
-    return solved(*transits()[index], iterations=12)
+    return solved(*transits()[index], iterations=30)
 
 
 # The problem is the one it says
@@ -80,8 +80,8 @@ def test_motion_is_that_of_the_linearised_dynamics(index):
             return np.concatenate([x[3:], pull])
 
         end = solve_ivp(rates, (0.0, step), plan.states[k], rtol=1e-11, atol=1e-8).y[:, -1]
-        assert end[:3] == pytest.approx(plan.states[k + 1, :3], abs=1e-5)
-        assert end[3:] == pytest.approx(plan.states[k + 1, 3:], abs=1e-8)
+        assert end[:3] == pytest.approx(plan.states[k + 1, :3], abs=1e-4)
+        assert end[3:] == pytest.approx(plan.states[k + 1, 3:], abs=1e-7)
 
 
 def flown_open_loop(start: np.ndarray, plan: Plan) -> np.ndarray:
@@ -100,13 +100,13 @@ def flown_open_loop(start: np.ndarray, plan: Plan) -> np.ndarray:
 
 @pytest.mark.parametrize("index", [0, 1, 3, 4, 7])
 def test_forces_flown_open_loop_follow_the_plan(index):
-    """Over 3,500 to 5,100 s without a correction; 2 to 210 m were measured."""
+    """Over 3,500 to 6,300 s without a correction, in 16 steps; at most 770 m were measured."""
     start, target = transits()[index]
     plan = converged(index)
     error = flown_open_loop(start, plan) - plan.states
     distance = np.linalg.norm(target[:3] - start[:3])
-    assert np.linalg.norm(error[:, :3], axis=1).max() < min(300.0, 4e-3 * distance)
-    assert np.linalg.norm(error[:, 3:], axis=1).max() < 0.2
+    assert np.linalg.norm(error[:, :3], axis=1).max() < min(1000.0, 8e-3 * distance)
+    assert np.linalg.norm(error[:, 3:], axis=1).max() < 0.5
 
 
 @pytest.mark.parametrize("index", range(10))
@@ -114,17 +114,18 @@ def test_limits_hold_at_every_knot_and_the_target_is_reached(index):
     start, target = transits()[index]
     plan = converged(index)
     assert plan.status == 0
-    assert plan.iterations == 12
+    assert plan.iterations == 30
     assert plan.slack < 1e-9
-    assert plan.times[-1] == pytest.approx(program().horizon.time_to_go(start, target))
     assert plan.states[0] == pytest.approx(start, abs=1e-4)
     assert plan.states[-1] == pytest.approx(target, abs=1e-4)
     assert np.abs(plan.forces).max() <= THRUST + 1e-6
     assert np.abs(plan.states[:, 3:]).max() <= SPEED + 1e-6
     assert clearances(PLANNED_KEEP_OUT, plan.states[:, :3]).min() > -1e-2
     share = np.diff(plan.times) / plan.times[-1]
-    effort = share @ np.sum((plan.forces / THRUST) ** 2, axis=1)
-    assert plan.cost == pytest.approx(effort, rel=1e-6)
+    controls = np.abs(plan.forces) / THRUST
+    effort = share @ np.sum(controls**2 + 0.8 * controls, axis=1)
+    time_price = 2.25 * (MASS * 0.025 / THRUST) ** 2
+    assert plan.cost == pytest.approx(plan.times[-1] * (time_price + effort), rel=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -139,7 +140,7 @@ def test_limits_hold_at_every_knot_and_the_target_is_reached(index):
 def test_blocked_plan_goes_round_the_ellipsoid_and_touches_it(start, target):
     """Even from exactly opposite sides, where nothing says which way round."""
     assert blocks_segment(PLANNED_KEEP_OUT, np.array(start), np.array(target))
-    plan = solved(np.array([*start, 0.0, 0.0, 0.0]), np.array([*target, 0.0, 0.0, 0.0]), 8)
+    plan = solved(np.array([*start, 0.0, 0.0, 0.0]), np.array([*target, 0.0, 0.0, 0.0]), 20)
     assert plan.slack < 1e-9
     clearance = clearances(PLANNED_KEEP_OUT, plan.states[:, :3])
     assert -1e-2 < clearance.min() < 10.0
@@ -174,11 +175,14 @@ REST_START = np.array([120e3, -20e3, 10e3, 0.0, 0.0, 0.0])
 REST_TARGET = np.array([125e3, 25e3, -5e3, 0.0, 0.0, 0.0])
 
 
+SMOOTH = Horizon(fuel_weight=0.0)
+
+
 @pytest.mark.parametrize("velocity", [[0.0, 0.0, 0.0], [3.0, -4.0, 2.0]])
 def test_unconstrained_plan_is_the_least_squares_solution(velocity):
     start = np.concatenate([REST_START[:3], velocity])
-    free = free_program()
-    plan = free.solve(start, REST_TARGET, iterations=1)
+    free = free_program(horizon=SMOOTH)
+    plan = free.solve(start, REST_TARGET, iterations=15)
     assert plan is not None
     expected = least_effort(start, REST_TARGET, plan.times)
     assert np.abs(expected).max() < THRUST
@@ -189,42 +193,72 @@ def test_unconstrained_plan_is_the_least_squares_solution(velocity):
 @pytest.mark.parametrize(("knots", "tolerance"), [(30, 3e-3), (120, 2e-4)])
 def test_rest_to_rest_is_the_cubic(knots, tolerance):
     """x(s) = d (3 s^2 - 2 s^3), whose mean square acceleration is 12 d^2 / T^4."""
-    free = free_program(horizon=Horizon(knots=knots))
-    plan = free.solve(REST_START, REST_TARGET, iterations=1)
+    horizon = Horizon(knots=knots, fuel_weight=0.0)
+    plan = free_program(horizon=horizon).solve(REST_START, REST_TARGET, iterations=15)
     assert plan is not None
     away = REST_TARGET[:3] - REST_START[:3]
     best = 12.0 * (away @ away) / plan.times[-1] ** 4 * (MASS / THRUST) ** 2
-    assert 1.0 - 1e-6 < plan.cost / best < 1.0 + tolerance
+    effort = np.diff(plan.times) @ np.sum((plan.forces / THRUST) ** 2, axis=1) / plan.times[-1]
+    assert 1.0 - 1e-6 < effort / best < 1.0 + tolerance
+    # The best time is the rule's: the price of time is made for that.
+    assert plan.times[-1] == pytest.approx(horizon.time_to_go(REST_START, REST_TARGET), rel=5e-3)
     share = plan.times / plan.times[-1]
     cubic = REST_START[:3] + (share**2 * (3.0 - 2.0 * share))[:, None] * away
     assert np.abs(plan.states[:, :3] - cubic).max() < tolerance * np.linalg.norm(away)
 
 
-def test_speed_limit_binds_and_costs_effort():
-    """At a third over the mean speed the best is to hold the limit in the middle."""
-    free = free_program().solve(REST_START, REST_TARGET, iterations=1)
-    away = REST_TARGET[:3] - REST_START[:3]
+def test_speed_limit_binds_and_costs():
+    free = free_program(horizon=SMOOTH).solve(REST_START, REST_TARGET, iterations=15)
     assert free is not None
-    limit = 4.0 / 3.0 * np.abs(away).max() / free.times[-1]
-    limited = free_program(speed=limit).solve(REST_START, REST_TARGET, iterations=1)
+    limit = 0.8 * float(np.abs(free.states[:, 3:]).max())
+    limited = free_program(limit, horizon=SMOOTH).solve(REST_START, REST_TARGET, iterations=15)
     assert limited is not None
-    assert np.abs(free.states[:, 3:]).max() > 1.1 * limit
     assert np.abs(limited.states[:, 3:]).max() == pytest.approx(limit, abs=1e-6)
     assert limited.slack < 1e-9
     assert limited.states[-1] == pytest.approx(REST_TARGET, abs=1e-3)
     assert limited.cost > 1.001 * free.cost
 
 
-def test_thrust_limit_binds():
-    free = free_program().solve(REST_START, REST_TARGET, iterations=1)
+def test_thrust_limit_binds_and_costs():
+    free = free_program(horizon=SMOOTH).solve(REST_START, REST_TARGET, iterations=15)
     assert free is not None
-    # The greatest force of a rest-to-rest cubic is 1.5 times that of bang-bang.
-    limit = 0.8 * float(np.abs(free.forces).max())
-    limited = free_program(thrust=limit).solve(REST_START, REST_TARGET, iterations=1)
+    limit = 0.5 * float(np.abs(free.forces).max())
+    # The price of time and effort both go by the limit: what is left is the limit's effect.
+    horizon = Horizon(fuel_weight=0.0, nominal_acceleration=0.025)
+    limited = free_program(thrust=limit, horizon=horizon).solve(
+        REST_START, REST_TARGET, iterations=30
+    )
     assert limited is not None
     assert np.abs(limited.forces).max() == pytest.approx(limit, rel=1e-6)
     assert limited.slack < 1e-9
     assert limited.states[-1] == pytest.approx(REST_TARGET, abs=1e-3)
+    assert limited.times[-1] > free.times[-1]
+
+
+def test_fuel_weight_buys_fuel():
+    """Towards 2 d / T per axis, what two impulses would take; the cubic takes 3 d / T."""
+    ratios = []
+    for weight in (0.0, 0.3, 1.0, 3.0):
+        free = free_program(horizon=Horizon(fuel_weight=weight))
+        plan = free.solve(REST_START, REST_TARGET, iterations=30)
+        assert plan is not None
+        delta_v = np.abs(plan.forces).T @ np.diff(plan.times) / MASS
+        away = np.abs(REST_TARGET[:3] - REST_START[:3])
+        ratios.append(delta_v.sum() / (2.0 * away.sum() / plan.times[-1]))
+    assert ratios[0] == pytest.approx(1.5, rel=0.02)
+    assert all(np.diff(ratios) < -0.02)
+    assert 1.0 < ratios[-1] < 1.1
+
+
+@pytest.mark.parametrize("index", [0, 1, 2, 3])
+def test_what_is_left_of_a_plan_is_the_plan_of_what_is_left(index):
+    """Bellman: the end of the plan stays where it is while the plan is flown."""
+    plan = converged(index)
+    target = transits()[index][1]
+    for k in (2, 5, 8):
+        later = solved(plan.states[k], target, previous=plan, age=plan.times[k], iterations=30)
+        left = plan.times[-1] - plan.times[k]
+        assert later.times[-1] == pytest.approx(left, rel=0.03)
 
 
 def test_out_of_reach_uses_slack_instead_of_failing():
@@ -284,13 +318,14 @@ def test_knots_are_denser_near_now():
     assert np.diff(lengths) == pytest.approx(np.full(29, np.diff(lengths)[0]))
 
 
-def test_positions_between_and_past_the_knots():
+def test_states_and_forces_between_and_past_the_knots():
     plan = converged(0)
     between = 0.25 * plan.times[3] + 0.75 * plan.times[4]
-    expected = 0.25 * plan.states[3, :3] + 0.75 * plan.states[4, :3]
-    found = plan.positions_at(np.array([between, plan.times[-1] + 1e4]))
-    assert found[0] == pytest.approx(expected)
-    assert found[1] == pytest.approx(plan.states[-1, :3])
+    states = plan.states_at(np.array([between, plan.times[-1] + 1e4]))
+    assert states[0] == pytest.approx(0.25 * plan.states[3] + 0.75 * plan.states[4])
+    assert states[1] == pytest.approx(plan.states[-1])
+    forces = plan.forces_at(np.array([-1.0, between, plan.times[4], plan.times[-1] + 1e4]))
+    assert forces == pytest.approx(plan.forces[[0, 3, 4, -1]])
 
 
 @pytest.mark.parametrize("horizon", [Horizon(knots=1), Horizon(minimum=0.0)])

@@ -1,0 +1,144 @@
+"""Lidar frames against trimesh's Embree on the same rays, in one process, on one core.
+
+Kleopatra's mesh, 4,320 rays a frame, positions in the 340 km cube outside the keep-out ellipsoid;
+medians, peers and ours in turn:
+
+    python benchmarks/lidar.py [--poses 300]
+"""
+
+import argparse
+import os
+import statistics
+import time
+import tracemalloc
+from collections.abc import Callable
+
+for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+    os.environ[name] = "1"
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+from trimesh.ray.ray_pyembree import RayMeshIntersector
+
+from proxops.diagrams.body import Body, load_body
+from proxops.systems import Lidar, ray_directions
+from proxops.systems.ray_caster import RayCaster, ray_caster
+
+CONSOLE = Console()
+KEEP_OUT_MARGIN = 8e3
+
+
+def poses_outside(body: Body, count: int) -> np.ndarray:
+    """Positions (count, 3) in m in K, as transits start from."""
+    poses = np.random.default_rng(3).uniform(-170e3, 170e3, (4 * count, 3))
+    axes = body.keep_out_semi_axes + KEEP_OUT_MARGIN
+    return poses[np.linalg.norm(poses / axes, axis=1) > 1.0][:count]
+
+
+def timed(call: Callable) -> float:
+    started = time.perf_counter()
+    call()
+    return time.perf_counter() - started
+
+
+def single_frames(body: Body, poses: np.ndarray) -> None:
+    """One frame at a time: each call at every pose, in turn; medians over the poses."""
+    directions = ray_directions()
+    mesh = body.shape.to_trimesh()
+    peer, caster = RayMeshIntersector(mesh), ray_caster(body.shape)
+    fan = caster.fan(directions)
+    lidar = Lidar(body.shape)
+    context = lidar.CreateDefaultContext()
+    port = lidar.GetInputPort("position")
+    output = lidar.GetOutputPort("ranges")
+
+    def through_port(pose: np.ndarray) -> None:
+        port.FixValue(context, pose)
+        output.Eval(context)
+
+    def locations(pose: np.ndarray) -> np.ndarray:
+        origins = np.broadcast_to(pose, directions.shape)
+        points, rays, _ = peer.intersects_location(origins, directions, multiple_hits=False)
+        ranges = np.full(len(directions), np.inf)
+        ranges[rays] = np.linalg.norm(points - pose, axis=1)
+        return ranges
+
+    def first(pose: np.ndarray) -> None:
+        peer.intersects_first(np.broadcast_to(pose, directions.shape), directions)
+
+    calls: dict[str, Callable] = {
+        "ours: RayFan.frames, ranges": lambda pose: fan.frames(pose[None]),
+        "ours: Lidar's port, with noise": through_port,
+        "ours: RayCaster.distances, any rays": lambda pose: caster.distances(
+            np.broadcast_to(pose, directions.shape), directions
+        ),
+        "trimesh: intersects_location, ranges": locations,
+        "trimesh: intersects_first, facets only": first,
+    }
+    times: dict[str, list[float]] = {name: [] for name in calls}
+    apart = 0.0
+    for pose in poses:
+        for name, call in calls.items():
+            times[name].append(timed(lambda call=call, pose=pose: call(pose)))
+        theirs, ours = locations(pose), fan.frames(pose[None])[0]
+        both = np.isfinite(theirs) & np.isfinite(ours)
+        apart = max(apart, float(np.abs(theirs[both] - ours[both]).max(initial=0.0)))
+    best = statistics.median(times["ours: RayFan.frames, ranges"])
+    table = Table(title=f"one frame of {len(directions)} rays, median of {len(poses)} poses")
+    for heading in ("", "time (ms)", "M rays/s", "over RayFan"):
+        table.add_column(heading, justify="right" if heading else "left")
+    for name in calls:
+        median = statistics.median(times[name])
+        rate = len(directions) / median / 1e6
+        table.add_row(name, f"{1e3 * median:.3f}", f"{rate:.1f}", f"{median / best:.1f} x")
+    CONSOLE.print(table)
+    CONSOLE.print(f"ranges differ from trimesh's by at most {apart:.3f} m")
+
+
+def batches(body: Body, poses: np.ndarray) -> None:
+    """All poses at once; the peer gets every ray's origin and direction, as it needs them."""
+    directions = ray_directions()
+    caster = RayCaster(body.shape)
+    peer = RayMeshIntersector(body.shape.to_trimesh())
+    few = poses[:50]
+    origins = np.repeat(few, len(directions), axis=0)
+    rays = np.tile(directions, (len(few), 1))
+    lidar, times = Lidar(body.shape), 10.0 * np.arange(len(poses))
+    calls: dict[str, tuple[int, Callable]] = {
+        "ours: RayCaster.frames": (len(poses), lambda: caster.frames(poses, directions)),
+        "ours: Lidar.frames, with noise": (len(poses), lambda: lidar.frames(times, poses, 0)),
+        "trimesh: intersects_location": (
+            len(few), lambda: peer.intersects_location(origins, rays, multiple_hits=False)
+        ),
+        "trimesh: intersects_first": (len(few), lambda: peer.intersects_first(origins, rays)),
+    }  # fmt: skip
+    found: dict[str, list[float]] = {name: [] for name in calls}
+    for _ in range(5):
+        for name, (count, call) in calls.items():
+            found[name].append(timed(call) / (count * len(directions)))
+    best = statistics.median(found["ours: RayCaster.frames"])
+    table = Table(title=f"batches: {len(poses)} poses (trimesh: {len(few)}), one core")
+    for heading in ("", "M rays/s", "over ours"):
+        table.add_column(heading, justify="right" if heading else "left")
+    for name in calls:
+        median = statistics.median(found[name])
+        table.add_row(name, f"{1e-6 / median:.1f}", f"{median / best:.1f} x")
+    CONSOLE.print(table)
+    tracemalloc.start()
+    frames = caster.frames(poses, directions)
+    beside = tracemalloc.get_traced_memory()[1] - frames.nbytes
+    CONSOLE.print(f"memory beside the frames at the peak: {beside / 2**20:.1f} MiB")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--poses", type=int, default=300)
+    body = load_body("kleopatra")
+    poses = poses_outside(body, parser.parse_args().poses)
+    single_frames(body, poses)
+    batches(body, poses)
+
+
+if __name__ == "__main__":
+    main()

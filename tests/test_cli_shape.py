@@ -1,0 +1,353 @@
+"""`proxops shape`: what it says, writes and refuses; and a flight at a body that it set up."""
+
+import json
+import re
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from contact_binary import contact_binary, together
+from plain_polyhedral_gravity import star_shaped
+from short_flights import kleopatra, obj_text
+
+from proxops.assets import asset_path
+from proxops.cli.main import main
+from proxops.diagrams.body import load_body
+from proxops.diagrams.body_setup import scaled_scenario
+from proxops.diagrams.scenario import Scenario, load_scenario
+from proxops.diagrams.shape_examination import examine
+from proxops.diagrams.shape_picture import plot_shape
+from proxops.diagrams.shape_report import Questions
+from proxops.diagrams.transits import draw_transit, transit_set
+from proxops.systems.shape_files import MeshFile, read_mesh
+
+PNG = b"\x89PNG\r\n\x1a\n"
+
+
+@pytest.fixture
+def shape(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], tmp_path: Path):
+    """`proxops ARGUMENTS` in a folder of its own; gives exit code, standard output and error."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "300")
+
+    def run(*arguments: object, command: str = "shape") -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["proxops", command, *map(str, arguments)])
+        capfd.readouterr()
+        code = 0
+        try:
+            main()
+        except SystemExit as end:
+            code = end.code if isinstance(end.code, int) else 0
+        out, err = capfd.readouterr()
+        return code, str(out), str(err)
+
+    return run
+
+
+def write(path: Path, mesh: trimesh.Trimesh) -> trimesh.Trimesh:
+    path.write_text(obj_text(mesh))
+    return mesh
+
+
+def damaged() -> trimesh.Trimesh:
+    """A rock of 400 m: a hole, some facets reversed, off its centre of mass."""
+    mesh = star_shaped(8, 3, size=200.0)
+    faces = np.array(mesh.faces)
+    faces[90:120] = faces[90:120, ::-1]
+    return trimesh.Trimesh(mesh.vertices + [50.0, 0.0, 9.0], faces[4:], process=False)
+
+
+def test_kleopatra(shape, tmp_path: Path) -> None:
+    arguments = (asset_path("kleopatra/kleopatra.obj"), "--mass", 2.97e18, "--period", 5.38528)
+    code, out, err = shape(*arguments)
+    assert code == 0
+    assert "kleopatra.obj (OBJ, 2002 vertices, 4000 facets): sound" in out
+    assert "out/shape/shape.png and out/shape/shape.json" in err
+    folder = tmp_path / "out/shape"
+    assert sorted(path.name for path in folder.iterdir()) == ["shape.json", "shape.png"]
+    assert (folder / "shape.png").read_bytes().startswith(PNG)
+    found = json.loads((folder / "shape.json").read_text())
+    code, out, _ = shape(*arguments, "--json", "--out", "picture.png")
+    assert (code, json.loads(out)) == (0, found)
+    assert (tmp_path / "picture.png").read_bytes().startswith(PNG)
+
+    body = kleopatra()
+    mesh = body.shape.to_trimesh()
+    assert found["sound"] is True
+    assert found["defects"] == []
+    assert (found["vertices"], found["facets"], found["shells"]) == (2002, 4000, 1)
+    assert found["self_intersections"] == 0
+    assert found["volume_m3"] == pytest.approx(mesh.volume, rel=1e-9)
+    assert found["area_m2"] == pytest.approx(mesh.area, rel=1e-9)
+    assert found["extents_m"] == pytest.approx(mesh.extents.tolist(), rel=1e-9)
+    assert found["density_kg_m3"] == pytest.approx(2.97e18 / mesh.volume, rel=1e-9)
+    moments = np.sort(np.linalg.eigvalsh(mesh.moment_inertia))
+    assert found["principal_moments_m5"] == pytest.approx(moments.tolist(), rel=1e-9)
+    # Kepler's third law, for a period of the spin.
+    expected = (6.6743e-11 * 2.97e18 * (5.38528 * 3600 / (2 * np.pi)) ** 2) ** (1 / 3)
+    assert found["synchronous_radius_m"] == pytest.approx(expected, rel=1e-9)
+    keep_out = found["keep_out"]
+    levels = np.sum((mesh.vertices / keep_out["semi_axes_m"]) ** 2, axis=1)
+    assert keep_out["largest_level"] == pytest.approx(levels.max(), rel=1e-9)
+    assert levels.argmax() == keep_out["farthest_vertex"]
+    assert levels.max() == pytest.approx(1 / 1.05**2, rel=1e-6)
+    # Smaller than the one that ships, which has 6 % to spare.
+    assert keep_out["volume_m3"] < 4 / 3 * np.pi * body.keep_out_semi_axes.prod()
+    assert keep_out["volume_over_least_possible"] == pytest.approx(1.0, abs=1e-6)
+    # Hovering over the north pole is holding the weight.
+    hover = found["hover_on_keep_out"]
+    pole = body.gravity_field.evaluate(np.array([[0.0, 0, keep_out["semi_axes_m"][2]]]))
+    weight = 100.0 * np.abs(pole.acceleration).max()
+    assert hover["greatest_force_per_axis_n"][-1][0] == pytest.approx(weight, rel=1e-4)
+    assert hover["least_n"] <= weight <= hover["greatest_n"]
+
+
+def test_margin_and_craft_mass(shape, tmp_path: Path) -> None:
+    mesh = write(tmp_path / "rock.obj", star_shaped(1, size=100.0))
+    known = ("rock.obj", "--unit", "m", "--density", 2000, "--period", 8, "--json")
+    plain = json.loads(shape(*known)[1])
+    other = json.loads(shape(*known, "--margin", 0.5, "--craft-mass", 300)[1])
+    ratio = np.divide(other["keep_out"]["semi_axes_m"], plain["keep_out"]["semi_axes_m"])
+    np.testing.assert_allclose(ratio, 1.5 / 1.05, rtol=1e-9)
+    assert other["hover_on_keep_out"]["craft_mass_kg"] == 300
+    assert plain["mass_kg"] == pytest.approx(2000 * mesh.volume, rel=1e-9)
+
+
+def test_defects_are_reported(shape, tmp_path: Path) -> None:
+    write(tmp_path / "rock.obj", damaged())
+    code, out, _ = shape("rock.obj", "--unit", "m", "--density", 2000, "--period", 8)
+    assert code == 1
+    assert "defect: rock.obj has holes" in out
+    assert "defect: rock.obj: mixed winding" in out
+    assert "2 kinds of defects" in out
+    found = json.loads((tmp_path / "out/shape/shape.json").read_text())
+    assert [defect["kind"] for defect in found["defects"]] == ["holes", "mixed winding"]
+    assert found["sound"] is False
+    assert "volume_m3" not in found
+    lobes = [trimesh.creation.icosphere(2, radius=9.0) for _ in range(2)]
+    lobes[1].apply_translation([10.0, 1.0, 0.0])
+    write(tmp_path / "lobes.obj", together(*lobes))
+    code, out, _ = shape("lobes.obj", "--unit", "m")
+    assert code == 1
+    assert "pairs of facets cut or touch each other" in out
+
+
+def test_slivers_are_remarks(shape, tmp_path: Path) -> None:
+    cylinder = trimesh.creation.cylinder(1.0, 300.0, sections=64)
+    write(tmp_path / "needle.obj", cylinder)
+    code, out, _ = shape("needle.obj", "--unit", "m")
+    expected = np.sum(np.degrees(cylinder.face_angles.min(axis=1)) < 1.0)
+    assert expected > 0
+    assert code == 0
+    assert f"{expected} facets are slivers" in out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        (("--unit", "km", "--mass", 1e11), "in m it would be .* try --unit m"),
+        (("--unit", "m", "--mass", 1e20), "kg/m^3 in m is no body's density; in km it would be"),
+        (("--unit", "m", "--density", 5e4), "is no body's density"),
+        (
+            (
+                "--unit",
+                "km",
+            ),
+            None,
+        ),
+    ],
+)
+def test_implausible_units(shape, tmp_path: Path, arguments, complaint: str | None) -> None:
+    write(tmp_path / "rock.obj", star_shaped(1, size=200.0))
+    code, out, _ = shape("rock.obj", *arguments)
+    assert code == (0 if complaint is None else 1)
+    if complaint is not None:
+        assert re.search(complaint.replace("^", r"\^"), out)
+
+
+def test_unit_by_size_alone(shape, tmp_path: Path) -> None:
+    write(tmp_path / "eros.obj", star_shaped(1, size=16_000.0))
+    code, out, _ = shape("eros.obj")
+    assert code == 1
+    assert "which no small body is; in m it would be" in out
+
+
+def test_fix(shape, tmp_path: Path) -> None:
+    write(tmp_path / "rock.obj", damaged())
+    arguments = ("rock.obj", "--unit", "m", "--density", 2000, "--period", 8)
+    code, out, err = shape(*arguments, "--fix", "mended/rock.obj", "--json")
+    assert code == 0
+    found = json.loads(out)
+    assert [defect["kind"] for defect in found["before"]["defects"]] == ["holes", "mixed winding"]
+    actions = found["repair"]["actions"]
+    assert [action.split()[0] for action in actions] == ["reversed", "filled", "moved"]
+    assert "reversed 30 facets that wound against their neighbours" in err
+    assert found["sound"] is True
+    mesh = read_mesh(tmp_path / "mended/rock.obj", "m")
+    again = trimesh.Trimesh(mesh.vertices, mesh.facets, process=False)
+    assert again.is_volume
+    np.testing.assert_allclose(again.center_mass, 0.0, atol=1e-9)
+    assert again.volume == pytest.approx(star_shaped(8, 3, size=200.0).volume, rel=5e-3)
+    assert [path.name for path in (tmp_path / "mended").iterdir()] == ["rock.obj"]
+    text = (tmp_path / "mended/rock.obj").read_text()
+    assert text.startswith("# rock.obj, m, mended by proxops shape\n# reversed 30 facets")
+    # There is nothing left to do.
+    code, out, _ = shape("mended/rock.obj", "--unit", "m", "--fix", "twice.ply", "--align")
+    assert code == 0
+    assert "degrees onto the principal axes" in out
+    code, out, _ = shape("twice.ply", "--unit", "m")
+    assert code == 0
+
+
+def test_what_cannot_be_mended_is_not_written(shape, tmp_path: Path) -> None:
+    lobes = [trimesh.creation.icosphere(2, radius=9.0) for _ in range(2)]
+    lobes[1].apply_translation([10.0, 1.0, 0.0])
+    write(tmp_path / "lobes.obj", together(*lobes))
+    known = ("--density", 2000, "--period", 8)
+    code, out, err = shape(
+        "lobes.obj", "--unit", "m", *known, "--fix", "out.obj", "--body", "lobes.yaml"
+    )
+    assert code == 1
+    assert "not mended: the mesh cannot be mended" in out
+    assert "pairs of facets cut each other" in out
+    assert "lobes.yaml is not written" in err
+    assert not (tmp_path / "out.obj").exists()
+    assert not (tmp_path / "lobes.yaml").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        (("none.obj",), "does not exist"),
+        (("rock.obj", "--unit", "mile"), "unit 'mile' is not known"),
+        (("words.tab",), "could not be read as a mesh"),
+        (("rock.obj", "--mass", -1), "mass_kg must be positive"),
+        (("rock.obj", "--mass", "nan"), "mass_kg must be positive"),
+        (("rock.obj", "--mass", 1, "--density", 1), "not both"),
+        (("rock.obj", "--unit", "m", "--margin", -0.5), "margin"),
+        (("rock.obj", "--body", "b.yaml"), "--body needs --mass or --density, and --period"),
+        (("rock.obj", "--scenario", "s.yaml"), "--scenario needs --body"),
+        (("rock.obj", "--align"), "--align needs --fix"),
+        (("rock.obj", "--fix", "rock.gltf"), "must end in .obj or .ply or .stl or .tab"),
+        (
+            ("rock.obj", "--mass", 1, "--period", 1, "--body", "b.txt"),
+            "must end in .yaml or .yml",
+        ),
+        (("rock.obj", "--out", "rock.obj"), "is a file, not a folder"),
+    ],
+)
+def test_bad_input(shape, tmp_path: Path, arguments, complaint: str) -> None:
+    write(tmp_path / "rock.obj", star_shaped(1, size=200.0))
+    (tmp_path / "words.tab").write_text("these are only words\n")
+    before = sorted(tmp_path.rglob("*"))
+    code, out, err = shape(*arguments)
+    assert (code, out) == (2, "")
+    assert err.startswith("proxops: error: ")
+    assert complaint in err
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_body_file_from_a_plate_model(shape, tmp_path: Path) -> None:
+    """The YAML names the mesh from where it lies, and holds the body as it was found."""
+    mesh = star_shaped(3, size=0.4)
+    (tmp_path / "data").mkdir()
+    write(tmp_path / "data/rock.tab", mesh)
+    code, _, _ = shape(
+        "data/rock.tab", "--mass", 5.1e11, "--period", 7.25, "--body", "bodies/rock.yaml",
+        "--name", "A: Rock #1", "--margin", 0,
+    )  # fmt: skip
+    assert code == 0
+    body = load_body(str(tmp_path / "bodies/rock.yaml"))
+    assert body.config.name == "A: Rock #1"
+    assert body.config.mesh == "../data/rock.tab"
+    assert body.config.mass_kg == 5.1e11
+    assert body.config.rotation_period_h == 7.25
+    assert body.shape.volume == pytest.approx(mesh.volume * 1e9, rel=1e-9)
+    levels = np.sum((body.shape.vertices / body.keep_out_semi_axes) ** 2, axis=1)
+    assert 0.999 < levels.max() < 1.0
+    assert load_scenario(None, {"body": str(tmp_path / "bodies/rock.yaml")}).body
+
+
+def test_pictures_of_sound_and_broken_meshes() -> None:
+    mesh = star_shaped(1, size=100.0)
+    vertices, facets = np.array(mesh.vertices), np.array(mesh.faces)
+    broken = vertices.copy()
+    broken[5] = np.nan
+    for v, f in (
+        (vertices, facets),
+        (broken, facets),
+        (vertices, facets[3:]),
+        (vertices, facets[:2]),
+    ):
+        report = examine(MeshFile(v, f, "rock.obj", "m", "OBJ"), Questions(None, 2000.0, 5.0))
+        figure = plot_shape(report)
+        figure.draw_without_rendering()
+        assert report.sound == (v is vertices and len(f) == len(facets))
+        assert json.dumps(report.to_dict(), allow_nan=False)
+        titles = [ax.get_xlabel() for ax in figure.axes]
+        assert "x (m)" in titles
+
+
+def test_scaled_scenario_of_kleopatra_is_the_default_one() -> None:
+    """Scaled by one, but for the rounding to two digits."""
+    scaled, given = scaled_scenario(kleopatra(), "kleopatra"), Scenario()
+    assert scaled == given
+
+
+@pytest.mark.parametrize(
+    ("seed", "size", "density", "period"),
+    [
+        (1, 250.0, 1200.0, 100.0),
+        (2, 5e3, 2500.0, 4.0),
+        (3, 3e5, 3400.0, 9.0),
+        (4, 20.0, 2000.0, 1.0),
+    ],
+)
+def test_scaled_scenarios_have_transits(seed, size, density, period) -> None:
+    mesh = star_shaped(seed, size=size)
+    file = MeshFile(np.array(mesh.vertices), np.array(mesh.faces), "rock.obj", "m", "OBJ")
+    body = examine(file, Questions(None, density, period)).body
+    assert body is not None
+    scenario = scaled_scenario(body, "kleopatra", 50.0)
+    assert scenario.spacecraft.mass_kg == 50.0
+    assert 0.5 * scenario.transit.cube_m > mesh.extents.max() / 2
+    # Each length and time in the proportion of Kleopatra's.
+    ratio = scenario.transit.cube_m / Scenario().transit.cube_m
+    assert scenario.arrival.radius_m / 1e3 == pytest.approx(ratio, rel=0.1)
+    assert scenario.lidar.max_range_m / 350e3 == pytest.approx(ratio, rel=0.1)
+    for index in range(2):
+        draw_transit(10000, index, scenario, body)
+
+
+def test_flight_at_a_body_that_was_set_up_by_itself(shape, tmp_path: Path) -> None:
+    """A damaged contact binary of 500 m, from its mesh in metres to the goal behind it."""
+    mesh = contact_binary(500.0, 4)
+    mesh.apply_translation([30.0, 10.0, -5.0])
+    faces = np.delete(np.array(mesh.faces), [7, 1200, 1201], axis=0)
+    faces[::9] = faces[::9, ::-1]
+    write(tmp_path / "scan.obj", trimesh.Trimesh(mesh.vertices, faces, process=False))
+    code, _, err = shape(
+        "scan.obj", "--unit", "m", "--density", 1900, "--period", 9, "--craft-mass", 20,
+        "--fix", "binary.obj", "--align", "--body", "binary.yaml", "--scenario", "visit.yaml",
+    )  # fmt: skip
+    assert code == 0, err
+    scenario = load_scenario(tmp_path / "visit.yaml")
+    body = load_body(scenario.body)
+    assert scenario.spacecraft.mass_kg == 20.0
+    assert body.config.mass_kg == pytest.approx(1900 * mesh.volume, rel=1e-3)
+    assert body.shape.extents[0] == pytest.approx(500.0, rel=0.01)
+    transit = transit_set(10000, 2, scenario)[1]
+    assert np.abs([transit.start, transit.goal]).max() < 500.0
+    # Transit 1 has its straight line blocked.
+    code, _, err = shape("visit.yaml", "--transit", 1, "--out", "flight", command="fly")
+    assert code == 0, err
+    summary = json.loads((tmp_path / "flight/summary.json").read_text())
+    assert summary["success"] is True
+    assert summary["collided"] is False
+    assert summary["keep_out_violations"] == 0
+    assert summary["min_clearance_m"] > 0.0
+    assert summary["terminal_position_error_m"] < 0.05
+    assert summary["terminal_speed_m_s"] < 1e-3
+    assert summary["arrival_time_s"] < scenario.arrival.deadline_s

@@ -1,0 +1,353 @@
+"""Each of the lidar's options alone, all of them together, and the rays they are cast with."""
+
+import tracemalloc
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+from numpy.typing import ArrayLike
+from scipy import stats
+
+from proxops.diagrams.body import load_body
+from proxops.diagrams.scenario import load_scenario
+from proxops.diagrams.simulation import fly
+from proxops.diagrams.transit_diagram import make_transit_diagram
+from proxops.systems import InputError, Lidar, Polyhedron, RayCaster, ray_directions
+from proxops.systems.counter_noise import generator
+from proxops.systems.lidar_errors import (
+    LidarErrors,
+    false_ranges,
+    lost_by_chance,
+    measured_ranges,
+    too_grazing,
+)
+
+POSITION = np.array([10e3, 30e3, 25e3])
+ALL: dict[str, Any] = {
+    "bias": 120.0,
+    "scale_error": 2e-3,
+    "max_incidence": 1.2,
+    "dropout": 0.2,
+    "false_returns": 0.05,
+}
+
+
+@pytest.fixture(scope="module")
+def kleopatra() -> Polyhedron:
+    return load_body("kleopatra").shape
+
+
+@pytest.fixture(scope="module")
+def room() -> Polyhedron:
+    """A cube of 20 km about the origin: from within, every ray returns."""
+    return Polyhedron.from_trimesh(trimesh.creation.box([20e3, 20e3, 20e3]), "m")
+
+
+def frame(lidar: Lidar, position: ArrayLike = POSITION, step: int = 0, seed: int = 0) -> np.ndarray:
+    """One frame through the port (planes * rays,)."""
+    context = lidar.CreateDefaultContext()
+    context.SetTime(10.0 * step)
+    lidar.set_seed(context, seed)
+    lidar.GetInputPort("position").FixValue(context, np.asarray(position, dtype=float))
+    return lidar.GetOutputPort("ranges").Eval(context)
+
+
+# --- each option alone ----------------------------------------------------------------------------
+
+
+def test_no_errors_leave_ranges_as_they_are() -> None:
+    distances = np.array([0.0, 1.25, 349e3])
+    assert np.array_equal(measured_ranges(distances, LidarErrors(), 3, 4), distances)
+
+
+def test_noise_is_the_first_stream_of_seed_and_step(kleopatra: Polyhedron) -> None:
+    exact, noisy = frame(Lidar(kleopatra, 0.0)), frame(Lidar(kleopatra), step=4, seed=9)
+    hit = np.isfinite(exact)
+    bits = np.random.Philox(key=[9, 4])
+    noise = 50.0 * np.random.Generator(bits).standard_normal(hit.sum())
+    assert np.array_equal(noisy[hit], exact[hit] + noise)
+
+
+def test_bias(kleopatra: Polyhedron) -> None:
+    exact = frame(Lidar(kleopatra, 0.0))
+    assert np.array_equal(frame(Lidar(kleopatra, 0.0, bias=-75.5)), exact - 75.5)
+    assert measured_ranges(np.array([10.0, 100.0]), LidarErrors(bias=-50.0), 0, 0).tolist() == [
+        0.0, 50.0,
+    ]  # fmt: skip
+
+
+def test_scale_error(kleopatra: Polyhedron) -> None:
+    exact = frame(Lidar(kleopatra, 0.0))
+    scaled = frame(Lidar(kleopatra, 0.0, scale_error=2e-3))
+    assert np.array_equal(np.isfinite(scaled), np.isfinite(exact))
+    hit = np.isfinite(exact)
+    np.testing.assert_allclose(scaled[hit] / exact[hit], 1.002, rtol=1e-14)
+
+
+@pytest.mark.parametrize("degrees", [10.0, 30.0, 45.0, 54.0])
+def test_grazing_returns_are_lost_on_flat_walls(room: Polyhedron, degrees: float) -> None:
+    lidar = Lidar(room, 0.0, max_incidence=np.radians(degrees))
+    # On the wall that a ray meets first, its angle to the normal is its least to any axis.
+    incidence = np.degrees(np.arccos(np.abs(ray_directions()).max(axis=1)))
+    found = np.isfinite(frame(lidar, np.zeros(3)))
+    clear = np.abs(incidence - degrees) > 1e-6
+    assert np.array_equal(found[clear], incidence[clear] < degrees)
+    assert 0 < found.sum() < len(found)
+
+
+def test_grazing_returns_are_lost_on_a_ball() -> None:
+    ball = trimesh.creation.icosphere(subdivisions=5, radius=50e3)
+    shape = Polyhedron.from_trimesh(ball, "m")
+    lidar = Lidar(shape, 0.0, max_incidence=np.radians(60.0), planes=4, rays=3600)
+    found = np.isfinite(frame(lidar, [-100e3, 0.0, 0.0]))
+    cosine = ray_directions(4, 3600)[:, 0]
+    # Law of sines: sin(incidence) = distance / radius * sin(angle from the centre).
+    sine = np.where(cosine > 0.0, 2.0 * np.sqrt(1.0 - np.minimum(cosine, 1.0) ** 2), np.inf)
+    incidence = np.degrees(np.arcsin(np.minimum(sine, 1.0)))
+    assert found[(sine < 1.0) & (incidence < 58.5)].all()  # Facets of 1.1 degrees.
+    assert not found[incidence > 61.5].any()
+
+
+def test_which_rays_graze() -> None:
+    normals = np.tile([0.0, 0.0, 1.0], (4, 1))
+    angles = np.radians([0.0, 69.9, 70.1, 115.0])  # The last comes from behind.
+    directions = np.stack([np.sin(angles), np.zeros(4), -np.cos(angles)], axis=1)
+    grazing = too_grazing(normals, directions, np.radians(70.0))
+    assert grazing.tolist() == [False, False, True, False]
+
+
+def test_dropout_by_chance(room: Polyhedron) -> None:
+    lidar = Lidar(room, 0.0, dropout=0.3)
+    frames = np.array([frame(lidar, np.zeros(3), step) for step in range(20)])
+    exact = frame(Lidar(room, 0.0), np.zeros(3))
+    lost = np.isinf(frames)
+    assert np.array_equal(frames[~lost], np.broadcast_to(exact, frames.shape)[~lost])
+    assert lost.mean() == pytest.approx(0.3, abs=4.0 * np.sqrt(0.21 / lost.size))
+    # White over rays and over steps.
+    for pairs in (lost[:, 1:] & lost[:, :-1], lost[1:] & lost[:-1]):
+        assert pairs.mean() == pytest.approx(0.09, abs=5.0 * np.sqrt(0.0819 / pairs.size))
+    assert np.isinf(frame(Lidar(room, dropout=1.0), np.zeros(3))).all()
+
+
+def test_false_returns_by_chance(room: Polyhedron) -> None:
+    lidar = Lidar(room, 0.0, max_range=200e3, false_returns=0.04)
+    frames = np.array([frame(lidar, [600e3, 0.0, 0.0], step) for step in range(40)])
+    false = np.isfinite(frames)
+    assert false.mean() == pytest.approx(0.04, abs=4.0 * np.sqrt(0.0384 / false.size))
+    assert stats.kstest(frames[false] / 200e3, "uniform").pvalue > 1e-3
+    # Isolated: a neighbour's chance is no greater for it.
+    assert (false[:, 1:] & false[:, :-1]).mean() == pytest.approx(0.0016, abs=6e-4)
+    assert np.array_equal(frames[3], false_ranges(4320, 0.04, 200e3, 0, 3))
+
+
+def test_what_answers_first_is_read(room: Polyhedron) -> None:
+    exact = frame(Lidar(room, 0.0), np.zeros(3))
+    found = frame(Lidar(room, 0.0, max_range=20e3, false_returns=1.0), np.zeros(3))
+    false = false_ranges(4320, 1.0, 20e3, 0, 0)
+    assert np.array_equal(found, np.minimum(exact, false))
+    assert (false < exact).any()
+    assert (false > exact).any()
+
+
+@pytest.mark.parametrize(("planes", "rays"), [(1, 1), (3, 7), (24, 720)])
+def test_geometry(room: Polyhedron, planes: int, rays: int) -> None:
+    lidar = Lidar(room, 0.0, planes=planes, rays=rays)
+    assert lidar.GetOutputPort("ranges").size() == planes * rays
+    a, b = np.pi / planes * (planes // 2), 2.0 * np.pi / rays * (rays // 3)
+    direction = np.array([np.cos(b) * np.cos(a), np.cos(b) * np.sin(a), np.sin(b)])
+    found = frame(lidar, np.zeros(3)).reshape(planes, rays)[planes // 2, rays // 3]
+    assert found == pytest.approx(10e3 / np.abs(direction).max(), abs=0.02)
+    frames = lidar.frames(np.zeros(2), np.zeros((2, 3)), seed=0)
+    assert frames.shape == (2, planes, rays)
+
+
+# --- all of them, and their randomness ------------------------------------------------------------
+
+
+@pytest.mark.parametrize("option", ALL)
+def test_one_option_leaves_the_numbers_of_the_others(kleopatra: Polyhedron, option: str) -> None:
+    """With every option but one, and with all: where both read, they differ by its effect only."""
+    rest = {key: value for key, value in ALL.items() if key != option}
+    without, everything = frame(Lidar(kleopatra, **rest)), frame(Lidar(kleopatra, **ALL))
+    if option == "bias":
+        both = np.isfinite(without)
+        change = everything[both] - without[both]
+        # What a false return hides is not biased, or is where the bias takes it behind that.
+        assert (np.isclose(change, 120.0) | ((change >= 0.0) & (change < 120.0))).all()
+        assert np.isclose(change, 120.0).mean() > 0.7
+    elif option == "scale_error":
+        factor = everything[np.isfinite(without)] / without[np.isfinite(without)] - 1.0
+        assert ((np.abs(factor) < 1e-12) | (np.abs(factor - 2e-3) < 5e-5)).all()
+    elif option == "false_returns":
+        false = false_ranges(4320, 0.05, 350e3, 0, 0)
+        assert np.array_equal(everything, np.minimum(without, false))
+    else:  # A lost return bares at most the false one behind it.
+        changed = everything != without
+        assert changed.any()
+        assert (everything[changed] > without[changed]).all()
+
+
+def test_streams_of_a_step_are_independent() -> None:
+    numbers = [generator(3, 7, stream).standard_normal(20_000) for stream in range(3)]
+    correlation = np.asarray(np.corrcoef(numbers))[np.triu_indices(3, 1)]
+    assert np.abs(correlation).max() < 4.0 / np.sqrt(20_000)
+    assert np.array_equal(numbers[0], generator(3, 7).standard_normal(20_000))
+
+
+def test_all_is_a_pure_function_of_seed_and_step(kleopatra: Polyhedron) -> None:
+    lidar = Lidar(kleopatra, seed=5, **ALL)
+    context = lidar.CreateDefaultContext()
+    port = lidar.GetInputPort("position")
+    ranges = lidar.GetOutputPort("ranges")
+    port.FixValue(context, POSITION)
+    context.SetTime(70.0)
+    first = ranges.Eval(context).copy()
+    context.SetTime(80.0)
+    assert not np.array_equal(first, ranges.Eval(context))
+    context.SetTime(70.0)
+    assert np.array_equal(first, ranges.Eval(context.Clone()))
+    lidar.set_seed(context, 6)
+    assert not np.array_equal(first, ranges.Eval(context))
+    again = lidar.frames(np.array([70.0]), POSITION[None], seed=5)
+    assert np.array_equal(again[0].ravel(), first.astype(np.float32))
+
+
+def test_chances_are_drawn_by_seed_and_step() -> None:
+    draws = [lost_by_chance(500, 0.5, *key) for key in ((1, 1), (1, 2), (2, 1), (1, 1))]
+    assert np.array_equal(draws[0], draws[3])
+    assert not np.array_equal(draws[0], draws[1])
+    assert not np.array_equal(draws[0], draws[2])
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"bias": np.nan},
+        {"bias": np.inf},
+        {"scale_error": -1.0},
+        {"scale_error": np.nan},
+        {"max_incidence": 0.0},
+        {"max_incidence": 1.6},
+        {"max_incidence": np.nan},
+        {"dropout": -0.1},
+        {"dropout": 1.1},
+        {"false_returns": -0.1},
+        {"false_returns": np.nan},
+        {"false_returns": 0.1, "max_range": np.inf},
+    ],
+)
+def test_senseless_errors_are_refused(room: Polyhedron, settings: dict) -> None:
+    with pytest.raises(InputError, match="lidar needs"):
+        Lidar(room, **settings)
+
+
+# --- as a scenario says ---------------------------------------------------------------------------
+
+
+def test_scenario_sets_every_option() -> None:
+    options = {
+        "lidar.planes": 3,
+        "lidar.rays": 40,
+        "lidar.noise_std_m": 20.0,
+        "lidar.bias_m": -15.0,
+        "lidar.scale_error": -0.01,
+        "lidar.max_incidence_deg": 60.0,
+        "lidar.dropout": 0.25,
+        "lidar.false_returns": 0.125,
+    }
+    end = {"arrival.deadline_s": 20.0, "arrival.dwell_s": 10.0, "control_period_s": 10.0}
+    scenario = load_scenario(None, {**options, **end})
+    log = fly(scenario, "zero")
+    ranges = log.dataset["ranges"]
+    assert ranges.dims == ("time", "plane", "ray")
+    assert ranges.shape == (4, 3, 40)
+    lidar = make_transit_diagram(scenario).GetSubsystemByName("lidar")
+    assert isinstance(lidar, Lidar)
+    assert lidar.errors == LidarErrors(20.0, -15.0, -0.01, np.radians(60.0), 0.25, 0.125)
+    positions, times = log.dataset["state"].values[:, :3], log.dataset["time"].values
+    assert np.array_equal(lidar.frames(times, positions, lidar.seed), ranges.values)
+    assert fly(scenario, "zero").dataset["ranges"].identical(ranges)
+
+
+@pytest.mark.parametrize(
+    "override",
+    [
+        "lidar.planes=0",
+        "lidar.rays=-1",
+        "lidar.bias_m=.nan",
+        "lidar.scale_error=-1",
+        "lidar.max_incidence_deg=0",
+        "lidar.max_incidence_deg=91",
+        "lidar.dropout=1.5",
+        "lidar.dropout=-0.5",
+        "lidar.false_returns=2",
+    ],
+)
+def test_scenario_refuses_senseless_options(override: str) -> None:
+    with pytest.raises(InputError, match=override.split("=")[0].replace(".", r"\.") + " must "):
+        load_scenario(None, [override])
+
+
+# --- the rays -------------------------------------------------------------------------------------
+
+
+def bodies() -> dict[str, trimesh.Trimesh]:
+    off_centre = trimesh.creation.box([4e3, 30e3, 1e3])
+    off_centre.apply_translation([60e3, -20e3, 35e3])
+    return {"torus": trimesh.creation.torus(60e3, 20e3), "plate": off_centre}
+
+
+@pytest.mark.parametrize("name", ["torus", "plate"])
+def test_fan_meets_what_every_ray_alone_meets(name: str) -> None:
+    shape = Polyhedron.from_trimesh(bodies()[name], "m")
+    caster, directions = RayCaster(shape), ray_directions(6, 180)
+    random = np.random.default_rng(5)
+    places = random.normal(size=(60, 3)) * np.geomspace(1e3, 3e6, 60)[:, None]
+    places = np.concatenate([places, shape.vertices[:20] * 1.001, shape.vertices[:20] * 0.999])
+    expected = caster.distances(
+        np.repeat(places, len(directions), axis=0), np.tile(directions, (len(places), 1))
+    )
+    frames = caster.frames(places, directions)
+    assert frames.dtype == np.float32
+    assert np.array_equal(frames, expected.reshape(frames.shape).astype(np.float32))
+    assert np.isfinite(frames).any()
+    # Far away too, where the body is a speck: a ray straight at a facet.
+    middle = shape.vertices[shape.facets[0]].mean(axis=0)
+    for distance in (1e6, 1e8):
+        far = middle + distance * shape.normals[0]
+        assert np.isfinite(caster.frames(far[None], -shape.normals[:1])).all()
+
+
+def test_hits_name_the_facet_met(kleopatra: Polyhedron) -> None:
+    directions = ray_directions()
+    hits = RayCaster(kleopatra).fan(directions).hits(POSITION[None])
+    assert len(hits.rays) > 500
+    points = POSITION + hits.distances[:, None] * directions[hits.rays]
+    corner = kleopatra.vertices[kleopatra.facets[hits.facets, 0]]
+    height = np.einsum("ki,ki->k", points - corner, kleopatra.normals[hits.facets])
+    assert np.abs(height).max() < 0.05
+    assert (np.einsum("ki,ki->k", directions[hits.rays], kleopatra.normals[hits.facets]) < 0).all()
+
+
+def test_batch_takes_no_more_memory_than_its_result(kleopatra: Polyhedron) -> None:
+    random = np.random.default_rng(6)
+    places = random.uniform(-40e3, 40e3, (600, 3))  # Mostly within the ellipsoid: the worst case.
+    caster, directions = RayCaster(kleopatra), ray_directions()
+    caster.frames(places[:1], directions)
+    tracemalloc.start()
+    try:
+        frames = caster.frames(places, directions)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak - frames.nbytes < 20 * 2**20
+
+
+def test_wrong_shapes_are_refused(kleopatra: Polyhedron) -> None:
+    caster = RayCaster(kleopatra)
+    assert caster.frames(np.zeros((0, 3)), ray_directions()).shape == (0, 4320)
+    with pytest.raises(InputError, match=r"positions must have shape \(N, 3\)"):
+        caster.frames(np.zeros(3), ray_directions())
+    with pytest.raises(InputError, match=r"directions must have shape \(R, 3\)"):
+        caster.frames(np.zeros((1, 3)), np.zeros((4, 2)))

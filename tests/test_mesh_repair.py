@@ -1,0 +1,241 @@
+"""Mending: known solids with known damage come back, and what cannot be mended is refused."""
+
+import numpy as np
+import pytest
+import trimesh
+from contact_binary import contact_binary, together
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from plain_polyhedral_gravity import box, star_shaped
+
+from proxops.systems._hole_filling import boundary_loops, triangulate_loop
+from proxops.systems.errors import InputError
+from proxops.systems.mass_properties import mass_properties
+from proxops.systems.mesh_checks import areas, find_defects
+from proxops.systems.mesh_repair import Repair, repair_mesh
+from proxops.systems.polyhedron import Polyhedron
+
+sizes = pytest.mark.parametrize("size", [1e-6, 1.0, 1e9])
+few = settings(max_examples=20, deadline=None)
+seeds = st.integers(0, 2**32 - 1)
+
+
+def body(size: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
+    """320 facets, a little off its centre of mass."""
+    mesh = star_shaped(5, size=size)
+    return np.array(mesh.vertices), np.array(mesh.faces)
+
+
+def sound(mesh: Repair, volume: float | None = None, rel: float = 1e-12) -> list[str]:
+    """What was done, after a look with our eyes and trimesh's; moves aside."""
+    shape = Polyhedron(mesh.vertices, mesh.facets)
+    size = shape.extents.max()
+    scaled = trimesh.Trimesh(mesh.vertices / size, mesh.facets, process=False)
+    assert scaled.is_volume
+    np.testing.assert_allclose(shape.centre_of_mass, 0.0, atol=1e-9 * size)
+    if volume is not None:
+        assert shape.volume == pytest.approx(volume, rel=rel)
+    return [action for action in mesh.actions if not action.startswith("moved")]
+
+
+def volume_of(vertices: np.ndarray, facets: np.ndarray) -> float:
+    return Polyhedron(vertices, facets).volume
+
+
+@sizes
+def test_a_sound_mesh_is_left_alone(size: float) -> None:
+    vertices, facets = body(size)
+    vertices = vertices - Polyhedron(vertices, facets).centre_of_mass
+    mesh = repair_mesh(vertices, facets)
+    assert mesh.actions == []
+    np.testing.assert_array_equal(mesh.vertices, vertices)
+    np.testing.assert_array_equal(mesh.facets, facets)
+
+
+def test_recentring_and_aligning() -> None:
+    binary = contact_binary(500.0, 3)
+    turn = trimesh.transformations.random_rotation_matrix(np.array([0.2, 0.5, 0.7]))
+    binary.apply_transform(turn)
+    binary.apply_translation([300.0, -20.0, 5.0])
+    vertices, facets = np.array(binary.vertices), np.array(binary.faces)
+    centre = mass_properties(vertices, facets).centre_of_mass
+    mesh = repair_mesh(vertices, facets)
+    np.testing.assert_allclose(mesh.vertices, vertices - centre, atol=1e-9)
+    (action,) = mesh.actions
+    assert action.startswith("moved by (")
+    mesh = repair_mesh(vertices, facets, align=True)
+    found = mass_properties(mesh.vertices, mesh.facets)
+    scale = found.principal_moments.max()
+    np.testing.assert_allclose(found.inertia, np.diag(found.principal_moments), atol=1e-12 * scale)
+    assert np.ptp(mesh.vertices, axis=0).argmax() == 0
+    assert found.volume == pytest.approx(binary.volume, rel=1e-12)
+    assert "degrees onto the principal axes" in mesh.actions[1]
+
+
+@sizes
+def test_soup_is_welded(size: float) -> None:
+    """Every facet with corners of its own, moved a little, as single precision does."""
+    vertices, facets = body(size)
+    soup = vertices[facets].reshape(-1, 3).astype(np.float32).astype(float)
+    soup += np.random.default_rng(1).uniform(-3e-8, 3e-8, soup.shape) * size
+    mesh = repair_mesh(soup, np.arange(len(soup)).reshape(-1, 3))
+    (action,) = sound(mesh, volume_of(vertices, facets), 1e-6)
+    assert action.startswith(f"welded {3 * len(facets) - len(vertices)} vertices")
+    assert len(mesh.vertices) == len(vertices)
+
+
+@sizes
+@few
+@given(seed=seeds)
+def test_mixed_winding_is_made_alike(size: float, seed: int) -> None:
+    vertices, facets = body(size)
+    rng = np.random.default_rng(seed)
+    turn = rng.random(len(facets)) < rng.random()
+    mesh = repair_mesh(vertices, np.where(turn[:, None], facets[:, ::-1], facets))
+    sound(mesh, volume_of(vertices, facets))
+    assert {*map(frozenset, mesh.facets.tolist())} == {*map(frozenset, facets.tolist())}
+
+
+def test_each_shell_is_turned_as_it_lies() -> None:
+    shells = [trimesh.creation.icosphere(2, radius=r) for r in (3.0, 2.0, 1.0)]
+    apart = trimesh.creation.icosphere(2)
+    apart.apply_translation([9.0, 0.0, 0.0])
+    apart.invert()
+    whole = together(*shells, apart)
+    mesh = repair_mesh(np.array(whole.vertices), np.array(whole.faces))
+    v = shells[2].volume
+    (action,) = sound(mesh, (27 - 8 + 1 + 1) * v)
+    assert action == "turned 2 of 4 shells: 640 facets wound the wrong way"
+
+
+def test_copies_flaps_and_leftovers_are_dropped() -> None:
+    vertices, facets = body()
+    tip = len(vertices)
+    a, b = facets[7, :2]
+    extra = [facets[3], np.roll(facets[4], 1), [a, b, tip], [b, a, tip], [a, a, b]]
+    mesh = repair_mesh(np.vstack([vertices, [9.0, 9, 9], [8.0, 8, 8]]), np.vstack([facets, extra]))
+    assert sound(mesh, volume_of(vertices, facets)) == [
+        "dropped 1 facets that named a vertex twice",
+        "dropped 2 copies of facets",
+        "dropped 1 pairs of facets back to back",
+        "dropped 2 vertices that no facet uses",
+    ]
+
+
+@sizes
+def test_single_missing_facets_come_back_as_they_were(size: float) -> None:
+    vertices, facets = body(size)
+    gone = [0, 77, 150]
+    mesh = repair_mesh(vertices, np.delete(facets, gone, axis=0))
+    (action,) = sound(mesh, volume_of(vertices, facets))
+    assert action.startswith("filled 3 holes with 3 facets (")
+
+
+@few
+@given(seed=seeds)
+def test_larger_holes_are_closed(seed: int) -> None:
+    """Up to a twentieth of the facets, in clusters that may touch."""
+    sphere = trimesh.creation.icosphere(3)
+    vertices, facets = np.array(sphere.vertices), np.array(sphere.faces)
+    rng = np.random.default_rng(seed)
+    centres = vertices[facets].mean(axis=1)
+    gone = np.zeros(len(facets), dtype=bool)
+    for _ in range(3):
+        place = rng.normal(size=3)
+        gone |= centres @ (place / np.linalg.norm(place)) > 1 - rng.uniform(0.001, 0.03)
+    mesh = repair_mesh(vertices, facets[~gone])
+    sound(mesh, sphere.volume, 5e-3)
+    assert len(mesh.facets) <= len(facets)
+
+
+def test_two_rims_that_touch_are_two_holes() -> None:
+    vertices, facets = body()
+    vertex = facets[0, 0]
+    fan = np.flatnonzero((facets == vertex).any(axis=1))
+    # Two facets of the fan without a common edge.
+    first = fan[0]
+    second = next(k for k in fan if len(set(facets[k]) & set(facets[first])) == 1)
+    left = np.delete(facets, [first, second], axis=0)
+    loops = boundary_loops(left, len(vertices))
+    assert sorted(map(sorted, loops)) == sorted(map(sorted, facets[[first, second]]))
+    sound(repair_mesh(vertices, left), volume_of(vertices, facets))
+
+
+def test_patch_of_a_flat_rim_covers_it_once() -> None:
+    """A dented outline, where a fan would go wrong: the patch has exactly its area."""
+    outline = np.array([[0, 0], [4, 0], [4, 3], [3, 3], [3, 1], [1, 1], [1, 3], [0, 3.0]])
+    vertices = np.c_[outline, np.zeros(8)]
+    patch = triangulate_loop(vertices, np.empty((0, 3), dtype=int), np.arange(8))
+    normals = np.cross(
+        vertices[patch[:, 1]] - vertices[patch[:, 0]], vertices[patch[:, 2]] - vertices[patch[:, 0]]
+    )
+    assert len(patch) == 6
+    assert normals[:, 2].min() >= 0.0
+    assert areas(vertices, patch).sum() == pytest.approx(8.0)
+
+
+@sizes
+def test_vertex_on_an_edge(size: float) -> None:
+    """A crack: a neighbour has a vertex in the middle of an edge that a facet runs past."""
+    low, high = size * np.array([-1.0, -1, -1]), size * np.array([1.0, 1, 1])
+    vertices, facets = box(low, high)
+    a, b, c = facets[0]
+    middle = len(vertices)
+    split = np.vstack([facets[1:], [a, middle, c], [middle, b, c]])
+    mesh = repair_mesh(np.vstack([vertices, (vertices[a] + vertices[b]) / 2]), split)
+    actions = sound(mesh, 8.0 * size**3)
+    assert any("flipped" in action for action in actions)
+
+
+@pytest.mark.parametrize(
+    ("damage", "reason"),
+    [
+        ("nan", "vertex 3 is .* not finite; that cannot be mended"),
+        ("index", "names a vertex outside"),
+        ("half", "edges\\) is .* as large as the rest; at most 10 % is filled|3 to 200 are filled"),
+        ("overlap", "pairs of facets cut each other"),
+        ("strip", "one-sided"),
+        ("two on an edge", "edges belong to more than two facets"),
+        ("sheet", "as large as the rest|encloses no volume"),
+    ],
+)
+def test_refused_with_the_reason(damage: str, reason: str) -> None:
+    vertices, facets = body()
+    if damage == "nan":
+        vertices[3, 1] = np.nan
+    elif damage == "index":
+        facets[9, 1] = 9999
+    elif damage == "half":
+        facets = facets[vertices[facets][:, :, 2].mean(axis=1) > 0]
+    elif damage == "overlap":
+        vertices = np.vstack([vertices, vertices + [0.7, 0.1, 0.0]])
+        facets = np.vstack([facets, facets + len(vertices) // 2])
+    elif damage == "strip":
+        angles = np.linspace(0, 2 * np.pi, 13)[:-1]
+        along = np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=1)
+        across = along * np.cos(angles / 2)[:, None] + np.outer(np.sin(angles / 2), [0, 0, 1.0])
+        vertices = np.vstack([along - 0.3 * across, along + 0.3 * across])
+        squares = [(k, k + 1, k + 13, k + 12) for k in range(11)] + [(11, 12, 0, 23)]
+        facets = np.array([f for a, b, c, d in squares for f in ((a, b, c), (a, c, d))])
+    elif damage == "two on an edge":
+        vertices = np.array(
+            [[0, 0, 0], [0, 0, 1], [1, 0, 0], [0.5, 1, 0.5], [-1, 0, 0], [-0.5, -1, 0.5]]
+        )
+        tetrahedron = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])
+        facets = np.vstack([tetrahedron, np.array([0, 1, 4, 5])[tetrahedron]])
+    elif damage == "sheet":
+        grid = trimesh.creation.box((1.0, 1.0, 1.0)).subdivide()
+        facets = np.array(grid.faces)[grid.face_normals[:, 2] > 0.5]
+        vertices = np.array(grid.vertices)
+    with pytest.raises(InputError, match=reason):
+        repair_mesh(vertices, facets)
+
+
+def test_input_is_not_changed() -> None:
+    vertices, facets = body()
+    facets[5] = facets[5, ::-1]
+    before = vertices.copy(), facets.copy()
+    repair_mesh(vertices, facets, align=True)
+    np.testing.assert_array_equal(vertices, before[0])
+    np.testing.assert_array_equal(facets, before[1])
+    assert find_defects(vertices, facets)

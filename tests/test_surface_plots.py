@@ -1,0 +1,107 @@
+"""The plots of surface maps and equilibria show what was computed."""
+
+import io
+
+import numpy as np
+import pytest
+import trimesh
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from proxops.diagrams import surface_plots
+from proxops.systems import GravityField, InputError, Polyhedron
+from proxops.systems.equilibria import find_equilibria
+from proxops.systems.surface_maps import plane_cut
+
+SPIN = 2e-4
+
+
+@pytest.fixture(scope="module")
+def field() -> GravityField:
+    mesh = trimesh.creation.icosphere(subdivisions=2)
+    shape = Polyhedron(mesh.vertices * [75e3, 50e3, 40e3], mesh.faces, "egg")
+    return GravityField(shape, density=2000.0)
+
+
+@pytest.fixture
+def ax() -> Axes:
+    return Figure().subplots()
+
+
+def png(figure: Figure) -> bytes:
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=50)
+    return buffer.getvalue()
+
+
+def test_maps_are_one_page(field: GravityField) -> None:
+    figure = surface_plots.plot_surface_maps(field, SPIN)
+    labels = {ax.get_ylabel() for ax in figure.axes}
+    assert {"gravity (mm/s²)", "slope (degrees)", "effective potential (m²/s²)"} <= labels
+    assert len(figure.axes) == 12
+    assert figure.get_suptitle() == "egg"
+    assert len(png(figure)) > 20_000
+
+
+@pytest.mark.parametrize("view", surface_plots.VIEWS)
+def test_surface_shows_the_facets_that_face_the_viewer(
+    field: GravityField, ax: Axes, view: str
+) -> None:
+    axis = "xyz".index(view[1])
+    towards = 1.0 if view[0] == "+" else -1.0
+    values = towards * field.shape.vertices[field.shape.facets].mean(axis=1)[:, axis]
+    surface = surface_plots.draw_surface(ax, field.shape, values, view, "gray")
+    facing = int((towards * field.shape.normals[:, axis] > 0.0).sum())
+    assert len(surface.get_paths()) == facing >= 150  # Of 320, but for those seen edge on.
+    # Values grow towards the viewer, and the nearest are drawn last.
+    grey = np.asarray(surface.get_facecolor())[:, 0]
+    assert (np.diff(grey) >= 0.0).all()
+    assert grey.min() > 0.45
+    corners = np.concatenate([path.vertices for path in surface.get_paths()])
+    right, up = ("xyz".index(name[1]) for name in surface_plots.VIEWS[view])
+    expected = field.shape.extents[[right, up]] / 1e3
+    np.testing.assert_allclose(np.ptp(corners, axis=0), expected, rtol=0.02)
+    assert {ax.get_xlabel()[-5:], ax.get_ylabel()[-5:]} == {" (km)"}
+    assert ax.get_aspect() == 1.0
+
+
+def test_views_are_not_mirrored() -> None:
+    """Right, up and towards the viewer are right-handed."""
+    for view, (right, up) in surface_plots.VIEWS.items():
+        axes = [np.eye(3)["xyz".index(a[1])] * (1 if a[0] == "+" else -1) for a in (right, up)]
+        towards = np.eye(3)["xyz".index(view[1])] * (1 if view[0] == "+" else -1)
+        assert np.cross(*axes) @ towards == 1.0
+
+
+def test_unknown_view_is_refused(field: GravityField, ax: Axes) -> None:
+    with pytest.raises(InputError, match="a view is one of"):
+        surface_plots.draw_surface(ax, field.shape, np.zeros(320), "z")
+
+
+def test_plane_cut_marks_the_equilibria_in_it(field: GravityField, ax: Axes) -> None:
+    equilibria = find_equilibria(field, SPIN)
+    cut = plane_cut(field, SPIN, 160e3, "xz", 61)
+    surface_plots.draw_plane_cut(ax, cut, equilibria)
+    marked = {
+        text.get_text(): np.ravel(line.get_xydata())
+        for text, line in zip(ax.texts, ax.lines, strict=True)
+    }
+    assert set(marked) == {"E1", "E3", "E5"}  # E2 and E4 are far from this plane.
+    for name, place in marked.items():
+        expected = equilibria[int(name[1]) - 1].position[[0, 2]] / 1e3
+        np.testing.assert_allclose(place, expected, atol=1e-9)
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("x (km)", "z (km)")
+
+
+def test_equilibria_are_one_page(field: GravityField) -> None:
+    figure = surface_plots.plot_equilibria(field, SPIN, "an egg", count=61)
+    ax = figure.axes[0]
+    assert [text.get_text() for text in ax.texts] == ["E1", "E2", "E3", "E4", "E5"]
+    named = {text.get_text() for text in figure.legends[0].get_texts()}
+    assert {"stable", "unstable, one growing mode"} <= named
+    assert figure.get_suptitle() == "an egg"
+    assert len(png(figure)) > 15_000
+
+
+def test_body_that_does_not_spin(field: GravityField) -> None:
+    assert png(surface_plots.plot_equilibria(field, 0.0, count=31))
