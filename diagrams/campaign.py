@@ -5,13 +5,17 @@ from __future__ import annotations
 import contextlib
 import dataclasses as dc
 import functools
+import hashlib
 import json
 import os
 import typing
 from collections.abc import Callable, Generator, Sequence
+from importlib import metadata
 from pathlib import Path
 
-from proxops.diagrams.body import load_body
+from pydrake.common.yaml import yaml_dump_typed
+
+from proxops.diagrams.body import BodyConfig, load_body
 from proxops.diagrams.flight_log import write_whole
 from proxops.diagrams.scenario import Scenario, dump_scenario, parse_scenario
 from proxops.diagrams.simulation import fly
@@ -30,16 +34,22 @@ class Flight:
     """YAML of the whole scenario."""
     controller: str
     """As `named_controller` knows it."""
+    made_with: str
+    """Version of proxops, and hash of the body: flights made with others are not mixed in."""
 
 
 def transit_flights(scenario: Scenario, controller: str, seed: int, count: int) -> list[Flight]:
     """Flights of transits 0 … count - 1 of a seed by one controller."""
+    body = load_body(scenario.body)
+    constants = yaml_dump_typed(body.config, schema=BodyConfig) or ""
+    digest = hashlib.sha256((constants + body.shape.sha256).encode()).hexdigest()
+    made_with = f"proxops {metadata.version('proxops')}, body {digest}"
     label = "".join(letter if letter.isalnum() else "-" for letter in controller)
     flights = []
     for index in range(count):
         transit = dc.replace(scenario.transit, seed=seed, index=index, start_m=None, goal_m=None)
         text = dump_scenario(dc.replace(scenario, transit=transit))
-        flights.append(Flight(f"{label}-{seed}-{index:05d}", text, controller))
+        flights.append(Flight(f"{label}-{seed}-{index:05d}", text, controller, made_with))
     return flights
 
 
@@ -178,7 +188,7 @@ def _finished(flight: Flight, folder: Path, keep_logs: bool) -> Row | None:
         raise InputError(f"{path} is not the summary of a flight: remove it") from error
     if flown != dc.asdict(flight):
         raise InputError(
-            f"{path} is of a flight with another scenario or controller: "
+            f"{path} is of a flight with another scenario, body, controller or version: "
             "give another output folder, or remove that one"
         )
     return summary

@@ -41,6 +41,8 @@ _NEEDED_VARIABLES = ["time", *(name for name in VARIABLES if name != "ranges")]
 _NEEDED_VARIABLES += ["mesh_vertices", "mesh_facets"]
 _NEEDED_ATTRIBUTES = ["scenario", "body", "controller", "shape_sha256", "arrival_time_s"]
 _NEEDED_ATTRIBUTES += ["collided", "keep_out_violations", "wall_s", "scenario_sha256"]
+# Attributes that say how a flight ended.
+_OUTCOMES = ("arrival_time_s", "collided", "keep_out_violations")
 COORDINATES = {
     "component": ["x", "y", "z", "vx", "vy", "vz"],
     "axis": ["x", "y", "z"],
@@ -181,18 +183,21 @@ def inertial_motion(
 
 
 def differences(first: FlightLog, second: FlightLog) -> list[str]:
-    """Names of the variables in which two logs differ by any bit, wall times aside."""
-    names = sorted({str(name) for log in (first, second) for name in log.dataset.variables})
-    return [
+    """Variables and outcomes in which two logs differ by any bit, wall times aside."""
+    one, other = first.dataset, second.dataset
+    names = sorted(({*map(str, one.variables)} | {*map(str, other.variables)}) - {"solve_time"})
+    changed = [
         name
         for name in names
-        if name != "solve_time"
-        and not (
-            name in first.dataset
-            and name in second.dataset
-            and first.dataset[name].dtype == second.dataset[name].dtype
-            and first.dataset[name].identical(second.dataset[name])
-        )
+        if name not in one
+        or name not in other
+        or one[name].dtype != other[name].dtype
+        or not one[name].identical(other[name])
+    ]
+    return changed + [
+        name
+        for name in _OUTCOMES
+        if not np.array_equal(one.attrs[name], other.attrs[name], equal_nan=True)
     ]
 
 

@@ -61,7 +61,8 @@ class MpcConfig:
     knots: int = 16
     # Length of the plan's last interval over that of its first.
     knot_growth: float = 4.0
-    # The time to go from rest is what this acceleration, one way and then the other, would take.
+    # Sets the price of time: without gravity and fuel weight, transits take as long as with this
+    # acceleration, one way and then the other.
     nominal_acceleration_m_s2: float = 0.025
     # Weight of thrust's 1-norm (fuel) against its square in the cost, both over the limit: at 0
     # thrust is smoothest, at 1 the fuel is nearly least.

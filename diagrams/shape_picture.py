@@ -190,8 +190,8 @@ def _drawable(report: ShapeReport) -> np.ndarray:
     """Indices of the facets whose corners there are."""
     vertices, facets = report.file.vertices, report.file.facets
     there = np.all((facets >= 0) & (facets < len(vertices)), axis=1)
-    finite = np.isfinite(vertices).all(axis=1)
-    there[there] = finite[facets[there]].all(axis=1)
+    finite = np.all(np.isfinite(vertices), axis=1)
+    there[there] = np.all(finite[facets[there]], axis=1)
     return np.flatnonzero(there)
 
 

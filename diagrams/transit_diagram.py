@@ -11,7 +11,6 @@ from proxops.diagrams.body import Body, load_body
 from proxops.diagrams.flight_summary import KEEP_OUT_TOLERANCE
 from proxops.diagrams.live_view import LiveView, add_live_view
 from proxops.diagrams.scenario import Scenario
-from proxops.systems.thrusters import Thrusters
 from proxops.diagrams.transits import scenario_transit
 from proxops.systems import (
     FlightMonitor,
@@ -26,6 +25,7 @@ from proxops.systems import (
     TransitProgram,
 )
 from proxops.systems.counter_noise import derived_seed
+from proxops.systems.thrusters import Thrusters
 
 # Streams of derived seeds.
 _LIDAR_STREAM, _DISTURBANCE_STREAM = range(2)

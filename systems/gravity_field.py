@@ -108,7 +108,8 @@ class GravityField:
         columns = np.empty((len(offsets), 14))
         parallel = len(offsets) >= _PARALLEL_FROM
         run = kernel.evaluate_parallel if parallel else kernel.evaluate_serial
-        run(offsets, *self._tables, self._masses, self._factor, self._limits, columns)
+        arguments = (*self._tables, self._masses, self._factor, self._limits, columns)
+        run(offsets, *arguments)  # pyright: ignore[reportCallIssue]  (a tuple of known length)
         return columns
 
 
@@ -116,7 +117,7 @@ class GravityField:
 def _announce_compilation() -> None:
     """Says, once, that the first use on a machine takes a while."""
     stats = kernel.evaluate_serial.stats
-    if not stats.cache_hits and not list(Path(stats.cache_path).glob("*evaluate_serial*.nbi")):
+    if not stats.cache_hits and not list(Path(str(stats.cache_path)).glob("*evaluate_serial*.nbi")):
         sys.stderr.write("proxops: compiling gravity for this machine (once, about 5 s)\n")
 
 

@@ -67,7 +67,8 @@ def repair_mesh(vertices: np.ndarray, facets: np.ndarray, *, align: bool = False
     _drop_vertices(mesh)
     left = find_defects(mesh.vertices, mesh.facets)
     if left:
-        raise InputError(f"the mesh cannot be mended: after all that can be done, {_list(left)}")
+        what = "; ".join(defect.about() for defect in left)
+        raise InputError(f"the mesh cannot be mended: after all that can be done, {what}")
     cuts = self_intersections(mesh.vertices, mesh.facets)
     if len(cuts):
         raise InputError(
@@ -76,10 +77,6 @@ def repair_mesh(vertices: np.ndarray, facets: np.ndarray, *, align: bool = False
         )
     _place(mesh, align)
     return mesh
-
-
-def _list(defects: list) -> str:
-    return "; ".join(defect.about() for defect in defects)
 
 
 def _weld(mesh: Repair) -> None:

@@ -63,15 +63,15 @@ class Horizon:
     knot_growth: float = 4.0
     """Length of the last interval over that of the first."""
     nominal_acceleration: float = 0.025
-    """m/s^2, a in `time_to_go`: the time to go is what full thrust of a, one way and then the
-    other, would take from rest to rest without gravity."""
+    """m/s^2, a: sets the price of time. Without gravity and fuel weight, transits from rest to rest
+    then take as long as with an acceleration a, one way and then the other."""
     fuel_weight: float = 0.8
     """Of the thrust's 1-norm, which fuel goes by, against its square, both over the limit."""
     minimum: float = 300.0
     """s; no plan is shorter."""
 
     def time_to_go(self, state: np.ndarray, target: np.ndarray) -> float:
-        """The time T to plan for, in s: a function of state (6,) and target (6,) alone.
+        """A first guess of T, in s, from state (6,) and target (6,) alone.
 
         Without gravity, least quadratic effort from rest to rest over D in the time
         T_0 = sqrt(4 D / a) passes, at the share s of T_0, the distance to go
@@ -80,10 +80,9 @@ class Horizon:
 
             s = (q + sqrt(q^2 + 9 q)) / 9        T = (1 - s) T_0 = sqrt(4 d / (a (1 + 2 s)))
 
-        So T falls by one second a second along the motion that it asks for, and the end of a plan
-        neither runs away nor rushes in as it is flown. For fast arrivals T goes to 3 d / v, which
-        braking alone takes; for a speed away from the target it is that from rest. It is never
-        less than `minimum`.
+        It falls by one second a second along that motion. For fast arrivals T goes to 3 d / v,
+        which braking alone takes; for a speed away from the target it is that from rest. It is
+        never less than `minimum`.
         """
         away = target[:3] - state[:3]
         distance = float(np.linalg.norm(away))

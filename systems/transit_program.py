@@ -15,7 +15,7 @@ subject to
 
 As T is chosen by the same cost, what is left of an optimal plan is the optimal plan of what is
 left (Bellman): no clock is needed for the end of the plan to stay where it is while it is flown.
-w is set by `Horizon.nominal_acceleration`, and c, `Horizon.fuel_weight`, trades smoothness for fuel.
+w is set by `Horizon.nominal_acceleration`; c, `Horizon.fuel_weight`, trades smoothness for fuel.
 Close to the target T comes to its least value; it is then a receding horizon, and c falls to zero
 there, for 1-norm effort over a receding horizon puts thrust off for ever.
 

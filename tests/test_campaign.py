@@ -122,7 +122,7 @@ def test_unfinished_files_are_ignored(tmp_path: Path, flown: list[str]) -> None:
 def test_another_scenario_under_the_same_names(tmp_path: Path, flown: list[str]) -> None:
     run_campaign(flights(1), tmp_path, workers=1)
     heavy = short_scenario(**BRIEF, spacecraft__mass_kg=120.0)
-    with pytest.raises(InputError, match="another scenario or controller: give another output"):
+    with pytest.raises(InputError, match=r"another scenario, body, .*: give another output"):
         run_campaign(transit_flights(heavy, "mpc", 10000, 1), tmp_path, workers=1)
     assert len(flown) == 1
 

@@ -45,7 +45,8 @@ def run(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], tmp_
             main()
         except SystemExit as end:
             code = end.code if isinstance(end.code, int) else 0 if end.code is None else 1
-        return Ran(code, *capfd.readouterr())
+        caught = capfd.readouterr()
+        return Ran(code, str(caught.out), str(caught.err))
 
     return proxops
 
