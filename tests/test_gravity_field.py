@@ -378,6 +378,26 @@ def test_origin_does_not_matter(seed: int, offset: np.ndarray) -> None:
 # --- on the surface -------------------------------------------------------------------------------
 
 
+def test_inside_is_right_within_1e_9_of_the_surface(kleopatra) -> None:
+    """On all facets (at random points), edges (in the middle) and vertices, to both sides."""
+    field = kleopatra.gravity_field
+    shape = field.shape
+    step = 1e-9 * shape.extents.max()
+    weights = np.random.default_rng(0).dirichlet(np.ones(3), len(shape.facets))
+    on_facets = np.einsum("fk,fki->fi", weights, shape.vertices[shape.facets])
+    ends, sides = shape.edges
+    at_vertices = np.zeros_like(shape.vertices)
+    np.add.at(at_vertices, shape.facets.ravel(), np.repeat(shape.normals, 3, axis=0))
+    for points, out in (
+        (on_facets, shape.normals),
+        (shape.vertices[ends].mean(axis=1), shape.normals[sides].sum(axis=1)),
+        (shape.vertices, at_vertices),
+    ):
+        unit = out / np.linalg.norm(out, axis=1, keepdims=True)
+        assert not field.evaluate(points + step * unit).inside.any()
+        assert field.evaluate(points - step * unit).inside.all()
+
+
 def test_facets_from_both_sides(kleopatra, kleopatra_mesh) -> None:
     """Potential and acceleration are continuous; the gradient jumps by 4 pi G rho n n^T."""
     field = kleopatra.gravity_field
