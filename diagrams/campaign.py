@@ -13,6 +13,7 @@ from collections.abc import Callable, Generator, Sequence
 from importlib import metadata
 from pathlib import Path
 
+import numba
 from pydrake.common.yaml import yaml_dump_typed
 
 from proxops.diagrams.body import BodyConfig, load_body
@@ -115,7 +116,7 @@ def _results(
     with _client(workers, scheduler) as client:
         futures = [
             client.submit(
-                _fly_one, flight, folder.resolve(), keep_logs, key=flight.name, pure=False
+                _fly_one_alone, flight, folder.resolve(), keep_logs, key=flight.name, pure=False
             )
             for flight in flights
         ]
@@ -140,11 +141,10 @@ def _client(workers: int, scheduler: str | None):
         with client:
             yield client
         return
-    # One flight is one thread's work; more threads would only get in each other's way.
-    single = {"OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     settings = {
         "distributed.worker.multiprocessing-method": "spawn",
-        "distributed.nanny.pre-spawn-environ": single,
+        # Dask would put these variables into this process's environment too.
+        "distributed.nanny.pre-spawn-environ": {},
         # A worker that is killed is replaced, and its flight flown again.
         "distributed.scheduler.allowed-failures": 3,
     }
@@ -159,6 +159,12 @@ def _client(workers: int, scheduler: str | None):
         Client(cluster) as client,
     ):
         yield client
+
+
+def _fly_one_alone(flight: Flight, folder: Path, keep_logs: bool) -> Row:
+    """As `_fly_one`, in a worker beside others: one flight is one thread's work."""
+    numba.set_num_threads(1)
+    return _fly_one(flight, folder, keep_logs)
 
 
 def _fly_one(flight: Flight, folder: Path, keep_logs: bool) -> Row:
