@@ -10,7 +10,7 @@ import typer
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from proxops.cli.common import check_folder, console, progress_bar, status, write_json
+from proxops.cli.common import check_folder, console, length_text, progress_bar, status, write_json
 from proxops.diagrams.body import load_body
 from proxops.diagrams.campaign import run_campaign, transit_flights
 from proxops.diagrams.scenario import load_scenario
@@ -109,7 +109,7 @@ _FIGURES: dict[str, Callable[[dict], str]] = {
     "success, 95 % interval": _interval,
     "collisions": lambda result: str(result["collisions"]),
     "keep-out violations": lambda result: str(result["keep_out_violations"]),
-    "least clearance (km)": lambda result: f"{result['min_clearance_m'] / 1e3:.2f}",
+    "least clearance": lambda result: length_text(result["min_clearance_m"]),
     "end error, median (m)": lambda result: _text(result["terminal_position_error_m_median"]),
     "end error, greatest (m)": lambda result: _text(result["terminal_position_error_m_max"]),
     "end speed, greatest (m/s)": lambda result: _text(result["terminal_speed_m_s_max"], ".3f"),

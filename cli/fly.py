@@ -13,6 +13,7 @@ from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
 
 from proxops.cli.common import (
     check_folder,
+    length_text,
     make_folder,
     print_rows,
     progress_bar,
@@ -119,9 +120,9 @@ def _table(log: FlightLog, summary: dict[str, Any]) -> list[tuple[str, str]]:
         ("success", "yes" if summary["success"] else "no"),
         ("collision", "yes" if summary["collided"] else "no"),
         ("keep-out violations", str(summary["keep_out_violations"])),
-        ("least clearance of the keep-out", f"{summary['min_clearance_m'] / 1e3:.2f} km"),
+        ("least clearance of the keep-out", length_text(summary["min_clearance_m"])),
         ("arrival", "never" if arrival is None else f"{arrival:.0f} s"),
-        ("position error at the end", f"{summary['terminal_position_error_m']:.2f} m"),
+        ("position error at the end", length_text(summary["terminal_position_error_m"])),
         ("speed at the end", f"{summary['terminal_speed_m_s']:.3f} m/s"),
         ("delta-v to arrival", f"{summary['delta_v_m_s']:.1f} m/s"),
         ("delta-v of the hold", f"{summary['hold_delta_v_m_s']:.1f} m/s"),

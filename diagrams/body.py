@@ -18,7 +18,7 @@ class BodyConfig:
     """What a body's YAML file holds; every key is needed."""
 
     name: str = ""
-    # Mesh file (OBJ, PLY, STL); relative to the body's YAML file.
+    # Mesh file (OBJ, PLY, STL, PDS .tab); relative to the body's YAML file.
     mesh: str = ""
     # Unit of the numbers in the mesh file: "km" or "m".
     mesh_unit: str = ""

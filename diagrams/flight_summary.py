@@ -13,8 +13,9 @@ if typing.TYPE_CHECKING:
 
 # A keep-out violation is deeper than this (m).
 KEEP_OUT_TOLERANCE = 1.0
-# The pure policy, which sees nothing but lidar, is also judged at this radius (m, m/s).
-WIDE_ARRIVAL = (2.0e3, 2.0)
+# The pure policy, which sees nothing but lidar, is also judged at this many times the scenario's
+# radius and speed of arrival. `success_2km` is named for the defaults, Kleopatra's: 2 km, 2 m/s.
+WIDE_ARRIVAL = 2.0
 # Samples between two rows when the least clearance is sought.
 _SUBSTEPS = 10
 
@@ -38,9 +39,8 @@ def summarise(log: FlightLog) -> dict[str, typing.Any]:
     violations = int(attrs["keep_out_violations"])
     in_time = arrived and arrival <= scenario.arrival.deadline_s
     # Who has arrived by the narrower rule has by the wider one, whatever interpolation says.
-    radius, speed = WIDE_ARRIVAL
-    narrower = scenario.arrival.radius_m <= radius and scenario.arrival.speed_m_s <= speed
-    nearly = (in_time and narrower) or _arrives(log, radius, speed)
+    radius, speed = scenario.arrival.radius_m, scenario.arrival.speed_m_s
+    nearly = in_time or _arrives(log, WIDE_ARRIVAL * radius, WIDE_ARRIVAL * speed)
     return {
         "controller": attrs["controller"],
         "seed": scenario.transit.seed,

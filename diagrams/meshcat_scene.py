@@ -1,13 +1,16 @@
 """What a flight looks like in Drake's Meshcat: the pieces that the replay and a live view share.
 
-Everything is in the body-fixed frame K, 1 Meshcat unit = 100 km. The spacecraft is drawn about a
-thousand times its size.
+Everything is in the body-fixed frame K. A Meshcat unit follows from the body, so that one of any
+size fills the picture alike; spacecraft, goal, arrows and points are of fixed sizes in units. About
+Kleopatra a unit is 100 km, and the spacecraft is drawn some thousand times its size.
 """
 
 from __future__ import annotations
 
 import logging
 import typing
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from pydrake.geometry import Box, Meshcat, MeshcatParams, Rgba, Sphere
@@ -18,7 +21,6 @@ from proxops.diagrams.body import Body
 from proxops.systems.ellipsoid import blocks_segment
 from proxops.systems.lidar import ray_directions
 
-METRES_PER_UNIT = 100.0e3
 # What to call, and how to colour, each value of a log's `decision`.
 WHO_FLIES: dict[int, tuple[str, tuple[float, float, float]]] = {
     0: ("controller", (0.25, 0.70, 0.45)),
@@ -35,12 +37,31 @@ _HULL = Rgba(0.92, 0.92, 0.95)
 _PANELS = Rgba(0.20, 0.32, 0.75)
 THRUST = Rgba(1.00, 0.85, 0.20)
 RETURNS = Rgba(1.00, 0.10, 0.30)
-# Lengths in Meshcat units: 0.01 is 1 km.
+_PLAN = Rgba(0.55, 0.85, 1.00)
+# Lengths in Meshcat units.
 _ARROW_LENGTH = 0.40
 _POINT_SIZE = 0.022
 # Degrees; the field of view is the vertical one.
 _CAMERA_ELEVATION = 28.0
 _FIELD_OF_VIEW = 40.0
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A Meshcat and the body that is shown in it."""
+
+    meshcat: Meshcat
+    body: Body
+
+    @cached_property
+    def unit(self) -> float:
+        """Metres per Meshcat unit: half the body's greatest extent, rounded to one digit."""
+        return float(f"{self.body.shape.extents.max() / 2.0:.0e}")
+
+    def pose(self, position: np.ndarray) -> RigidTransform:
+        """The pose, in Meshcat units, at a position (3,) in m."""
+        scaled: typing.Any = position / self.unit
+        return RigidTransform(scaled)
 
 
 def quiet_meshcat() -> Meshcat:
@@ -55,8 +76,9 @@ def quiet_meshcat() -> Meshcat:
         logger.setLevel(level)
 
 
-def prepare_scene(meshcat: Meshcat) -> None:
+def prepare_scene(scene: Scene) -> None:
     """Space: dark, no grid, no axes, one sun that is set by `look_at_flight`, little else."""
+    meshcat = scene.meshcat
     meshcat.SetProperty("/Grid", "visible", False)
     meshcat.SetProperty("/Axes", "visible", False)
     meshcat.SetProperty("/Background/<object>", "top_color", [0.015, 0.018, 0.035])
@@ -70,12 +92,13 @@ def prepare_scene(meshcat: Meshcat) -> None:
     )
 
 
-def look_at_flight(meshcat: Meshcat, body: Body, points: np.ndarray) -> None:
+def look_at_flight(scene: Scene, points: np.ndarray) -> None:
     """Points camera and sun so that body and `points` (N, 3), in m in K, are in view and lit.
 
     Of a ring of directions it takes the one from which the body hides fewest of the points, the
     points spread widest and most of them are on the near side.
     """
+    meshcat, body = scene.meshcat, scene.body
     half = body.shape.extents / 2.0
     everything = np.vstack([points, body.shape.vertices])
     centre = (everything.min(axis=0) + everything.max(axis=0)) / 2.0
@@ -103,22 +126,22 @@ def look_at_flight(meshcat: Meshcat, body: Body, points: np.ndarray) -> None:
     offsets = everything - centre
     needed = np.maximum(np.abs(offsets @ up), np.abs(offsets @ right) / (4.0 / 3.0)) / slope
     distance = (needed + offsets @ direction).max()
-    meshcat.SetCameraPose(
-        (centre + distance * direction) / METRES_PER_UNIT, centre / METRES_PER_UNIT
-    )
+    meshcat.SetCameraPose((centre + distance * direction) / scene.unit, centre / scene.unit)
     # From the side and above, so that relief is seen.
     sun = 10.0 * _towards(azimuth + 30.0, 38.0)
     meshcat.SetProperty("/Lights/FillLight/<object>", "position", sun.tolist())
 
 
-def add_body(meshcat: Meshcat, body: Body) -> None:
+def add_body(scene: Scene) -> None:
     """The body's mesh, shaded smoothly."""
-    set_mesh(meshcat, "/body", body.shape.vertices / METRES_PER_UNIT, body.shape.facets, _BODY)
+    shape = scene.body.shape
+    set_mesh(scene.meshcat, "/body", shape.vertices / scene.unit, shape.facets, _BODY)
 
 
-def add_keep_out(meshcat: Meshcat, body: Body) -> None:
+def add_keep_out(scene: Scene) -> None:
     """The keep-out ellipsoid, translucent, with meridians and parallels every 15 degrees."""
-    axes = body.keep_out_semi_axes / METRES_PER_UNIT
+    meshcat = scene.meshcat
+    axes = scene.body.keep_out_semi_axes / scene.unit
     turns, rises = np.linspace(0.0, 2.0 * np.pi, 97), np.linspace(-np.pi / 2.0, np.pi / 2.0, 49)
     turn, rise = np.meshgrid(turns, rises)
     points = axes * np.stack(
@@ -136,23 +159,26 @@ def add_keep_out(meshcat: Meshcat, body: Body) -> None:
     meshcat.SetLineSegments("/keep_out/graticule", starts, ends, 1.0, _GRATICULE)
 
 
-def add_goal(meshcat: Meshcat, position: np.ndarray) -> None:
+def add_goal(scene: Scene, position: np.ndarray) -> None:
     """A marker at a position (3,) in m in K: a ball with three long thin bars through it."""
+    meshcat = scene.meshcat
     meshcat.SetObject("/goal/ball", Sphere(0.022), GOAL)
     for axis in range(3):
         edges = np.full(3, 0.004)
         edges[axis] = 0.16
         meshcat.SetObject(f"/goal/bar_{axis}", Box(*edges), GOAL)
-    meshcat.SetTransform("/goal", _pose(position))
+    meshcat.SetTransform("/goal", scene.pose(position))
 
 
-def add_spacecraft(meshcat: Meshcat) -> None:
+def add_spacecraft(scene: Scene) -> None:
     """A hull with two panels, and an arrow of thrust along each axis; see `move_spacecraft`."""
+    meshcat = scene.meshcat
     meshcat.SetObject("/spacecraft/hull", Box(0.030, 0.030, 0.030), _HULL)
     for side in (-1.0, 1.0):
         name = f"/spacecraft/panel_{'left' if side < 0 else 'right'}"
         meshcat.SetObject(name, Box(0.022, 0.055, 0.003), _PANELS)
-        meshcat.SetTransform(name, _pose(np.array([0.0, side * 0.045 * METRES_PER_UNIT, 0.0])))
+        beside: typing.Any = [0.0, side * 0.045, 0.0]
+        meshcat.SetTransform(name, RigidTransform(beside))
     # An arrow along x, as a surface of revolution; the other two by cyclic permutation.
     along = _ARROW_LENGTH * np.array([0.0, 0.0, 0.72, 0.72, 1.0])
     out = np.array([0.0, 0.005, 0.005, 0.016, 0.0])
@@ -169,7 +195,7 @@ def add_spacecraft(meshcat: Meshcat) -> None:
 
 
 def move_spacecraft(
-    meshcat: Meshcat,
+    scene: Scene,
     position: np.ndarray,
     force: np.ndarray,
     thrust_limit: float,
@@ -177,11 +203,12 @@ def move_spacecraft(
 ) -> None:
     """Puts the spacecraft at a position (3,) in m, its arrows to a force (3,) in N, both in K.
 
-    Each arrow points where the force accelerates. At `thrust_limit` (N) it is 40 km long; below,
-    its length goes with the square root of the force, so that the usual tenth of it is seen too.
+    Each arrow points where the force accelerates. At `thrust_limit` (N) it is 0.4 units long;
+    below, its length goes with the square root of the force, so that the usual tenth of it is seen
+    too.
     """
-    pose = _pose(position)
-    meshcat.SetTransform("/spacecraft", pose, time_in_recording)
+    meshcat = scene.meshcat
+    meshcat.SetTransform("/spacecraft", scene.pose(position), time_in_recording)
     for letter, share in zip("xyz", force / thrust_limit, strict=True):
         # A negative scale turns the arrow about, through zero and without swinging round. Zero
         # itself would leave the surface without normals.
@@ -190,7 +217,7 @@ def move_spacecraft(
         meshcat.SetProperty(name, "scale", [scale] * 3, time_in_recording)
 
 
-def add_returns(meshcat: Meshcat, name: str, position: np.ndarray, ranges: np.ndarray) -> None:
+def add_returns(scene: Scene, name: str, position: np.ndarray, ranges: np.ndarray) -> None:
     """What one lidar frame saw from a position (3,) in m in K, as points.
 
     `ranges` (planes, rays) are in m, +inf where nothing returned.
@@ -200,8 +227,8 @@ def add_returns(meshcat: Meshcat, name: str, position: np.ndarray, ranges: np.nd
     hit = np.isfinite(flat)
     places = position + flat[hit, None] * ray_directions(planes, rays)[hit]
     cloud = PointCloud(int(hit.sum()))
-    cloud.mutable_xyzs()[:] = (places / METRES_PER_UNIT).T
-    meshcat.SetObject(name, cloud, _POINT_SIZE, RETURNS)
+    cloud.mutable_xyzs()[:] = (places / scene.unit).T
+    scene.meshcat.SetObject(name, cloud, _POINT_SIZE, RETURNS)
 
 
 def set_mesh(
@@ -219,10 +246,10 @@ def set_mesh(
     meshcat.SetProperty(f"{name}/<object>", "material.flatShading", False)
 
 
-def _pose(position: np.ndarray) -> RigidTransform:
-    """The pose, in Meshcat units, at a position (3,) in m."""
-    scaled: typing.Any = position / METRES_PER_UNIT
-    return RigidTransform(scaled)
+def add_plan(scene: Scene, positions: np.ndarray) -> None:
+    """The way that is planned, through positions (N, 3) in m in K, in place of the last one."""
+    points: typing.Any = (positions / scene.unit).T
+    scene.meshcat.SetLine("/plan", points, 1.0, _PLAN)
 
 
 def _towards(azimuth: float, elevation: float) -> np.ndarray:

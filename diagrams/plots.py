@@ -1,7 +1,7 @@
-"""Plots of flight logs, in km, N and minutes, with plain matplotlib and no display.
+"""Plots of flight logs, in km (m about small bodies), N and minutes, with no display.
 
-Each `plot_…` draws on the axes given; `plot_flight` puts them together into one figure. Whoever
-wants a file calls the figure's `savefig`.
+Each `plot_…` draws on the axes given, with plain matplotlib; `plot_flight` puts them together into
+one figure. Whoever wants a file calls the figure's `savefig`.
 """
 
 from __future__ import annotations
@@ -20,7 +20,6 @@ from proxops.diagrams.flight_summary import dense_positions
 from proxops.diagrams.meshcat_scene import WHO_FLIES
 from proxops.systems.ellipsoid import clearances
 
-_KM = 1e3
 _MINUTE = 60.0
 _BODY = "#b5aea4"
 _KEEP_OUT = "#5577bb"
@@ -28,6 +27,11 @@ _GOAL = "#128a3a"
 _LIMIT = "#b03030"
 _LINE = "#33415c"
 _AXIS = {"x": 0, "y": 1, "z": 2}
+
+
+def length_unit(size: float) -> tuple[float, str]:
+    """The unit, in m and by name, for lengths of up to about `size` (m): km from 5 km up."""
+    return (1e3, "km") if size >= 5e3 else (1.0, "m")
 
 
 def plot_flight(log: FlightLog) -> Figure:
@@ -57,8 +61,9 @@ def plot_path(ax: Axes, log: FlightLog, plane: str = "xy") -> None:
     With it the body's silhouette, the outline of the keep-out ellipsoid, start and goal.
     """
     across, up = (_AXIS[letter] for letter in plane)
-    positions = log.dataset["state"].values[:, :3] / _KM
-    goal = log.dataset["target"].values[-1, :3] / _KM
+    length, unit = _unit(log.body)
+    positions = log.dataset["state"].values[:, :3] / length
+    goal = log.dataset["target"].values[-1, :3] / length
     draw_body(ax, log.body, plane)
     flat = positions[:, [across, up]]
     segments = np.stack([flat[:-1], flat[1:]], axis=1)
@@ -66,28 +71,28 @@ def plot_path(ax: Axes, log: FlightLog, plane: str = "xy") -> None:
     ax.add_collection(LineCollection(list(segments), colors=colours, linewidths=2.0, zorder=3))
     ax.plot(*flat[0], "o", color="black", markersize=5, zorder=4)
     ax.plot(goal[across], goal[up], "*", color=_GOAL, markersize=13, zorder=4)
-    reach = max(
-        np.abs(positions).max(), np.abs(goal).max(), log.body.keep_out_semi_axes.max() / _KM
-    )
+    keep_out = log.body.keep_out_semi_axes.max() / length
+    reach = max(np.abs(positions).max(), np.abs(goal).max(), keep_out)
     ax.set_xlim(-1.08 * reach, 1.08 * reach)
     ax.set_ylim(-1.08 * reach, 1.08 * reach)
     ax.set_aspect("equal")
-    ax.set_xlabel(f"{plane[0]} (km)")
-    ax.set_ylabel(f"{plane[1]} (km)")
+    ax.set_xlabel(f"{plane[0]} ({unit})")
+    ax.set_ylabel(f"{plane[1]} ({unit})")
     ax.grid(alpha=0.25)
 
 
 def draw_body(ax: Axes, body: Body, plane: str = "xy") -> None:
-    """The silhouettes of the body and of its keep-out ellipsoid, in km, seen along an axis."""
+    """The silhouettes of the body and of its keep-out ellipsoid, seen along an axis."""
+    length, _ = _unit(body)
     across, up = (_AXIS[letter] for letter in plane)
-    triangles = body.shape.vertices[body.shape.facets][:, :, [across, up]] / _KM
+    triangles = body.shape.vertices[body.shape.facets][:, :, [across, up]] / length
     # The same colour inside and on the edges makes one shape of all facets, bent bodies too.
     ax.add_collection(
         PolyCollection(
             list(triangles), facecolors=_BODY, edgecolors=_BODY, linewidths=0.5, rasterized=True
         )
     )
-    axes = body.keep_out_semi_axes / _KM
+    axes = body.keep_out_semi_axes / length
     ax.add_patch(
         Ellipse(
             (0.0, 0.0), 2.0 * axes[across], 2.0 * axes[up],
@@ -98,12 +103,13 @@ def draw_body(ax: Axes, body: Body, plane: str = "xy") -> None:
 
 def plot_distance(ax: Axes, log: FlightLog) -> None:
     """Distance to the goal over time, on a logarithmic scale, with the radius of arrival."""
-    data = log.dataset
-    distance = np.linalg.norm((data["state"] - data["target"]).values[:, :3], axis=1) / _KM
-    # A log scale has no zero: a metre is nearer than anything that is flown.
-    ax.semilogy(_minutes(log), np.maximum(distance, 1e-3), color=_LINE)
-    ax.axhline(log.scenario.arrival.radius_m / _KM, color=_GOAL, linestyle="--", linewidth=1.0)
-    _over_time(ax, log, "distance to the goal (km)")
+    data, radius = log.dataset, log.scenario.arrival.radius_m
+    length, unit = _unit(log.body)
+    distance = np.linalg.norm((data["state"] - data["target"]).values[:, :3], axis=1)
+    # A log scale has no zero, and so near there is nothing to see.
+    ax.semilogy(_minutes(log), np.maximum(distance, 1e-3 * radius) / length, color=_LINE)
+    ax.axhline(radius / length, color=_GOAL, linestyle="--", linewidth=1.0)
+    _over_time(ax, log, f"distance to the goal ({unit})")
 
 
 def plot_speed(ax: Axes, log: FlightLog) -> None:
@@ -125,14 +131,15 @@ def plot_speed(ax: Axes, log: FlightLog) -> None:
 def plot_clearance(ax: Axes, log: FlightLog) -> None:
     """Euclidean distance to the keep-out ellipsoid over time; inside it is negative."""
     times, states = log.dataset["time"].values, log.dataset["state"].values
-    clearance = clearances(log.body.keep_out_semi_axes, dense_positions(times, states)) / _KM
+    length, unit = _unit(log.body)
+    clearance = clearances(log.body.keep_out_semi_axes, dense_positions(times, states)) / length
     row = np.arange(len(clearance)) / max(1, (len(clearance) - 1)) * (len(times) - 1)
     minutes = np.interp(row, np.arange(len(times)), times) / _MINUTE
     ax.plot(minutes, clearance, color=_LINE)
     inside = np.minimum(clearance, 0.0)
     ax.fill_between(minutes, inside, 0.0, color=_LIMIT, alpha=0.4, linewidth=0.0)
     ax.axhline(0.0, color=_KEEP_OUT, linestyle="--", linewidth=1.2)
-    _over_time(ax, log, "keep-out clearance (km)")
+    _over_time(ax, log, f"keep-out clearance ({unit})")
 
 
 def plot_force(ax: Axes, log: FlightLog, axis: str) -> None:
@@ -152,9 +159,11 @@ def plot_ranges(ax: Axes, frame: np.ndarray) -> AxesImage:
     """One lidar frame (planes, rays) in m as a picture; rays without a return stay blank."""
     planes, rays = frame.shape
     step = 360.0 / rays
-    kilometres = np.ma.masked_invalid(frame / _KM)
+    finite = frame[np.isfinite(frame)]
+    length, unit = length_unit(float(finite.max(initial=0.0)))
+    ranges = np.ma.masked_invalid(frame / length)
     image = ax.imshow(
-        kilometres, aspect="auto", origin="lower", interpolation="nearest", cmap="viridis_r",
+        ranges, aspect="auto", origin="lower", interpolation="nearest", cmap="viridis_r",
         extent=(-step / 2.0, 360.0 - step / 2.0, -0.5, planes - 0.5),
     )  # fmt: skip
     ax.set_facecolor("#eeeeee")
@@ -162,9 +171,14 @@ def plot_ranges(ax: Axes, frame: np.ndarray) -> AxesImage:
     ax.set_ylabel("plane")
     ax.set_xticks(np.arange(0, 361, 60))
     figure = ax.get_figure()
-    if figure is not None and kilometres.count():
-        figure.colorbar(image, ax=ax, label="range (km)", fraction=0.05, pad=0.02)
+    if figure is not None and finite.size:
+        figure.colorbar(image, ax=ax, label=f"range ({unit})", fraction=0.05, pad=0.02)
     return image
+
+
+def _unit(body: Body) -> tuple[float, str]:
+    """The unit of all lengths of a flight."""
+    return length_unit(float(body.shape.extents.max()))
 
 
 def _minutes(log: FlightLog) -> np.ndarray:

@@ -17,10 +17,10 @@ from pydrake.geometry import Meshcat, Rgba
 from proxops.diagrams.flight_log import FlightLog, write_whole
 from proxops.diagrams.meshcat_scene import (
     GOAL,
-    METRES_PER_UNIT,
     RETURNS,
     THRUST,
     WHO_FLIES,
+    Scene,
     add_body,
     add_goal,
     add_keep_out,
@@ -42,7 +42,7 @@ LIDAR_FRAMES = 40
 PATH_PIECES = 240
 
 _ROUTE = Rgba(0.45, 0.45, 0.50)
-_PATH_RADIUS = 0.007  # Meshcat units; 0.01 is 1 km.
+_PATH_RADIUS = 0.007  # Meshcat units.
 _TINY = 1e-12  # Keeps the tube finite where a path turns back on itself.
 
 
@@ -68,26 +68,27 @@ def add_flight(meshcat: Meshcat, log: FlightLog) -> None:
     times, positions = data["time"].values, data["state"].values[:, :3]
     goal = data["target"].values[-1, :3]
     limit = log.scenario.spacecraft.thrust_limit_n
-    for leftover in ("/path", "/lidar"):  # Of another flight that this Meshcat showed.
+    for leftover in ("/path", "/lidar", "/plan"):  # Of another flight, or of this one seen live.
         meshcat.Delete(leftover)
-    prepare_scene(meshcat)
-    add_body(meshcat, log.body)
-    add_keep_out(meshcat, log.body)
-    add_goal(meshcat, goal)
-    add_spacecraft(meshcat)
-    pieces = add_path(meshcat, positions, data["decision"].values)
-    frames = _add_returns(meshcat, data) if "ranges" in data else []
-    look_at_flight(meshcat, log.body, np.vstack([positions, goal]))
+    scene = Scene(meshcat, log.body)
+    prepare_scene(scene)
+    add_body(scene)
+    add_keep_out(scene)
+    add_goal(scene, goal)
+    add_spacecraft(scene)
+    pieces = add_path(scene, positions, data["decision"].values)
+    frames = _add_returns(scene, data) if "ranges" in data else []
+    look_at_flight(scene, np.vstack([positions, goal]))
 
     # Where nothing plays, the page shows the end of the flight.
-    move_spacecraft(meshcat, positions[-1], np.zeros(3), limit)
+    move_spacecraft(scene, positions[-1], np.zeros(3), limit)
     for name, _ in frames[:-1]:
         meshcat.SetProperty(name, "visible", False)
     meshcat.StartRecording(FRAMES_PER_SECOND, set_visualizations_while_recording=False)
     shown = (times - times[0]) / PLAYBACK_SPEED
     for row, time in enumerate(shown):
         force = np.nan_to_num(data["force"].values[row])
-        move_spacecraft(meshcat, positions[row], force, limit, float(time))
+        move_spacecraft(scene, positions[row], force, limit, float(time))
     for name, row in pieces:
         meshcat.SetProperty(name, "visible", False, 0.0)
         meshcat.SetProperty(name, "visible", True, float(shown[row]))
@@ -100,15 +101,13 @@ def add_flight(meshcat: Meshcat, log: FlightLog) -> None:
     meshcat.PublishRecording()
 
 
-def add_path(
-    meshcat: Meshcat, positions: np.ndarray, decisions: np.ndarray
-) -> list[tuple[str, int]]:
+def add_path(scene: Scene, positions: np.ndarray, decisions: np.ndarray) -> list[tuple[str, int]]:
     """The path as pieces of tube in the colour of who flies, over a thin line of the whole.
 
     Takes positions (N, 3) in m in K and decisions (N,), who flies from each row to the next.
     Returns for each piece its name and the row at which the spacecraft has flown it.
     """
-    points = positions / METRES_PER_UNIT
+    meshcat, points = scene.meshcat, positions / scene.unit
     if len(points) > 1:
         route: typing.Any = points.T  # Drake's stubs know no numpy shapes.
         meshcat.SetLine("/path/route", route, 1.0, _ROUTE)
@@ -134,13 +133,13 @@ def add_path(
     return pieces
 
 
-def _add_returns(meshcat: Meshcat, data: xr.Dataset) -> list[tuple[str, int]]:
+def _add_returns(scene: Scene, data: xr.Dataset) -> list[tuple[str, int]]:
     """Some lidar frames of a log's dataset, evenly spread: for each its name and its row."""
     ranges, positions = data["ranges"].values, data["state"].values[:, :3]
     frames = []
     for row in np.unique(np.linspace(0, len(ranges) - 1, LIDAR_FRAMES).astype(int)):
         name = f"/lidar/row_{row:04d}"
-        add_returns(meshcat, name, positions[row], ranges[row])
+        add_returns(scene, name, positions[row], ranges[row])
         frames.append((name, int(row)))
     return frames
 

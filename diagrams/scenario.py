@@ -71,8 +71,24 @@ class MpcConfig:
     min_horizon_s: float = 300.0
     # Added to every semi-axis of the keep-out ellipsoid in the plan.
     keep_out_margin_m: float = 3.0e3
+    # Believe in a point mass instead of the polyhedron.
+    point_mass: bool = False
+    # Above 0: estimate, with this gain a step, what pushes besides gravity, and plan for it.
+    estimator_gain: float = 0.0
     # Relinearisations when there is no recent plan to start from; otherwise one a step.
     cold_iterations: int = 10
+
+
+@dc.dataclass
+class MismatchConfig:
+    """What the plant truly is, as multiples of what the expert believes."""
+
+    # Of the body's density.
+    gravity: float = 1.0
+    # Of the spacecraft's mass.
+    mass: float = 1.0
+    # Of the force for a command.
+    thrust: float = 1.0
 
 
 @dc.dataclass
@@ -127,6 +143,7 @@ class Scenario:
     mpc: MpcConfig = dc.field(default_factory=MpcConfig)
     # None: the command is applied as it is.
     disturbance: RandomWalkDisturbanceConfig | None = None
+    mismatch: MismatchConfig = dc.field(default_factory=MismatchConfig)
     transit: TransitConfig = dc.field(default_factory=TransitConfig)
     arrival: ArrivalConfig = dc.field(default_factory=ArrivalConfig)
     # The command is computed, and then held, this often.
@@ -196,6 +213,12 @@ def check_scenario(scenario: Scenario, source: str = "scenario") -> None:
     positive("", "control_period_s")
     not_negative("", "noise_seed")
     positive("spacecraft", "mass_kg", "thrust_limit_n", "speed_limit_m_s")
+    positive("mismatch", "gravity", "mass", "thrust")
+    need(
+        0.0 <= scenario.mpc.estimator_gain <= 1.0,
+        "mpc.estimator_gain",
+        f"must be from 0 to 1, got {scenario.mpc.estimator_gain}",
+    )
     positive("lidar", "max_range_m", "planes", "rays", "max_incidence_deg")
     not_negative("lidar", "noise_std_m", "dropout", "false_returns")
     each("lidar", ("bias_m",), lambda value: True, "must be finite")

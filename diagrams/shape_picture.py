@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Ellipse
 
+from proxops.diagrams.plots import length_unit
 from proxops.diagrams.shape_report import SLIVER_ANGLE, ShapeReport, spin_axis_error
 
 _BODY = np.array([0.71, 0.68, 0.64])
@@ -183,7 +184,7 @@ def _vector(values: np.ndarray, size: float) -> str:
 def _unit(report: ShapeReport) -> tuple[float, str]:
     finite = report.file.vertices[np.isfinite(report.file.vertices).all(axis=1)]
     size = float(np.ptp(finite, axis=0).max()) if len(finite) else 1.0
-    return (1e3, "km") if size >= 5e3 else (1.0, "m")
+    return length_unit(size)
 
 
 def _drawable(report: ShapeReport) -> np.ndarray:

@@ -19,6 +19,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patheffects import Normal, Stroke
 
+from proxops.diagrams.plots import length_unit
 from proxops.systems.equilibria import Equilibrium, find_equilibria, synchronous_radius
 from proxops.systems.errors import InputError
 from proxops.systems.gravity_field import GravityField
@@ -34,7 +35,6 @@ VIEWS = {
     "+x": ("+y", "+z"),
     "-x": ("-y", "+z"),
 }
-_KM = 1e3
 _LABEL_EDGE = [Stroke(linewidth=2.5, foreground="black"), Normal()]
 # Colour of an equilibrium by its number of growing modes, and what the legend says.
 _MODES = {
@@ -87,7 +87,7 @@ def draw_surface(
     colours: str = "viridis",
     norm: Normalize | None = None,
 ) -> PolyCollection:
-    """The facets that face the viewer, each in the colour of its value, nearest on top; in km.
+    """The facets that face the viewer, each in the colour of its value, nearest on top.
 
     Args:
       values: (F,), one a facet.
@@ -104,7 +104,8 @@ def draw_surface(
     centres = shape.vertices[shape.facets].mean(axis=1)
     facing = np.flatnonzero(shape.normals @ towards > 0.0)
     facing = facing[np.argsort(centres[facing] @ towards)]
-    flat = shape.vertices @ np.stack([right, up], axis=1) / _KM
+    length, unit = length_unit(float(shape.extents.max()))
+    flat = shape.vertices @ np.stack([right, up], axis=1) / length
     norm = norm or Normalize(values.min(), values.max())
     rgba = mpl.colormaps[colours](norm(values[facing]))
     # Edges in the colour of their facet close the seams between facets.
@@ -119,8 +120,8 @@ def draw_surface(
     ax.autoscale_view()
     ax.set_aspect("equal")
     ax.margins(0.03)
-    ax.set_xlabel(_axis_label(VIEWS[view][0]))
-    ax.set_ylabel(_axis_label(VIEWS[view][1]))
+    ax.set_xlabel(_axis_label(VIEWS[view][0], unit))
+    ax.set_ylabel(_axis_label(VIEWS[view][1], unit))
     return surface
 
 
@@ -158,7 +159,7 @@ def plot_equilibria(
         for number, (colour, text) in _MODES.items()
         if any(point.growing == number for point in equilibria)
     ]
-    radius = synchronous_radius(field.mass, spin) / _KM
+    radius = synchronous_radius(field.mass, spin) / _plane_unit(cut)[0]
     if np.isfinite(radius):
         turn = np.linspace(0.0, 2.0 * np.pi, 181)
         ax.plot(radius * np.cos(turn), radius * np.sin(turn), ":", color="white", linewidth=1.2)
@@ -171,13 +172,14 @@ def plot_equilibria(
 def draw_plane_cut(
     ax: Axes, cut: PlaneCut, equilibria: Sequence[Equilibrium] = (), levels: int = 40
 ) -> QuadContourSet:
-    """Contours of the effective potential on a plane, the body's section, and equilibria, in km.
+    """Contours of the effective potential on a plane, the body's section, and equilibria.
 
     Equilibria are called E1, E2, … in the order given; those farther from the plane than a
     twentieth of its width are left out. Levels crowd where the field is flat, as about equilibria:
     they are quantiles of the potential over the plane.
     """
-    across, up = cut.across / _KM, cut.up / _KM
+    length, unit = _plane_unit(cut)
+    across, up = cut.across / length, cut.up / length
     quantiles = np.unique(np.quantile(cut.potential, np.linspace(0.0, 1.0, levels)))
     norm = BoundaryNorm(quantiles, 256)
     filled = ax.contourf(across, up, cut.potential, quantiles, cmap="cividis", norm=norm)
@@ -197,7 +199,7 @@ def draw_plane_cut(
     for number, point in enumerate(equilibria, start=1):
         if abs(point.position[third] - cut.offset) > 0.05 * np.ptp(cut.across):
             continue
-        x, y = point.position[columns] / _KM
+        x, y = point.position[columns] / length
         colour = _MODES[min(point.growing, 2)][0]
         ax.plot(x, y, "o", color=colour, markeredgecolor="white", markersize=8, zorder=4)
         ax.annotate(
@@ -205,8 +207,8 @@ def draw_plane_cut(
             fontsize="medium", fontweight="bold", path_effects=_LABEL_EDGE, zorder=5,
         )  # fmt: skip
     ax.set_aspect("equal")
-    ax.set_xlabel(_axis_label("+" + cut.plane[0]))
-    ax.set_ylabel(_axis_label("+" + cut.plane[1]))
+    ax.set_xlabel(_axis_label("+" + cut.plane[0], unit))
+    ax.set_ylabel(_axis_label("+" + cut.plane[1], unit))
     return filled
 
 
@@ -217,5 +219,9 @@ def _unit(axis: str) -> np.ndarray:
     return vector
 
 
-def _axis_label(axis: str) -> str:
-    return f"{axis[1]} (km)" if axis[0] == "+" else f"−{axis[1]} (km)"
+def _plane_unit(cut: PlaneCut) -> tuple[float, str]:
+    return length_unit(float(np.ptp(cut.across)))
+
+
+def _axis_label(axis: str, unit: str) -> str:
+    return f"{axis[1]} ({unit})" if axis[0] == "+" else f"−{axis[1]} ({unit})"

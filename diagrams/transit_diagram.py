@@ -4,20 +4,28 @@ from __future__ import annotations
 
 import numpy as np
 from pydrake.geometry import Meshcat
-from pydrake.systems.framework import Diagram, DiagramBuilder, System
-from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput, ZeroOrderHold
+from pydrake.systems.framework import Diagram, DiagramBuilder, PortDataType, System
+from pydrake.systems.primitives import (
+    ConstantVectorSource,
+    LogVectorOutput,
+    MatrixGain,
+    ZeroOrderHold,
+)
 
 from proxops.diagrams.body import Body, load_body
 from proxops.diagrams.flight_summary import KEEP_OUT_TOLERANCE
 from proxops.diagrams.live_view import LiveView, add_live_view
+from proxops.diagrams.meshcat_scene import Scene
 from proxops.diagrams.scenario import Scenario
 from proxops.diagrams.transits import scenario_transit
 from proxops.systems import (
     FlightMonitor,
+    GravityField,
     Horizon,
     InputError,
     Lidar,
     ModelPredictiveController,
+    PointMassField,
     PolyhedralGravity,
     RandomWalkDisturbance,
     Spacecraft,
@@ -37,7 +45,7 @@ def make_controller(scenario: Scenario, body: Body) -> ModelPredictiveController
     """The expert, as the scenario configures it."""
     craft, mpc = scenario.spacecraft, scenario.mpc
     program = TransitProgram(
-        field=body.gravity_field,
+        field=PointMassField(body.gravity_field.mass) if mpc.point_mass else body.gravity_field,
         spin=body.spin_rate,
         limits=TransitLimits(
             mass=craft.mass_kg,
@@ -53,7 +61,9 @@ def make_controller(scenario: Scenario, body: Body) -> ModelPredictiveController
             minimum=mpc.min_horizon_s,
         ),
     )
-    return ModelPredictiveController(program, scenario.control_period_s, mpc.cold_iterations)
+    return ModelPredictiveController(
+        program, scenario.control_period_s, mpc.cold_iterations, mpc.estimator_gain
+    )
 
 
 def make_transit_diagram(
@@ -77,7 +87,8 @@ def make_transit_diagram(
       controller: any system with an output port `force` (3), in N in K, and any of the input
         ports `state` (6), `target` (6), `position` (3), `velocity` (3), `ranges` and
         `applied_force` (3). None: the expert.
-      meshcat: draws the flight live.
+      meshcat: draws the flight live, with the controller's plan if it has an output port `plan`
+        (abstract Plan).
       body: None: the one that the scenario names.
 
     Returns:
@@ -100,9 +111,14 @@ def make_transit_diagram(
     def add(name: str, system: System):
         return builder.AddNamedSystem(name, system)
 
-    gravity = add("gravity", PolyhedralGravity(body.gravity_field))
+    true = scenario.mismatch
+    true_field = body.gravity_field
+    if true.gravity != 1.0:
+        true_field = GravityField(body.shape, mass=true.gravity * true_field.mass)
+    gravity = add("gravity", PolyhedralGravity(true_field))
     at_rest = np.concatenate([transit.start, np.zeros(3)])
-    craft = add("spacecraft", Spacecraft(scenario.spacecraft.mass_kg, body.spin_rate, at_rest))
+    mass = true.mass * scenario.spacecraft.mass_kg
+    craft = add("spacecraft", Spacecraft(mass, body.spin_rate, at_rest))
     craft_ports = {port: craft.GetOutputPort(port) for port in ("state", "position", "velocity")}
     sensor = scenario.lidar
     lidar = add(
@@ -128,7 +144,11 @@ def make_transit_diagram(
 
     builder.Connect(craft_ports["position"], gravity.GetInputPort("position"))
     builder.Connect(gravity.GetOutputPort("acceleration"), craft.GetInputPort("gravity"))
-    builder.Connect(hold.get_output_port(), craft.GetInputPort("force"))
+    thrust = hold
+    if true.thrust != 1.0:
+        thrust = add("thrust_mismatch", MatrixGain(true.thrust * np.eye(3)))
+        builder.Connect(hold.get_output_port(), thrust.get_input_port())
+    builder.Connect(thrust.get_output_port(), craft.GetInputPort("force"))
     builder.Connect(craft_ports["position"], lidar.GetInputPort("position"))
 
     sources = {
@@ -190,12 +210,25 @@ def make_transit_diagram(
     for name, port in logged.items():
         LogVectorOutput(port, builder, publish_period=period).set_name(f"log_{name}")
     if meshcat is not None:
-        view = LiveView(meshcat, lidar, scenario.spacecraft.thrust_limit_n, period)
         seen = {name: sources[name] for name in ("position", "ranges")}
-        add_live_view(builder, meshcat, body, transit, view, {**seen, "force": applied})
+        seen["force"] = applied
+        if _has_plan(pilot):
+            seen["plan"] = pilot.GetOutputPort("plan")
+        limit = scenario.spacecraft.thrust_limit_n
+        view = LiveView(Scene(meshcat, body), lidar, limit, period, with_plan="plan" in seen)
+        add_live_view(builder, transit, view, seen)
     diagram = builder.Build()
     diagram.set_name("transit")
     return diagram
+
+
+def _has_plan(controller: System) -> bool:
+    """Whether it has an abstract output port `plan`."""
+    ports = [controller.get_output_port(i) for i in range(controller.num_output_ports())]
+    return any(
+        port.get_name() == "plan" and port.get_data_type() == PortDataType.kAbstractValued
+        for port in ports
+    )
 
 
 def _connect_controller(builder: DiagramBuilder, controller: System, sources: dict) -> None:

@@ -1,15 +1,19 @@
 """The blocks of the diagram: plain numerics, and a thin Drake LeafSystem over each."""
 
+from proxops.systems.equilibria import find_equilibria
 from proxops.systems.errors import InputError
 from proxops.systems.flight_monitor import FlightMonitor
 from proxops.systems.gravity_field import Gravity, GravityField
-from proxops.systems.lidar import Lidar, RayCaster, ray_directions
+from proxops.systems.lidar import Lidar, ray_directions
 from proxops.systems.model_predictive_controller import ModelPredictiveController
 from proxops.systems.plan import Horizon, Plan, TransitLimits
+from proxops.systems.point_mass_field import PointMassField
 from proxops.systems.polyhedral_gravity import PolyhedralGravity, PolyhedralGravity_
 from proxops.systems.polyhedron import Polyhedron
 from proxops.systems.random_walk_disturbance import RandomWalkDisturbance
+from proxops.systems.ray_caster import RayCaster, RayFan
 from proxops.systems.spacecraft import Spacecraft, Spacecraft_, jacobi_integral
+from proxops.systems.surface_maps import effective_field, plane_cut, surface_map
 from proxops.systems.thrusters import Thrusters
 from proxops.systems.transit_program import TransitProgram
 
@@ -22,16 +26,22 @@ __all__ = [
     "Lidar",
     "ModelPredictiveController",
     "Plan",
+    "PointMassField",
     "PolyhedralGravity",
     "PolyhedralGravity_",
     "Polyhedron",
     "RandomWalkDisturbance",
     "RayCaster",
+    "RayFan",
     "Spacecraft",
     "Spacecraft_",
     "Thrusters",
     "TransitLimits",
     "TransitProgram",
+    "effective_field",
+    "find_equilibria",
     "jacobi_integral",
+    "plane_cut",
     "ray_directions",
+    "surface_map",
 ]

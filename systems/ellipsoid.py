@@ -59,16 +59,17 @@ def clearances(semi_axes, points):
 def tangent_half_spaces(semi_axes: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Half-spaces n.r >= b that hold no point of the ellipsoid's inside, one for each point.
 
-    Each touches the ellipsoid where the ray from the origin through the point leaves it. Returns
-    unit normals (N, 3) and offsets (N,). The origin itself counts as lying towards +z.
+    For a point outside it touches the ellipsoid where the ray to it from the origin leaves; for
+    one inside, at the nearest point of the surface: the shortest way out. Returns unit normals
+    (N, 3) and offsets (N,).
     """
-    scaled = points / semi_axes
-    level = np.linalg.norm(scaled, axis=1, keepdims=True)
-    at_origin = level < 1e-12
-    unit = np.where(at_origin, [0.0, 0.0, 1.0], scaled / np.where(at_origin, 1.0, level))
-    normals = unit / semi_axes
-    length = np.linalg.norm(normals, axis=1, keepdims=True)
-    return normals / length, 1.0 / length[:, 0]
+    level = np.linalg.norm(points / semi_axes, axis=1)
+    touching = points / np.maximum(level, 1.0)[:, None]
+    for k in np.flatnonzero(level < 1.0):
+        touching[k] = closest_point(semi_axes, points[k])
+    normals = touching / semi_axes**2
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    return normals, np.einsum("ni,ni->n", normals, touching)
 
 
 def blocks_segment(semi_axes: np.ndarray, start: np.ndarray, end: np.ndarray) -> bool:

@@ -13,7 +13,7 @@ from pydrake.systems.framework import (
 
 from proxops.systems.ellipsoid import blocks_segment, clearances
 from proxops.systems.gravity_field import GravityField
-from proxops.systems.lidar import ray_caster
+from proxops.systems.ray_caster import ray_caster
 
 # A time that never comes; finite, so that a witness may be interpolated.
 NEVER = 1e15

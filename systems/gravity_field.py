@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import sys
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -35,6 +35,14 @@ class Gravity(NamedTuple):
     """(N, 3, 3) in 1/s^2: the derivative of the acceleration by position, symmetric."""
     inside: np.ndarray
     """(N,) bool: within the surface (a solid angle above 2 pi)."""
+
+
+class Field(Protocol):
+    """Whatever has gravity: what the expert asks of a field."""
+
+    def evaluate(self, points: np.ndarray) -> Gravity:
+        """The field at points (N, 3) in m."""
+        ...
 
 
 class GravityField:

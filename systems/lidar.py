@@ -18,7 +18,6 @@ from proxops.systems.lidar_errors import (
     too_grazing,
 )
 from proxops.systems.polyhedron import Polyhedron
-from proxops.systems.ray_caster import RayCaster as RayCaster  # found here by whoever casts rays
 from proxops.systems.ray_caster import ray_caster
 
 PLANES = 12

@@ -11,6 +11,7 @@ from pydrake.systems.framework import LeafSystem
 
 from proxops.systems.errors import InputError
 from proxops.systems.plan import Plan
+from proxops.systems.spacecraft import rotating_frame_acceleration
 from proxops.systems.transit_program import TransitProgram
 
 SOLVED, FLOWN_ON, BRAKING = 0, 1, 2
@@ -34,15 +35,26 @@ class ModelPredictiveController(LeafSystem):
     `enable`, if connected, gates the periodic update: while it is 0, nothing is solved unless an
     output is asked for.
 
+    With `estimator_gain` above 0 it is offset-free: the acceleration that gravity and its own last
+    force do not explain is estimated from the motion over the last period, smoothed by that gain,
+    and planned for. The estimate is kept with the plan; the command then depends on it too.
+
     If the solver fails the flight goes on: the last plan is flown on by the clock (status 1), and
     without one the spacecraft brakes (status 2).
     """
 
-    def __init__(self, program: TransitProgram, period: float = 10.0, cold_iterations: int = 10):
-        """Takes the program to solve and the control period in s.
+    def __init__(
+        self,
+        program: TransitProgram,
+        period: float = 10.0,
+        cold_iterations: int = 10,
+        estimator_gain: float = 0.0,
+    ):
+        """Takes the program to solve, the control period in s and the estimator's gain, 0 to 1.
 
         Raises:
-          InputError: the period or the number of iterations is not positive.
+          InputError: the period or the number of iterations is not positive, or the gain is not
+            from 0 to 1.
         """
         super().__init__()
         if not (period > 0.0 and cold_iterations >= 1):
@@ -50,13 +62,17 @@ class ModelPredictiveController(LeafSystem):
                 "the MPC needs a positive period and at least one cold iteration, "
                 f"got {period} and {cold_iterations}"
             )
+        if not 0.0 <= estimator_gain <= 1.0:
+            raise InputError(f"the MPC's estimator gain must be from 0 to 1, got {estimator_gain}")
         self.program, self.period, self.cold_iterations = program, period, cold_iterations
+        self.estimator_gain = estimator_gain
         self._state_port = self.DeclareVectorInputPort(name="state", size=6)
         self._target_port = self.DeclareVectorInputPort(name="target", size=6)
         self._enable_port = self.DeclareVectorInputPort(name="enable", size=1)
         knots = program.horizon.knots
-        # Whether there is a plan, when it was made, its length, target, states and forces.
-        self._memory = self.DeclareDiscreteState(9 + 6 * (knots + 1) + 3 * knots)
+        # Whether there is a plan, when it was made, its length, target, states and forces, and the
+        # estimate of what pushes besides gravity.
+        self._memory = self.DeclareDiscreteState(9 + 6 * (knots + 1) + 3 * knots + 3)
         depends = {
             self._state_port.ticket(),
             self._target_port.ticket(),
@@ -92,11 +108,12 @@ class ModelPredictiveController(LeafSystem):
         )
         iterations = 1 if close else self.cold_iterations
         started = time.perf_counter()
-        plan = self.program.solve(state, target, last, age, iterations)
+        push = self._estimate(context, last, age, state)
+        plan = self.program.solve(state, target, last, age, iterations, push)
         if plan is None:
             if last is not None:
                 # A plan that leads nowhere may be what the solver choked on: again from nothing.
-                plan = self.program.solve(state, target, None, 0.0, self.cold_iterations)
+                plan = self.program.solve(state, target, None, 0.0, self.cold_iterations, push)
             if plan is None:
                 plan = self._flown_on(last, age) if last is not None else self._braking(state)
             plan = dataclasses.replace(plan, solve_time=time.perf_counter() - started)
@@ -119,7 +136,8 @@ class ModelPredictiveController(LeafSystem):
         if plan.status != SOLVED:
             return  # The last plan that was solved stays, to be flown on by its own clock.
         head = [1.0, context.get_time(), plan.times[-1], *plan.target]
-        memory = np.concatenate([head, plan.states.ravel(), plan.forces.ravel()])
+        push = self._estimate(context, *self._recall(context), plan.states[0])
+        memory = np.concatenate([head, plan.states.ravel(), plan.forces.ravel(), push])
         discrete_state.set_value(self._memory, memory)
 
     def _recall(self, context) -> tuple[Plan | None, float]:
@@ -134,9 +152,27 @@ class ModelPredictiveController(LeafSystem):
             times=memory[2] * self.program.horizon.fractions(),
             target=memory[3:9],
             states=memory[9:split].reshape(knots + 1, 6),
-            forces=memory[split:].reshape(knots, 3),
+            forces=memory[split:-3].reshape(knots, 3),
         )
         return plan, context.get_time() - memory[1]
+
+    def _estimate(self, context, last: Plan | None, age: float, state: np.ndarray) -> np.ndarray:
+        """What pushes besides gravity and the force commanded `age` s ago: (3,) in m/s^2."""
+        known = context.get_discrete_state(self._memory).value()[-3:].copy()
+        if self.estimator_gain == 0.0 or last is None or not 0.0 < age <= 1.5 * self.period:
+            return known
+        limits, before = self.program.limits, last.states[0]
+        change = state[3:] - before[3:]
+        middle = 0.5 * (before[:3] + state[:3]) - 0.125 * age * change
+        expected = rotating_frame_acceleration(
+            middle,
+            0.5 * (before[3:] + state[3:]),
+            self.program.field.evaluate(middle[None]).acceleration[0],
+            np.clip(last.forces[0], -limits.thrust, limits.thrust),
+            limits.mass,
+            self.program.spin,
+        )
+        return known + self.estimator_gain * (change / age - expected - known)
 
     def _flown_on(self, last: Plan, age: float) -> Plan:
         """What is left of the last plan, on the same knots; past its end, its last force."""

@@ -37,7 +37,7 @@ from pydrake.solvers import (
 from proxops.systems.ellipsoid import tangent_half_spaces
 from proxops.systems.errors import InputError
 from proxops.systems.first_guess import first_positions
-from proxops.systems.gravity_field import GravityField
+from proxops.systems.gravity_field import Field
 from proxops.systems.plan import Horizon, Plan, TransitLimits
 
 # Terms of the exponential's series for one interval; |A| dt is at most about 0.3.
@@ -58,7 +58,7 @@ _STRETCH_CURVATURE = 1.0
 class TransitProgram:
     """The convex program of one linearisation, built once and updated at every call."""
 
-    def __init__(self, field: GravityField, spin: float, limits: TransitLimits, horizon: Horizon):
+    def __init__(self, field: Field, spin: float, limits: TransitLimits, horizon: Horizon):
         """Takes the field and spin (rad/s about z) that the plan believes in.
 
         Raises:
@@ -139,6 +139,7 @@ class TransitProgram:
         previous: Plan | None = None,
         age: float = 0.0,
         iterations: int = 1,
+        push: np.ndarray | None = None,
     ) -> Plan | None:
         """The plan from `state` (6,) to `target` (6,), or None if the solver fails.
 
@@ -146,12 +147,14 @@ class TransitProgram:
           previous: the plan to linearise about first, made `age` seconds ago; None: a guess that
             depends on state and target alone.
           iterations: how often to linearise and solve.
+          push: (3,) in m/s^2, an acceleration that the field does not explain; None: none.
         """
         started = time.perf_counter()
         if not (np.isfinite(state).all() and np.isfinite(target).all()):
             return None  # Drake would end the process.
         last = self._first_plan(state, target) if previous is None else previous
         cold = previous is None
+        self._push = np.zeros(3) if push is None else push
         for iteration in range(1, iterations + 1):
             result, duration = self._improve(state, target, last, age, cold and iteration == 1)
             if not result.is_success():
@@ -227,7 +230,7 @@ class TransitProgram:
         middle = 0.5 * (positions[1:] + positions[:-1])
         gravity = self.field.evaluate(middle)
         gradient = gravity.gradient.copy()
-        constant = gravity.acceleration - np.einsum("nij,nj->ni", gradient, middle)
+        constant = gravity.acceleration - np.einsum("nij,nj->ni", gradient, middle) + self._push
         gradient[:, [0, 1], [0, 1]] += self.spin**2
 
         # d/dt (x, u, 1), scaled: exact for this linear motion by the exponential's series.

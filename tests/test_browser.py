@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from matplotlib.image import imread
-from synthetic_log import synthetic_log
+from synthetic_log import similar_log, synthetic_log
 
 from proxops.diagrams.replay import write_replay
 
@@ -89,6 +89,16 @@ def shown(tmp_path_factory: pytest.TempPathFactory) -> tuple[np.ndarray, np.ndar
     return images[0], images[1], said
 
 
+@pytest.fixture(scope="module")
+def small(tmp_path_factory: pytest.TempPathFactory) -> np.ndarray:
+    """As the first picture of `shown`, all lengths but the icons' 1/437: a body of 500 m."""
+    folder = tmp_path_factory.mktemp("browser")
+    page, picture = folder / "replay.html", folder / "small.png"
+    write_replay(similar_log(synthetic_log(), 1.0 / 437.0), page)
+    assert complaints(photograph(page, picture, folder / "profile", 8.0)) == []
+    return imread(picture)[:, :, :3]
+
+
 def complaints(log: str) -> list[str]:
     """What the page said on its console, whatever the level, less the graphics driver's notes.
 
@@ -133,10 +143,25 @@ def test_path_grows_while_it_plays(shown: tuple[np.ndarray, np.ndarray, str]) ->
     assert late[1] > 50
 
 
-def test_returns_thrust_and_goal_are_seen(shown: tuple[np.ndarray, np.ndarray, str]) -> None:
-    red, green, blue = channels(shown[0])
+def icons(image: np.ndarray) -> list[int]:
+    """Pixels of lidar returns, thrust and goal."""
+    red, green, blue = channels(image)
     returns = (red > 0.6) & (green < 0.4) & (blue < 0.55) & (red - green > 0.35)
     thrust = (red > 0.5) & (green > 0.8 * red) & (green < 1.05 * red) & (blue < 0.6 * red)
     goal = (green > 0.4) & (red < 0.65 * green) & (blue < 0.75 * green)
-    for mask in (returns, thrust, goal):
-        assert mask.sum() > 20
+    return [int(mask.sum()) for mask in (returns, thrust, goal)]
+
+
+def test_returns_thrust_and_goal_are_seen(shown: tuple[np.ndarray, np.ndarray, str]) -> None:
+    assert min(icons(shown[0])) > 20
+
+
+def test_small_body_is_as_well_seen(
+    shown: tuple[np.ndarray, np.ndarray, str], small: np.ndarray
+) -> None:
+    assert min(icons(small)) > 20
+    bodies = [
+        ((np.ptp(image, axis=2) < GREY_SPREAD) & (image.mean(axis=2) > GREY_LEAST)).mean()
+        for image in (shown[0], small)
+    ]
+    assert bodies[1] == pytest.approx(bodies[0], rel=0.2)

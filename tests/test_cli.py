@@ -13,6 +13,7 @@ import trimesh
 from short_flights import blob, kleopatra, kleopatra_flight, short_scenario, write_blob
 from test_flight_log import SUMMARY
 
+from proxops.cli.common import length_text
 from proxops.cli.main import main
 from proxops.diagrams.flight_log import FlightLog, differences
 
@@ -164,6 +165,21 @@ def test_own_body(run, tmp_path: Path) -> None:
     assert again.code == 0, again.err
 
 
+@pytest.mark.parametrize(
+    ("metres", "text"),
+    [
+        (6.371, "6.37 m"),
+        (999.0, "999.00 m"),
+        (1e3, "1.00 km"),
+        (-12.5, "-12.50 m"),
+        (-2345.6, "-2.35 km"),
+        (0.0, "0.00 m"),
+    ],
+)
+def test_lengths_are_in_metres_below_a_kilometre(metres: float, text: str) -> None:
+    assert length_text(metres) == text
+
+
 # --- evaluate -------------------------------------------------------------------------------------
 
 
@@ -182,6 +198,7 @@ def test_evaluate(run, tmp_path: Path) -> None:
         assert [row["transit"] for row in result["flights"]] == [0, 1]
         assert {row["controller"] for row in result["flights"]} == {name}
         assert {row["seed"] for row in result["flights"]} == {31}
+        assert length_text(result["min_clearance_m"]) in ran.out
     assert "0 of 2" in ran.out
 
     # Again: nothing is flown twice.

@@ -341,13 +341,15 @@ def test_flight_at_a_body_that_was_set_up_by_itself(shape, tmp_path: Path) -> No
     transit = transit_set(10000, 2, scenario)[1]
     assert np.abs([transit.start, transit.goal]).max() < 500.0
     # Transit 1 has its straight line blocked.
-    code, _, err = shape("visit.yaml", "--transit", 1, "--out", "flight", command="fly")
+    code, out, err = shape("visit.yaml", "--transit", 1, "--out", "flight", command="fly")
     assert code == 0, err
     summary = json.loads((tmp_path / "flight/summary.json").read_text())
     assert summary["success"] is True
     assert summary["collided"] is False
     assert summary["keep_out_violations"] == 0
     assert summary["min_clearance_m"] > 0.0
+    assert f"{summary['min_clearance_m']:.2f} m" in out
+    assert "km" not in out
     assert summary["terminal_position_error_m"] < 0.05
     assert summary["terminal_speed_m_s"] < 1e-3
     assert summary["arrival_time_s"] < scenario.arrival.deadline_s

@@ -202,9 +202,10 @@ def test_success_at_two_kilometres_is_easier() -> None:
     assert not falling_flight().summary["success_2km"]
 
 
-def placed(distances_km: list[float], dwell: float = 600.0) -> FlightLog:
+def placed(distances_km: list[float], dwell: float = 600.0, **arrival: float) -> FlightLog:
     """A log of a spacecraft at rest at these distances from the goal, one every 10 s."""
-    scenario, body = load_scenario(None, {"arrival.dwell_s": dwell}), kleopatra()
+    changes = {f"arrival.{name}": value for name, value in arrival.items()}
+    scenario, body = load_scenario(None, {"arrival.dwell_s": dwell, **changes}), kleopatra()
     count = len(distances_km)
     states, target = np.zeros((count, 6)), np.zeros((count, 6))
     target[:, 0] = 160e3
@@ -235,6 +236,29 @@ def placed(distances_km: list[float], dwell: float = 600.0) -> FlightLog:
 )
 def test_dwell_at_two_kilometres(distances: list[float], success: bool) -> None:
     assert placed(distances).summary["success_2km"] == success
+
+
+@pytest.mark.parametrize(
+    ("kilometres", "arrival", "success"),
+    [
+        (1.0, {"radius_m": 400.0}, False),
+        (0.7, {"radius_m": 400.0}, True),
+        (0.009, {"radius_m": 5.0, "speed_m_s": 0.01}, True),
+        (0.011, {"radius_m": 5.0, "speed_m_s": 0.01}, False),
+        (7.0, {"radius_m": 4e3}, True),
+    ],
+)
+def test_success_at_two_kilometres_is_at_twice_the_radius(
+    kilometres: float, arrival: dict[str, float], success: bool
+) -> None:
+    assert placed([kilometres] * 70, **arrival).summary["success_2km"] == success
+
+
+@pytest.mark.parametrize(("share", "success"), [(1.9, True), (2.1, False)])
+def test_success_at_two_kilometres_is_at_twice_the_speed(share: float, success: bool) -> None:
+    log = placed([0.0] * 70, speed_m_s=0.02)
+    log.dataset["state"].values[:, 4] = share * 0.02
+    assert log.summary["success_2km"] == success
 
 
 # --- files ----------------------------------------------------------------------------------------

@@ -19,7 +19,7 @@ from proxops.systems import (
     Spacecraft,
     TransitProgram,
 )
-from proxops.systems.ellipsoid import blocks_segment, clearances
+from proxops.systems.ellipsoid import blocks_segment, clearances, closest_point
 from proxops.systems.model_predictive_controller import BRAKING, FLOWN_ON, SOLVED
 
 PERIOD = 10.0
@@ -38,11 +38,11 @@ class CountingProgram(TransitProgram):
         self.calls: list[int] = []
         self.broken = False
 
-    def solve(self, state, target, previous=None, age=0.0, iterations=1) -> Plan | None:
+    def solve(self, state, target, previous=None, age=0.0, iterations=1, push=None) -> Plan | None:
         self.calls.append(iterations)
         if self.broken:
             return None
-        return super().solve(state, target, previous, age, iterations)
+        return super().solve(state, target, previous, age, iterations, push)
 
 
 @cache
@@ -250,14 +250,16 @@ def test_state_that_is_no_number_does_not_stop_the_flight(bad):
 # In a simulation
 
 
-def flight(controller, enable: float | None = None, pulled: bool = True) -> Diagram:
+def flight(
+    controller, enable: float | None = None, pulled: bool = True, start=START, aim=TARGET
+) -> Diagram:
     """Controller, hold and plant; `force` and `record` are logged."""
     body = load_body("kleopatra")
     builder = DiagramBuilder()
     builder.AddNamedSystem("controller", controller)
-    craft = builder.AddNamedSystem("craft", Spacecraft(MASS, body.spin_rate, START))
+    craft = builder.AddNamedSystem("craft", Spacecraft(MASS, body.spin_rate, start))
     gravity = builder.AddSystem(PolyhedralGravity(body.gravity_field))
-    target = builder.AddSystem(ConstantVectorSource(TARGET))
+    target = builder.AddSystem(ConstantVectorSource(aim))
     hold = builder.AddSystem(ZeroOrderHold(PERIOD, 3))
     builder.Connect(craft.GetOutputPort("position"), gravity.GetInputPort("position"))
     builder.Connect(gravity.GetOutputPort("acceleration"), craft.GetInputPort("gravity"))
@@ -366,6 +368,44 @@ def test_disabled_it_still_answers_who_asks():
     assert np.abs(logged(simulator, "force")).min() > 0.0
 
 
+@pytest.mark.slow
+def test_a_thousand_states_are_answered_in_time():
+    """Anywhere in the cube, moving up to twice the speed limit: finite, within limits, in time."""
+    random = np.random.default_rng(11)
+    limit = expert().program.limits.thrust
+    times = []
+    for _ in range(1000):
+        place, goal = random.uniform(-170e3, 170e3, (2, 3))
+        state = np.append(place, random.uniform(-80.0, 80.0, 3))
+        context = alone(state, np.append(goal, np.zeros(3)))
+        plan = expert().GetOutputPort("plan").Eval(context)
+        assert plan.status == SOLVED
+        force = force_of(context)
+        assert np.isfinite(force).all()
+        assert np.abs(force).max() <= limit
+        times.append(plan.solve_time)
+    assert np.percentile(times, 99) < PERIOD  # Even from nothing, well within a control period.
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("place", [[10e3, 50e3, 20e3], [-30e3, -20e3, 55e3], [125e3, 10e3, 0.0]])
+def test_out_of_the_keep_out_by_the_shortest_way(place):
+    """At rest inside, with the target across the body: out first, along the nearest normal."""
+    axes = load_body("kleopatra").keep_out_semi_axes
+    start = np.append(place, np.zeros(3))
+    target = np.append(-1.6 * np.array(place), np.zeros(3))
+    simulator = simulator_of(flight(counting_expert()[0], start=start, aim=target))
+    simulator.AdvanceTo(1000.0)
+    path = logged(simulator, "state")[:, :3]
+    depth = -clearances(axes, path)
+    assert depth[0] > 1e3
+    out = np.flatnonzero(depth < 0.0)
+    assert out.size
+    assert (depth[out[0] :] < 1.0).all()
+    straight = np.linalg.norm(closest_point(axes, path[0]) - path[0])
+    assert np.linalg.norm(path[out[0]] - path[0]) < 1.3 * straight
+
+
 # Failures
 
 
@@ -378,7 +418,7 @@ def test_last_plan_is_flown_on_by_the_clock():
     memory = context.get_discrete_state_vector().CopyToVector()
     made, length = memory[1], memory[2]
     knots = program.horizon.knots
-    planned = memory[9 + 6 * (knots + 1) :].reshape(knots, 3)
+    planned = memory[9 + 6 * (knots + 1) : -3].reshape(knots, 3)
     ends = length * program.horizon.fractions()[1:]
     assert made == 20 * PERIOD
     assert ends[0] < 300.0  # So it is passed.
@@ -404,11 +444,13 @@ def test_failed_plan_of_one_step_is_tried_once_more_from_nothing():
     """A bad previous plan is not allowed to make a good state fail."""
 
     class Fussy(CountingProgram):
-        def solve(self, state, target, previous=None, age=0.0, iterations=1) -> Plan | None:
+        def solve(
+            self, state, target, previous=None, age=0.0, iterations=1, push=None
+        ) -> Plan | None:
             if previous is not None:
                 self.calls.append(-iterations)
                 return None
-            return super().solve(state, target, previous, age, iterations)
+            return super().solve(state, target, previous, age, iterations, push)
 
     like = expert().program
     program = Fussy(like.field, like.spin, like.limits, like.horizon)
@@ -425,7 +467,7 @@ def test_past_its_end_a_plan_flown_on_keeps_its_last_force():
     program.broken = True
     plan = controller.GetOutputPort("plan").Eval(alone(START, controller=controller))
     assert plan.status == BRAKING  # Nothing is shared between Contexts.
-    last = context.get_discrete_state_vector().CopyToVector()[-3:]
+    last = context.get_discrete_state_vector().CopyToVector()[-6:-3]
     context.SetTime(1e5)
     assert force_of(context, controller) == pytest.approx(last, abs=1e-9)
     plan = controller.GetOutputPort("plan").Eval(context)

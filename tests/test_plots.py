@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse, StepPatch
-from synthetic_log import synthetic_log
+from synthetic_log import similar_log, synthetic_log
 
 from proxops.diagrams import plots
 from proxops.diagrams.flight_log import FlightLog
@@ -19,6 +19,12 @@ from proxops.systems.ellipsoid import clearances
 @pytest.fixture(scope="module")
 def log() -> FlightLog:
     return synthetic_log()
+
+
+@pytest.fixture
+def small(log: FlightLog) -> FlightLog:
+    """The same flight with all lengths a thousandth as long."""
+    return similar_log(log, 1e-3)
 
 
 @pytest.fixture
@@ -53,6 +59,40 @@ def test_flight_is_one_page_of_labelled_axes(log: FlightLog) -> None:
     assert {"MPC flies", "policy flies", "goal", "keep-out ellipsoid", "limit"} <= named
     assert "hybrid flies" not in named
     assert len(png(figure)) > 20_000
+
+
+@pytest.mark.parametrize(
+    ("size", "unit"),
+    [(0.0, (1.0, "m")), (500.0, (1.0, "m")), (4999.0, (1.0, "m")), (5e3, (1e3, "km"))],
+)
+def test_unit_goes_by_size(size: float, unit: tuple[float, str]) -> None:
+    assert plots.length_unit(size) == unit
+
+
+def test_flight_about_a_small_body_is_in_metres(log: FlightLog, small: FlightLog) -> None:
+    large, figure = log.plot(), small.plot()
+    assert not [t for ax in figure.axes for t in (ax.get_xlabel(), ax.get_ylabel()) if "(km)" in t]
+    labels = {ax.get_ylabel() for ax in figure.axes}
+    assert {"y (m)", "distance to the goal (m)", "keep-out clearance (m)"} <= labels
+    assert {ax.get_xlabel() for ax in figure.axes} == {"x (m)", "y (m)", "time (min)"}
+    # In metres what the large one is in kilometres: path, distance and clearance.
+    for number in (0, 1, 2, 3, 5):
+        here, there = figure.axes[number], large.axes[number]
+        for line, like in zip(here.lines, there.lines, strict=True):
+            np.testing.assert_allclose(
+                np.array(line.get_ydata()), np.array(like.get_ydata()), rtol=1e-6, atol=1e-6
+            )
+        np.testing.assert_allclose(here.get_ylim(), there.get_ylim(), rtol=1e-6, atol=1e-6)
+    assert png(figure)
+
+
+def test_near_ranges_are_in_metres(small: FlightLog, ax: Axes) -> None:
+    frame = small.dataset["ranges"].values[100]
+    shown = np.ma.asarray(plots.plot_ranges(ax, frame).get_array()).compressed()
+    np.testing.assert_allclose(shown, frame[np.isfinite(frame)])
+    figure = ax.get_figure()
+    assert isinstance(figure, Figure)
+    assert figure.axes[1].get_ylabel() == "range (m)"
 
 
 @pytest.mark.parametrize(("plane", "axes"), [("xy", [0, 1]), ("xz", [0, 2]), ("yz", [1, 2])])

@@ -9,19 +9,24 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from contact_binary import contact_binary
 from pydrake.geometry import Meshcat
-from synthetic_log import synthetic_log
+from synthetic_log import similar_log, synthetic_log
 
 from proxops.diagrams import replay
+from proxops.diagrams.body import Body, BodyConfig
 from proxops.diagrams.flight_log import FlightLog
 from proxops.diagrams.meshcat_scene import (
+    Scene,
     add_body,
     add_keep_out,
+    add_plan,
     add_returns,
     move_spacecraft,
     quiet_meshcat,
 )
 from proxops.systems.errors import InputError
+from proxops.systems.polyhedron import Polyhedron
 
 
 @pytest.fixture(scope="module")
@@ -39,6 +44,22 @@ def page(log: FlightLog, tmp_path_factory: pytest.TempPathFactory) -> str:
 @pytest.fixture
 def meshcat() -> Meshcat:
     return quiet_meshcat()
+
+
+@pytest.fixture
+def scene(log: FlightLog, meshcat: Meshcat) -> Scene:
+    return Scene(meshcat, log.body)
+
+
+def body_of_extent(extent: float) -> Body:
+    """A contact binary, its keep-out ellipsoid half its size again."""
+    mesh = contact_binary(extent, 2)
+    shape = Polyhedron(np.array(mesh.vertices), np.array(mesh.faces), "binary")
+    axes = [float(0.75 * extent)] * 3
+    config = BodyConfig(
+        name="binary", mass_kg=1e3 * shape.volume, rotation_period_h=9.0, keep_out_semi_axes_m=axes
+    )
+    return Body(config, shape.recentred())
 
 
 def messages(html: str) -> list[bytes]:
@@ -98,23 +119,23 @@ def test_recording(log: FlightLog, meshcat: Meshcat) -> None:
         assert meshcat.HasPath(f"/{name}")
 
 
-def test_path_is_in_pieces(log: FlightLog, meshcat: Meshcat) -> None:
+def test_path_is_in_pieces(log: FlightLog, scene: Scene) -> None:
     positions = log.dataset["state"].values[:, :3]
     decisions = log.dataset["decision"].values
-    pieces = replay.add_path(meshcat, positions, decisions)
+    pieces = replay.add_path(scene, positions, decisions)
     rows = [row for _, row in pieces]
     assert rows == sorted(set(rows))
     assert len(pieces) <= replay.PATH_PIECES + np.count_nonzero(np.diff(decisions))
-    assert all(meshcat.HasPath(name) for name, _ in pieces)
+    assert all(scene.meshcat.HasPath(name) for name, _ in pieces)
     # What is left out at the end is standing still at the goal.
     left = np.linalg.norm(positions[rows[-1] :] - positions[-1], axis=1)
     assert left.max() < 500.0
 
 
-def test_each_change_of_who_flies_begins_a_piece(meshcat: Meshcat) -> None:
+def test_each_change_of_who_flies_begins_a_piece(scene: Scene) -> None:
     positions = np.arange(2000)[:, None] * [300.0, 200.0, 0.0] + [0.0, 0.0, 1e5]
     decisions = (np.arange(2000) // 77) % 3
-    ends = {row for _, row in replay.add_path(meshcat, positions, decisions)}
+    ends = {row for _, row in replay.add_path(scene, positions, decisions)}
     assert ends >= set(np.flatnonzero(np.diff(decisions)) + 1)
     assert max(ends) == 1999
     assert len(ends) <= replay.PATH_PIECES + 2000 // 77 + 1
@@ -135,8 +156,13 @@ def test_tube_of_a_path_that_turns_back() -> None:
 
 
 def points_told(meshcat: Meshcat, name: str) -> np.ndarray:
-    """The point cloud (N, 3) that the page holds under a name."""
-    [message] = [m for m in messages(meshcat.StaticHtml()) if name.encode() in m]
+    """The points (N, 3) of what a Meshcat holds under a name."""
+    return points_of(meshcat.StaticHtml(), name)
+
+
+def points_of(page: str, name: str) -> np.ndarray:
+    """The points (N, 3) of what a page holds under a name."""
+    [message] = [m for m in messages(page) if name.encode() in m and b"set_object" in m]
     at = message.index(b"position")
     at = message.index(b"array", at) + len(b"array")
     # MessagePack: an extension of type 0x17 (float32) whose length precedes it.
@@ -147,11 +173,11 @@ def points_told(meshcat: Meshcat, name: str) -> np.ndarray:
     return np.frombuffer(data, np.float32).reshape(-1, 3)
 
 
-def test_returns_lie_on_the_body(log: FlightLog, meshcat: Meshcat) -> None:
+def test_returns_lie_on_the_body(log: FlightLog, scene: Scene) -> None:
     row = 100
     frame = log.dataset["ranges"].values[row]
-    add_returns(meshcat, "/returns", log.dataset["state"].values[row, :3], frame)
-    points = points_told(meshcat, "/returns") * 100e3
+    add_returns(scene, "/returns", log.dataset["state"].values[row, :3], frame)
+    points = points_told(scene.meshcat, "/returns") * 100e3
     assert len(points) == np.isfinite(frame).sum() > 0
     depth = np.einsum(
         "pfi,fi->pf",
@@ -161,17 +187,61 @@ def test_returns_lie_on_the_body(log: FlightLog, meshcat: Meshcat) -> None:
     assert np.abs(depth).min(axis=1).max() < 1.0  # each in the plane of some facet
 
 
-def test_frame_without_a_return(meshcat: Meshcat) -> None:
-    add_returns(meshcat, "/returns", np.zeros(3), np.full((12, 360), np.inf))
-    assert meshcat.HasPath("/returns")
+def test_frame_without_a_return(scene: Scene) -> None:
+    add_returns(scene, "/returns", np.zeros(3), np.full((12, 360), np.inf))
+    assert scene.meshcat.HasPath("/returns")
 
 
-def test_pieces_serve_a_live_view(log: FlightLog, meshcat: Meshcat) -> None:
-    add_body(meshcat, log.body)
-    add_keep_out(meshcat, log.body)
-    move_spacecraft(meshcat, np.array([1e5, 0.0, 0.0]), np.array([7.0, 0.0, -7.0]), 7.0)
+@pytest.mark.parametrize(
+    ("extent", "unit"),
+    [(218.9e3, 100e3), (500.0, 200.0), (20.0, 10.0), (1.0, 0.5), (1e6, 500e3), (19.4e3, 10e3)],
+)
+def test_unit_follows_from_the_body(meshcat: Meshcat, extent: float, unit: float) -> None:
+    scene = Scene(meshcat, body_of_extent(extent))
+    assert scene.unit == unit
+    add_body(scene)
+    add_keep_out(scene)
+    vertices = points_told(meshcat, "/body")
+    np.testing.assert_allclose(np.ptp(vertices[:, 0]), extent / unit, rtol=1e-5)
+    keep_out = points_told(meshcat, "/keep_out/surface")
+    np.testing.assert_allclose(np.abs(keep_out).max(), 0.75 * extent / unit, rtol=1e-5)
+
+
+def test_unit_of_kleopatra(scene: Scene) -> None:
+    assert scene.unit == 100e3
+
+
+def test_small_body_looks_as_a_large_one(log: FlightLog, meshcat: Meshcat) -> None:
+    replay.add_flight(meshcat, log)
+    large = meshcat.StaticHtml()
+    small = similar_log(log, 2.0**-8)
+    other = quiet_meshcat()
+    replay.add_flight(other, small)
+    ratio = 100e3 / (256.0 * Scene(other, small.body).unit)
+    assert ratio == pytest.approx(100.0 / 102.4)  # The small one's unit is 400 m.
+    there = other.StaticHtml()
+    for name in ("/body", "/keep_out/surface", "/path/route", "/lidar/row_0000"):
+        expected = ratio * points_of(large, name)
+        np.testing.assert_allclose(points_of(there, name), expected, rtol=1e-5, atol=1e-6)
+    for page in (large, there):  # Icons are as large in units.
+        assert np.abs(points_of(page, "/spacecraft/thrust_x")).max() == pytest.approx(0.4)
+
+
+def test_pieces_serve_a_live_view(scene: Scene) -> None:
+    add_body(scene)
+    add_keep_out(scene)
+    move_spacecraft(scene, np.array([1e5, 0.0, 0.0]), np.array([7.0, 0.0, -7.0]), 7.0)
     for name in ("/body", "/keep_out/surface", "/keep_out/graticule", "/spacecraft"):
-        assert meshcat.HasPath(name)
+        assert scene.meshcat.HasPath(name)
+
+
+def test_flight_seen_live_leaves_no_plan(log: FlightLog, scene: Scene) -> None:
+    add_plan(scene, log.dataset["state"].values[:5, :3])
+    np.testing.assert_allclose(
+        points_told(scene.meshcat, "/plan"), log.dataset["state"].values[:5, :3] / 1e5, rtol=1e-6
+    )
+    replay.add_flight(scene.meshcat, synthetic_log(2, ranges=False))
+    assert not scene.meshcat.HasPath("/plan")
 
 
 def test_a_second_flight_replaces_the_first(meshcat: Meshcat) -> None:

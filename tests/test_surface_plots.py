@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from proxops.diagrams import surface_plots
 from proxops.systems import GravityField, InputError, Polyhedron
-from proxops.systems.equilibria import find_equilibria
+from proxops.systems.equilibria import find_equilibria, synchronous_radius
 from proxops.systems.surface_maps import plane_cut
 
 SPIN = 2e-4
@@ -101,6 +101,21 @@ def test_equilibria_are_one_page(field: GravityField) -> None:
     assert {"stable", "unstable, one growing mode"} <= named
     assert figure.get_suptitle() == "an egg"
     assert len(png(figure)) > 15_000
+
+
+def test_small_bodies_are_in_metres(field: GravityField) -> None:
+    shape = Polyhedron(field.shape.vertices / 100.0, field.shape.facets, "pebble")
+    small = GravityField(shape, density=2000.0)
+    ax = surface_plots.plot_surface_maps(small, SPIN).axes[0]
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("x (m)", "y (m)")
+    assert ax.get_xlim()[1] == pytest.approx(750.0, rel=0.1)
+    ax = surface_plots.plot_equilibria(small, SPIN, half_width=2e3, count=31).axes[0]
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("x (m)", "y (m)")
+    assert ax.get_xlim()[1] == pytest.approx(2e3)
+    for line in ax.lines[:-1]:  # Equilibria; the last line is the synchronous orbit.
+        assert 0.0 <= np.abs(np.ravel(line.get_xydata())).max() < 2e3
+    orbit = np.linalg.norm(ax.lines[-1].get_xydata(), axis=1)
+    np.testing.assert_allclose(orbit, synchronous_radius(small.mass, SPIN))
 
 
 def test_body_that_does_not_spin(field: GravityField) -> None:

@@ -1,0 +1,126 @@
+"""A flight as it happens: the scene, the spacecraft and the controller's plan, in a Meshcat."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from pydrake.common.value import AbstractValue
+from pydrake.geometry import Meshcat
+from pydrake.systems.framework import Context, Diagram, LeafSystem, System
+
+from proxops.diagrams import live_view
+from proxops.diagrams.body import load_body
+from proxops.diagrams.meshcat_scene import Scene, add_plan, quiet_meshcat
+from proxops.diagrams.scenario import Scenario
+from proxops.diagrams.simulation import make_simulator
+from proxops.diagrams.transit_diagram import make_controller, make_transit_diagram
+from proxops.systems import ModelPredictiveController, Plan, TransitProgram
+
+PERIOD = 10.0
+BODY = load_body("kleopatra")
+
+
+class CountingProgram(TransitProgram):
+    """Counts the calls."""
+
+    def __init__(self, *args, **kwargs):
+        super().__init__(*args, **kwargs)
+        self.calls = 0
+
+    def solve(self, *args, **kwargs) -> Plan | None:
+        self.calls += 1
+        return super().solve(*args, **kwargs)
+
+
+class Silent(LeafSystem):
+    """A controller that does nothing, with or without an output port `plan`."""
+
+    def __init__(self, plan: str = ""):
+        super().__init__()
+        for name in ("force", "plan") if plan == "vector" else ("force",):
+            self.DeclareVectorOutputPort(
+                name=name, size=3, calc=lambda _, out: out.SetFromVector(np.zeros(3))
+            )
+        if plan == "abstract":
+            made = Plan(
+                times=np.arange(3.0), states=np.outer([1e5, 2e5, 4e5], np.ones(6)),
+                forces=np.zeros((2, 3)), target=np.zeros(6), cost=0.0, slack=0.0, status=0,
+                iterations=0, solve_time=0.0,
+            )  # fmt: skip
+            self.DeclareAbstractOutputPort(
+                name="plan",
+                alloc=lambda: AbstractValue.Make(made),
+                calc=lambda _, out: out.set_value(made),
+            )
+
+
+@pytest.fixture
+def drawn(monkeypatch: pytest.MonkeyPatch) -> list[np.ndarray]:
+    """The plans that are drawn, positions (N, 3) in m."""
+    plans: list[np.ndarray] = []
+
+    def noted(scene: Scene, positions: np.ndarray) -> None:
+        plans.append(positions.copy())
+        add_plan(scene, positions)
+
+    monkeypatch.setattr(live_view, "add_plan", noted)
+    return plans
+
+
+def counting_expert() -> tuple[ModelPredictiveController, CountingProgram]:
+    like = make_controller(Scenario(), BODY).program
+    program = CountingProgram(like.field, like.spin, like.limits, like.horizon)
+    return ModelPredictiveController(program, PERIOD), program
+
+
+def flown(controller: System, meshcat: Meshcat | None, steps: float) -> tuple[Diagram, Context]:
+    diagram = make_transit_diagram(Scenario(), controller, meshcat, BODY)
+    simulator = make_simulator(diagram, Scenario())
+    simulator.AdvanceTo(steps * PERIOD)
+    return diagram, simulator.get_context().Clone()
+
+
+def test_plan_moves_with_the_flight_and_costs_no_solves(drawn: list[np.ndarray]) -> None:
+    unseen, unseen_program = counting_expert()
+    plain, plain_context = flown(unseen, None, 20.5)
+    meshcat = quiet_meshcat()
+    controller, program = counting_expert()
+    diagram, context = flown(controller, meshcat, 20.5)
+    assert program.calls == unseen_program.calls == 21
+    assert meshcat.HasPath("/plan")
+    assert len(drawn) == 21
+    # Each begins where the spacecraft is at its step, and ends at the goal.
+    log = diagram.GetSubsystemByName("log_state").FindLog(context)  # type: ignore[attr-defined]
+    goal = diagram.GetSubsystemByName("target").get_output_port().Eval(context_of(diagram, context))
+    for positions, state in zip(drawn, log.data().T, strict=True):
+        np.testing.assert_allclose(positions[0], state[:3], atol=1.0)
+        np.testing.assert_allclose(positions[-1], goal[:3], atol=1.0)
+    assert all(not np.array_equal(a, b) for a, b in pairwise(drawn))
+    # Looking on changes nothing.
+    states = [
+        d.GetSubsystemByName("log_state").FindLog(c).data()  # type: ignore[attr-defined]
+        for d, c in ((plain, plain_context), (diagram, context))
+    ]
+    assert np.array_equal(*states)
+
+
+def context_of(diagram: Diagram, context: Context) -> Context:
+    return diagram.GetSubsystemByName("target").GetMyContextFromRoot(context)
+
+
+@pytest.mark.parametrize("plan", ["", "vector"])
+def test_controller_without_a_plan(plan: str, drawn: list[np.ndarray]) -> None:
+    meshcat = quiet_meshcat()
+    diagram, _ = flown(Silent(plan), meshcat, 2.5)
+    view = diagram.GetSubsystemByName("live_view")
+    assert {view.get_input_port(i).get_name() for i in range(view.num_input_ports())} == {
+        "position", "force", "ranges",
+    }  # fmt: skip
+    assert not drawn
+    assert not meshcat.HasPath("/plan")
+    assert meshcat.HasPath("/spacecraft")
+
+
+def test_plan_of_any_controller_that_has_one(drawn: list[np.ndarray]) -> None:
+    flown(Silent("abstract"), quiet_meshcat(), 1.5)
+    assert [positions[:, 0].tolist() for positions in drawn] == 2 * [[1e5, 2e5, 4e5]]
