@@ -14,6 +14,7 @@ from proxops.diagrams.body import BodyConfig, load_body
 from proxops.diagrams.scenario import (
     ArrivalConfig,
     LidarConfig,
+    MismatchConfig,
     MpcConfig,
     RandomWalkDisturbanceConfig,
     Scenario,
@@ -50,9 +51,12 @@ def scenarios(draw: st.DrawFn) -> Scenario:
                 not_negative,
                 positive,
                 not_negative,
+                st.booleans(),
+                st.floats(0.0, 1.0),
                 st.integers(1, 10**6),
             )
         ),
+        mismatch=draw(st.builds(MismatchConfig, positive, positive, positive)),
         disturbance=draw(st.none() | disturbance),
         transit=TransitConfig(
             seed=draw(st.integers(0, 2**70)),
@@ -277,6 +281,9 @@ POSITIVE = [
     "transit.min_distance_m",
     "transit.max_distance_m",
     "transit.max_hover_share",
+    "mismatch.gravity",
+    "mismatch.mass",
+    "mismatch.thrust",
     "arrival.radius_m",
     "arrival.speed_m_s",
     "arrival.dwell_s",
@@ -285,6 +292,7 @@ POSITIVE = [
 NOT_NEGATIVE = [
     "lidar.noise_std_m",
     "mpc.keep_out_margin_m",
+    "mpc.fuel_weight",
     "disturbance.max_relative_magnitude",
     "disturbance.increment_std_n",
     "transit.end_clearance_m",
