@@ -63,7 +63,7 @@ class MpcConfig:
     knot_growth: float = 4.0
     # Sets the price of time: without gravity and fuel weight, transits take as long as with this
     # acceleration, one way and then the other.
-    nominal_acceleration_m_s2: float = 0.025
+    nominal_acceleration_m_s2: float = 0.03
     # Weight of thrust's 1-norm (fuel) against its square in the cost, both over the limit: at 0
     # thrust is smoothest, at 1 the fuel is nearly least.
     fuel_weight: float = 0.8

@@ -62,7 +62,7 @@ class Horizon:
     """Number of intervals."""
     knot_growth: float = 4.0
     """Length of the last interval over that of the first."""
-    nominal_acceleration: float = 0.025
+    nominal_acceleration: float = 0.03
     """m/s^2, a: sets the price of time. Without gravity and fuel weight, transits from rest to rest
     then take as long as with an acceleration a, one way and then the other."""
     fuel_weight: float = 0.8

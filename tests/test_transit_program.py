@@ -124,7 +124,7 @@ def test_limits_hold_at_every_knot_and_the_target_is_reached(index):
     share = np.diff(plan.times) / plan.times[-1]
     controls = np.abs(plan.forces) / THRUST
     effort = share @ np.sum(controls**2 + 0.8 * controls, axis=1)
-    time_price = 2.25 * (MASS * 0.025 / THRUST) ** 2
+    time_price = 2.25 * (MASS * 0.03 / THRUST) ** 2
     assert plan.cost == pytest.approx(plan.times[-1] * (time_price + effort), rel=1e-6)
 
 
