@@ -37,14 +37,6 @@ def check_folder(folder: Path) -> None:
         raise InputError(f"--out {folder}: no permission to write in {nearest}")
 
 
-def make_folder(folder: Path) -> None:
-    """Makes an output folder and its parents."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"cannot make the folder {folder}: {error.strerror}") from error
-
-
 def write_json(path: Path, content: typing.Any) -> None:
     """Writes `content` as JSON; the file appears only when it is whole."""
     text = json.dumps(content, indent=2) + "\n"

@@ -14,13 +14,12 @@ from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
 from proxops.cli.common import (
     check_folder,
     length_text,
-    make_folder,
     print_rows,
     progress_bar,
     status,
     write_json,
 )
-from proxops.diagrams.flight_log import FlightLog, differences
+from proxops.diagrams.flight_log import FlightLog, differences, make_folder
 from proxops.diagrams.replay import write_replay
 from proxops.diagrams.scenario import load_scenario
 from proxops.diagrams.simulation import fly

@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from proxops.cli.common import check_folder, make_folder, status
-from proxops.diagrams.flight_log import FlightLog
+from proxops.cli.common import check_folder, status
+from proxops.diagrams.flight_log import FlightLog, make_folder
 from proxops.diagrams.replay import write_replay
 
 

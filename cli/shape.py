@@ -11,9 +11,9 @@ from typing import Annotated, Any
 import typer
 from rich.console import Console
 
-from proxops.cli.common import check_folder, console, make_folder, print_rows, status, write_json
+from proxops.cli.common import check_folder, console, print_rows, status, write_json
 from proxops.diagrams.body_setup import body_yaml, scaled_scenario
-from proxops.diagrams.flight_log import write_whole
+from proxops.diagrams.flight_log import make_folder, write_whole
 from proxops.diagrams.scenario import dump_scenario
 from proxops.diagrams.shape_examination import examine
 from proxops.diagrams.shape_report import Questions, ShapeReport

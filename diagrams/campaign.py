@@ -17,7 +17,7 @@ import numba
 from pydrake.common.yaml import yaml_dump_typed
 
 from proxops.diagrams.body import BodyConfig, load_body
-from proxops.diagrams.flight_log import write_whole
+from proxops.diagrams.flight_log import make_folder, write_whole
 from proxops.diagrams.scenario import Scenario, dump_scenario, parse_scenario
 from proxops.diagrams.simulation import fly
 from proxops.systems.errors import InputError
@@ -80,10 +80,7 @@ def run_campaign(
     Raises:
       InputError: the folder cannot be written, or holds other flights under the same names.
     """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"cannot make the folder {folder}: {error.strerror}") from error
+    make_folder(folder)
     rows: dict[str, Row] = {}
     todo = []
     for flight in flights:

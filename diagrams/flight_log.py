@@ -201,6 +201,18 @@ def differences(first: FlightLog, second: FlightLog) -> list[str]:
     ]
 
 
+def make_folder(folder: Path) -> None:
+    """Makes an output folder and its parents.
+
+    Raises:
+      InputError: it cannot be made.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"cannot make the folder {folder}: {error.strerror}") from error
+
+
 def write_whole(path: Path, write: Callable[[Path], typing.Any]) -> None:
     """Calls `write` with a temporary name beside `path`, then renames: never a half file.
 
