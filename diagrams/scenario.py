@@ -61,10 +61,10 @@ class WeightedCostConfig:
     """The paper's cost: see `proxops.systems.WeightedProgram`."""
 
     # Length of every plan.
-    horizon_s: float = 1500.0
+    horizon_s: float = 3000.0
     # Errors that weigh as much as full thrust along one axis.
     position_error_m: float = 10.0e3
-    speed_error_m_s: float = 10.0
+    speed_error_m_s: float = 20.0
 
 
 @dc.dataclass

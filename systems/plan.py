@@ -104,7 +104,7 @@ class Horizon:
 
 
 class PlanProgram(Protocol):
-    """What the MPC solves at every step; see `TransitProgram.solve` and `fits`."""
+    """What the MPC solves at every step."""
 
     field: Field
     spin: float
@@ -119,6 +119,10 @@ class PlanProgram(Protocol):
         age: float = 0.0,
         iterations: int = 1,
         push: np.ndarray | None = None,
-    ) -> Plan | None: ...
+    ) -> Plan | None:
+        """As `TransitProgram.solve`."""
+        ...
 
-    def fits(self, plan: Plan, age: float, state: np.ndarray, target: np.ndarray) -> bool: ...
+    def fits(self, plan: Plan, age: float, state: np.ndarray, target: np.ndarray) -> bool:
+        """As `TransitProgram.fits`."""
+        ...

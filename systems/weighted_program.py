@@ -7,9 +7,8 @@ limit, minimise the means over the plan::
     mean of  |e_position|_2^2 + |e_velocity|_2^2 + |u|_2^2
 
 the errors taken at the end of each interval, the last included, under the motion and limits of
-`LinearisedTransit`. There is no terminal constraint: what thrust it takes to hold at the target is
-weighed against standing off it, so that a plan ends, and the spacecraft comes to rest, beside the
-target, on the side where gravity pulls less.
+`LinearisedTransit`. There is no terminal constraint: the spacecraft comes to rest beside the
+target, where error and hover thrust together cost least, and further off the shorter the horizon.
 
 It has the interface of `TransitProgram`, which does better; it is there to be compared with.
 """
