@@ -212,6 +212,7 @@ def plot_gaps(gaps: dict[int, float], weighted: dict[int, float], path: Path) ->
     others, look = np.array(list(weighted)) + 0.2, {"color": "0.7", "label": "weighted cost"}
     axes.bar(others, heights, 0.4, bottom=1.0, **look)
     axes.axhline(float(np.mean(list(gaps.values()))), color="black", lw=1.0, label="mean")
+    axes.xaxis.get_major_locator().set_params(integer=True)
     axes.set(xlabel="transit", ylabel="Δv flown / least Δv in our time")
     axes.legend(ncols=4, loc="upper center", bbox_to_anchor=(0.5, 1.12), frameon=False)
     figure.savefig(path, dpi=150)
