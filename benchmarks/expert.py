@@ -136,12 +136,12 @@ def main() -> None:
         )  # fmt: skip
     lines = {variant: figures(rows[variant], rows[MATCHED]) for variant in VARIANTS}
     table = Table(title=f"{asked.transits} transits of seed {asked.seed}")
-    table.add_column("")
+    table.add_column("", no_wrap=True)
     for heading in HEADINGS:
         table.add_column(heading, justify="right")
     for variant, line in lines.items():
         table.add_row(variant, *line)
-    Console(width=150).print(table)
+    Console(width=160).print(table)
     if asked.markdown:
         write_whole(asked.markdown, lambda path: path.write_text(markdown(lines)))
 
