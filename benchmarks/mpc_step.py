@@ -35,8 +35,9 @@ from proxops.diagrams.scenario import load_scenario
 from proxops.diagrams.simulation import fly
 from proxops.diagrams.transit_diagram import make_controller
 from proxops.systems.ellipsoid import tangent_half_spaces
+from proxops.systems.linearised_transit import KEEP_OUT_PRICE, SLACK_PRICE
 from proxops.systems.plan import Plan
-from proxops.systems.transit_program import _KEEP_OUT_PRICE, _SLACK_PRICE, TransitProgram
+from proxops.systems.transit_program import TransitProgram
 
 PAPER_MPC_S = 0.473
 # Of this process, so that on a machine that does other things too the comparison stands.
@@ -55,10 +56,11 @@ class Parts:
     """Stands in for the solver and the field of a `TransitProgram` and notes their times."""
 
     def __init__(self, program: TransitProgram):
-        self.solver, self.field, self.linearise = program._solver, program.field, program._linearise
+        transit = program.transit
+        self.solver, self.field = transit.solver, transit.field
         self.times, self.iterations = defaultdict(list), []
-        program._solver = program.field = self
-        program._linearise = self.timed("linearise", self.linearise)
+        linearise = self.timed("linearise", transit.linearise)
+        transit.solver, transit.field, transit.linearise = self, self, linearise
         self.evaluate = self.timed("gravity", self.field.evaluate)
 
     def timed(self, name: str, call: Callable) -> Callable:
@@ -82,7 +84,7 @@ class CasadiProgram:
     def __init__(self, program: TransitProgram, settings: dict[str, float]):
         self.program, self.field = program, program.field
         n = program.horizon.knots
-        self.units = program._units
+        self.units = program.transit.units
         sx, limits = casadi.SX, program.limits
         x, u, total = sx.sym("x", 6, n + 1), sx.sym("u", 6, n), sx.sym("T")
         out, fast, miss = sx.sym("out", n), sx.sym("fast", n), sx.sym("miss", 6)
@@ -115,9 +117,9 @@ class CasadiProgram:
             above.append(casadi.dot(normals[:, k], x[:3, k + 1]) + out[k] - offsets[k])
         above += [x[:, n] - target + miss, target - x[:, n] + miss]
         # The expert's cost is over its last plan's T, a constant.
-        cost = total / last_total * (program._time_price + effort)
-        cost += _KEEP_OUT_PRICE * casadi.sum1(out)
-        cost += _SLACK_PRICE * (casadi.sum1(fast) + casadi.sum1(miss))
+        cost = total / last_total * (program.time_price + effort)
+        cost += KEEP_OUT_PRICE * casadi.sum1(out)
+        cost += SLACK_PRICE * (casadi.sum1(fast) + casadi.sum1(miss))
         variables = casadi.veccat(x, u, total, out, fast, miss)
         known = [state, target, fuel, last_total, gradient, constant, normals, offsets]
         equal, above = casadi.vertcat(*equal), casadi.vertcat(*above)
@@ -149,7 +151,7 @@ class CasadiProgram:
         gradient = gravity.gradient.copy()
         gradient[:, [0, 1], [0, 1]] += program.spin**2
         normals, offsets = tangent_half_spaces(program.limits.keep_out_semi_axes, states[1:, :3])
-        weights = [program._fuel_weight(duration), duration / self.scale]
+        weights = [program.fuel_weight(duration), duration / self.scale]
         pull = (gradient * (units[0] / units[3])).ravel(), (constant / units[3]).ravel()
         parameters = state / units, target / units, weights, *pull, normals.ravel()
         parameters = np.concatenate([*parameters, offsets / units[0]])

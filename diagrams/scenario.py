@@ -16,6 +16,9 @@ from proxops.diagrams.typed_yaml import (
 )
 from proxops.systems.errors import InputError
 
+# What the expert may minimise.
+COSTS = ("time_and_fuel", "weighted")
+
 # pydrake's yaml_load_typed takes neither frozen dataclasses, nor tuples, nor postponed annotations.
 
 
@@ -54,6 +57,17 @@ class LidarConfig:
 
 
 @dc.dataclass
+class WeightedCostConfig:
+    """The paper's cost: see `proxops.systems.WeightedProgram`."""
+
+    # Length of every plan.
+    horizon_s: float = 3000.0
+    # Errors that weigh as much as full thrust along one axis.
+    position_error_m: float = 10.0e3
+    speed_error_m_s: float = 20.0
+
+
+@dc.dataclass
 class MpcConfig:
     """The expert: see `proxops.systems.ModelPredictiveController`."""
 
@@ -77,6 +91,9 @@ class MpcConfig:
     estimator_gain: float = 0.0
     # Relinearisations when there is no recent plan to start from; otherwise one a step.
     cold_iterations: int = 10
+    # What a plan minimises: `time_and_fuel`, as the values above say, or `weighted`, the paper's.
+    cost: str = "time_and_fuel"
+    weighted: WeightedCostConfig = dc.field(default_factory=WeightedCostConfig)
 
 
 @dc.dataclass
@@ -231,6 +248,14 @@ def check_scenario(scenario: Scenario, source: str = "scenario") -> None:
         "cold_iterations",
     )  # fmt: skip
     need(scenario.mpc.knots >= 2, "mpc.knots", "must be at least 2")
+    need(
+        scenario.mpc.cost in COSTS,
+        "mpc.cost",
+        f"must be {' or '.join(COSTS)}, got {scenario.mpc.cost!r}",
+    )
+    for name, value in dc.asdict(scenario.mpc.weighted).items():
+        good = math.isfinite(value) and value > 0
+        need(good, f"mpc.weighted.{name}", f"must be positive, got {value}")
     not_negative("mpc", "keep_out_margin_m", "fuel_weight")
     if scenario.disturbance is not None:
         positive("disturbance", "reset_period_s")

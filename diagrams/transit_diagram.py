@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Diagram, DiagramBuilder, PortDataType, System
@@ -19,6 +21,7 @@ from proxops.diagrams.meshcat_scene import Scene
 from proxops.diagrams.scenario import Scenario
 from proxops.diagrams.transits import scenario_transit
 from proxops.systems import (
+    ErrorWeights,
     FlightMonitor,
     GravityField,
     Horizon,
@@ -31,6 +34,7 @@ from proxops.systems import (
     Spacecraft,
     TransitLimits,
     TransitProgram,
+    WeightedProgram,
 )
 from proxops.systems.counter_noise import derived_seed
 from proxops.systems.thrusters import Thrusters
@@ -44,23 +48,26 @@ _OPTIONAL_PORTS = {"enable"}
 def make_controller(scenario: Scenario, body: Body) -> ModelPredictiveController:
     """The expert, as the scenario configures it."""
     craft, mpc = scenario.spacecraft, scenario.mpc
-    program = TransitProgram(
-        field=PointMassField(body.gravity_field.mass) if mpc.point_mass else body.gravity_field,
-        spin=body.spin_rate,
-        limits=TransitLimits(
-            mass=craft.mass_kg,
-            thrust=craft.thrust_limit_n,
-            speed=craft.speed_limit_m_s,
-            keep_out_semi_axes=body.keep_out_semi_axes + mpc.keep_out_margin_m,
-        ),
-        horizon=Horizon(
-            knots=mpc.knots,
-            knot_growth=mpc.knot_growth,
-            nominal_acceleration=mpc.nominal_acceleration_m_s2,
-            fuel_weight=mpc.fuel_weight,
-            minimum=mpc.min_horizon_s,
-        ),
+    field = PointMassField(body.gravity_field.mass) if mpc.point_mass else body.gravity_field
+    limits = TransitLimits(
+        mass=craft.mass_kg,
+        thrust=craft.thrust_limit_n,
+        speed=craft.speed_limit_m_s,
+        keep_out_semi_axes=body.keep_out_semi_axes + mpc.keep_out_margin_m,
     )
+    horizon = Horizon(
+        knots=mpc.knots,
+        knot_growth=mpc.knot_growth,
+        nominal_acceleration=mpc.nominal_acceleration_m_s2,
+        fuel_weight=mpc.fuel_weight,
+        minimum=mpc.min_horizon_s,
+    )
+    if mpc.cost == "weighted":
+        weights = ErrorWeights(mpc.weighted.position_error_m, mpc.weighted.speed_error_m_s)
+        horizon = replace(horizon, minimum=mpc.weighted.horizon_s)
+        program = WeightedProgram(field, body.spin_rate, limits, horizon, weights)
+    else:
+        program = TransitProgram(field, body.spin_rate, limits, horizon)
     return ModelPredictiveController(
         program, scenario.control_period_s, mpc.cold_iterations, mpc.estimator_gain
     )

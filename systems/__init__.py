@@ -16,8 +16,10 @@ from proxops.systems.spacecraft import Spacecraft, Spacecraft_, jacobi_integral
 from proxops.systems.surface_maps import effective_field, plane_cut, surface_map
 from proxops.systems.thrusters import Thrusters
 from proxops.systems.transit_program import TransitProgram
+from proxops.systems.weighted_program import ErrorWeights, WeightedProgram
 
 __all__ = [
+    "ErrorWeights",
     "FlightMonitor",
     "Gravity",
     "GravityField",
@@ -38,6 +40,7 @@ __all__ = [
     "Thrusters",
     "TransitLimits",
     "TransitProgram",
+    "WeightedProgram",
     "effective_field",
     "find_equilibria",
     "jacobi_integral",

@@ -10,9 +10,8 @@ from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import LeafSystem
 
 from proxops.systems.errors import InputError
-from proxops.systems.plan import Plan
+from proxops.systems.plan import Plan, PlanProgram
 from proxops.systems.spacecraft import rotating_frame_acceleration
-from proxops.systems.transit_program import TransitProgram
 
 SOLVED, FLOWN_ON, BRAKING = 0, 1, 2
 
@@ -45,7 +44,7 @@ class ModelPredictiveController(LeafSystem):
 
     def __init__(
         self,
-        program: TransitProgram,
+        program: PlanProgram,
         period: float = 10.0,
         cold_iterations: int = 10,
         estimator_gain: float = 0.0,

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
+
+from proxops.systems.gravity_field import Field
 
 
 @dataclass(frozen=True)
@@ -20,7 +23,7 @@ class Plan:
     target: np.ndarray
     """(6,) in m and m/s, what the plan aims at; it ends there if `slack` is 0."""
     cost: float
-    """In s: the integral that `TransitProgram` minimises, without the price of slack."""
+    """In s: the integral that the program minimises, without the price of slack."""
     slack: float
     """Sum of all slacks in scaled units; 0 if the plan keeps every limit and reaches the target."""
     status: int
@@ -98,3 +101,28 @@ class Horizon:
         """Knots (N + 1,) as shares of T."""
         lengths = np.linspace(1.0, self.knot_growth, self.knots)
         return np.concatenate([[0.0], np.cumsum(lengths) / lengths.sum()])
+
+
+class PlanProgram(Protocol):
+    """What the MPC solves at every step."""
+
+    field: Field
+    spin: float
+    limits: TransitLimits
+    horizon: Horizon
+
+    def solve(
+        self,
+        state: np.ndarray,
+        target: np.ndarray,
+        previous: Plan | None = None,
+        age: float = 0.0,
+        iterations: int = 1,
+        push: np.ndarray | None = None,
+    ) -> Plan | None:
+        """As `TransitProgram.solve`."""
+        ...
+
+    def fits(self, plan: Plan, age: float, state: np.ndarray, target: np.ndarray) -> bool:
+        """As `TransitProgram.fits`."""
+        ...

@@ -31,7 +31,9 @@ MASS, THRUST, SPEED = 100.0, 7.0, 40.0
 
 @cache
 def program() -> TransitProgram:
-    return make_controller(Scenario(), load_body("kleopatra")).program
+    made = make_controller(Scenario(), load_body("kleopatra")).program
+    assert isinstance(made, TransitProgram)
+    return made
 
 
 @cache

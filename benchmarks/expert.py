@@ -1,0 +1,150 @@
+"""The expert over a set of transits: its two costs, and a plant that is not what it believes.
+
+Every variant flies the same transits from the same starts to the same goals, with the same noise.
+`time_and_fuel` is the default cost, in a plant as believed; `weighted` is the paper's. In the
+other variants the plant differs from the model, each without and with the estimator of what
+pushes besides gravity. Δv is by the force commanded and the mass believed: with a mass or thrust
+that differs it is not what the plant felt. Flights are kept one by one in the folder of `--out`:
+run it again to finish what was interrupted, or to add transits.
+
+    python benchmarks/expert.py [--transits 50] [--seed 10001] [--workers N] [--out out/expert]
+        [--markdown table.md]
+"""
+
+import argparse
+import dataclasses
+import os
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+for name in ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+    os.environ[name] = "1"
+
+import numpy as np
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+from proxops.diagrams.campaign import Row, run_campaign, transit_flights
+from proxops.diagrams.flight_log import write_whole
+from proxops.diagrams.scenario import load_scenario
+
+MATCHED = "time_and_fuel"
+MISMATCHES: dict[str, dict] = {
+    "gravity x 0.8": {"mismatch.gravity": 0.8},
+    "gravity x 1.2": {"mismatch.gravity": 1.2},
+    "point mass believed": {"mpc.point_mass": True},
+    "mass x 0.9": {"mismatch.mass": 0.9},
+    "mass x 1.1": {"mismatch.mass": 1.1},
+    "thrust x 0.9": {"mismatch.thrust": 0.9},
+    "thrust x 1.1": {"mismatch.thrust": 1.1},
+    "the paper's disturbance": {"disturbance": {}},
+}
+GAIN = 0.3
+VARIANTS: dict[str, dict] = {
+    MATCHED: {},
+    f"{MATCHED}, estimator {GAIN}": {"mpc.estimator_gain": GAIN},
+    "weighted": {"mpc.cost": "weighted"},
+    **{
+        name + (f", estimator {gain}" if gain else ""): {**wrong, "mpc.estimator_gain": gain}
+        for name, wrong in MISMATCHES.items()
+        for gain in (0.0, GAIN)
+    },
+}
+HEADINGS = (
+    "success", "end error, median (m)", "greatest (m)", "end speed, greatest (m/s)",
+    "Δv, median (m/s)", "Δv over matched", "arrival, median (s)", "keep-out violations",
+    "collisions", "least clearance (km)",
+)  # fmt: skip
+
+
+def fly_all(
+    variants: Sequence[str],
+    seed: int,
+    count: int,
+    folder: Path,
+    workers: int | None,
+    progress: Callable[[Row], None],
+) -> dict[str, list[Row]]:
+    """Each variant's rows in the order of the transits."""
+    flights = []
+    for variant in variants:
+        label = "".join(letter if letter.isalnum() else "-" for letter in variant)
+        scenario = load_scenario(None, VARIANTS[variant])
+        for flight in transit_flights(scenario, "mpc", seed, count):
+            flights.append(dataclasses.replace(flight, name=f"{label}-{flight.name}"))
+    # All variants of a transit together: a campaign that was interrupted has something of each.
+    order = [k for index in range(count) for k in range(index, len(flights), count)]
+    found = run_campaign([flights[k] for k in order], folder, workers=workers, progress=progress)
+    rows = dict(zip(order, found, strict=True))
+    return {
+        variant: [rows[i * count + index] for index in range(count)]
+        for i, variant in enumerate(variants)
+    }
+
+
+def figures(rows: list[Row], matched: list[Row]) -> list[str]:
+    """One line of the table; Δv and arrival are of the flights that arrived."""
+
+    def values(name: str) -> np.ndarray:
+        return np.array([row[name] for row in rows])
+
+    def median(numbers: list[float], form: str) -> str:
+        return format(np.median(numbers), form) if numbers else "–"
+
+    arrived = [row for row in rows if row["arrival_time_s"] is not None]
+    ratios = [
+        row["delta_v_m_s"] / best["delta_v_m_s"]
+        for row, best in zip(rows, matched, strict=True)
+        if row["arrival_time_s"] is not None and best["arrival_time_s"] is not None
+    ]
+    return [
+        f"{values('success').sum()}/{len(rows)}",
+        f"{np.median(values('terminal_position_error_m')):.1f}",
+        f"{values('terminal_position_error_m').max():.1f}",
+        f"{values('terminal_speed_m_s').max():.3f}",
+        median([row["delta_v_m_s"] for row in arrived], ".1f"),
+        median(ratios, ".3f"),
+        median([row["arrival_time_s"] for row in arrived], ".0f"),
+        str(values("keep_out_violations").sum()),
+        str(values("collided").sum()),
+        f"{values('min_clearance_m').min() / 1e3:.2f}",
+    ]
+
+
+def markdown(lines: dict[str, list[str]]) -> str:
+    """The table in Markdown."""
+    cells = [["variant", *HEADINGS], ["---", *(len(HEADINGS) * ["---:"])]]
+    cells += [[variant, *line] for variant, line in lines.items()]
+    return "".join("| " + " | ".join(line) + " |\n" for line in cells)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--transits", type=int, default=50)
+    parser.add_argument("--seed", type=int, default=10001)
+    parser.add_argument("--workers", type=int, help="processes; default: one for each core")
+    parser.add_argument("--out", type=Path, default=Path("out/expert"))
+    parser.add_argument("--markdown", type=Path, help="also write the table there")
+    asked = parser.parse_args()
+    columns = BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
+    with Progress(TextColumn("flying"), *columns, console=Console(stderr=True)) as bar:
+        task = bar.add_task("", total=len(VARIANTS) * asked.transits)
+        rows = fly_all(
+            list(VARIANTS), asked.seed, asked.transits, asked.out, asked.workers,
+            lambda _: bar.update(task, advance=1),
+        )  # fmt: skip
+    lines = {variant: figures(rows[variant], rows[MATCHED]) for variant in VARIANTS}
+    table = Table(title=f"{asked.transits} transits of seed {asked.seed}")
+    table.add_column("", no_wrap=True)
+    for heading in HEADINGS:
+        table.add_column(heading, justify="right")
+    for variant, line in lines.items():
+        table.add_row(variant, *line)
+    Console(width=160).print(table)
+    if asked.markdown:
+        write_whole(asked.markdown, lambda path: path.write_text(markdown(lines)))
+
+
+if __name__ == "__main__":
+    main()

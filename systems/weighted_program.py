@@ -1,0 +1,113 @@
+"""The paper's optimal control problem: weighted state error against weighted effort.
+
+A plan always takes the same time, in intervals of constant force whose lengths keep their ratio.
+With e the state less the target, in units of `ErrorWeights`, and u the force over the thrust
+limit, minimise the means over the plan::
+
+    mean of  |e_position|_2^2 + |e_velocity|_2^2 + |u|_2^2
+
+the errors taken at the end of each interval, the last included, under the motion and limits of
+`LinearisedTransit`. There is no terminal constraint: the spacecraft comes to rest beside the
+target, where error and hover thrust together cost least, and further off the shorter the horizon.
+
+It has the interface of `TransitProgram`, which does better; it is there to be compared with.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+from pydrake.solvers import MathematicalProgramResult
+
+from proxops.systems.errors import InputError
+from proxops.systems.gravity_field import Field
+from proxops.systems.linearised_transit import LinearisedTransit
+from proxops.systems.plan import Horizon, Plan, TransitLimits
+
+
+@dataclass(frozen=True)
+class ErrorWeights:
+    """Errors that weigh as much as full thrust along one axis (Bryson's rule)."""
+
+    position: float
+    """m."""
+    speed: float
+    """m/s."""
+
+
+class WeightedProgram:
+    """The convex program of one linearisation, built once and updated at every call."""
+
+    def __init__(
+        self,
+        field: Field,
+        spin: float,
+        limits: TransitLimits,
+        horizon: Horizon,
+        weights: ErrorWeights,
+    ):
+        """Takes the field and spin (rad/s about z) that the plan believes in.
+
+        Every plan is `horizon.minimum` long; of the horizon's other values only those of the knots
+        matter.
+
+        Raises:
+          InputError: the horizon has no length or fewer than two intervals, or a weight is not
+            positive.
+        """
+        if not (weights.position > 0.0 and weights.speed > 0.0):
+            raise InputError(f"the errors to weigh must be positive, got {weights}")
+        self.transit = LinearisedTransit(field, spin, limits, horizon, free_time=False)
+        self.field, self.spin, self.limits, self.horizon = field, spin, limits, horizon
+        units = self.transit.units
+        # Of the scaled states' errors, squared.
+        self._weights = (units / np.repeat([weights.position, weights.speed], 3)) ** 2
+        self._shares = np.diff(self.transit.fractions)
+        program, x = self.transit.program, self.transit.x
+        for share, knot in zip(self._shares, x[1:], strict=True):
+            curvature = 2.0 * share * np.diag(self._weights)
+            program.AddQuadraticCost(curvature, np.zeros(6), knot, is_convex=True)
+        states = x[1:].ravel()
+        self._towards = program.AddLinearCost(np.zeros(states.size), 0.0, states)
+
+    def solve(
+        self,
+        state: np.ndarray,
+        target: np.ndarray,
+        previous: Plan | None = None,
+        age: float = 0.0,
+        iterations: int = 1,
+        push: np.ndarray | None = None,
+    ) -> Plan | None:
+        """As `TransitProgram.solve`; `Plan.cost` is the mean that is minimised times the length."""
+        started = time.perf_counter()
+        if not (np.isfinite(state).all() and np.isfinite(target).all()):
+            return None  # Drake would end the process.
+        duration = self.horizon.minimum
+        last = self.transit.first_plan(state, target, duration) if previous is None else previous
+        push = np.zeros(3) if push is None else push
+        # |x - d|^2 without its constant, which moves no optimum.
+        pull = -2.0 * np.outer(self._shares, self._weights * target / self.transit.units)
+        self._towards.evaluator().UpdateCoefficients(pull.ravel())
+        for iteration in range(1, iterations + 1):
+            states, controls = self.transit.what_is_left(last, age, duration)
+            self.transit.linearise(states, controls, duration, push)
+            result = self.transit.solve_from(state)
+            if not result.is_success():
+                return None
+            cost = duration * self._mean_cost(result, target)
+            last = self.transit.plan_of(result, target, duration, cost, iteration, started)
+            age = 0.0
+        return last
+
+    def fits(self, plan: Plan, age: float, state: np.ndarray, target: np.ndarray) -> bool:
+        """Whether a plan made `age` s ago is so close that one linearisation about it will do."""
+        return self.transit.fits(plan, age, state, target)
+
+    def _mean_cost(self, result: MathematicalProgramResult, target: np.ndarray) -> float:
+        error = result.GetSolution(self.transit.x)[1:] - target / self.transit.units
+        controls = self.transit.controls_of(result)
+        weighted = error**2 @ self._weights + np.sum(controls**2, axis=1)
+        return float(self._shares @ weighted)

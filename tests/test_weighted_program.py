@@ -1,0 +1,205 @@
+"""The paper's weighted error cost: its optimum, its limits, and what it does in flight."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+from scipy.optimize import minimize
+from short_flights import short_scenario
+
+from proxops.diagrams.body import load_body
+from proxops.diagrams.scenario import Scenario, dump_scenario, load_scenario, parse_scenario
+from proxops.diagrams.simulation import fly
+from proxops.diagrams.transit_diagram import make_controller
+from proxops.diagrams.transits import transit_set
+from proxops.systems import (
+    ErrorWeights,
+    Horizon,
+    InputError,
+    Plan,
+    PointMassField,
+    TransitLimits,
+    TransitProgram,
+    WeightedProgram,
+)
+from proxops.systems.ellipsoid import clearances
+
+MASS, SPIN, LENGTH = 100.0, 3.0e-4, 1200.0
+HORIZON = Horizon(knots=12, minimum=LENGTH)
+WEIGHTS = ErrorWeights(position=8e3, speed=15.0)
+START = np.array([210e3, -40e3, 30e3, 2.0, -3.0, 1.0])
+TARGET = np.array([200e3, -20e3, 25e3, 0.0, 0.0, 0.0])
+
+
+# Pulls as Kleopatra does.
+FIELD = PointMassField(2.97e18)
+
+
+def unlimited(weights: ErrorWeights = WEIGHTS, thrust: float = 200.0) -> WeightedProgram:
+    """Limits so wide that none binds."""
+    limits = TransitLimits(MASS, thrust, 1e3, np.array([70e3, 70e3, 70e3]))
+    return WeightedProgram(FIELD, SPIN, limits, HORIZON, weights)
+
+
+def straight(start: np.ndarray, end: np.ndarray) -> Plan:
+    """A path to linearise about, without force."""
+    times = LENGTH * HORIZON.fractions()
+    states = start + (times / LENGTH)[:, None] * (end - start)
+    forces = np.zeros((HORIZON.knots, 3))
+    return Plan(times, states, forces, end, 0.0, 0.0, 0, 0, 0.0)
+
+
+def least_squares(about: Plan, start, target, weights: ErrorWeights, thrust: float, push):
+    """Forces (N, 3) and states (N, 6) by one dense least squares, in SI units, of the same problem.
+
+    The states are an affine function of all forces, built up interval by interval.
+    """
+    n = HORIZON.knots
+    scale = 1.0 / np.repeat([weights.position, weights.speed], 3)
+    constant, effect = start.copy(), np.zeros((6, 3 * n))
+    rows, wanted, states = [], [], []
+    for k, length in enumerate(np.diff(about.times)):
+        middle = 0.5 * (about.states[k, :3] + about.states[k + 1, :3])
+        gravity = FIELD.evaluate(middle[None])
+        matrix = np.zeros((10, 10))
+        matrix[:3, 3:6] = np.eye(3)
+        matrix[3:6, :3] = gravity.gradient[0] + np.diag([SPIN**2, SPIN**2, 0.0])
+        matrix[3:6, 3:6] = -2.0 * SPIN * np.array([[0, -1, 0], [1, 0, 0], [0, 0, 0]])
+        matrix[3:6, 6:9] = np.eye(3) / MASS
+        matrix[3:6, 9] = gravity.acceleration[0] - gravity.gradient[0] @ middle + push
+        step = expm(length * matrix)
+        constant = step[:6, :6] @ constant + step[:6, 9]
+        effect = step[:6, :6] @ effect
+        effect[:, 3 * k : 3 * k + 3] += step[:6, 6:9]
+        share = np.sqrt(length / LENGTH)
+        states.append((effect.copy(), constant.copy()))
+        rows.append(share * scale[:, None] * effect)
+        wanted.append(share * scale * (target - constant))
+        rows.append(share / thrust * np.eye(3 * n)[3 * k : 3 * k + 3])
+        wanted.append(np.zeros(3))
+    forces = np.linalg.lstsq(np.vstack(rows), np.concatenate(wanted), rcond=None)[0]
+    return forces.reshape(n, 3), np.stack([e @ forces + c for e, c in states])
+
+
+@pytest.mark.parametrize("push", [np.zeros(3), np.array([2e-3, -1e-3, 3e-3])])
+@pytest.mark.parametrize("weights", [WEIGHTS, ErrorWeights(position=40e3, speed=4.0)])
+def test_without_limits_it_is_the_least_squares_solution(weights, push):
+    about, thrust = straight(START, TARGET), 200.0
+    plan = unlimited(weights, thrust).solve(START, TARGET, about, push=push)
+    assert plan is not None
+    forces, states = least_squares(about, START, TARGET, weights, thrust, push)
+    assert np.abs(forces).max() < 0.9 * thrust
+    assert plan.times == pytest.approx(about.times)
+    assert plan.forces == pytest.approx(forces, abs=2e-5 * thrust)
+    assert plan.states[1:, :3] == pytest.approx(states[:, :3], abs=0.5)
+    assert plan.states[1:, 3:] == pytest.approx(states[:, 3:], abs=2e-3)
+    error = (states - TARGET) / np.repeat([weights.position, weights.speed], 3)
+    terms = np.sum(error**2, axis=1) + np.sum((forces / thrust) ** 2, axis=1)
+    assert plan.cost == pytest.approx(np.diff(plan.times) @ terms, rel=1e-5)
+    assert plan.slack < 1e-8
+
+
+def weighted(*overrides: str) -> Scenario:
+    return load_scenario(None, ["mpc.cost=weighted", *overrides])
+
+
+@pytest.mark.parametrize("index", range(5))
+def test_limits_hold_at_every_knot(index):
+    """Transits 1 and 4 have the body in the way."""
+    scenario = weighted()
+    program = make_controller(scenario, load_body("kleopatra")).program
+    transit = transit_set(77, 5)[index]
+    start, target = (np.append(end, np.zeros(3)) for end in (transit.start, transit.goal))
+    plan = program.solve(start, target, iterations=15)
+    assert plan is not None
+    assert (plan.status, plan.iterations) == (0, 15)
+    assert plan.slack < 1e-6
+    assert plan.times[-1] == pytest.approx(scenario.mpc.weighted.horizon_s)
+    assert plan.states[0] == pytest.approx(start, abs=1e-4)
+    assert np.abs(plan.forces).max() <= 7.0 + 1e-5
+    assert np.abs(plan.states[:, 3:]).max() <= 40.0 + 1e-5
+    assert clearances(program.limits.keep_out_semi_axes, plan.states[:, :3]).min() > -1.0
+    left = np.linalg.norm(plan.states[-1, :3] - target[:3])
+    assert left < np.linalg.norm(start[:3] - target[:3])
+
+
+def test_out_of_reach_uses_slack_instead_of_failing():
+    program = make_controller(weighted(), load_body("kleopatra")).program
+    fast = np.array([120e3, -90e3, 10e3, 70.0, 0.0, -55.0])
+    plan = program.solve(fast, np.array([120e3, 90e3, 0.0, 0.0, 0.0, 0.0]), iterations=5)
+    assert plan is not None
+    assert plan.slack > 0.1
+    assert np.abs(plan.forces).max() <= 7.0 + 1e-5
+
+
+def test_no_plan_from_no_state():
+    program = unlimited()
+    assert program.solve(np.full(6, np.nan), TARGET) is None
+
+
+@pytest.mark.parametrize("place", [[20e3, 95e3, 40e3], [10e3, 0.0, 80e3]])
+def test_held_it_stands_where_error_and_hover_thrust_cost_least(place):
+    """Beside its goal, by what one minimum over three coordinates says, not where it began."""
+    body, goal, error = load_body("kleopatra"), np.array(place), 3e3
+
+    def cost(hundreds: np.ndarray) -> float:
+        at = goal + 100.0 * hundreds
+        pull = body.gravity_field.evaluate(at[None]).acceleration[0]
+        pull = pull + body.spin_rate**2 * at * [1.0, 1.0, 0.0]
+        away = 100.0 * hundreds / error
+        return float(away @ away + np.sum((MASS * pull / 7.0) ** 2))
+
+    expected = 100.0 * minimize(cost, np.zeros(3), options={"gtol": 1e-10}).x
+    log = fly(
+        weighted(
+            f"transit.start_m={place}",
+            f"transit.goal_m={place}",
+            f"mpc.weighted.position_error_m={error}",
+            "mpc.weighted.speed_error_m_s=10",
+            "arrival.dwell_s=1500",
+            "arrival.deadline_s=10",
+        )
+    )
+    away = log.dataset["state"].values[-1, :3] - goal
+    assert log.summary["terminal_speed_m_s"] < 1e-3
+    assert np.linalg.norm(expected) > 1.0
+    # A horizon has an end; the minimum knows none.
+    assert np.linalg.norm(away - expected) < 0.12 * np.linalg.norm(expected)
+
+
+def test_flown_it_comes_near_its_goal():
+    log = fly(short_scenario(mpc__cost="weighted", mpc__weighted__position_error_m=3e3))
+    assert log.summary["success"]
+    distance = np.linalg.norm(log.dataset["state"].values[:, :3] - [160e3, 8e3, 0.0], axis=1)
+    assert distance[-1] < 0.1 * distance[0]
+    assert np.abs(log.dataset["force"].values).max() <= 7.0
+
+
+def test_scenario_chooses_the_cost():
+    body = load_body("kleopatra")
+    assert isinstance(make_controller(Scenario(), body).program, TransitProgram)
+    scenario = weighted("mpc.weighted.horizon_s=900", "mpc.weighted.speed_error_m_s=7")
+    program = make_controller(scenario, body).program
+    assert isinstance(program, WeightedProgram)
+    assert program.horizon.minimum == 900.0
+    assert parse_scenario(dump_scenario(scenario)) == scenario
+
+
+@pytest.mark.parametrize(
+    ("override", "message"),
+    [
+        ("mpc.cost=fuel", "mpc.cost must be time_and_fuel or weighted, got 'fuel'"),
+        ("mpc.weighted.horizon_s=0", "mpc.weighted.horizon_s must be positive, got 0"),
+        ("mpc.weighted.position_error_m=-1", "mpc.weighted.position_error_m must be positive"),
+        ("mpc.weighted.speed_error_m_s=.nan", "mpc.weighted.speed_error_m_s must be positive"),
+    ],
+)
+def test_senseless_scenario_is_refused(override, message):
+    with pytest.raises(InputError, match=message):
+        load_scenario(None, [override])
+
+
+def test_senseless_program_is_refused():
+    with pytest.raises(InputError, match="must be positive"):
+        unlimited(dataclasses.replace(WEIGHTS, speed=0.0))
