@@ -77,6 +77,9 @@ class MpcConfig:
     estimator_gain: float = 0.0
     # Relinearisations when there is no recent plan to start from; otherwise one a step.
     cold_iterations: int = 10
+    # A command takes effect this long after the state it was computed from, and the expert plans
+    # from where it will be by then: solve time, in simulated time. At most control_period_s.
+    solve_delay_s: float = 0.0
 
 
 @dc.dataclass
@@ -231,6 +234,11 @@ def check_scenario(scenario: Scenario, source: str = "scenario") -> None:
         "cold_iterations",
     )  # fmt: skip
     need(scenario.mpc.knots >= 2, "mpc.knots", "must be at least 2")
+    need(
+        0.0 <= scenario.mpc.solve_delay_s <= scenario.control_period_s,
+        "mpc.solve_delay_s",
+        f"must be from 0 to control_period_s, got {scenario.mpc.solve_delay_s}",
+    )
     not_negative("mpc", "keep_out_margin_m", "fuel_weight")
     if scenario.disturbance is not None:
         positive("disturbance", "reset_period_s")

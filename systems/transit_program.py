@@ -31,11 +31,12 @@ from pydrake.solvers import (
     ClarabelSolver,
     MathematicalProgram,
     MathematicalProgramResult,
+    SolutionResult,
     SolverOptions,
 )
 
 from proxops.systems.ellipsoid import tangent_half_spaces
-from proxops.systems.errors import InputError
+from proxops.systems.errors import InputError, SolverFailure
 from proxops.systems.first_guess import first_positions
 from proxops.systems.gravity_field import Field
 from proxops.systems.plan import Horizon, Plan, TransitLimits
@@ -140,25 +141,28 @@ class TransitProgram:
         age: float = 0.0,
         iterations: int = 1,
         push: np.ndarray | None = None,
-    ) -> Plan | None:
-        """The plan from `state` (6,) to `target` (6,), or None if the solver fails.
+    ) -> Plan:
+        """The plan from `state` (6,) to `target` (6,).
 
         Args:
           previous: the plan to linearise about first, made `age` seconds ago; None: a guess that
             depends on state and target alone.
           iterations: how often to linearise and solve.
           push: (3,) in m/s^2, an acceleration that the field does not explain; None: none.
+
+        Raises:
+          SolverFailure: the state or the target is not finite, or the solver fails.
         """
         started = time.perf_counter()
         if not (np.isfinite(state).all() and np.isfinite(target).all()):
-            return None  # Drake would end the process.
+            raise SolverFailure(SolutionResult.kInvalidInput)  # Drake would end the process.
         last = self._first_plan(state, target) if previous is None else previous
         cold = previous is None
         self._push = np.zeros(3) if push is None else push
         for iteration in range(1, iterations + 1):
             result, duration = self._improve(state, target, last, age, cold and iteration == 1)
             if not result.is_success():
-                return None
+                raise SolverFailure(result.get_solution_result())
             up_down = result.GetSolution(self._u)
             controls = up_down[:, :3] - up_down[:, 3:]
             duration *= 1.0 + float(result.GetSolution(self._stretch)[0])
