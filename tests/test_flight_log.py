@@ -62,7 +62,7 @@ def test_variable(name: str) -> None:
 def test_schema_holds_what_was_promised() -> None:
     assert set(VARIABLES) == {
         "state", "target", "force", "mpc_force", "policy_force", "disturbance", "decision",
-        "solve_time", "solve_status", "ranges",
+        "solve_time", "solve_status", "solve_reason", "ranges",
     }  # fmt: skip
 
 
