@@ -157,10 +157,10 @@ class ModelPredictiveController(LeafSystem):
         return np.clip(plan.forces[0], -limit, limit)
 
     def _recall(self, context) -> tuple[Plan | None, float]:
-        """The last plan, and its age in s when the next force takes effect."""
+        """The last plan, if any, and its age in s when the next force takes effect."""
         memory = context.get_discrete_state(self._memory).value()
         last, start = unpacked(memory, self.program.horizon)
-        return last, context.get_time() + self.delay - start
+        return last, 0.0 if last is None else context.get_time() + self.delay - start
 
     def _predict(self, context, state: np.ndarray) -> np.ndarray:
         """The state when the next force takes effect, if nothing pushes but what is known."""

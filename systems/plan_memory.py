@@ -27,6 +27,7 @@ def unpacked(memory: np.ndarray, horizon: Horizon) -> tuple[Plan | None, float]:
     """The plan in a vector, if any, as solved, and the time in s at which it begins."""
     if memory[0] == 0.0:
         return None, 0.0
+    memory = memory.copy()  # A view of a Context's state changes with it, and may outlive it.
     knots = horizon.knots
     split = _HEAD + 6 * (knots + 1)
     plan = dataclasses.replace(

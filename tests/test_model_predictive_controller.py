@@ -78,7 +78,7 @@ def force_of(context, controller=None) -> np.ndarray:
 def remember(controller, context) -> None:
     """What the periodic event does."""
     updated = controller.EvalUniquePeriodicDiscreteUpdate(context)
-    context.SetDiscreteState(updated.value())
+    context.get_mutable_discrete_state().SetFrom(updated)
 
 
 def random_states(count: int, seed: int) -> list[tuple[np.ndarray, np.ndarray]]:
