@@ -1,4 +1,4 @@
-"""The exception that says the user's input is at fault, and the one of a solver that fails."""
+"""The exceptions: of input that is at fault, and of a solver that finds nothing."""
 
 from __future__ import annotations
 
