@@ -190,7 +190,6 @@ def main() -> None:
     target = flight["target"].values[0]
     states = flight["state"].values[:-1]  # The last is the flight's end, off the steps.
     first = program.solve(states[0], target, None, 0.0, controller.cold_iterations)
-    assert first is not None
     peers = [CasadiProgram(program, settings) for settings in SETTINGS.values()]
     plans = [first, *(peer.solve(states[0], target, first, 0.0) for peer in peers)]
     parts = Parts(program)
@@ -201,7 +200,6 @@ def main() -> None:
             started = CLOCK()
             plan = solve(state, target, plans[i], period)
             times[step, i] = CLOCK() - started
-            assert plan is not None
             plans[i], iterations[step, i] = plan, plan.iterations
             if plan.status:  # Failed: anew, from our plan.
                 plans[i], peers[i - 1].multipliers = plans[0], {}

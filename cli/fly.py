@@ -20,6 +20,7 @@ from proxops.cli.common import (
     write_json,
 )
 from proxops.diagrams.flight_log import FlightLog, differences, make_folder
+from proxops.diagrams.flight_summary import fallback_steps
 from proxops.diagrams.replay import write_replay
 from proxops.diagrams.scenario import load_scenario
 from proxops.diagrams.simulation import fly
@@ -131,6 +132,7 @@ def _table(log: FlightLog, summary: dict[str, Any]) -> list[tuple[str, str]]:
     if summary["control_ms_median"] is not None:
         median, p99 = summary["control_ms_median"], summary["control_ms_p99"]
         rows.append(("MPC step, median and p99", f"{median:.1f} ms, {p99:.1f} ms"))
+    rows += [(f"steps {what}", str(count)) for what, count in fallback_steps(log).items()]
     rows.append(("simulated", f"{flown:.0f} s in {summary['wall_s']:.1f} s"))
     rows.append(("speed against real time", f"{flown / summary['wall_s']:.0f} x"))
     return rows

@@ -7,6 +7,7 @@ import tempfile
 import typing
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from enum import IntEnum
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,7 @@ from proxops.diagrams.flight_summary import summarise
 from proxops.diagrams.scenario import Scenario, dump_scenario, parse_scenario
 from proxops.diagrams.typed_yaml import load_typed
 from proxops.systems.errors import InputError
+from proxops.systems.plan import PlanReason, PlanStatus
 from proxops.systems.polyhedron import Polyhedron
 
 if typing.TYPE_CHECKING:
@@ -27,17 +29,21 @@ if typing.TYPE_CHECKING:
 VARIABLES: dict[str, tuple[tuple[str, ...], str, str]] = {
     "state": (("component",), "m; m/s", "position and velocity of the spacecraft in K"),
     "target": (("component",), "m; m/s", "commanded final position and velocity in K"),
-    "force": (("axis",), "N", "force applied from this time on, until the next, in K"),
+    "force": (("axis",), "N", "force applied from force_delay_s after this time on, in K"),
     "mpc_force": (("axis",), "N", "the MPC's force in K; NaN where it was not asked"),
     "policy_force": (("axis",), "N", "the policy's force in K; NaN where there is none"),
     "disturbance": (("axis",), "N", "applied less commanded force in K"),
     "decision": ((), "1", "who flies: 0 the controller named, 1 the MPC, 2 the policy"),
     "solve_time": ((), "s", "wall time of the MPC's step; NaN where it was not asked"),
     "solve_status": ((), "1", "0 solved, 1 last plan flown on, 2 braking; NaN: not asked"),
+    "solve_reason": ((), "1", "why the MPC did so: see flag_meanings; NaN: not asked"),
     "ranges": (("plane", "ray"), "m", "lidar ranges; +inf where nothing returned"),
 }
-# Without these a file is no log; the frames may be left out.
-_NEEDED_VARIABLES = ["time", *(name for name in VARIABLES if name != "ranges")]
+# Meanings of codes, as the CF conventions have them: flag_values and flag_meanings.
+_FLAGS: dict[str, type[IntEnum]] = {"solve_status": PlanStatus, "solve_reason": PlanReason}
+# Without these a file is no log; frames may be left out, and the oldest logs have no reasons.
+_OPTIONAL_VARIABLES = ("ranges", "solve_reason")
+_NEEDED_VARIABLES = ["time", *(name for name in VARIABLES if name not in _OPTIONAL_VARIABLES)]
 _NEEDED_VARIABLES += ["mesh_vertices", "mesh_facets"]
 _NEEDED_ATTRIBUTES = ["scenario", "body", "controller", "shape_sha256", "arrival_time_s"]
 _NEEDED_ATTRIBUTES += ["collided", "keep_out_violations", "wall_s", "scenario_sha256"]
@@ -52,6 +58,10 @@ COORDINATES = {
 @dataclass
 class FlightLog:
     """One flight. `dataset` has the dimension `time` and the variables of `VARIABLES`.
+
+    The force of row k acts from `force_delay_s`, a global attribute, after that row's time until as
+    long after the next row's; no force acts before. It is 0 unless the MPC flies with
+    `mpc.solve_delay_s`, and may be missing.
 
     All vectors are in the body-fixed frame K; `position_inertial` and `velocity_inertial` are the
     same motion seen from the frame that coincides with K at time 0 and does not turn. The last
@@ -131,7 +141,10 @@ def make_dataset(
     data: dict[str, typing.Any] = {}
     for name, (dimensions, units, long_name) in VARIABLES.items():
         if name in columns:
-            notes = {"units": units, "long_name": long_name}
+            notes: dict[str, typing.Any] = {"units": units, "long_name": long_name}
+            if name in _FLAGS:
+                notes["flag_values"] = np.array([*_FLAGS[name]], dtype=columns[name].dtype)
+                notes["flag_meanings"] = " ".join(flag.name.lower() for flag in _FLAGS[name])
             data[name] = (("time", *dimensions), columns[name], notes)
     position, velocity = inertial_motion(times, columns["state"], body.spin_rate)
     note = "in the non-turning frame that is K at time 0"

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import collections
 import typing
 
 import numpy as np
 
 from proxops.systems.ellipsoid import clearances
+from proxops.systems.plan import PlanReason, PlanStatus
 
 if typing.TYPE_CHECKING:
     from proxops.diagrams.flight_log import FlightLog
@@ -28,10 +30,11 @@ def summarise(log: FlightLog) -> dict[str, typing.Any]:
     arrival = float(attrs["arrival_time_s"])
     arrived = bool(np.isfinite(arrival))
     least = float(clearances(log.body.keep_out_semi_axes, dense_positions(times, states)).min())
-    # Thrust acceleration, and how much of each interval lies before arrival.
+    # Thrust acceleration, and for how long each acts in the flight and before arrival.
     thrust = np.abs(data["force"].values[:-1]).sum(axis=1) / scenario.spacecraft.mass_kg
-    lengths = np.diff(times)
-    until = np.clip((arrival if arrived else np.inf) - times[:-1], 0.0, lengths)
+    starts = times[:-1] + attrs.get("force_delay_s", 0.0)
+    lengths = np.clip(times[-1] - starts, 0.0, np.diff(times))
+    until = np.clip((arrival if arrived else np.inf) - starts, 0.0, lengths)
     error = states[-1] - data["target"].values[-1]
     solve_ms = data["solve_time"].values * 1e3
     asked = solve_ms[np.isfinite(solve_ms)]
@@ -64,6 +67,19 @@ def summarise(log: FlightLog) -> dict[str, typing.Any]:
         "scenario_sha256": attrs["scenario_sha256"],
         "policy_sha256": attrs.get("policy_sha256"),
     }
+
+
+def fallback_steps(log: FlightLog) -> dict[str, int]:
+    """How many steps the MPC flew without a fresh solution, by "what: why"."""
+    data = log.dataset
+    if "solve_reason" not in data:
+        return {}
+    pairs = zip(data["solve_status"].values, data["solve_reason"].values, strict=True)
+    return collections.Counter(
+        f"{PlanStatus(int(status)).name}: {PlanReason(int(reason)).name}".lower().replace("_", " ")
+        for status, reason in pairs
+        if status > PlanStatus.SOLVED
+    )
 
 
 def dense_positions(times: np.ndarray, states: np.ndarray) -> np.ndarray:

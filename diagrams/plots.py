@@ -146,7 +146,8 @@ def plot_force(ax: Axes, log: FlightLog, axis: str) -> None:
     """The force applied along the axis "x", "y" or "z" of K, with its limits."""
     # The last row is the end of the flight: no force is applied from there on.
     force = log.dataset["force"].values[:-1, _AXIS[axis]]
-    minutes = _minutes(log)
+    times, delay = log.dataset["time"].values, log.dataset.attrs.get("force_delay_s", 0.0)
+    minutes = np.minimum(times + delay, times[-1]) / _MINUTE
     ax.stairs(force, minutes, baseline=None, color=_LINE, linewidth=1.2)
     limit = log.scenario.spacecraft.thrust_limit_n
     for sign in (-1.0, 1.0):

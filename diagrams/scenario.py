@@ -94,6 +94,9 @@ class MpcConfig:
     # What a plan minimises: `time_and_fuel`, as the values above say, or `weighted`, the paper's.
     cost: str = "time_and_fuel"
     weighted: WeightedCostConfig = dc.field(default_factory=WeightedCostConfig)
+    # A command takes effect this long after the state it was computed from, and the expert plans
+    # from where it will be by then: solve time, in simulated time. At most control_period_s.
+    solve_delay_s: float = 0.0
 
 
 @dc.dataclass
@@ -256,6 +259,11 @@ def check_scenario(scenario: Scenario, source: str = "scenario") -> None:
     for name, value in dc.asdict(scenario.mpc.weighted).items():
         good = math.isfinite(value) and value > 0
         need(good, f"mpc.weighted.{name}", f"must be positive, got {value}")
+    need(
+        0.0 <= scenario.mpc.solve_delay_s <= scenario.control_period_s,
+        "mpc.solve_delay_s",
+        f"must be from 0 to control_period_s, got {scenario.mpc.solve_delay_s}",
+    )
     not_negative("mpc", "keep_out_margin_m", "fuel_weight")
     if scenario.disturbance is not None:
         positive("disturbance", "reset_period_s")

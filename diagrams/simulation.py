@@ -22,6 +22,7 @@ from proxops.diagrams.flight_log import FlightLog, make_dataset
 from proxops.diagrams.replay import PLAYBACK_SPEED, add_flight
 from proxops.diagrams.scenario import Scenario, dump_scenario
 from proxops.diagrams.transit_diagram import make_controller, make_transit_diagram
+from proxops.systems.delayed_hold import DelayedHold
 from proxops.systems.errors import InputError
 from proxops.systems.flight_monitor import COLLIDED, ENTERED_GOAL, NEVER, VIOLATIONS
 from proxops.systems.lidar import Lidar
@@ -176,9 +177,9 @@ def _collect_log(
                 columns[name][-1] = np.nan
 
     blank = np.full((len(times), 3), np.nan)
-    record = columns.pop("mpc_record", np.full((len(times), 2), np.nan))
+    record = columns.pop("mpc_record", np.full((len(times), 3), np.nan))
     columns["disturbance"] = columns["force"] - columns.pop("command")
-    columns["solve_time"], columns["solve_status"] = record[:, 0], record[:, 1]
+    columns |= dict(zip(("solve_time", "solve_status", "solve_reason"), record.T, strict=True))
     columns["decision"] = np.full(len(times), 1 if "mpc_force" in columns else 0, dtype=np.int8)
     lidar = diagram.GetSubsystemByName("lidar")
     assert isinstance(lidar, Lidar)
@@ -190,6 +191,7 @@ def _collect_log(
     # In the goal region at the end, but not for long enough, is no arrival.
     entered = outcome[ENTERED_GOAL]
     dwelt = entered < NEVER and end - entered >= scenario.arrival.dwell_s * (1.0 - 1e-9)
+    hold = diagram.GetSubsystemByName("hold")
     attributes = {
         "proxops_version": metadata.version("proxops"),
         "controller": controller,
@@ -197,6 +199,7 @@ def _collect_log(
         "seed": scenario.transit.seed,
         "transit": scenario.transit.index,
         "noise_seed": scenario.noise_seed,
+        "force_delay_s": hold.delay if isinstance(hold, DelayedHold) else 0.0,
         "arrival_time_s": float(entered) if dwelt else np.nan,
         "collided": int(outcome[COLLIDED]),
         "keep_out_violations": int(outcome[VIOLATIONS]),

@@ -21,6 +21,7 @@ from proxops.diagrams.meshcat_scene import Scene
 from proxops.diagrams.scenario import Scenario
 from proxops.diagrams.transits import scenario_transit
 from proxops.systems import (
+    DelayedHold,
     ErrorWeights,
     FlightMonitor,
     GravityField,
@@ -69,7 +70,11 @@ def make_controller(scenario: Scenario, body: Body) -> ModelPredictiveController
     else:
         program = TransitProgram(field, body.spin_rate, limits, horizon)
     return ModelPredictiveController(
-        program, scenario.control_period_s, mpc.cold_iterations, mpc.estimator_gain
+        program,
+        scenario.control_period_s,
+        mpc.cold_iterations,
+        mpc.estimator_gain,
+        mpc.solve_delay_s,
     )
 
 
@@ -101,7 +106,8 @@ def make_transit_diagram(
     Returns:
       A Diagram whose subsystems are named gravity, spacecraft, lidar, target, controller,
       disturbance (if there is one), thrusters, hold, monitor, and log_NAME for every logged port.
-      The Context that it makes by default starts the scenario's transit.
+      The Context that it makes by default starts the scenario's transit. The hold is a
+      `DelayedHold` where the expert flies with a delay.
 
     Raises:
       InputError: the controller's ports do not fit, or the scenario cannot be flown.
@@ -146,7 +152,8 @@ def make_transit_diagram(
         ),
     )
     target = add("target", ConstantVectorSource(np.concatenate([transit.goal, np.zeros(3)])))
-    hold = add("hold", ZeroOrderHold(period, 3))
+    delay = pilot.delay if isinstance(pilot, ModelPredictiveController) else 0.0
+    hold = add("hold", DelayedHold(period, delay, 3) if delay > 0.0 else ZeroOrderHold(period, 3))
     builder.AddSystem(pilot)
 
     builder.Connect(craft_ports["position"], gravity.GetInputPort("position"))

@@ -1,12 +1,13 @@
 """The blocks of the diagram: plain numerics, and a thin Drake LeafSystem over each."""
 
+from proxops.systems.delayed_hold import DelayedHold
 from proxops.systems.equilibria import find_equilibria
 from proxops.systems.errors import InputError
 from proxops.systems.flight_monitor import FlightMonitor
 from proxops.systems.gravity_field import Gravity, GravityField
 from proxops.systems.lidar import Lidar, ray_directions
 from proxops.systems.model_predictive_controller import ModelPredictiveController
-from proxops.systems.plan import Horizon, Plan, TransitLimits
+from proxops.systems.plan import Horizon, Plan, PlanReason, PlanStatus, TransitLimits
 from proxops.systems.point_mass_field import PointMassField
 from proxops.systems.polyhedral_gravity import PolyhedralGravity, PolyhedralGravity_
 from proxops.systems.polyhedron import Polyhedron
@@ -19,6 +20,7 @@ from proxops.systems.transit_program import TransitProgram
 from proxops.systems.weighted_program import ErrorWeights, WeightedProgram
 
 __all__ = [
+    "DelayedHold",
     "ErrorWeights",
     "FlightMonitor",
     "Gravity",
@@ -28,6 +30,8 @@ __all__ = [
     "Lidar",
     "ModelPredictiveController",
     "Plan",
+    "PlanReason",
+    "PlanStatus",
     "PointMassField",
     "PolyhedralGravity",
     "PolyhedralGravity_",

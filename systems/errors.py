@@ -1,4 +1,11 @@
-"""The one exception that says the user's input, not the program, is at fault."""
+"""The exceptions: of input that is at fault, and of a solver that finds nothing."""
+
+from __future__ import annotations
+
+import typing
+
+if typing.TYPE_CHECKING:
+    from pydrake.solvers import SolutionResult
 
 
 class InputError(ValueError):
@@ -6,3 +13,12 @@ class InputError(ValueError):
 
     The command line prints the message alone and exits with code 2.
     """
+
+
+class SolverFailure(Exception):  # noqa: N818 (nobody's error: the flight goes on without)
+    """A solver found no solution; `result` says why."""
+
+    def __init__(self, result: SolutionResult):
+        """Takes Drake's account of it."""
+        super().__init__(result.name)
+        self.result = result

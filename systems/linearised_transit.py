@@ -72,7 +72,7 @@ class LinearisedTransit:
         self.program = MathematicalProgram()
         self._build(free_time, end_slacks)
         self.solver = ClarabelSolver()
-        self._options = SolverOptions()
+        self.options = SolverOptions()
 
     def _build(self, free_time: bool, end_slacks: int) -> None:
         n, program = self.horizon.knots, self.program
@@ -164,7 +164,7 @@ class LinearisedTransit:
         """Solves the program as it is linearised, from `state` (6,)."""
         scaled = state / self.units
         self._start.evaluator().set_bounds(scaled, scaled)
-        return self.solver.Solve(self.program, None, self._options)
+        return self.solver.Solve(self.program, None, self.options)
 
     def controls_of(self, result: MathematicalProgramResult) -> np.ndarray:
         """Forces over the limit (N, 3)."""

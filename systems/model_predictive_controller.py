@@ -7,13 +7,23 @@ import time
 
 import numpy as np
 from pydrake.common.value import AbstractValue
+from pydrake.solvers import SolutionResult
 from pydrake.systems.framework import LeafSystem
 
-from proxops.systems.errors import InputError
-from proxops.systems.plan import Plan, PlanProgram
-from proxops.systems.spacecraft import rotating_frame_acceleration
+from proxops.systems.errors import InputError, SolverFailure
+from proxops.systems.fallback_plans import braking, flown_on
+from proxops.systems.plan import Plan, PlanProgram, PlanReason, PlanStatus, empty_plan
+from proxops.systems.plan_memory import memory_size, packed, unpacked
+from proxops.systems.state_prediction import moved_by, predicted_state, unexplained_acceleration
 
-SOLVED, FLOWN_ON, BRAKING = 0, 1, 2
+SOLVED, FLOWN_ON, BRAKING = PlanStatus
+# What the solver's result means for the log; whatever is not here is SOLVER_ERROR.
+_FAILURES = {
+    SolutionResult.kInvalidInput: PlanReason.INPUT_NOT_FINITE,
+    SolutionResult.kInfeasibleConstraints: PlanReason.SOLVER_INFEASIBLE,
+    SolutionResult.kInfeasibleOrUnbounded: PlanReason.SOLVER_INFEASIBLE,
+    SolutionResult.kIterationLimit: PlanReason.SOLVER_ITERATION_LIMIT,
+}
 
 
 class ModelPredictiveController(LeafSystem):
@@ -23,7 +33,8 @@ class ModelPredictiveController(LeafSystem):
     state (6) ──────►┌───────────────────────────┐
     target (6) ─────►│ ModelPredictiveController ├─► force (3), N
     enable (1) ─────►│                           ├─► plan (abstract Plan)
-                     └───────────────────────────┴─► record (2): wall time in s, Plan.status
+                     └───────────────────────────┴─► record (3): wall time in s, Plan.status,
+                                                     Plan.reason
     ```
 
     All vectors are in K, in m, m/s and N. The command depends on the state and the target alone:
@@ -38,8 +49,12 @@ class ModelPredictiveController(LeafSystem):
     force do not explain is estimated from the motion over the last period, smoothed by that gain,
     and planned for. The estimate is kept with the plan; the command then depends on it too.
 
+    With `delay` above 0 its command is taken to act that much after it was asked for, as a
+    `DelayedHold` makes it. It then plans from where it will be by then, under its own last command
+    and the gravity it believes in; the last command is kept too, and the command depends on it.
+
     If the solver fails the flight goes on: the last plan is flown on by the clock (status 1), and
-    without one the spacecraft brakes (status 2).
+    without one the spacecraft brakes (status 2). `Plan.reason` says why.
     """
 
     def __init__(
@@ -48,12 +63,13 @@ class ModelPredictiveController(LeafSystem):
         period: float = 10.0,
         cold_iterations: int = 10,
         estimator_gain: float = 0.0,
+        delay: float = 0.0,
     ):
-        """Takes the program to solve, the control period in s and the estimator's gain, 0 to 1.
+        """Takes the program, the control period in s, the estimator's gain and the delay in s.
 
         Raises:
-          InputError: the period or the number of iterations is not positive, or the gain is not
-            from 0 to 1.
+          InputError: the period or the number of iterations is not positive, the gain is not from
+            0 to 1, or the delay not from 0 to the period.
         """
         super().__init__()
         if not (period > 0.0 and cold_iterations >= 1):
@@ -63,24 +79,26 @@ class ModelPredictiveController(LeafSystem):
             )
         if not 0.0 <= estimator_gain <= 1.0:
             raise InputError(f"the MPC's estimator gain must be from 0 to 1, got {estimator_gain}")
+        if not 0.0 <= delay <= period:
+            raise InputError(f"the MPC's delay must be from 0 to its period, got {delay} s")
         self.program, self.period, self.cold_iterations = program, period, cold_iterations
-        self.estimator_gain = estimator_gain
+        self.estimator_gain, self.delay = estimator_gain, delay
         self._state_port = self.DeclareVectorInputPort(name="state", size=6)
         self._target_port = self.DeclareVectorInputPort(name="target", size=6)
         self._enable_port = self.DeclareVectorInputPort(name="enable", size=1)
         knots = program.horizon.knots
-        # Whether there is a plan, when it was made, its length, target, states and forces, and the
-        # estimate of what pushes besides gravity.
-        self._memory = self.DeclareDiscreteState(9 + 6 * (knots + 1) + 3 * knots + 3)
+        self._memory = self.DeclareDiscreteState(memory_size(knots))
+        # With a delay, the last command; until there is one, no force acts.
+        self._command = self.DeclareDiscreteState(3) if delay > 0.0 else None
         depends = {
             self._state_port.ticket(),
             self._target_port.ticket(),
-            self.discrete_state_ticket(self._memory),
+            self.xd_ticket(),
             self.time_ticket(),
         }
         self._plan_port = self.DeclareAbstractOutputPort(
             name="plan",
-            alloc=lambda: AbstractValue.Make(_empty_plan(knots)),
+            alloc=lambda: AbstractValue.Make(empty_plan(knots)),
             calc=self._calc_plan,
             prerequisites_of_calc=depends,
         )
@@ -88,7 +106,7 @@ class ModelPredictiveController(LeafSystem):
             name="force", size=3, calc=self._calc_force, prerequisites_of_calc=depends
         )
         self._record_port = self.DeclareVectorOutputPort(
-            name="record", size=2, calc=self._calc_record, prerequisites_of_calc=depends
+            name="record", size=3, calc=self._calc_record, prerequisites_of_calc=depends
         )
         # Discrete, not unrestricted: at one time all discrete updates see the same state before
         # it, so that the hold downstream reads the plan that is cached and nothing is solved twice.
@@ -99,118 +117,109 @@ class ModelPredictiveController(LeafSystem):
     def _calc_plan(self, context, output):
         state = self._state_port.Eval(context)
         target = self._target_port.Eval(context)
-        last, age = self._recall(context)
-        close = (
-            last is not None
-            and age <= 1.5 * self.period
-            and self.program.fits(last, age, state, target)
-        )
-        iterations = 1 if close else self.cold_iterations
         started = time.perf_counter()
-        push = self._estimate(context, last, age, state)
-        plan = self.program.solve(state, target, last, age, iterations, push)
+        last, age = self._recall(context)
+        push = np.zeros(3) if last is None else last.push
+        if np.isfinite(state).all() and np.isfinite(target).all():
+            state = self._predict(context, state)
+            push = self._estimate(last, age, state)
+            if self.delay > 0.0:
+                state = state + moved_by(push, self.delay)
+            plan, reason = self._solve(state, target, last, age, push)
+        else:
+            plan, reason = None, PlanReason.INPUT_NOT_FINITE
         if plan is None:
-            if last is not None:
-                # A plan that leads nowhere may be what the solver choked on: again from nothing.
-                plan = self.program.solve(state, target, None, 0.0, self.cold_iterations, push)
-            if plan is None:
-                plan = self._flown_on(last, age) if last is not None else self._braking(state)
-            plan = dataclasses.replace(plan, solve_time=time.perf_counter() - started)
-        output.set_value(plan)
+            plan = self._fallback(state, last, age)
+        solve_time = time.perf_counter() - started
+        output.set_value(dataclasses.replace(plan, solve_time=solve_time, reason=reason, push=push))
 
     def _calc_force(self, context, output):
-        plan = self._plan_port.Eval(context)
-        limit = self.program.limits.thrust
-        output.SetFromVector(np.clip(plan.forces[0], -limit, limit))
+        output.SetFromVector(self._first_force(self._plan_port.Eval(context)))
 
     def _calc_record(self, context, output):
         plan = self._plan_port.Eval(context)
-        output.SetFromVector([plan.solve_time, plan.status])
+        output.SetFromVector([plan.solve_time, plan.status, plan.reason])
 
     def _remember_plan(self, context, discrete_state):
         enabled = not self._enable_port.HasValue(context) or self._enable_port.Eval(context)[0] != 0
         if not enabled:
             return
         plan = self._plan_port.Eval(context)
-        if plan.status != SOLVED:
-            return  # The last plan that was solved stays, to be flown on by its own clock.
-        head = [1.0, context.get_time(), plan.times[-1], *plan.target]
-        push = self._estimate(context, *self._recall(context), plan.states[0])
-        memory = np.concatenate([head, plan.states.ravel(), plan.forces.ravel(), push])
-        discrete_state.set_value(self._memory, memory)
+        if self._command is not None:
+            discrete_state.set_value(self._command, self._first_force(plan))
+        if plan.status == SOLVED:
+            discrete_state.set_value(self._memory, packed(plan, context.get_time() + self.delay))
+        # Else the last plan that was solved stays, to be flown on by its own clock.
+
+    def _first_force(self, plan: Plan) -> np.ndarray:
+        limit = self.program.limits.thrust
+        return np.clip(plan.forces[0], -limit, limit)
 
     def _recall(self, context) -> tuple[Plan | None, float]:
-        """The last plan and its age in s."""
+        """The last plan, if any, and its age in s when the next force takes effect."""
         memory = context.get_discrete_state(self._memory).value()
-        if memory[0] == 0.0:
-            return None, 0.0
-        knots = self.program.horizon.knots
-        split = 9 + 6 * (knots + 1)
-        plan = dataclasses.replace(
-            _empty_plan(knots),
-            times=memory[2] * self.program.horizon.fractions(),
-            target=memory[3:9],
-            states=memory[9:split].reshape(knots + 1, 6),
-            forces=memory[split:-3].reshape(knots, 3),
-        )
-        return plan, context.get_time() - memory[1]
+        last, start = unpacked(memory, self.program.horizon)
+        return last, 0.0 if last is None else context.get_time() + self.delay - start
 
-    def _estimate(self, context, last: Plan | None, age: float, state: np.ndarray) -> np.ndarray:
-        """What pushes besides gravity and the force commanded `age` s ago: (3,) in m/s^2."""
-        known = context.get_discrete_state(self._memory).value()[-3:].copy()
-        if self.estimator_gain == 0.0 or last is None or not 0.0 < age <= 1.5 * self.period:
+    def _predict(self, context, state: np.ndarray) -> np.ndarray:
+        """The state when the next force takes effect, if nothing pushes but what is known."""
+        if self._command is None:
+            return state
+        program, force = self.program, context.get_discrete_state(self._command).value()
+        return predicted_state(
+            state, force, self.delay, program.field, program.limits.mass, program.spin
+        )
+
+    def _estimate(self, last: Plan | None, age: float, state: np.ndarray) -> np.ndarray:
+        """What pushes besides gravity and the force commanded `age` s ago: (3,) in m/s^2.
+
+        Args:
+          state: (6,), predicted without a push.
+        """
+        if last is None:
+            return np.zeros(3)
+        known = last.push
+        if self.estimator_gain == 0.0 or not 0.0 < age <= 1.5 * self.period:
             return known
-        limits, before = self.program.limits, last.states[0]
-        change = state[3:] - before[3:]
-        middle = 0.5 * (before[:3] + state[:3]) - 0.125 * age * change
-        expected = rotating_frame_acceleration(
-            middle,
-            0.5 * (before[3:] + state[3:]),
-            self.program.field.evaluate(middle[None]).acceleration[0],
-            np.clip(last.forces[0], -limits.thrust, limits.thrust),
-            limits.mass,
-            self.program.spin,
+        program = self.program
+        # Like is compared with like: both predictions over the delay without a push.
+        before = last.states[0] - moved_by(known, self.delay)
+        force = self._first_force(last)
+        found = unexplained_acceleration(
+            before, state, force, age, program.field, program.limits.mass, program.spin
         )
-        return known + self.estimator_gain * (change / age - expected - known)
+        return known + self.estimator_gain * (found - known)
 
-    def _flown_on(self, last: Plan, age: float) -> Plan:
-        """What is left of the last plan, on the same knots; past its end, its last force."""
-        times = self.program.horizon.fractions() * max(last.times[-1] - age, self.period)
-        forces = last.forces_at(age + 0.5 * (times[1:] + times[:-1]))
-        # The force that is due now, not the mean over the first of the new intervals.
-        forces[0] = last.forces_at(np.array([age]))[0]
-        states = last.states_at(age + times)
-        return dataclasses.replace(last, times=times, states=states, forces=forces, status=FLOWN_ON)
+    def _solve(
+        self, state: np.ndarray, target: np.ndarray, last: Plan | None, age: float, push: np.ndarray
+    ) -> tuple[Plan | None, PlanReason]:
+        """A fresh plan, or None, and the reason for what was done."""
+        solve, iterations = self.program.solve, self.cold_iterations
+        if last is None:
+            reason = PlanReason.SOLVED_ANEW_NO_PLAN
+        elif age > 1.5 * self.period:
+            reason = PlanReason.SOLVED_ANEW_PLAN_TOO_OLD
+        elif not self.program.fits(last, age, state, target):
+            reason = PlanReason.SOLVED_ANEW_PLAN_ELSEWHERE
+        else:
+            reason, iterations = PlanReason.SOLVED_ABOUT_LAST_PLAN, 1
+        try:
+            try:
+                return solve(state, target, last, age, iterations, push), reason
+            except SolverFailure:
+                if last is None:
+                    raise
+                # A plan that leads nowhere may be what the solver choked on: again from nothing.
+                plan = solve(state, target, None, 0.0, self.cold_iterations, push)
+                return plan, PlanReason.SOLVED_ANEW_AFTER_FAILURE
+        except SolverFailure as failure:
+            return None, _FAILURES.get(failure.result, PlanReason.SOLVER_ERROR)
 
-    def _braking(self, state: np.ndarray) -> Plan:
-        """Hover thrust and full braking of the velocity in K, within the limits."""
-        knots, limits = self.program.horizon.knots, self.program.limits
-        if not np.isfinite(state).all():
-            return _empty_plan(knots)  # Of no known state, no thrust.
-        gravity = self.program.field.evaluate(state[None, :3]).acceleration[0]
-        spin = self.program.spin
-        apparent = gravity + [spin**2 * state[0], spin**2 * state[1], 0.0]
-        apparent += [2.0 * spin * state[4], -2.0 * spin * state[3], 0.0]
-        force = -limits.mass * (apparent + state[3:] / self.period)
-        force = np.clip(force, -limits.thrust, limits.thrust)
-        return dataclasses.replace(
-            _empty_plan(knots),
-            times=self.program.horizon.fractions() * self.program.horizon.minimum,
-            states=np.tile(state, (knots + 1, 1)),
-            forces=np.tile(force, (knots, 1)),
-            status=BRAKING,
+    def _fallback(self, state: np.ndarray, last: Plan | None, age: float) -> Plan:
+        """The last plan shifted, or without one, braking."""
+        program = self.program
+        if last is not None:
+            return flown_on(last, age, program.horizon, self.period)
+        return braking(
+            state, program.field, program.spin, program.limits, program.horizon, self.period
         )
-
-
-def _empty_plan(knots: int) -> Plan:
-    return Plan(
-        times=np.zeros(knots + 1),
-        states=np.zeros((knots + 1, 6)),
-        forces=np.zeros((knots, 3)),
-        target=np.zeros(6),
-        cost=np.nan,
-        slack=np.nan,
-        status=BRAKING,
-        iterations=0,
-        solve_time=0.0,
-    )

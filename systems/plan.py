@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from enum import IntEnum
 from typing import Protocol
 
 import numpy as np
@@ -10,9 +11,43 @@ import numpy as np
 from proxops.systems.gravity_field import Field
 
 
+class PlanStatus(IntEnum):
+    """Which of the three a plan is, in the order of fallback."""
+
+    SOLVED = 0
+    """A fresh solution."""
+    FLOWN_ON = 1
+    """The last plan that was solved, shifted to now."""
+    BRAKING = 2
+    """For want of any plan."""
+
+
+class PlanReason(IntEnum):
+    """Why a plan was solved the way it was; of a fallback, why nothing could be solved."""
+
+    SOLVED_ABOUT_LAST_PLAN = 0
+    """Linearised once, about the last plan."""
+    SOLVED_ANEW_NO_PLAN = 1
+    """As often as without a recent plan: there is none."""
+    SOLVED_ANEW_PLAN_TOO_OLD = 2
+    """The last plan is more than a step old."""
+    SOLVED_ANEW_PLAN_ELSEWHERE = 3
+    """The state or the target is not where the last plan has it."""
+    SOLVED_ANEW_AFTER_FAILURE = 4
+    """The solver failed about the last plan, and succeeded from nothing."""
+    INPUT_NOT_FINITE = 5
+    """The state or the target has infinities or NaN."""
+    SOLVER_INFEASIBLE = 6
+    """The solver found the program infeasible."""
+    SOLVER_ITERATION_LIMIT = 7
+    """The solver did not converge in time."""
+    SOLVER_ERROR = 8
+    """The solver failed otherwise, numerically for instance."""
+
+
 @dataclass(frozen=True)
 class Plan:
-    """A plan from now to the target, in K."""
+    """A plan to the target, in K, from where its first force takes effect."""
 
     times: np.ndarray
     """(N + 1,) knots in s from the plan's own start."""
@@ -27,11 +62,15 @@ class Plan:
     slack: float
     """Sum of all slacks in scaled units; 0 if the plan keeps every limit and reaches the target."""
     status: int
-    """0: solved; 1: an older plan, flown on; 2: braking, for want of any plan."""
+    """A `PlanStatus`. 0: solved; 1: an older plan, flown on; 2: braking, for want of any plan."""
     iterations: int
     """Linearisations this plan took."""
     solve_time: float
     """Wall time in s."""
+    reason: int = PlanReason.SOLVED_ANEW_NO_PLAN
+    """A `PlanReason`: why this status, and why anew if it was solved anew. Who asks sets it."""
+    push: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    """(3,) in m/s^2, the acceleration assumed besides gravity and thrust."""
 
     def states_at(self, times: np.ndarray) -> np.ndarray:
         """States (M, 6) at times (M,), straight between knots, held past the last."""
@@ -41,6 +80,21 @@ class Plan:
         """Forces (M, 3) at times (M,); past the plan's ends those of its first or last interval."""
         at = np.searchsorted(self.times, times, side="right") - 1
         return self.forces[np.clip(at, 0, len(self.forces) - 1)]
+
+
+def empty_plan(knots: int) -> Plan:
+    """Of so many intervals, nowhere, without thrust."""
+    return Plan(
+        times=np.zeros(knots + 1),
+        states=np.zeros((knots + 1, 6)),
+        forces=np.zeros((knots, 3)),
+        target=np.zeros(6),
+        cost=np.nan,
+        slack=np.nan,
+        status=PlanStatus.BRAKING,
+        iterations=0,
+        solve_time=0.0,
+    )
 
 
 @dataclass(frozen=True)
@@ -119,7 +173,7 @@ class PlanProgram(Protocol):
         age: float = 0.0,
         iterations: int = 1,
         push: np.ndarray | None = None,
-    ) -> Plan | None:
+    ) -> Plan:
         """As `TransitProgram.solve`."""
         ...
 

@@ -27,8 +27,9 @@ from __future__ import annotations
 import time
 
 import numpy as np
-from pydrake.solvers import MathematicalProgramResult
+from pydrake.solvers import MathematicalProgramResult, SolutionResult
 
+from proxops.systems.errors import SolverFailure
 from proxops.systems.gravity_field import Field
 from proxops.systems.linearised_transit import LinearisedTransit
 from proxops.systems.plan import Horizon, Plan, TransitLimits
@@ -75,18 +76,21 @@ class TransitProgram:
         age: float = 0.0,
         iterations: int = 1,
         push: np.ndarray | None = None,
-    ) -> Plan | None:
-        """The plan from `state` (6,) to `target` (6,), or None if the solver fails.
+    ) -> Plan:
+        """The plan from `state` (6,) to `target` (6,).
 
         Args:
           previous: the plan to linearise about first, made `age` seconds ago; None: a guess that
             depends on state and target alone.
           iterations: how often to linearise and solve.
           push: (3,) in m/s^2, an acceleration that the field does not explain; None: none.
+
+        Raises:
+          SolverFailure: the state or the target is not finite, or the solver fails.
         """
         started = time.perf_counter()
         if not (np.isfinite(state).all() and np.isfinite(target).all()):
-            return None  # Drake would end the process.
+            raise SolverFailure(SolutionResult.kInvalidInput)  # Drake would end the process.
         cold, last = previous is None, previous
         if last is None:
             last = self.transit.first_plan(state, target, self.horizon.time_to_go(state, target))
@@ -95,7 +99,7 @@ class TransitProgram:
             fixed_time = cold and iteration == 1
             result, duration = self._improve(state, target, last, age, fixed_time, push)
             if not result.is_success():
-                return None
+                raise SolverFailure(result.get_solution_result())
             duration *= 1.0 + float(result.GetSolution(self.transit.stretch)[0])
             effort = self._mean_effort(self.transit.controls_of(result), duration)
             cost = duration * (self.time_price + effort)

@@ -19,9 +19,9 @@ import time
 from dataclasses import dataclass
 
 import numpy as np
-from pydrake.solvers import MathematicalProgramResult
+from pydrake.solvers import MathematicalProgramResult, SolutionResult
 
-from proxops.systems.errors import InputError
+from proxops.systems.errors import InputError, SolverFailure
 from proxops.systems.gravity_field import Field
 from proxops.systems.linearised_transit import LinearisedTransit
 from proxops.systems.plan import Horizon, Plan, TransitLimits
@@ -80,11 +80,11 @@ class WeightedProgram:
         age: float = 0.0,
         iterations: int = 1,
         push: np.ndarray | None = None,
-    ) -> Plan | None:
+    ) -> Plan:
         """As `TransitProgram.solve`; `Plan.cost` is the mean that is minimised times the length."""
         started = time.perf_counter()
         if not (np.isfinite(state).all() and np.isfinite(target).all()):
-            return None  # Drake would end the process.
+            raise SolverFailure(SolutionResult.kInvalidInput)  # Drake would end the process.
         duration = self.horizon.minimum
         last = self.transit.first_plan(state, target, duration) if previous is None else previous
         push = np.zeros(3) if push is None else push
@@ -96,7 +96,7 @@ class WeightedProgram:
             self.transit.linearise(states, controls, duration, push)
             result = self.transit.solve_from(state)
             if not result.is_success():
-                return None
+                raise SolverFailure(result.get_solution_result())
             cost = duration * self._mean_cost(result, target)
             last = self.transit.plan_of(result, target, duration, cost, iteration, started)
             age = 0.0

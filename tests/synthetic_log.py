@@ -46,6 +46,7 @@ def synthetic_log(steps: int = 480, ranges: bool = True) -> FlightLog:
         "decision": np.where(by_mpc, 1, 2).astype(np.int8),
         "solve_time": asked,
         "solve_status": np.where(by_mpc, 0.0, np.nan),
+        "solve_reason": np.where(by_mpc, 0.0, np.nan),
     }
     if ranges:
         caster, directions = RayCaster(body.shape), ray_directions()

@@ -11,9 +11,11 @@ import numpy as np
 import pytest
 import trimesh
 from short_flights import blob, kleopatra, kleopatra_flight, short_scenario, write_blob
+from synthetic_log import synthetic_log
 from test_flight_log import SUMMARY
 
 from proxops.cli.common import length_text
+from proxops.cli.fly import _table
 from proxops.cli.main import main
 from proxops.diagrams.flight_log import FlightLog, differences
 
@@ -78,6 +80,16 @@ def refused_by_parser(ran: Ran, *words: str) -> None:
 
 
 # --- fly ------------------------------------------------------------------------------------------
+
+
+def test_table_tells_of_steps_without_a_fresh_plan() -> None:
+    log = synthetic_log(30, ranges=False)
+    data = log.dataset.copy(deep=True)
+    data["solve_status"][[2, 3, 5]], data["solve_reason"][[2, 3, 5]] = [1, 1, 2], [7, 7, 5]
+    table = dict(_table(FlightLog(data, log.body), log.summary))
+    assert table["steps flown on: solver iteration limit"] == "2"
+    assert table["steps braking: input not finite"] == "1"
+    assert not [name for name in dict(_table(log, log.summary)) if name.startswith("steps")]
 
 
 def test_fly(run, tmp_path: Path) -> None:

@@ -14,9 +14,11 @@ import h5py
 import numpy as np
 import pytest
 import xarray as xr
+from pydrake.solvers import SolutionResult
 from scipy.interpolate import CubicHermiteSpline
 from scipy.optimize import minimize
 from short_flights import (
+    BRIEF,
     disturbed_flight,
     falling_flight,
     kleopatra,
@@ -26,8 +28,11 @@ from short_flights import (
 from synthetic_log import synthetic_log
 
 from proxops.diagrams.flight_log import VARIABLES, FlightLog, differences, make_dataset, write_whole
+from proxops.diagrams.flight_summary import fallback_steps
 from proxops.diagrams.scenario import dump_scenario, load_scenario, parse_scenario
-from proxops.systems import InputError
+from proxops.diagrams.simulation import fly
+from proxops.systems import InputError, TransitProgram
+from proxops.systems.errors import SolverFailure
 
 SIZES = {"component": 6, "axis": 3, "plane": 12, "ray": 360}
 SUMMARY = [
@@ -62,7 +67,7 @@ def test_variable(name: str) -> None:
 def test_schema_holds_what_was_promised() -> None:
     assert set(VARIABLES) == {
         "state", "target", "force", "mpc_force", "policy_force", "disturbance", "decision",
-        "solve_time", "solve_status", "ranges",
+        "solve_time", "solve_status", "solve_reason", "ranges",
     }  # fmt: skip
 
 
@@ -111,6 +116,55 @@ def test_scenario_of_the_log() -> None:
     assert (
         dump_scenario(disturbed_flight().scenario) == disturbed_flight().dataset.attrs["scenario"]
     )
+
+
+@pytest.mark.parametrize(
+    ("name", "first", "last", "count"),
+    [
+        ("solve_status", "solved", "braking", 3),
+        ("solve_reason", "solved_about_last_plan", "solver_error", 9),
+    ],
+)
+def test_codes_say_what_they_mean(file: Path, name: str, first: str, last: str, count: int) -> None:
+    """As the CF conventions ask: as many words as values, of the variable's own type."""
+    with xr.open_dataset(file, engine="h5netcdf") as opened:
+        values, words = (opened[name].attrs[f"flag_{kind}"] for kind in ("values", "meanings"))
+        assert values.dtype == opened[name].dtype
+        assert values.tolist() == list(range(count))
+        assert len(set(words.split(" "))) == count
+        assert (words.split(" ")[0], words.split(" ")[-1]) == (first, last)
+        assert set(opened[name].values[:-1]) <= set(values)
+
+
+def test_log_of_before_there_were_reasons(tmp_path: Path) -> None:
+    log = synthetic_log(20, ranges=False)
+    dc.replace(log, dataset=log.dataset.drop_vars("solve_reason")).to_netcdf(tmp_path / "old.nc")
+    loaded = FlightLog.load(tmp_path / "old.nc")
+    assert loaded.summary == log.summary
+    assert fallback_steps(loaded) == {}
+
+
+def test_fallbacks_are_logged_and_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Failures at steps 0, 1, 5 and 6 of 15."""
+    solve, states = TransitProgram.solve, []
+
+    def failing(self, state, *arguments):
+        if not states or (state != states[-1]).any():  # Not the second try of a step.
+            states.append(state.copy())
+        if len(states) - 1 in {0, 1, 5, 6}:
+            raise SolverFailure(SolutionResult.kIterationLimit)
+        return solve(self, state, *arguments)
+
+    monkeypatch.setattr(TransitProgram, "solve", failing)
+    log = fly(short_scenario(**BRIEF), body=kleopatra())
+    status = log.dataset["solve_status"].values
+    assert status[:9].tolist() == [2, 2, 0, 0, 0, 1, 1, 0, 0]
+    assert log.dataset["solve_reason"].values[:9].tolist() == [7, 7, 1, 0, 0, 7, 7, 2, 0]
+    assert fallback_steps(log) == {
+        "braking: solver iteration limit": 2,
+        "flown on: solver iteration limit": 2,
+    }
+    assert fallback_steps(kleopatra_flight()) == {}
 
 
 # --- summary --------------------------------------------------------------------------------------

@@ -27,7 +27,7 @@ class CountingProgram(TransitProgram):
         super().__init__(*args, **kwargs)
         self.calls = 0
 
-    def solve(self, *args, **kwargs) -> Plan | None:
+    def solve(self, *args, **kwargs) -> Plan:
         self.calls += 1
         return super().solve(*args, **kwargs)
 

@@ -4,6 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from pydrake.solvers import ClarabelSolver, SolutionResult
 from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput, ZeroOrderHold
@@ -12,14 +13,17 @@ from proxops.diagrams.body import load_body
 from proxops.diagrams.scenario import Scenario
 from proxops.diagrams.transit_diagram import make_controller
 from proxops.systems import (
+    DelayedHold,
     InputError,
     ModelPredictiveController,
     Plan,
+    PlanReason,
     PolyhedralGravity,
     Spacecraft,
     TransitProgram,
 )
 from proxops.systems.ellipsoid import blocks_segment, clearances, closest_point
+from proxops.systems.errors import SolverFailure
 from proxops.systems.model_predictive_controller import BRAKING, FLOWN_ON, SOLVED
 
 PERIOD = 10.0
@@ -37,11 +41,12 @@ class CountingProgram(TransitProgram):
         super().__init__(*args, **kwargs)
         self.calls: list[int] = []
         self.broken = False
+        self.failure = SolutionResult.kSolverSpecificError
 
-    def solve(self, state, target, previous=None, age=0.0, iterations=1, push=None) -> Plan | None:
+    def solve(self, state, target, previous=None, age=0.0, iterations=1, push=None) -> Plan:
         self.calls.append(iterations)
         if self.broken:
-            return None
+            raise SolverFailure(self.failure)
         return super().solve(state, target, previous, age, iterations, push)
 
 
@@ -73,7 +78,7 @@ def force_of(context, controller=None) -> np.ndarray:
 def remember(controller, context) -> None:
     """What the periodic event does."""
     updated = controller.EvalUniquePeriodicDiscreteUpdate(context)
-    context.SetDiscreteState(updated.value())
+    context.get_mutable_discrete_state().SetFrom(updated)
 
 
 def random_states(count: int, seed: int) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -99,8 +104,9 @@ def test_outputs_alone_need_no_simulator():
     plan = expert().GetOutputPort("plan").Eval(context)
     assert isinstance(plan, Plan)
     assert np.array_equal(plan.forces[0], force_of(context))
-    solve_time, status = expert().GetOutputPort("record").Eval(context)
+    solve_time, status, reason = expert().GetOutputPort("record").Eval(context)
     assert status == plan.status == SOLVED
+    assert reason == plan.reason == PlanReason.SOLVED_ANEW_NO_PLAN
     assert solve_time == plan.solve_time > 0.0
     assert plan.iterations == expert().cold_iterations
     assert plan.states[-1] == pytest.approx(TARGET, abs=1e-3)
@@ -129,7 +135,6 @@ def test_senseless_settings_are_refused(settings):
 def test_command_is_the_same_whatever_went_before(state, target):
     """Off the converged command by 5e-5 N cold, 2.4e-3 to 1e-2 N warm from three histories."""
     converged = expert().program.solve(state, target, iterations=40)
-    assert converged is not None
     assert converged.slack < 1e-9
     cold = force_of(alone(state, target))
     assert cold == pytest.approx(converged.forces[0], abs=0.03)
@@ -260,7 +265,9 @@ def flight(
     craft = builder.AddNamedSystem("craft", Spacecraft(MASS, body.spin_rate, start))
     gravity = builder.AddSystem(PolyhedralGravity(body.gravity_field))
     target = builder.AddSystem(ConstantVectorSource(aim))
-    hold = builder.AddSystem(ZeroOrderHold(PERIOD, 3))
+    delay = controller.delay
+    hold = DelayedHold(PERIOD, delay, 3) if delay > 0.0 else ZeroOrderHold(PERIOD, 3)
+    builder.AddSystem(hold)
     builder.Connect(craft.GetOutputPort("position"), gravity.GetInputPort("position"))
     builder.Connect(gravity.GetOutputPort("acceleration"), craft.GetInputPort("gravity"))
     builder.Connect(craft.GetOutputPort("state"), controller.GetInputPort("state"))
@@ -444,12 +451,10 @@ def test_failed_plan_of_one_step_is_tried_once_more_from_nothing():
     """A bad previous plan is not allowed to make a good state fail."""
 
     class Fussy(CountingProgram):
-        def solve(
-            self, state, target, previous=None, age=0.0, iterations=1, push=None
-        ) -> Plan | None:
+        def solve(self, state, target, previous=None, age=0.0, iterations=1, push=None) -> Plan:
             if previous is not None:
                 self.calls.append(-iterations)
-                return None
+                raise SolverFailure(SolutionResult.kSolverSpecificError)
             return super().solve(state, target, previous, age, iterations, push)
 
     like = expert().program
@@ -457,7 +462,9 @@ def test_failed_plan_of_one_step_is_tried_once_more_from_nothing():
     simulator = simulator_of(flight(ModelPredictiveController(program, PERIOD)))
     simulator.AdvanceTo(2.5 * PERIOD)
     assert program.calls == [COLD, -1, COLD, -1, COLD]
-    assert logged(simulator, "record")[:, 1].tolist() == 3 * [SOLVED]
+    records = logged(simulator, "record")
+    assert records[:, 1].tolist() == 3 * [SOLVED]
+    assert records[1:, 2].tolist() == 2 * [PlanReason.SOLVED_ANEW_AFTER_FAILURE]
 
 
 def test_past_its_end_a_plan_flown_on_keeps_its_last_force():
@@ -517,6 +524,106 @@ def test_last_plan_and_record_agree_on_a_failure():
     memory = context.get_discrete_state_vector().CopyToVector()
     remember(controller, context)
     assert np.array_equal(memory, context.get_discrete_state_vector().CopyToVector())
+
+
+# Reasons
+
+
+def reason_of(context, controller) -> tuple[float, float]:
+    """Status and reason, and that force and plan keep their limits."""
+    _, status, reason = controller.GetOutputPort("record").Eval(context)
+    force = force_of(context, controller)
+    assert np.isfinite(force).all()
+    assert np.abs(force).max() <= THRUST
+    return status, reason
+
+
+def test_reasons_of_fresh_solutions():
+    controller, _ = counting_expert()
+    context = alone(START, controller=controller)
+    assert reason_of(context, controller) == (SOLVED, PlanReason.SOLVED_ANEW_NO_PLAN)
+    remember(controller, context)
+    context.SetTime(PERIOD)
+    assert reason_of(context, controller) == (SOLVED, PlanReason.SOLVED_ABOUT_LAST_PLAN)
+    for port, moved in (("state", START), ("target", TARGET)):
+        elsewhere = moved + [0.0, 3e3, 0.0, 0.0, 0.0, 0.0]
+        controller.GetInputPort(port).FixValue(context, elsewhere)
+        expected = (SOLVED, PlanReason.SOLVED_ANEW_PLAN_ELSEWHERE)
+        assert reason_of(context, controller) == expected
+        controller.GetInputPort(port).FixValue(context, moved)
+    context.SetTime(3 * PERIOD)
+    assert reason_of(context, controller) == (SOLVED, PlanReason.SOLVED_ANEW_PLAN_TOO_OLD)
+
+
+@pytest.mark.parametrize(
+    ("failure", "reason"),
+    [
+        (SolutionResult.kInfeasibleConstraints, PlanReason.SOLVER_INFEASIBLE),
+        (SolutionResult.kInfeasibleOrUnbounded, PlanReason.SOLVER_INFEASIBLE),
+        (SolutionResult.kIterationLimit, PlanReason.SOLVER_ITERATION_LIMIT),
+        (SolutionResult.kSolverSpecificError, PlanReason.SOLVER_ERROR),
+        (SolutionResult.kDualInfeasible, PlanReason.SOLVER_ERROR),
+    ],
+)
+def test_reasons_of_failures(failure, reason):
+    controller, program = counting_expert()
+    program.failure = failure
+    context = alone(START, controller=controller)
+    remember(controller, context)
+    program.broken = True
+    for step in (1, 2, 40):
+        context.SetTime(step * PERIOD)
+        assert reason_of(context, controller) == (FLOWN_ON, reason)
+        remember(controller, context)
+    assert reason_of(alone(START, controller=controller), controller) == (BRAKING, reason)
+
+
+def test_solver_says_itself_that_it_ran_out_of_iterations():
+    controller, program = counting_expert()
+    program.transit.options.SetOption(ClarabelSolver.id(), "max_iter", 2)
+    context = alone(START, controller=controller)
+    assert reason_of(context, controller) == (BRAKING, PlanReason.SOLVER_ITERATION_LIMIT)
+
+
+@pytest.mark.parametrize("port", ["state", "target"])
+@pytest.mark.parametrize("delay", [0.0, 4.0])
+def test_reason_of_inputs_that_are_no_numbers(port, delay):
+    like = counting_expert()[1]
+    controller = ModelPredictiveController(like, PERIOD, estimator_gain=0.5, delay=delay)
+    context = alone(START, controller=controller)
+    remember(controller, context)
+    context.SetTime(PERIOD)
+    for fresh, status in ((context, FLOWN_ON), (alone(START, controller=controller), BRAKING)):
+        controller.GetInputPort(port).FixValue(fresh, np.array([0.0, np.nan, 0, 0, 0, 0]))
+        assert reason_of(fresh, controller) == (status, PlanReason.INPUT_NOT_FINITE)
+        remember(controller, fresh)
+    assert like.calls == [COLD]  # The solver is not asked.
+    # It goes on when there are numbers again.
+    context.SetTime(2 * PERIOD)
+    controller.GetInputPort("state").FixValue(context, START)
+    controller.GetInputPort("target").FixValue(context, TARGET)
+    assert reason_of(context, controller) == (SOLVED, PlanReason.SOLVED_ANEW_PLAN_TOO_OLD)
+
+
+def test_failures_with_a_delay():
+    """Without any plan it brakes into a hover and stays; with one it flies on, then recovers."""
+    program = counting_expert()[1]
+    program.broken = True
+    simulator = simulator_of(flight(ModelPredictiveController(program, PERIOD, delay=PERIOD)))
+    simulator.AdvanceTo(30.5 * PERIOD)
+    assert logged(simulator, "record")[:, 1].tolist() == 31 * [BRAKING]
+    drift = logged(simulator, "state") - START
+    assert np.linalg.norm(drift[:, :3], axis=1).max() < 30.0
+    assert np.abs(drift[5:, 3:]).max() < 0.1
+    program.broken = False
+    simulator.AdvanceTo(35.5 * PERIOD)
+    program.broken = True
+    simulator.AdvanceTo(45.5 * PERIOD)
+    program.broken = False
+    simulator.AdvanceTo(50.5 * PERIOD)
+    statuses = logged(simulator, "record")[31:, 1].tolist()
+    assert statuses == 5 * [SOLVED] + 10 * [FLOWN_ON] + 5 * [SOLVED]
+    assert np.abs(logged(simulator, "force")).max() <= THRUST
 
 
 # The Context

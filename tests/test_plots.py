@@ -164,6 +164,15 @@ def test_force(log: FlightLog, ax: Axes, axis: str, index: int) -> None:
     assert axis in ax.get_ylabel()
 
 
+def test_delayed_force_is_drawn_when_it_acts(log: FlightLog, ax: Axes) -> None:
+    late = FlightLog(log.dataset.assign_attrs(force_delay_s=4.0), log.body)
+    plots.plot_force(ax, late, "x")
+    [steps] = only(StepPatch, list(ax.patches))
+    times = log.dataset["time"].values
+    np.testing.assert_allclose(steps.get_data().edges[:-1], (times[:-1] + 4.0) / 60.0)
+    assert steps.get_data().edges[-1] == times[-1] / 60.0
+
+
 def test_ranges(log: FlightLog, ax: Axes) -> None:
     frame = log.dataset["ranges"].values[100]
     image = plots.plot_ranges(ax, frame)

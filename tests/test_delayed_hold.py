@@ -1,0 +1,75 @@
+"""The delayed hold against what its equation says, events that coincide included."""
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder, LeafSystem
+
+from proxops.systems import DelayedHold, InputError
+
+
+class Clock(LeafSystem):
+    """Puts out 1 plus the number of the period that has begun, and its square."""
+
+    def __init__(self, period: float):
+        super().__init__()
+
+        def calc(context, output):
+            count = 1.0 + np.round(context.get_time() / period, 6) // 1.0
+            output.SetFromVector([count, count**2])
+
+        self.DeclareVectorOutputPort("count", 2, calc)
+
+
+def simulator_of(period: float, delay: float) -> tuple[Simulator, DelayedHold]:
+    builder = DiagramBuilder()
+    clock = builder.AddSystem(Clock(period))
+    hold = builder.AddNamedSystem("hold", DelayedHold(period, delay, 2))
+    builder.Connect(clock.get_output_port(), hold.get_input_port())
+    return Simulator(builder.Build()), hold
+
+
+def value(simulator: Simulator, hold: DelayedHold) -> list[float]:
+    context = hold.GetMyContextFromRoot(simulator.get_context())
+    return hold.get_output_port().Eval(context).tolist()
+
+
+# With 0.1 s, k T + T and (k + 1) T differ in the last bit for some k.
+@pytest.mark.parametrize("period", [10.0, 0.1, 0.7])
+@pytest.mark.parametrize("share", [0.02, 0.5, 0.999, 1.0])
+def test_samples_take_effect_a_delay_later(period: float, share: float) -> None:
+    delay = share * period
+    simulator, hold = simulator_of(period, delay)
+    simulator.Initialize()
+    assert value(simulator, hold) == [0.0, 0.0]
+    for k in range(60):
+        # Before and after sample k takes effect.
+        before, after = k * period + 0.99 * delay, k * period + delay + 1e-4 * period
+        simulator.AdvanceTo(before)
+        assert value(simulator, hold) == [k, k**2], (k, before)
+        simulator.AdvanceTo(after)
+        assert value(simulator, hold) == [k + 1, (k + 1) ** 2], (k, after)
+
+
+def test_clone_goes_on_alike() -> None:
+    """What waits is in the Context too."""
+    simulator, hold = simulator_of(10.0, 4.0)
+    simulator.AdvanceTo(32.0)
+    clone = simulator.get_context().Clone()
+    assert value(simulator, hold) == [3.0, 9.0]
+    again = Simulator(simulator.get_system(), clone)
+    again.AdvanceTo(34.5)
+    assert value(again, hold) == [4.0, 16.0]
+    assert value(simulator, hold) == [3.0, 9.0]
+
+
+def test_no_direct_feedthrough() -> None:
+    assert not DelayedHold(10.0, 10.0, 3).HasAnyDirectFeedthrough()
+
+
+@pytest.mark.parametrize(
+    ("period", "delay"), [(10.0, 0.0), (10.0, -1.0), (10.0, 10.1), (10.0, np.nan), (0.0, 0.0)]
+)
+def test_senseless_delay_refused(period: float, delay: float) -> None:
+    with pytest.raises(InputError, match="delayed hold needs a delay above 0"):
+        DelayedHold(period, delay, 3)

@@ -1,0 +1,184 @@
+"""Flights in which the expert's command takes effect late: planned for, logged, repeatable."""
+
+from functools import cache
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from short_flights import BRIEF, PdController, kleopatra, short_scenario
+
+from proxops.diagrams.flight_log import FlightLog, differences
+from proxops.diagrams.scenario import load_scenario
+from proxops.diagrams.simulation import fly, make_simulator
+from proxops.diagrams.transit_diagram import make_transit_diagram
+from proxops.systems import DelayedHold, InputError, ModelPredictiveController
+
+SPIN = 2.0 * np.pi / (5.38528 * 3600.0)
+DELAYS = [2.0, 10.0]
+
+
+@cache
+def delayed_flight(delay: float) -> FlightLog:
+    return fly(short_scenario(mpc__solve_delay_s=delay, arrival__dwell_s=500.0))
+
+
+def applied_pieces(log: FlightLog, delay: float) -> list[tuple[float, float, np.ndarray]]:
+    """(from, to, force) as the log's documentation has it, cut at every row and at the end."""
+    times, forces = log.dataset["time"].values, log.dataset["force"].values
+    cuts = np.unique(np.concatenate([times, times + delay]))
+    cuts = cuts[cuts <= times[-1]]
+    pieces = []
+    for start, end in pairwise(cuts):
+        row = np.searchsorted(times + delay, 0.5 * (start + end)) - 1
+        pieces.append((start, end, forces[row] if row >= 0 else np.zeros(3)))
+    return pieces
+
+
+@pytest.mark.parametrize("delay", DELAYS)
+def test_it_arrives_all_the_same(delay: float) -> None:
+    log = delayed_flight(delay)
+    summary = log.summary
+    assert summary["success"]
+    assert summary["terminal_position_error_m"] <= 10.0
+    assert summary["terminal_speed_m_s"] <= 0.05
+    # And as smoothly: the plans fit what becomes of them.
+    assert (log.dataset["solve_reason"].values[1:-1] == 0).all()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("delay", DELAYS)
+@pytest.mark.parametrize("index", [0, 1])
+def test_long_transits_arrive(delay: float, index: int) -> None:
+    """Clear and blocked by the body; at no more than 1 % more than without a delay."""
+    flown = [
+        fly(load_scenario(None, {"transit.index": index, "mpc.solve_delay_s": seconds})).summary
+        for seconds in (0.0, delay)
+    ]
+    assert flown[1]["success"]
+    assert flown[1]["terminal_position_error_m"] <= 10.0
+    assert flown[1]["delta_v_m_s"] <= 1.01 * flown[0]["delta_v_m_s"]
+
+
+@pytest.mark.parametrize("delay", DELAYS)
+def test_logged_forces_give_the_states(delay: float) -> None:
+    """Row k's force acts from `force_delay_s` after its time on: integrated by SciPy."""
+    log = delayed_flight(delay)
+    assert log.dataset.attrs["force_delay_s"] == delay
+    times, states = log.dataset["time"].values, log.dataset["state"].values
+    spin = np.array([0.0, 0.0, SPIN])
+    state = states[0]
+    for start, end, force in applied_pieces(log, delay):
+
+        def rate(_, at, force=force):
+            gravity = kleopatra().gravity_field.evaluate(at[None, :3]).acceleration[0]
+            turning = -2.0 * np.cross(spin, at[3:]) - np.cross(spin, np.cross(spin, at[:3]))
+            return [*at[3:], *(gravity + turning + force / 100.0)]
+
+        state = solve_ivp(rate, (start, end), state, "DOP853", rtol=1e-10, atol=1e-6).y[:, -1]
+        row = np.flatnonzero(times == end)
+        if row.size:
+            error = state - states[row[0]]
+            assert np.linalg.norm(error[:3]) < 0.1, end
+            assert np.linalg.norm(error[3:]) < 1e-3, end
+
+
+@pytest.mark.parametrize("delay", DELAYS)
+def test_delta_v_is_that_of_what_acted(delay: float) -> None:
+    log = delayed_flight(delay)
+    arrival = log.summary["arrival_time_s"]
+    before = after = 0.0
+    for start, end, force in applied_pieces(log, delay):
+        split = min(max(arrival, start), end)
+        before += np.abs(force).sum() / 100.0 * (split - start)
+        after += np.abs(force).sum() / 100.0 * (end - split)
+    assert log.summary["delta_v_m_s"] == pytest.approx(before, rel=1e-12)
+    assert log.summary["hold_delta_v_m_s"] == pytest.approx(after, rel=1e-12)
+
+
+@pytest.mark.parametrize("delay", DELAYS)
+def test_plans_begin_where_the_flight_is_by_then(delay: float) -> None:
+    """Without the prediction they would begin up to some 100 m off."""
+    scenario = short_scenario(mpc__solve_delay_s=delay)
+    diagram = make_transit_diagram(scenario, body=kleopatra())
+    simulator = make_simulator(diagram, scenario)
+    controller = diagram.GetSubsystemByName("controller")
+    craft, hold = diagram.GetSubsystemByName("spacecraft"), diagram.GetSubsystemByName("hold")
+    assert isinstance(hold, DelayedHold)
+
+    def now(system, port: str):
+        context = system.GetMyContextFromRoot(simulator.get_context())
+        return system.GetOutputPort(port).Eval(context)
+
+    moved = []
+    for step in range(1, 60, 2):
+        simulator.AdvanceTo(10.0 * step)  # Updates at this time are yet to come.
+        plan, state = now(controller, "plan"), now(craft, "state")
+        simulator.AdvanceTo(10.0 * step + delay)
+        then = now(craft, "state")
+        assert plan.states[0, :3] == pytest.approx(then[:3], abs=0.01)
+        assert plan.states[0, 3:] == pytest.approx(then[3:], abs=1e-3)
+        moved.append(np.linalg.norm(then[:3] - state[:3]))
+        simulator.AdvanceTo(10.0 * step + delay + 1e-3)
+        assert now(hold, "y").tolist() == np.clip(plan.forces[0], -7.0, 7.0).tolist()
+    assert max(moved) > 8.0 * delay
+
+
+def test_repeats_bit_for_bit(tmp_path) -> None:
+    log = delayed_flight(2.0)
+    log.to_netcdf(tmp_path / "flight.nc")
+    loaded = FlightLog.load(tmp_path / "flight.nc")
+    again = fly(loaded.scenario, "mpc", body=loaded.body)
+    assert differences(loaded, again) == []
+    assert differences(loaded, delayed_flight(10.0)) != []
+
+
+def test_disturbance_is_applied_less_commanded() -> None:
+    changes = {"mpc__solve_delay_s": 4.0, "disturbance": {}, **BRIEF}
+    data = fly(short_scenario(**changes), body=kleopatra()).dataset
+    asked = np.isfinite(data["mpc_force"].values).all(axis=1)
+    sum_of_both = (data["mpc_force"] + data["disturbance"]).values[asked]
+    np.testing.assert_allclose(data["force"].values[asked], sum_of_both, atol=1e-12)
+    assert np.abs(data["disturbance"]).max() > 0.1
+
+
+@pytest.mark.parametrize("gain", [0.3, 1.0])
+def test_estimator_stays_offset_free(gain: float) -> None:
+    """With a delay of a whole period, and even unsmoothed, it neither errs nor swings."""
+    place = [20e3, 95e3, 40e3]
+    scenario = load_scenario(
+        None,
+        {
+            "transit.start_m": place, "transit.goal_m": place, "arrival.dwell_s": 1500,
+            "arrival.deadline_s": 10, "mpc.solve_delay_s": 10.0, "mpc.estimator_gain": gain,
+            "mismatch.gravity": 0.8,
+        },
+    )  # fmt: skip
+    log = fly(scenario)
+    assert log.summary["terminal_position_error_m"] < 1.0
+    assert np.abs(np.diff(log.dataset["force"].values[-20:-1], axis=0)).max() < 0.05
+
+
+def test_others_fly_without_delay() -> None:
+    """It is the expert's solve time."""
+    scenario = short_scenario(mpc__solve_delay_s=10.0, **BRIEF)
+    log = fly(scenario, PdController(), body=kleopatra())
+    assert log.dataset.attrs["force_delay_s"] == 0.0
+    expected = fly(short_scenario(**BRIEF), PdController(), body=kleopatra()).dataset["state"]
+    np.testing.assert_array_equal(log.dataset["state"], expected)
+
+
+@pytest.mark.parametrize("delay", [-1.0, 10.5, np.nan])
+def test_senseless_delay_refused(delay: float) -> None:
+    with pytest.raises(InputError, match=r"mpc.solve_delay_s must be from 0 to control_period_s"):
+        load_scenario(None, {"mpc.solve_delay_s": delay})
+    program = make_transit_diagram(short_scenario()).GetSubsystemByName("controller")
+    assert isinstance(program, ModelPredictiveController)
+    with pytest.raises(InputError, match="delay must be from 0 to its period"):
+        ModelPredictiveController(program.program, 10.0, delay=delay)
+
+
+def test_delay_may_be_as_long_as_a_shorter_period() -> None:
+    load_scenario(None, {"control_period_s": 5.0, "mpc.solve_delay_s": 5.0})
+    with pytest.raises(InputError, match="solve_delay_s"):
+        load_scenario(None, {"control_period_s": 5.0, "mpc.solve_delay_s": 6.0})
