@@ -119,7 +119,7 @@ class WindowDataset(Dataset[Batch]):
     def batch(self, indices: Sequence[int]) -> Batch:
         """Several windows at once, each tensor with the batch's axis in front."""
         items = np.asarray(indices, dtype=np.int64)
-        if items.size and not (0 <= items.min() and items.max() < len(self)):
+        if items.size and not (items.min() >= 0 and items.max() < len(self)):
             raise IndexError(f"windows are numbered from 0 to {len(self) - 1}")
         packed = self.flights
         rows = (self.starts[items][:, None] + np.arange(self.length)).ravel()
