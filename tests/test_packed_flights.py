@@ -159,6 +159,20 @@ def test_follows_the_logs(logs: Path) -> None:
     ]
 
 
+def test_follows_a_change_that_keeps_the_size(logs: Path) -> None:
+    before = pack_flights(logs)
+    path, size = logs / "a-2.nc", (logs / "a-2.nc").stat().st_size
+    with h5py.File(path, "a") as file:
+        state = file["state"]
+        assert isinstance(state, h5py.Dataset)
+        state[3, 0] = 1.5e5
+    assert path.stat().st_size == size
+    after = pack_flights(logs)
+    changed = np.argwhere(after.state != before.state)
+    assert changed.tolist() == [[rows_of(after, "a-2")[3], 0]]
+    assert after.state[changed[0][0], 0] == 1.5e5
+
+
 def test_follows_the_split_seed(logs: Path) -> None:
     splits = {
         tuple(each.part for each in pack_flights(logs, split_seed=seed).flights)
