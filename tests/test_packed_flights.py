@@ -1,10 +1,13 @@
 """Packed flights hold what the logs hold, follow the logs' changes, and say what is damaged."""
 
 import json
-import multiprocessing
 import pickle
+import signal
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -224,23 +227,39 @@ def test_another_s_folder_is_left_alone(logs: Path) -> None:
     assert (logs / "packed" / "thesis.txt").read_text() == "mine"
 
 
-def _pack(folder: Path, queue: "multiprocessing.Queue[list[int]]") -> None:
-    told: list[int] = []
-    pack_flights(folder, progress=lambda done, _: told.append(done))
-    queue.put(told)
+PACK = """
+import os, sys
+from proxops.training import pack_flights
+def told(done, count):
+    print(done, flush=True)
+    if done == int(sys.argv[2]):
+        os.kill(os.getpid(), 9)
+pack_flights(sys.argv[1], progress=told)
+"""
+
+
+def pack_elsewhere(folder: Path, killed_at: int = 0) -> "subprocess.Popen[str]":
+    command = [sys.executable, "-c", PACK, str(folder), str(killed_at)]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
 
 
 @pytest.mark.slow
 def test_several_processes_pack_once(logs: Path) -> None:
-    context = multiprocessing.get_context("spawn")
-    queue = context.Queue()
-    processes = [context.Process(target=_pack, args=(logs, queue)) for _ in range(3)]
-    for process in processes:
-        process.start()
-    told = [queue.get(timeout=120) for _ in processes]
-    for process in processes:
-        process.join()
-    assert sorted(map(len, told)) == [0, 0, len(FLIGHTS)]
+    told = [process.communicate()[0] for process in [pack_elsewhere(logs) for _ in range(3)]]
+    assert sorted(len(text.split()) for text in told) == [0, 0, len(FLIGHTS)]
+
+
+@pytest.mark.slow
+def test_a_killed_process_leaves_the_old_set(logs: Path) -> None:
+    before = pack_flights(logs).logs_sha256
+    (logs / "b-5.nc").unlink()
+    process = pack_elsewhere(logs, killed_at=4)
+    assert process.communicate()[0].split() == ["1", "2", "3", "4"]
+    assert process.returncode == -signal.SIGKILL
+    assert (logs / ".packed.part").exists()
+    assert PackedFlights(logs / "packed").logs_sha256 == before
+    assert len(pack_flights(logs).flights) == len(FLIGHTS) - 1
+    assert not (logs / ".packed.part").exists()
 
 
 # --- what is refused ------------------------------------------------------------------------------
@@ -261,7 +280,7 @@ def test_no_training_flights(logs: Path) -> None:
 Change = Callable[[xr.Dataset], xr.Dataset]
 
 
-def with_values(name: str, place: object, value: float) -> Change:
+def with_values(name: str, place: Any, value: float) -> Change:
     def change(data: xr.Dataset) -> xr.Dataset:
         values = data[name].values.copy()
         values[place] = value

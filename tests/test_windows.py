@@ -2,6 +2,7 @@
 
 import pickle
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -82,7 +83,7 @@ def test_number_of_windows(packed: PackedFlights) -> None:
     ],
 )
 def test_windows_that_cannot_be(
-    packed: PackedFlights, part: str, options: dict[str, int], message: str
+    packed: PackedFlights, part: str, options: dict[str, Any], message: str
 ) -> None:
     with pytest.raises(InputError, match=message):
         WindowDataset(packed, part, **options)
