@@ -1,0 +1,99 @@
+"""Constants of data that come in portions, and their way through JSON."""
+
+import copy
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from proxops.systems import InputError
+from proxops.training import Normalisation, Scale
+from proxops.training.normalisation import Moments
+
+EXAMPLE = Normalisation(
+    position=Scale((1e3, -2e3, 0.1), (9e4, 8e4, 7e4)),
+    velocity=Scale((0.1, 0.2, 0.3), (5.0, 6.0, 1.0 / 3.0)),
+    force=Scale((0.0, 0.0, -0.1), (1.5, 1.25, 1.0)),
+    range=Scale((1.2e5,), (3e4,)),
+)
+
+
+@given(
+    st.lists(st.integers(0, 30), min_size=1, max_size=8),
+    st.floats(-1e6, 1e6),
+    st.floats(1e-2, 1e3),
+    st.integers(0, 2**32),
+)
+def test_portions_join(sizes: list[int], mean: float, spread: float, seed: int) -> None:
+    random = np.random.default_rng(seed)
+    portions = [mean + spread * random.standard_normal((size, 2)) for size in sizes]
+    moments = Moments(2)
+    for portion in portions:
+        moments.add(portion)
+    rows = np.concatenate(portions)
+    if len(rows) < 2:
+        return
+    scale = moments.scale()
+    np.testing.assert_allclose(scale.mean, rows.mean(axis=0), rtol=1e-12, atol=1e-9 * spread)
+    np.testing.assert_allclose(scale.std, rows.std(axis=0), rtol=1e-6)
+
+
+def test_no_digits_are_lost_far_from_zero() -> None:
+    rows = 1e8 + np.array([[-1.0], [0.0], [1.0]])
+    moments = Moments(1)
+    for row in rows:
+        moments.add(row[None])
+    assert moments.scale().std[0] == pytest.approx(np.sqrt(2.0 / 3.0), rel=1e-12)
+
+
+@pytest.mark.parametrize("value", [0.0, 0.1, -7.3e5])
+def test_what_never_varies_can_be_divided_by(value: float) -> None:
+    moments = Moments(1)
+    for count in (3, 1, 5):
+        moments.add(np.full((count, 1), value))
+    assert moments.scale().std == (1.0,)
+    np.testing.assert_allclose(moments.scale().apply(np.full(1, value)), 0.0, atol=1e-9)
+
+
+def test_nothing_at_all() -> None:
+    moments = Moments(3)
+    moments.add(np.zeros((0, 3)))
+    assert moments.scale() == Scale((0.0,) * 3, (1.0,) * 3)
+
+
+def test_apply_and_undo() -> None:
+    values = np.array([[1e5, 0.0, -3.0], [2.0, 1.0, 4.0]])
+    normalised = EXAMPLE.position.apply(values)
+    assert normalised[0, 0] == pytest.approx((1e5 - 1e3) / 9e4)
+    np.testing.assert_allclose(EXAMPLE.position.undo(normalised), values, rtol=1e-12)
+
+
+def test_through_json() -> None:
+    text = json.dumps(EXAMPLE.to_json(), allow_nan=False)
+    assert Normalisation.from_json(json.loads(text), "bundle.json") == EXAMPLE
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("force", None, "force needs lists of numbers"),
+        ("force", {"mean": [0.0, 0.0, 0.0]}, "force needs lists of numbers"),
+        ("force", {"mean": "abc", "std": [1.0, 1.0, 1.0]}, "force needs lists of numbers"),
+        ("range", {"mean": [0.0, 0.0], "std": [1.0]}, "range needs 1 of mean and of std"),
+        ("velocity", {"mean": [0.0, 0.0, 0.0], "std": [1.0, 0.0, 1.0]}, "velocity must be finite"),
+        ("velocity", {"mean": [0.0, 0.0, np.nan], "std": [1.0] * 3}, "velocity must be finite"),
+    ],
+)
+def test_damaged_json(name: str, value: object, message: str) -> None:
+    tree = copy.deepcopy(EXAMPLE.to_json())
+    tree[name] = value
+    with pytest.raises(InputError, match=rf"bundle\.json: the normalisation of {message}"):
+        Normalisation.from_json(tree, "bundle.json")
+
+
+@pytest.mark.parametrize("tree", [None, [], "text", {}])
+def test_no_normalisation(tree: object) -> None:
+    with pytest.raises(InputError, match=r"bundle\.json: the normalisation of position"):
+        Normalisation.from_json(tree, "bundle.json")

@@ -1,0 +1,442 @@
+"""Packed flights hold what the logs hold, follow the logs' changes, and say what is damaged."""
+
+import json
+import pickle
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+import xarray as xr
+from flight_folders import FLIGHTS, copy_flights, flight
+
+from proxops.diagrams.scenario import dump_scenario, parse_scenario
+from proxops.systems import InputError
+from proxops.training import PackedFlights, pack_flights, packing
+from proxops.training.packed_flights import INDEX
+
+
+@pytest.fixture(scope="module")
+def packed(tmp_path_factory: pytest.TempPathFactory) -> PackedFlights:
+    return pack_flights(copy_flights(tmp_path_factory.mktemp("packed")))
+
+
+@pytest.fixture
+def logs(tmp_path: Path) -> Path:
+    return copy_flights(tmp_path)
+
+
+def rows_of(packed: PackedFlights, name: str) -> np.ndarray:
+    (entry,) = [each for each in packed.flights if each.name == f"{name}.nc"]
+    return np.arange(entry.start, entry.start + entry.steps)
+
+
+# --- what is in it --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", list(FLIGHTS))
+def test_columns_are_the_logs(packed: PackedFlights, name: str) -> None:
+    log, rows = flight(name).dataset, rows_of(packed, name)
+    assert len(rows) == flight(name).summary["steps"]
+    for column in ("time", "state", "target", "mpc_force"):
+        np.testing.assert_array_equal(getattr(packed, column)[rows], log[column][: len(rows)])
+
+
+@pytest.mark.parametrize("name", list(FLIGHTS))
+def test_frames_are_the_logs(packed: PackedFlights, name: str) -> None:
+    rows = rows_of(packed, name)
+    frames = packed.frames(rows)
+    assert frames.dtype == np.float32
+    np.testing.assert_array_equal(frames, flight(name).dataset["ranges"][: len(rows)])
+    np.testing.assert_array_equal(packed.frames(rows[[7, 2]]), frames[[7, 2]])
+
+
+@pytest.mark.parametrize("name", list(FLIGHTS))
+def test_applied_force_is_that_before_the_step(packed: PackedFlights, name: str) -> None:
+    rows = rows_of(packed, name)
+    force = flight(name).dataset["force"].values
+    np.testing.assert_array_equal(packed.applied_force[rows[1:]], force[: len(rows) - 1])
+    assert not packed.applied_force[rows[0]].any()
+
+
+def test_applied_force_explains_the_motion(packed: PackedFlights) -> None:
+    """Velocity changes by it, gravity and the turning frame's forces aside, which vary slowly."""
+    rows = rows_of(packed, "a-4")
+    change = np.diff(packed.state[rows, 3:], axis=0) / 10.0
+    rest = change - packed.applied_force[rows[1:]] / 100.0
+    shifted = change[:-1] - packed.applied_force[rows[2:]] / 100.0
+    assert np.abs(np.diff(rest, axis=0)).max() < 1e-3
+    assert np.abs(np.diff(shifted, axis=0)).max() > 5e-3
+
+
+def test_kicks(logs: Path, packed: PackedFlights) -> None:
+    assert not packed.kick.any()
+    kick = np.zeros((len(flight("a-0").dataset["time"]), 3))
+    kick[4] = [0.1, 0.0, -0.2]
+    data = flight("a-0").dataset.assign(kick=(("time", "axis"), kick))
+    data.to_netcdf(logs / "a-0.nc", engine="h5netcdf")
+    again = pack_flights(logs)
+    np.testing.assert_array_equal(again.kick[rows_of(again, "a-0")], kick[:-1])
+
+
+def test_size_is_that_of_the_hits(packed: PackedFlights) -> None:
+    hits = sum(int(np.isfinite(flight(name).dataset["ranges"][:-1]).sum()) for name in FLIGHTS)
+    assert packed.offset[-1] == len(packed.ray) == hits
+    steps = sum(flight(name).summary["steps"] for name in FLIGHTS)
+    files = sum(path.stat().st_size for path in packed.folder.glob("*.npy"))
+    assert files < 6 * hits + steps * 8 * 23 + 9 * 200
+
+
+def test_index(packed: PackedFlights) -> None:
+    assert [each.name for each in packed.flights] == [f"{name}.nc" for name in FLIGHTS]
+    log = flight("a-0")
+    assert packed.setting.shape_sha256 == log.dataset.attrs["shape_sha256"]
+    assert (packed.setting.planes, packed.setting.rays) == (12, 360)
+    assert packed.setting.control_period_s == 10.0
+    assert packed.setting.thrust_limit_n == 7.0
+    assert packed.flights[0].scenario_sha256 == log.dataset.attrs["scenario_sha256"]
+
+
+def test_flights_of_one_transit_share_a_part(packed: PackedFlights) -> None:
+    parts = {each.name: each.part for each in packed.flights}
+    assert parts["a-1.nc"] == parts["b-1.nc"]
+    first_five = [parts[f"a-{index}.nc"] for index in range(5)]
+    assert sorted(first_five) == ["test", "training", "training", "training", "validation"]
+    assert [each.name for each in packed.part("test")] == [
+        name for name, part in parts.items() if part == "test"
+    ]
+
+
+def test_normalisation_is_of_the_training_part(packed: PackedFlights) -> None:
+    rows = np.concatenate([rows_of(packed, each.name[:-3]) for each in packed.part("training")])
+    assert 0 < len(rows) < len(packed)
+    label = packed.mpc_force[rows]
+    frames = packed.frames(rows).astype(np.float64)
+    for scale, values in (
+        (packed.normalisation.position, packed.state[rows, :3]),
+        (packed.normalisation.velocity, packed.state[rows, 3:]),
+        (packed.normalisation.force, label[np.isfinite(label[:, 0])]),
+        (packed.normalisation.range, frames[np.isfinite(frames)][:, None]),
+    ):
+        np.testing.assert_allclose(scale.mean, values.mean(axis=0), rtol=1e-12)
+        np.testing.assert_allclose(scale.std, values.std(axis=0), rtol=1e-9)
+
+
+# --- when it is made ------------------------------------------------------------------------------
+
+
+def test_packed_once(logs: Path) -> None:
+    told: list[tuple[int, int]] = []
+    first = pack_flights(logs, progress=lambda *done: told.append(done))
+    assert told == [(k, len(FLIGHTS)) for k in range(1, len(FLIGHTS) + 1)]
+    again = pack_flights(logs, progress=lambda *done: told.append(done))
+    assert len(told) == len(FLIGHTS)
+    assert again.logs_sha256 == first.logs_sha256
+    assert {path.name for path in logs.iterdir()} == {
+        "packed", ".packed.lock", *(f"{name}.nc" for name in FLIGHTS)
+    }  # fmt: skip
+
+
+def test_a_new_date_alone_changes_nothing(logs: Path) -> None:
+    pack_flights(logs)
+    (logs / "a-2.nc").touch()
+    pack_flights(logs, progress=lambda *_: pytest.fail("packed again"))
+
+
+def test_follows_the_logs(logs: Path) -> None:
+    first = pack_flights(logs)
+    flight("a-0").to_netcdf(logs / "a-1.nc")
+    second = pack_flights(logs)
+    assert second.logs_sha256 != first.logs_sha256
+    np.testing.assert_array_equal(
+        second.state[rows_of(second, "a-1")], flight("a-0").dataset["state"][:-1]
+    )
+    (logs / "a-1.nc").unlink()
+    assert [each.name for each in pack_flights(logs).flights] == [
+        f"{name}.nc" for name in FLIGHTS if name != "a-1"
+    ]
+
+
+def test_follows_a_change_that_keeps_the_size(logs: Path) -> None:
+    before = pack_flights(logs)
+    path, size = logs / "a-2.nc", (logs / "a-2.nc").stat().st_size
+    with h5py.File(path, "a") as file:
+        state = file["state"]
+        assert isinstance(state, h5py.Dataset)
+        state[3, 0] = 1.5e5
+    assert path.stat().st_size == size
+    after = pack_flights(logs)
+    changed = np.argwhere(after.state != before.state)
+    assert changed.tolist() == [[rows_of(after, "a-2")[3], 0]]
+    assert after.state[changed[0][0], 0] == 1.5e5
+
+
+def test_follows_the_split_seed(logs: Path) -> None:
+    splits = {
+        tuple(each.part for each in pack_flights(logs, split_seed=seed).flights)
+        for seed in range(4)
+    }
+    assert len(splits) > 1
+
+
+def test_the_same_logs_give_the_same_files(tmp_path: Path, packed: PackedFlights) -> None:
+    again = pack_flights(copy_flights(tmp_path), tmp_path / "elsewhere")
+    assert again.folder == tmp_path / "elsewhere"
+    for path in packed.folder.iterdir():
+        assert (again.folder / path.name).read_bytes() == path.read_bytes(), path.name
+
+
+def test_a_failure_leaves_nothing(logs: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (logs / "a-3.nc").write_bytes((logs / "a-3.nc").read_bytes()[:20_000])
+    with pytest.raises(InputError, match=r"a-3\.nc is not a flight log"):
+        pack_flights(logs)
+    assert not (logs / "packed").exists()
+    assert not (logs / ".packed.part").exists()
+
+
+def test_a_full_disk(logs: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    before = pack_flights(logs).logs_sha256
+    (logs / "b-5.nc").unlink()
+
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(packing.ColumnWriter, "close", full)
+    with pytest.raises(InputError, match=r"cannot write .*packed: No space left"):
+        pack_flights(logs)
+    assert PackedFlights(logs / "packed").logs_sha256 == before
+
+
+def test_leftovers_of_a_killed_process_are_cleared(logs: Path) -> None:
+    (logs / ".packed.part").mkdir()
+    (logs / ".packed.part" / "state.npy").write_bytes(b"half")
+    pack_flights(logs)
+    assert not (logs / ".packed.part").exists()
+
+
+def test_another_s_folder_is_left_alone(logs: Path) -> None:
+    (logs / "packed").mkdir()
+    (logs / "packed" / "thesis.txt").write_text("mine")
+    with pytest.raises(InputError, match="is no packed set of flights: give another name"):
+        pack_flights(logs)
+    assert (logs / "packed" / "thesis.txt").read_text() == "mine"
+
+
+PACK = """
+import os, sys
+from proxops.training import pack_flights
+def told(done, count):
+    print(done, flush=True)
+    if done == int(sys.argv[2]):
+        os.kill(os.getpid(), 9)
+pack_flights(sys.argv[1], progress=told)
+"""
+
+
+def pack_elsewhere(folder: Path, killed_at: int = 0) -> "subprocess.Popen[str]":
+    command = [sys.executable, "-c", PACK, str(folder), str(killed_at)]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+
+
+@pytest.mark.slow
+def test_several_processes_pack_once(logs: Path) -> None:
+    told = [process.communicate()[0] for process in [pack_elsewhere(logs) for _ in range(3)]]
+    assert sorted(len(text.split()) for text in told) == [0, 0, len(FLIGHTS)]
+
+
+@pytest.mark.slow
+def test_a_killed_process_leaves_the_old_set(logs: Path) -> None:
+    before = pack_flights(logs).logs_sha256
+    (logs / "b-5.nc").unlink()
+    process = pack_elsewhere(logs, killed_at=4)
+    assert process.communicate()[0].split() == ["1", "2", "3", "4"]
+    assert process.returncode == -signal.SIGKILL
+    assert (logs / ".packed.part").exists()
+    assert PackedFlights(logs / "packed").logs_sha256 == before
+    assert len(pack_flights(logs).flights) == len(FLIGHTS) - 1
+    assert not (logs / ".packed.part").exists()
+
+
+# --- what is refused ------------------------------------------------------------------------------
+
+
+def test_no_logs(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="holds no flight logs"):
+        pack_flights(tmp_path)
+
+
+def test_no_training_flights(logs: Path) -> None:
+    for each in pack_flights(logs).part("training"):
+        (logs / each.name).unlink()
+    with pytest.raises(InputError, match="none of its transits is of the training part"):
+        pack_flights(logs)
+
+
+Change = Callable[[xr.Dataset], xr.Dataset]
+
+
+def with_values(name: str, place: Any, value: float) -> Change:
+    def change(data: xr.Dataset) -> xr.Dataset:
+        values = data[name].values.copy()
+        values[place] = value
+        return data.assign({name: (data[name].dims, values)})
+
+    return change
+
+
+def with_scenario(**changes: float) -> Change:
+    def change(data: xr.Dataset) -> xr.Dataset:
+        scenario = parse_scenario(data.attrs["scenario"])
+        for key, value in changes.items():
+            section, name = key.split("__")
+            setattr(getattr(scenario, section), name, value)
+        return data.assign_attrs(scenario=dump_scenario(scenario))
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda data: data.drop_vars("state"), "it has no state"),
+        (lambda data: data.drop_vars(["target", "ranges"]), "it has no target, ranges"),
+        (lambda data: data.drop_vars("ranges"), "has no ranges: fly it again"),
+        (lambda data: data.drop_attrs(deep=False), "it has no scenario, body, shape_sha256"),
+        (lambda data: data.isel(component=slice(5)), r"state has the shape \(16, 5\)"),
+        (lambda data: data.isel(ray=slice(350)), r"ranges has the shape \(16, 12, 350\)"),
+        (lambda data: data.isel(plane=0), r"ranges has the shape \(16, 360\).*plane, ray"),
+        (lambda data: data.isel(time=slice(0)), r"time has the shape \(0,\)"),
+        (lambda data: data.isel(time=slice(1, None)), "time is not a multiple .* row 0 of 15"),
+        (with_values("time", 5, 51.0), "time is not a multiple of the control period, 10 s,"),
+        (with_values("state", (3, 2), np.nan), "state is not finite at row 3 of 16"),
+        (with_values("force", (4, 0), np.inf), "force is not finite at row 4"),
+        (with_values("ranges", (2, 0, 0), np.nan), "ranges is negative or NaN at row 2"),
+        (with_values("ranges", (6, 1, 7), -5.0), "ranges is negative or NaN at row 6"),
+        (with_values("mpc_force", (3, 1), np.nan), "mpc_force is NaN on some axes only at row 3"),
+        (with_values("mpc_force", (3, 1), np.inf), "mpc_force is infinite at row 3"),
+        (with_scenario(lidar__rays=180), r"ranges has the shape .* must be \(16, 12, 180\)"),
+        (with_scenario(lidar__max_range_m=1e5), r"differ in max_range_m \(100000.0 and 350000.0\)"),
+        (with_scenario(spacecraft__mass_kg=90.0), "differ in mass_kg"),
+        (lambda data: data.assign_attrs(shape_sha256="0" * 64), "differ in shape_sha256"),
+        (lambda data: data.assign_attrs(body="name: Eros\n"), "differ in body: flights"),
+        (lambda data: data.assign_attrs(scenario="nonsense: 1"), "the scenario in it: .*nonsense"),
+    ],
+)
+def test_a_log_that_does_not_fit(logs: Path, change: Change, message: str) -> None:
+    change(flight("a-1").dataset).to_netcdf(logs / "a-1.nc", engine="h5netcdf")
+    with pytest.raises(InputError, match=rf"a-1\.nc.*{message}"):
+        pack_flights(logs)
+
+
+def test_a_label_that_was_not_asked_is_no_fault(logs: Path) -> None:
+    data = with_values("mpc_force", slice(3, 5), np.nan)(flight("a-1").dataset)
+    data.to_netcdf(logs / "a-1.nc", engine="h5netcdf")
+    again = pack_flights(logs)
+    label = again.mpc_force[rows_of(again, "a-1")]
+    assert np.nonzero(np.isnan(label).all(axis=1))[0].tolist() == [3, 4]
+
+
+def test_another_lidar_is_not_mixed_in(logs: Path) -> None:
+    data = with_scenario(lidar__rays=180)(flight("a-1").dataset.isel(ray=slice(180)))
+    data.to_netcdf(logs / "a-1.nc", engine="h5netcdf")
+    with pytest.raises(InputError, match=r"a-1\.nc and a-0\.nc differ in rays \(180 and 360\)"):
+        pack_flights(logs)
+
+
+def test_text_in_a_number_s_place(logs: Path) -> None:
+    with h5py.File(logs / "a-1.nc", "a") as file:
+        del file["force"]
+        file["force"] = "seven"
+    with pytest.raises(InputError, match=r"a-1\.nc: force is not an array of numbers"):
+        pack_flights(logs)
+
+
+def test_damaged_frames(logs: Path) -> None:
+    path = logs / "a-1.nc"
+    with h5py.File(path) as file:
+        frames = file["ranges"]
+        assert isinstance(frames, h5py.Dataset)
+        place = frames.id.get_chunk_info(0).byte_offset
+    content = bytearray(path.read_bytes())
+    content[place + 10 : place + 60] = bytes(50)
+    path.write_bytes(content)
+    with pytest.raises(InputError, match=r"a-1\.nc: ranges cannot be read"):
+        pack_flights(logs)
+
+
+# --- a damaged cache ------------------------------------------------------------------------------
+
+
+def cut(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[:-9])
+
+
+def flip(path: Path) -> None:
+    content = bytearray(path.read_bytes())
+    content[-9] ^= 4
+    path.write_bytes(content)
+
+
+@pytest.mark.parametrize("damage", [cut, flip, Path.unlink])
+@pytest.mark.parametrize("name", ["state.npy", "ray.npy", "offset.npy"])
+def test_a_damaged_column(logs: Path, damage: Callable[[Path], None], name: str) -> None:
+    before = pack_flights(logs)
+    content = (before.folder / name).read_bytes()
+    damage(before.folder / name)
+    with pytest.raises(InputError, match=rf"{name} (is damaged|cannot be read)"):
+        PackedFlights(before.folder)
+    again = pack_flights(logs)
+    assert (again.folder / name).read_bytes() == content
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"schema": 2}, "is of version 2, not 1"),
+        ({"flights": []}, "is damaged"),
+        ({"setting": {"planes": 12}}, "is damaged"),
+        ({"columns": {}}, "is damaged"),
+        ({"normalisation": None}, "the normalisation of position needs lists"),
+        ({"logs_sha256": "0" * 64}, "is damaged"),
+    ],
+)
+def test_a_damaged_index(logs: Path, change: dict[str, object], message: str) -> None:
+    path = pack_flights(logs).folder / INDEX
+    path.write_text(json.dumps(json.loads(path.read_text()) | change))
+    with pytest.raises(InputError, match=rf"{INDEX}.* {message}"):
+        PackedFlights(path.parent)
+
+
+def test_no_packed_set(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="is no packed set of flights"):
+        PackedFlights(tmp_path)
+
+
+# --- in another process ---------------------------------------------------------------------------
+
+
+def test_pickled_it_is_its_name(packed: PackedFlights) -> None:
+    text = pickle.dumps(packed)
+    assert len(text) < 1000
+    again = pickle.loads(text)
+    np.testing.assert_array_equal(again.state, packed.state)
+    assert again.flights == packed.flights
+    assert again.normalisation == packed.normalisation
+
+
+def test_packed_anew_it_is_refused(logs: Path) -> None:
+    text = pickle.dumps(pack_flights(logs))
+    (logs / "b-5.nc").unlink()
+    pack_flights(logs)
+    with pytest.raises(InputError, match="packed anew"):
+        pickle.loads(text)
+
+
+def test_nothing_can_be_written(packed: PackedFlights) -> None:
+    with pytest.raises(ValueError, match="read-only"):
+        packed.state[0] = 0.0

@@ -1,0 +1,59 @@
+"""60, 20 and 20 % of the transits, decided once and for all for each."""
+
+from collections import Counter
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from proxops.training import part_of_transit
+from proxops.training.transit_split import PARTS
+
+SEEDS = st.integers(0, 2**40)
+
+
+@given(SEEDS, SEEDS, st.integers(0, 40), st.integers(1, 40))
+def test_shares_are_exact_over_whole_blocks(
+    seed: int, split_seed: int, block: int, blocks: int
+) -> None:
+    transits = range(5 * block, 5 * (block + blocks))
+    counts = Counter(part_of_transit(seed, transit, split_seed) for transit in transits)
+    assert counts == {"training": 3 * blocks, "validation": blocks, "test": blocks}
+
+
+@given(SEEDS, SEEDS, st.integers(1, 100))
+def test_any_first_transits_are_shared_out_nearly_so(
+    seed: int, split_seed: int, count: int
+) -> None:
+    counts = Counter(part_of_transit(seed, transit, split_seed) for transit in range(count))
+    for part, share in zip(PARTS, (0.6, 0.2, 0.2), strict=True):
+        assert abs(counts[part] - share * count) < 1.2001
+
+
+@settings(max_examples=30)
+@given(SEEDS, st.integers(0, 10**6))
+def test_a_function_of_its_arguments_alone(seed: int, transit: int) -> None:
+    assert part_of_transit(seed, transit) == part_of_transit(seed, transit)
+    assert part_of_transit(seed, transit) in PARTS
+
+
+def test_seeds_matter() -> None:
+    def split(seed: int, split_seed: int) -> list[str]:
+        return [part_of_transit(seed, transit, split_seed) for transit in range(50)]
+
+    assert split(1, 0) != split(2, 0)
+    assert split(1, 0) != split(1, 1)
+
+
+def test_no_sort_of_transit_is_favoured() -> None:
+    """Transits repeat a pattern every ten: each place in it meets each part as often."""
+    for place in range(10):
+        parts = Counter(part_of_transit(0, transit) for transit in range(place, 20_000, 10))
+        assert abs(parts["training"] - 1200) < 110  # 5 standard deviations
+        assert abs(parts["test"] - 400) < 90
+
+
+def test_known_split() -> None:
+    """A split that changed would let tested transits into the training of a shipped policy."""
+    letters = {"training": "t", "validation": "v", "test": "e"}
+    split = "".join(letters[part_of_transit(0, transit)] for transit in range(20))
+    assert split == "tetvttevtttetvtetttv"
