@@ -31,13 +31,14 @@ VARIABLES: dict[str, tuple[tuple[str, ...], str, str]] = {
     "mpc_force": (("axis",), "N", "the MPC's force in K; NaN where it was not asked"),
     "policy_force": (("axis",), "N", "the policy's force in K; NaN where there is none"),
     "disturbance": (("axis",), "N", "applied less commanded force in K"),
+    "kick": (("axis",), "m/s^2", "acceleration by a kick from this time on, until the next, in K"),
     "decision": ((), "1", "who flies: 0 the controller named, 1 the MPC, 2 the policy"),
     "solve_time": ((), "s", "wall time of the MPC's step; NaN where it was not asked"),
     "solve_status": ((), "1", "0 solved, 1 last plan flown on, 2 braking; NaN: not asked"),
     "ranges": (("plane", "ray"), "m", "lidar ranges; +inf where nothing returned"),
 }
-# Without these a file is no log; the frames may be left out.
-_NEEDED_VARIABLES = ["time", *(name for name in VARIABLES if name != "ranges")]
+# Without these a file is no log; the frames may be left out, and not every flight has kicks.
+_NEEDED_VARIABLES = ["time", *(name for name in VARIABLES if name not in ("ranges", "kick"))]
 _NEEDED_VARIABLES += ["mesh_vertices", "mesh_facets"]
 _NEEDED_ATTRIBUTES = ["scenario", "body", "controller", "shape_sha256", "arrival_time_s"]
 _NEEDED_ATTRIBUTES += ["collided", "keep_out_violations", "wall_s", "scenario_sha256"]
