@@ -13,6 +13,8 @@ from plain_polyhedral_gravity import star_shaped
 from proxops.diagrams.body import BodyConfig, load_body
 from proxops.diagrams.scenario import (
     ArrivalConfig,
+    ForceNoiseConfig,
+    KicksConfig,
     LidarConfig,
     MismatchConfig,
     MpcConfig,

@@ -142,10 +142,14 @@ def _keep_out(plain: Scenario, wanted: Scenario, body: Body) -> Scenario:
     """Near the keep-out ellipsoid, at a clearance uniform up to `transit.end_clearance_m` (8 km).
 
     The velocity per axis is normal with an eighth of the speed limit (5 m/s), but never so much
-    towards the ellipsoid that a third of the thrust could not stop it outside.
+    towards the ellipsoid that a third of the thrust could not stop it outside. It is no nearer the
+    goal than `transit.min_distance_m`, nor further than `transit.max_distance_m`, unless the goal
+    is nearly as far from all of the ellipsoid.
     """
     drawn, random = _draw(plain, body, "keep_out")
     axes, rules = body.keep_out_semi_axes, plain.transit
+    nearest = float(clearances(axes, drawn.goal[None])[0])
+    furthest = max(rules.max_distance_m, 1.25 * nearest + rules.end_clearance_m)
     for _ in range(_ATTEMPTS):
         way = random.standard_normal(3)
         surface = axes * way / np.linalg.norm(way)
@@ -154,8 +158,8 @@ def _keep_out(plain: Scenario, wanted: Scenario, body: Body) -> Scenario:
         place = surface + rules.end_clearance_m * random.random() * normal
         velocity = plain.spacecraft.speed_limit_m_s / 8.0 * random.standard_normal(3)
         distance = float(np.linalg.norm(place - drawn.goal))
-        far = not rules.min_distance_m <= distance <= rules.max_distance_m
-        if not far and _can_start(place, velocity, plain, body):
+        fits = rules.min_distance_m <= distance <= furthest
+        if fits and _can_start(place, velocity, plain, body):
             return _starting(plain, drawn, place, velocity)
     raise _no_start("keep_out", drawn)
 
