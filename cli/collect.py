@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from rich import box
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
@@ -145,12 +146,17 @@ class _RateColumn(ProgressColumn):
 
 def _print(report: dict[str, Any]) -> None:
     head, lines = report_rows(report)
-    table = Table(title=f"expert flights of seed {report['seed']}", title_justify="left")
-    for number, name in enumerate(head):
-        table.add_column(name, justify="right" if number else "left")
-    for line in lines:
-        table.add_row(*line)
-    console.print(table)
+    # In two, so that it fits an ordinary terminal.
+    for title, columns in (
+        (f"expert flights of seed {report['seed']}", range(7)),
+        ("their data", [0, *range(7, len(head))]),
+    ):
+        table = Table(title=title, title_justify="left", box=box.SIMPLE)
+        for column in columns:
+            table.add_column(head[column], justify="right" if column else "left")
+        for line in lines:
+            table.add_row(*(line[column] for column in columns))
+        console.print(table)
     figures = report["all"]
     for title, edges, counts in (
         ("to the goal", report["goal_distance_edges"], figures["goal_distances"]),

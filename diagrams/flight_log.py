@@ -82,10 +82,9 @@ class FlightLog:
         # Shuffled, lightly deflated ranges take a tenth of the room: most rays return nothing.
         packed = {"zlib": True, "complevel": 1, "shuffle": True}
         encoding = {name: packed for name in ("ranges",) if name in self.dataset}
-        write_whole(
-            Path(path),
-            lambda name: self.dataset.to_netcdf(name, engine="h5netcdf", encoding=encoding),
-        )
+        # Made in memory: on a full disk HDF5 does not raise, it ends the process.
+        content = self.dataset.to_netcdf(engine="h5netcdf", encoding=encoding)
+        write_whole(Path(path), lambda name: name.write_bytes(content))
 
     @classmethod
     def load(cls, path: str | Path) -> FlightLog:

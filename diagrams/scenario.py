@@ -108,7 +108,7 @@ class ForceNoiseConfig:
     """Normal noise of its own size on the commanded force: coasting is disturbed too."""
 
     # Standard deviation per axis, and the time over which the noise forgets itself; 0: white.
-    std_n: float = 1.0
+    std_n: float = 0.7
     correlation_time_s: float = 100.0
 
 

@@ -33,7 +33,7 @@ class ForceNoise(LeafSystem):
     def __init__(
         self,
         thrust_limit: float,
-        std: float = 1.0,
+        std: float = 0.7,
         correlation_time: float = 100.0,
         period: float = 10.0,
         seed: int = 0,
