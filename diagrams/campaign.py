@@ -207,8 +207,12 @@ def _client(workers: int, scheduler: str | None):
 
 def _on_one_thread(task: Callable[[Flight], Row], flight: Flight) -> Row:
     """One flight is one thread's work, in a worker beside others."""
+    import dask.config
+
     numba.set_num_threads(1)
-    return task(flight)
+    # Or xarray would write its files under locks that it shares with the other workers.
+    with dask.config.set(scheduler="synchronous"):
+        return task(flight)
 
 
 def _fly_one(flight: Flight, folder: Path, keep_logs: bool, describe: Describe) -> Row:
