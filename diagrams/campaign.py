@@ -8,6 +8,7 @@ import fcntl
 import functools
 import hashlib
 import json
+import logging
 import os
 import typing
 from collections.abc import Callable, Generator, Sequence
@@ -198,7 +199,8 @@ def _client(workers: int, scheduler: str | None):
             n_workers=workers,
             threads_per_worker=1,
             processes=True,
-            dashboard_address=None,  # pyright: ignore[reportArgumentType]  (documented: none)
+            dashboard_address=":0",  # Any free port: several campaigns may run.
+            silence_logs=logging.CRITICAL,
         ) as cluster,
         Client(cluster) as client,
     ):

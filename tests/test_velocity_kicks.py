@@ -78,6 +78,8 @@ def test_velocity_changes_by_the_logged_kick(kicked: FlightLog):
     assert after[3:] == pytest.approx(change, rel=5e-3, abs=2e-2)
     assert after[:3] == pytest.approx(5.0 * change, rel=5e-3, abs=0.1)
     assert "kick" not in free
+    assert data["kick"].dims == ("time", "axis")
+    assert data["kick"].attrs["units"] == "m/s^2"
     # A kick is no force of the thrusters.
     assert not data["force"].values.any()
     assert not data["disturbance"].values.any()
