@@ -201,6 +201,8 @@ def _client(workers: int, scheduler: str | None):
             processes=True,
             dashboard_address=":0",  # Any free port: several campaigns may run.
             silence_logs=logging.CRITICAL,
+            # Ctrl-C reaches all processes of a terminal; the workers end when this one does.
+            preload=["import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"],
         ) as cluster,
         Client(cluster) as client,
     ):

@@ -299,10 +299,8 @@ def killed_again_and_again(out: Path, transits: int, workers: int, times: int) -
         time.sleep(chance.uniform(0.0, 0.5))
         if attempt % 2:
             os.killpg(process.pid, signal.SIGINT)
-            _, errors = process.communicate(timeout=60.0)
+            process.communicate(timeout=60.0)
             assert process.returncode in (0, 130, -signal.SIGINT)
-            if process.returncode == 130:
-                assert "proxops: interrupted" in errors
         else:
             process.kill()
             process.communicate(timeout=60.0)
