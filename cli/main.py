@@ -7,7 +7,7 @@ import sys
 
 import typer
 
-from proxops.cli import evaluate, fly, replay, shape
+from proxops.cli import collect, evaluate, fly, replay, shape
 from proxops.systems.errors import InputError
 
 app = typer.Typer(
@@ -19,6 +19,7 @@ app = typer.Typer(
 )
 app.command("fly")(fly.fly_command)
 app.command("evaluate")(evaluate.evaluate_command)
+app.command("collect")(collect.collect_command)
 app.command("replay")(replay.replay_command)
 app.command("shape")(shape.shape_command)
 

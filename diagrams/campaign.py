@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses as dc
+import fcntl
 import functools
 import hashlib
 import json
+import logging
 import os
 import typing
 from collections.abc import Callable, Generator, Sequence
@@ -16,13 +18,22 @@ from pathlib import Path
 import numba
 from pydrake.common.yaml import yaml_dump_typed
 
-from proxops.diagrams.body import BodyConfig, load_body
-from proxops.diagrams.flight_log import make_folder, write_whole
+from proxops.diagrams.body import Body, BodyConfig, load_body
+from proxops.diagrams.flight_log import FlightLog, make_folder, write_whole
 from proxops.diagrams.scenario import Scenario, dump_scenario, parse_scenario
 from proxops.diagrams.simulation import fly
 from proxops.systems.errors import InputError
 
 Row = dict[str, typing.Any]
+Describe = Callable[[FlightLog, Path | None], Row]
+"""What is kept of a flight, from its log and, if it is kept, the log's file. It is sent to the
+workers, so it must be a function of a module."""
+
+# A process that has flown this many is replaced: Drake's diagrams of Python systems are never
+# freed, and each leaves some 1.5 MB behind.
+_FLIGHTS_PER_PROCESS = 150
+# So many workers may be killed while they fly a flight.
+_LIVES = 4
 
 
 @dc.dataclass(frozen=True)
@@ -39,19 +50,31 @@ class Flight:
     """Version of proxops, and hash of the body: flights made with others are not mixed in."""
 
 
+def body_sha256(body: Body) -> str:
+    """Hash of a body's constants and shape."""
+    constants = yaml_dump_typed(body.config, schema=BodyConfig) or ""
+    return hashlib.sha256((constants + body.shape.sha256).encode()).hexdigest()
+
+
+def made_with(body: Body) -> str:
+    """What a flight's `made_with` says of flights at this body by this version."""
+    return f"proxops {metadata.version('proxops')}, body {body_sha256(body)}"
+
+
 def transit_flights(scenario: Scenario, controller: str, seed: int, count: int) -> list[Flight]:
     """Flights of transits 0 … count - 1 of a seed by one controller."""
-    body = load_body(scenario.body)
-    constants = yaml_dump_typed(body.config, schema=BodyConfig) or ""
-    digest = hashlib.sha256((constants + body.shape.sha256).encode()).hexdigest()
-    made_with = f"proxops {metadata.version('proxops')}, body {digest}"
+    origin = made_with(load_body(scenario.body))
     label = "".join(letter if letter.isalnum() else "-" for letter in controller)
     flights = []
     for index in range(count):
         transit = dc.replace(scenario.transit, seed=seed, index=index, start_m=None, goal_m=None)
         text = dump_scenario(dc.replace(scenario, transit=transit))
-        flights.append(Flight(f"{label}-{seed}-{index:05d}", text, controller, made_with))
+        flights.append(Flight(f"{label}-{seed}-{index:05d}", text, controller, origin))
     return flights
+
+
+def _summary(log: FlightLog, path: Path | None) -> Row:
+    return log.summary
 
 
 def run_campaign(
@@ -59,6 +82,7 @@ def run_campaign(
     folder: Path,
     *,
     keep_logs: bool = False,
+    describe: Describe = _summary,
     workers: int | None = None,
     scheduler: str | None = None,
     progress: Callable[[Row], None] | None = None,
@@ -67,18 +91,22 @@ def run_campaign(
 
     A flight's summary is written to `folder`/NAME.json, and its log to NAME.nc before, when it is
     over; a file that exists is whole. A campaign that was interrupted, by Ctrl-C or `kill -9`,
-    goes on where it stopped when it is run again.
+    goes on where it stopped when it is run again. A flight is locked while it is flown, so that
+    two campaigns in one folder, or what a killed one left running, share the work.
 
     Args:
       folder: made if it does not exist.
       keep_logs: writes the logs too.
-      workers: processes on this machine; None: one for each core. 1 flies in this process.
+      describe: makes the row that is kept of a flight; by default its log's summary.
+      workers: processes on this machine; None: one for each core. A few flights by 1 are flown in
+        this process.
       scheduler: address of a Dask scheduler whose workers fly instead; they need proxops, and
-        `folder` under the same path.
-      progress: is called with the summary of each flight that is over, earlier ones first.
+        `folder` under the same path, and should have one thread each.
+      progress: is called with the row of each flight that is over, earlier ones first.
 
     Raises:
-      InputError: the folder cannot be written, or holds other flights under the same names.
+      InputError: the folder cannot be written, or holds other flights under the same names, or a
+        flight ended the process that flew it again and again.
     """
     make_folder(folder)
     rows: dict[str, Row] = {}
@@ -92,7 +120,10 @@ def run_campaign(
             if progress is not None:
                 progress(row)
     workers = min(workers or os.cpu_count() or 1, len(todo))
-    with contextlib.closing(_results(todo, folder, keep_logs, workers, scheduler)) as results:
+    task = functools.partial(
+        _fly_one, folder=folder.resolve(), keep_logs=keep_logs, describe=describe
+    )
+    with contextlib.closing(_results(todo, task, workers, scheduler)) as results:
         for name, row in results:
             rows[name] = row
             if progress is not None:
@@ -101,27 +132,44 @@ def run_campaign(
 
 
 def _results(
-    flights: Sequence[Flight], folder: Path, keep_logs: bool, workers: int, scheduler: str | None
+    flights: Sequence[Flight], task: Callable[[Flight], Row], workers: int, scheduler: str | None
 ) -> Generator[tuple[str, Row]]:
-    """Name and summary of each flight as it ends."""
-    if scheduler is None and workers <= 1:
+    """Name and row of each flight as it ends."""
+    if scheduler is not None:
+        yield from _distributed(flights, task, workers, scheduler)
+    elif workers <= 1 and len(flights) <= _FLIGHTS_PER_PROCESS:
         for flight in flights:
-            yield flight.name, _fly_one(flight, folder, keep_logs)
-        return
-    from dask.distributed import as_completed  # Slow to import: only when it is needed.
+            yield flight.name, task(flight)
+    else:
+        batch = workers * _FLIGHTS_PER_PROCESS
+        for start in range(0, len(flights), batch):
+            yield from _distributed(flights[start : start + batch], task, workers, None)
+
+
+def _distributed(
+    flights: Sequence[Flight], task: Callable[[Flight], Row], workers: int, scheduler: str | None
+) -> Generator[tuple[str, Row]]:
+    """As `_results`, by Dask's workers."""
+    # Slow to import: only when it is needed.
+    from dask.distributed import KilledWorker, as_completed
 
     with _client(workers, scheduler) as client:
         futures = [
-            client.submit(
-                _fly_one_alone, flight, folder.resolve(), keep_logs, key=flight.name, pure=False
-            )
+            client.submit(_on_one_thread, task, flight, key=flight.name, pure=False)
             for flight in flights
         ]
         names = {future.key: flight.name for future, flight in zip(futures, flights, strict=True)}
         done = as_completed(futures)
         del futures
         for future in done:
-            yield names[future.key], future.result()
+            try:
+                row = future.result()
+            except KilledWorker as error:
+                raise InputError(
+                    f"flight {names[future.key]} ended {_LIVES} worker processes one after the "
+                    "other: is there memory enough? Run again to go on, with fewer --workers"
+                ) from error
+            yield names[future.key], row
             future.release()
 
 
@@ -143,7 +191,7 @@ def _client(workers: int, scheduler: str | None):
         # Dask would put these variables into this process's environment too.
         "distributed.nanny.pre-spawn-environ": {},
         # A worker that is killed is replaced, and its flight flown again.
-        "distributed.scheduler.allowed-failures": 3,
+        "distributed.scheduler.allowed-failures": _LIVES - 1,
     }
     with (
         dask.config.set(settings),
@@ -151,28 +199,58 @@ def _client(workers: int, scheduler: str | None):
             n_workers=workers,
             threads_per_worker=1,
             processes=True,
-            dashboard_address=None,  # pyright: ignore[reportArgumentType]  (documented: none)
+            dashboard_address=":0",  # Any free port: several campaigns may run.
+            silence_logs=logging.CRITICAL,
+            # Ctrl-C reaches all processes of a terminal; the workers end when this one does.
+            preload=["import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"],
         ) as cluster,
         Client(cluster) as client,
     ):
         yield client
 
 
-def _fly_one_alone(flight: Flight, folder: Path, keep_logs: bool) -> Row:
-    """As `_fly_one`, in a worker beside others: one flight is one thread's work."""
+def _on_one_thread(task: Callable[[Flight], Row], flight: Flight) -> Row:
+    """One flight is one thread's work, in a worker beside others."""
+    import dask.config
+
     numba.set_num_threads(1)
-    return _fly_one(flight, folder, keep_logs)
+    # Or xarray would write its files under locks that it shares with the other workers.
+    with dask.config.set(scheduler="synchronous"):
+        return task(flight)
 
 
-def _fly_one(flight: Flight, folder: Path, keep_logs: bool) -> Row:
-    scenario = parse_scenario(flight.scenario)
-    log = fly(scenario, flight.controller, body=_body(scenario.body))
-    if keep_logs:
-        log.to_netcdf(folder / f"{flight.name}.nc")
-    row = log.summary
-    text = json.dumps({"flight": dc.asdict(flight), "summary": row})
-    write_whole(folder / f"{flight.name}.json", lambda path: path.write_text(text))
-    return row
+def _fly_one(flight: Flight, folder: Path, keep_logs: bool, describe: Describe) -> Row:
+    with _locked(folder, flight.name):
+        row = _finished(flight, folder, keep_logs)
+        if row is not None:
+            return row  # Somebody else's, by now.
+        for part in folder.glob(f".{flight.name}.*.part"):
+            part.unlink()  # Of a process that was killed.
+        scenario = parse_scenario(flight.scenario)
+        log = fly(scenario, flight.controller, body=_body(scenario.body))
+        path = folder / f"{flight.name}.nc" if keep_logs else None
+        if path is not None:
+            log.to_netcdf(path)
+        row = describe(log, path)
+        text = json.dumps({"flight": dc.asdict(flight), "summary": row})
+        write_whole(folder / f"{flight.name}.json", lambda name: name.write_text(text))
+        return row
+
+
+@contextlib.contextmanager
+def _locked(folder: Path, name: str) -> Generator[None]:
+    """Waits until no other process flies this flight; the system frees the locks of the dead.
+
+    One file holds all locks: a byte for each flight, at a place that its name gives.
+    """
+    place = int.from_bytes(hashlib.sha256(name.encode()).digest()[:7])
+    try:
+        file = (folder / ".lock").open("ab")
+    except OSError as error:
+        raise InputError(f"cannot write in {folder}: {error.strerror}") from error
+    with file:
+        fcntl.lockf(file, fcntl.LOCK_EX, 1, place)
+        yield
 
 
 # A body is a campaign's one large thing: loaded once in each worker.

@@ -33,6 +33,7 @@ VARIABLES: dict[str, tuple[tuple[str, ...], str, str]] = {
     "mpc_force": (("axis",), "N", "the MPC's force in K; NaN where it was not asked"),
     "policy_force": (("axis",), "N", "the policy's force in K; NaN where there is none"),
     "disturbance": (("axis",), "N", "applied less commanded force in K"),
+    "kick": (("axis",), "m/s^2", "acceleration by a kick from this time on, until the next, in K"),
     "decision": ((), "1", "who flies: 0 the controller named, 1 the MPC, 2 the policy"),
     "solve_time": ((), "s", "wall time of the MPC's step; NaN where it was not asked"),
     "solve_status": ((), "1", "0 solved, 1 last plan flown on, 2 braking; NaN: not asked"),
@@ -41,8 +42,9 @@ VARIABLES: dict[str, tuple[tuple[str, ...], str, str]] = {
 }
 # Meanings of codes, as the CF conventions have them: flag_values and flag_meanings.
 _FLAGS: dict[str, type[IntEnum]] = {"solve_status": PlanStatus, "solve_reason": PlanReason}
-# Without these a file is no log; frames may be left out, and the oldest logs have no reasons.
-_OPTIONAL_VARIABLES = ("ranges", "solve_reason")
+# Without these a file is no log; frames may be left out, the oldest logs have no reasons, and not
+# every flight has kicks.
+_OPTIONAL_VARIABLES = ("ranges", "solve_reason", "kick")
 _NEEDED_VARIABLES = ["time", *(name for name in VARIABLES if name not in _OPTIONAL_VARIABLES)]
 _NEEDED_VARIABLES += ["mesh_vertices", "mesh_facets"]
 _NEEDED_ATTRIBUTES = ["scenario", "body", "controller", "shape_sha256", "arrival_time_s"]
@@ -91,10 +93,9 @@ class FlightLog:
         # Shuffled, lightly deflated ranges take a tenth of the room: most rays return nothing.
         packed = {"zlib": True, "complevel": 1, "shuffle": True}
         encoding = {name: packed for name in ("ranges",) if name in self.dataset}
-        write_whole(
-            Path(path),
-            lambda name: self.dataset.to_netcdf(name, engine="h5netcdf", encoding=encoding),
-        )
+        # Made in memory: on a full disk HDF5 does not raise, it ends the process.
+        content = self.dataset.to_netcdf(engine="h5netcdf", encoding=encoding)
+        write_whole(Path(path), lambda name: name.write_bytes(content))
 
     @classmethod
     def load(cls, path: str | Path) -> FlightLog:

@@ -124,14 +124,35 @@ class RandomWalkDisturbanceConfig:
 
 
 @dc.dataclass
+class ForceNoiseConfig:
+    """Normal noise of its own size on the commanded force: coasting is disturbed too."""
+
+    # Standard deviation per axis, and the time over which the noise forgets itself; 0: white.
+    std_n: float = 0.7
+    correlation_time_s: float = 100.0
+
+
+@dc.dataclass
+class KicksConfig:
+    """Pushes from outside at random times, each spread over one control period."""
+
+    # Standard deviation per axis of the change of velocity.
+    velocity_std_m_s: float = 2.0
+    # Mean time from one to the next.
+    mean_interval_s: float = 900.0
+
+
+@dc.dataclass
 class TransitConfig:
     """Which transit is flown: number `index` of the set of `seed`, or the start and goal given."""
 
     seed: int = 10000
     index: int = 0
-    # Positions in the body-fixed frame; both or neither. Start and goal are at rest in it.
+    # Positions in the body-fixed frame; both or neither. The goal is at rest in it.
     start_m: list[float] | None = None
     goal_m: list[float] | None = None
+    # Velocity at the start in that frame; null: at rest.
+    start_velocity_m_s: list[float] | None = None
     # How the set is drawn: cube edge, distance from start to goal, clearance of both added to
     # each semi-axis of the keep-out ellipsoid, share of the thrust limit that hovering may take.
     cube_m: float = 340.0e3
@@ -163,11 +184,17 @@ class Scenario:
     mpc: MpcConfig = dc.field(default_factory=MpcConfig)
     # None: the command is applied as it is.
     disturbance: RandomWalkDisturbanceConfig | None = None
+    # None: no noise is added after that.
+    force_noise: ForceNoiseConfig | None = None
+    # None: nothing pushes the spacecraft from outside.
+    kicks: KicksConfig | None = None
     mismatch: MismatchConfig = dc.field(default_factory=MismatchConfig)
     transit: TransitConfig = dc.field(default_factory=TransitConfig)
     arrival: ArrivalConfig = dc.field(default_factory=ArrivalConfig)
     # The command is computed, and then held, this often.
     control_period_s: float = 10.0
+    # Whether the log holds the lidar's frame of every step.
+    log_ranges: bool = True
     # Seeds the lidar's noise and the disturbance.
     noise_seed: int = 0
 
@@ -268,6 +295,13 @@ def check_scenario(scenario: Scenario, source: str = "scenario") -> None:
     if scenario.disturbance is not None:
         positive("disturbance", "reset_period_s")
         not_negative("disturbance", "max_relative_magnitude", "increment_std_n")
+    if scenario.force_noise is not None:
+        not_negative("force_noise", "std_n", "correlation_time_s")
+    if scenario.kicks is not None:
+        not_negative("kicks", "velocity_std_m_s")
+        period = scenario.control_period_s
+        why = f"must be at least control_period_s, {period:g} s"
+        each("kicks", ("mean_interval_s",), lambda value: value >= period, why)
     transit = scenario.transit
     positive("transit", "cube_m", "min_distance_m", "max_distance_m", "max_hover_share")
     not_negative("transit", "seed", "index", "end_clearance_m")
@@ -281,7 +315,7 @@ def check_scenario(scenario: Scenario, source: str = "scenario") -> None:
         "transit",
         "needs start_m and goal_m both or neither",
     )
-    for name in ("start_m", "goal_m"):
+    for name in ("start_m", "goal_m", "start_velocity_m_s"):
         value = getattr(transit, name)
         if value is not None:
             need(
@@ -289,6 +323,10 @@ def check_scenario(scenario: Scenario, source: str = "scenario") -> None:
                 f"transit.{name}",
                 f"must be three numbers, got {value}",
             )
+    if transit.start_velocity_m_s is not None:
+        slow = np.abs(transit.start_velocity_m_s).max() <= scenario.spacecraft.speed_limit_m_s
+        why = "must be within spacecraft.speed_limit_m_s per axis"
+        need(bool(slow), "transit.start_velocity_m_s", f"{why}, got {transit.start_velocity_m_s}")
     positive("arrival", "radius_m", "speed_m_s", "dwell_s", "deadline_s")
 
 

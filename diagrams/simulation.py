@@ -160,7 +160,7 @@ def _collect_log(
     times = sink.FindLog(context).sample_times()
     names = {system.get_name() for system in diagram.GetSystems()}
     columns = {name: column(name) for name in ("state", "target", "force", "command")}
-    for name in ("mpc_force", "mpc_record"):
+    for name in ("mpc_force", "mpc_record", "kick"):
         if f"log_{name}" in names:
             columns[name] = column(name)
 
@@ -181,9 +181,10 @@ def _collect_log(
     columns["disturbance"] = columns["force"] - columns.pop("command")
     columns |= dict(zip(("solve_time", "solve_status", "solve_reason"), record.T, strict=True))
     columns["decision"] = np.full(len(times), 1 if "mpc_force" in columns else 0, dtype=np.int8)
-    lidar = diagram.GetSubsystemByName("lidar")
-    assert isinstance(lidar, Lidar)
-    columns["ranges"] = lidar.frames(times, columns["state"][:, :3], lidar.seed)
+    if scenario.log_ranges:
+        lidar = diagram.GetSubsystemByName("lidar")
+        assert isinstance(lidar, Lidar)
+        columns["ranges"] = lidar.frames(times, columns["state"][:, :3], lidar.seed)
     columns = {"mpc_force": blank, "policy_force": blank.copy(), **columns}
 
     monitor = diagram.GetSubsystemByName("monitor")

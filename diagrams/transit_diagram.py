@@ -8,6 +8,7 @@ import numpy as np
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Diagram, DiagramBuilder, PortDataType, System
 from pydrake.systems.primitives import (
+    Adder,
     ConstantVectorSource,
     LogVectorOutput,
     MatrixGain,
@@ -24,6 +25,7 @@ from proxops.systems import (
     DelayedHold,
     ErrorWeights,
     FlightMonitor,
+    ForceNoise,
     GravityField,
     Horizon,
     InputError,
@@ -35,13 +37,14 @@ from proxops.systems import (
     Spacecraft,
     TransitLimits,
     TransitProgram,
+    VelocityKicks,
     WeightedProgram,
 )
 from proxops.systems.counter_noise import derived_seed
 from proxops.systems.thrusters import Thrusters
 
 # Streams of derived seeds.
-_LIDAR_STREAM, _DISTURBANCE_STREAM = range(2)
+_LIDAR_STREAM, _DISTURBANCE_STREAM, _NOISE_STREAM, _KICKS_STREAM = range(4)
 # Input ports of a controller that may stay unconnected.
 _OPTIONAL_PORTS = {"enable"}
 
@@ -87,8 +90,8 @@ def make_transit_diagram(
     """Everything that a flight needs, wired: set nothing, simulate.
 
     ```
-    target ──► controller ─► disturbance ─► thrusters ─► hold ─► spacecraft ◄─► gravity
-                 ▲  ▲  ▲        (if any)                  │           │
+    target ──► controller ─► disturbance ─► thrusters ─► hold ─► spacecraft ◄─► gravity, kicks
+                 ▲  ▲  ▲     force noise                  │           │
                  │  │  └──────── applied_force ◄──────────┘           │
                  │  └─────────── ranges ◄──── lidar ◄─────────────────┤
                  └────────────── state ◄──────────────────────────────┘
@@ -105,7 +108,8 @@ def make_transit_diagram(
 
     Returns:
       A Diagram whose subsystems are named gravity, spacecraft, lidar, target, controller,
-      disturbance (if there is one), thrusters, hold, monitor, and log_NAME for every logged port.
+      disturbance, force_noise and kicks (those there are), thrusters, hold, monitor, and
+      log_NAME for every logged port.
       The Context that it makes by default starts the scenario's transit. The hold is a
       `DelayedHold` where the expert flies with a delay.
 
@@ -129,9 +133,9 @@ def make_transit_diagram(
     if true.gravity != 1.0:
         true_field = GravityField(body.shape, mass=true.gravity * true_field.mass)
     gravity = add("gravity", PolyhedralGravity(true_field))
-    at_rest = np.concatenate([transit.start, np.zeros(3)])
+    start = np.concatenate([transit.start, transit.start_velocity])
     mass = true.mass * scenario.spacecraft.mass_kg
-    craft = add("spacecraft", Spacecraft(mass, body.spin_rate, at_rest))
+    craft = add("spacecraft", Spacecraft(mass, body.spin_rate, start))
     craft_ports = {port: craft.GetOutputPort(port) for port in ("state", "position", "velocity")}
     sensor = scenario.lidar
     lidar = add(
@@ -157,7 +161,23 @@ def make_transit_diagram(
     builder.AddSystem(pilot)
 
     builder.Connect(craft_ports["position"], gravity.GetInputPort("position"))
-    builder.Connect(gravity.GetOutputPort("acceleration"), craft.GetInputPort("gravity"))
+    pull = gravity.GetOutputPort("acceleration")
+    kicks = None
+    if scenario.kicks is not None:
+        kicks = add(
+            "kicks",
+            VelocityKicks(
+                velocity_std=scenario.kicks.velocity_std_m_s,
+                mean_interval=scenario.kicks.mean_interval_s,
+                period=period,
+                seed=derived_seed(*seeds, _KICKS_STREAM),
+            ),
+        )
+        kicked = add("gravity_and_kicks", Adder(2, 3))
+        builder.Connect(pull, kicked.get_input_port(0))
+        builder.Connect(kicks.GetOutputPort("acceleration"), kicked.get_input_port(1))
+        pull = kicked.get_output_port()
+    builder.Connect(pull, craft.GetInputPort("gravity"))
     thrust = hold
     if true.thrust != 1.0:
         thrust = add("thrust_mismatch", MatrixGain(true.thrust * np.eye(3)))
@@ -189,6 +209,19 @@ def make_transit_diagram(
         )
         builder.Connect(command, disturbance.GetInputPort("force"))
         applied = disturbance.GetOutputPort("force")
+    if scenario.force_noise is not None:
+        noise = add(
+            "force_noise",
+            ForceNoise(
+                thrust_limit=scenario.spacecraft.thrust_limit_n,
+                std=scenario.force_noise.std_n,
+                correlation_time=scenario.force_noise.correlation_time_s,
+                period=period,
+                seed=derived_seed(*seeds, _NOISE_STREAM),
+            ),
+        )
+        builder.Connect(applied, noise.GetInputPort("force"))
+        applied = noise.GetOutputPort("force")
     thrusters = add("thrusters", Thrusters(scenario.spacecraft.thrust_limit_n))
     builder.Connect(applied, thrusters.GetInputPort("force"))
     applied = thrusters.GetOutputPort("force")
@@ -218,6 +251,8 @@ def make_transit_diagram(
         "force": applied,
         "command": command,
     }
+    if kicks is not None:
+        logged["kick"] = kicks.GetOutputPort("next_acceleration")
     if isinstance(pilot, ModelPredictiveController):
         logged["mpc_force"] = command
         logged["mpc_record"] = pilot.GetOutputPort("record")

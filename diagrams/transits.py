@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import dataclasses as dc
 
 import numpy as np
 
@@ -17,14 +17,16 @@ _BLOCKED = (1, 4, 7)
 _ATTEMPTS = 100_000
 
 
-@dataclass(frozen=True)
+@dc.dataclass(frozen=True)
 class Transit:
-    """From rest in K at `start` to rest in K at `goal`, both (3,) in m."""
+    """From `start` to rest in K at `goal`, both (3,) in m; at rest in K, unless it says not."""
 
     seed: int
     index: int
     start: np.ndarray
     goal: np.ndarray
+    start_velocity: np.ndarray = dc.field(default_factory=lambda: np.zeros(3))
+    """(3,) in m/s."""
 
 
 def transit_set(seed: int, count: int, scenario: Scenario | None = None) -> list[Transit]:
@@ -85,8 +87,10 @@ def scenario_transit(scenario: Scenario, body: Body) -> Transit:
         hovered at.
     """
     rules = scenario.transit
+    velocity = np.array(rules.start_velocity_m_s or [0.0, 0.0, 0.0], dtype=np.float64)
     if rules.start_m is None or rules.goal_m is None:
-        return draw_transit(rules.seed, rules.index, scenario, body)
+        drawn = draw_transit(rules.seed, rules.index, scenario, body)
+        return dc.replace(drawn, start_velocity=velocity)
     start = np.array(rules.start_m, dtype=np.float64)
     goal = np.array(rules.goal_m, dtype=np.float64)
     ends = np.stack([start, goal])
@@ -105,4 +109,4 @@ def scenario_transit(scenario: Scenario, body: Body) -> Transit:
                 f"{where} cannot be held: hovering there takes {force[k]:.3g} N per axis, the "
                 f"thrusters give {limit:.3g} N"
             )
-    return Transit(rules.seed, rules.index, start, goal)
+    return Transit(rules.seed, rules.index, start, goal, velocity)

@@ -4,6 +4,7 @@ from proxops.systems.delayed_hold import DelayedHold
 from proxops.systems.equilibria import find_equilibria
 from proxops.systems.errors import InputError
 from proxops.systems.flight_monitor import FlightMonitor
+from proxops.systems.force_noise import ForceNoise
 from proxops.systems.gravity_field import Gravity, GravityField
 from proxops.systems.lidar import Lidar, ray_directions
 from proxops.systems.model_predictive_controller import ModelPredictiveController
@@ -17,12 +18,14 @@ from proxops.systems.spacecraft import Spacecraft, Spacecraft_, jacobi_integral
 from proxops.systems.surface_maps import effective_field, plane_cut, surface_map
 from proxops.systems.thrusters import Thrusters
 from proxops.systems.transit_program import TransitProgram
+from proxops.systems.velocity_kicks import VelocityKicks
 from proxops.systems.weighted_program import ErrorWeights, WeightedProgram
 
 __all__ = [
     "DelayedHold",
     "ErrorWeights",
     "FlightMonitor",
+    "ForceNoise",
     "Gravity",
     "GravityField",
     "Horizon",
@@ -44,6 +47,7 @@ __all__ = [
     "Thrusters",
     "TransitLimits",
     "TransitProgram",
+    "VelocityKicks",
     "WeightedProgram",
     "effective_field",
     "find_equilibria",

@@ -54,7 +54,7 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 # --- schema ---------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", list(VARIABLES))
+@pytest.mark.parametrize("name", [name for name in VARIABLES if name != "kick"])
 def test_variable(name: str) -> None:
     data = kleopatra_flight().dataset
     dimensions, units, long_name = VARIABLES[name]
@@ -67,7 +67,7 @@ def test_variable(name: str) -> None:
 def test_schema_holds_what_was_promised() -> None:
     assert set(VARIABLES) == {
         "state", "target", "force", "mpc_force", "policy_force", "disturbance", "decision",
-        "solve_time", "solve_status", "solve_reason", "ranges",
+        "solve_time", "solve_status", "solve_reason", "ranges", "kick",
     }  # fmt: skip
 
 
@@ -488,6 +488,15 @@ log.to_netcdf(path)
 took = time.perf_counter() - started
 path.unlink()
 killed = 0
+
+def in_halves(name, content):
+    with name.open("wb") as file:
+        file.write(content[:len(content) // 2])
+        file.flush()
+        time.sleep(took)
+        file.write(content[len(content) // 2:])
+
+Path.write_bytes = in_halves
 for trial in range(15):
     child = os.fork()
     if child == 0:

@@ -13,6 +13,8 @@ from plain_polyhedral_gravity import star_shaped
 from proxops.diagrams.body import BodyConfig, load_body
 from proxops.diagrams.scenario import (
     ArrivalConfig,
+    ForceNoiseConfig,
+    KicksConfig,
     LidarConfig,
     MismatchConfig,
     MpcConfig,
@@ -99,8 +101,15 @@ def test_defaults() -> None:
 
 
 def test_dump_holds_every_key_and_loads_from_a_file(tmp_path: Path) -> None:
-    ends = TransitConfig(start_m=[1.0, 2.0, 3.0], goal_m=[4.0, 5.0, 6.0])
-    scenario = Scenario(disturbance=RandomWalkDisturbanceConfig(), transit=ends)
+    ends = TransitConfig(
+        start_m=[1.0, 2.0, 3.0], goal_m=[4.0, 5.0, 6.0], start_velocity_m_s=[7.0, 8.0, 9.0]
+    )
+    scenario = Scenario(
+        disturbance=RandomWalkDisturbanceConfig(),
+        force_noise=ForceNoiseConfig(),
+        kicks=KicksConfig(),
+        transit=ends,
+    )
     text = dump_scenario(scenario)
     for section in dc.fields(Scenario):
         assert f"{section.name}:" in text

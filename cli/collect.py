@@ -1,0 +1,166 @@
+"""`proxops collect`: expert flights for training, one log each."""
+
+from __future__ import annotations
+
+import dataclasses as dc
+import enum
+import json
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich import box
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    ProgressColumn,
+    Task,
+    TextColumn,
+    TimeRemainingColumn,
+)
+from rich.table import Table
+from rich.text import Text
+
+from proxops.cli.common import check_folder, console, progress_bar, status, write_json
+from proxops.diagrams.body import load_body
+from proxops.diagrams.campaign import run_campaign
+from proxops.diagrams.flight_log import write_whole
+from proxops.diagrams.scenario import load_scenario
+from proxops.training.collection import (
+    check_files,
+    collection_flights,
+    describe_flight,
+    make_manifest,
+)
+from proxops.training.collection_report import (
+    collection_report,
+    histogram_rows,
+    report_markdown,
+    report_rows,
+)
+from proxops.training.recovery import parse_mix
+
+
+class LidarSource(enum.StrEnum):
+    """Where the frames in the logs come from."""
+
+    CAST = "cast"
+    NONE = "none"
+
+
+def collect_command(
+    scenario: Annotated[
+        Path | None, typer.Argument(help="Scenario file (YAML). Default: Kleopatra.")
+    ] = None,
+    transits: Annotated[int, typer.Option(min=1, help="How many flights.")] = 400,
+    seed: Annotated[
+        int, typer.Option(min=0, help="Seed of the set; below 10,000 they are for training.")
+    ] = 0,
+    recovery: Annotated[
+        str, typer.Option(help="Mix: paper, full, or kind=weight,kind=weight; see the README.")
+    ] = "paper",
+    lidar: Annotated[
+        LidarSource, typer.Option(help="Frames in the logs: cast against the mesh, or none.")
+    ] = LidarSource.CAST,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option("--set", help="Change a scenario value: key.subkey=value. Repeatable."),
+    ] = None,
+    out: Annotated[Path, typer.Option(help="Folder for the logs and manifest.json.")] = (
+        Path("out/collection")
+    ),
+    workers: Annotated[
+        int | None, typer.Option(min=1, help="Processes. Default: one for each core.")
+    ] = None,
+    scheduler: Annotated[
+        str | None, typer.Option(help="Address of a Dask scheduler to fly on instead.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the report as JSON.")] = False,
+) -> None:
+    """Fly expert transits; write a log each, manifest.json and a report.
+
+    Run it again to finish what was interrupted: no flight is flown twice. With more --transits it
+    adds to the set.
+
+    Examples:
+
+      proxops collect --transits 400 --out out/paper
+
+      proxops collect --recovery full --seed 1 --transits 1000 --out out/full
+
+      proxops collect --recovery nominal=1,noise=3 --set force_noise.std_n=2 --lidar none
+    """
+    mix = parse_mix(recovery)
+    check_folder(out)
+    wanted = load_scenario(scenario, settings or [])
+    if lidar == LidarSource.NONE:
+        wanted = dc.replace(wanted, log_ranges=False)
+    body = load_body(wanted.body)
+    flights = collection_flights(wanted, body, mix, seed, transits)
+    columns = (
+        TextColumn("flying"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        _RateColumn(),
+        TimeRemainingColumn(),
+        TextColumn("{task.description}"),
+    )
+    with progress_bar(*columns) as bar:
+        task = bar.add_task("", total=transits)
+        failures = 0
+
+        def tell(row: dict[str, Any]) -> None:
+            nonlocal failures
+            failures += not row["success"]
+            bar.update(task, advance=1, description=f"{failures} without success")
+
+        rows = run_campaign(
+            flights,
+            out / "flights",
+            keep_logs=True,
+            describe=describe_flight,
+            workers=workers,
+            scheduler=scheduler,
+            progress=tell,
+        )
+    check_files(out / "flights", rows)
+    manifest = make_manifest(wanted, body, mix, seed, rows)
+    report = collection_report(manifest)
+    write_json(out / "manifest.json", manifest)
+    write_json(out / "report.json", report)
+    write_whole(out / "report.md", lambda path: path.write_text(report_markdown(report)))
+    if as_json:
+        typer.echo(json.dumps(report, indent=2))
+    else:
+        _print(report)
+    status.print(f"Wrote {transits} logs, manifest.json, report.json and report.md in {out}")
+
+
+class _RateColumn(ProgressColumn):
+    """Flights a minute."""
+
+    def render(self, task: Task) -> Text:
+        speed = task.finished_speed or task.speed
+        return Text("" if speed is None else f"{60 * speed:.1f}/min", style="progress.data.speed")
+
+
+def _print(report: dict[str, Any]) -> None:
+    head, lines = report_rows(report)
+    # In two, so that it fits an ordinary terminal.
+    for title, columns in (
+        (f"expert flights of seed {report['seed']}", range(7)),
+        ("their data", [0, *range(7, len(head))]),
+    ):
+        table = Table(title=title, title_justify="left", box=box.SIMPLE)
+        for column in columns:
+            table.add_column(head[column], justify="right" if column else "left")
+        for line in lines:
+            table.add_row(*(line[column] for column in columns))
+        console.print(table)
+    figures = report["all"]
+    for title, edges, counts in (
+        ("to the goal", report["goal_distance_edges"], figures["goal_distances"]),
+        ("to the keep-out", report["clearance_edges"], figures["clearances"]),
+    ):
+        parts = [f"{label}: {share}" for label, share in histogram_rows(edges, counts)]
+        console.print(f"distance {title}, in radii of arrival: {', '.join(parts)}")

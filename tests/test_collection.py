@@ -1,0 +1,348 @@
+"""`proxops collect`: what it writes, and that nothing that happens to it leaves a wrong set."""
+
+import hashlib
+import json
+import os
+import random
+import resource
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from short_flights import kleopatra
+
+from proxops.cli.main import main
+from proxops.diagrams.flight_log import FlightLog, differences
+from proxops.diagrams.scenario import load_scenario, parse_scenario
+from proxops.diagrams.simulation import fly
+from proxops.training.collection import describe_flight
+from proxops.training.recovery import flight_scenario, kind_of
+
+# Over after 15 steps, wherever it is then.
+BRIEF = {"arrival.deadline_s": 100.0, "arrival.dwell_s": 50.0, "mpc.knots": 10}
+SETTINGS = [word for key, value in BRIEF.items() for word in ("--set", f"{key}={value}")]
+FULL = {
+    "nominal": 3, "random_walk": 3, "noise": 4, "kicks": 2, "overshoot": 3, "keep_out": 2,
+    "holding": 3,
+}  # fmt: skip
+
+Collect = Callable[..., int]
+
+
+@pytest.fixture
+def collect(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Collect:
+    """`proxops collect` in this process, in a folder of its own; returns the exit code."""
+    monkeypatch.chdir(tmp_path)
+
+    def collect(*arguments: object) -> int:
+        command = ["proxops", "collect", *map(str, arguments), *SETTINGS, "--workers", "1"]
+        monkeypatch.setattr(sys, "argv", command)
+        try:
+            main()
+        except SystemExit as end:
+            return int(end.code or 0)
+        return 0
+
+    return collect
+
+
+def manifest_of(folder: Path) -> dict[str, Any]:
+    """The manifest, whose every row is checked against its file."""
+    manifest = json.loads((folder / "manifest.json").read_text())
+    for index, row in enumerate(manifest["flights"]):
+        assert row["index"] == index
+        content = (folder / manifest["folder"] / row["file"]).read_bytes()
+        assert row["bytes"] == len(content)
+        assert row["sha256"] == hashlib.sha256(content).hexdigest()
+    return manifest
+
+
+def logs_of(folder: Path) -> list[FlightLog]:
+    rows = manifest_of(folder)["flights"]
+    return [FlightLog.load(folder / "flights" / row["file"]) for row in rows]
+
+
+def times_of(folder: Path) -> dict[str, int]:
+    """When each log with a summary was written."""
+    done = [path.with_suffix(".nc") for path in folder.glob("flights/*.json")]
+    return {path.name: path.stat().st_mtime_ns for path in done}
+
+
+# --- what it writes -------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def full_set(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Seven flights of the full mix."""
+    out = tmp_path_factory.mktemp("collection") / "full"
+    run_command(out, 7, "--recovery", "full", "--seed", "5")
+    return out
+
+
+def command_line(out: Path, transits: int, *options: str, workers: int = 1) -> list[str]:
+    return [
+        sys.executable, "-c", "from proxops.cli.main import main; main()", "collect",
+        "--transits", str(transits), "--out", str(out), "--workers", str(workers), *SETTINGS,
+        *options,
+    ]  # fmt: skip
+
+
+def run_command(
+    out: Path, transits: int, *options: str, workers: int = 1
+) -> subprocess.CompletedProcess[str]:
+    command = command_line(out, transits, *options, workers=workers)
+    return subprocess.run(command, capture_output=True, text=True, check=True)
+
+
+def test_manifest_and_logs(full_set: Path) -> None:
+    manifest = manifest_of(full_set)
+    wanted = load_scenario(None, BRIEF)
+    assert parse_scenario(manifest["scenario"]) == wanted
+    assert (manifest["mix"], manifest["seed"]) == (FULL, 5)
+    assert len(manifest["body_sha256"]) == 64
+    for index, (row, log) in enumerate(zip(manifest["flights"], logs_of(full_set), strict=True)):
+        assert row["kind"] == kind_of(FULL, index)
+        assert log.dataset.attrs["proxops_version"] == manifest["proxops_version"]
+        flown = flight_scenario(row["kind"], wanted, kleopatra(), 5, index)
+        assert log.scenario == flown
+        summary = log.summary
+        assert {name: row[name] for name in summary} == summary
+        path = full_set / "flights" / row["file"]
+        assert describe_flight(log, path).items() <= row.items()
+    assert len({row["kind"] for row in manifest["flights"]}) == 7
+    halves = list(full_set.rglob("*.part"))
+    assert halves == []
+
+
+def test_label_is_the_expert_s_force_and_applied_is_apart(full_set: Path) -> None:
+    for row, log in zip(manifest_of(full_set)["flights"], logs_of(full_set), strict=True):
+        data = log.dataset
+        label, applied = data["mpc_force"].values, data["force"].values
+        disturbed = row["kind"] in ("random_walk", "noise")
+        assert np.isfinite(label).all()
+        assert (np.abs(applied - label).max() > 0.05) == disturbed
+        assert ("kick" in data) == (row["kind"] == "kicks")
+        assert np.allclose(applied, label + data["disturbance"].values, atol=1e-12)
+        # A start that moves is logged as it is.
+        velocity = log.scenario.transit.start_velocity_m_s or [0.0, 0.0, 0.0]
+        assert data["state"].values[0, 3:].tolist() == velocity
+
+
+def test_every_flight_repeats_bit_for_bit(full_set: Path) -> None:
+    for log in logs_of(full_set):
+        assert differences(log, fly(log.scenario, "mpc", body=log.body)) == []
+
+
+def test_report(full_set: Path) -> None:
+    report = json.loads((full_set / "report.json").read_text())
+    logs = logs_of(full_set)
+    commands = np.concatenate([log.dataset["mpc_force"].values for log in logs])
+    small = np.abs(commands) < 0.2
+    shares = report["all"]["zero_command_share"]
+    assert [shares[axis] for axis in "xyz"] == pytest.approx(small.mean(axis=0).tolist())
+    assert shares["all"] == pytest.approx(small.all(axis=1).mean())
+    distances = np.concatenate(
+        [
+            np.linalg.norm((log.dataset["state"] - log.dataset["target"]).values[:, :3], axis=1)
+            for log in logs
+        ]
+    )
+    edges = [-np.inf, *(1e3 * np.array(report["goal_distance_edges"])), np.inf]
+    assert report["all"]["goal_distances"] == np.histogram(distances, edges)[0].tolist()
+    assert sum(report["all"]["clearances"]) == len(distances)
+    files = list((full_set / "flights").glob("*.nc"))
+    assert report["all"]["bytes"] == sum(path.stat().st_size for path in files)
+    assert report["all"]["steps"] == sum(log.summary["steps"] for log in logs)
+    least = min(log.summary["min_clearance_m"] for log in logs)
+    assert report["all"]["min_clearance_m"] == least
+    assert sum(kind["flights"] for kind in report["kinds"].values()) == 7
+    page = (full_set / "report.md").read_text()
+    for kind in FULL:
+        assert f"| {kind} |" in page
+
+
+def test_json_is_the_report(collect: Collect, capsys: pytest.CaptureFixture[str]) -> None:
+    assert collect("--transits", 2, "--out", "out", "--json") == 0
+    printed = json.loads(capsys.readouterr().out)
+    assert printed == json.loads(Path("out/report.json").read_text())
+    assert printed["kinds"].keys() == {"nominal", "random_walk"}
+
+
+def test_without_frames(collect: Collect) -> None:
+    assert collect("--transits", 1, "--lidar", "none", "--out", "out") == 0
+    [log] = logs_of(Path("out"))
+    assert "ranges" not in log.dataset
+    assert differences(log, fly(log.scenario, "mpc", body=log.body)) == []
+
+
+def test_the_same_with_two_workers(full_set: Path, tmp_path: Path) -> None:
+    run_command(tmp_path / "two", 7, "--recovery", "full", "--seed", "5", workers=2)
+    for one, other in zip(logs_of(full_set), logs_of(tmp_path / "two"), strict=True):
+        assert differences(one, other) == []
+        assert one.scenario == other.scenario
+
+
+# --- again ----------------------------------------------------------------------------------------
+
+
+def test_a_longer_set_adds_to_the_shorter(collect: Collect) -> None:
+    assert collect("--transits", 2, "--out", "out") == 0
+    before = times_of(Path("out"))
+    assert collect("--transits", 4, "--out", "out") == 0
+    assert len(manifest_of(Path("out"))["flights"]) == 4
+    after = times_of(Path("out"))
+    assert len(after) == 4
+    assert before.items() <= after.items()
+
+
+def test_another_set_in_the_same_folder_is_refused(
+    collect: Collect, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert collect("--transits", 1, "--out", "out") == 0
+    manifest = Path("out/manifest.json").read_text()
+    assert collect("--transits", 1, "--recovery", "holding=1", "--out", "out") == 2
+    assert "another scenario" in capsys.readouterr().err
+    assert Path("out/manifest.json").read_text() == manifest
+
+
+def test_a_log_cut_short_is_told_and_flown_anew(
+    collect: Collect, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert collect("--transits", 2, "--out", "out") == 0
+    path = Path("out/flights/0-00001.nc")
+    whole = path.stat().st_size
+    os.truncate(path, whole // 2)
+    assert collect("--transits", 2, "--out", "out") == 2
+    assert f"0-00001.nc has {whole // 2} bytes and had {whole}" in capsys.readouterr().err
+    path.unlink()
+    assert collect("--transits", 2, "--out", "out") == 0
+    assert len(logs_of(Path("out"))) == 2
+
+
+@pytest.mark.parametrize("mix", ["paperr", "kicks=x"])
+def test_senseless_mix_is_refused(
+    collect: Collect, capsys: pytest.CaptureFixture[str], mix: str
+) -> None:
+    assert collect("--recovery", mix, "--out", "out") == 2
+    assert mix in capsys.readouterr().err
+    assert not Path("out").exists()
+
+
+def test_full_disk(tmp_path: Path) -> None:
+    """A limit on the size of files makes every write of a log fail half-way."""
+    out = tmp_path / "out"
+    ran = subprocess.run(
+        command_line(out, 2),
+        capture_output=True,
+        text=True,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000)),
+    )
+    assert ran.returncode == 2
+    [line] = ran.stderr.splitlines()
+    assert "cannot write" in line
+    assert "File too large" in line
+    assert [path.name for path in (out / "flights").iterdir()] == [".lock"]
+    run_command(out, 2)
+    assert len(logs_of(out)) == 2
+
+
+# --- killed ---------------------------------------------------------------------------------------
+
+
+def killed_again_and_again(out: Path, transits: int, workers: int, times: int) -> None:
+    """Starts the command and ends it at a random moment, again and again; nothing done is redone.
+
+    Every other time it is interrupted as by Ctrl-C, all its processes at once; otherwise it is
+    killed by `kill -9`, alone.
+    """
+    chance = random.Random(transits)
+    done: dict[str, int] = {}
+    for attempt in range(times):
+        process = subprocess.Popen(
+            command_line(out, transits, "--recovery", "full", workers=workers),
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+        )
+        count = len(done)
+        until = time.monotonic() + 120.0
+        # Some of the time early, before anything is flown; otherwise when something has been.
+        if attempt % 5:
+            while len(times_of(out)) <= count and process.poll() is None:
+                assert time.monotonic() < until
+                time.sleep(0.01)
+        time.sleep(chance.uniform(0.0, 0.5))
+        if attempt % 2:
+            os.killpg(process.pid, signal.SIGINT)
+            process.communicate(timeout=60.0)
+            assert process.returncode in (0, 130, -signal.SIGINT)
+        else:
+            process.kill()
+            process.communicate(timeout=60.0)
+        now = times_of(out)
+        assert done.items() <= now.items()
+        for name in now.keys() - done.keys():
+            FlightLog.load(out / "flights" / name)
+        done = now
+
+
+def finished_and_right(out: Path, transits: int) -> None:
+    """Runs it to its end; the set is what undisturbed flights are."""
+    done = times_of(out)
+    assert 0 < len(done) < transits
+    run_command(out, transits, "--recovery", "full")
+    assert done.items() <= times_of(out).items()
+    assert len(times_of(out)) == transits
+    assert not list(out.rglob("*.part"))
+    for index, log in list(enumerate(logs_of(out)))[::4]:
+        flown = flight_scenario(
+            kind_of(FULL, index), load_scenario(None, BRIEF), kleopatra(), 0, index
+        )
+        assert differences(log, fly(flown, "mpc", body=kleopatra())) == []
+
+
+def test_killed_at_random_moments(tmp_path: Path) -> None:
+    killed_again_and_again(tmp_path / "out", 24, workers=1, times=3)
+    finished_and_right(tmp_path / "out", 24)
+
+
+@pytest.mark.slow
+def test_killed_ten_times_with_two_workers(tmp_path: Path) -> None:
+    killed_again_and_again(tmp_path / "out", 150, workers=2, times=10)
+    finished_and_right(tmp_path / "out", 150)
+
+
+def workers_of(process: int) -> list[int]:
+    """Process ids of the workers that a process has started."""
+    children = Path(f"/proc/{process}/task").glob("*/children")
+    found = [int(word) for path in children for word in path.read_text().split()]
+    commands = {pid: Path(f"/proc/{pid}/cmdline").read_bytes() for pid in found}
+    return [pid for pid, command in commands.items() if b"spawn_main" in command]
+
+
+@pytest.mark.slow
+def test_killed_worker_is_replaced(tmp_path: Path) -> None:
+    """The command goes on, and loses nothing."""
+    out = tmp_path / "out"
+    with subprocess.Popen(
+        command_line(out, 60, "--recovery", "full", workers=2),
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    ) as process:
+        chance = random.Random(0)
+        for killed in range(3):
+            while len(times_of(out)) < 10 * (killed + 1):
+                assert process.poll() is None
+                time.sleep(0.01)
+            time.sleep(chance.uniform(0.0, 0.3))
+            os.kill(chance.choice(workers_of(process.pid)), signal.SIGKILL)
+        assert process.wait(300.0) == 0
+    assert len(logs_of(out)) == 60
+    assert not list(out.rglob("*.part"))

@@ -1,0 +1,197 @@
+"""The kinds of flights in a training set: how many of each, and where they start."""
+
+import collections
+import dataclasses as dc
+
+import numpy as np
+import pytest
+from scipy import stats
+from scipy.optimize import minimize
+from short_flights import kleopatra
+
+from proxops.diagrams.scenario import (
+    ForceNoiseConfig,
+    KicksConfig,
+    RandomWalkDisturbanceConfig,
+    Scenario,
+    check_scenario,
+    load_scenario,
+)
+from proxops.diagrams.transits import scenario_transit, transit_set
+from proxops.systems import InputError
+from proxops.training.recovery import KINDS, MIXES, flight_scenario, kind_of, parse_mix
+
+AXES = np.array([140e3, 70e3, 65e3])
+COUNT = 150
+
+
+def flown(kind: str, index: int, wanted: Scenario | None = None, seed: int = 3) -> Scenario:
+    return flight_scenario(kind, wanted or Scenario(), kleopatra(), seed, index)
+
+
+def starts(kind: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Start, start velocity and goal, (COUNT, 3) each."""
+    transits = [scenario_transit(flown(kind, index), kleopatra()) for index in range(COUNT)]
+    return (
+        np.array([transit.start for transit in transits]),
+        np.array([transit.start_velocity for transit in transits]),
+        np.array([transit.goal for transit in transits]),
+    )
+
+
+# --- mixes ----------------------------------------------------------------------------------------
+
+
+def test_the_paper_s_mix() -> None:
+    """100 of 400 nominal, and of both kinds three in ten go round the body."""
+    kinds = [kind_of(parse_mix("paper"), index) for index in range(400)]
+    assert collections.Counter(kinds) == {"nominal": 100, "random_walk": 300}
+    blocked = collections.Counter(kinds[index] for index in range(400) if index % 10 in (1, 4, 7))
+    assert blocked == {"nominal": 30, "random_walk": 90}
+
+
+@pytest.mark.parametrize("text", [*MIXES, "holding", "noise=5,kicks=2", "nominal=1,noise=0"])
+def test_shares_are_kept_all_along(text: str) -> None:
+    mix = parse_mix(text) if "=" in text or text in MIXES else parse_mix(f"{text}=1")
+    total = sum(mix.values())
+    kinds = [kind_of(mix, index) for index in range(40 * total)]
+    assert collections.Counter(kinds) == {k: 40 * weight for k, weight in mix.items() if weight}
+    for end in range(1, len(kinds)):
+        for kind, weight in mix.items():
+            # A shift of the cycle repeats or leaves out one place.
+            behind = abs(kinds[:end].count(kind) - end * weight / total)
+            assert behind <= 2.0 + end / (total * 10)
+
+
+def test_every_kind_meets_every_sort_of_transit() -> None:
+    mix = parse_mix("full")
+    total = 20 * sum(mix.values())
+    met = {(kind_of(mix, index), index % 10) for index in range(total)}
+    assert len(met) == 10 * len(mix)
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        ("papers", "'papers' is none; name one of paper, full"),
+        ("", "name one of paper"),
+        ("kick=1", "no kind 'kick'; there are nominal"),
+        ("kicks", "the weight of kicks must be a whole number"),
+        ("kicks=-1", "the weight of kicks must be a whole number"),
+        ("kicks=0.5", "the weight of kicks must be a whole number"),
+        ("kicks=1,kicks=2", "names kicks twice"),
+        ("kicks=0", "must come to between 1 and 10,000"),
+        ("kicks=10001", "must come to between 1 and 10,000"),
+        ("kicks=1,,noise=1", "name one of paper"),
+    ],
+)
+def test_senseless_mixes_are_refused(text: str, complaint: str) -> None:
+    with pytest.raises(InputError, match=complaint):
+        parse_mix(text)
+
+
+# --- kinds ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_goals_are_the_set_s_and_scenarios_are_sound(kind: str) -> None:
+    transits = transit_set(3, 12)
+    for index, transit in enumerate(transits):
+        scenario = flown(kind, index)
+        check_scenario(scenario)
+        assert (scenario.transit.seed, scenario.transit.index) == (3, index)
+        assert np.array_equal(scenario_transit(scenario, kleopatra()).goal, transit.goal)
+        assert flown(kind, index) == scenario
+    assert flown(kind, 0, seed=4) != flown(kind, 0)
+
+
+def test_what_disturbs() -> None:
+    """Each kind has its own disturbance, with the settings of the scenario, and no other."""
+    wanted = load_scenario(None, ["disturbance={increment_std_n: 0.1}", "kicks={}"])
+    found = {}
+    for kind in KINDS:
+        scenario = flown(kind, 0, wanted)
+        assert scenario.transit.start_velocity_m_s is None or kind in (
+            "overshoot", "keep_out", "holding",
+        )  # fmt: skip
+        found[kind] = (scenario.disturbance, scenario.force_noise, scenario.kicks)
+    nothing = (None, None, None)
+    assert found == {
+        "nominal": nothing,
+        "random_walk": (RandomWalkDisturbanceConfig(increment_std_n=0.1), None, None),
+        "noise": (None, ForceNoiseConfig(), None),
+        "kicks": (None, None, KicksConfig()),
+        "overshoot": nothing,
+        "keep_out": nothing,
+        "holding": nothing,
+    }
+    noisy = dc.replace(wanted, force_noise=ForceNoiseConfig(std_n=3.0))
+    assert flown("noise", 0, noisy).force_noise == ForceNoiseConfig(std_n=3.0)
+
+
+def test_overshoot_starts_beyond_the_goal_and_moves_away() -> None:
+    start, velocity, goal = starts("overshoot")
+    origin = np.array([transit.start for transit in transit_set(3, COUNT)])
+    line = (goal - origin) / np.linalg.norm(goal - origin, axis=1, keepdims=True)
+    beyond, distance = np.sum((start - goal) * line, axis=1), np.linalg.norm(start - goal, axis=1)
+    away, speed = np.sum(velocity * line, axis=1), np.linalg.norm(velocity, axis=1)
+    assert (beyond > 0.0).all()
+    assert (away > 0.0).all()
+    # Mostly along the line.
+    assert np.median(beyond / distance) > 0.95
+    assert np.median(away / speed) > 0.95
+    assert distance.max() <= 8e3
+    assert speed.max() <= 8.0
+    assert stats.kstest(distance / 8e3, "uniform").pvalue > 1e-3
+    assert stats.kstest(speed / 8.0, "uniform").pvalue > 1e-3
+
+
+def clearance(point: np.ndarray) -> float:
+    """Of the keep-out, found by a general minimiser over the two angles of its surface."""
+
+    def surface(angles: np.ndarray) -> np.ndarray:
+        cos = np.cos(angles[0])
+        return AXES * [cos * np.cos(angles[1]), cos * np.sin(angles[1]), np.sin(angles[0])]
+
+    unit = point / AXES / np.linalg.norm(point / AXES)
+    guess = [np.arcsin(unit[2]), np.arctan2(unit[1], unit[0])]
+    found = minimize(lambda angles: np.sum(((point - surface(angles)) / 1e3) ** 2), guess)
+    return float(1e3 * np.sqrt(found.fun))
+
+
+def test_keep_out_starts_near_the_ellipsoid_and_can_stop() -> None:
+    start, velocity, goal = starts("keep_out")
+    outside = np.sum((start / AXES) ** 2, axis=1)
+    assert (outside > 1.0).all()
+    clear = np.array([clearance(point) for point in start])
+    assert clear.max() < 8e3 + 1.0
+    # All over the range; velocities that cannot stop make the lowest rarer.
+    assert np.histogram(clear, [0, 2e3, 4e3, 6e3, 8e3])[0].min() > COUNT / 8
+    normal = start / AXES**2
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    inward = np.maximum(0.0, -np.sum(velocity * normal, axis=1))
+    assert (inward**2 / (2.0 * 0.07) < clear + 1.0).all()
+    assert 3.0 < np.std(velocity) < 6.0
+    assert np.abs(velocity).max() <= 40.0
+    distance = np.linalg.norm(start - goal, axis=1)
+    assert distance.min() >= 40e3
+    # Some goals are that far from the ellipsoid itself.
+    assert np.mean(distance <= 160e3) > 0.9
+    assert distance.max() < 240e3
+    # On every side of the body.
+    assert (np.abs(np.sign(start).mean(axis=0)) < 0.4).all()
+
+
+def test_holding_starts_within_the_goal_region() -> None:
+    start, velocity, goal = starts("holding")
+    distance, speed = np.linalg.norm(start - goal, axis=1), np.linalg.norm(velocity, axis=1)
+    # Uniform in a ball: the share within r goes as its cube.
+    assert stats.kstest((distance / 1e3) ** 3, "uniform").pvalue > 1e-3
+    assert stats.kstest(speed**3, "uniform").pvalue > 1e-3
+
+
+def test_where_no_start_is_to_be_found() -> None:
+    """All are faster than the spacecraft may be."""
+    wanted = load_scenario(None, ["arrival.speed_m_s=1e12"])
+    with pytest.raises(InputError, match="no start was found for flight 0 of seed 3, kind oversh"):
+        flown("overshoot", 0, wanted)
