@@ -7,7 +7,7 @@ import sys
 
 import typer
 
-from proxops.cli import evaluate, fly, replay, shape
+from proxops.cli import evaluate, fly, replay, shape, train_lidar
 from proxops.systems.errors import InputError
 
 app = typer.Typer(
@@ -21,6 +21,7 @@ app.command("fly")(fly.fly_command)
 app.command("evaluate")(evaluate.evaluate_command)
 app.command("replay")(replay.replay_command)
 app.command("shape")(shape.shape_command)
+app.command("train-lidar")(train_lidar.train_lidar_command)
 
 
 def main() -> None:

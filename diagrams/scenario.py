@@ -54,6 +54,28 @@ class LidarConfig:
 
 
 @dc.dataclass
+class LearnedLidarConfig:
+    """A network in the ray-caster's place: see `proxops.systems.LearnedLidar`.
+
+    Chosen by `lidar: !LearnedLidar {bundle: ...}`; what is not explained is as in `LidarConfig`.
+    """
+
+    # Folder that `proxops train-lidar` wrote; in a file, relative to that file.
+    bundle: str = ""
+    noise_std_m: float = 50.0
+    max_range_m: float = 350.0e3
+    # Those that the bundle was trained for.
+    planes: int = 12
+    rays: int = 360
+    bias_m: float = 0.0
+    scale_error: float = 0.0
+    dropout: float = 0.0
+    false_returns: float = 0.0
+    # A ray returns if the network gives its hit at least this probability.
+    hit_probability: float = 0.5
+
+
+@dc.dataclass
 class MpcConfig:
     """The expert: see `proxops.systems.ModelPredictiveController`."""
 
@@ -139,7 +161,7 @@ class Scenario:
     # Name of a body that ships with proxops, or path of a body's YAML file.
     body: str = "kleopatra"
     spacecraft: SpacecraftConfig = dc.field(default_factory=SpacecraftConfig)
-    lidar: LidarConfig = dc.field(default_factory=LidarConfig)
+    lidar: LidarConfig | LearnedLidarConfig = dc.field(default_factory=LidarConfig)
     mpc: MpcConfig = dc.field(default_factory=MpcConfig)
     # None: the command is applied as it is.
     disturbance: RandomWalkDisturbanceConfig | None = None
@@ -170,6 +192,9 @@ def load_scenario(
     tree = {} if path is None else read_mapping(Path(path))
     if path is not None and _is_path(tree.get("body")):
         tree["body"] = str((Path(path).parent / tree["body"]).resolve())
+    sensor = tree.get("lidar")
+    if path is not None and isinstance(sensor, dict) and isinstance(sensor.get("bundle"), str):
+        sensor["bundle"] = str((Path(path).parent / sensor["bundle"]).resolve())
     apply_overrides(tree, overrides)
     scenario = load_typed(Scenario, tree, source)
     check_scenario(scenario, source)
@@ -219,11 +244,17 @@ def check_scenario(scenario: Scenario, source: str = "scenario") -> None:
         "mpc.estimator_gain",
         f"must be from 0 to 1, got {scenario.mpc.estimator_gain}",
     )
-    positive("lidar", "max_range_m", "planes", "rays", "max_incidence_deg")
+    if isinstance(scenario.lidar, LidarConfig):
+        positive("lidar", "max_incidence_deg")
+        each("lidar", ("max_incidence_deg",), lambda value: value <= 90, "must be at most 90")
+    else:
+        need(bool(scenario.lidar.bundle), "lidar.bundle", "must name the bundle's folder")
+        positive("lidar", "hit_probability")
+        each("lidar", ("hit_probability",), lambda value: value < 1, "must be below 1")
+    positive("lidar", "max_range_m", "planes", "rays")
     not_negative("lidar", "noise_std_m", "dropout", "false_returns")
     each("lidar", ("bias_m",), lambda value: True, "must be finite")
     each("lidar", ("scale_error",), lambda value: value > -1, "must be above -1")
-    each("lidar", ("max_incidence_deg",), lambda value: value <= 90, "must be at most 90")
     chances = ("dropout", "false_returns")
     each("lidar", chances, lambda value: value <= 1, "must be at most 1, a chance")
     positive(

@@ -24,7 +24,8 @@ from proxops.diagrams.scenario import Scenario, dump_scenario
 from proxops.diagrams.transit_diagram import make_controller, make_transit_diagram
 from proxops.systems.errors import InputError
 from proxops.systems.flight_monitor import COLLIDED, ENTERED_GOAL, NEVER, VIOLATIONS
-from proxops.systems.lidar import Lidar
+from proxops.systems.learned_lidar import LearnedLidar
+from proxops.systems.planar_lidar import PlanarLidar
 
 # Relative accuracy to which events are found.
 _EVENT_ACCURACY = 1e-6
@@ -181,7 +182,7 @@ def _collect_log(
     columns["solve_time"], columns["solve_status"] = record[:, 0], record[:, 1]
     columns["decision"] = np.full(len(times), 1 if "mpc_force" in columns else 0, dtype=np.int8)
     lidar = diagram.GetSubsystemByName("lidar")
-    assert isinstance(lidar, Lidar)
+    assert isinstance(lidar, PlanarLidar)
     columns["ranges"] = lidar.frames(times, columns["state"][:, :3], lidar.seed)
     columns = {"mpc_force": blank, "policy_force": blank.copy(), **columns}
 
@@ -202,4 +203,6 @@ def _collect_log(
         "keep_out_violations": int(outcome[VIOLATIONS]),
         "wall_s": time.perf_counter() - started,
     }
+    if isinstance(lidar, LearnedLidar):
+        attributes["lidar_sha256"] = lidar.bundle.sha256
     return FlightLog(make_dataset(columns, times, scenario, body, attributes), body)

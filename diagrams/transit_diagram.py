@@ -16,15 +16,17 @@ from proxops.diagrams.body import Body, load_body
 from proxops.diagrams.flight_summary import KEEP_OUT_TOLERANCE
 from proxops.diagrams.live_view import LiveView, add_live_view
 from proxops.diagrams.meshcat_scene import Scene
-from proxops.diagrams.scenario import Scenario
+from proxops.diagrams.scenario import LidarConfig, Scenario
 from proxops.diagrams.transits import scenario_transit
 from proxops.systems import (
     FlightMonitor,
     GravityField,
     Horizon,
     InputError,
+    LearnedLidar,
     Lidar,
     ModelPredictiveController,
+    PlanarLidar,
     PointMassField,
     PolyhedralGravity,
     RandomWalkDisturbance,
@@ -63,6 +65,35 @@ def make_controller(scenario: Scenario, body: Body) -> ModelPredictiveController
     )
     return ModelPredictiveController(
         program, scenario.control_period_s, mpc.cold_iterations, mpc.estimator_gain
+    )
+
+
+def make_lidar(scenario: Scenario, body: Body, seed: int) -> PlanarLidar:
+    """The lidar that the scenario names, its noise seeded with `seed`.
+
+    Raises:
+      InputError: a learned lidar whose bundle is damaged, or for another body or geometry.
+    """
+    sensor = scenario.lidar
+    common = {
+        "noise_std": sensor.noise_std_m,
+        "max_range": sensor.max_range_m,
+        "planes": sensor.planes,
+        "rays": sensor.rays,
+        "period": scenario.control_period_s,
+        "seed": seed,
+        "bias": sensor.bias_m,
+        "scale_error": sensor.scale_error,
+        "dropout": sensor.dropout,
+        "false_returns": sensor.false_returns,
+    }
+    if isinstance(sensor, LidarConfig):
+        return Lidar(body.shape, max_incidence=np.radians(sensor.max_incidence_deg), **common)
+    return LearnedLidar(
+        sensor.bundle,
+        hit_probability=sensor.hit_probability,
+        shape_sha256=body.shape.sha256,
+        **common,
     )
 
 
@@ -120,24 +151,7 @@ def make_transit_diagram(
     mass = true.mass * scenario.spacecraft.mass_kg
     craft = add("spacecraft", Spacecraft(mass, body.spin_rate, at_rest))
     craft_ports = {port: craft.GetOutputPort(port) for port in ("state", "position", "velocity")}
-    sensor = scenario.lidar
-    lidar = add(
-        "lidar",
-        Lidar(
-            body.shape,
-            noise_std=sensor.noise_std_m,
-            max_range=sensor.max_range_m,
-            planes=sensor.planes,
-            rays=sensor.rays,
-            period=period,
-            seed=derived_seed(*seeds, _LIDAR_STREAM),
-            bias=sensor.bias_m,
-            scale_error=sensor.scale_error,
-            max_incidence=np.radians(sensor.max_incidence_deg),
-            dropout=sensor.dropout,
-            false_returns=sensor.false_returns,
-        ),
-    )
+    lidar = add("lidar", make_lidar(scenario, body, derived_seed(*seeds, _LIDAR_STREAM)))
     target = add("target", ConstantVectorSource(np.concatenate([transit.goal, np.zeros(3)])))
     hold = add("hold", ZeroOrderHold(period, 3))
     builder.AddSystem(pilot)

@@ -4,9 +4,12 @@ from proxops.systems.equilibria import find_equilibria
 from proxops.systems.errors import InputError
 from proxops.systems.flight_monitor import FlightMonitor
 from proxops.systems.gravity_field import Gravity, GravityField
+from proxops.systems.learned_lidar import LearnedLidar
 from proxops.systems.lidar import Lidar, ray_directions
+from proxops.systems.lidar_bundle import LidarBundle
 from proxops.systems.model_predictive_controller import ModelPredictiveController
 from proxops.systems.plan import Horizon, Plan, TransitLimits
+from proxops.systems.planar_lidar import PlanarLidar
 from proxops.systems.point_mass_field import PointMassField
 from proxops.systems.polyhedral_gravity import PolyhedralGravity, PolyhedralGravity_
 from proxops.systems.polyhedron import Polyhedron
@@ -23,9 +26,12 @@ __all__ = [
     "GravityField",
     "Horizon",
     "InputError",
+    "LearnedLidar",
     "Lidar",
+    "LidarBundle",
     "ModelPredictiveController",
     "Plan",
+    "PlanarLidar",
     "PointMassField",
     "PolyhedralGravity",
     "PolyhedralGravity_",
