@@ -18,9 +18,15 @@ from pydrake.common.yaml import yaml_dump_typed
 
 from proxops.diagrams.body import BodyConfig, load_body
 from proxops.diagrams.flight_log import make_folder, write_whole
-from proxops.diagrams.scenario import Scenario, dump_scenario, parse_scenario
+from proxops.diagrams.scenario import (
+    LearnedLidarConfig,
+    Scenario,
+    dump_scenario,
+    parse_scenario,
+)
 from proxops.diagrams.simulation import fly
 from proxops.systems.errors import InputError
+from proxops.systems.lidar_bundle import LidarBundle
 
 Row = dict[str, typing.Any]
 
@@ -36,7 +42,8 @@ class Flight:
     controller: str
     """As `named_controller` knows it."""
     made_with: str
-    """Version of proxops, and hash of the body: flights made with others are not mixed in."""
+    """Version of proxops, hash of the body, and of the lidar's bundle if it is a learned one:
+    flights made with others are not mixed in."""
 
 
 def transit_flights(scenario: Scenario, controller: str, seed: int, count: int) -> list[Flight]:
@@ -45,6 +52,8 @@ def transit_flights(scenario: Scenario, controller: str, seed: int, count: int) 
     constants = yaml_dump_typed(body.config, schema=BodyConfig) or ""
     digest = hashlib.sha256((constants + body.shape.sha256).encode()).hexdigest()
     made_with = f"proxops {metadata.version('proxops')}, body {digest}"
+    if isinstance(scenario.lidar, LearnedLidarConfig):
+        made_with += f", lidar {LidarBundle.load(scenario.lidar.bundle).sha256}"
     label = "".join(letter if letter.isalnum() else "-" for letter in controller)
     flights = []
     for index in range(count):

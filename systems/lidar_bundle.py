@@ -9,9 +9,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-import onnxruntime as ort
 
 from proxops.systems.errors import InputError
+
+if typing.TYPE_CHECKING:
+    import onnxruntime as ort
 
 FORMAT = "proxops learned lidar 1"
 MODEL_FILE = "model.onnx"
@@ -89,6 +91,8 @@ def open_session(model: bytes) -> ort.InferenceSession:
     Raises:
       InputError: ONNX Runtime can't take it.
     """
+    import onnxruntime as ort  # Slow to import: only when it is needed.
+
     options = ort.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     options.log_severity_level = 3

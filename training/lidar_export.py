@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from torch import nn
 
 from proxops.diagrams.flight_log import make_folder
 from proxops.systems.errors import InputError
@@ -27,7 +28,6 @@ from proxops.systems.lidar_bundle import (
     MODEL_FILE,
     open_session,
 )
-from proxops.training.lidar_networks import RayNetwork
 
 # The exported network may differ from torch's by this much, relative to the greater of 1 and the
 # value: depths are shares of a chord, and a logit below 1 is as good as undecided.
@@ -48,7 +48,7 @@ class BundleFacts:
     training: dict[str, typing.Any]
 
 
-def onnx_model(network: RayNetwork) -> bytes:
+def onnx_model(network: nn.Module) -> bytes:
     """The network as an ONNX file, for any number of rays, none included."""
     example = torch.zeros(2, 6)
     # It says there that torchvision, which nothing here needs, is not installed.
@@ -69,7 +69,7 @@ def onnx_model(network: RayNetwork) -> bytes:
     return program.model_proto.SerializeToString()
 
 
-def check_model(model: bytes, network: RayNetwork, ends: np.ndarray) -> float:
+def check_model(model: bytes, network: nn.Module, ends: np.ndarray) -> float:
     """The greatest relative difference between ONNX Runtime and torch on chord ends (K, 6).
 
     Raises:
@@ -90,7 +90,7 @@ def check_model(model: bytes, network: RayNetwork, ends: np.ndarray) -> float:
     return worst
 
 
-def write_bundle(folder: Path, network: RayNetwork, facts: BundleFacts, ends: np.ndarray) -> None:
+def write_bundle(folder: Path, network: nn.Module, facts: BundleFacts, ends: np.ndarray) -> None:
     """Exports, checks on chord ends (K, 6), and writes the bundle; an older one is replaced.
 
     The folder appears under its name only when it is whole.
