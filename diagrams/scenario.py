@@ -60,7 +60,7 @@ class LearnedLidarConfig:
     Chosen by `lidar: !LearnedLidar {bundle: ...}`; what is not explained is as in `LidarConfig`.
     """
 
-    # Folder that `proxops train-lidar` wrote; in a file, relative to that file.
+    # Folder that `proxops train-lidar` wrote; in a file relative to it, else to where one is.
     bundle: str = ""
     noise_std_m: float = 50.0
     max_range_m: float = 350.0e3
@@ -198,6 +198,8 @@ def load_scenario(
     apply_overrides(tree, overrides)
     scenario = load_typed(Scenario, tree, source)
     check_scenario(scenario, source)
+    if isinstance(scenario.lidar, LearnedLidarConfig):
+        scenario.lidar.bundle = str(Path(scenario.lidar.bundle).resolve())
     return scenario
 
 

@@ -39,15 +39,15 @@ def ball_shape() -> Polyhedron:
     return Polyhedron.from_trimesh(mesh, "m")
 
 
-def ball_facts(planes: int = 12, rays: int = 360, shape_sha256: str = "") -> BundleFacts:
+def ball_facts(rays: int = 360) -> BundleFacts:
     return BundleFacts(
-        planes=planes,
+        planes=12,
         rays=rays,
         cube=340e3,
         centre=CENTRE,
         semi_axes=np.full(3, HOLDING),
         body="Ball",
-        shape_sha256=shape_sha256,
+        shape_sha256="",
         training={},
     )
 
@@ -57,7 +57,7 @@ def chord_ends() -> np.ndarray:
     return fan.chords(np.array([[150e3, 20e3, 10e3], [-90e3, 90e3, -80e3]])).ends
 
 
-def write_ball_bundle(folder: Path, **changes: object) -> Path:
-    """A bundle in `folder`; `changes` are of `ball_facts`."""
-    write_bundle(folder, BallNetwork(), ball_facts(**changes), chord_ends())
+def write_ball_bundle(folder: Path, rays: int = 360) -> Path:
+    """A bundle in `folder`, for 12 planes of `rays`."""
+    write_bundle(folder, BallNetwork(), ball_facts(rays), chord_ends())
     return folder

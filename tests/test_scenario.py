@@ -13,6 +13,7 @@ from plain_polyhedral_gravity import star_shaped
 from proxops.diagrams.body import BodyConfig, load_body
 from proxops.diagrams.scenario import (
     ArrivalConfig,
+    LearnedLidarConfig,
     LidarConfig,
     MismatchConfig,
     MpcConfig,
@@ -41,7 +42,10 @@ def scenarios(draw: st.DrawFn) -> Scenario:
     return Scenario(
         body=draw(st.text(st.characters(categories=["L", "N", "P", "Zs"]), min_size=1)),
         spacecraft=draw(st.builds(SpacecraftConfig, positive, positive, positive)),
-        lidar=draw(st.builds(LidarConfig, not_negative, positive)),
+        lidar=draw(
+            st.builds(LidarConfig, not_negative, positive)
+            | st.builds(LearnedLidarConfig, st.text(min_size=1, max_size=9).map(repr), not_negative)
+        ),
         mpc=draw(
             st.builds(
                 MpcConfig,
