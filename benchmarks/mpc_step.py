@@ -32,8 +32,8 @@ from rich.table import Table
 
 from proxops.diagrams.body import load_body
 from proxops.diagrams.scenario import load_scenario
+from proxops.diagrams.scenario_systems import make_controller
 from proxops.diagrams.simulation import fly
-from proxops.diagrams.transit_diagram import make_controller
 from proxops.systems.ellipsoid import tangent_half_spaces
 from proxops.systems.linearised_transit import KEEP_OUT_PRICE, SLACK_PRICE
 from proxops.systems.plan import Plan

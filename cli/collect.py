@@ -30,6 +30,7 @@ from proxops.training.collection import (
     check_files,
     collection_flights,
     describe_flight,
+    learned_lidar_of,
     make_manifest,
 )
 from proxops.training.collection_report import (
@@ -45,6 +46,7 @@ class LidarSource(enum.StrEnum):
     """Where the frames in the logs come from."""
 
     CAST = "cast"
+    LEARNED = "learned"
     NONE = "none"
 
 
@@ -60,8 +62,15 @@ def collect_command(
         str, typer.Option(help="Mix: paper, full, or kind=weight,kind=weight; see the README.")
     ] = "paper",
     lidar: Annotated[
-        LidarSource, typer.Option(help="Frames in the logs: cast against the mesh, or none.")
+        LidarSource,
+        typer.Option(
+            help="Frames in the logs: cast against the mesh; learned for all flights but the "
+            "nominal ones, as in the paper; or none."
+        ),
     ] = LidarSource.CAST,
+    lidar_bundle: Annotated[
+        Path, typer.Option(help="The learned lidar's, from `proxops train-lidar`.")
+    ] = Path("out/lidar/bundle"),
     settings: Annotated[
         list[str] | None,
         typer.Option("--set", help="Change a scenario value: key.subkey=value. Repeatable."),
@@ -96,7 +105,10 @@ def collect_command(
     if lidar == LidarSource.NONE:
         wanted = dc.replace(wanted, log_ranges=False)
     body = load_body(wanted.body)
-    flights = collection_flights(wanted, body, mix, seed, transits)
+    learned = (
+        learned_lidar_of(wanted, lidar_bundle.resolve()) if lidar == LidarSource.LEARNED else None
+    )
+    flights = collection_flights(wanted, body, mix, seed, transits, learned)
     columns = (
         TextColumn("flying"),
         BarColumn(),

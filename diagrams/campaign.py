@@ -20,9 +20,15 @@ from pydrake.common.yaml import yaml_dump_typed
 
 from proxops.diagrams.body import Body, BodyConfig, load_body
 from proxops.diagrams.flight_log import FlightLog, make_folder, write_whole
-from proxops.diagrams.scenario import Scenario, dump_scenario, parse_scenario
+from proxops.diagrams.scenario import (
+    LearnedLidarConfig,
+    Scenario,
+    dump_scenario,
+    parse_scenario,
+)
 from proxops.diagrams.simulation import fly
 from proxops.systems.errors import InputError
+from proxops.systems.lidar_bundle import LidarBundle
 
 Row = dict[str, typing.Any]
 Describe = Callable[[FlightLog, Path | None], Row]
@@ -47,7 +53,8 @@ class Flight:
     controller: str
     """As `named_controller` knows it."""
     made_with: str
-    """Version of proxops, and hash of the body: flights made with others are not mixed in."""
+    """Version of proxops, hash of the body, and of the lidar's bundle if it is a learned one:
+    flights made with others are not mixed in."""
 
 
 def body_sha256(body: Body) -> str:
@@ -56,14 +63,17 @@ def body_sha256(body: Body) -> str:
     return hashlib.sha256((constants + body.shape.sha256).encode()).hexdigest()
 
 
-def made_with(body: Body) -> str:
-    """What a flight's `made_with` says of flights at this body by this version."""
-    return f"proxops {metadata.version('proxops')}, body {body_sha256(body)}"
+def made_with(scenario: Scenario, body: Body) -> str:
+    """What a flight's `made_with` says of flights of this scenario by this version."""
+    origin = f"proxops {metadata.version('proxops')}, body {body_sha256(body)}"
+    if isinstance(scenario.lidar, LearnedLidarConfig):
+        origin += f", lidar {LidarBundle.load(scenario.lidar.bundle).sha256}"
+    return origin
 
 
 def transit_flights(scenario: Scenario, controller: str, seed: int, count: int) -> list[Flight]:
     """Flights of transits 0 … count - 1 of a seed by one controller."""
-    origin = made_with(load_body(scenario.body))
+    origin = made_with(scenario, load_body(scenario.body))
     label = "".join(letter if letter.isalnum() else "-" for letter in controller)
     flights = []
     for index in range(count):

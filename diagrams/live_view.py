@@ -20,7 +20,7 @@ from proxops.diagrams.meshcat_scene import (
     prepare_scene,
 )
 from proxops.diagrams.transits import Transit
-from proxops.systems import Lidar, Plan
+from proxops.systems import Plan, PlanarLidar
 
 
 def start_server() -> Meshcat:
@@ -42,7 +42,7 @@ class LiveView(LeafSystem):
     def __init__(
         self,
         scene: Scene,
-        lidar: Lidar,
+        lidar: PlanarLidar,
         thrust_limit: float,
         period: float,
         with_plan: bool = False,

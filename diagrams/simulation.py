@@ -21,11 +21,13 @@ from proxops.diagrams.body import Body, load_body
 from proxops.diagrams.flight_log import FlightLog, make_dataset
 from proxops.diagrams.replay import PLAYBACK_SPEED, add_flight
 from proxops.diagrams.scenario import Scenario, dump_scenario
-from proxops.diagrams.transit_diagram import make_controller, make_transit_diagram
+from proxops.diagrams.scenario_systems import make_controller
+from proxops.diagrams.transit_diagram import make_transit_diagram
 from proxops.systems.delayed_hold import DelayedHold
 from proxops.systems.errors import InputError
 from proxops.systems.flight_monitor import COLLIDED, ENTERED_GOAL, NEVER, VIOLATIONS
-from proxops.systems.lidar import Lidar
+from proxops.systems.learned_lidar import LearnedLidar
+from proxops.systems.planar_lidar import PlanarLidar
 
 # Relative accuracy to which events are found.
 _EVENT_ACCURACY = 1e-6
@@ -181,9 +183,9 @@ def _collect_log(
     columns["disturbance"] = columns["force"] - columns.pop("command")
     columns |= dict(zip(("solve_time", "solve_status", "solve_reason"), record.T, strict=True))
     columns["decision"] = np.full(len(times), 1 if "mpc_force" in columns else 0, dtype=np.int8)
+    lidar = diagram.GetSubsystemByName("lidar")
+    assert isinstance(lidar, PlanarLidar)
     if scenario.log_ranges:
-        lidar = diagram.GetSubsystemByName("lidar")
-        assert isinstance(lidar, Lidar)
         columns["ranges"] = lidar.frames(times, columns["state"][:, :3], lidar.seed)
     columns = {"mpc_force": blank, "policy_force": blank.copy(), **columns}
 
@@ -206,4 +208,6 @@ def _collect_log(
         "keep_out_violations": int(outcome[VIOLATIONS]),
         "wall_s": time.perf_counter() - started,
     }
+    if isinstance(lidar, LearnedLidar):
+        attributes["lidar_sha256"] = lidar.bundle.sha256
     return FlightLog(make_dataset(columns, times, scenario, body, attributes), body)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Diagram, DiagramBuilder, PortDataType, System
@@ -20,25 +18,19 @@ from proxops.diagrams.flight_summary import KEEP_OUT_TOLERANCE
 from proxops.diagrams.live_view import LiveView, add_live_view
 from proxops.diagrams.meshcat_scene import Scene
 from proxops.diagrams.scenario import Scenario
+from proxops.diagrams.scenario_systems import make_controller, make_lidar
 from proxops.diagrams.transits import scenario_transit
 from proxops.systems import (
     DelayedHold,
-    ErrorWeights,
     FlightMonitor,
     ForceNoise,
     GravityField,
-    Horizon,
     InputError,
-    Lidar,
     ModelPredictiveController,
-    PointMassField,
     PolyhedralGravity,
     RandomWalkDisturbance,
     Spacecraft,
-    TransitLimits,
-    TransitProgram,
     VelocityKicks,
-    WeightedProgram,
 )
 from proxops.systems.counter_noise import derived_seed
 from proxops.systems.thrusters import Thrusters
@@ -47,38 +39,6 @@ from proxops.systems.thrusters import Thrusters
 _LIDAR_STREAM, _DISTURBANCE_STREAM, _NOISE_STREAM, _KICKS_STREAM = range(4)
 # Input ports of a controller that may stay unconnected.
 _OPTIONAL_PORTS = {"enable"}
-
-
-def make_controller(scenario: Scenario, body: Body) -> ModelPredictiveController:
-    """The expert, as the scenario configures it."""
-    craft, mpc = scenario.spacecraft, scenario.mpc
-    field = PointMassField(body.gravity_field.mass) if mpc.point_mass else body.gravity_field
-    limits = TransitLimits(
-        mass=craft.mass_kg,
-        thrust=craft.thrust_limit_n,
-        speed=craft.speed_limit_m_s,
-        keep_out_semi_axes=body.keep_out_semi_axes + mpc.keep_out_margin_m,
-    )
-    horizon = Horizon(
-        knots=mpc.knots,
-        knot_growth=mpc.knot_growth,
-        nominal_acceleration=mpc.nominal_acceleration_m_s2,
-        fuel_weight=mpc.fuel_weight,
-        minimum=mpc.min_horizon_s,
-    )
-    if mpc.cost == "weighted":
-        weights = ErrorWeights(mpc.weighted.position_error_m, mpc.weighted.speed_error_m_s)
-        horizon = replace(horizon, minimum=mpc.weighted.horizon_s)
-        program = WeightedProgram(field, body.spin_rate, limits, horizon, weights)
-    else:
-        program = TransitProgram(field, body.spin_rate, limits, horizon)
-    return ModelPredictiveController(
-        program,
-        scenario.control_period_s,
-        mpc.cold_iterations,
-        mpc.estimator_gain,
-        mpc.solve_delay_s,
-    )
 
 
 def make_transit_diagram(
@@ -137,24 +97,7 @@ def make_transit_diagram(
     mass = true.mass * scenario.spacecraft.mass_kg
     craft = add("spacecraft", Spacecraft(mass, body.spin_rate, start))
     craft_ports = {port: craft.GetOutputPort(port) for port in ("state", "position", "velocity")}
-    sensor = scenario.lidar
-    lidar = add(
-        "lidar",
-        Lidar(
-            body.shape,
-            noise_std=sensor.noise_std_m,
-            max_range=sensor.max_range_m,
-            planes=sensor.planes,
-            rays=sensor.rays,
-            period=period,
-            seed=derived_seed(*seeds, _LIDAR_STREAM),
-            bias=sensor.bias_m,
-            scale_error=sensor.scale_error,
-            max_incidence=np.radians(sensor.max_incidence_deg),
-            dropout=sensor.dropout,
-            false_returns=sensor.false_returns,
-        ),
-    )
+    lidar = add("lidar", make_lidar(scenario, body, derived_seed(*seeds, _LIDAR_STREAM)))
     target = add("target", ConstantVectorSource(np.concatenate([transit.goal, np.zeros(3)])))
     delay = pilot.delay if isinstance(pilot, ModelPredictiveController) else 0.0
     hold = add("hold", DelayedHold(period, delay, 3) if delay > 0.0 else ZeroOrderHold(period, 3))

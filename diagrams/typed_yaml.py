@@ -123,9 +123,14 @@ def _check_tree(schema: type, tree: dict[str, typing.Any], source: str, key: str
 
 
 def _choose(options: list[type], tree: dict[str, typing.Any], where: str) -> type:
-    """The one of the dataclasses that the mapping's tag says, the first if it has none."""
+    """The one of the dataclasses that the mapping's tag says, the first if it has none.
+
+    A tag may leave out the `Config` at the end of the class's name.
+    """
     names = ["!" + option.__name__ for option in options]
     tag = tree.get("_tag", names[0])
+    if tag not in names and f"{tag}Config" in names:
+        tag = tree["_tag"] = f"{tag}Config"
     if tag not in names:
         raise InputError(f"{where} cannot be {tag}; choose from {', '.join(names)}")
     if len(options) == 1:

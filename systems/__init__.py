@@ -6,9 +6,12 @@ from proxops.systems.errors import InputError
 from proxops.systems.flight_monitor import FlightMonitor
 from proxops.systems.force_noise import ForceNoise
 from proxops.systems.gravity_field import Gravity, GravityField
+from proxops.systems.learned_lidar import LearnedLidar
 from proxops.systems.lidar import Lidar, ray_directions
+from proxops.systems.lidar_bundle import LidarBundle
 from proxops.systems.model_predictive_controller import ModelPredictiveController
 from proxops.systems.plan import Horizon, Plan, PlanReason, PlanStatus, TransitLimits
+from proxops.systems.planar_lidar import PlanarLidar
 from proxops.systems.point_mass_field import PointMassField
 from proxops.systems.polyhedral_gravity import PolyhedralGravity, PolyhedralGravity_
 from proxops.systems.polyhedron import Polyhedron
@@ -30,11 +33,14 @@ __all__ = [
     "GravityField",
     "Horizon",
     "InputError",
+    "LearnedLidar",
     "Lidar",
+    "LidarBundle",
     "ModelPredictiveController",
     "Plan",
     "PlanReason",
     "PlanStatus",
+    "PlanarLidar",
     "PointMassField",
     "PolyhedralGravity",
     "PolyhedralGravity_",

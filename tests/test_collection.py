@@ -1,5 +1,6 @@
 """`proxops collect`: what it writes, and that nothing that happens to it leaves a wrong set."""
 
+import dataclasses
 import hashlib
 import json
 import os
@@ -15,13 +16,16 @@ from typing import Any
 
 import numpy as np
 import pytest
+from ball_lidar import BallNetwork, ball_facts, chord_ends
 from short_flights import kleopatra
 
 from proxops.cli.main import main
+from proxops.diagrams.body import load_body
 from proxops.diagrams.flight_log import FlightLog, differences
-from proxops.diagrams.scenario import load_scenario, parse_scenario
+from proxops.diagrams.scenario import LearnedLidarConfig, load_scenario, parse_scenario
 from proxops.diagrams.simulation import fly
 from proxops.training.collection import describe_flight
+from proxops.training.lidar_export import write_bundle
 from proxops.training.recovery import flight_scenario, kind_of
 
 # Over after 15 steps, wherever it is then.
@@ -137,6 +141,25 @@ def test_label_is_the_expert_s_force_and_applied_is_apart(full_set: Path) -> Non
 def test_every_flight_repeats_bit_for_bit(full_set: Path) -> None:
     for log in logs_of(full_set):
         assert differences(log, fly(log.scenario, "mpc", body=log.body)) == []
+
+
+def test_learned_lidar_gives_the_frames_of_disturbed_flights(collect, tmp_path: Path) -> None:
+    facts = dataclasses.replace(ball_facts(), shape_sha256=load_body("kleopatra").shape.sha256)
+    write_bundle(tmp_path / "bundle", BallNetwork(), facts, chord_ends())
+    options = ("--lidar", "learned", "--lidar-bundle", "bundle", "--set", "lidar.noise_std_m=7")
+    assert collect("--transits", 2, "--out", "set", *options) == 0
+    for row, log in zip(
+        manifest_of(tmp_path / "set")["flights"], logs_of(tmp_path / "set"), strict=True
+    ):
+        sensor = log.scenario.lidar
+        assert sensor.noise_std_m == 7.0
+        assert isinstance(sensor, LearnedLidarConfig) == (row["kind"] == "random_walk")
+        assert ("lidar_sha256" in log.dataset.attrs) == (row["kind"] == "random_walk")
+
+
+def test_learned_lidar_that_is_not_there(collect, capsys: pytest.CaptureFixture[str]) -> None:
+    assert collect("--transits", 2, "--lidar", "learned") == 2
+    assert "out/lidar/bundle" in capsys.readouterr().err
 
 
 def test_report(full_set: Path) -> None:

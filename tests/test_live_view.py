@@ -12,8 +12,9 @@ from proxops.diagrams import live_view
 from proxops.diagrams.body import load_body
 from proxops.diagrams.meshcat_scene import Scene, add_plan, quiet_meshcat
 from proxops.diagrams.scenario import Scenario
+from proxops.diagrams.scenario_systems import make_controller
 from proxops.diagrams.simulation import make_simulator
-from proxops.diagrams.transit_diagram import make_controller, make_transit_diagram
+from proxops.diagrams.transit_diagram import make_transit_diagram
 from proxops.systems import ModelPredictiveController, Plan, TransitProgram
 
 PERIOD = 10.0

@@ -11,7 +11,7 @@ from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput, Ze
 
 from proxops.diagrams.body import load_body
 from proxops.diagrams.scenario import Scenario
-from proxops.diagrams.transit_diagram import make_controller
+from proxops.diagrams.scenario_systems import make_controller
 from proxops.systems import (
     DelayedHold,
     InputError,

@@ -15,6 +15,7 @@ from proxops.diagrams.scenario import (
     ArrivalConfig,
     ForceNoiseConfig,
     KicksConfig,
+    LearnedLidarConfig,
     LidarConfig,
     MismatchConfig,
     MpcConfig,
@@ -43,7 +44,10 @@ def scenarios(draw: st.DrawFn) -> Scenario:
     return Scenario(
         body=draw(st.text(st.characters(categories=["L", "N", "P", "Zs"]), min_size=1)),
         spacecraft=draw(st.builds(SpacecraftConfig, positive, positive, positive)),
-        lidar=draw(st.builds(LidarConfig, not_negative, positive)),
+        lidar=draw(
+            st.builds(LidarConfig, not_negative, positive)
+            | st.builds(LearnedLidarConfig, st.text(min_size=1, max_size=9).map(repr), not_negative)
+        ),
         mpc=draw(
             st.builds(
                 MpcConfig,

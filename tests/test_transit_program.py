@@ -10,7 +10,7 @@ from scipy.interpolate import CubicHermiteSpline
 
 from proxops.diagrams.body import load_body
 from proxops.diagrams.scenario import Scenario
-from proxops.diagrams.transit_diagram import make_controller
+from proxops.diagrams.scenario_systems import make_controller
 from proxops.diagrams.transits import transit_set
 from proxops.systems import (
     GravityField,

@@ -10,8 +10,8 @@ from short_flights import short_scenario
 
 from proxops.diagrams.body import load_body
 from proxops.diagrams.scenario import Scenario, dump_scenario, load_scenario, parse_scenario
+from proxops.diagrams.scenario_systems import make_controller
 from proxops.diagrams.simulation import fly
-from proxops.diagrams.transit_diagram import make_controller
 from proxops.diagrams.transits import transit_set
 from proxops.systems import (
     ErrorWeights,

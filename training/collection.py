@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses as dc
 import hashlib
 import typing
 from collections.abc import Mapping, Sequence
@@ -13,7 +14,7 @@ import numpy as np
 from proxops.diagrams.body import Body
 from proxops.diagrams.campaign import Flight, Row, body_sha256, made_with
 from proxops.diagrams.flight_log import FlightLog
-from proxops.diagrams.scenario import Scenario, dump_scenario
+from proxops.diagrams.scenario import LearnedLidarConfig, Scenario, dump_scenario
 from proxops.systems.ellipsoid import clearances
 from proxops.systems.errors import InputError
 from proxops.training.recovery import flight_scenario, kind_of
@@ -26,19 +27,39 @@ CLEARANCE_EDGES = (0.0, 1.0, 3.0, 8.0, 20.0, 50.0, 100.0)
 
 
 def collection_flights(
-    scenario: Scenario, body: Body, mix: Mapping[str, int], seed: int, count: int
+    scenario: Scenario,
+    body: Body,
+    mix: Mapping[str, int],
+    seed: int,
+    count: int,
+    learned_lidar: LearnedLidarConfig | None = None,
 ) -> list[Flight]:
     """Expert flights 0 … count - 1 of a seed; a longer set begins with the shorter.
 
+    Args:
+      learned_lidar: gives the frames of all flights but the nominal ones, as in the paper.
+
     Raises:
-      InputError: a flight's transit or start is not found.
+      InputError: a flight's transit or start is not found, or the learned lidar cannot be used.
     """
-    origin = made_with(body)
+    disturbed = scenario if learned_lidar is None else dc.replace(scenario, lidar=learned_lidar)
+    origins = [made_with(wanted, body) for wanted in (scenario, disturbed)]
     flights = []
     for index in range(count):
-        flown = flight_scenario(kind_of(mix, index), scenario, body, seed, index)
+        kind = kind_of(mix, index)
+        nominal = kind == "nominal"
+        flown = flight_scenario(kind, scenario if nominal else disturbed, body, seed, index)
+        origin = origins[0 if nominal else 1]
         flights.append(Flight(f"{seed}-{index:05d}", dump_scenario(flown), "mpc", origin))
     return flights
+
+
+def learned_lidar_of(scenario: Scenario, bundle: Path) -> LearnedLidarConfig:
+    """A learned lidar with the measuring errors of the scenario's."""
+    names = {field.name for field in dc.fields(LearnedLidarConfig)}
+    known: dict[str, typing.Any] = {k: v for k, v in vars(scenario.lidar).items() if k in names}
+    known["bundle"] = str(bundle)
+    return LearnedLidarConfig(**known)
 
 
 def describe_flight(log: FlightLog, path: Path | None) -> Row:

@@ -1,0 +1,96 @@
+"""`proxops train-lidar`: the learned lidar."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.progress import BarColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.table import Table
+
+from proxops.cli.common import check_folder, console, progress_bar, status
+from proxops.diagrams.body import load_body
+from proxops.diagrams.scenario import load_scenario
+from proxops.systems.errors import InputError
+
+
+def train_lidar_command(
+    scenario: Annotated[
+        Path | None, typer.Argument(help="Scenario file (YAML). Default: Kleopatra.")
+    ] = None,
+    spacing: Annotated[
+        float, typer.Option(help="Of the grid of positions that is learned from, in km.")
+    ] = 20.0,
+    epochs: Annotated[
+        int | None, typer.Option(min=1, help="Of the ray network. Default: 24.")
+    ] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Of weights, order and test positions.")] = 0,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option("--set", help="Change a scenario value: key.subkey=value. Repeatable."),
+    ] = None,
+    out: Annotated[Path, typer.Option(help="Folder for the bundle and the report.")] = Path(
+        "out/lidar"
+    ),
+    quick: Annotated[
+        bool, typer.Option(help="Twice the spacing, few steps: in seconds, of no great use.")
+    ] = False,
+) -> None:
+    """Train a network that gives lidar frames; compare it with the ray-caster and with others.
+
+    Writes the bundle that `lidar: !LearnedLidar {bundle: out/lidar/bundle}` flies, report.md,
+    report.json, frames.png, and the curves of training as CSV and for TensorBoard. Run it again to
+    go on after an interruption.
+
+    Example:
+
+      proxops train-lidar --spacing 20 --out out/lidar
+    """
+    check_folder(out)
+    wanted = load_scenario(scenario, settings or [])
+    body = load_body(wanted.body)
+    try:
+        from proxops.training import lidar_synthesis  # torch takes a while to import.
+    except ModuleNotFoundError as error:
+        raise InputError(
+            f"training needs {error.name}: install the extra, pip install 'proxops[train]'"
+        ) from error
+    chosen = lidar_synthesis.Settings(spacing=1e3 * spacing, seed=seed)
+    if quick:
+        chosen = lidar_synthesis.quick(chosen)
+    if epochs is not None:
+        chosen = replace(chosen, ray=replace(chosen.ray, epochs=epochs))
+    columns = (BarColumn(), TimeElapsedColumn(), TimeRemainingColumn())
+    with progress_bar(*columns, TextColumn("{task.description}")) as bar:
+        task = bar.add_task("casting frames", total=1.0)
+
+        def tell(done: float, text: str) -> None:
+            bar.update(task, completed=done, description=text)
+
+        report = lidar_synthesis.train_lidar(wanted, body, chosen, out, tell)
+    _print(report)
+    status.print(f"Wrote bundle, report.md, report.json, frames.png and curves in {out}")
+
+
+def _print(report: dict[str, Any]) -> None:
+    verdict = "met" if report["targets_met"] else "not met"
+    table = Table(title=f"{report['body']}: targets {verdict}", title_justify="left")
+    for head in ("", "mask IoU", "false hits", "missed hits", "error, median (km)", "p95 (km)",
+                 "ms a frame"):  # fmt: skip
+        table.add_column(head, justify="right" if head else "left")
+    for name, figures in report["methods"].items():
+        overall, errors = figures["all"], figures["all"]["range_error_m"]
+        table.add_row(
+            name,
+            *(_text(overall[key], ".4f") for key in ("mask_iou", "false_hits", "missed_hits")),
+            *(_text(errors[key], ".3f", 1e-3) for key in ("median", "p95")),
+            _text(figures["frame_ms"], ".2f"),
+        )
+    table.add_row("ray-caster", *["–"] * 5, _text(report["ray_caster_frame_ms"], ".2f"))
+    console.print(table)
+
+
+def _text(value: float | None, form: str, scale: float = 1.0) -> str:
+    return "–" if value is None else format(value * scale, form)

@@ -1,0 +1,83 @@
+"""The systems that a scenario configures: the expert and the lidar."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from proxops.diagrams.body import Body
+from proxops.diagrams.scenario import LidarConfig, Scenario
+from proxops.systems import (
+    ErrorWeights,
+    Horizon,
+    LearnedLidar,
+    Lidar,
+    ModelPredictiveController,
+    PlanarLidar,
+    PointMassField,
+    TransitLimits,
+    TransitProgram,
+    WeightedProgram,
+)
+
+
+def make_controller(scenario: Scenario, body: Body) -> ModelPredictiveController:
+    """The expert, as the scenario configures it."""
+    craft, mpc = scenario.spacecraft, scenario.mpc
+    field = PointMassField(body.gravity_field.mass) if mpc.point_mass else body.gravity_field
+    limits = TransitLimits(
+        mass=craft.mass_kg,
+        thrust=craft.thrust_limit_n,
+        speed=craft.speed_limit_m_s,
+        keep_out_semi_axes=body.keep_out_semi_axes + mpc.keep_out_margin_m,
+    )
+    horizon = Horizon(
+        knots=mpc.knots,
+        knot_growth=mpc.knot_growth,
+        nominal_acceleration=mpc.nominal_acceleration_m_s2,
+        fuel_weight=mpc.fuel_weight,
+        minimum=mpc.min_horizon_s,
+    )
+    if mpc.cost == "weighted":
+        weights = ErrorWeights(mpc.weighted.position_error_m, mpc.weighted.speed_error_m_s)
+        horizon = replace(horizon, minimum=mpc.weighted.horizon_s)
+        program = WeightedProgram(field, body.spin_rate, limits, horizon, weights)
+    else:
+        program = TransitProgram(field, body.spin_rate, limits, horizon)
+    return ModelPredictiveController(
+        program,
+        scenario.control_period_s,
+        mpc.cold_iterations,
+        mpc.estimator_gain,
+        mpc.solve_delay_s,
+    )
+
+
+def make_lidar(scenario: Scenario, body: Body, seed: int) -> PlanarLidar:
+    """The lidar that the scenario names, its noise seeded with `seed`.
+
+    Raises:
+      InputError: a learned lidar whose bundle is damaged, or for another body or geometry.
+    """
+    sensor = scenario.lidar
+    common = {
+        "noise_std": sensor.noise_std_m,
+        "max_range": sensor.max_range_m,
+        "planes": sensor.planes,
+        "rays": sensor.rays,
+        "period": scenario.control_period_s,
+        "seed": seed,
+        "bias": sensor.bias_m,
+        "scale_error": sensor.scale_error,
+        "dropout": sensor.dropout,
+        "false_returns": sensor.false_returns,
+    }
+    if isinstance(sensor, LidarConfig):
+        return Lidar(body.shape, max_incidence=np.radians(sensor.max_incidence_deg), **common)
+    return LearnedLidar(
+        sensor.bundle,
+        hit_probability=sensor.hit_probability,
+        shape_sha256=body.shape.sha256,
+        **common,
+    )

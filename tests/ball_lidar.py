@@ -1,0 +1,63 @@
+"""A learned lidar for tests that has learned nothing: its network is the closed form of a ball."""
+
+from pathlib import Path
+
+import numpy as np
+import torch
+import trimesh
+from torch import Tensor, nn
+
+from proxops.systems import Polyhedron, ray_directions
+from proxops.systems.ray_chords import ChordFan
+from proxops.training.lidar_export import BundleFacts, write_bundle
+
+RADIUS = 50e3
+CENTRE = np.array([1e3, -2e3, 3e3])
+# The ellipsoid that holds the ball is a ball too, twice as large.
+HOLDING = 2.0 * RADIUS
+
+
+class BallNetwork(nn.Module):
+    """Chord ends in the unit ball to what a ball of radius 1/2 answers.
+
+    From the entry e along the unit vector u, b = e·u, |e + t u| = 1/2 at
+    t = -b - sqrt(b² - e² + 1/4).
+    """
+
+    def forward(self, chords: Tensor) -> tuple[Tensor, Tensor]:
+        entry, way = chords[:, :3].double(), (chords[:, 3:] - chords[:, :3]).double()
+        length = (way * way).sum(dim=1).clamp(min=1e-12).sqrt()
+        along = (entry * way).sum(dim=1) / length
+        room = along * along - (entry * entry).sum(dim=1) + 0.25
+        depth = (-along - room.clamp(min=0.0).sqrt()) / length
+        return (1000.0 * torch.minimum(room, -along)).float(), depth.float()
+
+
+def ball_shape() -> Polyhedron:
+    mesh = trimesh.creation.icosphere(6, radius=RADIUS)
+    mesh.apply_translation(CENTRE)
+    return Polyhedron.from_trimesh(mesh, "m")
+
+
+def ball_facts(rays: int = 360) -> BundleFacts:
+    return BundleFacts(
+        planes=12,
+        rays=rays,
+        cube=340e3,
+        centre=CENTRE,
+        semi_axes=np.full(3, HOLDING),
+        body="Ball",
+        shape_sha256="",
+        training={},
+    )
+
+
+def chord_ends() -> np.ndarray:
+    fan = ChordFan(CENTRE, np.full(3, HOLDING), ray_directions())
+    return fan.chords(np.array([[150e3, 20e3, 10e3], [-90e3, 90e3, -80e3]])).ends
+
+
+def write_ball_bundle(folder: Path, rays: int = 360) -> Path:
+    """A bundle in `folder`, for 12 planes of `rays`."""
+    write_bundle(folder, BallNetwork(), ball_facts(rays), chord_ends())
+    return folder

@@ -1,0 +1,210 @@
+"""The learned lidar with a network known in closed form: against the ray-caster, and refusals."""
+
+import hashlib
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from ball_lidar import (
+    CENTRE,
+    RADIUS,
+    BallNetwork,
+    ball_facts,
+    ball_shape,
+    chord_ends,
+    write_ball_bundle,
+)
+from pydrake.perception import PointCloud
+
+from proxops.systems import InputError, LearnedLidar, Lidar
+from proxops.systems.lidar_bundle import LidarBundle
+from proxops.training.lidar_export import check_model, onnx_model, write_bundle
+
+PLACES = np.array([[150e3, 20e3, 10e3], [-90e3, 90e3, -80e3], [0.0, 0.0, 60e3]])
+
+
+@pytest.fixture(scope="module")
+def bundle(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_ball_bundle(tmp_path_factory.mktemp("ball") / "bundle")
+
+
+def frame(lidar, place, time: float = 0.0) -> np.ndarray:
+    context = lidar.CreateDefaultContext()
+    context.SetTime(time)
+    lidar.GetInputPort("position").FixValue(context, place)
+    return lidar.GetOutputPort("ranges").Eval(context)
+
+
+# --- what it reads --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("place", PLACES)
+def test_true_ranges_of_a_ball(bundle: Path, place: np.ndarray):
+    lidar = LearnedLidar(bundle, noise_std=0.0)
+    offset = place - CENTRE
+    along = lidar.directions @ offset
+    room = along**2 - (offset @ offset - RADIUS**2)
+    wanted = np.where((room > 0) & (along < 0), -along - np.sqrt(np.maximum(room, 0)), np.inf)
+    got = frame(lidar, place)
+    clear = np.abs(room) > (0.01 * RADIUS) ** 2  # Not on the very edge, in single precision.
+    assert np.isfinite(wanted[clear]).sum() > 20
+    assert np.array_equal(np.isfinite(got[clear]), np.isfinite(wanted[clear]))
+    seen = clear & np.isfinite(wanted)
+    assert got[seen] == pytest.approx(wanted[seen], abs=10.0)
+
+
+def test_stands_for_the_ray_cast_lidar_with_its_noise(bundle: Path):
+    """The same noise on the same rays, since both see as many returns here."""
+    real, learned = Lidar(ball_shape(), seed=5), LearnedLidar(bundle, seed=5)
+    for port in ("ranges", "point_cloud"):
+        assert real.HasOutputPort(port)
+        assert learned.HasOutputPort(port)
+    place = PLACES[0]
+    one, other = frame(real, place, 70.0), frame(learned, place, 70.0)
+    assert np.array_equal(np.isfinite(one), np.isfinite(other))
+    seen = np.isfinite(one)
+    without = frame(LearnedLidar(bundle, noise_std=0.0), place)
+    assert np.abs(one[seen] - without[seen]).max() > 100.0
+    # The mesh of facets lies up to 20 m inside the ball, further at grazing incidence.
+    assert np.median(np.abs(one[seen] - other[seen])) < 20.0
+
+
+def test_frames_are_the_ports_and_repeat_in_any_order(bundle: Path):
+    lidar = LearnedLidar(bundle, seed=3, dropout=0.2, false_returns=0.01)
+    times = np.array([0.0, 10.0, 20.0])
+    frames = lidar.frames(times, PLACES, 3)
+    assert frames.shape == (3, 12, 360)
+    for k in (2, 0, 1):
+        port = frame(lidar, PLACES[k], times[k]).astype(np.float32).reshape(12, 360)
+        assert np.array_equal(port, frames[k])
+    again = LearnedLidar(bundle, dropout=0.2, false_returns=0.01).frames(times, PLACES, 3)
+    assert np.array_equal(frames, again)
+    assert not np.array_equal(frames, lidar.frames(times, PLACES, 4))
+
+
+def test_point_cloud(bundle: Path):
+    lidar = LearnedLidar(bundle, noise_std=0.0)
+    context = lidar.CreateDefaultContext()
+    lidar.GetInputPort("position").FixValue(context, PLACES[1])
+    cloud = lidar.GetOutputPort("point_cloud").Eval(context)
+    assert isinstance(cloud, PointCloud)
+    distances = np.linalg.norm(cloud.xyzs().T + PLACES[1] - CENTRE, axis=1)
+    assert cloud.size() == np.isfinite(frame(lidar, PLACES[1])).sum() > 20
+    assert distances == pytest.approx(np.full(cloud.size(), RADIUS), abs=10.0)
+
+
+def test_maximum_range_and_nothing_in_view(bundle: Path):
+    assert not np.isfinite(frame(LearnedLidar(bundle, max_range=50e3), PLACES[0])).any()
+    assert not np.isfinite(frame(LearnedLidar(bundle), np.array([1e9, 1e9, 2e8]))).any()
+
+
+def test_a_higher_probability_gives_fewer_returns(bundle: Path):
+    def returns(probability: float) -> int:
+        lidar = LearnedLidar(bundle, hit_probability=probability)
+        return int(np.isfinite(frame(lidar, PLACES[0])).sum())
+
+    # The ball's network is sure of all but the outermost rays.
+    assert returns(1.0 - 1e-12) < returns(0.5) <= returns(1e-12)
+
+
+# --- bundles --------------------------------------------------------------------------------------
+
+
+def test_bundle_says_what_it_is(bundle: Path):
+    loaded = LidarBundle.load(bundle)
+    assert (loaded.cube, loaded.planes, loaded.rays) == (340e3, 12, 360)
+    assert loaded.centre == pytest.approx(CENTRE)
+    assert loaded.sha256 == hashlib.sha256((bundle / "bundle.json").read_bytes()).hexdigest()
+    content = json.loads((bundle / "bundle.json").read_text())
+    assert content["training"]["onnx_difference"] <= 1e-5
+    assert {path.name for path in bundle.iterdir()} == {"bundle.json", "model.onnx"}
+    assert {path.name for path in bundle.parent.iterdir()} == {"bundle"}
+
+
+def test_bundle_is_replaced_whole(bundle: Path, tmp_path: Path):
+    folder = copied(bundle, tmp_path)
+    (folder / "leftover").touch()
+    write_ball_bundle(folder, rays=180)
+    assert LidarBundle.load(folder).rays == 180
+    assert {path.name for path in folder.iterdir()} == {"bundle.json", "model.onnx"}
+    assert [path.name for path in tmp_path.iterdir()] == ["bundle"]
+
+
+def test_export_that_differs_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    class Other(BallNetwork):
+        def forward(self, chords):
+            hit, depth = super().forward(chords)
+            return hit, depth * (1.0 + 1e-4)
+
+    model = onnx_model(Other())
+    with pytest.raises(InputError, match="no bundle is written"):
+        check_model(model, BallNetwork(), chord_ends())
+    monkeypatch.setattr("proxops.training.lidar_export.onnx_model", lambda network: model)
+    with pytest.raises(InputError, match="no bundle is written"):
+        write_bundle(tmp_path / "bundle", BallNetwork(), ball_facts(), chord_ends())
+    assert list(tmp_path.iterdir()) == []
+
+
+def copied(bundle: Path, folder: Path) -> Path:
+    return Path(shutil.copytree(bundle, folder / "bundle"))
+
+
+def change(path: Path, **changes: object) -> None:
+    content = json.loads(path.read_text()) | changes
+    path.write_text(json.dumps(content))
+
+
+DAMAGES = {
+    "cannot be read": lambda folder: (folder / "model.onnx").unlink(),
+    "bundle.json cannot be read": lambda folder: (folder / "bundle.json").unlink(),
+    "its hash is not the one": lambda folder: (folder / "model.onnx").write_bytes(b"onnx"),
+    "is not JSON": lambda folder: (folder / "bundle.json").write_text('{"format": "prox'),
+    "is not of the format": lambda folder: change(folder / "bundle.json", format="other"),
+    "semi_axes_m is no list": lambda folder: change(folder / "bundle.json", semi_axes_m=None),
+    "centre_m is not three": lambda folder: change(folder / "bundle.json", centre_m=[1.0]),
+}
+
+
+@pytest.mark.parametrize("why", DAMAGES)
+def test_damaged_bundle_is_refused(bundle: Path, tmp_path: Path, why: str):
+    folder = copied(bundle, tmp_path)
+    DAMAGES[why](folder)
+    with pytest.raises(InputError, match=why):
+        LearnedLidar(folder)
+
+
+def test_model_that_is_no_network_is_refused(bundle: Path, tmp_path: Path):
+    folder = copied(bundle, tmp_path)
+    (folder / "model.onnx").write_bytes(b"no network")
+    change(folder / "bundle.json", model_sha256=hashlib.sha256(b"no network").hexdigest())
+    with pytest.raises(InputError, match="not one that ONNX Runtime takes"):
+        LearnedLidar(folder)
+
+
+def test_bundle_for_something_else_is_refused(bundle: Path, tmp_path: Path):
+    with pytest.raises(InputError, match="12 planes of 360 rays, and the lidar has 6 of 360"):
+        LearnedLidar(bundle, planes=6)
+    with pytest.raises(InputError, match="body of another shape"):
+        LearnedLidar(bundle, shape_sha256=ball_shape().sha256)
+    mine = copied(bundle, tmp_path)
+    change(mine / "bundle.json", shape_sha256=ball_shape().sha256)
+    LearnedLidar(mine, shape_sha256=ball_shape().sha256)
+    with pytest.raises(InputError, match="is not the bundle of a learned lidar"):
+        LearnedLidar(tmp_path / "nothing")
+
+
+@pytest.mark.parametrize(
+    "properties",
+    [
+        {"noise_std": -1.0},
+        {"period": 0.0},
+        {"seed": -1},
+        {"hit_probability": 1.0},
+        {"rays": 0},
+    ],
+)
+def test_senseless_properties_are_refused(bundle: Path, properties: dict[str, float]):
+    with pytest.raises(InputError):
+        LearnedLidar(bundle, **properties)  # pyright: ignore[reportArgumentType]

@@ -1,0 +1,81 @@
+"""Chords of rays through an ellipsoid, against geometry done otherwise."""
+
+import numpy as np
+import pytest
+
+from proxops.systems import InputError, ray_directions
+from proxops.systems.ray_chords import ChordFan
+
+CENTRE, AXES = np.array([3e3, -5e3, 2e3]), np.array([120e3, 60e3, 50e3])
+PLACES = np.array([[170e3, 20e3, -30e3], [-90e3, 150e3, 60e3], [0.0, 0.0, 300e3]])
+
+
+def levels(points: np.ndarray) -> np.ndarray:
+    return np.linalg.norm((points - CENTRE) / AXES, axis=-1)
+
+
+def test_ends_lie_on_the_ray_and_on_the_ellipsoid():
+    directions = ray_directions()
+    chords = ChordFan(CENTRE, AXES, directions).chords(PLACES)
+    assert len(chords.rays) > 500
+    assert chords.ends.dtype == np.float32
+    for end, way in (
+        (chords.ends[:, :3], chords.starts),
+        (chords.ends[:, 3:], chords.starts + chords.lengths),
+    ):
+        points = PLACES[chords.places] + way[:, None] * directions[chords.rays]
+        assert (points - CENTRE) / AXES == pytest.approx(end, abs=1e-6)
+        assert levels(points) == pytest.approx(np.ones(len(points)), abs=1e-9)
+    assert (chords.starts > 0.0).all()
+    assert (chords.lengths > 0.0).all()
+
+
+def test_which_rays_pass_through_by_walking_along_them():
+    directions = ray_directions(5, 40)
+    chords = ChordFan(CENTRE, AXES, directions).chords(PLACES)
+    ways = np.linspace(0.0, 500e3, 20001)
+    for k, place in enumerate(PLACES):
+        least = np.array([levels(place + ways[:, None] * d).min() for d in directions])
+        passing = set(chords.rays[chords.places == k].tolist())
+        assert {int(r) for r in np.flatnonzero(least < 1.0)} <= passing
+        assert not passing & {int(r) for r in np.flatnonzero(least > 1.0 + 1e-6)}
+
+
+def test_from_inside_every_ray_has_a_chord_that_begins_there():
+    place = np.array([[50e3, 10e3, -10e3]])
+    directions = ray_directions()
+    chords = ChordFan(CENTRE, AXES, directions).chords(place)
+    assert chords.rays.tolist() == list(range(len(directions)))
+    assert not chords.starts.any()
+    entry = np.broadcast_to((place - CENTRE) / AXES, (len(directions), 3))
+    assert chords.ends[:, :3] == pytest.approx(entry, abs=1e-6)
+
+
+def test_nothing_from_afar_where_no_ray_points_at_the_body():
+    fan = ChordFan(CENTRE, AXES, np.array([[1.0, 0.0, 0.0]]))
+    chords = fan.chords(np.array([[400e3, -5e3, 2e3]]))  # It points away.
+    assert chords.ends.shape == (0, 6)
+    assert len(fan.chords(np.array([[-400e3, -5e3, 2e3]])).rays) == 1
+
+
+def test_places_do_not_touch_each_other():
+    fan = ChordFan(CENTRE, AXES, ray_directions())
+    together = fan.chords(PLACES)
+    for k in range(len(PLACES)):
+        alone, mine = fan.chords(PLACES[k : k + 1]), together.places == k
+        assert np.array_equal(together.rays[mine], alone.rays)
+        assert together.ends[mine] == pytest.approx(alone.ends, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("centre", "axes", "directions"),
+    [
+        (CENTRE, [1.0, 0.0, 1.0], np.eye(3)),
+        (CENTRE, [1.0, np.nan, 1.0], np.eye(3)),
+        (CENTRE[:2], AXES, np.eye(3)),
+        (CENTRE, AXES, np.ones(3)),
+    ],
+)
+def test_refused(centre, axes, directions):
+    with pytest.raises(InputError):
+        ChordFan(centre, np.asarray(axes), directions)

@@ -1,0 +1,170 @@
+"""`proxops train-lidar --quick`, and flights with the lidar that it makes."""
+
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from short_flights import SHORT, kleopatra
+
+from proxops.cli.main import main
+from proxops.diagrams.campaign import transit_flights
+from proxops.diagrams.flight_log import FlightLog, differences
+from proxops.diagrams.scenario import (
+    LearnedLidarConfig,
+    dump_scenario,
+    load_scenario,
+    parse_scenario,
+)
+from proxops.diagrams.simulation import fly
+from proxops.systems import InputError
+from proxops.systems.lidar_bundle import LidarBundle
+
+
+def proxops(*arguments: object) -> int:
+    old, sys.argv = sys.argv, ["proxops", *map(str, arguments)]
+    try:
+        main()
+    except SystemExit as end:
+        return end.code if isinstance(end.code, int) else 0 if end.code is None else 1
+    finally:
+        sys.argv = old
+    return 0
+
+
+@pytest.fixture(scope="module")
+def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("lidar") / "out"
+    assert proxops("train-lidar", "--quick", "--out", folder) == 0
+    return folder
+
+
+@pytest.fixture(scope="module")
+def scenario_file(out: Path) -> Path:
+    path = out.parent / "learned.yaml"
+    path.write_text("lidar: !LearnedLidar {bundle: out/bundle, noise_std_m: 20}\n")
+    return path
+
+
+def test_writes_all_that_it_says(out: Path):
+    names = {path.relative_to(out).as_posix() for path in out.rglob("*") if path.is_file()}
+    assert {name for name in names if "tfevents" not in name} == {
+        "bundle/bundle.json", "bundle/model.onnx", "report.json", "report.md", "frames.png",
+        "curves/ray_network.csv", "curves/frame_network.csv",
+        "ray_network.ckpt", "frame_network.ckpt",
+    }  # fmt: skip
+    assert (out / "frames.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_learns_even_in_seconds(out: Path):
+    rows = (out / "curves" / "ray_network.csv").read_text().splitlines()[1:]
+    losses = [float(row.split(",")[2]) for row in rows]
+    assert losses[-1] < 0.7 * losses[0]
+    methods = json.loads((out / "report.json").read_text())["methods"]
+    ours = methods["ray network (ours)"]["all"]
+    assert ours["mask_iou"] > 0.88
+    for name in ("nearest grid frame", "inverse distance, 8 frames", "frame network (paper)"):
+        assert ours["mask_iou"] > methods[name]["all"]["mask_iou"]
+
+
+def test_report(out: Path):
+    report = json.loads((out / "report.json").read_text())
+    assert report["bundle_sha256"] == LidarBundle.load(out / "bundle").sha256
+    assert report["shape_sha256"] == kleopatra().shape.sha256
+    assert report["ray_caster_frame_ms"] > 0.0
+    for figures in report["methods"].values():
+        assert {"all", "near_silhouettes", "bands", "frame_ms"} == set(figures)
+        hits = sum(band["true_hits"] for band in figures["bands"])
+        assert hits == figures["all"]["true_hits"] > 1000
+    text = (out / "report.md").read_text()
+    for name in [*report["methods"], "ray-caster", "not met", "frames.png"]:
+        assert name in text
+
+
+@pytest.mark.slow
+def test_again_changes_nothing(out: Path):
+    before = LidarBundle.load(out / "bundle")
+    curves = (out / "curves" / "ray_network.csv").read_text()
+    assert proxops("train-lidar", "--quick", "--out", out) == 0
+    assert LidarBundle.load(out / "bundle").sha256 == before.sha256
+    assert (out / "curves" / "ray_network.csv").read_text() == curves
+
+
+def test_another_training_in_that_folder_is_refused(out: Path, capfd: pytest.CaptureFixture[str]):
+    assert proxops("train-lidar", "--quick", "--seed", 1, "--out", out) == 2
+    assert "give another output folder" in capfd.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--spacing", "0"], "spacing must be positive"),
+        (["--spacing", "300"], "leaves"),
+        (["--set", "lidar=!LearnedLidar {bundle: b}"], "learns from the ray-cast lidar"),
+    ],
+)
+def test_refused(
+    arguments: list[str], words: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+):
+    assert proxops("train-lidar", *arguments, "--out", tmp_path / "out") == 2
+    assert words in capfd.readouterr().err
+
+
+# --- flying with it -------------------------------------------------------------------------------
+
+
+def test_scenario_names_it(out: Path, scenario_file: Path):
+    scenario = load_scenario(scenario_file)
+    wanted = LearnedLidarConfig(bundle=str((out / "bundle").resolve()), noise_std_m=20.0)
+    assert scenario.lidar == wanted
+    assert parse_scenario(dump_scenario(scenario)) == scenario
+
+
+def test_bundle_of_an_override_is_relative_to_here(tmp_path: Path, monkeypatch):
+    """The log and the workers of a campaign hold a path that stays good wherever they are."""
+    monkeypatch.chdir(tmp_path)
+    scenario = load_scenario(None, ["lidar=!LearnedLidar {bundle: mine}"])
+    assert scenario.lidar == LearnedLidarConfig(bundle=str(tmp_path.resolve() / "mine"))
+
+
+@pytest.mark.parametrize(
+    ("setting", "complaint"),
+    [
+        ("lidar=!LearnedLidar {}", "lidar.bundle must name"),
+        ("lidar=!LearnedLidar {bundle: b, hit_probability: 1}", "lidar.hit_probability must"),
+        ("lidar=!LearnedLidar {bundle: b, max_incidence_deg: 60}", "no key 'max_incidence_deg'"),
+        ("lidar=!Radar {}", "lidar cannot be !Radar"),
+    ],
+)
+def test_senseless_scenario_is_refused(setting: str, complaint: str):
+    with pytest.raises(InputError, match=complaint):
+        load_scenario(None, [setting])
+
+
+def test_flies_and_repeats(out: Path, scenario_file: Path, tmp_path: Path):
+    scenario = load_scenario(scenario_file, SHORT)
+    log = fly(scenario)
+    assert log.summary["success"]
+    assert log.dataset.attrs["lidar_sha256"] == LidarBundle.load(out / "bundle").sha256
+    log.to_netcdf(tmp_path / "flight.nc")
+    assert proxops("fly", "--from", tmp_path / "flight.nc", "--out", tmp_path / "again") == 0
+    assert differences(log, FlightLog.load(tmp_path / "again" / "flight.nc")) == []
+    ranges = log.dataset["ranges"].values
+    real = fly(load_scenario(None, SHORT | {"lidar.noise_std_m": 20.0})).dataset["ranges"].values
+    both = np.isfinite(ranges) & np.isfinite(real)
+    # End-on, all is silhouette: a network of seconds sees the body, not its edges.
+    assert both.sum() > 0.6 * (np.isfinite(ranges) | np.isfinite(real)).sum()
+    assert np.median(np.abs(ranges[both] - real[both])) < 5e3
+    assert "lidar_sha256" not in fly(load_scenario(None, SHORT)).dataset.attrs
+
+
+def test_a_bundle_of_another_geometry_does_not_fly(scenario_file: Path):
+    with pytest.raises(InputError, match="the lidar has 6 of 360"):
+        fly(load_scenario(scenario_file, SHORT | {"lidar.planes": 6}))
+
+
+def test_a_campaign_knows_its_bundle(out: Path, scenario_file: Path):
+    made_with = transit_flights(load_scenario(scenario_file), "mpc", 5, 1)[0].made_with
+    assert LidarBundle.load(out / "bundle").sha256 in made_with
+    assert "lidar" not in transit_flights(load_scenario(), "mpc", 5, 1)[0].made_with

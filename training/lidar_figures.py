@@ -1,0 +1,44 @@
+"""Real and generated frames beside each other, as in the paper's figure."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.figure import Figure
+
+_INCHES_WIDE = 11.0
+
+
+def plot_frames(
+    positions: np.ndarray, frames: dict[str, np.ndarray], planes: int, reshaped: tuple[int, int]
+) -> Figure:
+    """One row of pictures a position, one column a source of frames: whole, then reshaped.
+
+    Args:
+      positions: (N, 3) in m in K. frames: by source, (N, R) in m, +inf where nothing returns.
+      reshaped: rows and columns of the second picture, filled ray by ray with all planes of each,
+        for instance the paper's (60, 72).
+    """
+    count, sources = len(positions), len(frames)
+    figure = Figure(figsize=(_INCHES_WIDE, 3.0 * count), layout="constrained")
+    stacks = np.atleast_1d(figure.subfigures(count, 1))
+    for k, stack in enumerate(stacks):
+        seen = np.concatenate([source[k][np.isfinite(source[k])] for source in frames.values()])
+        low, high = (seen.min() / 1e3, seen.max() / 1e3) if seen.size else (0.0, 1.0)
+        place = ", ".join(f"{x / 1e3:.0f}" for x in positions[k])
+        stack.suptitle(f"from ({place}) km", fontsize="small")
+        axes = stack.subplots(2, sources, squeeze=False, height_ratios=[1, 3])
+        image = None
+        for column, (name, source) in enumerate(frames.items()):
+            whole = np.where(np.isfinite(source[k]), source[k] / 1e3, np.nan).reshape(planes, -1)
+            for row, picture in enumerate((whole, whole.T.reshape(reshaped))):
+                axis = axes[row, column]
+                image = axis.imshow(picture, aspect="auto", vmin=low, vmax=high, cmap="viridis")
+                axis.set_facecolor("0.15")
+                axis.tick_params(labelsize="xx-small")
+                size = " × ".join(map(str, picture.shape))
+                axis.set_title(f"{name}, {size}", fontsize="x-small")
+        assert image is not None
+        bar = stack.colorbar(image, ax=axes, shrink=0.8)
+        bar.set_label("range (km)", fontsize="x-small")
+        bar.ax.tick_params(labelsize="xx-small")
+    return figure

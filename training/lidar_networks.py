@@ -1,0 +1,89 @@
+"""The two networks that stand for the lidar: the paper's, frame-wise, and ours, ray-wise."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import torch
+from torch import Tensor, nn
+
+NO_RETURN = -100.0
+"""What the paper's network is to say for a ray without a return, in its unit of length."""
+
+
+class RayNetwork(nn.Module):
+    """Hit probability and depth of one ray, from its chord through an ellipsoid round the body.
+
+    The chord's two ends, in the coordinates that make the ellipsoid the unit ball,
+    are lifted by sines and cosines of rising frequency (Tancik et al., NeurIPS 2020), since a
+    plain network learns edges slowly; a multilayer perceptron follows. The depth is a share of
+    the chord, so that no answer lies outside the ellipsoid.
+    """
+
+    def __init__(self, width: int = 128, layers: int = 4, frequencies: int = 4):
+        super().__init__()
+        self.frequencies = frequencies
+        sizes = [6 * (1 + 2 * frequencies)] + [width] * layers
+        blocks: list[nn.Module] = []
+        for wide, narrow in itertools.pairwise(sizes):
+            blocks += [nn.Linear(wide, narrow), nn.SiLU()]
+        self.layers = nn.Sequential(*blocks, nn.Linear(width, 2))
+
+    def forward(self, chords: Tensor) -> tuple[Tensor, Tensor]:
+        """Logit of the hit's probability (K,) and share of the chord before it (K,).
+
+        Args:
+          chords: (K, 6), entry and exit as `systems.ray_chords` gives them.
+        """
+        lifted = [chords]
+        for power in range(self.frequencies):
+            angle = chords * (math.pi / 2.0 * 2.0**power)
+            lifted += [angle.sin(), angle.cos()]
+        hit, depth = self.layers(torch.cat(lifted, dim=1)).unbind(dim=1)
+        return hit, depth.sigmoid()
+
+
+class FrameNetwork(nn.Module):
+    """The paper's: a multilayer perceptron from the state to the whole frame.
+
+    The attitude is held to K and a frame doesn't depend on velocity, so the state is the position.
+    """
+
+    def __init__(self, rays: int, width: int = 512):
+        super().__init__()
+        self.layers = nn.Sequential(
+            nn.Linear(3, width // 4),
+            nn.ReLU(),
+            nn.Linear(width // 4, width // 2),
+            nn.ReLU(),
+            nn.Linear(width // 2, width),
+            nn.ReLU(),
+            nn.Linear(width, rays),
+        )
+
+    def forward(self, positions: Tensor) -> Tensor:
+        """Frames (N, rays) in the unit of length, near `NO_RETURN` where nothing returns.
+
+        Args:
+          positions: (N, 3) in K, in half edges of the cube.
+        """
+        return 100.0 * self.layers(positions)
+
+
+def ray_loss(network: RayNetwork, chords: Tensor, hit: Tensor, depth: Tensor, length: Tensor):
+    """Cross-entropy of the hit plus the absolute error of the depth where there is one.
+
+    Args:
+      chords: (K, 6). hit: (K,) 1 or 0. depth: (K,) share of the chord, any where nothing is hit.
+      length: (K,) of the chord, in units in which an error of 1 weighs as much as a nat.
+    """
+    logit, guess = network(chords)
+    entropy = nn.functional.binary_cross_entropy_with_logits(logit, hit)
+    error = ((guess - depth).abs() * length * hit).sum() / hit.sum().clamp(min=1.0)
+    return entropy + error
+
+
+def frame_loss(network: FrameNetwork, positions: Tensor, frames: Tensor) -> Tensor:
+    """The paper's: root mean square error over all rays, returned or not."""
+    return nn.functional.mse_loss(network(positions), frames).sqrt()
