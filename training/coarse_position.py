@@ -1,0 +1,85 @@
+"""Where the spacecraft is, from one frame alone, to about a kilometre: for acquisition."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import torch
+from torch import Tensor, nn
+
+_PAIRS = list(itertools.product(range(3), repeat=2))
+# The moments are products of a pair with another coordinate, or pair; each of a kind counts once.
+_KINDS = [tuple(sorted(pair + more)) for pair in _PAIRS for more in [(0,), (1,), (2,), *_PAIRS]]
+_DIFFERENT = [_KINDS.index(kind) for kind in sorted(set(_KINDS))]
+_WAYS = [way for way in itertools.product((-1.0, 0.0, 1.0), repeat=3) if any(way)]
+
+
+class CoarsePosition(nn.Module):
+    """A perceptron on features of the returns; predicts what to add to minus their centroid.
+
+    The features are the centroid, moments of the returns about it to the fourth order, by area
+    and by solid angle, how far they reach in 26 directions, from the centroid and as seen, and
+    their number and solid angle.
+    """
+
+    different: Tensor
+    ways: Tensor
+    mean: Tensor
+    scale: Tensor
+
+    def __init__(self, length: float, width: int = 256):
+        """Takes the length in m to scale positions by, about the body's size, and a width."""
+        super().__init__()
+        self.length = length
+        ways = torch.tensor(_WAYS)
+        self.register_buffer("ways", ways / ways.norm(dim=1, keepdim=True))
+        self.register_buffer("different", torch.tensor(_DIFFERENT))
+        size = 9 + 3 + 18 + 2 * len(_DIFFERENT) + 2 * len(_WAYS)
+        # Of the features, set by `fit_scale` from data.
+        self.register_buffer("mean", torch.zeros(size))
+        self.register_buffer("scale", torch.ones(size))
+        self.network = nn.Sequential(
+            nn.Linear(size, width), nn.SiLU(),
+            nn.Linear(width, width), nn.SiLU(),
+            nn.Linear(width, 3),
+        )  # fmt: skip
+
+    def features(
+        self, points: Tensor, solid: Tensor, valid: Tensor, count: Tensor
+    ) -> tuple[Tensor, Tensor]:
+        """Features (B, F) and centroids (B, 3), over the length, of what `HitSelection` gives."""
+        x = points / self.length
+        share = count / valid.sum(1, keepdim=True).clamp(min=1.0)
+        weights = torch.stack([solid * (x * x).sum(2), solid], dim=1)  # Area, solid angle.
+        total = weights.sum(2)
+        weights = weights / (total[..., None] + 1e-9)
+        centre = (weights[:, :1] @ x)[:, 0]
+        away = 2.0 * (x - centre[:, None])
+        pairs = (away[..., :, None] * away[..., None, :]).flatten(2)
+        weighted = (weights[..., None] * pairs[:, None]).transpose(2, 3)
+        higher = weighted @ torch.cat([away, pairs], dim=2)[:, None]
+        moments = [weights[:, 1:] @ away, 4.0 * weighted.sum(3)]
+        moments += [16.0 * higher.flatten(2)[:, :, self.different]]
+        distance = centre.norm(dim=1, keepdim=True)
+        seen = x / (x.norm(dim=2, keepdim=True) + 1e-6)
+        none = -10.0 * (1.0 - valid)[..., None]
+        reach = (torch.cat([away, seen], dim=1) @ self.ways.T).unflatten(1, (2, -1))
+        parts = [
+            centre, distance, centre / (distance + 1e-6),
+            torch.log(share * total + 1e-3),
+            *[moment.flatten(1) for moment in moments],
+            (reach + none[:, None]).amax(2).flatten(1),
+        ]  # fmt: skip
+        return torch.cat(parts, dim=1), centre
+
+    def fit_scale(self, features: Tensor) -> None:
+        """Sets the features' normalisation from examples (N, F)."""
+        self.mean.copy_(features.mean(0))
+        self.scale.copy_(features.std(0) + 1e-6)
+
+    def forward(self, points: Tensor, solid: Tensor, valid: Tensor, count: Tensor) -> Tensor:
+        """Position (B, 3) in m in K from what `HitSelection` gives."""
+        features, centre = self.features(points, solid, valid, count)
+        normal = ((features - self.mean) / self.scale).clamp(-6.0, 6.0)
+        return self.length * (self.network(normal) * math.sqrt(0.02) - centre)
