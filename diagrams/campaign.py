@@ -8,18 +8,16 @@ import fcntl
 import functools
 import hashlib
 import json
-import logging
-import os
 import typing
 from collections.abc import Callable, Generator, Sequence
 from importlib import metadata
 from pathlib import Path
 
-import numba
 from pydrake.common.yaml import yaml_dump_typed
 
 from proxops.diagrams.body import Body, BodyConfig, load_body
 from proxops.diagrams.flight_log import FlightLog, make_folder, write_whole
+from proxops.diagrams.parallel import parallel_results
 from proxops.diagrams.scenario import (
     LearnedLidarConfig,
     Scenario,
@@ -34,12 +32,6 @@ Row = dict[str, typing.Any]
 Describe = Callable[[FlightLog, Path | None], Row]
 """What is kept of a flight, from its log and, if it is kept, the log's file. It is sent to the
 workers, so it must be a function of a module."""
-
-# A process that has flown this many is replaced: Drake's diagrams of Python systems are never
-# freed, and each leaves some 1.5 MB behind.
-_FLIGHTS_PER_PROCESS = 150
-# So many workers may be killed while they fly a flight.
-_LIVES = 4
 
 
 @dc.dataclass(frozen=True)
@@ -129,104 +121,15 @@ def run_campaign(
             rows[flight.name] = row
             if progress is not None:
                 progress(row)
-    workers = min(workers or os.cpu_count() or 1, len(todo))
     task = functools.partial(
         _fly_one, folder=folder.resolve(), keep_logs=keep_logs, describe=describe
     )
-    with contextlib.closing(_results(todo, task, workers, scheduler)) as results:
+    with contextlib.closing(parallel_results(todo, task, workers, scheduler)) as results:
         for name, row in results:
             rows[name] = row
             if progress is not None:
                 progress(row)
     return [rows[flight.name] for flight in flights]
-
-
-def _results(
-    flights: Sequence[Flight], task: Callable[[Flight], Row], workers: int, scheduler: str | None
-) -> Generator[tuple[str, Row]]:
-    """Name and row of each flight as it ends."""
-    if scheduler is not None:
-        yield from _distributed(flights, task, workers, scheduler)
-    elif workers <= 1 and len(flights) <= _FLIGHTS_PER_PROCESS:
-        for flight in flights:
-            yield flight.name, task(flight)
-    else:
-        batch = workers * _FLIGHTS_PER_PROCESS
-        for start in range(0, len(flights), batch):
-            yield from _distributed(flights[start : start + batch], task, workers, None)
-
-
-def _distributed(
-    flights: Sequence[Flight], task: Callable[[Flight], Row], workers: int, scheduler: str | None
-) -> Generator[tuple[str, Row]]:
-    """As `_results`, by Dask's workers."""
-    # Slow to import: only when it is needed.
-    from dask.distributed import KilledWorker, as_completed
-
-    with _client(workers, scheduler) as client:
-        futures = [
-            client.submit(_on_one_thread, task, flight, key=flight.name, pure=False)
-            for flight in flights
-        ]
-        names = {future.key: flight.name for future, flight in zip(futures, flights, strict=True)}
-        done = as_completed(futures)
-        del futures
-        for future in done:
-            try:
-                row = future.result()
-            except KilledWorker as error:
-                raise InputError(
-                    f"flight {names[future.key]} ended {_LIVES} worker processes one after the "
-                    "other: is there memory enough? Run again to go on, with fewer --workers"
-                ) from error
-            yield names[future.key], row
-            future.release()
-
-
-@contextlib.contextmanager
-def _client(workers: int, scheduler: str | None):
-    import dask.config
-    from dask.distributed import Client, LocalCluster
-
-    if scheduler is not None:
-        try:
-            client = Client(scheduler, timeout="10s")
-        except (OSError, ValueError, TimeoutError) as error:
-            raise InputError(f"no Dask scheduler answers at {scheduler}: {error}") from error
-        with client:
-            yield client
-        return
-    settings = {
-        "distributed.worker.multiprocessing-method": "spawn",
-        # Dask would put these variables into this process's environment too.
-        "distributed.nanny.pre-spawn-environ": {},
-        # A worker that is killed is replaced, and its flight flown again.
-        "distributed.scheduler.allowed-failures": _LIVES - 1,
-    }
-    with (
-        dask.config.set(settings),
-        LocalCluster(
-            n_workers=workers,
-            threads_per_worker=1,
-            processes=True,
-            dashboard_address=":0",  # Any free port: several campaigns may run.
-            silence_logs=logging.CRITICAL,
-            # Ctrl-C reaches all processes of a terminal; the workers end when this one does.
-            preload=["import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"],
-        ) as cluster,
-        Client(cluster) as client,
-    ):
-        yield client
-
-
-def _on_one_thread(task: Callable[[Flight], Row], flight: Flight) -> Row:
-    """One flight is one thread's work, in a worker beside others."""
-    import dask.config
-
-    numba.set_num_threads(1)
-    # Or xarray would write its files under locks that it shares with the other workers.
-    with dask.config.set(scheduler="synchronous"):
-        return task(flight)
 
 
 def _fly_one(flight: Flight, folder: Path, keep_logs: bool, describe: Describe) -> Row:

@@ -1,0 +1,189 @@
+"""The expert's plans as labels: every plan says what to do at each of its knots, at no more cost.
+
+What is left of a plan of the expert is its plan from there (see `TransitProgram`), so the force
+that begins at a knot is its command in the knot's state. One solution labels as many states as a
+plan has knots, and those it was not asked about are where flights that go well will come.
+"""
+
+from __future__ import annotations
+
+import dataclasses as dc
+import functools
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from proxops.diagrams.body import Body, load_body
+from proxops.diagrams.campaign import parallel_results
+from proxops.diagrams.flight_log import make_folder, write_whole
+from proxops.diagrams.scenario import Scenario, dump_scenario, parse_scenario
+from proxops.diagrams.scenario_systems import make_controller
+from proxops.systems.counter_noise import derived_seed, generator
+from proxops.systems.ellipsoid import blocks_segment
+from proxops.systems.errors import InputError, SolverFailure
+from proxops.systems.plan import Plan, PlanProgram
+
+# Transits whose plans are computed, and kept, together.
+_PORTION = 50
+# Solutions for one transit: from its start, and from states off its plan.
+_SOLUTIONS = 16
+# Share of the solutions that start within the last minutes, where precision counts.
+_LATE = 0.2
+# How far off the plan they start: log-uniform standard deviations in m and m/s.
+_POSITION_OFF, _SPEED_OFF = (30.0, 3e3), (0.03, 2.0)
+# Share of transits that are kept though no ellipsoid is in their way.
+_CLEAR = 0.5
+# A plan with more slack breaks a limit or misses the target: its later knots are no example.
+_SLACK = 1e-3
+_STREAM = 5
+
+
+@dc.dataclass(frozen=True)
+class Portion:
+    """Some transits whose plans are computed together, as text, so that any worker can."""
+
+    name: str
+    scenario: str
+    seed: int
+    first: int
+    count: int
+
+
+def expert_plans(
+    scenario: Scenario,
+    seed: int,
+    transits: int,
+    folder: Path,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> dict[str, np.ndarray]:
+    """States (N, 6), goals (N, 3) and the expert's forces (N, 3) there, in K and SI.
+
+    Transits are random, half of those with nothing in their way left out; each is a function of
+    (scenario, seed, number). What has been computed is kept in `folder`, by portions, and not
+    computed again.
+
+    Args:
+      workers, scheduler: as of `run_campaign`.
+      progress: is called with the number of transits of each portion that is ready.
+
+    Raises:
+      InputError: a file in the folder is damaged or of other plans.
+    """
+    make_folder(folder)
+    text = dump_scenario(scenario)
+    portions = [
+        Portion(f"plans-{seed}-{first:06d}", text, seed, first, min(_PORTION, transits - first))
+        for first in range(0, transits, _PORTION)
+    ]
+    todo = []
+    for portion in portions:
+        if (folder / f"{portion.name}.npz").exists():
+            _load(portion, folder)
+            if progress is not None:
+                progress(portion.count)
+        else:
+            todo.append(portion)
+    counts = {portion.name: portion.count for portion in todo}
+    task = functools.partial(_compute, folder=folder.resolve())
+    for name, _ in parallel_results(todo, task, workers, scheduler):
+        if progress is not None:
+            progress(counts[name])
+    parts = [_load(portion, folder) for portion in portions]
+    return {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}
+
+
+def transit_plans(
+    program: PlanProgram, scenario: Scenario, body: Body, seed: int, index: int
+) -> list[Plan]:
+    """Plans of one random transit: from its start, and from states off that plan."""
+    random = generator(derived_seed(seed, _STREAM), index)
+    axes = body.keep_out_semi_axes
+    half = 0.5 * scenario.transit.cube_m
+    while True:
+        start, goal = random.uniform(-half, half, (2, 3))
+        far = np.linalg.norm(goal - start) < 1.15 * scenario.transit.max_distance_m
+        outside = (
+            min(np.linalg.norm(p / (axes + scenario.mpc.keep_out_margin_m)) for p in (start, goal))
+            > 1.0
+        )
+        if far and outside and (blocks_segment(axes, start, goal) or random.random() < _CLEAR):
+            break
+    target = np.append(goal, np.zeros(3))
+    moving = random.random() < 0.3
+    speed = 0.2 * scenario.spacecraft.speed_limit_m_s * moving
+    try:
+        first = program.solve(
+            np.append(start, speed * random.standard_normal(3)),
+            target,
+            iterations=scenario.mpc.cold_iterations,
+        )
+    except SolverFailure:
+        return []
+    plans = [first]
+    for _ in range(_SOLUTIONS - 1):
+        late = random.random() < _LATE
+        end = first.times[-1]
+        age = end - 300.0 * random.random() if late else end * random.random()
+        state = first.states_at(np.array([max(age, 0.0)]))[0]
+        for part, (low, high) in ((slice(3), _POSITION_OFF), (slice(3, 6), _SPEED_OFF)):
+            spread = low * (high / low) ** random.random()
+            state[part] += spread * random.standard_normal(3)
+        try:
+            plans.append(program.solve(state, target, first, max(age, 0.0), iterations=3))
+        except SolverFailure:
+            continue
+    return plans
+
+
+def labels_of(plans: list[Plan]) -> dict[str, np.ndarray]:
+    """States, goals and forces of the knots of plans; of one with slack, of its start alone."""
+    states, goals, forces = [np.zeros((0, 6))], [np.zeros((0, 3))], [np.zeros((0, 3))]
+    for plan in plans:
+        knots = len(plan.forces) if plan.slack < _SLACK else 1
+        states.append(plan.states[:knots])
+        forces.append(plan.forces[:knots])
+        goals.append(np.tile(plan.target[:3], (knots, 1)))
+    parts = {"state": states, "goal": goals, "force": forces}
+    return {key: np.concatenate(values) for key, values in parts.items()}
+
+
+def _compute(portion: Portion, folder: Path) -> int:
+    scenario = parse_scenario(portion.scenario)
+    body = _body(scenario.body)
+    program = make_controller(scenario, body).program
+    plans = []
+    for index in range(portion.first, portion.first + portion.count):
+        plans += transit_plans(program, scenario, body, portion.seed, index)
+    content = labels_of(plans) | {"origin": np.array(_origin(portion))}
+    write_whole(folder / f"{portion.name}.npz", lambda path: _save(path, content))
+    return len(plans)
+
+
+def _save(path: Path, content: dict[str, np.ndarray]) -> None:
+    with path.open("wb") as file:
+        np.savez(file, allow_pickle=False, **content)
+
+
+def _load(portion: Portion, folder: Path) -> dict[str, np.ndarray]:
+    path = folder / f"{portion.name}.npz"
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            content = {key: file[key] for key in ("state", "goal", "force", "origin")}
+    except Exception as error:  # A damaged file makes numpy raise all sorts.
+        raise InputError(f"{path} holds no plans: remove it") from error
+    if str(content.pop("origin")) != _origin(portion):
+        raise InputError(
+            f"{path} holds plans of another scenario: remove it, or name another folder"
+        )
+    return content
+
+
+def _origin(portion: Portion) -> str:
+    return f"{portion.first}, {portion.count}, {portion.seed}\n{portion.scenario}"
+
+
+# One large thing, loaded once in each worker.
+_body = functools.lru_cache(maxsize=1)(load_body)
