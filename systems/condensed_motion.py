@@ -68,9 +68,8 @@ def _times(left, right):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _affine_states(
-    gradient, constant, spin, acceleration, lengths, start, states, controls
-):  # As above, with G (N, 3, 3) and c (N, 3).
+def _affine_states(gradient, constant, spin, acceleration, lengths, start, states, controls):
+    """Rows of `condensed_motion`, from G (N, 3, 3) and c (N, 3)."""
     n = len(lengths)
     rows = np.zeros((n, 6, 3 * n + 2))
     before = np.zeros((6, 3 * n + 2))

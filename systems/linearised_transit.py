@@ -204,7 +204,7 @@ class LinearisedTransit:
         # Refinement of the linear solves takes a third of the time, for digits beyond the
         # tolerance; a solve that fails without it gets it.
         for refined in (False, True):
-            self.options.SetOption(self.solver.id(), "iterative_refinement_enable", refined)
+            self.options.SetOption(ClarabelSolver.id(), "iterative_refinement_enable", refined)
             result = self.solver.Solve(self.program, None, self.options)
             if result.is_success():
                 return result.get_x_val()
