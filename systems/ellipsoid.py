@@ -56,22 +56,20 @@ def clearances(semi_axes, points):
     return out
 
 
-@numba.njit(cache=True, error_model="numpy")
-def tangent_half_spaces(semi_axes, points):
+def tangent_half_spaces(semi_axes: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Half-spaces n.r >= b that hold no point of the ellipsoid's inside, one for each point.
 
     For a point outside it touches the ellipsoid where the ray to it from the origin leaves; for
     one inside, at the nearest point of the surface: the shortest way out. Returns unit normals
     (N, 3) and offsets (N,).
     """
-    normals, offsets = np.empty(points.shape), np.empty(len(points))
-    for k in range(len(points)):
-        level = np.sqrt(np.sum((points[k] / semi_axes) ** 2))
-        touching = points[k] / level if level >= 1.0 else closest_point(semi_axes, points[k])
-        normal = touching / semi_axes**2
-        normals[k] = normal / np.sqrt(np.sum(normal**2))
-        offsets[k] = np.sum(normals[k] * touching)
-    return normals, offsets
+    level = np.linalg.norm(points / semi_axes, axis=1)
+    touching = points / np.maximum(level, 1.0)[:, None]
+    for k in np.flatnonzero(level < 1.0):
+        touching[k] = closest_point(semi_axes, points[k])
+    normals = touching / semi_axes**2
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    return normals, np.einsum("ni,ni->n", normals, touching)
 
 
 def blocks_segment(semi_axes: np.ndarray, start: np.ndarray, end: np.ndarray) -> bool:
