@@ -1,10 +1,12 @@
 """What every convex program of a plan has: motion, limits and keep-out about an earlier plan.
 
-The variables are u, the forces over the thrust limit, the change of the plan's length over its
-length, if that is free, and slacks. The states are no variables: they are affine in those
-(`condensed_motion`), and a cost or constraint on them is one on z = (u, stretch)::
+The variables are z and slacks s: z is u, the forces over the thrust limit, and the change of the
+plan's length over its length, if that is free. The states are no variables; they are affine in z
+(`condensed_motion`), and so are a cost and the limits of the path (`path_limits`) on them::
 
-    x_k / units = motion_k z + drift_k                                   k = 1 ... N
+    minimise    mean of |u|_2^2  +  price . s  +  what is added, a cost of z
+    subject to  |u| <= 1,  s >= 0,  rows (z, s) >= bounds
+                with x_k / units = motion_k z + drift_k,  k = 1 ... N
 
 Each limit but that of thrust has an exactly penalised slack, so that no state is infeasible.
 Limits of the path that the last plan is far from are left out at first; a solution that breaks one
