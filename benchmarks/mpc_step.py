@@ -4,13 +4,14 @@ A transit is flown by the MPC; at every state on its way all sides then plan to 
 turn, each from its own last plan of one period ago, on one thread. All do the whole step: gravity
 along the last plan, the update of the problem, its solution, the plan out of it.
 
-CasADi's is what the expert's sequence of convex programs converges to: the same knots, forces in
-pairs, limits, priced slacks and tangent half-spaces, the same affine gravity about its last plan
-(its field is no symbolic expression), and the time as one more variable, through one step of RK4
-an interval, which for this motion is the exponential's series to order 4. IPOPT starts from the
-last plan moved on by a period and from its multipliers: with its own options for a warm start,
-with a barrier so low that it hardly leaves that guess, and so to a loose tolerance. `--disturbed`
-flies with the paper's disturbance, so that the state is not as the last plan predicted.
+CasADi's is what the expert's sequence of convex programs converges to: the same knots, limits,
+priced slacks and tangent half-spaces, the same affine gravity about its last plan (its field is no
+symbolic expression), and the time as one more variable, through one step of RK4 an interval, which
+for this motion is the exponential's series to order 4. The states are variables, and forces come in
+pairs without a sign. IPOPT starts from the last plan moved on by a period and from its multipliers:
+with its own options for a warm start, with a barrier so low that it hardly leaves that guess, and
+so to a loose tolerance. `--disturbed` flies with the paper's disturbance, so that the state is not
+as the last plan predicted.
 
     python benchmarks/mpc_step.py [--transit 0] [--seed 10001] [--disturbed]
 """
@@ -53,12 +54,15 @@ SETTINGS = {
 
 
 class Parts:
-    """Stands in for the solver and the field of a `TransitProgram` and notes their times."""
+    """Stands in for the solver and the field of a `TransitProgram` and notes their times.
+
+    `iterations` are of all solves since it was last set to 0.
+    """
 
     def __init__(self, program: TransitProgram):
         transit = program.transit
         self.solver, self.field = transit.solver, transit.field
-        self.times, self.iterations = defaultdict(list), []
+        self.times, self.iterations = defaultdict(list), 0
         linearise = self.timed("linearise", transit.linearise)
         transit.solver, transit.field, transit.linearise = self, self, linearise
         self.evaluate = self.timed("gravity", self.field.evaluate)
@@ -74,7 +78,7 @@ class Parts:
 
     def Solve(self, *arguments):  # noqa: N802
         result = self.timed("solve", self.solver.Solve)(*arguments)
-        self.iterations.append(result.get_solver_details().iterations)
+        self.iterations += result.get_solver_details().iterations
         return result
 
 
@@ -200,12 +204,13 @@ def main() -> None:
             started = CLOCK()
             plan = solve(state, target, plans[i], period)
             times[step, i] = CLOCK() - started
-            plans[i], iterations[step, i] = plan, plan.iterations
+            plans[i] = plan
+            iterations[step, i] = parts.iterations if i == 0 else plan.iterations
+            parts.iterations = 0
             if plan.status:  # Failed: anew, from our plan.
                 plans[i], peers[i - 1].multipliers = plans[0], {}
             else:
                 apart[step, i] = np.abs(plan.forces[0] - plans[0].forces[0]).max()
-    iterations[:, 0] = parts.iterations
     report(times, iterations, apart)
     report_parts(parts, float(np.median(times[:, 0])))
 

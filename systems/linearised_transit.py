@@ -1,26 +1,32 @@
 """What every convex program of a plan has: motion, limits and keep-out about an earlier plan.
 
-The variables are scaled to numbers of order one: states by `units`, forces by the thrust limit.
+The variables are z and slacks s: z is u, the forces over the thrust limit, and the change of the
+plan's length over its length, if that is free. The states are no variables; they are affine in z
+(`condensed_motion`), and so are a cost and the limits of the path (`path_limits`) on them::
+
+    minimise    mean of |u|_2^2  +  price . s  +  what is added, a cost of z
+    subject to  |u| <= 1,  s >= 0,  rows (z, s) >= bounds
+                with x_k / units = motion_k z + drift_k,  k = 1 ... N
+
 Each limit but that of thrust has an exactly penalised slack, so that no state is infeasible.
+Limits of the path that the last plan is far from are left out at first; a solution that breaks one
+of them is solved for again with it (constraint generation). So the answer is always that of the
+whole program.
 """
 
 from __future__ import annotations
 
 import time
+from dataclasses import dataclass
 
 import numpy as np
-from pydrake.solvers import (
-    ClarabelSolver,
-    MathematicalProgram,
-    MathematicalProgramResult,
-    SolverOptions,
-)
+from pydrake.solvers import ClarabelSolver, MathematicalProgram, SolverOptions
 
-from proxops.systems.ellipsoid import tangent_half_spaces
-from proxops.systems.errors import InputError
+from proxops.systems.condensed_motion import condensed_motion
+from proxops.systems.errors import InputError, SolverFailure
 from proxops.systems.first_guess import first_positions
 from proxops.systems.gravity_field import Field
-from proxops.systems.linear_motion import linear_motion
+from proxops.systems.path_limits import PathLimits, path_limits
 from proxops.systems.plan import Horizon, Plan, TransitLimits
 
 # Prices of one scaled unit of slack, against an effort of 0 to 3: above every multiplier, so that
@@ -29,19 +35,38 @@ from proxops.systems.plan import Horizon, Plan, TransitLimits
 KEEP_OUT_PRICE, SLACK_PRICE = 1000.0, 100.0
 # A plan is close whose state now and target are within this many units: 0.5 km and 0.5 m/s.
 _CLOSE = 0.05
+# Limits that the last plan is this near to, in units (1 km, 1 m/s), are in the program at once.
+_NEAR = 0.1
+# The others join it if its solution breaks them by more than this, in units (0.1 mm, 0.1 um/s).
+_TOLERANCE = 1e-8
+
+
+@dataclass(frozen=True)
+class TransitSolution:
+    """A solution of one linearisation."""
+
+    states: np.ndarray
+    """(N + 1, 6) at the knots, in m and m/s."""
+    controls: np.ndarray
+    """(N, 3), forces over the limit."""
+    stretch: float
+    """Change of the plan's length over its length."""
+    slack: float
+    """Sum of all slacks, in scaled units."""
 
 
 class LinearisedTransit:
-    """A MathematicalProgram with the states and forces of a plan, to which costs are added.
+    """A MathematicalProgram over the controls of a plan, to which costs are added.
 
     Attributes:
-      program, x (N + 1, 6), u (N, 6), slacks: what costs and further constraints are added to.
-        u is the force over its limit along +x, +y, +z, -x, -y, -z, none negative: linear cost of
-        the sum is then the 1-norm. Its mean square over the plan is already part of the cost.
-      stretch: (1,) the change of the plan's length over its length, if it is free; else empty.
-      stretch_bounds: the constraint that bounds it.
-      fractions: (N + 1,) knots as shares of the plan's length.
+      program: has the mean square of u over the plan and the price of slack as costs already.
+      u (3 N,), stretch (1,) or (), moved: variables; `moved` is z, both of them.
+      size: (3 N,) no less than |u|, for costs of the 1-norm, or ().
+      end_slacks: variables that are not negative and have a price.
+      stretch_bounds: the constraint that bounds the stretch, if it is free.
+      fractions: (N + 1,) knots as shares of the plan's length; shares: (N,) of the intervals.
       units: (6,) in m and m/s.
+      motion (N, 6, M), drift (N, 6): the states at the knots after the first, as linearised last.
     """
 
     def __init__(
@@ -51,13 +76,15 @@ class LinearisedTransit:
         limits: TransitLimits,
         horizon: Horizon,
         free_time: bool,
+        one_norm: bool = False,
         end_slacks: int = 0,
     ):
         """Takes the field and spin (rad/s about z) that the plan believes in.
 
         Args:
           free_time: whether `stretch` is a variable.
-          end_slacks: how many further slacks to make, the last of `slacks`.
+          one_norm: whether to make `size`.
+          end_slacks: how many further slacks to make.
 
         Raises:
           InputError: the horizon has no length or fewer than two intervals.
@@ -66,54 +93,51 @@ class LinearisedTransit:
             raise InputError("a plan needs at least 2 knots and a horizon of positive length")
         self.field, self.spin, self.limits, self.horizon = field, spin, limits, horizon
         self.fractions = horizon.fractions()
+        self.shares = np.diff(self.fractions)
+        # Scaled to numbers of order one.
         speed_unit = limits.speed / 4.0
         length_unit = float(np.min(limits.keep_out_semi_axes)) / 7.0
         self.units = np.repeat([length_unit, speed_unit], 3)
         self.program = MathematicalProgram()
-        self._build(free_time, end_slacks)
+        self._build(int(free_time), int(one_norm), end_slacks)
         self.solver = ClarabelSolver()
         self.options = SolverOptions()
 
-    def _build(self, free_time: bool, end_slacks: int) -> None:
+    def _build(self, free_time: int, one_norm: int, end_slacks: int) -> None:
         n, program = self.horizon.knots, self.program
-        self.x = program.NewContinuousVariables(n + 1, 6, "x")
-        self.u = program.NewContinuousVariables(n, 6, "u")
-        self.stretch = program.NewContinuousVariables(int(free_time), "stretch")
-        keep_out_slack = program.NewContinuousVariables(n, "keep_out_slack")
-        speed_slack = program.NewContinuousVariables(n, "speed_slack")
-        end_slack = program.NewContinuousVariables(end_slacks, "end_slack")
-        self.slacks = np.concatenate([keep_out_slack, speed_slack, end_slack])
-        zero, free = np.zeros(6), np.full(6, np.inf)
-
-        self._start = program.AddBoundingBoxConstraint(zero, zero, self.x[0])
-        self._motion = [
-            program.AddLinearEqualityConstraint(
-                np.zeros((6, 18 + self.stretch.size)),
-                zero,
-                np.concatenate([self.x[k], self.u[k], self.x[k + 1], self.stretch]),
+        # One block with few bindings: Drake looks up each variable of each binding at each solve.
+        sizes = [3 * n, free_time, n, n, end_slacks, 3 * n * one_norm]
+        variables = program.NewContinuousVariables(sum(sizes), "z")
+        parts = np.split(variables, np.cumsum(sizes)[:-1])
+        self.u, self.stretch, keep_out_slack, speed_slack, self.end_slacks, self.size = parts
+        self.moved = variables[: 3 * n + free_time]
+        slacks = np.concatenate([keep_out_slack, speed_slack, self.end_slacks])
+        self._slacks = slice(self.moved.size, self.moved.size + slacks.size)
+        self._limited = slice(self.moved.size + 2 * n)
+        if one_norm:
+            eye = np.eye(3 * n)
+            program.AddLinearConstraint(
+                np.block([[eye, eye], [-eye, eye]]),
+                np.zeros(6 * n),
+                np.full(6 * n, np.inf),
+                np.concatenate([self.u, self.size]),
             )
-            for k in range(n)
-        ]
-        program.AddBoundingBoxConstraint(0.0, 1.0, self.u)
+            program.AddBoundingBoxConstraint(-np.inf, 1.0, self.size)
+        else:
+            program.AddBoundingBoxConstraint(-1.0, 1.0, self.u)
         if free_time:
             self.stretch_bounds = program.AddBoundingBoxConstraint(0.0, 0.0, self.stretch)
-        program.AddBoundingBoxConstraint(0.0, np.inf, self.slacks)
-        limit = self.limits.speed / self.units[3]
-        both_ways = np.hstack([np.vstack([np.eye(3), -np.eye(3)]), -np.ones((6, 1))])
-        for k in range(n):
-            velocity = np.append(self.x[k + 1, 3:], speed_slack[k])
-            program.AddLinearConstraint(both_ways, -free, np.full(6, limit), velocity)
-        self._keep_out = [
-            program.AddLinearConstraint(
-                np.zeros((1, 4)), [0.0], [np.inf], np.append(self.x[k + 1, :3], keep_out_slack[k])
-            )
-            for k in range(n)
-        ]
-        for share, force in zip(np.diff(self.fractions), self.u, strict=True):
-            program.AddQuadraticCost(2.0 * share * np.eye(6), np.zeros(6), force, is_convex=True)
-        price = np.full(self.slacks.size, SLACK_PRICE)
+        program.AddBoundingBoxConstraint(0.0, np.inf, slacks)
+        # How many rows there are, changes from solve to solve.
+        limited = variables[self._limited]
+        self._path = program.AddLinearConstraint(
+            np.zeros((1, limited.size)), np.zeros(1), np.full(1, np.inf), limited
+        )
+        weights = 2.0 * np.diag(np.repeat(self.shares, 3))
+        program.AddQuadraticCost(weights, np.zeros(3 * n), self.u, is_convex=True)
+        price = np.full(slacks.size, SLACK_PRICE)
         price[:n] = KEEP_OUT_PRICE
-        program.AddLinearCost(price, 0.0, self.slacks)
+        program.AddLinearCost(price, 0.0, slacks)
 
     def first_plan(self, state: np.ndarray, target: np.ndarray, duration: float) -> Plan:
         """Something to linearise about that depends on state and target alone."""
@@ -132,48 +156,65 @@ class LinearisedTransit:
         return last.states_at(times), controls
 
     def linearise(
-        self, states: np.ndarray, controls: np.ndarray, duration: float, push: np.ndarray
+        self,
+        start: np.ndarray,
+        states: np.ndarray,
+        controls: np.ndarray,
+        duration: float,
+        push: np.ndarray,
     ) -> None:
-        """Motion and keep-out about states (N + 1, 6) at the knots and controls (N, 3) between."""
-        n = self.horizon.knots
-        positions = states[:, :3]
-        lengths = duration * np.diff(self.fractions)
-        force_unit = self.limits.thrust / self.limits.mass
-        step, rates = linear_motion(
-            self.field, self.spin, positions, lengths, self.units, force_unit, push
+        """Motion from `start` (6,) about states (N + 1, 6) and controls (N, 3), and its limits."""
+        rows = condensed_motion(
+            self.field, self.spin, start, states, controls, duration * self.shares,
+            self.limits.thrust / self.limits.mass, push,
+        )  # fmt: skip
+        rows /= self.units[:, None]
+        self._start = start
+        self.motion, self.drift = rows[:, :, : self.moved.size], rows[:, :, -1]
+        self._limits: PathLimits = path_limits(
+            self.limits, self.units, self.motion, self.drift, states[1:]
         )
-        motion = np.empty((n, 6, 18 + self.stretch.size))
-        motion[:, :, :9] = step[:, :6, :9]
-        motion[:, :, 9:12] = -step[:, :6, 6:9]
-        motion[:, :, 12:18] = -np.eye(6)
-        if self.stretch.size:
-            # A longer T makes each step longer: d exp(A) / dT along the plan.
-            flown = np.concatenate([states[:-1] / self.units, controls, np.ones((n, 1))], axis=1)
-            ends = np.einsum("nij,nj->ni", step, flown)
-            motion[:, :, 18] = np.einsum("nij,nj->ni", rates, ends)[:, :6]
-        normals, offsets = tangent_half_spaces(self.limits.keep_out_semi_axes, positions[1:])
-        rows = np.ones((n, 1, 4))
-        rows[:, 0, :3] = normals
-        bounds = offsets / self.units[0]
-        free = [np.inf]
-        for k in range(n):
-            self._motion[k].evaluator().UpdateCoefficients(motion[k], -step[k, :6, 9])
-            self._keep_out[k].evaluator().UpdateCoefficients(rows[k], bounds[k : k + 1], free)
 
-    def solve_from(self, state: np.ndarray) -> MathematicalProgramResult:
-        """Solves the program as it is linearised, from `state` (6,)."""
-        scaled = state / self.units
-        self._start.evaluator().set_bounds(scaled, scaled)
-        return self.solver.Solve(self.program, None, self.options)
+    def solve(self) -> TransitSolution:
+        """Solves the program as it is linearised.
 
-    def controls_of(self, result: MathematicalProgramResult) -> np.ndarray:
-        """Forces over the limit (N, 3)."""
-        up_down = result.GetSolution(self.u)
-        return up_down[:, :3] - up_down[:, 3:]
+        Raises:
+          SolverFailure: the solver fails.
+        """
+        rows, bounds, room = self._limits
+        included = room < _NEAR
+        while True:
+            free = np.full(np.count_nonzero(included), np.inf)
+            self._path.evaluator().UpdateCoefficients(rows[included], bounds[included], free)
+            values = self._minimum()
+            missed = ~included & (rows @ values[self._limited] < bounds - _TOLERANCE)
+            if not missed.any():
+                break
+            included |= missed
+        moved = values[: self.moved.size]
+        forces = self.u.size
+        ends = (self.motion @ moved + self.drift) * self.units
+        return TransitSolution(
+            states=np.vstack([self._start, ends]),
+            controls=moved[:forces].reshape(-1, 3),
+            stretch=float(np.sum(moved[forces:])),
+            slack=float(np.sum(values[self._slacks])),
+        )
+
+    def _minimum(self) -> np.ndarray:
+        """All variables at the optimum, or SolverFailure."""
+        # Refinement of the linear solves takes a third of the time, for digits beyond the
+        # tolerance; a solve that fails without it gets it.
+        for refined in (False, True):
+            self.options.SetOption(ClarabelSolver.id(), "iterative_refinement_enable", refined)
+            result = self.solver.Solve(self.program, None, self.options)
+            if result.is_success():
+                return result.get_x_val()
+        raise SolverFailure(result.get_solution_result())
 
     def plan_of(
         self,
-        result: MathematicalProgramResult,
+        solution: TransitSolution,
         target: np.ndarray,
         duration: float,
         cost: float,
@@ -183,11 +224,11 @@ class LinearisedTransit:
         """The plan that a solution is; `started` is of `time.perf_counter`."""
         return Plan(
             times=duration * self.fractions,
-            states=result.GetSolution(self.x) * self.units,
-            forces=self.controls_of(result) * self.limits.thrust,
+            states=solution.states,
+            forces=solution.controls * self.limits.thrust,
             target=target,
             cost=cost,
-            slack=float(np.sum(result.GetSolution(self.slacks))),
+            slack=solution.slack,
             status=0,
             iterations=iterations,
             solve_time=time.perf_counter() - started,

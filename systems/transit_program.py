@@ -27,11 +27,11 @@ from __future__ import annotations
 import time
 
 import numpy as np
-from pydrake.solvers import MathematicalProgramResult, SolutionResult
+from pydrake.solvers import SolutionResult
 
 from proxops.systems.errors import SolverFailure
 from proxops.systems.gravity_field import Field
-from proxops.systems.linearised_transit import LinearisedTransit
+from proxops.systems.linearised_transit import LinearisedTransit, TransitSolution
 from proxops.systems.plan import Horizon, Plan, TransitLimits
 
 # T changes by no more than this share in one linearisation.
@@ -50,23 +50,24 @@ class TransitProgram:
         Raises:
           InputError: the horizon has no length or fewer than two intervals.
         """
-        self.transit = LinearisedTransit(field, spin, limits, horizon, free_time=True, end_slacks=6)
+        self.transit = LinearisedTransit(
+            field, spin, limits, horizon, free_time=True, one_norm=True, end_slacks=12
+        )
         self.field, self.spin, self.limits, self.horizon = field, spin, limits, horizon
         # Without gravity, the best time from rest to rest over d is sqrt(4 d / a) for this w and
         # quadratic effort: the mean of |u|^2 is then 12 (m d / F)^2 / T^4.
         share = limits.mass * horizon.nominal_acceleration / limits.thrust
         self.time_price = 2.25 * share**2
-        program, stretch = self.transit.program, self.transit.stretch
-        eye = np.eye(6)
-        self._target = program.AddLinearConstraint(
-            np.block([[eye, eye], [-eye, eye]]),
-            np.zeros(12),
-            np.full(12, np.inf),
-            np.concatenate([self.transit.x[-1], self.transit.slacks[-6:]]),
+        program, transit = self.transit.program, self.transit
+        # Slacks to either side of each of the target's coordinates.
+        end = np.concatenate([transit.moved, transit.end_slacks])
+        self._target = program.AddLinearEqualityConstraint(
+            np.zeros((6, end.size)), np.zeros(6), end
         )
-        forces = self.transit.u.ravel()
-        self._fuel = program.AddLinearCost(np.zeros(forces.size), 0.0, forces)
-        self._time = program.AddQuadraticCost(np.eye(1), np.zeros(1), stretch, is_convex=True)
+        self._fuel = program.AddLinearCost(np.zeros(transit.size.size), 0.0, transit.size)
+        self._time = program.AddQuadraticCost(
+            np.eye(1), np.zeros(1), transit.stretch, is_convex=True
+        )
 
     def solve(
         self,
@@ -97,13 +98,10 @@ class TransitProgram:
         push = np.zeros(3) if push is None else push
         for iteration in range(1, iterations + 1):
             fixed_time = cold and iteration == 1
-            result, duration = self._improve(state, target, last, age, fixed_time, push)
-            if not result.is_success():
-                raise SolverFailure(result.get_solution_result())
-            duration *= 1.0 + float(result.GetSolution(self.transit.stretch)[0])
-            effort = self._mean_effort(self.transit.controls_of(result), duration)
-            cost = duration * (self.time_price + effort)
-            last = self.transit.plan_of(result, target, duration, cost, iteration, started)
+            found, duration = self._improve(state, target, last, age, fixed_time, push)
+            duration *= 1.0 + found.stretch
+            cost = duration * (self.time_price + self._mean_effort(found.controls, duration))
+            last = self.transit.plan_of(found, target, duration, cost, iteration, started)
             age = 0.0
         return last
 
@@ -119,22 +117,25 @@ class TransitProgram:
         age: float,
         fixed_time: bool,
         push: np.ndarray,
-    ) -> tuple[MathematicalProgramResult, float]:
+    ) -> tuple[TransitSolution, float]:
         """Solves the program linearised about `last`, `age` s old; returns its T before stretch."""
         least = self.horizon.minimum
         duration = max(last.times[-1] - age, least)
         states, controls = self.transit.what_is_left(last, age, duration)
-        self.transit.linearise(states, controls, duration, push)
-        scaled = target / self.transit.units
-        self._target.evaluator().set_bounds(np.concatenate([scaled, -scaled]), np.full(12, np.inf))
-        shares = np.repeat(np.diff(self.transit.fractions), 6)
-        self._fuel.evaluator().UpdateCoefficients(self.fuel_weight(duration) * shares)
+        transit = self.transit
+        transit.linearise(state, states, controls, duration, push)
+        eye = np.eye(6)
+        self._target.evaluator().UpdateCoefficients(
+            np.hstack([transit.motion[-1], eye, -eye]), target / transit.units - transit.drift[-1]
+        )
+        fuel = np.repeat(self.fuel_weight(duration) * transit.shares, 3)
+        self._fuel.evaluator().UpdateCoefficients(fuel)
         price = np.array([self.time_price + self._mean_effort(controls, duration)])
         self._time.evaluator().UpdateCoefficients(_STRETCH_CURVATURE * price[None], price)
         shorter = 0.0 if fixed_time else max(-_TRUSTED_STRETCH, least / duration - 1.0)
         longer = 0.0 if fixed_time else _TRUSTED_STRETCH
-        self.transit.stretch_bounds.evaluator().set_bounds([shorter], [longer])
-        return self.transit.solve_from(state), duration
+        transit.stretch_bounds.evaluator().set_bounds([shorter], [longer])
+        return transit.solve(), duration
 
     def fuel_weight(self, duration: float) -> float:
         """c for a plan of this length: none at the shortest, all from three times that on."""
@@ -144,4 +145,4 @@ class TransitProgram:
     def _mean_effort(self, controls: np.ndarray, duration: float) -> float:
         """Mean of |u|_2^2 + c |u|_1 over a plan, for controls u (N, 3)."""
         effort = controls**2 + self.fuel_weight(duration) * np.abs(controls)
-        return float(np.diff(self.transit.fractions) @ np.sum(effort, axis=1))
+        return float(self.transit.shares @ np.sum(effort, axis=1))

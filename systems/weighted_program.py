@@ -19,11 +19,11 @@ import time
 from dataclasses import dataclass
 
 import numpy as np
-from pydrake.solvers import MathematicalProgramResult, SolutionResult
+from pydrake.solvers import SolutionResult
 
 from proxops.systems.errors import InputError, SolverFailure
 from proxops.systems.gravity_field import Field
-from proxops.systems.linearised_transit import LinearisedTransit
+from proxops.systems.linearised_transit import LinearisedTransit, TransitSolution
 from proxops.systems.plan import Horizon, Plan, TransitLimits
 
 
@@ -64,13 +64,10 @@ class WeightedProgram:
         units = self.transit.units
         # Of the scaled states' errors, squared.
         self._weights = (units / np.repeat([weights.position, weights.speed], 3)) ** 2
-        self._shares = np.diff(self.transit.fractions)
-        program, x = self.transit.program, self.transit.x
-        for share, knot in zip(self._shares, x[1:], strict=True):
-            curvature = 2.0 * share * np.diag(self._weights)
-            program.AddQuadraticCost(curvature, np.zeros(6), knot, is_convex=True)
-        states = x[1:].ravel()
-        self._towards = program.AddLinearCost(np.zeros(states.size), 0.0, states)
+        u = self.transit.u
+        self._error = self.transit.program.AddQuadraticCost(
+            np.zeros((u.size, u.size)), np.zeros(u.size), u, is_convex=True
+        )
 
     def solve(
         self,
@@ -88,17 +85,13 @@ class WeightedProgram:
         duration = self.horizon.minimum
         last = self.transit.first_plan(state, target, duration) if previous is None else previous
         push = np.zeros(3) if push is None else push
-        # |x - d|^2 without its constant, which moves no optimum.
-        pull = -2.0 * np.outer(self._shares, self._weights * target / self.transit.units)
-        self._towards.evaluator().UpdateCoefficients(pull.ravel())
         for iteration in range(1, iterations + 1):
             states, controls = self.transit.what_is_left(last, age, duration)
-            self.transit.linearise(states, controls, duration, push)
-            result = self.transit.solve_from(state)
-            if not result.is_success():
-                raise SolverFailure(result.get_solution_result())
-            cost = duration * self._mean_cost(result, target)
-            last = self.transit.plan_of(result, target, duration, cost, iteration, started)
+            self.transit.linearise(state, states, controls, duration, push)
+            self._weigh_errors(target)
+            found = self.transit.solve()
+            cost = duration * self._mean_cost(found, target)
+            last = self.transit.plan_of(found, target, duration, cost, iteration, started)
             age = 0.0
         return last
 
@@ -106,8 +99,15 @@ class WeightedProgram:
         """Whether a plan made `age` s ago is so close that one linearisation about it will do."""
         return self.transit.fits(plan, age, state, target)
 
-    def _mean_cost(self, result: MathematicalProgramResult, target: np.ndarray) -> float:
-        error = result.GetSolution(self.transit.x)[1:] - target / self.transit.units
-        controls = self.transit.controls_of(result)
-        weighted = error**2 @ self._weights + np.sum(controls**2, axis=1)
-        return float(self._shares @ weighted)
+    def _weigh_errors(self, target: np.ndarray) -> None:
+        """The mean of |e|^2 as a cost of u, without its constant, which moves no optimum."""
+        motion, wanted = self.transit.motion, target / self.transit.units - self.transit.drift
+        weighted = motion * (self.transit.shares[:, None] * self._weights)[:, :, None]
+        curvature = 2.0 * np.sum(weighted.transpose(0, 2, 1) @ motion, axis=0)
+        pull = -2.0 * np.sum(wanted[:, None] @ weighted, axis=(0, 1))
+        self._error.evaluator().UpdateCoefficients(curvature, pull, 0.0, is_convex=True)
+
+    def _mean_cost(self, found: TransitSolution, target: np.ndarray) -> float:
+        error = (found.states[1:] - target) / self.transit.units
+        weighted = error**2 @ self._weights + np.sum(found.controls**2, axis=1)
+        return float(self.transit.shares @ weighted)
