@@ -1,4 +1,4 @@
-"""The paper's policy: convolutions over lidar frames, an LSTM, and a perceptron that gives a force."""
+"""The paper's policy: convolutions over lidar frames, an LSTM, a perceptron that gives a force."""
 
 from __future__ import annotations
 
