@@ -9,10 +9,15 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor, nn
 
+from proxops.systems.errors import InputError
 from proxops.training.normalisation import Normalisation
 
 NO_RETURN = -100.0
 """What the network is shown for a ray without a return; ranges beside it are in km."""
+
+_KERNEL, _STRIDE = 7, 4
+# Places at either end of a plane that a convolution sees again at the other.
+_BORROWED = _KERNEL // 2
 
 
 class PaperPolicy(nn.Module):
@@ -47,6 +52,9 @@ class PaperPolicy(nn.Module):
           planes, rays: the lidar's, in a frame.
           channels: of each convolution. width: of the LSTM and the perceptron.
           layers: of the LSTM.
+
+        Raises:
+          InputError: a plane has too few rays for that many convolutions.
         """
         super().__init__()
         self.planes, self.rays, self.width, self.depth = planes, rays, width, layers
@@ -60,14 +68,22 @@ class PaperPolicy(nn.Module):
         self.register_buffer("motion_scale", torch.tensor(motion))
         self.register_buffer("force_scale", torch.tensor([scales.force.mean, scales.force.std]))
         blocks: list[nn.Module] = []
+        places = rays
         for taken, given in itertools.pairwise([planes, *channels]):
+            if places < _BORROWED:
+                raise InputError(
+                    f"the paper's policy takes {len(channels)} convolutions along a plane of the "
+                    f"lidar, and {rays} rays are too few for them"
+                )
             blocks += [
-                nn.Conv1d(taken, given, 7, stride=4, padding=3, padding_mode="circular"),
+                nn.Conv1d(
+                    taken, given, _KERNEL, _STRIDE, padding=_BORROWED, padding_mode="circular"
+                ),
                 nn.ReLU(),
             ]
-            rays = (rays + 3) // 4
+            places = -(-places // _STRIDE)
         self.convolutions = nn.Sequential(
-            *blocks, nn.Flatten(), nn.Linear(channels[-1] * rays, width), nn.ReLU()
+            *blocks, nn.Flatten(), nn.Linear(channels[-1] * places, width), nn.ReLU()
         )
         self.recurrent = nn.LSTM(width, width, layers, batch_first=True)
         self.perceptron = nn.Sequential(

@@ -56,8 +56,8 @@ def quick(settings: Settings) -> Settings:
     return dc.replace(
         settings,
         schedule=dc.replace(settings.schedule, epochs=2),
-        window=32,
-        stride=256,
+        window=8,
+        stride=64,
         channels=(8, 8, 8),
         width=32,
     )
