@@ -7,7 +7,7 @@ import sys
 
 import typer
 
-from proxops.cli import collect, evaluate, fly, replay, shape, train_lidar
+from proxops.cli import collect, evaluate, fly, replay, shape, train, train_lidar
 from proxops.systems.errors import InputError
 
 app = typer.Typer(
@@ -22,6 +22,7 @@ app.command("evaluate")(evaluate.evaluate_command)
 app.command("collect")(collect.collect_command)
 app.command("replay")(replay.replay_command)
 app.command("shape")(shape.shape_command)
+app.command("train")(train.train_command)
 app.command("train-lidar")(train_lidar.train_lidar_command)
 
 

@@ -21,7 +21,8 @@ from proxops.training.lidar_data import (
     ray_examples,
 )
 from proxops.training.lidar_networks import FrameNetwork, RayNetwork, frame_loss, ray_loss
-from proxops.training.lidar_training import Lesson, Schedule, learning_rate, train
+from proxops.training.lidar_training import Lesson, Schedule, train
+from proxops.training.training_history import learning_rate
 
 SCHEDULE = Schedule(epochs=5, batch=16, learning_rate=1e-1, patience=5)
 
@@ -115,7 +116,7 @@ def test_seed_sets_the_order(tmp_path: Path):
 
 def test_checkpoint_of_another_training_is_refused(tmp_path: Path):
     train(lesson(), SCHEDULE, tmp_path, seed=1)
-    with pytest.raises(InputError, match="with other settings, body or version"):
+    with pytest.raises(InputError, match="with other settings, data, body or version"):
         train(lesson(), SCHEDULE, tmp_path, seed=2)
     (tmp_path / "plane.ckpt").write_bytes(b"half a checkpo")
     with pytest.raises(InputError, match="is not a checkpoint"):
@@ -129,7 +130,7 @@ def test_a_loss_that_is_no_number_is_said(tmp_path: Path):
 
 
 def test_learning_rate_rises_then_falls_to_nothing():
-    rates = [learning_rate(SCHEDULE, done) for done in np.linspace(0.0, 1.0, 101)]
+    rates = [learning_rate(1e-1, done) for done in np.linspace(0.0, 1.0, 101)]
     assert max(rates) == pytest.approx(1e-1)
     assert int(np.argmax(rates)) == 10
     assert rates[:11] == sorted(rates[:11])

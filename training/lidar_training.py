@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 import time
 from collections.abc import Callable, Sequence
@@ -16,12 +14,18 @@ from lightning.fabric import Fabric
 from lightning.fabric.loggers.tensorboard import TensorBoardLogger
 from torch import Tensor, nn
 
-from proxops.diagrams.flight_log import make_folder, write_whole
+from proxops.diagrams.flight_log import make_folder
 from proxops.systems.counter_noise import derived_seed
 from proxops.systems.errors import InputError
+from proxops.training.checkpoints import load_checkpoint, save_checkpoint
+from proxops.training.training_history import (
+    Trained,
+    best_epoch,
+    finished,
+    learning_rate,
+    write_curves,
+)
 
-# Share of all steps in which the learning rate rises; it falls as a cosine afterwards.
-_WARM_UP = 0.1
 _WEIGHT_DECAY = 1e-4
 
 
@@ -52,17 +56,6 @@ class Lesson:
     """(K,) indices of examples that are shown a second time in every epoch."""
     identity: str
     """Says what is learned from: a checkpoint of another identity is not gone on with."""
-
-
-@dataclass(frozen=True)
-class Trained:
-    """What came of it. The network in the lesson holds the best weights."""
-
-    history: list[dict[str, float]]
-    """One row an epoch: its number, losses, learning rate, CPU time so far."""
-    best_epoch: int
-    cpu_s: float
-    """CPU time of this process while training, all runs of it together."""
 
 
 def train(
@@ -100,15 +93,15 @@ def train(
     identity = f"{lesson.identity}; {schedule}; seed {seed}; {count} examples; {lesson.network}"
     history: list[dict[str, float]] = []
     best: dict[str, Tensor] = {}
-    if checkpoint.exists():
-        saved = _load(fabric, checkpoint, identity)
+    saved = load_checkpoint(fabric, checkpoint, identity)
+    if saved is not None:
         network.load_state_dict(saved["network"])
         optimizer.load_state_dict(saved["optimizer"])
         history, best = saved["history"], saved["best"]
 
     earlier = history[-1]["cpu_s"] if history else 0.0
     started = time.process_time()
-    while not _finished(history, schedule):
+    while not finished(history, schedule.epochs, schedule.patience):
         epoch = len(history)
         # The order depends on (seed, epoch) alone, so that an epoch may be begun anew.
         order = torch.Generator().manual_seed(derived_seed(seed, epoch))
@@ -120,7 +113,8 @@ def train(
             loss = lesson.loss(network, *(column[chosen] for column in lesson.examples))
             optimizer.zero_grad()
             fabric.backward(loss)
-            rate = learning_rate(schedule, (epoch * steps + step) / (schedule.epochs * steps))
+            share = (epoch * steps + step) / (schedule.epochs * steps)
+            rate = learning_rate(schedule.learning_rate, share)
             for group in optimizer.param_groups:
                 group["lr"] = rate
             optimizer.step()
@@ -145,27 +139,18 @@ def train(
         history.append(row)
         fabric.log_dict({key: value for key, value in row.items() if key != "epoch"}, step=epoch)
         state = {
-            "identity": identity,
             "network": network.state_dict(),
             "optimizer": optimizer.state_dict(),
             "history": history,
             "best": best,
         }
-        write_whole(checkpoint, lambda path, state=state: torch.save(state, path))
+        save_checkpoint(checkpoint, identity, state)
         write_curves(folder / "curves" / f"{lesson.name}.csv", history)
     logger.finalize("success")
 
     lesson.network.load_state_dict(best)
     lesson.network.eval()
-    return Trained(history, _best_epoch(history), history[-1]["cpu_s"])
-
-
-def learning_rate(schedule: Schedule, done: float) -> float:
-    """The learning rate when a share `done`, from 0 to 1, of all steps is over."""
-    if done < _WARM_UP:
-        return schedule.learning_rate * (0.04 + 0.96 * done / _WARM_UP)
-    cosine = math.cos(math.pi * (done - _WARM_UP) / (1.0 - _WARM_UP))
-    return schedule.learning_rate * 0.5 * (1.0 + cosine)
+    return Trained(history, best_epoch(history), history[-1]["cpu_s"])
 
 
 @torch.no_grad()
@@ -179,37 +164,3 @@ def evaluate(
         part = [column[start : start + batch] for column in examples]
         total += float(loss(network, *part)) * len(part[0])
     return total / count
-
-
-def write_curves(path: Path, history: list[dict[str, float]]) -> None:
-    """The history as CSV, whole or not at all."""
-    text = io.StringIO()
-    writer = csv.DictWriter(text, history[0].keys(), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(history)
-    write_whole(path, lambda name: name.write_text(text.getvalue()))
-
-
-def _best_epoch(history: list[dict[str, float]]) -> int:
-    return min(range(len(history)), key=lambda epoch: history[epoch]["validation_loss"])
-
-
-def _finished(history: list[dict[str, float]], schedule: Schedule) -> bool:
-    if not history:
-        return False
-    idle = len(history) - 1 - _best_epoch(history)
-    return len(history) >= schedule.epochs or idle >= schedule.patience
-
-
-def _load(fabric: Fabric, path: Path, identity: str) -> dict[str, Any]:
-    try:
-        saved = fabric.load(path)
-        known = saved["identity"]
-    except Exception as error:  # A damaged file makes torch raise all sorts.
-        raise InputError(f"{path} is not a checkpoint of train-lidar: remove it") from error
-    if known != identity:
-        raise InputError(
-            f"{path} is of a training with other settings, body or version: "
-            "give another output folder, or remove that one"
-        )
-    return saved

@@ -35,7 +35,7 @@ class WindowDataset(Dataset[Batch]):
     mpc_force      (T, 3)     the label; 0 where the MPC was not asked
     labelled       (T,)       bool: whether the MPC was asked
     kicked         (T,)       bool: whether a push from outside follows, up to the next step
-    frames         (T, planes, rays)  if `frames`: ranges, -100 where nothing returned
+    frames         (T, planes, rays)  if `frames`: ranges, `no_return` where none
     hit_ray        (T, K)     int32, if `hits`: plane * rays + ray in it, rising
     hit_range      (T, K)     if `hits`
     hit_mask       (T, K)     bool, if `hits`: whether there is a hit in this place
@@ -58,6 +58,7 @@ class WindowDataset(Dataset[Batch]):
         hits: int | None = None,
         random_hits: bool = False,
         normalise: bool = True,
+        no_return: float = NO_RETURN,
         seed: int = 0,
     ):
         """Chooses windows of a part, and what they hold.
@@ -71,6 +72,7 @@ class WindowDataset(Dataset[Batch]):
           random_hits: if there are more than K, takes a random choice of them, a function of
             (seed, epoch, window, step); otherwise evenly spread ones.
           normalise: with the constants of the training part; otherwise all is in SI.
+          no_return: what frames say of rays that did not return.
           seed: of random hits.
 
         Raises:
@@ -86,7 +88,7 @@ class WindowDataset(Dataset[Batch]):
             )
         self.flights, self.length = flights, length
         self._frames, self._hits, self._random_hits = frames, hits, random_hits
-        self._normalise, self._seed = normalise, seed
+        self._normalise, self._no_return, self._seed = normalise, no_return, seed
         # Shared, so that workers that live on from epoch to epoch see it change.
         self._epoch = torch.zeros((), dtype=torch.int64).share_memory_()
         chosen = flights.part(part)
@@ -142,7 +144,7 @@ class WindowDataset(Dataset[Batch]):
         if self._frames:
             planes, rays = packed.setting.planes, packed.setting.rays
             frames = np.empty((len(rows), planes * rays), dtype=np.float32)
-            fill_frames(rows, *found, NO_RETURN, mean, std, frames)
+            fill_frames(rows, *found, self._no_return, mean, std, frames)
             columns["frames"] = frames.reshape(-1, planes, rays)
         if self._hits is not None:
             shape = len(rows), self._hits

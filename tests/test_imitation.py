@@ -1,0 +1,193 @@
+"""The training loop of policies: learning, the best epoch, resuming, budgets, refusals."""
+
+import csv
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+from flight_folders import copy_flights
+from torch import Tensor, nn
+
+from proxops.systems import InputError
+from proxops.training import PackedFlights, WindowDataset, pack_flights
+from proxops.training.imitation import Lesson, Schedule, train
+from proxops.training.windows import Batch
+
+SCHEDULE = Schedule(epochs=4, batch=3, learning_rate=3e-2, patience=4)
+
+
+@pytest.fixture(scope="module")
+def packed(tmp_path_factory: pytest.TempPathFactory) -> PackedFlights:
+    return pack_flights(copy_flights(tmp_path_factory.mktemp("imitation")))
+
+
+class Straight(nn.Module):
+    """Says a force from the true state, forgetting some of it by chance while it learns."""
+
+    def __init__(self):
+        super().__init__()
+        self.layer = nn.Sequential(nn.Dropout(0.1), nn.Linear(6, 3))
+
+    def sequence(self, state: Tensor) -> Tensor:
+        return self.layer(state)
+
+
+def squares(policy: Straight, batch: Batch) -> Tensor:
+    return ((policy.sequence(batch["state"]) - batch["mpc_force"]) ** 2).mean()
+
+
+def lesson(packed: PackedFlights, loss: Callable[[Any, Batch], Tensor] = squares) -> Lesson:
+    torch.manual_seed(0)
+    parts = (WindowDataset(packed, part, 4, 1) for part in ("training", "validation"))
+    return Lesson("straight", Straight(), loss, *parts, identity="test")
+
+
+def run(taught: Lesson, schedule: Schedule, folder: Path, seed: int = 1, **options: Any):
+    return train(taught, schedule, folder, seed, device="cpu", **options)
+
+
+def weights(taught: Lesson) -> Tensor:
+    return torch.cat([each.detach().flatten() for each in taught.policy.parameters()])
+
+
+def scripted(values: list[float], seen: list[Tensor]) -> Callable[[Any, Batch], Tensor]:
+    """A loss that on validation gives these values, one an epoch, and notes the weights."""
+
+    def loss(policy: Any, batch: Batch) -> Tensor:
+        if policy.training:
+            return squares(policy, batch)
+        if batch["time"][0, 0] == 0.0:  # The first batch of the part.
+            seen.append(torch.cat([each.flatten().clone() for each in policy.parameters()]))
+        return torch.tensor(values[len(seen) - 1])
+
+    return loss
+
+
+class KilledError(Exception):
+    pass
+
+
+def test_learns_and_keeps_curves(packed: PackedFlights, tmp_path: Path):
+    trained = run(lesson(packed), SCHEDULE, tmp_path)
+    losses = [row["training_loss"] for row in trained.history]
+    assert len(losses) == 4
+    assert losses[-1] < 0.7 * losses[0]
+    with (tmp_path / "curves" / "straight.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [float(row["training_loss"]) for row in rows] == losses
+    for clock in ("cpu_s", "wall_s"):
+        assert [float(row[clock]) for row in rows] == sorted(float(row[clock]) for row in rows)
+    assert list((tmp_path / "curves" / "straight").glob("events.out.tfevents.*"))
+
+
+def test_validation_loss_is_the_mean_over_windows(packed: PackedFlights, tmp_path: Path):
+    """Of the last epoch's weights, without dropout, whatever the batches."""
+    taught = lesson(packed)
+    trained = run(taught, Schedule(epochs=1, batch=7, learning_rate=1e-2, patience=1), tmp_path)
+    held = taught.validation
+    assert len(held) % 7 != 0
+    with torch.no_grad():
+        wanted = squares(taught.policy, held.batch(range(len(held))))  # pyright: ignore[reportArgumentType]
+    assert trained.history[0]["validation_loss"] == pytest.approx(float(wanted), rel=1e-5)
+
+
+def test_the_best_on_validation_wins(packed: PackedFlights, tmp_path: Path):
+    seen: list[Tensor] = []
+    taught = lesson(packed, scripted([3.0, 1.0, 2.0, 1.0], seen))
+    trained = run(taught, SCHEDULE, tmp_path)
+    assert trained.best_epoch == 1
+    assert [row["validation_loss"] for row in trained.history] == [3.0, 1.0, 2.0, 1.0]
+    assert torch.equal(weights(taught), seen[1])
+    assert not torch.equal(weights(taught), seen[3])
+    assert not taught.policy.training
+
+
+def test_stops_early(packed: PackedFlights, tmp_path: Path):
+    seen: list[Tensor] = []
+    taught = lesson(packed, scripted([2.0, 1.0, 1.5, 1.2, 0.1], seen))
+    trained = run(taught, Schedule(epochs=9, batch=3, learning_rate=1e-2, patience=2), tmp_path)
+    assert len(trained.history) == 4
+    assert torch.equal(weights(taught), seen[1])
+
+
+@pytest.mark.parametrize("calls", [1, 14, 30])
+def test_a_kill_changes_nothing(packed: PackedFlights, tmp_path: Path, calls: int):
+    whole = lesson(packed)
+    once = run(whole, SCHEDULE, tmp_path / "whole")
+    told = 0
+
+    def kill(done: float, text: str) -> None:
+        nonlocal told
+        told += 1
+        if told == calls:
+            raise KilledError
+
+    with pytest.raises(KilledError):
+        run(lesson(packed), SCHEDULE, tmp_path / "parts", progress=kill)
+    torch.manual_seed(99)
+    resumed = lesson(packed)
+    twice = run(resumed, SCHEDULE, tmp_path / "parts")
+    assert torch.equal(weights(whole), weights(resumed))
+    for one, other in zip(once.history, twice.history, strict=True):
+        assert one["validation_loss"] == other["validation_loss"]
+
+
+def test_what_is_finished_is_not_trained_again(packed: PackedFlights, tmp_path: Path):
+    first = run(lesson(packed), SCHEDULE, tmp_path)
+
+    def never(done: float, text: str) -> None:
+        raise AssertionError
+
+    again = lesson(packed)
+    for parameter in again.policy.parameters():
+        nn.init.zeros_(parameter)
+    assert run(again, SCHEDULE, tmp_path, progress=never) == first
+    assert weights(again).abs().min() > 0.0
+
+
+def test_seed_sets_order_and_chance(packed: PackedFlights, tmp_path: Path):
+    ends = []
+    for name, seed in (("a", 1), ("b", 1), ("c", 2)):
+        taught = lesson(packed)
+        run(taught, SCHEDULE, tmp_path / name, seed)
+        ends.append(weights(taught))
+    assert torch.equal(ends[0], ends[1])
+    assert not torch.equal(ends[0], ends[2])
+
+
+def test_a_budget_of_minutes_ends_it(packed: PackedFlights, tmp_path: Path):
+    shares = []
+    schedule = Schedule(epochs=1000, batch=3, learning_rate=1e-3, patience=1000, minutes=0.01)
+    trained = run(
+        lesson(packed), schedule, tmp_path, progress=lambda done, text: shares.append(done)
+    )
+    assert 1 <= len(trained.history) < 1000
+    assert trained.history[-1]["wall_s"] == pytest.approx(0.6, abs=0.4)
+    assert shares == sorted(shares)
+    assert shares[-1] < 1.0
+    assert run(lesson(packed), schedule, tmp_path) == trained
+
+
+def test_checkpoint_of_another_training_is_refused(packed: PackedFlights, tmp_path: Path):
+    run(lesson(packed), SCHEDULE, tmp_path)
+    with pytest.raises(InputError, match="with other settings, data, body or version"):
+        run(lesson(packed), SCHEDULE, tmp_path, seed=2)
+    (tmp_path / "straight.ckpt").write_bytes(b"half a checkpo")
+    with pytest.raises(InputError, match="is not a checkpoint"):
+        run(lesson(packed), SCHEDULE, tmp_path)
+
+
+def test_a_loss_that_is_no_number_is_said(packed: PackedFlights, tmp_path: Path):
+    taught = lesson(packed, lambda policy, batch: squares(policy, batch) * torch.inf)
+    with pytest.raises(InputError, match="lower the learning rate"):
+        run(taught, SCHEDULE, tmp_path)
+
+
+@pytest.mark.parametrize(("device", "precision"), [("abacus", "32-true"), ("cpu", "7")])
+def test_a_device_that_is_not_there_is_refused(
+    packed: PackedFlights, tmp_path: Path, device: str, precision: str
+):
+    with pytest.raises(InputError, match="cannot train on device"):
+        train(lesson(packed), SCHEDULE, tmp_path, 1, device=device, precision=precision)

@@ -1,0 +1,167 @@
+"""`proxops train --recipe paper`: learning from short flights, what it writes, what it refuses."""
+
+import csv
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from flight_folders import copy_flights
+
+from proxops.cli.main import main
+from proxops.training import PackedFlights, WindowDataset, pack_flights
+from proxops.training.imitation import Schedule
+from proxops.training.paper_recipe import (
+    Settings,
+    force_loss,
+    make_policy,
+    quick,
+    replay_flights,
+    train_paper_policy,
+)
+
+SMALL = Settings(
+    schedule=Schedule(epochs=20, batch=4, learning_rate=3e-3, patience=20),
+    window=8, stride=2, channels=(8, 8, 8), width=32, device="cpu",
+)  # fmt: skip
+
+
+def proxops(*arguments: object) -> int:
+    old, sys.argv = sys.argv, ["proxops", *map(str, arguments)]
+    try:
+        main()
+    except SystemExit as end:
+        return end.code if isinstance(end.code, int) else 0 if end.code is None else 1
+    finally:
+        sys.argv = old
+    return 0
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return copy_flights(tmp_path_factory.mktemp("data")).parent
+
+
+@pytest.fixture(scope="module")
+def packed(data: Path) -> PackedFlights:
+    return pack_flights(data / "flights")
+
+
+@pytest.fixture(scope="module")
+def report(data: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    out = tmp_path_factory.mktemp("trained")
+    return train_paper_policy(data, out, SMALL) | {"out": out}
+
+
+def test_training_reduces_the_loss(report: dict[str, Any]):
+    with (report["out"] / "curves" / "policy.csv").open() as file:
+        losses = [float(row["training_loss"]) for row in csv.DictReader(file)]
+    assert len(losses) == 20
+    assert losses[-1] < 0.8 * losses[0]
+    figures = report["parts"]["training"]
+    assert figures["rmse_n"] < 0.3 * figures["zero_rmse_n"]
+
+
+def test_report_counts_every_step(report: dict[str, Any], packed: PackedFlights):
+    for part, figures in report["parts"].items():
+        assert figures["flights"] == len(packed.part(part)) > 0
+        assert figures["steps"] == sum(flight.steps for flight in packed.part(part))
+    assert report["logs_sha256"] == packed.logs_sha256
+    assert json.loads((report["out"] / "report.json").read_text())["parts"] == report["parts"]
+    assert f"{report['parts']['test']['rmse_n']:.3f}" in (report["out"] / "report.md").read_text()
+
+
+def test_checkpoint_holds_the_policy_that_is_reported(
+    report: dict[str, Any], packed: PackedFlights
+):
+    policy = make_policy(packed, SMALL)
+    policy.load_state_dict(torch.load(report["out"] / "policy.ckpt")["best"])
+    wanted, said = replay_flights(policy.eval(), packed, "test")
+    rmse = np.sqrt(((said - wanted) ** 2).mean())
+    assert rmse == pytest.approx(report["parts"]["test"]["rmse_n"], rel=1e-5)
+
+
+@torch.no_grad()
+def test_replayed_flights_are_seen_step_by_step(packed: PackedFlights):
+    policy = make_policy(packed, SMALL).eval()
+    forces, labels = [], []
+    for flight in packed.part("training"):
+        memory = torch.zeros(1, policy.memory_size)
+        for row in range(flight.start, flight.start + flight.steps):
+            ranges = torch.from_numpy(packed.frames(np.array([row])).reshape(1, -1))
+            target = torch.from_numpy(packed.target[row : row + 1].astype(np.float32))
+            force, _, memory = policy(ranges, target, torch.zeros(1, 3), memory)
+            forces.append(force[0].numpy())
+            labels.append(packed.mpc_force[row])
+    wanted, said = replay_flights(policy, packed, "training")
+    np.testing.assert_array_equal(wanted, np.array(labels))
+    np.testing.assert_allclose(said, np.array(forces), rtol=1e-4, atol=1e-5)
+
+
+@torch.no_grad()
+def test_loss_is_the_root_mean_square_in_newtons_where_there_is_a_label(packed: PackedFlights):
+    policy = make_policy(packed, SMALL).eval()
+    windows = WindowDataset(
+        packed, "training", 8, frames=True, normalise=False, no_return=float("inf")
+    )
+    batch = windows.batch([0, 1, 2])
+    assert torch.isinf(batch["frames"]).any()
+    said = policy.sequence(batch["frames"], batch["target"], batch["applied_force"])[0]
+    batch["labelled"][1, 3:] = False
+    kept = batch["labelled"].numpy()
+    errors = (said - batch["mpc_force"]).numpy()[kept]
+    assert float(force_loss(policy, batch)) == pytest.approx(np.sqrt((errors**2).mean()), rel=1e-5)
+    batch["labelled"][:] = False
+    assert float(force_loss(policy, batch)) == pytest.approx(0.0, abs=1e-5)
+
+
+def test_quick_command_writes_all_that_it_says(
+    data: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+):
+    out = tmp_path / "out"
+    arguments = ("train", data, "--recipe", "paper", "--quick", "--device", "cpu", "--out", out)
+    assert proxops(*arguments) == 0
+    assert "RMSE, test" in capfd.readouterr().out
+    names = {path.relative_to(out).as_posix() for path in out.rglob("*") if path.is_file()}
+    assert {name for name in names if "tfevents" not in name} == {
+        "policy.ckpt", "curves/policy.csv", "report.json", "report.md", "forces.png",
+    }  # fmt: skip
+    assert (out / "forces.png").read_bytes().startswith(b"\x89PNG")
+    first = (out / "curves" / "policy.csv").read_text()
+    assert len(first.splitlines()) == 1 + quick(Settings()).schedule.epochs
+    assert proxops(*arguments) == 0  # What is finished stays as it is.
+    assert (out / "curves" / "policy.csv").read_text() == first
+    assert proxops(*arguments, "--seed", "1") == 2
+    assert "give another output folder" in capfd.readouterr().err
+    assert proxops("train", data / "flights", "--quick", "--epochs", "1", "--device", "cpu",
+                   "--out", tmp_path / "logs") == 0  # fmt: skip
+    assert len((tmp_path / "logs" / "curves" / "policy.csv").read_text().splitlines()) == 2
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["nowhere"], "holds no flight logs"),
+        (["nowhere", "--device", "abacus", "--epochs", "0"], "epochs"),
+        (["nowhere", "--recipe", "soup"], "recipe"),
+    ],
+)
+def test_senseless_calls_are_refused(
+    tmp_path: Path, arguments: list[str], words: str, capfd: pytest.CaptureFixture[str], monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    assert proxops("train", *arguments, "--out", tmp_path / "out") == 2
+    assert words in capfd.readouterr().err
+
+
+def test_without_torch_it_says_what_to_do(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setitem(sys.modules, "torch", None)
+    monkeypatch.delitem(sys.modules, "proxops.training.paper_recipe")
+    monkeypatch.delattr("proxops.training.paper_recipe")
+    assert proxops("train", tmp_path, "--out", tmp_path / "out") == 2
+    assert "make train" in capfd.readouterr().err

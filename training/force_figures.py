@@ -1,0 +1,130 @@
+"""How near a policy's forces are to the MPC's on logged flights: figures, picture, report."""
+
+from __future__ import annotations
+
+import typing
+
+import numpy as np
+from matplotlib.figure import Figure
+
+SMALL_COMMAND_N = 0.2
+"""Below this a command counts as none."""
+# As in the paper: most commands are near nought, and without a cap nothing else could be seen.
+_MOST_SHOWN = 1000
+_BINS = 71
+
+Figures = dict[str, typing.Any]
+
+
+def force_figures(wanted: np.ndarray, said: np.ndarray) -> Figures:
+    """Figures of the forces that a policy said (N, 3) against the MPC's (N, 3), N in K.
+
+    Returns:
+      steps: N. rmse_n: over all axes; rmse_axes_n: of each. zero_rmse_n, zero_rmse_axes_n: of a
+      policy that always says nought, on the same steps. correlation: of each axis. small_mpc,
+      small_policy: share of steps whose force is below 0.2 N in magnitude. Figures of no steps,
+      and correlations with what never changes, are None.
+    """
+    if len(wanted) == 0:
+        names = (
+            "rmse_n", "rmse_axes_n", "zero_rmse_n", "zero_rmse_axes_n", "correlation",
+            "small_mpc", "small_policy",
+        )  # fmt: skip
+        return {"steps": 0, **dict.fromkeys(names)}
+    squares, zero_squares = ((said - wanted) ** 2).mean(axis=0), (wanted**2).mean(axis=0)
+    return {
+        "steps": len(wanted),
+        "rmse_n": float(np.sqrt(squares.mean())),
+        "rmse_axes_n": np.sqrt(squares).tolist(),
+        "zero_rmse_n": float(np.sqrt(zero_squares.mean())),
+        "zero_rmse_axes_n": np.sqrt(zero_squares).tolist(),
+        "correlation": [_correlation(wanted[:, k], said[:, k]) for k in range(3)],
+        "small_mpc": float((np.linalg.norm(wanted, axis=1) < SMALL_COMMAND_N).mean()),
+        "small_policy": float((np.linalg.norm(said, axis=1) < SMALL_COMMAND_N).mean()),
+    }
+
+
+def plot_forces(wanted: np.ndarray, said: np.ndarray, limit: float) -> Figure:
+    """The paper's 2D histograms, one for each axis: the MPC's force against the policy's.
+
+    Args:
+      wanted, said: (N, 3) in N. limit: of the thrusters, N; forces beyond it are shown at it, as
+        they would be flown.
+    """
+    figure = Figure(figsize=(13.0, 4.2), layout="constrained")
+    axes = figure.subplots(1, 3, sharex=True, sharey=True)
+    edges = np.linspace(-limit, limit, _BINS + 1)
+    image = None
+    for k, axis in enumerate(axes):
+        columns = (np.clip(forces[:, k], -limit, limit) for forces in (wanted, said))
+        counts, _, _ = np.histogram2d(*columns, bins=(edges, edges))
+        shown = np.ma.masked_equal(counts.T, 0.0)  # Where nothing is, the paper stays white.
+        image = axis.pcolormesh(edges, edges, shown, vmin=0, vmax=_MOST_SHOWN, cmap="viridis")
+        axis.plot([-limit, limit], [-limit, limit], color="0.6", linewidth=0.5)
+        axis.set_aspect("equal")
+        axis.set_title("xyz"[k])
+        axis.set_xlabel("actual force (N)")
+    axes[0].set_ylabel("predicted force (N)")
+    assert image is not None
+    figure.colorbar(image, ax=axes, extend="max").set_label("steps")
+    return figure
+
+
+_INTRODUCTION = (
+    "Forces against the MPC's along the logged flights, each seen from its start. A low error "
+    "here is no arrival: along a log the policy does not fly."
+)
+
+
+def report_markdown(report: Figures) -> str:
+    """The report of a training as a Markdown page."""
+    run = report["training"]
+    head = [
+        "part", "flights", "steps", "RMSE (N)", "x", "y", "z", "always zero: RMSE (N)", "x", "y",
+        "z", "correlation x", "y", "z", "below 0.2 N: MPC (%)", "policy (%)",
+    ]  # fmt: skip
+    lines = [[part, *_cells(figures)] for part, figures in report["parts"].items()]
+    text = [
+        f"# Policy by the {report['recipe']} recipe",
+        "",
+        (
+            f"{report['parameters']} weights. {run['epochs']} epochs, {run['cpu_s']:.0f} s of CPU "
+            f"time; epoch {run['best_epoch'] + 1} was the best on validation: loss "
+            f"{run['validation_loss']:.4f}, on training {run['training_loss']:.4f}."
+        ),
+        "",
+        _INTRODUCTION,
+        "",
+        f"| {' | '.join(head)} |",
+        "|---" + "|---:" * (len(head) - 1) + "|",
+        *(f"| {' | '.join(line)} |" for line in lines),
+        "",
+        f"Steps of the test part by force, colours up to {_MOST_SHOWN}:",
+        "",
+        "![actual against predicted force](forces.png)",
+    ]
+    return "\n".join(text) + "\n"
+
+
+def _cells(figures: Figures) -> list[str]:
+    nothing = [None] * 3
+    numbers = [
+        figures["rmse_n"],
+        *(figures["rmse_axes_n"] or nothing),
+        figures["zero_rmse_n"],
+        *(figures["zero_rmse_axes_n"] or nothing),
+        *(figures["correlation"] or nothing),
+    ]
+    shares = [figures["small_mpc"], figures["small_policy"]]
+    return [
+        str(figures["flights"]),
+        str(figures["steps"]),
+        *("–" if number is None else f"{number:.3f}" for number in numbers),
+        *("–" if share is None else f"{100 * share:.1f}" for share in shares),
+    ]
+
+
+def _correlation(wanted: np.ndarray, said: np.ndarray) -> float | None:
+    if wanted.std() == 0.0 or said.std() == 0.0:
+        return None
+    return float(np.corrcoef(wanted, said)[0, 1])

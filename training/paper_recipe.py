@@ -1,0 +1,189 @@
+"""The paper's recipe, from flight logs to a trained policy and its report."""
+
+from __future__ import annotations
+
+import dataclasses as dc
+import json
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from proxops.diagrams.flight_log import write_whole
+from proxops.training.force_figures import force_figures, plot_forces, report_markdown
+from proxops.training.imitation import Lesson, Schedule, train
+from proxops.training.packed_flights import PackedFlights
+from proxops.training.packing import pack_flights
+from proxops.training.paper_policy import PaperPolicy
+from proxops.training.training_history import Trained
+from proxops.training.transit_split import PARTS
+from proxops.training.windows import Batch, WindowDataset
+
+Progress = Callable[[float, str], Any]
+"""Called with the share done, from 0 to 1, and a text."""
+
+# Shares of the bar; the rest, to 1, is for the report.
+_PACKED, _TRAINED = 0.05, 0.95
+
+
+@dc.dataclass(frozen=True)
+class Settings:
+    """Of a training by the paper's recipe; its figures where it gives any."""
+
+    schedule: Schedule = dc.field(
+        default_factory=lambda: Schedule(epochs=40, batch=8, learning_rate=1e-3, patience=10)
+    )
+    window: int = 128
+    """Steps of a window, through which gradients run; in flight the LSTM remembers for longer."""
+    stride: int | None = None
+    """Steps from window to window; None: as long as a window."""
+    channels: tuple[int, ...] = (32, 64, 64)
+    width: int = 128
+    layers: int = 2
+    """Of the LSTM."""
+    seed: int = 0
+    """Of weights and order."""
+    device: str = "auto"
+    precision: str = "32-true"
+
+
+def quick(settings: Settings) -> Settings:
+    """A small network for two epochs of some of the data: to see that all works."""
+    return dc.replace(
+        settings,
+        schedule=dc.replace(settings.schedule, epochs=2),
+        window=8,
+        stride=64,
+        channels=(8, 8, 8),
+        width=32,
+    )
+
+
+def force_loss(policy: PaperPolicy, batch: Batch) -> Tensor:
+    """The paper's: root mean square difference from the MPC's force in N, of all three axes."""
+    force, _, _ = policy.sequence(batch["frames"], batch["target"], batch["applied_force"])
+    squares = ((force - batch["mpc_force"]) ** 2).mean(dim=-1) * batch["labelled"]
+    # A slope at nought would be infinite.
+    return (squares.sum() / batch["labelled"].sum().clamp(min=1) + 1e-12).sqrt()
+
+
+def train_paper_policy(
+    data: Path, out: Path, settings: Settings, progress: Progress | None = None
+) -> dict[str, Any]:
+    """Trains the paper's policy on expert flights; writes and returns the report.
+
+    Writes policy.ckpt, curves/, report.json, report.md and forces.png in `out`. Run again after
+    a kill, it goes on behind the last whole epoch.
+
+    Args:
+      data: what `proxops collect` wrote, or a folder of logs.
+
+    Raises:
+      InputError: there are no flights to learn from, or see `pack_flights` and `imitation.train`.
+    """
+    tell = progress or (lambda done, text: None)
+    logs = data / "flights" if (data / "flights").is_dir() else data
+    flights = pack_flights(
+        logs, progress=lambda done, of: tell(_PACKED * done / of, f"packing, {done} of {of}")
+    )
+    policy = make_policy(flights, settings)
+    trained = train(
+        _lesson(flights, policy, settings),
+        settings.schedule,
+        out,
+        settings.seed,
+        device=settings.device,
+        precision=settings.precision,
+        progress=lambda done, text: tell(_PACKED + (_TRAINED - _PACKED) * done, text),
+    )
+    tell(_TRAINED, "flying through the logs")
+    report = _report(flights, policy, trained, settings, out)
+    tell(1.0, "done")
+    return report
+
+
+def make_policy(flights: PackedFlights, settings: Settings) -> PaperPolicy:
+    """The network, with the weights that the settings' seed gives."""
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(settings.seed)
+        return PaperPolicy(
+            flights.normalisation,
+            flights.setting.planes,
+            flights.setting.rays,
+            settings.channels,
+            settings.width,
+            settings.layers,
+        )
+
+
+def _lesson(flights: PackedFlights, policy: PaperPolicy, settings: Settings) -> Lesson:
+    training, validation = (
+        WindowDataset(
+            flights, part, settings.window, settings.stride,
+            frames=True, normalise=False, no_return=math.inf,
+        )
+        for part in ("training", "validation")
+    )  # fmt: skip
+    identity = (
+        f"paper recipe, logs {flights.logs_sha256}, split {flights.split_seed}, "
+        f"windows of {settings.window} every {settings.stride}, precision {settings.precision}"
+    )
+    return Lesson("policy", policy, force_loss, training, validation, identity)
+
+
+@torch.no_grad()
+def replay_flights(
+    policy: PaperPolicy, flights: PackedFlights, part: str
+) -> tuple[np.ndarray, np.ndarray]:
+    """What the MPC and the policy say at every labelled step of a part's flights, N (K, 3) each.
+
+    The policy sees each flight from its start, remembering, as if it flew along.
+    """
+    wanted, said = [np.zeros((0, 3))], [np.zeros((0, 3))]
+    device = policy.force_scale.device
+    for flight in flights.part(part):
+        rows = np.arange(flight.start, flight.start + flight.steps)
+        frames = flights.frames(rows)
+        given = (frames, flights.target[rows], flights.applied_force[rows])
+        inputs = (torch.from_numpy(each.astype(np.float32))[None].to(device) for each in given)
+        force, _, _ = policy.sequence(*inputs)
+        label = flights.mpc_force[rows]
+        asked = np.isfinite(label).all(axis=1)
+        wanted.append(label[asked])
+        said.append(force[0].cpu().numpy()[asked])
+    return np.concatenate(wanted), np.concatenate(said)
+
+
+def _report(
+    flights: PackedFlights, policy: PaperPolicy, trained: Trained, settings: Settings, out: Path
+) -> dict[str, Any]:
+    best = trained.history[trained.best_epoch]
+    forces = {part: replay_flights(policy, flights, part) for part in PARTS}
+    report = {
+        "recipe": "paper",
+        "logs_sha256": flights.logs_sha256,
+        "settings": dc.asdict(settings),
+        "parameters": sum(weights.numel() for weights in policy.parameters()),
+        "training": {
+            "epochs": len(trained.history),
+            "best_epoch": trained.best_epoch,
+            "training_loss": best["training_loss"],
+            "validation_loss": best["validation_loss"],
+            "cpu_s": trained.cpu_s,
+            "wall_s": trained.history[-1]["wall_s"],
+        },
+        "parts": {
+            part: {"flights": len(flights.part(part)), **force_figures(*forces[part])}
+            for part in PARTS
+        },
+    }
+    picture = plot_forces(*forces["test"], flights.setting.thrust_limit_n)
+    write_whole(out / "forces.png", lambda path: picture.savefig(path, dpi=120, format="png"))
+    text = json.dumps(report, indent=2) + "\n"
+    write_whole(out / "report.json", lambda path: path.write_text(text))
+    write_whole(out / "report.md", lambda path: path.write_text(report_markdown(report)))
+    return report
