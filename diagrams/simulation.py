@@ -193,7 +193,7 @@ def _collect_log(
                 columns[name][-1] = np.nan
 
     blank = np.full((len(times), 3), np.nan)
-    record = columns.pop("mpc_record", blank)
+    record = columns.pop("mpc_record", blank.copy())
     columns["disturbance"] = columns["force"] - columns.pop("command")
     columns |= dict(zip(("solve_time", "solve_status", "solve_reason"), record.T, strict=True))
     if "policy_record" in columns:
@@ -228,7 +228,7 @@ def _collect_log(
     }
     if isinstance(lidar, LearnedLidar):
         attributes["lidar_sha256"] = lidar.bundle.sha256
-    policy = diagram.GetSubsystemByName(PILOT)
-    if isinstance(policy, NeuralPolicy):
-        attributes["policy_sha256"] = policy.bundle.sha256
+    for system in diagram.GetSystems():
+        if isinstance(system, NeuralPolicy):
+            attributes["policy_sha256"] = system.bundle.sha256
     return FlightLog(make_dataset(columns, times, scenario, body, attributes), body)
