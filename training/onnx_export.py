@@ -35,8 +35,8 @@ def onnx_bytes(
     dynamic_shapes: tuple[dict, ...] | None = None,
 ) -> bytes:
     """The network as an ONNX file; `dynamic_shapes` as torch.onnx.export takes them."""
-    # They say that torchvision, which nothing here needs, is not installed, and that a constant that
-    # is also an output is not merged with its like.
+    # They say that torchvision, which nothing here needs, is not installed, and that a constant
+    # that is also an output is not merged with its like.
     for name in (
         "torch.onnx._internal.exporter._registration",
         "onnx_ir.passes.common.initializer_deduplication",
