@@ -59,6 +59,8 @@ class DeadReckoning(nn.Module):
 
     MEMORY, ESTIMATES = 7, True
 
+    start: Tensor
+
     def __init__(self, proportional: float = 0.01, derivative: float = 4.0):
         super().__init__()
         self.proportional, self.derivative = proportional, derivative

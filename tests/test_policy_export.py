@@ -105,7 +105,7 @@ def test_difference_that_only_memory_shows_is_found(
         policy_export, "onnx_bytes", lambda module, *given: onnx_bytes(Late(), *given)
     )
     refused(tmp_path, "no bundle is written", Counting(), facts_of(Counting))
-    one = [tuple(values[:1] for values in example) for example in example_steps()]
+    one = [(ranges[:1], target[:1], force[:1]) for ranges, target, force in example_steps()]
     export_policy(Counting(), tmp_path / "policy", facts_of(Counting), one)
 
 
