@@ -25,7 +25,7 @@ def evaluate_command(
         Path | None, typer.Argument(help="Scenario file (YAML). Default: Kleopatra.")
     ] = None,
     controllers: Annotated[
-        str, typer.Option(help="Comma-separated: mpc, zero, MODULE:FACTORY.")
+        str, typer.Option(help="Comma-separated: mpc, policy, pd, zero, MODULE:FACTORY.")
     ] = "mpc",
     transits: Annotated[int, typer.Option(min=1, help="How many transits each flies.")] = 50,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the set of transits.")] = 10000,
@@ -115,8 +115,8 @@ _FIGURES: dict[str, Callable[[dict], str]] = {
     "end speed, greatest (m/s)": lambda result: _text(result["terminal_speed_m_s_max"], ".3f"),
     "delta-v to arrival, median (m/s)": lambda result: _text(result["delta_v_m_s_median"]),
     "arrival, median (s)": lambda result: _text(result["arrival_time_s_median"], ".0f"),
-    "MPC step, median (ms)": lambda result: _text(result["control_ms_median"], ".2f"),
-    "MPC step, greatest p99 of a flight (ms)": lambda result: _text(
+    "controller, median (ms)": lambda result: _text(result["control_ms_median"], ".2f"),
+    "controller, greatest p99 of a flight (ms)": lambda result: _text(
         result["control_ms_p99"], ".2f"
     ),
 }

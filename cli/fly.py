@@ -32,7 +32,8 @@ def fly_command(
         Path | None, typer.Argument(help="Scenario file (YAML). Default: Kleopatra.")
     ] = None,
     controller: Annotated[
-        str | None, typer.Option(help="mpc (the default), zero, or MODULE:FACTORY for your own.")
+        str | None,
+        typer.Option(help="mpc (the default), policy, pd, zero, or MODULE:FACTORY for your own."),
     ] = None,
     seed: Annotated[int | None, typer.Option(help="Seed of the set of transits.")] = None,
     transit: Annotated[int | None, typer.Option(help="Number of the transit in the set.")] = None,
@@ -131,7 +132,12 @@ def _table(log: FlightLog, summary: dict[str, Any]) -> list[tuple[str, str]]:
     ]
     if summary["control_ms_median"] is not None:
         median, p99 = summary["control_ms_median"], summary["control_ms_p99"]
-        rows.append(("MPC step, median and p99", f"{median:.1f} ms, {p99:.1f} ms"))
+        who = "MPC" if summary["mpc_solves"] else "policy"
+        rows.append((f"{who} step, median and p99", f"{median:.2f} ms, {p99:.2f} ms"))
+    if "estimate_position_error_m_median" in summary:
+        median, p95 = (summary[f"estimate_position_error_m_{part}"] for part in ("median", "p95"))
+        error = f"{length_text(median)}, {length_text(p95)}"
+        rows.append(("error of its position, median and p95", error))
     rows += [(f"steps {what}", str(count)) for what, count in fallback_steps(log).items()]
     rows.append(("simulated", f"{flown:.0f} s in {summary['wall_s']:.1f} s"))
     rows.append(("speed against real time", f"{flown / summary['wall_s']:.0f} x"))

@@ -24,6 +24,7 @@ from proxops.diagrams.scenario import (
     dump_scenario,
     parse_scenario,
 )
+from proxops.diagrams.scenario_systems import load_policy
 from proxops.diagrams.simulation import fly
 from proxops.systems.errors import InputError
 from proxops.systems.lidar_bundle import LidarBundle
@@ -45,8 +46,8 @@ class Flight:
     controller: str
     """As `named_controller` knows it."""
     made_with: str
-    """Version of proxops, hash of the body, and of the lidar's bundle if it is a learned one:
-    flights made with others are not mixed in."""
+    """Version of proxops, hash of the body, and of the bundles of a learned lidar and of the
+    policy, if they fly: flights made with others are not mixed in."""
 
 
 def body_sha256(body: Body) -> str:
@@ -55,17 +56,19 @@ def body_sha256(body: Body) -> str:
     return hashlib.sha256((constants + body.shape.sha256).encode()).hexdigest()
 
 
-def made_with(scenario: Scenario, body: Body) -> str:
+def made_with(scenario: Scenario, body: Body, controller: str) -> str:
     """What a flight's `made_with` says of flights of this scenario by this version."""
     origin = f"proxops {metadata.version('proxops')}, body {body_sha256(body)}"
     if isinstance(scenario.lidar, LearnedLidarConfig):
         origin += f", lidar {LidarBundle.load(scenario.lidar.bundle).sha256}"
+    if controller == "policy":
+        origin += f", policy {load_policy(scenario).sha256}"
     return origin
 
 
 def transit_flights(scenario: Scenario, controller: str, seed: int, count: int) -> list[Flight]:
     """Flights of transits 0 … count - 1 of a seed by one controller."""
-    origin = made_with(scenario, load_body(scenario.body))
+    origin = made_with(scenario, load_body(scenario.body), controller)
     label = "".join(letter if letter.isalnum() else "-" for letter in controller)
     flights = []
     for index in range(count):

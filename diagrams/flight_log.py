@@ -19,6 +19,7 @@ from proxops.diagrams.flight_summary import summarise
 from proxops.diagrams.scenario import Scenario, dump_scenario, parse_scenario
 from proxops.diagrams.typed_yaml import load_typed
 from proxops.systems.errors import InputError
+from proxops.systems.neural_policy import PolicyStatus
 from proxops.systems.plan import PlanReason, PlanStatus
 from proxops.systems.polyhedron import Polyhedron
 
@@ -38,19 +39,30 @@ VARIABLES: dict[str, tuple[tuple[str, ...], str, str]] = {
     "solve_time": ((), "s", "wall time of the MPC's step; NaN where it was not asked"),
     "solve_status": ((), "1", "0 solved, 1 last plan flown on, 2 braking; NaN: not asked"),
     "solve_reason": ((), "1", "why the MPC did so: see flag_meanings; NaN: not asked"),
+    "policy_time": ((), "s", "wall time of the policy's network; NaN where it was not asked"),
+    "policy_status": ((), "1", "0 answered, 1 not finite: no force; NaN: not asked"),
+    "estimate": (("component",), "m; m/s", "the policy's estimate of the state in K; NaN: none"),
     "ranges": (("plane", "ray"), "m", "lidar ranges; +inf where nothing returned"),
 }
 # Meanings of codes, as the CF conventions have them: flag_values and flag_meanings.
-_FLAGS: dict[str, type[IntEnum]] = {"solve_status": PlanStatus, "solve_reason": PlanReason}
+_FLAGS: dict[str, type[IntEnum]] = {
+    "solve_status": PlanStatus,
+    "solve_reason": PlanReason,
+    "policy_status": PolicyStatus,
+}
 # Without these a file is no log; frames may be left out, the oldest logs have no reasons, and not
-# every flight has kicks.
-_OPTIONAL_VARIABLES = ("ranges", "solve_reason", "kick")
+# every flight has kicks or a policy, and not every policy an estimate.
+_POLICY_VARIABLES = ("policy_time", "policy_status", "estimate")
+_OPTIONAL_VARIABLES = ("ranges", "solve_reason", "kick", *_POLICY_VARIABLES)
 _NEEDED_VARIABLES = ["time", *(name for name in VARIABLES if name not in _OPTIONAL_VARIABLES)]
 _NEEDED_VARIABLES += ["mesh_vertices", "mesh_facets"]
 _NEEDED_ATTRIBUTES = ["scenario", "body", "controller", "shape_sha256", "arrival_time_s"]
 _NEEDED_ATTRIBUTES += ["collided", "keep_out_violations", "wall_s", "scenario_sha256"]
+# Hashes of the networks that flew.
+_NETWORKS = ("policy_sha256", "lidar_sha256")
 # Attributes that say how a flight ended.
 _OUTCOMES = ("arrival_time_s", "collided", "keep_out_violations")
+_WALL_TIMES = {"solve_time", "policy_time"}
 COORDINATES = {
     "component": ["x", "y", "z", "vx", "vy", "vz"],
     "axis": ["x", "y", "z"],
@@ -197,9 +209,9 @@ def inertial_motion(
 
 
 def differences(first: FlightLog, second: FlightLog) -> list[str]:
-    """Variables and outcomes in which two logs differ by any bit, wall times aside."""
+    """Variables, networks and outcomes in which two logs differ by any bit, wall times aside."""
     one, other = first.dataset, second.dataset
-    names = sorted(({*map(str, one.variables)} | {*map(str, other.variables)}) - {"solve_time"})
+    names = sorted(({*map(str, one.variables)} | {*map(str, other.variables)}) - _WALL_TIMES)
     changed = [
         name
         for name in names
@@ -208,6 +220,7 @@ def differences(first: FlightLog, second: FlightLog) -> list[str]:
         or one[name].dtype != other[name].dtype
         or not one[name].identical(other[name])
     ]
+    changed += [name for name in _NETWORKS if one.attrs.get(name) != other.attrs.get(name)]
     return changed + [
         name
         for name in _OUTCOMES

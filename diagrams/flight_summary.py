@@ -36,8 +36,9 @@ def summarise(log: FlightLog) -> dict[str, typing.Any]:
     lengths = np.clip(times[-1] - starts, 0.0, np.diff(times))
     until = np.clip((arrival if arrived else np.inf) - starts, 0.0, lengths)
     error = states[-1] - data["target"].values[-1]
-    solve_ms = data["solve_time"].values * 1e3
-    asked = solve_ms[np.isfinite(solve_ms)]
+    asked = _asked_ms(log, "solve_time")
+    # Of the network where the MPC was never asked.
+    control_ms = asked if asked.size else _asked_ms(log, "policy_time")
     collided = bool(attrs["collided"])
     violations = int(attrs["keep_out_violations"])
     in_time = arrived and arrival <= scenario.arrival.deadline_s
@@ -61,25 +62,51 @@ def summarise(log: FlightLog) -> dict[str, typing.Any]:
         "steps": len(times) - 1,
         "mpc_solves": int(asked.size),
         "policy_share": float(np.mean(data["decision"].values[:-1] == 2)),
-        "control_ms_median": float(np.median(asked)) if asked.size else None,
-        "control_ms_p99": float(np.percentile(asked, 99)) if asked.size else None,
+        "control_ms_median": float(np.median(control_ms)) if control_ms.size else None,
+        "control_ms_p99": float(np.percentile(control_ms, 99)) if control_ms.size else None,
         "wall_s": float(attrs["wall_s"]),
         "scenario_sha256": attrs["scenario_sha256"],
         "policy_sha256": attrs.get("policy_sha256"),
+        **_estimate_errors(log),
     }
 
 
-def fallback_steps(log: FlightLog) -> dict[str, int]:
-    """How many steps the MPC flew without a fresh solution, by "what: why"."""
-    data = log.dataset
-    if "solve_reason" not in data:
+def _asked_ms(log: FlightLog, name: str) -> np.ndarray:
+    """Wall times in ms where there are any."""
+    if name not in log.dataset:
+        return np.zeros(0)
+    times = log.dataset[name].values * 1e3
+    return times[np.isfinite(times)]
+
+
+def _estimate_errors(log: FlightLog) -> dict[str, float]:
+    """Median and 95th percentile of the errors of the policy's estimates, if it made any."""
+    if "estimate" not in log.dataset:
         return {}
-    pairs = zip(data["solve_status"].values, data["solve_reason"].values, strict=True)
-    return collections.Counter(
-        f"{PlanStatus(int(status)).name}: {PlanReason(int(reason)).name}".lower().replace("_", " ")
-        for status, reason in pairs
-        if status > PlanStatus.SOLVED
-    )
+    error = log.dataset["estimate"].values - log.dataset["state"].values
+    error = error[np.isfinite(error).all(axis=1)]
+    if not error.size:
+        return {}
+    figures = {}
+    for name, part in (("position_error_m", error[:, :3]), ("velocity_error_m_s", error[:, 3:])):
+        sizes = np.linalg.norm(part, axis=1)
+        figures[f"estimate_{name}_median"] = float(np.median(sizes))
+        figures[f"estimate_{name}_p95"] = float(np.percentile(sizes, 95))
+    return figures
+
+
+def fallback_steps(log: FlightLog) -> dict[str, int]:
+    """How many steps the MPC or the policy flew without a fresh answer, by "what: why"."""
+    data, counts = log.dataset, collections.Counter()
+    if "policy_status" in data and (bad := int((data["policy_status"] > 0).sum())):
+        counts["without force: policy not finite"] = bad
+    if "solve_reason" in data:
+        pairs = zip(data["solve_status"].values, data["solve_reason"].values, strict=True)
+        for status, reason in pairs:
+            if status > PlanStatus.SOLVED:
+                text = f"{PlanStatus(int(status)).name}: {PlanReason(int(reason)).name}"
+                counts[text.lower().replace("_", " ")] += 1
+    return counts
 
 
 def dense_positions(times: np.ndarray, states: np.ndarray) -> np.ndarray:

@@ -14,6 +14,7 @@ from proxops.diagrams.scenario_config import (
     LidarConfig,
     MismatchConfig,
     MpcConfig,
+    PolicyConfig,
     RandomWalkDisturbanceConfig,
     Scenario,
     SpacecraftConfig,
@@ -35,6 +36,7 @@ __all__ = [
     "LidarConfig",
     "MismatchConfig",
     "MpcConfig",
+    "PolicyConfig",
     "RandomWalkDisturbanceConfig",
     "Scenario",
     "SpacecraftConfig",
@@ -65,14 +67,16 @@ def load_scenario(
     tree = {} if path is None else read_mapping(Path(path))
     if path is not None and _is_path(tree.get("body")):
         tree["body"] = str((Path(path).parent / tree["body"]).resolve())
-    sensor = tree.get("lidar")
-    if path is not None and isinstance(sensor, dict) and isinstance(sensor.get("bundle"), str):
-        sensor["bundle"] = str((Path(path).parent / sensor["bundle"]).resolve())
+    for part in (tree.get("lidar"), tree.get("policy")):
+        if path is not None and isinstance(part, dict) and isinstance(part.get("bundle"), str):
+            part["bundle"] = str((Path(path).parent / part["bundle"]).resolve())
     apply_overrides(tree, overrides)
     scenario = load_typed(Scenario, tree, source)
     check_scenario(scenario, source)
     if isinstance(scenario.lidar, LearnedLidarConfig):
         scenario.lidar.bundle = str(Path(scenario.lidar.bundle).resolve())
+    if scenario.policy.bundle is not None:
+        scenario.policy.bundle = str(Path(scenario.policy.bundle).resolve())
     return scenario
 
 

@@ -49,6 +49,7 @@ def check_scenario(scenario: Scenario, source: str = "scenario") -> None:
         need(bool(scenario.lidar.bundle), "lidar.bundle", "must name the bundle's folder")
         positive("lidar", "hit_probability")
         each("lidar", ("hit_probability",), lambda value: value < 1, "must be below 1")
+    need(scenario.policy.bundle != "", "policy.bundle", "must name the bundle's folder, or be null")
     positive("lidar", "max_range_m", "planes", "rays")
     not_negative("lidar", "noise_std_m", "dropout", "false_returns")
     each("lidar", ("bias_m",), lambda value: True, "must be finite")

@@ -105,6 +105,15 @@ class MpcConfig:
 
 
 @dc.dataclass
+class PolicyConfig:
+    """The learned policy: see `proxops.systems.NeuralPolicy`."""
+
+    # Folder that `proxops train` wrote; in a file relative to it, else to where one is. null: the
+    # policy that ships with proxops.
+    bundle: str | None = None
+
+
+@dc.dataclass
 class MismatchConfig:
     """What the plant truly is, as multiples of what the expert believes."""
 
@@ -187,6 +196,7 @@ class Scenario:
     spacecraft: SpacecraftConfig = dc.field(default_factory=SpacecraftConfig)
     lidar: LidarConfig | LearnedLidarConfig = dc.field(default_factory=LidarConfig)
     mpc: MpcConfig = dc.field(default_factory=MpcConfig)
+    policy: PolicyConfig = dc.field(default_factory=PolicyConfig)
     # None: the command is applied as it is.
     disturbance: RandomWalkDisturbanceConfig | None = None
     # None: no noise is added after that.

@@ -1,4 +1,4 @@
-"""The systems that a scenario configures: the expert and the lidar."""
+"""The systems that a scenario configures: the controllers and the lidar."""
 
 from __future__ import annotations
 
@@ -6,20 +6,27 @@ from dataclasses import replace
 
 import numpy as np
 
+from proxops.assets import ASSETS
 from proxops.diagrams.body import Body
 from proxops.diagrams.scenario import LidarConfig, Scenario
 from proxops.systems import (
     ErrorWeights,
     Horizon,
+    InputError,
     LearnedLidar,
     Lidar,
     ModelPredictiveController,
+    NeuralPolicy,
     PlanarLidar,
     PointMassField,
+    PolicyBundle,
+    ProportionalDerivative,
     TransitLimits,
     TransitProgram,
     WeightedProgram,
 )
+
+_SHIPPED_POLICY = ASSETS / "policy"
 
 
 def make_controller(scenario: Scenario, body: Body) -> ModelPredictiveController:
@@ -51,6 +58,46 @@ def make_controller(scenario: Scenario, body: Body) -> ModelPredictiveController
         mpc.cold_iterations,
         mpc.estimator_gain,
         mpc.solve_delay_s,
+    )
+
+
+def load_policy(scenario: Scenario) -> PolicyBundle:
+    """The bundle of the policy that the scenario names.
+
+    Raises:
+      InputError: there is none, or it is damaged.
+    """
+    if scenario.policy.bundle is not None:
+        return PolicyBundle.load(scenario.policy.bundle)
+    if not _SHIPPED_POLICY.is_dir():
+        raise InputError(
+            "no policy ships with this proxops: make one with proxops train, and name its bundle "
+            "with --set policy.bundle=FOLDER"
+        )
+    return PolicyBundle.load(_SHIPPED_POLICY)
+
+
+def make_policy(scenario: Scenario, body: Body) -> NeuralPolicy:
+    """The learned policy that the scenario names.
+
+    Raises:
+      InputError: there is none, it is damaged, or for another body, lidar or control period.
+    """
+    return NeuralPolicy(
+        load_policy(scenario),
+        scenario.spacecraft.thrust_limit_n,
+        scenario.control_period_s,
+        scenario.lidar.planes,
+        scenario.lidar.rays,
+        shape_sha256=body.shape.sha256,
+    )
+
+
+def make_proportional_derivative(scenario: Scenario) -> ProportionalDerivative:
+    """The PD controller, its gains from the scenario's mass, limits and control period."""
+    craft = scenario.spacecraft
+    return ProportionalDerivative(
+        craft.mass_kg, craft.thrust_limit_n, craft.speed_limit_m_s, scenario.control_period_s
     )
 
 

@@ -21,39 +21,53 @@ from proxops.diagrams.body import Body, load_body
 from proxops.diagrams.flight_log import FlightLog, make_dataset
 from proxops.diagrams.replay import PLAYBACK_SPEED, add_flight
 from proxops.diagrams.scenario import Scenario, dump_scenario
-from proxops.diagrams.scenario_systems import make_controller
+from proxops.diagrams.scenario_systems import (
+    make_controller,
+    make_policy,
+    make_proportional_derivative,
+)
 from proxops.diagrams.transit_diagram import make_transit_diagram
 from proxops.systems.delayed_hold import DelayedHold
 from proxops.systems.errors import InputError
 from proxops.systems.flight_monitor import COLLIDED, ENTERED_GOAL, NEVER, VIOLATIONS
 from proxops.systems.learned_lidar import LearnedLidar
+from proxops.systems.neural_policy import NeuralPolicy
 from proxops.systems.planar_lidar import PlanarLidar
 
 # Relative accuracy to which events are found.
 _EVENT_ACCURACY = 1e-6
 # Longest step of the integration (s): gravity changes over some 100 s.
 _LONGEST_STEP = 10.0
+# What a controller is asked at control steps only.
+_ASKED = ("mpc_force", "mpc_record", "policy_force", "policy_record", "estimate")
 
 Progress = Callable[[float, float], None]
 """Called now and then with the simulated time and the latest end, both in s."""
 
 
 def named_controller(name: str, scenario: Scenario, body: Body) -> System:
-    """The controller of a name: `mpc`, `zero`, or `MODULE:FACTORY` for your own.
+    """The controller of a name: `mpc`, `policy`, `pd`, `zero`, or `MODULE:FACTORY` for your own.
 
     FACTORY is called as `factory(scenario, body)` and returns a System with the ports that
     `make_transit_diagram` asks for. MODULE is looked for in the working directory too.
 
     Raises:
-      InputError: an unknown name, or a factory that cannot be imported or fails.
+      InputError: an unknown name, no policy that fits, or a factory that cannot be imported or
+        fails.
     """
     if name == "mpc":
         return make_controller(scenario, body)
+    if name == "policy":
+        return make_policy(scenario, body)
+    if name == "pd":
+        return make_proportional_derivative(scenario)
     if name == "zero":
         return _zero_controller()
     module_name, colon, factory_name = name.partition(":")
     if not colon:
-        raise InputError(f"controller {name!r} is not known: use mpc, zero or MODULE:FACTORY")
+        raise InputError(
+            f"controller {name!r} is not known: use mpc, policy, pd, zero or MODULE:FACTORY"
+        )
     here = str(Path.cwd())
     sys.path.insert(0, here)
     try:
@@ -162,7 +176,7 @@ def _collect_log(
     times = sink.FindLog(context).sample_times()
     names = {system.get_name() for system in diagram.GetSystems()}
     columns = {name: column(name) for name in ("state", "target", "force", "command")}
-    for name in ("mpc_force", "mpc_record", "kick"):
+    for name in (*_ASKED, "kick"):
         if f"log_{name}" in names:
             columns[name] = column(name)
 
@@ -174,15 +188,19 @@ def _collect_log(
         craft = diagram.GetSubsystemByName("spacecraft")
         state = craft.GetOutputPort("state").Eval(craft.GetMyContextFromRoot(context))
         columns["state"][-1] = state
-        for name in ("mpc_force", "mpc_record"):
+        for name in _ASKED:
             if name in columns:
                 columns[name][-1] = np.nan
 
     blank = np.full((len(times), 3), np.nan)
-    record = columns.pop("mpc_record", np.full((len(times), 3), np.nan))
+    record = columns.pop("mpc_record", blank.copy())
     columns["disturbance"] = columns["force"] - columns.pop("command")
     columns |= dict(zip(("solve_time", "solve_status", "solve_reason"), record.T, strict=True))
-    columns["decision"] = np.full(len(times), 1 if "mpc_force" in columns else 0, dtype=np.int8)
+    if "policy_record" in columns:
+        record = columns.pop("policy_record")
+        columns |= dict(zip(("policy_time", "policy_status"), record.T, strict=True))
+    pilot = 1 if "mpc_force" in columns else 2 if "policy_force" in columns else 0
+    columns["decision"] = np.full(len(times), pilot, dtype=np.int8)
     lidar = diagram.GetSubsystemByName("lidar")
     assert isinstance(lidar, PlanarLidar)
     if scenario.log_ranges:
@@ -210,4 +228,7 @@ def _collect_log(
     }
     if isinstance(lidar, LearnedLidar):
         attributes["lidar_sha256"] = lidar.bundle.sha256
+    for system in diagram.GetSystems():
+        if isinstance(system, NeuralPolicy):
+            attributes["policy_sha256"] = system.bundle.sha256
     return FlightLog(make_dataset(columns, times, scenario, body, attributes), body)

@@ -27,6 +27,7 @@ from proxops.systems import (
     GravityField,
     InputError,
     ModelPredictiveController,
+    NeuralPolicy,
     PolyhedralGravity,
     RandomWalkDisturbance,
     Spacecraft,
@@ -199,6 +200,11 @@ def make_transit_diagram(
     if isinstance(pilot, ModelPredictiveController):
         logged["mpc_force"] = command
         logged["mpc_record"] = pilot.GetOutputPort("record")
+    if isinstance(pilot, NeuralPolicy):
+        logged["policy_force"] = command
+        logged["policy_record"] = pilot.GetOutputPort("record")
+        if pilot.bundle.estimates:
+            logged["estimate"] = pilot.GetOutputPort("estimate")
     for name, port in logged.items():
         LogVectorOutput(port, builder, publish_period=period).set_name(f"log_{name}")
     if meshcat is not None:

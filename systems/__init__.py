@@ -10,11 +10,14 @@ from proxops.systems.learned_lidar import LearnedLidar
 from proxops.systems.lidar import Lidar, ray_directions
 from proxops.systems.lidar_bundle import LidarBundle
 from proxops.systems.model_predictive_controller import ModelPredictiveController
+from proxops.systems.neural_policy import NeuralPolicy, PolicyStatus
 from proxops.systems.plan import Horizon, Plan, PlanReason, PlanStatus, TransitLimits
 from proxops.systems.planar_lidar import PlanarLidar
 from proxops.systems.point_mass_field import PointMassField
+from proxops.systems.policy_bundle import PolicyBundle
 from proxops.systems.polyhedral_gravity import PolyhedralGravity, PolyhedralGravity_
 from proxops.systems.polyhedron import Polyhedron
+from proxops.systems.proportional_derivative import ProportionalDerivative
 from proxops.systems.random_walk_disturbance import RandomWalkDisturbance
 from proxops.systems.ray_caster import RayCaster, RayFan
 from proxops.systems.spacecraft import Spacecraft, Spacecraft_, jacobi_integral
@@ -37,14 +40,18 @@ __all__ = [
     "Lidar",
     "LidarBundle",
     "ModelPredictiveController",
+    "NeuralPolicy",
     "Plan",
     "PlanReason",
     "PlanStatus",
     "PlanarLidar",
     "PointMassField",
+    "PolicyBundle",
+    "PolicyStatus",
     "PolyhedralGravity",
     "PolyhedralGravity_",
     "Polyhedron",
+    "ProportionalDerivative",
     "RandomWalkDisturbance",
     "RayCaster",
     "RayFan",

@@ -19,6 +19,7 @@ from proxops.diagrams.scenario import (
     LidarConfig,
     MismatchConfig,
     MpcConfig,
+    PolicyConfig,
     RandomWalkDisturbanceConfig,
     Scenario,
     SpacecraftConfig,
@@ -112,6 +113,7 @@ def test_dump_holds_every_key_and_loads_from_a_file(tmp_path: Path) -> None:
         disturbance=RandomWalkDisturbanceConfig(),
         force_noise=ForceNoiseConfig(),
         kicks=KicksConfig(),
+        policy=PolicyConfig("/somewhere/policy"),
         transit=ends,
     )
     text = dump_scenario(scenario)

@@ -43,7 +43,7 @@ def collection_flights(
       InputError: a flight's transit or start is not found, or the learned lidar cannot be used.
     """
     disturbed = scenario if learned_lidar is None else dc.replace(scenario, lidar=learned_lidar)
-    origins = [made_with(wanted, body) for wanted in (scenario, disturbed)]
+    origins = [made_with(wanted, body, "mpc") for wanted in (scenario, disturbed)]
     flights = []
     for index in range(count):
         kind = kind_of(mix, index)

@@ -10,6 +10,14 @@ import numpy as np
 
 Row = dict[str, typing.Any]
 
+# Of a summary, if the policy estimates its state.
+_ESTIMATE_ERRORS = (
+    "estimate_position_error_m_median",
+    "estimate_position_error_m_p95",
+    "estimate_velocity_error_m_s_median",
+    "estimate_velocity_error_m_s_p95",
+)
+
 
 def wilson_interval(successes: int, trials: int, z: float = 1.959964) -> tuple[float, float]:
     """Wilson's score interval of a share (95 % by default); (0, 1) without trials.
@@ -31,11 +39,13 @@ def wilson_interval(successes: int, trials: int, z: float = 1.959964) -> tuple[f
 def aggregate(rows: Sequence[Row]) -> dict[str, typing.Any]:
     """One controller's entry of `results.json` from its flights' summaries.
 
-    Terminal figures are over all flights, delta-v and arrival time over those that arrived.
+    Terminal figures are over all flights, delta-v and arrival time over those that arrived. Errors
+    of the policy's estimates are medians over flights of the median and p95 of each.
     """
     successes = sum(row["success"] for row in rows)
     arrived = [row for row in rows if row["success"]]
-    asked = [row for row in rows if row["mpc_solves"]]
+    timed = [row for row in rows if row["control_ms_median"] is not None]
+    estimated = [row for row in rows if "estimate_position_error_m_median" in row]
     return {
         "transits": len(rows),
         "success_rate": successes / len(rows),
@@ -55,8 +65,9 @@ def aggregate(rows: Sequence[Row]) -> dict[str, typing.Any]:
         else None,
         "policy_share": float(np.mean([row["policy_share"] for row in rows])),
         "mpc_solves": sum(row["mpc_solves"] for row in rows),
-        "control_ms_median": _median(asked, "control_ms_median"),
-        "control_ms_p99": _percentile(asked, "control_ms_p99", 100),
+        "control_ms_median": _median(timed, "control_ms_median"),
+        "control_ms_p99": _percentile(timed, "control_ms_p99", 100),
+        **{name: _median(estimated, name) for name in _ESTIMATE_ERRORS if estimated},
         "flights": list(rows),
     }
 

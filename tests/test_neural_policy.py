@@ -1,0 +1,147 @@
+"""The policy's system with networks known in closed form: answers, memory, limits, refusals."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from known_policies import RAYS, Counting, DeadReckoning, NotANumber, remember, write_policy
+from short_flights import kleopatra
+
+from proxops.systems import InputError, NeuralPolicy, PolicyBundle, PolicyStatus, neural_policy
+
+TARGET = np.array([160e3, 8e3, 0.0, 0.0, 0.0, 0.0])
+FRAME = np.full(RAYS, np.inf)
+FRAME[[7, 4000]] = [120e3, 90e3]
+
+
+@pytest.fixture(scope="module")
+def counting(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_policy(tmp_path_factory.mktemp("counting") / "policy", Counting())
+
+
+def flown(policy: NeuralPolicy, applied: np.ndarray, frame: np.ndarray = FRAME) -> list[dict]:
+    """All outputs at each step, the policy fed with these applied forces (N, 3)."""
+    context = policy.CreateDefaultContext()
+    policy.GetInputPort("ranges").FixValue(context, frame)
+    policy.GetInputPort("target").FixValue(context, TARGET)
+    rows = []
+    for force in applied:
+        policy.GetInputPort("applied_force").FixValue(context, force)
+        rows.append(outputs(policy, context))
+        remember(policy, context)
+    return rows
+
+
+def outputs(policy: NeuralPolicy, context) -> dict[str, np.ndarray]:
+    names = ("force", "estimate", "record")
+    return {name: policy.GetOutputPort(name).Eval(context).copy() for name in names}
+
+
+APPLIED = np.array([[0.0, 0.0, 0.0], [1.0, 0.5, 0.0], [0.0, -2.0, 3.0], [4.0, 0.25, 0.0]])
+
+
+def test_answers_and_memory(counting: Path) -> None:
+    policy = NeuralPolicy(counting)
+    rows = flown(policy, APPLIED)
+    forces = np.array([row["force"] for row in rows])
+    assert forces[:, 0].tolist() == [0.0, 1.0, 2.0, 3.0]
+    assert forces[:, 1].tolist() == np.cumsum(APPLIED[:, 1]).tolist()
+    assert forces[:, 2] == pytest.approx(np.full(4, 0.9), rel=1e-6)
+    assert all(np.isnan(row["estimate"]).all() for row in rows)
+    assert all(row["record"][1] == PolicyStatus.ANSWERED for row in rows)
+    assert all(row["record"][0] > 0.0 for row in rows)
+
+
+def test_ports(counting: Path) -> None:
+    policy = NeuralPolicy(counting)
+    inputs = [policy.get_input_port(i) for i in range(policy.num_input_ports())]
+    assert {port.get_name(): port.size() for port in inputs} == {
+        "ranges": RAYS, "target": 6, "applied_force": 3,
+    }  # fmt: skip
+    ports = [policy.get_output_port(i) for i in range(policy.num_output_ports())]
+    assert {port.get_name(): port.size() for port in ports} == {
+        "force": 3, "estimate": 6, "record": 2,
+    }  # fmt: skip
+
+
+def test_force_is_clipped(counting: Path) -> None:
+    many = np.tile([0.0, -3.0, 0.0], (10, 1))
+    forces = np.array([row["force"] for row in flown(NeuralPolicy(counting), many)])
+    # The memory holds what it was told, not what was clipped.
+    np.testing.assert_array_equal(forces[:, 0], np.minimum(np.arange(10.0), 7.0))
+    np.testing.assert_array_equal(forces[:, 1], np.maximum(-3.0 * np.arange(1, 11), -7.0))
+    weak = [row["force"] for row in flown(NeuralPolicy(counting, thrust_limit=2.5), many)]
+    np.testing.assert_array_equal(np.array(weak)[:, 0], np.minimum(np.arange(10.0), 2.5))
+
+
+def test_one_run_of_the_network_a_step(counting: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    calls = []
+    run_network = neural_policy.run_network
+    monkeypatch.setattr(
+        neural_policy, "run_network", lambda *given: calls.append(1) or run_network(*given)
+    )
+    flown(NeuralPolicy(counting), APPLIED)  # Three outputs and the update, each step.
+    assert len(calls) == len(APPLIED)
+
+
+def test_estimate(tmp_path: Path) -> None:
+    rows = flown(NeuralPolicy(write_policy(tmp_path / "policy", DeadReckoning())), APPLIED)
+    position, velocity = np.array([160e3, 0.0, 0.0]), np.zeros(3)
+    for k, (row, force) in enumerate(zip(rows, APPLIED, strict=True)):
+        if k:
+            position = position + 10.0 * velocity + 50.0 * force / 100.0
+        velocity = velocity + 10.0 * force / 100.0
+        assert row["estimate"][:3] == pytest.approx(position, abs=0.1)
+        assert row["estimate"][3:] == pytest.approx(velocity, abs=1e-6)
+        wanted = 0.01 * (TARGET[:3] - position) - 4.0 * velocity
+        assert row["force"] == pytest.approx(np.clip(wanted, -7.0, 7.0), abs=1e-3)
+
+
+@pytest.mark.parametrize("spoiled", ["force", "memory"])
+def test_what_is_not_finite_flies_on_without_force(tmp_path: Path, spoiled: str) -> None:
+    policy = NeuralPolicy(write_policy(tmp_path / "policy", NotANumber(spoiled)))
+    rows = flown(policy, np.tile([0.0, 1.0, 0.0], (7, 1)))
+    # The third step fails, and the fourth is the first again.
+    statuses = [PolicyStatus(int(row["record"][1])) for row in rows]
+    good, bad = PolicyStatus.ANSWERED, PolicyStatus.NOT_FINITE
+    assert statuses == [good, good, bad, good, good, bad, good]
+    forces = np.array([row["force"] for row in rows])
+    assert forces[:, 0].tolist() == [0.0, 1.0, 0.0, 0.0, 1.0, 0.0, 0.0]
+    assert forces[:, 1].tolist() == [1.0, 2.0, 0.0, 1.0, 2.0, 0.0, 1.0]
+    assert forces[2].tolist() == [0.0, 0.0, 0.0]
+
+
+def test_two_contexts_do_not_touch(counting: Path) -> None:
+    policy = NeuralPolicy(counting)
+    context = policy.CreateDefaultContext()
+    for name, value in (("ranges", FRAME), ("target", TARGET), ("applied_force", np.ones(3))):
+        policy.GetInputPort(name).FixValue(context, value)
+    remember(policy, context)
+    copy = context.Clone()
+    remember(policy, context)
+    remember(policy, context)
+    assert outputs(policy, context)["force"][0] == 3.0
+    assert outputs(policy, copy)["force"][0] == 1.0
+    remember(policy, copy)
+    remember(policy, copy)
+    assert outputs(policy, copy)["force"].tolist() == outputs(policy, context)["force"].tolist()
+
+
+def test_nothing_returns(counting: Path) -> None:
+    """The network's own inf, from a frame without returns, is no force."""
+    [row] = flown(NeuralPolicy(counting), APPLIED[:1], np.full(RAYS, np.inf))
+    assert row["force"].tolist() == [0.0, 0.0, 0.0]
+    assert row["record"][1] == PolicyStatus.NOT_FINITE
+
+
+def test_policy_for_something_else_is_refused(counting: Path) -> None:
+    with pytest.raises(InputError, match="12 planes of 360 rays, and this one has 6 of 720"):
+        NeuralPolicy(counting, planes=6, rays=720)
+    with pytest.raises(InputError, match="period of 10 s, and this one is 5 s"):
+        NeuralPolicy(counting, period=5.0)
+    with pytest.raises(InputError, match="trained at Kleopatra, of another shape"):
+        NeuralPolicy(counting, shape_sha256="0" * 64)
+    with pytest.raises(InputError, match="positive thrust limit"):
+        NeuralPolicy(counting, thrust_limit=0.0)
+    assert NeuralPolicy(counting, shape_sha256=kleopatra().shape.sha256).thrust_limit == 7.0
+    assert NeuralPolicy(PolicyBundle.load(counting)).bundle.path == counting

@@ -1,0 +1,281 @@
+"""A policy flown: what the log says of it, that it repeats, and the commands that fly it."""
+
+import json
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from known_policies import Counting, DeadReckoning, NotANumber, write_policy
+from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
+from short_flights import BRIEF, kleopatra, short_scenario
+
+from proxops.cli.fly import _table
+from proxops.cli.main import main
+from proxops.diagrams import campaign, scenario_systems
+from proxops.diagrams.campaign import run_campaign, transit_flights
+from proxops.diagrams.flight_log import FlightLog, differences
+from proxops.diagrams.scenario import Scenario, load_scenario
+from proxops.diagrams.simulation import fly, make_simulator, named_controller
+from proxops.diagrams.transit_diagram import make_transit_diagram
+from proxops.systems import InputError, PolicyBundle, neural_policy
+
+
+@pytest.fixture(scope="module")
+def reckoning(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_policy(tmp_path_factory.mktemp("reckoning") / "policy", DeadReckoning())
+
+
+@pytest.fixture(scope="module")
+def counting(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_policy(tmp_path_factory.mktemp("counting") / "policy", Counting())
+
+
+def brief(bundle: Path, **changes: object) -> Scenario:
+    return short_scenario(**(BRIEF | {"policy__bundle": str(bundle)} | changes))
+
+
+@pytest.fixture(scope="module")
+def log(reckoning: Path) -> FlightLog:
+    return fly(brief(reckoning, disturbance={}, noise_seed=3), "policy")
+
+
+# --- the log --------------------------------------------------------------------------------------
+
+
+def test_policy_is_fed_what_is_applied(log: FlightLog) -> None:
+    """Dead reckoning again in numpy, with the log's forces: estimates, then commands."""
+    forces, target = log.dataset["force"].values, log.dataset["target"].values[0]
+    state = np.array([160e3, 0.0, 0.0, 0.0, 0.0, 0.0])
+    estimates = [state]
+    for force in forces[:-2]:
+        push = 10.0 * force / 100.0
+        state = np.concatenate([state[:3] + 10.0 * (state[3:] + 0.5 * push), state[3:] + push])
+        estimates.append(state)
+    estimates = np.array(estimates)
+    got = log.dataset["estimate"].values[:-1]
+    np.testing.assert_allclose(got[:, :3], estimates[:, :3], atol=0.5)
+    np.testing.assert_allclose(got[:, 3:], estimates[:, 3:], atol=1e-4)
+    wanted = 0.01 * (target[:3] - got[:, :3]) + 4.0 * (target[3:] - got[:, 3:])
+    commanded = log.dataset["policy_force"].values[:-1]
+    np.testing.assert_allclose(commanded, np.clip(wanted, -7.0, 7.0), atol=1e-3)
+    assert np.abs(commanded).max() == 7.0
+    assert np.abs(forces[:-1] - commanded).max() > 0.5  # It was disturbed, and was told.
+
+
+def test_log_of_a_policy(log: FlightLog, reckoning: Path) -> None:
+    data = log.dataset
+    assert (data["decision"] == 2).all()
+    assert (data["policy_time"][:-1] > 0.0).all()
+    assert (data["policy_status"][:-1] == 0).all()
+    assert data["policy_status"].attrs["flag_meanings"] == "answered not_finite"
+    assert np.isnan(data["mpc_force"]).all()
+    assert np.isnan(data["solve_time"]).all()
+    assert data.attrs["policy_sha256"] == PolicyBundle.load(reckoning).sha256
+    np.testing.assert_allclose(
+        data["disturbance"], (data["force"] - data["policy_force"]).values, atol=1e-12
+    )
+
+
+def test_summary_of_a_policy(log: FlightLog) -> None:
+    summary, data = log.summary, log.dataset
+    assert (summary["controller"], summary["policy_share"], summary["mpc_solves"]) == (
+        "policy", 1.0, 0,
+    )  # fmt: skip
+    assert summary["policy_sha256"] == data.attrs["policy_sha256"]
+    times = 1e3 * data["policy_time"].values
+    assert summary["control_ms_median"] == pytest.approx(np.nanmedian(times))
+    assert summary["control_ms_p99"] == pytest.approx(np.nanpercentile(times, 99))
+    error = data["estimate"].values - data["state"].values
+    for name, part in (("position_error_m", error[:, :3]), ("velocity_error_m_s", error[:, 3:])):
+        sizes = np.sqrt((part**2).sum(axis=1))
+        assert summary[f"estimate_{name}_median"] == pytest.approx(np.nanmedian(sizes))
+        assert summary[f"estimate_{name}_p95"] == pytest.approx(np.nanpercentile(sizes, 95))
+    # Gravity, some 1e-2 m/s^2, is what it does not know of.
+    assert 10.0 < summary["estimate_position_error_m_median"] < 500.0
+    assert json.loads(json.dumps(summary, allow_nan=False)) == summary
+    assert "policy step, median and p99" in dict(_table(log, summary))
+
+
+def test_policy_without_estimates(counting: Path) -> None:
+    log = fly(brief(counting), "policy")
+    assert "estimate" not in log.dataset
+    assert not [name for name in log.summary if name.startswith("estimate")]
+    forces = log.dataset["policy_force"].values[:-1]
+    np.testing.assert_array_equal(forces[:, 0], np.minimum(np.arange(len(forces)), 7))
+    nearest = log.dataset["ranges"].min(dim=("plane", "ray")).values[:-1]
+    np.testing.assert_allclose(forces[:, 2], nearest / 1e5, rtol=1e-6)
+    total = np.concatenate([[0.0], np.cumsum(log.dataset["force"].values[:-2, 1])])
+    np.testing.assert_allclose(forces[:, 1], np.clip(total, -7.0, 7.0), atol=1e-5)
+
+
+def test_answers_that_are_not_finite_are_counted(tmp_path: Path) -> None:
+    log = fly(brief(write_policy(tmp_path / "policy", NotANumber("force"))), "policy")
+    statuses = log.dataset["policy_status"].values[:-1]
+    assert statuses.tolist() == [float(k % 3 == 2) for k in range(len(statuses))]
+    assert (log.dataset["policy_force"].values[:-1][statuses == 1.0] == 0.0).all()
+    table = dict(_table(log, log.summary))
+    assert table["steps without force: policy not finite"] == str(int(statuses.sum()))
+
+
+# --- once a step, and again -----------------------------------------------------------------------
+
+
+def test_one_run_of_the_network_a_step(counting: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    calls = []
+    run_network = neural_policy.run_network
+    monkeypatch.setattr(
+        neural_policy, "run_network", lambda *given: calls.append(1) or run_network(*given)
+    )
+    scenario = brief(counting, disturbance={}, log_ranges=False)
+    diagram = make_transit_diagram(scenario, named_controller("policy", scenario, kleopatra()))
+    simulator = make_simulator(diagram, scenario)
+    simulator.AdvanceTo(105.0)
+    assert len(calls) == 11
+
+
+def test_cloned_context_goes_on_alike(reckoning: Path) -> None:
+    scenario = brief(reckoning, disturbance={})
+    diagram = make_transit_diagram(scenario, named_controller("policy", scenario, kleopatra()))
+    simulator = make_simulator(diagram, scenario)
+    simulator.AdvanceTo(55.0)
+    clone = simulator.get_context().Clone()
+    simulator.AdvanceTo(125.0)
+    again = Simulator(diagram, clone)
+    ResetIntegratorFromFlags(again, "runge_kutta5", 10.0).set_fixed_step_mode(True)
+    again.AdvanceTo(125.0)
+
+    def values(context) -> list[np.ndarray]:
+        policy = diagram.GetSubsystemByName("controller")
+        memory = policy.GetMyContextFromRoot(context).get_discrete_state_vector().CopyToVector()
+        assert memory[0] == 1.0
+        return [memory, context.get_continuous_state_vector().CopyToVector()]
+
+    for one, other in zip(values(simulator.get_context()), values(clone), strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+def test_repeats_bit_for_bit(log: FlightLog, reckoning: Path) -> None:
+    again = fly(log.scenario, "policy")
+    assert differences(log, again) == []
+
+
+# --- the scenario and the commands ----------------------------------------------------------------
+
+
+def test_bundle_of_a_file_is_relative_to_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    (tmp_path / "mine.yaml").write_text("policy: {bundle: out/policy}\n")
+    scenario = load_scenario(tmp_path / "mine.yaml")
+    assert scenario.policy.bundle == str((tmp_path / "out/policy").resolve())
+    monkeypatch.chdir(tmp_path)
+    assert load_scenario(None, ["policy.bundle=p"]).policy.bundle == str(tmp_path.resolve() / "p")
+    with pytest.raises(InputError, match=r"policy\.bundle must name"):
+        load_scenario(None, ["policy.bundle=''"])
+    assert load_scenario().policy.bundle is None
+
+
+def test_no_policy_ships(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, counting: Path) -> None:
+    monkeypatch.setattr(scenario_systems, "_SHIPPED_POLICY", tmp_path / "policy")
+    with pytest.raises(InputError, match=r"no policy ships .* proxops train"):
+        named_controller("policy", short_scenario(), kleopatra())
+    monkeypatch.setattr(scenario_systems, "_SHIPPED_POLICY", counting)
+    policy = named_controller("policy", short_scenario(), kleopatra())
+    assert policy.num_input_ports() == 3
+
+
+def test_policy_that_does_not_fit_does_not_fly(counting: Path) -> None:
+    for changes, why in (
+        ({"lidar__planes": 6}, "this one has 6 of 360"),
+        ({"control_period_s": 5.0}, "this one is 5 s"),
+    ):
+        with pytest.raises(InputError, match=why):
+            fly(brief(counting, **changes), "policy")
+
+
+def test_thrust_limit_is_the_scenario_s(counting: Path) -> None:
+    scenario = brief(counting, spacecraft__thrust_limit_n=3.0, log_ranges=False)
+    forces = fly(scenario, "policy").dataset["policy_force"].values[:-1]
+    np.testing.assert_array_equal(forces[:, 0], np.minimum(np.arange(len(forces)), 3))
+
+
+@pytest.fixture
+def run(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Callable[..., int]:
+    """`proxops ARGUMENTS` in this process, in a folder of its own; returns the exit code."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "200")
+
+    def proxops(*arguments: object) -> int:
+        monkeypatch.setattr(sys, "argv", ["proxops", *map(str, arguments)])
+        try:
+            main()
+        except SystemExit as end:
+            return int(end.code or 0)
+        return 0
+
+    return proxops
+
+
+SHORT = [
+    "--set", "transit.start_m=[160e3, 0, 0]", "--set", "transit.goal_m=[160e3, 8e3, 0]",
+    "--set", "arrival.deadline_s=100", "--set", "arrival.dwell_s=50",
+]  # fmt: skip
+
+
+def test_fly_and_fly_again(run, reckoning: Path, tmp_path: Path, capsys) -> None:
+    with_policy = (*SHORT, "--set", f"policy.bundle={reckoning}", "--controller", "policy")
+    assert run("fly", *with_policy, "--out", "one") == 0
+    printed = capsys.readouterr().out
+    for words in ("Kleopatra, policy", "policy step, median", "error of its position"):
+        assert words in printed
+    assert run("fly", "--from", "one/flight.nc", "--out", "two") == 0
+    one, two = (FlightLog.load(tmp_path / name / "flight.nc") for name in ("one", "two"))
+    assert differences(one, two) == []
+    assert json.loads((tmp_path / "two" / "summary.json").read_text()) == two.summary
+
+
+def test_another_policy_in_its_place_is_told(run, tmp_path: Path, capsys) -> None:
+    bundle = write_policy(tmp_path / "policy", DeadReckoning())
+    with_policy = (*SHORT, "--set", "policy.bundle=policy", "--controller", "policy")
+    assert run("fly", *with_policy, "--out", "one") == 0
+    write_policy(bundle, DeadReckoning(derivative=1.0))
+    assert run("fly", "--from", "one/flight.nc", "--out", "two") == 1
+    assert "policy_sha256" in capsys.readouterr().err
+
+
+def test_no_bundle_is_refused(run, capsys) -> None:
+    assert run("fly", "--controller", "policy", "--set", "policy.bundle=nothing") == 2
+    error = capsys.readouterr().err
+    assert "nothing is not the bundle of a policy" in error
+    assert "proxops train makes one" in error
+
+
+def test_evaluate(run, reckoning: Path, tmp_path: Path) -> None:
+    code = run(
+        "evaluate", "--controllers", "policy,pd,zero", "--transits", 2, "--workers", 1,
+        "--set", f"policy.bundle={reckoning}", "--set", "arrival.deadline_s=100",
+        "--set", "arrival.dwell_s=50", "--out", "results",
+    )  # fmt: skip
+    assert code == 0
+    results = json.loads((tmp_path / "results" / "results.json").read_text())
+    assert list(results) == ["policy", "pd", "zero"]
+    policy, pd = results["policy"], results["pd"]
+    assert (policy["policy_share"], pd["policy_share"]) == (1.0, 0.0)
+    assert policy["control_ms_median"] > 0.0
+    assert pd["control_ms_median"] is None
+    rows = [row["estimate_velocity_error_m_s_p95"] for row in policy["flights"]]
+    assert policy["estimate_velocity_error_m_s_p95"] == pytest.approx(np.mean(rows))
+    assert "estimate_velocity_error_m_s_p95" not in pd
+    assert {row["policy_sha256"] for row in pd["flights"]} == {None}
+
+
+def test_campaign_does_not_mix_policies(tmp_path: Path) -> None:
+    bundle = write_policy(tmp_path / "policy", DeadReckoning())
+    scenario = brief(bundle)
+    [flight] = transit_flights(scenario, "policy", 1, 1)
+    assert PolicyBundle.load(bundle).sha256 in flight.made_with
+    assert "policy" not in campaign.made_with(scenario, kleopatra(), "mpc")
+    run_campaign([flight], tmp_path / "flights", workers=1)
+    write_policy(bundle, DeadReckoning(derivative=1.0))
+    with pytest.raises(InputError, match="of a flight with another"):
+        run_campaign(transit_flights(scenario, "policy", 1, 1), tmp_path / "flights", workers=1)
