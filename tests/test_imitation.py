@@ -164,9 +164,10 @@ def test_a_budget_of_minutes_ends_it(packed: PackedFlights, tmp_path: Path):
         lesson(packed), schedule, tmp_path, progress=lambda done, text: shares.append(done)
     )
     assert 1 <= len(trained.history) < 1000
-    assert trained.history[-1]["wall_s"] == pytest.approx(0.6, abs=0.4)
+    assert [row["wall_s"] >= 0.6 for row in trained.history] == [False] * (
+        len(trained.history) - 1
+    ) + [True]
     assert shares == sorted(shares)
-    assert shares[-1] < 1.0
     assert run(lesson(packed), schedule, tmp_path) == trained
 
 

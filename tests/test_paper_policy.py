@@ -83,10 +83,10 @@ def test_it_remembers_and_flights_do_not_mix():
 def test_no_return_is_minus_100_km():
     policy = small_policy()
     frame = torch.tensor([[[math.inf, 0.0, 80e3, 200e3]]])
-    wanted = [(-100.0 - 80.0) / 40.0, -2.0, 0.0, 3.0]
+    wanted = [0.0, 100.0 / 180.0, 1.0, 300.0 / 180.0]
     assert policy.network_frames(frame).flatten().tolist() == pytest.approx(wanted, abs=1e-5)
     given = policy.network_frames(torch.full((1, 1, 4), math.nan))
-    assert given.flatten().tolist() == pytest.approx([-4.5] * 4)
+    assert given.flatten().tolist() == pytest.approx([0.0] * 4)
 
 
 @torch.no_grad()

@@ -114,6 +114,7 @@ def train(
         optimizer.load_state_dict(saved["optimizer"])
         history, best = saved["history"], saved["best"]
 
+    limit_s = math.inf if schedule.minutes is None else 60.0 * schedule.minutes
     earlier_cpu, earlier_wall = (history[-1]["cpu_s"], history[-1]["wall_s"]) if history else (0, 0)
     started_cpu, started_wall = time.process_time(), time.perf_counter()
 
@@ -122,12 +123,12 @@ def train(
 
     def share(step: int) -> float:
         """Of the budget that is used up, in epochs or minutes, whichever ends first."""
-        done = step / (schedule.epochs * steps)
-        return done if schedule.minutes is None else max(done, wall() / (60.0 * schedule.minutes))
+        return max(step / (schedule.epochs * steps), wall() / limit_s if limit_s > 0.0 else 1.0)
 
     while not finished(history, schedule.epochs, schedule.patience):
         epoch = len(history)
-        if epoch > 0 and share(epoch * steps) >= 1.0:
+        # By the time on record, so that a training that is over stays so when it is run again.
+        if history and history[-1]["wall_s"] >= limit_s:
             break
         # What is drawn depends on (seed, epoch) alone, so that an epoch may be begun anew.
         torch.manual_seed(derived_seed(seed, epoch))

@@ -37,7 +37,7 @@ class Settings:
     schedule: Schedule = dc.field(
         default_factory=lambda: Schedule(epochs=40, batch=8, learning_rate=1e-3, patience=10)
     )
-    window: int = 128
+    window: int = 64
     """Steps of a window, through which gradients run; in flight the LSTM remembers for longer."""
     stride: int | None = None
     """Steps from window to window; None: as long as a window."""
