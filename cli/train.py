@@ -47,8 +47,9 @@ def train_command(
 ) -> None:
     """Train a policy to say what the MPC says, from lidar frames and the goal.
 
-    Writes policy.ckpt, the curves of training as CSV and for TensorBoard, report.md, report.json
-    and forces.png. Run it again to go on after an interruption.
+    Writes policy.ckpt, the curves of training as CSV and for TensorBoard, report.md, report.json,
+    forces.png, and bundle, which `proxops fly --controller policy --set policy.bundle=...`
+    flies. Run it again to go on after an interruption.
 
     Example:
 
@@ -77,7 +78,9 @@ def train_command(
 
         report = paper_recipe.train_paper_policy(data, out, settings, tell)
     _print(report)
-    status.print(f"Wrote policy.ckpt, report.md, report.json, forces.png and curves in {out}")
+    status.print(
+        f"Wrote bundle, policy.ckpt, report.md, report.json, forces.png and curves in {out}"
+    )
 
 
 def _print(report: dict[str, Any]) -> None:

@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 import torch
 from flight_folders import copy_flights
+from short_flights import BRIEF, short_scenario
 
 from proxops.cli.main import main
+from proxops.diagrams.simulation import fly
 from proxops.training import PackedFlights, WindowDataset, pack_flights
 from proxops.training.imitation import Schedule
 from proxops.training.paper_recipe import (
@@ -84,6 +86,13 @@ def test_checkpoint_holds_the_policy_that_is_reported(
     assert rmse == pytest.approx(report["parts"]["test"]["rmse_n"], rel=1e-5)
 
 
+def test_bundle_flies(report: dict[str, Any]):
+    log = fly(short_scenario(policy__bundle=str(report["out"] / "bundle"), **BRIEF), "policy")
+    steps = len(log.dataset["time"]) - 1
+    assert (log.dataset["decision"].values[:steps] == 2).all()
+    assert np.isfinite(log.dataset["policy_force"].values[:steps]).all()
+
+
 @torch.no_grad()
 def test_replayed_flights_are_seen_step_by_step(packed: PackedFlights):
     policy = make_policy(packed, SMALL).eval()
@@ -128,6 +137,7 @@ def test_quick_command_writes_all_that_it_says(
     names = {path.relative_to(out).as_posix() for path in out.rglob("*") if path.is_file()}
     assert {name for name in names if "tfevents" not in name} == {
         "policy.ckpt", "curves/policy.csv", "report.json", "report.md", "forces.png",
+        "bundle/model.onnx", "bundle/policy.json",
     }  # fmt: skip
     assert (out / "forces.png").read_bytes().startswith(b"\x89PNG")
     first = (out / "curves" / "policy.csv").read_text()

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from pydrake.common.yaml import yaml_load
 from torch import Tensor
 
 from proxops.diagrams.flight_log import write_whole
@@ -19,6 +20,7 @@ from proxops.training.imitation import Lesson, Schedule, train
 from proxops.training.packed_flights import PackedFlights
 from proxops.training.packing import pack_flights
 from proxops.training.paper_policy import PaperPolicy
+from proxops.training.policy_export import PolicyFacts, export_policy
 from proxops.training.training_history import Trained
 from proxops.training.transit_split import PARTS
 from proxops.training.windows import Batch, WindowDataset
@@ -28,6 +30,8 @@ Progress = Callable[[float, str], Any]
 
 # Shares of the bar; the rest, to 1, is for the report.
 _PACKED, _TRAINED = 0.05, 0.95
+# Steps of a flight on which the exported policy is compared with the trained one.
+_CHECKED_STEPS = 20
 
 
 @dc.dataclass(frozen=True)
@@ -76,8 +80,8 @@ def train_paper_policy(
 ) -> dict[str, Any]:
     """Trains the paper's policy on expert flights; writes and returns the report.
 
-    Writes policy.ckpt, curves/, report.json, report.md and forces.png in `out`. Run again after
-    a kill, it goes on behind the last whole epoch.
+    Writes policy.ckpt, curves/, report.json, report.md, forces.png, and bundle/, which flies, in
+    `out`. Run again after a kill, it goes on behind the last whole epoch.
 
     Args:
       data: what `proxops collect` wrote, or a folder of logs.
@@ -102,6 +106,7 @@ def train_paper_policy(
     )
     tell(_TRAINED, "flying through the logs")
     report = _report(flights, policy, trained, settings, out)
+    _export(flights, policy, report, out / "bundle")
     tell(1.0, "done")
     return report
 
@@ -187,3 +192,28 @@ def _report(
     write_whole(out / "report.json", lambda path: path.write_text(text))
     write_whole(out / "report.md", lambda path: path.write_text(report_markdown(report)))
     return report
+
+
+def _export(
+    flights: PackedFlights, policy: PaperPolicy, report: dict[str, Any], folder: Path
+) -> None:
+    setting = flights.setting
+    facts = PolicyFacts(
+        recipe="paper",
+        planes=setting.planes,
+        rays=setting.rays,
+        period=setting.control_period_s,
+        thrust_limit=setting.thrust_limit_n,
+        memory=policy.memory_size,
+        estimates=False,
+        body=yaml_load(data=setting.body)["name"],
+        shape_sha256=setting.shape_sha256,
+        data_sha256=flights.logs_sha256,
+        metrics={"parts": report["parts"]},
+    )
+    first = next(flight for part in reversed(PARTS) for flight in flights.part(part))
+    rows = np.arange(first.start, first.start + min(first.steps, _CHECKED_STEPS))
+    frames = flights.frames(rows).reshape(len(rows), -1)
+    export_policy(
+        policy, folder, facts, [(frames, flights.target[rows], flights.applied_force[rows])]
+    )
