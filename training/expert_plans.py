@@ -170,7 +170,8 @@ def _save(path: Path, content: dict[str, np.ndarray]) -> None:
 def _load(portion: Portion, folder: Path) -> dict[str, np.ndarray]:
     path = folder / f"{portion.name}.npz"
     try:
-        with np.load(path, allow_pickle=False) as file:
+        # Opened here, so that it is closed even if numpy finds it damaged.
+        with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
             content = {key: file[key] for key in ("state", "goal", "force", "origin")}
     except Exception as error:  # A damaged file makes numpy raise all sorts.
         raise InputError(f"{path} holds no plans: remove it") from error

@@ -1,0 +1,76 @@
+"""Plans as labels: they say what the expert itself commands there, and are computed once."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from short_flights import kleopatra
+
+from proxops.diagrams.scenario import load_scenario
+from proxops.diagrams.scenario_systems import make_controller
+from proxops.systems import InputError
+from proxops.systems.ellipsoid import clearances
+from proxops.training.expert_plans import expert_plans, labels_of, transit_plans
+
+
+def test_the_force_at_a_knot_is_what_the_expert_commands_there():
+    scenario = load_scenario()
+    program = make_controller(scenario, kleopatra()).program
+    differences = []
+    for index in range(4):
+        plans = transit_plans(program, scenario, kleopatra(), 3, index)
+        plan = plans[0]
+        for knot in (3, 8, 12):
+            fresh = program.solve(plan.states[knot], plan.target, plan, plan.times[knot], 5)
+            differences.append(np.abs(fresh.forces[0] - plan.forces[knot]).max())
+    # Fresh plans have shorter intervals, so a force is a mean over less of the time to come.
+    assert np.median(differences) < 0.15
+    assert np.max(differences) < 1.0
+
+
+def test_labels_are_within_limits_and_out_of_the_ellipsoid(tmp_path: Path):
+    labels = expert_plans(load_scenario(), 3, 2, tmp_path, workers=1)
+    count = len(labels["state"])
+    assert {key: values.shape for key, values in labels.items()} == {
+        "state": (count, 6), "goal": (count, 3), "force": (count, 3),
+    }  # fmt: skip
+    assert count > 2 * 10 * 16
+    assert np.abs(labels["force"]).max() <= 7.0 + 1e-4
+    outside = clearances(kleopatra().keep_out_semi_axes, labels["state"][:, :3]) > -1e3
+    assert outside.mean() > 0.98
+
+
+def test_is_computed_once_and_alike(tmp_path: Path):
+    scenario = load_scenario()
+    told: list[int] = []
+    first = expert_plans(scenario, 5, 2, tmp_path / "one", workers=1)
+    path = tmp_path / "one" / "plans-5-000000.npz"
+    written = path.stat().st_mtime_ns
+    again = expert_plans(scenario, 5, 2, tmp_path / "one", workers=1, progress=told.append)
+    assert path.stat().st_mtime_ns == written
+    assert told == [2]
+    other = expert_plans(scenario, 5, 2, tmp_path / "two", workers=1)
+    for key in first:
+        np.testing.assert_array_equal(first[key], again[key])
+        np.testing.assert_array_equal(first[key], other[key])
+
+
+def test_files_that_are_not_theirs_are_refused(tmp_path: Path):
+    expert_plans(load_scenario(), 5, 1, tmp_path, workers=1)
+    path = tmp_path / "plans-5-000000.npz"
+    with pytest.raises(InputError, match="another scenario"):
+        expert_plans(load_scenario(None, ["spacecraft.mass_kg=90"]), 5, 1, tmp_path, workers=1)
+    path.write_bytes(path.read_bytes()[:500])
+    with pytest.raises(InputError, match="plans-5-000000"):
+        expert_plans(load_scenario(), 5, 1, tmp_path, workers=1)
+
+
+def test_plans_with_slack_label_their_start_alone():
+    scenario = load_scenario()
+    program = make_controller(scenario, kleopatra()).program
+    inside = np.array([60e3, 10e3, 0.0, 0.0, 0.0, 0.0])
+    plan = program.solve(inside, np.array([160e3, 0.0, 40e3, 0.0, 0.0, 0.0]), iterations=10)
+    assert plan.slack > 1e-3
+    labels = labels_of([plan])
+    np.testing.assert_array_equal(labels["state"], plan.states[:1])
+    np.testing.assert_array_equal(labels["force"], plan.forces[:1])

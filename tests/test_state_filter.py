@@ -1,0 +1,87 @@
+"""The pilot's filter against a Kalman filter of full matrices, and its motion."""
+
+import numpy as np
+import torch
+
+from proxops.training.state_filter import MEMORY, Motion, StateFilter
+
+PERIOD = 10.0
+
+
+def still_filter() -> StateFilter:
+    """One whose motion is thrust alone: 1 m/s^2 for 100 N."""
+    motion = Motion(100e3, 20.0, 0.01)
+    with torch.no_grad():
+        for weights in motion.parameters():
+            weights.zero_()
+        motion.per_newton.fill_(1.0)
+    return StateFilter(motion, PERIOD)
+
+
+@torch.no_grad()
+def test_is_a_kalman_filter():
+    """Nine states, full matrices, numpy: the same means after forty steps of noisy fixes."""
+    subject = still_filter()
+    deviations = np.exp(subject.logs.double().numpy())
+    eye = np.eye(3)
+    h, k = PERIOD, 0.5 * PERIOD**2
+    step = np.kron(np.array([[1.0, h, k], [0.0, 1.0, h], [0.0, 0.0, 1.0]]), eye)
+    noise = np.kron(np.diag(deviations[1:4] ** 2), eye)
+    seen = np.hstack([eye, np.zeros((3, 6))])
+    random = np.random.default_rng(0)
+    mean, covariance = np.zeros(9), np.zeros((9, 9))
+    memory = torch.zeros(1, MEMORY)
+    place, velocity = np.array([120e3, -40e3, 30e3]), np.array([1.0, -2.0, 0.5])
+    for index in range(40):
+        force = random.normal(0.0, 2.0, 3)
+        place = place + h * velocity + k * force / 100.0
+        velocity = velocity + h * force / 100.0
+        fix = place + random.normal(0.0, 20.0, 3)
+        memory = subject.predict(memory, torch.tensor(force[None]).float())
+        memory = subject.correct(memory, torch.tensor(fix[None]).float(), torch.ones(1, 1))
+        if index == 0:
+            mean[:3] = fix
+            covariance = np.kron(np.diag(deviations[4:] ** 2), eye)
+        else:
+            mean = step @ mean + np.concatenate([k * force, h * force, np.zeros(3)]) / 100.0
+            covariance = step @ covariance @ step.T + noise
+        gain = (
+            covariance
+            @ seen.T
+            @ np.linalg.inv(seen @ covariance @ seen.T + deviations[0] ** 2 * eye)
+        )
+        mean = mean + gain @ (fix - seen @ mean)
+        covariance = covariance - gain @ seen @ covariance
+    found = memory[0].numpy()
+    np.testing.assert_allclose(found[:3], mean[:3], atol=0.2)
+    np.testing.assert_allclose(found[3:6], mean[3:6], atol=2e-2)
+    np.testing.assert_allclose(found[6:9], mean[6:9], atol=2e-4)
+    assert np.linalg.norm(found[3:6] - velocity) < 1.0
+
+
+@torch.no_grad()
+def test_a_fix_that_cannot_be_trusted_moves_little():
+    subject = still_filter()
+    memory = torch.zeros(1, MEMORY)
+    place = torch.tensor([[100e3, 0.0, 0.0]])
+    for _ in range(20):
+        memory = subject.correct(
+            subject.predict(memory, torch.zeros(1, 3)), place, torch.ones(1, 1)
+        )
+    before = memory[:, :3].clone()
+    predicted = subject.predict(memory, torch.zeros(1, 3))
+    doubtful = subject.correct(predicted, place + 500.0, torch.full((1, 1), 100.0))
+    trusted = subject.correct(predicted, place + 500.0, torch.ones(1, 1))
+    assert float((doubtful[:, :3] - before).norm()) < 20.0 < float((trusted[:, :3] - before).norm())
+
+
+@torch.no_grad()
+def test_finds_back_when_it_is_lost():
+    subject = still_filter()
+    memory = torch.zeros(1, MEMORY)
+    for place in (torch.tensor([[100e3, 0.0, 0.0]]), torch.tensor([[90e3, 5e3, 0.0]])):
+        for _ in range(30):
+            memory = subject.predict(memory, torch.zeros(1, 3))
+            memory = subject.correct(memory, place, torch.ones(1, 1))
+    assert float((memory[:, :3] - place).norm()) < 50.0
+    assert float(memory[:, 3:6].norm()) < 1.0
