@@ -15,7 +15,6 @@ from short_flights import BRIEF, short_scenario
 from proxops.cli.main import main
 from proxops.diagrams.simulation import fly
 from proxops.training import PackedFlights, WindowDataset, pack_flights
-from proxops.training.imitation import Schedule
 from proxops.training.paper_recipe import (
     Settings,
     force_loss,
@@ -24,6 +23,7 @@ from proxops.training.paper_recipe import (
     replay_flights,
     train_paper_policy,
 )
+from proxops.training.training_loop import Schedule
 
 SMALL = Settings(
     schedule=Schedule(epochs=20, batch=4, learning_rate=3e-3, patience=20),

@@ -16,14 +16,14 @@ from torch import Tensor
 
 from proxops.diagrams.flight_log import write_whole
 from proxops.training.force_figures import force_figures, plot_forces, report_markdown
-from proxops.training.imitation import Lesson, Schedule, train
 from proxops.training.packed_flights import PackedFlights
 from proxops.training.packing import pack_flights
 from proxops.training.paper_policy import PaperPolicy
 from proxops.training.policy_export import PolicyFacts, export_policy
 from proxops.training.training_history import Trained
+from proxops.training.training_loop import Lesson, Schedule, train
 from proxops.training.transit_split import PARTS
-from proxops.training.windows import Batch, WindowDataset
+from proxops.training.windows import Batch, WindowDataset, window_loader
 
 Progress = Callable[[float, str], Any]
 """Called with the share done, from 0 to 1, and a text."""
@@ -87,7 +87,8 @@ def train_paper_policy(
       data: what `proxops collect` wrote, or a folder of logs.
 
     Raises:
-      InputError: there are no flights to learn from, or see `pack_flights` and `imitation.train`.
+      InputError: there are no flights to learn from, or see `pack_flights` and
+        `training_loop.train`.
     """
     tell = progress or (lambda done, text: None)
     logs = data / "flights" if (data / "flights").is_dir() else data
@@ -137,7 +138,14 @@ def _lesson(flights: PackedFlights, policy: PaperPolicy, settings: Settings) -> 
         f"paper recipe, logs {flights.logs_sha256}, split {flights.split_seed}, "
         f"windows of {settings.window} every {settings.stride}, precision {settings.precision}"
     )
-    return Lesson("policy", policy, force_loss, training, validation, identity)
+    return Lesson(
+        "policy",
+        policy,
+        force_loss,
+        window_loader(training, settings.schedule.batch, shuffle=True, seed=settings.seed),
+        window_loader(validation, settings.schedule.batch),
+        identity,
+    )
 
 
 @torch.no_grad()
