@@ -201,16 +201,18 @@ class _BatchSampler(Sampler[list[int]]):
 class WindowLoader(DataLoader[Batch]):
     """Batches of windows; `epoch` is the dataset's."""
 
-    dataset: WindowDataset
+    def __init__(self, windows: WindowDataset, **options: typing.Any):
+        super().__init__(windows, **options)
+        self._windows = windows
 
     @property
     def epoch(self) -> int:
         """As of `WindowDataset`."""
-        return self.dataset.epoch
+        return self._windows.epoch
 
     @epoch.setter
     def epoch(self, value: int) -> None:
-        self.dataset.epoch = value
+        self._windows.epoch = value
 
 
 def window_loader(
