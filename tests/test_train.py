@@ -20,9 +20,9 @@ from proxops.training.paper_recipe import (
     force_loss,
     make_policy,
     quick,
-    replay_flights,
     train_paper_policy,
 )
+from proxops.training.policy_report import replay_flights
 from proxops.training.training_loop import Schedule
 
 SMALL = Settings(

@@ -50,9 +50,8 @@ def lesson(
         WindowDataset(packed, part, 4, 1) for part in ("training", "validation")
     )
     batches = window_loader(training, batch, shuffle=True, seed=seed)
-    return Lesson(
-        "straight", Straight(), loss, batches, window_loader(validation, batch), identity="test"
-    )
+    held = window_loader(validation, batch)
+    return Lesson("straight", Straight(), loss, batches, held, "test", methods=("sequence",))
 
 
 def run(taught: Lesson, schedule: Schedule, folder: Path, seed: int = 1, **options: Any):

@@ -9,7 +9,7 @@ from proxops.training.coarse_position import CoarsePosition
 from proxops.training.geometry_layer import GeometryLayer
 from proxops.training.guidance import Guidance
 from proxops.training.lidar_hits import HitSelection
-from proxops.training.state_filter import StateFilter, doubt
+from proxops.training.state_filter import MEMORY, StateFilter, doubt
 
 # With fewer returns than this a frame says nothing of where it was taken.
 _LEAST_RETURNS = 8
@@ -20,7 +20,7 @@ _HOPELESS = 100.0
 
 
 class Pilot(nn.Module):
-    """Five parts in a row, all learned, any of which can be trained by itself.
+    """Five parts in a row, any of which can be trained by itself.
 
     ```
     ranges ─► hits ─► coarse ─────► geometry ─► filter ─► guidance ─► force
@@ -36,6 +36,8 @@ class Pilot(nn.Module):
     motion is countered.
     """
 
+    usual_residual: Tensor
+
     def __init__(
         self,
         hits: HitSelection,
@@ -43,13 +45,16 @@ class Pilot(nn.Module):
         geometry: GeometryLayer,
         filter_: StateFilter,
         guidance: Guidance,
-        usual_residual: float,
     ):
-        """`usual_residual`: m, of returns from the learned surface at a good fix."""
         super().__init__()
         self.hits, self.coarse, self.geometry = hits, coarse, geometry
         self.filter, self.guidance = filter_, guidance
-        self.usual_residual = usual_residual
+        # Of returns from the learned surface at a good fix, in m; set by `fit_residual`.
+        self.register_buffer("usual_residual", torch.ones(()))
+
+    def fit_residual(self, residuals: Tensor) -> None:
+        """Sets the usual residual from those of good fixes."""
+        self.usual_residual.copy_(residuals.median())
 
     def forward(
         self, ranges: Tensor, target: Tensor, applied_force: Tensor, memory: Tensor
@@ -89,3 +94,21 @@ class Pilot(nn.Module):
         return self.filter.correct(
             memory, fix, doubt(residual, self.usual_residual) + _HOPELESS * few
         )
+
+    def sequence(
+        self, ranges: Tensor, target: Tensor, applied_force: Tensor, memory: Tensor | None = None
+    ) -> tuple[Tensor, Tensor, Tensor]:
+        """T control steps of B flights in a row: `forward`, with time as the second axis.
+
+        Args:
+          ranges: (B, T, ...), whatever axes a frame has. memory: None: as at a flight's start.
+        """
+        remembered = target.new_zeros(len(target), MEMORY) if memory is None else memory
+        forces, estimates = [], []
+        for step in range(target.shape[1]):
+            frame = ranges[:, step].flatten(1)
+            given = target[:, step], applied_force[:, step], remembered
+            force, estimate, remembered = self(frame, *given)
+            forces.append(force)
+            estimates.append(estimate)
+        return torch.stack(forces, dim=1), torch.stack(estimates, dim=1), remembered

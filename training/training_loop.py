@@ -77,6 +77,8 @@ class Lesson:
     validation: Batches
     identity: str
     """Says what is learned from: a checkpoint of another identity is not gone on with."""
+    methods: tuple[str, ...] = ()
+    """Those of the network, besides `forward`, that the loss calls."""
 
 
 def train(
@@ -110,8 +112,8 @@ def train(
     fabric = _fabric(device, precision, logger)
     bare = torch.optim.AdamW(lesson.network.parameters(), weight_decay=_WEIGHT_DECAY)
     network, optimizer = fabric.setup(lesson.network, bare)
-    if hasattr(lesson.network, "sequence"):
-        network.mark_forward_method("sequence")
+    for method in lesson.methods:
+        network.mark_forward_method(method)
     steps = len(lesson.training)
 
     checkpoint = folder / f"{lesson.name}.ckpt"
