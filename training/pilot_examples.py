@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from proxops.systems.counter_noise import derived_seed, generator
+from proxops.training.label_files import Labels
 from proxops.training.lidar_hits import HitSelection
 from proxops.training.packed_flights import PackedFlights
 from proxops.training.transit_split import PARTS
@@ -138,8 +139,8 @@ def commands_of(flights: PackedFlights, part: str) -> Commands:
     return Commands(*(_tensor(column) for column in given))
 
 
-def labelled_commands(labels: dict[str, np.ndarray]) -> Commands:
-    """The same from what `expert_plans` gives."""
+def labelled_commands(labels: Labels) -> Commands:
+    """The same from the files of labels."""
     state = labels["state"]
     given = state[:, :3], state[:, 3:], labels["goal"], labels["force"]
     return Commands(*(_tensor(column) for column in given))

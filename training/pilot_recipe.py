@@ -14,11 +14,13 @@ from torch import Tensor
 from proxops.diagrams.scenario import Scenario, parse_scenario
 from proxops.systems.errors import InputError
 from proxops.training.expert_plans import expert_plans
+from proxops.training.label_files import Labels
 from proxops.training.lidar_hits import HitSelection
 from proxops.training.packed_flights import PackedFlights
 from proxops.training.packing import pack_flights
 from proxops.training.pilot import Pilot
 from proxops.training.pilot_examples import (
+    Commands,
     Hits,
     commands_of,
     hits_of,
@@ -129,20 +131,13 @@ def train_pilot(
     lesson = filter_lesson(pilot, flights, settings.window, settings.windows, *taught)
     teach(lesson, settings.filter)
 
-    done = 0
-
-    def planned(count: int) -> None:
-        nonlocal done
-        done += count
-        _stage("plans", tell)(done / settings.plans, f"plans, {done} of {settings.plans}")
-
-    plans = expert_plans(
-        scenario, _PLANS_SEED, settings.plans, out / "plans", workers, progress=planned
-    )
-    known = [commands_of(flights, "training"), labelled_commands(plans)]
+    labels = expert_labels(scenario, out, settings, workers, _stage("plans", tell))
     taught = settings.guidance, settings.seed, identity
     lesson = guidance_lesson(
-        pilot.guidance, joined(known), commands_of(flights, "validation"), *taught
+        pilot.guidance,
+        known_commands(flights, labels),
+        commands_of(flights, "validation"),
+        *taught,
     )
     teach(lesson, settings.guidance)
     pilot.eval()
@@ -151,10 +146,37 @@ def train_pilot(
     report = pilot_report(pilot, settings, trained, flights.logs_sha256)
     report |= {"position_errors": position_errors}
     report = write_report(pilot, flights, report, out)
-    save_pilot(out / "pilot.ckpt", shape, pilot, {"logs_sha256": flights.logs_sha256})
+    origin = {"logs_sha256": flights.logs_sha256, "settings": dc.asdict(settings)}
+    save_pilot(out, shape, pilot, origin)
     export_pilot(pilot, flights, report, out / "bundle", flights.logs_sha256)
     tell(1.0, "done")
     return report
+
+
+def expert_labels(
+    scenario: Scenario,
+    folder: Path,
+    settings: Settings,
+    workers: int | None = None,
+    progress: Progress | None = None,
+) -> Labels:
+    """The plans that the guidance learns from, computed once and kept in `folder`/plans."""
+    done = 0
+
+    def planned(count: int) -> None:
+        nonlocal done
+        done += count
+        if progress is not None:
+            progress(done / settings.plans, f"plans, {done} of {settings.plans}")
+
+    return expert_plans(
+        scenario, _PLANS_SEED, settings.plans, folder / "plans", workers, progress=planned
+    )
+
+
+def known_commands(flights: PackedFlights, labels: Labels) -> Commands:
+    """All that the guidance learns from: the flights to train on, and plans."""
+    return joined([commands_of(flights, "training"), labelled_commands(labels)])
 
 
 def collected_scenario(data: Path) -> Scenario:

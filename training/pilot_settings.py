@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses as dc
+from typing import Any
 
 import numpy as np
 from pydrake.common.yaml import yaml_load
@@ -44,6 +45,15 @@ class Settings:
     seed: int = 0
     device: str = "cpu"
     precision: str = "32-true"
+
+
+def settings_of(origin: dict[str, Any]) -> Settings:
+    """The settings that a pilot was trained with, from what its file says of its origin."""
+    fields = dict(origin["settings"])
+    for name, value in fields.items():
+        if isinstance(value, dict):
+            fields[name] = Schedule(**value)
+    return Settings(**fields)
 
 
 def quick(settings: Settings) -> Settings:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses as dc
+import hashlib
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,8 @@ from proxops.training.guidance import Guidance
 from proxops.training.lidar_hits import HitSelection
 from proxops.training.pilot import Pilot
 from proxops.training.state_filter import Motion, StateFilter
+
+PILOT_FILE = "pilot.ckpt"
 
 # Returns farther than this from the learned surface, as a share of its grid's spacing, count less.
 _OUTLIER_SHARE = 1.0 / 6.0
@@ -78,18 +81,19 @@ class PilotShape:
         )
 
 
-def save_pilot(path: Path, shape: PilotShape, pilot: Pilot, origin: dict) -> None:
-    """Writes a pilot with its shape and what it comes from, whole or not at all."""
+def save_pilot(folder: Path, shape: PilotShape, pilot: Pilot, origin: dict) -> None:
+    """Writes a pilot with its shape and what it comes from, whole or not at all, in `folder`."""
     content = {"shape": dc.asdict(shape), "weights": pilot.state_dict(), "origin": origin}
-    write_whole(path, lambda name: torch.save(content, name))
+    write_whole(folder / PILOT_FILE, lambda name: torch.save(content, name))
 
 
-def load_pilot(path: Path) -> tuple[PilotShape, Pilot, dict]:
+def load_pilot(folder: Path) -> tuple[PilotShape, Pilot, dict]:
     """What `save_pilot` wrote.
 
     Raises:
       InputError: there is none, or the file is no pilot.
     """
+    path = folder / PILOT_FILE
     try:
         content = torch.load(path, weights_only=True)
         shape = PilotShape(**content["shape"])
@@ -100,3 +104,9 @@ def load_pilot(path: Path) -> tuple[PilotShape, Pilot, dict]:
         raise InputError(
             f"{path} is no pilot that `proxops train --recipe proxops` wrote: {error}"
         ) from error
+
+
+def pilot_sha256(folder: Path) -> str:
+    """Hash of the pilot's file in a folder."""
+    with (folder / PILOT_FILE).open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
