@@ -146,7 +146,7 @@ def test_quick_command_writes_all_that_it_says(
     assert (out / "curves" / "policy.csv").read_text() == first
     assert proxops(*arguments, "--seed", "1") == 2
     assert "give another output folder" in capfd.readouterr().err
-    assert proxops("train", data / "flights", "--quick", "--epochs", "1", "--device", "cpu",
+    assert proxops("train", data / "flights", "--recipe", "paper", "--quick", "--epochs", "1", "--device", "cpu",
                    "--out", tmp_path / "logs") == 0  # fmt: skip
     assert len((tmp_path / "logs" / "curves" / "policy.csv").read_text().splitlines()) == 2
 
@@ -163,7 +163,7 @@ def test_senseless_calls_are_refused(
     tmp_path: Path, arguments: list[str], words: str, capfd: pytest.CaptureFixture[str], monkeypatch
 ):
     monkeypatch.chdir(tmp_path)
-    assert proxops("train", *arguments, "--out", tmp_path / "out") == 2
+    assert proxops("train", "--recipe", "paper", *arguments, "--out", tmp_path / "out") == 2
     assert words in capfd.readouterr().err
 
 
@@ -173,5 +173,5 @@ def test_without_torch_it_says_what_to_do(
     monkeypatch.setitem(sys.modules, "torch", None)
     monkeypatch.delitem(sys.modules, "proxops.training.paper_recipe")
     monkeypatch.delattr("proxops.training.paper_recipe")
-    assert proxops("train", tmp_path, "--out", tmp_path / "out") == 2
+    assert proxops("train", tmp_path, "--recipe", "paper", "--out", tmp_path / "out") == 2
     assert "make train" in capfd.readouterr().err

@@ -13,7 +13,7 @@ from proxops.training.state_filter import MEMORY, StateFilter, doubt
 
 # With fewer returns than this a frame says nothing of where it was taken.
 _LEAST_RETURNS = 8
-# The fix from the coarse position wins if its residual is less than this share of the other's.
+# The fit starts from the coarse position if the returns then lie this much nearer to the surface.
 _CLEARLY_BETTER = 0.5
 # Doubt of a fix from hardly any returns.
 _HOPELESS = 100.0
@@ -83,13 +83,12 @@ class Pilot(nn.Module):
         memory = self.filter.predict(memory, applied_force)
         started = memory[:, -1:]
         expected = started * memory[:, :3] + (1.0 - started) * coarse
-        places = torch.cat([expected, coarse])
         twice, both = torch.cat([points, points]), torch.cat([valid, valid])
-        places, _ = self.geometry(places, twice, both)
-        places, residuals = self.geometry(places, twice, both)
+        places, residuals = self.geometry(torch.cat([expected, coarse]), twice, both)
         (near, far), (near_off, far_off) = places.chunk(2), residuals.chunk(2)
         lost = (far_off < _CLEARLY_BETTER * near_off).to(near.dtype)
-        fix, residual = self.geometry(lost * far + (1.0 - lost) * near, points, valid)
+        fix, _ = self.geometry(lost * far + (1.0 - lost) * near, points, valid)
+        fix, residual = self.geometry(fix, points, valid)
         few = (valid.sum(1, keepdim=True) < _LEAST_RETURNS).to(near.dtype)
         return self.filter.correct(
             memory, fix, doubt(residual, self.usual_residual) + _HOPELESS * few

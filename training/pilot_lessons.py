@@ -30,6 +30,8 @@ _FIRST_STEP_WEIGHT, _SURFACE_WEIGHT, _NORMAL_WEIGHT = 0.3, 0.1, 0.1
 _SMALL_FORCE = 0.2
 # Errors of the filter that count as one.
 _FILTER_POSITION, _FILTER_SPEED = 20.0, 0.1
+# Steps after which they count: the windows begin in flight, at a speed that it must find first.
+_FILTER_SETTLES = 12
 # Frames whose returns are fitted together.
 _BLOCK = 512
 
@@ -180,9 +182,10 @@ def filter_lesson(
         for step in range(fix.shape[1]):
             memory = filter_.predict(memory, force[:, step])
             memory = filter_.correct(memory, fix[:, step], off[:, step])
-            error = (memory[:, :6] - state[:, step]).unflatten(1, (2, 3)).norm(dim=2)
-            scale = error.new_tensor([_FILTER_POSITION, _FILTER_SPEED])
-            errors.append((error / scale).mean())
+            if step >= _FILTER_SETTLES:
+                error = (memory[:, :6] - state[:, step]).unflatten(1, (2, 3)).norm(dim=2)
+                scale = error.new_tensor([_FILTER_POSITION, _FILTER_SPEED])
+                errors.append((error / scale).mean())
         return torch.stack(errors).mean()
 
     columns = {

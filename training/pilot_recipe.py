@@ -87,7 +87,10 @@ def train_pilot(
         data / "flights",
         progress=lambda done, of: tell(_STAGES["packing"] * done / of, f"packing, {done} of {of}"),
     )
-    identity = f"proxops recipe, logs {flights.logs_sha256}, {dc.replace(settings, device='')}"
+    identity = (
+        f"proxops recipe, logs {flights.logs_sha256}, {settings.frames} frames, "
+        f"{settings.cells} cells, {settings.plans} plans, windows of {settings.window}"
+    )
     trained: dict[str, Trained] = {}
 
     def teach(lesson: Lesson, schedule: Schedule) -> None:

@@ -27,7 +27,7 @@ class Settings:
 
     frames: int = 60_000
     """From which position is learned, at most."""
-    hits: int = 128
+    hits: int = 64
     """Returns of a frame that the pilot looks at."""
     cells: int = 48
     """Of the surface's grid, along the body."""
@@ -65,7 +65,6 @@ def quick(settings: Settings) -> Settings:
     return dc.replace(
         settings,
         frames=3000,
-        hits=96,
         cells=32,
         plans=100,
         windows=64,

@@ -13,6 +13,7 @@ from pydrake.common.yaml import yaml_load
 from proxops.diagrams.flight_log import write_whole
 from proxops.training.force_figures import force_figures, plot_forces, report_markdown
 from proxops.training.packed_flights import PackedFlights
+from proxops.training.pilot_examples import part_rows
 from proxops.training.policy_export import PolicyFacts, export_policy
 from proxops.training.transit_split import PARTS
 
@@ -31,7 +32,7 @@ def replay_flights(policy: Any, flights: PackedFlights, part: str) -> tuple[np.n
     Args:
       policy: a module with `sequence(frames, target, applied_force)`, which gives forces first.
     """
-    wanted, said = [np.zeros((0, 3))], [np.zeros((0, 3))]
+    said: dict[str, np.ndarray] = {}
     device = next(policy.parameters()).device
     ordered = sorted(flights.part(part), key=lambda flight: flight.steps)
     for first in range(0, len(ordered), _TOGETHER):
@@ -44,11 +45,12 @@ def replay_flights(policy: Any, flights: PackedFlights, part: str) -> tuple[np.n
         inputs = (torch.from_numpy(each.astype(np.float32)).to(device) for each in given)
         forces = policy.sequence(*inputs)[0].cpu().numpy()
         for flight, force in zip(group, forces, strict=True):
-            label = flights.mpc_force[flight.start : flight.start + flight.steps]
-            asked = np.isfinite(label).all(axis=1)
-            wanted.append(label[asked])
-            said.append(force[: flight.steps][asked])
-    return np.concatenate(wanted), np.concatenate(said)
+            said[flight.name] = force[: flight.steps]
+    rows = part_rows(flights, part)
+    wanted = flights.mpc_force[rows]
+    asked = np.isfinite(wanted).all(axis=1)
+    answers = [np.zeros((0, 3)), *(said[flight.name] for flight in flights.part(part))]
+    return wanted[asked], np.concatenate(answers)[asked]
 
 
 def _geometry(flights: PackedFlights) -> tuple[int, int]:
