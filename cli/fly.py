@@ -33,7 +33,9 @@ def fly_command(
     ] = None,
     controller: Annotated[
         str | None,
-        typer.Option(help="mpc (the default), policy[:BUNDLE], pd[:BUNDLE], zero, or MODULE:FACTORY."),
+        typer.Option(
+            help="mpc (the default), policy[:BUNDLE], pd[:BUNDLE], zero, or MODULE:FACTORY."
+        ),
     ] = None,
     seed: Annotated[int | None, typer.Option(help="Seed of the set of transits.")] = None,
     transit: Annotated[int | None, typer.Option(help="Number of the transit in the set.")] = None,

@@ -143,6 +143,7 @@ def make_lidar(scenario: Scenario, body: Body, seed: int) -> PlanarLidar:
         "scale_error": sensor.scale_error,
         "dropout": sensor.dropout,
         "false_returns": sensor.false_returns,
+        "attitude_error": np.radians(sensor.attitude_error_deg),
     }
     if isinstance(sensor, LidarConfig):
         return Lidar(body.shape, max_incidence=np.radians(sensor.max_incidence_deg), **common)
