@@ -13,14 +13,13 @@ from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
 
 from proxops.cli.common import (
     check_folder,
-    length_text,
     print_rows,
     progress_bar,
     status,
     write_json,
 )
 from proxops.diagrams.flight_log import FlightLog, differences, make_folder
-from proxops.diagrams.flight_summary import fallback_steps
+from proxops.diagrams.flight_summary import fallback_steps, length_text
 from proxops.diagrams.replay import write_replay
 from proxops.diagrams.scenario import load_scenario
 from proxops.diagrams.simulation import fly

@@ -71,6 +71,11 @@ def summarise(log: FlightLog) -> dict[str, typing.Any]:
     }
 
 
+def length_text(metres: float) -> str:
+    """In m below 1 km, else in km."""
+    return f"{metres:.2f} m" if abs(metres) < 1e3 else f"{metres / 1e3:.2f} km"
+
+
 def _asked_ms(log: FlightLog, name: str) -> np.ndarray:
     """Wall times in ms where there are any."""
     if name not in log.dataset:
