@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import typing
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -12,23 +13,40 @@ from matplotlib.lines import Line2D
 from proxops.diagrams.flight_log import FlightLog
 from proxops.diagrams.flight_summary import WIDE_ARRIVAL
 from proxops.diagrams.plots import draw_body, length_unit, plot_clearance, plot_distance
+from proxops.training.evaluation import EXPERT
 
 # Okabe and Ito's colours, which the colour-blind tell apart; the expert is black.
 _COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#8a7a00")
-_EXPERT = "#1d2430"
+_BLACK = "#1d2430"
+_STYLES = ("--", "-.", "-")
 _GOAL = "#128a3a"
 # Room round starts, goals and keep-out: paths that leave it are cut off.
 _ROOM = 1.25
 
 
-def controller_colours(names: Sequence[str]) -> dict[str, str]:
-    """A colour for each controller."""
-    others = [name for name in names if name != "mpc"]
-    colours = {name: _COLOURS[k % len(_COLOURS)] for k, name in enumerate(others)}
-    return {name: colours.get(name, _EXPERT) for name in names}
+class Look(typing.NamedTuple):
+    """How a controller is drawn in all figures of a report."""
+
+    colour: str
+    style: str
+    """Of lines; they take turns, so that curves that lie on each other both show."""
 
 
-def plot_end_errors(errors: Mapping[str, np.ndarray], radius: float) -> Figure:
+Looks = Mapping[str, Look]
+"""Of each controller."""
+
+
+def controller_looks(names: Sequence[str]) -> Looks:
+    """A look for each controller: the expert's line is black and whole."""
+    others = [name for name in names if name != EXPERT]
+    looks = {
+        name: Look(_COLOURS[k % len(_COLOURS)], _STYLES[k % len(_STYLES)])
+        for k, name in enumerate(others)
+    }
+    return {name: looks.get(name, Look(_BLACK, "-")) for name in names}
+
+
+def plot_end_errors(errors: Mapping[str, np.ndarray], radius: float, looks: Looks) -> Figure:
     """Share of flights that end within a distance of the goal, on a logarithmic scale.
 
     Args:
@@ -40,12 +58,12 @@ def plot_end_errors(errors: Mapping[str, np.ndarray], radius: float) -> Figure:
     least = 1e-3 * radius  # A log scale has no zero, and nobody asks for less.
     greatest = max((values.max() for values in errors.values() if values.size), default=radius)
     greatest = max(2.0 * greatest, 4.0 * radius)
-    for (name, values), style in zip(errors.items(), _styles(len(errors)), strict=True):
+    for name, values in errors.items():
         found = np.sort(np.maximum(values, least)) / length
         share = np.arange(1, len(found) + 1) / max(1, len(found))
         across = np.concatenate([[0.5 * least / length], found, [greatest / length]])
         up = np.concatenate([[0.0], share, share[-1:]])
-        colour = controller_colours(list(errors))[name]
+        colour, style = looks[name]
         axis.step(across, up, where="post", color=colour, linestyle=style, label=name)
     for multiple, style in ((1.0, "--"), (WIDE_ARRIVAL, ":")):
         axis.axvline(multiple * radius / length, color=_GOAL, linestyle=style, linewidth=1.0)
@@ -59,7 +77,7 @@ def plot_end_errors(errors: Mapping[str, np.ndarray], radius: float) -> Figure:
     return figure
 
 
-def plot_delta_v(pairs: Mapping[str, np.ndarray]) -> Figure:
+def plot_delta_v(pairs: Mapping[str, np.ndarray], looks: Looks) -> Figure:
     """Each flight's Δv against the expert's on the same transit.
 
     Args:
@@ -67,17 +85,15 @@ def plot_delta_v(pairs: Mapping[str, np.ndarray]) -> Figure:
     """
     figure = Figure(figsize=(6.2, 5.8), layout="constrained")
     axis = figure.subplots()
-    colours = controller_colours(list(pairs))
     limit = 1.06 * max(float(found.max()) for found in pairs.values())
     low = 0.9 * min(float(found.min()) for found in pairs.values())
     line = np.array([low, limit])
-    axis.plot(line, line, color=_EXPERT, linewidth=1.0, label="as the expert")
-    axis.plot(line, 1.1 * line, color=_EXPERT, linewidth=1.0, linestyle=":", label="10 % more")
+    axis.plot(line, line, color=_BLACK, linewidth=1.0, label="as the expert")
+    axis.plot(line, 1.1 * line, color=_BLACK, linewidth=1.0, linestyle=":", label="10 % more")
     for name, found in pairs.items():
         label = f"{name} ({len(found)})"
-        axis.plot(
-            found[:, 1], found[:, 0], "o", color=colours[name], alpha=0.6, markersize=4, label=label
-        )
+        colour = looks[name].colour
+        axis.plot(*found.T[::-1], "o", color=colour, alpha=0.6, markersize=4, label=label)
     axis.set_xlim(low, limit)
     axis.set_ylim(low, limit)
     axis.set_aspect("equal")
@@ -88,7 +104,7 @@ def plot_delta_v(pairs: Mapping[str, np.ndarray]) -> Figure:
     return figure
 
 
-def plot_paths(logs: Mapping[str, Sequence[FlightLog]]) -> Figure:
+def plot_paths(logs: Mapping[str, Sequence[FlightLog]], looks: Looks) -> Figure:
     """Paths of the same transits by each controller, seen along z and along y.
 
     Args:
@@ -97,15 +113,17 @@ def plot_paths(logs: Mapping[str, Sequence[FlightLog]]) -> Figure:
     count = len(next(iter(logs.values())))
     figure = Figure(figsize=(3.4 * count + 0.4, 7.4), layout="constrained")
     grid = figure.subplots(2, count, squeeze=False)
-    colours = controller_colours(list(logs))
     for column in range(count):
         flights = {name: group[column] for name, group in logs.items()}
         for axis, plane in zip(grid[:, column], ("xy", "xz"), strict=True):
-            _draw_paths(axis, flights, plane, colours)
+            _draw_paths(axis, flights, plane, looks)
         transit = next(iter(flights.values())).scenario.transit.index
         grid[0, column].set_title(f"transit {transit}", fontsize="medium")
     handles = [
-        *(Line2D([], [], color=colours[name], label=name) for name in logs),
+        *(
+            Line2D([], [], color=looks[name].colour, linestyle=looks[name].style, label=name)
+            for name in logs
+        ),
         Line2D([], [], color="black", marker="o", linestyle="", label="start"),
         Line2D([], [], color=_GOAL, marker="*", markersize=11, linestyle="", label="goal"),
     ]
@@ -113,18 +131,16 @@ def plot_paths(logs: Mapping[str, Sequence[FlightLog]]) -> Figure:
     return figure
 
 
-def _draw_paths(
-    axis: Axes, flights: Mapping[str, FlightLog], plane: str, colours: Mapping[str, str]
-) -> None:
+def _draw_paths(axis: Axes, flights: Mapping[str, FlightLog], plane: str, looks: Looks) -> None:
     across, up = ("xyz".index(letter) for letter in plane)
     first = next(iter(flights.values()))
     length, unit = length_unit(float(first.body.shape.extents.max()))
     draw_body(axis, first.body, plane)
-    for (name, log), style in zip(flights.items(), _styles(len(flights)), strict=True):
-        path = log.dataset["state"].values / length
-        axis.plot(path[:, across], path[:, up], color=colours[name], linestyle=style, linewidth=1.4)
-        if log.summary["collided"]:
-            axis.plot(path[-1, across], path[-1, up], "x", color=colours[name], markersize=9)
+    for name, log in flights.items():
+        path, (colour, style) = log.dataset["state"].values / length, looks[name]
+        axis.plot(path[:, across], path[:, up], color=colour, linestyle=style, linewidth=1.4)
+        if log.dataset.attrs["collided"]:
+            axis.plot(path[-1, across], path[-1, up], "x", color=colour, markersize=9)
     start, goal = (
         first.dataset[name].values[0, :3] / length for name in ("state", "target")
     )  # fmt: skip
@@ -180,8 +196,3 @@ def _plot_estimate(distance: Axes, position: Axes, velocity: Axes, log: FlightLo
         axis.set_ylabel(label)
         axis.margins(x=0.01)
         axis.grid(alpha=0.25)
-
-
-def _styles(count: int) -> list[str]:
-    """Line styles in turns, so that curves that lie on each other both show."""
-    return [("-", "--", "-.")[k % 3] for k in range(count)]

@@ -13,6 +13,8 @@ from proxops.diagrams.flight_summary import length_text
 from proxops.diagrams.scenario import Scenario
 from proxops.training.evaluation import EXPERT, Row, delta_v_pairs
 from proxops.training.evaluation_figures import (
+    Looks,
+    controller_looks,
     plot_delta_v,
     plot_end_errors,
     plot_flights,
@@ -63,10 +65,11 @@ def shown_transits(results: Results) -> dict[str, list[int]]:
 def evaluation_sections(evaluation: Evaluation) -> list[Section]:
     """The report, to be rendered by `html_report`."""
     results, logs = evaluation.results, evaluation.logs
-    sections = [_head(evaluation), Section("How flights end", [_end_errors(evaluation)])]
-    if (compared := _delta_v(results)) is not None:
+    looks = controller_looks(list(results))
+    sections = [_head(evaluation), Section("How flights end", [_end_errors(evaluation, looks)])]
+    if (compared := _delta_v(results, looks)) is not None:
         sections.append(Section("Fuel against the expert's", [compared]))
-    sections.append(Section("Paths", [_paths(results, logs)]))
+    sections.append(Section("Paths", [_paths(results, logs, looks)]))
     for k, (name, result) in enumerate(results.items()):
         if _flew_a_policy(result["flights"]):
             blocks = _worst(f"worst-{k}", name, result["flights"], logs)
@@ -101,17 +104,17 @@ def _head(evaluation: Evaluation) -> Section:
     )
 
 
-def _end_errors(evaluation: Evaluation) -> Picture:
+def _end_errors(evaluation: Evaluation, looks: Looks) -> Picture:
     errors = {
         name: np.array([row["terminal_position_error_m"] for row in result["flights"]])
         for name, result in evaluation.results.items()
     }
     caption = "Share of flights that end within a distance of the goal; arrival's radius is dashed."
     radius = evaluation.scenario.arrival.radius_m
-    return picture("end-errors", plot_end_errors(errors, radius), caption)
+    return picture("end-errors", plot_end_errors(errors, radius, looks), caption)
 
 
-def _delta_v(results: Results) -> Picture | None:
+def _delta_v(results: Results, looks: Looks) -> Picture | None:
     if EXPERT not in results:
         return None
     best = results[EXPERT]["flights"]
@@ -124,22 +127,26 @@ def _delta_v(results: Results) -> Picture | None:
     if not pairs:
         return None
     caption = "Each dot is a transit in which both succeeded; how many these are is in brackets."
-    return picture("delta-v", plot_delta_v(pairs), caption)
+    return picture("delta-v", plot_delta_v(pairs, looks), caption)
 
 
-def _paths(results: Results, logs: Logs) -> Picture:
+def _paths(results: Results, logs: Logs, looks: Looks) -> Picture:
     shown = {
         name: [logs[name, row["transit"]] for row in result["flights"][:_PATHS]]
         for name, result in results.items()
     }
     caption = "The first transits in the frame that turns with the body; a cross is a collision."
-    return picture("paths", plot_paths(shown), caption)
+    return picture("paths", plot_paths(shown, looks), caption)
 
 
 def _worst(figure: str, name: str, rows: Sequence[Row], logs: Logs) -> list[Text | Picture]:
     worst = worst_flights(rows)
     flights = [logs[name, row["transit"]] for row in worst]
-    titles = [f"transit {row['transit']}: {outcome(row)}" for row in worst]
+    titles = [
+        f"transit {row['transit']}: {outcome(row)}, "
+        f"{length_text(row['terminal_position_error_m'])} off at the end"
+        for row in worst
+    ]
     caption = "Green: what arrival allows, and when it was; blue: the keep-out ellipsoid."
     if all("estimate" in log.dataset for log in flights):
         caption = f"Distance to the goal as it was, and dashed as it was estimated. {caption}"

@@ -43,11 +43,9 @@ def outcome(row: Row) -> str:
         return "collision"
     if row["keep_out_violations"]:
         return "inside the keep-out"
-    error = length_text(row["terminal_position_error_m"])
     if row["success"]:
-        return f"arrived after {row['arrival_time_s']:.0f} s, ended {error} off"
-    late = row["arrival_time_s"] is not None
-    return f"arrived too late, ended {error} off" if late else f"no arrival, ended {error} off"
+        return "arrived"
+    return "no arrival" if row["arrival_time_s"] is None else "arrived too late"
 
 
 _NONE = "–"
