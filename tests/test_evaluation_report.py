@@ -173,6 +173,7 @@ def evaluate(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
     return run
 
 
+@pytest.mark.slow
 def test_evaluate_policies_side_by_side(evaluate, tmp_path: Path) -> None:
     """One that estimates and one that does not; then one transit more, and all logs kept."""
     write_policy(tmp_path / "a", DeadReckoning(proportional=1e-5))
