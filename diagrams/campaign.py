@@ -24,7 +24,7 @@ from proxops.diagrams.scenario import (
     dump_scenario,
     parse_scenario,
 )
-from proxops.diagrams.scenario_systems import bundle_of
+from proxops.diagrams.scenario_systems import WITH_BUNDLE, bundle_of
 from proxops.diagrams.simulation import fly
 from proxops.systems.errors import InputError
 from proxops.systems.lidar_bundle import LidarBundle
@@ -89,7 +89,8 @@ def controller_label(controller: str) -> str:
     Paths that differ may look alike there, or be long: they end in a hash of the name.
     """
     plain = "".join(letter if letter.isalnum() else "-" for letter in controller)
-    if not controller.startswith(("policy:", "pd:")):
+    kind, colon, _ = controller.partition(":")
+    if not (colon and kind in WITH_BUNDLE):
         return plain
     return f"{plain[:_LONGEST_LABEL]}-{hashlib.sha256(controller.encode()).hexdigest()[:8]}"
 

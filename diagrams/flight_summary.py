@@ -71,11 +71,6 @@ def summarise(log: FlightLog) -> dict[str, typing.Any]:
     }
 
 
-def length_text(metres: float) -> str:
-    """In m below 1 km, else in km."""
-    return f"{metres:.2f} m" if abs(metres) < 1e3 else f"{metres / 1e3:.2f} km"
-
-
 def _asked_ms(log: FlightLog, name: str) -> np.ndarray:
     """Wall times in ms where there are any."""
     if name not in log.dataset:
@@ -112,6 +107,11 @@ def fallback_steps(log: FlightLog) -> dict[str, int]:
                 text = f"{PlanStatus(int(status)).name}: {PlanReason(int(reason)).name}"
                 counts[text.lower().replace("_", " ")] += 1
     return counts
+
+
+def length_text(metres: float) -> str:
+    """In m below 1 km, else in km."""
+    return f"{metres:.2f} m" if abs(metres) < 1e3 else f"{metres / 1e3:.2f} km"
 
 
 def dense_positions(times: np.ndarray, states: np.ndarray) -> np.ndarray:

@@ -62,22 +62,24 @@ def make_controller(scenario: Scenario, body: Body) -> ModelPredictiveController
     )
 
 
-# Controllers that may be told the folder of a policy's bundle, as in `policy:out/bundle`.
-_WITH_BUNDLE = ("policy", "pd")
+WITH_BUNDLE = ("policy", "pd")
+"""Controllers that fly a policy, or may, and may be told its bundle's folder: `policy:out/bundle`.
+"""
 
 
 def bundle_of(name: str, scenario: Scenario) -> Path | None:
     """Folder of the policy's bundle that the controller of a name flies; None: it flies none.
 
-    `policy` flies the scenario's. A path after a colon is relative to the working directory.
+    `policy` flies the scenario's, `pd` none. A path after a colon is relative to the working
+    directory.
 
     Raises:
       InputError: no policy is named, and none ships.
     """
     kind, colon, path = name.partition(":")
-    if colon and kind in _WITH_BUNDLE:
-        return Path(path)
-    return _scenario_bundle(scenario) if name == "policy" else None
+    if kind not in WITH_BUNDLE or name == "pd":
+        return None
+    return Path(path) if colon else _scenario_bundle(scenario)
 
 
 def _scenario_bundle(scenario: Scenario) -> Path:

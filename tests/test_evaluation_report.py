@@ -130,7 +130,7 @@ def test_shares_of_end_errors() -> None:
     across, up = (np.asarray(values, dtype=float) for values in line.get_data())
 
     def share_within(metres: float) -> float:
-        return up[np.flatnonzero(across <= metres / 1e3)[-1]]
+        return float(up[np.flatnonzero(across <= metres / 1e3)[-1]])
 
     for metres, share in ((0.9, 0.0), (1.5, 0.25), (4.0, 0.5), (6.0, 0.75), (2500.0, 1.0)):
         assert share_within(metres) == share
