@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses as dc
 import shlex
 import sys
 from pathlib import Path
@@ -14,13 +13,11 @@ from rich.table import Table
 
 from proxops.cli.common import check_folder, console, progress_bar, status, write_json
 from proxops.diagrams.body import load_body
-from proxops.diagrams.campaign import Flight, run_campaign, transit_flights
-from proxops.diagrams.flight_log import FlightLog
 from proxops.diagrams.scenario import Scenario, load_scenario
 from proxops.diagrams.simulation import named_controller
 from proxops.diagrams.transits import draw_transit
 from proxops.systems.errors import InputError
-from proxops.training.evaluation import EXPERT, aggregate
+from proxops.training.evaluation_flights import fly_controllers, shown_logs
 from proxops.training.evaluation_table import figure_rows
 
 
@@ -73,7 +70,6 @@ def evaluate_command(
         named_controller(name, wanted, body)
     for index in range(min(transits, 2)):  # One of each kind: clear, and blocked by the keep-out.
         draw_transit(seed, index, wanted, body)
-    flights = {name: transit_flights(wanted, name, seed, transits) for name in names}
     columns = (
         TextColumn("flying"),
         BarColumn(),
@@ -90,53 +86,32 @@ def evaluate_command(
             failures += not row["success"]
             bar.update(task, advance=1, description=f"{failures} without success")
 
-        everything = [flight for group in flights.values() for flight in group]
-        rows = run_campaign(
-            everything,
+        results = fly_controllers(
+            names,
+            wanted,
+            seed,
+            transits,
             out / "flights",
             keep_logs=keep_logs,
+            progress=tell,
             workers=workers,
             scheduler=scheduler,
-            progress=tell,
         )
-    by_name = {name: rows[k * transits : (k + 1) * transits] for k, name in enumerate(names)}
-    expert = by_name.get(EXPERT)
-    results = {
-        name: aggregate(flown, None if name == EXPERT else expert)
-        for name, flown in by_name.items()
-    }
     write_json(out / "results.json", results)
     _print(results, wanted, seed)
     # matplotlib takes a while to import.
-    from proxops.training.evaluation_report import Evaluation, evaluation_sections, shown_transits
+    from proxops.training.evaluation_report import Evaluation, evaluation_sections
     from proxops.training.html_report import write_report
 
-    shown = _shown_flights(shown_transits(results), wanted, seed, keep_logs)
     folder = out / ("flights" if keep_logs else "shown")
-    run_campaign(list(shown.values()), folder, keep_logs=True, workers=workers, scheduler=scheduler)
-    logs = {key: FlightLog.load(folder / f"{flight.name}.nc") for key, flight in shown.items()}
+    logs = shown_logs(
+        results, wanted, seed, folder, frames=keep_logs, workers=workers, scheduler=scheduler
+    )
     title = f"{body.config.name}: {', '.join(names)}"
     command = shlex.join(["proxops", *sys.argv[1:]])
     evaluation = Evaluation(command, body.config.name, seed, wanted, results, logs)
     write_report(out, title, evaluation_sections(evaluation))
     status.print(f"Wrote results.json, report.html and report.md in {out}")
-
-
-def _shown_flights(
-    shown: dict[str, list[int]], scenario: Scenario, seed: int, whole: bool
-) -> dict[tuple[str, int], Flight]:
-    """The flights that the report looks into, by controller and transit.
-
-    Flights repeat bit for bit, so these few are flown again rather than all logs kept. Unless they
-    are to be `whole`, as they were flown first, it is without lidar frames: these change nothing,
-    and take most of a log's room.
-    """
-    flown = scenario if whole else dc.replace(scenario, log_ranges=False)
-    flights = {}
-    for name, transits in shown.items():
-        everything = transit_flights(flown, name, seed, max(transits) + 1)
-        flights |= {(name, transit): everything[transit] for transit in transits}
-    return flights
 
 
 def _print(results: dict[str, dict], scenario: Scenario, seed: int) -> None:

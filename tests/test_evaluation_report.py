@@ -19,7 +19,7 @@ from proxops.diagrams.flight_log import FlightLog
 from proxops.diagrams.scenario import ArrivalConfig
 from proxops.training.evaluation import aggregate
 from proxops.training.evaluation_figures import controller_looks, plot_delta_v, plot_end_errors
-from proxops.training.evaluation_report import shown_transits, worst_flights
+from proxops.training.evaluation_flights import shown_transits, worst_flights
 from proxops.training.evaluation_table import arrival_text, figure_rows, outcome
 
 POLICY = {"policy_sha256": "1" * 64, "mpc_solves": 0, "policy_share": 1.0}

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import metadata
 
 import numpy as np
 
-from proxops.diagrams.flight_log import FlightLog
 from proxops.diagrams.flight_summary import length_text
 from proxops.diagrams.scenario import Scenario
 from proxops.training.evaluation import EXPERT, Row, delta_v_pairs
@@ -20,14 +19,10 @@ from proxops.training.evaluation_figures import (
     plot_flights,
     plot_paths,
 )
+from proxops.training.evaluation_flights import PATHS, Logs, flew_a_policy, worst_flights
 from proxops.training.evaluation_table import Results, arrival_text, figure_rows, outcome
 from proxops.training.html_report import Picture, Section, Table, Text, picture
 
-Logs = Mapping[tuple[str, int], FlightLog]
-"""Those of the flights that are shown, by controller and transit."""
-
-# Transits whose paths are drawn, and flights of each policy that are looked into.
-_PATHS, _WORST = 4, 3
 _MOST_FAILURES_TOLD = 30
 
 
@@ -45,23 +40,6 @@ class Evaluation:
     """At least those that `shown_transits` asks for."""
 
 
-def worst_flights(rows: Sequence[Row], count: int = _WORST) -> list[Row]:
-    """Rows of the worst flights: those without success first, then by the error at the end."""
-    return sorted(rows, key=lambda row: (row["success"], -row["terminal_position_error_m"]))[:count]
-
-
-def shown_transits(results: Results) -> dict[str, list[int]]:
-    """Numbers of the transits of each controller whose logs a report needs, in rising order."""
-    shown = {}
-    for name, result in results.items():
-        rows = result["flights"]
-        wanted = {row["transit"] for row in rows[:_PATHS]}
-        if _flew_a_policy(rows):
-            wanted |= {row["transit"] for row in worst_flights(rows)}
-        shown[name] = sorted(wanted)
-    return shown
-
-
 def evaluation_sections(evaluation: Evaluation) -> list[Section]:
     """The report, to be rendered by `html_report`."""
     results, logs = evaluation.results, evaluation.logs
@@ -71,7 +49,7 @@ def evaluation_sections(evaluation: Evaluation) -> list[Section]:
         sections.append(Section("Fuel against the expert's", [compared]))
     sections.append(Section("Paths", [_paths(results, logs, looks)]))
     for k, (name, result) in enumerate(results.items()):
-        if _flew_a_policy(result["flights"]):
+        if flew_a_policy(result["flights"]):
             blocks = _worst(f"worst-{k}", name, result["flights"], logs)
             sections.append(Section(f"Worst flights of {name}", blocks))
     failures = [
@@ -132,7 +110,7 @@ def _delta_v(results: Results, looks: Looks) -> Picture | None:
 
 def _paths(results: Results, logs: Logs, looks: Looks) -> Picture:
     shown = {
-        name: [logs[name, row["transit"]] for row in result["flights"][:_PATHS]]
+        name: [logs[name, row["transit"]] for row in result["flights"][:PATHS]]
         for name, result in results.items()
     }
     caption = "The first transits in the frame that turns with the body; a cross is a collision."
@@ -169,7 +147,3 @@ def _failures(failures: Sequence[Row]) -> list[Text | Table]:
     left = len(failures) - len(lines)
     more = [Text(f"{left} more are in results.json.")] if left else []
     return [Table(head, lines), *more]
-
-
-def _flew_a_policy(rows: Sequence[Row]) -> bool:
-    return any(row["policy_sha256"] is not None for row in rows)
