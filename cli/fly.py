@@ -13,14 +13,13 @@ from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
 
 from proxops.cli.common import (
     check_folder,
-    length_text,
     print_rows,
     progress_bar,
     status,
     write_json,
 )
 from proxops.diagrams.flight_log import FlightLog, differences, make_folder
-from proxops.diagrams.flight_summary import fallback_steps
+from proxops.diagrams.flight_summary import fallback_steps, length_text
 from proxops.diagrams.replay import write_replay
 from proxops.diagrams.scenario import load_scenario
 from proxops.diagrams.simulation import fly
@@ -33,7 +32,9 @@ def fly_command(
     ] = None,
     controller: Annotated[
         str | None,
-        typer.Option(help="mpc (the default), policy, pd, zero, or MODULE:FACTORY for your own."),
+        typer.Option(
+            help="mpc (the default), policy[:BUNDLE], pd[:BUNDLE], zero, or MODULE:FACTORY."
+        ),
     ] = None,
     seed: Annotated[int | None, typer.Option(help="Seed of the set of transits.")] = None,
     transit: Annotated[int | None, typer.Option(help="Number of the transit in the set.")] = None,

@@ -109,6 +109,11 @@ def fallback_steps(log: FlightLog) -> dict[str, int]:
     return counts
 
 
+def length_text(metres: float) -> str:
+    """In m below 1 km, else in km."""
+    return f"{metres:.2f} m" if abs(metres) < 1e3 else f"{metres / 1e3:.2f} km"
+
+
 def dense_positions(times: np.ndarray, states: np.ndarray) -> np.ndarray:
     """Positions (M, 3) along the path, ten a row: cubic Hermite through positions and velocities.
 

@@ -37,6 +37,8 @@ class LidarConfig:
     dropout: float = 0.0
     # Chance that a ray is answered from a random range where there is nothing.
     false_returns: float = 0.0
+    # All rays are turned by this angle, about an axis drawn from noise_seed, and nobody knows.
+    attitude_error_deg: float = 0.0
 
 
 @dc.dataclass
@@ -68,6 +70,7 @@ class LearnedLidarConfig:
     scale_error: float = 0.0
     dropout: float = 0.0
     false_returns: float = 0.0
+    attitude_error_deg: float = 0.0
     # A ray returns if the network gives its hit at least this probability.
     hit_probability: float = 0.5
 

@@ -18,11 +18,14 @@ from pydrake.systems.framework import Context, Diagram, EventStatus, System
 from pydrake.systems.primitives import ConstantVectorSource, VectorLogSink
 
 from proxops.diagrams.body import Body, load_body
+from proxops.diagrams.estimate_feedback import EstimateFeedback
 from proxops.diagrams.flight_log import FlightLog, make_dataset
 from proxops.diagrams.replay import PLAYBACK_SPEED, add_flight
 from proxops.diagrams.scenario import Scenario, dump_scenario
 from proxops.diagrams.scenario_systems import (
+    bundle_of,
     make_controller,
+    make_estimate_feedback,
     make_policy,
     make_proportional_derivative,
 )
@@ -48,6 +51,9 @@ Progress = Callable[[float, float], None]
 def named_controller(name: str, scenario: Scenario, body: Body) -> System:
     """The controller of a name: `mpc`, `policy`, `pd`, `zero`, or `MODULE:FACTORY` for your own.
 
+    `policy:FOLDER` flies the policy of that bundle, `pd:FOLDER` the PD controller on the state
+    that the policy of that bundle estimates, where `pd` knows the true one.
+
     FACTORY is called as `factory(scenario, body)` and returns a System with the ports that
     `make_transit_diagram` asks for. MODULE is looked for in the working directory too.
 
@@ -57,8 +63,10 @@ def named_controller(name: str, scenario: Scenario, body: Body) -> System:
     """
     if name == "mpc":
         return make_controller(scenario, body)
-    if name == "policy":
-        return make_policy(scenario, body)
+    bundle = bundle_of(name, scenario)
+    if bundle is not None:
+        make = make_estimate_feedback if name.startswith("pd:") else make_policy
+        return make(bundle, scenario, body)
     if name == "pd":
         return make_proportional_derivative(scenario)
     if name == "zero":
@@ -66,7 +74,8 @@ def named_controller(name: str, scenario: Scenario, body: Body) -> System:
     module_name, colon, factory_name = name.partition(":")
     if not colon:
         raise InputError(
-            f"controller {name!r} is not known: use mpc, policy, pd, zero or MODULE:FACTORY"
+            f"controller {name!r} is not known: use mpc, policy, policy:FOLDER, pd, pd:FOLDER, "
+            "zero or MODULE:FACTORY"
         )
     here = str(Path.cwd())
     sys.path.insert(0, here)
@@ -229,6 +238,6 @@ def _collect_log(
     if isinstance(lidar, LearnedLidar):
         attributes["lidar_sha256"] = lidar.bundle.sha256
     for system in diagram.GetSystems():
-        if isinstance(system, NeuralPolicy):
+        if isinstance(system, NeuralPolicy | EstimateFeedback):
             attributes["policy_sha256"] = system.bundle.sha256
     return FlightLog(make_dataset(columns, times, scenario, body, attributes), body)

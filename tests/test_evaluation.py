@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.stats import binomtest
 
-from proxops.training.evaluation import aggregate, wilson_interval
+from proxops.training.evaluation import aggregate, delta_v_pairs, wilson_interval
 
 
 @pytest.mark.parametrize("trials", [1, 2, 7, 50, 1000])
@@ -77,6 +77,8 @@ def test_aggregate() -> None:
     assert found["success_rate"] == 0.6
     assert found["success_rate_interval"] == wilson_interval(3, 5)
     assert found["success_rate_2km"] == 0.8
+    assert found["success_rate_2km_interval"] == wilson_interval(4, 5)
+    assert not [name for name in found if name.startswith("expert")]
     assert found["collisions"] == 1
     assert found["keep_out_violations"] == 3
     assert found["min_clearance_m"] == -2e4
@@ -126,3 +128,40 @@ def test_controllers_without_the_mpc() -> None:
 def test_one_row_for_each_flight_is_kept_as_it_is() -> None:
     rows = [row(transit=k, wall_s=float(np.pi * k)) for k in range(3)]
     assert aggregate(rows)["flights"] == rows
+
+
+# --- against the expert ---------------------------------------------------------------------------
+
+
+def test_delta_v_against_the_expert_on_the_same_transits() -> None:
+    """Only where both succeeded: who gives up must not look thrifty, nor who cuts a corner."""
+    expert = [row(transit=k, delta_v_m_s=100.0 + 50.0 * k) for k in range(6)]
+    expert[2] = row(transit=2, success=False, delta_v_m_s=1.0)
+    rows = [row(transit=k, delta_v_m_s=value) for k, value in enumerate(
+        (110.0, 300.0, 220.0, 5.0, 330.0, 700.0)
+    )]  # fmt: skip
+    rows[3] |= {"success": False, "arrival_time_s": None}
+    rows[4] |= {"success": False, "keep_out_violations": 1}
+    found = aggregate(rows, expert)
+    assert found["expert_pairs"] == 3
+    assert found["expert_delta_v_ratio_median"] == pytest.approx(2.0)  # Of 1.1, 2.0 and 2.0.
+    assert found["expert_delta_v_ratio"] == pytest.approx(1110.0 / 600.0)
+    np.testing.assert_array_equal(
+        delta_v_pairs(rows, expert), [[110.0, 100.0], [300.0, 150.0], [700.0, 350.0]]
+    )
+
+
+def test_nothing_to_compare() -> None:
+    found = aggregate([row(success=False)], [row()])
+    assert found["expert_pairs"] == 0
+    assert found["expert_delta_v_ratio"] is found["expert_delta_v_ratio_median"] is None
+    at_the_goal = aggregate([row(delta_v_m_s=0.0)], [row(delta_v_m_s=0.0)])
+    assert at_the_goal["expert_pairs"] == 0
+
+
+def test_other_transits_are_not_compared() -> None:
+    for other in (row(transit=1), row(seed=2)):
+        with pytest.raises(ValueError, match="other transits"):
+            aggregate([row()], [other])
+    with pytest.raises(ValueError, match="zip"):
+        aggregate([row()], [])
