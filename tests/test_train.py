@@ -146,8 +146,8 @@ def test_quick_command_writes_all_that_it_says(
     assert (out / "curves" / "policy.csv").read_text() == first
     assert proxops(*arguments, "--seed", "1") == 2
     assert "give another output folder" in capfd.readouterr().err
-    assert proxops("train", data / "flights", "--recipe", "paper", "--quick", "--epochs", "1", "--device", "cpu",
-                   "--out", tmp_path / "logs") == 0  # fmt: skip
+    again = ("--recipe", "paper", "--quick", "--epochs", "1", "--device", "cpu")
+    assert proxops("train", data / "flights", *again, "--out", tmp_path / "logs") == 0
     assert len((tmp_path / "logs" / "curves" / "policy.csv").read_text().splitlines()) == 2
 
 
