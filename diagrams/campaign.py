@@ -24,10 +24,11 @@ from proxops.diagrams.scenario import (
     dump_scenario,
     parse_scenario,
 )
-from proxops.diagrams.scenario_systems import load_policy
+from proxops.diagrams.scenario_systems import bundle_of
 from proxops.diagrams.simulation import fly
 from proxops.systems.errors import InputError
 from proxops.systems.lidar_bundle import LidarBundle
+from proxops.systems.policy_bundle import PolicyBundle
 
 Row = dict[str, typing.Any]
 Describe = Callable[[FlightLog, Path | None], Row]
@@ -61,8 +62,9 @@ def made_with(scenario: Scenario, body: Body, controller: str) -> str:
     origin = f"proxops {metadata.version('proxops')}, body {body_sha256(body)}"
     if isinstance(scenario.lidar, LearnedLidarConfig):
         origin += f", lidar {LidarBundle.load(scenario.lidar.bundle).sha256}"
-    if controller == "policy":
-        origin += f", policy {load_policy(scenario).sha256}"
+    bundle = bundle_of(controller, scenario)
+    if bundle is not None:
+        origin += f", policy {PolicyBundle.load(bundle).sha256}"
     return origin
 
 

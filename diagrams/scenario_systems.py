@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
@@ -19,7 +20,6 @@ from proxops.systems import (
     NeuralPolicy,
     PlanarLidar,
     PointMassField,
-    PolicyBundle,
     ProportionalDerivative,
     TransitLimits,
     TransitProgram,
@@ -61,30 +61,44 @@ def make_controller(scenario: Scenario, body: Body) -> ModelPredictiveController
     )
 
 
-def load_policy(scenario: Scenario) -> PolicyBundle:
-    """The bundle of the policy that the scenario names.
+# Controllers that fly a policy, and may be told the folder of its bundle: `policy:out/bundle`.
+_WITH_BUNDLE = ("policy", "hybrid")
+
+
+def bundle_of(name: str, scenario: Scenario) -> Path | None:
+    """Folder of the policy's bundle that the controller of a name flies; None: it flies none.
+
+    `policy` and `hybrid` fly the scenario's. A path after a colon is relative to the working
+    directory.
 
     Raises:
-      InputError: there is none, or it is damaged.
+      InputError: no policy is named, and none ships.
     """
+    kind, colon, path = name.partition(":")
+    if kind not in _WITH_BUNDLE:
+        return None
+    return Path(path) if colon else _scenario_bundle(scenario)
+
+
+def _scenario_bundle(scenario: Scenario) -> Path:
     if scenario.policy.bundle is not None:
-        return PolicyBundle.load(scenario.policy.bundle)
+        return Path(scenario.policy.bundle)
     if not _SHIPPED_POLICY.is_dir():
         raise InputError(
             "no policy ships with this proxops: make one with proxops train, and name its bundle "
             "with --set policy.bundle=FOLDER"
         )
-    return PolicyBundle.load(_SHIPPED_POLICY)
+    return _SHIPPED_POLICY
 
 
-def make_policy(scenario: Scenario, body: Body) -> NeuralPolicy:
-    """The learned policy that the scenario names.
+def make_policy(bundle: Path, scenario: Scenario, body: Body) -> NeuralPolicy:
+    """The learned policy of a bundle's folder.
 
     Raises:
       InputError: there is none, it is damaged, or for another body, lidar or control period.
     """
     return NeuralPolicy(
-        load_policy(scenario),
+        bundle,
         scenario.spacecraft.thrust_limit_n,
         scenario.control_period_s,
         scenario.lidar.planes,
