@@ -53,16 +53,20 @@ class ReachModel:
     """(L,) greatest gravity in m/s^2 further than that from the ellipsoid."""
 
     @classmethod
-    def of(cls, field: Field, semi_axes: np.ndarray, spin: float, acceleration: float):
+    def of(
+        cls, field: Field, semi_axes: np.ndarray, spin: float, acceleration: float
+    ) -> ReachModel:
         """The model of a body's field; gravity is looked up on `_POINTS` points a height."""
         heights = _HEIGHTS * float(semi_axes.min())
-        return cls(
+        model = cls(
             np.asarray(semi_axes, dtype=np.float64),
             float(spin),
             float(acceleration),
             heights,
             greatest_pulls(field, semi_axes, heights),
         )
+        model.steps_out_of_reach(np.zeros(6), 1.0, 1)  # Compiled now, not in flight.
+        return model
 
     def steps_out_of_reach(
         self,
