@@ -25,7 +25,11 @@ def evaluate_command(
         Path | None, typer.Argument(help="Scenario file (YAML). Default: Kleopatra.")
     ] = None,
     controllers: Annotated[
-        str, typer.Option(help="Comma-separated: mpc, policy, pd, zero, MODULE:FACTORY.")
+        str,
+        typer.Option(
+            help="Comma-separated: mpc, policy, hybrid, policy:FOLDER, hybrid:FOLDER, pd, zero, "
+            "MODULE:FACTORY."
+        ),
     ] = "mpc",
     transits: Annotated[int, typer.Option(min=1, help="How many transits each flies.")] = 50,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the set of transits.")] = 10000,
