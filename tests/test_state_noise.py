@@ -48,6 +48,6 @@ def test_none_is_none() -> None:
 
 
 def test_what_no_noise_is() -> None:
-    for wrong in ({"position_std": -1.0}, {"velocity_std": np.inf}, {"period": 0.0}, {"seed": -1}):
+    for wrong in ((-1.0, 0.0), (0.0, np.inf), (0.0, 0.0, 0.0), (0.0, 0.0, 10.0, -1)):
         with pytest.raises(InputError, match="state noise needs"):
-            StateNoise(**wrong)
+            StateNoise(*wrong)
