@@ -40,8 +40,8 @@ class StateNoise(LeafSystem):
         finite = 0.0 <= position_std < math.inf and 0.0 <= velocity_std < math.inf
         if not (finite and period > 0.0 and seed >= 0):
             raise InputError(
-                "state noise needs deviations and a seed that are not negative, and a period "
-                f"above 0, got {position_std}, {velocity_std}, {seed} and {period}"
+                "state noise needs deviations and a seed that are finite and not negative, and a "
+                f"period above 0, got {position_std}, {velocity_std}, {seed} and {period}"
             )
         self.stds = np.repeat([position_std, velocity_std], 3)
         self.period = period
