@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from known_policies import Counting, DeadReckoning, write_policy
 from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
-from pydrake.systems.framework import Context
+from pydrake.systems.framework import Context, DiagramBuilder, LeafSystem
 from short_flights import PdController, kleopatra, short_scenario
 
 from proxops.cli.fly import _table
@@ -16,7 +16,7 @@ from proxops.cli.main import main
 from proxops.diagrams.campaign import made_with, transit_flights
 from proxops.diagrams.flight_log import FlightLog, differences
 from proxops.diagrams.hybrid_controller import make_hybrid
-from proxops.diagrams.scenario import Scenario
+from proxops.diagrams.scenario import Scenario, load_scenario
 from proxops.diagrams.scenario_systems import make_controller
 from proxops.diagrams.simulation import fly, make_simulator, named_controller
 from proxops.diagrams.transit_diagram import make_transit_diagram
@@ -25,6 +25,7 @@ from proxops.systems import (
     InputError,
     ModelPredictiveController,
     PolicyBundle,
+    ReachModel,
 )
 from proxops.systems.ellipsoid import clearances
 
@@ -353,3 +354,52 @@ def test_commands(bundle: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
     hybrid, mpc = results["hybrid"], results["mpc"]
     assert 0 < hybrid["mpc_solves"] <= mpc["mpc_solves"]
     assert hybrid["flights"][0]["policy_sha256"] == PolicyBundle.load(bundle).sha256
+
+
+# --- a whole flight -------------------------------------------------------------------------------
+
+
+class Blurred(LeafSystem):
+    """A state with slow errors of some 50 m and 0.1 m/s."""
+
+    def __init__(self):
+        super().__init__()
+        self._state_port = self.DeclareVectorInputPort("state", 6)
+        self.DeclareVectorOutputPort("state", 6, self._calc)
+
+    def _calc(self, context, output):
+        error = np.sin(context.get_time() / np.array([170.0, 310.0, 70.0, 90.0, 130.0, 210.0]))
+        output.SetFromVector(self._state_port.Eval(context) + error * np.repeat([70.0, 0.14], 3))
+
+
+@pytest.mark.slow
+def test_adaptive_saves_what_fixed_cannot() -> None:
+    """A policy as good as an expert that knows its state to 50 m and 0.1 m/s."""
+    scenario = load_scenario(
+        None, {"transit.seed": 50, "transit.index": 3, "hybrid.period_rule": "adaptive",
+               "log_ranges": False},
+    )  # fmt: skip
+    builder = DiagramBuilder()
+    blurred = builder.AddSystem(Blurred())
+    expert = builder.AddSystem(make_controller(scenario, kleopatra()))
+    builder.Connect(blurred.get_output_port(), expert.GetInputPort("state"))
+    builder.ExportInput(blurred.get_input_port(), "state")
+    builder.ExportInput(expert.GetInputPort("target"), "target")
+    builder.ExportOutput(expert.GetOutputPort("force"), "force")
+    log = fly(scenario, make_hybrid(scenario, kleopatra(), builder.Build()))
+    summary, alone = log.summary, fly(scenario, "mpc").summary
+    assert summary["success"]
+    assert summary["mpc_solves"] <= 0.03 * summary["steps"]
+    assert summary["policy_share"] >= 0.97
+    assert summary["delta_v_m_s"] <= 1.05 * alone["delta_v_m_s"]
+    # No period was longer than the way into the keep-out from the state at its check.
+    body = kleopatra()
+    reach = ReachModel.of(body.gravity_field, body.keep_out_semi_axes, body.spin_rate, 0.07)
+    data = log.dataset.isel(time=slice(0, -1))
+    checks = np.flatnonzero(np.isfinite(data["check_clearance"].values))
+    periods = data["steps_to_check"].values[checks]
+    np.testing.assert_array_equal(np.diff(checks), periods[:-1])
+    assert periods.max() > 50
+    for check, period in zip(checks, periods, strict=True):
+        state = data["state"].values[check]
+        assert period <= max(1, reach.steps_out_of_reach(state, 10.0, 100))
