@@ -12,6 +12,7 @@ from proxops.diagrams.scenario_systems import make_controller
 from proxops.systems import (
     AgreementGate,
     CheckSchedule,
+    EnabledValue,
     GateKind,
     HybridSelector,
     InputError,
@@ -22,7 +23,6 @@ from proxops.systems import (
     StateNoise,
 )
 from proxops.systems.counter_noise import derived_seed
-from proxops.systems.enabled_value import EnabledValue
 
 # Of derived seeds, apart from those of the transit diagram.
 _STATE_NOISE_STREAM = 100

@@ -3,6 +3,7 @@
 from proxops.systems.agreement_gates import AgreementGate, GateKind
 from proxops.systems.check_schedule import CheckSchedule, PeriodRule
 from proxops.systems.delayed_hold import DelayedHold
+from proxops.systems.enabled_value import EnabledValue
 from proxops.systems.equilibria import find_equilibria
 from proxops.systems.errors import InputError
 from proxops.systems.flight_monitor import FlightMonitor
@@ -37,6 +38,7 @@ __all__ = [
     "CheckSchedule",
     "DecisionReason",
     "DelayedHold",
+    "EnabledValue",
     "ErrorWeights",
     "FlightMonitor",
     "ForceNoise",

@@ -13,12 +13,12 @@ from proxops.systems import (
     AgreementGate,
     CheckSchedule,
     DecisionReason,
+    EnabledValue,
     GateKind,
     HybridSelector,
     PeriodRule,
     ReachModel,
 )
-from proxops.systems.enabled_value import EnabledValue
 
 PERIOD = 10.0
 FAR = np.array([0.0, 0.0, 165e3, 0.0, 0.0, 0.0])
