@@ -62,7 +62,7 @@ def make_controller(scenario: Scenario, body: Body) -> ModelPredictiveController
     )
 
 
-WITH_BUNDLE = ("policy", "pd")
+WITH_BUNDLE = ("policy", "hybrid", "pd")
 """Controllers that fly a policy, or may, and may be told its bundle's folder: `policy:out/bundle`.
 """
 
@@ -70,8 +70,8 @@ WITH_BUNDLE = ("policy", "pd")
 def bundle_of(name: str, scenario: Scenario) -> Path | None:
     """Folder of the policy's bundle that the controller of a name flies; None: it flies none.
 
-    `policy` flies the scenario's, `pd` none. A path after a colon is relative to the working
-    directory.
+    `policy` and `hybrid` fly the scenario's, `pd` none. A path after a colon is relative to the
+    working directory.
 
     Raises:
       InputError: no policy is named, and none ships.

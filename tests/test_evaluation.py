@@ -49,7 +49,8 @@ def row(**changes: Any) -> dict[str, Any]:
         "collided": False, "keep_out_violations": 0, "min_clearance_m": 3000.0,
         "terminal_position_error_m": 1.0, "terminal_speed_m_s": 0.1, "arrival_time_s": 4000.0,
         "delta_v_m_s": 150.0, "hold_delta_v_m_s": 10.0, "steps": 460, "mpc_solves": 460,
-        "policy_share": 0.0, "control_ms_median": 4.0, "control_ms_p99": 8.0, "wall_s": 3.0,
+        "policy_share": 0.0, "control_ms_median": 4.0, "control_ms_p99": 8.0,
+        "control_ms_mean": 5.0, "policy_share_to_arrival": 0.0, "wall_s": 3.0,
         "scenario_sha256": "0" * 64, "policy_sha256": None,
     }  # fmt: skip
     return figures | changes
@@ -64,7 +65,7 @@ def test_aggregate() -> None:
             transit=3, success=False, success_2km=True, keep_out_violations=2,
             terminal_position_error_m=1500.0, arrival_time_s=None, delta_v_m_s=999.0,
             min_clearance_m=-40.0, policy_share=1.0, mpc_solves=0, control_ms_median=None,
-            control_ms_p99=None,
+            control_ms_p99=None, control_ms_mean=None, policy_share_to_arrival=1.0,
         ),
         row(
             transit=4, success=False, success_2km=False, collided=True, keep_out_violations=1,
@@ -91,18 +92,23 @@ def test_aggregate() -> None:
     assert found["delta_v_m_s_median"] == 150.0
     assert found["delta_v_m_s_mean"] == pytest.approx(500.0 / 3.0)
     assert found["policy_share"] == 0.2
+    assert found["policy_share_to_arrival"] == 0.2
     assert found["mpc_solves"] == 460 * 3 + 10
+    assert found["control_ms_mean"] == 5.0
     assert found["control_ms_median"] == 4.0
     assert found["control_ms_p99"] == 30.0
     assert found["flights"] == rows
 
 
 def test_nobody_arrives_and_nobody_asks_the_mpc() -> None:
-    nothing = {"arrival_time_s": None, "control_ms_median": None, "control_ms_p99": None}
+    nothing = {
+        "arrival_time_s": None, "control_ms_median": None, "control_ms_p99": None,
+        "control_ms_mean": None,
+    }  # fmt: skip
     found = aggregate([row(success=False, success_2km=False, mpc_solves=0, **nothing)])
     assert found["success_rate"] == 0.0
     for name in ("arrival_time_s_median", "delta_v_m_s_median", "delta_v_m_s_mean",
-                 "control_ms_median", "control_ms_p99"):  # fmt: skip
+                 "control_ms_median", "control_ms_p99", "control_ms_mean"):  # fmt: skip
         assert found[name] is None
     numbers = [value for value in found.values() if isinstance(value, float)]
     assert not any(math.isnan(value) for value in numbers)

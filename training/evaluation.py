@@ -75,8 +75,10 @@ def aggregate(rows: Sequence[Row], expert: Sequence[Row] | None = None) -> dict[
         else None,
         **(_against_expert(rows, expert) if expert is not None else {}),
         "policy_share": float(np.mean([row["policy_share"] for row in rows])),
+        "policy_share_to_arrival": _mean(rows, "policy_share_to_arrival"),
         "mpc_solves": sum(row["mpc_solves"] for row in rows),
         "control_ms_median": _median(timed, "control_ms_median"),
+        "control_ms_mean": _mean(rows, "control_ms_mean"),
         "control_ms_p99": _percentile(timed, "control_ms_p99", 100),
         **{name: _median(estimated, name) for name in _ESTIMATE_ERRORS if estimated},
         "flights": list(rows),
@@ -113,6 +115,12 @@ def delta_v_pairs(rows: Sequence[Row], expert: Sequence[Row]) -> np.ndarray:
 def _percentile(rows: Sequence[Row], name: str, percent: float) -> float | None:
     values = [row[name] for row in rows]
     return float(np.percentile(values, percent)) if values else None
+
+
+def _mean(rows: Sequence[Row], name: str) -> float | None:
+    """Over the flights that have the figure."""
+    values = [row[name] for row in rows if row[name] is not None]
+    return float(np.mean(values)) if values else None
 
 
 def _median(rows: Sequence[Row], name: str) -> float | None:
