@@ -8,6 +8,7 @@ from pydrake.common.yaml import yaml_dump_typed
 from proxops.diagrams.scenario_checks import check_scenario
 from proxops.diagrams.scenario_config import (
     ArrivalConfig,
+    AssuranceConfig,
     ForceNoiseConfig,
     KicksConfig,
     LearnedLidarConfig,
@@ -30,6 +31,7 @@ from proxops.diagrams.typed_yaml import (
 
 __all__ = [
     "ArrivalConfig",
+    "AssuranceConfig",
     "ForceNoiseConfig",
     "KicksConfig",
     "LearnedLidarConfig",

@@ -75,6 +75,8 @@ def check_scenario(scenario: Scenario, source: str = "scenario") -> None:
         f"must be from 0 to control_period_s, got {scenario.mpc.solve_delay_s}",
     )
     not_negative("mpc", "keep_out_margin_m", "fuel_weight")
+    if scenario.assurance is not None:
+        not_negative("assurance", "margin_m")
     if scenario.disturbance is not None:
         positive("disturbance", "reset_period_s")
         not_negative("disturbance", "max_relative_magnitude", "increment_std_n")

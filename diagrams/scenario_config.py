@@ -138,6 +138,18 @@ class RandomWalkDisturbanceConfig:
 
 
 @dc.dataclass
+class AssuranceConfig:
+    """The filter that keeps any controller out of the ellipsoid: `proxops.systems.RuntimeAssurance`.
+
+    It believes the scenario without its `mismatch`.
+    """
+
+    # Added to every semi-axis of the keep-out ellipsoid: for what the filter's prediction errs by,
+    # some metres, and for disturbances, which act after it.
+    margin_m: float = 100.0
+
+
+@dc.dataclass
 class ForceNoiseConfig:
     """Normal noise of its own size on the commanded force: coasting is disturbed too."""
 
@@ -197,6 +209,8 @@ class Scenario:
     lidar: LidarConfig | LearnedLidarConfig = dc.field(default_factory=LidarConfig)
     mpc: MpcConfig = dc.field(default_factory=MpcConfig)
     policy: PolicyConfig = dc.field(default_factory=PolicyConfig)
+    # None: whatever the controller commands is flown.
+    assurance: AssuranceConfig | None = None
     # None: the command is applied as it is.
     disturbance: RandomWalkDisturbanceConfig | None = None
     # None: no noise is added after that.

@@ -1,5 +1,10 @@
 """The blocks of the diagram: plain numerics, and a thin Drake LeafSystem over each."""
 
+from proxops.systems.backup_braking import (
+    AssuranceLimits,
+    BackupBraking,
+    InterventionReason,
+)
 from proxops.systems.delayed_hold import DelayedHold
 from proxops.systems.equilibria import find_equilibria
 from proxops.systems.errors import InputError
@@ -28,6 +33,8 @@ from proxops.systems.velocity_kicks import VelocityKicks
 from proxops.systems.weighted_program import ErrorWeights, WeightedProgram
 
 __all__ = [
+    "AssuranceLimits",
+    "BackupBraking",
     "DelayedHold",
     "ErrorWeights",
     "FlightMonitor",
@@ -36,6 +43,7 @@ __all__ = [
     "GravityField",
     "Horizon",
     "InputError",
+    "InterventionReason",
     "LearnedLidar",
     "Lidar",
     "LidarBundle",
