@@ -18,6 +18,7 @@ from proxops.diagrams.body import Body, BodyConfig
 from proxops.diagrams.flight_summary import summarise
 from proxops.diagrams.scenario import Scenario, dump_scenario, parse_scenario
 from proxops.diagrams.typed_yaml import load_typed
+from proxops.systems.backup_braking import InterventionReason
 from proxops.systems.errors import InputError
 from proxops.systems.neural_policy import PolicyStatus
 from proxops.systems.plan import PlanReason, PlanStatus
@@ -33,7 +34,9 @@ VARIABLES: dict[str, tuple[tuple[str, ...], str, str]] = {
     "force": (("axis",), "N", "force applied from force_delay_s after this time on, in K"),
     "mpc_force": (("axis",), "N", "the MPC's force in K; NaN where it was not asked"),
     "policy_force": (("axis",), "N", "the policy's force in K; NaN where there is none"),
-    "disturbance": (("axis",), "N", "applied less commanded force in K"),
+    "disturbance": (("axis",), "N", "applied less commanded (or assured) force in K"),
+    "intervention": ((), "N", "size of what runtime assurance changed the command by"),
+    "intervention_reason": ((), "1", "why it did: see flag_meanings; NaN: the flight was over"),
     "kick": (("axis",), "m/s^2", "acceleration by a kick from this time on, until the next, in K"),
     "decision": ((), "1", "who flies: 0 the controller named, 1 the MPC, 2 the policy"),
     "solve_time": ((), "s", "wall time of the MPC's step; NaN where it was not asked"),
@@ -49,11 +52,15 @@ _FLAGS: dict[str, type[IntEnum]] = {
     "solve_status": PlanStatus,
     "solve_reason": PlanReason,
     "policy_status": PolicyStatus,
+    "intervention_reason": InterventionReason,
 }
 # Without these a file is no log; frames may be left out, the oldest logs have no reasons, and not
-# every flight has kicks or a policy, and not every policy an estimate.
+# every flight has kicks, a policy or runtime assurance, and not every policy an estimate.
 _POLICY_VARIABLES = ("policy_time", "policy_status", "estimate")
-_OPTIONAL_VARIABLES = ("ranges", "solve_reason", "kick", *_POLICY_VARIABLES)
+_ASSURANCE_VARIABLES = ("intervention", "intervention_reason")
+_OPTIONAL_VARIABLES = (
+    "ranges", "solve_reason", "kick", *_POLICY_VARIABLES, *_ASSURANCE_VARIABLES,
+)  # fmt: skip
 _NEEDED_VARIABLES = ["time", *(name for name in VARIABLES if name not in _OPTIONAL_VARIABLES)]
 _NEEDED_VARIABLES += ["mesh_vertices", "mesh_facets"]
 _NEEDED_ATTRIBUTES = ["scenario", "body", "controller", "shape_sha256", "arrival_time_s"]

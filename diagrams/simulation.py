@@ -39,7 +39,9 @@ _EVENT_ACCURACY = 1e-6
 # Longest step of the integration (s): gravity changes over some 100 s.
 _LONGEST_STEP = 10.0
 # What a controller is asked at control steps only.
-_ASKED = ("mpc_force", "mpc_record", "policy_force", "policy_record", "estimate")
+_ASKED = (
+    "mpc_force", "mpc_record", "policy_force", "policy_record", "estimate", "intervention_record",
+)  # fmt: skip
 
 Progress = Callable[[float, float], None]
 """Called now and then with the simulated time and the latest end, both in s."""
@@ -199,6 +201,9 @@ def _collect_log(
     if "policy_record" in columns:
         record = columns.pop("policy_record")
         columns |= dict(zip(("policy_time", "policy_status"), record.T, strict=True))
+    if "intervention_record" in columns:
+        record = columns.pop("intervention_record")
+        columns |= dict(zip(("intervention", "intervention_reason"), record.T, strict=True))
     pilot = 1 if "mpc_force" in columns else 2 if "policy_force" in columns else 0
     columns["decision"] = np.full(len(times), pilot, dtype=np.int8)
     lidar = diagram.GetSubsystemByName("lidar")

@@ -25,6 +25,7 @@ from proxops.systems.polyhedron import Polyhedron
 from proxops.systems.proportional_derivative import ProportionalDerivative
 from proxops.systems.random_walk_disturbance import RandomWalkDisturbance
 from proxops.systems.ray_caster import RayCaster, RayFan
+from proxops.systems.runtime_assurance import RuntimeAssurance
 from proxops.systems.spacecraft import Spacecraft, Spacecraft_, jacobi_integral
 from proxops.systems.surface_maps import effective_field, plane_cut, surface_map
 from proxops.systems.thrusters import Thrusters
@@ -63,6 +64,7 @@ __all__ = [
     "RandomWalkDisturbance",
     "RayCaster",
     "RayFan",
+    "RuntimeAssurance",
     "Spacecraft",
     "Spacecraft_",
     "Thrusters",

@@ -195,21 +195,24 @@ def _worth(r, v, gravity, u, scales, nodes, world, r_end, v_end):
 
 @_inlined
 def _bound_speed(r, v, gravity, world, u, low, high, r_end, v_end):
-    """Moves u by the least that ends the period within the speed limit, as far as thrust can.
+    """Moves u by the least that ends the period below the speed limit, as far as thrust can.
 
     Fills the bounds of u (3,) that thrust and speed set, and returns whether u was moved.
     """
-    limit, speed, period = world[THRUST], world[SPEED], world[PERIOD]
-    moved = False
-    # Coriolis couples the axes by 2 spin period, some 0.006: three rounds leave its cube.
+    limit, period = world[THRUST], world[PERIOD]
+    _advance(r, v, gravity, u, world, r_end, v_end)
+    moved = max(abs(v_end[0]), abs(v_end[1]), abs(v_end[2])) > world[SPEED]
+    speed = world[SPEED] - 2.0 * world[SPIN] * world[THRUST] * period**2
+    # Coriolis couples the axes by spin period, some 0.003: three rounds leave its cube. What it does
+    # within a period, and to a force that is changed once more, has that room.
     for _ in range(3):
         _advance(r, v, gravity, u, world, r_end, v_end)
         for i in range(3):
             high[i] = min(max(u[i] + (speed - v_end[i]) / period, -limit), limit)
             low[i] = min(max(u[i] - (speed + v_end[i]) / period, -limit), limit)
-            inside = min(max(u[i], low[i]), high[i])
-            moved = moved or inside != u[i]
-            u[i] = inside
+            if not moved:
+                high[i], low[i] = max(high[i], u[i]), min(low[i], u[i])
+            u[i] = min(max(u[i], low[i]), high[i])
     return moved
 
 
