@@ -42,8 +42,15 @@ def _random(backup: BackupBraking, random: np.random.Generator) -> Pilot:
 
 
 def _sign_flipped(backup: BackupBraking, random: np.random.Generator) -> Pilot:
-    """Braking with the wrong sign: faster, and inwards."""
-    return lambda state: -backup.force(state)
+    """A controller that would leave the body at the speed limit, its force with the wrong sign."""
+    limits = backup.limits
+
+    def force(state: np.ndarray) -> np.ndarray:
+        leaving = limits.speed * state[:3] / np.abs(state[:3]).max()
+        wanted = limits.mass / backup.period * (leaving - state[3:])
+        return -np.clip(wanted, -limits.thrust, limits.thrust)
+
+    return force
 
 
 def _along_the_surface(backup: BackupBraking, random: np.random.Generator) -> Pilot:
