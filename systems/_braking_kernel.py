@@ -28,12 +28,16 @@ _LONGEST_OUTLOOK = 300
 _OUTWARD = 0.05
 # Up to this share of the normal an axis is braked even if it moves outwards.
 _SIDEWAYS = 0.2
-# Clearance at which the search for the least change may end, in thrust limits times a period
-# squared (about 1 m at Kleopatra), and how many outlooks it takes at most.
-_NEAR_ENOUGH = 0.15
+# The search for the least change may end at this share of the worth that was missing, or at this
+# clearance in thrust limits times a period squared (7 mm at Kleopatra); and how many outlooks it
+# takes at most.
+_NEAR_ENOUGH = 0.03
+_NEAR_ENOUGH_CLEARANCE = 1e-3
 _TRIES = 6
 # Share of the thrust limit by which the search tries how clearance changes.
 _PROBE = 0.05
+# Gradients that it follows.
+_ROUNDS = 2
 
 # Codes of `InterventionReason`.
 NONE, THRUST_LIMIT, SPEED_LIMIT, KEEP_OUT, BACKUP = range(5)
@@ -238,28 +242,47 @@ def assure(r, v, wanted, scales, nodes, world, u):
         return reason
 
     start[:] = u
-    if worth > -math.inf:
-        # Up the gradient of the worth: to first order the least change.
-        steepness = 0.0
+    found, least = False, math.inf
+    # Up the gradient of the worth: there, to first order, lies the least change. First that at the
+    # start, then that at what was found.
+    at, worth_at = start.copy(), worth
+    for _ in range(_ROUNDS):
+        if worth_at == -math.inf:
+            break
+        steepness = along = 0.0
         for i in range(3):
-            probe = _PROBE * limit if start[i] + _PROBE * limit <= high[i] else -_PROBE * limit
-            u[i] = start[i] + probe
-            there = _worth(r, v, gravity, u, scales, nodes, world, r_end, v_end)
-            toward[i] = (there - worth) / probe if there > -math.inf else 0.0
+            probe = _PROBE * limit if at[i] + _PROBE * limit <= high[i] else -_PROBE * limit
+            kept, at[i] = at[i], at[i] + probe
+            there = _worth(r, v, gravity, at, scales, nodes, world, r_end, v_end)
+            at[i] = kept
+            toward[i] = (there - worth_at) / probe if there > -math.inf else 0.0
             steepness += toward[i] ** 2
-            u[i] = start[i]
-        if steepness > 0.0:
-            far = 2.0 * math.sqrt(3.0) * limit / math.sqrt(steepness)
-            first = min(-worth / steepness, far)
-            if _search(
-                r, v, gravity, start, toward, worth, first, far, low, high, scales, nodes, world, u
-            ):
-                return KEEP_OUT
+            along += toward[i] * (at[i] - start[i])
+        if steepness == 0.0:
+            break
+        # Until an axis that counts for a tenth has gone from limit to limit.
+        far = 20.0 * limit / math.sqrt(steepness)
+        first = min(max(along - worth_at, 0.0) / steepness, far)
+        worth_at = _search(
+            r, v, gravity, start, toward, worth, first, far, low, high, scales, nodes, world, at
+        )
+        change = 0.0
+        for i in range(3):
+            change += (at[i] - start[i]) ** 2
+        if worth_at < 0.0 or change >= least:
+            break
+        found, least = True, change
+        u[:] = at
+    if found:
+        return KEEP_OUT
     # Towards the backup; if it can be had, within the speed limit.
     _law(r, v, gravity, world, u)
     for i in range(3):
         toward[i] = min(max(u[i], low[i]), high[i]) - start[i]
-    if _search(r, v, gravity, start, toward, worth, 1.0, 1.0, low, high, scales, nodes, world, u):
+    worth_at = _search(
+        r, v, gravity, start, toward, worth, 1.0, 1.0, low, high, scales, nodes, world, u
+    )
+    if worth_at >= 0.0:
         return KEEP_OUT
     _law(r, v, gravity, world, u)
     return BACKUP
@@ -269,15 +292,19 @@ def assure(r, v, wanted, scales, nodes, world, u):
 def _search(
     r, v, gravity, start, toward, worth, first, far, low, high, scales, nodes, world, u
 ):
-    """Fills u with the nearest point of a path that has a worth >= 0; returns whether there is one.
+    """Fills u with the nearest point of a path that has a worth >= 0; returns that worth.
+
+    -inf if there is none.
 
     The path is start + share toward, kept within the bounds, for a share of up to ``far``; its
     start has the given worth, below 0. By false position (the Illinois rule), from ``first`` on.
     """
     r_end, v_end = np.empty(3), np.empty(3)
     bad, good, share = 0.0, math.inf, first
-    worth_bad, worth_good = worth, 0.0
-    enough = _NEAR_ENOUGH * world[THRUST] * world[PERIOD] ** 2
+    worth_bad, worth_good, worth_found = worth, 0.0, -math.inf
+    enough = _NEAR_ENOUGH_CLEARANCE * world[THRUST] * world[PERIOD] ** 2
+    if worth > -math.inf:
+        enough = max(enough, -_NEAR_ENOUGH * worth)
     for _ in range(_TRIES):
         for i in range(3):
             u[i] = min(max(start[i] + share * toward[i], low[i]), high[i])
@@ -285,17 +312,19 @@ def _search(
         if there >= 0.0:
             if good < math.inf:
                 worth_bad *= 0.5
-            good, worth_good = share, there
+            good, worth_good, worth_found = share, there, there
             if there <= enough:
                 break
         else:
             if share >= far:
-                return False
+                return -math.inf
             if good < math.inf:
                 worth_good *= 0.5
+            slope = (there - worth_bad) / (share - bad)
             bad, worth_bad = share, there
         if good == math.inf:
-            share = min(2.0 * share, far)
+            step = (0.5 * enough - there) / slope if slope > 0.0 else math.inf
+            share = min(share + min(max(1.1 * step, 0.1 * share), 3.0 * share), far)
         elif worth_bad > -math.inf:
             aim = 0.5 * enough
             share = bad + (good - bad) * (aim - worth_bad) / max(worth_good - worth_bad, aim)
@@ -303,7 +332,7 @@ def _search(
         else:
             share = 0.5 * (bad + good)
     if good == math.inf:
-        return False
+        return -math.inf
     for i in range(3):
         u[i] = min(max(start[i] + good * toward[i], low[i]), high[i])
-    return True
+    return worth_found
