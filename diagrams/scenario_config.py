@@ -139,7 +139,7 @@ class RandomWalkDisturbanceConfig:
 
 @dc.dataclass
 class AssuranceConfig:
-    """The filter that keeps any controller out of the ellipsoid: `proxops.systems.RuntimeAssurance`.
+    """The filter that keeps any controller out: see `proxops.systems.RuntimeAssurance`.
 
     It believes the scenario without its `mismatch`.
     """

@@ -43,9 +43,7 @@ _ROUNDS = 2
 NONE, THRUST_LIMIT, SPEED_LIMIT, KEEP_OUT, BACKUP = range(5)
 
 _compiled = numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
-_inlined = numba.njit(
-    cache=True, error_model="numpy", fastmath={"contract"}, forceinline=True
-)
+_inlined = numba.njit(cache=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
 
 
 @_inlined
@@ -89,12 +87,15 @@ def interpolate(x, y, z, scales, nodes, out):
 
 
 @_inlined
+def _within(value, low, high):
+    return min(max(value, low), high)
+
+
+@_inlined
 def _gravity_ahead(r, v, scales, nodes, world, gravity):
     """Gravity (3,) half a period ahead, where it is near its mean over the period."""
     half = 0.5 * world[PERIOD]
-    interpolate(
-        r[0] + half * v[0], r[1] + half * v[1], r[2] + half * v[2], scales, nodes, gravity
-    )
+    interpolate(r[0] + half * v[0], r[1] + half * v[1], r[2] + half * v[2], scales, nodes, gravity)
 
 
 @_inlined
@@ -116,7 +117,7 @@ def _law(r, v, gravity, world, u):
             pull += 2.0 * spin * v[1] + spin**2 * r[0]
         elif i == 1:
             pull += -2.0 * spin * v[0] + spin**2 * r[1]
-        u[i] = min(max(error / world[PERIOD] - pull, -limit), limit)
+        u[i] = _within(error / world[PERIOD] - pull, -limit, limit)
     return outward
 
 
@@ -191,32 +192,36 @@ def backup(r, v, scales, nodes, world, u):
 
 
 @_inlined
-def _worth(r, v, gravity, u, scales, nodes, world, r_end, v_end):
+def _worth(motion, u):
     """The least clearance (m) if u flies for one period and the backup after it."""
+    r, v, gravity, scales, nodes, world = motion
+    r_end, v_end = np.empty(3), np.empty(3)
     least = _advance(r, v, gravity, u, world, r_end, v_end)
     return min(least, outlook(r_end, v_end, scales, nodes, world))
 
 
 @_inlined
-def _bound_speed(r, v, gravity, world, u, low, high, r_end, v_end):
+def _bound_speed(motion, u, low, high):
     """Moves u by the least that ends the period below the speed limit, as far as thrust can.
 
     Fills the bounds of u (3,) that thrust and speed set, and returns whether u was moved.
     """
+    r, v, gravity, _, _, world = motion
+    r_end, v_end = np.empty(3), np.empty(3)
     limit, period = world[THRUST], world[PERIOD]
     _advance(r, v, gravity, u, world, r_end, v_end)
     moved = max(abs(v_end[0]), abs(v_end[1]), abs(v_end[2])) > world[SPEED]
-    speed = world[SPEED] - 2.0 * world[SPIN] * world[THRUST] * period**2
-    # Coriolis couples the axes by spin period, some 0.003: three rounds leave its cube. What it does
-    # within a period, and to a force that is changed once more, has that room.
+    # Coriolis couples the axes by spin period, some 0.003: three rounds leave its cube. What it
+    # does within a period, and to a force that is changed once more, has that room.
+    speed = world[SPEED] - 2.0 * abs(world[SPIN]) * limit * period**2
     for _ in range(3):
         _advance(r, v, gravity, u, world, r_end, v_end)
         for i in range(3):
-            high[i] = min(max(u[i] + (speed - v_end[i]) / period, -limit), limit)
-            low[i] = min(max(u[i] - (speed + v_end[i]) / period, -limit), limit)
+            high[i] = _within(u[i] + (speed - v_end[i]) / period, -limit, limit)
+            low[i] = _within(u[i] - (speed + v_end[i]) / period, -limit, limit)
             if not moved:
                 high[i], low[i] = max(high[i], u[i]), min(low[i], u[i])
-            u[i] = min(max(u[i], low[i]), high[i])
+            u[i] = _within(u[i], low[i], high[i])
     return moved
 
 
@@ -226,26 +231,24 @@ def assure(r, v, wanted, scales, nodes, world, u):
 
     All three are thrust accelerations in m/s^2.
     """
-    gravity, r_end, v_end = np.empty(3), np.empty(3), np.empty(3)
-    low, high, start, toward = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
-    limit = world[THRUST]
-    reason = NONE
+    gravity, low, high, toward = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    motion = (r, v, gravity, scales, nodes, world)
+    limit, reason = world[THRUST], NONE
     _gravity_ahead(r, v, scales, nodes, world, gravity)
     for i in range(3):
-        u[i] = min(max(wanted[i], -limit), limit)
+        u[i] = _within(wanted[i], -limit, limit)
         if u[i] != wanted[i]:
             reason = THRUST_LIMIT
-    if _bound_speed(r, v, gravity, world, u, low, high, r_end, v_end):
+    if _bound_speed(motion, u, low, high):
         reason = SPEED_LIMIT
-    worth = _worth(r, v, gravity, u, scales, nodes, world, r_end, v_end)
+    worth = _worth(motion, u)
     if worth >= 0.0:
         return reason
 
-    start[:] = u
-    found, least = False, math.inf
     # Up the gradient of the worth: there, to first order, lies the least change. First that at the
     # start, then that at what was found.
-    at, worth_at = start.copy(), worth
+    start, at, worth_at = u.copy(), u.copy(), worth
+    found, least = False, math.inf
     for _ in range(_ROUNDS):
         if worth_at == -math.inf:
             break
@@ -253,7 +256,7 @@ def assure(r, v, wanted, scales, nodes, world, u):
         for i in range(3):
             probe = _PROBE * limit if at[i] + _PROBE * limit <= high[i] else -_PROBE * limit
             kept, at[i] = at[i], at[i] + probe
-            there = _worth(r, v, gravity, at, scales, nodes, world, r_end, v_end)
+            there = _worth(motion, at)
             at[i] = kept
             toward[i] = (there - worth_at) / probe if there > -math.inf else 0.0
             steepness += toward[i] ** 2
@@ -263,9 +266,7 @@ def assure(r, v, wanted, scales, nodes, world, u):
         # Until an axis that counts for a tenth has gone from limit to limit.
         far = 20.0 * limit / math.sqrt(steepness)
         first = min(max(along - worth_at, 0.0) / steepness, far)
-        worth_at = _search(
-            r, v, gravity, start, toward, worth, first, far, low, high, scales, nodes, world, at
-        )
+        worth_at = _search(motion, start, toward, worth, first, far, low, high, at)
         change = 0.0
         for i in range(3):
             change += (at[i] - start[i]) ** 2
@@ -275,64 +276,56 @@ def assure(r, v, wanted, scales, nodes, world, u):
         u[:] = at
     if found:
         return KEEP_OUT
-    # Towards the backup; if it can be had, within the speed limit.
+    # Towards the backup, if it can be had within the speed limit.
     _law(r, v, gravity, world, u)
     for i in range(3):
-        toward[i] = min(max(u[i], low[i]), high[i]) - start[i]
-    worth_at = _search(
-        r, v, gravity, start, toward, worth, 1.0, 1.0, low, high, scales, nodes, world, u
-    )
-    if worth_at >= 0.0:
+        toward[i] = _within(u[i], low[i], high[i]) - start[i]
+    if _search(motion, start, toward, worth, 1.0, 1.0, low, high, u) >= 0.0:
         return KEEP_OUT
     _law(r, v, gravity, world, u)
     return BACKUP
 
 
 @_compiled
-def _search(
-    r, v, gravity, start, toward, worth, first, far, low, high, scales, nodes, world, u
-):
+def _search(motion, start, toward, worth, first, far, low, high, u):
     """Fills u with the nearest point of a path that has a worth >= 0; returns that worth.
-
-    -inf if there is none.
 
     The path is start + share toward, kept within the bounds, for a share of up to ``far``; its
     start has the given worth, below 0. By false position (the Illinois rule), from ``first`` on.
+    Where nothing is found, -inf is returned.
     """
-    r_end, v_end = np.empty(3), np.empty(3)
-    bad, good, share = 0.0, math.inf, first
-    worth_bad, worth_good, worth_found = worth, 0.0, -math.inf
+    world = motion[5]
     enough = _NEAR_ENOUGH_CLEARANCE * world[THRUST] * world[PERIOD] ** 2
     if worth > -math.inf:
         enough = max(enough, -_NEAR_ENOUGH * worth)
+    bad, good, share, slope = 0.0, math.inf, first, 0.0
+    worth_bad, worth_good, worth_found = worth, 0.0, -math.inf
     for _ in range(_TRIES):
         for i in range(3):
-            u[i] = min(max(start[i] + share * toward[i], low[i]), high[i])
-        there = _worth(r, v, gravity, u, scales, nodes, world, r_end, v_end)
+            u[i] = _within(start[i] + share * toward[i], low[i], high[i])
+        there = _worth(motion, u)
         if there >= 0.0:
             if good < math.inf:
                 worth_bad *= 0.5
             good, worth_good, worth_found = share, there, there
             if there <= enough:
                 break
+        elif share >= far:
+            break
         else:
-            if share >= far:
-                return -math.inf
             if good < math.inf:
                 worth_good *= 0.5
-            slope = (there - worth_bad) / (share - bad)
+            slope = (there - worth_bad) / (share - bad) if share > bad else 0.0
             bad, worth_bad = share, there
         if good == math.inf:
             step = (0.5 * enough - there) / slope if slope > 0.0 else math.inf
-            share = min(share + min(max(1.1 * step, 0.1 * share), 3.0 * share), far)
+            share = min(share + _within(1.1 * step, 0.1 * share, 3.0 * share), far)
         elif worth_bad > -math.inf:
-            aim = 0.5 * enough
-            share = bad + (good - bad) * (aim - worth_bad) / max(worth_good - worth_bad, aim)
-            share = min(share, bad + 0.95 * (good - bad))
+            rise = max(worth_good - worth_bad, 0.5 * enough)
+            share = bad + (good - bad) * min((0.5 * enough - worth_bad) / rise, 0.95)
         else:
             share = 0.5 * (bad + good)
-    if good == math.inf:
-        return -math.inf
-    for i in range(3):
-        u[i] = min(max(start[i] + good * toward[i], low[i]), high[i])
+    if good < math.inf:
+        for i in range(3):
+            u[i] = _within(start[i] + good * toward[i], low[i], high[i])
     return worth_found

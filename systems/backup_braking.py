@@ -146,9 +146,7 @@ class BackupBraking:
         if not np.isfinite(force).all():
             raise InputError(f"a force must be finite to be assured, got {force} N")
         wanted, thrust = np.asarray(force, dtype=np.float64) / self.limits.mass, np.empty(3)
-        code = kernel.assure(
-            r, v, wanted, self.table.scales, self.table.nodes, self._world, thrust
-        )
+        code = kernel.assure(r, v, wanted, self.table.scales, self.table.nodes, self._world, thrust)
         if code == kernel.NONE:
             return Assured(np.array(force, dtype=np.float64), InterventionReason.NONE)
         limit = self.limits.thrust
