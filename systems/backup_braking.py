@@ -101,7 +101,7 @@ class BackupBraking:
                 f"semi-axes, and a margin that is not negative, got {limits} and {period}"
             )
         self.limits, self.period = limits, period
-        self.table = gravity_table(field, (float(axes[0]), float(axes[1]), float(axes[2])))
+        self.table = gravity_table(field, axes)
         acceleration, cruise = limits.thrust / limits.mass, _CRUISE * limits.speed
         spare = (1.0 - _RESERVE) * acceleration - self.table.greatest
         # Coriolis acts across the spin.

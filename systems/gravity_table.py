@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import functools
+from dataclasses import dataclass
+from dataclasses import field as dc_field
 
 import numpy as np
 
 from proxops.systems import _braking_kernel as kernel
-from proxops.systems.gravity_field import Field
+from proxops.systems.gravity_field import Field, GravityField
 
 # Of the nodes, where the ellipsoid is the unit ball. Kleopatra's table is then within 5e-5 m/s^2 of
 # the polyhedron outside her keep-out ellipsoid, and within 5e-6 on average.
@@ -59,7 +61,21 @@ class GravityTable:
         return out
 
 
+def gravity_table(field: Field, semi_axes: np.ndarray) -> GravityTable:
+    """The table of a field, made once a process (Kleopatra's takes about a second)."""
+    same = (field.shape.sha256, field.mass) if isinstance(field, GravityField) else (id(field),)
+    return _table(_Source(same, tuple(map(float, semi_axes)), field))
+
+
+@dataclass(frozen=True)
+class _Source:
+    """What a table is made of; equal for fields of the same shape and mass."""
+
+    same: tuple
+    semi_axes: tuple[float, ...]
+    field: Field = dc_field(compare=False)
+
+
 @functools.lru_cache(maxsize=4)
-def gravity_table(field: Field, semi_axes: tuple[float, float, float]) -> GravityTable:
-    """The table of a field, made once (Kleopatra's takes about a second)."""
-    return GravityTable(field, np.array(semi_axes))
+def _table(source: _Source) -> GravityTable:
+    return GravityTable(source.field, np.array(source.semi_axes))

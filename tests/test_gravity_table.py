@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from short_flights import kleopatra
 
+from proxops.diagrams.body import load_body
 from proxops.systems import PointMassField
 from proxops.systems.gravity_table import GravityTable, gravity_table
 
@@ -15,8 +16,7 @@ def directions(count: int) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def table() -> GravityTable:
-    axes = kleopatra().keep_out_semi_axes
-    return gravity_table(kleopatra().gravity_field, (axes[0], axes[1], axes[2]))
+    return gravity_table(kleopatra().gravity_field, kleopatra().keep_out_semi_axes)
 
 
 @pytest.mark.parametrize(
@@ -46,6 +46,16 @@ def test_a_point_mass_is_exact() -> None:
     points = 1.3 * directions(50) * [4e3, 3e3, 2e3]
     found = GravityTable(field, np.array([4e3, 3e3, 2e3])).acceleration(points)
     assert found == pytest.approx(field.evaluate(points).acceleration, rel=1e-12)
+
+
+def test_made_once_for_the_same_field(table: GravityTable) -> None:
+    axes = kleopatra().keep_out_semi_axes
+    assert gravity_table(load_body("kleopatra").gravity_field, axes) is table
+    one, other = PointMassField(1e15), PointMassField(2e15)
+    first = gravity_table(one, axes)
+    assert gravity_table(one, axes) is first
+    assert gravity_table(other, axes) is not first
+    assert gravity_table(one, 2.0 * axes) is not first
 
 
 def test_greatest_bounds_the_field_outside(table: GravityTable) -> None:
