@@ -145,7 +145,7 @@ class AssuranceConfig:
     """
 
     # Added to every semi-axis of the keep-out ellipsoid: for what the filter's prediction errs by,
-    # some metres, and for disturbances, which act after it.
+    # about a metre, and for disturbances, which act after it.
     margin_m: float = 100.0
 
 

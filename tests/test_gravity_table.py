@@ -21,7 +21,13 @@ def table() -> GravityTable:
 
 @pytest.mark.parametrize(
     ("level", "greatest", "mean"),
-    [(1.0, 5e-5, 5e-6), (1.1, 3e-5, 5e-6), (2.0, 3e-5, 1e-5), (10.0, 3e-5, 1e-5), (1e3, 1e-7, 1e-8)],
+    [
+        (1.0, 5e-5, 5e-6),
+        (1.1, 3e-5, 5e-6),
+        (2.0, 3e-5, 1e-5),
+        (10.0, 3e-5, 1e-5),
+        (1e3, 1e-7, 1e-8),
+    ],
 )
 def test_within_its_stated_error_of_the_polyhedron(
     table: GravityTable, level: float, greatest: float, mean: float
