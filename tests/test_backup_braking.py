@@ -217,3 +217,17 @@ def test_senseless_or_too_weak_is_refused() -> None:
         kleopatras().outlook(np.full(6, np.nan))
     with pytest.raises(InputError, match="must be finite"):
         kleopatras().assure(np.array([2e5, 0, 0, 0, 0, 0]), np.array([np.nan, 0, 0]))
+
+
+@pytest.mark.parametrize("scale", [1.0 / 400.0, 7.0])
+def test_nothing_is_made_for_one_size_of_body(scale: float) -> None:
+    """With all lengths scaled at one density, and so all accelerations, all is as it was."""
+    axes, state = np.array([80e3, 60e3, 50e3]), np.array([20e3, 58e3, 30e3, 9.0, -12.0, -4.0])
+    found = []
+    for s in (1.0, scale):
+        limits = AssuranceLimits(MASS, s * THRUST, s * 40.0, s * axes, s * MARGIN)
+        backup = BackupBraking(PointMassField(s**3 * 2e18), 3e-4, limits)
+        force, reason = backup.assure(s * state, s * np.array([-3.0, -7.0, -7.0]))
+        found.append((backup.outlook(s * state) / s, *force / s, reason))
+    assert found[1] == pytest.approx(found[0], rel=1e-6)
+    assert found[0][-1] == InterventionReason.KEEP_OUT
