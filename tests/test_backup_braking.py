@@ -222,7 +222,7 @@ def test_senseless_or_too_weak_is_refused() -> None:
 @pytest.mark.parametrize("scale", [1.0 / 400.0, 7.0])
 def test_nothing_is_made_for_one_size_of_body(scale: float) -> None:
     """With all lengths scaled at one density, and so all accelerations, all is as it was."""
-    axes, state = np.array([80e3, 60e3, 50e3]), np.array([20e3, 58e3, 30e3, 9.0, -12.0, -4.0])
+    axes, state = np.array([80e3, 60e3, 50e3]), np.array([24.3e3, 36.4e3, 37.6e3, 9, -12, -4])
     found = []
     for s in (1.0, scale):
         limits = AssuranceLimits(MASS, s * THRUST, s * 40.0, s * axes, s * MARGIN)

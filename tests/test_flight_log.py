@@ -35,8 +35,10 @@ from proxops.systems import InputError, TransitProgram
 from proxops.systems.errors import SolverFailure
 
 SIZES = {"component": 6, "axis": 3, "plane": 12, "ray": 360}
-# Of flights with kicks, or with a policy.
-SOMETIMES = ("kick", "policy_time", "policy_status", "estimate")
+# Of flights with kicks, with a policy, or with runtime assurance.
+SOMETIMES = (
+    "kick", "policy_time", "policy_status", "estimate", "intervention", "intervention_reason",
+)  # fmt: skip
 SUMMARY = [
     "controller", "seed", "transit", "success", "success_2km", "collided", "keep_out_violations",
     "min_clearance_m", "terminal_position_error_m", "terminal_speed_m_s", "arrival_time_s",
