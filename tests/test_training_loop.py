@@ -2,6 +2,7 @@
 
 import csv
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -112,6 +113,16 @@ def test_the_best_on_validation_wins(packed: PackedFlights, tmp_path: Path):
     assert torch.equal(weights(taught), seen[1])
     assert not torch.equal(weights(taught), seen[3])
     assert not taught.network.training
+
+
+def test_the_last_may_be_kept(packed: PackedFlights, tmp_path: Path):
+    seen: list[Tensor] = []
+    taught = replace(lesson(packed, scripted([3.0, 1.0, 2.0, 4.0], seen)), keep_last=True)
+    assert run(taught, SCHEDULE, tmp_path).best_epoch == 3
+    assert torch.equal(weights(taught), seen[3])
+    again = replace(lesson(packed), keep_last=True)
+    run(again, SCHEDULE, tmp_path)
+    assert torch.equal(weights(again), seen[3])
 
 
 def test_stops_early(packed: PackedFlights, tmp_path: Path):

@@ -150,7 +150,11 @@ def guidance_lesson(
     seed: int,
     identity: str,
 ) -> Lesson:
-    """Teaches what the expert commands."""
+    """Teaches what the expert commands.
+
+    The last epoch is kept: what is left of the error on other flights is mostly which way round the
+    body the expert goes, and says little of how the guidance flies.
+    """
 
     def loss(network: Guidance, batch: tuple[Tensor, ...]) -> Tensor:
         position, velocity, goal, wanted = batch
@@ -158,7 +162,15 @@ def guidance_lesson(
         return nn.functional.smooth_l1_loss(force, wanted, beta=_SMALL_FORCE)
 
     batches = TensorBatches(training, schedule.batch, shuffle=True, seed=seed)
-    return Lesson("guidance", guidance, loss, batches, TensorBatches(validation, 8192), identity)
+    return Lesson(
+        "guidance",
+        guidance,
+        loss,
+        batches,
+        TensorBatches(validation, 8192),
+        identity,
+        keep_last=True,
+    )
 
 
 def filter_lesson(

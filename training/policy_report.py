@@ -18,7 +18,7 @@ from proxops.training.policy_export import PolicyFacts, export_policy
 from proxops.training.transit_split import PARTS
 
 # Flights that are replayed together, of like length.
-_TOGETHER = 8
+_TOGETHER = 16
 # Steps of a flight on which the exported policy is compared with the trained one.
 _CHECKED_STEPS = 20
 

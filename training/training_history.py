@@ -24,6 +24,7 @@ class Trained:
     history: History
     """One row an epoch: its number, losses, learning rate, CPU time so far."""
     best_epoch: int
+    """That whose weights are kept."""
     cpu_s: float
     """CPU time of this process while training, all runs of it together."""
 

@@ -79,6 +79,8 @@ class Lesson:
     """Says what is learned from: a checkpoint of another identity is not gone on with."""
     methods: tuple[str, ...] = ()
     """Those of the network, besides `forward`, that the loss calls."""
+    keep_last: bool = False
+    """Keeps the last epoch's weights, not those of the best one on validation."""
 
 
 def train(
@@ -91,7 +93,7 @@ def train(
     precision: Any = "32-true",
     progress: Callable[[float, str], Any] | None = None,
 ) -> Trained:
-    """Trains a network; the best epoch on the validation examples wins.
+    """Trains a network; the best epoch on the validation examples wins, or the last.
 
     After every epoch a checkpoint is written to `folder`/NAME.ckpt and the curves to
     `folder`/curves: NAME.csv, and NAME/ for TensorBoard. Run again after a kill, it goes on behind
@@ -192,9 +194,11 @@ def train(
         write_curves(folder / "curves" / f"{lesson.name}.csv", history)
     logger.finalize("success")
 
-    lesson.network.load_state_dict(best)
+    if not lesson.keep_last:
+        lesson.network.load_state_dict(best)
     lesson.network.eval()
-    return Trained(history, best_epoch(history), history[-1]["cpu_s"])
+    kept = len(history) - 1 if lesson.keep_last else best_epoch(history)
+    return Trained(history, kept, history[-1]["cpu_s"])
 
 
 @torch.no_grad()

@@ -1,0 +1,195 @@
+"""Our recipe and DAgger: a small pilot learns, flies, goes on after a kill, learns from itself."""
+
+import csv
+import json
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from known_policies import Counting, write_policy
+
+from proxops.cli.main import app
+from proxops.diagrams.flight_log import FlightLog
+from proxops.diagrams.scenario import load_scenario
+from proxops.diagrams.simulation import fly
+from proxops.systems import InputError
+from proxops.training.dagger import Settings as DaggerSettings
+from proxops.training.dagger import dagger, dagger_flights, restarted
+from proxops.training.pilot import Pilot
+from proxops.training.pilot_recipe import collected_scenario, train_pilot
+from proxops.training.pilot_settings import Settings, quick, settings_of
+from proxops.training.pilot_shape import PilotShape, load_pilot, save_pilot
+
+SHAPE = PilotShape(
+    planes=12, rays=360, hits=16, period=10.0, mass=100.0, thrust_limit=7.0, length=98e3,
+    keep_out=(140e3, 70e3, 65e3), low=(-130e3, -50e3, -50e3), high=(130e3, 50e3, 50e3),
+    spacing=40e3, coarse_width=8, motion_width=8, guidance_width=8,
+)  # fmt: skip
+# Transit 0 of this seed is one to train on.
+SEED = 3
+
+
+def small_pilot(seed: int = 0) -> Pilot:
+    torch.manual_seed(seed)
+    return SHAPE.make().eval()
+
+
+def same(first: Pilot, second: Pilot, part: str) -> bool:
+    pairs = zip(first.state_dict().items(), second.state_dict().items(), strict=True)
+    chosen = [(a, b) for (name, a), (_, b) in pairs if name.startswith(part)]
+    return bool(chosen) and all(torch.equal(a, b) for a, b in chosen)
+
+
+def test_pilot_is_kept_whole(tmp_path: Path):
+    pilot = small_pilot()
+    pilot.fit_residual(torch.tensor([90.0, 100.0, 110.0]))
+    save_pilot(tmp_path, SHAPE, pilot, {"logs_sha256": "abc"})
+    shape, again, origin = load_pilot(tmp_path)
+    assert (shape, origin) == (SHAPE, {"logs_sha256": "abc"})
+    assert same(pilot, again, "")
+    assert float(again.usual_residual) == 100.0
+    (tmp_path / "pilot.ckpt").write_bytes(b"half a pil")
+    with pytest.raises(InputError, match="no pilot"):
+        load_pilot(tmp_path)
+
+
+def test_settings_come_back_from_a_file():
+    settings = quick(Settings(seed=4))
+    kept = json.loads(json.dumps({"settings": asdict(settings)}))
+    assert settings_of(kept) == settings
+
+
+def test_restarted_pilot_sees_as_before_and_knows_nothing():
+    pilot = small_pilot()
+    fresh = restarted(SHAPE, pilot, seed=7)
+    for part in ("coarse.", "geometry.", "filter.", "guidance.motion."):
+        assert same(pilot, fresh, part)
+    assert not same(pilot, fresh, "guidance.network.")
+    assert same(fresh, restarted(SHAPE, small_pilot(), seed=7), "guidance.")
+    assert not any(weights.requires_grad for weights in fresh.guidance.motion.parameters())
+
+
+@torch.no_grad()
+def test_sequence_is_step_after_step():
+    pilot, random = small_pilot(), np.random.default_rng(0)
+    frames = torch.full((2, 5, 12, 360), torch.inf)
+    frames[:, :, :, 100:130] = torch.from_numpy(random.uniform(50e3, 60e3, (2, 5, 12, 30))).float()
+    target, applied = torch.ones(2, 5, 6), torch.randn(2, 5, 3)
+    forces, estimates, memory = pilot.sequence(frames, target, applied)
+    remembered = torch.zeros(2, memory.shape[1])
+    for step in range(5):
+        given = frames[:, step].flatten(1), target[:, step], applied[:, step], remembered
+        force, estimate, remembered = pilot(*given)
+        torch.testing.assert_close(forces[:, step], force)
+        torch.testing.assert_close(estimates[:, step], estimate)
+    torch.testing.assert_close(memory, remembered)
+
+
+def test_a_round_flies_what_is_hard(tmp_path: Path):
+    """Three in four of the transits are blocked; they are of training seeds, and others each round."""
+    bundle = write_policy(tmp_path / "bundle", Counting())
+    settings = DaggerSettings(flights=40)
+    first = dagger_flights(load_scenario(), bundle, settings, 1)
+    second = dagger_flights(load_scenario(), bundle, settings, 2)
+    numbers = [int(flight.name.rsplit("-", 1)[1]) for flight in first]
+    blocked = [number for number in numbers if number % 10 in (1, 4, 7)]
+    assert len(first) == len(set(numbers)) == 40
+    assert len(blocked) / 40 == pytest.approx(0.75, abs=0.1)
+    assert not {flight.name for flight in first} & {flight.name for flight in second}
+    assert all(int(flight.name.split("-")[0]) < 10_000 for flight in first + second)
+
+
+def test_data_must_be_a_collection(tmp_path: Path):
+    with pytest.raises(InputError, match="manifest"):
+        collected_scenario(tmp_path)
+
+
+# --- the whole, in small --------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def collected(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("pilot") / "data"
+    arguments = ("--transits", "12", "--seed", str(SEED), "--recovery", "full", "--workers", "1")
+    app(["collect", *arguments, "--out", str(out)], standalone_mode=False)
+    return out
+
+
+@pytest.fixture(scope="module")
+def trained(collected: Path) -> Path:
+    out = collected.parent / "pilot"
+    train_pilot(collected, out, quick(Settings()), workers=1)
+    return out
+
+
+@pytest.mark.slow
+def test_every_part_learns(trained: Path):
+    for part in ("coarse", "geometry", "motion", "filter", "guidance"):
+        with (trained / "curves" / f"{part}.csv").open() as file:
+            losses = [float(row["training_loss"]) for row in csv.DictReader(file)]
+        assert losses[-1] < (0.95 if part == "filter" else 0.5) * losses[0], part
+    report = json.loads((trained / "report.json").read_text())
+    figures = report["parts"]["training"]
+    assert figures["rmse_n"] < figures["zero_rmse_n"]
+
+
+@pytest.mark.slow
+def test_the_bundle_arrives(trained: Path):
+    """On a transit that it was trained on: a minute of training on twelve flights."""
+    settings = {
+        "transit.seed": SEED,
+        "transit.index": 0,
+        "policy.bundle": str(trained / "bundle"),
+        "log_ranges": False,
+    }
+    log = fly(load_scenario(None, settings), "policy")
+    assert log.summary["success_2km"], log.summary
+    assert log.summary["estimate_position_error_m_median"] < 500.0
+
+
+@pytest.mark.slow
+def test_run_again_it_ends_the_same(collected: Path, trained: Path):
+    policy = (trained / "bundle" / "policy.json").read_text()
+    told: list[str] = []
+    train_pilot(collected, trained, quick(Settings()), lambda done, text: told.append(text))
+    assert not [text for text in told if "epoch" in text]
+    model = json.loads(policy)["model_sha256"]
+    assert json.loads((trained / "bundle" / "policy.json").read_text())["model_sha256"] == model
+
+
+@pytest.mark.slow
+def test_dagger_learns_from_its_flights_and_goes_on_after_a_kill(
+    collected: Path, trained: Path, tmp_path: Path
+):
+    settings = DaggerSettings(rounds=1, flights=2, seed=SEED)
+    calls = 0
+
+    class KilledError(Exception):
+        pass
+
+    def kill(done: float, text: str) -> None:
+        nonlocal calls
+        calls += "labelling" in text
+        if calls:
+            raise KilledError
+
+    with pytest.raises(KilledError):
+        dagger(collected, trained, tmp_path, settings, kill, workers=1)
+    flown = sorted((tmp_path / "round-1" / "flights").glob("*.nc"))
+    written = [path.stat().st_mtime_ns for path in flown]
+    assert len(flown) == 2
+    report = dagger(collected, trained, tmp_path, settings, workers=1)
+    assert [path.stat().st_mtime_ns for path in flown] == written
+    row = report["rounds"][0]
+    states = sum(len(FlightLog.load(path).dataset["time"]) - 1 for path in flown)
+    assert row["flights"] == 2
+    assert row["labels"] >= states
+    _, before, origin = load_pilot(trained)
+    _, after, _ = load_pilot(tmp_path)
+    assert same(before, after, "geometry.")
+    assert not same(before, after, "guidance.network.")
+    scenario = load_scenario(None, {"policy.bundle": str(tmp_path / "bundle")})
+    assert np.isfinite(fly(scenario, "policy").dataset["policy_force"].values[:-1]).all()
+    assert settings_of(origin) == quick(Settings())
