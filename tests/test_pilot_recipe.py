@@ -88,7 +88,7 @@ def test_sequence_is_step_after_step():
 
 
 def test_a_round_flies_what_is_hard(tmp_path: Path):
-    """Three in four of the transits are blocked; they are of training seeds, and others each round."""
+    """Three in four of the transits are blocked; each round has others, all of training seeds."""
     bundle = write_policy(tmp_path / "bundle", Counting())
     settings = DaggerSettings(flights=40)
     first = dagger_flights(load_scenario(), bundle, settings, 1)
