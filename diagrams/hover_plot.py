@@ -19,8 +19,8 @@ def plot_hover(body: Body, scenario: Scenario, count: int = 121) -> Figure:
     """Thrust of hovering in the planes xy and xz, over the cube that transits are drawn from."""
     figure = Figure(figsize=(12.0, 5.4), layout="constrained")
     axes = figure.subplots(1, 2)
-    for ax, plane in zip(axes, ("xy", "xz"), strict=True):
-        image = draw_hover(ax, body, scenario, plane, count)
+    image = draw_hover(axes[0], body, scenario, "xy", count)
+    draw_hover(axes[1], body, scenario, "xz", count)
     label = "greatest force per axis (N)"
     figure.colorbar(image, ax=list(axes), label=label, shrink=0.85, pad=0.01)
     mass, limit = scenario.spacecraft.mass_kg, scenario.spacecraft.thrust_limit_n

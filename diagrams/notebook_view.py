@@ -47,7 +47,11 @@ def show_meshcat(meshcat: Meshcat, page: str | None = None, patience: float = _P
     Args:
       page: HTML to embed in that case; None: what the Meshcat shows now.
     """
-    from IPython.display import HTML, IFrame, display
+    from IPython.display import (  # pyright: ignore[reportMissingImports]
+        HTML,
+        IFrame,
+        display,
+    )
 
     before = meshcat.GetNumActiveConnections()
     shown = display(IFrame(meshcat.web_url(), "100%", _HEIGHT), display_id=True)
