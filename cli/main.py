@@ -25,6 +25,9 @@ app.command("shape")(shape.shape_command)
 app.command("train")(train.train_command)
 app.command("train-lidar")(train_lidar.train_lidar_command)
 
+_INTERRUPTED = 130
+_RESUMABLE = {"collect", "evaluate", "train", "train-lidar"}
+
 
 def main() -> None:
     """Runs the command line. Exit codes: 0 done, 1 not as wished, 2 bad input, 130 interrupted."""
@@ -34,9 +37,12 @@ def main() -> None:
         message = " ".join(str(error).splitlines())  # What YAML or HDF5 say may have several.
         print(f"proxops: error: {message}", file=sys.stderr)
         sys.exit(2)
-    except KeyboardInterrupt:
-        print("proxops: interrupted", file=sys.stderr)
-        sys.exit(130)
+    except SystemExit as end:
+        if end.code == _INTERRUPTED:  # Typer has caught the KeyboardInterrupt.
+            goes_on = len(sys.argv) > 1 and sys.argv[1] in _RESUMABLE
+            hint = "; run the same command again to go on" if goes_on else ""
+            print(f"proxops: interrupted{hint}", file=sys.stderr)
+        raise
     except BrokenPipeError:
         # Whoever read the output has gone; nothing more to say to anyone.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
