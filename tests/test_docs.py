@@ -127,7 +127,9 @@ def test_every_command_has_its_help() -> None:
 
 def test_files_of_the_paper_table_exist() -> None:
     table = PAGES["paper.md"].partition("## Its two diagrams")[0]
-    folders = {"paper_recipe.py": "training", "transit_split.py": "training"}
+    folders = {"replay.py": "diagrams"} | dict.fromkeys(
+        ("paper_recipe.py", "transit_split.py"), "training"
+    )
     paths = re.findall(r"`([\w/]+\.py)`", table)
     assert len(paths) > 10
     for path in paths:
