@@ -26,7 +26,6 @@ app.command("train")(train.train_command)
 app.command("train-lidar")(train_lidar.train_lidar_command)
 
 _INTERRUPTED = 130
-_RESUMABLE = {"collect", "evaluate", "train", "train-lidar"}
 
 
 def main() -> None:
@@ -39,14 +38,22 @@ def main() -> None:
         sys.exit(2)
     except SystemExit as end:
         if end.code == _INTERRUPTED:  # Typer has caught the KeyboardInterrupt.
-            goes_on = len(sys.argv) > 1 and sys.argv[1] in _RESUMABLE
-            hint = "; run the same command again to go on" if goes_on else ""
+            hint = "; run the same command again to go on" if _goes_on(sys.argv[1:2]) else ""
             print(f"proxops: interrupted{hint}", file=sys.stderr)
         raise
     except BrokenPipeError:
         # Whoever read the output has gone; nothing more to say to anyone.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(1)
+
+
+def _goes_on(name: list[str]) -> bool:
+    """Whether a command goes on where it was interrupted: its help says so."""
+    texts = {
+        command.name: " ".join((getattr(command.callback, "__doc__", "") or "").split())
+        for command in app.registered_commands
+    }
+    return any("Run it again to" in texts.get(word, "") for word in name)
 
 
 if __name__ == "__main__":

@@ -3,7 +3,8 @@
 A line of a page that starts with one of these is replaced:
 
 * `!ports NAME`: the drawing of ports in the docstring of `proxops.systems.NAME`.
-* `!help COMMAND`: what `proxops COMMAND --help` prints.
+* `!commands`: a section for each command, with its help.
+* `!help`: what `proxops --help` prints.
 * `!readme HEADING`: a section of README.md, without its heading.
 * `!file PATH`: a file of the repository, as code.
 * `!experiments PATH`: a Markdown file of the repository, without its title, headings a level down.
@@ -39,12 +40,18 @@ def _ports(name: str) -> str:
 
 
 def _help(command: str) -> str:
+    """Of a command, or of all of them if it is empty."""
     environment = {"COLUMNS": "100", "TERMINAL_WIDTH": "100", "NO_COLOR": "1", "TERM": "dumb"}
     found = CliRunner().invoke(app, [*command.split(), "--help"], env=environment)
     if found.exit_code:
         raise PluginError(f"proxops {command} --help: exit code {found.exit_code}")
     lines = [line.rstrip() for line in found.stdout.strip("\n").splitlines()]
     return "\n".join(["```text", *lines, "```"])
+
+
+def _commands(_: str) -> str:
+    names = [command.name or "" for command in app.registered_commands]
+    return "\n\n".join(f"## {name}\n\n{_help(name)}" for name in names)
 
 
 def _readme(heading: str) -> str:
@@ -83,6 +90,7 @@ def _modules(folder: str) -> str:
 
 
 _MAKERS = {
+    "commands": _commands,
     "experiments": _experiments,
     "file": _file,
     "help": _help,

@@ -119,12 +119,6 @@ def test_commands_are_understood(page: str, line: str) -> None:
         group.commands[name].make_context(name, arguments)
 
 
-def test_every_command_has_its_help() -> None:
-    names = {str(command.name) for command in app.registered_commands}
-    shown = re.findall(r"^!help (\S+)$", PAGES["reference/commands.md"], re.MULTILINE)
-    assert set(shown) == names
-
-
 def test_files_of_the_paper_table_exist() -> None:
     table = PAGES["paper.md"].partition("## Its two diagrams")[0]
     folders = {"replay.py": "diagrams"} | dict.fromkeys(
