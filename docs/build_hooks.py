@@ -115,7 +115,10 @@ def on_page_content(content, **_):
 
     def written(found: re.Match) -> str:
         display = "inline" if found[2] == "(" else "block"
-        return convert(html.unescape(found[3]), display=display)
+        made = convert(html.unescape(found[3]), display=display)
+        if "\\" in made:
+            raise PluginError(f"this equation was not understood: {found[3]}")
+        return made
 
     return _EQUATION.sub(written, content)
 
