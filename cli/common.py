@@ -43,11 +43,6 @@ def write_json(path: Path, content: typing.Any) -> None:
     write_whole(path, lambda name: name.write_text(text))
 
 
-def length_text(metres: float) -> str:
-    """In m below 1 km, else in km."""
-    return f"{metres:.2f} m" if abs(metres) < 1e3 else f"{metres / 1e3:.2f} km"
-
-
 def print_rows(title: str, rows: list[tuple[str, str]]) -> None:
     """A table of two columns."""
     table = Table(title=title, show_header=False, title_justify="left")

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import shlex
+import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -10,14 +11,14 @@ import typer
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from proxops.cli.common import check_folder, console, length_text, progress_bar, status, write_json
+from proxops.cli.common import check_folder, console, progress_bar, status, write_json
 from proxops.diagrams.body import load_body
-from proxops.diagrams.campaign import run_campaign, transit_flights
-from proxops.diagrams.scenario import load_scenario
+from proxops.diagrams.scenario import Scenario, load_scenario
 from proxops.diagrams.simulation import named_controller
 from proxops.diagrams.transits import draw_transit
 from proxops.systems.errors import InputError
-from proxops.training.evaluation import aggregate
+from proxops.training.evaluation_flights import fly_controllers, shown_logs
+from proxops.training.evaluation_table import figure_rows
 
 
 def evaluate_command(
@@ -25,7 +26,11 @@ def evaluate_command(
         Path | None, typer.Argument(help="Scenario file (YAML). Default: Kleopatra.")
     ] = None,
     controllers: Annotated[
-        str, typer.Option(help="Comma-separated: mpc, policy, pd, zero, MODULE:FACTORY.")
+        str,
+        typer.Option(
+            help="Comma-separated: mpc, policy[:BUNDLE], hybrid[:BUNDLE], pd[:BUNDLE], zero, "
+            "MODULE:FACTORY."
+        ),
     ] = "mpc",
     transits: Annotated[int, typer.Option(min=1, help="How many transits each flies.")] = 50,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the set of transits.")] = 10000,
@@ -33,7 +38,9 @@ def evaluate_command(
         list[str] | None,
         typer.Option("--set", help="Change a scenario value: key.subkey=value. Repeatable."),
     ] = None,
-    out: Annotated[Path, typer.Option(help="Folder for results.json.")] = Path("out/evaluation"),
+    out: Annotated[Path, typer.Option(help="Folder for results.json and the report.")] = Path(
+        "out/evaluation"
+    ),
     workers: Annotated[
         int | None, typer.Option(min=1, help="Processes. Default: one for each core.")
     ] = None,
@@ -42,13 +49,16 @@ def evaluate_command(
     ] = None,
     keep_logs: Annotated[bool, typer.Option(help="Keep every flight's log.")] = False,
 ) -> None:
-    """Fly a set of transits with each controller; write results.json.
+    """Fly a set of transits with each controller; write results.json, report.html and report.md.
 
-    Run it again to finish what was interrupted: no flight is flown twice.
+    policy:BUNDLE flies the policy of that folder, pd:BUNDLE a PD controller on the state that it
+    estimates. Run it again to finish what was interrupted: no flight is flown twice.
 
-    Example:
+    Examples:
 
       proxops evaluate --controllers mpc --transits 50 --seed 10000 --out out/mpc
+
+      proxops evaluate --controllers mpc,policy:out/paper/bundle,pd,zero --transits 50
     """
     names = [name.strip() for name in controllers.split(",") if name.strip()]
     if not names or len(set(names)) != len(names):
@@ -61,7 +71,6 @@ def evaluate_command(
         named_controller(name, wanted, body)
     for index in range(min(transits, 2)):  # One of each kind: clear, and blocked by the keep-out.
         draw_transit(seed, index, wanted, body)
-    flights = {name: transit_flights(wanted, name, seed, transits) for name in names}
     columns = (
         TextColumn("flying"),
         BarColumn(),
@@ -78,59 +87,39 @@ def evaluate_command(
             failures += not row["success"]
             bar.update(task, advance=1, description=f"{failures} without success")
 
-        everything = [flight for group in flights.values() for flight in group]
-        rows = run_campaign(
-            everything,
+        results = fly_controllers(
+            names,
+            wanted,
+            seed,
+            transits,
             out / "flights",
             keep_logs=keep_logs,
+            progress=tell,
             workers=workers,
             scheduler=scheduler,
-            progress=tell,
         )
-    results = {
-        name: aggregate(rows[k * transits : (k + 1) * transits]) for k, name in enumerate(names)
-    }
     write_json(out / "results.json", results)
-    _print(results, seed)
-    status.print(f"Wrote {out / 'results.json'}")
+    _print(results, wanted, seed)
+    # matplotlib takes a while to import.
+    from proxops.training.evaluation_report import Evaluation, evaluation_sections
+    from proxops.training.html_report import write_report
+
+    folder = out / ("flights" if keep_logs else "shown")
+    logs = shown_logs(
+        results, wanted, seed, folder, frames=keep_logs, workers=workers, scheduler=scheduler
+    )
+    title = f"{body.config.name}: {', '.join(names)}"
+    command = shlex.join(["proxops", *sys.argv[1:]])
+    evaluation = Evaluation(command, body.config.name, seed, wanted, results, logs)
+    write_report(out, title, evaluation_sections(evaluation))
+    status.print(f"Wrote results.json, report.html and report.md in {out}")
 
 
-def _success(result: dict) -> str:
-    return f"{round(result['success_rate'] * result['transits'])} of {result['transits']}"
-
-
-def _interval(result: dict) -> str:
-    low, high = result["success_rate_interval"]
-    return f"{100 * low:.1f} to {100 * high:.1f} %"
-
-
-_FIGURES: dict[str, Callable[[dict], str]] = {
-    "success": _success,
-    "success, 95 % interval": _interval,
-    "collisions": lambda result: str(result["collisions"]),
-    "keep-out violations": lambda result: str(result["keep_out_violations"]),
-    "least clearance": lambda result: length_text(result["min_clearance_m"]),
-    "end error, median (m)": lambda result: _text(result["terminal_position_error_m_median"]),
-    "end error, greatest (m)": lambda result: _text(result["terminal_position_error_m_max"]),
-    "end speed, greatest (m/s)": lambda result: _text(result["terminal_speed_m_s_max"], ".3f"),
-    "delta-v to arrival, median (m/s)": lambda result: _text(result["delta_v_m_s_median"]),
-    "arrival, median (s)": lambda result: _text(result["arrival_time_s_median"], ".0f"),
-    "controller, median (ms)": lambda result: _text(result["control_ms_median"], ".2f"),
-    "controller, greatest p99 of a flight (ms)": lambda result: _text(
-        result["control_ms_p99"], ".2f"
-    ),
-}
-
-
-def _print(results: dict, seed: int) -> None:
+def _print(results: dict[str, dict], scenario: Scenario, seed: int) -> None:
     table = Table(title=f"transits of seed {seed}", title_justify="left")
     table.add_column()
     for name in results:
         table.add_column(name, justify="right")
-    for label, tell in _FIGURES.items():
-        table.add_row(label, *(tell(result) for result in results.values()))
+    for label, cells in figure_rows(results, scenario.arrival):
+        table.add_row(label, *cells)
     console.print(table)
-
-
-def _text(value: float | None, form: str = ".1f") -> str:
-    return "–" if value is None else format(value, form)

@@ -14,14 +14,13 @@ from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
 
 from proxops.cli.common import (
     check_folder,
-    length_text,
     print_rows,
     progress_bar,
     status,
     write_json,
 )
 from proxops.diagrams.flight_log import FlightLog, differences, make_folder
-from proxops.diagrams.flight_summary import fallback_steps
+from proxops.diagrams.flight_summary import fallback_steps, length_text
 from proxops.diagrams.replay import write_replay
 from proxops.diagrams.scenario import load_scenario
 from proxops.diagrams.simulation import fly
@@ -34,7 +33,10 @@ def fly_command(
     ] = None,
     controller: Annotated[
         str | None,
-        typer.Option(help="mpc (the default), policy, pd, zero, or MODULE:FACTORY for your own."),
+        typer.Option(
+            help="mpc (the default), policy[:BUNDLE], hybrid[:BUNDLE], pd[:BUNDLE], zero, or "
+            "MODULE:FACTORY for your own."
+        ),
     ] = None,
     seed: Annotated[int | None, typer.Option(help="Seed of the set of transits.")] = None,
     transit: Annotated[int | None, typer.Option(help="Number of the transit in the set.")] = None,
@@ -138,7 +140,14 @@ def _table(log: FlightLog, summary: dict[str, Any]) -> list[tuple[str, str]]:
     if summary["control_ms_median"] is not None:
         median, p99 = summary["control_ms_median"], summary["control_ms_p99"]
         who = "MPC" if summary["mpc_solves"] else "policy"
+        if "agreement" in log.dataset:
+            who = "hybrid"
         rows.append((f"{who} step, median and p99", f"{median:.2f} ms, {p99:.2f} ms"))
+    if summary["policy_share"] > 0.0 and summary["policy_share_to_arrival"] is not None:
+        shares = [100.0 * summary[name] for name in ("policy_share", "policy_share_to_arrival")]
+        rows.append(
+            ("steps by the policy, and to arrival", f"{shares[0]:.1f} %, {shares[1]:.1f} %")
+        )
     if "estimate_position_error_m_median" in summary:
         median, p95 = (summary[f"estimate_position_error_m_{part}"] for part in ("median", "p95"))
         error = f"{length_text(median)}, {length_text(p95)}"

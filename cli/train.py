@@ -17,6 +17,7 @@ from proxops.systems.errors import InputError
 class Recipe(enum.StrEnum):
     """What is trained, and how."""
 
+    PROXOPS = "proxops"
     PAPER = "paper"
 
 
@@ -30,45 +31,53 @@ class Precision(enum.StrEnum):
 
 def train_command(
     data: Annotated[Path, typer.Argument(help="What `proxops collect` wrote.")],
-    recipe: Annotated[Recipe, typer.Option(help="paper: CNN, LSTM and MLP.")] = Recipe.PAPER,
-    epochs: Annotated[int | None, typer.Option(min=1, help="At most. Default: 40.")] = None,
+    recipe: Annotated[
+        Recipe,
+        typer.Option(
+            help="proxops: the pilot that fits returns to a learned surface; paper: CNN, LSTM, MLP."
+        ),
+    ] = Recipe.PROXOPS,
+    epochs: Annotated[
+        int | None, typer.Option(min=1, help="At most; of the guidance. Default: 24; paper: 40.")
+    ] = None,
     minutes: Annotated[
-        float | None, typer.Option(min=0.0, help="Budget of time. Default: epochs alone.")
+        float | None, typer.Option(min=0.0, help="Budget of time; paper only.")
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Of weights and order.")] = 0,
-    device: Annotated[str, typer.Option(help="cpu, cuda, mps, or auto: the best.")] = "auto",
+    device: Annotated[
+        str, typer.Option(help="cpu, cuda, mps, or auto: the best, for proxops the cpu.")
+    ] = "auto",
     precision: Annotated[Precision, typer.Option(help="Of the arithmetic.")] = Precision.FULL,
     out: Annotated[Path, typer.Option(help="Folder for the policy and its report.")] = Path(
         "out/policy"
     ),
+    workers: Annotated[
+        int | None, typer.Option(min=1, help="Processes for plans. Default: one for each core.")
+    ] = None,
     quick: Annotated[
-        bool, typer.Option(help="A small network, little data: in seconds, of no great use.")
+        bool, typer.Option(help="A small network, little data: soon done, of no great use.")
     ] = False,
 ) -> None:
     """Train a policy to say what the MPC says, from lidar frames and the goal.
 
-    Writes policy.ckpt, the curves of training as CSV and for TensorBoard, report.md, report.json,
-    forces.png, and bundle, which `proxops fly --controller policy --set policy.bundle=...`
-    flies. Run it again to go on after an interruption.
+    Writes the trained policy, the curves of training as CSV and for TensorBoard, report.md,
+    report.json, forces.png, and bundle, which `proxops fly --controller policy:OUT/bundle` flies.
+    Run it again to go on after an interruption.
 
-    Example:
+    Examples:
+
+      proxops train out/full --out out/pilot
 
       proxops train out/paper --recipe paper --out out/paper-policy
     """
     check_folder(out)
     try:
-        from proxops.training import paper_recipe  # torch takes a while to import.
+        from proxops.training import paper_recipe, pilot_recipe  # torch takes a while to import.
+        from proxops.training import pilot_settings as ours
     except ModuleNotFoundError as error:
         raise InputError(
             f"training needs {error.name}: run make train, or pip install 'proxops[train]'"
         ) from error
-    settings = paper_recipe.Settings(seed=seed, device=device, precision=precision.value)
-    if quick:
-        settings = paper_recipe.quick(settings)
-    schedule = replace(settings.schedule, minutes=minutes)
-    if epochs is not None:
-        schedule = replace(schedule, epochs=epochs)
-    settings = replace(settings, schedule=schedule)
     columns = (BarColumn(), TimeElapsedColumn(), TimeRemainingColumn())
     with progress_bar(*columns, TextColumn("{task.description}")) as bar:
         task = bar.add_task("", total=1.0)
@@ -76,14 +85,30 @@ def train_command(
         def tell(done: float, text: str) -> None:
             bar.update(task, completed=done, description=text)
 
-        report = paper_recipe.train_paper_policy(data, out, settings, tell)
-    _print(report)
-    status.print(
-        f"Wrote bundle, policy.ckpt, report.md, report.json, forces.png and curves in {out}"
-    )
+        if recipe == Recipe.PAPER:
+            settings = paper_recipe.Settings(seed=seed, device=device, precision=precision.value)
+            settings = paper_recipe.quick(settings) if quick else settings
+            schedule = replace(settings.schedule, minutes=minutes)
+            schedule = schedule if epochs is None else replace(schedule, epochs=epochs)
+            settings = replace(settings, schedule=schedule)
+            report = paper_recipe.train_paper_policy(data, out, settings, tell)
+        else:
+            if minutes is not None:
+                raise InputError("--minutes is of the paper's recipe: give --epochs, or --quick")
+            # Its networks are small: a CPU is as fast as anything.
+            device = "cpu" if device == "auto" else device
+            settings = ours.Settings(seed=seed, device=device, precision=precision.value)
+            settings = ours.quick(settings) if quick else settings
+            guidance = settings.guidance
+            guidance = guidance if epochs is None else replace(guidance, epochs=epochs)
+            settings = replace(settings, guidance=guidance)
+            report = pilot_recipe.train_pilot(data, out, settings, tell, workers)
+    print_report(report)
+    status.print(f"Wrote bundle, the trained policy, report.md, forces.png and curves in {out}")
 
 
-def _print(report: dict[str, Any]) -> None:
+def print_report(report: dict[str, Any]) -> None:
+    """Prints what a training came to."""
     run, test = report["training"], report["parts"]["test"]
     rows = [
         ("epochs, best", f"{run['epochs']}, {run['best_epoch'] + 1}"),

@@ -24,10 +24,14 @@ from proxops.diagrams.scenario import (
     dump_scenario,
     parse_scenario,
 )
-from proxops.diagrams.scenario_systems import load_policy
+from proxops.diagrams.scenario_systems import WITH_BUNDLE, bundle_of
 from proxops.diagrams.simulation import fly
 from proxops.systems.errors import InputError
 from proxops.systems.lidar_bundle import LidarBundle
+from proxops.systems.policy_bundle import PolicyBundle
+
+# Letters of a controller's name that are taken into that of a file.
+_LONGEST_LABEL = 60
 
 Row = dict[str, typing.Any]
 Describe = Callable[[FlightLog, Path | None], Row]
@@ -61,21 +65,34 @@ def made_with(scenario: Scenario, body: Body, controller: str) -> str:
     origin = f"proxops {metadata.version('proxops')}, body {body_sha256(body)}"
     if isinstance(scenario.lidar, LearnedLidarConfig):
         origin += f", lidar {LidarBundle.load(scenario.lidar.bundle).sha256}"
-    if controller == "policy":
-        origin += f", policy {load_policy(scenario).sha256}"
+    bundle = bundle_of(controller, scenario)
+    if bundle is not None:
+        origin += f", policy {PolicyBundle.load(bundle).sha256}"
     return origin
 
 
 def transit_flights(scenario: Scenario, controller: str, seed: int, count: int) -> list[Flight]:
     """Flights of transits 0 … count - 1 of a seed by one controller."""
     origin = made_with(scenario, load_body(scenario.body), controller)
-    label = "".join(letter if letter.isalnum() else "-" for letter in controller)
+    label = controller_label(controller)
     flights = []
     for index in range(count):
         transit = dc.replace(scenario.transit, seed=seed, index=index, start_m=None, goal_m=None)
         text = dump_scenario(dc.replace(scenario, transit=transit))
         flights.append(Flight(f"{label}-{seed}-{index:05d}", text, controller, origin))
     return flights
+
+
+def controller_label(controller: str) -> str:
+    """A controller's name as it may stand in a file's.
+
+    Paths that differ may look alike there, or be long: they end in a hash of the name.
+    """
+    plain = "".join(letter if letter.isalnum() else "-" for letter in controller)
+    kind, colon, _ = controller.partition(":")
+    if not (colon and kind in WITH_BUNDLE):
+        return plain
+    return f"{plain[:_LONGEST_LABEL]}-{hashlib.sha256(controller.encode()).hexdigest()[:8]}"
 
 
 def _summary(log: FlightLog, path: Path | None) -> Row:

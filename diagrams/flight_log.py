@@ -19,6 +19,7 @@ from proxops.diagrams.flight_summary import summarise
 from proxops.diagrams.scenario import Scenario, dump_scenario, parse_scenario
 from proxops.diagrams.typed_yaml import load_typed
 from proxops.systems.errors import InputError
+from proxops.systems.hybrid_selector import DecisionReason
 from proxops.systems.neural_policy import PolicyStatus
 from proxops.systems.plan import PlanReason, PlanStatus
 from proxops.systems.polyhedron import Polyhedron
@@ -36,6 +37,13 @@ VARIABLES: dict[str, tuple[tuple[str, ...], str, str]] = {
     "disturbance": (("axis",), "N", "applied less commanded force in K"),
     "kick": (("axis",), "m/s^2", "acceleration by a kick from this time on, until the next, in K"),
     "decision": ((), "1", "who flies: 0 the controller named, 1 the MPC, 2 the policy"),
+    "decision_reason": ((), "1", "why they fly: see flag_meanings; NaN: none decided"),
+    "agreement": ((), "1", "1 if the policy's force agrees with the MPC's; NaN: not compared"),
+    "force_difference": ((), "N", "size of the difference of both forces; NaN: not compared"),
+    "force_angle": ((), "rad", "angle that the gate compares; NaN: not compared, or a zero force"),
+    "check_clearance": ((), "m", "distance to the keep-out ellipsoid at a check; NaN: no check"),
+    "steps_to_check": ((), "1", "control steps from this one to the next check"),
+    "decision_time": ((), "s", "wall time of comparing and deciding"),
     "solve_time": ((), "s", "wall time of the MPC's step; NaN where it was not asked"),
     "solve_status": ((), "1", "0 solved, 1 last plan flown on, 2 braking; NaN: not asked"),
     "solve_reason": ((), "1", "why the MPC did so: see flag_meanings; NaN: not asked"),
@@ -49,11 +57,19 @@ _FLAGS: dict[str, type[IntEnum]] = {
     "solve_status": PlanStatus,
     "solve_reason": PlanReason,
     "policy_status": PolicyStatus,
+    "decision_reason": DecisionReason,
 }
+DECISION_VARIABLES = (
+    "decision_reason", "agreement", "force_difference", "force_angle", "check_clearance",
+    "steps_to_check", "decision_time",
+)  # fmt: skip
+"""Columns of `HybridSelector`'s record."""
 # Without these a file is no log; frames may be left out, the oldest logs have no reasons, and not
-# every flight has kicks or a policy, and not every policy an estimate.
+# every flight has kicks, a policy or a hybrid's decisions, and not every policy an estimate.
 _POLICY_VARIABLES = ("policy_time", "policy_status", "estimate")
-_OPTIONAL_VARIABLES = ("ranges", "solve_reason", "kick", *_POLICY_VARIABLES)
+_OPTIONAL_VARIABLES = (
+    "ranges", "solve_reason", "kick", *_POLICY_VARIABLES, *DECISION_VARIABLES,
+)  # fmt: skip
 _NEEDED_VARIABLES = ["time", *(name for name in VARIABLES if name not in _OPTIONAL_VARIABLES)]
 _NEEDED_VARIABLES += ["mesh_vertices", "mesh_facets"]
 _NEEDED_ATTRIBUTES = ["scenario", "body", "controller", "shape_sha256", "arrival_time_s"]
@@ -62,7 +78,7 @@ _NEEDED_ATTRIBUTES += ["collided", "keep_out_violations", "wall_s", "scenario_sh
 _NETWORKS = ("policy_sha256", "lidar_sha256")
 # Attributes that say how a flight ended.
 _OUTCOMES = ("arrival_time_s", "collided", "keep_out_violations")
-_WALL_TIMES = {"solve_time", "policy_time"}
+_WALL_TIMES = {"solve_time", "policy_time", "decision_time"}
 COORDINATES = {
     "component": ["x", "y", "z", "vx", "vy", "vz"],
     "axis": ["x", "y", "z"],

@@ -36,9 +36,9 @@ def summarise(log: FlightLog) -> dict[str, typing.Any]:
     lengths = np.clip(times[-1] - starts, 0.0, np.diff(times))
     until = np.clip((arrival if arrived else np.inf) - starts, 0.0, lengths)
     error = states[-1] - data["target"].values[-1]
-    asked = _asked_ms(log, "solve_time")
-    # Of the network where the MPC was never asked.
-    control_ms = asked if asked.size else _asked_ms(log, "policy_time")
+    control_ms = _control_ms(log)
+    by_policy = data["decision"].values[:-1] == 2
+    under_way = by_policy[times[:-1] < arrival] if arrived else by_policy
     collided = bool(attrs["collided"])
     violations = int(attrs["keep_out_violations"])
     in_time = arrived and arrival <= scenario.arrival.deadline_s
@@ -60,10 +60,12 @@ def summarise(log: FlightLog) -> dict[str, typing.Any]:
         "delta_v_m_s": float(thrust @ until),
         "hold_delta_v_m_s": float(thrust @ (lengths - until)),
         "steps": len(times) - 1,
-        "mpc_solves": int(asked.size),
-        "policy_share": float(np.mean(data["decision"].values[:-1] == 2)),
+        "mpc_solves": int(np.isfinite(data["solve_time"].values).sum()),
+        "policy_share": float(np.mean(by_policy)),
+        "policy_share_to_arrival": float(np.mean(under_way)) if under_way.size else None,
         "control_ms_median": float(np.median(control_ms)) if control_ms.size else None,
         "control_ms_p99": float(np.percentile(control_ms, 99)) if control_ms.size else None,
+        "control_ms_mean": float(np.mean(control_ms)) if control_ms.size else None,
         "wall_s": float(attrs["wall_s"]),
         "scenario_sha256": attrs["scenario_sha256"],
         "policy_sha256": attrs.get("policy_sha256"),
@@ -71,12 +73,14 @@ def summarise(log: FlightLog) -> dict[str, typing.Any]:
     }
 
 
-def _asked_ms(log: FlightLog, name: str) -> np.ndarray:
-    """Wall times in ms where there are any."""
-    if name not in log.dataset:
-        return np.zeros(0)
-    times = log.dataset[name].values * 1e3
-    return times[np.isfinite(times)]
+def _control_ms(log: FlightLog) -> np.ndarray:
+    """Wall times in ms of the steps that have any: of the whole controller.
+
+    That is what the MPC took where it was asked, the policy's network, and deciding between them.
+    """
+    names = ("solve_time", "policy_time", "decision_time")
+    parts = np.array([log.dataset[name].values for name in names if name in log.dataset])
+    return 1e3 * np.nansum(parts[:, np.isfinite(parts).any(axis=0)], axis=0)
 
 
 def _estimate_errors(log: FlightLog) -> dict[str, float]:
@@ -107,6 +111,11 @@ def fallback_steps(log: FlightLog) -> dict[str, int]:
                 text = f"{PlanStatus(int(status)).name}: {PlanReason(int(reason)).name}"
                 counts[text.lower().replace("_", " ")] += 1
     return counts
+
+
+def length_text(metres: float) -> str:
+    """In m below 1 km, else in km."""
+    return f"{metres:.2f} m" if abs(metres) < 1e3 else f"{metres / 1e3:.2f} km"
 
 
 def dense_positions(times: np.ndarray, states: np.ndarray) -> np.ndarray:

@@ -9,6 +9,7 @@ from proxops.diagrams.scenario_checks import check_scenario
 from proxops.diagrams.scenario_config import (
     ArrivalConfig,
     ForceNoiseConfig,
+    HybridConfig,
     KicksConfig,
     LearnedLidarConfig,
     LidarConfig,
@@ -31,6 +32,7 @@ from proxops.diagrams.typed_yaml import (
 __all__ = [
     "ArrivalConfig",
     "ForceNoiseConfig",
+    "HybridConfig",
     "KicksConfig",
     "LearnedLidarConfig",
     "LidarConfig",

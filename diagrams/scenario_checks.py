@@ -7,6 +7,8 @@ import typing
 import numpy as np
 
 from proxops.diagrams.scenario_config import LidarConfig, Scenario
+from proxops.systems.agreement_gates import GateKind
+from proxops.systems.check_schedule import PeriodRule
 from proxops.systems.errors import InputError
 
 # What the expert may minimise.
@@ -51,7 +53,8 @@ def check_scenario(scenario: Scenario, source: str = "scenario") -> None:
         each("lidar", ("hit_probability",), lambda value: value < 1, "must be below 1")
     need(scenario.policy.bundle != "", "policy.bundle", "must name the bundle's folder, or be null")
     positive("lidar", "max_range_m", "planes", "rays")
-    not_negative("lidar", "noise_std_m", "dropout", "false_returns")
+    not_negative("lidar", "noise_std_m", "dropout", "false_returns", "attitude_error_deg")
+    each("lidar", ("attitude_error_deg",), lambda value: value <= 180, "must be at most 180")
     each("lidar", ("bias_m",), lambda value: True, "must be finite")
     each("lidar", ("scale_error",), lambda value: value > -1, "must be above -1")
     chances = ("dropout", "false_returns")
@@ -75,6 +78,21 @@ def check_scenario(scenario: Scenario, source: str = "scenario") -> None:
         f"must be from 0 to control_period_s, got {scenario.mpc.solve_delay_s}",
     )
     not_negative("mpc", "keep_out_margin_m", "fuel_weight")
+    hybrid = scenario.hybrid
+    for name, values in (("gate", list(GateKind)), ("period_rule", list(PeriodRule))):
+        value = getattr(hybrid, name)
+        need(value in values, f"hybrid.{name}", f"must be {' or '.join(values)}, got {value!r}")
+    not_negative(
+        "hybrid", "epsilon_magnitude_n", "epsilon_angle_deg", "dead_band_n",
+        "state_noise_position_m", "state_noise_velocity_m_s",
+    )  # fmt: skip
+    positive("hybrid", "check_period", "shortest_period", "reach_share")
+    each("hybrid", ("reach_share",), lambda value: value <= 1, "must be at most 1")
+    need(
+        hybrid.longest_period >= hybrid.shortest_period,
+        "hybrid.longest_period",
+        f"must be at least shortest_period, {hybrid.shortest_period}, got {hybrid.longest_period}",
+    )
     if scenario.disturbance is not None:
         positive("disturbance", "reset_period_s")
         not_negative("disturbance", "max_relative_magnitude", "increment_std_n")

@@ -37,6 +37,8 @@ class LidarConfig:
     dropout: float = 0.0
     # Chance that a ray is answered from a random range where there is nothing.
     false_returns: float = 0.0
+    # All rays are turned by this angle, about an axis drawn from noise_seed, and nobody knows.
+    attitude_error_deg: float = 0.0
 
 
 @dc.dataclass
@@ -68,6 +70,7 @@ class LearnedLidarConfig:
     scale_error: float = 0.0
     dropout: float = 0.0
     false_returns: float = 0.0
+    attitude_error_deg: float = 0.0
     # A ray returns if the network gives its hit at least this probability.
     hit_probability: float = 0.5
 
@@ -111,6 +114,33 @@ class PolicyConfig:
     # Folder that `proxops train` wrote; in a file relative to it, else to where one is. null: the
     # policy that ships with proxops.
     bundle: str | None = None
+
+
+@dc.dataclass
+class HybridConfig:
+    """The policy, watched over by the MPC: see `proxops.systems.HybridSelector`."""
+
+    # How both forces are compared: strict, paper or printed (`proxops.systems.AgreementGate`).
+    gate: str = "strict"
+    # They agree if they are nearer to each other than this, or, as the gate has it, if their
+    # directions are.
+    epsilon_magnitude_n: float = 1.0
+    epsilon_angle_deg: float = 10.0
+    # strict: a smaller force has no direction.
+    dead_band_n: float = 0.2
+    # From check to check: fixed, or adaptive (`proxops.systems.CheckSchedule`).
+    period_rule: str = "fixed"
+    # Control steps from one check to the next; adaptive: at first.
+    check_period: int = 10
+    # adaptive: control steps that the MPC flies after a disagreement, and the longest period.
+    shortest_period: int = 3
+    longest_period: int = 100
+    # adaptive: the period is at most this share of the time in which the keep-out ellipsoid is out
+    # of reach, whatever the thrusters do.
+    reach_share: float = 1.0
+    # Standard deviations per axis of errors in the state that the MPC is given.
+    state_noise_position_m: float = 0.0
+    state_noise_velocity_m_s: float = 0.0
 
 
 @dc.dataclass
@@ -197,6 +227,7 @@ class Scenario:
     lidar: LidarConfig | LearnedLidarConfig = dc.field(default_factory=LidarConfig)
     mpc: MpcConfig = dc.field(default_factory=MpcConfig)
     policy: PolicyConfig = dc.field(default_factory=PolicyConfig)
+    hybrid: HybridConfig = dc.field(default_factory=HybridConfig)
     # None: the command is applied as it is.
     disturbance: RandomWalkDisturbanceConfig | None = None
     # None: no noise is added after that.

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
 from proxops.assets import ASSETS
 from proxops.diagrams.body import Body
+from proxops.diagrams.estimate_feedback import EstimateFeedback
 from proxops.diagrams.scenario import LidarConfig, Scenario
 from proxops.systems import (
     ErrorWeights,
@@ -19,7 +21,6 @@ from proxops.systems import (
     NeuralPolicy,
     PlanarLidar,
     PointMassField,
-    PolicyBundle,
     ProportionalDerivative,
     TransitLimits,
     TransitProgram,
@@ -61,30 +62,45 @@ def make_controller(scenario: Scenario, body: Body) -> ModelPredictiveController
     )
 
 
-def load_policy(scenario: Scenario) -> PolicyBundle:
-    """The bundle of the policy that the scenario names.
+WITH_BUNDLE = ("policy", "hybrid", "pd")
+"""Controllers that fly a policy, or may, and may be told its bundle's folder: `policy:out/bundle`.
+"""
+
+
+def bundle_of(name: str, scenario: Scenario) -> Path | None:
+    """Folder of the policy's bundle that the controller of a name flies; None: it flies none.
+
+    `policy` and `hybrid` fly the scenario's, `pd` none. A path after a colon is relative to the
+    working directory.
 
     Raises:
-      InputError: there is none, or it is damaged.
+      InputError: no policy is named, and none ships.
     """
+    kind, colon, path = name.partition(":")
+    if kind not in WITH_BUNDLE or name == "pd":
+        return None
+    return Path(path) if colon else _scenario_bundle(scenario)
+
+
+def _scenario_bundle(scenario: Scenario) -> Path:
     if scenario.policy.bundle is not None:
-        return PolicyBundle.load(scenario.policy.bundle)
+        return Path(scenario.policy.bundle)
     if not _SHIPPED_POLICY.is_dir():
         raise InputError(
             "no policy ships with this proxops: make one with proxops train, and name its bundle "
             "with --set policy.bundle=FOLDER"
         )
-    return PolicyBundle.load(_SHIPPED_POLICY)
+    return _SHIPPED_POLICY
 
 
-def make_policy(scenario: Scenario, body: Body) -> NeuralPolicy:
-    """The learned policy that the scenario names.
+def make_policy(bundle: Path, scenario: Scenario, body: Body) -> NeuralPolicy:
+    """The learned policy of a bundle's folder.
 
     Raises:
       InputError: there is none, it is damaged, or for another body, lidar or control period.
     """
     return NeuralPolicy(
-        load_policy(scenario),
+        bundle,
         scenario.spacecraft.thrust_limit_n,
         scenario.control_period_s,
         scenario.lidar.planes,
@@ -99,6 +115,16 @@ def make_proportional_derivative(scenario: Scenario) -> ProportionalDerivative:
     return ProportionalDerivative(
         craft.mass_kg, craft.thrust_limit_n, craft.speed_limit_m_s, scenario.control_period_s
     )
+
+
+def make_estimate_feedback(bundle: Path, scenario: Scenario, body: Body) -> EstimateFeedback:
+    """The PD controller on the state that a bundle's policy estimates.
+
+    Raises:
+      InputError: as `make_policy`, or the policy makes no estimate.
+    """
+    policy = make_policy(bundle, scenario, body)
+    return EstimateFeedback(policy, make_proportional_derivative(scenario))
 
 
 def make_lidar(scenario: Scenario, body: Body, seed: int) -> PlanarLidar:
@@ -119,6 +145,7 @@ def make_lidar(scenario: Scenario, body: Body, seed: int) -> PlanarLidar:
         "scale_error": sensor.scale_error,
         "dropout": sensor.dropout,
         "false_returns": sensor.false_returns,
+        "attitude_error": np.radians(sensor.attitude_error_deg),
     }
     if isinstance(sensor, LidarConfig):
         return Lidar(body.shape, max_incidence=np.radians(sensor.max_incidence_deg), **common)

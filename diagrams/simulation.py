@@ -18,11 +18,15 @@ from pydrake.systems.framework import Context, Diagram, EventStatus, System
 from pydrake.systems.primitives import ConstantVectorSource, VectorLogSink
 
 from proxops.diagrams.body import Body, load_body
-from proxops.diagrams.flight_log import FlightLog, make_dataset
+from proxops.diagrams.estimate_feedback import EstimateFeedback
+from proxops.diagrams.flight_log import DECISION_VARIABLES, FlightLog, make_dataset
+from proxops.diagrams.hybrid_controller import HybridController, make_hybrid
 from proxops.diagrams.replay import PLAYBACK_SPEED, add_flight
 from proxops.diagrams.scenario import Scenario, dump_scenario
 from proxops.diagrams.scenario_systems import (
+    bundle_of,
     make_controller,
+    make_estimate_feedback,
     make_policy,
     make_proportional_derivative,
 )
@@ -39,17 +43,23 @@ _EVENT_ACCURACY = 1e-6
 # Longest step of the integration (s): gravity changes over some 100 s.
 _LONGEST_STEP = 10.0
 # What a controller is asked at control steps only.
-_ASKED = ("mpc_force", "mpc_record", "policy_force", "policy_record", "estimate")
+_ASKED = (
+    "mpc_force", "mpc_record", "policy_force", "policy_record", "estimate", "decision",
+    "decision_record",
+)  # fmt: skip
 
 Progress = Callable[[float, float], None]
 """Called now and then with the simulated time and the latest end, both in s."""
 
 
 def named_controller(name: str, scenario: Scenario, body: Body) -> System:
-    """The controller of a name: `mpc`, `policy`, `pd`, `zero`, or `MODULE:FACTORY` for your own.
+    """The controller of a name: `mpc`, `policy`, `hybrid`, `pd`, `zero`, or `MODULE:FACTORY`.
 
-    FACTORY is called as `factory(scenario, body)` and returns a System with the ports that
-    `make_transit_diagram` asks for. MODULE is looked for in the working directory too.
+    `policy:FOLDER` and `hybrid:FOLDER` fly the policy of that bundle, `pd:FOLDER` the PD controller
+    on the state that the policy of that bundle estimates, where `pd` knows the true one.
+
+    FACTORY, your own, is called as `factory(scenario, body)` and returns a System with the ports
+    that `make_transit_diagram` asks for. MODULE is looked for in the working directory too.
 
     Raises:
       InputError: an unknown name, no policy that fits, or a factory that cannot be imported or
@@ -57,8 +67,12 @@ def named_controller(name: str, scenario: Scenario, body: Body) -> System:
     """
     if name == "mpc":
         return make_controller(scenario, body)
-    if name == "policy":
-        return make_policy(scenario, body)
+    bundle = bundle_of(name, scenario)
+    if bundle is not None:
+        if name.startswith("pd"):
+            return make_estimate_feedback(bundle, scenario, body)
+        policy = make_policy(bundle, scenario, body)
+        return make_hybrid(scenario, body, policy) if name.startswith("hybrid") else policy
     if name == "pd":
         return make_proportional_derivative(scenario)
     if name == "zero":
@@ -66,7 +80,8 @@ def named_controller(name: str, scenario: Scenario, body: Body) -> System:
     module_name, colon, factory_name = name.partition(":")
     if not colon:
         raise InputError(
-            f"controller {name!r} is not known: use mpc, policy, pd, zero or MODULE:FACTORY"
+            f"controller {name!r} is not known: use mpc, policy, hybrid, pd, zero, one of "
+            "policy:FOLDER, hybrid:FOLDER and pd:FOLDER, or MODULE:FACTORY"
         )
     here = str(Path.cwd())
     sys.path.insert(0, here)
@@ -189,7 +204,7 @@ def _collect_log(
         state = craft.GetOutputPort("state").Eval(craft.GetMyContextFromRoot(context))
         columns["state"][-1] = state
         for name in _ASKED:
-            if name in columns:
+            if name in columns and name != "decision":
                 columns[name][-1] = np.nan
 
     blank = np.full((len(times), 3), np.nan)
@@ -199,8 +214,13 @@ def _collect_log(
     if "policy_record" in columns:
         record = columns.pop("policy_record")
         columns |= dict(zip(("policy_time", "policy_status"), record.T, strict=True))
-    pilot = 1 if "mpc_force" in columns else 2 if "policy_force" in columns else 0
-    columns["decision"] = np.full(len(times), pilot, dtype=np.int8)
+    if "decision_record" in columns:
+        record = columns.pop("decision_record")
+        columns |= dict(zip(DECISION_VARIABLES, record.T, strict=True))
+        columns["decision"] = columns["decision"][:, 0].astype(np.int8)
+    else:
+        pilot = 1 if "mpc_force" in columns else 2 if "policy_force" in columns else 0
+        columns["decision"] = np.full(len(times), pilot, dtype=np.int8)
     lidar = diagram.GetSubsystemByName("lidar")
     assert isinstance(lidar, PlanarLidar)
     if scenario.log_ranges:
@@ -229,6 +249,7 @@ def _collect_log(
     if isinstance(lidar, LearnedLidar):
         attributes["lidar_sha256"] = lidar.bundle.sha256
     for system in diagram.GetSystems():
-        if isinstance(system, NeuralPolicy):
+        flying = isinstance(system, NeuralPolicy | EstimateFeedback | HybridController)
+        if flying and system.bundle is not None:
             attributes["policy_sha256"] = system.bundle.sha256
     return FlightLog(make_dataset(columns, times, scenario, body, attributes), body)

@@ -14,7 +14,9 @@ from pydrake.systems.primitives import (
 )
 
 from proxops.diagrams.body import Body, load_body
+from proxops.diagrams.estimate_feedback import EstimateFeedback
 from proxops.diagrams.flight_summary import KEEP_OUT_TOLERANCE
+from proxops.diagrams.hybrid_controller import HybridController
 from proxops.diagrams.live_view import LiveView, add_live_view
 from proxops.diagrams.meshcat_scene import Scene
 from proxops.diagrams.scenario import Scenario
@@ -205,6 +207,11 @@ def make_transit_diagram(
         logged["policy_record"] = pilot.GetOutputPort("record")
         if pilot.bundle.estimates:
             logged["estimate"] = pilot.GetOutputPort("estimate")
+    if isinstance(pilot, EstimateFeedback):
+        logged["policy_record"] = pilot.GetOutputPort("record")
+        logged["estimate"] = pilot.GetOutputPort("estimate")
+    if isinstance(pilot, HybridController):
+        logged |= pilot.logged_ports()
     for name, port in logged.items():
         LogVectorOutput(port, builder, publish_period=period).set_name(f"log_{name}")
     if meshcat is not None:

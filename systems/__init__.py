@@ -1,11 +1,15 @@
 """The blocks of the diagram: plain numerics, and a thin Drake LeafSystem over each."""
 
+from proxops.systems.agreement_gates import AgreementGate, GateKind
+from proxops.systems.check_schedule import CheckSchedule, PeriodRule
 from proxops.systems.delayed_hold import DelayedHold
+from proxops.systems.enabled_value import EnabledValue
 from proxops.systems.equilibria import find_equilibria
 from proxops.systems.errors import InputError
 from proxops.systems.flight_monitor import FlightMonitor
 from proxops.systems.force_noise import ForceNoise
 from proxops.systems.gravity_field import Gravity, GravityField
+from proxops.systems.hybrid_selector import DecisionReason, HybridSelector
 from proxops.systems.learned_lidar import LearnedLidar
 from proxops.systems.lidar import Lidar, ray_directions
 from proxops.systems.lidar_bundle import LidarBundle
@@ -20,7 +24,9 @@ from proxops.systems.polyhedron import Polyhedron
 from proxops.systems.proportional_derivative import ProportionalDerivative
 from proxops.systems.random_walk_disturbance import RandomWalkDisturbance
 from proxops.systems.ray_caster import RayCaster, RayFan
+from proxops.systems.reach_time import ReachModel
 from proxops.systems.spacecraft import Spacecraft, Spacecraft_, jacobi_integral
+from proxops.systems.state_noise import StateNoise
 from proxops.systems.surface_maps import effective_field, plane_cut, surface_map
 from proxops.systems.thrusters import Thrusters
 from proxops.systems.transit_program import TransitProgram
@@ -28,19 +34,26 @@ from proxops.systems.velocity_kicks import VelocityKicks
 from proxops.systems.weighted_program import ErrorWeights, WeightedProgram
 
 __all__ = [
+    "AgreementGate",
+    "CheckSchedule",
+    "DecisionReason",
     "DelayedHold",
+    "EnabledValue",
     "ErrorWeights",
     "FlightMonitor",
     "ForceNoise",
+    "GateKind",
     "Gravity",
     "GravityField",
     "Horizon",
+    "HybridSelector",
     "InputError",
     "LearnedLidar",
     "Lidar",
     "LidarBundle",
     "ModelPredictiveController",
     "NeuralPolicy",
+    "PeriodRule",
     "Plan",
     "PlanReason",
     "PlanStatus",
@@ -55,8 +68,10 @@ __all__ = [
     "RandomWalkDisturbance",
     "RayCaster",
     "RayFan",
+    "ReachModel",
     "Spacecraft",
     "Spacecraft_",
+    "StateNoise",
     "Thrusters",
     "TransitLimits",
     "TransitProgram",

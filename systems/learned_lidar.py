@@ -10,7 +10,7 @@ import numpy as np
 from proxops.systems.errors import InputError
 from proxops.systems.lidar_bundle import LidarBundle
 from proxops.systems.lidar_errors import LidarErrors
-from proxops.systems.planar_lidar import PLANES, RAYS, PlanarLidar, TrueReturns
+from proxops.systems.planar_lidar import PLANES, RAYS, Caster, PlanarLidar, TrueReturns
 from proxops.systems.ray_chords import ChordFan
 
 
@@ -44,6 +44,7 @@ class LearnedLidar(PlanarLidar):
         scale_error: float = 0.0,
         dropout: float = 0.0,
         false_returns: float = 0.0,
+        attitude_error: float = 0.0,
         hit_probability: float = 0.5,
         shape_sha256: str | None = None,
     ):
@@ -58,7 +59,12 @@ class LearnedLidar(PlanarLidar):
             planes and rays or another body.
         """
         errors = LidarErrors(
-            noise_std, bias, scale_error, dropout=dropout, false_returns=false_returns
+            noise_std,
+            bias,
+            scale_error,
+            dropout=dropout,
+            false_returns=false_returns,
+            attitude_error=attitude_error,
         )
         super().__init__(errors, max_range, planes, rays, period, seed)
         if not 0.0 < hit_probability < 1.0:
@@ -75,12 +81,17 @@ class LearnedLidar(PlanarLidar):
                 f"{self.bundle.path} was trained on a body of another shape: train one on this body"
             )
         self._least_logit = math.log(hit_probability / (1.0 - hit_probability))
-        self._fan = ChordFan(self.bundle.centre, self.bundle.semi_axes, self.directions)
 
-    def true_returns(self, position: np.ndarray) -> TrueReturns:
-        """What the network takes the rays from a position (3,) in m in K to meet."""
-        chords = self._fan.chords(position[None])
-        logits, depths = self.bundle.predict(chords.ends)
-        hits = np.flatnonzero(logits >= self._least_logit)
-        ways = chords.starts[hits] + depths[hits].astype(np.float64) * chords.lengths[hits]
-        return TrueReturns(chords.rays[hits], ways)
+    def caster(self, directions: np.ndarray) -> Caster:
+        """What the network takes rays along unit directions (planes * rays, 3) in K to meet."""
+        # It knows a ray by its chord alone, so it answers for any direction.
+        fan = ChordFan(self.bundle.centre, self.bundle.semi_axes, directions)
+
+        def cast(position: np.ndarray) -> TrueReturns:
+            chords = fan.chords(position[None])
+            logits, depths = self.bundle.predict(chords.ends)
+            hits = np.flatnonzero(logits >= self._least_logit)
+            ways = chords.starts[hits] + depths[hits].astype(np.float64) * chords.lengths[hits]
+            return TrueReturns(chords.rays[hits], ways)
+
+        return cast

@@ -7,7 +7,14 @@ import math
 import numpy as np
 
 from proxops.systems.lidar_errors import LidarErrors, too_grazing
-from proxops.systems.planar_lidar import PLANES, RAYS, PlanarLidar, TrueReturns, ray_directions
+from proxops.systems.planar_lidar import (
+    PLANES,
+    RAYS,
+    Caster,
+    PlanarLidar,
+    TrueReturns,
+    ray_directions,
+)
 from proxops.systems.polyhedron import Polyhedron
 from proxops.systems.ray_caster import ray_caster
 
@@ -25,7 +32,8 @@ class Lidar(PlanarLidar):
     ```
 
     Ranges carry Gaussian noise, bias and scale error; returns are lost at grazing incidence and by
-    chance; rays are answered falsely by chance: see `lidar_errors`. What is random is a pure
+    chance; rays are answered falsely by chance; all rays may be turned a little from where they are
+    taken to point: see `lidar_errors`. What is random is a pure
     function of (seed, step), the seed a numeric parameter in the Context and the step the number
     of periods since time 0: the same Context gives the same frame, whatever was evaluated before.
     Outputs are computed when they are asked for, then cached.
@@ -46,6 +54,7 @@ class Lidar(PlanarLidar):
         max_incidence: float = math.pi / 2.0,
         dropout: float = 0.0,
         false_returns: float = 0.0,
+        attitude_error: float = 0.0,
     ):
         """Takes the mesh in K and the sensor's properties.
 
@@ -60,20 +69,29 @@ class Lidar(PlanarLidar):
           max_incidence: a surface met at a greater angle from its normal, in rad, returns nothing.
           dropout: chance that a return is lost.
           false_returns: chance that a ray is answered from a random range, up to `max_range`.
+          attitude_error: angle in rad by which the rays are turned from their nominal directions,
+            about an axis drawn from the seed.
 
         Raises:
           InputError: a property that no lidar has.
         """
-        errors = LidarErrors(noise_std, bias, scale_error, max_incidence, dropout, false_returns)
+        errors = LidarErrors(
+            noise_std, bias, scale_error, max_incidence, dropout, false_returns, attitude_error
+        )
         super().__init__(errors, max_range, planes, rays, period, seed)
         self._normals = shape.normals
-        self._fan = ray_caster(shape).fan(self.directions)
+        self._rays = ray_caster(shape)
 
-    def true_returns(self, position: np.ndarray) -> TrueReturns:
-        """What the rays from a position (3,) in m in K meet, without errors, at any range."""
-        _, rays, distances, facets = self._fan.hits(position[None])
-        grazing = None
-        if self.errors.max_incidence < math.pi / 2.0:
-            normals, directions = self._normals[facets], self.directions[rays]
-            grazing = too_grazing(normals, directions, self.errors.max_incidence)
-        return TrueReturns(rays, distances.astype(np.float64), grazing)
+    def caster(self, directions: np.ndarray) -> Caster:
+        """Casts rays along unit directions (planes * rays, 3) in K against the mesh."""
+        fan = self._rays.fan(directions)
+
+        def cast(position: np.ndarray) -> TrueReturns:
+            _, rays, distances, facets = fan.hits(position[None])
+            grazing = None
+            if self.errors.max_incidence < math.pi / 2.0:
+                normals = self._normals[facets]
+                grazing = too_grazing(normals, directions[rays], self.errors.max_incidence)
+            return TrueReturns(rays, distances.astype(np.float64), grazing)
+
+        return cast

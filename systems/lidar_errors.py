@@ -1,8 +1,9 @@
-"""What a lidar does to true ranges: noise, bias, scale, dropout and false returns.
+"""What a lidar does to true ranges: noise, bias, scale, dropout, false returns, misalignment.
 
 All that is random is a pure function of (seed, step). Each effect draws from a stream of its own,
 for every ray that truly returns (false returns: for every ray), so that switching one effect on
-or off leaves the numbers of the others as they are.
+or off leaves the numbers of the others as they are. The axis of a misalignment
+is a function of the seed alone: the mount stays as crooked as it is.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ import numpy as np
 from proxops.systems.counter_noise import generator
 from proxops.systems.errors import InputError
 
-NOISE_STREAM, DROPOUT_STREAM, FALSE_RETURN_STREAM = range(3)
+NOISE_STREAM, DROPOUT_STREAM, FALSE_RETURN_STREAM, ATTITUDE_STREAM = range(4)
 """Streams of `counter_noise.generator`."""
 
 
@@ -35,6 +36,8 @@ class LidarErrors:
     """Chance that a return is lost."""
     false_returns: float = 0.0
     """Chance that a ray is answered by nothing real, somewhere up to the maximum range."""
+    attitude_error: float = 0.0
+    """Angle in rad by which all rays are turned from where they are taken to point."""
 
     def __post_init__(self) -> None:
         """Raises `InputError` for errors that no lidar has."""
@@ -53,6 +56,8 @@ class LidarErrors:
         )
         need(0.0 <= self.dropout <= 1.0, "dropout from 0 to 1", self.dropout)
         need(0.0 <= self.false_returns <= 1.0, "false_returns from 0 to 1", self.false_returns)
+        turned = 0.0 <= self.attitude_error <= math.pi
+        need(turned, "attitude_error from 0 to pi", self.attitude_error)
 
 
 def measured_ranges(distances: np.ndarray, errors: LidarErrors, seed: int, step: int) -> np.ndarray:
@@ -95,3 +100,15 @@ def false_ranges(count: int, chance: float, max_range: float, seed: int, step: i
     """
     draws = generator(seed, step, FALSE_RETURN_STREAM).random((2, count))
     return np.where(draws[0] < chance, max_range * draws[1], np.inf)
+
+
+def misaligned(directions: np.ndarray, angle: float, seed: int) -> np.ndarray:
+    """Where rays of nominal unit directions (R, 3) truly point: all turned by `angle`, in rad.
+
+    The axis is drawn from the seed, uniform over the sphere. Rodrigues' rotation formula.
+    """
+    axis = generator(seed, 0, ATTITUDE_STREAM).standard_normal(3)
+    axis /= np.linalg.norm(axis)
+    along = (directions @ axis)[:, None] * axis
+    across = np.cross(axis, directions)
+    return along + math.cos(angle) * (directions - along) + math.sin(angle) * across

@@ -17,6 +17,9 @@ from proxops.systems.plan_memory import memory_size, packed, unpacked
 from proxops.systems.state_prediction import moved_by, predicted_state, unexplained_acceleration
 
 SOLVED, FLOWN_ON, BRAKING = PlanStatus
+# An old plan is linearised about again, up to so many times, until the first force changes by less
+# than this share of the thrust limit. Two or three times do, 1e-3 of the limit from the end of it.
+_MOST_FOR_OLD_PLAN, _SETTLED = 5, 1e-3
 # What the solver's result means for the log; whatever is not here is SOLVER_ERROR.
 _FAILURES = {
     SolutionResult.kInvalidInput: PlanReason.INPUT_NOT_FINITE,
@@ -40,7 +43,9 @@ class ModelPredictiveController(LeafSystem):
     All vectors are in K, in m, m/s and N. The command depends on the state and the target alone:
     the last plan, kept in the Context as discrete state and replaced every `period`, only says
     where to linearise first. It is linearised about once if it is one period old
-    and fits the state and target, and `cold_iterations` times if not, or if there is none.
+    and fits the state and target, and `cold_iterations` times if not, or if there is none. A plan
+    that is older, for the MPC was not asked in between, is shifted by its age and linearised about
+    up to five times, until the first force settles; if it doesn't, it counts as none.
 
     `enable`, if connected, gates the periodic update: while it is 0, nothing is solved unless an
     output is asked for.
@@ -205,6 +210,8 @@ class ModelPredictiveController(LeafSystem):
             reason, iterations = PlanReason.SOLVED_ABOUT_LAST_PLAN, 1
         try:
             try:
+                if last is not None and reason == PlanReason.SOLVED_ANEW_PLAN_TOO_OLD:
+                    return self._solve_about_old_plan(state, target, last, age, push), reason
                 return solve(state, target, last, age, iterations, push), reason
             except SolverFailure:
                 if last is None:
@@ -214,6 +221,20 @@ class ModelPredictiveController(LeafSystem):
                 return plan, PlanReason.SOLVED_ANEW_AFTER_FAILURE
         except SolverFailure as failure:
             return None, _FAILURES.get(failure.result, PlanReason.SOLVER_ERROR)
+
+    def _solve_about_old_plan(
+        self, state: np.ndarray, target: np.ndarray, last: Plan, age: float, push: np.ndarray
+    ) -> Plan:
+        """A plan in few iterations if the last one, shifted, leads there; else as without one."""
+        iterations = self.cold_iterations
+        plan, due = last, last.forces_at(np.array([age]))[0]
+        for count in range(1, min(_MOST_FOR_OLD_PLAN, iterations) + 1):
+            plan = self.program.solve(state, target, plan, age, 1, push)
+            change = np.abs(plan.forces[0] - due).max()
+            if change < _SETTLED * self.program.limits.thrust:
+                return dataclasses.replace(plan, iterations=count)
+            due, age = plan.forces[0], 0.0
+        return self.program.solve(state, target, None, 0.0, iterations, push)
 
     def _fallback(self, state: np.ndarray, last: Plan | None, age: float) -> Plan:
         """The last plan shifted, or without one, braking."""

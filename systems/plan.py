@@ -30,7 +30,7 @@ class PlanReason(IntEnum):
     SOLVED_ANEW_NO_PLAN = 1
     """As often as without a recent plan: there is none."""
     SOLVED_ANEW_PLAN_TOO_OLD = 2
-    """The last plan is more than a step old."""
+    """The last plan is more than a step old: as often as it takes to settle."""
     SOLVED_ANEW_PLAN_ELSEWHERE = 3
     """The state or the target is not where the last plan has it."""
     SOLVED_ANEW_AFTER_FAILURE = 4

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -16,6 +18,7 @@ from proxops.systems.lidar_errors import (
     false_ranges,
     lost_by_chance,
     measured_ranges,
+    misaligned,
 )
 
 PLANES = 12
@@ -45,11 +48,15 @@ class TrueReturns(NamedTuple):
     """(K,) bool: met too flatly to return anything. None: no ray is."""
 
 
+Caster = Callable[[np.ndarray], TrueReturns]
+"""What a fan of rays meets from a position (3,) in m in K, without errors, at any range."""
+
+
 class PlanarLidar(LeafSystem):
     """Planar lidars on a spacecraft whose axes are held to those of the body-fixed frame K.
 
-    A kind of lidar says in `true_returns` which rays meet the body, and how far away; this class
-    gives it the ports and the errors that `Lidar` describes.
+    A kind of lidar says in `caster` which rays meet the body, and how far away; this class gives it
+    the ports and the errors that `Lidar` describes.
     """
 
     def __init__(
@@ -81,6 +88,9 @@ class PlanarLidar(LeafSystem):
         self.max_range, self.period = max_range, period
         self.planes, self.rays, self.seed = planes, rays, seed
         self.directions = ray_directions(planes, rays)
+        """Where the rays are taken to point; with an attitude error they don't."""
+        # A pure function of the seed, kept because a fan takes longer to make than to cast.
+        self._caster_of = functools.lru_cache(maxsize=2)(self._make_caster)
         self._seed_index = self.DeclareNumericParameter(BasicVector([float(seed)]))
         self._position_port = self.DeclareVectorInputPort(name="position", size=3)
         seeded = self.numeric_parameter_ticket(NumericParameterIndex(self._seed_index))
@@ -97,9 +107,22 @@ class PlanarLidar(LeafSystem):
             prerequisites_of_calc={self._position_port.ticket(), self.time_ticket(), seeded},
         )
 
-    def true_returns(self, position: np.ndarray) -> TrueReturns:
-        """What the rays from a position (3,) in m in K meet, without errors, at any range."""
+    def caster(self, directions: np.ndarray) -> Caster:
+        """What casts rays along unit directions (planes * rays, 3) in K."""
         raise NotImplementedError
+
+    def true_returns(self, position: np.ndarray, seed: int | None = None) -> TrueReturns:
+        """What the rays from a position (3,) in m in K meet, at any range and without noise.
+
+        Args:
+          seed: of the misalignment, if there is one; None: the default one.
+        """
+        turned = self.errors.attitude_error > 0.0
+        return self._caster_of((self.seed if seed is None else seed) if turned else 0)(position)
+
+    def _make_caster(self, seed: int) -> Caster:
+        angle = self.errors.attitude_error
+        return self.caster(misaligned(self.directions, angle, seed) if angle else self.directions)
 
     def set_seed(self, context, seed: int) -> None:
         """Sets the noise's seed in this system's Context."""
@@ -120,7 +143,7 @@ class PlanarLidar(LeafSystem):
     def _ranges(self, position: np.ndarray, seed: int, step: int) -> np.ndarray:
         """The frame (planes * rays,) in m, float64."""
         errors = self.errors
-        rays, distances, grazing = self.true_returns(position)
+        rays, distances, grazing = self.true_returns(position, seed)
         near = distances <= self.max_range
         # Drawn for all that is in range, before any is lost: dropout leaves the noise as it is.
         found = measured_ranges(distances[near], errors, seed, step)

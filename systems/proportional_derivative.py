@@ -32,7 +32,8 @@ class ProportionalDerivative(LeafSystem):
     gains m k λ and m k whose proportional part asks for no more than the speed limit. Along
     velocity = λ e braking takes at most half of the thrust limit. The law knows neither gravity
     nor the body: it hovers beside the goal, as far off as the proportional part needs to hold the
-    weight, and flies straight through what lies in its way.
+    weight, and flies straight through what lies in its way. Where the state is not finite, for
+    instance an estimate that there is none of, it commands no force.
     """
 
     def __init__(self, mass: float, thrust_limit: float, speed_limit: float, period: float = 10.0):
@@ -63,6 +64,9 @@ class ProportionalDerivative(LeafSystem):
 
     def _calc_force(self, context, output):
         error = self._target_port.Eval(context) - self._state_port.Eval(context)
+        if not np.isfinite(error).all():
+            output.SetFromVector(np.zeros(3))
+            return
         approach = np.clip(self.rate * error[:3], -self.speed_limit, self.speed_limit)
         wanted = self.gain * (approach + error[3:])
         output.SetFromVector(np.clip(wanted, -self.thrust_limit, self.thrust_limit))

@@ -21,7 +21,7 @@ from proxops.diagrams.scenario import Scenario, parse_scenario
 from proxops.diagrams.transits import transit_set
 from proxops.systems import InputError
 
-WALL_TIMES = {"wall_s", "control_ms_median", "control_ms_p99"}
+WALL_TIMES = {"wall_s", "control_ms_median", "control_ms_p99", "control_ms_mean"}
 
 
 def brief() -> Scenario:

@@ -14,10 +14,10 @@ from short_flights import blob, kleopatra, kleopatra_flight, short_scenario, wri
 from synthetic_log import synthetic_log
 from test_flight_log import SUMMARY
 
-from proxops.cli.common import length_text
 from proxops.cli.fly import _table
 from proxops.cli.main import main
 from proxops.diagrams.flight_log import FlightLog, differences
+from proxops.diagrams.flight_summary import length_text
 
 BRIEF = ["--set", "arrival.deadline_s=100", "--set", "arrival.dwell_s=50", "--set", "mpc.knots=10"]
 SHORT = [

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.stats import binomtest
 
-from proxops.training.evaluation import aggregate, wilson_interval
+from proxops.training.evaluation import aggregate, delta_v_pairs, wilson_interval
 
 
 @pytest.mark.parametrize("trials", [1, 2, 7, 50, 1000])
@@ -49,7 +49,8 @@ def row(**changes: Any) -> dict[str, Any]:
         "collided": False, "keep_out_violations": 0, "min_clearance_m": 3000.0,
         "terminal_position_error_m": 1.0, "terminal_speed_m_s": 0.1, "arrival_time_s": 4000.0,
         "delta_v_m_s": 150.0, "hold_delta_v_m_s": 10.0, "steps": 460, "mpc_solves": 460,
-        "policy_share": 0.0, "control_ms_median": 4.0, "control_ms_p99": 8.0, "wall_s": 3.0,
+        "policy_share": 0.0, "control_ms_median": 4.0, "control_ms_p99": 8.0,
+        "control_ms_mean": 5.0, "policy_share_to_arrival": 0.0, "wall_s": 3.0,
         "scenario_sha256": "0" * 64, "policy_sha256": None,
     }  # fmt: skip
     return figures | changes
@@ -64,7 +65,7 @@ def test_aggregate() -> None:
             transit=3, success=False, success_2km=True, keep_out_violations=2,
             terminal_position_error_m=1500.0, arrival_time_s=None, delta_v_m_s=999.0,
             min_clearance_m=-40.0, policy_share=1.0, mpc_solves=0, control_ms_median=None,
-            control_ms_p99=None,
+            control_ms_p99=None, control_ms_mean=None, policy_share_to_arrival=1.0,
         ),
         row(
             transit=4, success=False, success_2km=False, collided=True, keep_out_violations=1,
@@ -77,6 +78,8 @@ def test_aggregate() -> None:
     assert found["success_rate"] == 0.6
     assert found["success_rate_interval"] == wilson_interval(3, 5)
     assert found["success_rate_2km"] == 0.8
+    assert found["success_rate_2km_interval"] == wilson_interval(4, 5)
+    assert not [name for name in found if name.startswith("expert")]
     assert found["collisions"] == 1
     assert found["keep_out_violations"] == 3
     assert found["min_clearance_m"] == -2e4
@@ -89,18 +92,23 @@ def test_aggregate() -> None:
     assert found["delta_v_m_s_median"] == 150.0
     assert found["delta_v_m_s_mean"] == pytest.approx(500.0 / 3.0)
     assert found["policy_share"] == 0.2
+    assert found["policy_share_to_arrival"] == 0.2
     assert found["mpc_solves"] == 460 * 3 + 10
+    assert found["control_ms_mean"] == 5.0
     assert found["control_ms_median"] == 4.0
     assert found["control_ms_p99"] == 30.0
     assert found["flights"] == rows
 
 
 def test_nobody_arrives_and_nobody_asks_the_mpc() -> None:
-    nothing = {"arrival_time_s": None, "control_ms_median": None, "control_ms_p99": None}
+    nothing = {
+        "arrival_time_s": None, "control_ms_median": None, "control_ms_p99": None,
+        "control_ms_mean": None,
+    }  # fmt: skip
     found = aggregate([row(success=False, success_2km=False, mpc_solves=0, **nothing)])
     assert found["success_rate"] == 0.0
     for name in ("arrival_time_s_median", "delta_v_m_s_median", "delta_v_m_s_mean",
-                 "control_ms_median", "control_ms_p99"):  # fmt: skip
+                 "control_ms_median", "control_ms_p99", "control_ms_mean"):  # fmt: skip
         assert found[name] is None
     numbers = [value for value in found.values() if isinstance(value, float)]
     assert not any(math.isnan(value) for value in numbers)
@@ -126,3 +134,40 @@ def test_controllers_without_the_mpc() -> None:
 def test_one_row_for_each_flight_is_kept_as_it_is() -> None:
     rows = [row(transit=k, wall_s=float(np.pi * k)) for k in range(3)]
     assert aggregate(rows)["flights"] == rows
+
+
+# --- against the expert ---------------------------------------------------------------------------
+
+
+def test_delta_v_against_the_expert_on_the_same_transits() -> None:
+    """Only where both succeeded: who gives up must not look thrifty, nor who cuts a corner."""
+    expert = [row(transit=k, delta_v_m_s=100.0 + 50.0 * k) for k in range(6)]
+    expert[2] = row(transit=2, success=False, delta_v_m_s=1.0)
+    rows = [row(transit=k, delta_v_m_s=value) for k, value in enumerate(
+        (110.0, 300.0, 220.0, 5.0, 330.0, 700.0)
+    )]  # fmt: skip
+    rows[3] |= {"success": False, "arrival_time_s": None}
+    rows[4] |= {"success": False, "keep_out_violations": 1}
+    found = aggregate(rows, expert)
+    assert found["expert_pairs"] == 3
+    assert found["expert_delta_v_ratio_median"] == pytest.approx(2.0)  # Of 1.1, 2.0 and 2.0.
+    assert found["expert_delta_v_ratio"] == pytest.approx(1110.0 / 600.0)
+    np.testing.assert_array_equal(
+        delta_v_pairs(rows, expert), [[110.0, 100.0], [300.0, 150.0], [700.0, 350.0]]
+    )
+
+
+def test_nothing_to_compare() -> None:
+    found = aggregate([row(success=False)], [row()])
+    assert found["expert_pairs"] == 0
+    assert found["expert_delta_v_ratio"] is found["expert_delta_v_ratio_median"] is None
+    at_the_goal = aggregate([row(delta_v_m_s=0.0)], [row(delta_v_m_s=0.0)])
+    assert at_the_goal["expert_pairs"] == 0
+
+
+def test_other_transits_are_not_compared() -> None:
+    for other in (row(transit=1), row(seed=2)):
+        with pytest.raises(ValueError, match="other transits"):
+            aggregate([row()], [other])
+    with pytest.raises(ValueError, match="zip"):
+        aggregate([row()], [])

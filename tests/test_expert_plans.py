@@ -10,7 +10,8 @@ from proxops.diagrams.scenario import load_scenario
 from proxops.diagrams.scenario_systems import make_controller
 from proxops.systems import InputError
 from proxops.systems.ellipsoid import clearances
-from proxops.training.expert_plans import expert_plans, labels_of, transit_plans
+from proxops.training.expert_plans import expert_plans, transit_plans
+from proxops.training.label_files import labels_of
 
 
 def test_the_force_at_a_knot_is_what_the_expert_commands_there():

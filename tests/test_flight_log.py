@@ -35,13 +35,17 @@ from proxops.systems import InputError, TransitProgram
 from proxops.systems.errors import SolverFailure
 
 SIZES = {"component": 6, "axis": 3, "plane": 12, "ray": 360}
-# Of flights with kicks, or with a policy.
-SOMETIMES = ("kick", "policy_time", "policy_status", "estimate")
+# Of flights with kicks, with a policy, or of a hybrid.
+SOMETIMES = (
+    "kick", "policy_time", "policy_status", "estimate", "decision_reason", "agreement",
+    "force_difference", "force_angle", "check_clearance", "steps_to_check", "decision_time",
+)  # fmt: skip
 SUMMARY = [
     "controller", "seed", "transit", "success", "success_2km", "collided", "keep_out_violations",
     "min_clearance_m", "terminal_position_error_m", "terminal_speed_m_s", "arrival_time_s",
-    "delta_v_m_s", "hold_delta_v_m_s", "steps", "mpc_solves", "policy_share", "control_ms_median",
-    "control_ms_p99", "wall_s", "scenario_sha256", "policy_sha256",
+    "delta_v_m_s", "hold_delta_v_m_s", "steps", "mpc_solves", "policy_share",
+    "policy_share_to_arrival", "control_ms_median", "control_ms_p99", "control_ms_mean", "wall_s",
+    "scenario_sha256", "policy_sha256",
 ]  # fmt: skip
 AXES = np.array([140e3, 70e3, 65e3])
 
@@ -193,6 +197,7 @@ def test_summary_counts() -> None:
     solve_ms = 1e3 * data["solve_time"].values[:-1]
     assert summary["control_ms_median"] == pytest.approx(np.median(solve_ms))
     assert summary["control_ms_p99"] == pytest.approx(np.quantile(solve_ms, 0.99))
+    assert summary["control_ms_mean"] == pytest.approx(np.mean(solve_ms))
     assert 0.0 < summary["wall_s"] < 600.0
     assert solve_ms.sum() < 1e3 * summary["wall_s"]
 

@@ -30,6 +30,7 @@ ALL: dict[str, Any] = {
     "max_incidence": 1.2,
     "dropout": 0.2,
     "false_returns": 0.05,
+    "attitude_error": 2e-3,
 }
 
 
@@ -182,6 +183,11 @@ def test_one_option_leaves_the_numbers_of_the_others(kleopatra: Polyhedron, opti
     elif option == "false_returns":
         false = false_ranges(4320, 0.05, 350e3, 0, 0)
         assert np.array_equal(everything, np.minimum(without, false))
+    elif option == "attitude_error":
+        # Most rays still meet the surface nearby, if a little further or nearer.
+        seen = np.isfinite(without) & np.isfinite(everything)
+        assert 0.0 < np.median(np.abs(everything[seen] - without[seen])) < 500.0
+        assert np.isfinite(everything).sum() == pytest.approx(np.isfinite(without).sum(), rel=0.05)
     else:  # A lost return bares at most the false one behind it.
         changed = everything != without
         assert changed.any()
@@ -234,6 +240,9 @@ def test_chances_are_drawn_by_seed_and_step() -> None:
         {"dropout": 1.1},
         {"false_returns": -0.1},
         {"false_returns": np.nan},
+        {"attitude_error": -0.1},
+        {"attitude_error": 3.2},
+        {"attitude_error": np.nan},
         {"false_returns": 0.1, "max_range": np.inf},
     ],
 )
@@ -255,6 +264,7 @@ def test_scenario_sets_every_option() -> None:
         "lidar.max_incidence_deg": 60.0,
         "lidar.dropout": 0.25,
         "lidar.false_returns": 0.125,
+        "lidar.attitude_error_deg": 0.5,
     }
     end = {"arrival.deadline_s": 20.0, "arrival.dwell_s": 10.0, "control_period_s": 10.0}
     scenario = load_scenario(None, {**options, **end})
@@ -264,7 +274,9 @@ def test_scenario_sets_every_option() -> None:
     assert ranges.shape == (4, 3, 40)
     lidar = make_transit_diagram(scenario).GetSubsystemByName("lidar")
     assert isinstance(lidar, Lidar)
-    assert lidar.errors == LidarErrors(20.0, -15.0, -0.01, np.radians(60.0), 0.25, 0.125)
+    assert lidar.errors == LidarErrors(
+        20.0, -15.0, -0.01, np.radians(60.0), 0.25, 0.125, np.radians(0.5)
+    )
     positions, times = log.dataset["state"].values[:, :3], log.dataset["time"].values
     assert np.array_equal(lidar.frames(times, positions, lidar.seed), ranges.values)
     assert fly(scenario, "zero").dataset["ranges"].identical(ranges)
@@ -282,6 +294,8 @@ def test_scenario_sets_every_option() -> None:
         "lidar.dropout=1.5",
         "lidar.dropout=-0.5",
         "lidar.false_returns=2",
+        "lidar.attitude_error_deg=-0.1",
+        "lidar.attitude_error_deg=181",
     ],
 )
 def test_scenario_refuses_senseless_options(override: str) -> None:

@@ -1,13 +1,9 @@
-"""The training loop and its data: order, resuming, early stop, refusals."""
-
-import csv
-from pathlib import Path
+"""What the lidar's networks learn from, and how fast."""
 
 import numpy as np
 import pytest
 import torch
 from short_flights import kleopatra
-from torch import nn
 
 from proxops.systems import InputError, ray_directions
 from proxops.systems.ray_caster import ray_caster
@@ -21,112 +17,7 @@ from proxops.training.lidar_data import (
     ray_examples,
 )
 from proxops.training.lidar_networks import FrameNetwork, RayNetwork, frame_loss, ray_loss
-from proxops.training.lidar_training import Lesson, Schedule, train
 from proxops.training.training_history import learning_rate
-
-SCHEDULE = Schedule(epochs=5, batch=16, learning_rate=1e-1, patience=5)
-
-
-def squared(network: nn.Module, x: torch.Tensor, y: torch.Tensor) -> torch.Tensor:
-    return ((network(x)[:, 0] - y) ** 2).mean()
-
-
-def lesson(noise: bool = False) -> Lesson:
-    """A plane to learn; with `noise`, nothing that validation could gain from."""
-    torch.manual_seed(0)
-    network = nn.Linear(3, 1)
-    x = torch.randn(200, 3)
-    y = x @ torch.tensor([1.0, -2.0, 0.5])
-    held = torch.randn(64, 3)
-    wanted = 100.0 - y[:64] if noise else held @ torch.tensor([1.0, -2.0, 0.5])
-    often = torch.arange(10)
-    return Lesson("plane", network, squared, (x, y), (held, wanted), often, "test")
-
-
-class KilledError(Exception):
-    pass
-
-
-def test_learns_and_keeps_curves(tmp_path: Path):
-    trained = train(lesson(), SCHEDULE, tmp_path, seed=1)
-    losses = [row["validation_loss"] for row in trained.history]
-    assert len(losses) == 5
-    assert losses[-1] < 0.5 * losses[0]
-    assert trained.best_epoch == int(np.argmin(losses))
-    with (tmp_path / "curves" / "plane.csv").open() as file:
-        rows = list(csv.DictReader(file))
-    assert [float(row["validation_loss"]) for row in rows] == losses
-    assert [float(row["cpu_s"]) for row in rows] == sorted(float(row["cpu_s"]) for row in rows)
-    assert list((tmp_path / "curves" / "plane").glob("events.out.tfevents.*"))
-
-
-@pytest.mark.parametrize("calls", [1, 3, 8])
-def test_a_kill_changes_nothing(tmp_path: Path, calls: int):
-    whole = lesson()
-    train(whole, SCHEDULE, tmp_path / "whole", seed=1)
-    told = 0
-
-    def kill(done: float, text: str) -> None:
-        nonlocal told
-        told += 1
-        if told == calls:
-            raise KilledError
-
-    with pytest.raises(KilledError):
-        train(lesson(), SCHEDULE, tmp_path / "parts", seed=1, progress=kill)
-    resumed = lesson()
-    nn.init.zeros_(resumed.network.weight)  # pyright: ignore[reportArgumentType]
-    if calls == 1:  # No epoch was whole: it begins with what it is given.
-        resumed = lesson()
-    train(resumed, SCHEDULE, tmp_path / "parts", seed=1)
-    for one, other in zip(whole.network.parameters(), resumed.network.parameters(), strict=True):
-        assert torch.equal(one, other)
-
-
-def test_what_is_finished_is_not_trained_again(tmp_path: Path):
-    first = train(lesson(), SCHEDULE, tmp_path, seed=1)
-
-    def never(done: float, text: str) -> None:
-        raise AssertionError
-
-    again = lesson()
-    assert train(again, SCHEDULE, tmp_path, seed=1, progress=never) == first
-
-
-def test_stops_early_and_keeps_the_best(tmp_path: Path):
-    patient = Schedule(epochs=30, batch=16, learning_rate=1e-2, patience=3)
-    taught = lesson(noise=True)
-    trained = train(taught, patient, tmp_path, seed=1)
-    assert len(trained.history) == trained.best_epoch + 1 + 3 < 30
-    with torch.no_grad():
-        loss = float(squared(taught.network, *taught.validation))
-    best = trained.history[trained.best_epoch]["validation_loss"]
-    assert loss == pytest.approx(best, rel=1e-5)
-
-
-def test_seed_sets_the_order(tmp_path: Path):
-    ends = []
-    for name, seed in (("a", 1), ("b", 1), ("c", 2)):
-        taught = lesson()
-        train(taught, SCHEDULE, tmp_path / name, seed)
-        ends.append(taught.network.weight)
-    assert torch.equal(ends[0], ends[1])  # pyright: ignore[reportArgumentType]
-    assert not torch.equal(ends[0], ends[2])  # pyright: ignore[reportArgumentType]
-
-
-def test_checkpoint_of_another_training_is_refused(tmp_path: Path):
-    train(lesson(), SCHEDULE, tmp_path, seed=1)
-    with pytest.raises(InputError, match="with other settings, data, body or version"):
-        train(lesson(), SCHEDULE, tmp_path, seed=2)
-    (tmp_path / "plane.ckpt").write_bytes(b"half a checkpo")
-    with pytest.raises(InputError, match="is not a checkpoint"):
-        train(lesson(), SCHEDULE, tmp_path, seed=1)
-
-
-def test_a_loss_that_is_no_number_is_said(tmp_path: Path):
-    wild = Schedule(epochs=20, batch=16, learning_rate=1e30, patience=20)
-    with pytest.raises(InputError, match="lower the learning rate"):
-        train(lesson(), wild, tmp_path, seed=1)
 
 
 def test_learning_rate_rises_then_falls_to_nothing():

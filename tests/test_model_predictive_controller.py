@@ -75,6 +75,10 @@ def force_of(context, controller=None) -> np.ndarray:
     return (controller or expert()).GetOutputPort("force").Eval(context)
 
 
+def plan_of(context, controller) -> Plan:
+    return controller.GetOutputPort("plan").Eval(context)
+
+
 def remember(controller, context) -> None:
     """What the periodic event does."""
     updated = controller.EvalUniquePeriodicDiscreteUpdate(context)
@@ -167,15 +171,39 @@ def test_time_alone_changes_nothing():
     assert np.array_equal(first, force_of(alone(START, time=4321.0)))
 
 
-def test_old_plan_is_relinearised_as_often_as_none():
+def test_old_plan_is_relinearised_until_it_settles():
+    """Where it has the state, near there, and where a minute's coasting would have taken it."""
+    controller, program = counting_expert()
+    plan = plan_of(alone(START, controller=controller), controller)
+    for age in (2 * PERIOD, 10 * PERIOD, 60 * PERIOD):
+        for off in (np.zeros(6), [200.0, -300.0, 0.0, 0.2, 0.0, -0.3], [2e3, 0, 1e3, 3.0, 2.0, 0]):
+            context = alone(START, controller=controller)
+            remember(controller, context)
+            context.SetTime(age)
+            state = plan.states_at(np.array([age]))[0] + off
+            controller.GetInputPort("state").FixValue(context, state)
+            program.calls.clear()
+            force = force_of(context, controller)
+            assert set(program.calls) == {1}
+            assert 1 <= len(program.calls) <= 5
+            assert plan_of(context, controller).iterations == len(program.calls)
+            record = controller.GetOutputPort("record").Eval(context)
+            assert record[2] == PlanReason.SOLVED_ANEW_PLAN_TOO_OLD
+            cold = force_of(alone(state, controller=controller), controller)
+            assert force == pytest.approx(cold, abs=0.007)
+
+
+def test_old_plan_that_does_not_settle_is_none():
     controller, program = counting_expert()
     context = alone(START, controller=controller)
     remember(controller, context)
-    for age, iterations in ((PERIOD, 1), (2 * PERIOD, COLD), (10 * PERIOD, COLD)):
-        context.SetTime(age)
-        cold = alone(START, controller=controller)
-        assert force_of(context, controller) == pytest.approx(force_of(cold, controller), abs=0.005)
-        assert program.calls[-2:] == [iterations, COLD]
+    context.SetTime(30 * PERIOD)
+    state = np.array([0.0, -90e3, -40e3, 0.0, 0.0, 0.0])
+    controller.GetInputPort("state").FixValue(context, state)
+    program.calls.clear()
+    force = force_of(context, controller)
+    assert program.calls == 5 * [1] + [COLD]
+    assert np.array_equal(force, force_of(alone(state, controller=controller), controller))
 
 
 # Any state is answered
@@ -360,10 +388,15 @@ def test_disabled_it_neither_solves_nor_remembers():
     simulator.AdvanceTo(20.5 * PERIOD)
     assert program.calls == [COLD]
     assert np.array_equal(remembered, memory_of(simulator))
-    # After a pause, as after none.
+    # After a pause until it settles, then as after none.
     set_enable(1.0)
+    simulator.AdvanceTo(21.5 * PERIOD)
+    assert program.calls[0] == COLD
+    assert program.calls[1:] == (len(program.calls) - 1) * [1]
+    assert 2 <= len(program.calls) - 1 <= 5
+    program.calls.clear()
     simulator.AdvanceTo(22.5 * PERIOD)
-    assert program.calls == [COLD, COLD, 1]
+    assert program.calls == [1]
 
 
 def test_disabled_it_still_answers_who_asks():

@@ -123,7 +123,6 @@ def small_pilot() -> Pilot:
         GeometryLayer(field, 1e3),
         StateFilter(motion, 10.0),
         guidance,
-        usual_residual=500.0,
     ).eval()
 
 

@@ -1,6 +1,7 @@
 """The README's Python on logs and training data runs as it is printed."""
 
 import re
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -8,14 +9,18 @@ import numpy as np
 import pytest
 import torch
 from flight_folders import copy_flights
+from known_policies import DeadReckoning, write_policy
 from synthetic_log import synthetic_log
 
+from proxops.cli.main import main
+
+FLAGS = re.DOTALL | re.MULTILINE
 README = (Path(__file__).parents[1] / "README.md").read_text()
 
 
 def snippets(heading: str) -> list[str]:
     """The Python blocks of a section, in order."""
-    (section,) = re.findall(rf"^## {heading}\n(.*?)(?=^## )", README, re.DOTALL | re.MULTILINE)
+    (section,) = re.findall(rf"^## {heading}\n(.*?)(?=^## )", README, FLAGS)
     return re.findall(r"^```python\n(.*?)^```", section, re.DOTALL | re.MULTILINE)
 
 
@@ -79,6 +84,24 @@ def test_matlab_dimensions_are_reversed(working_folder: Path) -> None:
             shape = [str(size) for size in variable.shape[::-1]] + ["1"] * (variable.ndim == 1)
             assert sizes.replace("N", "481").split(" x ") == shape
             assert variable.dtype.kind == "f"
+
+
+@pytest.mark.slow
+def test_evaluating_controllers(working_folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The command runs as it is printed, on one brief transit, and leaves what it says."""
+    write_policy(working_folder / "out" / "policy", DeadReckoning())
+    (section,) = re.findall(r"^## Evaluating controllers\n(.*?)(?=^## )", README, FLAGS)
+    (command,) = re.findall(r"^(proxops evaluate .*)$", section, re.MULTILINE)
+    short = command.replace("--transits 50", "--transits 1")
+    assert short != command
+    brief = "--workers 1 --set arrival.deadline_s=50 --set arrival.dwell_s=50"
+    monkeypatch.setattr(sys, "argv", f"{short} {brief}".split())
+    with pytest.raises(SystemExit) as end:
+        main()
+    assert not end.value.code
+    for line in re.findall(r"^\| (`.*?) \|", section, re.MULTILINE):
+        for name in re.findall("`(.*?)`", line):
+            assert (working_folder / "out" / "evaluation" / name).exists()
 
 
 def test_training_data(working_folder: Path) -> None:

@@ -15,15 +15,15 @@ from short_flights import BRIEF, short_scenario
 from proxops.cli.main import main
 from proxops.diagrams.simulation import fly
 from proxops.training import PackedFlights, WindowDataset, pack_flights
-from proxops.training.imitation import Schedule
 from proxops.training.paper_recipe import (
     Settings,
     force_loss,
     make_policy,
     quick,
-    replay_flights,
     train_paper_policy,
 )
+from proxops.training.policy_report import replay_flights
+from proxops.training.training_loop import Schedule
 
 SMALL = Settings(
     schedule=Schedule(epochs=20, batch=4, learning_rate=3e-3, patience=20),
@@ -146,8 +146,8 @@ def test_quick_command_writes_all_that_it_says(
     assert (out / "curves" / "policy.csv").read_text() == first
     assert proxops(*arguments, "--seed", "1") == 2
     assert "give another output folder" in capfd.readouterr().err
-    assert proxops("train", data / "flights", "--quick", "--epochs", "1", "--device", "cpu",
-                   "--out", tmp_path / "logs") == 0  # fmt: skip
+    again = ("--recipe", "paper", "--quick", "--epochs", "1", "--device", "cpu")
+    assert proxops("train", data / "flights", *again, "--out", tmp_path / "logs") == 0
     assert len((tmp_path / "logs" / "curves" / "policy.csv").read_text().splitlines()) == 2
 
 
@@ -163,7 +163,7 @@ def test_senseless_calls_are_refused(
     tmp_path: Path, arguments: list[str], words: str, capfd: pytest.CaptureFixture[str], monkeypatch
 ):
     monkeypatch.chdir(tmp_path)
-    assert proxops("train", *arguments, "--out", tmp_path / "out") == 2
+    assert proxops("train", "--recipe", "paper", *arguments, "--out", tmp_path / "out") == 2
     assert words in capfd.readouterr().err
 
 
@@ -173,5 +173,5 @@ def test_without_torch_it_says_what_to_do(
     monkeypatch.setitem(sys.modules, "torch", None)
     monkeypatch.delitem(sys.modules, "proxops.training.paper_recipe")
     monkeypatch.delattr("proxops.training.paper_recipe")
-    assert proxops("train", tmp_path, "--out", tmp_path / "out") == 2
+    assert proxops("train", tmp_path, "--recipe", "paper", "--out", tmp_path / "out") == 2
     assert "make train" in capfd.readouterr().err

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import math
 
 import torch
 from torch import Tensor, nn
@@ -13,6 +12,9 @@ _PAIRS = list(itertools.product(range(3), repeat=2))
 _KINDS = [tuple(sorted(pair + more)) for pair in _PAIRS for more in [(0,), (1,), (2,), *_PAIRS]]
 _DIFFERENT = [_KINDS.index(kind) for kind in sorted(set(_KINDS))]
 _WAYS = [way for way in itertools.product((-1.0, 0.0, 1.0), repeat=3) if any(way)]
+
+# The unit of what the network gives, as a share of the length.
+_CORRECTION = 0.14
 
 
 class CoarsePosition(nn.Module):
@@ -81,5 +83,13 @@ class CoarsePosition(nn.Module):
     def forward(self, points: Tensor, solid: Tensor, valid: Tensor, count: Tensor) -> Tensor:
         """Position (B, 3) in m in K from what `HitSelection` gives."""
         features, centre = self.features(points, solid, valid, count)
-        normal = ((features - self.mean) / self.scale).clamp(-6.0, 6.0)
-        return self.length * (self.network(normal) * math.sqrt(0.02) - centre)
+        correction = self.network(self.normalised(features))
+        return self.length * (correction * _CORRECTION - centre)
+
+    def normalised(self, features: Tensor) -> Tensor:
+        """What the network sees of features (N, F)."""
+        return ((features - self.mean) / self.scale).clamp(-6.0, 6.0)
+
+    def wanted(self, position: Tensor, centre: Tensor) -> Tensor:
+        """What the network has to give (N, 3) at positions (N, 3) in m with centroids (N, 3)."""
+        return (position / self.length + centre) / _CORRECTION

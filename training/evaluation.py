@@ -8,6 +8,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+EXPERT = "mpc"
+"""The controller that the others are measured against."""
+
 Row = dict[str, typing.Any]
 
 # Of a summary, if the policy estimates its state.
@@ -36,13 +39,19 @@ def wilson_interval(successes: int, trials: int, z: float = 1.959964) -> tuple[f
     return low, high
 
 
-def aggregate(rows: Sequence[Row]) -> dict[str, typing.Any]:
+def aggregate(rows: Sequence[Row], expert: Sequence[Row] | None = None) -> dict[str, typing.Any]:
     """One controller's entry of `results.json` from its flights' summaries.
 
     Terminal figures are over all flights, delta-v and arrival time over those that arrived. Errors
     of the policy's estimates are medians over flights of the median and p95 of each.
+
+    Args:
+      expert: the MPC's rows of the same transits in the same order. With them there is its
+        delta-v to compare with, over the transits in which both succeeded: how many these are,
+        the median of the ratios, and the ratio of the sums.
     """
     successes = sum(row["success"] for row in rows)
+    wide_successes = sum(row["success_2km"] for row in rows)
     arrived = [row for row in rows if row["success"]]
     timed = [row for row in rows if row["control_ms_median"] is not None]
     estimated = [row for row in rows if "estimate_position_error_m_median" in row]
@@ -50,7 +59,8 @@ def aggregate(rows: Sequence[Row]) -> dict[str, typing.Any]:
         "transits": len(rows),
         "success_rate": successes / len(rows),
         "success_rate_interval": wilson_interval(successes, len(rows)),
-        "success_rate_2km": sum(row["success_2km"] for row in rows) / len(rows),
+        "success_rate_2km": wide_successes / len(rows),
+        "success_rate_2km_interval": wilson_interval(wide_successes, len(rows)),
         "collisions": sum(row["collided"] for row in rows),
         "keep_out_violations": sum(row["keep_out_violations"] for row in rows),
         "min_clearance_m": min(row["min_clearance_m"] for row in rows),
@@ -63,18 +73,54 @@ def aggregate(rows: Sequence[Row]) -> dict[str, typing.Any]:
         "delta_v_m_s_mean": float(np.mean([row["delta_v_m_s"] for row in arrived]))
         if arrived
         else None,
+        **(_against_expert(rows, expert) if expert is not None else {}),
         "policy_share": float(np.mean([row["policy_share"] for row in rows])),
+        "policy_share_to_arrival": _mean(rows, "policy_share_to_arrival"),
         "mpc_solves": sum(row["mpc_solves"] for row in rows),
         "control_ms_median": _median(timed, "control_ms_median"),
+        "control_ms_mean": _mean(rows, "control_ms_mean"),
         "control_ms_p99": _percentile(timed, "control_ms_p99", 100),
         **{name: _median(estimated, name) for name in _ESTIMATE_ERRORS if estimated},
         "flights": list(rows),
     }
 
 
+def _against_expert(rows: Sequence[Row], expert: Sequence[Row]) -> dict[str, typing.Any]:
+    pairs = delta_v_pairs(rows, expert)
+    ratios = pairs[:, 0] / pairs[:, 1]
+    return {
+        "expert_pairs": len(pairs),
+        "expert_delta_v_ratio_median": float(np.median(ratios)) if len(pairs) else None,
+        "expert_delta_v_ratio": float(np.divide(*pairs.sum(axis=0))) if len(pairs) else None,
+    }
+
+
+def delta_v_pairs(rows: Sequence[Row], expert: Sequence[Row]) -> np.ndarray:
+    """Delta-v (N, 2) in m/s of a controller and of the MPC, where both succeeded.
+
+    A flight that starts in the goal region takes none, and is left out.
+
+    Raises:
+      ValueError: the rows are not of the same transits.
+    """
+    pairs = []
+    for row, best in zip(rows, expert, strict=True):
+        if any(row[name] != best[name] for name in ("seed", "transit")):
+            raise ValueError("rows of a controller and of the MPC are of other transits")
+        if row["success"] and best["success"] and best["delta_v_m_s"] > 0.0:
+            pairs.append((row["delta_v_m_s"], best["delta_v_m_s"]))
+    return np.array(pairs).reshape(-1, 2)
+
+
 def _percentile(rows: Sequence[Row], name: str, percent: float) -> float | None:
     values = [row[name] for row in rows]
     return float(np.percentile(values, percent)) if values else None
+
+
+def _mean(rows: Sequence[Row], name: str) -> float | None:
+    """Over the flights that have the figure."""
+    values = [row[name] for row in rows if row[name] is not None]
+    return float(np.mean(values)) if values else None
 
 
 def _median(rows: Sequence[Row], name: str) -> float | None:

@@ -15,14 +15,21 @@ from pathlib import Path
 import numpy as np
 
 from proxops.diagrams.body import Body, load_body
-from proxops.diagrams.campaign import parallel_results
-from proxops.diagrams.flight_log import make_folder, write_whole
+from proxops.diagrams.flight_log import make_folder
+from proxops.diagrams.parallel import parallel_results
 from proxops.diagrams.scenario import Scenario, dump_scenario, parse_scenario
 from proxops.diagrams.scenario_systems import make_controller
 from proxops.systems.counter_noise import derived_seed, generator
 from proxops.systems.ellipsoid import blocks_segment
-from proxops.systems.errors import InputError, SolverFailure
+from proxops.systems.errors import SolverFailure
 from proxops.systems.plan import Plan, PlanProgram
+from proxops.training.label_files import (
+    Labels,
+    joined_labels,
+    labels_of,
+    load_labels,
+    save_labels,
+)
 
 # Transits whose plans are computed, and kept, together.
 _PORTION = 50
@@ -34,8 +41,6 @@ _LATE = 0.2
 _POSITION_OFF, _SPEED_OFF = (30.0, 3e3), (0.03, 2.0)
 # Share of transits that are kept though no ellipsoid is in their way.
 _CLEAR = 0.5
-# A plan with more slack breaks a limit or misses the target: its later knots are no example.
-_SLACK = 1e-3
 _STREAM = 5
 
 
@@ -58,7 +63,7 @@ def expert_plans(
     workers: int | None = None,
     scheduler: str | None = None,
     progress: Callable[[int], None] | None = None,
-) -> dict[str, np.ndarray]:
+) -> Labels:
     """States (N, 6), goals (N, 3) and the expert's forces (N, 3) there, in K and SI.
 
     Transits are random, half of those with nothing in their way left out; each is a function of
@@ -81,7 +86,6 @@ def expert_plans(
     todo = []
     for portion in portions:
         if (folder / f"{portion.name}.npz").exists():
-            _load(portion, folder)
             if progress is not None:
                 progress(portion.count)
         else:
@@ -91,8 +95,9 @@ def expert_plans(
     for name, _ in parallel_results(todo, task, workers, scheduler):
         if progress is not None:
             progress(counts[name])
-    parts = [_load(portion, folder) for portion in portions]
-    return {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}
+    return joined_labels(
+        [load_labels(folder / f"{portion.name}.npz", _origin(portion)) for portion in portions]
+    )
 
 
 def transit_plans(
@@ -138,18 +143,6 @@ def transit_plans(
     return plans
 
 
-def labels_of(plans: list[Plan]) -> dict[str, np.ndarray]:
-    """States, goals and forces of the knots of plans; of one with slack, of its start alone."""
-    states, goals, forces = [np.zeros((0, 6))], [np.zeros((0, 3))], [np.zeros((0, 3))]
-    for plan in plans:
-        knots = len(plan.forces) if plan.slack < _SLACK else 1
-        states.append(plan.states[:knots])
-        forces.append(plan.forces[:knots])
-        goals.append(np.tile(plan.target[:3], (knots, 1)))
-    parts = {"state": states, "goal": goals, "force": forces}
-    return {key: np.concatenate(values) for key, values in parts.items()}
-
-
 def _compute(portion: Portion, folder: Path) -> int:
     scenario = parse_scenario(portion.scenario)
     body = _body(scenario.body)
@@ -157,29 +150,8 @@ def _compute(portion: Portion, folder: Path) -> int:
     plans = []
     for index in range(portion.first, portion.first + portion.count):
         plans += transit_plans(program, scenario, body, portion.seed, index)
-    content = labels_of(plans) | {"origin": np.array(_origin(portion))}
-    write_whole(folder / f"{portion.name}.npz", lambda path: _save(path, content))
+    save_labels(folder / f"{portion.name}.npz", labels_of(plans), _origin(portion))
     return len(plans)
-
-
-def _save(path: Path, content: dict[str, np.ndarray]) -> None:
-    with path.open("wb") as file:
-        np.savez(file, allow_pickle=False, **content)
-
-
-def _load(portion: Portion, folder: Path) -> dict[str, np.ndarray]:
-    path = folder / f"{portion.name}.npz"
-    try:
-        # Opened here, so that it is closed even if numpy finds it damaged.
-        with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
-            content = {key: file[key] for key in ("state", "goal", "force", "origin")}
-    except Exception as error:  # A damaged file makes numpy raise all sorts.
-        raise InputError(f"{path} holds no plans: remove it") from error
-    if str(content.pop("origin")) != _origin(portion):
-        raise InputError(
-            f"{path} holds plans of another scenario: remove it, or name another folder"
-        )
-    return content
 
 
 def _origin(portion: Portion) -> str:

@@ -93,6 +93,7 @@ def report_markdown(report: Figures) -> str:
             f"{run['validation_loss']:.4f}, on training {run['training_loss']:.4f}."
         ),
         "",
+        *report.get("notes", []),
         _INTRODUCTION,
         "",
         f"| {' | '.join(head)} |",

@@ -33,7 +33,9 @@ from proxops.training.lidar_data import (
 from proxops.training.lidar_export import BundleFacts, write_bundle
 from proxops.training.lidar_figures import plot_frames
 from proxops.training.lidar_networks import FrameNetwork, RayNetwork, frame_loss, ray_loss
-from proxops.training.lidar_training import Lesson, Schedule, Trained, train
+from proxops.training.tensor_batches import TensorBatches
+from proxops.training.training_history import Trained
+from proxops.training.training_loop import Lesson, Schedule, train
 
 # An error of depth as long as the ellipsoid's mean semi-axis weighs as much as this many nats.
 _LENGTH_WEIGHT = 8.0
@@ -94,6 +96,7 @@ def train_lidar(
     lidar = scenario.lidar
     if not isinstance(lidar, LidarConfig):
         raise InputError("train-lidar learns from the ray-cast lidar: give a scenario with that")
+    torch.set_num_threads(1)
     make_folder(out)
     cube = scenario.transit.cube_m
     directions = ray_directions(lidar.planes, lidar.rays)
@@ -108,7 +111,7 @@ def train_lidar(
 
     # One network after the other, so that only one set of examples is in memory.
     lesson = _ray_lesson(chords, grid, lidar.planes, settings, identity)
-    trained = train(lesson, settings.ray, out, settings.seed, progress)
+    trained = train(lesson, settings.ray, out, settings.seed, device="cpu", progress=progress)
     network = lesson.network
     assert isinstance(network, RayNetwork)
     facts = BundleFacts(
@@ -126,12 +129,14 @@ def train_lidar(
             **_training_figures(trained),
         },
     )
-    checks = lesson.validation[0][:_EXPORT_CHECKS].numpy()
+    checks = next(iter(lesson.validation))[0][:_EXPORT_CHECKS].numpy()
     write_bundle(out / "bundle", network, facts, checks)
     del lesson
 
     paper_lesson = _frame_lesson(grid, cube, settings, identity)
-    paper_trained = train(paper_lesson, settings.frame, out, settings.seed, progress)
+    paper_trained = train(
+        paper_lesson, settings.frame, out, settings.seed, device="cpu", progress=progress
+    )
 
     learned = LearnedLidar(out / "bundle", 0.0, np.inf, lidar.planes, lidar.rays)
     methods = {
@@ -215,7 +220,17 @@ def _ray_lesson(
         fan, grid.positions[~kept], grid.frames[~kept], planes, _LENGTH_WEIGHT
     )
     often = near.nonzero()[:, 0]
-    return Lesson("ray_network", network, ray_loss, examples, validation, often, identity)
+    return _lesson(
+        "ray_network",
+        network,
+        ray_loss,
+        examples,
+        validation,
+        settings.ray,
+        settings.seed,
+        identity,
+        often,
+    )
 
 
 def _frame_lesson(grid: GridFrames, cube: float, settings: Settings, identity: str) -> Lesson:
@@ -225,8 +240,37 @@ def _frame_lesson(grid: GridFrames, cube: float, settings: Settings, identity: s
     kept = ~grid.held_out
     examples = frame_examples(grid.positions[kept], grid.frames[kept], cube)
     validation = frame_examples(grid.positions[~kept], grid.frames[~kept], cube)
-    often = torch.zeros(0, dtype=torch.int64)
-    return Lesson("frame_network", network, frame_loss, examples, validation, often, identity)
+    return _lesson(
+        "frame_network",
+        network,
+        frame_loss,
+        examples,
+        validation,
+        settings.frame,
+        settings.seed,
+        identity,
+    )
+
+
+def _lesson(
+    name: str,
+    network: torch.nn.Module,
+    loss: Callable[..., torch.Tensor],
+    examples: tuple[torch.Tensor, ...],
+    validation: tuple[torch.Tensor, ...],
+    schedule: Schedule,
+    seed: int,
+    identity: str,
+    often: torch.Tensor | None = None,
+) -> Lesson:
+    return Lesson(
+        name,
+        network,
+        lambda network, batch: loss(network, *batch),
+        TensorBatches(examples, schedule.batch, shuffle=True, seed=seed, often=often),
+        TensorBatches(validation, schedule.batch),
+        identity,
+    )
 
 
 def _true_frames(lidar: LearnedLidar, positions: np.ndarray) -> np.ndarray:

@@ -91,9 +91,15 @@ def describing(content: dict[str, typing.Any], model: bytes) -> str:
 
 
 def write_bundle_folder(folder: Path, model: bytes, texts: dict[str, str]) -> None:
-    """Writes a bundle's model and text files; an older bundle is replaced.
+    """Writes a bundle's model and text files: see `write_folder`."""
+    files = {name: text.encode() for name, text in texts.items()}
+    write_folder(folder, {MODEL_FILE: model, **files})
 
-    The folder appears under its name only when it is whole.
+
+def write_folder(folder: Path, files: dict[str, bytes]) -> None:
+    """Writes a folder of files by their names; an older one is replaced.
+
+    It appears under its name only when it is whole.
 
     Raises:
       InputError: it can't be written.
@@ -103,9 +109,8 @@ def write_bundle_folder(folder: Path, model: bytes, texts: dict[str, str]) -> No
         part = Path(tempfile.mkdtemp(dir=folder.parent, prefix=f".{folder.name}.", suffix=".part"))
         part.chmod(0o755)
         try:
-            (part / MODEL_FILE).write_bytes(model)
-            for name, text in texts.items():
-                (part / name).write_text(text)
+            for name, content in files.items():
+                (part / name).write_bytes(content)
             older = part.with_suffix(".old")
             if folder.exists():
                 folder.rename(older)

@@ -3,35 +3,27 @@
 from __future__ import annotations
 
 import dataclasses as dc
-import json
 import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import torch
-from pydrake.common.yaml import yaml_load
 from torch import Tensor
 
-from proxops.diagrams.flight_log import write_whole
-from proxops.training.force_figures import force_figures, plot_forces, report_markdown
-from proxops.training.imitation import Lesson, Schedule, train
 from proxops.training.packed_flights import PackedFlights
 from proxops.training.packing import pack_flights
 from proxops.training.paper_policy import PaperPolicy
-from proxops.training.policy_export import PolicyFacts, export_policy
+from proxops.training.policy_report import export_recipe, write_report
 from proxops.training.training_history import Trained
-from proxops.training.transit_split import PARTS
-from proxops.training.windows import Batch, WindowDataset
+from proxops.training.training_loop import Lesson, Schedule, train
+from proxops.training.windows import Batch, WindowDataset, window_loader
 
 Progress = Callable[[float, str], Any]
 """Called with the share done, from 0 to 1, and a text."""
 
 # Shares of the bar; the rest, to 1, is for the report.
 _PACKED, _TRAINED = 0.05, 0.95
-# Steps of a flight on which the exported policy is compared with the trained one.
-_CHECKED_STEPS = 20
 
 
 @dc.dataclass(frozen=True)
@@ -87,7 +79,8 @@ def train_paper_policy(
       data: what `proxops collect` wrote, or a folder of logs.
 
     Raises:
-      InputError: there are no flights to learn from, or see `pack_flights` and `imitation.train`.
+      InputError: there are no flights to learn from, or see `pack_flights` and
+        `training_loop.train`.
     """
     tell = progress or (lambda done, text: None)
     logs = data / "flights" if (data / "flights").is_dir() else data
@@ -105,8 +98,18 @@ def train_paper_policy(
         progress=lambda done, text: tell(_PACKED + (_TRAINED - _PACKED) * done, text),
     )
     tell(_TRAINED, "flying through the logs")
-    report = _report(flights, policy, trained, settings, out)
-    _export(flights, policy, report, out / "bundle")
+    report = _report(trained, policy, settings, flights.logs_sha256)
+    report = write_report(policy, flights, report, out)
+    export_recipe(
+        policy,
+        flights,
+        out / "bundle",
+        recipe="paper",
+        memory=policy.memory_size,
+        estimates=False,
+        data_sha256=flights.logs_sha256,
+        metrics={"parts": report["parts"]},
+    )
     tell(1.0, "done")
     return report
 
@@ -137,40 +140,22 @@ def _lesson(flights: PackedFlights, policy: PaperPolicy, settings: Settings) -> 
         f"paper recipe, logs {flights.logs_sha256}, split {flights.split_seed}, "
         f"windows of {settings.window} every {settings.stride}, precision {settings.precision}"
     )
-    return Lesson("policy", policy, force_loss, training, validation, identity)
+    return Lesson(
+        "policy",
+        policy,
+        force_loss,
+        window_loader(training, settings.schedule.batch, shuffle=True, seed=settings.seed),
+        window_loader(validation, settings.schedule.batch),
+        identity,
+        methods=("sequence",),
+    )
 
 
-@torch.no_grad()
-def replay_flights(
-    policy: PaperPolicy, flights: PackedFlights, part: str
-) -> tuple[np.ndarray, np.ndarray]:
-    """What the MPC and the policy say at every labelled step of a part's flights, N (K, 3) each.
-
-    The policy sees each flight from its start, remembering, as if it flew along.
-    """
-    wanted, said = [np.zeros((0, 3))], [np.zeros((0, 3))]
-    device = policy.force_scale.device
-    for flight in flights.part(part):
-        rows = np.arange(flight.start, flight.start + flight.steps)
-        frames = flights.frames(rows)
-        given = (frames, flights.target[rows], flights.applied_force[rows])
-        inputs = (torch.from_numpy(each.astype(np.float32))[None].to(device) for each in given)
-        force, _, _ = policy.sequence(*inputs)
-        label = flights.mpc_force[rows]
-        asked = np.isfinite(label).all(axis=1)
-        wanted.append(label[asked])
-        said.append(force[0].cpu().numpy()[asked])
-    return np.concatenate(wanted), np.concatenate(said)
-
-
-def _report(
-    flights: PackedFlights, policy: PaperPolicy, trained: Trained, settings: Settings, out: Path
-) -> dict[str, Any]:
+def _report(trained: Trained, policy: PaperPolicy, settings: Settings, data: str) -> dict[str, Any]:
     best = trained.history[trained.best_epoch]
-    forces = {part: replay_flights(policy, flights, part) for part in PARTS}
-    report = {
+    return {
         "recipe": "paper",
-        "logs_sha256": flights.logs_sha256,
+        "logs_sha256": data,
         "settings": dc.asdict(settings),
         "parameters": sum(weights.numel() for weights in policy.parameters()),
         "training": {
@@ -181,39 +166,4 @@ def _report(
             "cpu_s": trained.cpu_s,
             "wall_s": trained.history[-1]["wall_s"],
         },
-        "parts": {
-            part: {"flights": len(flights.part(part)), **force_figures(*forces[part])}
-            for part in PARTS
-        },
     }
-    picture = plot_forces(*forces["test"], flights.setting.thrust_limit_n)
-    write_whole(out / "forces.png", lambda path: picture.savefig(path, dpi=120, format="png"))
-    text = json.dumps(report, indent=2) + "\n"
-    write_whole(out / "report.json", lambda path: path.write_text(text))
-    write_whole(out / "report.md", lambda path: path.write_text(report_markdown(report)))
-    return report
-
-
-def _export(
-    flights: PackedFlights, policy: PaperPolicy, report: dict[str, Any], folder: Path
-) -> None:
-    setting = flights.setting
-    facts = PolicyFacts(
-        recipe="paper",
-        planes=setting.planes,
-        rays=setting.rays,
-        period=setting.control_period_s,
-        thrust_limit=setting.thrust_limit_n,
-        memory=policy.memory_size,
-        estimates=False,
-        body=yaml_load(data=setting.body)["name"],
-        shape_sha256=setting.shape_sha256,
-        data_sha256=flights.logs_sha256,
-        metrics={"parts": report["parts"]},
-    )
-    first = next(flight for part in reversed(PARTS) for flight in flights.part(part))
-    rows = np.arange(first.start, first.start + min(first.steps, _CHECKED_STEPS))
-    frames = flights.frames(rows).reshape(len(rows), -1)
-    export_policy(
-        policy, folder, facts, [(frames, flights.target[rows], flights.applied_force[rows])]
-    )

@@ -119,6 +119,6 @@ def _packed(states: Tensor, covariance: Tensor, started: Tensor) -> Tensor:
     return torch.cat([states.flatten(1), covariance.flatten(1), started], dim=1)
 
 
-def doubt(residual: Tensor, usual: float) -> Tensor:
+def doubt(residual: Tensor, usual: Tensor) -> Tensor:
     """How many times the usual deviation a fix has whose returns lie `residual` (B, 1) m off."""
     return 1.0 + torch.relu(residual / usual - _TRUSTED_RESIDUAL) ** 2

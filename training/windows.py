@@ -198,6 +198,23 @@ class _BatchSampler(Sampler[list[int]]):
             yield order[start : start + self._batch_size].tolist()
 
 
+class WindowLoader(DataLoader[Batch]):
+    """Batches of windows; `epoch` is the dataset's."""
+
+    def __init__(self, windows: WindowDataset, **options: typing.Any):
+        super().__init__(windows, **options)
+        self._windows = windows
+
+    @property
+    def epoch(self) -> int:
+        """As of `WindowDataset`."""
+        return self._windows.epoch
+
+    @epoch.setter
+    def epoch(self, value: int) -> None:
+        self._windows.epoch = value
+
+
 def window_loader(
     dataset: WindowDataset,
     batch_size: int,
@@ -206,7 +223,7 @@ def window_loader(
     seed: int = 0,
     workers: int = 0,
     **options: typing.Any,
-) -> DataLoader[Batch]:
+) -> WindowLoader:
     """Batches of windows, each built in one call; `options` are `DataLoader`'s.
 
     Without workers batches are built in this process, which is fast enough unless frames are
@@ -216,7 +233,7 @@ def window_loader(
         raise InputError(f"a batch needs at least 1 window, got {batch_size}")
     if workers > 0:
         options |= {"multiprocessing_context": "spawn", "persistent_workers": True}
-    return DataLoader(
+    return WindowLoader(
         dataset,
         # Lists of indices are handed to the dataset whole.
         sampler=_BatchSampler(dataset, batch_size, shuffle, seed),

@@ -1,19 +1,18 @@
-"""Imitation: the one training loop of every policy, on windows of expert flights."""
+"""The one loop that every network of proxops is trained by."""
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sized
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import torch
 from lightning.fabric import Fabric
 from lightning.fabric.loggers.tensorboard import TensorBoardLogger
 from torch import Tensor, nn
-from torch.utils.data import DataLoader
 
 from proxops.diagrams.flight_log import make_folder
 from proxops.systems.counter_noise import derived_seed
@@ -27,20 +26,36 @@ from proxops.training.training_history import (
     learning_rate,
     write_curves,
 )
-from proxops.training.windows import Batch, WindowDataset, window_loader
 
 _WEIGHT_DECAY = 1e-4
-# Through many steps of a recurrent network gradients grow at times: their norm is cut to this.
+# Gradients grow at times, above all through many steps of a recurrent network: their norm is cut to
+# this.
 _GRADIENT_NORM = 1.0
+
+
+class Batches(Sized, Protocol):
+    """Examples in batches; its length is the number of batches."""
+
+    @property
+    def epoch(self) -> int:
+        """Set before each epoch: what is drawn is a function of it."""
+        ...
+
+    @epoch.setter
+    def epoch(self, value: int) -> None: ...
+
+    def __iter__(self) -> Iterator[Any]:
+        """Gives the batches, tensors in whatever containers the loss takes."""
+        ...
 
 
 @dataclass(frozen=True)
 class Schedule:
-    """How long a policy is trained, and how fast it learns."""
+    """How long a network is trained, and how fast it learns."""
 
     epochs: int
     batch: int
-    """In windows."""
+    """Examples in a batch: frames, states, or windows."""
     learning_rate: float
     """The greatest."""
     patience: int
@@ -51,18 +66,19 @@ class Schedule:
 
 @dataclass(frozen=True)
 class Lesson:
-    """A policy and what it learns from."""
+    """A network and what it learns from."""
 
     name: str
     """Of its files."""
-    policy: nn.Module
-    """With a method `sequence`, which `loss` calls."""
-    loss: Callable[[Any, Batch], Tensor]
-    """Called with the policy and a batch of windows; a mean over the windows."""
-    training: WindowDataset
-    validation: WindowDataset
+    network: nn.Module
+    loss: Callable[[Any, Any], Tensor]
+    """Called with the network and a batch; a mean over the batch."""
+    training: Batches
+    validation: Batches
     identity: str
     """Says what is learned from: a checkpoint of another identity is not gone on with."""
+    methods: tuple[str, ...] = ()
+    """Those of the network, besides `forward`, that the loss calls."""
 
 
 def train(
@@ -75,15 +91,15 @@ def train(
     precision: Any = "32-true",
     progress: Callable[[float, str], Any] | None = None,
 ) -> Trained:
-    """Trains a policy; the best epoch on the validation windows wins.
+    """Trains a network; the best epoch on the validation examples wins.
 
     After every epoch a checkpoint is written to `folder`/NAME.ckpt and the curves to
     `folder`/curves: NAME.csv, and NAME/ for TensorBoard. Run again after a kill, it goes on behind
     the last whole epoch; without a budget of minutes it ends with the same weights.
 
     Args:
-      seed: of the order of the windows and of what is drawn while training. The policy's first
-        weights are the caller's.
+      seed: of what the loss draws while training. The network's first weights, and the order of
+        the examples, are the caller's.
       device, precision: Lightning Fabric's, for instance `cpu` or `cuda`, and `bf16-mixed`.
       progress: is called with the share done and a text.
 
@@ -94,23 +110,19 @@ def train(
     make_folder(folder / "curves")
     logger = TensorBoardLogger(root_dir=folder / "curves", name=lesson.name, version="")
     fabric = _fabric(device, precision, logger)
-    bare = torch.optim.AdamW(lesson.policy.parameters(), weight_decay=_WEIGHT_DECAY)
-    policy, optimizer = fabric.setup(lesson.policy, bare)
-    policy.mark_forward_method("sequence")
-    loader, held = fabric.setup_dataloaders(
-        window_loader(lesson.training, schedule.batch, shuffle=True, seed=seed),
-        window_loader(lesson.validation, schedule.batch),
-        use_distributed_sampler=False,
-    )
-    steps = len(loader)
+    bare = torch.optim.AdamW(lesson.network.parameters(), weight_decay=_WEIGHT_DECAY)
+    network, optimizer = fabric.setup(lesson.network, bare)
+    for method in lesson.methods:
+        network.mark_forward_method(method)
+    steps = len(lesson.training)
 
     checkpoint = folder / f"{lesson.name}.ckpt"
-    identity = f"{lesson.identity}; {schedule}; seed {seed}; {steps} steps; {lesson.policy}"
+    identity = f"{lesson.identity}; {schedule}; seed {seed}; {steps} steps; {lesson.network}"
     history: History = []
     best: dict[str, Tensor] = {}
     saved = load_checkpoint(fabric, checkpoint, identity)
     if saved is not None:
-        policy.load_state_dict(saved["policy"])
+        network.load_state_dict(saved["network"])
         optimizer.load_state_dict(saved["optimizer"])
         history, best = saved["history"], saved["best"]
 
@@ -133,31 +145,32 @@ def train(
         # What is drawn depends on (seed, epoch) alone, so that an epoch may be begun anew.
         torch.manual_seed(derived_seed(seed, epoch))
         lesson.training.epoch = epoch
-        total, windows, rate = 0.0, 0, 0.0
-        policy.train()
-        for step, batch in enumerate(loader):
+        total, examples, rate = 0.0, 0, 0.0
+        network.train()
+        for step, batch in enumerate(lesson.training):
             done = share(epoch * steps + step)
             if done >= 1.0 and step > 0:
                 break
             rate = learning_rate(schedule.learning_rate, min(1.0, done))
             for group in optimizer.param_groups:
                 group["lr"] = rate
-            loss = lesson.loss(policy, batch)
+            batch = fabric.to_device(batch)
+            loss = lesson.loss(network, batch)
             optimizer.zero_grad()
             fabric.backward(loss)
             fabric.clip_gradients(
-                policy, optimizer, max_norm=_GRADIENT_NORM, error_if_nonfinite=False
+                network, optimizer, max_norm=_GRADIENT_NORM, error_if_nonfinite=False
             )
             optimizer.step()
-            total += float(loss.detach()) * len(batch["target"])
-            windows += len(batch["target"])
+            total += float(loss.detach()) * _size(batch)
+            examples += _size(batch)
             if progress is not None:
-                progress(done, f"epoch {epoch + 1}, loss {total / windows:.4f}")
+                progress(done, f"{lesson.name}, epoch {epoch + 1}, loss {total / examples:.4f}")
 
         row = {
             "epoch": epoch,
-            "training_loss": total / windows,
-            "validation_loss": evaluate(policy, lesson.loss, held),
+            "training_loss": total / examples,
+            "validation_loss": evaluate(fabric, network, lesson),
             "learning_rate": rate,
             "cpu_s": earlier_cpu + time.process_time() - started_cpu,
             "wall_s": wall(),
@@ -167,10 +180,10 @@ def train(
                              f"{epoch}; lower the learning rate")  # fmt: skip
         history.append(row)
         if best_epoch(history) == epoch:
-            best = {name: value.clone() for name, value in policy.state_dict().items()}
+            best = {name: value.clone() for name, value in network.state_dict().items()}
         fabric.log_dict({key: value for key, value in row.items() if key != "epoch"}, step=epoch)
         state = {
-            "policy": policy.state_dict(),
+            "network": network.state_dict(),
             "optimizer": optimizer.state_dict(),
             "history": history,
             "best": best,
@@ -179,22 +192,26 @@ def train(
         write_curves(folder / "curves" / f"{lesson.name}.csv", history)
     logger.finalize("success")
 
-    lesson.policy.load_state_dict(best)
-    lesson.policy.eval()
+    lesson.network.load_state_dict(best)
+    lesson.network.eval()
     return Trained(history, best_epoch(history), history[-1]["cpu_s"])
 
 
 @torch.no_grad()
-def evaluate(
-    policy: Any, loss: Callable[[Any, Batch], Tensor], batches: DataLoader[Batch] | Any
-) -> float:
-    """The mean loss over batches of windows, each counted by its number of windows."""
-    policy.eval()
-    total, windows = 0.0, 0
-    for batch in batches:
-        total += float(loss(policy, batch)) * len(batch["target"])
-        windows += len(batch["target"])
-    return total / windows
+def evaluate(fabric: Fabric, network: Any, lesson: Lesson) -> float:
+    """The mean loss over the validation batches, each counted by its number of examples."""
+    network.eval()
+    total, examples = 0.0, 0
+    for batch in lesson.validation:
+        batch = fabric.to_device(batch)
+        total += float(lesson.loss(network, batch)) * _size(batch)
+        examples += _size(batch)
+    return total / examples
+
+
+def _size(batch: Any) -> int:
+    columns = batch.values() if isinstance(batch, dict) else batch
+    return len(next(iter(columns)))
 
 
 def _fabric(device: str, precision: Any, logger: TensorBoardLogger) -> Fabric:

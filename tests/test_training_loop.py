@@ -1,4 +1,4 @@
-"""The training loop of policies: learning, the best epoch, resuming, budgets, refusals."""
+"""The training loop: learning, the best epoch, resuming, budgets, refusals."""
 
 import csv
 from collections.abc import Callable
@@ -12,15 +12,16 @@ from torch import Tensor, nn
 
 from proxops.systems import InputError
 from proxops.training import PackedFlights, WindowDataset, pack_flights
-from proxops.training.imitation import Lesson, Schedule, train
-from proxops.training.windows import Batch
+from proxops.training.tensor_batches import TensorBatches
+from proxops.training.training_loop import Lesson, Schedule, train
+from proxops.training.windows import Batch, window_loader
 
 SCHEDULE = Schedule(epochs=4, batch=3, learning_rate=3e-2, patience=4)
 
 
 @pytest.fixture(scope="module")
 def packed(tmp_path_factory: pytest.TempPathFactory) -> PackedFlights:
-    return pack_flights(copy_flights(tmp_path_factory.mktemp("imitation")))
+    return pack_flights(copy_flights(tmp_path_factory.mktemp("training")))
 
 
 class Straight(nn.Module):
@@ -38,10 +39,19 @@ def squares(policy: Straight, batch: Batch) -> Tensor:
     return ((policy.sequence(batch["state"]) - batch["mpc_force"]) ** 2).mean()
 
 
-def lesson(packed: PackedFlights, loss: Callable[[Any, Batch], Tensor] = squares) -> Lesson:
+def lesson(
+    packed: PackedFlights,
+    loss: Callable[[Any, Batch], Tensor] = squares,
+    batch: int = SCHEDULE.batch,
+    seed: int = 1,
+) -> Lesson:
     torch.manual_seed(0)
-    parts = (WindowDataset(packed, part, 4, 1) for part in ("training", "validation"))
-    return Lesson("straight", Straight(), loss, *parts, identity="test")
+    training, validation = (
+        WindowDataset(packed, part, 4, 1) for part in ("training", "validation")
+    )
+    batches = window_loader(training, batch, shuffle=True, seed=seed)
+    held = window_loader(validation, batch)
+    return Lesson("straight", Straight(), loss, batches, held, "test", methods=("sequence",))
 
 
 def run(taught: Lesson, schedule: Schedule, folder: Path, seed: int = 1, **options: Any):
@@ -49,7 +59,7 @@ def run(taught: Lesson, schedule: Schedule, folder: Path, seed: int = 1, **optio
 
 
 def weights(taught: Lesson) -> Tensor:
-    return torch.cat([each.detach().flatten() for each in taught.policy.parameters()])
+    return torch.cat([each.detach().flatten() for each in taught.network.parameters()])
 
 
 def scripted(values: list[float], seen: list[Tensor]) -> Callable[[Any, Batch], Tensor]:
@@ -84,12 +94,12 @@ def test_learns_and_keeps_curves(packed: PackedFlights, tmp_path: Path):
 
 def test_validation_loss_is_the_mean_over_windows(packed: PackedFlights, tmp_path: Path):
     """Of the last epoch's weights, without dropout, whatever the batches."""
-    taught = lesson(packed)
+    taught = lesson(packed, batch=7)
     trained = run(taught, Schedule(epochs=1, batch=7, learning_rate=1e-2, patience=1), tmp_path)
-    held = taught.validation
+    held = WindowDataset(packed, "validation", 4, 1)
     assert len(held) % 7 != 0
     with torch.no_grad():
-        wanted = squares(taught.policy, held.batch(range(len(held))))  # pyright: ignore[reportArgumentType]
+        wanted = squares(taught.network, held.batch(range(len(held))))  # pyright: ignore[reportArgumentType]
     assert trained.history[0]["validation_loss"] == pytest.approx(float(wanted), rel=1e-5)
 
 
@@ -101,7 +111,7 @@ def test_the_best_on_validation_wins(packed: PackedFlights, tmp_path: Path):
     assert [row["validation_loss"] for row in trained.history] == [3.0, 1.0, 2.0, 1.0]
     assert torch.equal(weights(taught), seen[1])
     assert not torch.equal(weights(taught), seen[3])
-    assert not taught.policy.training
+    assert not taught.network.training
 
 
 def test_stops_early(packed: PackedFlights, tmp_path: Path):
@@ -141,7 +151,7 @@ def test_what_is_finished_is_not_trained_again(packed: PackedFlights, tmp_path: 
         raise AssertionError
 
     again = lesson(packed)
-    for parameter in again.policy.parameters():
+    for parameter in again.network.parameters():
         nn.init.zeros_(parameter)
     assert run(again, SCHEDULE, tmp_path, progress=never) == first
     assert weights(again).abs().min() > 0.0
@@ -150,7 +160,7 @@ def test_what_is_finished_is_not_trained_again(packed: PackedFlights, tmp_path: 
 def test_seed_sets_order_and_chance(packed: PackedFlights, tmp_path: Path):
     ends = []
     for name, seed in (("a", 1), ("b", 1), ("c", 2)):
-        taught = lesson(packed)
+        taught = lesson(packed, seed=seed)
         run(taught, SCHEDULE, tmp_path / name, seed)
         ends.append(weights(taught))
     assert torch.equal(ends[0], ends[1])
@@ -184,6 +194,25 @@ def test_a_loss_that_is_no_number_is_said(packed: PackedFlights, tmp_path: Path)
     taught = lesson(packed, lambda policy, batch: squares(policy, batch) * torch.inf)
     with pytest.raises(InputError, match="lower the learning rate"):
         run(taught, SCHEDULE, tmp_path)
+
+
+@pytest.mark.parametrize("shuffle", [True, False])
+def test_tensor_batches(shuffle: bool):
+    """All examples once an epoch, those shown often twice, in an order of (seed, epoch)."""
+    x = torch.arange(10)
+    batches = TensorBatches((x, 2 * x), 3, shuffle=shuffle, seed=4, often=torch.tensor([7, 8]))
+    epochs = []
+    for epoch in (0, 1, 0):
+        batches.epoch = epoch
+        epochs.append(list(batches))
+        assert len(epochs[-1]) == len(batches) == 4
+    first, other, again = ([torch.cat(column) for column in zip(*e, strict=True)] for e in epochs)
+    assert torch.equal(first[1], 2 * first[0])
+    assert sorted(first[0].tolist()) == [0, 1, 2, 3, 4, 5, 6, 7, 7, 8, 8, 9]
+    assert torch.equal(first[0], again[0])
+    assert torch.equal(first[0], other[0]) is not shuffle
+    rest = TensorBatches((x,), 4, shuffle=shuffle)
+    assert [len(batch[0]) for batch in rest] == ([4, 4] if shuffle else [4, 4, 2])
 
 
 @pytest.mark.parametrize(("device", "precision"), [("abacus", "32-true"), ("cpu", "7")])

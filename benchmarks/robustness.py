@@ -1,0 +1,228 @@
+"""A policy where it was not trained: worse lidar, another plant, other starts.
+
+Every variant flies transits of one seed to the same goals, with the same noise. In the first ones
+the lidar is worse, or the plant is not what the policy learned from; in the last three the flight
+starts where no transit does. Flights are kept one by one in the folder of `--out`: run it again to
+finish what was interrupted, or to add transits.
+
+    python benchmarks/robustness.py [--controller policy] [--transits 50] [--seed 10001]
+        [--workers N] [--out out/robustness] [--markdown table.md]
+
+`--controller` takes what `proxops evaluate` does: `policy:out/mine/bundle`, or `mpc` to see what
+the expert makes of the same.
+"""
+
+import argparse
+import dataclasses
+import os
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+for name in ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+    os.environ[name] = "1"
+
+import numpy as np
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+from proxops.assets import ASSETS
+from proxops.diagrams.body import Body, load_body
+from proxops.diagrams.campaign import Flight, Row, run_campaign, transit_flights
+from proxops.diagrams.flight_log import write_whole
+from proxops.diagrams.scenario import Scenario, dump_scenario, load_scenario, parse_scenario
+from proxops.diagrams.transits import Transit, draw_transit, hover_force
+from proxops.systems.counter_noise import derived_seed, generator
+from proxops.systems.ellipsoid import clearances
+from proxops.systems.errors import InputError
+
+SETTINGS: dict[str, dict] = {
+    "nominal": {},
+    "lidar noise x 4": {"lidar.noise_std_m": 200.0},
+    "20 % dropout": {"lidar.dropout": 0.2},
+    "1 % false returns": {"lidar.false_returns": 0.01},
+    "attitude error 0.1°": {"lidar.attitude_error_deg": 0.1},
+    "gravity x 0.8": {"mismatch.gravity": 0.8},
+    "gravity x 1.2": {"mismatch.gravity": 1.2},
+    "mass x 0.9": {"mismatch.mass": 0.9},
+    "mass x 1.1": {"mismatch.mass": 1.1},
+    "thrust x 0.9": {"mismatch.thrust": 0.9},
+    "thrust x 1.1": {"mismatch.thrust": 1.1},
+    "the paper's disturbance": {"disturbance": {}},
+}
+SHIPPED = ASSETS / "policy"
+OUTSIDE, INSIDE_MARGIN, MOVING = "start outside the cube", "start inside the margin", "start moving"
+HEADINGS = (
+    "success", "success (2 km)", "collisions", "keep-out violations", "end error, median (m)",
+    "p95 (m)", "Δv, median (m/s)",
+)  # fmt: skip
+
+# Starts outside the cube: from the origin, in m.
+NEAREST, FURTHEST = 190e3, 220e3
+# Starts inside the margin, from the ellipsoid, in m: from rest there is time to act.
+LEAST_CLEARANCE, GREATEST_CLEARANCE = 300.0, 3e3
+SPEED = 20.0
+# Share of the thrust limit that must suffice to stop before the ellipsoid.
+BRAKING_SHARE = 0.5
+ATTEMPTS = 10_000
+
+Start = tuple[np.ndarray, np.ndarray]
+"""Position (3,) in m and velocity (3,) in m/s, in K."""
+
+
+def outside_cube(transit: Transit, scenario: Scenario, body: Body) -> Start:
+    """At rest, 190 to 220 km out on that half of an axis which the goal is furthest along."""
+    axis = np.argmax(np.abs(transit.goal))
+    place = np.zeros(3)
+    distance = _random(OUTSIDE, transit).uniform(NEAREST, FURTHEST)
+    place[axis] = np.copysign(distance, transit.goal[axis])
+    return place, np.zeros(3)
+
+
+def inside_margin(transit: Transit, scenario: Scenario, body: Body) -> Start:
+    """At rest, 0.3 to 3 km from the keep-out ellipsoid, as far from the goal as transits are."""
+    random, axes, rules = _random(INSIDE_MARGIN, transit), body.keep_out_semi_axes, scenario.transit
+    # A goal in a corner of the cube may be further from all of the ellipsoid than transits are.
+    nearest = float(clearances(axes, transit.goal[None])[0])
+    furthest = max(rules.max_distance_m, nearest + rules.min_distance_m)
+    for _ in range(ATTEMPTS):
+        way = random.standard_normal(3)
+        surface = axes * way / np.linalg.norm(way)
+        normal = surface / axes**2 / np.linalg.norm(surface / axes**2)
+        place = surface + random.uniform(LEAST_CLEARANCE, GREATEST_CLEARANCE) * normal
+        distance = float(np.linalg.norm(place - transit.goal))
+        if not rules.min_distance_m <= distance <= furthest:
+            continue
+        limit = rules.max_hover_share * scenario.spacecraft.thrust_limit_n
+        if hover_force(place[None], scenario, body)[0] <= limit:
+            return place, np.zeros(3)
+    raise InputError(f"no start inside the margin for transit {transit.index}")
+
+
+def moving(transit: Transit, scenario: Scenario, body: Body) -> Start:
+    """Where the transit starts, at 20 m/s in any direction from which it can still stop."""
+    random, craft = _random(MOVING, transit), scenario.spacecraft
+    braking = BRAKING_SHARE * craft.thrust_limit_n / craft.mass_kg
+    for _ in range(ATTEMPTS):
+        way = random.standard_normal(3)
+        way /= np.linalg.norm(way)
+        # Straight on until it stands.
+        stop = transit.start + np.linspace(0.0, SPEED**2 / (2.0 * braking), 50)[:, None] * way
+        if clearances(body.keep_out_semi_axes, stop).min() > 0.0:
+            return transit.start, SPEED * way
+    raise InputError(f"no way to move from the start of transit {transit.index}")
+
+
+STARTS: dict[str, Callable[[Transit, Scenario, Body], Start]] = {
+    OUTSIDE: outside_cube,
+    INSIDE_MARGIN: inside_margin,
+    MOVING: moving,
+}
+VARIANTS = (*SETTINGS, *STARTS)
+
+
+def _random(variant: str, transit: Transit) -> np.random.Generator:
+    """Numbers of one start: a function of variant, seed and number of the transit."""
+    stream = list(STARTS).index(variant)
+    return generator(derived_seed(transit.seed, 1 + stream), transit.index)
+
+
+def flights_of(variant: str, controller: str, seed: int, count: int) -> list[Flight]:
+    """The flights of a variant, in the order of the transits."""
+    scenario = load_scenario(None, {"log_ranges": False, **SETTINGS.get(variant, {})})
+    body = load_body(scenario.body)
+    label = "".join(letter if letter.isalnum() else "-" for letter in variant)
+    flights = []
+    for index, flight in enumerate(transit_flights(scenario, controller, seed, count)):
+        text = flight.scenario
+        if variant in STARTS:
+            transit = draw_transit(seed, index, scenario, body)
+            place, velocity = STARTS[variant](transit, scenario, body)
+            wanted = parse_scenario(text)
+            wanted.transit.start_m, wanted.transit.goal_m = place.tolist(), transit.goal.tolist()
+            wanted.transit.start_velocity_m_s = velocity.tolist()
+            text = dump_scenario(wanted)
+        flights.append(dataclasses.replace(flight, name=f"{label}-{flight.name}", scenario=text))
+    return flights
+
+
+def fly_all(
+    variants: Sequence[str],
+    controller: str,
+    seed: int,
+    count: int,
+    folder: Path,
+    workers: int | None,
+    progress: Callable[[Row], None],
+) -> dict[str, list[Row]]:
+    """Each variant's rows in the order of the transits."""
+    flights = [flight for name in variants for flight in flights_of(name, controller, seed, count)]
+    # All variants of a transit together: a campaign that was interrupted has something of each.
+    order = [k for index in range(count) for k in range(index, len(flights), count)]
+    found = run_campaign([flights[k] for k in order], folder, workers=workers, progress=progress)
+    rows = dict(zip(order, found, strict=True))
+    return {
+        variant: [rows[i * count + index] for index in range(count)]
+        for i, variant in enumerate(variants)
+    }
+
+
+def figures(rows: Sequence[Row]) -> list[str]:
+    """One line of the table; Δv is of the flights that succeeded."""
+    errors = [row["terminal_position_error_m"] for row in rows]
+    spent = [row["delta_v_m_s"] for row in rows if row["success"]]
+    return [
+        f"{sum(row['success'] for row in rows)}/{len(rows)}",
+        f"{sum(row['success_2km'] for row in rows)}/{len(rows)}",
+        str(sum(row["collided"] for row in rows)),
+        str(sum(row["keep_out_violations"] for row in rows)),
+        f"{np.median(errors):.1f}",
+        f"{np.percentile(errors, 95):.1f}",
+        f"{np.median(spent):.1f}" if spent else "–",
+    ]
+
+
+def markdown(lines: dict[str, list[str]]) -> str:
+    """The table in Markdown."""
+    cells = [["variant", *HEADINGS], ["---", *(len(HEADINGS) * ["---:"])]]
+    cells += [[variant, *line] for variant, line in lines.items()]
+    return "".join("| " + " | ".join(line) + " |\n" for line in cells)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--controller", default="policy")
+    parser.add_argument("--transits", type=int, default=50)
+    parser.add_argument("--seed", type=int, default=10001)
+    parser.add_argument("--workers", type=int, help="processes; default: one for each core")
+    parser.add_argument("--out", type=Path, default=Path("out/robustness"))
+    parser.add_argument("--markdown", type=Path, help="also write the table there")
+    asked = parser.parse_args()
+    if asked.controller == "policy" and not SHIPPED.is_dir():
+        print("No policy ships yet: name one with --controller policy:BUNDLE.")
+        return  # No failure: all benchmarks run one after the other.
+    columns = BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
+    with Progress(TextColumn("flying"), *columns, console=Console(stderr=True)) as bar:
+        task = bar.add_task("", total=len(VARIANTS) * asked.transits)
+        try:
+            rows = fly_all(
+                VARIANTS, asked.controller, asked.seed, asked.transits, asked.out, asked.workers,
+                lambda _: bar.update(task, advance=1),
+            )  # fmt: skip
+        except InputError as error:
+            raise SystemExit(f"robustness.py: {error}") from error
+    lines = {variant: figures(rows[variant]) for variant in VARIANTS}
+    title = f"{asked.controller}, {asked.transits} transits of seed {asked.seed}"
+    table = Table(title=title)
+    table.add_column("", no_wrap=True)
+    for heading in HEADINGS:
+        table.add_column(heading, justify="right")
+    for variant, line in lines.items():
+        table.add_row(variant, *line)
+    Console(width=130).print(table)
+    if asked.markdown:
+        write_whole(asked.markdown, lambda path: path.write_text(markdown(lines)))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,70 @@
+"""`proxops dagger`: the pilot learns from its own flights."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.progress import BarColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from proxops.cli.common import check_folder, print_rows, progress_bar, status
+from proxops.cli.train import print_report
+from proxops.systems.errors import InputError
+
+
+def dagger_command(
+    data: Annotated[Path, typer.Argument(help="What `proxops collect` wrote.")],
+    pilot: Annotated[
+        Path, typer.Option(help="What `proxops train` wrote, from the same data.")
+    ] = Path("out/pilot"),
+    rounds: Annotated[int, typer.Option(min=1, help="How many.")] = 2,
+    flights: Annotated[int, typer.Option(min=1, help="In each round.")] = 160,
+    seed: Annotated[
+        int, typer.Option(min=0, help="Of the first round's transits; the next has the next.")
+    ] = 100,
+    minutes: Annotated[
+        float, typer.Option(min=0.0, help="No further round is begun after these.")
+    ] = math.inf,
+    out: Annotated[Path, typer.Option(help="Folder for the rounds and the pilot.")] = Path(
+        "out/dagger"
+    ),
+    workers: Annotated[
+        int | None, typer.Option(min=1, help="Processes. Default: one for each core.")
+    ] = None,
+    scheduler: Annotated[
+        str | None, typer.Option(help="Address of a Dask scheduler to fly on instead.")
+    ] = None,
+) -> None:
+    """Let the pilot fly, have the MPC say what it would have done, and learn that: DAgger.
+
+    Each round leaves its flights, their labels and its pilot in OUT/round-N; the last pilot's
+    bundle, report and weights are in OUT. Run it again to go on after an interruption, or with
+    more --rounds to add some.
+
+    Example:
+
+      proxops dagger out/full --pilot out/pilot --rounds 2 --out out/dagger
+    """
+    check_folder(out)
+    try:
+        from proxops.training import dagger as method
+    except ModuleNotFoundError as error:
+        raise InputError(
+            f"training needs {error.name}: run make train, or pip install 'proxops[train]'"
+        ) from error
+    settings = method.Settings(rounds, flights, seed, minutes)
+    columns = (BarColumn(), TimeElapsedColumn(), TimeRemainingColumn())
+    with progress_bar(*columns, TextColumn("{task.description}")) as bar:
+        task = bar.add_task("", total=1.0)
+
+        def tell(done: float, text: str) -> None:
+            bar.update(task, completed=done, description=text)
+
+        report = method.dagger(data, pilot, out, settings, tell, workers, scheduler)
+    print_report(report)
+    for number, row in enumerate(report["rounds"], start=1):
+        flown = f"{row['arrived']} of {row['flights']} arrived, {row['violations']} violations"
+        print_rows(f"round {number}", [("before it", flown), ("labels", str(row["labels"]))])
+    status.print(f"Wrote bundle, pilot.ckpt, report.md, report.json and forces.png in {out}")

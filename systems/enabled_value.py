@@ -1,0 +1,36 @@
+"""`EnabledValue`: a vector that may be looked at without asking for it."""
+
+from __future__ import annotations
+
+import numpy as np
+from pydrake.systems.framework import LeafSystem
+
+
+class EnabledValue(LeafSystem):
+    """Passes a vector on while it is enabled; otherwise gives NaN, and does not evaluate it.
+
+    ```
+    enable (1) ───►┌──────────────┐
+    value (size) ─►│ EnabledValue ├─► value (size)
+                   └──────────────┘
+    ```
+
+    A log of the output makes what feeds `value` compute only where `enable` is not 0.
+    """
+
+    def __init__(self, size: int):
+        """Takes the vector's size."""
+        super().__init__()
+        self._enable_port = self.DeclareVectorInputPort(name="enable", size=1)
+        self._value_port = self.DeclareVectorInputPort(name="value", size=size)
+        self._nothing = np.full(size, np.nan)
+        self.DeclareVectorOutputPort(
+            name="value",
+            size=size,
+            calc=self._calc_value,
+            prerequisites_of_calc={self._enable_port.ticket(), self._value_port.ticket()},
+        )
+
+    def _calc_value(self, context, output):
+        enabled = self._enable_port.Eval(context)[0] != 0.0
+        output.SetFromVector(self._value_port.Eval(context) if enabled else self._nothing)

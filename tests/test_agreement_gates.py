@@ -1,0 +1,133 @@
+"""The hybrid's gates: closed forms, and properties of all forces."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from proxops.systems import InputError
+from proxops.systems.agreement_gates import AgreementGate, GateKind
+
+GATES = {kind: AgreementGate(kind) for kind in GateKind}
+sizes = st.floats(0.0, 12.0) | st.floats(0.0, 0.5)
+unit = st.tuples(*[st.floats(-1.0, 1.0)] * 3).map(np.array).filter(lambda v: v @ v > 0.01)
+forces = st.builds(lambda size, way: size * way / np.linalg.norm(way), sizes, unit)
+kinds = st.sampled_from(list(GateKind))
+
+
+def turned(way: np.ndarray, angle: float, vector: np.ndarray) -> np.ndarray:
+    """Rodrigues' formula."""
+    axis = way / np.linalg.norm(way)
+    across = np.cross(axis, vector)
+    return (
+        math.cos(angle) * vector
+        + math.sin(angle) * across
+        + (1.0 - math.cos(angle)) * (axis @ vector) * axis
+    )
+
+
+def agrees(kind: str, one, other) -> bool:
+    return GATES[GateKind(kind)].compare(np.array(one), np.array(other)).agrees
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "printed", "paper", "strict"),
+    [
+        # Opposite: the printed angle is -90 degrees, and is accepted.
+        ([3.0, 0.0, 0.0], [-3.0, 0.0, 0.0], True, False, False),
+        # Equal directions: +90 degrees, rejected, whatever the sizes.
+        ([3.0, 0.0, 0.0], [5.0, 0.0, 0.0], False, True, False),
+        ([7.0, 0.0, 0.0], [0.1, 0.0, 0.0], False, True, False),
+        # 5 degrees apart, 0.87 N by sizes, 1.1 N in all.
+        ([7.0, 0.0, 0.0], [6.17, 0.75, 0.0], False, True, True),
+        # At right angles the printed angle is 0.
+        ([3.0, 0.0, 0.0], [0.0, 3.0, 0.0], True, False, False),
+        # Near each other, whatever the angle.
+        ([0.4, 0.0, 0.0], [-0.4, 0.0, 0.0], True, True, True),
+        # No direction: the difference decides.
+        ([0.0, 0.0, 0.0], [0.9, 0.0, 0.0], True, True, True),
+        ([0.0, 0.0, 0.0], [1.1, 0.0, 0.0], False, False, False),
+        ([0.15, 0.0, 0.0], [1.16, 0.0, 0.0], False, True, False),
+        ([0.0, 0.0, 0.0], [0.0, 0.0, 0.0], True, True, True),
+        # Not finite: nothing agrees.
+        ([math.nan, 0.0, 0.0], [1.0, 0.0, 0.0], False, False, False),
+        ([math.inf, 0.0, 0.0], [1.0, 0.0, 0.0], False, False, False),
+    ],
+)
+@pytest.mark.filterwarnings("ignore:invalid value")
+def test_closed_forms(one, other, printed: bool, paper: bool, strict: bool) -> None:
+    got = [agrees(kind, one, other) for kind in ("printed", "paper", "strict")]
+    assert got == [printed, paper, strict]
+
+
+def test_values() -> None:
+    one, other = np.array([2.0, 0.0, 0.0]), np.array([1.0, 1.0, 0.0])
+    right = GATES[GateKind.PAPER].compare(one, other)
+    assert right.difference == pytest.approx(math.sqrt(2.0))
+    assert right.angle == pytest.approx(math.pi / 4)
+    assert GATES[GateKind.STRICT].compare(one, other).angle == right.angle
+    # As printed: arctan(2 / 2).
+    assert GATES[GateKind.PRINTED].compare(one, 1.5 * other).angle == pytest.approx(math.pi / 4)
+    steep = np.array([1.0, math.sqrt(3.0), 0.0])
+    printed = GATES[GateKind.PRINTED].compare(one, steep).angle
+    assert printed == pytest.approx(math.atan(2.0 / (2.0 * math.sqrt(3.0))))
+    for gate in GATES.values():
+        assert math.isnan(gate.compare(one, np.zeros(3)).angle)
+
+
+def test_dead_band_alone() -> None:
+    """Below it two forces agree even where no other test would pass."""
+    gate = AgreementGate(magnitude=0.0, angle=0.0, dead_band=0.2)
+    assert gate.compare(np.array([0.19, 0, 0]), np.array([-0.19, 0, 0])).agrees
+    assert not gate.compare(np.array([0.21, 0, 0]), np.array([-0.19, 0, 0])).agrees
+    # One below: only the difference counts, though the direction is the same.
+    gate = AgreementGate(magnitude=0.5, angle=1.0, dead_band=0.2)
+    assert not gate.compare(np.array([0.1, 0, 0]), np.array([0.65, 0, 0])).agrees
+
+
+@given(kinds, forces, forces)
+def test_symmetric(kind: GateKind, one: np.ndarray, other: np.ndarray) -> None:
+    there, back = GATES[kind].compare(one, other), GATES[kind].compare(other, one)
+    assert there == pytest.approx(back, nan_ok=True)
+
+
+@given(kinds, forces, forces, unit, st.floats(-math.pi, math.pi))
+def test_rotation_changes_nothing(kind, one, other, axis, angle) -> None:
+    gate = GATES[kind]
+    before = gate.compare(one, other)
+    after = gate.compare(turned(axis, angle, one), turned(axis, angle, other))
+    assert after.difference == pytest.approx(before.difference, abs=1e-9)
+    if min(np.linalg.norm(one), np.linalg.norm(other)) > 1e-3:
+        assert after.angle == pytest.approx(before.angle, abs=1e-6)
+    levels = [before.difference - gate.magnitude, before.angle - gate.angle]
+    sizes = np.linalg.norm(one), np.linalg.norm(other)
+    levels += [abs(sizes[0] - sizes[1]) - gate.magnitude, *(np.array(sizes) - gate.dead_band)]
+    assume(np.nanmin(np.abs(levels)) > 1e-6)  # Else rounding decides.
+    assert after.agrees == before.agrees
+
+
+@given(forces, forces)
+def test_strict_is_the_strictest_of_the_right_ones(one: np.ndarray, other: np.ndarray) -> None:
+    """But for two forces in the dead band, which are 0.4 N apart at most: within the limit."""
+    if agrees("strict", one, other):
+        assert agrees("paper", one, other)
+        assert np.linalg.norm(one - other) < 2.4  # 12 N, 10 degrees and 1 N apart.
+
+
+@given(forces)
+def test_printed_accepts_opposite_and_rejects_equal_directions(force: np.ndarray) -> None:
+    assume(np.linalg.norm(force) > 1.01)
+    assert agrees("printed", force, -force)
+    assert not agrees("printed", force, 3.0 * force)
+    assert not agrees("paper", force, -force)
+    assert agrees("paper", force, 3.0 * force)
+
+
+def test_limits_are_checked() -> None:
+    for wrong in ({"magnitude": -1.0}, {"angle": math.nan}, {"dead_band": math.inf}):
+        with pytest.raises(InputError, match="finite and not negative"):
+            AgreementGate(GateKind.STRICT, **wrong)
+    with pytest.raises(InputError, match="printed, paper, strict"):
+        AgreementGate("loose")  # type: ignore[arg-type]

@@ -1,0 +1,123 @@
+"""Policies by the folder of their bundle, and the PD controller on what a policy estimates."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from known_policies import Counting, DeadReckoning, NotANumber, write_policy
+from short_flights import BRIEF, kleopatra, short_scenario
+
+from proxops.diagrams.campaign import made_with, run_campaign, transit_flights
+from proxops.diagrams.flight_log import FlightLog, differences
+from proxops.diagrams.simulation import fly, named_controller
+from proxops.systems import InputError, PolicyBundle
+
+
+class Blinking(NotANumber):
+    """As `NotANumber`, but it claims to make an estimate: the target's, where it is finite."""
+
+    ESTIMATES = True
+
+    def forward(self, ranges, target, applied_force, memory):
+        force, _, following = super().forward(ranges, target, applied_force, memory)
+        return force, 0.9 * target, following
+
+
+@pytest.fixture(scope="module")
+def reckoning(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_policy(tmp_path_factory.mktemp("reckoning") / "policy", DeadReckoning())
+
+
+def brief(**changes: object):
+    return short_scenario(**(BRIEF | {"log_ranges": False} | changes))
+
+
+@pytest.fixture(scope="module")
+def log(reckoning: Path) -> FlightLog:
+    return fly(brief(disturbance={}), f"pd:{reckoning}")
+
+
+def test_flies_the_pd_law_on_the_estimate(log: FlightLog) -> None:
+    """The law again in numpy, of the estimate in the log: λ = 8.75e-4 1/s, m k = 5 kg/s."""
+    data = log.dataset
+    estimate, target = data["estimate"].values[:-1], data["target"].values[0]
+    error = target - estimate
+    wanted = 5.0 * (np.clip(8.75e-4 * error[:, :3], -40.0, 40.0) + error[:, 3:])
+    commanded = (data["force"] - data["disturbance"]).values[:-1]
+    np.testing.assert_allclose(commanded, np.clip(wanted, -7.0, 7.0), atol=1e-9)
+    # The estimate is not the truth, so this is not what the true state would ask for.
+    assert np.abs(estimate - data["state"].values[:-1]).max() > 10.0
+
+
+def test_log_says_who_flew_and_what_was_estimated(log: FlightLog, reckoning: Path) -> None:
+    data, summary = log.dataset, log.summary
+    assert summary["controller"] == f"pd:{reckoning}"
+    assert (data["decision"] == 0).all()
+    assert summary["policy_share"] == 0.0
+    assert np.isnan(data["policy_force"]).all()
+    assert (data["policy_time"].values[:-1] > 0.0).all()
+    assert summary["policy_sha256"] == PolicyBundle.load(reckoning).sha256
+    error = np.linalg.norm((data["estimate"] - data["state"]).values[:, :3], axis=1)
+    assert summary["estimate_position_error_m_median"] == pytest.approx(np.nanmedian(error))
+
+
+def test_repeats_from_its_log(log: FlightLog) -> None:
+    assert differences(log, fly(log.scenario, log.dataset.attrs["controller"])) == []
+
+
+def test_policy_without_estimates_is_refused(tmp_path: Path) -> None:
+    bundle = write_policy(tmp_path / "policy", Counting())
+    with pytest.raises(InputError, match=r"makes no estimate .* fly it as a policy"):
+        named_controller(f"pd:{bundle}", brief(), kleopatra())
+
+
+def test_no_force_without_a_finite_estimate(tmp_path: Path) -> None:
+    bundle = write_policy(tmp_path / "policy", Blinking("force"))
+    data = fly(brief(), f"pd:{bundle}").dataset
+    lost = data["policy_status"].values[:-1] == 1.0
+    force = data["force"].values[:-1]
+    assert lost.tolist() == [k % 3 == 2 for k in range(len(lost))]
+    assert (force[lost] == 0.0).all()
+    assert (np.abs(force[~lost]).max(axis=1) > 0.0).all()
+
+
+def test_policy_by_its_folder_is_the_scenario_s(reckoning: Path) -> None:
+    named = fly(brief(), f"policy:{reckoning}")
+    set_up = fly(brief(policy__bundle=str(reckoning)), "policy")
+    np.testing.assert_array_equal(named.dataset["state"], set_up.dataset["state"])
+    assert named.summary["controller"] == f"policy:{reckoning}"
+    assert named.summary["policy_share"] == 1.0
+
+
+@pytest.mark.parametrize("kind", ["policy", "pd"])
+def test_no_bundle_there(kind: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="nothing is not the bundle of a policy"):
+        named_controller(f"{kind}:{tmp_path / 'nothing'}", brief(), kleopatra())
+
+
+def test_several_policies_in_one_campaign(tmp_path: Path) -> None:
+    gentle = write_policy(tmp_path / "gentle", DeadReckoning(proportional=1e-5))
+    other = write_policy(tmp_path / "other", DeadReckoning(proportional=2e-5))
+    names = [f"policy:{gentle}", f"policy:{other}", f"pd:{other}"]
+    made = [made_with(brief(), kleopatra(), name) for name in names]
+    assert PolicyBundle.load(gentle).sha256 in made[0]
+    assert PolicyBundle.load(other).sha256 in made[1]
+    assert made[1] == made[2]
+    assert "policy" not in made_with(brief(), kleopatra(), "pd")
+    flights = [flight for name in names for flight in transit_flights(brief(), name, 1, 1)]
+    rows = run_campaign(flights, tmp_path / "flights", workers=1)
+    assert [row["controller"] for row in rows] == names
+    assert len({row["terminal_position_error_m"] for row in rows}) == 3
+    assert run_campaign(flights, tmp_path / "flights", workers=1) == rows
+
+
+def test_files_of_paths_that_look_alike_differ(tmp_path: Path) -> None:
+    bundle = write_policy(tmp_path / "a-b" / "policy", DeadReckoning())
+    write_policy(tmp_path / "a" / "b" / "policy", DeadReckoning())
+    paths = [bundle, tmp_path / "a" / "b" / "policy"]
+    first, second = (transit_flights(brief(), f"policy:{path}", 1, 2) for path in paths)
+    names = {flight.name for flight in [*first, *second]}
+    assert len(names) == 4
+    assert {flight.name for flight in transit_flights(brief(), f"policy:{paths[0]}", 1, 2)} < names
+    assert max(map(len, names)) < 100
+    assert all(letter.isalnum() or letter in "-" for name in names for letter in name)

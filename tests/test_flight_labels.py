@@ -1,0 +1,44 @@
+"""Labels of flights: what the expert commands at the states that a flight passed."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from flight_folders import copy_flights, flight
+from short_flights import kleopatra
+
+from proxops.diagrams.scenario_systems import make_controller
+from proxops.systems import InputError
+from proxops.training.flight_labels import label_flights, labels_along
+
+
+def test_labels_along_the_experts_own_flight_are_its_commands():
+    log = flight("a-0")
+    states = log.dataset["state"].values[:-1]
+    program = make_controller(log.scenario, kleopatra()).program
+    labels = labels_along(program, states, log.dataset["target"].values[0], 10.0, 10)
+    commands = log.dataset["mpc_force"].values[:-1]
+    for state, command in zip(states, commands, strict=True):
+        found = labels["force"][(labels["state"] == state).all(axis=1)]
+        assert len(found) == 1
+        # Linearised twice instead of once: as near as that leaves them.
+        np.testing.assert_allclose(found[0], command, atol=0.1)
+    # Every fourth plan labels its later knots too.
+    assert len(labels["state"]) > len(states) + 3 * (log.scenario.mpc.knots - 1)
+
+
+def test_labels_are_kept_and_belong_to_their_flight(tmp_path: Path):
+    logs = sorted(copy_flights(tmp_path).glob("*.nc"))[:2]
+    told: list[int] = []
+    first = label_flights(logs, tmp_path / "labels", 1, progress=told.append)
+    written = [path.stat().st_mtime_ns for path in sorted((tmp_path / "labels").glob("*.npz"))]
+    assert sum(told) == len(written) == 2
+    again = label_flights(logs, tmp_path / "labels", 1)
+    assert written == [
+        path.stat().st_mtime_ns for path in sorted((tmp_path / "labels").glob("*.npz"))
+    ]
+    for name, values in first.items():
+        np.testing.assert_array_equal(values, again[name])
+    logs[0].write_bytes(logs[1].read_bytes())
+    with pytest.raises(InputError, match="another"):
+        label_flights(logs, tmp_path / "labels", 1)

@@ -1,0 +1,109 @@
+"""Reports as pages: well-formed, self-contained, and what was put in comes out."""
+
+import base64
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+from matplotlib.figure import Figure
+
+from proxops.systems import InputError
+from proxops.training.html_report import (
+    Section,
+    Table,
+    Text,
+    html_page,
+    markdown_page,
+    picture,
+    write_report,
+)
+
+AWKWARD = "a < b & \"c\" | *d* _e_ `f` [g](h) <script>alert('x')</script>"
+VOID = {"meta", "img"}
+
+
+class Page(HTMLParser):
+    """The text, tags and addresses of a page; fails where tags don't match."""
+
+    def __init__(self, page: str):
+        super().__init__()
+        self.open: list[str] = []
+        self.tags: list[str] = []
+        self.addresses: list[str] = []
+        self.words: list[str] = []
+        self.cells: list[list[str]] = []
+        self.feed(page)
+        self.close()
+        assert self.open == []
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append(tag)
+        if tag not in VOID:
+            self.open.append(tag)
+        self.addresses += [value or "" for name, value in attrs if name in ("src", "href")]
+        if tag == "tr":
+            self.cells.append([])
+        if tag in ("td", "th"):
+            self.cells[-1].append("")
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        if self.open and self.open[-1] in ("td", "th"):
+            self.cells[-1][-1] += data
+        elif self.open and self.open[-1] != "style":
+            self.words.append(data.strip())
+
+
+@pytest.fixture(scope="module")
+def sections() -> list[Section]:
+    figure = Figure(figsize=(2.0, 1.0))
+    figure.subplots().plot([0.0, 1.0])
+    table = Table(["", "one", AWKWARD], [["first", "1", "2"], [AWKWARD, "3", "4"]])
+    return [
+        Section("Words", [Text(AWKWARD), Text("proxops evaluate --set 'a=b'", code=True)]),
+        Section(AWKWARD, [table, picture("a-line", figure, AWKWARD)]),
+    ]
+
+
+def test_html_holds_everything_and_asks_for_nothing(sections: list[Section]) -> None:
+    text = html_page("A title", sections)
+    page = Page(text)
+    assert "script" not in page.tags
+    [address] = page.addresses
+    kind, data = address.split(",")
+    assert kind == "data:image/png;base64"
+    assert base64.b64decode(data).startswith(b"\x89PNG")
+    assert not re.search(r"https?://|@import|url\(", text.replace(address, ""))
+    assert page.words.count("A title") == 2
+    assert page.words.count(AWKWARD) == 3  # A paragraph, a heading, a caption.
+    assert "proxops evaluate --set 'a=b'" in page.words
+    assert page.cells == [["", "one", AWKWARD], ["first", "1", "2"], [AWKWARD, "3", "4"]]
+
+
+def test_markdown_tables_keep_their_columns(sections: list[Section]) -> None:
+    lines = markdown_page("A title", sections).splitlines()
+    rows = [line for line in lines if line.startswith("|")]
+    assert len(rows) == 4
+    assert {len(re.findall(r"(?<!\\)\|", row)) for row in rows} == {4}
+    assert rows[1] == "| --- | ---: | ---: |"
+    assert rows[2] == "| first | 1 | 2 |"
+    assert lines[:3] == ["# A title", "", "## Words"]
+    [start] = [k for k, line in enumerate(lines) if line == "proxops evaluate --set 'a=b'"]
+    assert lines[start - 1] == lines[start + 1] == "```"
+    assert not any(re.search(r"(?<!\\)<", line) for line in lines)
+
+
+def test_files(sections: list[Section], tmp_path: Path) -> None:
+    folder = tmp_path / "a" / "report"
+    write_report(folder, "Title", sections)
+    assert (folder / "report.html").read_text() == html_page("Title", sections)
+    text = (folder / "report.md").read_text()
+    [shown] = re.findall(r"\]\((figures/.*?)\)$", text, re.MULTILINE)
+    assert (folder / shown).read_bytes().startswith(b"\x89PNG")
+    assert {path.name for path in folder.iterdir()} == {"report.html", "report.md", "figures"}
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="cannot make the folder"):
+        write_report(tmp_path / "file", "Title", sections)

@@ -1,0 +1,405 @@
+"""The hybrid flown: how often the MPC solves, what the log says, and the commands that fly it."""
+
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from known_policies import Counting, DeadReckoning, write_policy
+from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
+from pydrake.systems.framework import Context, DiagramBuilder, LeafSystem
+from short_flights import PdController, kleopatra, short_scenario
+
+from proxops.cli.fly import _table
+from proxops.cli.main import main
+from proxops.diagrams.campaign import made_with, transit_flights
+from proxops.diagrams.flight_log import FlightLog, differences
+from proxops.diagrams.hybrid_controller import make_hybrid
+from proxops.diagrams.scenario import Scenario, load_scenario
+from proxops.diagrams.scenario_systems import make_controller
+from proxops.diagrams.simulation import fly, make_simulator, named_controller
+from proxops.diagrams.transit_diagram import make_transit_diagram
+from proxops.systems import (
+    DecisionReason,
+    InputError,
+    ModelPredictiveController,
+    PolicyBundle,
+    ReachModel,
+)
+from proxops.systems.ellipsoid import clearances
+
+# 45 steps, wherever it is then; both forces always agree by `TRUSTING`.
+BRIEF = {"arrival__deadline_s": 400.0, "arrival__dwell_s": 50.0, "log_ranges": False}
+TRUSTING = {"hybrid__epsilon_magnitude_n": 100.0}
+DOUBTING = {"hybrid__epsilon_magnitude_n": 6.0, "hybrid__check_period": 5}
+CHECKS = np.arange(0, 45, 10)
+
+
+@pytest.fixture(scope="module")
+def bundle(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_policy(tmp_path_factory.mktemp("policy") / "policy", DeadReckoning())
+
+
+def brief(bundle: Path, **changes: object) -> Scenario:
+    return short_scenario(**(BRIEF | {"policy__bundle": str(bundle)} | changes))
+
+
+@pytest.fixture(scope="module")
+def trusting(bundle: Path) -> FlightLog:
+    return fly(brief(bundle, **TRUSTING), "hybrid")
+
+
+@pytest.fixture(scope="module")
+def doubting(bundle: Path) -> FlightLog:
+    """By this gate the policy, which knows no gravity, fails some checks."""
+    return fly(brief(bundle, **DOUBTING, disturbance={}, noise_seed=3), "hybrid")
+
+
+# --- how often the MPC solves ---------------------------------------------------------------------
+
+
+class Solves:
+    """Counts the times at which a plan is made: none twice, none that was not asked for."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch):
+        self.times: list[float] = []
+        now = [0.0]
+        solve = ModelPredictiveController._solve
+        recall = ModelPredictiveController._recall
+
+        def counted(controller, *given):
+            self.times.append(now[0])
+            return solve(controller, *given)
+
+        def recalled(controller, context):
+            now[0] = context.get_time()
+            return recall(controller, context)
+
+        monkeypatch.setattr(ModelPredictiveController, "_solve", counted)
+        monkeypatch.setattr(ModelPredictiveController, "_recall", recalled)
+
+
+def test_one_solve_in_ten(bundle: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With every log sink connected, and the MPC's own event, and the summary asked for."""
+    solves = Solves(monkeypatch)
+    log = fly(brief(bundle, **TRUSTING), "hybrid")
+    assert solves.times == [10.0 * step for step in CHECKS]
+    assert log.summary["mpc_solves"] == len(CHECKS)
+
+
+@pytest.mark.parametrize("rule", ["fixed", "adaptive"])
+def test_no_step_solves_that_the_record_does_not_want(
+    bundle: Path, rule: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    solves = Solves(monkeypatch)
+    settings = DOUBTING | {"hybrid__period_rule": rule}
+    log = fly(brief(bundle, **settings, disturbance={}, noise_seed=3), "hybrid")
+    by_mpc = log.dataset["decision"].values == 1
+    assert 0 < by_mpc.sum() < len(by_mpc)
+    assert solves.times == log.dataset["time"].values[by_mpc].tolist()
+    assert log.summary["mpc_solves"] == by_mpc.sum()
+
+
+def test_policy_that_is_the_expert(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It always agrees, the flight is the expert's, and old plans settle in few iterations."""
+    scenario = short_scenario(**BRIEF)
+    expert = fly(scenario, "mpc").dataset
+    hybrid = make_hybrid(scenario, kleopatra(), make_controller(scenario, kleopatra()))
+    program = hybrid.GetSubsystemByName("mpc").program  # type: ignore[attr-defined]
+    calls: list[int] = []
+    solve = program.solve
+
+    def counted(state, target, previous, age, iterations, push):
+        calls.append(iterations)
+        return solve(state, target, previous, age, iterations, push)
+
+    monkeypatch.setattr(program, "solve", counted)
+    data = fly(scenario, hybrid).dataset
+    assert data["solve_reason"].values[CHECKS].tolist() == [1.0, 2.0, 2.0, 2.0, 2.0]
+    assert calls[0] == 10
+    assert set(calls[1:]) == {1}
+    assert 4 <= len(calls) - 1 <= 4 * 5
+    assert (data["agreement"].values[CHECKS] == 1.0).all()
+    np.testing.assert_allclose(data["force"], expert["force"], atol=0.02)
+    np.testing.assert_allclose(data["state"], expert["state"], atol=1.0)
+
+
+# --- the log --------------------------------------------------------------------------------------
+
+
+def test_who_flies(trusting: FlightLog) -> None:
+    data = trusting.dataset
+    check = np.isin(np.arange(len(data["time"]) - 1), CHECKS)
+    decision = data["decision"].values[:-1]
+    np.testing.assert_array_equal(decision, np.where(check, 1, 2))
+    mpc, policy = (data[f"{who}_force"].values[:-1] for who in ("mpc", "policy"))
+    np.testing.assert_array_equal(np.isfinite(mpc).all(axis=1), check)
+    assert np.isfinite(policy).all()
+    force = data["force"].values[:-1]
+    np.testing.assert_array_equal(force, np.where(check[:, None], mpc, policy))
+    assert not data["disturbance"].values.any()
+
+
+def test_record_is_that_of_both_forces(doubting: FlightLog) -> None:
+    """Gate and clearance again, from the forces and states in the log."""
+    data = doubting.dataset.isel(time=slice(0, -1))
+    reasons = data["decision_reason"].values
+    assert set(reasons) == set(DecisionReason)
+    mpc, policy = data["mpc_force"].values, data["policy_force"].values
+    known = np.isfinite(mpc).all(axis=1)
+    apart = np.linalg.norm(mpc - policy, axis=1)
+    np.testing.assert_allclose(data["force_difference"], apart)
+    cosine = np.sum(mpc * policy, axis=1)
+    sizes = np.linalg.norm(mpc, axis=1), np.linalg.norm(policy, axis=1)
+    angle = np.arccos(np.clip(cosine / sizes[0] / sizes[1], -1.0, 1.0))
+    np.testing.assert_allclose(data["force_angle"], angle, atol=1e-6)
+    strict = (apart < 6.0) | ((angle < np.radians(10.0)) & (np.abs(sizes[0] - sizes[1]) < 6.0))
+    np.testing.assert_array_equal(data["agreement"], np.where(known, strict, np.nan))
+    checks = np.isin(reasons, [DecisionReason.CHECK_AGREED, DecisionReason.CHECK_DISAGREED])
+    np.testing.assert_array_equal(checks, np.arange(len(reasons)) % 5 == 0)
+    above = clearances(doubting.body.keep_out_semi_axes, data["state"].values[:, :3])
+    np.testing.assert_allclose(data["check_clearance"], np.where(checks, above, np.nan))
+    np.testing.assert_array_equal(data["steps_to_check"], 5 - np.arange(len(reasons)) % 5)
+    # After a check that failed the MPC flies on, else the policy.
+    failed = np.repeat(strict[checks] == 0, 5)[: len(reasons)]
+    np.testing.assert_array_equal(data["decision"], np.where(checks | failed, 1, 2))
+    meanings = data["decision_reason"].attrs["flag_meanings"].split()
+    assert meanings == [reason.name.lower() for reason in DecisionReason]
+
+
+def test_log_is_kept_whole(doubting: FlightLog, tmp_path: Path) -> None:
+    doubting.to_netcdf(tmp_path / "flight.nc")
+    again = FlightLog.load(tmp_path / "flight.nc")
+    assert differences(doubting, again) == []
+    assert again.summary == doubting.summary
+    assert again.scenario == doubting.scenario
+
+
+def test_summary(trusting: FlightLog, bundle: Path) -> None:
+    summary, data = trusting.summary, trusting.dataset
+    rows = len(data["time"]) - 1
+    assert summary["steps"] == rows
+    assert summary["policy_share"] == pytest.approx(1.0 - len(CHECKS) / rows)
+    assert summary["policy_share_to_arrival"] == summary["policy_share"]  # It never arrives.
+    assert summary["policy_sha256"] == PolicyBundle.load(bundle).sha256
+    # It ends at a control step, at which all is asked once more.
+    policy, solve, decide = (
+        data[name].values for name in ("policy_time", "solve_time", "decision_time")
+    )
+    total = 1e3 * (policy + np.nan_to_num(solve) + decide)
+    assert summary["control_ms_median"] == pytest.approx(np.median(total))
+    assert summary["control_ms_p99"] == pytest.approx(np.percentile(total, 99))
+    assert summary["control_ms_mean"] == pytest.approx(total.mean())
+    assert total[CHECKS].min() > np.median(total)
+    table = dict(_table(trusting, summary))
+    assert table["MPC solves"] == "5"
+    assert "hybrid step, median and p99" in table
+    assert json.loads(json.dumps(summary, allow_nan=False)) == summary
+
+
+def test_share_until_arrival() -> None:
+    """The hold after arrival counts for the whole flight only."""
+    scenario = short_scenario(arrival__radius_m=1e3, hybrid__check_period=7)
+    hybrid = make_hybrid(scenario, kleopatra(), PdController())
+    log = fly(scenario, hybrid)
+    summary, data = log.summary, log.dataset
+    assert summary["success"]
+    by_policy = data["decision"].values[:-1] == 2
+    before = data["time"].values[:-1] < summary["arrival_time_s"]
+    assert 0 < before.sum() < len(before)
+    assert summary["policy_share_to_arrival"] == np.mean(by_policy[before])
+    assert summary["policy_share"] == np.mean(by_policy)
+
+
+# --- again ----------------------------------------------------------------------------------------
+
+
+def test_repeats_bit_for_bit(doubting: FlightLog) -> None:
+    assert differences(doubting, fly(doubting.scenario, "hybrid")) == []
+
+
+@pytest.mark.parametrize("rule", ["fixed", "adaptive"])
+def test_cloned_context_goes_on_alike(bundle: Path, rule: str) -> None:
+    scenario = brief(
+        bundle, disturbance={}, hybrid__period_rule=rule, hybrid__state_noise_velocity_m_s=0.1
+    )
+    diagram = make_transit_diagram(scenario, named_controller("hybrid", scenario, kleopatra()))
+    simulator = make_simulator(diagram, scenario)
+    simulator.AdvanceTo(95.0)
+    clone = simulator.get_context().Clone()
+    simulator.AdvanceTo(305.0)
+    again = Simulator(diagram, clone)
+    ResetIntegratorFromFlags(again, "runge_kutta5", 10.0).set_fixed_step_mode(True)
+    again.AdvanceTo(305.0)
+
+    def values(context: Context) -> np.ndarray:
+        hybrid = diagram.GetSubsystemByName("controller").GetMyContextFromRoot(context)
+        groups = hybrid.get_discrete_state()
+        memory = [groups.get_vector(i).CopyToVector() for i in range(groups.num_groups())]
+        motion = context.get_continuous_state_vector().CopyToVector()
+        return np.concatenate([*memory, motion])
+
+    one, other = values(simulator.get_context()), values(again.get_context())
+    assert one.size > 50
+    np.testing.assert_array_equal(one, other)
+
+
+# --- a state that is known with errors ------------------------------------------------------------
+
+
+def test_noisy_state_is_the_expert_s_alone(bundle: Path, trusting: FlightLog) -> None:
+    noisy = TRUSTING | {
+        "hybrid__state_noise_position_m": 200.0,
+        "hybrid__state_noise_velocity_m_s": 0.3,
+    }
+    log = fly(brief(bundle, **noisy), "hybrid")
+    first, exact = log.dataset["mpc_force"].values[0], trusting.dataset["mpc_force"].values[0]
+    assert np.abs(first - exact).max() > 0.01
+    np.testing.assert_array_equal(
+        log.dataset["policy_force"].values[0], trusting.dataset["policy_force"].values[0]
+    )
+    above = clearances(log.body.keep_out_semi_axes, log.dataset["state"].values[CHECKS, :3])
+    off = log.dataset["check_clearance"].values[CHECKS] - above
+    assert (np.abs(off) > 0.1).all()
+    assert np.abs(off).max() < 1e3
+    assert differences(log, fly(log.scenario, "hybrid")) == []
+    other = fly(brief(bundle, noise_seed=1, **noisy), "hybrid")
+    assert "mpc_force" in differences(log, other)
+
+
+# --- the scenario and the commands ----------------------------------------------------------------
+
+
+def test_scenario_is_checked() -> None:
+    for changes, why in (
+        ({"hybrid__gate": "loose"}, "hybrid.gate must be printed or paper or strict"),
+        ({"hybrid__period_rule": "never"}, "hybrid.period_rule must be fixed or adaptive"),
+        ({"hybrid__check_period": 0}, "hybrid.check_period must be positive"),
+        ({"hybrid__longest_period": 2}, "hybrid.longest_period must be at least"),
+        ({"hybrid__reach_share": 1.5}, "hybrid.reach_share must be at most 1"),
+        ({"hybrid__epsilon_angle_deg": -1.0}, "hybrid.epsilon_angle_deg must not be negative"),
+        ({"hybrid__state_noise_position_m": float("nan")}, "state_noise_position_m"),
+    ):
+        with pytest.raises(InputError, match=why):
+            short_scenario(**changes)
+
+
+def test_no_solve_delay(bundle: Path) -> None:
+    with pytest.raises(InputError, match=r"without mpc\.solve_delay_s"):
+        fly(brief(bundle, mpc__solve_delay_s=1.0), "hybrid")
+
+
+def test_gate_and_limits_are_the_scenario_s(bundle: Path) -> None:
+    scenario = brief(
+        bundle, hybrid__gate="printed", hybrid__epsilon_angle_deg=20.0, hybrid__dead_band_n=0.5,
+        hybrid__epsilon_magnitude_n=2.0, hybrid__state_noise_velocity_m_s=0.1,
+        spacecraft__thrust_limit_n=5.0, spacecraft__mass_kg=50.0,
+    )  # fmt: skip
+    hybrid = named_controller("hybrid", scenario, kleopatra())
+    selector = hybrid.GetSubsystemByName("selector")
+    gate = selector.gate
+    assert (gate.kind, gate.magnitude, gate.dead_band) == ("printed", 2.0, 0.5)
+    assert gate.angle == pytest.approx(np.radians(20.0))
+    assert selector.reach.acceleration == 0.1
+    assert (selector.position_error, selector.velocity_error) == (0.0, 0.5)
+
+
+def test_another_bundle_by_its_folder(bundle: Path, tmp_path: Path) -> None:
+    counting = write_policy(tmp_path / "counting", Counting())
+    scenario, body = brief(bundle), kleopatra()
+    hybrid = named_controller(f"hybrid:{counting}", scenario, body)
+    assert hybrid.bundle.path == counting
+    names = {hybrid.get_output_port(i).get_name() for i in range(hybrid.num_output_ports())}
+    assert "estimate" not in names
+    with pytest.raises(InputError, match="not the bundle of a policy"):
+        named_controller(f"hybrid:{tmp_path}/none", scenario, body)
+    # A campaign's flights say which policy they are of.
+    hashes = {PolicyBundle.load(path).sha256 for path in (bundle, counting)}
+    origins = [made_with(scenario, body, name) for name in ("hybrid", f"hybrid:{counting}")]
+    assert {origin.split()[-1] for origin in origins} == hashes
+    names = [
+        transit_flights(scenario, name, 1, 1)[0].name for name in ("hybrid", f"hybrid:{counting}")
+    ]
+    assert len(set(names)) == 2
+
+
+def test_commands(bundle: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "200")
+    short = (
+        "--set", "transit.start_m=[160e3, 0, 0]", "--set", "transit.goal_m=[160e3, 8e3, 0]",
+        "--set", "arrival.deadline_s=100", "--set", "arrival.dwell_s=50",
+        "--set", "hybrid.period_rule=adaptive",
+    )  # fmt: skip
+
+    def run(*arguments: object) -> int:
+        monkeypatch.setattr(sys, "argv", ["proxops", *map(str, arguments)])
+        try:
+            main()
+        except SystemExit as end:
+            return int(end.code or 0)
+        return 0
+
+    assert run("fly", "--controller", f"hybrid:{bundle}", *short, "--out", "one") == 0
+    assert "MPC flies" in (tmp_path / "one" / "replay.html").read_text()
+    assert run("fly", "--from", "one/flight.nc", "--out", "two") == 0
+    assert "bit for bit" in capsys.readouterr().err
+    code = run(
+        "evaluate", "--controllers", "hybrid,mpc", "--transits", 1, "--workers", 1,
+        "--set", f"policy.bundle={bundle}", *short[4:8], "--out", "results",
+    )  # fmt: skip
+    assert code == 0
+    results = json.loads((tmp_path / "results" / "results.json").read_text())
+    hybrid, mpc = results["hybrid"], results["mpc"]
+    assert 0 < hybrid["mpc_solves"] <= mpc["mpc_solves"]
+    assert hybrid["flights"][0]["policy_sha256"] == PolicyBundle.load(bundle).sha256
+
+
+# --- a whole flight -------------------------------------------------------------------------------
+
+
+class Blurred(LeafSystem):
+    """A state with slow errors of some 50 m and 0.1 m/s."""
+
+    def __init__(self):
+        super().__init__()
+        self._state_port = self.DeclareVectorInputPort("state", 6)
+        self.DeclareVectorOutputPort("state", 6, self._calc)
+
+    def _calc(self, context, output):
+        error = np.sin(context.get_time() / np.array([170.0, 310.0, 70.0, 90.0, 130.0, 210.0]))
+        output.SetFromVector(self._state_port.Eval(context) + error * np.repeat([70.0, 0.14], 3))
+
+
+@pytest.mark.slow
+def test_adaptive_saves_what_fixed_cannot() -> None:
+    """A policy as good as an expert that knows its state to 50 m and 0.1 m/s."""
+    scenario = load_scenario(
+        None, {"transit.seed": 50, "transit.index": 3, "hybrid.period_rule": "adaptive",
+               "log_ranges": False},
+    )  # fmt: skip
+    builder = DiagramBuilder()
+    blurred = builder.AddSystem(Blurred())
+    expert = builder.AddSystem(make_controller(scenario, kleopatra()))
+    builder.Connect(blurred.get_output_port(), expert.GetInputPort("state"))
+    builder.ExportInput(blurred.get_input_port(), "state")
+    builder.ExportInput(expert.GetInputPort("target"), "target")
+    builder.ExportOutput(expert.GetOutputPort("force"), "force")
+    log = fly(scenario, make_hybrid(scenario, kleopatra(), builder.Build()))
+    summary, alone = log.summary, fly(scenario, "mpc").summary
+    assert summary["success"]
+    assert summary["mpc_solves"] <= 0.03 * summary["steps"]
+    assert summary["policy_share"] >= 0.97
+    assert summary["delta_v_m_s"] <= 1.05 * alone["delta_v_m_s"]
+    # No period was longer than the way into the keep-out from the state at its check.
+    body = kleopatra()
+    reach = ReachModel.of(body.gravity_field, body.keep_out_semi_axes, body.spin_rate, 0.07)
+    data = log.dataset.isel(time=slice(0, -1))
+    checks = np.flatnonzero(np.isfinite(data["check_clearance"].values))
+    periods = data["steps_to_check"].values[checks]
+    np.testing.assert_array_equal(np.diff(checks), periods[:-1])
+    assert periods.max() > 50
+    for check, period in zip(checks, periods, strict=True):
+        state = data["state"].values[check]
+        assert period <= max(1, reach.steps_out_of_reach(state, 10.0, 100))

@@ -1,0 +1,189 @@
+"""The selector alone, with forces of known size: who flies, who is asked, and what is recorded."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder, LeafSystem
+from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput, ZeroOrderHold
+from short_flights import kleopatra
+
+from proxops.systems import (
+    AgreementGate,
+    CheckSchedule,
+    DecisionReason,
+    EnabledValue,
+    GateKind,
+    HybridSelector,
+    PeriodRule,
+    ReachModel,
+)
+
+PERIOD = 10.0
+FAR = np.array([0.0, 0.0, 165e3, 0.0, 0.0, 0.0])
+AGREED, DISAGREED, TRUSTED, GUARDED = DecisionReason
+
+
+@cache
+def reach() -> ReachModel:
+    body = kleopatra()
+    return ReachModel.of(body.gravity_field, body.keep_out_semi_axes, body.spin_rate, 0.07)
+
+
+class Force(LeafSystem):
+    """A force (3,) that is a function of the step, which counts the steps it is asked for."""
+
+    def __init__(self, along_x):
+        super().__init__()
+        self.asked: list[int] = []
+        self._along_x = along_x
+        self.DeclareVectorOutputPort(
+            "force", 3, self._calc, prerequisites_of_calc={self.time_ticket()}
+        )
+
+    def _calc(self, context, output):
+        step = round(context.get_time() / PERIOD)
+        self.asked.append(step)
+        output.SetFromVector([self._along_x(step), 0.0, 0.0])
+
+
+def flown(steps: int, mpc, policy, schedule: CheckSchedule, gate=None, state=FAR, **errors):
+    """Columns of `steps` steps, and the systems that stand for the MPC and the policy."""
+    selector = HybridSelector(
+        gate or AgreementGate(GateKind.PAPER), schedule, reach(), PERIOD, **errors
+    )
+    builder = DiagramBuilder()
+    builder.AddSystem(selector)
+    experts = builder.AddSystem(Force(mpc))
+    learned = builder.AddSystem(Force(policy))
+    where = builder.AddSystem(ConstantVectorSource(state))
+    hold = builder.AddSystem(ZeroOrderHold(PERIOD, 3))
+    asked = builder.AddSystem(EnabledValue(3))
+    builder.Connect(experts.get_output_port(), selector.GetInputPort("mpc_force"))
+    builder.Connect(learned.get_output_port(), selector.GetInputPort("policy_force"))
+    builder.Connect(where.get_output_port(), selector.GetInputPort("state"))
+    builder.Connect(selector.GetOutputPort("force"), hold.get_input_port())
+    builder.Connect(selector.GetOutputPort("mpc_wanted"), asked.GetInputPort("enable"))
+    builder.Connect(experts.get_output_port(), asked.GetInputPort("value"))
+    names = ("force", "mpc_wanted", "decision", "record")
+    ports = {name: selector.GetOutputPort(name) for name in names}
+    ports["mpc_force"] = asked.GetOutputPort("value")
+    sinks = {
+        name: LogVectorOutput(port, builder, publish_period=PERIOD) for name, port in ports.items()
+    }
+    simulator = Simulator(builder.Build())
+    simulator.AdvanceTo((steps - 0.5) * PERIOD)
+    context = simulator.get_context()
+    columns = {name: sink.FindLog(context).data().T.copy() for name, sink in sinks.items()}
+    for name in ("mpc_wanted", "decision"):
+        columns[name] = columns[name][:, 0].astype(int)
+    return columns, experts, learned
+
+
+FIXED = CheckSchedule(PeriodRule.FIXED)
+
+
+def test_one_in_ten_if_it_always_agrees() -> None:
+    columns, experts, learned = flown(100, lambda k: 2.0, lambda k: 2.5, FIXED)
+    checks = np.arange(0, 100, 10)
+    assert experts.asked == checks.tolist()
+    assert np.flatnonzero(columns["mpc_wanted"]).tolist() == checks.tolist()
+    assert sorted(set(learned.asked)) == list(range(100))
+    assert len(learned.asked) == 100
+    # On a check step the MPC's force flies.
+    np.testing.assert_array_equal(columns["decision"] == 1, columns["mpc_wanted"] == 1)
+    expected = np.where(columns["mpc_wanted"] == 1, 2.0, 2.5)
+    np.testing.assert_array_equal(columns["force"][:, 0], expected)
+    np.testing.assert_array_equal(
+        columns["mpc_force"][:, 0], np.where(columns["mpc_wanted"] == 1, 2.0, np.nan)
+    )
+
+
+def test_after_a_failed_check_the_mpc_flies_until_the_next() -> None:
+    """The policy is opposed from step 15 to step 45: checks at 20, 30 and 40 fail."""
+
+    def policy(step: int) -> float:
+        return -3.0 if 15 <= step < 45 else 3.0
+
+    columns, experts, _ = flown(80, lambda k: 3.0 + 0.01 * k, policy, FIXED)
+    asked = [0, 10, *range(20, 51), 60, 70]
+    assert experts.asked == asked
+    wanted = np.isin(np.arange(80), asked)
+    np.testing.assert_array_equal(columns["mpc_wanted"] == 1, wanted)
+    np.testing.assert_array_equal(columns["decision"], np.where(wanted, 1, 2))
+    mpc = 3.0 + 0.01 * np.arange(80)
+    learned = np.array([policy(k) for k in range(80)])
+    np.testing.assert_allclose(columns["force"][:, 0], np.where(wanted, mpc, learned))
+    record = columns["record"]
+    reasons = np.full(80, int(TRUSTED))
+    reasons[[0, 10, 50, 60, 70]] = AGREED
+    reasons[20:50] = GUARDED
+    reasons[[20, 30, 40]] = DISAGREED
+    np.testing.assert_array_equal(record[:, 0], reasons)
+    # Compared wherever both forces are there, also between failed checks.
+    agrees = np.where(np.arange(80) < 45, np.where(np.arange(80) >= 15, 0.0, 1.0), 1.0)
+    np.testing.assert_array_equal(record[:, 1], np.where(wanted, agrees, np.nan))
+    np.testing.assert_allclose(record[:, 2], np.where(wanted, np.abs(mpc - learned), np.nan))
+    np.testing.assert_allclose(
+        record[:, 3], np.where(wanted, np.where(learned < 0.0, np.pi, 0.0), np.nan)
+    )
+    checks = np.arange(80) % 10 == 0
+    np.testing.assert_allclose(record[:, 4], np.where(checks, 100e3, np.nan))
+    np.testing.assert_array_equal(record[:, 5], 10 - np.arange(80) % 10)
+    assert (record[wanted, 6] > 0.0).all()
+
+
+def test_adaptive_period() -> None:
+    """It doubles with equal forces, up to the longest; then one that disagrees, and again."""
+    schedule = CheckSchedule(PeriodRule.ADAPTIVE, check_period=4, shortest=3, longest=30)
+    columns, experts, _ = flown(110, lambda k: 2.0, lambda k: -2.0 if k == 54 else 2.0, schedule)
+    checks = [0, 8, 24, 54, 57, 63, 75, 99]
+    assert np.flatnonzero(np.isfinite(columns["record"][:, 4])).tolist() == checks
+    assert experts.asked == sorted([*checks, 55, 56])
+    assert columns["record"][checks, 5].tolist() == [8, 16, 30, 3, 6, 12, 24, 30]
+
+
+@pytest.mark.parametrize("height", [1e3, 6e3, 20e3])
+def test_adaptive_is_never_longer_than_the_way_in(height: float) -> None:
+    state = FAR.copy()
+    state[2], state[5] = 65e3 + height, -10.0
+    schedule = CheckSchedule(PeriodRule.ADAPTIVE, longest=60)
+    columns, _, _ = flown(130, lambda k: 2.0, lambda k: 2.0, schedule, state=state)
+    periods = columns["record"][np.isfinite(columns["record"][:, 4]), 5]
+    out_of_reach = reach().steps_out_of_reach(state, PERIOD, 60)
+    assert periods.max() == max(1, out_of_reach)
+    assert out_of_reach < 60
+    sure = flown(130, lambda k: 2.0, lambda k: 2.0, schedule, state=state, position_error=500.0)[0]
+    assert np.isfinite(sure["record"][:, 4]).sum() >= len(periods)
+
+
+def test_gate_decides() -> None:
+    weak = {kind: AgreementGate(kind) for kind in GateKind}
+    for kind, solves in ((GateKind.PAPER, 2), (GateKind.STRICT, 20), (GateKind.PRINTED, 20)):
+        _, experts, _ = flown(20, lambda k: 6.0, lambda k: 0.5, FIXED, weak[kind])
+        assert len(experts.asked) == solves
+
+
+def test_wanted_and_decision_ask_nobody() -> None:
+    """They are there before anything else is: no input is connected."""
+    selector = HybridSelector(AgreementGate(), FIXED, reach())
+    context = selector.CreateDefaultContext()
+    assert selector.GetOutputPort("mpc_wanted").Eval(context).tolist() == [1.0]
+    assert selector.GetOutputPort("decision").Eval(context).tolist() == [1.0]
+
+
+def test_between_checks_neither_mpc_nor_state_is_needed() -> None:
+    selector = HybridSelector(AgreementGate(), FIXED, reach())
+    context = selector.CreateDefaultContext()
+    ports = {"mpc_force": [1.0, 0, 0], "policy_force": [1.0, 0, 0], "state": FAR}
+    for name, value in ports.items():
+        selector.GetInputPort(name).FixValue(context, value)
+    after = selector.EvalUniquePeriodicDiscreteUpdate(context)
+    fresh = selector.CreateDefaultContext()
+    fresh.get_mutable_discrete_state().SetFrom(after)
+    selector.GetInputPort("policy_force").FixValue(fresh, [0.0, 2.0, 0.0])
+    assert selector.GetOutputPort("force").Eval(fresh).tolist() == [0.0, 2.0, 0.0]
+    assert selector.GetOutputPort("mpc_wanted").Eval(fresh).tolist() == [0.0]
+    assert selector.GetOutputPort("record").Eval(fresh)[0] == TRUSTED
+    selector.EvalUniquePeriodicDiscreteUpdate(fresh)

@@ -1,0 +1,149 @@
+"""How soon the keep-out can be reached: against flights with every thruster at its limit."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from short_flights import kleopatra
+
+from proxops.systems import PointMassField
+from proxops.systems.ellipsoid import clearances
+from proxops.systems.reach_time import ReachModel, greatest_pulls
+
+MASS, LIMIT, STEP = 100.0, 7.0, 10.0
+AXES = np.array([140e3, 70e3, 65e3])
+
+
+@pytest.fixture(scope="module")
+def model() -> ReachModel:
+    body = kleopatra()
+    return ReachModel.of(body.gravity_field, body.keep_out_semi_axes, body.spin_rate, LIMIT / MASS)
+
+
+def reached(model: ReachModel, field, starts: np.ndarray, forces, steps: int) -> np.ndarray:
+    """Steps (N,) after which flights (N, 6) were inside, or `steps` + 1: classical Runge-Kutta.
+
+    Args:
+      forces: of the step's number and the states (N, 6), gives forces (N, 3) in N.
+    """
+    spin, count = model.spin, 2
+    h = STEP / count
+
+    def rates(states: np.ndarray, force: np.ndarray) -> np.ndarray:
+        pull = field.evaluate(states[:, :3]).acceleration + force / MASS
+        x, y, _, vx, vy, _ = states.T
+        pull = pull + np.stack(
+            [2 * spin * vy + spin**2 * x, -2 * spin * vx + spin**2 * y, 0 * x], axis=1
+        )
+        return np.hstack([states[:, 3:], pull])
+
+    states, found = starts.copy(), np.full(len(starts), steps + 1)
+    for step in range(steps):
+        force = forces(step, states)
+        for _ in range(count):
+            a = rates(states, force)
+            b = rates(states + h / 2 * a, force)
+            c = rates(states + h / 2 * b, force)
+            d = rates(states + h * c, force)
+            states = states + h / 6 * (a + 2 * b + 2 * c + d)
+            inside = clearances(model.semi_axes, states[:, :3]) <= 0.0
+            found = np.where(inside & (found > steps), step, found)
+    return found
+
+
+def random_starts(count: int, seed: int) -> np.ndarray:
+    """0 to 60 km above the ellipsoid, moving up to 30 m/s per axis."""
+    random = np.random.default_rng(seed)
+    ways = random.normal(size=(count, 3))
+    ways /= np.linalg.norm(ways, axis=1, keepdims=True)
+    heights = 60e3 * random.random((count, 1)) ** 2 + 100.0
+    speeds = random.uniform(-30.0, 30.0, (count, 3)) * random.random((count, 1))
+    return np.hstack([ways * (AXES + heights), speeds])
+
+
+def inward(states: np.ndarray) -> np.ndarray:
+    """Full thrust, per axis, towards the ellipsoid."""
+    return -LIMIT * np.sign(states[:, :3] / AXES**2)
+
+
+def test_no_thrust_reaches_the_ellipsoid_sooner(model: ReachModel) -> None:
+    """Random bang-bang, thrust straight in, and thrust in held from the start."""
+    starts, longest = random_starts(50, 3), 40
+    safe = np.array([model.steps_out_of_reach(start, STEP, longest) for start in starts])
+    assert len(set(safe)) > 12
+    random = np.random.default_rng(4)
+    field = kleopatra().gravity_field
+    flights = {
+        "bang-bang": lambda step, states: LIMIT * random.choice([-1.0, 1.0], (len(states), 3)),
+        "in": lambda step, states: inward(states),
+        "in, as at first": lambda step, states: inward(starts),
+        "coasting": lambda step, states: np.zeros((len(states), 3)),
+    }
+    soonest = np.full(len(starts), longest + 1)
+    for name, forces in flights.items():
+        found = reached(model, field, starts, forces, longest)
+        assert (found >= safe).all(), name
+        soonest = np.minimum(soonest, found)
+    # It is no empty promise: of those that can be reached, the bound has most of the time.
+    hit = (soonest <= longest) & (soonest > 5)
+    assert hit.sum() > 10
+    assert np.median(safe[hit] / soonest[hit]) > 0.75
+
+
+def test_straight_down_without_gravity_or_spin() -> None:
+    """Along an axis, from rest and with a speed: the clearance over t of constant acceleration."""
+    model = ReachModel.of(PointMassField(1e-3), AXES, 0.0, 0.07)
+    for height, speed in ((5e3, 0.0), (40e3, 0.0), (40e3, 20.0)):
+        state = np.array([0.0, 0.0, AXES[2] + height, 0.0, 0.0, -speed])
+        time = (-speed + np.sqrt(speed**2 + 2 * 0.07 * height)) / 0.07
+        steps = model.steps_out_of_reach(state, STEP, 200)
+        # Between steps it allows for the speed that any thrust could give.
+        assert time / STEP - 3.0 <= steps <= time / STEP
+
+
+def test_moving_away_is_safer_and_towards_less(model: ReachModel) -> None:
+    place = [0.0, 100e3, 0.0]
+    steps = [
+        model.steps_out_of_reach(np.array([*place, 0.0, speed, 0.0]), STEP, 100)
+        for speed in (-30.0, 0.0, 30.0)
+    ]
+    assert steps[0] < steps[1] < steps[2]
+
+
+@given(st.integers(0, 10**6), st.floats(0.0, 3e3), st.floats(0.0, 3.0))
+def test_errors_shorten_it(seed: int, position_error: float, velocity_error: float) -> None:
+    """As far as every state within the errors allows."""
+    model = ReachModel(AXES, 3.2e-4, 0.07, np.array([0.0]), np.array([0.04]))
+    [state] = random_starts(1, seed)
+    way = np.random.default_rng(seed).normal(size=(2, 3))
+    way /= np.linalg.norm(way, axis=1, keepdims=True)
+    off = state + np.concatenate([position_error * way[0], velocity_error * way[1]])
+    known = model.steps_out_of_reach(state, STEP, 100)
+    unsure = model.steps_out_of_reach(state, STEP, 100, position_error, velocity_error)
+    assert unsure <= known
+    assert unsure <= model.steps_out_of_reach(off, STEP, 100) + 1
+
+
+def test_inside_and_nonsense_are_in_reach(model: ReachModel) -> None:
+    for place in ([0.0, 0.0, 0.0], [0.0, 0.0, 60e3], [0.0, 0.0, 65e3], [np.nan, 0.0, 0.0]):
+        assert model.steps_out_of_reach(np.array([*place, 0.0, 0.0, 0.0]), STEP, 100) == 0
+    far = np.array([0.0, 0.0, 1e9, 0.0, 0.0, 0.0])
+    assert model.steps_out_of_reach(far, STEP, 100) == 100
+    assert model.steps_out_of_reach(far, 1e5, 100) == 0  # More than a radian a step.
+
+
+def test_gravity_bounds_hold_everywhere_outside() -> None:
+    field = kleopatra().gravity_field
+    heights = np.array([0.0, 10e3, 40e3])
+    bounds = greatest_pulls(field, AXES, heights)
+    random = np.random.default_rng(7)
+    ways = random.normal(size=(4000, 3))
+    ways /= np.linalg.norm(ways, axis=1, keepdims=True)
+    # Most of them just above the surface, where gravity is greatest.
+    points = ways * (AXES + 80e3 * random.random((len(ways), 1)) ** 6)
+    pulls = np.linalg.norm(field.evaluate(points).acceleration, axis=1)
+    above = clearances(AXES, points)
+    for height, bound in zip(heights, bounds, strict=True):
+        greatest = pulls[above >= height].max()
+        assert greatest <= bound
+        assert bound < 1.25 * greatest

@@ -1,0 +1,55 @@
+"""Errors in the state that is known: their size, and that they are a function of seed and step."""
+
+import numpy as np
+import pytest
+
+from proxops.systems import InputError, StateNoise
+
+STATE = np.array([1e5, -2e4, 3e4, 1.0, -2.0, 3.0])
+
+
+def errors(noise: StateNoise, steps: int, seed: int | None = None) -> np.ndarray:
+    context = noise.CreateDefaultContext()
+    if seed is not None:
+        noise.set_seed(context, seed)
+    noise.GetInputPort("state").FixValue(context, STATE)
+    rows = []
+    for step in range(steps):
+        context.SetTime(10.0 * step)
+        rows.append(noise.GetOutputPort("state").Eval(context) - STATE)
+    return np.array(rows)
+
+
+def test_deviations() -> None:
+    drawn = errors(StateNoise(300.0, 0.2), 4000)
+    np.testing.assert_allclose(drawn.std(axis=0), 3 * [300.0] + 3 * [0.2], rtol=0.05)
+    np.testing.assert_allclose(drawn.mean(axis=0) / drawn.std(axis=0), 0.0, atol=0.06)
+    apart = np.corrcoef(np.hstack([drawn[1:], drawn[:-1]]).T) - np.eye(12)
+    assert np.abs(apart).max() < 0.07
+
+
+def test_function_of_seed_and_step() -> None:
+    noise = StateNoise(300.0, 0.2, seed=3)
+    one = errors(noise, 20)
+    np.testing.assert_array_equal(one, errors(StateNoise(300.0, 0.2), 20, seed=3))
+    assert (one != errors(noise, 20, seed=4)).all()
+    context = noise.CreateDefaultContext()
+    noise.GetInputPort("state").FixValue(context, STATE)
+    for time in (70.0, 69.99999999999999, 74.0, 79.9):  # All within step 7.
+        context.SetTime(time)
+        np.testing.assert_array_equal(noise.GetOutputPort("state").Eval(context) - STATE, one[7])
+
+
+def test_none_is_none() -> None:
+    assert not errors(StateNoise(), 5).any()
+    only = errors(StateNoise(0.0, 0.1), 5)
+    assert not only[:, :3].any()
+    assert only[:, 3:].all()
+
+
+def test_what_no_noise_is() -> None:
+    for position_std, velocity_std, period in ((-1.0, 0.0, 10.0), (0.0, np.inf, 10.0), (0, 0, 0)):
+        with pytest.raises(InputError, match="state noise needs"):
+            StateNoise(position_std, velocity_std, period)
+    with pytest.raises(InputError, match="a seed that"):
+        StateNoise(seed=-1)

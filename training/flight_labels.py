@@ -1,0 +1,129 @@
+"""What the expert would have done on a flight of somebody else: labels for DAgger."""
+
+from __future__ import annotations
+
+import dataclasses as dc
+import functools
+import hashlib
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from proxops.diagrams.body import load_body
+from proxops.diagrams.flight_log import FlightLog, make_folder
+from proxops.diagrams.parallel import parallel_results
+from proxops.diagrams.scenario_systems import make_controller
+from proxops.systems.errors import SolverFailure
+from proxops.systems.plan import Plan, PlanProgram
+from proxops.training.label_files import (
+    Labels,
+    joined_labels,
+    labels_of,
+    load_labels,
+    save_labels,
+)
+
+# Every state is a label. At every so many steps the plan's later knots are labels too: where the
+# flight would come if the expert took over.
+_WHOLE_PLAN_EVERY = 4
+# Linearisations about the plan of the step before: the flight does not follow it.
+_ITERATIONS = 2
+
+
+@dc.dataclass(frozen=True)
+class _Piece:
+    """A flight to be labelled."""
+
+    name: str
+    log: Path
+
+
+def label_flights(
+    logs: Sequence[Path],
+    folder: Path,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> Labels:
+    """Labels of every state of the flights, by the expert of each log's own scenario.
+
+    A flight's labels are kept in `folder`, and not computed again.
+
+    Args:
+      workers, scheduler: as of `run_campaign`.
+      progress: is called with 1 for each flight that is ready.
+
+    Raises:
+      InputError: a log or a file of labels is damaged, or the labels are of another flight.
+    """
+    make_folder(folder)
+    done, todo = [], []
+    for log in logs:
+        piece = _Piece(log.stem, log.resolve())
+        (done if _path(piece, folder).exists() else todo).append(piece)
+    for _ in done:
+        if progress is not None:
+            progress(1)
+    task = functools.partial(_label, folder=folder.resolve())
+    for _ in parallel_results(todo, task, workers, scheduler):
+        if progress is not None:
+            progress(1)
+    parts = [load_labels(folder / f"{log.stem}.npz", _origin(log)) for log in logs]
+    return joined_labels(parts)
+
+
+def labels_along(
+    program: PlanProgram,
+    states: np.ndarray,
+    target: np.ndarray,
+    period: float,
+    cold_iterations: int,
+) -> Labels:
+    """Labels along a path: of every state (N, 6), and of the later knots of every fourth plan.
+
+    Args:
+      target: (6,) in m and m/s. period: s from state to state.
+    """
+    own: list[Plan] = []
+    whole: list[Plan] = []
+    last: Plan | None = None
+    for k, state in enumerate(states):
+        try:
+            if last is None:
+                last = program.solve(state, target, iterations=cold_iterations)
+            else:
+                last = program.solve(state, target, last, period, iterations=_ITERATIONS)
+        except SolverFailure:
+            last = None
+            continue
+        (whole if k % _WHOLE_PLAN_EVERY == 0 else own).append(last)
+    return joined_labels([labels_of(own, starts_only=True), labels_of(whole)])
+
+
+def _label(piece: _Piece, folder: Path) -> int:
+    log = FlightLog.load(piece.log)
+    scenario = log.scenario
+    expert = make_controller(scenario, _body(scenario.body))
+    labels = labels_along(
+        expert.program,
+        log.dataset["state"].values[:-1],
+        log.dataset["target"].values[0],
+        scenario.control_period_s,
+        scenario.mpc.cold_iterations,
+    )
+    save_labels(_path(piece, folder), labels, _origin(piece.log))
+    return len(labels["state"])
+
+
+def _path(piece: _Piece, folder: Path) -> Path:
+    return folder / f"{piece.name}.npz"
+
+
+def _origin(log: Path) -> str:
+    with log.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+# One large thing, loaded once in each worker.
+_body = functools.lru_cache(maxsize=1)(load_body)

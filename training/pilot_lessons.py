@@ -1,0 +1,228 @@
+"""How each part of the pilot is taught: its network, its loss, its examples."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from proxops.training.coarse_position import CoarsePosition
+from proxops.training.geometry_layer import GeometryLayer
+from proxops.training.guidance import Guidance
+from proxops.training.packed_flights import PackedFlights
+from proxops.training.pilot import Pilot
+from proxops.training.pilot_examples import Commands, Hits, Transitions
+from proxops.training.state_filter import MEMORY, Motion, StateFilter, doubt
+from proxops.training.tensor_batches import TensorBatches
+from proxops.training.training_loop import Lesson, Schedule
+from proxops.training.windows import WindowDataset
+
+# Returns of a frame that one step of learning the surface sees: others each time.
+_HITS_A_STEP = 96
+# The layer starts this far off, in m: log-uniform.
+_START_ERRORS = (100.0, 5e3)
+# Errors in m below which a square takes the place of the absolute value, after two steps and one.
+_ROUNDED = (10.0, 100.0)
+_FIRST_STEP_WEIGHT, _SURFACE_WEIGHT, _NORMAL_WEIGHT = 0.3, 0.1, 0.1
+# Errors of force in N below which they count squared.
+_SMALL_FORCE = 0.2
+# Errors of the filter that count as one.
+_FILTER_POSITION, _FILTER_SPEED = 20.0, 0.1
+# Steps after which they count: the windows begin in flight, at a speed that it must find first.
+_FILTER_SETTLES = 12
+# Frames whose returns are fitted together.
+_BLOCK = 512
+
+
+def coarse_lesson(
+    coarse: CoarsePosition,
+    training: Hits,
+    validation: Hits,
+    schedule: Schedule,
+    seed: int,
+    identity: str,
+) -> Lesson:
+    """Teaches the coarse position its distance from the true one.
+
+    The features are computed once, and the network between them and the position is taught.
+    """
+    with torch.no_grad():
+        features, centre = _features(coarse, training)
+        coarse.fit_scale(features)
+        columns = _coarse_columns(coarse, features, centre, training)
+        held = _coarse_columns(coarse, *_features(coarse, validation), validation)
+
+    def loss(network: nn.Module, batch: tuple[Tensor, Tensor]) -> Tensor:
+        normal, wanted = batch
+        return (network(normal) - wanted).norm(dim=1).mean()
+
+    batches = TensorBatches(columns, schedule.batch, shuffle=True, seed=seed)
+    return Lesson(
+        "coarse", coarse.network, loss, batches, TensorBatches(held, schedule.batch), identity
+    )
+
+
+def _features(coarse: CoarsePosition, hits: Hits) -> tuple[Tensor, Tensor]:
+    parts = [
+        coarse.features(*(column[start : start + _BLOCK] for column in hits[:4]))
+        for start in range(0, len(hits.position), _BLOCK)
+    ]
+    features, centres = (torch.cat(column) for column in zip(*parts, strict=True))
+    return features, centres
+
+
+def _coarse_columns(
+    coarse: CoarsePosition, features: Tensor, centre: Tensor, hits: Hits
+) -> tuple[Tensor, Tensor]:
+    return coarse.normalised(features), coarse.wanted(hits.position, centre)
+
+
+def geometry_lesson(
+    geometry: GeometryLayer,
+    training: Hits,
+    validation: Hits,
+    schedule: Schedule,
+    seed: int,
+    identity: str,
+) -> Lesson:
+    """Teaches the surface, by where two steps of the layer come from a start that is off."""
+
+    def loss(layer: GeometryLayer, batch: tuple[Tensor, Tensor, Tensor]) -> Tensor:
+        points, valid, position = batch
+        chosen = torch.randperm(points.shape[1], device=points.device)[:_HITS_A_STEP]
+        points, valid = points[:, chosen], valid[:, chosen]
+        low, high = (math.log(error) for error in _START_ERRORS)
+        far = torch.exp(low + (high - low) * torch.rand(len(points), 1, device=points.device))
+        place = position + far * torch.randn_like(position)
+        place, _ = layer(place, points, valid)
+        total = _FIRST_STEP_WEIGHT * _rounded(place - position, _ROUNDED[1])
+        place, _ = layer(place, points, valid)
+        total = total + _rounded(place - position, _ROUNDED[0])
+        surface = layer.field(position[:, None] + points)
+        share = valid / valid.sum(1, keepdim=True).clamp(min=1.0)
+        off = surface[..., 0].abs() / 1e3
+        length = ((surface[..., 1:] ** 2).sum(2) + 1e-9).sqrt()
+        off = _SURFACE_WEIGHT * off + _NORMAL_WEIGHT * (length - 1.0) ** 2
+        return total + (share * off).sum(1).mean()
+
+    batches, held = (
+        TensorBatches((hits.points, hits.valid, hits.position), schedule.batch, **options)
+        for hits, options in ((training, {"shuffle": True, "seed": seed}), (validation, {}))
+    )
+    return Lesson("geometry", geometry, loss, batches, held, identity)
+
+
+def _rounded(error: Tensor, small: float) -> Tensor:
+    """Mean length in km of errors (B, 3) in m; below `small` it grows as a square."""
+    squares = (error / 1e3).square().sum(1)
+    return (squares + (small / 1e3) ** 2).sqrt().mean()
+
+
+def motion_lesson(
+    motion: Motion,
+    period: float,
+    training: Transitions,
+    validation: Transitions,
+    schedule: Schedule,
+    seed: int,
+    identity: str,
+) -> Lesson:
+    """Teaches the mean acceleration of each step, in its unit."""
+
+    def loss(network: Motion, batch: tuple[Tensor, ...]) -> Tensor:
+        position, velocity, force, wanted = batch
+        found = network(position, velocity, force, period)
+        return (found - wanted).abs().mean() / network.acceleration
+
+    batches = TensorBatches(training, schedule.batch, shuffle=True, seed=seed)
+    return Lesson(
+        "motion", motion, loss, batches, TensorBatches(validation, 4 * schedule.batch), identity
+    )
+
+
+def guidance_lesson(
+    guidance: Guidance,
+    training: Commands,
+    validation: Commands,
+    schedule: Schedule,
+    seed: int,
+    identity: str,
+) -> Lesson:
+    """Teaches what the expert commands."""
+
+    def loss(network: Guidance, batch: tuple[Tensor, ...]) -> Tensor:
+        position, velocity, goal, wanted = batch
+        force = network(position, velocity, goal)
+        return nn.functional.smooth_l1_loss(force, wanted, beta=_SMALL_FORCE)
+
+    batches = TensorBatches(training, schedule.batch, shuffle=True, seed=seed)
+    return Lesson("guidance", guidance, loss, batches, TensorBatches(validation, 8192), identity)
+
+
+def filter_lesson(
+    pilot: Pilot,
+    flights: PackedFlights,
+    length: int,
+    windows: int,
+    schedule: Schedule,
+    seed: int,
+    identity: str,
+) -> Lesson:
+    """Teaches the filter its noise, by its errors along windows of flights, pushes left out.
+
+    The fixes are computed once, from starts as far off as the filter's own predictions.
+    """
+
+    def loss(filter_: StateFilter, batch: tuple[Tensor, ...]) -> Tensor:
+        fix, off, force, state = batch
+        memory = fix.new_zeros(len(fix), MEMORY)
+        errors = []
+        for step in range(fix.shape[1]):
+            memory = filter_.predict(memory, force[:, step])
+            memory = filter_.correct(memory, fix[:, step], off[:, step])
+            if step >= _FILTER_SETTLES:
+                error = (memory[:, :6] - state[:, step]).unflatten(1, (2, 3)).norm(dim=2)
+                scale = error.new_tensor([_FILTER_POSITION, _FILTER_SPEED])
+                errors.append((error / scale).mean())
+        return torch.stack(errors).mean()
+
+    columns = {
+        part: _fixes(pilot, flights, part, length, count, seed)
+        for part, count in (("training", windows), ("validation", windows // 4))
+    }
+    batches = TensorBatches(columns["training"], schedule.batch, shuffle=True, seed=seed)
+    held = TensorBatches(columns["validation"], schedule.batch)
+    methods = ("predict", "correct")
+    return Lesson("filter", pilot.filter, loss, batches, held, identity, methods)
+
+
+@torch.no_grad()
+def _fixes(
+    pilot: Pilot, flights: PackedFlights, part: str, length: int, count: int, seed: int
+) -> tuple[Tensor, ...]:
+    """Fixes (W, T, 3), their doubts (W, T, 1), forces (W, T, 3) and states (W, T, 6)."""
+    dataset = WindowDataset(flights, part, length)
+    order = torch.randperm(len(dataset), generator=torch.Generator().manual_seed(seed))
+    rows = dataset.starts[order[:count].numpy()][:, None] + np.arange(length)
+    kicked = flights.kick[rows].any(axis=(1, 2))
+    rows = rows[~kicked]
+    fixes, doubts = [], []
+    for start in range(0, rows.size, _BLOCK):
+        block = rows.ravel()[start : start + _BLOCK]
+        frames = torch.from_numpy(flights.frames(block).reshape(len(block), -1))
+        points, _, valid, _ = pilot.hits(frames)
+        place = torch.from_numpy(flights.state[block, :3].astype(np.float32))
+        place = place + 30.0 * torch.randn(
+            place.shape, generator=torch.Generator().manual_seed(start)
+        )
+        residual = place[:, :1]
+        for _ in range(2):
+            place, residual = pilot.geometry(place, points, valid)
+        fixes.append(place)
+        doubts.append(doubt(residual, pilot.usual_residual))
+    force = torch.from_numpy(flights.applied_force[rows].astype(np.float32))
+    state = torch.from_numpy(flights.state[rows].astype(np.float32))
+    shape = rows.shape
+    return torch.cat(fixes).unflatten(0, shape), torch.cat(doubts).unflatten(0, shape), force, state

@@ -1,0 +1,101 @@
+"""How much of what the pilot learns, and what it has to be for the flights it learns from."""
+
+from __future__ import annotations
+
+import dataclasses as dc
+from typing import Any
+
+import numpy as np
+from pydrake.common.yaml import yaml_load
+
+from proxops.training.packed_flights import PackedFlights
+from proxops.training.pilot_examples import Hits, box_of
+from proxops.training.pilot_shape import PilotShape
+from proxops.training.training_loop import Schedule
+
+# The surface is learned in a box this many grid spacings beyond the returns.
+_BOX_MARGIN = 1.5
+# The length that positions are scaled by, as a share of the keep-out's greatest semi-axis.
+_LENGTH_SHARE = 0.7
+# The guidance's ellipsoid starts as the keep-out's, this much larger.
+_KEEP_OUT_SHARE = 1.02
+
+
+@dc.dataclass(frozen=True)
+class Settings:
+    """Of a training by our recipe."""
+
+    frames: int = 60_000
+    """From which position is learned, at most."""
+    hits: int = 64
+    """Returns of a frame that the pilot looks at."""
+    cells: int = 48
+    """Of the surface's grid, along the body."""
+    plans: int = 3000
+    """Transits whose plans the guidance learns besides the flights."""
+    windows: int = 1200
+    window: int = 40
+    """Stretches of flights along which the filter learns, and their length in steps."""
+    width: int = 256
+    coarse: Schedule = Schedule(epochs=80, batch=512, learning_rate=3e-3, patience=80)
+    geometry: Schedule = Schedule(epochs=12, batch=256, learning_rate=3e-2, patience=12)
+    motion: Schedule = Schedule(epochs=50, batch=1024, learning_rate=4e-3, patience=50)
+    filter: Schedule = Schedule(epochs=20, batch=64, learning_rate=1e-1, patience=20)
+    guidance: Schedule = Schedule(epochs=24, batch=1024, learning_rate=2e-3, patience=24)
+    seed: int = 0
+    device: str = "cpu"
+    precision: str = "32-true"
+
+
+def settings_of(origin: dict[str, Any]) -> Settings:
+    """The settings that a pilot was trained with, from what its file says of its origin."""
+    fields = dict(origin["settings"])
+    for name, value in fields.items():
+        if isinstance(value, dict):
+            fields[name] = Schedule(**value)
+    return Settings(**fields)
+
+
+def quick(settings: Settings) -> Settings:
+    """A smaller pilot from less of all, in about a minute; it flies, though not as well."""
+
+    def shorter(schedule: Schedule, epochs: int) -> Schedule:
+        return dc.replace(schedule, epochs=epochs)
+
+    return dc.replace(
+        settings,
+        frames=3000,
+        cells=32,
+        plans=100,
+        windows=64,
+        width=64,
+        coarse=dc.replace(shorter(settings.coarse, 20), batch=128),
+        geometry=dc.replace(shorter(settings.geometry, 4), batch=64),
+        motion=dc.replace(shorter(settings.motion, 20), batch=256),
+        filter=shorter(settings.filter, 4),
+        guidance=dc.replace(shorter(settings.guidance, 10), batch=256),
+    )
+
+
+def shape_of(flights: PackedFlights, hits: Hits, settings: Settings) -> PilotShape:
+    """What a pilot has to be for the lidar, spacecraft and body of the flights."""
+    setting = flights.setting
+    keep_out = np.array(yaml_load(data=setting.body)["keep_out_semi_axes_m"], dtype=float)
+    low, high = box_of(hits)
+    spacing = float((high - low).max()) / settings.cells
+    low, high = low - _BOX_MARGIN * spacing, high + _BOX_MARGIN * spacing
+    x, y, z = (_KEEP_OUT_SHARE * keep_out).tolist()
+    return PilotShape(
+        planes=setting.planes,
+        rays=setting.rays,
+        hits=settings.hits,
+        period=setting.control_period_s,
+        mass=setting.mass_kg,
+        thrust_limit=setting.thrust_limit_n,
+        length=_LENGTH_SHARE * float(keep_out.max()),
+        keep_out=(x, y, z),
+        low=tuple(low.tolist()),
+        high=tuple(high.tolist()),
+        spacing=spacing,
+        guidance_width=settings.width,
+    )
