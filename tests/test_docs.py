@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from ball_lidar import write_ball_bundle
 from known_policies import RAYS, Counting, write_policy
-from pydrake.systems.framework import LeafSystem, PortDataType, System
+from pydrake.systems.framework import Diagram, LeafSystem, PortDataType, System
 from short_flights import SHORT, kleopatra
 from typer.main import get_command
 
 from proxops import systems
 from proxops.cli.main import app
 from proxops.diagrams.scenario import load_scenario
-from proxops.diagrams.simulation import fly
+from proxops.diagrams.simulation import fly, named_controller
 from proxops.diagrams.transit_diagram import make_transit_diagram
 
 ROOT = Path(__file__).parents[1]
@@ -45,10 +45,15 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> dict[str, System]:
     everything = load_scenario(None, SHORT | {"disturbance": {}, "force_noise": {}, "kicks": {}})
     diagram = make_transit_diagram(everything, body=kleopatra())
     folder = tmp_path_factory.mktemp("bundles")
+    policy = write_policy(folder / "policy", Counting())
+    hybrid = named_controller(f"hybrid:{policy}", everything, kleopatra())
+    assert isinstance(hybrid, Diagram)
     others = [
+        *hybrid.GetSystems(),
+        systems.EnabledValue(3),
         systems.DelayedHold(10.0, 5.0, 3),
         systems.LearnedLidar(write_ball_bundle(folder / "lidar")),
-        systems.NeuralPolicy(write_policy(folder / "policy", Counting())),
+        systems.NeuralPolicy(policy),
         systems.ProportionalDerivative(100.0, 7.0, 40.0),
     ]
     kinds = {
@@ -72,7 +77,8 @@ def size_of(port: Any, name: str) -> str:
     if port.get_data_type() == PortDataType.kAbstractValued:
         return "abstract"
     size = "planes · rays" if port.size() == RAYS else str(port.size())
-    return "size" if name == "DelayedHold" else size
+    free = name == "DelayedHold" or (name == "EnabledValue" and port.get_name() == "value")
+    return "size" if free else size
 
 
 SECTIONS = re.findall(r"^## (\w+)$", PAGES["systems.md"], re.MULTILINE)
@@ -121,8 +127,8 @@ def test_commands_are_understood(page: str, line: str) -> None:
 
 def test_files_of_the_paper_table_exist() -> None:
     table = PAGES["paper.md"].partition("## Its two diagrams")[0]
-    folders = {"replay.py": "diagrams"} | dict.fromkeys(
-        ("paper_recipe.py", "transit_split.py"), "training"
+    folders = {"replay.py": "diagrams", "agreement_gates.py": "systems"} | dict.fromkeys(
+        ("paper_recipe.py", "transit_split.py", "evaluation_figures.py"), "training"
     )
     paths = re.findall(r"`([\w/]+\.py)`", table)
     assert len(paths) > 10
