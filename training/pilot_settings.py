@@ -58,22 +58,18 @@ def settings_of(origin: dict[str, Any]) -> Settings:
 
 def quick(settings: Settings) -> Settings:
     """A smaller pilot from less of all, in about a minute; it flies, though not as well."""
-
-    def shorter(schedule: Schedule, epochs: int) -> Schedule:
-        return dc.replace(schedule, epochs=epochs)
-
     return dc.replace(
         settings,
         frames=3000,
         cells=32,
         plans=100,
-        windows=64,
+        windows=32,
         width=64,
-        coarse=dc.replace(shorter(settings.coarse, 20), batch=128),
-        geometry=dc.replace(shorter(settings.geometry, 4), batch=64),
-        motion=dc.replace(shorter(settings.motion, 20), batch=256),
-        filter=shorter(settings.filter, 4),
-        guidance=dc.replace(shorter(settings.guidance, 10), batch=256),
+        coarse=dc.replace(settings.coarse, epochs=20, batch=64),
+        geometry=dc.replace(settings.geometry, epochs=12, batch=64),
+        motion=dc.replace(settings.motion, epochs=20, batch=256),
+        filter=dc.replace(settings.filter, epochs=6, batch=8),
+        guidance=dc.replace(settings.guidance, epochs=8, batch=256),
     )
 
 
