@@ -18,6 +18,7 @@ from proxops.diagrams.body import Body, BodyConfig
 from proxops.diagrams.flight_summary import summarise
 from proxops.diagrams.scenario import Scenario, dump_scenario, parse_scenario
 from proxops.diagrams.typed_yaml import load_typed
+from proxops.systems.backup_braking import InterventionReason
 from proxops.systems.errors import InputError
 from proxops.systems.hybrid_selector import DecisionReason
 from proxops.systems.neural_policy import PolicyStatus
@@ -34,7 +35,9 @@ VARIABLES: dict[str, tuple[tuple[str, ...], str, str]] = {
     "force": (("axis",), "N", "force applied from force_delay_s after this time on, in K"),
     "mpc_force": (("axis",), "N", "the MPC's force in K; NaN where it was not asked"),
     "policy_force": (("axis",), "N", "the policy's force in K; NaN where there is none"),
-    "disturbance": (("axis",), "N", "applied less commanded force in K"),
+    "disturbance": (("axis",), "N", "applied less commanded (or assured) force in K"),
+    "intervention": ((), "N", "size of what runtime assurance changed the command by"),
+    "intervention_reason": ((), "1", "why it did: see flag_meanings; NaN: the flight was over"),
     "kick": (("axis",), "m/s^2", "acceleration by a kick from this time on, until the next, in K"),
     "decision": ((), "1", "who flies: 0 the controller named, 1 the MPC, 2 the policy"),
     "decision_reason": ((), "1", "why they fly: see flag_meanings; NaN: none decided"),
@@ -58,6 +61,7 @@ _FLAGS: dict[str, type[IntEnum]] = {
     "solve_reason": PlanReason,
     "policy_status": PolicyStatus,
     "decision_reason": DecisionReason,
+    "intervention_reason": InterventionReason,
 }
 DECISION_VARIABLES = (
     "decision_reason", "agreement", "force_difference", "force_angle", "check_clearance",
@@ -65,10 +69,13 @@ DECISION_VARIABLES = (
 )  # fmt: skip
 """Columns of `HybridSelector`'s record."""
 # Without these a file is no log; frames may be left out, the oldest logs have no reasons, and not
-# every flight has kicks, a policy or a hybrid's decisions, and not every policy an estimate.
+# every flight has kicks, a policy, a hybrid's decisions or runtime assurance, and not every policy
+# an estimate.
 _POLICY_VARIABLES = ("policy_time", "policy_status", "estimate")
+_ASSURANCE_VARIABLES = ("intervention", "intervention_reason")
 _OPTIONAL_VARIABLES = (
     "ranges", "solve_reason", "kick", *_POLICY_VARIABLES, *DECISION_VARIABLES,
+    *_ASSURANCE_VARIABLES,
 )  # fmt: skip
 _NEEDED_VARIABLES = ["time", *(name for name in VARIABLES if name not in _OPTIONAL_VARIABLES)]
 _NEEDED_VARIABLES += ["mesh_vertices", "mesh_facets"]

@@ -18,6 +18,8 @@ KEEP_OUT_TOLERANCE = 1.0
 # The pure policy, which sees nothing but lidar, is also judged at this many times the scenario's
 # radius and speed of arrival. `success_2km` is named for the defaults, Kleopatra's: 2 km, 2 m/s.
 WIDE_ARRIVAL = 2.0
+# An intervention of runtime assurance changes the command by more than this (N).
+INTERVENTION_TOLERANCE = 1e-3
 # Samples between two rows when the least clearance is sought.
 _SUBSTEPS = 10
 
@@ -70,6 +72,7 @@ def summarise(log: FlightLog) -> dict[str, typing.Any]:
         "scenario_sha256": attrs["scenario_sha256"],
         "policy_sha256": attrs.get("policy_sha256"),
         **_estimate_errors(log),
+        **_interventions(log),
     }
 
 
@@ -97,6 +100,18 @@ def _estimate_errors(log: FlightLog) -> dict[str, float]:
         figures[f"estimate_{name}_median"] = float(np.median(sizes))
         figures[f"estimate_{name}_p95"] = float(np.percentile(sizes, 95))
     return figures
+
+
+def _interventions(log: FlightLog) -> dict[str, float]:
+    """How often runtime assurance changed the command, and by how much in all, if it flew."""
+    if "intervention" not in log.dataset:
+        return {}
+    changes = log.dataset["intervention"].values[:-1]
+    pushed = changes @ np.diff(log.dataset["time"].values)
+    return {
+        "interventions": int(np.sum(changes > INTERVENTION_TOLERANCE)),
+        "intervention_delta_v_m_s": float(pushed / log.scenario.spacecraft.mass_kg),
+    }
 
 
 def fallback_steps(log: FlightLog) -> dict[str, int]:

@@ -8,6 +8,7 @@ from pydrake.common.yaml import yaml_dump_typed
 from proxops.diagrams.scenario_checks import check_scenario
 from proxops.diagrams.scenario_config import (
     ArrivalConfig,
+    AssuranceConfig,
     ForceNoiseConfig,
     HybridConfig,
     KicksConfig,
@@ -31,6 +32,7 @@ from proxops.diagrams.typed_yaml import (
 
 __all__ = [
     "ArrivalConfig",
+    "AssuranceConfig",
     "ForceNoiseConfig",
     "HybridConfig",
     "KicksConfig",

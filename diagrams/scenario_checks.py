@@ -93,6 +93,8 @@ def check_scenario(scenario: Scenario, source: str = "scenario") -> None:
         "hybrid.longest_period",
         f"must be at least shortest_period, {hybrid.shortest_period}, got {hybrid.longest_period}",
     )
+    if scenario.assurance is not None:
+        not_negative("assurance", "margin_m")
     if scenario.disturbance is not None:
         positive("disturbance", "reset_period_s")
         not_negative("disturbance", "max_relative_magnitude", "increment_std_n")

@@ -168,6 +168,18 @@ class RandomWalkDisturbanceConfig:
 
 
 @dc.dataclass
+class AssuranceConfig:
+    """The filter that keeps any controller out: see `proxops.systems.RuntimeAssurance`.
+
+    It believes the scenario without its `mismatch`.
+    """
+
+    # Added to every semi-axis of the keep-out ellipsoid: for what the filter's prediction errs by,
+    # about a metre, and for disturbances, which act after it.
+    margin_m: float = 100.0
+
+
+@dc.dataclass
 class ForceNoiseConfig:
     """Normal noise of its own size on the commanded force: coasting is disturbed too."""
 
@@ -228,6 +240,8 @@ class Scenario:
     mpc: MpcConfig = dc.field(default_factory=MpcConfig)
     policy: PolicyConfig = dc.field(default_factory=PolicyConfig)
     hybrid: HybridConfig = dc.field(default_factory=HybridConfig)
+    # None: whatever the controller commands is flown.
+    assurance: AssuranceConfig | None = None
     # None: the command is applied as it is.
     disturbance: RandomWalkDisturbanceConfig | None = None
     # None: no noise is added after that.

@@ -10,8 +10,10 @@ import numpy as np
 from proxops.assets import ASSETS
 from proxops.diagrams.body import Body
 from proxops.diagrams.estimate_feedback import EstimateFeedback
-from proxops.diagrams.scenario import LidarConfig, Scenario
+from proxops.diagrams.scenario import AssuranceConfig, LidarConfig, Scenario
 from proxops.systems import (
+    AssuranceLimits,
+    BackupBraking,
     ErrorWeights,
     Horizon,
     InputError,
@@ -125,6 +127,23 @@ def make_estimate_feedback(bundle: Path, scenario: Scenario, body: Body) -> Esti
     """
     policy = make_policy(bundle, scenario, body)
     return EstimateFeedback(policy, make_proportional_derivative(scenario))
+
+
+def make_backup(scenario: Scenario, body: Body, assurance: AssuranceConfig) -> BackupBraking:
+    """The backup braking that an assurance with these settings falls back on.
+
+    Raises:
+      InputError: the thrust cannot hold the spacecraft everywhere outside the ellipsoid.
+    """
+    craft = scenario.spacecraft
+    limits = AssuranceLimits(
+        mass=craft.mass_kg,
+        thrust=craft.thrust_limit_n,
+        speed=craft.speed_limit_m_s,
+        keep_out_semi_axes=body.keep_out_semi_axes,
+        margin=assurance.margin_m,
+    )
+    return BackupBraking(body.gravity_field, body.spin_rate, limits, scenario.control_period_s)
 
 
 def make_lidar(scenario: Scenario, body: Body, seed: int) -> PlanarLidar:

@@ -45,7 +45,7 @@ _LONGEST_STEP = 10.0
 # What a controller is asked at control steps only.
 _ASKED = (
     "mpc_force", "mpc_record", "policy_force", "policy_record", "estimate", "decision",
-    "decision_record",
+    "decision_record", "intervention_record",
 )  # fmt: skip
 
 Progress = Callable[[float, float], None]
@@ -214,6 +214,9 @@ def _collect_log(
     if "policy_record" in columns:
         record = columns.pop("policy_record")
         columns |= dict(zip(("policy_time", "policy_status"), record.T, strict=True))
+    if "intervention_record" in columns:
+        record = columns.pop("intervention_record")
+        columns |= dict(zip(("intervention", "intervention_reason"), record.T, strict=True))
     if "decision_record" in columns:
         record = columns.pop("decision_record")
         columns |= dict(zip(DECISION_VARIABLES, record.T, strict=True))

@@ -20,7 +20,7 @@ from proxops.diagrams.hybrid_controller import HybridController
 from proxops.diagrams.live_view import LiveView, add_live_view
 from proxops.diagrams.meshcat_scene import Scene
 from proxops.diagrams.scenario import Scenario
-from proxops.diagrams.scenario_systems import make_controller, make_lidar
+from proxops.diagrams.scenario_systems import make_backup, make_controller, make_lidar
 from proxops.diagrams.transits import scenario_transit
 from proxops.systems import (
     DelayedHold,
@@ -32,6 +32,7 @@ from proxops.systems import (
     NeuralPolicy,
     PolyhedralGravity,
     RandomWalkDisturbance,
+    RuntimeAssurance,
     Spacecraft,
     VelocityKicks,
 )
@@ -60,6 +61,8 @@ def make_transit_diagram(
                  └────────────── state ◄──────────────────────────────┘
     ```
 
+    Runtime assurance, if the scenario has it, stands between controller and disturbance.
+
     Args:
       scenario: what is flown; its transit sets the start and the target.
       controller: any system with an output port `force` (3), in N in K, and any of the input
@@ -71,7 +74,7 @@ def make_transit_diagram(
 
     Returns:
       A Diagram whose subsystems are named gravity, spacecraft, lidar, target, controller,
-      disturbance, force_noise and kicks (those there are), thrusters, hold, monitor, and
+      assurance, disturbance, force_noise and kicks (those there are), thrusters, hold, monitor, and
       log_NAME for every logged port.
       The Context that it makes by default starts the scenario's transit. The hold is a
       `DelayedHold` where the expert flies with a delay.
@@ -138,8 +141,20 @@ def make_transit_diagram(
         "applied_force": hold.get_output_port(),
     }
     _connect_controller(builder, pilot, sources)
-    command = pilot.GetOutputPort("force")
-    applied = command
+    command = assured = pilot.GetOutputPort("force")
+    assurance = None
+    if scenario.assurance is not None:
+        if delay > 0.0:
+            raise InputError(
+                "runtime assurance can't fly with mpc.solve_delay_s: it changes a command for the "
+                "period from now on, and this one would act later; set either to its default"
+            )
+        backup = make_backup(scenario, body, scenario.assurance)
+        assurance = add("assurance", RuntimeAssurance(backup))
+        builder.Connect(craft_ports["state"], assurance.GetInputPort("state"))
+        builder.Connect(command, assurance.GetInputPort("force"))
+        assured = assurance.GetOutputPort("force")
+    applied = assured
     if scenario.disturbance is not None:
         settings = scenario.disturbance
         disturbance = add(
@@ -153,7 +168,7 @@ def make_transit_diagram(
                 seed=derived_seed(*seeds, _DISTURBANCE_STREAM),
             ),
         )
-        builder.Connect(command, disturbance.GetInputPort("force"))
+        builder.Connect(assured, disturbance.GetInputPort("force"))
         applied = disturbance.GetOutputPort("force")
     if scenario.force_noise is not None:
         noise = add(
@@ -195,8 +210,10 @@ def make_transit_diagram(
         "state": craft_ports["state"],
         "target": target.get_output_port(),
         "force": applied,
-        "command": command,
+        "command": assured,
     }
+    if assurance is not None:
+        logged["intervention_record"] = assurance.GetOutputPort("intervention")
     if kicks is not None:
         logged["kick"] = kicks.GetOutputPort("next_acceleration")
     if isinstance(pilot, ModelPredictiveController):

@@ -1,6 +1,11 @@
 """The blocks of the diagram: plain numerics, and a thin Drake LeafSystem over each."""
 
 from proxops.systems.agreement_gates import AgreementGate, GateKind
+from proxops.systems.backup_braking import (
+    AssuranceLimits,
+    BackupBraking,
+    InterventionReason,
+)
 from proxops.systems.check_schedule import CheckSchedule, PeriodRule
 from proxops.systems.delayed_hold import DelayedHold
 from proxops.systems.enabled_value import EnabledValue
@@ -25,6 +30,7 @@ from proxops.systems.proportional_derivative import ProportionalDerivative
 from proxops.systems.random_walk_disturbance import RandomWalkDisturbance
 from proxops.systems.ray_caster import RayCaster, RayFan
 from proxops.systems.reach_time import ReachModel
+from proxops.systems.runtime_assurance import RuntimeAssurance
 from proxops.systems.spacecraft import Spacecraft, Spacecraft_, jacobi_integral
 from proxops.systems.state_noise import StateNoise
 from proxops.systems.surface_maps import effective_field, plane_cut, surface_map
@@ -35,6 +41,8 @@ from proxops.systems.weighted_program import ErrorWeights, WeightedProgram
 
 __all__ = [
     "AgreementGate",
+    "AssuranceLimits",
+    "BackupBraking",
     "CheckSchedule",
     "DecisionReason",
     "DelayedHold",
@@ -48,6 +56,7 @@ __all__ = [
     "Horizon",
     "HybridSelector",
     "InputError",
+    "InterventionReason",
     "LearnedLidar",
     "Lidar",
     "LidarBundle",
@@ -69,6 +78,7 @@ __all__ = [
     "RayCaster",
     "RayFan",
     "ReachModel",
+    "RuntimeAssurance",
     "Spacecraft",
     "Spacecraft_",
     "StateNoise",

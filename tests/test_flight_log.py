@@ -35,10 +35,11 @@ from proxops.systems import InputError, TransitProgram
 from proxops.systems.errors import SolverFailure
 
 SIZES = {"component": 6, "axis": 3, "plane": 12, "ray": 360}
-# Of flights with kicks, with a policy, or of a hybrid.
+# Of flights with kicks, with a policy, of a hybrid, or with runtime assurance.
 SOMETIMES = (
     "kick", "policy_time", "policy_status", "estimate", "decision_reason", "agreement",
     "force_difference", "force_angle", "check_clearance", "steps_to_check", "decision_time",
+    "intervention", "intervention_reason",
 )  # fmt: skip
 SUMMARY = [
     "controller", "seed", "transit", "success", "success_2km", "collided", "keep_out_violations",

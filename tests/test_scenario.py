@@ -13,6 +13,7 @@ from plain_polyhedral_gravity import star_shaped
 from proxops.diagrams.body import BodyConfig, load_body
 from proxops.diagrams.scenario import (
     ArrivalConfig,
+    AssuranceConfig,
     ForceNoiseConfig,
     KicksConfig,
     LearnedLidarConfig,
@@ -64,6 +65,7 @@ def scenarios(draw: st.DrawFn) -> Scenario:
             )
         ),
         mismatch=draw(st.builds(MismatchConfig, positive, positive, positive)),
+        assurance=draw(st.none() | st.builds(AssuranceConfig, not_negative)),
         disturbance=draw(st.none() | disturbance),
         transit=TransitConfig(
             seed=draw(st.integers(0, 2**70)),
@@ -110,6 +112,7 @@ def test_dump_holds_every_key_and_loads_from_a_file(tmp_path: Path) -> None:
         start_m=[1.0, 2.0, 3.0], goal_m=[4.0, 5.0, 6.0], start_velocity_m_s=[7.0, 8.0, 9.0]
     )
     scenario = Scenario(
+        assurance=AssuranceConfig(),
         disturbance=RandomWalkDisturbanceConfig(),
         force_noise=ForceNoiseConfig(),
         kicks=KicksConfig(),

@@ -155,7 +155,10 @@ def _compute(portion: Portion, folder: Path) -> int:
 
 
 def _origin(portion: Portion) -> str:
-    return f"{portion.first}, {portion.count}, {portion.seed}\n{portion.scenario}"
+    """All that the plans depend on."""
+    scenario = parse_scenario(portion.scenario)
+    parts = scenario.body, scenario.spacecraft, scenario.mpc, scenario.transit
+    return f"{portion.first}, {portion.count}, {portion.seed}, {parts}"
 
 
 # One large thing, loaded once in each worker.

@@ -1,0 +1,331 @@
+"""Compiled kernel of backup braking: gravity from a table, the law, its outlook, the least change.
+
+Arguments that most functions share:
+
+* ``scales`` (5,), ``nodes`` (2 n + 1, 2 n + 1, 2 n + 1, 4): a `GravityTable`'s.
+* ``world`` (9,): see the indices below.
+* ``r``, ``v``: position (3,) in m and velocity (3,) in m/s in K; ``u``: thrust acceleration (3,).
+
+All of it is in one file: numba's cache on disk looks at no other file than a function's own.
+"""
+
+import math
+
+import numba
+import numpy as np
+
+# Of ``world``: semi-axes of the ellipsoid to stay out of, spin, greatest thrust acceleration per
+# axis, control period, outward speed that the backup seeks, speed per axis up to which thrust is
+# sure to hold against gravity and Coriolis, and speed limit per axis.
+AXIS_X, AXIS_Y, AXIS_Z, SPIN, THRUST, PERIOD, CRUISE, SETTLED, SPEED = range(9)
+
+# Level, |(x/a, y/b, z/c)|, down to which the table reaches; below, gravity of that level serves.
+LOWEST_LEVEL = 0.95
+# Steps after which a backup that has not come to rest counts as failed.
+_LONGEST_OUTLOOK = 300
+# Outward speed, in cruises, from which the law can't fall back inwards: far more than Coriolis and
+# gravity change it in a step.
+_OUTWARD = 0.05
+# Up to this share of the normal an axis is braked even if it moves outwards.
+_SIDEWAYS = 0.2
+# The search for the least change may end at this share of the worth that was missing, or at this
+# clearance in thrust limits times a period squared (7 mm at Kleopatra); and how many outlooks it
+# takes at most.
+_NEAR_ENOUGH = 0.03
+_NEAR_ENOUGH_CLEARANCE = 1e-3
+_TRIES = 6
+# Share of the thrust limit by which the search tries how clearance changes.
+_PROBE = 0.05
+# Gradients that it follows.
+_ROUNDS = 2
+
+# Codes of `InterventionReason`.
+NONE, THRUST_LIMIT, SPEED_LIMIT, KEEP_OUT, BACKUP = range(5)
+
+_compiled = numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+_inlined = numba.njit(cache=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
+
+
+@_inlined
+def _weights(t):
+    """Lagrange's weights of nodes at -1, 0, 1 and 2, for t from 0 to 1."""
+    return (
+        -t * (t - 1.0) * (t - 2.0) / 6.0,
+        (t + 1.0) * (t - 1.0) * (t - 2.0) / 2.0,
+        -(t + 1.0) * t * (t - 2.0) / 2.0,
+        (t + 1.0) * t * (t - 1.0) / 6.0,
+    )
+
+
+@_compiled
+def interpolate(x, y, z, scales, nodes, out):
+    """Fills gravity (3,) at a point: a point mass's, and what is left, by cubics between nodes."""
+    wx, wy, wz = x / scales[0], y / scales[1], z / scales[2]
+    level2 = wx * wx + wy * wy + wz * wz
+    out[0] = out[1] = out[2] = 0.0
+    # At the centre, and where a path has left all bounds.
+    if not 0.0 < level2 < math.inf:
+        return
+    shrink = 1.0 / (scales[4] * max(level2, LOWEST_LEVEL * math.sqrt(level2)))
+    middle = nodes.shape[0] // 2
+    qx, qy, qz = wx * shrink + middle, wy * shrink + middle, wz * shrink + middle
+    i, j, k = int(qx), int(qy), int(qz)
+    a, b, (c0, c1, c2, c3) = _weights(qx - i), _weights(qy - j), _weights(qz - k)
+    for p in range(4):
+        for q in range(4):
+            share = a[p] * b[q]
+            row = nodes[i - 1 + p, j - 1 + q]
+            for m in range(3):
+                out[m] += share * (
+                    c0 * row[k - 1, m] + c1 * row[k, m] + c2 * row[k + 1, m] + c3 * row[k + 2, m]
+                )
+    r2 = x * x + y * y + z * z
+    mass = scales[3] / (r2 * math.sqrt(r2))
+    out[0] -= mass * x
+    out[1] -= mass * y
+    out[2] -= mass * z
+
+
+@_inlined
+def _within(value, low, high):
+    return min(max(value, low), high)
+
+
+@_inlined
+def _gravity_ahead(r, v, scales, nodes, world, gravity):
+    """Gravity (3,) half a period ahead, where it is near its mean over the period."""
+    half = 0.5 * world[PERIOD]
+    interpolate(r[0] + half * v[0], r[1] + half * v[1], r[2] + half * v[2], scales, nodes, gravity)
+
+
+@_inlined
+def _law(r, v, gravity, world, u):
+    """Fills the backup's thrust acceleration; returns the outward speed in m/s."""
+    limit, cruise, spin = world[THRUST], world[CRUISE], world[SPIN]
+    nx, ny, nz = r[0] / world[0] ** 2, r[1] / world[1] ** 2, r[2] / world[2] ** 2
+    size = math.sqrt(nx * nx + ny * ny + nz * nz)
+    nx, ny, nz = nx / size, ny / size, nz / size
+    outward = nx * v[0] + ny * v[1] + nz * v[2]
+    free = 1.0 - min(max(outward / cruise, 0.0), 1.0)
+    for i in range(3):
+        n = nx if i == 0 else ny if i == 1 else nz
+        error = cruise * n - v[i]
+        if error * n < 0.0:
+            error *= 1.0 - free * min(abs(n) / _SIDEWAYS, 1.0)
+        pull = gravity[i]
+        if i == 0:
+            pull += 2.0 * spin * v[1] + spin**2 * r[0]
+        elif i == 1:
+            pull += -2.0 * spin * v[0] + spin**2 * r[1]
+        u[i] = _within(error / world[PERIOD] - pull, -limit, limit)
+    return outward
+
+
+@_inlined
+def _advance(r, v, gravity, u, world, r_end, v_end):
+    """Moves by one period; returns the least clearance on the way (m, a lower bound).
+
+    Gravity and thrust are constant; Coriolis and centrifugal terms by Taylor's series. The path
+    leaves its chord by no more than the greatest acceleration times the period squared over 8.
+    """
+    spin, period = world[SPIN], world[PERIOD]
+    ax = gravity[0] + u[0] + 2.0 * spin * v[1] + spin**2 * r[0]
+    ay = gravity[1] + u[1] - 2.0 * spin * v[0] + spin**2 * r[1]
+    az = gravity[2] + u[2]
+    jx = 2.0 * spin * ay + spin**2 * v[0]
+    jy = -2.0 * spin * ax + spin**2 * v[1]
+    sx = 2.0 * spin * jy + spin**2 * ax
+    sy = -2.0 * spin * jx + spin**2 * ay
+    second, third, fourth = period**2 / 2.0, period**3 / 6.0, period**4 / 24.0
+    ex = r[0] + period * v[0] + second * ax + third * jx + fourth * sx
+    ey = r[1] + period * v[1] + second * ay + third * jy + fourth * sy
+    ez = r[2] + period * v[2] + second * az
+
+    # In units of the semi-axes the ellipsoid is a ball.
+    px, py, pz = r[0] / world[0], r[1] / world[1], r[2] / world[2]
+    dx, dy, dz = ex / world[0] - px, ey / world[1] - py, ez / world[2] - pz
+    bx, by = (abs(ax) + period * abs(jx)) / world[0], (abs(ay) + period * abs(jy)) / world[1]
+    along, length2 = px * dx + py * dy + pz * dz, dx * dx + dy * dy + dz * dz
+    share = min(max(-along / length2, 0.0), 1.0) if length2 > 0.0 else 0.0
+    px, py, pz = px + share * dx, py + share * dy, pz + share * dz
+    bend = 0.125 * period**2 * math.sqrt(bx * bx + by * by + (az / world[2]) ** 2)
+    level = math.sqrt(px * px + py * py + pz * pz)
+
+    vx, vy = v[0] + period * ax + second * jx, v[1] + period * ay + second * jy
+    v_end[0], v_end[1], v_end[2] = vx + third * sx, vy + third * sy, v[2] + period * az
+    r_end[0], r_end[1], r_end[2] = ex, ey, ez
+    return _clearance(level - bend, world)
+
+
+@_inlined
+def _clearance(level, world):
+    """A lower bound of the distance (m) to the ellipsoid from a level, |(x/a, y/b, z/c)|."""
+    return (level - 1.0) * min(world[0], world[1], world[2])
+
+
+@_compiled
+def outlook(r_start, v_start, scales, nodes, world):
+    """The least clearance (m) for ever if the backup flies from here; -inf if it never settles.
+
+    The clearance is a lower bound between the steps, too, and its sign is exact to that.
+    """
+    r, v, gravity, u = r_start.copy(), v_start.copy(), np.empty(3), np.empty(3)
+    level2 = 0.0
+    for i in range(3):
+        level2 += (r[i] / world[i]) ** 2
+    least = _clearance(math.sqrt(level2), world)
+    for _ in range(_LONGEST_OUTLOOK):
+        _gravity_ahead(r, v, scales, nodes, world, gravity)
+        outward = _law(r, v, gravity, world, u)
+        if outward >= _OUTWARD * world[CRUISE] and max(abs(v[0]), abs(v[1])) <= world[SETTLED]:
+            return least
+        least = min(least, _advance(r, v, gravity, u, world, r, v))
+    return -math.inf
+
+
+@_compiled
+def backup(r, v, scales, nodes, world, u):
+    """Fills the backup's thrust acceleration (3,) at a state."""
+    gravity = np.empty(3)
+    _gravity_ahead(r, v, scales, nodes, world, gravity)
+    _law(r, v, gravity, world, u)
+
+
+@_inlined
+def _worth(motion, u):
+    """The least clearance (m) if u flies for one period and the backup after it."""
+    r, v, gravity, scales, nodes, world = motion
+    r_end, v_end = np.empty(3), np.empty(3)
+    least = _advance(r, v, gravity, u, world, r_end, v_end)
+    return min(least, outlook(r_end, v_end, scales, nodes, world))
+
+
+@_inlined
+def _bound_speed(motion, u, low, high):
+    """Moves u by the least that ends the period below the speed limit, as far as thrust can.
+
+    Fills the bounds of u (3,) that thrust and speed set, and returns whether u was moved.
+    """
+    r, v, gravity, _, _, world = motion
+    r_end, v_end = np.empty(3), np.empty(3)
+    limit, period = world[THRUST], world[PERIOD]
+    _advance(r, v, gravity, u, world, r_end, v_end)
+    moved = max(abs(v_end[0]), abs(v_end[1]), abs(v_end[2])) > world[SPEED]
+    # Coriolis couples the axes by spin period, some 0.003: three rounds leave its cube. What it
+    # does within a period, and to a force that is changed once more, has that room.
+    speed = world[SPEED] - 2.0 * abs(world[SPIN]) * limit * period**2
+    for _ in range(3):
+        _advance(r, v, gravity, u, world, r_end, v_end)
+        for i in range(3):
+            high[i] = _within(u[i] + (speed - v_end[i]) / period, -limit, limit)
+            low[i] = _within(u[i] - (speed + v_end[i]) / period, -limit, limit)
+            if not moved:
+                high[i], low[i] = max(high[i], u[i]), min(low[i], u[i])
+            u[i] = _within(u[i], low[i], high[i])
+    return moved
+
+
+@_compiled
+def assure(r, v, wanted, scales, nodes, world, u):
+    """Fills u (3,), the least change of ``wanted`` (3,) that is safe; returns a code.
+
+    All three are thrust accelerations in m/s^2.
+    """
+    gravity, low, high, toward = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    motion = (r, v, gravity, scales, nodes, world)
+    limit, reason = world[THRUST], NONE
+    _gravity_ahead(r, v, scales, nodes, world, gravity)
+    for i in range(3):
+        u[i] = _within(wanted[i], -limit, limit)
+        if u[i] != wanted[i]:
+            reason = THRUST_LIMIT
+    if _bound_speed(motion, u, low, high):
+        reason = SPEED_LIMIT
+    worth = _worth(motion, u)
+    if worth >= 0.0:
+        return reason
+
+    # Up the gradient of the worth: there, to first order, lies the least change. First that at the
+    # start, then that at what was found.
+    start, at, worth_at = u.copy(), u.copy(), worth
+    found, least = False, math.inf
+    for _ in range(_ROUNDS):
+        if worth_at == -math.inf:
+            break
+        steepness = along = 0.0
+        for i in range(3):
+            probe = _PROBE * limit if at[i] + _PROBE * limit <= high[i] else -_PROBE * limit
+            kept, at[i] = at[i], at[i] + probe
+            there = _worth(motion, at)
+            at[i] = kept
+            toward[i] = (there - worth_at) / probe if there > -math.inf else 0.0
+            steepness += toward[i] ** 2
+            along += toward[i] * (at[i] - start[i])
+        if steepness == 0.0:
+            break
+        # Until an axis that counts for a tenth has gone from limit to limit.
+        far = 20.0 * limit / math.sqrt(steepness)
+        first = min(max(along - worth_at, 0.0) / steepness, far)
+        worth_at = _search(motion, start, toward, worth, first, far, low, high, at)
+        change = 0.0
+        for i in range(3):
+            change += (at[i] - start[i]) ** 2
+        if worth_at < 0.0 or change >= least:
+            break
+        found, least = True, change
+        u[:] = at
+    if found:
+        return KEEP_OUT
+    # Towards the backup, if it can be had within the speed limit.
+    _law(r, v, gravity, world, u)
+    for i in range(3):
+        toward[i] = _within(u[i], low[i], high[i]) - start[i]
+    if _search(motion, start, toward, worth, 1.0, 1.0, low, high, u) >= 0.0:
+        return KEEP_OUT
+    _law(r, v, gravity, world, u)
+    return BACKUP
+
+
+@_compiled
+def _search(motion, start, toward, worth, first, far, low, high, u):
+    """Fills u with the nearest point of a path that has a worth >= 0; returns that worth.
+
+    The path is start + share toward, kept within the bounds, for a share of up to ``far``; its
+    start has the given worth, below 0. By false position (the Illinois rule), from ``first`` on.
+    Where nothing is found, -inf is returned.
+    """
+    world = motion[5]
+    enough = _NEAR_ENOUGH_CLEARANCE * world[THRUST] * world[PERIOD] ** 2
+    if worth > -math.inf:
+        enough = max(enough, -_NEAR_ENOUGH * worth)
+    bad, good, share, slope = 0.0, math.inf, first, 0.0
+    worth_bad, worth_good, worth_found = worth, 0.0, -math.inf
+    for _ in range(_TRIES):
+        for i in range(3):
+            u[i] = _within(start[i] + share * toward[i], low[i], high[i])
+        there = _worth(motion, u)
+        if there >= 0.0:
+            if good < math.inf:
+                worth_bad *= 0.5
+            good, worth_good, worth_found = share, there, there
+            if there <= enough:
+                break
+        elif share >= far:
+            break
+        else:
+            if good < math.inf:
+                worth_good *= 0.5
+            slope = (there - worth_bad) / (share - bad) if share > bad else 0.0
+            bad, worth_bad = share, there
+        if good == math.inf:
+            step = (0.5 * enough - there) / slope if slope > 0.0 else math.inf
+            share = min(share + _within(1.1 * step, 0.1 * share, 3.0 * share), far)
+        elif worth_bad > -math.inf:
+            rise = max(worth_good - worth_bad, 0.5 * enough)
+            share = bad + (good - bad) * min((0.5 * enough - worth_bad) / rise, 0.95)
+        else:
+            share = 0.5 * (bad + good)
+    if good < math.inf:
+        for i in range(3):
+            u[i] = _within(start[i] + good * toward[i], low[i], high[i])
+    return worth_found

@@ -1,0 +1,36 @@
+"""Whole flights of pilots that mean harm: in with no assurance, out with it."""
+
+import numpy as np
+import pytest
+from short_flights import kleopatra
+
+from proxops.diagrams.adversarial_flights import ADVERSARIES, adversarial_flight
+from proxops.diagrams.scenario import load_scenario
+
+
+@pytest.mark.parametrize("adversary", ADVERSARIES)
+def test_in_without_assurance_and_out_with_it(adversary: str) -> None:
+    scenario = load_scenario()
+    # Seed 2 starts where each of them gets in within 1,500 s.
+    bare, assured = (
+        adversarial_flight(scenario, kleopatra(), adversary, 2, steps=150, assured=on)
+        for on in (False, True)
+    )
+    assert np.array_equal(bare.states[0], assured.states[0])
+    assert np.array_equal(bare.forces, bare.commands)
+    assert bare.clearance < -1.0
+    assert assured.clearance > 80.0
+    assert assured.speed < 40.001
+    assert np.abs(assured.forces).max() <= 7.0
+    assert (assured.forces != assured.commands).any()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("adversary", ADVERSARIES)
+def test_whole_flights_stay_out(adversary: str) -> None:
+    scenario = load_scenario()
+    for seed in range(100, 108):
+        flight = adversarial_flight(scenario, kleopatra(), adversary, seed)
+        assert flight.clearance > 80.0, seed
+        # Where it has to, keeping out takes some of the speed limit.
+        assert flight.speed < 40.05, seed

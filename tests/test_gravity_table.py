@@ -1,0 +1,72 @@
+"""The table against the polyhedron, and against a field that it must have exactly."""
+
+import numpy as np
+import pytest
+from short_flights import kleopatra
+
+from proxops.diagrams.body import load_body
+from proxops.systems import PointMassField
+from proxops.systems.gravity_table import GravityTable, gravity_table
+
+
+def directions(count: int) -> np.ndarray:
+    drawn = np.random.default_rng(7).normal(size=(count, 3))
+    return drawn / np.linalg.norm(drawn, axis=1)[:, None]
+
+
+@pytest.fixture(scope="module")
+def table() -> GravityTable:
+    return gravity_table(kleopatra().gravity_field, kleopatra().keep_out_semi_axes)
+
+
+@pytest.mark.parametrize(
+    ("level", "greatest", "mean"),
+    [
+        (1.0, 5e-5, 5e-6),
+        (1.1, 3e-5, 5e-6),
+        (2.0, 3e-5, 1e-5),
+        (10.0, 3e-5, 1e-5),
+        (1e3, 1e-7, 1e-8),
+    ],
+)
+def test_within_its_stated_error_of_the_polyhedron(
+    table: GravityTable, level: float, greatest: float, mean: float
+) -> None:
+    points = level * directions(400) * kleopatra().keep_out_semi_axes
+    error = table.acceleration(points) - kleopatra().gravity_field.evaluate(points).acceleration
+    sizes = np.linalg.norm(error, axis=1)
+    assert sizes.max() < greatest
+    assert np.sqrt(np.mean(sizes**2)) < mean
+
+
+def test_continuous_where_it_ends(table: GravityTable) -> None:
+    """Below its lowest level it goes on: paths that fail are followed there."""
+    for direction in directions(20) * kleopatra().keep_out_semi_axes:
+        above, below = table.acceleration(direction * np.array([[0.9500001], [0.9499999]]))
+        assert np.abs(above - below).max() < 1e-7
+    assert not table.acceleration(np.array([[0.0, 0.0, 0.0], [1e200, 0.0, 0.0]])).any()
+
+
+def test_a_point_mass_is_exact() -> None:
+    field = PointMassField(1e15)
+    points = 1.3 * directions(50) * [4e3, 3e3, 2e3]
+    found = GravityTable(field, np.array([4e3, 3e3, 2e3])).acceleration(points)
+    assert found == pytest.approx(field.evaluate(points).acceleration, rel=1e-12)
+
+
+def test_made_once_for_the_same_field(table: GravityTable) -> None:
+    axes = kleopatra().keep_out_semi_axes
+    assert gravity_table(load_body("kleopatra").gravity_field, axes) is table
+    one, other = PointMassField(1e15), PointMassField(2e15)
+    first = gravity_table(one, axes)
+    assert gravity_table(one, axes) is first
+    assert gravity_table(other, axes) is not first
+    assert gravity_table(one, 2.0 * axes) is not first
+
+
+def test_greatest_bounds_the_field_outside(table: GravityTable) -> None:
+    levels = np.random.default_rng(1).uniform(1.0, 3.0, (2000, 1))
+    points = levels * directions(2000) * kleopatra().keep_out_semi_axes
+    found = np.abs(kleopatra().gravity_field.evaluate(points).acceleration).max(axis=0)
+    assert (found <= 1.01 * table.greatest).all()
+    assert (found >= 0.8 * table.greatest).all()

@@ -1,0 +1,138 @@
+"""The filter as a system, in the diagram, in the log; and against the plain functions."""
+
+import numpy as np
+import pytest
+from short_flights import BRIEF, Scripted, falling_flight, kleopatra, short_scenario
+
+from proxops.diagrams.flight_log import FlightLog, differences
+from proxops.diagrams.scenario import AssuranceConfig, load_scenario
+from proxops.diagrams.scenario_systems import make_backup
+from proxops.diagrams.simulation import fly
+from proxops.diagrams.transit_diagram import make_transit_diagram
+from proxops.systems import BackupBraking, InputError, InterventionReason, RuntimeAssurance
+from proxops.systems.state_prediction import predicted_state
+
+# 1 km above the ellipsoid's end on the spin axis.
+ABOVE_THE_POLE = {"transit__start_m": [0.0, 0.0, 66e3]}
+
+
+@pytest.fixture(scope="module")
+def backup() -> BackupBraking:
+    return make_backup(load_scenario(), kleopatra(), AssuranceConfig())
+
+
+@pytest.fixture(scope="module")
+def held_flight() -> FlightLog:
+    """As `falling_flight`, but for the assurance."""
+    return fly(short_scenario(**ABOVE_THE_POLE, assurance={}), "zero")
+
+
+def evaluate(system: RuntimeAssurance, state, force) -> tuple[np.ndarray, np.ndarray]:
+    context = system.CreateDefaultContext()
+    system.GetInputPort("state").FixValue(context, state)
+    system.GetInputPort("force").FixValue(context, force)
+    output = system.GetOutputPort("force").Eval(context)
+    return output, system.GetOutputPort("intervention").Eval(context)
+
+
+def test_ports_give_what_the_backup_says(backup: BackupBraking) -> None:
+    system = RuntimeAssurance(backup)
+    fall = np.array([0.0, 0.0, 65.3e3, 5.0, 0.0, -4.0])
+    force, (change, reason) = evaluate(system, fall, [1.0, 0.0, -7.0])
+    expected = backup.assure(fall, np.array([1.0, 0.0, -7.0]))
+    assert np.array_equal(force, expected.force)
+    assert reason == expected.reason == InterventionReason.KEEP_OUT
+    assert change == pytest.approx(np.linalg.norm(force - [1.0, 0.0, -7.0]), rel=1e-15)
+    assert change > 1.0
+
+
+def test_what_is_safe_passes_bit_for_bit(backup: BackupBraking) -> None:
+    wanted = [0.1 + 0.2, -1.0 / 3.0, 7.0]
+    force, intervention = evaluate(
+        RuntimeAssurance(backup), [150e3, 0, 80e3, 1.0, 2.0, 3.0], wanted
+    )
+    assert force.tobytes() == np.array(wanted).tobytes()
+    assert np.array_equal(intervention, [0.0, InterventionReason.NONE])
+
+
+def test_a_command_that_is_not_finite_is_left_to_the_thrusters(backup: BackupBraking) -> None:
+    force, intervention = evaluate(RuntimeAssurance(backup), [150e3, 0, 0, 0, 0, 0], [np.nan, 0, 0])
+    assert np.isnan(force[0])
+    assert np.array_equal(intervention, [0.0, 0.0])
+    with pytest.raises(InputError, match="a force must be finite"):
+        fly(short_scenario(assurance={}, **BRIEF), Scripted(lambda time: np.full(3, np.nan)))
+
+
+def test_no_thrust_at_all_ends_in_a_hover(held_flight: FlightLog) -> None:
+    assert falling_flight().summary["keep_out_violations"] > 0
+    summary = held_flight.summary
+    assert summary["keep_out_violations"] == 0
+    assert not summary["collided"]
+    assert summary["min_clearance_m"] > 90.0
+    # It is let fall for a while, then held with what gravity takes there: 2.4 N.
+    assert summary["interventions"] > 600
+    assert 100.0 < summary["intervention_delta_v_m_s"] < 300.0
+
+
+def test_log_tells_each_intervention(held_flight: FlightLog, tmp_path) -> None:
+    data = held_flight.dataset
+    force, change = data["force"].values[:-1], data["intervention"].values[:-1]
+    reason = data["intervention_reason"].values[:-1]
+    # The command is zero, and nothing disturbs.
+    assert change == pytest.approx(np.linalg.norm(force, axis=1), rel=1e-12)
+    assert np.array_equal(change > 0.0, reason != InterventionReason.NONE)
+    assert not data["disturbance"].values.any()
+    assert data["intervention"].attrs["units"] == "N"
+    meanings = data["intervention_reason"].attrs["flag_meanings"].split()
+    assert meanings == ["none", "thrust_limit", "speed_limit", "keep_out", "backup"]
+    summary = held_flight.summary
+    assert summary["interventions"] == int((change > 1e-3).sum())
+    assert summary["intervention_delta_v_m_s"] == pytest.approx(change.sum() * 10.0 / 100.0)
+    held_flight.to_netcdf(tmp_path / "flight.nc")
+    assert differences(held_flight, FlightLog.load(tmp_path / "flight.nc")) == []
+    # Without it neither log nor summary has a word of it.
+    assert not [name for name in falling_flight().dataset if "intervention" in str(name)]
+    assert not [name for name in falling_flight().summary if "intervention" in name]
+
+
+def test_same_flight_as_by_the_plain_functions(
+    held_flight: FlightLog, backup: BackupBraking
+) -> None:
+    body, logged = kleopatra(), held_flight.dataset["state"].values
+    state = logged[0]
+    for row in range(150):
+        force = backup.assure(state, np.zeros(3)).force
+        assert force == pytest.approx(held_flight.dataset["force"].values[row], abs=2e-3)
+        state = predicted_state(state, force, 10.0, body.gravity_field, 100.0, body.spin_rate)
+        assert state == pytest.approx(logged[row + 1], abs=0.1)
+    assert (held_flight.dataset["intervention"].values[:150] > 0.0).any()
+
+
+def test_the_expert_is_left_alone() -> None:
+    bare, assured = (fly(short_scenario(**BRIEF, **extra)) for extra in ({}, {"assurance": {}}))
+    assert np.array_equal(bare.dataset["force"].values, assured.dataset["force"].values)
+    assert np.array_equal(bare.dataset["state"].values, assured.dataset["state"].values)
+    assert assured.summary["interventions"] == 0
+    assert assured.summary["intervention_delta_v_m_s"] == 0.0
+
+
+def test_stands_before_the_disturbance() -> None:
+    """What is logged as disturbance is none of the assurance's doing."""
+    settings = {"assurance": {}, "force_noise": {"std_n": 0.5}, **BRIEF}
+    log = fly(short_scenario(**settings), Scripted(lambda time: np.array([-7.0, 0.0, 0.0])))
+    bare = fly(short_scenario(**settings | {"assurance": None}), Scripted())
+    noise = bare.dataset["disturbance"].values
+    clipped = np.abs(log.dataset["force"].values) == 7.0
+    assert (~clipped).sum() > 20
+    assert log.dataset["disturbance"].values[~clipped] == pytest.approx(noise[~clipped], abs=1e-12)
+
+
+def test_refuses_a_delayed_command() -> None:
+    scenario = short_scenario(assurance={}, mpc__solve_delay_s=2.0)
+    with pytest.raises(InputError, match=r"mpc\.solve_delay_s"):
+        make_transit_diagram(scenario, body=kleopatra())
+
+
+def test_a_negative_margin_is_refused() -> None:
+    with pytest.raises(InputError, match=r"assurance\.margin_m must not be negative"):
+        load_scenario(None, ["assurance.margin_m=-1"])
