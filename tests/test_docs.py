@@ -42,7 +42,8 @@ def run(code: str) -> dict[str, Any]:
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> dict[str, System]:
     """One system of each kind, by the name of its class."""
-    everything = load_scenario(None, SHORT | {"disturbance": {}, "force_noise": {}, "kicks": {}})
+    parts = ("assurance", "disturbance", "force_noise", "kicks")
+    everything = load_scenario(None, SHORT | {part: {} for part in parts})
     diagram = make_transit_diagram(everything, body=kleopatra())
     folder = tmp_path_factory.mktemp("bundles")
     policy = write_policy(folder / "policy", Counting())
