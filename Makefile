@@ -11,7 +11,7 @@ folders := assets cli diagrams systems training
 export PIP_DISABLE_PIP_VERSION_CHECK = 1
 
 .DELETE_ON_ERROR:
-.PHONY: help install fly test lint bench notebooks train clean
+.PHONY: help install fly test lint bench notebooks docs train clean links
 
 help:
 	@echo "make fly        install, and fly one transit with the MPC into $(FLIGHT)"
@@ -20,6 +20,7 @@ help:
 	@echo "make lint       check format, style and types"
 	@echo "make bench      run the benchmarks against other packages"
 	@echo "make notebooks  run every notebook"
+	@echo "make docs       build the documentation into build/site"
 	@echo "make train      install what training needs (PyTorch)"
 	@echo "make clean      remove .venv, build and caches"
 
@@ -31,9 +32,12 @@ fly: .venv/core.stamp
 test: .venv/dev.stamp
 	$(bin)/pytest
 
-lint: .venv/dev.stamp
+# Tools that read sources can't follow the import hook of an editable installation.
+links:
 	@mkdir -p build/links/proxops
 	@for folder in $(folders); do ln -sfn ../../../$$folder build/links/proxops/$$folder; done
+
+lint: .venv/dev.stamp links
 	@cd $$($(bin)/python -c "import sysconfig; print(sysconfig.get_path('purelib'))") && \
 	    { find pydrake -name '*.pyi'; echo pydrake/systems/scalar_conversion.pyi; } | \
 	    while read -r stub; do \
@@ -54,6 +58,11 @@ notebooks: .venv/notebook.stamp
 	@for notebook in notebooks/*.ipynb; do \
 	    if [ -f "$$notebook" ]; then $(bin)/jupyter execute "$$notebook" || exit; fi; \
 	done
+
+# The variable silences an advertisement.
+docs: .venv/docs.stamp links
+	@NO_MKDOCS_2_WARNING=1 $(bin)/mkdocs build --quiet --strict
+	@echo "open build/site/index.html"
 
 train: .venv/train.stamp
 

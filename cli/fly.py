@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -50,6 +51,7 @@ def fly_command(
         Path | None, typer.Option("--from", help="Repeat the flight of this flight.nc.")
     ] = None,
     meshcat: Annotated[bool, typer.Option(help="Serve the flight live in a browser.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
 ) -> None:
     """Fly one transit; write flight.nc, summary.json and replay.html.
 
@@ -83,7 +85,7 @@ def fly_command(
                 progress=progress,
                 body=original.body,
             )
-        _save(log, out)
+        _save(log, out, as_json)
         changed = differences(original, log)
         if changed:
             status.print(f"The flight differs from its log in: {', '.join(changed)}")
@@ -98,20 +100,23 @@ def fly_command(
         wanted = load_scenario(scenario, overrides)
         with _progress_bar() as progress:
             log = fly(wanted, controller or "mpc", meshcat=server, progress=progress)
-        _save(log, out)
+        _save(log, out, as_json)
     if server is not None:
         status.print("Press Ctrl-C to end.")
         with contextlib.suppress(KeyboardInterrupt):
             _wait_for_ever()
 
 
-def _save(log: FlightLog, out: Path) -> None:
+def _save(log: FlightLog, out: Path, as_json: bool) -> None:
     summary = log.summary
     make_folder(out)
     log.to_netcdf(out / "flight.nc")
     write_json(out / "summary.json", summary)
     write_replay(log, out / "replay.html")
-    print_rows(f"{log.body.config.name}, {summary['controller']}", _table(log, summary))
+    if as_json:
+        typer.echo(json.dumps(summary, indent=2))
+    else:
+        print_rows(f"{log.body.config.name}, {summary['controller']}", _table(log, summary))
     status.print(f"Wrote flight.nc, summary.json and replay.html in {out}")
 
 

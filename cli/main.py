@@ -26,6 +26,8 @@ app.command("train")(train.train_command)
 app.command("train-lidar")(train_lidar.train_lidar_command)
 app.command("dagger")(dagger.dagger_command)
 
+_INTERRUPTED = 130
+
 
 def main() -> None:
     """Runs the command line. Exit codes: 0 done, 1 not as wished, 2 bad input, 130 interrupted."""
@@ -35,13 +37,24 @@ def main() -> None:
         message = " ".join(str(error).splitlines())  # What YAML or HDF5 say may have several.
         print(f"proxops: error: {message}", file=sys.stderr)
         sys.exit(2)
-    except KeyboardInterrupt:
-        print("proxops: interrupted", file=sys.stderr)
-        sys.exit(130)
+    except SystemExit as end:
+        if end.code == _INTERRUPTED:  # Typer has caught the KeyboardInterrupt.
+            hint = "; run the same command again to go on" if _goes_on(sys.argv[1:2]) else ""
+            print(f"proxops: interrupted{hint}", file=sys.stderr)
+        raise
     except BrokenPipeError:
         # Whoever read the output has gone; nothing more to say to anyone.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(1)
+
+
+def _goes_on(name: list[str]) -> bool:
+    """Whether a command goes on where it was interrupted: its help says so."""
+    texts = {
+        command.name: " ".join((getattr(command.callback, "__doc__", "") or "").split())
+        for command in app.registered_commands
+    }
+    return any("Run it again to" in texts.get(word, "") for word in name)
 
 
 if __name__ == "__main__":

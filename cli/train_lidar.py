@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -37,6 +38,7 @@ def train_lidar_command(
     quick: Annotated[
         bool, typer.Option(help="Twice the spacing, few steps: in seconds, of no great use.")
     ] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the report as JSON.")] = False,
 ) -> None:
     """Train a network that gives lidar frames; compare it with the ray-caster and with others.
 
@@ -70,7 +72,10 @@ def train_lidar_command(
             bar.update(task, completed=done, description=text)
 
         report = lidar_synthesis.train_lidar(wanted, body, chosen, out, tell)
-    _print(report)
+    if as_json:
+        typer.echo(json.dumps(report, indent=2))
+    else:
+        _print(report)
     status.print(f"Wrote bundle, report.md, report.json, frames.png and curves in {out}")
 
 

@@ -159,15 +159,15 @@ def add_keep_out(scene: Scene) -> None:
     meshcat.SetLineSegments("/keep_out/graticule", starts, ends, 1.0, _GRATICULE)
 
 
-def add_goal(scene: Scene, position: np.ndarray) -> None:
+def add_goal(scene: Scene, position: np.ndarray, name: str = "/goal") -> None:
     """A marker at a position (3,) in m in K: a ball with three long thin bars through it."""
     meshcat = scene.meshcat
-    meshcat.SetObject("/goal/ball", Sphere(0.022), GOAL)
+    meshcat.SetObject(f"{name}/ball", Sphere(0.022), GOAL)
     for axis in range(3):
         edges = np.full(3, 0.004)
         edges[axis] = 0.16
-        meshcat.SetObject(f"/goal/bar_{axis}", Box(*edges), GOAL)
-    meshcat.SetTransform("/goal", scene.pose(position))
+        meshcat.SetObject(f"{name}/bar_{axis}", Box(*edges), GOAL)
+    meshcat.SetTransform(name, scene.pose(position))
 
 
 def add_spacecraft(scene: Scene) -> None:

@@ -83,10 +83,12 @@ def test_report(out: Path):
 
 
 @pytest.mark.slow
-def test_again_changes_nothing(out: Path):
+def test_again_changes_nothing(out: Path, capfd: pytest.CaptureFixture[str]):
     before = LidarBundle.load(out / "bundle")
     curves = (out / "curves" / "ray_network.csv").read_text()
-    assert proxops("train-lidar", "--quick", "--out", out) == 0
+    capfd.readouterr()
+    assert proxops("train-lidar", "--quick", "--out", out, "--json") == 0
+    assert json.loads(capfd.readouterr().out) == json.loads((out / "report.json").read_text())
     assert LidarBundle.load(out / "bundle").sha256 == before.sha256
     assert (out / "curves" / "ray_network.csv").read_text() == curves
 

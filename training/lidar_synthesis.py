@@ -221,16 +221,9 @@ def _ray_lesson(
     )
     often = near.nonzero()[:, 0]
     return _lesson(
-        "ray_network",
-        network,
-        ray_loss,
-        examples,
-        validation,
-        settings.ray,
-        settings.seed,
-        identity,
-        often,
-    )
+        "ray_network", network, ray_loss, examples, validation, settings.ray, settings.seed,
+        identity, often,
+    )  # fmt: skip
 
 
 def _frame_lesson(grid: GridFrames, cube: float, settings: Settings, identity: str) -> Lesson:
@@ -241,15 +234,9 @@ def _frame_lesson(grid: GridFrames, cube: float, settings: Settings, identity: s
     examples = frame_examples(grid.positions[kept], grid.frames[kept], cube)
     validation = frame_examples(grid.positions[~kept], grid.frames[~kept], cube)
     return _lesson(
-        "frame_network",
-        network,
-        frame_loss,
-        examples,
-        validation,
-        settings.frame,
-        settings.seed,
+        "frame_network", network, frame_loss, examples, validation, settings.frame, settings.seed,
         identity,
-    )
+    )  # fmt: skip
 
 
 def _lesson(

@@ -1,0 +1,131 @@
+"""What MkDocs does besides: equations, drawings of ports, pages made from what they are about.
+
+A line of a page that starts with one of these is replaced:
+
+* `!ports NAME`: the drawing of ports in the docstring of `proxops.systems.NAME`.
+* `!commands`: a section for each command, with its help.
+* `!help`: what `proxops --help` prints.
+* `!readme HEADING`: a section of README.md, without its heading.
+* `!file PATH`: a file of the repository, as code.
+* `!experiments PATH`: a Markdown file of the repository, without its title, headings a level down.
+* `!log_variables`: a table of a flight log's variables.
+* `!modules FOLDER`: the reference of all public modules in a folder.
+
+Equations between dollars become MathML, which browsers show without a script. At the end no page
+may load anything from elsewhere.
+"""
+
+import html
+import inspect
+import re
+from pathlib import Path
+
+from latex2mathml.converter import convert
+from mkdocs.exceptions import PluginError
+from typer.testing import CliRunner
+
+from proxops import systems
+from proxops.cli.main import app
+from proxops.diagrams.flight_log import VARIABLES
+
+ROOT = Path(__file__).parents[1]
+_EQUATION = re.compile(r'<(span|div) class="arithmatex">\\([(\[])(.*?)\\[)\]]</\1>', re.DOTALL)
+_LOADED = re.compile(r'<(?:script|img|iframe)[^>]+src="https?:|<link[^>]+href="https?:[^>]*>')
+
+
+def _ports(name: str) -> str:
+    text = inspect.cleandoc(getattr(systems, name).__doc__)
+    (drawing,) = re.findall(r"^```\n(.*?)^```", text, re.DOTALL | re.MULTILINE)[:1]
+    return f"```text\n{drawing}```"
+
+
+def _help(command: str) -> str:
+    """Of a command, or of all of them if it is empty."""
+    environment = {"COLUMNS": "100", "TERMINAL_WIDTH": "100", "NO_COLOR": "1", "TERM": "dumb"}
+    found = CliRunner().invoke(app, [*command.split(), "--help"], env=environment)
+    if found.exit_code:
+        raise PluginError(f"proxops {command} --help: exit code {found.exit_code}")
+    lines = [line.rstrip() for line in found.stdout.strip("\n").splitlines()]
+    return "\n".join(["```text", *lines, "```"])
+
+
+def _commands(_: str) -> str:
+    names = [command.name or "" for command in app.registered_commands]
+    return "\n\n".join(f"## {name}\n\n{_help(name)}" for name in names)
+
+
+def _readme(heading: str) -> str:
+    text = (ROOT / "README.md").read_text()
+    found = re.findall(
+        rf"^## {re.escape(heading)}\n(.*?)(?=^## |\Z)", text, re.DOTALL | re.MULTILINE
+    )
+    if len(found) != 1:
+        raise PluginError(f"README.md has no section {heading!r}")
+    # What the README links to lies in the repository, not in these pages.
+    return re.sub(r"\[([^\]]+)\]\((?!http)[^)]+\)", r"`\1`", found[0])
+
+
+def _file(path: str) -> str:
+    kind = {".py": "python", ".yaml": "yaml"}.get(Path(path).suffix, "text")
+    return f"```{kind}\n{(ROOT / path).read_text()}```"
+
+
+def _log_variables(_: str) -> str:
+    rows = [
+        f"| `{name}` | {', '.join(('time', *dimensions))} | {units} | {text} |"
+        for name, (dimensions, units, text) in VARIABLES.items()
+    ]
+    return "\n".join(["| variable | dimensions | unit | what it is |", "|---|---|---|---|", *rows])
+
+
+def _experiments(path: str) -> str:
+    _, _, text = (ROOT / path).read_text().partition("\n")
+    return re.sub(r"^#", "##", text, flags=re.MULTILINE)
+
+
+def _modules(folder: str) -> str:
+    names = sorted(path.stem for path in (ROOT / folder).glob("[!_]*.py"))
+    options = "    options: {show_root_heading: false}"
+    return "\n".join(f"## {name}\n\n::: proxops.{folder}.{name}\n{options}\n" for name in names)
+
+
+_MAKERS = {
+    "commands": _commands,
+    "experiments": _experiments,
+    "file": _file,
+    "help": _help,
+    "log_variables": _log_variables,
+    "modules": _modules,
+    "ports": _ports,
+    "readme": _readme,
+}
+
+
+def on_page_markdown(markdown, page, **_):
+    """Replaces the lines that ask for something."""
+
+    def made(asked: re.Match) -> str:
+        return _MAKERS[asked[1]]((asked[2] or "").strip())
+
+    return re.sub(rf"^!({'|'.join(_MAKERS)})(?: (.*))?$", made, markdown, flags=re.MULTILINE)
+
+
+def on_page_content(content, **_):
+    """Turns equations into MathML."""
+
+    def written(found: re.Match) -> str:
+        display = "inline" if found[2] == "(" else "block"
+        made = convert(html.unescape(found[3]), display=display)
+        if "\\" in made:
+            raise PluginError(f"this equation was not understood: {found[3]}")
+        return made
+
+    return _EQUATION.sub(written, content)
+
+
+def on_post_build(config, **_):
+    """Refuses pages that need a network."""
+    for page in Path(config.site_dir).rglob("*.html"):
+        for found in _LOADED.findall(page.read_text()):
+            if 'rel="canonical"' not in found:
+                raise PluginError(f"{page} loads from elsewhere: {found}")

@@ -1,0 +1,185 @@
+"""What all commands share: help with examples, plain streams, completion, Ctrl-C."""
+
+import json
+import os
+import pty
+import re
+import select
+import shlex
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+from short_flights import SHORT
+from typer.main import get_command
+
+from proxops.assets import asset_path
+from proxops.cli.main import app, main
+
+COMMANDS = sorted(str(command.name) for command in app.registered_commands)
+# As the script that pip installs: that makes `proxops` the name that completion goes by.
+SCRIPT = "import sys; sys.argv[0] = 'proxops'; from proxops.cli.main import main; main()"
+PROXOPS = [sys.executable, "-c", SCRIPT]
+COLOUR = re.compile(r"\x1b\[(?:[\d;]*;)?(?:3[0-8]|4[0-8]|9[0-7])[\d;]*m")
+FAST = [part for key, value in SHORT.items() for part in ("--set", f"{key}={value}")]
+
+
+def environment(**changes: str) -> dict[str, str]:
+    kept = {k: v for k, v in os.environ.items() if k not in ("NO_COLOR", "FORCE_COLOR")}
+    return kept | {"COLUMNS": "100"} | changes
+
+
+def run(*arguments: object, folder: Path, **changes: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [*PROXOPS, *map(str, arguments)], cwd=folder, env=environment(**changes),
+        capture_output=True, text=True, timeout=120, check=False,
+    )  # fmt: skip
+
+
+def on_terminal(*arguments: object, folder: Path, **changes: str) -> str:
+    """What a terminal is sent."""
+    mine, its = pty.openpty()
+    process = subprocess.Popen(
+        [*PROXOPS, *map(str, arguments)], cwd=folder,
+        env=environment(TERM="xterm-256color", **changes),
+        stdin=its, stdout=its, stderr=its, close_fds=True,
+    )  # fmt: skip
+    os.close(its)
+    said = b""
+    while True:
+        try:
+            if select.select([mine], [], [], 60.0)[0]:
+                piece = os.read(mine, 65536)
+            else:
+                process.kill()
+                break
+        except OSError:  # Linux's way of saying that the other end is closed.
+            break
+        if not piece:
+            break
+        said += piece
+    os.close(mine)
+    assert process.wait(60) == 0, said
+    return said.decode(errors="replace")
+
+
+def parser_of(command: str) -> Any:
+    group: Any = get_command(app)
+    return group.commands[command]
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_examples_in_the_help_are_commands(command: str) -> None:
+    """Each is parsed as if it were typed; none is run."""
+    parser = parser_of(command)
+    text = re.sub(r"\s+", " ", parser.help or "")
+    _, found, examples = re.split(r"(Examples?:)", text)
+    assert found
+    typed = re.findall(r"proxops (.*?)(?= proxops |$)", examples)
+    assert typed
+    for line in typed:
+        name, *arguments = shlex.split(line)
+        assert name == command
+        parser.make_context(name, arguments)
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_option_is_explained(command: str) -> None:
+    for parameter in parser_of(command).params:
+        assert getattr(parameter, "help", None), f"{command} {parameter.name}"
+
+
+def test_fly_as_json(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    arguments = ["fly", *FAST, "--controller", "zero", "--set", "arrival.deadline_s=100"]
+    monkeypatch.setattr(sys, "argv", ["proxops", *arguments, "--out", "out", "--json"])
+    capfd.readouterr()
+    with pytest.raises(SystemExit) as end:
+        main()
+    assert end.value.code == 0
+    printed = json.loads(capfd.readouterr().out)
+    assert printed == json.loads((tmp_path / "out" / "summary.json").read_text())
+
+
+def test_pipes_get_plain_text(tmp_path: Path) -> None:
+    """No colours, no bars, results and remarks apart."""
+    ran = run("shape", asset_path("kleopatra/kleopatra.obj"), folder=tmp_path)
+    assert ran.returncode == 0, ran.stderr
+    assert "\x1b" not in ran.stdout + ran.stderr
+    assert "\r" not in ran.stdout + ran.stderr
+    assert "sound" in ran.stdout
+    assert "Wrote" in ran.stderr
+    assert "Wrote" not in ran.stdout
+
+
+@pytest.mark.slow
+def test_terminals_get_colours_unless_they_are_refused(tmp_path: Path) -> None:
+    shape = ("shape", asset_path("kleopatra/kleopatra.obj"), "--out", tmp_path / "out")
+    for arguments in (shape, ("fly", "--help")):
+        assert COLOUR.search(on_terminal(*arguments, folder=tmp_path))
+        assert not COLOUR.search(on_terminal(*arguments, folder=tmp_path, NO_COLOR="1"))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("typed", "offered"), [("proxops f", "fly"), ("proxops fly --contr", "--controller")]
+)
+def test_completion(tmp_path: Path, typed: str, offered: str) -> None:
+    changes = {
+        "_PROXOPS_COMPLETE": "complete_bash", "COMP_WORDS": typed,
+        "COMP_CWORD": str(len(typed.split()) - 1),
+    }  # fmt: skip
+    assert offered in run(folder=tmp_path, **changes).stdout.split()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["fly", "--out", "out"], "proxops: interrupted\n"),
+        (
+            ["evaluate", "--transits", "3", "--workers", "1", "--out", "out"],
+            "proxops: interrupted; run the same command again to go on\n",
+        ),
+    ],
+)
+def test_interrupted(tmp_path: Path, arguments: list[str], says: str) -> None:
+    """By Ctrl-C while it flies: one line, the code shells expect, and no half file."""
+    # A pilot that says when it is asked first: from then on there is something to interrupt.
+    (tmp_path / "slow_pilot.py").write_text(
+        "import time\nfrom pathlib import Path\n"
+        "from pydrake.systems.framework import LeafSystem\n"
+        "class Slow(LeafSystem):\n"
+        "    def __init__(self):\n"
+        "        super().__init__()\n"
+        "        self.DeclareVectorInputPort('state', 6)\n"
+        "        self.DeclareVectorOutputPort('force', 3, self.calc)\n"
+        "    def calc(self, context, output):\n"
+        "        Path('flying').touch()\n"
+        "        time.sleep(0.2)\n"
+        "def make(scenario, body):\n"
+        "    return Slow()\n"
+    )
+    name = "--controllers" if arguments[0] == "evaluate" else "--controller"
+    process = subprocess.Popen(
+        [*PROXOPS, *arguments, name, "slow_pilot:make"], cwd=tmp_path, env=environment(),
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
+    )  # fmt: skip
+    until = time.monotonic() + 60.0
+    while not (tmp_path / "flying").exists():
+        assert time.monotonic() < until
+        assert process.poll() is None, process.stderr and process.stderr.read()
+        time.sleep(0.05)
+    os.killpg(process.pid, signal.SIGINT)
+    out, err = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert out == ""
+    assert err == says
+    files = [path for path in (tmp_path / "out").rglob("*") if path.is_file()]
+    assert [path.name for path in files if path.name != ".lock"] == []

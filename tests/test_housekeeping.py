@@ -1,0 +1,108 @@
+"""The repository keeps its own rules: dependencies that are used, and modules of a page or two."""
+
+import ast
+import json
+import re
+import sys
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+FOLDERS = ("assets", "cli", "diagrams", "systems", "training")
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+# What a package is imported as, if it isn't its own name.
+IMPORTED_AS = {"drake": "pydrake", "pyyaml": "yaml"}
+# What is used without being imported, and the words by which.
+USED_BY_NAME = {
+    "h5netcdf": r'engine="h5netcdf"',
+    "onnx": r"torch\.onnx\.export",
+    "onnxscript": r"torch\.onnx\.export",
+    "tensorboard": r"torch\.utils\.tensorboard|TensorBoardLogger",
+}
+# Of the extra `notebook`: what shows pictures under a cell has IPython wherever it is called.
+IN_NOTEBOOKS_ONLY = {"IPython"}
+
+
+# Longer than 300 lines, and how long: numba's cache looks at no file but a function's own, so what
+# a kernel calls stays in one file with it.
+LONGER = {"_braking_kernel.py": 340}
+
+
+def sources(*folders: str) -> Iterator[Path]:
+    for folder in folders:
+        yield from (ROOT / folder).rglob("*.py")
+
+
+def imported(path: Path) -> set[str]:
+    """Top-level names of all that a module imports, anywhere in it."""
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            found |= {alias.name.partition(".")[0] for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.module is not None, f"{path} imports relatively"
+            found.add(node.module.partition(".")[0])
+    return found
+
+
+def named(requirements: list[str]) -> list[str]:
+    """The packages that requirements name."""
+    return [re.split(r"[^\w-]", requirement, maxsplit=1)[0] for requirement in requirements]
+
+
+CORE = named(PROJECT["dependencies"])
+TRAIN = named(PROJECT["optional-dependencies"]["train"])
+ALL_IMPORTS = set().union(*(imported(path) for path in sources(*FOLDERS)))
+ALL_TEXT = "\n".join(path.read_text() for path in sources(*FOLDERS))
+
+
+@pytest.mark.parametrize("package", [*CORE, *TRAIN])
+def test_dependency_is_used(package: str) -> None:
+    if package in USED_BY_NAME:
+        assert re.search(USED_BY_NAME[package], ALL_TEXT)
+    else:
+        assert IMPORTED_AS.get(package, package) in ALL_IMPORTS
+
+
+@pytest.mark.parametrize("folder", FOLDERS)
+def test_what_is_imported_is_a_dependency(folder: str) -> None:
+    allowed = {IMPORTED_AS.get(package, package) for package in CORE}
+    if folder == "training":
+        allowed |= set(TRAIN)
+    for path in sources(folder):
+        others = imported(path) - set(sys.stdlib_module_names) - {"proxops"}
+        assert others - allowed - IN_NOTEBOOKS_ONLY <= set(), path
+
+
+@pytest.mark.parametrize("folder", FOLDERS)
+def test_imports_point_one_way(folder: str) -> None:
+    """systems, diagrams, training, cli: each knows those before it."""
+    order = ["assets", "systems", "diagrams", "training", "cli"]
+    later = order[order.index(folder) + 1 :]
+    for path in sources(folder):
+        known = re.findall(r"^\s*(?:from|import) proxops\.(\w+)", path.read_text(), re.MULTILINE)
+        assert set(known) & set(later) == set(), path
+
+
+def test_modules_are_short() -> None:
+    """At most 300 lines, programs and helpers of tests included."""
+    paths = [*sources(*FOLDERS, "benchmarks"), *sorted((ROOT / "tests").glob("[!t]*.py"))]
+    lengths = {path: len(path.read_text().splitlines()) for path in paths}
+    assert len(lengths) > 100
+    too_long = {
+        path.name: length for path, length in lengths.items() if length > LONGER.get(path.name, 300)
+    }
+    assert too_long == {}
+
+
+def test_notebooks_are_cleared() -> None:
+
+    found = sorted((ROOT / "notebooks").glob("*.ipynb"))
+    assert found
+    for path in found:
+        code = [c for c in json.loads(path.read_text())["cells"] if c["cell_type"] == "code"]
+        assert all(cell["outputs"] == [] for cell in code), path
+        assert all(cell["execution_count"] is None for cell in code), path
