@@ -87,8 +87,7 @@ class Pilot(nn.Module):
         places, residuals = self.geometry(torch.cat([expected, coarse]), twice, both)
         (near, far), (near_off, far_off) = places.chunk(2), residuals.chunk(2)
         lost = (far_off < _CLEARLY_BETTER * near_off).to(near.dtype)
-        fix, _ = self.geometry(lost * far + (1.0 - lost) * near, points, valid)
-        fix, residual = self.geometry(fix, points, valid)
+        fix, residual = self.geometry(lost * far + (1.0 - lost) * near, points, valid)
         few = (valid.sum(1, keepdim=True) < _LEAST_RETURNS).to(near.dtype)
         return self.filter.correct(
             memory, fix, doubt(residual, self.usual_residual) + _HOPELESS * few

@@ -1,0 +1,166 @@
+"""What each part of the pilot buys, in closed loop: the ladder from the paper's policy to ours.
+
+Parts are taken out of a trained pilot, each variant is exported as a bundle of its own, and all fly
+the same transits. Flights are kept one by one: run it again to finish what was interrupted.
+
+    python benchmarks/ablation.py --data out/full --pilot out/pilot --dagger out/dagger
+        [--paper out/paper-policy] [--transits 40] [--seed 50] [--workers N]
+        [--out out/ablation] [--markdown table.md]
+
+`--pilot` is what `proxops train` wrote, `--dagger` what `proxops dagger` made of it.
+"""
+
+import argparse
+import os
+from pathlib import Path
+
+for name in ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+    os.environ[name] = "1"
+
+import torch
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+from rich.table import Table
+from torch import Tensor
+
+from proxops.diagrams.flight_log import write_whole
+from proxops.diagrams.scenario import load_scenario
+from proxops.training.evaluation_flights import fly_controllers
+from proxops.training.packed_flights import PackedFlights
+from proxops.training.packing import pack_flights
+from proxops.training.pilot import Pilot
+from proxops.training.pilot_shape import load_pilot
+from proxops.training.policy_report import export_recipe
+from proxops.training.state_filter import MEMORY, doubt
+
+# Of the coarse position, against the fit's: its errors are so many times as large.
+COARSE_DOUBT = 30.0
+HEADINGS = (
+    "success", "collisions", "keep-out violations", "end error, median (km)", "p95 (km)",
+    "position error, median (m)", "velocity error, median (m/s)",
+)  # fmt: skip
+
+
+class Unfiltered(Pilot):
+    """Takes each fix for the position, and its change for the velocity."""
+
+    def see(self, ranges: Tensor, applied_force: Tensor, memory: Tensor) -> Tensor:
+        fix = self.fix(ranges, memory)
+        started = memory[:, -1:]
+        velocity = started * (fix - memory[:, :3]) / self.filter.period
+        rest = torch.cat([torch.zeros_like(memory[:, 6:-1]), torch.ones_like(started)], dim=1)
+        return torch.cat([fix, velocity, rest], dim=1)
+
+    def fix(self, ranges: Tensor, memory: Tensor) -> Tensor:
+        points, solid, valid, count = self.hits(ranges)
+        place = self.coarse(points, solid, valid, count)
+        for _ in range(3):
+            place, _ = self.geometry(place, points, valid)
+        return place
+
+
+class Features(Unfiltered):
+    """Has the coarse position alone."""
+
+    def fix(self, ranges: Tensor, memory: Tensor) -> Tensor:
+        return self.coarse(*self.hits(ranges))
+
+
+class FilteredFeatures(Pilot):
+    """Filters the coarse position."""
+
+    def see(self, ranges: Tensor, applied_force: Tensor, memory: Tensor) -> Tensor:
+        fix = self.coarse(*self.hits(ranges))
+        usual = doubt(torch.zeros_like(fix[:, :1]), self.usual_residual)
+        return self.filter.correct(
+            self.filter.predict(memory, applied_force), fix, COARSE_DOUBT * usual
+        )
+
+
+def variant(kind: type[Pilot], folder: Path) -> Pilot:
+    """The pilot of a folder, seeing as `kind` does."""
+    shape, whole, _ = load_pilot(folder)
+    made = shape.make()
+    pilot = kind(made.hits, made.coarse, made.geometry, made.filter, made.guidance)
+    pilot.load_state_dict(whole.state_dict())
+    return pilot.eval()
+
+
+def bundles(data: PackedFlights, pilot: Path, dagger: Path, out: Path) -> dict[str, Path]:
+    """Folders of the variants' bundles, by what the table calls them."""
+    kinds = {
+        "features": (Features, pilot),
+        "features and filter": (FilteredFeatures, pilot),
+        "and geometry layer, no filter": (Unfiltered, pilot),
+        "and filter": (Pilot, pilot),
+    }
+    rounds = sorted(dagger.glob("round-*"), key=lambda folder: int(folder.name.split("-")[1]))
+    kinds |= {f"and DAgger, round {k}": (Pilot, each) for k, each in enumerate(rounds, start=1)}
+    folders = {}
+    for label, (kind, folder) in kinds.items():
+        plain = "".join(letter if letter.isalnum() else "-" for letter in label)
+        folders[label] = out / "bundles" / plain
+        if not folders[label].exists():
+            export_recipe(
+                variant(kind, folder), data, folders[label],
+                recipe=f"ablation: {label}", memory=MEMORY, estimates=True,
+                data_sha256=data.logs_sha256, metrics={},
+            )  # fmt: skip
+    return folders
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    for name in ("data", "pilot", "dagger"):
+        parser.add_argument(f"--{name}", type=Path, required=True)
+    parser.add_argument("--paper", type=Path, help="what train --recipe paper wrote")
+    parser.add_argument("--transits", type=int, default=40)
+    parser.add_argument("--seed", type=int, default=50)
+    parser.add_argument("--workers", type=int)
+    parser.add_argument("--out", type=Path, default=Path("out/ablation"))
+    parser.add_argument("--markdown", type=Path)
+    asked = parser.parse_args()
+    folders = bundles(pack_flights(asked.data / "flights"), asked.pilot, asked.dagger, asked.out)
+    if asked.paper is not None:
+        folders = {"the paper's": asked.paper / "bundle", **folders}
+    names = {f"policy:{folder.resolve()}": label for label, folder in folders.items()}
+    columns = (TextColumn("flying"), BarColumn(), MofNCompleteColumn())
+    with Progress(*columns, console=Console(stderr=True)) as bar:
+        task = bar.add_task("", total=len(names) * asked.transits)
+        results = fly_controllers(
+            list(names), load_scenario(None, {"log_ranges": False}), asked.seed, asked.transits,
+            asked.out / "flights", workers=asked.workers,
+            progress=lambda row: bar.update(task, advance=1),
+        )  # fmt: skip
+    lines = {names[name]: cells(result) for name, result in results.items()}
+    table = Table(title=f"{asked.transits} transits of seed {asked.seed}")
+    for heading in ("", *HEADINGS):
+        table.add_column(heading)
+    for label, line in lines.items():
+        table.add_row(label, *line)
+    Console(width=140).print(table)
+    if asked.markdown:
+        rows = [["variant", *HEADINGS], ["---", *len(HEADINGS) * ["---:"]]]
+        rows += [[label, *line] for label, line in lines.items()]
+        text = "".join("| " + " | ".join(row) + " |\n" for row in rows)
+        write_whole(asked.markdown, lambda path: path.write_text(text))
+
+
+def cells(result: dict) -> list[str]:
+    def of(name: str, form: str, unit: float = 1.0) -> str:
+        value = result.get(name)
+        return "–" if value is None else format(value / unit, form)
+
+    return [
+        f"{round(result['success_rate'] * result['transits'])}/{result['transits']}",
+        str(result["collisions"]),
+        str(result["keep_out_violations"]),
+        of("terminal_position_error_m_median", ".3f", 1e3),
+        of("terminal_position_error_m_p95", ".3f", 1e3),
+        of("estimate_position_error_m_median", ".0f"),
+        of("estimate_velocity_error_m_s_median", ".3f"),
+    ]
+
+
+if __name__ == "__main__":
+    main()
