@@ -103,6 +103,7 @@ def dagger(
         raise InputError(f"the pilot in {pilot_folder} was trained from other data than {data}")
     learned = settings_of(origin)
     known = known_commands(flights, expert_labels(scenario, pilot_folder, learned, workers))
+    expert_only = len(known.force)
     bundle, history, report = pilot_folder / "bundle", [], {}
     for number in range(1, settings.rounds + 1):
         if history and time.monotonic() - started > 60.0 * settings.minutes:
@@ -118,14 +119,19 @@ def dagger(
         history.append(_flown(rows) | {"labels": len(labels["state"])})
 
         pilot = restarted(shape, pilot, learned.seed + number)
+        # As many steps as without the labels: each round takes as long as the first training.
+        share = expert_only / len(known.force)
+        schedule = dc.replace(
+            learned.guidance, epochs=max(1, round(share * learned.guidance.epochs))
+        )
         identity = f"DAgger round {number} of {pilot_sha256(pilot_folder)}, {settings}, {learned}"
         lesson = guidance_lesson(
             pilot.guidance, known, commands_of(flights, "validation"),
-            learned.guidance, learned.seed + number, identity,
+            schedule, learned.seed + number, identity,
         )  # fmt: skip
         trained = train(
             lesson,
-            learned.guidance,
+            schedule,
             folder,
             learned.seed + number,
             device=learned.device,
