@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses as dc
 import functools
+import json
 import math
 import time
 from pathlib import Path
@@ -118,13 +119,21 @@ def dagger(
         known = joined([known, labelled_commands(labels)])
         history.append(_flown(rows) | {"labels": len(labels["state"])})
 
-        pilot = restarted(shape, pilot, learned.seed + number)
         # As many steps as without the labels: each round takes as long as the first training.
         share = expert_only / len(known.force)
         schedule = dc.replace(
             learned.guidance, epochs=max(1, round(share * learned.guidance.epochs))
         )
-        identity = f"DAgger round {number} of {pilot_sha256(pilot_folder)}, {settings}, {learned}"
+        identity = (
+            f"DAgger round {number} of {pilot_sha256(pilot_folder)}, {settings.flights} flights, "
+            f"seed {settings.seed}, {learned}"
+        )
+        bundle = folder / "bundle"
+        finished = _finished(folder, identity)
+        if finished is not None:
+            report, history = finished, finished["rounds"]
+            continue
+        pilot = restarted(shape, pilot, learned.seed + number)
         lesson = guidance_lesson(
             pilot.guidance, known, commands_of(flights, "validation"),
             schedule, learned.seed + number, identity,
@@ -141,9 +150,13 @@ def dagger(
         pilot.cpu().eval()
         save_pilot(folder, shape, pilot, origin)
         report = pilot_report(pilot, learned, {"guidance": trained}, flights.logs_sha256)
-        report |= {"recipe": "proxops, DAgger", "rounds": list(history), "notes": _notes(history)}
+        report |= {
+            "recipe": "proxops, DAgger",
+            "identity": identity,
+            "rounds": list(history),
+            "notes": _notes(history),
+        }
         report = write_report(pilot, flights, report, folder)
-        bundle = folder / "bundle"
         export_pilot(pilot, flights, report, bundle, flights.logs_sha256)
         _publish(folder, out)
     tell(1.0, "done")
@@ -233,6 +246,16 @@ def _flown(rows: list[Row]) -> dict[str, int]:
         "violations": sum(row["keep_out_violations"] > 0 for row in rows),
         "collisions": sum(row["collided"] for row in rows),
     }
+
+
+def _finished(folder: Path, identity: str) -> dict[str, Any] | None:
+    """The report of a round that is over; None if it is not, or was another."""
+    try:
+        report = json.loads((folder / "report.json").read_text())
+    except (OSError, ValueError):
+        return None
+    # The bundle is written last.
+    return report if report.get("identity") == identity and (folder / "bundle").is_dir() else None
 
 
 def _notes(history: list[dict[str, int]]) -> list[str]:
