@@ -95,7 +95,6 @@ def dagger(
         `training_loop.train`.
     """
     tell = progress or (lambda done, text: None)
-    torch.set_num_threads(1)
     started = time.monotonic()
     scenario = collected_scenario(data)
     flights = pack_flights(data / "flights")

@@ -96,7 +96,6 @@ def train_lidar(
     lidar = scenario.lidar
     if not isinstance(lidar, LidarConfig):
         raise InputError("train-lidar learns from the ray-cast lidar: give a scenario with that")
-    torch.set_num_threads(1)
     make_folder(out)
     cube = scenario.transit.cube_m
     directions = ray_directions(lidar.planes, lidar.rays)
@@ -257,6 +256,7 @@ def _lesson(
         TensorBatches(examples, schedule.batch, shuffle=True, seed=seed, often=often),
         TensorBatches(validation, schedule.batch),
         identity,
+        threads=1,
     )
 
 

@@ -59,9 +59,8 @@ def coarse_lesson(
         return (network(normal) - wanted).norm(dim=1).mean()
 
     batches = TensorBatches(columns, schedule.batch, shuffle=True, seed=seed)
-    return Lesson(
-        "coarse", coarse.network, loss, batches, TensorBatches(held, schedule.batch), identity
-    )
+    validation_batches = TensorBatches(held, schedule.batch)
+    return Lesson("coarse", coarse.network, loss, batches, validation_batches, identity, threads=1)
 
 
 def _features(coarse: CoarsePosition, hits: Hits) -> tuple[Tensor, Tensor]:
@@ -111,7 +110,7 @@ def geometry_lesson(
         TensorBatches((hits.points, hits.valid, hits.position), schedule.batch, **options)
         for hits, options in ((training, {"shuffle": True, "seed": seed}), (validation, {}))
     )
-    return Lesson("geometry", geometry, loss, batches, held, identity)
+    return Lesson("geometry", geometry, loss, batches, held, identity, threads=1)
 
 
 def _rounded(error: Tensor, small: float) -> Tensor:
@@ -137,9 +136,8 @@ def motion_lesson(
         return (found - wanted).abs().mean() / network.acceleration
 
     batches = TensorBatches(training, schedule.batch, shuffle=True, seed=seed)
-    return Lesson(
-        "motion", motion, loss, batches, TensorBatches(validation, 4 * schedule.batch), identity
-    )
+    held = TensorBatches(validation, 4 * schedule.batch)
+    return Lesson("motion", motion, loss, batches, held, identity, threads=1)
 
 
 def guidance_lesson(
@@ -162,15 +160,8 @@ def guidance_lesson(
         return nn.functional.smooth_l1_loss(force, wanted, beta=_SMALL_FORCE)
 
     batches = TensorBatches(training, schedule.batch, shuffle=True, seed=seed)
-    return Lesson(
-        "guidance",
-        guidance,
-        loss,
-        batches,
-        TensorBatches(validation, 8192),
-        identity,
-        keep_last=True,
-    )
+    held = TensorBatches(validation, 8192)
+    return Lesson("guidance", guidance, loss, batches, held, identity, threads=1, keep_last=True)
 
 
 def filter_lesson(
@@ -207,7 +198,7 @@ def filter_lesson(
     batches = TensorBatches(columns["training"], schedule.batch, shuffle=True, seed=seed)
     held = TensorBatches(columns["validation"], schedule.batch)
     methods = ("predict", "correct")
-    return Lesson("filter", pilot.filter, loss, batches, held, identity, methods)
+    return Lesson("filter", pilot.filter, loss, batches, held, identity, 1, methods)
 
 
 @torch.no_grad()

@@ -81,7 +81,6 @@ def train_pilot(
         `training_loop.train`.
     """
     tell = progress or (lambda done, text: None)
-    torch.set_num_threads(1)
     scenario = collected_scenario(data)
     flights = pack_flights(
         data / "flights",

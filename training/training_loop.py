@@ -77,6 +77,8 @@ class Lesson:
     validation: Batches
     identity: str
     """Says what is learned from: a checkpoint of another identity is not gone on with."""
+    threads: int | None = None
+    """Of the CPU: a small network is trained as fast by one. None: as many as there are."""
     methods: tuple[str, ...] = ()
     """Those of the network, besides `forward`, that the loss calls."""
     keep_last: bool = False
@@ -109,6 +111,9 @@ def train(
       InputError: the checkpoint there is damaged or of another training, the device is not there,
         or the loss became no number.
     """
+    if lesson.threads is not None:
+        # Here, not at the start of the program: numba's kernels set the same number.
+        torch.set_num_threads(lesson.threads)
     make_folder(folder / "curves")
     logger = TensorBoardLogger(root_dir=folder / "curves", name=lesson.name, version="")
     fabric = _fabric(device, precision, logger)
