@@ -53,7 +53,6 @@ def make_hybrid(scenario: Scenario, body: Body, policy: System) -> HybridControl
             settings.check_period,
             settings.shortest_period,
             settings.longest_period,
-            settings.reach_share,
         ),
         ReachModel.of(
             body.gravity_field,

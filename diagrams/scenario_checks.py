@@ -86,8 +86,7 @@ def check_scenario(scenario: Scenario, source: str = "scenario") -> None:
         "hybrid", "epsilon_magnitude_n", "epsilon_angle_deg", "dead_band_n",
         "state_noise_position_m", "state_noise_velocity_m_s",
     )  # fmt: skip
-    positive("hybrid", "check_period", "shortest_period", "reach_share")
-    each("hybrid", ("reach_share",), lambda value: value <= 1, "must be at most 1")
+    positive("hybrid", "check_period", "shortest_period")
     need(
         hybrid.longest_period >= hybrid.shortest_period,
         "hybrid.longest_period",

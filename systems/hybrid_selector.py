@@ -17,8 +17,6 @@ from proxops.systems.reach_time import ReachModel
 
 BY_MPC, BY_POLICY = 1, 2
 """Who flies: values of `decision`."""
-# Of the discrete state: steps to the next check, who flies until then, the period.
-_LEFT, _PILOT, _PERIOD = range(3)
 
 
 class DecisionReason(IntEnum):
@@ -48,8 +46,6 @@ class Decision(NamedTuple):
     """Of the keep-out ellipsoid in m at a check; NaN otherwise."""
     left: int
     """Steps from this one to the next check."""
-    period: float
-    """From the last check to the next, before it is rounded down."""
     pilot_until_check: int
     wall_time: float
     """In s, of deciding: neither the MPC's nor the policy's."""
@@ -71,7 +67,7 @@ class HybridSelector(LeafSystem):
     next check, else the MPC flies until then. When that is, says the `CheckSchedule`.
 
     `mpc_wanted` depends on this system's own discrete state only: steps left to the next check,
-    who flies until then, and the period. It is to drive the MPC's `enable`. `mpc_force` is
+    and who flies until then. It is to drive the MPC's `enable`. `mpc_force` is
     evaluated only at steps where it is 1, `state` only at checks: whatever reads the outputs, the
     MPC solves no more than that.
 
@@ -102,11 +98,10 @@ class HybridSelector(LeafSystem):
         self._mpc_port = self.DeclareVectorInputPort(name="mpc_force", size=3)
         self._policy_port = self.DeclareVectorInputPort(name="policy_force", size=3)
         self._state_port = self.DeclareVectorInputPort(name="state", size=6)
-        self._memory = self.DeclareDiscreteState(
-            BasicVector([0.0, BY_MPC, float(schedule.check_period)])
-        )
+        # Steps to the next check, and who flies until then.
+        self._memory = self.DeclareDiscreteState(BasicVector([0.0, BY_MPC]))
         nothing = Decision(
-            np.zeros(3), BY_MPC, DecisionReason.CHECK_AGREED, None, np.nan, 0, 1.0, BY_MPC, 0.0
+            np.zeros(3), BY_MPC, DecisionReason.CHECK_AGREED, None, np.nan, 0, BY_MPC, 0.0
         )
         # One entry for all outputs and the update, so that one step is decided once.
         self._choice = self.DeclareCacheEntry(
@@ -137,12 +132,12 @@ class HybridSelector(LeafSystem):
         )
 
     def _calc_choice(self, context, value):
-        left, pilot, last = context.get_discrete_state(self._memory).value()
+        left, pilot = context.get_discrete_state(self._memory).value()
         policy_force = self._policy_port.Eval(context)
         if left > 0 and pilot == BY_POLICY:
             reason = DecisionReason.POLICY_AGREED_BEFORE
             choice = Decision(
-                policy_force, BY_POLICY, reason, None, np.nan, int(left), last, BY_POLICY, 0.0
+                policy_force, BY_POLICY, reason, None, np.nan, int(left), BY_POLICY, 0.0
             )
             value.set_value(choice)
             return
@@ -153,21 +148,22 @@ class HybridSelector(LeafSystem):
         if state is None:
             choice = Decision(
                 mpc_force, BY_MPC, DecisionReason.POLICY_DISAGREED_BEFORE, agreement, np.nan,
-                int(left), last, BY_MPC, 0.0,
+                int(left), BY_MPC, 0.0,
             )  # fmt: skip
         else:
-            choice = self._check(mpc_force, agreement, state, last)
+            choice = self._check(mpc_force, agreement, state)
         value.set_value(choice._replace(wall_time=time.perf_counter() - started))
 
     def _check(
-        self, mpc_force: np.ndarray, agreement: Agreement, state: np.ndarray, last: float
+        self, mpc_force: np.ndarray, agreement: Agreement, state: np.ndarray
     ) -> Decision:
         steps = 0
         if self.schedule.rule == PeriodRule.ADAPTIVE:
             steps = self.reach.steps_out_of_reach(
-                state, self.period, self.schedule.longest, self.position_error, self.velocity_error
-            )
-        period = self.schedule.next_period(last, agreement, self.gate.magnitude, steps)
+                state, self.period, self.schedule.longest, self.position_error,
+                self.velocity_error, stopping=True,
+            )  # fmt: skip
+        period = self.schedule.next_period(agreement, self.gate.magnitude, steps)
         agrees = agreement.agrees
         return Decision(
             mpc_force,
@@ -175,7 +171,6 @@ class HybridSelector(LeafSystem):
             DecisionReason.CHECK_AGREED if agrees else DecisionReason.CHECK_DISAGREED,
             agreement,
             float(clearances(self.reach.semi_axes, state[None, :3])[0]),
-            int(period),
             period,
             BY_POLICY if agrees else BY_MPC,
             0.0,
@@ -185,11 +180,11 @@ class HybridSelector(LeafSystem):
         output.SetFromVector(self._choice.Eval(context).force)
 
     def _calc_wanted(self, context, output):
-        left, pilot, _ = context.get_discrete_state(self._memory).value()
+        left, pilot = context.get_discrete_state(self._memory).value()
         output.SetFromVector([float(left == 0 or pilot == BY_MPC)])
 
     def _calc_decision(self, context, output):
-        left, pilot, _ = context.get_discrete_state(self._memory).value()
+        left, pilot = context.get_discrete_state(self._memory).value()
         output.SetFromVector([float(BY_MPC if left == 0 else pilot)])
 
     def _calc_record(self, context, output):
@@ -204,5 +199,5 @@ class HybridSelector(LeafSystem):
 
     def _remember(self, context, discrete_state):
         choice = self._choice.Eval(context)
-        memory = [choice.left - 1.0, choice.pilot_until_check, choice.period]
+        memory = [choice.left - 1.0, choice.pilot_until_check]
         discrete_state.set_value(self._memory, memory)
