@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, System
+from pydrake.systems.primitives import ConstantVectorSource
 
 from proxops.diagrams.body import Body
 from proxops.diagrams.scenario import Scenario
@@ -67,6 +69,14 @@ def make_hybrid(scenario: Scenario, body: Body, policy: System) -> HybridControl
     seed = derived_seed(scenario.noise_seed, transit.seed, transit.index, _STATE_NOISE_STREAM)
     noise = StateNoise(position_std, velocity_std, period, seed)
     return HybridController(make_controller(scenario, body), policy, selector, noise)
+
+
+def make_zero_hybrid(scenario: Scenario, body: Body) -> HybridController:
+    """The hybrid with a policy that commands no force: what a gate gives away for nothing."""
+    builder = DiagramBuilder()
+    zero = builder.AddSystem(ConstantVectorSource(np.zeros(3)))
+    builder.ExportOutput(zero.get_output_port(), "force")
+    return make_hybrid(scenario, body, builder.Build())
 
 
 class HybridController(Diagram):

@@ -154,9 +154,7 @@ class HybridSelector(LeafSystem):
             choice = self._check(mpc_force, agreement, state)
         value.set_value(choice._replace(wall_time=time.perf_counter() - started))
 
-    def _check(
-        self, mpc_force: np.ndarray, agreement: Agreement, state: np.ndarray
-    ) -> Decision:
+    def _check(self, mpc_force: np.ndarray, agreement: Agreement, state: np.ndarray) -> Decision:
         steps = 0
         if self.schedule.rule == PeriodRule.ADAPTIVE:
             steps = self.reach.steps_out_of_reach(
