@@ -119,7 +119,6 @@ def figures(rows: Sequence[Row], matched: Sequence[Row]) -> list[str]:
     speedups = [
         best["control_ms_mean"] / row["control_ms_mean"]
         for row, best in zip(rows, matched, strict=True)
-        if row["control_ms_mean"]
     ]
     return [
         f"{sum(row['success'] for row in rows)}/{len(rows)}",
