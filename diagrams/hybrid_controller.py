@@ -53,7 +53,6 @@ def make_hybrid(scenario: Scenario, body: Body, policy: System) -> HybridControl
         CheckSchedule(
             PeriodRule(settings.period_rule),
             settings.check_period,
-            settings.shortest_period,
             settings.longest_period,
         ),
         ReachModel.of(
@@ -84,7 +83,7 @@ class HybridController(Diagram):
 
     ```
     state ──► StateNoise ─┬─► MPC ─── mpc_force ───►┌────────────────┐
-    target ───────────────│─► ▲ ▲                   │                ├─► force (3), N
+    target ───────────────│─► ▲ ▲ └ planned_force ─►│                ├─► force (3), N
                           │   │ └── mpc_wanted ─────┤ HybridSelector ├─► decision (1)
                           └───│────────────────────►│                ├─► decision_record (7)
     ranges, target, ─────► policy ── policy_force ─►└────────────────┘
@@ -140,6 +139,8 @@ class HybridController(Diagram):
         builder.Connect(known, selector.GetInputPort("state"))
         builder.Connect(wanted, expert.GetInputPort("enable"))
         builder.Connect(expert.GetOutputPort("force"), selector.GetInputPort("mpc_force"))
+        planned = expert.GetOutputPort("planned_force")
+        builder.Connect(planned, selector.GetInputPort("planned_force"))
         builder.Connect(policy.GetOutputPort("force"), selector.GetInputPort("policy_force"))
         builder.ExportOutput(selector.GetOutputPort("force"), "force")
         builder.ExportOutput(selector.GetOutputPort("decision"), "decision")

@@ -130,12 +130,11 @@ class HybridConfig:
     dead_band_n: float = 0.2
     # From check to check: fixed, or adaptive (`proxops.systems.CheckSchedule`).
     period_rule: str = "fixed"
-    # Control steps from one check to the next; adaptive: of forces that only just agree.
+    # Control steps from one check to the next; adaptive: of forces that only just agree,
+    # or don't.
     check_period: int = 10
-    # adaptive: control steps that the MPC flies after a disagreement, and the period of equal
-    # forces. It ends while the spacecraft can still be stopped before the keep-out ellipsoid,
-    # whatever the thrusters did.
-    shortest_period: int = 3
+    # adaptive: of equal forces. Each period ends while the spacecraft can still be stopped before
+    # the keep-out ellipsoid, whatever the thrusters did.
     longest_period: int = 100
     # Standard deviations per axis of errors in the state that the MPC is given.
     state_noise_position_m: float = 0.0

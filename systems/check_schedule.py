@@ -28,25 +28,24 @@ class CheckSchedule:
         check_period + (1 - d) (longest - check_period)
 
     so that forces that only just agree are checked as often as by the fixed period, and equal ones
-    as seldom as may be. After a disagreement, when the MPC flies until the next check, it is
-    `shortest`. It is never longer than `longest`, nor than the steps after which the spacecraft,
-    whatever its thrusters do, can still be braked before the keep-out ellipsoid
+    as seldom as may be. After a disagreement too it is `check_period`: what the MPC has planned at
+    the check flies. It is never longer than `longest`, nor than the steps after which the
+    spacecraft, whatever its thrusters do, can still be braked before the keep-out ellipsoid
     (`reach_time`); only a period of one step, the next, is never refused.
     """
 
     rule: PeriodRule = PeriodRule.FIXED
     check_period: int = 10
-    shortest: int = 3
     longest: int = 100
 
     def __post_init__(self) -> None:
         """Raises `InputError` for an unknown rule, or periods that are not 1 <= ... <= longest."""
         if self.rule not in list(PeriodRule):
             raise InputError(f"a period rule is {', '.join(PeriodRule)}; got {self.rule!r}")
-        if not (self.check_period >= 1 and 1 <= self.shortest <= self.longest):
+        if not (self.check_period >= 1 and self.longest >= 1):
             raise InputError(
-                "checks need check_period >= 1 and 1 <= shortest <= longest, got "
-                f"{self.check_period}, {self.shortest} and {self.longest} steps"
+                "checks need check_period and longest to be at least 1, got "
+                f"{self.check_period} and {self.longest} steps"
             )
 
     def next_period(self, agreement: Agreement, limit: float, steps_in_hand: int) -> int:
@@ -58,9 +57,8 @@ class CheckSchedule:
         """
         if self.rule == PeriodRule.FIXED:
             return self.check_period
-        if not agreement.agrees:
-            period = self.shortest
-        else:
-            used = min(agreement.difference / limit, 1.0) if limit > 0.0 else 1.0
-            period = self.check_period + int((1.0 - used) * (self.longest - self.check_period))
+        used = 1.0
+        if agreement.agrees and limit > 0.0:
+            used = min(agreement.difference / limit, 1.0)
+        period = self.check_period + int((1.0 - used) * (self.longest - self.check_period))
         return max(1, min(period, self.longest, steps_in_hand))

@@ -30,6 +30,8 @@ class DecisionReason(IntEnum):
     """The policy: it agreed at the last check."""
     POLICY_DISAGREED_BEFORE = 3
     """The MPC: the policy disagreed at the last check."""
+    PLAN_FLOWN_ON = 4
+    """The MPC by its plan of the last check, at which the policy disagreed; it is not asked."""
 
 
 class Decision(NamedTuple):
@@ -55,16 +57,19 @@ class HybridSelector(LeafSystem):
     """Takes the policy's force while it agrees with the MPC's, and asks the MPC seldom.
 
     ```
-                       ┌────────────────┐
-    mpc_force (3) ────►│                ├─► force (3), N
-    policy_force (3) ─►│ HybridSelector ├─► mpc_wanted (1): 1 if the MPC is asked at this step
-    state (6) ────────►│                ├─► decision (1): 1 the MPC flies, 2 the policy
-                       └────────────────┴─► record (7)
+                        ┌────────────────┐
+    mpc_force (3) ─────►│                ├─► force (3), N
+    planned_force (3) ─►│ HybridSelector ├─► mpc_wanted (1): 1 if the MPC is asked at this step
+    policy_force (3) ──►│                ├─► decision (1): 1 the MPC flies, 2 the policy
+    state (6) ─────────►│                ├─► record (7)
+                        └────────────────┘
     ```
 
     Vectors are in K, in m, m/s and N. At a check, the first step among them, both forces are
     compared by the `AgreementGate`, and the MPC's flies. If they agree the policy flies until the
-    next check, else the MPC flies until then. When that is, says the `CheckSchedule`.
+    next check, else the MPC flies until then: by the fixed period it is asked at every step; by the
+    adaptive one it is not, and `planned_force`, what its last plan has for now, flies. When the
+    next check is, says the `CheckSchedule`.
 
     `mpc_wanted` depends on this system's own discrete state only: steps left to the next check,
     and who flies until then. It is to drive the MPC's `enable`. `mpc_force` is
@@ -96,6 +101,7 @@ class HybridSelector(LeafSystem):
         self.gate, self.schedule, self.reach, self.period = gate, schedule, reach, period
         self.position_error, self.velocity_error = position_error, velocity_error
         self._mpc_port = self.DeclareVectorInputPort(name="mpc_force", size=3)
+        self._planned_port = self.DeclareVectorInputPort(name="planned_force", size=3)
         self._policy_port = self.DeclareVectorInputPort(name="policy_force", size=3)
         self._state_port = self.DeclareVectorInputPort(name="state", size=6)
         # Steps to the next check, and who flies until then.
@@ -109,6 +115,7 @@ class HybridSelector(LeafSystem):
             ValueProducer(allocate=lambda: AbstractValue.Make(nothing), calc=self._calc_choice),
             {
                 self._mpc_port.ticket(),
+                self._planned_port.ticket(),
                 self._policy_port.ticket(),
                 self._state_port.ticket(),
                 self.xd_ticket(),
@@ -141,6 +148,11 @@ class HybridSelector(LeafSystem):
             )
             value.set_value(choice)
             return
+        if not self._wanted(left, pilot):
+            reason = DecisionReason.PLAN_FLOWN_ON
+            planned = self._planned_port.Eval(context)
+            value.set_value(Decision(planned, BY_MPC, reason, None, np.nan, int(left), BY_MPC, 0.0))
+            return
         mpc_force = self._mpc_port.Eval(context)
         state = self._state_port.Eval(context) if left == 0 else None
         started = time.perf_counter()
@@ -153,6 +165,10 @@ class HybridSelector(LeafSystem):
         else:
             choice = self._check(mpc_force, agreement, state)
         value.set_value(choice._replace(wall_time=time.perf_counter() - started))
+
+    def _wanted(self, left: float, pilot: float) -> bool:
+        """Whether the MPC is asked at a step."""
+        return left == 0 or (pilot == BY_MPC and self.schedule.rule == PeriodRule.FIXED)
 
     def _check(self, mpc_force: np.ndarray, agreement: Agreement, state: np.ndarray) -> Decision:
         steps = 0
@@ -179,7 +195,7 @@ class HybridSelector(LeafSystem):
 
     def _calc_wanted(self, context, output):
         left, pilot = context.get_discrete_state(self._memory).value()
-        output.SetFromVector([float(left == 0 or pilot == BY_MPC)])
+        output.SetFromVector([float(self._wanted(left, pilot))])
 
     def _calc_decision(self, context, output):
         left, pilot = context.get_discrete_state(self._memory).value()
