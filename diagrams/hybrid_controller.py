@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, System
+from pydrake.systems.primitives import ConstantVectorSource
 
 from proxops.diagrams.body import Body
 from proxops.diagrams.scenario import Scenario
@@ -51,9 +53,7 @@ def make_hybrid(scenario: Scenario, body: Body, policy: System) -> HybridControl
         CheckSchedule(
             PeriodRule(settings.period_rule),
             settings.check_period,
-            settings.shortest_period,
             settings.longest_period,
-            settings.reach_share,
         ),
         ReachModel.of(
             body.gravity_field,
@@ -70,12 +70,20 @@ def make_hybrid(scenario: Scenario, body: Body, policy: System) -> HybridControl
     return HybridController(make_controller(scenario, body), policy, selector, noise)
 
 
+def make_zero_hybrid(scenario: Scenario, body: Body) -> HybridController:
+    """The hybrid with a policy that commands no force: what a gate gives away for nothing."""
+    builder = DiagramBuilder()
+    zero = builder.AddSystem(ConstantVectorSource(np.zeros(3)))
+    builder.ExportOutput(zero.get_output_port(), "force")
+    return make_hybrid(scenario, body, builder.Build())
+
+
 class HybridController(Diagram):
     """Flies a policy, and asks the MPC now and then whether it agrees.
 
     ```
     state ──► StateNoise ─┬─► MPC ─── mpc_force ───►┌────────────────┐
-    target ───────────────│─► ▲ ▲                   │                ├─► force (3), N
+    target ───────────────│─► ▲ ▲ └ planned_force ─►│                ├─► force (3), N
                           │   │ └── mpc_wanted ─────┤ HybridSelector ├─► decision (1)
                           └───│────────────────────►│                ├─► decision_record (7)
     ranges, target, ─────► policy ── policy_force ─►└────────────────┘
@@ -131,6 +139,8 @@ class HybridController(Diagram):
         builder.Connect(known, selector.GetInputPort("state"))
         builder.Connect(wanted, expert.GetInputPort("enable"))
         builder.Connect(expert.GetOutputPort("force"), selector.GetInputPort("mpc_force"))
+        planned = expert.GetOutputPort("planned_force")
+        builder.Connect(planned, selector.GetInputPort("planned_force"))
         builder.Connect(policy.GetOutputPort("force"), selector.GetInputPort("policy_force"))
         builder.ExportOutput(selector.GetOutputPort("force"), "force")
         builder.ExportOutput(selector.GetOutputPort("decision"), "decision")

@@ -130,14 +130,12 @@ class HybridConfig:
     dead_band_n: float = 0.2
     # From check to check: fixed, or adaptive (`proxops.systems.CheckSchedule`).
     period_rule: str = "fixed"
-    # Control steps from one check to the next; adaptive: at first.
+    # Control steps from one check to the next; adaptive: of forces that only just agree,
+    # or don't.
     check_period: int = 10
-    # adaptive: control steps that the MPC flies after a disagreement, and the longest period.
-    shortest_period: int = 3
+    # adaptive: of equal forces. Each period ends while the spacecraft can still be stopped before
+    # the keep-out ellipsoid, whatever the thrusters did.
     longest_period: int = 100
-    # adaptive: the period is at most this share of the time in which the keep-out ellipsoid is out
-    # of reach, whatever the thrusters do.
-    reach_share: float = 1.0
     # Standard deviations per axis of errors in the state that the MPC is given.
     state_noise_position_m: float = 0.0
     state_noise_velocity_m_s: float = 0.0

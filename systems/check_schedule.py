@@ -22,46 +22,43 @@ class CheckSchedule:
 
     `fixed`: always `check_period`.
 
-    `adaptive`: it begins with `check_period`. With d the difference of both forces over the gate's
-    limit, at most 1, an agreement multiplies it by 2^(1 - 2 d): equal forces double it, forces that
-    only just agree halve it. After a disagreement, when the MPC flies until the next check, it is
-    `shortest`. It is never longer than `longest`, nor than `reach_share` of the time in which
-    the keep-out ellipsoid can't be reached, whatever the thrusters do, from the state at the
-    check (`reach_time`); only a period of one step, the next, is never refused.
+    `adaptive`: with d the difference of both forces over the gate's limit, at most 1, the period
+    after an agreement is::
+
+        check_period + (1 - d) (longest - check_period)
+
+    so that forces that only just agree are checked as often as by the fixed period, and equal ones
+    as seldom as may be. After a disagreement too it is `check_period`: what the MPC has planned at
+    the check flies. It is never longer than `longest`, nor than the steps after which the
+    spacecraft, whatever its thrusters do, can still be braked before the keep-out ellipsoid
+    (`reach_time`); only a period of one step, the next, is never refused.
     """
 
     rule: PeriodRule = PeriodRule.FIXED
     check_period: int = 10
-    shortest: int = 3
     longest: int = 100
-    reach_share: float = 1.0
 
     def __post_init__(self) -> None:
         """Raises `InputError` for an unknown rule, or periods that are not 1 <= ... <= longest."""
         if self.rule not in list(PeriodRule):
             raise InputError(f"a period rule is {', '.join(PeriodRule)}; got {self.rule!r}")
-        if not (self.check_period >= 1 and 1 <= self.shortest <= self.longest):
+        if not (self.check_period >= 1 and self.longest >= 1):
             raise InputError(
-                "checks need check_period >= 1 and 1 <= shortest <= longest, got "
-                f"{self.check_period}, {self.shortest} and {self.longest} steps"
+                "checks need check_period and longest to be at least 1, got "
+                f"{self.check_period} and {self.longest} steps"
             )
-        if not 0.0 < self.reach_share <= 1.0:
-            raise InputError(f"reach_share must be above 0 and up to 1, got {self.reach_share}")
 
-    def next_period(
-        self, last: float, agreement: Agreement, limit: float, steps_out_of_reach: int
-    ) -> float:
-        """The period after a check, in steps: at least 1, and fractions are kept to grow from.
+    def next_period(self, agreement: Agreement, limit: float, steps_in_hand: int) -> int:
+        """The period after a check, in steps: at least 1.
 
         Args:
-          last: the period before. limit: of the forces' difference, in N.
-          steps_out_of_reach: in which the keep-out ellipsoid can't be reached.
+          limit: of the forces' difference, in N.
+          steps_in_hand: after which, whatever the thrusters do, braking is still possible.
         """
         if self.rule == PeriodRule.FIXED:
-            return float(self.check_period)
-        if not agreement.agrees:
-            period = float(self.shortest)
-        else:
-            used = agreement.difference / limit if limit > 0.0 else 1.0
-            period = max(last * 2.0 ** (1.0 - 2.0 * min(used, 1.0)), float(self.shortest))
-        return max(1.0, min(period, self.longest, self.reach_share * steps_out_of_reach))
+            return self.check_period
+        used = 1.0
+        if agreement.agrees and limit > 0.0:
+            used = min(agreement.difference / limit, 1.0)
+        period = self.check_period + int((1.0 - used) * (self.longest - self.check_period))
+        return max(1, min(period, self.longest, steps_in_hand))

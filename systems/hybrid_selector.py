@@ -17,8 +17,6 @@ from proxops.systems.reach_time import ReachModel
 
 BY_MPC, BY_POLICY = 1, 2
 """Who flies: values of `decision`."""
-# Of the discrete state: steps to the next check, who flies until then, the period.
-_LEFT, _PILOT, _PERIOD = range(3)
 
 
 class DecisionReason(IntEnum):
@@ -32,6 +30,8 @@ class DecisionReason(IntEnum):
     """The policy: it agreed at the last check."""
     POLICY_DISAGREED_BEFORE = 3
     """The MPC: the policy disagreed at the last check."""
+    PLAN_FLOWN_ON = 4
+    """The MPC by its plan of the last check, at which the policy disagreed; it is not asked."""
 
 
 class Decision(NamedTuple):
@@ -48,8 +48,6 @@ class Decision(NamedTuple):
     """Of the keep-out ellipsoid in m at a check; NaN otherwise."""
     left: int
     """Steps from this one to the next check."""
-    period: float
-    """From the last check to the next, before it is rounded down."""
     pilot_until_check: int
     wall_time: float
     """In s, of deciding: neither the MPC's nor the policy's."""
@@ -59,19 +57,22 @@ class HybridSelector(LeafSystem):
     """Takes the policy's force while it agrees with the MPC's, and asks the MPC seldom.
 
     ```
-                       ┌────────────────┐
-    mpc_force (3) ────►│                ├─► force (3), N
-    policy_force (3) ─►│ HybridSelector ├─► mpc_wanted (1): 1 if the MPC is asked at this step
-    state (6) ────────►│                ├─► decision (1): 1 the MPC flies, 2 the policy
-                       └────────────────┴─► record (7)
+                        ┌────────────────┐
+    mpc_force (3) ─────►│                ├─► force (3), N
+    planned_force (3) ─►│ HybridSelector ├─► mpc_wanted (1): 1 if the MPC is asked at this step
+    policy_force (3) ──►│                ├─► decision (1): 1 the MPC flies, 2 the policy
+    state (6) ─────────►│                ├─► record (7)
+                        └────────────────┘
     ```
 
     Vectors are in K, in m, m/s and N. At a check, the first step among them, both forces are
     compared by the `AgreementGate`, and the MPC's flies. If they agree the policy flies until the
-    next check, else the MPC flies until then. When that is, says the `CheckSchedule`.
+    next check, else the MPC flies until then: by the fixed period it is asked at every step; by the
+    adaptive one it is not, and `planned_force`, what its last plan has for now, flies. When the
+    next check is, says the `CheckSchedule`.
 
     `mpc_wanted` depends on this system's own discrete state only: steps left to the next check,
-    who flies until then, and the period. It is to drive the MPC's `enable`. `mpc_force` is
+    and who flies until then. It is to drive the MPC's `enable`. `mpc_force` is
     evaluated only at steps where it is 1, `state` only at checks: whatever reads the outputs, the
     MPC solves no more than that.
 
@@ -100,13 +101,13 @@ class HybridSelector(LeafSystem):
         self.gate, self.schedule, self.reach, self.period = gate, schedule, reach, period
         self.position_error, self.velocity_error = position_error, velocity_error
         self._mpc_port = self.DeclareVectorInputPort(name="mpc_force", size=3)
+        self._planned_port = self.DeclareVectorInputPort(name="planned_force", size=3)
         self._policy_port = self.DeclareVectorInputPort(name="policy_force", size=3)
         self._state_port = self.DeclareVectorInputPort(name="state", size=6)
-        self._memory = self.DeclareDiscreteState(
-            BasicVector([0.0, BY_MPC, float(schedule.check_period)])
-        )
+        # Steps to the next check, and who flies until then.
+        self._memory = self.DeclareDiscreteState(BasicVector([0.0, BY_MPC]))
         nothing = Decision(
-            np.zeros(3), BY_MPC, DecisionReason.CHECK_AGREED, None, np.nan, 0, 1.0, BY_MPC, 0.0
+            np.zeros(3), BY_MPC, DecisionReason.CHECK_AGREED, None, np.nan, 0, BY_MPC, 0.0
         )
         # One entry for all outputs and the update, so that one step is decided once.
         self._choice = self.DeclareCacheEntry(
@@ -114,6 +115,7 @@ class HybridSelector(LeafSystem):
             ValueProducer(allocate=lambda: AbstractValue.Make(nothing), calc=self._calc_choice),
             {
                 self._mpc_port.ticket(),
+                self._planned_port.ticket(),
                 self._policy_port.ticket(),
                 self._state_port.ticket(),
                 self.xd_ticket(),
@@ -137,14 +139,19 @@ class HybridSelector(LeafSystem):
         )
 
     def _calc_choice(self, context, value):
-        left, pilot, last = context.get_discrete_state(self._memory).value()
+        left, pilot = context.get_discrete_state(self._memory).value()
         policy_force = self._policy_port.Eval(context)
         if left > 0 and pilot == BY_POLICY:
             reason = DecisionReason.POLICY_AGREED_BEFORE
             choice = Decision(
-                policy_force, BY_POLICY, reason, None, np.nan, int(left), last, BY_POLICY, 0.0
+                policy_force, BY_POLICY, reason, None, np.nan, int(left), BY_POLICY, 0.0
             )
             value.set_value(choice)
+            return
+        if not self._wanted(left, pilot):
+            reason = DecisionReason.PLAN_FLOWN_ON
+            planned = self._planned_port.Eval(context)
+            value.set_value(Decision(planned, BY_MPC, reason, None, np.nan, int(left), BY_MPC, 0.0))
             return
         mpc_force = self._mpc_port.Eval(context)
         state = self._state_port.Eval(context) if left == 0 else None
@@ -153,21 +160,24 @@ class HybridSelector(LeafSystem):
         if state is None:
             choice = Decision(
                 mpc_force, BY_MPC, DecisionReason.POLICY_DISAGREED_BEFORE, agreement, np.nan,
-                int(left), last, BY_MPC, 0.0,
+                int(left), BY_MPC, 0.0,
             )  # fmt: skip
         else:
-            choice = self._check(mpc_force, agreement, state, last)
+            choice = self._check(mpc_force, agreement, state)
         value.set_value(choice._replace(wall_time=time.perf_counter() - started))
 
-    def _check(
-        self, mpc_force: np.ndarray, agreement: Agreement, state: np.ndarray, last: float
-    ) -> Decision:
+    def _wanted(self, left: float, pilot: float) -> bool:
+        """Whether the MPC is asked at a step."""
+        return left == 0 or (pilot == BY_MPC and self.schedule.rule == PeriodRule.FIXED)
+
+    def _check(self, mpc_force: np.ndarray, agreement: Agreement, state: np.ndarray) -> Decision:
         steps = 0
         if self.schedule.rule == PeriodRule.ADAPTIVE:
             steps = self.reach.steps_out_of_reach(
-                state, self.period, self.schedule.longest, self.position_error, self.velocity_error
-            )
-        period = self.schedule.next_period(last, agreement, self.gate.magnitude, steps)
+                state, self.period, self.schedule.longest, self.position_error,
+                self.velocity_error, stopping=True,
+            )  # fmt: skip
+        period = self.schedule.next_period(agreement, self.gate.magnitude, steps)
         agrees = agreement.agrees
         return Decision(
             mpc_force,
@@ -175,7 +185,6 @@ class HybridSelector(LeafSystem):
             DecisionReason.CHECK_AGREED if agrees else DecisionReason.CHECK_DISAGREED,
             agreement,
             float(clearances(self.reach.semi_axes, state[None, :3])[0]),
-            int(period),
             period,
             BY_POLICY if agrees else BY_MPC,
             0.0,
@@ -185,11 +194,11 @@ class HybridSelector(LeafSystem):
         output.SetFromVector(self._choice.Eval(context).force)
 
     def _calc_wanted(self, context, output):
-        left, pilot, _ = context.get_discrete_state(self._memory).value()
-        output.SetFromVector([float(left == 0 or pilot == BY_MPC)])
+        left, pilot = context.get_discrete_state(self._memory).value()
+        output.SetFromVector([float(self._wanted(left, pilot))])
 
     def _calc_decision(self, context, output):
-        left, pilot, _ = context.get_discrete_state(self._memory).value()
+        left, pilot = context.get_discrete_state(self._memory).value()
         output.SetFromVector([float(BY_MPC if left == 0 else pilot)])
 
     def _calc_record(self, context, output):
@@ -204,5 +213,5 @@ class HybridSelector(LeafSystem):
 
     def _remember(self, context, discrete_state):
         choice = self._choice.Eval(context)
-        memory = [choice.left - 1.0, choice.pilot_until_check, choice.period]
+        memory = [choice.left - 1.0, choice.pilot_until_check]
         discrete_state.set_value(self._memory, memory)

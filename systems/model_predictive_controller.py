@@ -36,8 +36,9 @@ class ModelPredictiveController(LeafSystem):
     state (6) ──────►┌───────────────────────────┐
     target (6) ─────►│ ModelPredictiveController ├─► force (3), N
     enable (1) ─────►│                           ├─► plan (abstract Plan)
-                     └───────────────────────────┴─► record (3): wall time in s, Plan.status,
-                                                     Plan.reason
+                     │                           ├─► record (3): wall time in s, Plan.status,
+                     │                           │               Plan.reason
+                     └───────────────────────────┴─► planned_force (3), N
     ```
 
     All vectors are in K, in m, m/s and N. The command depends on the state and the target alone:
@@ -48,7 +49,8 @@ class ModelPredictiveController(LeafSystem):
     up to five times, until the first force settles; if it doesn't, it counts as none.
 
     `enable`, if connected, gates the periodic update: while it is 0, nothing is solved unless an
-    output is asked for.
+    output is asked for but `planned_force`: what the last plan has for now, flown by the clock, or
+    without one braking; it never solves.
 
     With `estimator_gain` above 0 it is offset-free: the acceleration that gravity and its own last
     force do not explain is estimated from the motion over the last period, smoothed by that gain,
@@ -113,6 +115,16 @@ class ModelPredictiveController(LeafSystem):
         self._record_port = self.DeclareVectorOutputPort(
             name="record", size=3, calc=self._calc_record, prerequisites_of_calc=depends
         )
+        self._planned_port = self.DeclareVectorOutputPort(
+            name="planned_force",
+            size=3,
+            calc=self._calc_planned_force,
+            prerequisites_of_calc={
+                self._state_port.ticket(),
+                self.xd_ticket(),
+                self.time_ticket(),
+            },
+        )
         # Discrete, not unrestricted: at one time all discrete updates see the same state before
         # it, so that the hold downstream reads the plan that is cached and nothing is solved twice.
         self.DeclarePeriodicDiscreteUpdateEvent(
@@ -144,6 +156,10 @@ class ModelPredictiveController(LeafSystem):
     def _calc_record(self, context, output):
         plan = self._plan_port.Eval(context)
         output.SetFromVector([plan.solve_time, plan.status, plan.reason])
+
+    def _calc_planned_force(self, context, output):
+        plan = self._fallback(self._state_port.Eval(context), *self._recall(context))
+        output.SetFromVector(self._first_force(plan))
 
     def _remember_plan(self, context, discrete_state):
         enabled = not self._enable_port.HasValue(context) or self._enable_port.Eval(context)[0] != 0

@@ -75,6 +75,7 @@ class ReachModel:
         longest: int,
         position_error: float = 0.0,
         velocity_error: float = 0.0,
+        stopping: bool = False,
     ) -> int:
         """For how many steps, at most `longest`, the spacecraft can't reach the ellipsoid.
 
@@ -82,12 +83,13 @@ class ReachModel:
           state: (6,) in K, in m and m/s.
           step: length of a step in s.
           position_error, velocity_error: how far, in m and m/s, the state may be from the truth.
+          stopping: and could be stopped before it then.
         """
         return int(
             _steps_out_of_reach(
                 np.asarray(state, dtype=np.float64), self.semi_axes, self.spin, self.acceleration,
                 self.heights, self.pulls, float(step), int(longest), float(position_error),
-                float(velocity_error),
+                float(velocity_error), bool(stopping),
             )
         )  # fmt: skip
 
@@ -111,7 +113,7 @@ def greatest_pulls(field: Field, semi_axes: np.ndarray, heights: np.ndarray) -> 
 @numba.njit(cache=True, error_model="numpy")
 def _steps_out_of_reach(
     state, semi_axes, spin, acceleration, heights, pulls, step, longest, position_error,
-    velocity_error,
+    velocity_error, stopping,
 ):  # fmt: skip
     position = state[:3].copy()
     velocity = state[3:].copy()  # In the frame that does not turn.
@@ -128,7 +130,7 @@ def _steps_out_of_reach(
     slack = 1.0 - (spin * step) ** 2
     if not slack > 0.0:
         return 0
-    before = _gap(position, semi_axes, 0.0, 0.0, 0.0) - position_error
+    before = _gap(position, semi_axes, _normal(position, semi_axes), 0.0) - position_error
     for k in range(longest):
         if not before > 0.0:  # NaN too.
             return k
@@ -150,23 +152,44 @@ def _steps_out_of_reach(
         centre = np.array(
             [cos * moved[0] + sin * moved[1], cos * moved[1] - sin * moved[0], moved[2]]
         )
-        after = _gap(centre, semi_axes, 0.5 * acceleration * time**2, spin * time, pulled)
+        normal = _normal(centre, semi_axes)
+        box = acceleration * _greatest_box_support(normal, spin * time)
+        after = _gap(centre, semi_axes, normal, 0.5 * box * time**2 + pulled)
         after -= position_error + drift_error * time
         if not 0.5 * (before + after - step * speed) > 0.0:
             return k
+        if stopping:
+            drift = np.array(
+                [
+                    cos * velocity[0] + sin * velocity[1] + spin * centre[1],
+                    cos * velocity[1] - sin * velocity[0] - spin * centre[0],
+                    velocity[2],
+                ]
+            )
+            inward = box * time + pulled_speed + drift_error - np.sum(normal * drift)
+            # From what turns K: centrifugal, and Coriolis -2 w x v.
+            outward = acceleration * np.sum(np.abs(normal)) - pull
+            outward += spin**2 * (normal[0] * centre[0] + normal[1] * centre[1])
+            outward += 2.0 * spin * (normal[0] * drift[1] - normal[1] * drift[0])
+            if inward > 0.0 and not inward**2 < 2.0 * outward * after:
+                return k
         before = after
     return longest
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _gap(centre, semi_axes, thrust_reach, turned, pulled):
-    """A lower bound of the distance to the ellipsoid of all that may be reached about `centre`."""
-    if np.sum((centre / semi_axes) ** 2) <= 1.0:
-        return -1.0
-    normal = closest_point(semi_axes, centre) / semi_axes**2
-    normal /= np.sqrt(np.sum(normal**2))
-    gap = np.sum(normal * centre) - np.sqrt(np.sum((semi_axes * normal) ** 2))
-    return gap - thrust_reach * _greatest_box_support(normal, turned) - pulled
+def _normal(point, semi_axes):
+    """The ellipsoid's unit normal below a point outside it; towards the point, if it is inside."""
+    if not np.sum((point / semi_axes) ** 2) > 1.0:
+        return point / np.sqrt(np.sum(point**2))
+    normal = closest_point(semi_axes, point) / semi_axes**2
+    return normal / np.sqrt(np.sum(normal**2))
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _gap(centre, semi_axes, normal, moved):
+    """A lower bound of the distance to the ellipsoid of all that is up to `moved` from `centre`."""
+    return np.sum(normal * centre) - np.sqrt(np.sum((semi_axes * normal) ** 2)) - moved
 
 
 @numba.njit(cache=True, error_model="numpy")

@@ -22,7 +22,7 @@ from proxops.systems import (
 
 PERIOD = 10.0
 FAR = np.array([0.0, 0.0, 165e3, 0.0, 0.0, 0.0])
-AGREED, DISAGREED, TRUSTED, GUARDED = DecisionReason
+AGREED, DISAGREED, TRUSTED, GUARDED, _ = DecisionReason
 
 
 @cache
@@ -56,11 +56,13 @@ def flown(steps: int, mpc, policy, schedule: CheckSchedule, gate=None, state=FAR
     builder = DiagramBuilder()
     builder.AddSystem(selector)
     experts = builder.AddSystem(Force(mpc))
+    planned = builder.AddSystem(Force(lambda k: 100.0 + k))
     learned = builder.AddSystem(Force(policy))
     where = builder.AddSystem(ConstantVectorSource(state))
     hold = builder.AddSystem(ZeroOrderHold(PERIOD, 3))
     asked = builder.AddSystem(EnabledValue(3))
     builder.Connect(experts.get_output_port(), selector.GetInputPort("mpc_force"))
+    builder.Connect(planned.get_output_port(), selector.GetInputPort("planned_force"))
     builder.Connect(learned.get_output_port(), selector.GetInputPort("policy_force"))
     builder.Connect(where.get_output_port(), selector.GetInputPort("state"))
     builder.Connect(selector.GetOutputPort("force"), hold.get_input_port())
@@ -135,25 +137,32 @@ def test_after_a_failed_check_the_mpc_flies_until_the_next() -> None:
 
 
 def test_adaptive_period() -> None:
-    """It doubles with equal forces, up to the longest; then one that disagrees, and again."""
-    schedule = CheckSchedule(PeriodRule.ADAPTIVE, check_period=4, shortest=3, longest=30)
-    columns, experts, _ = flown(110, lambda k: 2.0, lambda k: -2.0 if k == 54 else 2.0, schedule)
-    checks = [0, 8, 24, 54, 57, 63, 75, 99]
+    """Equal forces, then some half a limit apart, one that disagrees, and equal ones again."""
+    schedule = CheckSchedule(PeriodRule.ADAPTIVE, check_period=4, longest=30)
+    policy = {30: 2.5, 47: -2.0}
+    columns, experts, _ = flown(90, lambda k: 2.0, lambda k: policy.get(k, 2.0), schedule)
+    checks = [0, 30, 47, 51, 81]
     assert np.flatnonzero(np.isfinite(columns["record"][:, 4])).tolist() == checks
-    assert experts.asked == sorted([*checks, 55, 56])
-    assert columns["record"][checks, 5].tolist() == [8, 16, 30, 3, 6, 12, 24, 30]
+    assert experts.asked == np.flatnonzero(columns["mpc_wanted"]).tolist() == checks
+    assert columns["record"][checks, 5].tolist() == [30, 17, 4, 30, 30]
+    # After the disagreement the MPC flies by its plan, and is not asked.
+    assert np.flatnonzero(columns["decision"] == 1).tolist() == sorted([*checks, 48, 49, 50])
+    assert columns["force"][47:52, 0].tolist() == [2.0, 148.0, 149.0, 150.0, 2.0]
+    np.testing.assert_array_equal(
+        columns["record"][48:51, :5], [[DecisionReason.PLAN_FLOWN_ON, *[np.nan] * 4]] * 3
+    )
 
 
-@pytest.mark.parametrize("height", [1e3, 6e3, 20e3])
-def test_adaptive_is_never_longer_than_the_way_in(height: float) -> None:
+@pytest.mark.parametrize("height", [3e3, 6e3, 20e3])
+def test_adaptive_leaves_room_to_brake(height: float) -> None:
     state = FAR.copy()
-    state[2], state[5] = 65e3 + height, -10.0
+    state[2], state[5] = 65e3 + height, -5.0
     schedule = CheckSchedule(PeriodRule.ADAPTIVE, longest=60)
     columns, _, _ = flown(130, lambda k: 2.0, lambda k: 2.0, schedule, state=state)
     periods = columns["record"][np.isfinite(columns["record"][:, 4]), 5]
-    out_of_reach = reach().steps_out_of_reach(state, PERIOD, 60)
-    assert periods.max() == max(1, out_of_reach)
-    assert out_of_reach < 60
+    in_hand = reach().steps_out_of_reach(state, PERIOD, 60, stopping=True)
+    assert periods.max() == max(1, in_hand)
+    assert in_hand < reach().steps_out_of_reach(state, PERIOD, 60)
     sure = flown(130, lambda k: 2.0, lambda k: 2.0, schedule, state=state, position_error=500.0)[0]
     assert np.isfinite(sure["record"][:, 4]).sum() >= len(periods)
 

@@ -101,6 +101,40 @@ def test_straight_down_without_gravity_or_spin() -> None:
         assert time / STEP - 3.0 <= steps <= time / STEP
 
 
+def test_room_to_stop_without_gravity_or_spin() -> None:
+    """Along an axis: pushed in for t and then out, it turns at the ellipsoid."""
+    model = ReachModel.of(PointMassField(1e-3), AXES, 0.0, 0.07)
+    for height, speed in ((5e3, 0.0), (40e3, 0.0), (40e3, 20.0)):
+        state = np.array([0.0, 0.0, AXES[2] + height, 0.0, 0.0, -speed])
+        # speed t + a t^2 / 2 + (speed + a t)^2 / (2 a) = height
+        time = (-speed + np.sqrt(0.5 * speed**2 + 0.07 * height)) / 0.07
+        steps = model.steps_out_of_reach(state, STEP, 200, stopping=True)
+        assert steps == int(time / STEP)
+    fast = np.array([0.0, 0.0, AXES[2] + 5e3, 0.0, 0.0, -30.0])  # 6.4 km to stop.
+    assert model.steps_out_of_reach(fast, STEP, 200, stopping=True) == 0
+    assert model.steps_out_of_reach(fast, STEP, 200) > 10
+
+
+def test_straight_out_thrust_stops_what_was_pushed_in(model: ReachModel) -> None:
+    """Pushed in for as long as there is room, then out: hardly any flight touches the ellipsoid."""
+    starts = random_starts(60, 5)
+    steps = [model.steps_out_of_reach(start, STEP, 60, stopping=True) for start in starts]
+    kept = np.array(steps) > 0
+    starts, steps = starts[kept], np.array(steps)[kept]
+    assert len(set(steps)) > 10
+    field = kleopatra().gravity_field
+
+    def flown(until: np.ndarray) -> np.ndarray:
+        def forces(step: int, states: np.ndarray) -> np.ndarray:
+            return np.where((step < until)[:, None], inward(states), -inward(states))
+
+        return reached(model, field, starts, forces, 250) <= 250
+
+    assert not flown(steps).any()
+    # And the room is not much greater than it has to be.
+    assert flown(2 * steps).mean() > 0.5
+
+
 def test_moving_away_is_safer_and_towards_less(model: ReachModel) -> None:
     place = [0.0, 100e3, 0.0]
     steps = [

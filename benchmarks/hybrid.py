@@ -1,0 +1,210 @@
+"""What the hybrid trades: its gates, limits and periods on the same transits.
+
+Every variant flies the same transits from the same starts to the same goals, with the same noise.
+`strict, 10` is the hybrid as it is configured: the strict gate, 1 N and 10°, a check every 10
+steps. A variant differs from it by what its name says; a number is the period in steps. `zero`
+stands for the policy with one that commands no force: a gate that lets it fly lets anything fly,
+and a policy has earned what its share has over it. Without a policy only the MPC and these fly.
+
+Solves saved are steps at which the MPC was not asked; Δv is over the MPC's on the transits in
+which both arrived; time is the mean of a step of the whole controller, the policy's network and the
+MPC where it was asked, and how many times less that is than the MPC's alone. Flights are kept one
+by one in the folder of `--out`: run it again to finish what was interrupted, or to add transits.
+
+    python benchmarks/hybrid.py [--policy BUNDLE] [--transits 20] [--seed 60] [--only NAME ...]
+        [--workers N] [--out out/hybrid] [--markdown table.md] [--plot trade.png]
+"""
+
+import argparse
+import dataclasses
+import os
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+for name in ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+    os.environ[name] = "1"
+
+import matplotlib.figure
+import numpy as np
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+from proxops.assets import ASSETS
+from proxops.diagrams.campaign import Row, run_campaign, transit_flights
+from proxops.diagrams.flight_log import write_whole
+from proxops.diagrams.scenario import load_scenario
+from proxops.systems.errors import InputError
+
+SHIPPED = ASSETS / "policy"
+MPC, POLICY = "MPC", "policy"
+ADAPTIVE = {"hybrid.period_rule": "adaptive"}
+GATES = ("strict", "paper", "printed")
+HYBRIDS: dict[str, dict] = {
+    **{f"{gate}, 10": {"hybrid.gate": gate} for gate in GATES},
+    **{f"strict, 10, {force:g} N": {"hybrid.epsilon_magnitude_n": force} for force in (0.5, 2.0)},
+    **{f"strict, 10, {angle:g}°": {"hybrid.epsilon_angle_deg": angle} for angle in (5.0, 20.0)},
+    **{f"strict, {period}": {"hybrid.check_period": period} for period in (2, 5, 20, 50, 100)},
+    **{f"{gate}, adaptive": {"hybrid.gate": gate, **ADAPTIVE} for gate in GATES[:2]},
+}
+ZEROS: dict[str, dict] = {
+    **{f"zero: {gate}, 10": {"hybrid.gate": gate} for gate in GATES},
+    "zero: strict, adaptive": ADAPTIVE,
+}
+VARIANTS: dict[str, dict] = {MPC: {}, POLICY: {}, **HYBRIDS, **ZEROS}
+HEADINGS = (
+    "success", "keep-out violations", "least clearance (km)", "policy share (%)",
+    "before arrival (%)", "solves saved (%)", "Δv over the MPC's", "greatest", "a step (ms)",
+    "times less than the MPC",
+)  # fmt: skip
+
+
+def controller_of(variant: str, bundle: Path | None) -> str:
+    """The controller of a variant by name."""
+    if variant == MPC:
+        return "mpc"
+    if variant in ZEROS:
+        return "proxops.diagrams.hybrid_controller:make_zero_hybrid"
+    return f"{'policy' if variant == POLICY else 'hybrid'}:{bundle}"
+
+
+def fly_all(
+    variants: Sequence[str],
+    bundle: Path | None,
+    seed: int,
+    count: int,
+    folder: Path,
+    workers: int | None,
+    progress: Callable[[Row], None],
+) -> dict[str, list[Row]]:
+    """Each variant's rows in the order of the transits."""
+    flights = []
+    for variant in variants:
+        label = "".join(letter if letter.isalnum() else "-" for letter in variant)
+        scenario = load_scenario(None, {"log_ranges": False, **VARIANTS[variant]})
+        for flight in transit_flights(scenario, controller_of(variant, bundle), seed, count):
+            flights.append(dataclasses.replace(flight, name=f"{label}-{seed}-{flight.name[-5:]}"))
+    # All variants of a transit together: a campaign that was interrupted has something of each.
+    order = [k for index in range(count) for k in range(index, len(flights), count)]
+    found = run_campaign([flights[k] for k in order], folder, workers=workers, progress=progress)
+    rows = dict(zip(order, found, strict=True))
+    return {
+        variant: [rows[i * count + index] for index in range(count)]
+        for i, variant in enumerate(variants)
+    }
+
+
+def solves_saved(rows: Sequence[Row]) -> float:
+    """Share of steps at which the MPC was not asked."""
+    return 1.0 - sum(row["mpc_solves"] for row in rows) / sum(row["steps"] for row in rows)
+
+
+def delta_v_ratios(rows: Sequence[Row], matched: Sequence[Row]) -> list[float]:
+    """Δv over the MPC's, of the transits in which both arrived."""
+    return [
+        row["delta_v_m_s"] / best["delta_v_m_s"]
+        for row, best in zip(rows, matched, strict=True)
+        if row["success"] and best["success"]
+    ]
+
+
+def figures(rows: Sequence[Row], matched: Sequence[Row]) -> list[str]:
+    """One line of the table."""
+
+    def mean(name: str) -> float:
+        return float(np.mean([row[name] for row in rows if row[name] is not None]))
+
+    ratios = delta_v_ratios(rows, matched)
+    # Flight by flight and then the median: what else runs on the machine comes in bursts.
+    speedups = [
+        best["control_ms_mean"] / row["control_ms_mean"]
+        for row, best in zip(rows, matched, strict=True)
+    ]
+    return [
+        f"{sum(row['success'] for row in rows)}/{len(rows)}",
+        str(sum(row["keep_out_violations"] for row in rows)),
+        f"{min(row['min_clearance_m'] for row in rows) / 1e3:.2f}",
+        f"{100.0 * mean('policy_share'):.1f}",
+        f"{100.0 * mean('policy_share_to_arrival'):.1f}",
+        f"{100.0 * solves_saved(rows):.1f}",
+        f"{np.mean(ratios):.3f}" if ratios else "–",
+        f"{np.max(ratios):.3f}" if ratios else "–",
+        f"{np.median([row['control_ms_mean'] for row in rows]):.2f}",
+        f"{np.median(speedups):.1f}",
+    ]
+
+
+def trade_plot(rows: dict[str, list[Row]], title: str) -> matplotlib.figure.Figure:
+    """Solves saved against Δv over the MPC's, a point for each variant."""
+    figure = matplotlib.figure.Figure(figsize=(9.0, 6.0), layout="constrained")
+    axes = figure.subplots()
+    for variant, flown in rows.items():
+        ratios = delta_v_ratios(flown, rows[MPC])
+        if not ratios:
+            continue
+        lost = 1.0 - np.mean([row["success"] for row in flown])
+        place = 100.0 * solves_saved(flown), float(np.mean(ratios))
+        kind = "C7" if variant in ZEROS else "C1" if "adaptive" in variant else "C0"
+        axes.plot(*place, "o" if lost == 0.0 else "x", color=kind)
+        text = variant if lost == 0.0 else f"{variant} ({100.0 * lost:.0f} % fail)"
+        axes.annotate(text, place, xytext=(5, 3), textcoords="offset points", fontsize=8)
+    axes.axhline(1.05, color="0.7", linestyle=":")
+    axes.axvline(97.0, color="0.7", linestyle=":")
+    axes.set(xlabel="solves saved (%)", ylabel="Δv over the MPC's, mean", title=title)
+    axes.margins(x=0.15)
+    return figure
+
+
+def markdown(lines: dict[str, list[str]]) -> str:
+    """The table in Markdown."""
+    cells = [["variant", *HEADINGS], ["---", *(len(HEADINGS) * ["---:"])]]
+    cells += [[variant, *line] for variant, line in lines.items()]
+    return "".join("| " + " | ".join(line) + " |\n" for line in cells)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--policy", type=Path, help="a policy's bundle; default: the shipped one")
+    parser.add_argument("--transits", type=int, default=20)
+    parser.add_argument("--seed", type=int, default=60)
+    parser.add_argument("--only", nargs="*", metavar="NAME", help="variants besides the MPC")
+    parser.add_argument("--workers", type=int, help="processes; default: one for each core")
+    parser.add_argument("--out", type=Path, default=Path("out/hybrid"))
+    parser.add_argument("--markdown", type=Path, help="also write the table there")
+    parser.add_argument("--plot", type=Path, help="also draw solves saved against Δv there")
+    asked = parser.parse_args()
+    bundle = asked.policy or (SHIPPED if SHIPPED.is_dir() else None)
+    known = list(VARIANTS) if bundle else [MPC, *ZEROS]
+    unknown = set(asked.only or ()) - set(known)
+    if unknown:
+        raise SystemExit(f"hybrid.py: no variant {', '.join(sorted(unknown))}: {known}")
+    variants = [MPC, *asked.only] if asked.only else known
+    columns = BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
+    with Progress(TextColumn("flying"), *columns, console=Console(stderr=True)) as bar:
+        task = bar.add_task("", total=len(variants) * asked.transits)
+        try:
+            rows = fly_all(
+                variants, bundle, asked.seed, asked.transits, asked.out, asked.workers,
+                lambda _: bar.update(task, advance=1),
+            )  # fmt: skip
+        except InputError as error:
+            raise SystemExit(f"hybrid.py: {error}") from error
+    lines = {variant: figures(rows[variant], rows[MPC]) for variant in variants}
+    title = f"{asked.transits} transits of seed {asked.seed}"
+    table = Table(title=title)
+    table.add_column("", no_wrap=True)
+    for heading in HEADINGS:
+        table.add_column(heading, justify="right")
+    for variant, line in lines.items():
+        table.add_row(variant, *line)
+    Console(width=160).print(table)
+    if asked.markdown:
+        write_whole(asked.markdown, lambda path: path.write_text(markdown(lines)))
+    if asked.plot:
+        write_whole(
+            asked.plot, lambda path: trade_plot(rows, title).savefig(path, format="png", dpi=150)
+        )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,95 @@
+"""The table of what the hybrid trades: its variants are what they are named, its figures right."""
+
+import importlib.util
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+from known_policies import DeadReckoning, write_policy
+from test_evaluation import row
+
+from proxops.diagrams.scenario import load_scenario
+
+
+@pytest.fixture(scope="module")
+def trade() -> ModuleType:
+    path = Path(__file__).parents[1] / "benchmarks" / "hybrid.py"
+    spec = importlib.util.spec_from_file_location("hybrid_trade", path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_variants_are_what_they_are_named(trade: ModuleType) -> None:
+    plain = load_scenario(None, {})
+    assert load_scenario(None, trade.VARIANTS["strict, 10"]) == plain
+    assert (plain.hybrid.gate, plain.hybrid.check_period) == ("strict", 10)
+    for name, settings in {**trade.HYBRIDS, **trade.ZEROS}.items():
+        hybrid = load_scenario(None, settings).hybrid
+        gate, period, *limit = name.removeprefix("zero: ").split(", ")
+        assert hybrid.gate == gate
+        adaptive = period == "adaptive"
+        assert (hybrid.period_rule == "adaptive") == adaptive
+        assert hybrid.check_period == (10 if adaptive else int(period))
+        newtons = float(limit[0].removesuffix(" N")) if limit and "N" in limit[0] else 1.0
+        degrees = float(limit[0].removesuffix("°")) if limit and "°" in limit[0] else 10.0
+        assert (hybrid.epsilon_magnitude_n, hybrid.epsilon_angle_deg) == (newtons, degrees)
+
+
+def test_figures(trade: ModuleType) -> None:
+    """Δv is paired; what fails, of either, has none."""
+    matched = [
+        row(delta_v_m_s=100.0, control_ms_mean=2.0),
+        row(delta_v_m_s=200.0, control_ms_mean=2.0),
+        row(delta_v_m_s=1.0, control_ms_mean=2.0),
+    ]
+    hybrid = {"policy_share": 0.9, "policy_share_to_arrival": 0.8, "control_ms_mean": 0.5}
+    rows = [
+        row(delta_v_m_s=110.0, mpc_solves=46, **hybrid),
+        row(delta_v_m_s=206.0, mpc_solves=23, **hybrid),
+        row(delta_v_m_s=9.0, mpc_solves=69, success=False, keep_out_violations=2, **hybrid)
+        | {"min_clearance_m": -500.0},
+    ]
+    assert trade.figures(rows, matched) == [
+        "2/3", "2", "-0.50", "90.0", "80.0", "90.0", "1.065", "1.100", "0.50", "4.0",
+    ]  # fmt: skip
+    assert trade.figures(matched, matched)[6:8] == ["1.000", "1.000"]
+    lost = [row(success=False)]
+    assert trade.figures(lost, lost)[6] == "–"
+    flown = {trade.MPC: matched, "strict, 10": rows, "zero: strict, 10": rows}
+    [axes] = trade.trade_plot(flown, "title").axes
+    texts = [text.get_text() for text in axes.texts]
+    assert texts == ["MPC", "strict, 10 (33 % fail)", "zero: strict, 10 (33 % fail)"]
+    points = [line.get_xydata()[0].tolist() for line in axes.lines[:3]]
+    assert points[0] == [0.0, 1.0]
+    assert points[1] == pytest.approx([90.0, 1.065])
+
+
+@pytest.mark.slow
+def test_flies_resumes_and_writes_the_table(
+    trade: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bundle = write_policy(tmp_path / "policy", DeadReckoning())
+    brief = {"arrival.deadline_s": 50.0, "arrival.dwell_s": 50.0}
+    monkeypatch.setattr(
+        trade, "load_scenario", lambda path, settings: load_scenario(path, settings | brief)
+    )
+    words = ["hybrid.py", "--policy", str(bundle), "--transits", "2", "--workers", "1",
+             "--out", str(tmp_path / "out"), "--markdown", str(tmp_path / "table.md"),
+             "--plot", str(tmp_path / "trade.png")]  # fmt: skip
+    monkeypatch.setattr(sys, "argv", words)
+    trade.main()
+    lines = (tmp_path / "table.md").read_text().splitlines()
+    assert [line.strip("| ").split(" | ")[0] for line in lines[2:]] == [*trade.VARIANTS]
+    assert len({line.count("|") for line in lines}) == 1
+    assert (tmp_path / "trade.png").stat().st_size > 1000
+    times = {path: path.stat().st_mtime_ns for path in (tmp_path / "out").glob("*.json")}
+    assert len(times) == 2 * len(trade.VARIANTS)
+    trade.main()
+    assert {path: path.stat().st_mtime_ns for path in times} == times
+    monkeypatch.setattr(sys, "argv", [*words, "--only", "never"])
+    with pytest.raises(SystemExit, match="no variant never"):
+        trade.main()
