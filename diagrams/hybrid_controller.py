@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, System
+from pydrake.systems.primitives import ConstantVectorSource
 
 from proxops.diagrams.body import Body
 from proxops.diagrams.scenario import Scenario
@@ -68,6 +70,17 @@ def make_hybrid(scenario: Scenario, body: Body, policy: System) -> HybridControl
     seed = derived_seed(scenario.noise_seed, transit.seed, transit.index, _STATE_NOISE_STREAM)
     noise = StateNoise(position_std, velocity_std, period, seed)
     return HybridController(make_controller(scenario, body), policy, selector, noise)
+
+
+def zero_hybrid(scenario: Scenario, body: Body) -> HybridController:
+    """The hybrid with a policy that always says zero: the share that nothing learned earns.
+
+    To be flown as `proxops.diagrams.hybrid_controller:zero_hybrid`.
+    """
+    builder = DiagramBuilder()
+    zero = builder.AddNamedSystem("zero", ConstantVectorSource(np.zeros(3)))
+    builder.ExportOutput(zero.get_output_port(), "force")
+    return make_hybrid(scenario, body, builder.Build())
 
 
 class HybridController(Diagram):
