@@ -26,6 +26,7 @@ ZERO_STRICT, ZERO_PAPER = "always zero, strict gate", "always zero, paper's gate
 ZERO_ADAPTIVE = "always zero, adaptive"
 """Names of controllers in the report."""
 
+_TIMES = {"solve": "solve_time", "policy": "policy_time", "decision": "decision_time"}
 _ZERO_HYBRID = "proxops.diagrams.hybrid_controller:zero_hybrid"
 
 
@@ -116,20 +117,21 @@ def describe_flight(log: FlightLog, path: Path | None) -> Row:
     """A flight's summary, how long it saw nothing, its checks, and what all its steps cost.
 
     `blind_steps` counts the steps at which no ray returned; None if the log has no frames. `checks`
-    counts those of a hybrid, `agreed` those that passed. Wall times in s: `solve_s` of all solves
-    of the MPC, `policy_s` of the network, `decision_s` of deciding between them.
+    counts those of a hybrid, `agreed` those that passed. Wall times in s of the MPC's solves,
+    of the network and of deciding between them: `solve_s`, `policy_s`, `decision_s` of all, and
+    `solve_s_median`, … of one, None if there is none.
     """
     data = log.dataset
     blind = None
     if "ranges" in data:
         seen = np.isfinite(data["ranges"].values[:-1]).any(axis=(1, 2))
         blind = int(np.sum(~seen))
-    times = {
-        name: float(np.nansum(data[column].values)) if column in data else 0.0
-        for name, column in (
-            ("solve_s", "solve_time"), ("policy_s", "policy_time"), ("decision_s", "decision_time")
-        )
-    }  # fmt: skip
+    times: dict[str, float | None] = {}
+    for name, column in _TIMES.items():
+        taken = data[column].values if column in data else np.zeros(0)
+        taken = taken[np.isfinite(taken)]
+        times[f"{name}_s"] = float(taken.sum())
+        times[f"{name}_s_median"] = float(np.median(taken)) if taken.size else None
     agreement = data["agreement"].values[:-1] if "agreement" in data else np.zeros(0)
     checks = {
         "checks": int(np.isfinite(agreement).sum()), "agreed": int((agreement == 1.0).sum())

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import statistics
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from proxops.training.evaluation import EXPERT
@@ -36,35 +37,40 @@ def costs(results: Mapping[str, Mapping[str, Any]], name: str) -> Costs:
     """What a controller's steps cost, against the expert's on the same transits.
 
     Returns:
-      saved: share of steps at which the MPC was not asked. mpc_step_s: mean time of a solve in the
-      expert's own flights; hybrid_solve_s: in this controller's, whose solves come after pauses and
-      take longer; policy_step_s, decision_step_s: of a step. gain_arithmetic: by `gain`, from the
-      expert's solves. gain_measured: the expert's time of a step over this controller's, with all
-      that its solves, its network and its decisions really took. Figures of what it doesn't do are
-      None.
+      saved: share of steps at which the MPC was not asked. mpc_s, policy_s: of a solve in the
+      expert's own flights, and of this controller's network; medians. solve_s: mean time of this
+      controller's solves; those of a hybrid come after pauses, and take longer. step_s: mean time
+      of a step, with its solves, its network and its decisions. gain_arithmetic: by `gain`, from
+      the medians. gain_measured: the expert's mean time of a step over step_s. What it does not do
+      is None, and what never happens costs nothing.
     """
     flights, best = results[name]["flights"], results[EXPERT]["flights"]
-
-    def total(rows: list[dict[str, Any]], key: str) -> float:
-        return float(sum(row[key] for row in rows))
-
-    steps, solves = total(flights, "steps"), total(flights, "mpc_solves")
-    mpc_s = total(best, "solve_s") / total(best, "mpc_solves")
-    policy_s = total(flights, "policy_s") / steps
-    decision_s = total(flights, "decision_s") / steps
-    whole = total(flights, "solve_s") / steps + policy_s + decision_s
+    steps, solves = _total(flights, "steps"), _total(flights, "mpc_solves")
+    mpc_s, policy_s = _median(best, "solve_s_median"), _median(flights, "policy_s_median")
+    spent = sum(_total(flights, key) for key in ("solve_s", "policy_s", "decision_s"))
+    if spent == 0.0 or mpc_s is None:
+        return {"mpc_s": mpc_s} | dict.fromkeys(
+            ("saved", "policy_s", "solve_s", "step_s", "gain_arithmetic", "gain_measured")
+        )
     saved = 1.0 - solves / steps
-    asked = policy_s > 0.0 or solves > 0.0
     return {
-        "saved": saved if asked else None,
-        "mpc_step_s": mpc_s,
-        "hybrid_solve_s": total(flights, "solve_s") / solves if solves else None,
-        "policy_step_s": policy_s or None,
-        "decision_step_s": decision_s or None,
-        "whole_step_s": whole if asked else None,
-        "gain_arithmetic": gain(saved, policy_s, mpc_s) if asked else None,
-        "gain_measured": total(best, "solve_s") / total(best, "steps") / whole if asked else None,
+        "saved": saved,
+        "mpc_s": mpc_s,
+        "policy_s": policy_s,
+        "solve_s": _total(flights, "solve_s") / solves if solves else None,
+        "step_s": spent / steps,
+        "gain_arithmetic": gain(saved, policy_s or 0.0, mpc_s),
+        "gain_measured": _total(best, "solve_s") / _total(best, "steps") / (spent / steps),
     }
+
+
+def _total(rows: Sequence[Mapping[str, Any]], key: str) -> float:
+    return float(sum(row[key] for row in rows))
+
+
+def _median(rows: Sequence[Mapping[str, Any]], key: str) -> float | None:
+    values = [row[key] for row in rows if row[key] is not None]
+    return statistics.median(values) if values else None
 
 
 def blind_flights(result: Mapping[str, Any]) -> int:
