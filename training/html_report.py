@@ -102,11 +102,9 @@ def _html_block(block: Block) -> str:
         return f"<figure>{image}<figcaption>{caption}</figcaption></figure>"
     if isinstance(block, Page):
         caption = html.escape(block.caption)
-        # Apart from the report, as if it came from elsewhere: its scripts reach nothing of it.
-        frame = (
-            f'<iframe title="{caption}" sandbox="allow-scripts" loading="lazy" '
-            f'srcdoc="{html.escape(block.html)}"></iframe>'
-        )
+        # Without sandbox: a Meshcat page must fetch its own data.
+        content = html.escape(block.html)
+        frame = f'<iframe title="{caption}" loading="lazy" srcdoc="{content}"></iframe>'
         return f"<figure>{frame}<figcaption>{caption}</figcaption></figure>"
     head = "".join(f"<th>{html.escape(cell)}</th>" for cell in block.head)
     lines = [

@@ -8,10 +8,11 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from proxops.diagrams.flight_log import FlightLog
 from proxops.diagrams.plots import length_unit
-from proxops.training.evaluation_figures import Looks
+from proxops.training.evaluation_figures import Looks, draw_paths
 
 _MINUTE = 60.0
 _ACROSS = 3
@@ -51,6 +52,19 @@ def plot_curves(curves: Mapping[str, Curve]) -> Figure:
     for axis in axes[len(curves) :]:
         axis.set_axis_off()
     axes[0].legend(frameon=False, fontsize="small")
+    return figure
+
+
+def plot_views(logs: Mapping[str, FlightLog], looks: Looks) -> Figure:
+    """Paths of one transit in the frame of the body, seen along its three axes."""
+    figure = Figure(figsize=(12.0, 4.9), layout="constrained")
+    for axis, plane in zip(figure.subplots(1, 3), ("xy", "xz", "yz"), strict=True):
+        draw_paths(axis, logs, plane, looks)
+    handles = [
+        Line2D([], [], color=looks[name].colour, linestyle=looks[name].style, label=name)
+        for name in logs
+    ]
+    figure.legend(handles=handles, loc="outside lower center", ncols=4, frameon=False)
     return figure
 
 

@@ -17,7 +17,7 @@ from proxops.diagrams.scenario import Scenario
 from proxops.systems.policy_bundle import PolicyBundle
 from proxops.training import reproduction_flights as flights
 from proxops.training.evaluation import EXPERT
-from proxops.training.evaluation_figures import Looks, controller_looks, plot_paths
+from proxops.training.evaluation_figures import Looks, controller_looks
 from proxops.training.evaluation_table import arrival_text, outcome
 from proxops.training.force_figures import force_figures, plot_forces
 from proxops.training.html_report import Block, Page, Picture, Section, Table, Text, picture
@@ -28,6 +28,7 @@ from proxops.training.reproduction_figures import (
     plot_effort,
     plot_gates,
     plot_path_errors,
+    plot_views,
     read_curves,
 )
 from proxops.training.reproduction_numbers import checks_passed, costs
@@ -287,10 +288,11 @@ def _paths(findings: Findings, looks: Looks) -> list[Block]:
     colours = {name: looks[name].colour for name in drawn} | {EXPERT: "#ffffff"}
     outcomes = ", ".join(f"{name}: {_outcome(log)}" for name, log in drawn.items())
     caption = f"{title}; drag to turn, scroll to come nearer. {outcomes}."
-    grouped = {name: [log] for name, log in drawn.items()}
     return [
         Page("paths", paths_page(drawn, colours, title), caption),
-        picture("paths", plot_paths(grouped, looks), f"{title} in the frame of the body."),
+        picture(
+            "paths", plot_views(drawn, looks), f"{title}, in the frame of the body; star: the goal."
+        ),
     ]
 
 
