@@ -16,6 +16,7 @@ from proxops.diagrams.scenario_systems import bundle_of
 from proxops.systems.policy_bundle import PolicyBundle
 from proxops.training.evaluation import EXPERT
 from proxops.training.html_report import write_report
+from proxops.training.reproduction_findings import HYBRIDS, SHOWN, Findings
 from proxops.training.reproduction_flights import (
     PAPER_POLICY,
     POLICY,
@@ -26,13 +27,7 @@ from proxops.training.reproduction_flights import (
     forces_along,
     variants,
 )
-from proxops.training.reproduction_report import (
-    HYBRIDS,
-    SHOWN,
-    Findings,
-    findings_json,
-    reproduction_sections,
-)
+from proxops.training.reproduction_report import findings_json, reproduction_sections
 from proxops.training.stages import Progress, Stage, Stages
 
 if TYPE_CHECKING:
