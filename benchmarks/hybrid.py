@@ -64,7 +64,7 @@ def controller_of(variant: str, bundle: Path | None) -> str:
     if variant == MPC:
         return "mpc"
     if variant in ZEROS:
-        return "proxops.diagrams.hybrid_controller:make_zero_hybrid"
+        return "proxops.diagrams.hybrid_controller:zero_hybrid"
     return f"{'policy' if variant == POLICY else 'hybrid'}:{bundle}"
 
 

@@ -21,24 +21,11 @@ from rich.progress import (
 from rich.table import Table
 from rich.text import Text
 
-from proxops.cli.common import check_folder, console, progress_bar, status, write_json
-from proxops.diagrams.body import load_body
-from proxops.diagrams.campaign import run_campaign
-from proxops.diagrams.flight_log import write_whole
+from proxops.cli.common import check_folder, console, progress_bar, status
 from proxops.diagrams.scenario import load_scenario
-from proxops.training.collection import (
-    check_files,
-    collection_flights,
-    describe_flight,
-    learned_lidar_of,
-    make_manifest,
-)
-from proxops.training.collection_report import (
-    collection_report,
-    histogram_rows,
-    report_markdown,
-    report_rows,
-)
+from proxops.training.collecting import collect
+from proxops.training.collection import learned_lidar_of
+from proxops.training.collection_report import histogram_rows, report_rows
 from proxops.training.recovery import parse_mix
 
 
@@ -104,11 +91,9 @@ def collect_command(
     wanted = load_scenario(scenario, settings or [])
     if lidar == LidarSource.NONE:
         wanted = dc.replace(wanted, log_ranges=False)
-    body = load_body(wanted.body)
     learned = (
         learned_lidar_of(wanted, lidar_bundle.resolve()) if lidar == LidarSource.LEARNED else None
     )
-    flights = collection_flights(wanted, body, mix, seed, transits, learned)
     columns = (
         TextColumn("flying"),
         BarColumn(),
@@ -126,21 +111,17 @@ def collect_command(
             failures += not row["success"]
             bar.update(task, advance=1, description=f"{failures} without success")
 
-        rows = run_campaign(
-            flights,
-            out / "flights",
-            keep_logs=True,
-            describe=describe_flight,
+        _, report = collect(
+            wanted,
+            mix,
+            seed,
+            transits,
+            out,
+            learned_lidar=learned,
             workers=workers,
             scheduler=scheduler,
             progress=tell,
         )
-    check_files(out / "flights", rows)
-    manifest = make_manifest(wanted, body, mix, seed, rows)
-    report = collection_report(manifest)
-    write_json(out / "manifest.json", manifest)
-    write_json(out / "report.json", report)
-    write_whole(out / "report.md", lambda path: path.write_text(report_markdown(report)))
     if as_json:
         typer.echo(json.dumps(report, indent=2))
     else:

@@ -7,7 +7,7 @@ import sys
 
 import typer
 
-from proxops.cli import collect, dagger, evaluate, fly, replay, shape, train, train_lidar
+from proxops.cli import collect, dagger, evaluate, fly, replay, reproduce, shape, train, train_lidar
 from proxops.systems.errors import InputError
 
 app = typer.Typer(
@@ -25,6 +25,7 @@ app.command("shape")(shape.shape_command)
 app.command("train")(train.train_command)
 app.command("train-lidar")(train_lidar.train_lidar_command)
 app.command("dagger")(dagger.dagger_command)
+app.command("reproduce")(reproduce.reproduce_command)
 
 _INTERRUPTED = 130
 

@@ -70,10 +70,13 @@ def make_hybrid(scenario: Scenario, body: Body, policy: System) -> HybridControl
     return HybridController(make_controller(scenario, body), policy, selector, noise)
 
 
-def make_zero_hybrid(scenario: Scenario, body: Body) -> HybridController:
-    """The hybrid with a policy that commands no force: what a gate gives away for nothing."""
+def zero_hybrid(scenario: Scenario, body: Body) -> HybridController:
+    """The hybrid with a policy that always says zero: the share that nothing learned earns.
+
+    To be flown as `proxops.diagrams.hybrid_controller:zero_hybrid`.
+    """
     builder = DiagramBuilder()
-    zero = builder.AddSystem(ConstantVectorSource(np.zeros(3)))
+    zero = builder.AddNamedSystem("zero", ConstantVectorSource(np.zeros(3)))
     builder.ExportOutput(zero.get_output_port(), "force")
     return make_hybrid(scenario, body, builder.Build())
 

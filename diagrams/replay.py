@@ -126,7 +126,7 @@ def add_path(scene: Scene, positions: np.ndarray, decisions: np.ndarray) -> list
             continue
         name = f"/path/piece_{len(pieces):03d}"
         colour = WHO_FLIES.get(who, WHO_FLIES[0])[1]
-        points_of_tube, facets = _tube(points[rows[begin : end + 1]])
+        points_of_tube, facets = tube(points[rows[begin : end + 1]])
         set_mesh(meshcat, name, points_of_tube, facets, Rgba(*colour))
         pieces.append((name, rows[end]))
         begin = end
@@ -144,7 +144,7 @@ def _add_returns(scene: Scene, data: xr.Dataset) -> list[tuple[str, int]]:
     return frames
 
 
-def _tube(points: np.ndarray, sides: int = 6) -> tuple[np.ndarray, np.ndarray]:
+def tube(points: np.ndarray, sides: int = 6) -> tuple[np.ndarray, np.ndarray]:
     """Vertices and facets of a tube about the polyline through points (N, 3), none repeated."""
     tangents = np.gradient(points, axis=0)
     tangents /= np.linalg.norm(tangents, axis=1, keepdims=True) + _TINY

@@ -144,14 +144,14 @@ def test_each_change_of_who_flies_begins_a_piece(scene: Scene) -> None:
 def test_tube_lies_about_its_points() -> None:
     turn = np.linspace(0.0, 2.0, 30)
     points = np.stack([np.cos(turn), np.sin(turn), 0.3 * turn], axis=1)
-    vertices, facets = replay._tube(points)
+    vertices, facets = replay.tube(points)
     near = np.linalg.norm(vertices[:, None] - points, axis=2).min(axis=1)
     np.testing.assert_allclose(near, replay._PATH_RADIUS, rtol=1e-6)
     assert facets.max() == len(vertices) - 1
 
 
 def test_tube_of_a_path_that_turns_back() -> None:
-    vertices, _ = replay._tube(np.array([[0.0, 0, 0], [1.0, 0, 0], [0.0, 0, 0]]))
+    vertices, _ = replay.tube(np.array([[0.0, 0, 0], [1.0, 0, 0], [0.0, 0, 0]]))
     assert np.isfinite(vertices).all()
 
 

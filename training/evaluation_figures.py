@@ -116,7 +116,7 @@ def plot_paths(logs: Mapping[str, Sequence[FlightLog]], looks: Looks) -> Figure:
     for column in range(count):
         flights = {name: group[column] for name, group in logs.items()}
         for axis, plane in zip(grid[:, column], ("xy", "xz"), strict=True):
-            _draw_paths(axis, flights, plane, looks)
+            draw_paths(axis, flights, plane, looks)
         transit = next(iter(flights.values())).scenario.transit.index
         grid[0, column].set_title(f"transit {transit}", fontsize="medium")
     handles = [
@@ -131,7 +131,8 @@ def plot_paths(logs: Mapping[str, Sequence[FlightLog]], looks: Looks) -> Figure:
     return figure
 
 
-def _draw_paths(axis: Axes, flights: Mapping[str, FlightLog], plane: str, looks: Looks) -> None:
+def draw_paths(axis: Axes, flights: Mapping[str, FlightLog], plane: str, looks: Looks) -> None:
+    """Flights of one transit on the plane "xy", "xz" or "yz", with body, keep-out and goal."""
     across, up = ("xyz".index(letter) for letter in plane)
     first = next(iter(flights.values()))
     length, unit = length_unit(float(first.body.shape.extents.max()))

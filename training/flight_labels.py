@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses as dc
 import functools
 import hashlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -87,8 +87,22 @@ def labels_along(
     """
     own: list[Plan] = []
     whole: list[Plan] = []
+    for k, plan in enumerate(plans_along(program, states, target, period, cold_iterations)):
+        if plan is not None:
+            (whole if k % _WHOLE_PLAN_EVERY == 0 else own).append(plan)
+    return joined_labels([labels_of(own, starts_only=True), labels_of(whole)])
+
+
+def plans_along(
+    program: PlanProgram,
+    states: np.ndarray,
+    target: np.ndarray,
+    period: float,
+    cold_iterations: int,
+) -> Iterator[Plan | None]:
+    """The expert's plan from every state (N, 6) of a path; None where the solver found none."""
     last: Plan | None = None
-    for k, state in enumerate(states):
+    for state in states:
         try:
             if last is None:
                 last = program.solve(state, target, iterations=cold_iterations)
@@ -96,9 +110,7 @@ def labels_along(
                 last = program.solve(state, target, last, period, iterations=_ITERATIONS)
         except SolverFailure:
             last = None
-            continue
-        (whole if k % _WHOLE_PLAN_EVERY == 0 else own).append(last)
-    return joined_labels([labels_of(own, starts_only=True), labels_of(whole)])
+        yield last
 
 
 def _label(piece: _Piece, folder: Path) -> int:

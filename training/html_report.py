@@ -46,11 +46,25 @@ class Picture:
 
 
 @dataclass(frozen=True)
+class Page:
+    """A page of its own inside the page, with scripts; beside a Markdown page, a file."""
+
+    name: str
+    """Of its file, without ending."""
+    html: str
+    """The whole of it, which asks nothing of a network."""
+    caption: str
+
+
+Block = Text | Table | Picture | Page
+
+
+@dataclass(frozen=True)
 class Section:
     """A heading, and what stands below it."""
 
     title: str
-    blocks: Sequence[Text | Table | Picture]
+    blocks: Sequence[Block]
 
 
 def picture(name: str, figure: Figure, caption: str) -> Picture:
@@ -77,7 +91,7 @@ def html_page(title: str, sections: Sequence[Section]) -> str:
     return "\n".join([*parts, "</body></html>"]) + "\n"
 
 
-def _html_block(block: Text | Table | Picture) -> str:
+def _html_block(block: Block) -> str:
     if isinstance(block, Text):
         tag = "pre" if block.code else "p"
         return f"<{tag}>{html.escape(block.text)}</{tag}>"
@@ -86,6 +100,12 @@ def _html_block(block: Text | Table | Picture) -> str:
         data = base64.b64encode(block.png).decode()
         image = f'<img alt="{caption}" src="data:image/png;base64,{data}">'
         return f"<figure>{image}<figcaption>{caption}</figcaption></figure>"
+    if isinstance(block, Page):
+        caption = html.escape(block.caption)
+        # Without sandbox: a Meshcat page must fetch its own data.
+        content = html.escape(block.html)
+        frame = f'<iframe title="{caption}" loading="lazy" srcdoc="{content}"></iframe>'
+        return f"<figure>{frame}<figcaption>{caption}</figcaption></figure>"
     head = "".join(f"<th>{html.escape(cell)}</th>" for cell in block.head)
     lines = [
         f"<tr><th>{html.escape(line[0])}</th>"
@@ -110,12 +130,14 @@ def markdown_page(title: str, sections: Sequence[Section], folder: str = "figure
     return "\n".join(lines) + "\n"
 
 
-def _markdown_block(block: Text | Table | Picture, folder: str) -> list[str]:
+def _markdown_block(block: Block, folder: str) -> list[str]:
     if isinstance(block, Text):
         return ["```", block.text, "```"] if block.code else [_inline(block.text)]
     if isinstance(block, Picture):
         caption = _inline(block.caption)
         return [f"![{caption}]({folder}/{block.name}.png)", "", caption]
+    if isinstance(block, Page):
+        return [f"[{_inline(block.caption)}]({folder}/{block.name}.html)"]
     rows = [[_cell(cell) for cell in row] for row in (block.head, *block.lines)]
     rows.insert(1, ["---"] + ["---:"] * (len(block.head) - 1))
     return ["| " + " | ".join(row) + " |" for row in rows]
@@ -142,16 +164,15 @@ def write_report(folder: Path, title: str, sections: Sequence[Section]) -> None:
     for section in sections:
         for block in section.blocks:
             if isinstance(block, Picture):
-                png = block.png
-                write_whole(
-                    folder / "figures" / f"{block.name}.png",
-                    lambda path, png=png: path.write_bytes(png),
-                )
-    for name, page in (
-        ("report.html", html_page(title, sections)),
-        ("report.md", markdown_page(title, sections)),
-    ):
-        write_whole(folder / name, lambda path, page=page: path.write_text(page, encoding="utf-8"))
+                _write(folder / "figures" / f"{block.name}.png", block.png)
+            elif isinstance(block, Page):
+                _write(folder / "figures" / f"{block.name}.html", block.html.encode())
+    _write(folder / "report.html", html_page(title, sections).encode())
+    _write(folder / "report.md", markdown_page(title, sections).encode())
+
+
+def _write(path: Path, content: bytes) -> None:
+    write_whole(path, lambda name: name.write_bytes(content))
 
 
 _STYLE = """
@@ -160,7 +181,8 @@ body { max-width: 72rem; margin: 2rem auto; padding: 0 1.5rem; color: #1d2430; b
 h1 { font-size: 1.7rem; } h2 { font-size: 1.25rem; margin-top: 2.2rem; }
 p, figcaption { max-width: 50rem; } figcaption { color: #566; font-size: 0.9rem; }
 pre { background: #f3f4f7; padding: 0.7rem 1rem; white-space: pre-wrap; overflow-wrap: anywhere; }
-figure { margin: 1.2rem 0; } img { max-width: 100%; height: auto; }
+figure { margin: 1.2rem 0; } iframe { width: 100%; height: 36rem; border: 0; }
+img { max-width: 100%; height: auto; }
 .wide { overflow-x: auto; }
 table { border-collapse: collapse; font-size: 0.9rem; font-variant-numeric: tabular-nums; }
 th, td { padding: 0.25rem 0.8rem; border-bottom: 1px solid #dde1e8; text-align: right; }

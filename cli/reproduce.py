@@ -1,0 +1,102 @@
+"""`proxops reproduce`: the paper, from data to a report, in one command."""
+
+from __future__ import annotations
+
+import shlex
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
+
+from proxops.cli.common import check_folder, print_rows, progress_bar, status
+from proxops.diagrams.body import load_body
+from proxops.diagrams.scenario import load_scenario
+from proxops.systems.errors import InputError
+
+
+def reproduce_command(
+    scenario: Annotated[
+        Path | None, typer.Argument(help="Scenario file (YAML). Default: Kleopatra.")
+    ] = None,
+    quick: Annotated[
+        bool,
+        typer.Option(
+            help="Train nothing, and fly few transits, with the policy that ships or that "
+            "--set policy.bundle=FOLDER names: minutes."
+        ),
+    ] = False,
+    transits: Annotated[
+        int | None, typer.Option(min=2, help="How many each controller flies. Default: 200; 10.")
+    ] = None,
+    seed: Annotated[
+        int, typer.Option(min=10_000, help="Of these transits; below 10,000 they are for training.")
+    ] = 10_000,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option("--set", help="Change a scenario value: key.subkey=value. Repeatable."),
+    ] = None,
+    out: Annotated[Path, typer.Option(help="Folder for all stages and the report.")] = Path(
+        "out/reproduction"
+    ),
+    workers: Annotated[
+        int | None, typer.Option(min=1, help="Processes. Default: one for each core.")
+    ] = None,
+    scheduler: Annotated[
+        str | None, typer.Option(help="Address of a Dask scheduler to fly on instead.")
+    ] = None,
+) -> None:
+    """Collect, train, evaluate, and write a report: each figure and number of the paper, and ours.
+
+    Writes report.html, report.md and report.json, and a folder for each stage. Run it again to go
+    on after an interruption; what is done and has the same inputs is not done again.
+
+    Examples:
+
+      proxops reproduce --out out/reproduction
+
+      proxops reproduce --quick --out out/look --set policy.bundle=out/dagger/bundle
+    """
+    check_folder(out)
+    wanted = load_scenario(scenario, settings or [])
+    load_body(wanted.body)
+    # matplotlib and torch take a while to import.
+    from proxops.training import reproduction
+
+    judged = reproduction.Settings(seed=seed)
+    judged = reproduction.quick(judged) if quick else judged
+    judged = judged if transits is None else reproduction.of_transits(judged, transits)
+    training = None
+    if not quick:
+        try:
+            from proxops.training.reproduction_training import TrainingSettings
+        except ModuleNotFoundError as error:
+            raise InputError(
+                f"training needs {error.name}: run make train, or pip install 'proxops[train]'; "
+                "or give --quick"
+            ) from error
+        training = TrainingSettings()
+    columns = (TextColumn("{task.fields[stage]}"), BarColumn(), TimeElapsedColumn())
+    with progress_bar(*columns, TextColumn("{task.description}")) as bar:
+        task = bar.add_task("", total=1.0, stage="")
+
+        def tell(stage: str, done: float, text: str) -> None:
+            bar.update(task, completed=done, description=text, stage=stage)
+
+        report = reproduction.reproduce(
+            wanted,
+            out,
+            judged,
+            training,
+            command=shlex.join(["proxops", *sys.argv[1:]]),
+            workers=workers,
+            scheduler=scheduler,
+            tell=tell,
+        )
+    lines = [(f"{line['what']} (paper: {line['paper']})", line["ours"])
+             for line in report["paper_and_ours"]]  # fmt: skip
+    print_rows("the paper's numbers, and ours", lines)
+    if report["not_run"]:
+        status.print(f"Not run: {', '.join(report['not_run'])}")
+    status.print(f"Wrote report.html, report.md and report.json in {out}")

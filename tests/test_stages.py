@@ -1,0 +1,76 @@
+"""Stages: done once for the same inputs, anew for others, gone on with when interrupted."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from proxops.systems import InputError
+from proxops.training.stages import Progress, Stages
+
+
+class Work:
+    """Notes the folders that it was called with; fails the first `failures` times."""
+
+    def __init__(self, failures: int = 0):
+        self.folders: list[Path] = []
+        self.failures = failures
+
+    def __call__(self, folder: Path, tell: Progress) -> dict[str, Any]:
+        self.folders.append(folder)
+        if len(self.folders) <= self.failures:
+            raise KeyboardInterrupt
+        return {"calls": len(self.folders), "pair": (1, 2)}
+
+
+def test_same_inputs_are_not_worked_on_again(tmp_path: Path) -> None:
+    work = Work()
+    first = Stages(tmp_path).run("fly", {"seed": 1, "gate": "strict"}, work)
+    assert (first.skipped, first.result) == (False, {"calls": 1, "pair": [1, 2]})
+    again = Stages(tmp_path).run("fly", {"gate": "strict", "seed": 1}, work)
+    assert (again.skipped, again.result, again.folder) == (True, first.result, first.folder)
+    assert again.wall_s == first.wall_s
+    assert len(work.folders) == 1
+
+
+def test_other_inputs_have_another_folder(tmp_path: Path) -> None:
+    work, stages = Work(), Stages(tmp_path)
+    folders = {stages.run("fly", {"seed": seed}, work).folder for seed in (1, 2, 1)}
+    assert folders == set(work.folders)
+    assert len(work.folders) == 2
+    assert [stage.skipped for stage in stages.over] == [False, False, True]
+
+
+def test_interrupted_stage_finds_its_folder(tmp_path: Path) -> None:
+    work = Work(failures=1)
+    with pytest.raises(KeyboardInterrupt):
+        Stages(tmp_path).run("fly", {}, work)
+    assert Stages(tmp_path).latest("fly") is None
+    stage = Stages(tmp_path).run("fly", {}, work)
+    assert work.folders == [stage.folder] * 2
+    assert not stage.skipped
+
+
+def test_stage_whose_folder_is_gone_is_worked_on(tmp_path: Path) -> None:
+    work = Work()
+    Stages(tmp_path).run("fly", {}, work).folder.rmdir()
+    assert Stages(tmp_path).latest("fly") is None
+    assert not Stages(tmp_path).run("fly", {}, work).skipped
+
+
+def test_latest_is_of_that_name(tmp_path: Path) -> None:
+    stages = Stages(tmp_path)
+    stages.run("data", {}, Work())
+    stages.run("data-full", {}, Work(failures=0))
+    found = Stages(tmp_path).latest("data")
+    assert found is not None
+    assert found.folder.name.rsplit("-", 1)[0] == "data"
+
+
+@pytest.mark.parametrize("content", ["", "[]", json.dumps({"result": {}})])
+def test_damaged_record(tmp_path: Path, content: str) -> None:
+    stage = Stages(tmp_path).run("fly", {}, Work())
+    (tmp_path / "stages" / f"{stage.folder.name}.json").write_text(content)
+    with pytest.raises(InputError, match="is not the record of a stage"):
+        Stages(tmp_path).run("fly", {}, Work())

@@ -1,0 +1,213 @@
+"""The paper, reproduced: data, lidar network, policies, evaluation and report, in one sequence."""
+
+from __future__ import annotations
+
+import dataclasses as dc
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from proxops.diagrams.body import load_body
+from proxops.diagrams.campaign import body_sha256
+from proxops.diagrams.flight_log import write_whole
+from proxops.diagrams.scenario import Scenario, dump_scenario
+from proxops.diagrams.scenario_systems import bundle_of
+from proxops.systems.policy_bundle import PolicyBundle
+from proxops.training.evaluation import EXPERT
+from proxops.training.html_report import write_report
+from proxops.training.reproduction_findings import HYBRIDS, SHOWN, Findings
+from proxops.training.reproduction_flights import (
+    PAPER_POLICY,
+    POLICY,
+    Variant,
+    evaluate,
+    expert_forces,
+    fly_shown,
+    forces_along,
+    variants,
+)
+from proxops.training.reproduction_report import findings_json, reproduction_sections
+from proxops.training.stages import Progress, Stage, Stages
+
+if TYPE_CHECKING:
+    from proxops.training.reproduction_training import TrainingSettings
+
+TRAINING_STAGES = ("lidar", "data-paper", "policy-paper", "data-full", "policy-pilot",
+                   "policy-dagger")  # fmt: skip
+"""In the order in which they run."""
+
+
+@dc.dataclass(frozen=True)
+class Settings:
+    """How much is flown to judge by."""
+
+    seed: int = 10_000
+    """Of the transits, which nothing was trained on."""
+    transits: int = 200
+    """That each controller flies."""
+    shown: int = 1
+    """The transit that is drawn; this one's straight line is blocked by the ellipsoid."""
+    along: int = 8
+    """Flights of the MPC along which forces are compared."""
+
+
+def quick(settings: Settings) -> Settings:
+    """A small evaluation, for a first look."""
+    return dc.replace(settings, transits=10, along=4)
+
+
+def of_transits(settings: Settings, transits: int) -> Settings:
+    """The same with so many transits."""
+    return dc.replace(settings, transits=transits, along=min(settings.along, transits))
+
+
+def reproduce(
+    scenario: Scenario,
+    out: Path,
+    settings: Settings,
+    training: TrainingSettings | None = None,
+    *,
+    command: str = "proxops reproduce",
+    workers: int | None = None,
+    scheduler: str | None = None,
+    tell: Callable[[str, float, str], Any] | None = None,
+) -> dict[str, Any]:
+    """Runs everything that is not done yet; writes the report and returns what report.json holds.
+
+    Writes report.html, report.md, report.json and figures/ in `out`, and a folder for each stage;
+    see `Stages`.
+
+    Args:
+      training: None: nothing is collected or trained, and the report says so. What an earlier run
+        in `out` left is used; our policy is the one the scenario names, else the one trained here,
+        else the one that ships.
+      command: as it was typed, for the report.
+      workers, scheduler: as of `run_campaign`.
+      tell: is called with the stage, the share of it that is done, and a text.
+
+    Raises:
+      InputError: no policy is named, trained or shipped, or see the functions of the stages.
+    """
+    stages = Stages(out, tell)
+    if training is not None:
+        # torch takes a while to import, and nothing else here needs it.
+        from proxops.training.reproduction_training import train_everything
+
+        train_everything(stages, scenario, training, workers, scheduler)
+        trained = {stage.name: stage for stage in stages.over}
+    else:
+        found = {name: stages.latest(name) for name in TRAINING_STAGES}
+        trained = {name: stage for name, stage in found.items() if stage is not None}
+
+    policy = _policy(scenario, trained, retrained=training is not None)
+    paper_policy = _bundle(trained.get("policy-paper"))
+    flown = variants(policy, paper_policy)
+    origin = _origin(scenario, settings, flown, policy, paper_policy)
+
+    def evaluation(folder: Path, progress: Progress) -> dict[str, Any]:
+        over, total = 0, len(flown) * settings.transits
+
+        def told(row: Mapping[str, Any]) -> None:
+            nonlocal over
+            over += 1
+            progress(over / total, f"{over} of {total} flights")
+
+        return evaluate(
+            flown,
+            scenario,
+            settings.seed,
+            settings.transits,
+            folder,
+            workers=workers,
+            scheduler=scheduler,
+            progress=told,
+        )
+
+    def showing(folder: Path, progress: Progress) -> dict[str, Any]:
+        shown(folder)
+        return {}
+
+    def shown(folder: Path):
+        return fly_shown(
+            flown,
+            scenario,
+            settings.seed,
+            _shown_transits(flown, settings),
+            folder,
+            workers=workers,
+            scheduler=scheduler,
+        )
+
+    results = stages.run("evaluation", {**origin, "transits": settings.transits}, evaluation)
+    drawn = stages.run("shown", {**origin, "along": settings.along}, showing)
+
+    logs = shown(drawn.folder)
+    ours = PolicyBundle.load(policy)
+    papers = None if paper_policy is None else PolicyBundle.load(paper_policy)
+    findings = Findings(
+        command=command,
+        scenario=scenario,
+        body=load_body(scenario.body),
+        seed=settings.seed,
+        transit=settings.shown,
+        stages=stages.over,
+        trained=trained,
+        missing=[name for name in TRAINING_STAGES if name not in trained],
+        policy=ours,
+        results=results.result,
+        logs=logs,
+        forces={
+            name: forces_along(bundle, list(logs[EXPERT].values()))
+            for name, bundle in ((POLICY, ours), (PAPER_POLICY, papers))
+            if bundle is not None
+        },
+        efforts={
+            name: expert_forces(logs[name][settings.shown]) for name in HYBRIDS if name in logs
+        },
+    )
+    sections = reproduction_sections(findings)
+    write_report(out, "End-to-end imitation learning near an asteroid, reproduced", sections)
+    content = findings_json(findings)
+    text = json.dumps(content, indent=1) + "\n"
+    write_whole(out / "report.json", lambda path: path.write_text(text))
+    return content
+
+
+def _policy(scenario: Scenario, trained: Mapping[str, Stage], *, retrained: bool) -> Path:
+    """Folder of the bundle that is flown as our policy."""
+    named = scenario.policy.bundle is not None and not retrained
+    ours = _bundle(trained.get("policy-dagger")) or _bundle(trained.get("policy-pilot"))
+    bundle = ours if ours is not None and not named else bundle_of("policy", scenario)
+    assert bundle is not None  # Or it would have been refused.
+    return bundle.resolve()
+
+
+def _bundle(stage: Stage | None) -> Path | None:
+    return None if stage is None else (stage.folder / "bundle").resolve()
+
+
+def _origin(
+    scenario: Scenario,
+    settings: Settings,
+    flown: list[Variant],
+    policy: Path,
+    paper_policy: Path | None,
+) -> dict[str, Any]:
+    """What the flights depend on; bundles by their content and not by their place."""
+    bundles = [None if each is None else PolicyBundle.load(each).sha256
+               for each in (policy, paper_policy)]  # fmt: skip
+    return {
+        "scenario": dump_scenario(scenario),
+        "body": body_sha256(load_body(scenario.body)),
+        "bundles": bundles,
+        "variants": [dc.asdict(each) for each in flown],
+        "seed": settings.seed,
+        "shown": settings.shown,
+    }
+
+
+def _shown_transits(flown: list[Variant], settings: Settings) -> dict[str, list[int]]:
+    shown = {each.name: [settings.shown] for each in flown if each.name in SHOWN}
+    shown[EXPERT] = sorted({settings.shown, *range(min(settings.along, settings.transits))})
+    return shown
