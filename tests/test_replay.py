@@ -132,7 +132,7 @@ def test_filter_has_a_colour_of_its_own(log: FlightLog, tmp_path: Path) -> None:
     page = (tmp_path / "replay.html").read_text(encoding="utf-8")
     told = known(page)
     names = [told["names"][str(who)][0] for who in told["who"]]
-    assert {name for name in names[100:140]} == {"safety filter"}
+    assert set(names[100:140]) == {"safety filter"}
     assert "safety filter" not in names[:100] + names[140:]
     assert len({colour for _, colour in told["names"].values()}) == 3
     assert "safety filter flies" in page
