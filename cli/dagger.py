@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from pathlib import Path
 from typing import Annotated
@@ -36,6 +37,7 @@ def dagger_command(
     scheduler: Annotated[
         str | None, typer.Option(help="Address of a Dask scheduler to fly on instead.")
     ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the report as JSON.")] = False,
 ) -> None:
     """Let the pilot fly, have the MPC say what it would have done, and learn that: DAgger.
 
@@ -63,8 +65,11 @@ def dagger_command(
             bar.update(task, completed=done, description=text)
 
         report = method.dagger(data, pilot, out, settings, tell, workers, scheduler)
-    print_report(report)
-    for number, row in enumerate(report["rounds"], start=1):
-        flown = f"{row['arrived']} of {row['flights']} arrived, {row['violations']} violations"
-        print_rows(f"round {number}", [("before it", flown), ("labels", str(row["labels"]))])
+    if as_json:
+        typer.echo(json.dumps(report, indent=2))
+    else:
+        print_report(report)
+        for number, row in enumerate(report["rounds"], start=1):
+            flown = f"{row['arrived']} of {row['flights']} arrived, {row['violations']} violations"
+            print_rows(f"round {number}", [("before it", flown), ("labels", str(row["labels"]))])
     status.print(f"Wrote bundle, pilot.ckpt, report.md, report.json and forces.png in {out}")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -57,6 +58,7 @@ def train_command(
     quick: Annotated[
         bool, typer.Option(help="A small network, little data: soon done, of no great use.")
     ] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the report as JSON.")] = False,
 ) -> None:
     """Train a policy to say what the MPC says, from lidar frames and the goal.
 
@@ -103,7 +105,10 @@ def train_command(
             guidance = guidance if epochs is None else replace(guidance, epochs=epochs)
             settings = replace(settings, guidance=guidance)
             report = pilot_recipe.train_pilot(data, out, settings, tell, workers)
-    print_report(report)
+    if as_json:
+        typer.echo(json.dumps(report, indent=2))
+    else:
+        print_report(report)
     status.print(f"Wrote bundle, the trained policy, report.md, forces.png and curves in {out}")
 
 

@@ -7,6 +7,7 @@ from pydrake.common.value import AbstractValue
 from pydrake.geometry import Meshcat, StartMeshcat
 from pydrake.systems.framework import DiagramBuilder, LeafSystem, OutputPort
 
+from proxops.diagrams.camera_views import look_at_flight
 from proxops.diagrams.meshcat_scene import (
     Scene,
     add_body,
@@ -15,7 +16,6 @@ from proxops.diagrams.meshcat_scene import (
     add_plan,
     add_returns,
     add_spacecraft,
-    look_at_flight,
     move_spacecraft,
     prepare_scene,
 )

@@ -18,15 +18,7 @@ from pydrake.math import RigidTransform
 from pydrake.perception import PointCloud
 
 from proxops.diagrams.body import Body
-from proxops.systems.ellipsoid import blocks_segment
 from proxops.systems.lidar import ray_directions
-
-# What to call, and how to colour, each value of a log's `decision`.
-WHO_FLIES: dict[int, tuple[str, tuple[float, float, float]]] = {
-    0: ("controller", (0.25, 0.70, 0.45)),
-    1: ("MPC", (0.22, 0.55, 0.95)),
-    2: ("policy", (0.96, 0.55, 0.13)),
-}
 
 _BODY = Rgba(0.62, 0.57, 0.51)
 _KEEP_OUT = Rgba(0.35, 0.55, 0.95, 0.12)
@@ -41,9 +33,9 @@ _PLAN = Rgba(0.55, 0.85, 1.00)
 # Lengths in Meshcat units.
 _ARROW_LENGTH = 0.40
 _POINT_SIZE = 0.022
-# Degrees; the field of view is the vertical one.
-_CAMERA_ELEVATION = 28.0
-_FIELD_OF_VIEW = 40.0
+
+FIELD_OF_VIEW = 40.0
+"""The camera's, vertically, in degrees."""
 
 
 @dataclass(frozen=True)
@@ -77,7 +69,7 @@ def quiet_meshcat() -> Meshcat:
 
 
 def prepare_scene(scene: Scene) -> None:
-    """Space: dark, no grid, no axes, one sun that is set by `look_at_flight`, little else."""
+    """Space: dark, no grid, no axes, one sun, which `look_at_flight` sets, and little else."""
     meshcat = scene.meshcat
     meshcat.SetProperty("/Grid", "visible", False)
     meshcat.SetProperty("/Axes", "visible", False)
@@ -88,48 +80,8 @@ def prepare_scene(scene: Scene) -> None:
     meshcat.SetProperty("/Lights/AmbientLight/<object>", "intensity", 0.5)
     meshcat.SetProperty("/Lights/FillLight/<object>", "intensity", 3.2)
     meshcat.SetCamera(
-        Meshcat.PerspectiveCamera(fov=_FIELD_OF_VIEW, aspect=1.0, near=0.01, far=200.0)
+        Meshcat.PerspectiveCamera(fov=FIELD_OF_VIEW, aspect=1.0, near=0.01, far=200.0)
     )
-
-
-def look_at_flight(scene: Scene, points: np.ndarray) -> None:
-    """Points camera and sun so that body and `points` (N, 3), in m in K, are in view and lit.
-
-    Of a ring of directions it takes the one from which the body hides fewest of the points, the
-    points spread widest and most of them are on the near side.
-    """
-    meshcat, body = scene.meshcat, scene.body
-    half = body.shape.extents / 2.0
-    everything = np.vstack([points, body.shape.vertices])
-    centre = (everything.min(axis=0) + everything.max(axis=0)) / 2.0
-    radius = float(np.linalg.norm(everything - centre, axis=1).max())
-    sample = points[:: max(1, len(points) // 40)]
-
-    def score(azimuth: float) -> float:
-        direction = _towards(azimuth, _CAMERA_ELEVATION)
-        eye = centre + 3.0 * radius * direction
-        seen = np.mean([not blocks_segment(half, eye, point) for point in sample])
-        across = sample - sample.mean(axis=0)
-        across = across - np.outer(across @ direction, direction)
-        spread = np.sqrt(np.mean(np.sum(across**2, axis=1))) / radius
-        # Where the lidar's returns are: on the side that the spacecraft sees.
-        before = (sample @ direction).mean() / radius
-        return float(seen + spread + before)
-
-    azimuth = float(max(np.arange(0.0, 360.0, 15.0), key=score))
-    direction = _towards(azimuth, _CAMERA_ELEVATION)
-    # As near as fits everything into a picture of 4:3 or wider, with a margin around it.
-    right = np.cross([0.0, 0.0, 1.0], direction)
-    right /= np.linalg.norm(right)
-    up = np.cross(direction, right)
-    slope = 0.8 * np.tan(np.radians(_FIELD_OF_VIEW / 2.0))
-    offsets = everything - centre
-    needed = np.maximum(np.abs(offsets @ up), np.abs(offsets @ right) / (4.0 / 3.0)) / slope
-    distance = (needed + offsets @ direction).max()
-    meshcat.SetCameraPose((centre + distance * direction) / scene.unit, centre / scene.unit)
-    # From the side and above, so that relief is seen.
-    sun = 10.0 * _towards(azimuth + 30.0, 38.0)
-    meshcat.SetProperty("/Lights/FillLight/<object>", "position", sun.tolist())
 
 
 def add_body(scene: Scene) -> None:
@@ -250,12 +202,6 @@ def add_plan(scene: Scene, positions: np.ndarray) -> None:
     """The way that is planned, through positions (N, 3) in m in K, in place of the last one."""
     points: typing.Any = (positions / scene.unit).T
     scene.meshcat.SetLine("/plan", points, 1.0, _PLAN)
-
-
-def _towards(azimuth: float, elevation: float) -> np.ndarray:
-    """Unit vector (3,) in K; angles in degrees."""
-    a, e = np.radians([azimuth, elevation])
-    return np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
 
 
 def grid_facets(rows: int, columns: int) -> np.ndarray:

@@ -17,6 +17,7 @@ import numpy as np
 from pydrake.geometry import Meshcat
 
 from proxops.diagrams.body import Body
+from proxops.diagrams.camera_views import look_at_flight
 from proxops.diagrams.flight_log import FlightLog
 from proxops.diagrams.lidar_scene import add_planes, plane_edges
 from proxops.diagrams.meshcat_scene import (
@@ -25,7 +26,6 @@ from proxops.diagrams.meshcat_scene import (
     add_goal,
     add_keep_out,
     add_spacecraft,
-    look_at_flight,
     move_spacecraft,
     prepare_scene,
     quiet_meshcat,

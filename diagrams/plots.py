@@ -17,7 +17,7 @@ from matplotlib.patches import Ellipse
 from proxops.diagrams.body import Body
 from proxops.diagrams.flight_log import FlightLog
 from proxops.diagrams.flight_summary import dense_positions
-from proxops.diagrams.meshcat_scene import WHO_FLIES
+from proxops.diagrams.who_flies import colour_of, name_of, those_who_fly, who_flies
 from proxops.systems.ellipsoid import clearances
 
 _MINUTE = 60.0
@@ -67,7 +67,7 @@ def plot_path(ax: Axes, log: FlightLog, plane: str = "xy") -> None:
     draw_body(ax, log.body, plane)
     flat = positions[:, [across, up]]
     segments = np.stack([flat[:-1], flat[1:]], axis=1)
-    colours = [_colour(who) for who in log.dataset["decision"].values[:-1]]
+    colours = [colour_of(int(who)) for who in who_flies(log.dataset)[:-1]]
     ax.add_collection(LineCollection(list(segments), colors=colours, linewidths=2.0, zorder=3))
     ax.plot(*flat[0], "o", color="black", markersize=5, zorder=4)
     ax.plot(goal[across], goal[up], "*", color=_GOAL, markersize=13, zorder=4)
@@ -196,16 +196,12 @@ def _over_time(ax: Axes, log: FlightLog, label: str) -> None:
     ax.grid(alpha=0.25)
 
 
-def _colour(who: float) -> tuple[float, float, float]:
-    return WHO_FLIES.get(int(who), WHO_FLIES[0])[1]
-
-
 def _legend(log: FlightLog) -> list[Line2D]:
     """What the colours and dashes mean, those that fly in this log only."""
     handles = []
-    for who in sorted({int(value) for value in log.dataset["decision"].values[:-1]}):
-        name = log.dataset.attrs["controller"] if who == 0 else WHO_FLIES.get(who, WHO_FLIES[0])[0]
-        handles.append(Line2D([], [], color=_colour(who), linewidth=2.0, label=f"{name} flies"))
+    for who in those_who_fly(log.dataset):
+        name = name_of(who, log.dataset.attrs["controller"])
+        handles.append(Line2D([], [], color=colour_of(who), linewidth=2.0, label=f"{name} flies"))
     return [
         *handles,
         Line2D([], [], color="black", marker="o", linestyle="", label="start"),

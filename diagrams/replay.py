@@ -1,7 +1,8 @@
 """A flight in three dimensions as one HTML page, made with Drake's Meshcat, that needs no network.
 
 A replay runs at 160 times real time, so that a flight of 80 min takes 30 s; it has 16 frames a
-second, one for each 10 s control step. What it shows is in `proxops.diagrams.meshcat_scene`.
+second, one for each 10 s control step. What it shows is in `proxops.diagrams.meshcat_scene`, and
+below it is the panel of `proxops.diagrams.replay_panel`.
 """
 
 from __future__ import annotations
@@ -14,12 +15,9 @@ import numpy as np
 import xarray as xr
 from pydrake.geometry import Meshcat, Rgba
 
+from proxops.diagrams.camera_views import look_at_flight, viewpoints
 from proxops.diagrams.flight_log import FlightLog, write_whole
 from proxops.diagrams.meshcat_scene import (
-    GOAL,
-    RETURNS,
-    THRUST,
-    WHO_FLIES,
     Scene,
     add_body,
     add_goal,
@@ -27,12 +25,13 @@ from proxops.diagrams.meshcat_scene import (
     add_returns,
     add_spacecraft,
     grid_facets,
-    look_at_flight,
     move_spacecraft,
     prepare_scene,
     quiet_meshcat,
     set_mesh,
 )
+from proxops.diagrams.replay_panel import panel
+from proxops.diagrams.who_flies import colour_of, who_flies
 
 PLAYBACK_SPEED = 160.0
 FRAMES_PER_SECOND = 16.0
@@ -58,7 +57,9 @@ def write_replay(log: FlightLog, path: str | Path) -> None:
     title = f"{log.body.config.name}, {log.dataset.attrs['controller']}"
     page = page.replace("<title>Drake MeshCat</title>", f"<title>{html.escape(title)}</title>", 1)
     head, end_of_body, tail = page.rpartition("</body>")
-    page = head + _legend(log, title) + end_of_body + tail
+    scene = Scene(meshcat, log.body)
+    views = viewpoints(log.body, _shown(log))
+    page = head + panel(log, title, PLAYBACK_SPEED, views, scene.unit) + end_of_body + tail
     write_whole(Path(path), lambda name: name.write_text(page, encoding="utf-8"))
 
 
@@ -76,9 +77,9 @@ def add_flight(meshcat: Meshcat, log: FlightLog) -> None:
     add_keep_out(scene)
     add_goal(scene, goal)
     add_spacecraft(scene)
-    pieces = add_path(scene, positions, data["decision"].values)
+    pieces = add_path(scene, positions, who_flies(data))
     frames = _add_returns(scene, data) if "ranges" in data else []
-    look_at_flight(scene, np.vstack([positions, goal]))
+    look_at_flight(scene, _shown(log))
 
     # Where nothing plays, the page shows the end of the flight.
     move_spacecraft(scene, positions[-1], np.zeros(3), limit)
@@ -101,10 +102,10 @@ def add_flight(meshcat: Meshcat, log: FlightLog) -> None:
     meshcat.PublishRecording()
 
 
-def add_path(scene: Scene, positions: np.ndarray, decisions: np.ndarray) -> list[tuple[str, int]]:
+def add_path(scene: Scene, positions: np.ndarray, who_flies: np.ndarray) -> list[tuple[str, int]]:
     """The path as pieces of tube in the colour of who flies, over a thin line of the whole.
 
-    Takes positions (N, 3) in m in K and decisions (N,), who flies from each row to the next.
+    Takes positions (N, 3) in m in K, and who flies from each row (N,) to the next.
     Returns for each piece its name and the row at which the spacecraft has flown it.
     """
     meshcat, points = scene.meshcat, positions / scene.unit
@@ -120,17 +121,22 @@ def add_path(scene: Scene, positions: np.ndarray, decisions: np.ndarray) -> list
     pieces: list[tuple[str, int]] = []
     begin = 0
     for end in range(1, len(rows)):
-        who = int(decisions[rows[begin]])
+        who = int(who_flies[rows[begin]])
         last = end == len(rows) - 1
-        if end - begin < longest and not last and int(decisions[rows[end]]) == who:
+        if end - begin < longest and not last and int(who_flies[rows[end]]) == who:
             continue
         name = f"/path/piece_{len(pieces):03d}"
-        colour = WHO_FLIES.get(who, WHO_FLIES[0])[1]
         points_of_tube, facets = tube(points[rows[begin : end + 1]])
-        set_mesh(meshcat, name, points_of_tube, facets, Rgba(*colour))
+        set_mesh(meshcat, name, points_of_tube, facets, Rgba(*colour_of(who)))
         pieces.append((name, rows[end]))
         begin = end
     return pieces
+
+
+def _shown(log: FlightLog) -> np.ndarray:
+    """Points (N, 3) in m in K that a camera should see."""
+    data = log.dataset
+    return np.vstack([data["state"].values[:, :3], data["target"].values[-1, :3]])
 
 
 def _add_returns(scene: Scene, data: xr.Dataset) -> list[tuple[str, int]]:
@@ -157,24 +163,3 @@ def tube(points: np.ndarray, sides: int = 6) -> tuple[np.ndarray, np.ndarray]:
         np.cos(turn) * first[:, None] + np.sin(turn) * second[:, None]
     )
     return rings.reshape(-1, 3), grid_facets(len(points), sides + 1)
-
-
-def _legend(log: FlightLog, title: str) -> str:
-    """A line of text over the picture that says what the colours mean."""
-    named = {0: log.dataset.attrs["controller"], 1: WHO_FLIES[1][0], 2: WHO_FLIES[2][0]}
-    entries = [
-        (Rgba(*WHO_FLIES[who][1]), f"{named[who]} flies")
-        for who in sorted({int(d) for d in log.dataset["decision"].values[:-1]} & set(named))
-    ]
-    entries += [(THRUST, "thrust"), (RETURNS, "lidar returns"), (GOAL, "goal")]
-    spans = []
-    for colour, text in entries:
-        levels = (colour.r(), colour.g(), colour.b())
-        code = "".join(f"{round(255 * level):02x}" for level in levels)
-        spans.append(f'<span style="color:#{code}">&#9679;</span> {html.escape(text)}')
-    return (
-        '<div id="legend" style="position:fixed;left:14px;bottom:12px;pointer-events:none;'
-        'font:14px/1.5 sans-serif;color:#c8ccd4"><b>'
-        f"{html.escape(title)}</b>, {PLAYBACK_SPEED:.0f} times real time, spacecraft not to scale"
-        f"<br>{' &nbsp; '.join(spans)}</div>\n"
-    )

@@ -1,5 +1,7 @@
 """A replay as a browser shows it. Needs Chromium: `pytest -m browser`."""
 
+import itertools
+import os
 import re
 import shutil
 import subprocess
@@ -10,11 +12,16 @@ import pytest
 from matplotlib.image import imread
 from synthetic_log import similar_log, synthetic_log
 
-from proxops.diagrams.replay import write_replay
+from proxops.diagrams.flight_log import FlightLog
+from proxops.diagrams.replay import PLAYBACK_SPEED, write_replay
 
 pytestmark = pytest.mark.browser
 
 WIDTH, HEIGHT = 960, 640
+# The panel's height at most.
+PANEL = 120
+# What it takes to load a page, on a machine that does nothing else, in s.
+LONGEST_LOADING = 3.0
 # The body is grey: its channels lie near each other, and it is brighter than space.
 GREY_SPREAD, GREY_LEAST = 0.12, 0.2
 FLAGS = [
@@ -47,14 +54,20 @@ def browser() -> str:
     return found
 
 
-def photograph(page: Path, picture: Path, profile: Path, seconds: float) -> str:
-    """Takes a picture of the page after so many seconds of its own time; returns the log."""
+def photograph(
+    page: Path, picture: Path, profile: Path, seconds: float, virtual: bool = True
+) -> str:
+    """Takes a picture of the page after so many seconds; returns the log.
+
+    They pass as fast as the machine can if they are virtual.
+    """
+    wait = "virtual-time-budget" if virtual else "timeout"
     done = subprocess.run(
         [
             browser(),
             *FLAGS,
             f"--user-data-dir={profile}",
-            f"--virtual-time-budget={seconds * 1e3:.0f}",
+            f"--{wait}={seconds * 1e3:.0f}",
             f"--screenshot={picture}",
             page.as_uri(),
         ],
@@ -69,9 +82,9 @@ def photograph(page: Path, picture: Path, profile: Path, seconds: float) -> str:
 
 
 def channels(image: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Red, green and blue, with the legend blacked out: its dots have the scene's colours."""
+    """Red, green and blue, with the panel blacked out: its dots have the scene's colours."""
     scene = image.copy()
-    scene[HEIGHT - 80 :, : WIDTH // 2] = 0.0
+    scene[HEIGHT - PANEL :] = 0.0
     return scene[:, :, 0], scene[:, :, 1], scene[:, :, 2]
 
 
@@ -165,3 +178,94 @@ def test_small_body_is_as_well_seen(
         for image in (shown[0], small)
     ]
     assert bodies[1] == pytest.approx(bodies[0], rel=0.2)
+
+
+def with_script(page: str, script: str) -> str:
+    """The page with a script at its end, which is told when the flight is there."""
+    waiting = (
+        "(function wait() {"
+        f"if (viewer.animator.duration > 0) {{ {script} }} else requestAnimationFrame(wait)"
+        "})()"
+    )
+    head, end, tail = page.rpartition("</body>")
+    return f"{head}<script>{waiting}</script>{end}{tail}"
+
+
+@pytest.fixture(scope="module")
+def filtered(tmp_path_factory: pytest.TempPathFactory) -> tuple[FlightLog, str]:
+    """A flight of 90 minutes in which runtime assurance steps in now and then, and its page."""
+    log = synthetic_log(540)
+    changes = np.where(np.arange(541) % 50 < 20, 0.5, 0.0)
+    log = FlightLog(log.dataset.assign(intervention=("time", changes)), log.body)
+    path = tmp_path_factory.mktemp("browser") / "replay.html"
+    write_replay(log, path)
+    return log, path.read_text(encoding="utf-8")
+
+
+def test_loads_soon(filtered: tuple[FlightLog, str], tmp_path: Path) -> None:
+    """A machine that does other things too gets as much longer."""
+    page = tmp_path / "replay.html"
+    page.write_text(with_script(filtered[1], "console.log(`loaded ${performance.now()}`)"))
+    said = photograph(page, tmp_path / "1.png", tmp_path / "profile", 15.0, virtual=False)
+    (loaded,) = re.findall(r'"loaded ([\d.]+)"', said)
+    busy = max(1.0, os.getloadavg()[0] / (os.cpu_count() or 1))
+    assert float(loaded) < 1e3 * LONGEST_LOADING * busy
+
+
+@pytest.mark.parametrize("row", [0, 210, 280, 540])
+def test_numbers_are_those_of_the_log(
+    filtered: tuple[FlightLog, str], tmp_path: Path, row: int
+) -> None:
+    log, plain = filtered
+    data = log.dataset.isel(time=row)
+    script = (
+        "const slider = document.getElementById('time');"
+        "viewer.animator.pause();"
+        "slider.max = viewer.animator.duration;"
+        f"slider.value = {float(data['time']) / PLAYBACK_SPEED + 0.01}; slider.oninput();"
+        "const names = ['clock', 'range', 'speed', 'thrust', 'who'];"
+        "const said = () => names.map(name => document.getElementById(name).textContent);"
+        "const soon = requestAnimationFrame;"
+        "soon(() => soon(() => console.log(said().join('|'))));"
+    )
+    page = tmp_path / "replay.html"
+    page.write_text(with_script(plain, script))
+    said = photograph(page, tmp_path / "1.png", tmp_path / "profile", 12.0)
+    (line,) = complaints(said)
+    (told,) = re.findall(r'"(.*\|.*)"', line)
+    clock, away, speed, thrust, who = told.split("|")
+    seconds = int(data["time"])
+    assert clock == f"{seconds // 3600:02d}:{seconds // 60 % 60:02d}:{seconds % 60:02d}"
+    number, unit = away.split()
+    distance = float(np.linalg.norm((data["state"] - data["target"]).values[:3]))
+    assert float(number) * {"m": 1.0, "km": 1e3}[unit] == pytest.approx(distance, abs=51.0)
+    velocity = np.linalg.norm(data["state"].values[3:])
+    assert float(speed.split()[0]) == pytest.approx(velocity, abs=0.006)
+    force = 0.0 if row == 540 else np.linalg.norm(data["force"].values)
+    assert float(thrust.split()[0]) == pytest.approx(force, abs=0.006)
+    # At the end whoever flew last: the policy, in row 539.
+    names = {0: "safety filter", 210: "safety filter", 280: "policy", 300: "safety filter"}
+    assert who == names.get(row, "policy")
+
+
+def test_views_differ(filtered: tuple[FlightLog, str], tmp_path: Path) -> None:
+    """Each shows the body; the one that follows shows it larger."""
+    images = {}
+    for name in ("overview", "above", "side", "follow"):
+        page, picture = tmp_path / "replay.html", tmp_path / f"{name}.png"
+        press = (
+            "viewer.animator.pause(); viewer.animator.seek(10);"
+            "[...document.querySelectorAll('#views button')]"
+            f".find(button => button.textContent === '{name}').click()"
+        )
+        page.write_text(with_script(filtered[1], press))
+        assert complaints(photograph(page, picture, tmp_path / "profile", 8.0)) == []
+        images[name] = imread(picture)[: HEIGHT - PANEL, :, :3]
+    grey = {
+        name: ((np.ptp(image, axis=2) < GREY_SPREAD) & (image.mean(axis=2) > GREY_LEAST)).mean()
+        for name, image in images.items()
+    }
+    assert min(grey.values()) > 0.05
+    assert grey["follow"] > 1.3 * grey["overview"]
+    for one, other in itertools.combinations(images.values(), 2):
+        assert np.abs(one - other).mean() > 0.02

@@ -22,7 +22,7 @@ from proxops.cli.main import app, main
 
 COMMANDS = sorted(str(command.name) for command in app.registered_commands)
 # As the script that pip installs: that makes `proxops` the name that completion goes by.
-SCRIPT = "import sys; sys.argv[0] = 'proxops'; from proxops.cli.main import main; main()"
+SCRIPT = "import sys; sys.argv[0] = 'proxops'; from proxops.cli.entry import main; main()"
 PROXOPS = [sys.executable, "-c", SCRIPT]
 COLOUR = re.compile(r"\x1b\[(?:[\d;]*;)?(?:3[0-8]|4[0-8]|9[0-7])[\d;]*m")
 FAST = [part for key, value in SHORT.items() for part in ("--set", f"{key}={value}")]
@@ -183,3 +183,24 @@ def test_interrupted(tmp_path: Path, arguments: list[str], says: str) -> None:
     assert err == says
     files = [path for path in (tmp_path / "out").rglob("*") if path.is_file()]
     assert [path.name for path in files if path.name != ".lock"] == []
+
+
+def test_interrupted_while_it_imports(tmp_path: Path) -> None:
+    """By Ctrl-C before there is a command line: one line, no traceback."""
+    # In place of what is imported first.
+    (tmp_path / "typer.py").write_text(
+        "import time\nfrom pathlib import Path\nPath('importing').touch()\ntime.sleep(60)\n"
+    )
+    found = os.pathsep.join([str(tmp_path), *filter(None, sys.path)])
+    process = subprocess.Popen(
+        [*PROXOPS, "fly"], cwd=tmp_path, env=environment(PYTHONPATH=found),
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
+    )  # fmt: skip
+    until = time.monotonic() + 60.0
+    while not (tmp_path / "importing").exists():
+        assert time.monotonic() < until
+        assert process.poll() is None, process.stderr and process.stderr.read()
+        time.sleep(0.05)
+    os.killpg(process.pid, signal.SIGINT)
+    assert process.communicate(timeout=60) == ("", "proxops: interrupted\n")
+    assert process.returncode == 130

@@ -161,7 +161,7 @@ def test_run_again_it_ends_the_same(collected: Path, trained: Path):
 
 @pytest.mark.slow
 def test_dagger_learns_from_its_flights_and_goes_on_after_a_kill(
-    collected: Path, trained: Path, tmp_path: Path
+    collected: Path, trained: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
     settings = DaggerSettings(rounds=1, flights=2, seed=SEED)
     calls = 0
@@ -182,6 +182,10 @@ def test_dagger_learns_from_its_flights_and_goes_on_after_a_kill(
     assert len(flown) == 2
     report = dagger(collected, trained, tmp_path, settings, workers=1)
     assert [path.stat().st_mtime_ns for path in flown] == written
+    options = ("--rounds", "1", "--flights", "2", "--seed", str(SEED), "--workers", "1", "--json")
+    given = ("dagger", str(collected), "--pilot", str(trained), *options, "--out", str(tmp_path))
+    app([*given], standalone_mode=False)
+    assert json.loads(capsys.readouterr().out) == json.loads((tmp_path / "report.json").read_text())
     row = report["rounds"][0]
     states = sum(len(FlightLog.load(path).dataset["time"]) - 1 for path in flown)
     assert row["flights"] == 2

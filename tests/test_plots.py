@@ -12,7 +12,7 @@ from synthetic_log import similar_log, synthetic_log
 
 from proxops.diagrams import plots
 from proxops.diagrams.flight_log import FlightLog
-from proxops.diagrams.meshcat_scene import WHO_FLIES
+from proxops.diagrams.who_flies import colour_of
 from proxops.systems.ellipsoid import clearances
 
 
@@ -104,7 +104,7 @@ def test_path(log: FlightLog, ax: Axes, plane: str, axes: list[int]) -> None:
     np.testing.assert_allclose(segments[:, 0], expected[:-1])
     np.testing.assert_allclose(segments[:, 1], expected[1:])
     flies = log.dataset["decision"].values[:-1]
-    colours = [WHO_FLIES[int(who)][1] for who in flies]
+    colours = [colour_of(int(who)) for who in flies]
     np.testing.assert_allclose(path.get_colors()[:, :3], colours)
     goal = np.concatenate(curve(ax, -1))
     np.testing.assert_allclose(goal, log.dataset["target"].values[0, axes] / 1e3)

@@ -1,6 +1,7 @@
-"""The README's Python on logs and training data runs as it is printed."""
+"""What the README prints runs: its Python as it stands, its commands in brief form."""
 
 import re
+import shlex
 import sys
 from pathlib import Path
 from typing import Any
@@ -8,11 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from contact_binary import contact_binary
 from flight_folders import copy_flights
 from known_policies import DeadReckoning, write_policy
 from synthetic_log import synthetic_log
+from typer.main import get_command
 
-from proxops.cli.main import main
+from proxops.cli.main import app, main
 
 FLAGS = re.DOTALL | re.MULTILINE
 README = (Path(__file__).parents[1] / "README.md").read_text()
@@ -86,24 +89,6 @@ def test_matlab_dimensions_are_reversed(working_folder: Path) -> None:
             assert variable.dtype.kind == "f"
 
 
-@pytest.mark.slow
-def test_evaluating_controllers(working_folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The command runs as it is printed, on one brief transit, and leaves what it says."""
-    write_policy(working_folder / "out" / "policy", DeadReckoning())
-    (section,) = re.findall(r"^## Evaluating controllers\n(.*?)(?=^## )", README, FLAGS)
-    (command,) = re.findall(r"^(proxops evaluate .*)$", section, re.MULTILINE)
-    short = command.replace("--transits 50", "--transits 1")
-    assert short != command
-    brief = "--workers 1 --set arrival.deadline_s=50 --set arrival.dwell_s=50"
-    monkeypatch.setattr(sys, "argv", f"{short} {brief}".split())
-    with pytest.raises(SystemExit) as end:
-        main()
-    assert not end.value.code
-    for line in re.findall(r"^\| (`.*?) \|", section, re.MULTILINE):
-        for name in re.findall("`(.*?)`", line):
-            assert (working_folder / "out" / "evaluation" / name).exists()
-
-
 def test_training_data(working_folder: Path) -> None:
     copy_flights(working_folder / "out").rename(working_folder / "out" / "flights")
     (code,) = snippets("Training data")
@@ -115,3 +100,83 @@ def test_training_data(working_folder: Path) -> None:
     assert names["hits"].shape == (count, 8, 128)
     assert names["force"].shape == (count, 8, 3)
     assert torch.isfinite(names["force"]).all()
+
+
+# --- commands -------------------------------------------------------------------------------------
+
+# Flights of 5 steps, in this process.
+BRIEF = ("--set", "arrival.deadline_s=50", "--set", "arrival.dwell_s=50")
+# Waits until it is interrupted.
+NEVER_ENDS = {"--meshcat"}
+# Have tests of their own, and take minutes.
+NOT_HERE = {"dagger", "reproduce"}
+
+
+def commands() -> list[str]:
+    """Every `proxops` command in a block without a language, in order."""
+    blocks = re.findall(r"^```\n(.*?)^```", README, FLAGS)
+    lines = "".join(blocks).replace("\\\n", " ").splitlines()
+    return [line for line in lines if line.startswith("proxops ")]
+
+
+def words_of(line: str) -> list[str]:
+    return shlex.split(line, comments=True)[1:]
+
+
+@pytest.mark.parametrize("line", commands())
+def test_commands_are_understood(line: str) -> None:
+    group: Any = get_command(app)
+    name, *arguments = words_of(line)
+    group.commands[name].make_context(name, arguments)
+
+
+def in_brief(words: list[str]) -> list[str]:
+    """The same on few and short flights, or little data."""
+    name, *rest = words
+    for number, word in enumerate(rest):
+        if word == "--transits" and name != "fly":
+            rest[number + 1] = "2" if name == "collect" else "1"
+    if name == "collect" and "--transits" not in rest:
+        rest += ["--transits", "2"]
+    if name in ("collect", "evaluate"):
+        rest += [*BRIEF, "--workers", "1"]
+    if name == "fly" and "--from" not in rest:
+        rest += BRIEF
+    if name in ("train", "train-lidar"):
+        rest += ["--quick"]
+    return [name, *rest]
+
+
+@pytest.mark.slow
+def test_every_command_in_brief(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """In the order in which they stand there, each in the folder that the ones before it leave."""
+    monkeypatch.chdir(tmp_path)
+    (yaml,) = re.findall(r"^```yaml\n(# heavy.yaml\n.*?)^```", README, FLAGS)
+    (tmp_path / "heavy.yaml").write_text(yaml)
+    (pilot,) = re.findall(r"^```python\n(# my_pilot.py\n.*?)^```", README, FLAGS)
+    (tmp_path / "my_pilot.py").write_text(pilot)
+    contact_binary(500.0, 2).export(tmp_path / "scan.stl")
+    write_policy(tmp_path / "out" / "policy", DeadReckoning())
+    copy_flights(tmp_path)
+    (tmp_path / "out" / "flight").mkdir(parents=True)
+    synthetic_log(20).to_netcdf(tmp_path / "out" / "flight" / "flight.nc")  # `make fly` leaves it.
+    run_already = set()
+    for line in commands():
+        words = words_of(line)
+        if words[0] in NOT_HERE or NEVER_ENDS & set(words):
+            continue
+        if words[0] == "train":
+            words[1] = str(tmp_path)
+        brief = in_brief(words)
+        monkeypatch.setattr(sys, "argv", ["proxops", *brief])
+        with pytest.raises(SystemExit) as end:
+            main()
+        assert not end.value.code, (line, capfd.readouterr().err)
+        run_already.add(words[0])
+    assert run_already >= {"fly", "replay", "evaluate", "collect", "shape", "train", "train-lidar"}
+    (section,) = re.findall(r"^## Evaluating controllers\n(.*?)(?=^## )", README, FLAGS)
+    for row in re.findall(r"^\| (`.*?) \|", section, re.MULTILINE):
+        for name in re.findall("`(.*?)`", row):
+            assert (tmp_path / "out" / "evaluation" / name).exists()

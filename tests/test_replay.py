@@ -1,11 +1,13 @@
 """A replay is one HTML page that needs nothing else and holds the flight that is in the log."""
 
 import base64
+import json
 import os
 import re
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,6 +17,7 @@ from synthetic_log import similar_log, synthetic_log
 
 from proxops.diagrams import replay
 from proxops.diagrams.body import Body, BodyConfig
+from proxops.diagrams.camera_views import viewpoints
 from proxops.diagrams.flight_log import FlightLog
 from proxops.diagrams.meshcat_scene import (
     Scene,
@@ -76,14 +79,77 @@ def test_page_needs_no_network(page: str) -> None:
 
 
 def test_page_is_small(page: str) -> None:
-    assert 2.0e6 < len(page.encode()) < 4.0e6
+    """4 MB for 80 minutes; 10 MB are allowed for 90."""
+    assert 2.0e6 < len(page.encode()) < 4.2e6
 
 
 def test_page_says_what_it_shows(page: str) -> None:
     assert "<title>Kleopatra, hybrid</title>" in page
-    legend = page[page.index('id="legend"') :]
+    panel = page[page.index('id="panel"') :]
     for text in ("MPC flies", "policy flies", "thrust", "lidar returns", "goal", "160 times"):
-        assert text in legend
+        assert text in panel
+    assert "safety filter" not in panel
+
+
+def known(page: str) -> dict[str, Any]:
+    """What the panel's script knows of the flight."""
+    (content,) = re.findall(r"const flight = (\{.*\});", page)
+    return json.loads(content)
+
+
+def test_panel_knows_the_flight(log: FlightLog, page: str) -> None:
+    told, data = known(page), log.dataset
+    np.testing.assert_allclose(told["time"], data["time"])
+    speed = (data["state"].values[:, 3:] ** 2).sum(axis=1) ** 0.5
+    np.testing.assert_allclose(told["velocity"], speed, atol=6e-4)
+    thrust = (data["force"].values[:-1] ** 2).sum(axis=1) ** 0.5
+    np.testing.assert_allclose(told["thrust"], [*thrust, 0.0], atol=6e-4)
+    assert told["range"][-1] == 0.0
+    # The synthetic path keeps outside, by what the figures of merit say it does.
+    assert min(told["clearance"]) == pytest.approx(log.summary["min_clearance_m"], abs=50.0)
+    decisions = data["decision"].values
+    assert told["who"] == [*decisions[:-1], decisions[-2]]
+
+
+def test_strip_shows_each_stretch(page: str) -> None:
+    """200 s by the MPC, 400 s by the policy, of 4800 s, and so on."""
+    (strip,) = re.findall(r"linear-gradient\(to right, ([^)]*)\)", page)
+    pieces = [piece.split() for piece in strip.split(", ")]
+    assert len(pieces) == 16
+    assert [colour for colour, _, _ in pieces] == 8 * [pieces[0][0], pieces[1][0]]
+    ends = [float(end.rstrip("%")) for _, _, end in pieces]
+    np.testing.assert_allclose(
+        ends, sorted([*range(0, 48, 6), *range(2, 50, 6), 48])[1:] / np.array(0.48), atol=0.01
+    )
+
+
+def test_filter_has_a_colour_of_its_own(log: FlightLog, tmp_path: Path) -> None:
+    """Where runtime assurance changed the command by more than a thousandth of a newton."""
+    changes = np.zeros(len(log.dataset["time"]))
+    changes[100:140], changes[200:240] = 0.5, 0.0005
+    filtered = FlightLog(log.dataset.assign(intervention=("time", changes)), log.body)
+    replay.write_replay(filtered, tmp_path / "replay.html")
+    page = (tmp_path / "replay.html").read_text(encoding="utf-8")
+    told = known(page)
+    names = [told["names"][str(who)][0] for who in told["who"]]
+    assert set(names[100:140]) == {"safety filter"}
+    assert "safety filter" not in names[:100] + names[140:]
+    assert len({colour for _, colour in told["names"].values()}) == 3
+    assert "safety filter flies" in page
+
+
+def test_views_fit_body_and_path(log: FlightLog) -> None:
+    """Everything lies within the picture's height, of 40 degrees, whatever the view."""
+    positions = log.dataset["state"].values[:, :3]
+    everything = np.vstack([positions, log.body.shape.vertices])
+    for view in viewpoints(log.body, positions).values():
+        ahead = (view.target - view.eye) / np.linalg.norm(view.target - view.eye)
+        depth = (everything - view.eye) @ ahead
+        right = np.cross(ahead, [0.0, 0.0, 1.0])
+        up = np.cross(right / np.linalg.norm(right), ahead)
+        tangent = np.abs((everything - view.eye) @ up) / depth
+        assert depth.min() > 0.0
+        assert tangent.max() < np.tan(np.radians(20.0))
 
 
 def test_names_in_the_log_are_text_not_markup(tmp_path: Path) -> None:

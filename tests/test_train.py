@@ -142,7 +142,8 @@ def test_quick_command_writes_all_that_it_says(
     assert (out / "forces.png").read_bytes().startswith(b"\x89PNG")
     first = (out / "curves" / "policy.csv").read_text()
     assert len(first.splitlines()) == 1 + quick(Settings()).schedule.epochs
-    assert proxops(*arguments) == 0  # What is finished stays as it is.
+    assert proxops(*arguments, "--json") == 0  # What is finished stays as it is.
+    assert json.loads(capfd.readouterr().out) == json.loads((out / "report.json").read_text())
     assert (out / "curves" / "policy.csv").read_text() == first
     assert proxops(*arguments, "--seed", "1") == 2
     assert "give another output folder" in capfd.readouterr().err

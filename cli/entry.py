@@ -1,0 +1,17 @@
+"""Where `proxops` begins: before the seconds that imports take, so that Ctrl-C ends these too."""
+
+import sys
+
+
+def main() -> None:
+    """Runs `proxops.cli.main.main`."""
+    try:
+        from proxops.cli.main import main as run
+    except KeyboardInterrupt:
+        print("proxops: interrupted", file=sys.stderr)
+        sys.exit(130)
+    run()
+
+
+if __name__ == "__main__":
+    main()
