@@ -1,0 +1,97 @@
+"""Collecting, evaluating and the whole reproduction: on a cluster as in one process."""
+
+import json
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from dask.distributed import LocalCluster
+from known_policies import DeadReckoning, write_policy
+from short_flights import BRIEF, short_scenario
+
+from proxops.diagrams.scenario import Scenario
+from proxops.training.collecting import collect
+from proxops.training.reproduction import Settings, reproduce
+from proxops.training.reproduction_flights import Variant, evaluate, variants
+
+pytestmark = pytest.mark.slow
+
+WALL_TIMES = {"wall_s", "control_ms_median", "control_ms_p99", "control_ms_mean"}
+WALL_TIMES |= {f"{name}_s{end}" for name in ("solve", "policy", "decision")
+               for end in ("", "_median")}  # fmt: skip
+MIX = {"nominal": 1, "noise": 1}
+
+
+def brief() -> Scenario:
+    return short_scenario(**BRIEF)
+
+
+def plain(value: Any) -> Any:
+    """Without what a clock measured, and what depends on it: logs hold their wall times."""
+    if isinstance(value, dict):
+        left = WALL_TIMES | {"sha256", "bytes"}
+        return {key: plain(each) for key, each in value.items() if key not in left}
+    return [plain(each) for each in value] if isinstance(value, list) else value
+
+
+@pytest.fixture(scope="module")
+def scheduler() -> Iterator[str]:
+    """Address of a cluster of two processes."""
+    with LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0"
+    ) as cluster:
+        yield cluster.scheduler_address
+
+
+def test_collect_on_a_cluster(scheduler: str, tmp_path: Path) -> None:
+    alone, _ = collect(brief(), MIX, 5, 4, tmp_path / "alone", workers=1)
+    together, _ = collect(brief(), MIX, 5, 4, tmp_path / "together", scheduler=scheduler)
+    assert plain(together) == plain(alone)
+    assert [flight["kind"] for flight in alone["flights"]].count("noise") == 2
+
+
+def test_evaluate_on_a_cluster(scheduler: str, tmp_path: Path) -> None:
+    flown = [Variant("mpc", "mpc"), Variant("zero", "zero"), Variant("pd", "pd", assured=True)]
+    alone = evaluate(flown, brief(), 10_000, 3, tmp_path / "alone", workers=1)
+    together = evaluate(flown, brief(), 10_000, 3, tmp_path / "together", scheduler=scheduler)
+    assert plain(together) == plain(alone)
+    assert [row["transit"] for row in together["pd"]["flights"]] == [0, 1, 2]
+
+
+@pytest.fixture(scope="module")
+def bundle(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_policy(tmp_path_factory.mktemp("policy") / "bundle", DeadReckoning())
+
+
+@pytest.fixture(scope="module")
+def reproduced(bundle: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Any]:
+    out = tmp_path_factory.mktemp("reproduced")
+    wanted = short_scenario(**BRIEF, policy__bundle=str(bundle))
+    return out, reproduce(wanted, out, Settings(transits=2, along=1), workers=1)
+
+
+def test_report_says_what_was_not_run(reproduced: tuple[Path, Any], bundle: Path) -> None:
+    out, report = reproduced
+    assert "policy-paper" in report["not_run"]
+    assert "Not run" in (out / "report.md").read_text()
+    assert list(report["controllers"]) == [each.name for each in variants(bundle, None)]
+    assert json.loads((out / "report.json").read_text())["not_run"] == report["not_run"]
+
+
+def test_report_asks_nothing_of_a_network(reproduced: tuple[Path, Any]) -> None:
+    page = (reproduced[0] / "report.html").read_text()
+    assert page.count("<iframe") == 1
+    for name in ("report.html", "figures/paths.html", "figures/effort-hybrid-adaptive.png"):
+        assert (reproduced[0] / name).stat().st_size > 10_000
+
+
+def test_run_again_it_flies_nothing(reproduced: tuple[Path, Any], bundle: Path) -> None:
+    out, before = reproduced
+    flown = {path: path.stat().st_mtime_ns for path in out.glob("*-*/*.json")}
+    wanted = short_scenario(**BRIEF, policy__bundle=os.fspath(bundle))
+    again = reproduce(wanted, out, Settings(transits=2, along=1), workers=1)
+    assert all(stage["skipped"] for stage in again["stages"])
+    assert again["controllers"] == before["controllers"]
+    assert {path: path.stat().st_mtime_ns for path in out.glob("*-*/*.json")} == flown
