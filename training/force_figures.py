@@ -76,8 +76,8 @@ _INTRODUCTION = (
 )
 
 
-def report_markdown(report: Figures) -> str:
-    """The report of a training as a Markdown page."""
+def report_markdown(report: Figures, *, pictures: bool = True) -> str:
+    """The report of a training as a Markdown page, with forces.png or without."""
     run = report["training"]
     head = [
         "part", "flights", "steps", "RMSE (N)", "x", "y", "z", "always zero: RMSE (N)", "x", "y",
@@ -99,11 +99,14 @@ def report_markdown(report: Figures) -> str:
         f"| {' | '.join(head)} |",
         "|---" + "|---:" * (len(head) - 1) + "|",
         *(f"| {' | '.join(line)} |" for line in lines),
-        "",
-        f"Steps of the test part by force, colours up to {_MOST_SHOWN}:",
-        "",
-        "![actual against predicted force](forces.png)",
     ]
+    if pictures:
+        text += [
+            "",
+            f"Steps of the test part by force, colours up to {_MOST_SHOWN}:",
+            "",
+            "![actual against predicted force](forces.png)",
+        ]
     return "\n".join(text) + "\n"
 
 

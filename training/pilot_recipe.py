@@ -14,6 +14,7 @@ from torch import Tensor
 from proxops.diagrams.scenario import Scenario, parse_scenario
 from proxops.systems.errors import InputError
 from proxops.training.expert_plans import expert_plans
+from proxops.training.force_figures import report_markdown
 from proxops.training.label_files import Labels
 from proxops.training.lidar_hits import HitSelection
 from proxops.training.packed_flights import PackedFlights
@@ -258,6 +259,7 @@ def export_pilot(
         estimates=True,
         data_sha256=data_sha256,
         metrics={"parts": report["parts"]},
+        report=report_markdown(report, pictures=False),
     )
 
 

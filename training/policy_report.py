@@ -90,6 +90,7 @@ def export_recipe(
     estimates: bool,
     data_sha256: str,
     metrics: dict[str, Any],
+    report: str | None = None,
 ) -> None:
     """Exports a policy for the lidar, body and spacecraft of the flights; see `export_policy`."""
     setting = flights.setting
@@ -110,4 +111,4 @@ def export_recipe(
     rows = np.arange(first.start, first.start + min(first.steps, _CHECKED_STEPS))
     frames = flights.frames(rows).reshape(len(rows), -1)
     example = (frames, flights.target[rows], flights.applied_force[rows])
-    export_policy(policy, folder, facts, [example])
+    export_policy(policy, folder, facts, [example], report)
