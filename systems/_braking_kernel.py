@@ -6,8 +6,8 @@ Arguments that most functions share:
 * ``world`` (9,): see the indices below.
 * ``r``, ``v``: position (3,) in m and velocity (3,) in m/s in K; ``u``: thrust acceleration (3,).
 
-All of it is in one file: numba's cache on disk looks at no other file than a function's own, and what
-is compiled holds what it calls, inlined or not. After a change in another file the old would fly on.
+All of it is in one file: numba's cache on disk looks at no other file than a function's own, and
+what is compiled holds what it calls, inlined or not. After a change elsewhere the old would fly on.
 """
 
 import math
