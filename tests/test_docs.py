@@ -108,7 +108,10 @@ def commands() -> list[tuple[str, str]]:
     """Page and line of every command in a block without a language."""
     found = []
     for page, text in PAGES.items():
-        for block in re.findall(r"^```\n(.*?)^```", text, re.DOTALL | re.MULTILINE):
+        # Closing fences are matched too, or they would be taken for opening ones.
+        for language, block in re.findall(r"^```(\w*)\n(.*?)^```$", text, re.DOTALL | re.MULTILINE):
+            if language:
+                continue
             lines = block.replace("\\\n", " ").splitlines()
             found += [(page, line) for line in lines if line.startswith("proxops ")]
     return found

@@ -114,8 +114,11 @@ NOT_HERE = {"dagger", "reproduce"}
 
 def commands() -> list[str]:
     """Every `proxops` command in a block without a language, in order."""
-    blocks = re.findall(r"^```\n(.*?)^```", README, FLAGS)
-    lines = "".join(blocks).replace("\\\n", " ").splitlines()
+    # Closing fences are matched too, or they would be taken for opening ones.
+    blocks = re.findall(r"^```(\w*)\n(.*?)^```$", README, FLAGS)
+    lines = (
+        "".join(text for language, text in blocks if not language).replace("\\\n", " ").splitlines()
+    )
     return [line for line in lines if line.startswith("proxops ")]
 
 
@@ -136,8 +139,8 @@ def in_brief(words: list[str]) -> list[str]:
     for number, word in enumerate(rest):
         if word == "--transits" and name != "fly":
             rest[number + 1] = "2" if name == "collect" else "1"
-    if name == "collect" and "--transits" not in rest:
-        rest += ["--transits", "2"]
+    if name in ("collect", "evaluate") and "--transits" not in rest:
+        rest += ["--transits", "2" if name == "collect" else "1"]
     if name in ("collect", "evaluate"):
         rest += [*BRIEF, "--workers", "1"]
     if name == "fly" and "--from" not in rest:
