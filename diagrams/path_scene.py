@@ -12,13 +12,13 @@ from collections.abc import Mapping
 import numpy as np
 from pydrake.geometry import Rgba, Sphere
 
+from proxops.diagrams.camera_views import look_at_flight
 from proxops.diagrams.flight_log import FlightLog
 from proxops.diagrams.meshcat_scene import (
     Scene,
     add_body,
     add_goal,
     add_keep_out,
-    look_at_flight,
     prepare_scene,
     quiet_meshcat,
     set_mesh,

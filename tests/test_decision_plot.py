@@ -47,8 +47,8 @@ def test_who_flies_fills_the_strip(log: FlightLog) -> None:
     lengths = {}
     for artist in strip.collections:
         assert isinstance(artist, PolyCollection)
-        spans = [np.ptp(path.vertices[:, 0]) for path in artist.get_paths()]
-        lengths[to_rgb(artist.get_facecolor()[0])] = 60.0 * sum(spans)
+        spans = [np.ptp(np.asarray(path.vertices)[:, 0]) for path in artist.get_paths()]
+        lengths[tuple(np.asarray(artist.get_facecolor())[0, :3])] = 60.0 * sum(spans)
     assert lengths == pytest.approx(
         {colour_of(1): 1200.0, colour_of(2): 2400.0, colour_of(FILTER): 1200.0}
     )
@@ -56,7 +56,9 @@ def test_who_flies_fills_the_strip(log: FlightLog) -> None:
 
 def test_changes_of_the_command(log: FlightLog) -> None:
     (steps,) = (each for each in plot_decisions(log).axes[3].patches if isinstance(each, StepPatch))
-    np.testing.assert_array_equal(steps.get_data().values, log.dataset["intervention"].values[:-1])
+    np.testing.assert_array_equal(
+        np.asarray(steps.get_data()[0]), log.dataset["intervention"].values[:-1]
+    )
 
 
 def test_what_is_not_in_the_log_is_left_out(log: FlightLog) -> None:

@@ -39,10 +39,11 @@ def plain(value: Any) -> Any:
 @pytest.fixture(scope="module")
 def scheduler() -> Iterator[str]:
     """Address of a cluster of two processes."""
-    with LocalCluster(
+    cluster = LocalCluster(
         n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0"
-    ) as cluster:
-        yield cluster.scheduler_address
+    )
+    yield cluster.scheduler_address
+    cluster.close()
 
 
 def test_collect_on_a_cluster(scheduler: str, tmp_path: Path) -> None:
