@@ -1,8 +1,9 @@
 """The figure of decisions shows what is in the log, and no more."""
 
+from typing import Any
+
 import numpy as np
 import pytest
-from matplotlib.collections import PolyCollection
 from matplotlib.colors import to_rgb
 from matplotlib.patches import StepPatch
 from synthetic_log import synthetic_log
@@ -30,7 +31,8 @@ def log() -> FlightLog:
 
 def test_checks_and_their_limits(log: FlightLog) -> None:
     _, difference, angle, _ = plot_decisions(log).axes
-    agree, differ, limit = difference.lines
+    lines: list[Any] = list(difference.lines)
+    agree, differ, limit = lines
     minutes = np.arange(0, 481, 10) / 6.0
     np.testing.assert_allclose(np.asarray(agree.get_xdata()), minutes[:10])
     np.testing.assert_allclose(np.asarray(differ.get_xdata()), minutes[10:])
@@ -45,20 +47,19 @@ def test_who_flies_fills_the_strip(log: FlightLog) -> None:
     """Each step once: every fourth is the filter's, of the others the MPC has 200 s of 600."""
     strip = plot_decisions(log).axes[0]
     lengths = {}
-    for artist in strip.collections:
-        assert isinstance(artist, PolyCollection)
-        spans = [np.ptp(np.asarray(path.vertices)[:, 0]) for path in artist.get_paths()]
-        lengths[tuple(np.asarray(artist.get_facecolor())[0, :3])] = 60.0 * sum(spans)
+    artists: list[Any] = list(strip.collections)
+    for artist in artists:
+        spans = [np.ptp(path.vertices[:, 0]) for path in artist.get_paths()]
+        lengths[to_rgb(artist.get_facecolor()[0])] = 60.0 * sum(spans)
     assert lengths == pytest.approx(
         {colour_of(1): 1200.0, colour_of(2): 2400.0, colour_of(FILTER): 1200.0}
     )
 
 
 def test_changes_of_the_command(log: FlightLog) -> None:
+    steps: Any
     (steps,) = (each for each in plot_decisions(log).axes[3].patches if isinstance(each, StepPatch))
-    np.testing.assert_array_equal(
-        np.asarray(steps.get_data()[0]), log.dataset["intervention"].values[:-1]
-    )
+    np.testing.assert_array_equal(steps.get_data().values, log.dataset["intervention"].values[:-1])
 
 
 def test_what_is_not_in_the_log_is_left_out(log: FlightLog) -> None:

@@ -1,5 +1,7 @@
 """The picture of the learned surface shows the field's zero level and the mesh's outline."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from matplotlib.axes import Axes
@@ -17,6 +19,7 @@ PLANES = [("xy", 0, 1), ("xz", 0, 2), ("yz", 1, 2)]
 
 def drawn(ax: Axes, kind: type) -> np.ndarray:
     """All vertices (N, 2) that collections of a kind draw."""
+    found: Any
     (found,) = [artist for artist in ax.collections if type(artist) is kind]
     return np.concatenate([path.vertices for path in found.get_paths()])
 
