@@ -29,8 +29,8 @@ class CheckSchedule:
 
     so that forces that only just agree are checked as often as by the fixed period, and equal ones
     as seldom as may be. Forces may agree by chance, where one crosses the other, so trust is
-    earned: no period is more than twice the last one or `check_period`, whichever is longer. After a
-    disagreement too it is `check_period`: what the MPC has planned at the check flies. It is never
+    earned: no period is more than twice the last one or `check_period`, whichever is longer. After
+    a disagreement too it is `check_period`: what the MPC has planned at the check flies. It is never
     longer than `longest`, nor than the steps after which the spacecraft, whatever its thrusters do,
     can still be braked before the keep-out ellipsoid (`reach_time`); only a period of one step, the
     next, is never refused.
