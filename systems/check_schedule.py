@@ -30,10 +30,10 @@ class CheckSchedule:
     so that forces that only just agree are checked as often as by the fixed period, and equal ones
     as seldom as may be. Forces may agree by chance, where one crosses the other, so trust is
     earned: no period is more than twice the last one or `check_period`, whichever is longer. After
-    a disagreement too it is `check_period`: what the MPC has planned at the check flies. It is never
-    longer than `longest`, nor than the steps after which the spacecraft, whatever its thrusters do,
-    can still be braked before the keep-out ellipsoid (`reach_time`); only a period of one step, the
-    next, is never refused.
+    a disagreement too it is `check_period`: what the MPC has planned at the check flies. It is
+    never longer than `longest`, nor than the steps after which the spacecraft, whatever its
+    thrusters do, can still be braked before the keep-out ellipsoid (`reach_time`); only a period of
+    one step, the next, is never refused.
     """
 
     rule: PeriodRule = PeriodRule.FIXED
@@ -41,7 +41,7 @@ class CheckSchedule:
     longest: int = 100
 
     def __post_init__(self) -> None:
-        """Raises `InputError` for an unknown rule, or periods that are not 1 <= ... <= longest."""
+        """Raises `InputError` for an unknown rule, or periods below 1."""
         if self.rule not in list(PeriodRule):
             raise InputError(f"a period rule is {', '.join(PeriodRule)}; got {self.rule!r}")
         if not (self.check_period >= 1 and self.longest >= 1):
