@@ -25,13 +25,15 @@ class CheckSchedule:
     `adaptive`: with d the difference of both forces over the gate's limit, at most 1, the period
     after an agreement is::
 
-        check_period + (1 - d) (longest - check_period)
+        check_period + (1 - d^2) (longest - check_period)
 
     so that forces that only just agree are checked as often as by the fixed period, and equal ones
-    as seldom as may be. After a disagreement too it is `check_period`: what the MPC has planned at
-    the check flies. It is never longer than `longest`, nor than the steps after which the
-    spacecraft, whatever its thrusters do, can still be braked before the keep-out ellipsoid
-    (`reach_time`); only a period of one step, the next, is never refused.
+    as seldom as may be. Forces may agree by chance, where one crosses the other, so trust is
+    earned: no period is more than twice the last one or `check_period`, whichever is longer. After
+    a disagreement too it is `check_period`: what the MPC has planned at the check flies. It is
+    never longer than `longest`, nor than the steps after which the spacecraft, whatever its
+    thrusters do, can still be braked before the keep-out ellipsoid (`reach_time`); only a period of
+    one step, the next, is never refused.
     """
 
     rule: PeriodRule = PeriodRule.FIXED
@@ -39,7 +41,7 @@ class CheckSchedule:
     longest: int = 100
 
     def __post_init__(self) -> None:
-        """Raises `InputError` for an unknown rule, or periods that are not 1 <= ... <= longest."""
+        """Raises `InputError` for an unknown rule, or periods below 1."""
         if self.rule not in list(PeriodRule):
             raise InputError(f"a period rule is {', '.join(PeriodRule)}; got {self.rule!r}")
         if not (self.check_period >= 1 and self.longest >= 1):
@@ -48,11 +50,11 @@ class CheckSchedule:
                 f"{self.check_period} and {self.longest} steps"
             )
 
-    def next_period(self, agreement: Agreement, limit: float, steps_in_hand: int) -> int:
+    def next_period(self, last: int, agreement: Agreement, limit: float, steps_in_hand: int) -> int:
         """The period after a check, in steps: at least 1.
 
         Args:
-          limit: of the forces' difference, in N.
+          last: the period before. limit: of the forces' difference, in N.
           steps_in_hand: after which, whatever the thrusters do, braking is still possible.
         """
         if self.rule == PeriodRule.FIXED:
@@ -60,5 +62,6 @@ class CheckSchedule:
         used = 1.0
         if agreement.agrees and limit > 0.0:
             used = min(agreement.difference / limit, 1.0)
-        period = self.check_period + int((1.0 - used) * (self.longest - self.check_period))
-        return max(1, min(period, self.longest, steps_in_hand))
+        period = self.check_period + int((1.0 - used**2) * (self.longest - self.check_period))
+        trusted = 2 * max(last, self.check_period)
+        return max(1, min(period, trusted, self.longest, steps_in_hand))

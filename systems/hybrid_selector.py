@@ -48,6 +48,8 @@ class Decision(NamedTuple):
     """Of the keep-out ellipsoid in m at a check; NaN otherwise."""
     left: int
     """Steps from this one to the next check."""
+    period: int
+    """From the last check to the next, in steps."""
     pilot_until_check: int
     wall_time: float
     """In s, of deciding: neither the MPC's nor the policy's."""
@@ -72,7 +74,7 @@ class HybridSelector(LeafSystem):
     next check is, says the `CheckSchedule`.
 
     `mpc_wanted` depends on this system's own discrete state only: steps left to the next check,
-    and who flies until then. It is to drive the MPC's `enable`. `mpc_force` is
+    who flies until then, and the period. It is to drive the MPC's `enable`. `mpc_force` is
     evaluated only at steps where it is 1, `state` only at checks: whatever reads the outputs, the
     MPC solves no more than that.
 
@@ -104,10 +106,10 @@ class HybridSelector(LeafSystem):
         self._planned_port = self.DeclareVectorInputPort(name="planned_force", size=3)
         self._policy_port = self.DeclareVectorInputPort(name="policy_force", size=3)
         self._state_port = self.DeclareVectorInputPort(name="state", size=6)
-        # Steps to the next check, and who flies until then.
-        self._memory = self.DeclareDiscreteState(BasicVector([0.0, BY_MPC]))
+        # Steps to the next check, who flies until then, and the period.
+        self._memory = self.DeclareDiscreteState(BasicVector([0.0, BY_MPC, 0.0]))
         nothing = Decision(
-            np.zeros(3), BY_MPC, DecisionReason.CHECK_AGREED, None, np.nan, 0, BY_MPC, 0.0
+            np.zeros(3), BY_MPC, DecisionReason.CHECK_AGREED, None, np.nan, 0, 0, BY_MPC, 0.0
         )
         # One entry for all outputs and the update, so that one step is decided once.
         self._choice = self.DeclareCacheEntry(
@@ -139,19 +141,21 @@ class HybridSelector(LeafSystem):
         )
 
     def _calc_choice(self, context, value):
-        left, pilot = context.get_discrete_state(self._memory).value()
+        left, pilot, last = context.get_discrete_state(self._memory).value()
         policy_force = self._policy_port.Eval(context)
         if left > 0 and pilot == BY_POLICY:
             reason = DecisionReason.POLICY_AGREED_BEFORE
             choice = Decision(
-                policy_force, BY_POLICY, reason, None, np.nan, int(left), BY_POLICY, 0.0
+                policy_force, BY_POLICY, reason, None, np.nan, int(left), int(last), BY_POLICY, 0.0
             )
             value.set_value(choice)
             return
         if not self._wanted(left, pilot):
             reason = DecisionReason.PLAN_FLOWN_ON
             planned = self._planned_port.Eval(context)
-            value.set_value(Decision(planned, BY_MPC, reason, None, np.nan, int(left), BY_MPC, 0.0))
+            value.set_value(
+                Decision(planned, BY_MPC, reason, None, np.nan, int(left), int(last), BY_MPC, 0.0)
+            )
             return
         mpc_force = self._mpc_port.Eval(context)
         state = self._state_port.Eval(context) if left == 0 else None
@@ -160,24 +164,26 @@ class HybridSelector(LeafSystem):
         if state is None:
             choice = Decision(
                 mpc_force, BY_MPC, DecisionReason.POLICY_DISAGREED_BEFORE, agreement, np.nan,
-                int(left), BY_MPC, 0.0,
+                int(left), int(last), BY_MPC, 0.0,
             )  # fmt: skip
         else:
-            choice = self._check(mpc_force, agreement, state)
+            choice = self._check(mpc_force, agreement, state, int(last))
         value.set_value(choice._replace(wall_time=time.perf_counter() - started))
 
     def _wanted(self, left: float, pilot: float) -> bool:
         """Whether the MPC is asked at a step."""
         return left == 0 or (pilot == BY_MPC and self.schedule.rule == PeriodRule.FIXED)
 
-    def _check(self, mpc_force: np.ndarray, agreement: Agreement, state: np.ndarray) -> Decision:
+    def _check(
+        self, mpc_force: np.ndarray, agreement: Agreement, state: np.ndarray, last: int
+    ) -> Decision:
         steps = 0
         if self.schedule.rule == PeriodRule.ADAPTIVE:
             steps = self.reach.steps_out_of_reach(
                 state, self.period, self.schedule.longest, self.position_error,
                 self.velocity_error, stopping=True,
             )  # fmt: skip
-        period = self.schedule.next_period(agreement, self.gate.magnitude, steps)
+        period = self.schedule.next_period(last, agreement, self.gate.magnitude, steps)
         agrees = agreement.agrees
         return Decision(
             mpc_force,
@@ -185,6 +191,7 @@ class HybridSelector(LeafSystem):
             DecisionReason.CHECK_AGREED if agrees else DecisionReason.CHECK_DISAGREED,
             agreement,
             float(clearances(self.reach.semi_axes, state[None, :3])[0]),
+            period,
             period,
             BY_POLICY if agrees else BY_MPC,
             0.0,
@@ -194,11 +201,11 @@ class HybridSelector(LeafSystem):
         output.SetFromVector(self._choice.Eval(context).force)
 
     def _calc_wanted(self, context, output):
-        left, pilot = context.get_discrete_state(self._memory).value()
+        left, pilot, _ = context.get_discrete_state(self._memory).value()
         output.SetFromVector([float(self._wanted(left, pilot))])
 
     def _calc_decision(self, context, output):
-        left, pilot = context.get_discrete_state(self._memory).value()
+        left, pilot, _ = context.get_discrete_state(self._memory).value()
         output.SetFromVector([float(BY_MPC if left == 0 else pilot)])
 
     def _calc_record(self, context, output):
@@ -213,5 +220,5 @@ class HybridSelector(LeafSystem):
 
     def _remember(self, context, discrete_state):
         choice = self._choice.Eval(context)
-        memory = [choice.left - 1.0, choice.pilot_until_check]
+        memory = [choice.left - 1.0, choice.pilot_until_check, choice.period]
         discrete_state.set_value(self._memory, memory)

@@ -139,17 +139,17 @@ def test_after_a_failed_check_the_mpc_flies_until_the_next() -> None:
 def test_adaptive_period() -> None:
     """Equal forces, then some half a limit apart, one that disagrees, and equal ones again."""
     schedule = CheckSchedule(PeriodRule.ADAPTIVE, check_period=4, longest=30)
-    policy = {30: 2.5, 47: -2.0}
-    columns, experts, _ = flown(90, lambda k: 2.0, lambda k: policy.get(k, 2.0), schedule)
-    checks = [0, 30, 47, 51, 81]
+    policy = {54: 2.5, 77: -2.0}
+    columns, experts, _ = flown(120, lambda k: 2.0, lambda k: policy.get(k, 2.0), schedule)
+    checks = [0, 8, 24, 54, 77, 81, 89, 105]
     assert np.flatnonzero(np.isfinite(columns["record"][:, 4])).tolist() == checks
     assert experts.asked == np.flatnonzero(columns["mpc_wanted"]).tolist() == checks
-    assert columns["record"][checks, 5].tolist() == [30, 17, 4, 30, 30]
+    assert columns["record"][checks, 5].tolist() == [8, 16, 30, 23, 4, 8, 16, 30]
     # After the disagreement the MPC flies by its plan, and is not asked.
-    assert np.flatnonzero(columns["decision"] == 1).tolist() == sorted([*checks, 48, 49, 50])
-    assert columns["force"][47:52, 0].tolist() == [2.0, 148.0, 149.0, 150.0, 2.0]
+    assert np.flatnonzero(columns["decision"] == 1).tolist() == sorted([*checks, 78, 79, 80])
+    assert columns["force"][77:82, 0].tolist() == [2.0, 178.0, 179.0, 180.0, 2.0]
     np.testing.assert_array_equal(
-        columns["record"][48:51, :5], [[DecisionReason.PLAN_FLOWN_ON, *[np.nan] * 4]] * 3
+        columns["record"][78:81, :5], [[DecisionReason.PLAN_FLOWN_ON, *[np.nan] * 4]] * 3
     )
 
 
@@ -158,12 +158,12 @@ def test_adaptive_leaves_room_to_brake(height: float) -> None:
     state = FAR.copy()
     state[2], state[5] = 65e3 + height, -5.0
     schedule = CheckSchedule(PeriodRule.ADAPTIVE, longest=60)
-    columns, _, _ = flown(130, lambda k: 2.0, lambda k: 2.0, schedule, state=state)
+    columns, _, _ = flown(200, lambda k: 2.0, lambda k: 2.0, schedule, state=state)
     periods = columns["record"][np.isfinite(columns["record"][:, 4]), 5]
     in_hand = reach().steps_out_of_reach(state, PERIOD, 60, stopping=True)
     assert periods.max() == max(1, in_hand)
     assert in_hand < reach().steps_out_of_reach(state, PERIOD, 60)
-    sure = flown(130, lambda k: 2.0, lambda k: 2.0, schedule, state=state, position_error=500.0)[0]
+    sure = flown(200, lambda k: 2.0, lambda k: 2.0, schedule, state=state, position_error=500.0)[0]
     assert np.isfinite(sure["record"][:, 4]).sum() >= len(periods)
 
 
