@@ -21,7 +21,8 @@ class PolicyStatus(IntEnum):
 
     ANSWERED = 0
     NOT_FINITE = 1
-    """The network's answer was not finite: no force is commanded, and its memory starts anew."""
+    """The network's answer was not finite, or it gave none: no force is commanded, and its memory
+    starts anew."""
 
 
 class PolicyAnswer(NamedTuple):
@@ -126,7 +127,10 @@ class NeuralPolicy(LeafSystem):
         applied_force = self._applied_port.Eval(context)
         memory = context.get_discrete_state(self._memory).value()
         started = time.perf_counter()
-        answer = run_network(self.bundle.session, ranges, target, applied_force, memory)
+        try:
+            answer = run_network(self.bundle.session, ranges, target, applied_force, memory)
+        except Exception:  # Of no common type; for instance an index that was made of NaN.
+            answer = np.full(3, np.nan), np.full(6, np.nan), memory
         wall_time = time.perf_counter() - started
         value.set_value(self._checked(*answer, wall_time))
 

@@ -36,7 +36,9 @@ class Counting(nn.Module):
 
 
 class NotANumber(Counting):
-    """As `Counting`, but each third step divides 0 by 0: the force's, or the memory's."""
+    """As `Counting`, but each third step divides 0 by 0: the force's, the memory's, or for an
+    index, which ONNX Runtime then refuses.
+    """
 
     def __init__(self, spoiled: str):
         super().__init__()
@@ -48,6 +50,9 @@ class NotANumber(Counting):
         one = left / left
         if self.spoiled == "force":
             return force * one, estimate, following
+        if self.spoiled == "index":
+            zeros = torch.zeros(3, 3)
+            return force + zeros[(0.0 * one[:, 0]).long()], estimate, following
         return force, estimate, following * one
 
 
