@@ -23,6 +23,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 from rich.table import Table
 from torch import Tensor
 
+from proxops.diagrams.campaign import file_label
 from proxops.diagrams.flight_log import write_whole
 from proxops.diagrams.scenario import load_scenario
 from proxops.training.evaluation_flights import fly_controllers
@@ -98,8 +99,7 @@ def bundles(data: PackedFlights, pilot: Path, dagger: Path, out: Path) -> dict[s
     kinds |= {f"and DAgger, round {k}": (Pilot, each) for k, each in enumerate(rounds, start=1)}
     folders = {}
     for label, (kind, folder) in kinds.items():
-        plain = "".join(letter if letter.isalnum() else "-" for letter in label)
-        folders[label] = out / "bundles" / plain
+        folders[label] = out / "bundles" / file_label(label)
         if not folders[label].exists():
             export_recipe(
                 variant(kind, folder), data, folders[label],

@@ -25,7 +25,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from proxops.diagrams.campaign import Row, run_campaign, transit_flights
+from proxops.diagrams.campaign import Flight, Row, file_label, run_groups, transit_flights
 from proxops.diagrams.flight_log import write_whole
 from proxops.diagrams.scenario import load_scenario
 
@@ -67,20 +67,13 @@ def fly_all(
     progress: Callable[[Row], None],
 ) -> dict[str, list[Row]]:
     """Each variant's rows in the order of the transits."""
-    flights = []
+    groups: dict[str, list[Flight]] = {variant: [] for variant in variants}
     for variant in variants:
-        label = "".join(letter if letter.isalnum() else "-" for letter in variant)
+        label = file_label(variant)
         scenario = load_scenario(None, VARIANTS[variant])
         for flight in transit_flights(scenario, "mpc", seed, count):
-            flights.append(dataclasses.replace(flight, name=f"{label}-{flight.name}"))
-    # All variants of a transit together: a campaign that was interrupted has something of each.
-    order = [k for index in range(count) for k in range(index, len(flights), count)]
-    found = run_campaign([flights[k] for k in order], folder, workers=workers, progress=progress)
-    rows = dict(zip(order, found, strict=True))
-    return {
-        variant: [rows[i * count + index] for index in range(count)]
-        for i, variant in enumerate(variants)
-    }
+            groups[variant].append(dataclasses.replace(flight, name=f"{label}-{flight.name}"))
+    return run_groups(groups, folder, workers=workers, progress=progress)
 
 
 def figures(rows: list[Row], matched: list[Row]) -> list[str]:

@@ -31,10 +31,11 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from proxops.assets import ASSETS
-from proxops.diagrams.campaign import Row, run_campaign, transit_flights
+from proxops.diagrams.campaign import Flight, Row, file_label, run_groups, transit_flights
 from proxops.diagrams.flight_log import write_whole
 from proxops.diagrams.scenario import load_scenario
 from proxops.systems.errors import InputError
+from proxops.training.evaluation import delta_v_pairs
 
 SHIPPED = ASSETS / "policy"
 MPC, POLICY = "MPC", "policy"
@@ -78,20 +79,15 @@ def fly_all(
     progress: Callable[[Row], None],
 ) -> dict[str, list[Row]]:
     """Each variant's rows in the order of the transits."""
-    flights = []
+    groups: dict[str, list[Flight]] = {variant: [] for variant in variants}
     for variant in variants:
-        label = "".join(letter if letter.isalnum() else "-" for letter in variant)
+        label = file_label(variant)
         scenario = load_scenario(None, {"log_ranges": False, **VARIANTS[variant]})
         for flight in transit_flights(scenario, controller_of(variant, bundle), seed, count):
-            flights.append(dataclasses.replace(flight, name=f"{label}-{seed}-{flight.name[-5:]}"))
-    # All variants of a transit together: a campaign that was interrupted has something of each.
-    order = [k for index in range(count) for k in range(index, len(flights), count)]
-    found = run_campaign([flights[k] for k in order], folder, workers=workers, progress=progress)
-    rows = dict(zip(order, found, strict=True))
-    return {
-        variant: [rows[i * count + index] for index in range(count)]
-        for i, variant in enumerate(variants)
-    }
+            groups[variant].append(
+                dataclasses.replace(flight, name=f"{label}-{seed}-{flight.name[-5:]}")
+            )
+    return run_groups(groups, folder, workers=workers, progress=progress)
 
 
 def solves_saved(rows: Sequence[Row]) -> float:
@@ -101,11 +97,7 @@ def solves_saved(rows: Sequence[Row]) -> float:
 
 def delta_v_ratios(rows: Sequence[Row], matched: Sequence[Row]) -> list[float]:
     """Δv over the MPC's, of the transits in which both arrived."""
-    return [
-        row["delta_v_m_s"] / best["delta_v_m_s"]
-        for row, best in zip(rows, matched, strict=True)
-        if row["success"] and best["success"]
-    ]
+    return [spent / best for spent, best in delta_v_pairs(rows, matched)]
 
 
 def figures(rows: Sequence[Row], matched: Sequence[Row]) -> list[str]:

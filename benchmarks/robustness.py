@@ -28,7 +28,7 @@ from rich.table import Table
 
 from proxops.assets import ASSETS
 from proxops.diagrams.body import Body, load_body
-from proxops.diagrams.campaign import Flight, Row, run_campaign, transit_flights
+from proxops.diagrams.campaign import Flight, Row, file_label, run_groups, transit_flights
 from proxops.diagrams.flight_log import write_whole
 from proxops.diagrams.scenario import Scenario, dump_scenario, load_scenario, parse_scenario
 from proxops.diagrams.transits import Transit, draw_transit, hover_force
@@ -131,7 +131,7 @@ def flights_of(variant: str, controller: str, seed: int, count: int) -> list[Fli
     """The flights of a variant, in the order of the transits."""
     scenario = load_scenario(None, {"log_ranges": False, **SETTINGS.get(variant, {})})
     body = load_body(scenario.body)
-    label = "".join(letter if letter.isalnum() else "-" for letter in variant)
+    label = file_label(variant)
     flights = []
     for index, flight in enumerate(transit_flights(scenario, controller, seed, count)):
         text = flight.scenario
@@ -156,15 +156,8 @@ def fly_all(
     progress: Callable[[Row], None],
 ) -> dict[str, list[Row]]:
     """Each variant's rows in the order of the transits."""
-    flights = [flight for name in variants for flight in flights_of(name, controller, seed, count)]
-    # All variants of a transit together: a campaign that was interrupted has something of each.
-    order = [k for index in range(count) for k in range(index, len(flights), count)]
-    found = run_campaign([flights[k] for k in order], folder, workers=workers, progress=progress)
-    rows = dict(zip(order, found, strict=True))
-    return {
-        variant: [rows[i * count + index] for index in range(count)]
-        for i, variant in enumerate(variants)
-    }
+    groups = {name: flights_of(name, controller, seed, count) for name in variants}
+    return run_groups(groups, folder, workers=workers, progress=progress)
 
 
 def figures(rows: Sequence[Row]) -> list[str]:

@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import typing
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from rich.console import Console
-from rich.progress import Progress, ProgressColumn
+from rich.progress import (
+    BarColumn,
+    Progress,
+    ProgressColumn,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
 from rich.table import Table
 
 from proxops.diagrams.flight_log import write_whole
@@ -23,6 +32,15 @@ status = Console(stderr=True, soft_wrap=True)
 def progress_bar(*columns: ProgressColumn) -> Progress:
     """A bar on a terminal; nothing, not even an empty line, where there is none."""
     return Progress(*columns, console=status, transient=True, disable=not status.is_terminal)
+
+
+@contextlib.contextmanager
+def training_bar(text: str = "") -> Iterator[Callable[[float, str], None]]:
+    """A bar for a long piece of work; gives what it is told the share done and a text by."""
+    columns = (BarColumn(), TimeElapsedColumn(), TimeRemainingColumn())
+    with progress_bar(*columns, TextColumn("{task.description}")) as bar:
+        task = bar.add_task(text, total=1.0)
+        yield lambda done, text: bar.update(task, completed=done, description=text)
 
 
 def check_folder(folder: Path) -> None:

@@ -8,9 +8,8 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.progress import BarColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from proxops.cli.common import check_folder, print_rows, progress_bar, status
+from proxops.cli.common import check_folder, print_rows, status, training_bar
 from proxops.cli.train import print_report
 from proxops.systems.errors import InputError
 
@@ -57,13 +56,7 @@ def dagger_command(
             f"training needs {error.name}: run make train, or pip install 'proxops[train]'"
         ) from error
     settings = method.Settings(rounds, flights, seed, minutes)
-    columns = (BarColumn(), TimeElapsedColumn(), TimeRemainingColumn())
-    with progress_bar(*columns, TextColumn("{task.description}")) as bar:
-        task = bar.add_task("", total=1.0)
-
-        def tell(done: float, text: str) -> None:
-            bar.update(task, completed=done, description=text)
-
+    with training_bar() as tell:
         report = method.dagger(data, pilot, out, settings, tell, workers, scheduler)
     if as_json:
         typer.echo(json.dumps(report, indent=2))

@@ -9,9 +9,8 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.progress import BarColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from proxops.cli.common import check_folder, print_rows, progress_bar, status
+from proxops.cli.common import check_folder, print_rows, status, training_bar
 from proxops.systems.errors import InputError
 
 
@@ -80,13 +79,7 @@ def train_command(
         raise InputError(
             f"training needs {error.name}: run make train, or pip install 'proxops[train]'"
         ) from error
-    columns = (BarColumn(), TimeElapsedColumn(), TimeRemainingColumn())
-    with progress_bar(*columns, TextColumn("{task.description}")) as bar:
-        task = bar.add_task("", total=1.0)
-
-        def tell(done: float, text: str) -> None:
-            bar.update(task, completed=done, description=text)
-
+    with training_bar() as tell:
         if recipe == Recipe.PAPER:
             settings = paper_recipe.Settings(seed=seed, device=device, precision=precision.value)
             settings = paper_recipe.quick(settings) if quick else settings

@@ -8,10 +8,9 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.progress import BarColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
-from proxops.cli.common import check_folder, console, progress_bar, status
+from proxops.cli.common import check_folder, console, status, training_bar
 from proxops.diagrams.body import load_body
 from proxops.diagrams.scenario import load_scenario
 from proxops.systems.errors import InputError
@@ -64,13 +63,7 @@ def train_lidar_command(
         chosen = lidar_synthesis.quick(chosen)
     if epochs is not None:
         chosen = replace(chosen, ray=replace(chosen.ray, epochs=epochs))
-    columns = (BarColumn(), TimeElapsedColumn(), TimeRemainingColumn())
-    with progress_bar(*columns, TextColumn("{task.description}")) as bar:
-        task = bar.add_task("casting frames", total=1.0)
-
-        def tell(done: float, text: str) -> None:
-            bar.update(task, completed=done, description=text)
-
+    with training_bar("casting frames") as tell:
         report = lidar_synthesis.train_lidar(wanted, body, chosen, out, tell)
     if as_json:
         typer.echo(json.dumps(report, indent=2))

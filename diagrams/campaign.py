@@ -9,7 +9,7 @@ import functools
 import hashlib
 import json
 import typing
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from importlib import metadata
 from pathlib import Path
 
@@ -83,12 +83,17 @@ def transit_flights(scenario: Scenario, controller: str, seed: int, count: int) 
     return flights
 
 
+def file_label(text: str) -> str:
+    """A text as it may stand in a file's name."""
+    return "".join(letter if letter.isalnum() else "-" for letter in text)
+
+
 def controller_label(controller: str) -> str:
     """A controller's name as it may stand in a file's.
 
     Paths that differ may look alike there, or be long: they end in a hash of the name.
     """
-    plain = "".join(letter if letter.isalnum() else "-" for letter in controller)
+    plain = file_label(controller)
     kind, colon, _ = controller.partition(":")
     if not (colon and kind in WITH_BUNDLE):
         return plain
@@ -150,6 +155,23 @@ def run_campaign(
             if progress is not None:
                 progress(row)
     return [rows[flight.name] for flight in flights]
+
+
+def run_groups(
+    groups: Mapping[str, Sequence[Flight]], folder: Path, **options: typing.Any
+) -> dict[str, list[Row]]:
+    """Groups of flights as one campaign; each group's rows, in order.
+
+    The first flights of all groups come first, so that a campaign that was interrupted has
+    something of each. `options` are those of `run_campaign`.
+    """
+    places = [(k, name) for name, flights in groups.items() for k in range(len(flights))]
+    places.sort(key=lambda place: place[0])
+    found = run_campaign([groups[name][k] for k, name in places], folder, **options)
+    rows: dict[str, list[Row]] = {name: [] for name in groups}
+    for (_, name), row in zip(places, found, strict=True):
+        rows[name].append(row)
+    return rows
 
 
 def _fly_one(flight: Flight, folder: Path, keep_logs: bool, describe: Describe) -> Row:

@@ -7,7 +7,7 @@ import typing
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-from proxops.diagrams.campaign import run_campaign, transit_flights
+from proxops.diagrams.campaign import run_campaign, run_groups, transit_flights
 from proxops.diagrams.flight_log import FlightLog
 from proxops.diagrams.scenario import Scenario
 from proxops.training.evaluation import EXPERT, Row, aggregate
@@ -38,18 +38,14 @@ def fly_controllers(
     What was flown before into the same folder is not flown again; see `run_campaign` for this and
     for the arguments. If the MPC is among the controllers, the others are compared with it.
     """
-    flights = [
-        flight for name in controllers for flight in transit_flights(scenario, name, seed, count)
-    ]
-    rows = run_campaign(
-        flights,
+    by_name = run_groups(
+        {name: transit_flights(scenario, name, seed, count) for name in controllers},
         folder,
         keep_logs=keep_logs,
         workers=workers,
         scheduler=scheduler,
         progress=progress,
     )
-    by_name = {name: rows[k * count : (k + 1) * count] for k, name in enumerate(controllers)}
     expert = by_name.get(EXPERT)
     return {
         name: aggregate(flown, None if name == EXPERT else expert)

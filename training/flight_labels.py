@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses as dc
 import functools
-import hashlib
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
@@ -16,6 +15,7 @@ from proxops.diagrams.parallel import parallel_results
 from proxops.diagrams.scenario_systems import make_controller
 from proxops.systems.errors import SolverFailure
 from proxops.systems.plan import Plan, PlanProgram
+from proxops.training.collection import file_sha256
 from proxops.training.label_files import (
     Labels,
     joined_labels,
@@ -69,7 +69,7 @@ def label_flights(
     for _ in parallel_results(todo, task, workers, scheduler):
         if progress is not None:
             progress(1)
-    parts = [load_labels(folder / f"{log.stem}.npz", _origin(log)) for log in logs]
+    parts = [load_labels(folder / f"{log.stem}.npz", file_sha256(log)) for log in logs]
     return joined_labels(parts)
 
 
@@ -124,17 +124,12 @@ def _label(piece: _Piece, folder: Path) -> int:
         scenario.control_period_s,
         scenario.mpc.cold_iterations,
     )
-    save_labels(_path(piece, folder), labels, _origin(piece.log))
+    save_labels(_path(piece, folder), labels, file_sha256(piece.log))
     return len(labels["state"])
 
 
 def _path(piece: _Piece, folder: Path) -> Path:
     return folder / f"{piece.name}.npz"
-
-
-def _origin(log: Path) -> str:
-    with log.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 # One large thing, loaded once in each worker.

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses as dc
-import hashlib
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +11,7 @@ import torch
 from proxops.diagrams.flight_log import write_whole
 from proxops.systems.errors import InputError
 from proxops.training.coarse_position import CoarsePosition
+from proxops.training.collection import file_sha256
 from proxops.training.geometry_layer import GeometryLayer, SurfaceField
 from proxops.training.guidance import Guidance
 from proxops.training.lidar_hits import HitSelection
@@ -108,5 +108,4 @@ def load_pilot(folder: Path) -> tuple[PilotShape, Pilot, dict]:
 
 def pilot_sha256(folder: Path) -> str:
     """Hash of the pilot's file in a folder."""
-    with (folder / PILOT_FILE).open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+    return file_sha256(folder / PILOT_FILE)

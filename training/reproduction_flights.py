@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from proxops.diagrams.campaign import Flight, Row, run_campaign, transit_flights
+from proxops.diagrams.campaign import Flight, Row, run_campaign, run_groups, transit_flights
 from proxops.diagrams.flight_log import FlightLog
 from proxops.diagrams.scenario import AssuranceConfig, Scenario
 from proxops.diagrams.scenario_systems import make_controller
@@ -93,20 +93,14 @@ def evaluate(
 
     One campaign, so that the processes are started once; see `run_campaign`.
     """
-    flights = [
-        flight
-        for variant in flown
-        for flight in _variant_flights(variant, scenario, seed, range(count))
-    ]
-    rows = run_campaign(
-        flights,
+    groups = run_groups(
+        {each.name: _variant_flights(each, scenario, seed, range(count)) for each in flown},
         folder,
         describe=describe_flight,
         workers=workers,
         scheduler=scheduler,
         progress=progress,
     )
-    groups = {each.name: rows[k * count : (k + 1) * count] for k, each in enumerate(flown)}
     return {
         name: aggregate(group, None if name == EXPERT else groups[EXPERT])
         for name, group in groups.items()
