@@ -1,11 +1,11 @@
 """The table of what the hybrid trades: its variants are what they are named, its figures right."""
 
-import importlib.util
 import sys
 from pathlib import Path
 from types import ModuleType
 
 import pytest
+from benchmark_scripts import load_script
 from known_policies import DeadReckoning, write_policy
 from test_evaluation import row
 
@@ -14,13 +14,7 @@ from proxops.diagrams.scenario import load_scenario
 
 @pytest.fixture(scope="module")
 def trade() -> ModuleType:
-    path = Path(__file__).parents[1] / "benchmarks" / "hybrid.py"
-    spec = importlib.util.spec_from_file_location("hybrid_trade", path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return load_script("hybrid")
 
 
 def test_variants_are_what_they_are_named(trade: ModuleType) -> None:

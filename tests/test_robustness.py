@@ -1,12 +1,12 @@
 """The robustness table: its starts are where they should be, its variants what they are named."""
 
-import importlib.util
 import sys
 from pathlib import Path
 from types import ModuleType
 
 import numpy as np
 import pytest
+from benchmark_scripts import load_script
 from known_policies import DeadReckoning, write_policy
 from short_flights import kleopatra
 from test_evaluation import row
@@ -21,13 +21,7 @@ COUNT = 30
 
 @pytest.fixture(scope="module")
 def robustness() -> ModuleType:
-    path = Path(__file__).parents[1] / "benchmarks" / "robustness.py"
-    spec = importlib.util.spec_from_file_location("robustness", path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return load_script("robustness")
 
 
 def flown(robustness: ModuleType, variant: str, count: int = COUNT) -> list[Scenario]:
