@@ -48,9 +48,10 @@ class Unfiltered(Pilot):
     def see(self, ranges: Tensor, applied_force: Tensor, memory: Tensor) -> Tensor:
         fix = self.fix(ranges, memory)
         started = memory[:, -1:]
-        velocity = started * (fix - memory[:, :3]) / self.filter.period
-        rest = torch.cat([torch.zeros_like(memory[:, 6:-1]), torch.ones_like(started)], dim=1)
-        return torch.cat([fix, velocity, rest], dim=1)
+        velocity = started * (fix - memory[:, :3]) / self.filter.motion.period
+        natural = self.filter.motion.natural(fix, velocity)
+        known = torch.zeros_like(memory[:, 6:18]), natural, torch.ones_like(started)
+        return torch.cat([fix, velocity, *known], dim=1)
 
     def fix(self, ranges: Tensor, memory: Tensor) -> Tensor:
         points, solid, valid, count = self.hits(ranges)

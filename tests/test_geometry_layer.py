@@ -60,10 +60,10 @@ def test_solution_is_numpys():
 def test_field_is_linear_between_its_points_and_constant_beyond():
     field = SurfaceField(np.full(3, -10e3), np.full(3, 10e3), 5e3)
     grid = [np.linspace(-10e3, 10e3, 5)] * 3
-    places = np.stack(np.meshgrid(*grid, indexing="ij"), axis=-1).reshape(-1, 3)
+    places = np.stack(np.meshgrid(*grid, indexing="ij"), axis=-1)
     slope = np.array([[0.1, -0.2, 0.3, 0.05], [0.2, 0.1, 0.0, -0.1], [-0.3, 0.2, 0.1, 0.2]]) / 5e3
     with torch.no_grad():
-        field.values.copy_(torch.tensor(places @ slope))
+        field.values.copy_(torch.tensor((places @ slope).T[None]))
     points = np.random.default_rng(0).uniform(-9.9e3, 9.9e3, (50, 3))
     units = np.array([5e3, 1.0, 1.0, 1.0])
     found = field(torch.tensor(points, dtype=torch.float32)).detach().numpy()

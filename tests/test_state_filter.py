@@ -10,12 +10,12 @@ PERIOD = 10.0
 
 def still_filter() -> StateFilter:
     """One whose motion is thrust alone: 1 m/s^2 for 100 N."""
-    motion = Motion(100e3, 20.0, 0.01)
+    motion = Motion(100e3, 20.0, 0.01, PERIOD)
     with torch.no_grad():
         for weights in motion.parameters():
             weights.zero_()
-        motion.per_newton.fill_(1.0)
-    return StateFilter(motion, PERIOD)
+        motion.per_newton.copy_(torch.eye(3))
+    return StateFilter(motion)
 
 
 @torch.no_grad()

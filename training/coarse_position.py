@@ -7,8 +7,9 @@ import itertools
 import torch
 from torch import Tensor, nn
 
-_PAIRS = list(itertools.product(range(3), repeat=2))
-# The moments are products of a pair with another coordinate, or pair; each of a kind counts once.
+_PAIRS = list(itertools.combinations_with_replacement(range(3), 2))
+# The third and fourth moments are products of a pair with another coordinate, or pair; each of a
+# kind counts once.
 _KINDS = [tuple(sorted(pair + more)) for pair in _PAIRS for more in [(0,), (1,), (2,), *_PAIRS]]
 _DIFFERENT = [_KINDS.index(kind) for kind in sorted(set(_KINDS))]
 _WAYS = [way for way in itertools.product((-1.0, 0.0, 1.0), repeat=3) if any(way)]
@@ -25,6 +26,8 @@ class CoarsePosition(nn.Module):
     their number and solid angle.
     """
 
+    first: Tensor
+    second: Tensor
     different: Tensor
     ways: Tensor
     mean: Tensor
@@ -36,8 +39,12 @@ class CoarsePosition(nn.Module):
         self.length = length
         ways = torch.tensor(_WAYS)
         self.register_buffer("ways", ways / ways.norm(dim=1, keepdim=True))
-        self.register_buffer("different", torch.tensor(_DIFFERENT))
-        size = 9 + 3 + 18 + 2 * len(_DIFFERENT) + 2 * len(_WAYS)
+        first, second = torch.tensor(_PAIRS).T
+        for name, index in (
+            ("first", first), ("second", second), ("different", torch.tensor(_DIFFERENT))
+        ):  # fmt: skip
+            self.register_buffer(name, index.clone())
+        size = 9 + 3 + 2 * (len(_PAIRS) + len(_DIFFERENT)) + 2 * len(_WAYS)
         # Of the features, set by `fit_scale` from data.
         self.register_buffer("mean", torch.zeros(size))
         self.register_buffer("scale", torch.ones(size))
@@ -58,20 +65,19 @@ class CoarsePosition(nn.Module):
         weights = weights / (total[..., None] + 1e-9)
         centre = (weights[:, :1] @ x)[:, 0]
         away = 2.0 * (x - centre[:, None])
-        pairs = (away[..., :, None] * away[..., None, :]).flatten(2)
-        weighted = (weights[..., None] * pairs[:, None]).transpose(2, 3)
-        higher = weighted @ torch.cat([away, pairs], dim=2)[:, None]
-        moments = [weights[:, 1:] @ away, 4.0 * weighted.sum(3)]
-        moments += [16.0 * higher.flatten(2)[:, :, self.different]]
+        pairs = away.index_select(2, self.first) * away.index_select(2, self.second)
+        weighted = weights[..., None] * pairs[:, None]
+        higher = weighted.transpose(2, 3) @ torch.cat([away, pairs], dim=2)[:, None]
+        moments = [weights[:, 1:] @ away, 4.0 * weighted.sum(2)]
+        moments += [16.0 * higher.flatten(2).index_select(2, self.different)]
         distance = centre.norm(dim=1, keepdim=True)
         seen = x / (x.norm(dim=2, keepdim=True) + 1e-6)
-        none = -10.0 * (1.0 - valid)[..., None]
-        reach = (torch.cat([away, seen], dim=1) @ self.ways.T).unflatten(1, (2, -1))
+        none = -10.0 * (1.0 - valid)[:, None, :, None]
+        reach = torch.stack([away, seen], dim=1) @ self.ways.T + none
         parts = [
             centre, distance, centre / (distance + 1e-6),
             torch.log(share * total + 1e-3),
-            *[moment.flatten(1) for moment in moments],
-            (reach + none[:, None]).amax(2).flatten(1),
+            *[moment.flatten(1) for moment in [*moments, reach.amax(2)]],
         ]  # fmt: skip
         return torch.cat(parts, dim=1), centre
 

@@ -60,7 +60,7 @@ _FLOWN, _LABELLED = 0.35, 0.5
 class Settings:
     """Of a run of DAgger."""
 
-    rounds: int = 2
+    rounds: int = 3
     flights: int = 160
     """In each round, three in four of transits whose straight line is blocked."""
     seed: int = 100
@@ -79,6 +79,9 @@ def dagger(
     scheduler: str | None = None,
 ) -> dict[str, Any]:
     """Flies, labels and trains, round by round; writes and returns the last report.
+
+    The expert's share of the flights is 1 at first, in those that `proxops collect` wrote, and 0 in
+    all rounds: the schedule without a parameter of Ross, Gordon and Bagnell (2011), section 3.1.
 
     Each round leaves flights/, labels/, the guidance's checkpoint and curves, pilot.ckpt, bundle/,
     report.json, report.md and forces.png in `out`/round-N; what the last one leaves but flights
@@ -134,7 +137,7 @@ def dagger(
             continue
         pilot = restarted(shape, pilot, learned.seed + number)
         lesson = guidance_lesson(
-            pilot.guidance, known, commands_of(flights, "validation"),
+            pilot.guidance, pilot.filter.motion, known, commands_of(flights, "validation"),
             schedule, learned.seed + number, identity,
         )  # fmt: skip
         trained = train(
@@ -156,7 +159,7 @@ def dagger(
             "notes": _notes(history),
         }
         report = write_report(pilot, flights, report, folder)
-        export_pilot(pilot, flights, report, bundle, flights.logs_sha256)
+        export_pilot(pilot, flights, known, report, bundle)
         _publish(folder, out)
     tell(1.0, "done")
     return report
@@ -197,10 +200,10 @@ def restarted(shape: PilotShape, pilot: Pilot, seed: int) -> Pilot:
     kept = {
         name: weights
         for name, weights in pilot.state_dict().items()
-        if not name.startswith("guidance.") or name.startswith("guidance.motion.")
+        if not name.startswith("guidance.")
     }
     fresh.load_state_dict(kept, strict=False)
-    fresh.guidance.motion.requires_grad_(False)
+    fresh.filter.motion.requires_grad_(False)
     return fresh
 
 

@@ -8,6 +8,18 @@ from torch import Tensor, nn
 
 # Added to the normal equations, whose trace is about 1.
 _DAMPING = 1e-2
+# Of a matrix's nine entries, row by row, those of which its nine cofactors are made: products of
+# the first two kinds less products of the last two. Rows of the adjugate of a symmetric matrix are
+# cross products of the other two rows.
+_AHEAD, _BEHIND = np.array([1, 2, 0]), np.array([2, 0, 1])
+_FACTORS = np.concatenate(
+    [
+        (3 * rows[:, None] + columns).ravel()
+        for rows, columns in (
+            (_AHEAD, _AHEAD), (_BEHIND, _BEHIND), (_AHEAD, _BEHIND), (_BEHIND, _AHEAD),
+        )
+    ]
+)  # fmt: skip
 
 
 class SurfaceField(nn.Module):
@@ -16,10 +28,9 @@ class SurfaceField(nn.Module):
     Between grid points it is trilinear, beyond the grid constant.
     """
 
-    low: Tensor
     units: Tensor
-    last: Tensor
-    corners: Tensor
+    centre: Tensor
+    reach: Tensor
 
     def __init__(self, low: np.ndarray, high: np.ndarray, spacing: float):
         """Takes the corners (3,) of a box round the body and the grid's spacing, all in m.
@@ -27,34 +38,33 @@ class SurfaceField(nn.Module):
         It starts as that of an ellipsoid in the box.
         """
         super().__init__()
-        self.size = [int(n) + 1 for n in np.ceil((high - low) / spacing)]
-        self.spacing = spacing
-        axes = [a + spacing * np.arange(n) for a, n in zip(low, self.size, strict=True)]
-        grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+        axes = [
+            a + spacing * np.arange(np.ceil((b - a) / spacing) + 1)
+            for a, b in zip(low, high, strict=True)
+        ]
+        grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
         centre, half = 0.5 * (low + high), 0.4 * (high - low)
-        level = np.linalg.norm((grid - centre) / half, axis=1, keepdims=True)
+        level = np.linalg.norm((grid - centre) / half, axis=-1, keepdims=True)
         normal = (grid - centre) / half**2
-        normal /= np.linalg.norm(normal, axis=1, keepdims=True) + 1e-12
-        start = np.hstack([(level - 1.0) * half.min() / spacing, normal])
-        self.values = nn.Parameter(torch.tensor(start, dtype=torch.float32))
-        _, ny, nz = self.size
-        corners = [(a * ny + b) * nz + c for a in (0, 1) for b in (0, 1) for c in (0, 1)]
-        self.register_buffer("units", torch.tensor([spacing, 1.0, 1.0, 1.0]))
-        self.register_buffer("low", torch.tensor(low, dtype=torch.float32))
-        self.register_buffer("corners", torch.tensor(corners))
-        self.register_buffer("last", torch.tensor(self.size, dtype=torch.float32) - 1.001)
+        normal /= np.linalg.norm(normal, axis=-1, keepdims=True) + 1e-12
+        start = np.concatenate([(level - 1.0) * half.min() / spacing, normal], axis=-1)
+        # (1, channels, z, y, x), as grid_sample takes it.
+        self.values = nn.Parameter(torch.tensor(start.T[None], dtype=torch.float32))
+        ends = np.array([[axis[0], axis[-1]] for axis in axes])
+        for name, values in (
+            ("units", np.array([spacing, 1.0, 1.0, 1.0])),
+            ("centre", ends.mean(1)),
+            ("reach", 0.5 * (ends[:, 1] - ends[:, 0])),
+        ):
+            self.register_buffer(name, torch.tensor(values, dtype=torch.float32))
 
     def forward(self, points: Tensor) -> Tensor:
         """Signed distance in m, then normal (3), at points (..., 3) in m in K: (..., 4)."""
-        place = torch.minimum(((points - self.low) / self.spacing).clamp(min=0.0), self.last)
-        cell = place.floor()
-        _, ny, nz = self.size
-        first = (cell[..., 0] * ny + cell[..., 1]) * nz + cell[..., 2]
-        values = self.values[first.long()[..., None] + self.corners]
-        share = place - cell
-        x, y, z = torch.stack([1.0 - share, share], dim=-1).unbind(-2)
-        weights = x[..., :, None, None] * y[..., None, :, None] * z[..., None, None, :]
-        return (weights.flatten(-3)[..., None, :] @ values)[..., 0, :] * self.units
+        places = ((points - self.centre) / self.reach).view(1, 1, 1, -1, 3)
+        found = nn.functional.grid_sample(
+            self.values, places, mode="bilinear", padding_mode="border", align_corners=True
+        )
+        return found.view(4, *points.shape[:-1]).movedim(0, -1) * self.units
 
 
 class GeometryLayer(nn.Module):
@@ -83,10 +93,9 @@ class GeometryLayer(nn.Module):
 
 def _solve(matrix: Tensor, right: Tensor) -> Tensor:
     """x (B, 3) of (A + damping) x = b for symmetric A (B, 3, 3), by cofactors."""
-    a = matrix + _DAMPING * torch.eye(3, dtype=matrix.dtype)
-    ahead, behind = a[:, [1, 2, 0]], a[:, [2, 0, 1]]
-    # Rows are the cross products of the other two rows: the adjugate, as A is symmetric.
-    cofactors = ahead[:, :, [1, 2, 0]] * behind[:, :, [2, 0, 1]]
-    cofactors = cofactors - ahead[:, :, [2, 0, 1]] * behind[:, :, [1, 2, 0]]
-    determinant = (a[:, 0] * cofactors[:, 0]).sum(1, keepdim=True)
-    return (cofactors @ right[..., None])[..., 0] / determinant
+    a = (matrix + _DAMPING * torch.eye(3, dtype=matrix.dtype)).flatten(1)
+    factors = a.index_select(1, torch.tensor(_FACTORS, device=a.device))
+    first, second, third, fourth = factors.split(9, dim=1)
+    cofactors = first * second - third * fourth
+    determinant = (a[:, :3] * cofactors[:, :3]).sum(1, keepdim=True)
+    return (cofactors.unflatten(1, (3, 3)) * right[:, None]).sum(2) / determinant

@@ -14,6 +14,7 @@ from importlib import metadata
 from pathlib import Path
 
 import numpy as np
+import onnx
 import torch
 from torch import Tensor, nn
 
@@ -55,7 +56,22 @@ def onnx_bytes(
             verbose=False,
         )
     assert program is not None
-    return program.model_proto.SerializeToString()
+    model = program.model_proto
+    _name_linear(model.graph)
+    return model.SerializeToString()
+
+
+def _name_linear(graph: onnx.GraphProto) -> None:
+    """Names grid_sample's linear mode as ONNX has it since opset 20.
+
+    The exporter does so itself, but for the branches of conditions.
+    """
+    for node in graph.node:
+        for attribute in node.attribute:
+            if node.op_type == "GridSample" and attribute.s == b"bilinear":
+                attribute.s = b"linear"
+            if attribute.type == onnx.AttributeProto.GRAPH:
+                _name_linear(attribute.g)
 
 
 def accepted_difference(wanted: np.ndarray, got: np.ndarray) -> float:

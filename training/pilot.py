@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import torch
 from torch import Tensor, nn
 
@@ -9,7 +11,7 @@ from proxops.training.coarse_position import CoarsePosition
 from proxops.training.geometry_layer import GeometryLayer
 from proxops.training.guidance import Guidance
 from proxops.training.lidar_hits import HitSelection
-from proxops.training.state_filter import MEMORY, StateFilter, doubt
+from proxops.training.state_filter import MEMORY, NATURAL, TRUSTED, StateFilter, doubt
 
 # With fewer returns than this a frame says nothing of where it was taken.
 _LEAST_RETURNS = 8
@@ -31,9 +33,9 @@ class Pilot(nn.Module):
                                               next memory
     ```
 
-    The geometry layer starts from where the filter expects to be and from the coarse position,
-    and keeps what fits the surface better. What the filter finds to push besides the learned
-    motion is countered.
+    The geometry layer starts from where the filter expects to be. Where there is no such place yet,
+    or the returns don't fit the surface from there, it starts from the coarse position too, and
+    keeps what fits better. What the filter finds to push besides the learned motion is countered.
     """
 
     usual_residual: Tensor
@@ -71,27 +73,35 @@ class Pilot(nn.Module):
           memory.
         """
         memory = self.see(ranges, applied_force, memory)
-        force = self.guidance(memory[:, :3], memory[:, 3:6], target[:, :3])
-        force = force - self.guidance.mass * memory[:, 6:9]
+        position, velocity, push = memory[:, :9].split(3, dim=1)
+        natural = memory[:, NATURAL] + push
+        force = self.guidance(position, velocity, target[:, :3], natural)
         limit = self.guidance.thrust_limit
         return force.clamp(-limit, limit), memory[:, :6], memory
 
     def see(self, ranges: Tensor, applied_force: Tensor, memory: Tensor) -> Tensor:
         """The memory after a frame and the force over the period before it."""
-        points, solid, valid, count = self.hits(ranges)
-        coarse = self.coarse(points, solid, valid, count)
+        hits = self.hits(ranges)
+        points, _, valid, _ = hits
         memory = self.filter.predict(memory, applied_force)
-        started = memory[:, -1:]
-        expected = started * memory[:, :3] + (1.0 - started) * coarse
-        twice, both = torch.cat([points, points]), torch.cat([valid, valid])
-        places, residuals = self.geometry(torch.cat([expected, coarse]), twice, both)
-        (near, far), (near_off, far_off) = places.chunk(2), residuals.chunk(2)
-        lost = (far_off < _CLEARLY_BETTER * near_off).to(near.dtype)
-        fix, residual = self.geometry(lost * far + (1.0 - lost) * near, points, valid)
-        few = (valid.sum(1, keepdim=True) < _LEAST_RETURNS).to(near.dtype)
+        fresh = memory[:, -1:] == 0.0
+        place, off = self.geometry(memory[:, :3], points, valid)
+        lost = fresh | (off > TRUSTED * self.usual_residual)
+        place = _if_any(lost, self._acquired, (place, off, lost, fresh, *hits))
+        fix, residual = self.geometry(place, points, valid)
+        few = (valid.sum(1, keepdim=True) < _LEAST_RETURNS).to(place.dtype)
         return self.filter.correct(
             memory, fix, doubt(residual, self.usual_residual) + _HOPELESS * few
         )
+
+    def _acquired(
+        self, place: Tensor, off: Tensor, lost: Tensor, fresh: Tensor, *hits: Tensor
+    ) -> Tensor:
+        """The places (B, 3), where `lost` (B, 1) those that the coarse position leads to."""
+        points, _, valid, _ = hits
+        other, other_off = self.geometry(self.coarse(*hits), points, valid)
+        better = fresh | (other_off < _CLEARLY_BETTER * off)
+        return torch.where(lost & better, other, place)
 
     def sequence(
         self, ranges: Tensor, target: Tensor, applied_force: Tensor, memory: Tensor | None = None
@@ -110,3 +120,13 @@ class Pilot(nn.Module):
             forces.append(force)
             estimates.append(estimate)
         return torch.stack(forces, dim=1), torch.stack(estimates, dim=1), remembered
+
+
+def _if_any(flags: Tensor, function: Callable[..., Tensor], given: tuple[Tensor, ...]) -> Tensor:
+    """The function of what is given if any of the flags is set, else the first of what is given.
+
+    An exported network runs the function only then, too.
+    """
+    if torch.compiler.is_exporting():
+        return torch.cond(flags.any(), function, lambda first, *_: first.clone(), given)
+    return function(*given) if bool(flags.any()) else given[0]

@@ -34,6 +34,8 @@ _FILTER_POSITION, _FILTER_SPEED = 20.0, 0.1
 _FILTER_SETTLES = 12
 # Frames whose returns are fitted together.
 _BLOCK = 512
+# Rows whose natural acceleration is computed together.
+_ROWS = 65536
 
 
 def coarse_lesson(
@@ -121,7 +123,6 @@ def _rounded(error: Tensor, small: float) -> Tensor:
 
 def motion_lesson(
     motion: Motion,
-    period: float,
     training: Transitions,
     validation: Transitions,
     schedule: Schedule,
@@ -132,16 +133,18 @@ def motion_lesson(
 
     def loss(network: Motion, batch: tuple[Tensor, ...]) -> Tensor:
         position, velocity, force, wanted = batch
-        found = network(position, velocity, force, period)
+        found = network.natural(position, velocity) + network.thrust(force)
         return (found - wanted).abs().mean() / network.acceleration
 
     batches = TensorBatches(training, schedule.batch, shuffle=True, seed=seed)
     held = TensorBatches(validation, 4 * schedule.batch)
-    return Lesson("motion", motion, loss, batches, held, identity, threads=1)
+    methods = ("natural", "thrust")
+    return Lesson("motion", motion, loss, batches, held, identity, 1, methods)
 
 
 def guidance_lesson(
     guidance: Guidance,
+    motion: Motion,
     training: Commands,
     validation: Commands,
     schedule: Schedule,
@@ -155,13 +158,23 @@ def guidance_lesson(
     """
 
     def loss(network: Guidance, batch: tuple[Tensor, ...]) -> Tensor:
-        position, velocity, goal, wanted = batch
-        force = network(position, velocity, goal)
+        *given, wanted = batch
+        force = network(*given)
         return nn.functional.smooth_l1_loss(force, wanted, beta=_SMALL_FORCE)
 
-    batches = TensorBatches(training, schedule.batch, shuffle=True, seed=seed)
-    held = TensorBatches(validation, 8192)
+    columns, kept = (_with_natural(motion, commands) for commands in (training, validation))
+    batches = TensorBatches(columns, schedule.batch, shuffle=True, seed=seed)
+    held = TensorBatches(kept, 8192)
     return Lesson("guidance", guidance, loss, batches, held, identity, threads=1, keep_last=True)
+
+
+@torch.no_grad()
+def _with_natural(motion: Motion, commands: Commands) -> tuple[Tensor, ...]:
+    """Positions, velocities, goals, natural accelerations and forces (N, 3)."""
+    position, velocity, goal, force = commands
+    parts = zip(position.split(_ROWS), velocity.split(_ROWS), strict=True)
+    natural = torch.cat([motion.natural(*part) for part in parts])
+    return position, velocity, goal, natural, force
 
 
 def filter_lesson(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses as dc
+import hashlib
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -126,19 +127,21 @@ def train_pilot(
 
     period = flights.setting.control_period_s
     flown, held = (transitions_of(flights, part, period) for part in ("training", "validation"))
-    motion = pilot.guidance.motion
+    motion = pilot.filter.motion
     taught = settings.motion, settings.seed, identity
-    teach(motion_lesson(motion, period, flown, held, *taught), settings.motion)
+    teach(motion_lesson(motion, flown, held, *taught), settings.motion)
     motion.requires_grad_(False)
     taught = settings.filter, settings.seed, identity
     lesson = filter_lesson(pilot, flights, settings.window, settings.windows, *taught)
     teach(lesson, settings.filter)
 
     labels = expert_labels(scenario, out, settings, workers, _stage("plans", tell))
+    known = known_commands(flights, labels)
     taught = settings.guidance, settings.seed, identity
     lesson = guidance_lesson(
         pilot.guidance,
-        known_commands(flights, labels),
+        motion,
+        known,
         commands_of(flights, "validation"),
         *taught,
     )
@@ -151,7 +154,7 @@ def train_pilot(
     report = write_report(pilot, flights, report, out)
     origin = {"logs_sha256": flights.logs_sha256, "settings": dc.asdict(settings)}
     save_pilot(out, shape, pilot, origin)
-    export_pilot(pilot, flights, report, out / "bundle", flights.logs_sha256)
+    export_pilot(pilot, flights, known, report, out / "bundle")
     tell(1.0, "done")
     return report
 
@@ -247,9 +250,12 @@ def pilot_report(
 
 
 def export_pilot(
-    pilot: Pilot, flights: PackedFlights, report: dict[str, Any], folder: Path, data_sha256: str
+    pilot: Pilot, flights: PackedFlights, known: Commands, report: dict[str, Any], folder: Path
 ) -> None:
-    """Writes the bundle that flies."""
+    """Writes the bundle that flies; its hash of the data covers the flights and what is `known`."""
+    data = hashlib.sha256(flights.logs_sha256.encode())
+    for column in known:
+        data.update(column.numpy().tobytes())
     export_recipe(
         pilot,
         flights,
@@ -257,7 +263,7 @@ def export_pilot(
         recipe="proxops",
         memory=MEMORY,
         estimates=True,
-        data_sha256=data_sha256,
+        data_sha256=data.hexdigest(),
         metrics={"parts": report["parts"]},
         report=report_markdown(report, pictures=False),
     )

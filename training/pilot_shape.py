@@ -60,11 +60,13 @@ class PilotShape:
             self.length,
             _SPEED_UNIT * float(np.sqrt(reach * self.length)),
             _ACCELERATION_UNIT * reach,
+            self.period,
             self.motion_width,
         )
         field = SurfaceField(np.array(self.low), np.array(self.high), self.spacing)
         guidance = Guidance(
-            motion,
+            motion.length,
+            motion.speed,
             torch.tensor(self.keep_out),
             self.mass,
             self.thrust_limit,
@@ -76,7 +78,7 @@ class PilotShape:
             HitSelection(self.planes, self.rays, self.hits),
             CoarsePosition(self.length, self.coarse_width),
             GeometryLayer(field, _OUTLIER_SHARE * self.spacing),
-            StateFilter(motion, self.period),
+            StateFilter(motion),
             guidance,
         )
 

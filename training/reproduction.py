@@ -33,8 +33,8 @@ from proxops.training.stages import Progress, Stage, Stages
 if TYPE_CHECKING:
     from proxops.training.reproduction_training import TrainingSettings
 
-TRAINING_STAGES = ("lidar", "data-paper", "policy-paper", "data-full", "policy-pilot",
-                   "policy-dagger")  # fmt: skip
+TRAINING_STAGES = ("data-full", "policy-pilot", "policy-dagger", "lidar", "data-paper",
+                   "policy-paper")  # fmt: skip
 """In the order in which they run."""
 
 

@@ -74,6 +74,11 @@ def train_everything(
         "scenario": dump_scenario(plain),
         "body": body_sha256(load_body(scenario.body)),
     }
+    data = _collected(
+        stages, "data-full", origin, plain, ("full", 1, settings.pilot_flights), fleet
+    )
+    pilot = _pilot(stages, data, settings, fleet)
+    _dagger(stages, data, pilot, settings, fleet)
     lidar = _lidar(stages, origin, plain, settings)
     learned = learned_lidar_of(plain, lidar.folder / "bundle")
     paper_data = _collected(
@@ -81,11 +86,6 @@ def train_everything(
         learned, lidar.result,
     )  # fmt: skip
     _paper_policy(stages, paper_data, settings)
-    data = _collected(
-        stages, "data-full", origin, plain, ("full", 1, settings.pilot_flights), fleet
-    )
-    pilot = _pilot(stages, data, settings, fleet)
-    _dagger(stages, data, pilot, settings, fleet)
 
 
 def _lidar(
