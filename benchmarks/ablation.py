@@ -50,7 +50,7 @@ class Unfiltered(Pilot):
         started = memory[:, -1:]
         velocity = started * (fix - memory[:, :3]) / self.filter.motion.period
         natural = self.filter.motion.natural(fix, velocity)
-        known = torch.zeros_like(memory[:, 6:18]), natural, torch.ones_like(started)
+        known = torch.zeros_like(memory[:, 6:15]), natural, torch.ones_like(started)
         return torch.cat([fix, velocity, *known], dim=1)
 
     def fix(self, ranges: Tensor, memory: Tensor) -> Tensor:

@@ -85,3 +85,22 @@ def test_finds_back_when_it_is_lost():
             memory = subject.correct(memory, place, torch.ones(1, 1))
     assert float((memory[:, :3] - place).norm()) < 50.0
     assert float(memory[:, 3:6].norm()) < 1.0
+
+
+@torch.no_grad()
+def test_covariance_stays_one_over_a_long_flight():
+    """Ten thousand steps in single precision, with fixes that surprise now and then."""
+    subject = still_filter()
+    memory = torch.zeros(1, MEMORY)
+    fixes = 30.0 * torch.randn(10_000, 1, 3, generator=torch.Generator().manual_seed(0))
+    fixes[::97] *= 40.0
+    for fix in fixes:
+        memory = subject.correct(subject.predict(memory, torch.zeros(1, 3)), fix, torch.ones(1, 1))
+        upper = memory[0, 9:15].double()
+        matrix = torch.zeros(3, 3, dtype=torch.float64)
+        rows, columns = torch.triu_indices(3, 3)
+        matrix[rows, columns] = upper
+        matrix[columns, rows] = upper
+        scale = matrix.diagonal().sqrt()
+        assert float(torch.linalg.eigvalsh(matrix / scale[:, None] / scale).min()) > 0.0
+    assert float(memory[:, 3:6].norm()) < 3.0

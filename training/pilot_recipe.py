@@ -203,14 +203,19 @@ def collected_scenario(data: Path) -> Scenario:
 
 @torch.no_grad()
 def _position_errors(pilot: Pilot, hits: Hits) -> dict[str, dict[str, float]]:
-    """Errors in m of the coarse position and after three steps of the layer; fits the residual."""
+    """Errors in m of the coarse position and after three steps of the layer; fits the residual.
+
+    The residual is that of fixes that are good because they start from the truth.
+    """
     parts: list[tuple[Tensor, ...]] = []
     for start in range(0, len(hits.position), 512):
         points, solid, valid, count, position = (each[start : start + 512] for each in hits)
         coarse = pilot.coarse(points, solid, valid, count)
-        place, residual = coarse, coarse
+        place = coarse
         for _ in range(3):
-            place, residual = pilot.geometry(place, points, valid)
+            place, _ = pilot.geometry(place, points, valid)
+        good, _ = pilot.geometry(position, points, valid)
+        _, residual = pilot.geometry(good, points, valid)
         parts.append(((coarse - position).norm(dim=1), (place - position).norm(dim=1), residual))
     coarse, fitted, residual = (torch.cat(column) for column in zip(*parts, strict=True))
     pilot.fit_residual(residual)

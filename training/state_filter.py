@@ -7,12 +7,14 @@ import math
 import torch
 from torch import Tensor, nn
 
-# Of the filter's memory: position, velocity and unexplained acceleration; the covariance (3 by 3)
-# that all axes share, row by row; the natural acceleration over the period that begins; and whether
-# there has been a frame yet.
-_SIZES = [9, 9, 3, 1]
+# Of the filter's memory: position, velocity and unexplained acceleration; the upper triangle of the
+# covariance (3 by 3) that all axes share; the natural acceleration over the period that begins; and
+# whether there has been a frame yet.
+_SIZES = [9, 6, 3, 1]
 MEMORY = sum(_SIZES)
-NATURAL = slice(18, 21)
+NATURAL = slice(15, 18)
+# Entries of the covariance: rounding would let the two halves of a whole one drift apart.
+_ROWS, _COLUMNS = [0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]
 # Residual of a fix, over the usual one, from which on it is trusted less; a lost fix has fifty.
 TRUSTED = 2.0
 # A squared innovation of more than this many times its variance is no accident.
@@ -61,6 +63,8 @@ class StateFilter(nn.Module):
     free: Tensor
     pushed: Tensor
     seen: Tensor
+    rows: Tensor
+    columns: Tensor
 
     def __init__(self, motion: Motion):
         super().__init__()
@@ -75,18 +79,20 @@ class StateFilter(nn.Module):
         free = torch.tensor([[1.0, h, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
         # To be multiplied from the right by rows of states, accelerations, covariances, fixes.
         for name, matrix in (
-            ("step", torch.kron(step, step)),
+            ("step", _moved_covariance(step)),
             ("free", torch.kron(free, torch.eye(3))),
             ("pushed", torch.kron(torch.tensor([[k], [h], [0.0]]), torch.eye(3))),
             ("seen", torch.eye(9)[:, :3]),
         ):
             self.register_buffer(name, matrix.T.contiguous())
+        self.register_buffer("rows", torch.tensor(_ROWS))
+        self.register_buffer("columns", torch.tensor(_COLUMNS))
 
     def predict(self, memory: Tensor, force: Tensor) -> Tensor:
         """The memory (B, MEMORY) a period later, under forces (B, 3) in N."""
         states, covariance, natural, started = memory.split(_SIZES, dim=1)
         mean = natural + self.motion.thrust(force) + states[:, 6:]
-        noise = torch.diag(torch.exp(2.0 * self.logs[1:4])).flatten()
+        noise = self._diagonal(self.logs[1:4])
         moved = states @ self.free + mean @ self.pushed
         return torch.cat([moved, covariance @ self.step + noise, natural, started], dim=1)
 
@@ -98,21 +104,33 @@ class StateFilter(nn.Module):
         """
         states, covariance, _, started = memory.split(_SIZES, dim=1)
         begun = started > 0.0
-        fresh = torch.diag(torch.exp(2.0 * self.logs[4:])).flatten()
-        covariance = torch.where(begun, covariance, fresh)
+        covariance = torch.where(begun, covariance, self._diagonal(self.logs[4:]))
         states = torch.where(begun, states, fix @ self.seen)
         noise = torch.exp(2.0 * self.logs[0]) * doubt**2
         innovation = fix - states[:, :3]
         usual = covariance[:, :1] + noise
         surprise = (innovation**2).mean(1, keepdim=True) / (_SURPRISING * usual)
         covariance = covariance * surprise.clamp(min=1.0)
-        # A covariance is symmetric: its first row is also its first column.
         first = covariance[:, :3]
-        gain = (first / (first[:, :1] + noise))[..., None]
-        states = states + (gain * innovation[:, None]).flatten(1)
-        covariance = covariance - (gain * first[:, None]).flatten(1)
+        gain = first / (first[:, :1] + noise)
+        states = states + (gain[..., None] * innovation[:, None]).flatten(1)
+        removed = gain.index_select(1, self.rows) * first.index_select(1, self.columns)
+        covariance = covariance - removed
         natural = self.motion.natural(states[:, :3], states[:, 3:6])
         return torch.cat([states, covariance, natural, torch.ones_like(started)], dim=1)
+
+    def _diagonal(self, logs: Tensor) -> Tensor:
+        """The covariance (6,) of independent errors, from logarithms (3,) of their deviations."""
+        return torch.diag(torch.exp(2.0 * logs))[self.rows, self.columns]
+
+
+def _moved_covariance(step: Tensor) -> Tensor:
+    """The matrix (6, 6) that takes P's upper triangle to that of S P S^T."""
+    moved = torch.zeros(6, 6)
+    for k, (a, b) in enumerate(zip(_ROWS, _COLUMNS, strict=True)):
+        for m, (c, d) in enumerate(zip(_ROWS, _COLUMNS, strict=True)):
+            moved[k, m] = step[a, c] * step[b, d] + (step[a, d] * step[b, c] if c != d else 0.0)
+    return moved
 
 
 def doubt(residual: Tensor, usual: Tensor) -> Tensor:
