@@ -159,6 +159,17 @@ def test_exported_pilot_says_what_the_trained_one_says(bundle: Path):
         np.testing.assert_allclose(seen, estimate[0].numpy(), rtol=1e-4, atol=1.0)
 
 
+def test_export_is_the_same_each_time_and_names_no_source(bundle: Path, tmp_path: Path):
+    body = kleopatra()
+    facts = PolicyFacts(
+        "proxops", 12, 360, 10.0, 7.0, MEMORY, True, body.config.name, body.shape.sha256, ""
+    )
+    export_policy(small_pilot(), tmp_path / "again", facts, [flight()])
+    model = (bundle / "model.onnx").read_bytes()
+    assert (tmp_path / "again" / "model.onnx").read_bytes() == model
+    assert b"pilot.py" not in model
+
+
 @torch.no_grad()
 def test_pilot_keeps_within_the_limits_and_begins_where_the_frame_says():
     pilot = small_pilot()

@@ -57,21 +57,24 @@ def onnx_bytes(
         )
     assert program is not None
     model = program.model_proto
-    _name_linear(model.graph)
+    _tidy(model.graph)
     return model.SerializeToString()
 
 
-def _name_linear(graph: onnx.GraphProto) -> None:
-    """Names grid_sample's linear mode as ONNX has it since opset 20.
+def _tidy(graph: onnx.GraphProto) -> None:
+    """Removes where in the sources each node comes from, which differs from run to run.
 
-    The exporter does so itself, but for the branches of conditions.
+    It also names grid_sample's linear mode as ONNX has it since opset 20. The exporter does so
+    itself, but for the branches of conditions.
     """
+    for item in (graph, *graph.node, *graph.value_info, *graph.input, *graph.output):
+        del item.metadata_props[:]
     for node in graph.node:
         for attribute in node.attribute:
             if node.op_type == "GridSample" and attribute.s == b"bilinear":
                 attribute.s = b"linear"
             if attribute.type == onnx.AttributeProto.GRAPH:
-                _name_linear(attribute.g)
+                _tidy(attribute.g)
 
 
 def accepted_difference(wanted: np.ndarray, got: np.ndarray) -> float:
