@@ -18,13 +18,10 @@ for name in ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ[name] = "1"
 
 import torch
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
-from rich.table import Table
+from _table import flying, show
 from torch import Tensor
 
 from proxops.diagrams.campaign import file_label
-from proxops.diagrams.flight_log import write_whole
 from proxops.diagrams.scenario import load_scenario
 from proxops.training.evaluation_flights import fly_controllers
 from proxops.training.packed_flights import PackedFlights
@@ -125,26 +122,14 @@ def main() -> None:
     if asked.paper is not None:
         folders = {"the paper's": asked.paper / "bundle", **folders}
     names = {f"policy:{folder.resolve()}": label for label, folder in folders.items()}
-    columns = (TextColumn("flying"), BarColumn(), MofNCompleteColumn())
-    with Progress(*columns, console=Console(stderr=True)) as bar:
-        task = bar.add_task("", total=len(names) * asked.transits)
+    with flying(len(names) * asked.transits) as told:
         results = fly_controllers(
             list(names), load_scenario(None, {"log_ranges": False}), asked.seed, asked.transits,
-            asked.out / "flights", workers=asked.workers,
-            progress=lambda row: bar.update(task, advance=1),
+            asked.out / "flights", workers=asked.workers, progress=told,
         )  # fmt: skip
     lines = {names[name]: cells(result) for name, result in results.items()}
-    table = Table(title=f"{asked.transits} transits of seed {asked.seed}")
-    for heading in ("", *HEADINGS):
-        table.add_column(heading)
-    for label, line in lines.items():
-        table.add_row(label, *line)
-    Console(width=140).print(table)
-    if asked.markdown:
-        rows = [["variant", *HEADINGS], ["---", *len(HEADINGS) * ["---:"]]]
-        rows += [[label, *line] for label, line in lines.items()]
-        text = "".join("| " + " | ".join(row) + " |\n" for row in rows)
-        write_whole(asked.markdown, lambda path: path.write_text(text))
+    title = f"{asked.transits} transits of seed {asked.seed}"
+    show(title, HEADINGS, lines, asked.markdown)
 
 
 def cells(result: dict) -> list[str]:

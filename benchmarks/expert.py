@@ -21,12 +21,9 @@ for name in ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ[name] = "1"
 
 import numpy as np
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-from rich.table import Table
+from _table import flying, show
 
 from proxops.diagrams.campaign import Flight, Row, file_label, run_groups, transit_flights
-from proxops.diagrams.flight_log import write_whole
 from proxops.diagrams.scenario import load_scenario
 
 MATCHED = "time_and_fuel"
@@ -105,13 +102,6 @@ def figures(rows: list[Row], matched: list[Row]) -> list[str]:
     ]
 
 
-def markdown(lines: dict[str, list[str]]) -> str:
-    """The table in Markdown."""
-    cells = [["variant", *HEADINGS], ["---", *(len(HEADINGS) * ["---:"])]]
-    cells += [[variant, *line] for variant, line in lines.items()]
-    return "".join("| " + " | ".join(line) + " |\n" for line in cells)
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--transits", type=int, default=50)
@@ -120,23 +110,13 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("out/expert"))
     parser.add_argument("--markdown", type=Path, help="also write the table there")
     asked = parser.parse_args()
-    columns = BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
-    with Progress(TextColumn("flying"), *columns, console=Console(stderr=True)) as bar:
-        task = bar.add_task("", total=len(VARIANTS) * asked.transits)
+    with flying(len(VARIANTS) * asked.transits) as told:
         rows = fly_all(
-            list(VARIANTS), asked.seed, asked.transits, asked.out, asked.workers,
-            lambda _: bar.update(task, advance=1),
+            list(VARIANTS), asked.seed, asked.transits, asked.out, asked.workers, told
         )  # fmt: skip
     lines = {variant: figures(rows[variant], rows[MATCHED]) for variant in VARIANTS}
-    table = Table(title=f"{asked.transits} transits of seed {asked.seed}")
-    table.add_column("", no_wrap=True)
-    for heading in HEADINGS:
-        table.add_column(heading, justify="right")
-    for variant, line in lines.items():
-        table.add_row(variant, *line)
-    Console(width=160).print(table)
-    if asked.markdown:
-        write_whole(asked.markdown, lambda path: path.write_text(markdown(lines)))
+    title = f"{asked.transits} transits of seed {asked.seed}"
+    show(title, HEADINGS, lines, asked.markdown)
 
 
 if __name__ == "__main__":

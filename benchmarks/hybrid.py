@@ -26,15 +26,12 @@ for name in ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
 
 import matplotlib.figure
 import numpy as np
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-from rich.table import Table
+from _table import flying, show
 
 from proxops.assets import ASSETS
 from proxops.diagrams.campaign import Flight, Row, file_label, run_groups, transit_flights
 from proxops.diagrams.flight_log import write_whole
 from proxops.diagrams.scenario import load_scenario
-from proxops.systems.errors import InputError
 from proxops.training.evaluation import delta_v_pairs
 
 SHIPPED = ASSETS / "policy"
@@ -147,13 +144,6 @@ def trade_plot(rows: dict[str, list[Row]], title: str) -> matplotlib.figure.Figu
     return figure
 
 
-def markdown(lines: dict[str, list[str]]) -> str:
-    """The table in Markdown."""
-    cells = [["variant", *HEADINGS], ["---", *(len(HEADINGS) * ["---:"])]]
-    cells += [[variant, *line] for variant, line in lines.items()]
-    return "".join("| " + " | ".join(line) + " |\n" for line in cells)
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--policy", type=Path, help="a policy's bundle; default: the shipped one")
@@ -171,27 +161,13 @@ def main() -> None:
     if unknown:
         raise SystemExit(f"hybrid.py: no variant {', '.join(sorted(unknown))}: {known}")
     variants = [MPC, *asked.only] if asked.only else known
-    columns = BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
-    with Progress(TextColumn("flying"), *columns, console=Console(stderr=True)) as bar:
-        task = bar.add_task("", total=len(variants) * asked.transits)
-        try:
-            rows = fly_all(
-                variants, bundle, asked.seed, asked.transits, asked.out, asked.workers,
-                lambda _: bar.update(task, advance=1),
-            )  # fmt: skip
-        except InputError as error:
-            raise SystemExit(f"hybrid.py: {error}") from error
+    with flying(len(variants) * asked.transits) as told:
+        rows = fly_all(
+            variants, bundle, asked.seed, asked.transits, asked.out, asked.workers, told
+        )  # fmt: skip
     lines = {variant: figures(rows[variant], rows[MPC]) for variant in variants}
     title = f"{asked.transits} transits of seed {asked.seed}"
-    table = Table(title=title)
-    table.add_column("", no_wrap=True)
-    for heading in HEADINGS:
-        table.add_column(heading, justify="right")
-    for variant, line in lines.items():
-        table.add_row(variant, *line)
-    Console(width=160).print(table)
-    if asked.markdown:
-        write_whole(asked.markdown, lambda path: path.write_text(markdown(lines)))
+    show(title, HEADINGS, lines, asked.markdown)
     if asked.plot:
         write_whole(
             asked.plot, lambda path: trade_plot(rows, title).savefig(path, format="png", dpi=150)

@@ -22,14 +22,11 @@ for name in ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ[name] = "1"
 
 import numpy as np
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-from rich.table import Table
+from _table import flying, show
 
 from proxops.assets import ASSETS
 from proxops.diagrams.body import Body, load_body
 from proxops.diagrams.campaign import Flight, Row, file_label, run_groups, transit_flights
-from proxops.diagrams.flight_log import write_whole
 from proxops.diagrams.scenario import Scenario, dump_scenario, load_scenario, parse_scenario
 from proxops.diagrams.transits import Transit, draw_transit, hover_force
 from proxops.systems.counter_noise import derived_seed, generator
@@ -175,13 +172,6 @@ def figures(rows: Sequence[Row]) -> list[str]:
     ]
 
 
-def markdown(lines: dict[str, list[str]]) -> str:
-    """The table in Markdown."""
-    cells = [["variant", *HEADINGS], ["---", *(len(HEADINGS) * ["---:"])]]
-    cells += [[variant, *line] for variant, line in lines.items()]
-    return "".join("| " + " | ".join(line) + " |\n" for line in cells)
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--controller", default="policy")
@@ -194,27 +184,13 @@ def main() -> None:
     if asked.controller == "policy" and not SHIPPED.is_dir():
         print("No policy ships yet: name one with --controller policy:BUNDLE.")
         return  # No failure: all benchmarks run one after the other.
-    columns = BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
-    with Progress(TextColumn("flying"), *columns, console=Console(stderr=True)) as bar:
-        task = bar.add_task("", total=len(VARIANTS) * asked.transits)
-        try:
-            rows = fly_all(
-                VARIANTS, asked.controller, asked.seed, asked.transits, asked.out, asked.workers,
-                lambda _: bar.update(task, advance=1),
-            )  # fmt: skip
-        except InputError as error:
-            raise SystemExit(f"robustness.py: {error}") from error
+    with flying(len(VARIANTS) * asked.transits) as told:
+        rows = fly_all(
+            VARIANTS, asked.controller, asked.seed, asked.transits, asked.out, asked.workers, told
+        )
     lines = {variant: figures(rows[variant]) for variant in VARIANTS}
     title = f"{asked.controller}, {asked.transits} transits of seed {asked.seed}"
-    table = Table(title=title)
-    table.add_column("", no_wrap=True)
-    for heading in HEADINGS:
-        table.add_column(heading, justify="right")
-    for variant, line in lines.items():
-        table.add_row(variant, *line)
-    Console(width=130).print(table)
-    if asked.markdown:
-        write_whole(asked.markdown, lambda path: path.write_text(markdown(lines)))
+    show(title, HEADINGS, lines, asked.markdown)
 
 
 if __name__ == "__main__":

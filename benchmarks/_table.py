@@ -1,0 +1,47 @@
+"""What the benchmarks that fly campaigns share: a bar while they fly, and their table."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+from proxops.diagrams.flight_log import write_whole
+from proxops.systems.errors import InputError
+
+Lines = Mapping[str, Sequence[str]]
+"""Cells of a table, by what stands at the start of each line."""
+
+
+@contextmanager
+def flying(total: int) -> Iterator[Callable[[object], None]]:
+    """A bar; gives what is to be called with each flight's row. Wrong input ends the program."""
+    columns = TextColumn("flying"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
+    with Progress(*columns, console=Console(stderr=True)) as bar:
+        task = bar.add_task("", total=total)
+
+        def told(_: object) -> None:
+            bar.update(task, advance=1)
+
+        try:
+            yield told
+        except InputError as error:
+            raise SystemExit(str(error)) from error
+
+
+def show(title: str, headings: Sequence[str], lines: Lines, markdown: Path | None) -> None:
+    """Prints the table, and writes it as Markdown too where it is wanted."""
+    table = Table(title=title)
+    table.add_column("", no_wrap=True)
+    for heading in headings:
+        table.add_column(heading, justify="right")
+    for name, line in lines.items():
+        table.add_row(name, *line)
+    Console(width=160).print(table)
+    if markdown is not None:
+        rows = [["variant", *headings], ["---", *(len(headings) * ["---:"])]]
+        rows += [[name, *line] for name, line in lines.items()]
+        text = "".join("| " + " | ".join(row) + " |\n" for row in rows)
+        write_whole(markdown, lambda path: path.write_text(text))
