@@ -101,8 +101,7 @@ def test_figures(robustness: ModuleType) -> None:
     )]  # fmt: skip
     assert robustness.figures(rows) == ["2/3", "3/3", "0", "2", "2.0", "2.9", "125.0"]
     assert robustness.figures([row(success=False)])[-1] == "–"
-    lines = robustness.markdown({"nominal": robustness.figures(rows)}).splitlines()
-    assert len({line.count("|") for line in lines}) == 1
+    assert len(robustness.figures(rows)) == len(robustness.HEADINGS)
 
 
 @pytest.mark.slow
