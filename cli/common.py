@@ -35,6 +35,21 @@ def progress_bar(*columns: ProgressColumn) -> Progress:
 
 
 @contextlib.contextmanager
+def training_extra(instead: str = "") -> Iterator[None]:
+    """Imports of what needs the extra `train` go in here.
+
+    Raises:
+      InputError: the extra is not installed; `instead` ends the advice.
+    """
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        raise InputError(
+            f"training needs {error.name}: run make train, or pip install 'proxops[train]'{instead}"
+        ) from error
+
+
+@contextlib.contextmanager
 def training_bar(text: str = "") -> Iterator[Callable[[float, str], None]]:
     """A bar for a long piece of work; gives what it is told the share done and a text by."""
     columns = (BarColumn(), TimeElapsedColumn(), TimeRemainingColumn())

@@ -9,9 +9,8 @@ from typing import Annotated
 
 import typer
 
-from proxops.cli.common import check_folder, print_rows, status, training_bar
+from proxops.cli.common import check_folder, print_rows, status, training_bar, training_extra
 from proxops.cli.train import print_report
-from proxops.systems.errors import InputError
 
 
 def dagger_command(
@@ -49,12 +48,8 @@ def dagger_command(
       proxops dagger out/full --pilot out/pilot --rounds 2 --out out/dagger
     """
     check_folder(out)
-    try:
+    with training_extra():
         from proxops.training import dagger as method
-    except ModuleNotFoundError as error:
-        raise InputError(
-            f"training needs {error.name}: run make train, or pip install 'proxops[train]'"
-        ) from error
     settings = method.Settings(rounds, flights, seed, minutes)
     with training_bar() as tell:
         report = method.dagger(data, pilot, out, settings, tell, workers, scheduler)

@@ -10,10 +10,9 @@ from typing import Annotated
 import typer
 from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
 
-from proxops.cli.common import check_folder, print_rows, progress_bar, status
+from proxops.cli.common import check_folder, print_rows, progress_bar, status, training_extra
 from proxops.diagrams.body import load_body
 from proxops.diagrams.scenario import load_scenario
-from proxops.systems.errors import InputError
 
 
 def reproduce_command(
@@ -69,13 +68,8 @@ def reproduce_command(
     judged = judged if transits is None else reproduction.of_transits(judged, transits)
     training = None
     if not quick:
-        try:
+        with training_extra("; or give --quick"):
             from proxops.training.reproduction_training import TrainingSettings
-        except ModuleNotFoundError as error:
-            raise InputError(
-                f"training needs {error.name}: run make train, or pip install 'proxops[train]'; "
-                "or give --quick"
-            ) from error
         training = TrainingSettings()
     columns = (TextColumn("{task.fields[stage]}"), BarColumn(), TimeElapsedColumn())
     with progress_bar(*columns, TextColumn("{task.description}")) as bar:

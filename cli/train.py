@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 import typer
 
-from proxops.cli.common import check_folder, print_rows, status, training_bar
+from proxops.cli.common import check_folder, print_rows, status, training_bar, training_extra
 from proxops.systems.errors import InputError
 
 
@@ -72,13 +72,9 @@ def train_command(
       proxops train out/paper --recipe paper --out out/paper-policy
     """
     check_folder(out)
-    try:
+    with training_extra():
         from proxops.training import paper_recipe, pilot_recipe  # torch takes a while to import.
         from proxops.training import pilot_settings as ours
-    except ModuleNotFoundError as error:
-        raise InputError(
-            f"training needs {error.name}: run make train, or pip install 'proxops[train]'"
-        ) from error
     with training_bar() as tell:
         if recipe == Recipe.PAPER:
             settings = paper_recipe.Settings(seed=seed, device=device, precision=precision.value)

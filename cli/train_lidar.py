@@ -10,10 +10,9 @@ from typing import Annotated, Any
 import typer
 from rich.table import Table
 
-from proxops.cli.common import check_folder, console, status, training_bar
+from proxops.cli.common import check_folder, console, status, training_bar, training_extra
 from proxops.diagrams.body import load_body
 from proxops.diagrams.scenario import load_scenario
-from proxops.systems.errors import InputError
 
 
 def train_lidar_command(
@@ -52,12 +51,8 @@ def train_lidar_command(
     check_folder(out)
     wanted = load_scenario(scenario, settings or [])
     body = load_body(wanted.body)
-    try:
+    with training_extra():
         from proxops.training import lidar_synthesis  # torch takes a while to import.
-    except ModuleNotFoundError as error:
-        raise InputError(
-            f"training needs {error.name}: install the extra, pip install 'proxops[train]'"
-        ) from error
     chosen = lidar_synthesis.Settings(spacing=1e3 * spacing, seed=seed)
     if quick:
         chosen = lidar_synthesis.quick(chosen)

@@ -90,9 +90,16 @@ def describe_flight(log: FlightLog, path: Path | None) -> Row:
 
 
 def file_sha256(path: Path) -> str:
-    """Hash of a file's bytes."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+    """Hash of a file's bytes.
+
+    Raises:
+      InputError: it can't be read.
+    """
+    try:
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        raise InputError(f"{path} cannot be read: {error.strerror}") from error
 
 
 def _counts(values: np.ndarray, edges: Sequence[float]) -> list[int]:

@@ -30,7 +30,6 @@ from proxops.training.pilot import Pilot
 from proxops.training.pilot_examples import commands_of, joined, labelled_commands
 from proxops.training.pilot_lessons import guidance_lesson
 from proxops.training.pilot_recipe import (
-    Progress,
     collected_scenario,
     expert_labels,
     export_pilot,
@@ -46,6 +45,7 @@ from proxops.training.pilot_shape import (
     save_pilot,
 )
 from proxops.training.policy_report import write_report
+from proxops.training.stages import Progress
 from proxops.training.training_loop import train
 
 # Transit i is blocked by the ellipsoid exactly if i mod 10 is one of these.

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import dataclasses as dc
 import fcntl
-import hashlib
 import json
 import os
 import shutil
@@ -17,6 +16,7 @@ import numpy as np
 
 from proxops.diagrams.flight_log import make_folder
 from proxops.systems.errors import InputError
+from proxops.training.collection import file_sha256
 from proxops.training.column_file import ColumnWriter
 from proxops.training.flight_columns import HITS, ROWS, FlightColumns, Setting, read_columns
 from proxops.training.normalisation import QUANTITIES, Moments, Normalisation
@@ -81,7 +81,7 @@ def _unchanged(packed: PackedFlights, logs: Sequence[Path]) -> bool:
         status = path.stat()
         if status.st_size != flight.size:
             return False
-        if status.st_mtime_ns != flight.mtime_ns and _sha256(path) != flight.sha256:
+        if status.st_mtime_ns != flight.mtime_ns and file_sha256(path) != flight.sha256:
             return False
     return True
 
@@ -163,7 +163,7 @@ def _entry(path: Path, columns: FlightColumns, row: int, split_seed: int) -> Pac
         name=path.name,
         size=status.st_size,
         mtime_ns=status.st_mtime_ns,
-        sha256=_sha256(path),
+        sha256=file_sha256(path),
         seed=columns.seed,
         transit=columns.transit,
         part=part_of_transit(columns.seed, columns.transit, split_seed),
@@ -191,14 +191,6 @@ def _check_together(path: Path, setting: Setting, first: Path, wanted: Setting) 
                 f"{path} and {first.name} differ in {field.name}{values}: flights that are learned "
                 "from together must be alike in it; move one kind to a folder of its own"
             )
-
-
-def _sha256(path: Path) -> str:
-    try:
-        with path.open("rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
-    except OSError as error:
-        raise InputError(f"{path} cannot be read: {error.strerror}") from error
 
 
 @contextlib.contextmanager

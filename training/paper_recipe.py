@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses as dc
 import math
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -15,12 +14,10 @@ from proxops.training.packed_flights import PackedFlights
 from proxops.training.packing import pack_flights
 from proxops.training.paper_policy import PaperPolicy
 from proxops.training.policy_report import export_recipe, write_report
+from proxops.training.stages import Progress
 from proxops.training.training_history import Trained
 from proxops.training.training_loop import Lesson, Schedule, train
 from proxops.training.windows import Batch, WindowDataset, window_loader
-
-Progress = Callable[[float, str], Any]
-"""Called with the share done, from 0 to 1, and a text."""
 
 # Shares of the bar; the rest, to 1, is for the report.
 _PACKED, _TRAINED = 0.05, 0.95

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses as dc
 import hashlib
 import json
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -40,12 +39,10 @@ from proxops.training.pilot_lessons import (
 from proxops.training.pilot_settings import Settings, shape_of
 from proxops.training.pilot_shape import save_pilot
 from proxops.training.policy_report import export_recipe, write_report
+from proxops.training.stages import Progress
 from proxops.training.state_filter import MEMORY
 from proxops.training.training_history import Trained
 from proxops.training.training_loop import Lesson, Schedule, train
-
-Progress = Callable[[float, str], Any]
-"""Called with the share done, from 0 to 1, and a text."""
 
 # Share of the bar at which each stage ends.
 _STAGES = {
