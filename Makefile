@@ -14,7 +14,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK = 1
 .PHONY: help install fly test lint bench notebooks docs train clean links
 
 help:
-	@echo "make fly        install, and fly one transit with the MPC into $(FLIGHT)"
+	@echo "make fly        install, and fly one transit with the hybrid into $(FLIGHT)"
 	@echo "make install    install proxops into .venv"
 	@echo "make test       run the tests (pytest -m slow and -m browser run the others)"
 	@echo "make lint       check format, style and types"
@@ -27,7 +27,7 @@ help:
 install: .venv/core.stamp
 
 fly: .venv/core.stamp
-	$(bin)/proxops fly --out $(FLIGHT)
+	$(bin)/proxops fly --controller hybrid --out $(FLIGHT)
 
 test: .venv/dev.stamp
 	$(bin)/pytest

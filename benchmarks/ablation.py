@@ -71,9 +71,8 @@ class FilteredFeatures(Pilot):
     def see(self, ranges: Tensor, applied_force: Tensor, memory: Tensor) -> Tensor:
         fix = self.coarse(*self.hits(ranges))
         usual = doubt(torch.zeros_like(fix[:, :1]), self.usual_residual)
-        return self.filter.correct(
-            self.filter.predict(memory, applied_force), fix, COARSE_DOUBT * usual
-        )
+        memory = self.filter.predict(memory, applied_force)
+        return self.filter.correct(memory, fix - memory[:, :3], COARSE_DOUBT * usual)
 
 
 def variant(kind: type[Pilot], folder: Path) -> Pilot:

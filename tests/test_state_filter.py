@@ -2,10 +2,15 @@
 
 import numpy as np
 import torch
+from torch import Tensor
 
 from proxops.training.state_filter import MEMORY, Motion, StateFilter
 
 PERIOD = 10.0
+
+
+def corrected(subject: StateFilter, memory: Tensor, fix: Tensor, doubt: float = 1.0) -> Tensor:
+    return subject.correct(memory, fix - memory[:, :3], torch.full((1, 1), doubt))
 
 
 def still_filter() -> StateFilter:
@@ -38,7 +43,7 @@ def test_is_a_kalman_filter():
         velocity = velocity + h * force / 100.0
         fix = place + random.normal(0.0, 20.0, 3)
         memory = subject.predict(memory, torch.tensor(force[None]).float())
-        memory = subject.correct(memory, torch.tensor(fix[None]).float(), torch.ones(1, 1))
+        memory = corrected(subject, memory, torch.tensor(fix[None]).float())
         if index == 0:
             mean[:3] = fix
             covariance = np.kron(np.diag(deviations[4:] ** 2), eye)
@@ -65,13 +70,11 @@ def test_a_fix_that_cannot_be_trusted_moves_little():
     memory = torch.zeros(1, MEMORY)
     place = torch.tensor([[100e3, 0.0, 0.0]])
     for _ in range(20):
-        memory = subject.correct(
-            subject.predict(memory, torch.zeros(1, 3)), place, torch.ones(1, 1)
-        )
+        memory = corrected(subject, subject.predict(memory, torch.zeros(1, 3)), place)
     before = memory[:, :3].clone()
     predicted = subject.predict(memory, torch.zeros(1, 3))
-    doubtful = subject.correct(predicted, place + 500.0, torch.full((1, 1), 100.0))
-    trusted = subject.correct(predicted, place + 500.0, torch.ones(1, 1))
+    doubtful = corrected(subject, predicted, place + 500.0, 100.0)
+    trusted = corrected(subject, predicted, place + 500.0)
     assert float((doubtful[:, :3] - before).norm()) < 20.0 < float((trusted[:, :3] - before).norm())
 
 
@@ -82,7 +85,7 @@ def test_finds_back_when_it_is_lost():
     for place in (torch.tensor([[100e3, 0.0, 0.0]]), torch.tensor([[90e3, 5e3, 0.0]])):
         for _ in range(30):
             memory = subject.predict(memory, torch.zeros(1, 3))
-            memory = subject.correct(memory, place, torch.ones(1, 1))
+            memory = corrected(subject, memory, place)
     assert float((memory[:, :3] - place).norm()) < 50.0
     assert float(memory[:, 3:6].norm()) < 1.0
 
@@ -95,7 +98,7 @@ def test_covariance_stays_one_over_a_long_flight():
     fixes = 30.0 * torch.randn(10_000, 1, 3, generator=torch.Generator().manual_seed(0))
     fixes[::97] *= 40.0
     for fix in fixes:
-        memory = subject.correct(subject.predict(memory, torch.zeros(1, 3)), fix, torch.ones(1, 1))
+        memory = corrected(subject, subject.predict(memory, torch.zeros(1, 3)), fix)
         upper = memory[0, 9:15].double()
         matrix = torch.zeros(3, 3, dtype=torch.float64)
         rows, columns = torch.triu_indices(3, 3)

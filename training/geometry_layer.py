@@ -78,8 +78,16 @@ class GeometryLayer(nn.Module):
     def forward(self, position: Tensor, points: Tensor, valid: Tensor) -> tuple[Tensor, Tensor]:
         """One step from positions (B, 3), in m in K, with returns (B, K, 3) relative to them.
 
-        Returns the new positions and the root mean square (B, 1) of the distances, in m, that the
-        returns had from the surface before the step, large ones counted less.
+        Returns the new positions, and the residual as `step` does.
+        """
+        step, residual = self.step(position, points, valid)
+        return position + step, residual
+
+    def step(self, position: Tensor, points: Tensor, valid: Tensor) -> tuple[Tensor, Tensor]:
+        """The step (B, 3) alone, in m, which positions would round.
+
+        Beside it the root mean square (B, 1) of the distances, in m, that the returns had from the
+        surface before the step, large ones counted less.
         """
         values = self.field(position[:, None] + points)
         distance = values[..., :1]
@@ -88,7 +96,7 @@ class GeometryLayer(nn.Module):
         total = weight.sum(1, keepdim=True).clamp(min=1.0)
         moments = (weight * values).transpose(1, 2) @ values / total
         residual = torch.sqrt(moments[:, 0, :1] + 1e-3)
-        return position - _solve(moments[:, 1:, 1:], moments[:, 1:, 0]), residual
+        return -_solve(moments[:, 1:, 1:], moments[:, 1:, 0]), residual
 
 
 def _solve(matrix: Tensor, right: Tensor) -> Tensor:

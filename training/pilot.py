@@ -85,23 +85,30 @@ class Pilot(nn.Module):
         points, _, valid, _ = hits
         memory = self.filter.predict(memory, applied_force)
         fresh = memory[:, -1:] == 0.0
-        place, off = self.geometry(memory[:, :3], points, valid)
+        expected = memory[:, :3]
+        step, off = self.geometry.step(expected, points, valid)
         lost = fresh | (off > TRUSTED * self.usual_residual)
-        place = _if_any(lost, self._acquired, (place, off, lost, fresh, *hits))
-        fix, residual = self.geometry(place, points, valid)
-        few = (valid.sum(1, keepdim=True) < _LEAST_RETURNS).to(place.dtype)
+        step = _if_any(lost, self._acquired, (step, off, lost, fresh, expected, *hits))
+        more, residual = self.geometry.step(expected + step, points, valid)
+        few = (valid.sum(1, keepdim=True) < _LEAST_RETURNS).to(step.dtype)
         return self.filter.correct(
-            memory, fix, doubt(residual, self.usual_residual) + _HOPELESS * few
+            memory, step + more, doubt(residual, self.usual_residual) + _HOPELESS * few
         )
 
     def _acquired(
-        self, place: Tensor, off: Tensor, lost: Tensor, fresh: Tensor, *hits: Tensor
+        self,
+        step: Tensor,
+        off: Tensor,
+        lost: Tensor,
+        fresh: Tensor,
+        expected: Tensor,
+        *hits: Tensor,
     ) -> Tensor:
-        """The places (B, 3), where `lost` (B, 1) those that the coarse position leads to."""
+        """The steps (B, 3), where `lost` (B, 1) those to where the coarse position leads."""
         points, _, valid, _ = hits
         other, other_off = self.geometry(self.coarse(*hits), points, valid)
         better = fresh | (other_off < _CLEARLY_BETTER * off)
-        return torch.where(lost & better, other, place)
+        return torch.where(lost & better, other - expected, step)
 
     def sequence(
         self, ranges: Tensor, target: Tensor, applied_force: Tensor, memory: Tensor | None = None

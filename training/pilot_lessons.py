@@ -197,7 +197,8 @@ def filter_lesson(
         errors = []
         for step in range(fix.shape[1]):
             memory = filter_.predict(memory, force[:, step])
-            memory = filter_.correct(memory, fix[:, step], off[:, step])
+            innovation = fix[:, step] - memory[:, :3]
+            memory = filter_.correct(memory, innovation, off[:, step])
             if step >= _FILTER_SETTLES:
                 error = (memory[:, :6] - state[:, step]).unflatten(1, (2, 3)).norm(dim=2)
                 scale = error.new_tensor([_FILTER_POSITION, _FILTER_SPEED])

@@ -75,7 +75,7 @@ def export_policy(
     Args:
       module: its `forward(ranges, target, applied_force, memory)` gives force, estimate and next
         memory, all of one row: see `proxops.systems.policy_bundle`.
-      examples: ONNX Runtime is run against torch on these, each with its own memory.
+      examples: ONNX Runtime is run against torch on these.
       report: becomes `report.md`.
 
     Raises:
@@ -114,7 +114,7 @@ def check_policy(
 ) -> float:
     """The greatest difference of ONNX Runtime and torch, relative to each output's size.
 
-    Each goes through the examples with the memory that it made itself.
+    At every step of the examples both are given the memory that torch has made.
 
     Raises:
       InputError: it is above 1e-5, there is nothing to compare, a force or memory is not finite,
@@ -128,12 +128,16 @@ def check_policy(
             outputs: tuple[Tensor, ...] = module(*rows)
         return [output.numpy()[0] for output in outputs]
 
-    def of_onnx(*vectors: np.ndarray) -> list[np.ndarray]:
-        ranges, target, applied_force, memory = vectors
-        return list(run_network(session, ranges, target, applied_force, memory))
-
-    wanted = _played(of_torch, facts.memory, examples)
-    got = _played(of_onnx, facts.memory, examples)
+    answers = []
+    for ranges, target, applied_force in examples:
+        remembered = np.zeros(facts.memory, dtype=np.float32)
+        for row in zip(ranges, target, applied_force, strict=True):
+            both = of_torch(*row, remembered), run_network(session, *row, remembered)
+            answers.append([np.concatenate(answer) for answer in both])
+            remembered = both[0][2]
+    if not answers:
+        raise InputError("a policy needs example steps, to check its export on")
+    wanted, got = (_parts(each) for each in np.array(answers).transpose(1, 0, 2))
     if not (np.isfinite(wanted["force"]).all() and np.isfinite(wanted["memory"]).all()):
         raise InputError("the policy gives a force or a memory that is not finite on an example")
     if np.isfinite(wanted["position"]).any() != facts.estimates:
@@ -142,18 +146,7 @@ def check_policy(
     return max(accepted_difference(wanted[name], got[name]) for name in wanted)
 
 
-def _played(
-    step: typing.Callable[..., list[np.ndarray]], memory: int, examples: Sequence[Example]
-) -> dict[str, np.ndarray]:
-    """Outputs (steps, size) over all examples; position and velocity differ in size."""
-    answers = []
-    for ranges, target, applied_force in examples:
-        remembered = np.zeros(memory, dtype=np.float32)
-        for row in zip(ranges, target, applied_force, strict=True):
-            answer = step(*row, remembered)
-            answers.append(np.concatenate(answer))
-            remembered = answer[2]
-    if not answers:
-        raise InputError("a policy needs example steps, to check its export on")
-    force, position, velocity, remembered = np.split(np.array(answers), [3, 6, 9], axis=1)
-    return {"force": force, "position": position, "velocity": velocity, "memory": remembered}
+def _parts(answers: np.ndarray) -> dict[str, np.ndarray]:
+    """Outputs (steps, size) by name; position and velocity by themselves, for they differ in size."""
+    names = ("force", "position", "velocity", "memory")
+    return dict(zip(names, np.split(answers, [3, 6, 9], axis=1), strict=True))

@@ -77,7 +77,7 @@ class StateFilter(nn.Module):
         step = torch.tensor([[1.0, h, k], [0.0, 1.0, h], [0.0, 0.0, 1.0]])
         # Without the push, which has acted already through the mean acceleration.
         free = torch.tensor([[1.0, h, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
-        # To be multiplied from the right by rows of states, accelerations, covariances, fixes.
+        # To be multiplied from the right by rows of states, accelerations, covariances, positions.
         for name, matrix in (
             ("step", _moved_covariance(step)),
             ("free", torch.kron(free, torch.eye(3))),
@@ -96,18 +96,20 @@ class StateFilter(nn.Module):
         moved = states @ self.free + mean @ self.pushed
         return torch.cat([moved, covariance @ self.step + noise, natural, started], dim=1)
 
-    def correct(self, memory: Tensor, fix: Tensor, doubt: Tensor) -> Tensor:
-        """The memory after fixes (B, 3) in m whose deviation is `doubt` (B, 1) times the usual.
+    def correct(self, memory: Tensor, innovation: Tensor, doubt: Tensor) -> Tensor:
+        """The memory after fixes that lie `innovation` (B, 3) from the position in it, in m.
 
-        A fix farther from the prediction than both allow widens the covariance first, so that a
-        filter that is lost finds back.
+        Their deviation is `doubt` (B, 1) times the usual. Differences are given since positions
+        are rounded to a centimetre in single precision. A fix farther from the prediction than both
+        allow widens the covariance first, so that a filter that is lost finds back.
         """
         states, covariance, _, started = memory.split(_SIZES, dim=1)
         begun = started > 0.0
         covariance = torch.where(begun, covariance, self._diagonal(self.logs[4:]))
-        states = torch.where(begun, states, fix @ self.seen)
+        # The first fix is the position, at rest.
+        states = torch.where(begun, states, (states[:, :3] + innovation) @ self.seen)
+        innovation = torch.where(begun, innovation, 0.0)
         noise = torch.exp(2.0 * self.logs[0]) * doubt**2
-        innovation = fix - states[:, :3]
         usual = covariance[:, :1] + noise
         surprise = (innovation**2).mean(1, keepdim=True) / (_SURPRISING * usual)
         covariance = covariance * surprise.clamp(min=1.0)
