@@ -147,6 +147,6 @@ def check_policy(
 
 
 def _parts(answers: np.ndarray) -> dict[str, np.ndarray]:
-    """Outputs (steps, size) by name; position and velocity by themselves, for they differ in size."""
+    """Outputs (steps, size) by name; position and velocity apart, for they differ in size."""
     names = ("force", "position", "velocity", "memory")
     return dict(zip(names, np.split(answers, [3, 6, 9], axis=1), strict=True))
