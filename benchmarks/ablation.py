@@ -1,7 +1,8 @@
 """What each part of the pilot buys, in closed loop: the ladder from the paper's policy to ours.
 
 Parts are taken out of a trained pilot, each variant is exported as a bundle of its own, and all fly
-the same transits. Flights are kept one by one: run it again to finish what was interrupted.
+the same transits. The last is given the map of the surface, on a finer grid, in place of the field
+that it learned. Flights are kept one by one: run it again to finish what was interrupted.
 
     python benchmarks/ablation.py --data out/full --pilot out/pilot --dagger out/dagger
         [--paper out/paper-policy] [--transits 40] [--seed 50] [--workers N]
@@ -17,12 +18,16 @@ from pathlib import Path
 for name in ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ[name] = "1"
 
+import numpy as np
 import torch
+import trimesh
 from _table import flying, show
 from torch import Tensor
 
+from proxops.diagrams.body import load_body
 from proxops.diagrams.campaign import file_label
 from proxops.diagrams.scenario import load_scenario
+from proxops.systems.polyhedron import Polyhedron
 from proxops.training.evaluation_flights import fly_controllers
 from proxops.training.packed_flights import PackedFlights
 from proxops.training.packing import pack_flights
@@ -33,6 +38,8 @@ from proxops.training.state_filter import MEMORY, doubt
 
 # Of the coarse position, against the fit's: its errors are so many times as large.
 COARSE_DOUBT = 30.0
+# Grid points of the map along an axis, for each of the learned field.
+FINER = 2
 HEADINGS = (
     "success", "collisions", "keep-out violations", "end error, median (km)", "p95 (km)",
     "position error, median (m)", "velocity error, median (m/s)",
@@ -75,12 +82,33 @@ class FilteredFeatures(Pilot):
         return self.filter.correct(memory, fix - memory[:, :3], COARSE_DOUBT * usual)
 
 
+class Mapped(Pilot):
+    """Is given the surface's map: what there is to gain from knowing the body."""
+
+    @torch.no_grad()
+    def learn_map(self, shape: Polyhedron) -> None:
+        field = self.geometry.field
+        counts = [FINER * (count - 1) + 1 for count in reversed(field.values.shape[2:])]
+        axes = [torch.linspace(-1.0, 1.0, count, dtype=torch.float64) for count in counts]
+        grid = torch.stack(torch.meshgrid(*axes, indexing="ij"), dim=-1)
+        points = (field.centre + field.reach * grid).reshape(-1, 3).numpy()
+        mesh = trimesh.Trimesh(shape.vertices, shape.facets, process=False)
+        nearest, distance, _ = trimesh.proximity.closest_point(mesh, points)
+        outside = np.where(mesh.contains(points), -1.0, 1.0)[:, None]
+        normal = outside * (points - nearest) / np.maximum(distance, 1e-3)[:, None]
+        values = np.hstack([outside * distance[:, None] / field.units[0].item(), normal])
+        values = torch.tensor(values.reshape(*counts, 4), dtype=torch.float32)
+        field.values = torch.nn.Parameter(values.permute(3, 2, 1, 0)[None].contiguous())
+
+
 def variant(kind: type[Pilot], folder: Path) -> Pilot:
     """The pilot of a folder, seeing as `kind` does."""
     shape, whole, _ = load_pilot(folder)
     made = shape.make()
     pilot = kind(made.hits, made.coarse, made.geometry, made.filter, made.guidance)
     pilot.load_state_dict(whole.state_dict())
+    if isinstance(pilot, Mapped):
+        pilot.learn_map(load_body(load_scenario().body).shape)
     return pilot.eval()
 
 
@@ -94,6 +122,8 @@ def bundles(data: PackedFlights, pilot: Path, dagger: Path, out: Path) -> dict[s
     }
     rounds = sorted(dagger.glob("round-*"), key=lambda folder: int(folder.name.split("-")[1]))
     kinds |= {f"and DAgger, round {k}": (Pilot, each) for k, each in enumerate(rounds, start=1)}
+    if rounds:
+        kinds["the same, given the map"] = Mapped, rounds[-1]
     folders = {}
     for label, (kind, folder) in kinds.items():
         folders[label] = out / "bundles" / file_label(label)
