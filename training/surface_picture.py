@@ -44,8 +44,7 @@ def plot_cut(ax: Axes, field: SurfaceField, body: Body, plane: str) -> None:
     segments = mesh_plane(body.shape.to_trimesh(), normal, np.zeros(3))
     flat = np.asarray(segments)[:, :, [across, up]] / length
     ax.add_collection(LineCollection(list(flat), colors=_MESH, linewidths=5.0))
-    low = field.low.numpy()
-    high = low + field.spacing * (np.array(field.size) - 1.0)
+    low, high = (field.centre - field.reach).numpy(), (field.centre + field.reach).numpy()
     spacing = float((high - low).max()) / _POINTS
     first, second = (np.arange(low[axis], high[axis], spacing) for axis in (across, up))
     points = np.zeros((len(second), len(first), 3), dtype=np.float32)
