@@ -31,6 +31,7 @@ from proxops.training.pilot_examples import commands_of, joined, labelled_comman
 from proxops.training.pilot_lessons import guidance_lesson
 from proxops.training.pilot_recipe import (
     collected_scenario,
+    data_sha256,
     expert_labels,
     export_pilot,
     known_commands,
@@ -128,7 +129,7 @@ def dagger(
         )
         identity = (
             f"DAgger round {number} of {pilot_sha256(pilot_folder)}, {settings.flights} flights, "
-            f"seed {settings.seed}, {learned}"
+            f"seed {settings.seed}, {learned}, {data_sha256(flights, known)}"
         )
         bundle = folder / "bundle"
         finished = _finished(folder, identity)

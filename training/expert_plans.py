@@ -1,8 +1,9 @@
-"""The expert's plans as labels: every plan says what to do at each of its knots, at no more cost.
+"""The expert's plans as labels: a plan says what to do at its knots, at no more cost.
 
 What is left of a plan of the expert is its plan from there (see `TransitProgram`), so the force
-that begins at a knot is its command in the knot's state. One solution labels as many states as a
-plan has knots, and those it was not asked about are where flights that go well will come.
+that begins at a knot is its command in the knot's state, but for those close to the goal: see
+`labels_of`. One solution labels many states, and those it was not asked about are where flights
+that go well will come.
 """
 
 from __future__ import annotations
@@ -35,8 +36,9 @@ from proxops.training.label_files import (
 _PORTION = 50
 # Solutions for one transit: from its start, and from states off its plan.
 _SOLUTIONS = 16
-# Share of the solutions that start within the last minutes, where precision counts.
-_LATE = 0.2
+# Share of the solutions that start in the last time of the plan (s), where precision counts and
+# knots are no labels.
+_LATE, _LATE_TIME = 0.4, 900.0
 # How far off the plan they start: log-uniform standard deviations in m and m/s.
 _POSITION_OFF, _SPEED_OFF = (30.0, 3e3), (0.03, 2.0)
 # Share of transits that are kept though no ellipsoid is in their way.
@@ -131,7 +133,7 @@ def transit_plans(
     for _ in range(_SOLUTIONS - 1):
         late = random.random() < _LATE
         end = first.times[-1]
-        age = end - 300.0 * random.random() if late else end * random.random()
+        age = end - _LATE_TIME * random.random() if late else end * random.random()
         state = first.states_at(np.array([max(age, 0.0)]))[0]
         for part, (low, high) in ((slice(3), _POSITION_OFF), (slice(3, 6), _SPEED_OFF)):
             spread = low * (high / low) ** random.random()
@@ -150,7 +152,11 @@ def _compute(portion: Portion, folder: Path) -> int:
     plans = []
     for index in range(portion.first, portion.first + portion.count):
         plans += transit_plans(program, scenario, body, portion.seed, index)
-    save_labels(folder / f"{portion.name}.npz", labels_of(plans), _origin(portion))
+    save_labels(
+        folder / f"{portion.name}.npz",
+        labels_of(plans, scenario.mpc.min_horizon_s),
+        _origin(portion),
+    )
     return len(plans)
 
 
@@ -158,7 +164,7 @@ def _origin(portion: Portion) -> str:
     """All that the plans depend on."""
     scenario = parse_scenario(portion.scenario)
     parts = scenario.body, scenario.spacecraft, scenario.mpc, scenario.transit
-    return f"{portion.first}, {portion.count}, {portion.seed}, {parts}"
+    return f"good knots of {portion.first}, {portion.count}, {portion.seed}, {parts}"
 
 
 # One large thing, loaded once in each worker.

@@ -79,18 +79,19 @@ def labels_along(
     target: np.ndarray,
     period: float,
     cold_iterations: int,
+    least_horizon: float,
 ) -> Labels:
     """Labels along a path: of every state (N, 6), and of the later knots of every fourth plan.
 
     Args:
-      target: (6,) in m and m/s. period: s from state to state.
+      target: (6,) in m and m/s. period: s from state to state. least_horizon: see `labels_of`.
     """
     own: list[Plan] = []
     whole: list[Plan] = []
     for k, plan in enumerate(plans_along(program, states, target, period, cold_iterations)):
         if plan is not None:
             (whole if k % _WHOLE_PLAN_EVERY == 0 else own).append(plan)
-    return joined_labels([labels_of(own, starts_only=True), labels_of(whole)])
+    return joined_labels([labels_of(own), labels_of(whole, least_horizon)])
 
 
 def plans_along(
@@ -123,6 +124,7 @@ def _label(piece: _Piece, folder: Path) -> int:
         log.dataset["target"].values[0],
         scenario.control_period_s,
         scenario.mpc.cold_iterations,
+        scenario.mpc.min_horizon_s,
     )
     save_labels(_path(piece, folder), labels, file_sha256(piece.log))
     return len(labels["state"])

@@ -16,16 +16,29 @@ Labels = dict[str, np.ndarray]
 _NAMES = ("state", "goal", "force")
 # A plan with more slack breaks a limit or misses the target: its later knots are no example.
 _SLACK = 1e-3
+# Where less than so many least horizons is left of a plan, or an interval is more than this share
+# of what is left, forces are off what the expert commands there by 1 to 3 N, else by 0.1 to 0.3.
+_LEAST_LEFT, _COARSEST = 2.0, 0.2
 
 
-def labels_of(plans: list[Plan], *, starts_only: bool = False) -> Labels:
-    """States, goals and forces of the knots of plans; of one with slack, of its start alone."""
+def labels_of(plans: list[Plan], least_horizon: float | None = None) -> Labels:
+    """States, goals and forces of the knots of plans; of one with slack, of its start alone.
+
+    A knot says what the expert would command there only while what is left of the plan is well
+    above the expert's least horizon (s), which a plan from there would not go below, and not much
+    coarser than such a plan. None: starts alone.
+    """
     states, goals, forces = [np.zeros((0, 6))], [np.zeros((0, 3))], [np.zeros((0, 3))]
     for plan in plans:
-        knots = 1 if starts_only or plan.slack > _SLACK else len(plan.forces)
-        states.append(plan.states[:knots])
-        forces.append(plan.forces[:knots])
-        goals.append(np.tile(plan.target[:3], (knots, 1)))
+        left = plan.times[-1] - plan.times[:-1]
+        kept = np.arange(len(left)) == 0
+        if least_horizon is not None and plan.slack <= _SLACK:
+            kept |= (left >= _LEAST_LEFT * least_horizon) & (
+                np.diff(plan.times) <= _COARSEST * left
+            )
+        states.append(plan.states[:-1][kept])
+        forces.append(plan.forces[kept])
+        goals.append(np.tile(plan.target[:3], (int(kept.sum()), 1)))
     parts = {"state": states, "goal": goals, "force": forces}
     return {key: np.concatenate(values) for key, values in parts.items()}
 

@@ -134,7 +134,7 @@ def train_pilot(
 
     labels = expert_labels(scenario, out, settings, workers, _stage("plans", tell))
     known = known_commands(flights, labels)
-    taught = settings.guidance, settings.seed, identity
+    taught = settings.guidance, settings.seed, f"{identity}, {data_sha256(flights, known)}"
     lesson = guidance_lesson(
         pilot.guidance,
         motion,
@@ -180,6 +180,14 @@ def expert_labels(
 def known_commands(flights: PackedFlights, labels: Labels) -> Commands:
     """All that the guidance learns from: the flights to train on, and plans."""
     return joined([commands_of(flights, "training"), labelled_commands(labels)])
+
+
+def data_sha256(flights: PackedFlights, known: Commands) -> str:
+    """Hash of all that a pilot learns from: the flights, and what is known of the expert."""
+    data = hashlib.sha256(flights.logs_sha256.encode())
+    for column in known:
+        data.update(column.numpy().tobytes())
+    return data.hexdigest()
 
 
 def collected_scenario(data: Path) -> Scenario:
@@ -254,10 +262,7 @@ def pilot_report(
 def export_pilot(
     pilot: Pilot, flights: PackedFlights, known: Commands, report: dict[str, Any], folder: Path
 ) -> None:
-    """Writes the bundle that flies; its hash of the data covers the flights and what is `known`."""
-    data = hashlib.sha256(flights.logs_sha256.encode())
-    for column in known:
-        data.update(column.numpy().tobytes())
+    """Writes the bundle that flies, made of a pilot that learned from the flights and `known`."""
     export_recipe(
         pilot,
         flights,
@@ -265,7 +270,7 @@ def export_pilot(
         recipe="proxops",
         memory=MEMORY,
         estimates=True,
-        data_sha256=data.hexdigest(),
+        data_sha256=data_sha256(flights, known),
         metrics={"parts": report["parts"]},
         report=report_markdown(report, pictures=False),
     )
