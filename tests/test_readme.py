@@ -161,7 +161,8 @@ def test_every_command_in_brief(
     (pilot,) = re.findall(r"^```python\n(# my_pilot.py\n.*?)^```", README, FLAGS)
     (tmp_path / "my_pilot.py").write_text(pilot)
     contact_binary(500.0, 2).export(tmp_path / "scan.stl")
-    write_policy(tmp_path / "out" / "policy", DeadReckoning())
+    for bundle in ("policy", "dagger/bundle"):
+        write_policy(tmp_path / "out" / bundle, DeadReckoning())
     copy_flights(tmp_path)
     (tmp_path / "out" / "flight").mkdir(parents=True)
     synthetic_log(20).to_netcdf(tmp_path / "out" / "flight" / "flight.nc")  # `make fly` leaves it.
