@@ -45,7 +45,7 @@ def dagger_command(
 
     Example:
 
-      proxops dagger out/full --pilot out/pilot --rounds 2 --out out/dagger
+      proxops dagger out/full --pilot out/pilot --out out/dagger
     """
     check_folder(out)
     with training_extra():
