@@ -21,7 +21,7 @@ from rich.progress import (
 from rich.table import Table
 from rich.text import Text
 
-from proxops.cli.common import check_folder, console, progress_bar, status
+from proxops.cli.common import Scheduler, Workers, check_folder, console, progress_bar, status
 from proxops.diagrams.scenario import load_scenario
 from proxops.training.collecting import collect
 from proxops.training.collection import learned_lidar_of
@@ -65,12 +65,8 @@ def collect_command(
     out: Annotated[Path, typer.Option(help="Folder for the logs and manifest.json.")] = (
         Path("out/collection")
     ),
-    workers: Annotated[
-        int | None, typer.Option(min=1, help="Processes. Default: one for each core.")
-    ] = None,
-    scheduler: Annotated[
-        str | None, typer.Option(help="Address of a Dask scheduler to fly on instead.")
-    ] = None,
+    workers: Workers = None,
+    scheduler: Scheduler = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the report as JSON.")] = False,
 ) -> None:
     """Fly expert transits; write a log each, manifest.json and a report.

@@ -9,6 +9,7 @@ import typing
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import typer
 from rich.console import Console
 from rich.progress import (
     BarColumn,
@@ -22,6 +23,14 @@ from rich.table import Table
 
 from proxops.diagrams.flight_log import write_whole
 from proxops.systems.errors import InputError
+
+Workers = typing.Annotated[
+    int | None, typer.Option(min=1, help="Processes. Default: one for each core.")
+]
+Scheduler = typing.Annotated[
+    str | None, typer.Option(help="Address of a Dask scheduler to fly on instead.")
+]
+"""Options of all commands that fly many times."""
 
 console = Console()
 """Results go here, to standard output."""

@@ -9,7 +9,15 @@ from typing import Annotated
 
 import typer
 
-from proxops.cli.common import check_folder, print_rows, status, training_bar, training_extra
+from proxops.cli.common import (
+    Scheduler,
+    Workers,
+    check_folder,
+    print_rows,
+    status,
+    training_bar,
+    training_extra,
+)
 from proxops.cli.train import print_report
 
 
@@ -29,12 +37,8 @@ def dagger_command(
     out: Annotated[Path, typer.Option(help="Folder for the rounds and the pilot.")] = Path(
         "out/dagger"
     ),
-    workers: Annotated[
-        int | None, typer.Option(min=1, help="Processes. Default: one for each core.")
-    ] = None,
-    scheduler: Annotated[
-        str | None, typer.Option(help="Address of a Dask scheduler to fly on instead.")
-    ] = None,
+    workers: Workers = None,
+    scheduler: Scheduler = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the report as JSON.")] = False,
 ) -> None:
     """Let the pilot fly, have the MPC say what it would have done, and learn that: DAgger.

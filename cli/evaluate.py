@@ -11,7 +11,15 @@ import typer
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from proxops.cli.common import check_folder, console, progress_bar, status, write_json
+from proxops.cli.common import (
+    Scheduler,
+    Workers,
+    check_folder,
+    console,
+    progress_bar,
+    status,
+    write_json,
+)
 from proxops.diagrams.body import load_body
 from proxops.diagrams.scenario import Scenario, load_scenario
 from proxops.diagrams.simulation import named_controller
@@ -41,12 +49,8 @@ def evaluate_command(
     out: Annotated[Path, typer.Option(help="Folder for results.json and the report.")] = Path(
         "out/evaluation"
     ),
-    workers: Annotated[
-        int | None, typer.Option(min=1, help="Processes. Default: one for each core.")
-    ] = None,
-    scheduler: Annotated[
-        str | None, typer.Option(help="Address of a Dask scheduler to fly on instead.")
-    ] = None,
+    workers: Workers = None,
+    scheduler: Scheduler = None,
     keep_logs: Annotated[bool, typer.Option(help="Keep every flight's log.")] = False,
 ) -> None:
     """Fly a set of transits with each controller; write results.json, report.html and report.md.

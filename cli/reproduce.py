@@ -10,7 +10,15 @@ from typing import Annotated
 import typer
 from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
 
-from proxops.cli.common import check_folder, print_rows, progress_bar, status, training_extra
+from proxops.cli.common import (
+    Scheduler,
+    Workers,
+    check_folder,
+    print_rows,
+    progress_bar,
+    status,
+    training_extra,
+)
 from proxops.diagrams.body import load_body
 from proxops.diagrams.scenario import load_scenario
 
@@ -39,12 +47,8 @@ def reproduce_command(
     out: Annotated[Path, typer.Option(help="Folder for all stages and the report.")] = Path(
         "out/reproduction"
     ),
-    workers: Annotated[
-        int | None, typer.Option(min=1, help="Processes. Default: one for each core.")
-    ] = None,
-    scheduler: Annotated[
-        str | None, typer.Option(help="Address of a Dask scheduler to fly on instead.")
-    ] = None,
+    workers: Workers = None,
+    scheduler: Scheduler = None,
 ) -> None:
     """Collect, train, evaluate, and write a report: each figure and number of the paper, and ours.
 

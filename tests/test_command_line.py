@@ -138,6 +138,16 @@ def test_completion(tmp_path: Path, typed: str, offered: str) -> None:
     assert offered in run(folder=tmp_path, **changes).stdout.split()
 
 
+def interrupt_when(process: subprocess.Popen[str], begun: Path) -> None:
+    """As Ctrl-C does, as soon as the file is there."""
+    until = time.monotonic() + 60.0
+    while not begun.exists():
+        assert time.monotonic() < until
+        assert process.poll() is None, process.stderr and process.stderr.read()
+        time.sleep(0.05)
+    os.killpg(process.pid, signal.SIGINT)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "says"),
@@ -171,12 +181,7 @@ def test_interrupted(tmp_path: Path, arguments: list[str], says: str) -> None:
         [*PROXOPS, *arguments, name, "slow_pilot:make"], cwd=tmp_path, env=environment(),
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
     )  # fmt: skip
-    until = time.monotonic() + 60.0
-    while not (tmp_path / "flying").exists():
-        assert time.monotonic() < until
-        assert process.poll() is None, process.stderr and process.stderr.read()
-        time.sleep(0.05)
-    os.killpg(process.pid, signal.SIGINT)
+    interrupt_when(process, tmp_path / "flying")
     out, err = process.communicate(timeout=60)
     assert process.returncode == 130
     assert out == ""
@@ -196,11 +201,6 @@ def test_interrupted_while_it_imports(tmp_path: Path) -> None:
         [*PROXOPS, "fly"], cwd=tmp_path, env=environment(PYTHONPATH=found),
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
     )  # fmt: skip
-    until = time.monotonic() + 60.0
-    while not (tmp_path / "importing").exists():
-        assert time.monotonic() < until
-        assert process.poll() is None, process.stderr and process.stderr.read()
-        time.sleep(0.05)
-    os.killpg(process.pid, signal.SIGINT)
+    interrupt_when(process, tmp_path / "importing")
     assert process.communicate(timeout=60) == ("", "proxops: interrupted\n")
     assert process.returncode == 130

@@ -127,14 +127,17 @@ def small_pilot() -> Pilot:
     ).eval()
 
 
+def facts() -> PolicyFacts:
+    body = kleopatra()
+    return PolicyFacts(
+        "proxops", 12, 360, 10.0, 7.0, MEMORY, True, body.config.name, body.shape.sha256, ""
+    )
+
+
 @pytest.fixture(scope="module")
 def bundle(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("pilot") / "bundle"
-    body = kleopatra()
-    facts = PolicyFacts(
-        "proxops", 12, 360, 10.0, 7.0, MEMORY, True, body.config.name, body.shape.sha256, ""
-    )
-    export_policy(small_pilot(), folder, facts, [flight()])
+    export_policy(small_pilot(), folder, facts(), [flight()])
     return folder
 
 
@@ -160,11 +163,7 @@ def test_exported_pilot_says_what_the_trained_one_says(bundle: Path):
 
 
 def test_export_is_the_same_each_time_and_names_no_source(bundle: Path, tmp_path: Path):
-    body = kleopatra()
-    facts = PolicyFacts(
-        "proxops", 12, 360, 10.0, 7.0, MEMORY, True, body.config.name, body.shape.sha256, ""
-    )
-    export_policy(small_pilot(), tmp_path / "again", facts, [flight()])
+    export_policy(small_pilot(), tmp_path / "again", facts(), [flight()])
     model = (bundle / "model.onnx").read_bytes()
     assert (tmp_path / "again" / "model.onnx").read_bytes() == model
     assert b"pilot.py" not in model

@@ -127,9 +127,10 @@ def dagger(
         schedule = dc.replace(
             learned.guidance, epochs=max(1, round(share * learned.guidance.epochs))
         )
+        learned_from = data_sha256(flights, known)
         identity = (
             f"DAgger round {number} of {pilot_sha256(pilot_folder)}, {settings.flights} flights, "
-            f"seed {settings.seed}, {learned}, {data_sha256(flights, known)}"
+            f"seed {settings.seed}, {learned}, {learned_from}"
         )
         bundle = folder / "bundle"
         finished = _finished(folder, identity)
@@ -160,7 +161,7 @@ def dagger(
             "notes": _notes(history),
         }
         report = write_report(pilot, flights, report, folder)
-        export_pilot(pilot, flights, known, report, bundle)
+        export_pilot(pilot, flights, report, bundle, learned_from)
         _publish(folder, out)
     tell(1.0, "done")
     return report

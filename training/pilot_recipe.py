@@ -134,7 +134,8 @@ def train_pilot(
 
     labels = expert_labels(scenario, out, settings, workers, _stage("plans", tell))
     known = known_commands(flights, labels)
-    taught = settings.guidance, settings.seed, f"{identity}, {data_sha256(flights, known)}"
+    learned_from = data_sha256(flights, known)
+    taught = settings.guidance, settings.seed, f"{identity}, {learned_from}"
     lesson = guidance_lesson(
         pilot.guidance,
         motion,
@@ -151,7 +152,7 @@ def train_pilot(
     report = write_report(pilot, flights, report, out)
     origin = {"logs_sha256": flights.logs_sha256, "settings": dc.asdict(settings)}
     save_pilot(out, shape, pilot, origin)
-    export_pilot(pilot, flights, known, report, out / "bundle")
+    export_pilot(pilot, flights, report, out / "bundle", learned_from)
     tell(1.0, "done")
     return report
 
@@ -260,9 +261,9 @@ def pilot_report(
 
 
 def export_pilot(
-    pilot: Pilot, flights: PackedFlights, known: Commands, report: dict[str, Any], folder: Path
+    pilot: Pilot, flights: PackedFlights, report: dict[str, Any], folder: Path, learned_from: str
 ) -> None:
-    """Writes the bundle that flies, made of a pilot that learned from the flights and `known`."""
+    """Writes the bundle that flies; `learned_from` is the `data_sha256` of what the pilot saw."""
     export_recipe(
         pilot,
         flights,
@@ -270,7 +271,7 @@ def export_pilot(
         recipe="proxops",
         memory=MEMORY,
         estimates=True,
-        data_sha256=data_sha256(flights, known),
+        data_sha256=learned_from,
         metrics={"parts": report["parts"]},
         report=report_markdown(report, pictures=False),
     )
