@@ -1,4 +1,4 @@
-"""Compiled kernel of backup braking: gravity from a table, the law, its outlook, the least change.
+"""Compiled kernel of backup braking: gravity from a table, the law, its outlook, bounds of speed.
 
 Arguments that most functions share:
 
@@ -30,19 +30,6 @@ _LONGEST_OUTLOOK = 300
 _OUTWARD = 0.05
 # Up to this share of the normal an axis is braked even if it moves outwards.
 _SIDEWAYS = 0.2
-# The search for the least change may end at this share of the worth that was missing, or at this
-# clearance in thrust limits times a period squared (7 mm at Kleopatra); and how many outlooks it
-# takes at most.
-_NEAR_ENOUGH = 0.03
-_NEAR_ENOUGH_CLEARANCE = 1e-3
-_TRIES = 6
-# Share of the thrust limit by which the search tries how clearance changes.
-_PROBE = 0.05
-# Gradients that it follows.
-_ROUNDS = 2
-
-# Codes of `InterventionReason`.
-NONE, THRUST_LIMIT, SPEED_LIMIT, KEEP_OUT, BACKUP = range(5)
 
 _compiled = numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
 _inlined = numba.njit(cache=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
@@ -193,24 +180,26 @@ def backup(r, v, scales, nodes, world, u):
     _law(r, v, gravity, world, u)
 
 
-@_inlined
-def _worth(motion, u):
-    """The least clearance (m) if u flies for one period and the backup after it."""
-    r, v, gravity, scales, nodes, world = motion
-    r_end, v_end = np.empty(3), np.empty(3)
+@_compiled
+def worth(r, v, scales, nodes, world, u):
+    """The least clearance (m) if u (3,) flies for one period and the backup after it."""
+    gravity, r_end, v_end = np.empty(3), np.empty(3), np.empty(3)
+    _gravity_ahead(r, v, scales, nodes, world, gravity)
     least = _advance(r, v, gravity, u, world, r_end, v_end)
     return min(least, outlook(r_end, v_end, scales, nodes, world))
 
 
-@_inlined
-def _bound_speed(motion, u, low, high):
+@_compiled
+def bound_speed(r, v, scales, nodes, world, u, low, high):
     """Moves u by the least that ends the period below the speed limit, as far as thrust can.
 
-    Fills the bounds of u (3,) that thrust and speed set, and returns whether u was moved.
+    Fills the bounds of u (3,) that thrust and speed set, and returns whether u was moved for speed.
     """
-    r, v, gravity, _, _, world = motion
-    r_end, v_end = np.empty(3), np.empty(3)
+    gravity, r_end, v_end = np.empty(3), np.empty(3), np.empty(3)
     limit, period = world[THRUST], world[PERIOD]
+    _gravity_ahead(r, v, scales, nodes, world, gravity)
+    for i in range(3):
+        u[i] = _within(u[i], -limit, limit)
     _advance(r, v, gravity, u, world, r_end, v_end)
     moved = max(abs(v_end[0]), abs(v_end[1]), abs(v_end[2])) > world[SPEED]
     # Coriolis couples the axes by spin period, some 0.003: three rounds leave its cube. What it
@@ -225,109 +214,3 @@ def _bound_speed(motion, u, low, high):
                 high[i], low[i] = max(high[i], u[i]), min(low[i], u[i])
             u[i] = _within(u[i], low[i], high[i])
     return moved
-
-
-@_compiled
-def assure(r, v, wanted, scales, nodes, world, u):
-    """Fills u (3,), the least change of ``wanted`` (3,) that is safe; returns a code.
-
-    All three are thrust accelerations in m/s^2.
-    """
-    gravity, low, high, toward = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
-    motion = (r, v, gravity, scales, nodes, world)
-    limit, reason = world[THRUST], NONE
-    _gravity_ahead(r, v, scales, nodes, world, gravity)
-    for i in range(3):
-        u[i] = _within(wanted[i], -limit, limit)
-        if u[i] != wanted[i]:
-            reason = THRUST_LIMIT
-    if _bound_speed(motion, u, low, high):
-        reason = SPEED_LIMIT
-    worth = _worth(motion, u)
-    if worth >= 0.0:
-        return reason
-
-    # Up the gradient of the worth: there, to first order, lies the least change. First that at the
-    # start, then that at what was found.
-    start, at, worth_at = u.copy(), u.copy(), worth
-    found, least = False, math.inf
-    for _ in range(_ROUNDS):
-        if worth_at == -math.inf:
-            break
-        steepness = along = 0.0
-        for i in range(3):
-            probe = _PROBE * limit if at[i] + _PROBE * limit <= high[i] else -_PROBE * limit
-            kept, at[i] = at[i], at[i] + probe
-            there = _worth(motion, at)
-            at[i] = kept
-            toward[i] = (there - worth_at) / probe if there > -math.inf else 0.0
-            steepness += toward[i] ** 2
-            along += toward[i] * (at[i] - start[i])
-        if steepness == 0.0:
-            break
-        # Until an axis that counts for a tenth has gone from limit to limit.
-        far = 20.0 * limit / math.sqrt(steepness)
-        first = min(max(along - worth_at, 0.0) / steepness, far)
-        worth_at = _search(motion, start, toward, worth, first, far, low, high, at)
-        change = 0.0
-        for i in range(3):
-            change += (at[i] - start[i]) ** 2
-        if worth_at < 0.0 or change >= least:
-            break
-        found, least = True, change
-        u[:] = at
-    if found:
-        return KEEP_OUT
-    # Towards the backup, if it can be had within the speed limit.
-    _law(r, v, gravity, world, u)
-    for i in range(3):
-        toward[i] = _within(u[i], low[i], high[i]) - start[i]
-    if _search(motion, start, toward, worth, 1.0, 1.0, low, high, u) >= 0.0:
-        return KEEP_OUT
-    _law(r, v, gravity, world, u)
-    return BACKUP
-
-
-@_compiled
-def _search(motion, start, toward, worth, first, far, low, high, u):
-    """Fills u with the nearest point of a path that has a worth >= 0; returns that worth.
-
-    The path is start + share toward, kept within the bounds, for a share of up to ``far``; its
-    start has the given worth, below 0. By false position (the Illinois rule), from ``first`` on.
-    Where nothing is found, -inf is returned.
-    """
-    world = motion[5]
-    enough = _NEAR_ENOUGH_CLEARANCE * world[THRUST] * world[PERIOD] ** 2
-    if worth > -math.inf:
-        enough = max(enough, -_NEAR_ENOUGH * worth)
-    bad, good, share, slope = 0.0, math.inf, first, 0.0
-    worth_bad, worth_good, worth_found = worth, 0.0, -math.inf
-    for _ in range(_TRIES):
-        for i in range(3):
-            u[i] = _within(start[i] + share * toward[i], low[i], high[i])
-        there = _worth(motion, u)
-        if there >= 0.0:
-            if good < math.inf:
-                worth_bad *= 0.5
-            good, worth_good, worth_found = share, there, there
-            if there <= enough:
-                break
-        elif share >= far:
-            break
-        else:
-            if good < math.inf:
-                worth_good *= 0.5
-            slope = (there - worth_bad) / (share - bad) if share > bad else 0.0
-            bad, worth_bad = share, there
-        if good == math.inf:
-            step = (0.5 * enough - there) / slope if slope > 0.0 else math.inf
-            share = min(share + _within(1.1 * step, 0.1 * share, 3.0 * share), far)
-        elif worth_bad > -math.inf:
-            rise = max(worth_good - worth_bad, 0.5 * enough)
-            share = bad + (good - bad) * min((0.5 * enough - worth_bad) / rise, 0.95)
-        else:
-            share = 0.5 * (bad + good)
-    if good < math.inf:
-        for i in range(3):
-            u[i] = _within(start[i] + good * toward[i], low[i], high[i])
-    return worth_found

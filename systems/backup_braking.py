@@ -12,21 +12,27 @@ from proxops.systems import _braking_kernel as kernel
 from proxops.systems.errors import InputError
 from proxops.systems.gravity_field import Field
 from proxops.systems.gravity_table import gravity_table
+from proxops.systems.least_change import along_path, least_change
 
 # The outward speed that the backup seeks, in speed limits.
 _CRUISE = 0.25
 # Share of the thrust limit beyond what gravity and Coriolis may take.
 _RESERVE = 0.15
+# Clearance that is as good as none, in thrust limits times a period squared (7 mm at Kleopatra).
+_NEAR_ENOUGH = 1e-3
+
+_Motion = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+"""Position, velocity, a table's scales and nodes, and the kernel's `world`."""
 
 
 class InterventionReason(IntEnum):
     """Why a force was changed; of several reasons the last."""
 
-    NONE = kernel.NONE
-    THRUST_LIMIT = kernel.THRUST_LIMIT
-    SPEED_LIMIT = kernel.SPEED_LIMIT
-    KEEP_OUT = kernel.KEEP_OUT
-    BACKUP = kernel.BACKUP
+    NONE = 0
+    THRUST_LIMIT = 1
+    SPEED_LIMIT = 2
+    KEEP_OUT = 3
+    BACKUP = 4
     """The backup itself flies: no force nearer to the command was found safe."""
 
 
@@ -115,15 +121,15 @@ class BackupBraking:
                 f"{limits.mass * self.table.greatest.max():.3g} N: fly without it, or with more "
                 "thrust or less mass"
             )
-        self._world = np.array(
-            [*(axes + limits.margin), spin, acceleration, period, cruise, settled, limits.speed]
-        )
+        world = [*(axes + limits.margin), spin, acceleration, period, cruise, settled, limits.speed]
+        # What the kernel's functions take after position and velocity.
+        self._given = self.table.scales, self.table.nodes, np.array(world)
 
     def force(self, state: np.ndarray) -> np.ndarray:
         """The backup's force (3,) in N at a state (6,) in K."""
         r, v = self._split(state)
         thrust = np.empty(3)
-        kernel.backup(r, v, self.table.scales, self.table.nodes, self._world, thrust)
+        kernel.backup(r, v, *self._given, thrust)
         return self.limits.mass * thrust
 
     def outlook(self, state: np.ndarray) -> float:
@@ -132,7 +138,7 @@ class BackupBraking:
         A lower bound, the closer the nearer it is to 0; -inf if the backup comes to no end.
         """
         r, v = self._split(state)
-        return kernel.outlook(r, v, self.table.scales, self.table.nodes, self._world)
+        return kernel.outlook(r, v, *self._given)
 
     def admitted(self, state: np.ndarray) -> bool:
         """Whether the backup's flight from a state (6,) stays out."""
@@ -147,13 +153,44 @@ class BackupBraking:
         r, v = self._split(state)
         if not np.isfinite(force).all():
             raise InputError(f"a force must be finite to be assured, got {force} N")
-        wanted, thrust = np.asarray(force, dtype=np.float64) / self.limits.mass, np.empty(3)
-        code = kernel.assure(r, v, wanted, self.table.scales, self.table.nodes, self._world, thrust)
-        if code == kernel.NONE:
-            return Assured(np.array(force, dtype=np.float64), InterventionReason.NONE)
+        wanted = np.asarray(force, dtype=np.float64) / self.limits.mass
+        thrust, low, high = wanted.copy(), np.empty(3), np.empty(3)
+        motion = r, v, *self._given
+        reason = InterventionReason.NONE
+        if kernel.bound_speed(*motion, thrust, low, high):
+            reason = InterventionReason.SPEED_LIMIT
+        elif (thrust != wanted).any():
+            reason = InterventionReason.THRUST_LIMIT
+        if kernel.worth(*motion, thrust) < 0.0:
+            thrust, reason = self._kept_out(motion, thrust, low, high)
+        if reason is InterventionReason.NONE:
+            return Assured(np.array(force, dtype=np.float64), reason)
         limit = self.limits.thrust
-        safe = np.clip(self.limits.mass * thrust, -limit, limit)
-        return Assured(safe, InterventionReason(code))
+        return Assured(np.clip(self.limits.mass * thrust, -limit, limit), reason)
+
+    def _kept_out(
+        self, motion: _Motion, thrust: np.ndarray, low: np.ndarray, high: np.ndarray
+    ) -> tuple[np.ndarray, InterventionReason]:
+        """The least change of a thrust acceleration that is not safe, within its bounds."""
+
+        def worth(tried: np.ndarray) -> float:
+            return kernel.worth(*motion, tried)
+
+        limit = self.limits.thrust / self.limits.mass
+        enough = _NEAR_ENOUGH * limit * self.period**2
+        found = least_change(worth, thrust, low, high, limit, enough)
+        if found is not None:
+            return found, InterventionReason.KEEP_OUT
+        # Towards the backup, if it can be had within the speed limit.
+        way_out = np.empty(3)
+        kernel.backup(*motion, way_out)
+        toward = np.clip(way_out, low, high) - thrust
+        found, reached = along_path(
+            worth, thrust, toward, worth(thrust), (low, high), 1.0, 1.0, enough
+        )
+        if reached >= 0.0:
+            return found, InterventionReason.KEEP_OUT
+        return way_out, InterventionReason.BACKUP
 
     def _split(self, state: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         state = np.asarray(state, dtype=np.float64)

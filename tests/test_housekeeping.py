@@ -26,11 +26,6 @@ USED_BY_NAME = {
 IN_NOTEBOOKS_ONLY = {"IPython"}
 
 
-# Longer than 300 lines, and how long: numba's cache looks at no file but a function's own, so what
-# a kernel calls stays in one file with it.
-LONGER = {"_braking_kernel.py": 340}
-
-
 def sources(*folders: str) -> Iterator[Path]:
     for folder in folders:
         yield from (ROOT / folder).rglob("*.py")
@@ -92,10 +87,7 @@ def test_modules_are_short() -> None:
     paths = [*sources(*FOLDERS, "benchmarks"), *sorted((ROOT / "tests").glob("[!t]*.py"))]
     lengths = {path: len(path.read_text().splitlines()) for path in paths}
     assert len(lengths) > 100
-    too_long = {
-        path.name: length for path, length in lengths.items() if length > LONGER.get(path.name, 300)
-    }
-    assert too_long == {}
+    assert {path.name: length for path, length in lengths.items() if length > 300} == {}
 
 
 def test_notebooks_are_cleared() -> None:

@@ -1,0 +1,85 @@
+"""The least change of a command, where it can be computed otherwise."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from proxops.systems.least_change import along_path, least_change
+
+LIMIT, ENOUGH = 1.0, 1e-3
+LOW, HIGH = np.full(3, -LIMIT), np.full(3, LIMIT)
+UNIT = st.floats(-1.0, 1.0).filter(lambda x: abs(x) > 0.05)
+
+
+@given(normal=arrays(np.float64, 3, elements=UNIT), start=arrays(np.float64, 3, elements=UNIT))
+def test_projects_onto_a_half_space(normal: np.ndarray, start: np.ndarray) -> None:
+    """Safe where normal . u >= offset: the least change is along the normal, unless that is out."""
+    start, normal = 0.5 * start, normal / np.linalg.norm(normal)
+    missing = 0.2
+    offset = normal @ start + missing
+    found = least_change(lambda u: float(normal @ u - offset), start, LOW, HIGH, LIMIT, ENOUGH)
+    assert found is not None
+    expected = start + missing * normal
+    assert normal @ found >= offset
+    if np.abs(expected).max() < 0.9:
+        np.testing.assert_allclose(found, expected, atol=0.03 * missing + ENOUGH)
+
+
+def test_follows_a_curved_border() -> None:
+    """Safe outside a ball: the second gradient brings it to the nearest point of the sphere."""
+    centre, start = np.array([0.1, -0.2, 0.0]), np.array([0.3, 0.1, 0.2])
+
+    def worth(u: np.ndarray) -> float:
+        return float((u - centre) @ (u - centre)) - 0.36
+
+    found = least_change(worth, start, LOW, HIGH, LIMIT, ENOUGH)
+    assert found is not None
+    away = start - centre
+    nearest = centre + 0.6 * away / np.linalg.norm(away)
+    assert worth(found) >= 0.0
+    np.testing.assert_allclose(found, nearest, atol=0.02)
+
+
+def test_stays_within_the_box() -> None:
+    """What is safe lies beyond the box along the gradient, and inside it to the side."""
+    normal = np.array([1.0, 0.3, 0.0])
+    found = least_change(lambda u: float(normal @ u) - 1.2, np.zeros(3), LOW, HIGH, LIMIT, ENOUGH)
+    assert found is not None
+    assert normal @ found >= 1.2
+    assert (np.abs(found) <= LIMIT).all()
+
+
+@pytest.mark.parametrize("worth", [lambda u: -1.0, lambda u: -math.inf, lambda u: u[0] - 2.0])
+def test_says_so_where_nothing_is_safe(worth) -> None:
+    assert least_change(worth, np.zeros(3), LOW, HIGH, LIMIT, ENOUGH) is None
+
+
+@given(border=st.floats(0.05, 0.95))
+def test_path_ends_where_it_becomes_safe(border: float) -> None:
+    toward = np.array([0.8, 0.0, 0.0])
+    point, worth = along_path(
+        lambda u: float(u[0]) / 0.8 - border,
+        np.zeros(3),
+        toward,
+        -border,
+        (LOW, HIGH),
+        1.0,
+        1.0,
+        ENOUGH,
+    )
+    assert worth >= 0.0
+    assert border <= point[0] / 0.8 <= border * 1.03 + ENOUGH + 1e-9
+
+
+def test_path_without_a_known_start_is_halved() -> None:
+    """Where nothing is known of its start, only that its end is safe."""
+    point, worth = along_path(
+        lambda u: 1.0 if u[0] > 0.3 else -math.inf,
+        np.zeros(3), np.array([0.8, 0.0, 0.0]), -math.inf, (LOW, HIGH), 1.0, 1.0, ENOUGH,
+    )  # fmt: skip
+    assert worth == 1.0
+    assert 0.3 < point[0] < 0.35
