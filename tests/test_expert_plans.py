@@ -53,7 +53,7 @@ def test_labels_are_within_limits_and_out_of_the_ellipsoid(tmp_path: Path):
     assert {key: values.shape for key, values in labels.items()} == {
         "state": (count, 6), "goal": (count, 3), "force": (count, 3),
     }  # fmt: skip
-    assert count > 2 * 6 * 16
+    assert count > 2 * 6 * 3
     assert np.abs(labels["force"]).max() <= 7.0 + 1e-4
     outside = clearances(kleopatra().keep_out_semi_axes, labels["state"][:, :3]) > -1e3
     assert outside.mean() > 0.98

@@ -62,7 +62,7 @@ class Settings:
     """Of a run of DAgger."""
 
     rounds: int = 3
-    flights: int = 160
+    flights: int = 240
     """In each round, three in four of transits whose straight line is blocked."""
     seed: int = 100
     """Of the transits of the first round; the next has the next."""

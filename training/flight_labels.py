@@ -24,9 +24,10 @@ from proxops.training.label_files import (
     save_labels,
 )
 
-# Every state is a label. At every so many steps the plan's later knots are labels too: where the
-# flight would come if the expert took over.
-_WHOLE_PLAN_EVERY = 4
+# One in so many states is a label: the next is much the same. Of every so many of them the plan's
+# later knots are labels too: where the flight would come if the expert took over.
+_STRIDE = 2
+_WHOLE_PLAN_EVERY = 2
 # Linearisations about the plan of the step before: the flight does not follow it.
 _ITERATIONS = 2
 
@@ -46,7 +47,7 @@ def label_flights(
     scheduler: str | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> Labels:
-    """Labels of every state of the flights, by the expert of each log's own scenario.
+    """Labels of every other state of the flights, by the expert of each log's own scenario.
 
     A flight's labels are kept in `folder`, and not computed again.
 
@@ -81,7 +82,7 @@ def labels_along(
     cold_iterations: int,
     least_horizon: float,
 ) -> Labels:
-    """Labels along a path: of every state (N, 6), and of the later knots of every fourth plan.
+    """Labels along a path: of every state (N, 6), and of the later knots of every other plan.
 
     Args:
       target: (6,) in m and m/s. period: s from state to state. least_horizon: see `labels_of`.
@@ -120,9 +121,9 @@ def _label(piece: _Piece, folder: Path) -> int:
     expert = make_controller(scenario, _body(scenario.body))
     labels = labels_along(
         expert.program,
-        log.dataset["state"].values[:-1],
+        log.dataset["state"].values[:-1:_STRIDE],
         log.dataset["target"].values[0],
-        scenario.control_period_s,
+        _STRIDE * scenario.control_period_s,
         scenario.mpc.cold_iterations,
         scenario.mpc.min_horizon_s,
     )

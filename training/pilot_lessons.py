@@ -27,11 +27,11 @@ _START_ERRORS = (100.0, 5e3)
 _ROUNDED = (10.0, 100.0)
 _FIRST_STEP_WEIGHT, _SURFACE_WEIGHT, _NORMAL_WEIGHT = 0.3, 0.1, 0.1
 # Errors of force in N below which they count squared.
-_SMALL_FORCE = 0.2
+SMALL_FORCE = 0.2
 # Errors of the filter that count as one.
 _FILTER_POSITION, _FILTER_SPEED = 20.0, 0.1
 # Steps after which they count: the windows begin in flight, at a speed that it must find first.
-_FILTER_SETTLES = 12
+FILTER_SETTLES = 12
 # Frames whose returns are fitted together.
 _BLOCK = 512
 # Rows whose natural acceleration is computed together.
@@ -160,7 +160,7 @@ def guidance_lesson(
     def loss(network: Guidance, batch: tuple[Tensor, ...]) -> Tensor:
         *given, wanted = batch
         force = network(*given)
-        return nn.functional.smooth_l1_loss(force, wanted, beta=_SMALL_FORCE)
+        return nn.functional.smooth_l1_loss(force, wanted, beta=SMALL_FORCE)
 
     columns, kept = (_with_natural(motion, commands) for commands in (training, validation))
     batches = TensorBatches(columns, schedule.batch, shuffle=True, seed=seed)
@@ -199,10 +199,8 @@ def filter_lesson(
             memory = filter_.predict(memory, force[:, step])
             innovation = fix[:, step] - memory[:, :3]
             memory = filter_.correct(memory, innovation, off[:, step])
-            if step >= _FILTER_SETTLES:
-                error = (memory[:, :6] - state[:, step]).unflatten(1, (2, 3)).norm(dim=2)
-                scale = error.new_tensor([_FILTER_POSITION, _FILTER_SPEED])
-                errors.append((error / scale).mean())
+            if step >= FILTER_SETTLES:
+                errors.append(estimate_error(memory[:, :6], state[:, step]).mean())
         return torch.stack(errors).mean()
 
     columns = {
@@ -213,6 +211,12 @@ def filter_lesson(
     held = TensorBatches(columns["validation"], schedule.batch)
     methods = ("predict", "correct")
     return Lesson("filter", pilot.filter, loss, batches, held, identity, 1, methods)
+
+
+def estimate_error(estimate: Tensor, state: Tensor) -> Tensor:
+    """Errors (..., 2) of positions and velocities (..., 6), each in what counts as one."""
+    error = (estimate - state).unflatten(-1, (2, 3)).norm(dim=-1)
+    return error / error.new_tensor([_FILTER_POSITION, _FILTER_SPEED])
 
 
 @torch.no_grad()

@@ -1,4 +1,4 @@
-"""Our recipe: the learned pilot from expert flights, part by part, to a bundle that flies."""
+"""Our recipe: the learned pilot from expert flights, part by part and whole, to a bundle."""
 
 from __future__ import annotations
 
@@ -43,6 +43,7 @@ from proxops.training.stages import Progress
 from proxops.training.state_filter import MEMORY
 from proxops.training.training_history import Trained
 from proxops.training.training_loop import Lesson, Schedule, train
+from proxops.training.whole_lesson import whole_lesson
 
 # Share of the bar at which each stage ends.
 _STAGES = {
@@ -53,7 +54,8 @@ _STAGES = {
     "motion": 0.34,
     "filter": 0.39,
     "plans": 0.55,
-    "guidance": 0.95,
+    "guidance": 0.90,
+    "whole": 0.96,
     "replaying": 1.0,
 }
 _PLANS_SEED = 1
@@ -144,9 +146,14 @@ def train_pilot(
         *taught,
     )
     teach(lesson, settings.guidance)
+    lesson = whole_lesson(
+        pilot, flights, settings.window, settings.whole, settings.seed,
+        f"{identity}, {learned_from}, {settings}",
+    )  # fmt: skip
+    teach(lesson, settings.whole)
     pilot.eval()
 
-    tell(_STAGES["guidance"], "flying through the logs")
+    tell(_STAGES["whole"], "flying through the logs")
     report = pilot_report(pilot, settings, trained, flights.logs_sha256)
     report |= {"position_errors": position_errors}
     report = write_report(pilot, flights, report, out)

@@ -31,7 +31,7 @@ class Settings:
     """Returns of a frame that the pilot looks at."""
     cells: int = 48
     """Of the surface's grid, along the body."""
-    plans: int = 3000
+    plans: int = 8000
     """Transits whose plans the guidance learns besides the flights."""
     windows: int = 1200
     window: int = 40
@@ -41,7 +41,8 @@ class Settings:
     geometry: Schedule = Schedule(epochs=12, batch=256, learning_rate=3e-2, patience=12)
     motion: Schedule = Schedule(epochs=50, batch=1024, learning_rate=4e-3, patience=50)
     filter: Schedule = Schedule(epochs=20, batch=64, learning_rate=1e-1, patience=20)
-    guidance: Schedule = Schedule(epochs=24, batch=1024, learning_rate=2e-3, patience=24)
+    guidance: Schedule = Schedule(epochs=28, batch=1024, learning_rate=2e-3, patience=28)
+    whole: Schedule = Schedule(epochs=2, batch=32, learning_rate=2e-4, patience=2)
     seed: int = 0
     device: str = "cpu"
     precision: str = "32-true"
@@ -62,7 +63,7 @@ def quick(settings: Settings) -> Settings:
         settings,
         frames=3000,
         cells=32,
-        plans=100,
+        plans=200,
         windows=32,
         width=64,
         coarse=dc.replace(settings.coarse, epochs=20, batch=64),
@@ -70,6 +71,7 @@ def quick(settings: Settings) -> Settings:
         motion=dc.replace(settings.motion, epochs=20, batch=256),
         filter=dc.replace(settings.filter, epochs=6, batch=8),
         guidance=dc.replace(settings.guidance, epochs=8, batch=256),
+        whole=dc.replace(settings.whole, epochs=1, batch=8),
     )
 
 

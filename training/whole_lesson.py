@@ -1,0 +1,58 @@
+"""How the whole pilot is taught, once its parts can: from frames to forces, along flights."""
+
+from __future__ import annotations
+
+import math
+
+from torch import Tensor
+from torch.nn.functional import smooth_l1_loss
+
+from proxops.training.packed_flights import PackedFlights
+from proxops.training.pilot import Pilot
+from proxops.training.pilot_lessons import (
+    FILTER_SETTLES,
+    SMALL_FORCE,
+    estimate_error,
+)
+from proxops.training.training_loop import Lesson, Schedule
+from proxops.training.windows import Batch, WindowDataset, window_loader
+
+# Of the error of the estimate, which keeps the parts what they are, beside that of the force in N.
+_ESTIMATE_WEIGHT = 0.1
+
+
+def whole_lesson(
+    pilot: Pilot, flights: PackedFlights, length: int, schedule: Schedule, seed: int, identity: str
+) -> Lesson:
+    """Teaches all parts at once what the expert commanded along windows of flights.
+
+    The windows begin in flight, where the filter has to find position and speed first; what it
+    says before that is not held against it.
+    """
+
+    def loss(network: Pilot, batch: Batch) -> Tensor:
+        forces, estimates, _ = network.sequence(
+            batch["frames"], batch["target"], batch["applied_force"]
+        )
+        settled = slice(FILTER_SETTLES, None)
+        asked = batch["labelled"][:, settled]
+        off = smooth_l1_loss(
+            forces[:, settled][asked], batch["mpc_force"][:, settled][asked], beta=SMALL_FORCE
+        )
+        lost = estimate_error(estimates[:, settled], batch["state"][:, settled])
+        return off + _ESTIMATE_WEIGHT * lost.mean()
+
+    training, validation = (
+        WindowDataset(flights, part, length, frames=True, normalise=False, no_return=math.inf)
+        for part in ("training", "validation")
+    )
+    return Lesson(
+        "whole",
+        pilot,
+        loss,
+        window_loader(training, schedule.batch, shuffle=True, seed=seed),
+        window_loader(validation, schedule.batch),
+        identity,
+        threads=1,
+        methods=("sequence",),
+    )
