@@ -71,7 +71,7 @@ def quick(settings: Settings) -> Settings:
         motion=dc.replace(settings.motion, epochs=20, batch=256),
         filter=dc.replace(settings.filter, epochs=6, batch=8),
         guidance=dc.replace(settings.guidance, epochs=8, batch=256),
-        whole=dc.replace(settings.whole, epochs=1, batch=8),
+        whole=dc.replace(settings.whole, batch=8),
     )
 
 
