@@ -62,7 +62,7 @@ def evaluate_command(
 
       proxops evaluate --controllers mpc --transits 50 --seed 10000 --out out/mpc
 
-      proxops evaluate --controllers mpc,policy:out/paper/bundle,pd,zero --transits 50
+      proxops evaluate --controllers mpc,policy:out/paper-policy/bundle,pd,zero --transits 50
     """
     names = [name.strip() for name in controllers.split(",") if name.strip()]
     if not names or len(set(names)) != len(names):

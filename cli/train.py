@@ -38,7 +38,7 @@ def train_command(
         ),
     ] = Recipe.PROXOPS,
     epochs: Annotated[
-        int | None, typer.Option(min=1, help="At most; of the guidance. Default: 24; paper: 40.")
+        int | None, typer.Option(min=1, help="At most; of the guidance. Default: 28; paper: 40.")
     ] = None,
     minutes: Annotated[
         float | None, typer.Option(min=0.0, help="Budget of time; paper only.")
@@ -49,7 +49,7 @@ def train_command(
     ] = "auto",
     precision: Annotated[Precision, typer.Option(help="Of the arithmetic.")] = Precision.FULL,
     out: Annotated[Path, typer.Option(help="Folder for the policy and its report.")] = Path(
-        "out/policy"
+        "out/pilot"
     ),
     workers: Annotated[
         int | None, typer.Option(min=1, help="Processes for plans. Default: one for each core.")
@@ -105,7 +105,7 @@ def print_report(report: dict[str, Any]) -> None:
     """Prints what a training came to."""
     run, test = report["training"], report["parts"]["test"]
     rows = [
-        ("epochs, best", f"{run['epochs']}, {run['best_epoch'] + 1}"),
+        ("epochs, kept", f"{run['epochs']}, {run['best_epoch'] + 1}"),
         ("CPU time", f"{run['cpu_s']:.0f} s"),
     ]
     for part, figures in report["parts"].items():

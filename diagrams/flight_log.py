@@ -116,7 +116,7 @@ class FlightLog:
 
     @property
     def summary(self) -> dict[str, typing.Any]:
-        """The figures of merit, as DESIGN's `summary.json` names them."""
+        """The figures of merit, as `summary.json` holds them."""
         return summarise(self)
 
     def to_netcdf(self, path: str | Path) -> None:

@@ -59,7 +59,8 @@ class LearnedLidarConfig:
     Chosen by `lidar: !LearnedLidar {bundle: ...}`; what is not explained is as in `LidarConfig`.
     """
 
-    # Folder that `proxops train-lidar` wrote; in a file relative to it, else to where one is.
+    # The folder `bundle` that `proxops train-lidar` wrote; in a file relative to it, else to where
+    # one is.
     bundle: str = ""
     noise_std_m: float = 50.0
     max_range_m: float = 350.0e3
@@ -111,8 +112,8 @@ class MpcConfig:
 class PolicyConfig:
     """The learned policy: see `proxops.systems.NeuralPolicy`."""
 
-    # Folder that `proxops train` wrote; in a file relative to it, else to where one is. null: the
-    # policy that ships with proxops.
+    # The folder `bundle` that `proxops train` wrote; in a file relative to it, else to where one
+    # is. null: the policy that ships with proxops.
     bundle: str | None = None
 
 
@@ -229,7 +230,7 @@ class ArrivalConfig:
 
 @dc.dataclass
 class Scenario:
-    """A flight near a small body. Every default is the paper's, or DESIGN's where it is silent."""
+    """A flight near a small body. Every default is the paper's, or ours where it is silent."""
 
     # Name of a body that ships with proxops, or path of a body's YAML file.
     body: str = "kleopatra"

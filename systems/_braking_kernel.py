@@ -23,7 +23,7 @@ AXIS_X, AXIS_Y, AXIS_Z, SPIN, THRUST, PERIOD, CRUISE, SETTLED, SPEED = range(9)
 
 # Level, |(x/a, y/b, z/c)|, down to which the table reaches; below, gravity of that level serves.
 LOWEST_LEVEL = 0.95
-# Steps after which a backup that has not come to rest counts as failed.
+# Steps after which a backup that has not settled on its way out counts as failed.
 _LONGEST_OUTLOOK = 300
 # Outward speed, in cruises, from which the law can't fall back inwards: far more than Coriolis and
 # gravity change it in a step.

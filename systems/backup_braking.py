@@ -71,8 +71,8 @@ class BackupBraking:
 
     that is: reach the velocity c n as fast as each axis can. An axis that moves outwards faster
     than that (e n < 0) is left alone (e = 0) while the spacecraft as a whole still moves inwards,
-    and braked with its outward speed's share of c from then on; one along which the normal is
-    nearly zero is braked always. The law is continuous in the state.
+    and braked by the share of c that the outward speed has reached from then on; one along which
+    the normal is nearly zero is braked always. The law is continuous in the state.
 
     **The outlook** of a state is the least clearance along the backup's flight from it, period by
     period as it would be flown, between steps too. It may end when the outward speed is c / 20 and
@@ -89,9 +89,9 @@ class BackupBraking:
 
     **The least change** of a force: within thrust and speed limits by clipping; then up the
     gradient of the outlook as far as admission takes; if that finds nothing, towards the backup's
-    force; if nothing there is within the speed limit, the backup's. Keeping out comes first. The
-    gradient is taken twice, at the command and where that led: of random forces in 19 cases of 20
-    none is safe that is nearer by more than a thirtieth.
+    force; if nothing on the way there is safe within the speed limit, the backup's. Keeping out
+    comes first. The gradient is taken twice, at the command and where that led: of random forces in
+    19 cases of 20 none is safe that is nearer by more than a thirtieth.
     """
 
     def __init__(self, field: Field, spin: float, limits: AssuranceLimits, period: float = 10.0):

@@ -24,7 +24,7 @@ class RuntimeAssurance(LeafSystem):
     and why it is enough, `BackupBraking` says. From a state that it admits, the flight stays out
     whatever is commanded, as long as its outputs are what acts, from each control step to the next,
     on a spacecraft of that mass near that body; from one that it doesn't, the backup flies and
-    brakes as hard as it can.
+    brakes as hard as it can, unless a force is found that leads back to one that it admits.
 
     The outputs depend on the inputs alone. A command that is not finite passes as it is, for the
     thrusters to refuse.

@@ -85,8 +85,8 @@ def dagger(
     all rounds: the schedule without a parameter of Ross, Gordon and Bagnell (2011), section 3.1.
 
     Each round leaves flights/, labels/, the guidance's checkpoint and curves, pilot.ckpt, bundle/,
-    report.json, report.md and forces.png in `out`/round-N; what the last one leaves but flights
-    and labels is in `out` too. Run again after a kill, it goes on with the flight, the labels or
+    report.json, report.md and forces.png in `out`/round-N; the last five of the last round are in
+    `out` too. Run again after a kill, it goes on with the flight, the labels or
     the epoch where it was; with more rounds it adds to those there are.
 
     Args:

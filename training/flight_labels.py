@@ -24,7 +24,7 @@ from proxops.training.label_files import (
     save_labels,
 )
 
-# One in so many states is a label: the next is much the same. Of every so many of them the plan's
+# One state in so many is a label: the next is much the same. For one in so many of these the plan's
 # later knots are labels too: where the flight would come if the expert took over.
 _STRIDE = 2
 _WHOLE_PLAN_EVERY = 2
@@ -47,7 +47,9 @@ def label_flights(
     scheduler: str | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> Labels:
-    """Labels of every other state of the flights, by the expert of each log's own scenario.
+    """Labels of every other state of flights, and of later knots of every other plan from these.
+
+    The expert is that of each log's own scenario.
 
     A flight's labels are kept in `folder`, and not computed again.
 

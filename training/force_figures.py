@@ -89,7 +89,7 @@ def report_markdown(report: Figures, *, pictures: bool = True) -> str:
         "",
         (
             f"{report['parameters']} weights. {run['epochs']} epochs, {run['cpu_s']:.0f} s of CPU "
-            f"time; epoch {run['best_epoch'] + 1} was the best on validation: loss "
+            f"time; the weights of epoch {run['best_epoch'] + 1} are kept: loss on validation "
             f"{run['validation_loss']:.4f}, on training {run['training_loss']:.4f}."
         ),
         "",

@@ -1,4 +1,4 @@
-"""Where the spacecraft is, to some 20 m: returns fitted to a learned field of the surface."""
+"""Where the spacecraft is, to some 30 m: returns fitted to a learned field of the surface."""
 
 from __future__ import annotations
 

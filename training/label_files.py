@@ -73,6 +73,6 @@ def load_labels(path: Path, origin: str) -> Labels:
         raise InputError(f"{path} holds no labels: remove it") from error
     if str(content.pop("origin")) != origin:
         raise InputError(
-            f"{path} holds labels of another scenario: remove it, or name another folder"
+            f"{path} holds labels of something else: remove it, or name another folder"
         )
     return content

@@ -22,7 +22,7 @@ _HOPELESS = 100.0
 
 
 class Pilot(nn.Module):
-    """Five parts in a row, any of which can be trained by itself.
+    """Five parts in a row; each but the first can be trained by itself.
 
     ```
     ranges ─► hits ─► coarse ─────► geometry ─► filter ─► guidance ─► force

@@ -178,7 +178,7 @@ def expert_labels(
         nonlocal done
         done += count
         if progress is not None:
-            progress(done / settings.plans, f"plans, {done} of {settings.plans}")
+            progress(done / settings.plans, f"plans of transits, {done} of {settings.plans}")
 
     return expert_plans(
         scenario, _PLANS_SEED, settings.plans, folder / "plans", workers, progress=planned

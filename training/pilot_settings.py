@@ -35,7 +35,8 @@ class Settings:
     """Transits whose plans the guidance learns besides the flights."""
     windows: int = 1200
     window: int = 40
-    """Stretches of flights along which the filter learns, and their length in steps."""
+    """Stretches of flights along which the filter learns, at most, and their length in steps, that
+    of the whole's too."""
     width: int = 256
     coarse: Schedule = Schedule(epochs=80, batch=512, learning_rate=3e-3, patience=80)
     geometry: Schedule = Schedule(epochs=12, batch=256, learning_rate=3e-2, patience=12)

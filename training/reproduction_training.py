@@ -32,19 +32,6 @@ class TrainingSettings:
     rounds: dagger.Settings = dc.field(default_factory=dagger.Settings)
 
 
-def quick_training(settings: TrainingSettings) -> TrainingSettings:
-    """Little data and small networks: to see that all works."""
-    return dc.replace(
-        settings,
-        lidar=lidar_synthesis.quick(settings.lidar),
-        paper_flights=12,
-        paper=paper_recipe.quick(settings.paper),
-        pilot_flights=12,
-        pilot=pilot_settings.quick(settings.pilot),
-        rounds=dc.replace(settings.rounds, rounds=1, flights=4),
-    )
-
-
 @dc.dataclass(frozen=True)
 class _Fleet:
     """Who flies, as of `run_campaign`."""

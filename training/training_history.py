@@ -19,7 +19,7 @@ History = list[dict[str, float]]
 
 @dataclass(frozen=True)
 class Trained:
-    """What came of a training. The network that was given holds the best weights."""
+    """What came of a training. The network that was given holds the weights that are kept."""
 
     history: History
     """One row an epoch: its number, losses, learning rate, CPU time so far."""

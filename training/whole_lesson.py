@@ -24,7 +24,7 @@ _ESTIMATE_WEIGHT = 0.1
 def whole_lesson(
     pilot: Pilot, flights: PackedFlights, length: int, schedule: Schedule, seed: int, identity: str
 ) -> Lesson:
-    """Teaches all parts at once what the expert commanded along windows of flights.
+    """Teaches all parts but the motion at once what the expert commanded along windows of flights.
 
     The windows begin in flight, where the filter has to find position and speed first; what it
     says before that is not held against it.
