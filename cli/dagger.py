@@ -26,7 +26,7 @@ def dagger_command(
     pilot: Annotated[
         Path, typer.Option(help="What `proxops train` wrote, from the same data.")
     ] = Path("out/pilot"),
-    rounds: Annotated[int, typer.Option(min=1, help="How many.")] = 3,
+    rounds: Annotated[int, typer.Option(min=1, help="How many.")] = 2,
     flights: Annotated[int, typer.Option(min=1, help="In each round.")] = 240,
     seed: Annotated[
         int, typer.Option(min=0, help="Of the first round's transits; the next has the next.")
