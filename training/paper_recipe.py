@@ -28,7 +28,7 @@ class Settings:
     """Of a training by the paper's recipe; its figures where it gives any."""
 
     schedule: Schedule = dc.field(
-        default_factory=lambda: Schedule(epochs=12, batch=8, learning_rate=1e-3, patience=12)
+        default_factory=lambda: Schedule(epochs=12, batch=8, learning_rate=1e-3, patience=10)
     )
     window: int = 64
     """Steps of a window, through which gradients run; in flight the LSTM remembers for longer."""
