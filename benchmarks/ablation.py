@@ -28,6 +28,7 @@ from proxops.diagrams.body import load_body
 from proxops.diagrams.campaign import file_label
 from proxops.diagrams.scenario import load_scenario
 from proxops.systems.polyhedron import Polyhedron
+from proxops.training import onnx_export
 from proxops.training.evaluation_flights import fly_controllers
 from proxops.training.packed_flights import PackedFlights
 from proxops.training.packing import pack_flights
@@ -36,6 +37,9 @@ from proxops.training.pilot_shape import load_pilot
 from proxops.training.policy_report import export_recipe
 from proxops.training.state_filter import MEMORY, doubt
 
+# What the export takes for the same, relatively: velocities that are differences of unfiltered fixes
+# hold rounding errors of positions.
+SAME = 1e-3
 # Of the coarse position, against the fit's: its errors are so many times as large.
 COARSE_DOUBT = 30.0
 # Grid points of the map along an axis, for each of the learned field.
@@ -150,6 +154,7 @@ def main() -> None:
     if None in (asked.data, asked.pilot, asked.dagger):
         # `make bench` runs all programs as they are.
         parser.exit(message="ablation.py needs --data, --pilot and --dagger: nothing is flown\n")
+    onnx_export._TOLERANCE = SAME
     folders = bundles(pack_flights(asked.data / "flights"), asked.pilot, asked.dagger, asked.out)
     if asked.paper is not None:
         folders = {"the paper's": asked.paper / "bundle", **folders}
