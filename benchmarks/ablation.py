@@ -37,8 +37,8 @@ from proxops.training.pilot_shape import load_pilot
 from proxops.training.policy_report import export_recipe
 from proxops.training.state_filter import MEMORY, doubt
 
-# What the export takes for the same, relatively: velocities that are differences of unfiltered fixes
-# hold rounding errors of positions.
+# What the export takes for the same, relatively: velocities that are differences of unfiltered
+# fixes hold rounding errors of positions.
 SAME = 1e-3
 # Of the coarse position, against the fit's: its errors are so many times as large.
 COARSE_DOUBT = 30.0
