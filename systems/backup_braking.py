@@ -12,7 +12,7 @@ from proxops.systems import _braking_kernel as kernel
 from proxops.systems.errors import InputError
 from proxops.systems.gravity_field import Field
 from proxops.systems.gravity_table import gravity_table
-from proxops.systems.least_change import along_path, least_change
+from proxops.systems.least_change import Box, along_path, least_change
 
 # The outward speed that the backup seeks, in speed limits.
 _CRUISE = 0.25
@@ -161,33 +161,32 @@ class BackupBraking:
             reason = InterventionReason.SPEED_LIMIT
         elif (thrust != wanted).any():
             reason = InterventionReason.THRUST_LIMIT
-        if kernel.worth(*motion, thrust) < 0.0:
-            thrust, reason = self._kept_out(motion, thrust, low, high)
+        worth = kernel.worth(*motion, thrust)
+        if worth < 0.0:
+            thrust, reason = self._kept_out(motion, thrust, worth, (low, high))
         if reason is InterventionReason.NONE:
             return Assured(np.array(force, dtype=np.float64), reason)
         limit = self.limits.thrust
         return Assured(np.clip(self.limits.mass * thrust, -limit, limit), reason)
 
     def _kept_out(
-        self, motion: _Motion, thrust: np.ndarray, low: np.ndarray, high: np.ndarray
+        self, motion: _Motion, thrust: np.ndarray, missing: float, box: Box
     ) -> tuple[np.ndarray, InterventionReason]:
-        """The least change of a thrust acceleration that is not safe, within its bounds."""
+        """The least change of a thrust acceleration whose worth is `missing`, below 0."""
 
         def worth(tried: np.ndarray) -> float:
             return kernel.worth(*motion, tried)
 
         limit = self.limits.thrust / self.limits.mass
         enough = _NEAR_ENOUGH * limit * self.period**2
-        found = least_change(worth, thrust, low, high, limit, enough)
+        found = least_change(worth, thrust, missing, box, limit, enough)
         if found is not None:
             return found, InterventionReason.KEEP_OUT
         # Towards the backup, if it can be had within the speed limit.
         way_out = np.empty(3)
         kernel.backup(*motion, way_out)
-        toward = np.clip(way_out, low, high) - thrust
-        found, reached = along_path(
-            worth, thrust, toward, worth(thrust), (low, high), 1.0, 1.0, enough
-        )
+        toward = np.clip(way_out, *box) - thrust
+        found, reached = along_path(worth, thrust, toward, missing, box, 1.0, 1.0, enough)
         if reached >= 0.0:
             return found, InterventionReason.KEEP_OUT
         return way_out, InterventionReason.BACKUP

@@ -9,6 +9,8 @@ import numpy as np
 
 Worth = Callable[[np.ndarray], float]
 """How safe a command (3,) is: safe from 0 on; -inf if nothing is known."""
+Box = tuple[np.ndarray, np.ndarray]
+"""Least and greatest command, (3,) each."""
 
 # The search may end at this share of the worth that was missing; how many commands a search along
 # a path tries at most; and how many gradients are followed.
@@ -22,7 +24,7 @@ _FAR = 20.0
 
 
 def least_change(
-    worth: Worth, start: np.ndarray, low: np.ndarray, high: np.ndarray, limit: float, enough: float
+    worth: Worth, start: np.ndarray, missing: float, box: Box, limit: float, enough: float
 ) -> np.ndarray | None:
     """The safe command nearest to one that is not, to first order; None if none was found.
 
@@ -30,24 +32,24 @@ def least_change(
     start, then that at what was found.
 
     Args:
-      start: (3,), within the box of `low` and `high`, (3,) each.
+      start: (3,), within the box.
+      missing: its worth, below 0.
       limit: the box is within these, either way.
       enough: a worth this far above 0 is as good as 0.
     """
-    missing = worth(start)
     found: np.ndarray | None = None
     at, worth_at, least = start, missing, math.inf
     for _ in range(_ROUNDS):
         if worth_at == -math.inf:
             break
-        gradient = _gradient(worth, at, worth_at, high, _PROBE * limit)
+        gradient = _gradient(worth, at, worth_at, box[1], _PROBE * limit)
         steepness = float(gradient @ gradient)
         if steepness == 0.0:
             break
         far = _FAR * limit / math.sqrt(steepness)
         along = float(gradient @ (at - start))
         first = min(max(along - worth_at, 0.0) / steepness, far)
-        at, worth_at = along_path(worth, start, gradient, missing, (low, high), first, far, enough)
+        at, worth_at = along_path(worth, start, gradient, missing, box, first, far, enough)
         change = float((at - start) @ (at - start))
         if worth_at < 0.0 or change >= least:
             break
@@ -60,7 +62,7 @@ def along_path(
     start: np.ndarray,
     toward: np.ndarray,
     missing: float,
-    box: tuple[np.ndarray, np.ndarray],
+    box: Box,
     first: float,
     far: float,
     enough: float,

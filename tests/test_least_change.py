@@ -8,11 +8,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from proxops.systems.least_change import along_path, least_change
+from proxops.systems.least_change import Worth, along_path, least_change
 
 LIMIT, ENOUGH = 1.0, 1e-3
-LOW, HIGH = np.full(3, -LIMIT), np.full(3, LIMIT)
+BOX = np.full(3, -LIMIT), np.full(3, LIMIT)
 UNIT = st.floats(-1.0, 1.0).filter(lambda x: abs(x) > 0.05)
+
+
+def nearest(worth: Worth, start: np.ndarray) -> np.ndarray | None:
+    return least_change(worth, start, worth(start), BOX, LIMIT, ENOUGH)
 
 
 @given(normal=arrays(np.float64, 3, elements=UNIT), start=arrays(np.float64, 3, elements=UNIT))
@@ -21,7 +25,7 @@ def test_projects_onto_a_half_space(normal: np.ndarray, start: np.ndarray) -> No
     start, normal = 0.5 * start, normal / np.linalg.norm(normal)
     missing = 0.2
     offset = normal @ start + missing
-    found = least_change(lambda u: float(normal @ u - offset), start, LOW, HIGH, LIMIT, ENOUGH)
+    found = nearest(lambda u: float(normal @ u - offset), start)
     assert found is not None
     expected = start + missing * normal
     assert normal @ found >= offset
@@ -36,18 +40,18 @@ def test_follows_a_curved_border() -> None:
     def worth(u: np.ndarray) -> float:
         return float((u - centre) @ (u - centre)) - 0.36
 
-    found = least_change(worth, start, LOW, HIGH, LIMIT, ENOUGH)
+    found = nearest(worth, start)
     assert found is not None
     away = start - centre
-    nearest = centre + 0.6 * away / np.linalg.norm(away)
+    expected = centre + 0.6 * away / np.linalg.norm(away)
     assert worth(found) >= 0.0
-    np.testing.assert_allclose(found, nearest, atol=0.02)
+    np.testing.assert_allclose(found, expected, atol=0.02)
 
 
 def test_stays_within_the_box() -> None:
     """What is safe lies beyond the box along the gradient, and inside it to the side."""
     normal = np.array([1.0, 0.3, 0.0])
-    found = least_change(lambda u: float(normal @ u) - 1.2, np.zeros(3), LOW, HIGH, LIMIT, ENOUGH)
+    found = nearest(lambda u: float(normal @ u) - 1.2, np.zeros(3))
     assert found is not None
     assert normal @ found >= 1.2
     assert (np.abs(found) <= LIMIT).all()
@@ -55,7 +59,7 @@ def test_stays_within_the_box() -> None:
 
 @pytest.mark.parametrize("worth", [lambda u: -1.0, lambda u: -math.inf, lambda u: u[0] - 2.0])
 def test_says_so_where_nothing_is_safe(worth) -> None:
-    assert least_change(worth, np.zeros(3), LOW, HIGH, LIMIT, ENOUGH) is None
+    assert nearest(worth, np.zeros(3)) is None
 
 
 @given(border=st.floats(0.05, 0.95))
@@ -66,7 +70,7 @@ def test_path_ends_where_it_becomes_safe(border: float) -> None:
         np.zeros(3),
         toward,
         -border,
-        (LOW, HIGH),
+        BOX,
         1.0,
         1.0,
         ENOUGH,
@@ -79,7 +83,7 @@ def test_path_without_a_known_start_is_halved() -> None:
     """Where nothing is known of its start, only that its end is safe."""
     point, worth = along_path(
         lambda u: 1.0 if u[0] > 0.3 else -math.inf,
-        np.zeros(3), np.array([0.8, 0.0, 0.0]), -math.inf, (LOW, HIGH), 1.0, 1.0, ENOUGH,
+        np.zeros(3), np.array([0.8, 0.0, 0.0]), -math.inf, BOX, 1.0, 1.0, ENOUGH,
     )  # fmt: skip
     assert worth == 1.0
     assert 0.3 < point[0] < 0.35

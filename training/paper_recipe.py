@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses as dc
-import math
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +16,7 @@ from proxops.training.policy_report import export_recipe, write_report
 from proxops.training.stages import Progress
 from proxops.training.training_history import Trained
 from proxops.training.training_loop import Lesson, Schedule, train
-from proxops.training.windows import Batch, WindowDataset, window_loader
+from proxops.training.windows import Batch, frame_loaders
 
 # Shares of the bar; the rest, to 1, is for the report.
 _PACKED, _TRAINED = 0.05, 0.95
@@ -126,26 +125,14 @@ def make_policy(flights: PackedFlights, settings: Settings) -> PaperPolicy:
 
 
 def _lesson(flights: PackedFlights, policy: PaperPolicy, settings: Settings) -> Lesson:
-    training, validation = (
-        WindowDataset(
-            flights, part, settings.window, settings.stride,
-            frames=True, normalise=False, no_return=math.inf,
-        )
-        for part in ("training", "validation")
-    )  # fmt: skip
+    batches = frame_loaders(
+        flights, settings.window, settings.stride, settings.schedule.batch, settings.seed
+    )
     identity = (
         f"paper recipe, logs {flights.logs_sha256}, split {flights.split_seed}, "
         f"windows of {settings.window} every {settings.stride}, precision {settings.precision}"
     )
-    return Lesson(
-        "policy",
-        policy,
-        force_loss,
-        window_loader(training, settings.schedule.batch, shuffle=True, seed=settings.seed),
-        window_loader(validation, settings.schedule.batch),
-        identity,
-        methods=("sequence",),
-    )
+    return Lesson("policy", policy, force_loss, *batches, identity, methods=("sequence",))
 
 
 def _report(trained: Trained, policy: PaperPolicy, settings: Settings, data: str) -> dict[str, Any]:

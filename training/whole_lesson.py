@@ -2,20 +2,14 @@
 
 from __future__ import annotations
 
-import math
-
 from torch import Tensor
 from torch.nn.functional import smooth_l1_loss
 
 from proxops.training.packed_flights import PackedFlights
 from proxops.training.pilot import Pilot
-from proxops.training.pilot_lessons import (
-    FILTER_SETTLES,
-    SMALL_FORCE,
-    estimate_error,
-)
+from proxops.training.pilot_lessons import FILTER_SETTLES, SMALL_FORCE, estimate_error
 from proxops.training.training_loop import Lesson, Schedule
-from proxops.training.windows import Batch, WindowDataset, window_loader
+from proxops.training.windows import Batch, frame_loaders
 
 # Of the error of the estimate, which keeps the parts what they are, beside that of the force in N.
 _ESTIMATE_WEIGHT = 0.1
@@ -42,17 +36,5 @@ def whole_lesson(
         lost = estimate_error(estimates[:, settled], batch["state"][:, settled])
         return off + _ESTIMATE_WEIGHT * lost.mean()
 
-    training, validation = (
-        WindowDataset(flights, part, length, frames=True, normalise=False, no_return=math.inf)
-        for part in ("training", "validation")
-    )
-    return Lesson(
-        "whole",
-        pilot,
-        loss,
-        window_loader(training, schedule.batch, shuffle=True, seed=seed),
-        window_loader(validation, schedule.batch),
-        identity,
-        threads=1,
-        methods=("sequence",),
-    )
+    batches = frame_loaders(flights, length, None, schedule.batch, seed)
+    return Lesson("whole", pilot, loss, *batches, identity, threads=1, methods=("sequence",))

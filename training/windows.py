@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import typing
 from collections.abc import Iterator, Sequence
 
@@ -213,6 +214,25 @@ class WindowLoader(DataLoader[Batch]):
     @epoch.setter
     def epoch(self, value: int) -> None:
         self._windows.epoch = value
+
+
+def frame_loaders(
+    flights: PackedFlights, length: int, stride: int | None, batch_size: int, seed: int
+) -> tuple[WindowLoader, WindowLoader]:
+    """Batches of windows with frames, in SI: shuffled ones to train on, and the validation part's.
+
+    Rays that did not return are +inf, as a policy gets them in flight.
+    """
+    training, validation = (
+        WindowDataset(
+            flights, part, length, stride, frames=True, normalise=False, no_return=math.inf
+        )
+        for part in ("training", "validation")
+    )
+    return (
+        window_loader(training, batch_size, shuffle=True, seed=seed),
+        window_loader(validation, batch_size),
+    )
 
 
 def window_loader(
