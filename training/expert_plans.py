@@ -44,7 +44,7 @@ _LATE, _LATE_TIME = 0.3, 900.0
 _POSITION_OFF, _SPEED_OFF = (30.0, 6e3), (0.03, 4.0)
 _ITERATIONS = 4
 # Share of transits that have the ellipsoid in their way: of random ones few do, and those are hard.
-_BLOCKED = 0.75
+_BLOCKED = 0.65
 # Draws after which a transit may be either: near a body of another shape there may be none.
 _DRAWS = 500
 _STREAM = 5
@@ -72,7 +72,7 @@ def expert_plans(
 ) -> Labels:
     """States (N, 6), goals (N, 3) and the expert's forces (N, 3) there, in K and SI.
 
-    Transits are random, three in four of them blocked by the ellipsoid; each is a function of
+    Transits are random, two in three of them blocked by the ellipsoid; each is a function of
     (scenario, seed, number). What has been computed is kept in `folder`, by portions, and not
     computed again.
 
@@ -177,7 +177,7 @@ def _origin(portion: Portion) -> str:
     """All that the plans depend on."""
     scenario = parse_scenario(portion.scenario)
     parts = scenario.body, scenario.spacecraft, scenario.mpc, scenario.transit
-    return f"three in four blocked, of {portion.first}, {portion.count}, {portion.seed}, {parts}"
+    return f"share {_BLOCKED} blocked, of {portion.first}, {portion.count}, {portion.seed}, {parts}"
 
 
 # One large thing, loaded once in each worker.

@@ -24,12 +24,12 @@ from proxops.training.label_files import (
     save_labels,
 )
 
-# One state in so many is a label: the next is much the same. For one in so many of these the plan's
-# later knots are labels too: where the flight would come if the expert took over.
-_STRIDE = 2
+# One state in so many is a label: the next are much the same. For one in so many of these the later
+# knots of the plan are labels too: where the flight would come if the expert took over.
+_STRIDE = 4
 _WHOLE_PLAN_EVERY = 2
 # Linearisations about the plan of the step before: the flight does not follow it.
-_ITERATIONS = 2
+_ITERATIONS = 3
 
 
 @dc.dataclass(frozen=True)
@@ -47,7 +47,7 @@ def label_flights(
     scheduler: str | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> Labels:
-    """Labels of every other state of flights, and of later knots of every other plan from these.
+    """Labels of every fourth state of flights, and of later knots of every other plan from these.
 
     The expert is that of each log's own scenario.
 

@@ -26,8 +26,11 @@ _START_ERRORS = (100.0, 5e3)
 # Errors in m below which a square takes the place of the absolute value, after two steps and one.
 _ROUNDED = (10.0, 100.0)
 _FIRST_STEP_WEIGHT, _SURFACE_WEIGHT, _NORMAL_WEIGHT = 0.3, 0.1, 0.1
-# Errors of force in N below which they count squared.
-SMALL_FORCE = 0.2
+# Errors of force in N: below the first they count squared; beyond the second, which a hybrid's gate
+# would not take, being farther off costs little more, for it is mostly a matter of which way round.
+_SMALL_FORCE, _TAKEN_FORCE = 0.1, 0.8
+# Share of the error's length beside that.
+_LENGTH_SHARE = 0.2
 # Errors of the filter that count as one.
 _FILTER_POSITION, _FILTER_SPEED = 20.0, 0.1
 # Steps after which they count: the windows begin in flight, at a speed that it must find first.
@@ -159,13 +162,23 @@ def guidance_lesson(
 
     def loss(network: Guidance, batch: tuple[Tensor, ...]) -> Tensor:
         *given, wanted = batch
-        force = network(*given)
-        return nn.functional.smooth_l1_loss(force, wanted, beta=SMALL_FORCE)
+        return force_loss(network(*given), wanted)
 
     columns, kept = (_with_natural(motion, commands) for commands in (training, validation))
     batches = TensorBatches(columns, schedule.batch, shuffle=True, seed=seed)
     held = TensorBatches(kept, 8192)
     return Lesson("guidance", guidance, loss, batches, held, identity, threads=1, keep_last=True)
+
+
+def force_loss(force: Tensor, wanted: Tensor) -> Tensor:
+    """Mean loss of forces (N, 3) in N: their errors' length, and a square of it that saturates.
+
+    The latter is that of S. Geman and D. E. McClure, Statistical methods for tomographic image
+    reconstruction, Bulletin of the International Statistical Institute 52, 1987.
+    """
+    squared = (force - wanted).square().sum(1)
+    length = (squared + _SMALL_FORCE**2).sqrt()
+    return (_LENGTH_SHARE * length + squared / (squared + _TAKEN_FORCE**2)).mean()
 
 
 @torch.no_grad()

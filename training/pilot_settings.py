@@ -31,7 +31,7 @@ class Settings:
     """Returns of a frame that the pilot looks at."""
     cells: int = 48
     """Of the surface's grid, along the body."""
-    plans: int = 8000
+    plans: int = 24_000
     """Transits whose plans the guidance learns besides the flights."""
     windows: int = 1200
     window: int = 40
@@ -42,7 +42,7 @@ class Settings:
     geometry: Schedule = Schedule(epochs=12, batch=256, learning_rate=3e-2, patience=12)
     motion: Schedule = Schedule(epochs=50, batch=1024, learning_rate=4e-3, patience=50)
     filter: Schedule = Schedule(epochs=20, batch=64, learning_rate=1e-1, patience=20)
-    guidance: Schedule = Schedule(epochs=28, batch=1024, learning_rate=2e-3, patience=28)
+    guidance: Schedule = Schedule(epochs=20, batch=1024, learning_rate=2e-3, patience=20)
     whole: Schedule = Schedule(epochs=2, batch=32, learning_rate=2e-4, patience=2)
     seed: int = 0
     device: str = "cpu"

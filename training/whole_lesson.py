@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from torch import Tensor
-from torch.nn.functional import smooth_l1_loss
 
 from proxops.training.packed_flights import PackedFlights
 from proxops.training.pilot import Pilot
-from proxops.training.pilot_lessons import FILTER_SETTLES, SMALL_FORCE, estimate_error
+from proxops.training.pilot_lessons import FILTER_SETTLES, estimate_error, force_loss
 from proxops.training.training_loop import Lesson, Schedule
 from proxops.training.windows import Batch, frame_loaders
 
-# Of the error of the estimate, which keeps the parts what they are, beside that of the force in N.
+# Of the error of the estimate, which keeps the parts what they are, beside that of the force.
 _ESTIMATE_WEIGHT = 0.1
 
 
@@ -30,9 +29,7 @@ def whole_lesson(
         )
         settled = slice(FILTER_SETTLES, None)
         asked = batch["labelled"][:, settled]
-        off = smooth_l1_loss(
-            forces[:, settled][asked], batch["mpc_force"][:, settled][asked], beta=SMALL_FORCE
-        )
+        off = force_loss(forces[:, settled][asked], batch["mpc_force"][:, settled][asked])
         lost = estimate_error(estimates[:, settled], batch["state"][:, settled])
         return off + _ESTIMATE_WEIGHT * lost.mean()
 
