@@ -16,6 +16,7 @@ from proxops.training.geometry_layer import GeometryLayer, SurfaceField
 from proxops.training.guidance import Guidance
 from proxops.training.lidar_hits import HitSelection
 from proxops.training.pilot import Pilot
+from proxops.training.pilot_lessons import force_loss
 from proxops.training.policy_export import PolicyFacts, export_policy
 from proxops.training.state_filter import MEMORY, Motion, StateFilter
 
@@ -109,6 +110,20 @@ def test_guidance_comes_to_rest_at_its_goal_in_free_space():
         position, velocity = position + 10.0 * velocity + 50.0 * push, velocity + 10.0 * push
     assert float((position - goal).norm()) < 50.0
     assert float(velocity.norm()) < 0.1
+
+
+def test_the_loss_of_forces_counts_what_the_gate_would_not_take():
+    def loss(error: float) -> float:
+        wanted = torch.tensor([[1.0, -2.0, 3.0]])
+        return float(force_loss(wanted + torch.tensor([[0.0, 0.6, 0.8]]) * error, wanted))
+
+    errors = np.geomspace(1e-3, 20.0, 30)
+    assert (np.diff([loss(error) for error in errors]) > 0.0).all()
+    # Least where the forces are the same, and there like a square.
+    assert loss(2e-3) - loss(0.0) == pytest.approx(4.0 * (loss(1e-3) - loss(0.0)), rel=0.02)
+    # From one newton to the next it grows most where a hybrid's gate stands, and little far off.
+    growth = [loss(error + 0.5) - loss(error) for error in (0.25, 0.75, 2.0, 6.0)]
+    assert growth[0] > growth[1] > 2.0 * growth[2] > 2.0 * growth[3] > 0.0
 
 
 def small_pilot() -> Pilot:

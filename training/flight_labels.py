@@ -24,12 +24,9 @@ from proxops.training.label_files import (
     save_labels,
 )
 
-# One state in so many is a label: the next are much the same. For one in so many of these the later
-# knots of the plan are labels too: where the flight would come if the expert took over.
-_STRIDE = 4
-_WHOLE_PLAN_EVERY = 2
-# Linearisations about the plan of the step before: the flight does not follow it.
-_ITERATIONS = 3
+# For one state in so many the later knots of the plan are labels too: where the flight would come if
+# the expert took over.
+_WHOLE_PLAN_EVERY = 8
 
 
 @dc.dataclass(frozen=True)
@@ -47,7 +44,7 @@ def label_flights(
     scheduler: str | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> Labels:
-    """Labels of every fourth state of flights, and of later knots of every other plan from these.
+    """Labels of every state of flights, and of the later knots of some plans from there.
 
     The expert is that of each log's own scenario.
 
@@ -84,7 +81,7 @@ def labels_along(
     cold_iterations: int,
     least_horizon: float,
 ) -> Labels:
-    """Labels along a path: of every state (N, 6), and of the later knots of every other plan.
+    """Labels along a path: of every state (N, 6), and of the later knots of some plans.
 
     Args:
       target: (6,) in m and m/s. period: s from state to state. least_horizon: see `labels_of`.
@@ -104,14 +101,17 @@ def plans_along(
     period: float,
     cold_iterations: int,
 ) -> Iterator[Plan | None]:
-    """The expert's plan from every state (N, 6) of a path; None where the solver found none."""
+    """The expert's plan from every state (N, 6) of a path; None where the solver found none.
+
+    Each is linearised about the one before it, once, as the expert does in flight.
+    """
     last: Plan | None = None
     for state in states:
         try:
             if last is None:
                 last = program.solve(state, target, iterations=cold_iterations)
             else:
-                last = program.solve(state, target, last, period, iterations=_ITERATIONS)
+                last = program.solve(state, target, last, period, iterations=1)
         except SolverFailure:
             last = None
         yield last
@@ -123,9 +123,9 @@ def _label(piece: _Piece, folder: Path) -> int:
     expert = make_controller(scenario, _body(scenario.body))
     labels = labels_along(
         expert.program,
-        log.dataset["state"].values[:-1:_STRIDE],
+        log.dataset["state"].values[:-1],
         log.dataset["target"].values[0],
-        _STRIDE * scenario.control_period_s,
+        scenario.control_period_s,
         scenario.mpc.cold_iterations,
         scenario.mpc.min_horizon_s,
     )
