@@ -21,7 +21,16 @@ from rich.progress import (
 from rich.table import Table
 from rich.text import Text
 
-from proxops.cli.common import Scheduler, Workers, check_folder, console, progress_bar, status
+from proxops.cli.common import (
+    AsJson,
+    ScenarioChanges,
+    Scheduler,
+    Workers,
+    check_folder,
+    console,
+    progress_bar,
+    status,
+)
 from proxops.diagrams.scenario import load_scenario
 from proxops.training.collecting import collect
 from proxops.training.collection import learned_lidar_of
@@ -58,16 +67,13 @@ def collect_command(
     lidar_bundle: Annotated[
         Path, typer.Option(help="The learned lidar's, from `proxops train-lidar`.")
     ] = Path("out/lidar/bundle"),
-    settings: Annotated[
-        list[str] | None,
-        typer.Option("--set", help="Change a scenario value: key.subkey=value. Repeatable."),
-    ] = None,
+    settings: ScenarioChanges = None,
     out: Annotated[Path, typer.Option(help="Folder for the logs and manifest.json.")] = (
         Path("out/collection")
     ),
     workers: Workers = None,
     scheduler: Scheduler = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the report as JSON.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Fly expert transits; write a log each, manifest.json and a report.
 

@@ -31,6 +31,14 @@ Scheduler = typing.Annotated[
     str | None, typer.Option(help="Address of a Dask scheduler to fly on instead.")
 ]
 """Options of all commands that fly many times."""
+ScenarioChanges = typing.Annotated[
+    list[str] | None,
+    typer.Option("--set", help="Change a scenario value: key.subkey=value. Repeatable."),
+]
+AsJson = typing.Annotated[
+    bool, typer.Option("--json", help="Print what was found as JSON, not as a table.")
+]
+"""Options of most commands."""
 
 console = Console()
 """Results go here, to standard output."""

@@ -10,6 +10,7 @@ from typing import Annotated
 import typer
 
 from proxops.cli.common import (
+    AsJson,
     Scheduler,
     Workers,
     check_folder,
@@ -39,7 +40,7 @@ def dagger_command(
     ),
     workers: Workers = None,
     scheduler: Scheduler = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the report as JSON.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Let the pilot fly, have the MPC say what it would have done, and learn that: DAgger.
 

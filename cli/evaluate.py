@@ -12,6 +12,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemaini
 from rich.table import Table
 
 from proxops.cli.common import (
+    ScenarioChanges,
     Scheduler,
     Workers,
     check_folder,
@@ -42,10 +43,7 @@ def evaluate_command(
     ] = "mpc",
     transits: Annotated[int, typer.Option(min=1, help="How many transits each flies.")] = 50,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the set of transits.")] = 10000,
-    settings: Annotated[
-        list[str] | None,
-        typer.Option("--set", help="Change a scenario value: key.subkey=value. Repeatable."),
-    ] = None,
+    settings: ScenarioChanges = None,
     out: Annotated[Path, typer.Option(help="Folder for results.json and the report.")] = Path(
         "out/evaluation"
     ),

@@ -13,6 +13,8 @@ import typer
 from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
 
 from proxops.cli.common import (
+    AsJson,
+    ScenarioChanges,
     check_folder,
     print_rows,
     progress_bar,
@@ -40,10 +42,7 @@ def fly_command(
     ] = None,
     seed: Annotated[int | None, typer.Option(help="Seed of the set of transits.")] = None,
     transit: Annotated[int | None, typer.Option(help="Number of the transit in the set.")] = None,
-    settings: Annotated[
-        list[str] | None,
-        typer.Option("--set", help="Change a scenario value: key.subkey=value. Repeatable."),
-    ] = None,
+    settings: ScenarioChanges = None,
     out: Annotated[Path, typer.Option(help="Folder for flight.nc, summary.json, replay.html.")] = (
         Path("out/flight")
     ),
@@ -51,7 +50,7 @@ def fly_command(
         Path | None, typer.Option("--from", help="Repeat the flight of this flight.nc.")
     ] = None,
     meshcat: Annotated[bool, typer.Option(help="Serve the flight live in a browser.")] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Fly one transit; write flight.nc, summary.json and replay.html.
 

@@ -11,6 +11,7 @@ import typer
 from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
 
 from proxops.cli.common import (
+    ScenarioChanges,
     Scheduler,
     Workers,
     check_folder,
@@ -40,10 +41,7 @@ def reproduce_command(
     seed: Annotated[
         int, typer.Option(min=10_000, help="Of these transits; below 10,000 they are for training.")
     ] = 10_000,
-    settings: Annotated[
-        list[str] | None,
-        typer.Option("--set", help="Change a scenario value: key.subkey=value. Repeatable."),
-    ] = None,
+    settings: ScenarioChanges = None,
     out: Annotated[Path, typer.Option(help="Folder for all stages and the report.")] = Path(
         "out/reproduction"
     ),

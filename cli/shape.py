@@ -11,7 +11,14 @@ from typing import Annotated, Any
 import typer
 from rich.console import Console
 
-from proxops.cli.common import check_folder, console, print_rows, status, write_json
+from proxops.cli.common import (
+    AsJson,
+    check_folder,
+    console,
+    print_rows,
+    status,
+    write_json,
+)
 from proxops.diagrams.body_setup import body_yaml, scaled_scenario
 from proxops.diagrams.flight_log import make_folder, write_whole
 from proxops.diagrams.scenario import dump_scenario
@@ -48,7 +55,7 @@ def shape_command(
     out: Annotated[
         Path, typer.Option(help="Folder for shape.png and shape.json, or a .png file.")
     ] = Path("out/shape"),
-    as_json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Examine a mesh, mend it, and set its body up for flying.
 

@@ -10,7 +10,14 @@ from typing import Annotated, Any
 
 import typer
 
-from proxops.cli.common import check_folder, print_rows, status, training_bar, training_extra
+from proxops.cli.common import (
+    AsJson,
+    check_folder,
+    print_rows,
+    status,
+    training_bar,
+    training_extra,
+)
 from proxops.systems.errors import InputError
 
 
@@ -57,7 +64,7 @@ def train_command(
     quick: Annotated[
         bool, typer.Option(help="A small network, little data: soon done, of no great use.")
     ] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the report as JSON.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Train a policy to say what the MPC says, from lidar frames and the goal.
 

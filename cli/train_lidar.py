@@ -10,7 +10,15 @@ from typing import Annotated, Any
 import typer
 from rich.table import Table
 
-from proxops.cli.common import check_folder, console, status, training_bar, training_extra
+from proxops.cli.common import (
+    AsJson,
+    ScenarioChanges,
+    check_folder,
+    console,
+    status,
+    training_bar,
+    training_extra,
+)
 from proxops.diagrams.body import load_body
 from proxops.diagrams.scenario import load_scenario
 
@@ -26,17 +34,14 @@ def train_lidar_command(
         int | None, typer.Option(min=1, help="Of the ray network. Default: 24.")
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Of weights, order and test positions.")] = 0,
-    settings: Annotated[
-        list[str] | None,
-        typer.Option("--set", help="Change a scenario value: key.subkey=value. Repeatable."),
-    ] = None,
+    settings: ScenarioChanges = None,
     out: Annotated[Path, typer.Option(help="Folder for the bundle and the report.")] = Path(
         "out/lidar"
     ),
     quick: Annotated[
         bool, typer.Option(help="Twice the spacing, few steps: in seconds, of no great use.")
     ] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the report as JSON.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Train a network that gives lidar frames; compare it with the ray-caster and with others.
 

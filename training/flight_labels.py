@@ -24,8 +24,8 @@ from proxops.training.label_files import (
     save_labels,
 )
 
-# For one state in so many the later knots of the plan are labels too: where the flight would come if
-# the expert took over.
+# For one state in so many the later knots of the plan are labels too: where the flight would come
+# if the expert took over.
 _WHOLE_PLAN_EVERY = 8
 
 
