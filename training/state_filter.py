@@ -60,8 +60,6 @@ class StateFilter(nn.Module):
     """
 
     step: Tensor
-    free: Tensor
-    pushed: Tensor
     seen: Tensor
     rows: Tensor
     columns: Tensor
@@ -75,15 +73,8 @@ class StateFilter(nn.Module):
         self.logs = nn.Parameter(torch.tensor([math.log(x) for x in start]))
         h, k = motion.period, 0.5 * motion.period**2
         step = torch.tensor([[1.0, h, k], [0.0, 1.0, h], [0.0, 0.0, 1.0]])
-        # Without the push, which has acted already through the mean acceleration.
-        free = torch.tensor([[1.0, h, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
-        # To be multiplied from the right by rows of states, accelerations, covariances, positions.
-        for name, matrix in (
-            ("step", _moved_covariance(step)),
-            ("free", torch.kron(free, torch.eye(3))),
-            ("pushed", torch.kron(torch.tensor([[k], [h], [0.0]]), torch.eye(3))),
-            ("seen", torch.eye(9)[:, :3]),
-        ):
+        # To be multiplied from the right by rows of covariances and positions.
+        for name, matrix in (("step", _moved_covariance(step)), ("seen", torch.eye(9)[:, :3])):
             self.register_buffer(name, matrix.T.contiguous())
         self.register_buffer("rows", torch.tensor(_ROWS))
         self.register_buffer("columns", torch.tensor(_COLUMNS))
@@ -91,10 +82,15 @@ class StateFilter(nn.Module):
     def predict(self, memory: Tensor, force: Tensor) -> Tensor:
         """The memory (B, MEMORY) a period later, under forces (B, 3) in N."""
         states, covariance, natural, started = memory.split(_SIZES, dim=1)
-        mean = natural + self.motion.thrust(force) + states[:, 6:]
+        position, velocity, push = states.split(3, dim=1)
+        mean = natural + self.motion.thrust(force) + push
         noise = self._diagonal(self.logs[1:4])
-        moved = states @ self.free + mean @ self.pushed
-        return torch.cat([moved, covariance @ self.step + noise, natural, started], dim=1)
+        # Not by a matrix: products of matrices round as whoever computes them likes, and of a
+        # position in single precision that is a centimetre, which the first velocities feel.
+        h = self.motion.period
+        position = position + (h * velocity + 0.5 * h**2 * mean)
+        moved = [position, velocity + h * mean, push]
+        return torch.cat([*moved, covariance @ self.step + noise, natural, started], dim=1)
 
     def correct(self, memory: Tensor, innovation: Tensor, doubt: Tensor) -> Tensor:
         """The memory after fixes that lie `innovation` (B, 3) from the position in it, in m.
