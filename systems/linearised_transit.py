@@ -24,7 +24,7 @@ from pydrake.solvers import ClarabelSolver, MathematicalProgram, SolverOptions
 
 from proxops.systems.condensed_motion import condensed_motion
 from proxops.systems.errors import InputError, SolverFailure
-from proxops.systems.first_guess import first_positions
+from proxops.systems.first_guess import first_paths
 from proxops.systems.gravity_field import Field
 from proxops.systems.path_limits import PathLimits, path_limits
 from proxops.systems.plan import Horizon, Plan, TransitLimits
@@ -139,13 +139,24 @@ class LinearisedTransit:
         price[:n] = KEEP_OUT_PRICE
         program.AddLinearCost(price, 0.0, slacks)
 
-    def first_plan(self, state: np.ndarray, target: np.ndarray, duration: float) -> Plan:
-        """Something to linearise about that depends on state and target alone."""
-        times = duration * self.fractions
-        axes = self.limits.keep_out_semi_axes
-        positions = first_positions(self.fractions, state[:3], target[:3], axes)
-        states = np.hstack([positions, np.gradient(positions, times, axis=0)])
-        return Plan(times, states, np.zeros((len(times) - 1, 3)), target, 0.0, 0.0, 0, 0, 0.0)
+    def first_plans(self, state: np.ndarray, target: np.ndarray, duration: float) -> list[Plan]:
+        """Plans to linearise about that depend on state and target alone, the likeliest first.
+
+        Args:
+          duration: of a plan straight to the target, in s. One that goes round takes longer, by the
+            root of how much longer its path is (but never thrice as long): so it is from rest to
+            rest at one acceleration.
+        """
+        plans, axes = [], self.limits.keep_out_semi_axes
+        for positions in first_paths(self.fractions, state[:3], target[:3], axes):
+            length = np.linalg.norm(np.diff(positions, axis=0), axis=1).sum()
+            straight = np.linalg.norm(target[:3] - state[:3])
+            longer = np.sqrt(np.clip(length / max(straight, 1e-9 * length, 1e-9), 1.0, 9.0))
+            times = longer * duration * self.fractions
+            states = np.hstack([positions, np.gradient(positions, times, axis=0)])
+            forces = np.zeros((self.horizon.knots, 3))
+            plans.append(Plan(times, states, forces, target, 0.0, 0.0, 0, 0, 0.0))
+        return plans
 
     def what_is_left(
         self, last: Plan, age: float, duration: float

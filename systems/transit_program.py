@@ -31,7 +31,7 @@ from pydrake.solvers import SolutionResult
 
 from proxops.systems.errors import SolverFailure
 from proxops.systems.gravity_field import Field
-from proxops.systems.linearised_transit import LinearisedTransit, TransitSolution
+from proxops.systems.linearised_transit import SLACK_PRICE, LinearisedTransit
 from proxops.systems.plan import Horizon, Plan, TransitLimits
 
 # T changes by no more than this share in one linearisation.
@@ -39,6 +39,9 @@ _TRUSTED_STRETCH = 0.1
 # Curvature of the cost in T over its slope; the program sees only two thirds of it by itself, and
 # would jump to and fro across the best T without the rest.
 _STRETCH_CURVATURE = 1.0
+# Without a plan, all first guesses are followed for so many linearisations, then the best alone. A
+# guess is better than one before it if its plan costs less than this share of the other's.
+_TRIED, _CLEARLY_LESS = 5, 0.999
 
 
 class TransitProgram:
@@ -81,8 +84,8 @@ class TransitProgram:
         """The plan from `state` (6,) to `target` (6,).
 
         Args:
-          previous: the plan to linearise about first, made `age` seconds ago; None: a guess that
-            depends on state and target alone.
+          previous: the plan to linearise about first, made `age` seconds ago; None: guesses that
+            depend on state and target alone, either way round the keep-out ellipsoid.
           iterations: how often to linearise and solve.
           push: (3,) in m/s^2, an acceleration that the field does not explain; None: none.
 
@@ -92,33 +95,61 @@ class TransitProgram:
         started = time.perf_counter()
         if not (np.isfinite(state).all() and np.isfinite(target).all()):
             raise SolverFailure(SolutionResult.kInvalidInput)  # Drake would end the process.
-        cold, last = previous is None, previous
-        if last is None:
-            last = self.transit.first_plan(state, target, self.horizon.time_to_go(state, target))
         push = np.zeros(3) if push is None else push
-        for iteration in range(1, iterations + 1):
-            fixed_time = cold and iteration == 1
-            found, duration = self._improve(state, target, last, age, fixed_time, push)
-            duration *= 1.0 + found.stretch
-            cost = duration * (self.time_price + self._mean_effort(found.controls, duration))
-            last = self.transit.plan_of(found, target, duration, cost, iteration, started)
+        last, done = previous, 0
+        if last is None:
+            done = min(iterations, _TRIED)
+            last, age = self._begun(state, target, done, push, started), 0.0
+        for iteration in range(done + 1, iterations + 1):
+            last = self._improved(state, target, last, age, push, iteration, started)
             age = 0.0
         return last
+
+    def _begun(
+        self,
+        state: np.ndarray,
+        target: np.ndarray,
+        iterations: int,
+        push: np.ndarray,
+        started: float,
+    ) -> Plan:
+        """The best plan that so many iterations make of the first guesses.
+
+        Raises:
+          SolverFailure: of the last guess, if none leads to a plan.
+        """
+        best, failure = None, None
+        duration = self.horizon.time_to_go(state, target)
+        for plan in self.transit.first_plans(state, target, duration):
+            try:
+                for k in range(1, iterations + 1):
+                    plan = self._improved(state, target, plan, 0.0, push, k, started, k > 1)
+            except SolverFailure as error:
+                failure = error
+                continue
+            if best is None or _total_cost(plan) < _CLEARLY_LESS * _total_cost(best):
+                best = plan
+        if best is None:
+            assert failure is not None
+            raise failure
+        return best
 
     def fits(self, plan: Plan, age: float, state: np.ndarray, target: np.ndarray) -> bool:
         """Whether a plan made `age` s ago is so close that one linearisation about it will do."""
         return self.transit.fits(plan, age, state, target)
 
-    def _improve(
+    def _improved(
         self,
         state: np.ndarray,
         target: np.ndarray,
         last: Plan,
         age: float,
-        fixed_time: bool,
         push: np.ndarray,
-    ) -> tuple[TransitSolution, float]:
-        """Solves the program linearised about `last`, `age` s old; returns its T before stretch."""
+        iteration: int,
+        started: float,
+        free_time: bool = True,
+    ) -> Plan:
+        """The solution of the program linearised about `last`, `age` s old."""
         least = self.horizon.minimum
         duration = max(last.times[-1] - age, least)
         states, controls = self.transit.what_is_left(last, age, duration)
@@ -132,10 +163,13 @@ class TransitProgram:
         self._fuel.evaluator().UpdateCoefficients(fuel)
         price = np.array([self.time_price + self._mean_effort(controls, duration)])
         self._time.evaluator().UpdateCoefficients(_STRETCH_CURVATURE * price[None], price)
-        shorter = 0.0 if fixed_time else max(-_TRUSTED_STRETCH, least / duration - 1.0)
-        longer = 0.0 if fixed_time else _TRUSTED_STRETCH
+        shorter = max(-_TRUSTED_STRETCH, least / duration - 1.0) if free_time else 0.0
+        longer = _TRUSTED_STRETCH if free_time else 0.0
         transit.stretch_bounds.evaluator().set_bounds([shorter], [longer])
-        return transit.solve(), duration
+        found = transit.solve()
+        duration *= 1.0 + found.stretch
+        cost = duration * (self.time_price + self._mean_effort(found.controls, duration))
+        return transit.plan_of(found, target, duration, cost, iteration, started)
 
     def fuel_weight(self, duration: float) -> float:
         """c for a plan of this length: none at the shortest, all from three times that on."""
@@ -146,3 +180,8 @@ class TransitProgram:
         """Mean of |u|_2^2 + c |u|_1 over a plan, for controls u (N, 3)."""
         effort = controls**2 + self.fuel_weight(duration) * np.abs(controls)
         return float(self.transit.shares @ np.sum(effort, axis=1))
+
+
+def _total_cost(plan: Plan) -> float:
+    """What a plan costs, with the price of slack."""
+    return plan.cost + SLACK_PRICE * plan.slack * float(plan.times[-1])
