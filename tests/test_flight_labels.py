@@ -28,7 +28,7 @@ def test_labels_along_the_experts_own_flight_are_its_commands():
     assert len(states) + whole * (log.scenario.mpc.knots // 4) < len(labels["state"]) <= most
 
 
-def test_labels_are_kept_and_belong_to_their_flight(tmp_path: Path):
+def test_labels_are_kept_and_belong_to_their_flight(tmp_path: Path, monkeypatch):
     logs = sorted(copy_flights(tmp_path).glob("*.nc"))[:2]
     told: list[int] = []
     first = label_flights(logs, tmp_path / "labels", 1, progress=told.append)
@@ -40,6 +40,10 @@ def test_labels_are_kept_and_belong_to_their_flight(tmp_path: Path):
     ]
     for name, values in first.items():
         np.testing.assert_array_equal(values, again[name])
+    with monkeypatch.context() as other_way:
+        other_way.setattr("proxops.training.flight_labels._WHOLE_PLAN_EVERY", 4)
+        with pytest.raises(InputError, match="something else"):
+            label_flights(logs, tmp_path / "labels", 1)
     logs[0].write_bytes(logs[1].read_bytes())
     with pytest.raises(InputError, match="another"):
         label_flights(logs, tmp_path / "labels", 1)

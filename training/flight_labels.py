@@ -69,7 +69,7 @@ def label_flights(
     for _ in parallel_results(todo, task, workers, scheduler):
         if progress is not None:
             progress(1)
-    parts = [load_labels(folder / f"{log.stem}.npz", file_sha256(log)) for log in logs]
+    parts = [load_labels(folder / f"{log.stem}.npz", _origin(log)) for log in logs]
     return joined_labels(parts)
 
 
@@ -129,8 +129,13 @@ def _label(piece: _Piece, folder: Path) -> int:
         scenario.mpc.cold_iterations,
         scenario.mpc.min_horizon_s,
     )
-    save_labels(_path(piece, folder), labels, file_sha256(piece.log))
+    save_labels(_path(piece, folder), labels, _origin(piece.log))
     return len(labels["state"])
+
+
+def _origin(log: Path) -> str:
+    """What labels of a flight come from: its log, and which states and plans are labelled."""
+    return f"{file_sha256(log)}, every state, whole plans every {_WHOLE_PLAN_EVERY}"
 
 
 def _path(piece: _Piece, folder: Path) -> Path:
