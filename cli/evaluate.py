@@ -22,8 +22,8 @@ from proxops.cli.common import (
     write_json,
 )
 from proxops.diagrams.body import load_body
+from proxops.diagrams.named_controllers import named_controller
 from proxops.diagrams.scenario import Scenario, load_scenario
-from proxops.diagrams.simulation import named_controller
 from proxops.diagrams.transits import draw_transit
 from proxops.systems.errors import InputError
 from proxops.training.evaluation_flights import fly_controllers, shown_logs

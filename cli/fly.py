@@ -97,6 +97,11 @@ def fly_command(
         if transit is not None:
             overrides.append(f"transit.index={transit}")
         wanted = load_scenario(scenario, overrides)
+        if wanted.transit.start_m is not None and (seed is not None or transit is not None):
+            raise InputError(
+                "the scenario has a start and a goal of its own: give no --seed or --transit, or "
+                "leave out transit.start_m and transit.goal_m"
+            )
         with _progress_bar() as progress:
             log = fly(wanted, controller or "mpc", meshcat=server, progress=progress)
         _save(log, out, as_json)

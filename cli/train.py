@@ -45,7 +45,7 @@ def train_command(
         ),
     ] = Recipe.PROXOPS,
     epochs: Annotated[
-        int | None, typer.Option(min=1, help="At most; of the guidance. Default: 28; paper: 12.")
+        int | None, typer.Option(min=1, help="At most; of the guidance. Default: 20; paper: 12.")
     ] = None,
     minutes: Annotated[
         float | None, typer.Option(min=0.0, help="Budget of time; paper only.")

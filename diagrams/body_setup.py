@@ -9,11 +9,13 @@ import numpy as np
 from proxops.diagrams.body import Body, BodyConfig, load_body
 from proxops.diagrams.scenario import (
     ArrivalConfig,
+    HybridConfig,
     LidarConfig,
     MpcConfig,
     Scenario,
     SpacecraftConfig,
     TransitConfig,
+    WeightedCostConfig,
     check_scenario,
 )
 from proxops.diagrams.shape_examination import hover_map
@@ -41,7 +43,8 @@ def scaled_scenario(body: Body, body_path: str, craft_mass_kg: float = 100.0) ->
     Kleopatra's, in volume or along the longest axis, whichever is more. Times are multiplied so
     that the spin rate w and the rate of a low orbit n, as w^2 + n^2, are the same numbers as at
     Kleopatra: then gravity, centrifugal and Coriolis accelerations are in the same proportion to
-    the thrust. That is made larger where it would not hover over the keep-out ellipsoid.
+    the thrust. That is made larger where it would not hover over the keep-out ellipsoid; the forces
+    that a hybrid takes for equal go with it.
     """
     reference, given = load_body("kleopatra"), Scenario()
     volumes = [b.keep_out_semi_axes.prod() for b in (body, reference)]
@@ -57,6 +60,7 @@ def scaled_scenario(body: Body, body_path: str, craft_mass_kg: float = 100.0) ->
     hover = hover_map(body, craft_mass_kg, grow=clearance).forces.max()
     similar = given.spacecraft.thrust_limit_n / given.spacecraft.mass_kg * acceleration
     thrust = max(craft_mass_kg * similar, hover / given.transit.max_hover_share)
+    force = thrust / given.spacecraft.thrust_limit_n
     scenario = Scenario(
         body=body_path,
         spacecraft=SpacecraftConfig(
@@ -72,6 +76,15 @@ def scaled_scenario(body: Body, body_path: str, craft_mass_kg: float = 100.0) ->
             nominal_acceleration_m_s2=scaled(given.mpc.nominal_acceleration_m_s2, acceleration),
             min_horizon_s=scaled(given.mpc.min_horizon_s, time),
             keep_out_margin_m=scaled(given.mpc.keep_out_margin_m, length),
+            weighted=WeightedCostConfig(
+                horizon_s=scaled(given.mpc.weighted.horizon_s, time),
+                position_error_m=scaled(given.mpc.weighted.position_error_m, length),
+                speed_error_m_s=scaled(given.mpc.weighted.speed_error_m_s, speed),
+            ),
+        ),
+        hybrid=HybridConfig(
+            epsilon_magnitude_n=scaled(given.hybrid.epsilon_magnitude_n, force),
+            dead_band_n=scaled(given.hybrid.dead_band_n, force),
         ),
         transit=TransitConfig(
             cube_m=scaled(given.transit.cube_m, length),

@@ -17,6 +17,7 @@ from pydrake.common.yaml import yaml_dump_typed
 
 from proxops.diagrams.body import Body, BodyConfig, load_body
 from proxops.diagrams.flight_log import FlightLog, make_folder, write_whole
+from proxops.diagrams.named_controllers import controller_source
 from proxops.diagrams.parallel import parallel_results
 from proxops.diagrams.scenario import (
     LearnedLidarConfig,
@@ -26,6 +27,7 @@ from proxops.diagrams.scenario import (
 )
 from proxops.diagrams.scenario_systems import WITH_BUNDLE, bundle_of
 from proxops.diagrams.simulation import fly
+from proxops.diagrams.transits import of_transit
 from proxops.systems.errors import InputError
 from proxops.systems.lidar_bundle import LidarBundle
 from proxops.systems.policy_bundle import PolicyBundle
@@ -51,7 +53,8 @@ class Flight:
     """As `named_controller` knows it."""
     made_with: str
     """Version of proxops, hash of the body, and of the bundles of a learned lidar and of the
-    policy, if they fly: flights made with others are not mixed in."""
+    policy, or of the file of a controller of one's own, if they fly: flights made with others are
+    not mixed in."""
 
 
 def body_sha256(body: Body) -> str:
@@ -61,24 +64,34 @@ def body_sha256(body: Body) -> str:
 
 
 def made_with(scenario: Scenario, body: Body, controller: str) -> str:
-    """What a flight's `made_with` says of flights of this scenario by this version."""
+    """What a flight's `made_with` says of flights of this scenario by this version.
+
+    Raises:
+      InputError: no such bundle, or no such module.
+    """
     origin = f"proxops {metadata.version('proxops')}, body {body_sha256(body)}"
     if isinstance(scenario.lidar, LearnedLidarConfig):
         origin += f", lidar {LidarBundle.load(scenario.lidar.bundle).sha256}"
     bundle = bundle_of(controller, scenario)
     if bundle is not None:
         origin += f", policy {PolicyBundle.load(bundle).sha256}"
+    source = controller_source(controller)
+    if source is not None:
+        origin += f", controller {hashlib.sha256(source.read_bytes()).hexdigest()}"
     return origin
 
 
 def transit_flights(scenario: Scenario, controller: str, seed: int, count: int) -> list[Flight]:
-    """Flights of transits 0 … count - 1 of a seed by one controller."""
+    """Flights of transits 0 … count - 1 of a seed by one controller.
+
+    Raises:
+      InputError: the scenario has a start and goal of its own, or see `made_with`.
+    """
     origin = made_with(scenario, load_body(scenario.body), controller)
     label = controller_label(controller)
     flights = []
     for index in range(count):
-        transit = dc.replace(scenario.transit, seed=seed, index=index, start_m=None, goal_m=None)
-        text = dump_scenario(dc.replace(scenario, transit=transit))
+        text = dump_scenario(of_transit(scenario, seed, index))
         flights.append(Flight(f"{label}-{seed}-{index:05d}", text, controller, origin))
     return flights
 

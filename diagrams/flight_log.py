@@ -32,7 +32,11 @@ if typing.TYPE_CHECKING:
 VARIABLES: dict[str, tuple[tuple[str, ...], str, str]] = {
     "state": (("component",), "m; m/s", "position and velocity of the spacecraft in K"),
     "target": (("component",), "m; m/s", "commanded final position and velocity in K"),
-    "force": (("axis",), "N", "force applied from force_delay_s after this time on, in K"),
+    "force": (
+        ("axis",),
+        "N",
+        "force in K, before mismatch.thrust, from force_delay_s after this time on",
+    ),
     "mpc_force": (("axis",), "N", "the MPC's force in K; NaN where it was not asked"),
     "policy_force": (("axis",), "N", "the policy's force in K; NaN where there is none"),
     "disturbance": (("axis",), "N", "applied less commanded (or assured) force in K"),

@@ -32,8 +32,9 @@ def summarise(log: FlightLog) -> dict[str, typing.Any]:
     arrival = float(attrs["arrival_time_s"])
     arrived = bool(np.isfinite(arrival))
     least = float(clearances(log.body.keep_out_semi_axes, dense_positions(times, states)).min())
-    # Thrust acceleration, and for how long each acts in the flight and before arrival.
-    thrust = np.abs(data["force"].values[:-1]).sum(axis=1) / scenario.spacecraft.mass_kg
+    # True acceleration by thrust, and for how long each acts in the flight and before arrival.
+    per_newton = scenario.mismatch.thrust / (scenario.mismatch.mass * scenario.spacecraft.mass_kg)
+    thrust = per_newton * np.abs(data["force"].values[:-1]).sum(axis=1)
     starts = times[:-1] + attrs.get("force_delay_s", 0.0)
     lengths = np.clip(times[-1] - starts, 0.0, np.diff(times))
     until = np.clip((arrival if arrived else np.inf) - starts, 0.0, lengths)

@@ -7,6 +7,7 @@ import logging
 import os
 import typing
 from collections.abc import Callable, Generator, Sequence
+from uuid import uuid4
 
 import numba
 
@@ -71,7 +72,10 @@ def _distributed(
 
     with _client(workers, scheduler) as client:
         futures = [
-            client.submit(_on_one_thread, task, piece, key=piece.name, pure=False)
+            # Keys of their own: others may use the scheduler too, for work of the same names.
+            client.submit(
+                _on_one_thread, task, piece, key=f"{piece.name}-{uuid4().hex}", pure=False
+            )
             for piece in pieces
         ]
         names = {future.key: piece.name for future, piece in zip(futures, pieces, strict=True)}

@@ -3,36 +3,26 @@
 from __future__ import annotations
 
 import hashlib
-import importlib
 import math
-import sys
 import time
 from collections.abc import Callable
 from importlib import metadata
-from pathlib import Path
 
 import numpy as np
 from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator, SimulatorStatus
 from pydrake.systems.framework import Context, Diagram, EventStatus, System
-from pydrake.systems.primitives import ConstantVectorSource, VectorLogSink
+from pydrake.systems.primitives import VectorLogSink
 
 from proxops.diagrams.body import Body, load_body
 from proxops.diagrams.estimate_feedback import EstimateFeedback
 from proxops.diagrams.flight_log import DECISION_VARIABLES, FlightLog, make_dataset
-from proxops.diagrams.hybrid_controller import HybridController, make_hybrid
+from proxops.diagrams.hybrid_controller import HybridController
+from proxops.diagrams.named_controllers import named_controller
 from proxops.diagrams.replay import PLAYBACK_SPEED, add_flight
 from proxops.diagrams.scenario import Scenario, dump_scenario
-from proxops.diagrams.scenario_systems import (
-    bundle_of,
-    make_controller,
-    make_estimate_feedback,
-    make_policy,
-    make_proportional_derivative,
-)
 from proxops.diagrams.transit_diagram import make_transit_diagram
 from proxops.systems.delayed_hold import DelayedHold
-from proxops.systems.errors import InputError
 from proxops.systems.flight_monitor import COLLIDED, ENTERED_GOAL, NEVER, VIOLATIONS
 from proxops.systems.learned_lidar import LearnedLidar
 from proxops.systems.neural_policy import NeuralPolicy
@@ -50,60 +40,6 @@ _ASKED = (
 
 Progress = Callable[[float, float], None]
 """Called now and then with the simulated time and the latest end, both in s."""
-
-
-def named_controller(name: str, scenario: Scenario, body: Body) -> System:
-    """The controller of a name: `mpc`, `policy`, `hybrid`, `pd`, `zero`, or `MODULE:FACTORY`.
-
-    `policy:FOLDER` and `hybrid:FOLDER` fly the policy of that bundle, `pd:FOLDER` the PD controller
-    on the state that the policy of that bundle estimates, where `pd` knows the true one.
-
-    FACTORY, your own, is called as `factory(scenario, body)` and returns a System with the ports
-    that `make_transit_diagram` asks for. MODULE is looked for in the working directory too.
-
-    Raises:
-      InputError: an unknown name, no policy that fits, or a factory that cannot be imported or
-        fails.
-    """
-    if name == "mpc":
-        return make_controller(scenario, body)
-    bundle = bundle_of(name, scenario)
-    if bundle is not None:
-        if name.startswith("pd"):
-            return make_estimate_feedback(bundle, scenario, body)
-        policy = make_policy(bundle, scenario, body)
-        return make_hybrid(scenario, body, policy) if name.startswith("hybrid") else policy
-    if name == "pd":
-        return make_proportional_derivative(scenario)
-    if name == "zero":
-        return _zero_controller()
-    module_name, colon, factory_name = name.partition(":")
-    if not colon:
-        raise InputError(
-            f"controller {name!r} is not known: use mpc, policy, hybrid, pd, zero, one of "
-            "policy:FOLDER, hybrid:FOLDER and pd:FOLDER, or MODULE:FACTORY"
-        )
-    here = str(Path.cwd())
-    sys.path.insert(0, here)
-    try:
-        factory = getattr(importlib.import_module(module_name), factory_name)
-        controller = factory(scenario, body)
-    except Exception as error:
-        raise InputError(f"controller {name!r}: {type(error).__name__}: {error}") from error
-    finally:
-        sys.path.remove(here)
-    if not isinstance(controller, System):
-        raise InputError(f"controller {name!r} made a {type(controller).__name__}, not a System")
-    return controller
-
-
-def _zero_controller() -> System:
-    from pydrake.systems.framework import DiagramBuilder
-
-    builder = DiagramBuilder()
-    source = builder.AddNamedSystem("zero", ConstantVectorSource(np.zeros(3)))
-    builder.ExportOutput(source.get_output_port(), "force")
-    return builder.Build()
 
 
 def fly(

@@ -126,29 +126,8 @@ class NeuralPolicy(LeafSystem):
         target = self._target_port.Eval(context)
         applied_force = self._applied_port.Eval(context)
         memory = context.get_discrete_state(self._memory).value()
-        started = time.perf_counter()
-        try:
-            answer = run_network(self.bundle.session, ranges, target, applied_force, memory)
-        except Exception:  # Of no common type; for instance an index that was made of NaN.
-            answer = np.full(3, np.nan), np.full(6, np.nan), memory
-        wall_time = time.perf_counter() - started
-        value.set_value(self._checked(*answer, wall_time))
-
-    def _checked(
-        self, force: np.ndarray, estimate: np.ndarray, memory: np.ndarray, wall_time: float
-    ) -> PolicyAnswer:
-        """What the network said, within limits; nothing if it isn't finite."""
-        if not (np.isfinite(force).all() and np.isfinite(memory).all()):
-            force, estimate = np.zeros(3), np.full(6, np.nan)
-            memory, status = np.zeros(self.bundle.memory), PolicyStatus.NOT_FINITE
-        else:
-            status = PolicyStatus.ANSWERED
-        return PolicyAnswer(
-            np.clip(force.astype(float), -self.thrust_limit, self.thrust_limit),
-            estimate,
-            memory,
-            status,
-            wall_time,
+        value.set_value(
+            policy_answer(self.bundle, ranges, target, applied_force, memory, self.thrust_limit)
         )
 
     def _calc_force(self, context, output):
@@ -163,6 +142,36 @@ class NeuralPolicy(LeafSystem):
 
     def _remember(self, context, discrete_state):
         discrete_state.set_value(self._memory, self._answer.Eval(context).memory)
+
+
+def policy_answer(
+    bundle: PolicyBundle,
+    ranges: np.ndarray,
+    target: np.ndarray,
+    applied_force: np.ndarray,
+    memory: np.ndarray,
+    thrust_limit: float,
+) -> PolicyAnswer:
+    """What a policy says at one step, within limits; nothing if what it says isn't finite.
+
+    Args:
+      ranges: (planes * rays) in m, +inf where nothing returned. target: (6,) in m and m/s.
+      applied_force: (3,) in N over the last period. memory: of its last answer, at first zeros.
+      thrust_limit: greatest force per axis in N.
+    """
+    started = time.perf_counter()
+    try:
+        answer = run_network(bundle.session, ranges, target, applied_force, memory)
+    except Exception:  # Of no common type; for instance an index that was made of NaN.
+        answer = np.full(3, np.nan), np.full(6, np.nan), memory
+    wall_time = time.perf_counter() - started
+    force, estimate, memory = answer
+    status = PolicyStatus.ANSWERED
+    if not (np.isfinite(force).all() and np.isfinite(memory).all()):
+        force, estimate = np.zeros(3), np.full(6, np.nan)
+        memory, status = np.zeros(bundle.memory), PolicyStatus.NOT_FINITE
+    force = np.clip(force.astype(float), -thrust_limit, thrust_limit)
+    return PolicyAnswer(force, estimate, memory, status, wall_time)
 
 
 def _check_fit(

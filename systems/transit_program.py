@@ -31,7 +31,7 @@ from pydrake.solvers import SolutionResult
 
 from proxops.systems.errors import SolverFailure
 from proxops.systems.gravity_field import Field
-from proxops.systems.linearised_transit import SLACK_PRICE, LinearisedTransit
+from proxops.systems.linearised_transit import KEEP_OUT_PRICE, LinearisedTransit
 from proxops.systems.plan import Horizon, Plan, TransitLimits
 
 # T changes by no more than this share in one linearisation.
@@ -183,5 +183,5 @@ class TransitProgram:
 
 
 def _total_cost(plan: Plan) -> float:
-    """What a plan costs, with the price of slack."""
-    return plan.cost + SLACK_PRICE * plan.slack * float(plan.times[-1])
+    """What a plan costs, with the highest price for any slack."""
+    return plan.cost + KEEP_OUT_PRICE * plan.slack * float(plan.times[-1])

@@ -1,5 +1,6 @@
 """`proxops shape`: what it says, writes and refuses; and a flight at a body that it set up."""
 
+import dataclasses as dc
 import json
 import re
 import sys
@@ -15,7 +16,7 @@ from short_flights import kleopatra, obj_text
 from proxops.assets import asset_path
 from proxops.cli.main import main
 from proxops.diagrams.body import load_body
-from proxops.diagrams.body_setup import scaled_scenario
+from proxops.diagrams.body_setup import body_yaml, scaled_scenario
 from proxops.diagrams.scenario import Scenario, load_scenario
 from proxops.diagrams.shape_examination import examine
 from proxops.diagrams.shape_picture import plot_shape
@@ -294,6 +295,41 @@ def test_scaled_scenario_of_kleopatra_is_the_default_one() -> None:
     """Scaled by one, but for the rounding to two digits."""
     scaled, given = scaled_scenario(kleopatra(), "kleopatra"), Scenario()
     assert scaled == given
+
+
+# The default mass is what the user gives; nothing else has a unit that is not in its name.
+UNITS = {"_m": 0.01, "_m_s": 0.01, "_m_s2": 0.01, "_n": 0.01, "_s": 1.0, "_kg": 1.0, "_deg": 1.0}
+
+
+def dimensional(tree: object, name: str = "") -> dict[str, float]:
+    """Every number of a scenario by its dotted name."""
+    if not dc.is_dataclass(tree):
+        return {name: float(tree)} if isinstance(tree, int | float) else {}
+    found: dict[str, float] = {}
+    for field in dc.fields(tree):
+        found |= dimensional(getattr(tree, field.name), f"{name}.{field.name}".strip("."))
+    return found
+
+
+def test_every_number_of_a_scenario_is_made_similar(tmp_path: Path) -> None:
+    """Of a Kleopatra a hundredth as large and as dense, lengths and forces are a hundredth."""
+    large = kleopatra()
+    mesh = trimesh.Trimesh(0.01 * large.shape.vertices, large.shape.facets, process=False)
+    write(tmp_path / "small.obj", mesh)
+    config = dc.replace(
+        large.config,
+        mesh="small.obj",
+        mesh_unit="m",
+        mass_kg=1e-6 * large.config.mass_kg,
+        keep_out_semi_axes_m=[0.01 * axis for axis in large.config.keep_out_semi_axes_m],
+    )
+    (tmp_path / "small.yaml").write_text(body_yaml(config, "a small one"))
+    scenario = scaled_scenario(load_body(str(tmp_path / "small.yaml")), "small.yaml")
+    given, got = dimensional(Scenario()), dimensional(scenario)
+    assert got.keys() == given.keys()
+    for name, value in given.items():
+        unit = max((unit for unit in UNITS if name.endswith(unit)), key=len, default="")
+        assert got[name] == pytest.approx(UNITS.get(unit, 1.0) * value, rel=0.02), name
 
 
 @pytest.mark.parametrize(

@@ -15,8 +15,9 @@ from typer.main import get_command
 
 from proxops import systems
 from proxops.cli.main import app
+from proxops.diagrams.named_controllers import named_controller
 from proxops.diagrams.scenario import load_scenario
-from proxops.diagrams.simulation import fly, named_controller
+from proxops.diagrams.simulation import fly
 from proxops.diagrams.transit_diagram import make_transit_diagram
 
 ROOT = Path(__file__).parents[1]

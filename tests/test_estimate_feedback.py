@@ -9,7 +9,8 @@ from short_flights import BRIEF, kleopatra, short_scenario
 
 from proxops.diagrams.campaign import made_with, run_campaign, transit_flights
 from proxops.diagrams.flight_log import FlightLog, differences
-from proxops.diagrams.simulation import fly, named_controller
+from proxops.diagrams.named_controllers import named_controller
+from proxops.diagrams.simulation import fly
 from proxops.systems import InputError, PolicyBundle
 
 

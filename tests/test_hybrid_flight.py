@@ -16,9 +16,10 @@ from proxops.cli.main import main
 from proxops.diagrams.campaign import made_with, transit_flights
 from proxops.diagrams.flight_log import FlightLog, differences
 from proxops.diagrams.hybrid_controller import make_hybrid
+from proxops.diagrams.named_controllers import named_controller
 from proxops.diagrams.scenario import Scenario, load_scenario
 from proxops.diagrams.scenario_systems import make_controller
-from proxops.diagrams.simulation import fly, make_simulator, named_controller
+from proxops.diagrams.simulation import fly, make_simulator
 from proxops.diagrams.transit_diagram import make_transit_diagram
 from proxops.systems import (
     DecisionReason,

@@ -16,8 +16,9 @@ from proxops.cli.main import main
 from proxops.diagrams import campaign, scenario_systems
 from proxops.diagrams.campaign import run_campaign, transit_flights
 from proxops.diagrams.flight_log import FlightLog, differences
+from proxops.diagrams.named_controllers import named_controller
 from proxops.diagrams.scenario import Scenario, load_scenario
-from proxops.diagrams.simulation import fly, make_simulator, named_controller
+from proxops.diagrams.simulation import fly, make_simulator
 from proxops.diagrams.transit_diagram import make_transit_diagram
 from proxops.systems import InputError, PolicyBundle, neural_policy
 

@@ -14,6 +14,7 @@ from proxops.diagrams.scenario import (
     KicksConfig,
     RandomWalkDisturbanceConfig,
     Scenario,
+    SpacecraftConfig,
     check_scenario,
     load_scenario,
 )
@@ -195,3 +196,15 @@ def test_where_no_start_is_to_be_found() -> None:
     wanted = load_scenario(None, ["arrival.speed_m_s=1e12"])
     with pytest.raises(InputError, match="no start was found for flight 0 of seed 3, kind oversh"):
         flown("overshoot", 0, wanted)
+
+
+def test_what_disturbs_a_weaker_and_slower_craft_is_weaker_and_slower() -> None:
+    """Half the thrust and the speed, twice the period: the same shares of these."""
+    wanted = Scenario(control_period_s=20.0)
+    wanted.spacecraft = SpacecraftConfig(thrust_limit_n=3.5, speed_limit_m_s=20.0)
+    assert flown("random_walk", 0, wanted).disturbance == RandomWalkDisturbanceConfig(
+        reset_period_s=200.0, max_relative_magnitude=2.0, increment_std_n=0.25
+    )
+    noise = flown("noise", 0, wanted).force_noise
+    assert noise == ForceNoiseConfig(std_n=0.35, correlation_time_s=200.0)
+    assert flown("kicks", 0, wanted).kicks == KicksConfig(1.0, 1800.0)

@@ -21,8 +21,9 @@ from short_flights import (
 )
 
 from proxops.diagrams.flight_log import FlightLog, differences
+from proxops.diagrams.named_controllers import named_controller
 from proxops.diagrams.scenario import load_scenario
-from proxops.diagrams.simulation import fly, named_controller
+from proxops.diagrams.simulation import fly
 from proxops.systems import InputError, jacobi_integral
 
 SPIN = 2.0 * np.pi / (5.38528 * 3600.0)

@@ -21,6 +21,7 @@ from proxops.diagrams.body import load_body
 from proxops.diagrams.campaign import Flight, Row, made_with, run_campaign
 from proxops.diagrams.flight_log import write_whole
 from proxops.diagrams.scenario import Scenario, dump_scenario
+from proxops.diagrams.transits import of_transit
 from proxops.systems.errors import InputError
 from proxops.training.flight_labels import label_flights
 from proxops.training.label_files import Labels
@@ -137,6 +138,7 @@ def dagger(
         finished = _finished(folder, identity)
         if finished is not None:
             report, history = finished, finished["rounds"]
+            _publish(folder, out)  # Again: the run before may have ended in between.
             continue
         pilot = restarted(shape, pilot, learned.seed + number)
         lesson = guidance_lesson(
@@ -179,8 +181,7 @@ def dagger_flights(
     origin = made_with(plain, body, "policy")
     flights = []
     for index in _chosen_transits(settings.flights):
-        transit = dc.replace(scenario.transit, seed=seed, index=index)
-        text = dump_scenario(dc.replace(plain, transit=transit))
+        text = dump_scenario(of_transit(plain, seed, index))
         flights.append(Flight(f"{seed}-{index:05d}", text, "policy", origin))
     return flights
 

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 
-from proxops.diagrams.body import load_body
 from proxops.diagrams.flight_log import FlightLog, make_folder
 from proxops.diagrams.parallel import parallel_results
 from proxops.diagrams.scenario_systems import make_controller
@@ -120,7 +119,7 @@ def plans_along(
 def _label(piece: _Piece, folder: Path) -> int:
     log = FlightLog.load(piece.log)
     scenario = log.scenario
-    expert = make_controller(scenario, _body(scenario.body))
+    expert = make_controller(scenario, log.body)
     labels = labels_along(
         expert.program,
         log.dataset["state"].values[:-1],
@@ -140,7 +139,3 @@ def _origin(log: Path) -> str:
 
 def _path(piece: _Piece, folder: Path) -> Path:
     return folder / f"{piece.name}.npz"
-
-
-# One large thing, loaded once in each worker.
-_body = functools.lru_cache(maxsize=1)(load_body)

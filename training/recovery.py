@@ -20,7 +20,7 @@ from proxops.diagrams.scenario import (
     RandomWalkDisturbanceConfig,
     Scenario,
 )
-from proxops.diagrams.transits import Transit, draw_transit, hover_force
+from proxops.diagrams.transits import Transit, draw_transit, hover_force, of_transit
 from proxops.systems.counter_noise import derived_seed, generator
 from proxops.systems.ellipsoid import clearances, closest_point
 from proxops.systems.errors import InputError
@@ -87,16 +87,14 @@ def flight_scenario(kind: str, scenario: Scenario, body: Body, seed: int, index:
     """The scenario of an expert flight of a kind: a function of its arguments alone.
 
     Goals are those of `transit_set(seed)`. What disturbs a flight has the settings that `scenario`
-    has for it, or the default ones; what belongs to other kinds is left out.
+    has for it, or the usual ones: for the default spacecraft the defaults, for others in proportion
+    to its thrust, speed limit and control period. What belongs to other kinds is left out.
 
     Raises:
-      InputError: the scenario has no such transit or start.
+      InputError: the scenario has no such transit or start, or ones of its own.
     """
-    transit = dc.replace(
-        scenario.transit,
-        seed=seed, index=index, start_m=None, goal_m=None, start_velocity_m_s=None,
-    )  # fmt: skip
-    plain = dc.replace(scenario, transit=transit, disturbance=None, force_noise=None, kicks=None)
+    drawn = of_transit(scenario, seed, index)
+    plain = dc.replace(drawn, disturbance=None, force_noise=None, kicks=None)
     return KINDS[kind](plain, scenario, body)
 
 
@@ -107,17 +105,23 @@ def _nominal(plain: Scenario, wanted: Scenario, body: Body) -> Scenario:
 
 def _random_walk(plain: Scenario, wanted: Scenario, body: Body) -> Scenario:
     """With the paper's disturbance, which scales with the command."""
-    return dc.replace(plain, disturbance=wanted.disturbance or RandomWalkDisturbanceConfig())
+    thrust, period = plain.spacecraft.thrust_limit_n, plain.control_period_s
+    usual = RandomWalkDisturbanceConfig(reset_period_s=10.0 * period, increment_std_n=thrust / 14.0)
+    return dc.replace(plain, disturbance=wanted.disturbance or usual)
 
 
 def _noise(plain: Scenario, wanted: Scenario, body: Body) -> Scenario:
     """With noise of its own size on the command."""
-    return dc.replace(plain, force_noise=wanted.force_noise or ForceNoiseConfig())
+    thrust, period = plain.spacecraft.thrust_limit_n, plain.control_period_s
+    usual = ForceNoiseConfig(std_n=thrust / 10.0, correlation_time_s=10.0 * period)
+    return dc.replace(plain, force_noise=wanted.force_noise or usual)
 
 
 def _kicks(plain: Scenario, wanted: Scenario, body: Body) -> Scenario:
     """With pushes from outside."""
-    return dc.replace(plain, kicks=wanted.kicks or KicksConfig())
+    speed, period = plain.spacecraft.speed_limit_m_s, plain.control_period_s
+    usual = KicksConfig(velocity_std_m_s=speed / 20.0, mean_interval_s=90.0 * period)
+    return dc.replace(plain, kicks=wanted.kicks or usual)
 
 
 def _overshoot(plain: Scenario, wanted: Scenario, body: Body) -> Scenario:

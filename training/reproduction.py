@@ -9,10 +9,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from proxops.diagrams.body import load_body
-from proxops.diagrams.campaign import body_sha256
+from proxops.diagrams.campaign import made_with
 from proxops.diagrams.flight_log import write_whole
-from proxops.diagrams.scenario import Scenario, dump_scenario
+from proxops.diagrams.scenario import PolicyConfig, Scenario, dump_scenario
 from proxops.diagrams.scenario_systems import bundle_of
+from proxops.systems.errors import InputError
 from proxops.systems.policy_bundle import PolicyBundle
 from proxops.training.evaluation import EXPERT
 from proxops.training.html_report import write_report
@@ -25,6 +26,7 @@ from proxops.training.reproduction_flights import (
     expert_forces,
     fly_shown,
     forces_along,
+    shown_logs,
     variants,
 )
 from proxops.training.reproduction_report import findings_json, reproduction_sections
@@ -87,8 +89,16 @@ def reproduce(
       tell: is called with the stage, the share of it that is done, and a text.
 
     Raises:
-      InputError: no policy is named, trained or shipped, or see the functions of the stages.
+      InputError: the scenario logs no frames, or names a policy although one is to be trained; no
+        policy is named, trained or shipped; or see the functions of the stages.
     """
+    if not scenario.log_ranges:
+        raise InputError("the report shows what the lidar saw: it needs log_ranges: true")
+    if training is not None and scenario.policy.bundle is not None:
+        raise InputError(
+            "the policy that is trained is the one that flies: name another with policy.bundle "
+            "only where nothing is trained (--quick)"
+        )
     stages = Stages(out, tell)
     if training is not None:
         # torch takes a while to import, and nothing else here needs it.
@@ -100,10 +110,10 @@ def reproduce(
         found = {name: stages.latest(name) for name in TRAINING_STAGES}
         trained = {name: stage for name, stage in found.items() if stage is not None}
 
-    policy = _policy(scenario, trained, retrained=training is not None)
+    policy = _policy(scenario, trained)
     paper_policy = _bundle(trained.get("policy-paper"))
     flown = variants(policy, paper_policy)
-    origin = _origin(scenario, settings, flown, policy, paper_policy)
+    origin = _origin(scenario, settings, flown)
 
     def evaluation(folder: Path, progress: Progress) -> dict[str, Any]:
         over, total = 0, len(flown) * settings.transits
@@ -124,25 +134,24 @@ def reproduce(
             progress=told,
         )
 
-    def showing(folder: Path, progress: Progress) -> dict[str, Any]:
-        shown(folder)
-        return {}
+    transits = _shown_transits(flown, settings)
 
-    def shown(folder: Path):
-        return fly_shown(
+    def showing(folder: Path, progress: Progress) -> dict[str, Any]:
+        fly_shown(
             flown,
             scenario,
             settings.seed,
-            _shown_transits(flown, settings),
+            transits,
             folder,
             workers=workers,
             scheduler=scheduler,
         )
+        return {}
 
     results = stages.run("evaluation", {**origin, "transits": settings.transits}, evaluation)
     drawn = stages.run("shown", {**origin, "along": settings.along}, showing)
 
-    logs = shown(drawn.folder)
+    logs = shown_logs(drawn.folder, settings.seed, transits)
     ours = PolicyBundle.load(policy)
     papers = None if paper_policy is None else PolicyBundle.load(paper_policy)
     findings = Findings(
@@ -174,9 +183,9 @@ def reproduce(
     return content
 
 
-def _policy(scenario: Scenario, trained: Mapping[str, Stage], *, retrained: bool) -> Path:
+def _policy(scenario: Scenario, trained: Mapping[str, Stage]) -> Path:
     """Folder of the bundle that is flown as our policy."""
-    named = scenario.policy.bundle is not None and not retrained
+    named = scenario.policy.bundle is not None
     ours = _bundle(trained.get("policy-dagger")) or _bundle(trained.get("policy-pilot"))
     bundle = ours if ours is not None and not named else bundle_of("policy", scenario)
     assert bundle is not None  # Or it would have been refused.
@@ -187,21 +196,16 @@ def _bundle(stage: Stage | None) -> Path | None:
     return None if stage is None else (stage.folder / "bundle").resolve()
 
 
-def _origin(
-    scenario: Scenario,
-    settings: Settings,
-    flown: list[Variant],
-    policy: Path,
-    paper_policy: Path | None,
-) -> dict[str, Any]:
+def _origin(scenario: Scenario, settings: Settings, flown: list[Variant]) -> dict[str, Any]:
     """What the flights depend on; bundles by their content and not by their place."""
-    bundles = [None if each is None else PolicyBundle.load(each).sha256
-               for each in (policy, paper_policy)]  # fmt: skip
+    body = load_body(scenario.body)
     return {
-        "scenario": dump_scenario(scenario),
-        "body": body_sha256(load_body(scenario.body)),
-        "bundles": bundles,
-        "variants": [dc.asdict(each) for each in flown],
+        "scenario": dump_scenario(dc.replace(scenario, policy=PolicyConfig())),
+        "variants": [
+            dc.asdict(each)
+            | {"controller": made_with(each.scenario(scenario), body, each.controller)}
+            for each in flown
+        ],
         "seed": settings.seed,
         "shown": settings.shown,
     }

@@ -13,7 +13,8 @@ from proxops.diagrams.campaign import Flight, Row, run_campaign, run_groups, tra
 from proxops.diagrams.flight_log import FlightLog
 from proxops.diagrams.scenario import AssuranceConfig, Scenario
 from proxops.diagrams.scenario_systems import make_controller
-from proxops.systems.policy_bundle import PolicyBundle, run_network
+from proxops.systems.neural_policy import policy_answer
+from proxops.systems.policy_bundle import PolicyBundle
 from proxops.training.evaluation import EXPERT, aggregate
 from proxops.training.flight_labels import plans_along
 
@@ -142,28 +143,32 @@ def fly_shown(
     *,
     workers: int | None = None,
     scheduler: str | None = None,
-) -> dict[str, dict[int, FlightLog]]:
-    """Logs of a few transits, by name and number: flights repeat bit for bit, so they are reflown.
+) -> None:
+    """Logs a few transits: flights repeat bit for bit, so they are reflown.
 
     Args:
       transits: the numbers of each variant that is to be shown, by its name.
     """
-    flights = {
-        (each.name, index): flight
+    flights = [
+        flight
         for each in flown
-        for index, flight in zip(
-            transits.get(each.name, ()),
-            _variant_flights(each, scenario, seed, transits.get(each.name, ())),
-            strict=True,
-        )
+        for flight in _variant_flights(each, scenario, seed, transits.get(each.name, ()))
+    ]
+    run_campaign(flights, folder, keep_logs=True, workers=workers, scheduler=scheduler)
+
+
+def shown_logs(
+    folder: Path, seed: int, transits: Mapping[str, Sequence[int]]
+) -> dict[str, dict[int, FlightLog]]:
+    """What `fly_shown` logged, by name and number."""
+    return {
+        name: {k: FlightLog.load(folder / f"{_flight_name(name, seed, k)}.nc") for k in numbers}
+        for name, numbers in transits.items()
     }
-    run_campaign(
-        list(flights.values()), folder, keep_logs=True, workers=workers, scheduler=scheduler
-    )
-    logs: dict[str, dict[int, FlightLog]] = {}
-    for (name, index), flight in flights.items():
-        logs.setdefault(name, {})[index] = FlightLog.load(folder / f"{flight.name}.nc")
-    return logs
+
+
+def _flight_name(name: str, seed: int, index: int) -> str:
+    return f"{label(name)}-{seed}-{index:05d}"
 
 
 def _variant_flights(
@@ -175,7 +180,7 @@ def _variant_flights(
         variant.scenario(scenario), variant.controller, seed, max(transits) + 1
     )
     return [
-        dc.replace(everything[index], name=f"{label(variant.name)}-{seed}-{index:05d}")
+        dc.replace(everything[index], name=_flight_name(variant.name, seed, index))
         for index in transits
     ]
 
@@ -203,20 +208,19 @@ def expert_forces(log: FlightLog) -> np.ndarray:
 def policy_forces(bundle: PolicyBundle, log: FlightLog) -> np.ndarray:
     """What a policy says (N, 3), in N, along a flight of somebody else whose log has its frames.
 
-    It sees the flight from its start, and remembers, as if it flew along; clipped as it would be.
+    It sees the flight from its start, and remembers, as if it flew along.
     """
     data = log.dataset
     ranges = data["ranges"].values[:-1].reshape(len(data["time"]) - 1, -1)
     applied = np.vstack([np.zeros(3), data["force"].values[:-2]])
     memory = np.zeros(bundle.memory)
     forces = np.empty((len(ranges), 3))
-    for k, frame in enumerate(ranges):
-        force, _, memory = run_network(
-            bundle.session, frame, data["target"].values[k], applied[k], memory
-        )
-        forces[k] = force
     limit = log.scenario.spacecraft.thrust_limit_n
-    return np.clip(np.nan_to_num(forces), -limit, limit)
+    for k, frame in enumerate(ranges):
+        target = data["target"].values[k]
+        answer = policy_answer(bundle, frame, target, applied[k], memory, limit)
+        forces[k], memory = answer.force, answer.memory
+    return forces
 
 
 def forces_along(bundle: PolicyBundle, logs: Sequence[FlightLog]) -> tuple[np.ndarray, np.ndarray]:
