@@ -115,7 +115,7 @@ def test_guidance_comes_to_rest_at_its_goal_in_free_space():
 def test_the_loss_of_forces_counts_what_the_gate_would_not_take():
     def loss(error: float) -> float:
         wanted = torch.tensor([[1.0, -2.0, 3.0]])
-        return float(force_loss(wanted + torch.tensor([[0.0, 0.6, 0.8]]) * error, wanted))
+        return float(force_loss(wanted + torch.tensor([[0.0, 0.6, 0.8]]) * error, wanted, 7.0))
 
     errors = np.geomspace(1e-3, 20.0, 30)
     assert (np.diff([loss(error) for error in errors]) > 0.0).all()

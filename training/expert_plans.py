@@ -31,16 +31,18 @@ from proxops.training.label_files import (
     load_labels,
     save_labels,
 )
+from proxops.training.similarity import body_length, similarity
 
 # Transits whose plans are computed, and kept, together.
 _PORTION = 50
 # Solutions for one transit: from its start, and from states off its plan.
 _SOLUTIONS = 6
-# Share of the solutions that start in the last time of the plan (s), where precision counts and
-# knots are no labels.
-_LATE, _LATE_TIME = 0.3, 900.0
-# How far off the plan they start: log-uniform standard deviations in m and m/s; and how often the
-# program is linearised from there: after four times it has settled in all but one case of ten.
+# Share of the solutions that start in the last time of the plan, of so many least horizons, where
+# precision counts and knots are no labels.
+_LATE, _LATE_HORIZONS = 0.3, 3.0
+# How far off the plan they start: log-uniform standard deviations, at Kleopatra in m and m/s (see
+# `Similarity`); and how often the program is linearised from there: after four times it has settled
+# in all but one case of ten.
 _POSITION_OFF, _SPEED_OFF = (30.0, 6e3), (0.03, 4.0)
 _ITERATIONS = 4
 # Share of transits that have the ellipsoid in their way: of random ones few do, and those are hard.
@@ -123,14 +125,20 @@ def transit_plans(
         )
     except SolverFailure:
         return []
+    craft = scenario.spacecraft
+    alike = similarity(body_length(body.keep_out_semi_axes), craft.mass_kg, craft.thrust_limit_n)
+    late_time = _LATE_HORIZONS * scenario.mpc.min_horizon_s
     plans = [first]
     for _ in range(_SOLUTIONS - 1):
         late = random.random() < _LATE
         end = first.times[-1]
-        age = end - _LATE_TIME * random.random() if late else end * random.random()
+        age = end - late_time * random.random() if late else end * random.random()
         state = first.states_at(np.array([max(age, 0.0)]))[0]
-        for part, (low, high) in ((slice(3), _POSITION_OFF), (slice(3, 6), _SPEED_OFF)):
-            spread = low * (high / low) ** random.random()
+        for part, (low, high), unit in (
+            (slice(3), _POSITION_OFF, alike.length),
+            (slice(3, 6), _SPEED_OFF, alike.speed),
+        ):
+            spread = unit * low * (high / low) ** random.random()
             state[part] += spread * random.standard_normal(3)
         try:
             plans.append(program.solve(state, target, first, max(age, 0.0), iterations=_ITERATIONS))

@@ -12,7 +12,8 @@ from proxops.systems.lidar import ray_directions
 # Neighbours in the plane, and how many of them must agree with a return.
 _BESIDE = (-2, -1, 1, 2)
 _SUPPORTERS = 2
-# They agree if their ranges differ by less than this share of the range, and this many metres.
+# They agree if their ranges differ by less than this share of the range, and a length in m, which
+# is this one at Kleopatra.
 _AGREEMENT, _LEAST_AGREEMENT = 0.15, 5e3
 # Stands for no return, in m.
 _FAR = 1e9
@@ -29,9 +30,10 @@ class HitSelection(nn.Module):
     order: Tensor
     beside: Tensor
 
-    def __init__(self, planes: int, rays: int, count: int):
+    def __init__(self, planes: int, rays: int, count: int, length: float = 1.0):
+        """`length`: see `Similarity`."""
         super().__init__()
-        self.count = count
+        self.count, self.least_agreement = count, _LEAST_AGREEMENT * length
         directions = ray_directions(planes, rays)
         # The planes meet at their common axis, z: rays crowd together towards it.
         solid = np.sqrt(np.maximum(1.0 - directions[:, 2] ** 2, 0.0)) + 1.0 / rays
@@ -58,7 +60,7 @@ class HitSelection(nn.Module):
         beside = torch.gather(ranges, 1, embedding(index, self.beside).flatten(1)).clamp(max=_FAR)
         distance = torch.gather(ranges, 1, index).clamp(max=_FAR)
         apart = (beside.unflatten(1, (self.count, -1)) - distance[..., None]).abs()
-        agrees = apart < (_LEAST_AGREEMENT + _AGREEMENT * distance)[..., None]
+        agrees = apart < (self.least_agreement + _AGREEMENT * distance)[..., None]
         supported = agrees.to(ranges.dtype).sum(2) >= _SUPPORTERS
         valid = ((value > 0.0) & supported).to(ranges.dtype)
         directions, solid = embedding(index, self.toward).split([3, 1], dim=2)

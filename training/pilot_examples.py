@@ -12,16 +12,17 @@ from proxops.systems.counter_noise import derived_seed, generator
 from proxops.training.label_files import Labels
 from proxops.training.lidar_hits import HitSelection
 from proxops.training.packed_flights import PackedFlights
+from proxops.training.similarity import similarity_of
 from proxops.training.transit_split import PARTS
 
-# Along a flight, positions nearer to each other than this (m) count as one.
+# Along a flight, positions nearer to each other than this (m, at Kleopatra) count as one.
 _SPREAD = 300.0
 # Of derived seeds.
 _FRAMES_STREAM = 6
 # Frames that are made into returns together.
 _BLOCK = 256
 # How frames are spoiled, one quarter each: share of returns lost, of false returns among all rays,
-# and standard deviation in m of noise on top of the sensor's own.
+# and standard deviation in m, at Kleopatra, of noise on top of the sensor's own.
 _SPOILED = ((0.0, 0.0, 0.0), (0.2, 0.0, 0.0), (0.0, 0.01, 0.0), (0.05, 0.0, 150.0))
 
 
@@ -68,11 +69,11 @@ def part_rows(flights: PackedFlights, part: str) -> np.ndarray:
 
 def spread_rows(flights: PackedFlights, part: str) -> np.ndarray:
     """Rows of a part, without those taken where the flight just was: holding would fill all."""
-    kept = []
+    kept, spread = [], _SPREAD * similarity_of(flights.setting).length
     for flight in flights.part(part):
         rows = np.arange(flight.start, flight.start + flight.steps)
         moved = np.linalg.norm(np.diff(flights.state[rows, :3], axis=0), axis=1)
-        gone = np.floor(np.concatenate([[0.0], np.cumsum(moved)]) / _SPREAD)
+        gone = np.floor(np.concatenate([[0.0], np.cumsum(moved)]) / spread)
         kept.append(rows[np.diff(gone, prepend=-1.0) > 0])
     return np.concatenate([np.zeros(0, dtype=np.int64), *kept])
 
@@ -85,22 +86,25 @@ def hits_of(
     Three quarters are spoiled: by lost returns, false returns, and more noise.
     """
     random = generator(derived_seed(seed, _FRAMES_STREAM), PARTS.index(part))
+    length = similarity_of(flights.setting).length
     rows = spread_rows(flights, part)
     rows = random.permutation(rows)[:count]
     parts = []
     for start in range(0, len(rows), _BLOCK):
         block = rows[start : start + _BLOCK]
         frames = flights.frames(block).reshape(len(block), -1)
-        spoiled = _spoil(frames, flights.setting.max_range_m, random)
+        spoiled = _spoil(frames, flights.setting.max_range_m, length, random)
         parts.append(selection(torch.from_numpy(spoiled)))
     points, solid, valid, found = (torch.cat(column) for column in zip(*parts, strict=True))
     return Hits(points, solid, valid, found, _tensor(flights.state[rows, :3]))
 
 
-def _spoil(frames: np.ndarray, max_range: float, random: np.random.Generator) -> np.ndarray:
+def _spoil(
+    frames: np.ndarray, max_range: float, length: float, random: np.random.Generator
+) -> np.ndarray:
     """The frames (N, R), each spoiled as its turn comes."""
     turns = np.arange(len(frames)) % len(_SPOILED)
-    lost, false, noise = np.array(_SPOILED)[turns].T
+    lost, false, noise = (np.array(_SPOILED) * [1.0, 1.0, length])[turns].T
     chance = random.random(frames.shape, dtype=np.float32)
     spoiled = frames + noise[:, None] * random.standard_normal(frames.shape, dtype=np.float32)
     spoiled = np.where(chance < lost[:, None], np.inf, spoiled)

@@ -14,6 +14,7 @@ from proxops.training.guidance import Guidance
 from proxops.training.packed_flights import PackedFlights
 from proxops.training.pilot import Pilot
 from proxops.training.pilot_examples import Commands, Hits, Transitions
+from proxops.training.similarity import Similarity
 from proxops.training.state_filter import MEMORY, Motion, StateFilter, doubt
 from proxops.training.tensor_batches import TensorBatches
 from proxops.training.training_loop import Lesson, Schedule
@@ -21,18 +22,23 @@ from proxops.training.windows import WindowDataset
 
 # Returns of a frame that one step of learning the surface sees: others each time.
 _HITS_A_STEP = 96
-# The layer starts this far off, in m: log-uniform.
+# Lengths and speeds here are those at Kleopatra, in m and m/s; see `Similarity`.
+# The layer starts this far off: log-uniform.
 _START_ERRORS = (100.0, 5e3)
-# Errors in m below which a square takes the place of the absolute value, after two steps and one.
+# Errors below which a square takes the place of the absolute value, after two steps and one.
 _ROUNDED = (10.0, 100.0)
+# What errors of the layer are counted in.
+_LAYER_UNIT = 1e3
 _FIRST_STEP_WEIGHT, _SURFACE_WEIGHT, _NORMAL_WEIGHT = 0.3, 0.1, 0.1
-# Errors of force in N: below the first they count squared; beyond the second, which a hybrid's gate
-# would not take, being farther off costs little more, for it is mostly a matter of which way round.
-_SMALL_FORCE, _TAKEN_FORCE = 0.1, 0.8
+# Errors of force over the thrust limit: below the first they count squared; beyond the second,
+# which a hybrid's gate would not take, being farther off costs little more, for it is mostly a
+# matter of which way round.
+_SMALL_FORCE, _TAKEN_FORCE = 0.1 / 7.0, 0.8 / 7.0
 # Share of the error's length beside that.
-_LENGTH_SHARE = 0.2
-# Errors of the filter that count as one.
+_LENGTH_SHARE = 1.4
+# Errors of the filter that count as one, and how far off the fixes that it learns from start.
 _FILTER_POSITION, _FILTER_SPEED = 20.0, 0.1
+_FIX_START = 30.0
 # Steps after which they count: the windows begin in flight, at a speed that it must find first.
 FILTER_SETTLES = 12
 # Frames whose returns are fitted together.
@@ -87,26 +93,28 @@ def geometry_lesson(
     geometry: GeometryLayer,
     training: Hits,
     validation: Hits,
+    alike: Similarity,
     schedule: Schedule,
     seed: int,
     identity: str,
 ) -> Lesson:
     """Teaches the surface, by where two steps of the layer come from a start that is off."""
+    unit = _LAYER_UNIT * alike.length
 
     def loss(layer: GeometryLayer, batch: tuple[Tensor, Tensor, Tensor]) -> Tensor:
         points, valid, position = batch
         chosen = torch.randperm(points.shape[1], device=points.device)[:_HITS_A_STEP]
         points, valid = points[:, chosen], valid[:, chosen]
-        low, high = (math.log(error) for error in _START_ERRORS)
+        low, high = (math.log(error * alike.length) for error in _START_ERRORS)
         far = torch.exp(low + (high - low) * torch.rand(len(points), 1, device=points.device))
         place = position + far * torch.randn_like(position)
         place, _ = layer(place, points, valid)
-        total = _FIRST_STEP_WEIGHT * _rounded(place - position, _ROUNDED[1])
+        total = _FIRST_STEP_WEIGHT * _rounded((place - position) / unit, _ROUNDED[1])
         place, _ = layer(place, points, valid)
-        total = total + _rounded(place - position, _ROUNDED[0])
+        total = total + _rounded((place - position) / unit, _ROUNDED[0])
         surface = layer.field(position[:, None] + points)
         share = valid / valid.sum(1, keepdim=True).clamp(min=1.0)
-        off = surface[..., 0].abs() / 1e3
+        off = surface[..., 0].abs() / unit
         length = ((surface[..., 1:] ** 2).sum(2) + 1e-9).sqrt()
         off = _SURFACE_WEIGHT * off + _NORMAL_WEIGHT * (length - 1.0) ** 2
         return total + (share * off).sum(1).mean()
@@ -119,9 +127,8 @@ def geometry_lesson(
 
 
 def _rounded(error: Tensor, small: float) -> Tensor:
-    """Mean length in km of errors (B, 3) in m; below `small` it grows as a square."""
-    squares = (error / 1e3).square().sum(1)
-    return (squares + (small / 1e3) ** 2).sqrt().mean()
+    """Mean length of errors (B, 3) in their unit; below `small`, in m, it grows as a square."""
+    return (error.square().sum(1) + (small / _LAYER_UNIT) ** 2).sqrt().mean()
 
 
 def motion_lesson(
@@ -162,7 +169,7 @@ def guidance_lesson(
 
     def loss(network: Guidance, batch: tuple[Tensor, ...]) -> Tensor:
         *given, wanted = batch
-        return force_loss(network(*given), wanted)
+        return force_loss(network(*given), wanted, network.thrust_limit)
 
     columns, kept = (_with_natural(motion, commands) for commands in (training, validation))
     batches = TensorBatches(columns, schedule.batch, shuffle=True, seed=seed)
@@ -170,13 +177,13 @@ def guidance_lesson(
     return Lesson("guidance", guidance, loss, batches, held, identity, threads=1, keep_last=True)
 
 
-def force_loss(force: Tensor, wanted: Tensor) -> Tensor:
-    """Mean loss of forces (N, 3) in N: their errors' length, and a square of it that saturates.
+def force_loss(force: Tensor, wanted: Tensor, thrust_limit: float) -> Tensor:
+    """Mean loss of forces (N, 3): their errors' length, and a square of it that saturates.
 
     The latter is that of S. Geman and D. E. McClure, Statistical methods for tomographic image
     reconstruction, Bulletin of the International Statistical Institute 52, 1987.
     """
-    squared = (force - wanted).square().sum(1)
+    squared = ((force - wanted) / thrust_limit).square().sum(1)
     length = (squared + _SMALL_FORCE**2).sqrt()
     return (_LENGTH_SHARE * length + squared / (squared + _TAKEN_FORCE**2)).mean()
 
@@ -193,6 +200,7 @@ def _with_natural(motion: Motion, commands: Commands) -> tuple[Tensor, ...]:
 def filter_lesson(
     pilot: Pilot,
     flights: PackedFlights,
+    alike: Similarity,
     length: int,
     windows: int,
     schedule: Schedule,
@@ -213,11 +221,11 @@ def filter_lesson(
             innovation = fix[:, step] - memory[:, :3]
             memory = filter_.correct(memory, innovation, off[:, step])
             if step >= FILTER_SETTLES:
-                errors.append(estimate_error(memory[:, :6], state[:, step]).mean())
+                errors.append(estimate_error(memory[:, :6], state[:, step], alike).mean())
         return torch.stack(errors).mean()
 
     columns = {
-        part: _fixes(pilot, flights, part, length, count, seed)
+        part: _fixes(pilot, flights, part, _FIX_START * alike.length, length, count, seed)
         for part, count in (("training", windows), ("validation", windows // 4))
     }
     batches = TensorBatches(columns["training"], schedule.batch, shuffle=True, seed=seed)
@@ -226,15 +234,21 @@ def filter_lesson(
     return Lesson("filter", pilot.filter, loss, batches, held, identity, 1, methods)
 
 
-def estimate_error(estimate: Tensor, state: Tensor) -> Tensor:
+def estimate_error(estimate: Tensor, state: Tensor, alike: Similarity) -> Tensor:
     """Errors (..., 2) of positions and velocities (..., 6), each in what counts as one."""
     error = (estimate - state).unflatten(-1, (2, 3)).norm(dim=-1)
-    return error / error.new_tensor([_FILTER_POSITION, _FILTER_SPEED])
+    return error / error.new_tensor([_FILTER_POSITION * alike.length, _FILTER_SPEED * alike.speed])
 
 
 @torch.no_grad()
 def _fixes(
-    pilot: Pilot, flights: PackedFlights, part: str, length: int, count: int, seed: int
+    pilot: Pilot,
+    flights: PackedFlights,
+    part: str,
+    off: float,
+    length: int,
+    count: int,
+    seed: int,
 ) -> tuple[Tensor, ...]:
     """Fixes (W, T, 3), their doubts (W, T, 1), forces (W, T, 3) and states (W, T, 6)."""
     dataset = WindowDataset(flights, part, length)
@@ -248,7 +262,7 @@ def _fixes(
         frames = torch.from_numpy(flights.frames(block).reshape(len(block), -1))
         points, _, valid, _ = pilot.hits(frames)
         place = torch.from_numpy(flights.state[block, :3].astype(np.float32))
-        place = place + 30.0 * torch.randn(
+        place = place + off * torch.randn(
             place.shape, generator=torch.Generator().manual_seed(start)
         )
         residual = place[:, :1]

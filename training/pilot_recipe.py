@@ -39,6 +39,7 @@ from proxops.training.pilot_lessons import (
 from proxops.training.pilot_settings import Settings, shape_of
 from proxops.training.pilot_shape import save_pilot
 from proxops.training.policy_report import export_recipe, write_report
+from proxops.training.similarity import similarity_of
 from proxops.training.stages import Progress
 from proxops.training.state_filter import MEMORY
 from proxops.training.training_history import Trained
@@ -106,7 +107,8 @@ def train_pilot(
         lesson.network.cpu()
 
     tell(_STAGES["packing"], "looking at frames")
-    selection = HitSelection(flights.setting.planes, flights.setting.rays, _kept(settings.hits))
+    setting, alike = flights.setting, similarity_of(flights.setting)
+    selection = HitSelection(setting.planes, setting.rays, _kept(settings.hits), alike.length)
     with torch.no_grad():
         seen = {
             part: hits_of(flights, selection, part, count, settings.seed)
@@ -120,7 +122,7 @@ def train_pilot(
     taught = settings.coarse, settings.seed, identity
     teach(coarse_lesson(pilot.coarse, *examples, *taught), settings.coarse)
     taught = settings.geometry, settings.seed, identity
-    teach(geometry_lesson(pilot.geometry, *examples, *taught), settings.geometry)
+    teach(geometry_lesson(pilot.geometry, *examples, alike, *taught), settings.geometry)
     position_errors = _position_errors(pilot, seen["validation"])
     del seen, examples
 
@@ -131,7 +133,7 @@ def train_pilot(
     teach(motion_lesson(motion, flown, held, *taught), settings.motion)
     motion.requires_grad_(False)
     taught = settings.filter, settings.seed, identity
-    lesson = filter_lesson(pilot, flights, settings.window, settings.windows, *taught)
+    lesson = filter_lesson(pilot, flights, alike, settings.window, settings.windows, *taught)
     teach(lesson, settings.filter)
 
     labels = expert_labels(scenario, out, settings, workers, _stage("plans", tell))
@@ -147,7 +149,7 @@ def train_pilot(
     )
     teach(lesson, settings.guidance)
     lesson = whole_lesson(
-        pilot, flights, settings.window, settings.whole, settings.seed,
+        pilot, flights, alike, settings.window, settings.whole, settings.seed,
         f"{identity}, {learned_from}, {settings}",
     )  # fmt: skip
     teach(lesson, settings.whole)

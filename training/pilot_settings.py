@@ -11,12 +11,11 @@ from pydrake.common.yaml import yaml_load
 from proxops.training.packed_flights import PackedFlights
 from proxops.training.pilot_examples import Hits, box_of
 from proxops.training.pilot_shape import PilotShape
+from proxops.training.similarity import body_length
 from proxops.training.training_loop import Schedule
 
 # The surface is learned in a box this many grid spacings beyond the returns.
 _BOX_MARGIN = 1.5
-# The length that positions are scaled by, as a share of the keep-out's greatest semi-axis.
-_LENGTH_SHARE = 0.7
 # The guidance's ellipsoid starts as the keep-out's, this much larger.
 _KEEP_OUT_SHARE = 1.02
 
@@ -91,7 +90,7 @@ def shape_of(flights: PackedFlights, hits: Hits, settings: Settings) -> PilotSha
         period=setting.control_period_s,
         mass=setting.mass_kg,
         thrust_limit=setting.thrust_limit_n,
-        length=_LENGTH_SHARE * float(keep_out.max()),
+        length=body_length(keep_out),
         keep_out=(x, y, z),
         low=tuple(low.tolist()),
         high=tuple(high.tolist()),

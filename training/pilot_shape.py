@@ -16,6 +16,7 @@ from proxops.training.geometry_layer import GeometryLayer, SurfaceField
 from proxops.training.guidance import Guidance
 from proxops.training.lidar_hits import HitSelection
 from proxops.training.pilot import Pilot
+from proxops.training.similarity import similarity
 from proxops.training.state_filter import Motion, StateFilter
 
 PILOT_FILE = "pilot.ckpt"
@@ -74,11 +75,12 @@ class PilotShape:
             _NOMINAL_SHARE * reach,
             self.guidance_width,
         )
+        alike = similarity(self.length, self.mass, self.thrust_limit)
         return Pilot(
-            HitSelection(self.planes, self.rays, self.hits),
+            HitSelection(self.planes, self.rays, self.hits, alike.length),
             CoarsePosition(self.length, self.coarse_width),
             GeometryLayer(field, _OUTLIER_SHARE * self.spacing),
-            StateFilter(motion),
+            StateFilter(motion, alike),
             guidance,
         )
 

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import torch
 from torch import Tensor, nn
+
+from proxops.training.similarity import Similarity
 
 # Of the filter's memory: position, velocity and unexplained acceleration; the upper triangle of the
 # covariance (3 by 3) that all axes share; the natural acceleration over the period that begins; and
@@ -64,12 +67,15 @@ class StateFilter(nn.Module):
     rows: Tensor
     columns: Tensor
 
-    def __init__(self, motion: Motion):
+    def __init__(self, motion: Motion, alike: Similarity | None = None):
+        """Takes the motion, and what its noise starts from is multiplied by."""
         super().__init__()
         self.motion = motion
+        alike = alike or Similarity()
         # Standard deviations in m, m/s, m/s^2: of a good fix, of what a step adds to position,
         # velocity and push, and of all three before the first frame.
-        start = [30.0, 1.0, 0.01, 1e-5, 1e3, 3.0, 1e-3]
+        units = [alike.length, alike.speed, alike.acceleration]
+        start = np.array([30.0, 1.0, 0.01, 1e-5, 1e3, 3.0, 1e-3]) * (units[:1] + 2 * units)
         self.logs = nn.Parameter(torch.tensor([math.log(x) for x in start]))
         h, k = motion.period, 0.5 * motion.period**2
         step = torch.tensor([[1.0, h, k], [0.0, 1.0, h], [0.0, 0.0, 1.0]])

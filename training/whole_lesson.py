@@ -7,6 +7,7 @@ from torch import Tensor
 from proxops.training.packed_flights import PackedFlights
 from proxops.training.pilot import Pilot
 from proxops.training.pilot_lessons import FILTER_SETTLES, estimate_error, force_loss
+from proxops.training.similarity import Similarity
 from proxops.training.training_loop import Lesson, Schedule
 from proxops.training.windows import Batch, frame_loaders
 
@@ -15,7 +16,13 @@ _ESTIMATE_WEIGHT = 0.1
 
 
 def whole_lesson(
-    pilot: Pilot, flights: PackedFlights, length: int, schedule: Schedule, seed: int, identity: str
+    pilot: Pilot,
+    flights: PackedFlights,
+    alike: Similarity,
+    length: int,
+    schedule: Schedule,
+    seed: int,
+    identity: str,
 ) -> Lesson:
     """Teaches all parts but the motion at once what the expert commanded along windows of flights.
 
@@ -29,8 +36,9 @@ def whole_lesson(
         )
         settled = slice(FILTER_SETTLES, None)
         asked = batch["labelled"][:, settled]
-        off = force_loss(forces[:, settled][asked], batch["mpc_force"][:, settled][asked])
-        lost = estimate_error(estimates[:, settled], batch["state"][:, settled])
+        wanted = batch["mpc_force"][:, settled][asked]
+        off = force_loss(forces[:, settled][asked], wanted, network.guidance.thrust_limit)
+        lost = estimate_error(estimates[:, settled], batch["state"][:, settled], alike)
         return off + _ESTIMATE_WEIGHT * lost.mean()
 
     batches = frame_loaders(flights, length, None, schedule.batch, seed)

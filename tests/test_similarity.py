@@ -1,0 +1,94 @@
+"""A pilot of a small body is the large one's, in smaller units, and so is what it learns from."""
+
+import dataclasses as dc
+from pathlib import Path
+
+import numpy as np
+import torch
+from flight_folders import copy_flights
+from short_flights import kleopatra
+
+from proxops.systems import ray_directions
+from proxops.systems.ray_caster import ray_caster
+from proxops.training.packing import pack_flights
+from proxops.training.pilot_lessons import estimate_error, force_loss
+from proxops.training.pilot_shape import PilotShape
+from proxops.training.similarity import Similarity, similarity, similarity_of
+from proxops.training.state_filter import MEMORY
+
+# As much smaller; a power of two, so that it rounds nothing.
+SMALL = 1.0 / 128.0
+SHAPE = PilotShape(
+    planes=12, rays=360, hits=64, period=10.0, mass=100.0, thrust_limit=7.0, length=98e3,
+    keep_out=(140e3, 70e3, 65e3), low=(-130e3, -50e3, -50e3), high=(130e3, 50e3, 50e3),
+    spacing=10e3, coarse_width=8, motion_width=8, guidance_width=8,
+)  # fmt: skip
+
+
+def scaled(shape: PilotShape, size: float) -> PilotShape:
+    """Of a body so much larger with the same density and spin: forces go with its size."""
+
+    def times(values: tuple[float, float, float]) -> tuple[float, float, float]:
+        x, y, z = (size * value for value in values)
+        return x, y, z
+
+    return dc.replace(
+        shape,
+        thrust_limit=size * shape.thrust_limit,
+        length=size * shape.length,
+        spacing=size * shape.spacing,
+        keep_out=times(shape.keep_out),
+        low=times(shape.low),
+        high=times(shape.high),
+    )
+
+
+@torch.no_grad()
+def test_a_pilot_of_a_small_body_flies_as_one_of_a_large_one():
+    large, small = (make(shape) for shape in (SHAPE, scaled(SHAPE, SMALL)))
+    large.fit_residual(torch.tensor([300.0]))
+    small.fit_residual(torch.tensor([300.0 * SMALL]))
+    random = np.random.default_rng(0)
+    places = np.linspace([150e3, 20e3, 10e3], [150e3, 22e3, 11e3], 6)
+    frames = ray_caster(kleopatra().shape).fan(ray_directions()).frames(places)
+    false = random.integers(0, frames.shape[1], 40)
+    frames[:, false] = random.uniform(10e3, 300e3, 40)
+    target = np.array([-60e3, 110e3, -50e3, 0.0, 0.0, 0.0])
+    memories = [torch.zeros(1, MEMORY), torch.zeros(1, MEMORY)]
+    for frame in frames:
+        applied = random.normal(0.0, 1.0, 3)
+        answers = []
+        for k, (pilot, size) in enumerate(((large, 1.0), (small, SMALL))):
+            given = (torch.tensor(size * x[None]).float() for x in (frame, target, applied))
+            force, estimate, memories[k] = pilot(*given, memories[k])
+            answers.append((force / size, estimate / size))
+        torch.testing.assert_close(answers[1][0], answers[0][0], rtol=1e-3, atol=1e-3)
+        torch.testing.assert_close(answers[1][1], answers[0][1], rtol=1e-4, atol=0.1)
+
+
+def make(shape: PilotShape):
+    torch.manual_seed(0)
+    return shape.make().eval()
+
+
+def test_losses_of_similar_errors_are_the_same():
+    random = torch.Generator().manual_seed(0)
+    force, wanted = torch.randn(2, 50, 3, generator=random)
+    small = force_loss(SMALL * force, SMALL * wanted, SMALL * 7.0)
+    torch.testing.assert_close(small, force_loss(force, wanted, 7.0))
+    estimate, state = torch.randn(2, 50, 6, generator=random)
+    alike = similarity(SMALL * 98e3, 100.0, SMALL * 7.0)
+    assert alike == Similarity(SMALL, SMALL, SMALL)
+    torch.testing.assert_close(
+        estimate_error(SMALL * estimate, SMALL * state, alike),
+        estimate_error(estimate, state, Similarity()),
+    )
+
+
+def test_a_setting_tells_how_large_it_is(tmp_path: Path):
+    packed = pack_flights(copy_flights(tmp_path))
+    assert similarity_of(packed.setting) == Similarity(1.0, 1.0, 1.0)
+    halved = dc.replace(packed.setting, mass_kg=4.0 * packed.setting.mass_kg)
+    assert similarity_of(halved) == Similarity(1.0, 0.5, 0.25)
+    body = packed.setting.body.replace("140000.0", "70000.0")
+    assert similarity_of(dc.replace(packed.setting, body=body)).length == 0.5

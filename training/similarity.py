@@ -1,0 +1,44 @@
+"""How a body and a spacecraft compare with those at which the pilot's recipe was made."""
+
+from __future__ import annotations
+
+import dataclasses as dc
+
+import numpy as np
+from pydrake.common.yaml import yaml_load
+
+from proxops.training.flight_columns import Setting
+
+# The length that positions are scaled by, as a share of the keep-out's greatest semi-axis.
+_LENGTH_SHARE = 0.7
+# At Kleopatra: that length in m, and the default spacecraft's thrust in N per kg.
+_LENGTH, _ACCELERATION = _LENGTH_SHARE * 140e3, 0.07
+
+
+@dc.dataclass(frozen=True)
+class Similarity:
+    """What numbers that were chosen at Kleopatra are multiplied by: 1 there."""
+
+    length: float = 1.0
+    speed: float = 1.0
+    acceleration: float = 1.0
+
+
+def body_length(keep_out_semi_axes: np.ndarray) -> float:
+    """About a body's size, in m, from the semi-axes (3,) of its keep-out ellipsoid."""
+    return _LENGTH_SHARE * float(np.max(keep_out_semi_axes))
+
+
+def similarity(length: float, mass: float, thrust_limit: float) -> Similarity:
+    """That of a body of a `body_length` in m and a spacecraft of so many kg and N.
+
+    Speeds are alike that these accelerations reach over these lengths.
+    """
+    ratio, acceleration = length / _LENGTH, thrust_limit / mass / _ACCELERATION
+    return Similarity(ratio, float(np.sqrt(ratio * acceleration)), acceleration)
+
+
+def similarity_of(setting: Setting) -> Similarity:
+    """That of flights."""
+    axes = np.array(yaml_load(data=setting.body)["keep_out_semi_axes_m"], dtype=float)
+    return similarity(body_length(axes), setting.mass_kg, setting.thrust_limit_n)
