@@ -84,8 +84,10 @@ def made_with(scenario: Scenario, body: Body, controller: str) -> str:
 def transit_flights(scenario: Scenario, controller: str, seed: int, count: int) -> list[Flight]:
     """Flights of transits 0 … count - 1 of a seed by one controller.
 
+    A start and a goal of the scenario's own are left out; its start velocity is every flight's.
+
     Raises:
-      InputError: the scenario has a start and goal of its own, or see `made_with`.
+      InputError: see `made_with`.
     """
     origin = made_with(scenario, load_body(scenario.body), controller)
     label = controller_label(controller)

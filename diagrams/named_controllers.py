@@ -69,7 +69,7 @@ def named_controller(name: str, scenario: Scenario, body: Body) -> System:
 
 
 def controller_source(name: str) -> Path | None:
-    """The file of a controller MODULE:FACTORY; None: `name` is no such controller.
+    """The file of a controller MODULE:FACTORY; None: `name` is no such controller, or it has none.
 
     What that file imports is not looked at.
 
@@ -84,9 +84,9 @@ def controller_source(name: str) -> Path | None:
             spec = importlib.util.find_spec(module_name)
     except (ImportError, ValueError) as error:
         raise InputError(f"controller {name!r}: {type(error).__name__}: {error}") from error
-    if spec is None or spec.origin is None:
-        raise InputError(f"controller {name!r}: there is no file of a module {module_name}")
-    return Path(spec.origin)
+    if spec is None:
+        raise InputError(f"controller {name!r}: there is no module {module_name}")
+    return Path(spec.origin) if spec.has_location and spec.origin else None
 
 
 @contextlib.contextmanager

@@ -68,8 +68,24 @@ def test_flights_are_the_set_s_transits() -> None:
 
 
 def test_names_suit_a_file_system() -> None:
-    [flight] = transit_flights(brief(), "my.module:make/it", 1, 1)
-    assert flight.name == "my-module-make-it-1-00000"
+    [flight] = transit_flights(brief(), "json.decoder:make/it", 1, 1)
+    assert flight.name == "json-decoder-make-it-1-00000"
+
+
+def test_a_controller_that_was_edited_is_another(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    text = "def make(scenario, body):\n    return None\n"
+    Path("edited_pilot.py").write_text(text)
+    [first] = transit_flights(brief(), "edited_pilot:make", 1, 1)
+    assert transit_flights(brief(), "edited_pilot:make", 1, 1) == [first]
+    Path("edited_pilot.py").write_text(text.replace("None", "body"))
+    [second] = transit_flights(brief(), "edited_pilot:make", 1, 1)
+    assert dc.replace(second, made_with=first.made_with) == first
+    assert second.made_with != first.made_with
+    with pytest.raises(InputError, match="no module no_such_pilot"):
+        transit_flights(brief(), "no_such_pilot:make", 1, 1)
 
 
 def test_one_worker(tmp_path: Path, flown: list[str]) -> None:

@@ -310,6 +310,12 @@ def test_bad_body(
     assert entries(tmp_path) == before
 
 
+@pytest.mark.parametrize("option", ["--seed", "--transit"])
+def test_a_transit_of_a_seed_and_ends_of_its_own(run, option: str) -> None:
+    ends = ["--set", "transit.start_m=[160e3, 0, 0]", "--set", "transit.goal_m=[160e3, 8e3, 0]"]
+    refused(run("fly", *ends, option, "3"), "start and a goal of its own", "--seed or --transit")
+
+
 @pytest.mark.parametrize(
     ("settings", "words"),
     [

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import shutil
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -208,6 +209,11 @@ def test_dagger_learns_from_its_flights_and_goes_on_after_a_kill(
     given = ("dagger", str(collected), "--pilot", str(trained), *options, "--out", str(tmp_path))
     app([*given], standalone_mode=False)
     assert json.loads(capsys.readouterr().out) == json.loads((tmp_path / "report.json").read_text())
+    # As if it had been killed between its last round and what it leaves of it.
+    network = (tmp_path / "bundle" / "model.onnx").read_bytes()
+    shutil.rmtree(tmp_path / "bundle")
+    dagger(collected, trained, tmp_path, settings, workers=1)
+    assert (tmp_path / "bundle" / "model.onnx").read_bytes() == network
     row = report["rounds"][0]
     states = sum(len(FlightLog.load(path).dataset["time"]) - 1 for path in flown)
     assert row["flights"] == 2

@@ -1,7 +1,9 @@
 """Collecting, evaluating and the whole reproduction: on a cluster as in one process."""
 
+import dataclasses as dc
 import json
 import os
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -11,10 +13,13 @@ from dask.distributed import LocalCluster
 from known_policies import DeadReckoning, write_policy
 from short_flights import BRIEF, short_scenario
 
+from proxops.diagrams.parallel import parallel_results
 from proxops.diagrams.scenario import Scenario
+from proxops.systems import InputError
 from proxops.training.collecting import collect
 from proxops.training.reproduction import Settings, reproduce
 from proxops.training.reproduction_flights import Variant, evaluate, variants
+from proxops.training.reproduction_training import TrainingSettings
 
 pytestmark = pytest.mark.slow
 
@@ -61,6 +66,30 @@ def test_evaluate_on_a_cluster(scheduler: str, tmp_path: Path) -> None:
     assert [row["transit"] for row in together["pd"]["flights"]] == [0, 1, 2]
 
 
+@dc.dataclass(frozen=True)
+class Piece:
+    name: str
+
+
+def shout(piece: Piece) -> str:
+    return piece.name.upper()
+
+
+def turn(piece: Piece) -> str:
+    return piece.name[::-1]
+
+
+def test_two_that_share_a_cluster_keep_their_work_apart(scheduler: str) -> None:
+    """Though its pieces have the same names; the first one's results are still held."""
+    pieces = [Piece(name) for name in ("ab", "cd", "ef")]
+    first = parallel_results(pieces, shout, scheduler=scheduler)
+    begun = [next(first)]
+    assert dict(parallel_results(pieces, turn, scheduler=scheduler)) == {
+        "ab": "ba", "cd": "dc", "ef": "fe",
+    }  # fmt: skip
+    assert dict([*begun, *first]) == {"ab": "AB", "cd": "CD", "ef": "EF"}
+
+
 @pytest.fixture(scope="module")
 def bundle(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_policy(tmp_path_factory.mktemp("policy") / "bundle", DeadReckoning())
@@ -96,3 +125,23 @@ def test_run_again_it_flies_nothing(reproduced: tuple[Path, Any], bundle: Path) 
     assert all(stage["skipped"] for stage in again["stages"])
     assert again["controllers"] == before["controllers"]
     assert {path: path.stat().st_mtime_ns for path in out.glob("*-*/*.json")} == flown
+
+
+def test_what_it_cannot_use_is_refused_at_once(bundle: Path, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="log_ranges"):
+        reproduce(short_scenario(log_ranges=False), tmp_path, Settings(transits=1))
+    wanted = short_scenario(policy__bundle=os.fspath(bundle))
+    with pytest.raises(InputError, match="the policy that is trained"):
+        reproduce(wanted, tmp_path, Settings(transits=1), TrainingSettings())
+    assert not list(tmp_path.iterdir())
+
+
+def test_moved_it_is_still_done(reproduced: tuple[Path, Any], bundle: Path, tmp_path: Path) -> None:
+    """Its policy too."""
+    out, before = reproduced
+    shutil.copytree(out, tmp_path / "moved")
+    shutil.copytree(bundle, tmp_path / "policy")
+    wanted = short_scenario(**BRIEF, policy__bundle=os.fspath(tmp_path / "policy"))
+    again = reproduce(wanted, tmp_path / "moved", Settings(transits=2, along=1), workers=1)
+    assert all(stage["skipped"] for stage in again["stages"])
+    assert again["controllers"] == before["controllers"]

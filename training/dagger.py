@@ -47,6 +47,7 @@ from proxops.training.pilot_shape import (
     save_pilot,
 )
 from proxops.training.policy_report import write_report
+from proxops.training.recovery import at_rest
 from proxops.training.stages import Progress
 from proxops.training.training_loop import train
 
@@ -181,7 +182,7 @@ def dagger_flights(
     origin = made_with(plain, body, "policy")
     flights = []
     for index in _chosen_transits(settings.flights):
-        text = dump_scenario(of_transit(plain, seed, index))
+        text = dump_scenario(at_rest(of_transit(plain, seed, index)))
         flights.append(Flight(f"{seed}-{index:05d}", text, "policy", origin))
     return flights
 

@@ -91,11 +91,17 @@ def flight_scenario(kind: str, scenario: Scenario, body: Body, seed: int, index:
     to its thrust, speed limit and control period. What belongs to other kinds is left out.
 
     Raises:
-      InputError: the scenario has no such transit or start, or ones of its own.
+      InputError: the scenario has no such transit or start.
     """
-    drawn = of_transit(scenario, seed, index)
-    plain = dc.replace(drawn, disturbance=None, force_noise=None, kicks=None)
+    plain = dc.replace(
+        at_rest(of_transit(scenario, seed, index)), disturbance=None, force_noise=None, kicks=None
+    )
     return KINDS[kind](plain, scenario, body)
+
+
+def at_rest(scenario: Scenario) -> Scenario:
+    """The scenario, its flight begun at rest in K."""
+    return dc.replace(scenario, transit=dc.replace(scenario.transit, start_velocity_m_s=None))
 
 
 def _nominal(plain: Scenario, wanted: Scenario, body: Body) -> Scenario:
