@@ -98,3 +98,9 @@ def test_notebooks_are_cleared() -> None:
         code = [c for c in json.loads(path.read_text())["cells"] if c["cell_type"] == "code"]
         assert all(cell["outputs"] == [] for cell in code), path
         assert all(cell["execution_count"] is None for cell in code), path
+
+
+def test_the_citation_is_of_this_version() -> None:
+    cited = re.search(r"^version: (\S+)$", (ROOT / "CITATION.cff").read_text(), re.MULTILINE)
+    assert cited is not None
+    assert cited[1] == PROJECT["version"]
