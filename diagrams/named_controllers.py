@@ -85,7 +85,7 @@ def controller_source(name: str) -> Path | None:
     except (ImportError, ValueError) as error:
         raise InputError(f"controller {name!r}: {type(error).__name__}: {error}") from error
     if spec is None:
-        raise InputError(f"controller {name!r}: there is no module {module_name}")
+        raise InputError(f"controller {name!r}: No module named {module_name!r}")
     return Path(spec.origin) if spec.has_location and spec.origin else None
 
 

@@ -84,7 +84,7 @@ def test_a_controller_that_was_edited_is_another(
     [second] = transit_flights(brief(), "edited_pilot:make", 1, 1)
     assert dc.replace(second, made_with=first.made_with) == first
     assert second.made_with != first.made_with
-    with pytest.raises(InputError, match="no module no_such_pilot"):
+    with pytest.raises(InputError, match="No module named 'no_such_pilot'"):
         transit_flights(brief(), "no_such_pilot:make", 1, 1)
 
 
@@ -168,8 +168,8 @@ def test_nothing_to_fly(tmp_path: Path) -> None:
 
 def test_impossible_flight_is_told_apart(tmp_path: Path) -> None:
     """A refusal comes through a worker process as what it is."""
-    made = flights(2, "no_such_module:make")
-    with pytest.raises(InputError, match="No module named 'no_such_module'"):
+    made = flights(2, "json:no_such_factory")
+    with pytest.raises(InputError, match="no attribute 'no_such_factory'"):
         run_campaign(made, tmp_path, workers=1)
     assert visible(tmp_path) == []
 
