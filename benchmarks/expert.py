@@ -3,9 +3,8 @@
 Every variant flies the same transits from the same starts to the same goals, with the same noise.
 `time_and_fuel` is the default cost, in a plant as believed; `weighted` is the paper's. In the
 other variants the plant differs from the model, each without and with the estimator of what
-pushes besides gravity. Δv is by the force commanded and the mass believed: with a mass or thrust
-that differs it is not what the plant felt. Flights are kept one by one in the folder of `--out`:
-run it again to finish what was interrupted, or to add transits.
+pushes besides gravity. Δv is what the plant felt. Flights are kept one by one in the folder of
+`--out`: run it again to finish what was interrupted, or to add transits.
 
     python benchmarks/expert.py [--transits 50] [--seed 10001] [--workers N] [--out out/expert]
         [--markdown table.md]

@@ -51,6 +51,17 @@ def test_plant_has_the_mass_and_thrust_it_is_given(quantity, scale):
     assert measured == pytest.approx(expected, rel=2e-3, abs=2e-6)
 
 
+@pytest.mark.parametrize("mismatch", ["mismatch.mass=1.1", "mismatch.thrust=0.9"])
+def test_delta_v_of_holding_is_that_of_any_plant(mismatch):
+    """What pulls has to be made up for, whatever the mass and however strong the thrusters."""
+
+    def of(*overrides: str) -> float:
+        summary = fly(holding(0.3, *overrides)).summary
+        return summary["delta_v_m_s"] + summary["hold_delta_v_m_s"]
+
+    assert of(mismatch) == pytest.approx(of(), rel=5e-3)
+
+
 def test_estimate_is_what_gravity_lacks():
     scenario = holding(0.3, "mismatch.gravity=0.8")
     diagram = make_transit_diagram(scenario)
