@@ -33,8 +33,7 @@ def summarise(log: FlightLog) -> dict[str, typing.Any]:
     arrived = bool(np.isfinite(arrival))
     least = float(clearances(log.body.keep_out_semi_axes, dense_positions(times, states)).min())
     # True acceleration by thrust, and for how long each acts in the flight and before arrival.
-    per_newton = scenario.mismatch.thrust / (scenario.mismatch.mass * scenario.spacecraft.mass_kg)
-    thrust = per_newton * np.abs(data["force"].values[:-1]).sum(axis=1)
+    thrust = _true_push(log) * np.abs(data["force"].values[:-1]).sum(axis=1)
     starts = times[:-1] + attrs.get("force_delay_s", 0.0)
     lengths = np.clip(times[-1] - starts, 0.0, np.diff(times))
     until = np.clip((arrival if arrived else np.inf) - starts, 0.0, lengths)
@@ -111,8 +110,14 @@ def _interventions(log: FlightLog) -> dict[str, float]:
     pushed = changes @ np.diff(log.dataset["time"].values)
     return {
         "interventions": int(np.sum(changes > INTERVENTION_TOLERANCE)),
-        "intervention_delta_v_m_s": float(pushed / log.scenario.spacecraft.mass_kg),
+        "intervention_delta_v_m_s": float(pushed * _true_push(log)),
     }
+
+
+def _true_push(log: FlightLog) -> float:
+    """Acceleration in m/s^2 for a newton asked of the thrusters, by the plant's thrust and mass."""
+    mismatch = log.scenario.mismatch
+    return mismatch.thrust / (mismatch.mass * log.scenario.spacecraft.mass_kg)
 
 
 def fallback_steps(log: FlightLog) -> dict[str, int]:

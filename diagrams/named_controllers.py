@@ -79,10 +79,13 @@ def controller_source(name: str) -> Path | None:
     module_name, colon, _ = name.partition(":")
     if not colon or module_name in WITH_BUNDLE:
         return None
+    if module_name in sys.modules:
+        file = getattr(sys.modules[module_name], "__file__", None)
+        return None if file is None else Path(file)
     try:
         with _working_directory_importable():
             spec = importlib.util.find_spec(module_name)
-    except (ImportError, ValueError) as error:
+    except Exception as error:  # Packages above it are imported.
         raise InputError(f"controller {name!r}: {type(error).__name__}: {error}") from error
     if spec is None:
         raise InputError(f"controller {name!r}: No module named {module_name!r}")

@@ -39,7 +39,9 @@ def first_paths(
     alike = float(np.linalg.norm(middle))
     # The less the ends' directions say which way round, the more the fixed axis says.
     middle = middle + over * max(0.0, _OPPOSITE - alike)
-    middle /= float(np.linalg.norm(middle))
+    if np.linalg.norm(middle) < 1e-9:  # What the ends say and what the axis says, to the last bit.
+        middle = over
+    middle /= np.linalg.norm(middle)
     arc = (1.0 - share) ** 2 * unit_a + 2.0 * share * (1.0 - share) * middle + share**2 * unit_b
     arcs = [arc / np.linalg.norm(arc, axis=1, keepdims=True)]
     if alike < _ONE_SIDED:

@@ -139,20 +139,23 @@ class LinearisedTransit:
         price[:n] = KEEP_OUT_PRICE
         program.AddLinearCost(price, 0.0, slacks)
 
-    def first_plans(self, state: np.ndarray, target: np.ndarray, duration: float) -> list[Plan]:
+    def first_plans(
+        self, state: np.ndarray, target: np.ndarray, duration: float, free_time: bool
+    ) -> list[Plan]:
         """Plans to linearise about that depend on state and target alone, the likeliest first.
 
         Args:
-          duration: of a plan straight to the target, in s. One that goes round takes longer, by the
-            root of how much longer its path is (but never thrice as long): so it is from rest to
-            rest at one acceleration.
+          duration: of a plan, in s.
+          free_time: whether it is of one straight to the target, and those that go round take
+            longer, by the root of how much longer their paths are (but never thrice as long): so it
+            is from rest to rest at one acceleration.
         """
         plans, axes = [], self.limits.keep_out_semi_axes
         for positions in first_paths(self.fractions, state[:3], target[:3], axes):
             length = np.linalg.norm(np.diff(positions, axis=0), axis=1).sum()
             straight = np.linalg.norm(target[:3] - state[:3])
             longer = np.sqrt(np.clip(length / max(straight, 1e-9 * length, 1e-9), 1.0, 9.0))
-            times = longer * duration * self.fractions
+            times = (longer if free_time else 1.0) * duration * self.fractions
             states = np.hstack([positions, np.gradient(positions, times, axis=0)])
             forces = np.zeros((self.horizon.knots, 3))
             plans.append(Plan(times, states, forces, target, 0.0, 0.0, 0, 0, 0.0))

@@ -120,7 +120,7 @@ class TransitProgram:
         """
         best, failure = None, None
         duration = self.horizon.time_to_go(state, target)
-        for plan in self.transit.first_plans(state, target, duration):
+        for plan in self.transit.first_plans(state, target, duration, True):
             try:
                 for k in range(1, iterations + 1):
                     plan = self._improved(state, target, plan, 0.0, push, k, started, k > 1)

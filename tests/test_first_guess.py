@@ -40,6 +40,15 @@ def test_paths_lead_from_start_to_end_and_stay_outside(start, end):
         assert x @ y < -0.99
 
 
+@pytest.mark.parametrize("radius", [1.1, 1.2, 1.25, 1.3])
+def test_ends_between_which_nothing_chooses(radius):
+    """Their directions add up to just what the axis would add, the other way."""
+    z = -0.05
+    start = radius * np.array([np.sqrt(1.0 - z**2), 0.0, z]) * AXES
+    for path in first_paths(FRACTIONS, start, start * [-1.0, 1.0, 1.0], AXES):
+        assert np.isfinite(path).all()
+
+
 def test_a_path_that_nothing_blocks_is_straight():
     start, end = np.array([0.0, 120e3, 0.0]), np.array([90e3, 120e3, 30e3])
     (path,) = first_paths(FRACTIONS, start, end, AXES)

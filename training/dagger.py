@@ -111,8 +111,9 @@ def dagger(
     known = known_commands(flights, expert_labels(scenario, pilot_folder, learned, workers))
     expert_only = len(known.force)
     bundle, history, report = pilot_folder / "bundle", [], {}
+    left: Path | None = None
     for number in range(1, settings.rounds + 1):
-        if history and time.monotonic() - started > 60.0 * settings.minutes:
+        if history and left is None and time.monotonic() - started > 60.0 * settings.minutes:
             break
         folder = out / f"round-{number}"
         told = _part(tell, (number - 1) / settings.rounds, number / settings.rounds)
@@ -138,8 +139,7 @@ def dagger(
         bundle = folder / "bundle"
         finished = _finished(folder, identity)
         if finished is not None:
-            report, history = finished, finished["rounds"]
-            _publish(folder, out)  # Again: the run before may have ended in between.
+            report, history, left = finished, finished["rounds"], folder
             continue
         pilot = restarted(shape, pilot, learned.seed + number)
         lesson = guidance_lesson(
@@ -167,6 +167,9 @@ def dagger(
         report = write_report(pilot, flights, report, folder)
         export_pilot(pilot, flights, report, bundle, learned_from)
         _publish(folder, out)
+        left = None
+    if left is not None:
+        _publish(left, out)  # Again: the run that finished it may have ended before.
     tell(1.0, "done")
     return report
 

@@ -11,11 +11,13 @@ from __future__ import annotations
 import dataclasses as dc
 import functools
 from collections.abc import Callable
+from importlib import metadata
 from pathlib import Path
 
 import numpy as np
 
 from proxops.diagrams.body import Body, load_body
+from proxops.diagrams.campaign import body_sha256
 from proxops.diagrams.flight_log import make_folder
 from proxops.diagrams.parallel import parallel_results
 from proxops.diagrams.scenario import Scenario, dump_scenario, parse_scenario
@@ -185,7 +187,9 @@ def _origin(portion: Portion) -> str:
     """All that the plans depend on."""
     scenario = parse_scenario(portion.scenario)
     parts = scenario.body, scenario.spacecraft, scenario.mpc, scenario.transit
-    return f"share {_BLOCKED} blocked, of {portion.first}, {portion.count}, {portion.seed}, {parts}"
+    made = f"proxops {metadata.version('proxops')}, {body_sha256(_body(scenario.body))}"
+    count = f"{portion.first}, {portion.count}, {portion.seed}"
+    return f"{made}, share {_BLOCKED} blocked, of {count}, {parts}"
 
 
 # One large thing, loaded once in each worker.

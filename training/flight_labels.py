@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses as dc
 import functools
 from collections.abc import Callable, Iterator, Sequence
+from importlib import metadata
 from pathlib import Path
 
 import numpy as np
@@ -133,8 +134,9 @@ def _label(piece: _Piece, folder: Path) -> int:
 
 
 def _origin(log: Path) -> str:
-    """What labels of a flight come from: its log, and which states and plans are labelled."""
-    return f"{file_sha256(log)}, every state, whole plans every {_WHOLE_PLAN_EVERY}"
+    """What labels of a flight come from: its log, whose plans they are, and which are labelled."""
+    made = f"proxops {metadata.version('proxops')}, flight {file_sha256(log)}"
+    return f"{made}, every state, whole plans every {_WHOLE_PLAN_EVERY}"
 
 
 def _path(piece: _Piece, folder: Path) -> Path:

@@ -6,6 +6,8 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
+# Of the residual, over the distance from which on returns count less, so that it has a slope at 0.
+_LEAST_RESIDUAL = 3e-5
 # Added to the normal equations, whose trace is about 1.
 _DAMPING = 1e-2
 # Of a matrix's nine entries, row by row, those of which its nine cofactors are made: products of
@@ -95,7 +97,7 @@ class GeometryLayer(nn.Module):
         # Of distance and normal: squares and products, each a weighted mean.
         total = weight.sum(1, keepdim=True).clamp(min=1.0)
         moments = (weight * values).transpose(1, 2) @ values / total
-        residual = torch.sqrt(moments[:, 0, :1] + 1e-3)
+        residual = torch.sqrt(moments[:, 0, :1] + (_LEAST_RESIDUAL * self.outlier) ** 2)
         return -_solve(moments[:, 1:, 1:], moments[:, 1:, 0]), residual
 
 

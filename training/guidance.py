@@ -9,6 +9,8 @@ from torch import Tensor, nn
 # velocities over `speed`.
 _NEAR_SCALES = (0.05, 0.003)
 _SLOW_SCALE = 0.05
+# Added to the distance over the length, so that it is never 0.
+_LEAST_DISTANCE = 1e-5
 # The corrections of time and gains are at most a factor e either way.
 _GREATEST_LOG = 1.0
 
@@ -79,7 +81,7 @@ class Guidance(nn.Module):
         thrust, logs = self.network(inputs).split(3, dim=1)
         logs = logs.clamp(-_GREATEST_LOG, _GREATEST_LOG)
         scale_time, scale_error, scale_speed = torch.exp(logs).split(1, dim=1)
-        away, distance = goal - position, self.length * distance + 1.0
+        away, distance = goal - position, self.length * (distance + _LEAST_DISTANCE)
         closing = torch.relu((away * velocity).sum(1, keepdim=True) / distance)
         a = torch.exp(self.log_acceleration)
         q = closing**2 / (a * distance)

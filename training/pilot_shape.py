@@ -57,12 +57,14 @@ class PilotShape:
     def make(self) -> Pilot:
         """The pilot, with weights drawn from torch's generator."""
         reach = self.thrust_limit / self.mass
+        alike = similarity(self.length, self.mass, self.thrust_limit)
         motion = Motion(
             self.length,
             _SPEED_UNIT * float(np.sqrt(reach * self.length)),
             _ACCELERATION_UNIT * reach,
             self.period,
             self.motion_width,
+            alike.force,
         )
         field = SurfaceField(np.array(self.low), np.array(self.high), self.spacing)
         guidance = Guidance(
@@ -75,7 +77,6 @@ class PilotShape:
             _NOMINAL_SHARE * reach,
             self.guidance_width,
         )
-        alike = similarity(self.length, self.mass, self.thrust_limit)
         return Pilot(
             HitSelection(self.planes, self.rays, self.hits, alike.length),
             CoarsePosition(self.length, self.coarse_width),

@@ -149,7 +149,7 @@ def reproduce(
         return {}
 
     results = stages.run("evaluation", {**origin, "transits": settings.transits}, evaluation)
-    drawn = stages.run("shown", {**origin, "along": settings.along}, showing)
+    drawn = stages.run("shown", {**origin, "transits": transits}, showing)
 
     logs = shown_logs(drawn.folder, settings.seed, transits)
     ours = PolicyBundle.load(policy)
@@ -197,7 +197,7 @@ def _bundle(stage: Stage | None) -> Path | None:
 
 
 def _origin(scenario: Scenario, settings: Settings, flown: list[Variant]) -> dict[str, Any]:
-    """What the flights depend on; bundles by their content and not by their place."""
+    """What the flights depend on; policies by their content and not by their place."""
     body = load_body(scenario.body)
     return {
         "scenario": dump_scenario(dc.replace(scenario, policy=PolicyConfig())),

@@ -11,8 +11,8 @@ from proxops.training.flight_columns import Setting
 
 # The length that positions are scaled by, as a share of the keep-out's greatest semi-axis.
 _LENGTH_SHARE = 0.7
-# At Kleopatra: that length in m, and the default spacecraft's thrust in N per kg.
-_LENGTH, _ACCELERATION = _LENGTH_SHARE * 140e3, 0.07
+# At Kleopatra: that length in m, and the default spacecraft's thrust in N, and in N per kg.
+_LENGTH, _FORCE, _ACCELERATION = _LENGTH_SHARE * 140e3, 7.0, 0.07
 
 
 @dc.dataclass(frozen=True)
@@ -22,6 +22,7 @@ class Similarity:
     length: float = 1.0
     speed: float = 1.0
     acceleration: float = 1.0
+    force: float = 1.0
 
 
 def body_length(keep_out_semi_axes: np.ndarray) -> float:
@@ -35,7 +36,8 @@ def similarity(length: float, mass: float, thrust_limit: float) -> Similarity:
     Speeds are alike that these accelerations reach over these lengths.
     """
     ratio, acceleration = length / _LENGTH, thrust_limit / mass / _ACCELERATION
-    return Similarity(ratio, float(np.sqrt(ratio * acceleration)), acceleration)
+    speed = float(np.sqrt(ratio * acceleration))
+    return Similarity(ratio, speed, acceleration, thrust_limit / _FORCE)
 
 
 def similarity_of(setting: Setting) -> Similarity:

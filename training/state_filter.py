@@ -28,11 +28,18 @@ class Motion(nn.Module):
     """Mean acceleration in K over the control period that begins, learned."""
 
     def __init__(
-        self, length: float, speed: float, acceleration: float, period: float, width: int = 128
+        self,
+        length: float,
+        speed: float,
+        acceleration: float,
+        period: float,
+        width: int = 128,
+        force: float = 1.0,
     ):
-        """Takes the units (m, m/s, m/s^2) in which numbers come to about one, and the period."""
+        """Takes units (m, m/s, m/s^2, N) in which numbers come to about one, and the period."""
         super().__init__()
         self.length, self.speed, self.acceleration = length, speed, acceleration
+        self.force = force
         self.period = period
         self.network = nn.Sequential(
             nn.Linear(6, width), nn.SiLU(),
@@ -53,7 +60,7 @@ class Motion(nn.Module):
 
     def thrust(self, force: Tensor) -> Tensor:
         """Acceleration (B, 3) in m/s^2 that forces (B, 3) in N give."""
-        return self.acceleration * (force @ self.per_newton)
+        return self.acceleration / self.force * (force @ self.per_newton)
 
 
 class StateFilter(nn.Module):
