@@ -1,18 +1,19 @@
 """Collecting, evaluating and the whole reproduction: on a cluster as in one process."""
 
-import dataclasses as dc
 import json
 import os
 import shutil
 from collections.abc import Iterator
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
 import pytest
-from dask.distributed import LocalCluster
+from dask.distributed import Client, LocalCluster
 from known_policies import DeadReckoning, write_policy
 from short_flights import BRIEF, short_scenario
 
+from proxops.diagrams.campaign import Flight
 from proxops.diagrams.parallel import parallel_results
 from proxops.diagrams.scenario import Scenario
 from proxops.systems import InputError
@@ -66,28 +67,14 @@ def test_evaluate_on_a_cluster(scheduler: str, tmp_path: Path) -> None:
     assert [row["transit"] for row in together["pd"]["flights"]] == [0, 1, 2]
 
 
-@dc.dataclass(frozen=True)
-class Piece:
-    name: str
-
-
-def shout(piece: Piece) -> str:
-    return piece.name.upper()
-
-
-def turn(piece: Piece) -> str:
-    return piece.name[::-1]
-
-
-def test_two_that_share_a_cluster_keep_their_work_apart(scheduler: str) -> None:
-    """Though its pieces have the same names; the first one's results are still held."""
-    pieces = [Piece(name) for name in ("ab", "cd", "ef")]
-    first = parallel_results(pieces, shout, scheduler=scheduler)
-    begun = [next(first)]
-    assert dict(parallel_results(pieces, turn, scheduler=scheduler)) == {
-        "ab": "ba", "cd": "dc", "ef": "fe",
-    }  # fmt: skip
-    assert dict([*begun, *first]) == {"ab": "AB", "cd": "CD", "ef": "EF"}
+def test_others_that_use_the_cluster_keep_their_work_apart(scheduler: str) -> None:
+    """Though their pieces have the same names; their results are still held."""
+    pieces = [Flight(name, name.upper(), "mpc", "") for name in ("ab", "cd", "ef")]
+    with Client(scheduler, set_as_default=False) as other:
+        held = [other.submit(attrgetter("made_with"), piece, key=piece.name) for piece in pieces]
+        assert [future.result() for future in held] == ["", "", ""]
+        done = dict(parallel_results(pieces, attrgetter("scenario"), scheduler=scheduler))
+    assert done == {"ab": "AB", "cd": "CD", "ef": "EF"}
 
 
 @pytest.fixture(scope="module")
