@@ -63,13 +63,18 @@ def body_sha256(body: Body) -> str:
     return hashlib.sha256((constants + body.shape.sha256).encode()).hexdigest()
 
 
+def version_and_body(body: Body) -> str:
+    """What every flight, and every plan of the expert, is made with."""
+    return f"proxops {metadata.version('proxops')}, body {body_sha256(body)}"
+
+
 def made_with(scenario: Scenario, body: Body, controller: str) -> str:
     """What a flight's `made_with` says of flights of this scenario by this version.
 
     Raises:
       InputError: no such bundle, or no such module.
     """
-    origin = f"proxops {metadata.version('proxops')}, body {body_sha256(body)}"
+    origin = version_and_body(body)
     if isinstance(scenario.lidar, LearnedLidarConfig):
         origin += f", lidar {LidarBundle.load(scenario.lidar.bundle).sha256}"
     bundle = bundle_of(controller, scenario)

@@ -11,13 +11,12 @@ from __future__ import annotations
 import dataclasses as dc
 import functools
 from collections.abc import Callable
-from importlib import metadata
 from pathlib import Path
 
 import numpy as np
 
 from proxops.diagrams.body import Body, load_body
-from proxops.diagrams.campaign import body_sha256
+from proxops.diagrams.campaign import version_and_body
 from proxops.diagrams.flight_log import make_folder
 from proxops.diagrams.parallel import parallel_results
 from proxops.diagrams.scenario import Scenario, dump_scenario, parse_scenario
@@ -187,7 +186,7 @@ def _origin(portion: Portion) -> str:
     """All that the plans depend on."""
     scenario = parse_scenario(portion.scenario)
     parts = scenario.body, scenario.spacecraft, scenario.mpc, scenario.transit
-    made = f"proxops {metadata.version('proxops')}, {body_sha256(_body(scenario.body))}"
+    made = version_and_body(_body(scenario.body))
     count = f"{portion.first}, {portion.count}, {portion.seed}"
     return f"{made}, share {_BLOCKED} blocked, of {count}, {parts}"
 

@@ -5,13 +5,10 @@ from __future__ import annotations
 import dataclasses as dc
 from typing import Any
 
-import numpy as np
-from pydrake.common.yaml import yaml_load
-
 from proxops.training.packed_flights import PackedFlights
 from proxops.training.pilot_examples import Hits, box_of
 from proxops.training.pilot_shape import PilotShape
-from proxops.training.similarity import body_length
+from proxops.training.similarity import body_length, keep_out_of
 from proxops.training.training_loop import Schedule
 
 # The surface is learned in a box this many grid spacings beyond the returns.
@@ -78,7 +75,7 @@ def quick(settings: Settings) -> Settings:
 def shape_of(flights: PackedFlights, hits: Hits, settings: Settings) -> PilotShape:
     """What a pilot has to be for the lidar, spacecraft and body of the flights."""
     setting = flights.setting
-    keep_out = np.array(yaml_load(data=setting.body)["keep_out_semi_axes_m"], dtype=float)
+    keep_out = keep_out_of(setting)
     low, high = box_of(hits)
     spacing = float((high - low).max()) / settings.cells
     low, high = low - _BOX_MARGIN * spacing, high + _BOX_MARGIN * spacing

@@ -40,7 +40,12 @@ def similarity(length: float, mass: float, thrust_limit: float) -> Similarity:
     return Similarity(ratio, speed, acceleration, thrust_limit / _FORCE)
 
 
+def keep_out_of(setting: Setting) -> np.ndarray:
+    """Semi-axes (3,) in m of the keep-out ellipsoid of the body that was flown at."""
+    return np.array(yaml_load(data=setting.body)["keep_out_semi_axes_m"], dtype=float)
+
+
 def similarity_of(setting: Setting) -> Similarity:
     """That of flights."""
-    axes = np.array(yaml_load(data=setting.body)["keep_out_semi_axes_m"], dtype=float)
-    return similarity(body_length(axes), setting.mass_kg, setting.thrust_limit_n)
+    length = body_length(keep_out_of(setting))
+    return similarity(length, setting.mass_kg, setting.thrust_limit_n)
