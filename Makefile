@@ -6,7 +6,8 @@ FLIGHT ?= out/flight
 
 bin := .venv/bin
 pip_install := $(bin)/python -m pip install --quiet --constraint constraints.txt
-folders := assets cli diagrams systems training
+# The folders that hold an `__init__.py` are the subpackages of proxops.
+folders := $(patsubst %/__init__.py,%,$(wildcard */__init__.py))
 
 export PIP_DISABLE_PIP_VERSION_CHECK = 1
 
@@ -30,11 +31,11 @@ fly: .venv/core.stamp
 	$(bin)/proxops fly --controller hybrid --out $(FLIGHT)
 
 test: .venv/dev.stamp
-	$(bin)/pytest
+	$(bin)/pytest --numprocesses auto
 
 # Tools that read sources can't follow the import hook of an editable installation.
 links:
-	@mkdir -p build/links/proxops
+	@mkdir -p build/links/proxops && rm -f build/links/proxops/*
 	@for folder in $(folders); do ln -sfn ../../../$$folder build/links/proxops/$$folder; done
 
 lint: .venv/dev.stamp links
@@ -47,6 +48,7 @@ lint: .venv/dev.stamp links
 	    done
 	$(bin)/ruff format --check
 	$(bin)/ruff check
+	PYTHONPATH=.ci $(bin)/lint-imports --no-cache --no-logo
 	$(bin)/pyright
 
 bench: .venv/dev.stamp .venv/bench.stamp

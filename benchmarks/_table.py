@@ -8,8 +8,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from proxops.diagrams.flight_log import write_whole
-from proxops.systems.errors import InputError
+from proxops.systems.common import InputError, write_whole
 
 Lines = Mapping[str, Sequence[str]]
 """Cells of a table, by what stands at the start of each line."""

@@ -24,18 +24,13 @@ import trimesh
 from _table import flying, show
 from torch import Tensor
 
-from proxops.diagrams.body import load_body
-from proxops.diagrams.campaign import file_label
-from proxops.diagrams.scenario import load_scenario
-from proxops.systems.polyhedron import Polyhedron
-from proxops.training import onnx_export
-from proxops.training.evaluation_flights import fly_controllers
-from proxops.training.packed_flights import PackedFlights
-from proxops.training.packing import pack_flights
-from proxops.training.pilot import Pilot
-from proxops.training.pilot_shape import load_pilot
-from proxops.training.policy_report import export_recipe
-from proxops.training.state_filter import MEMORY, doubt
+from proxops.diagrams.flight import file_label
+from proxops.diagrams.scenario import load_body, load_scenario
+from proxops.studies.evaluation import fly_controllers
+from proxops.systems.shapes import Polyhedron
+from proxops.training.data import PackedFlights, pack_flights
+from proxops.training.export import export_recipe, onnx_export
+from proxops.training.pilot import MEMORY, Pilot, doubt, load_pilot
 
 # What the export takes for the same, relatively: velocities that are differences of unfiltered
 # fixes hold rounding errors of positions.

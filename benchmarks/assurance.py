@@ -25,10 +25,9 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from proxops.diagrams.adversarial_flights import ADVERSARIES, adversarial_flight
-from proxops.diagrams.body import load_body
-from proxops.diagrams.flight_summary import INTERVENTION_TOLERANCE, KEEP_OUT_TOLERANCE
-from proxops.diagrams.scenario import load_scenario
+from proxops.diagrams.flight import ADVERSARIES, adversarial_flight
+from proxops.diagrams.logs import INTERVENTION_TOLERANCE, KEEP_OUT_TOLERANCE
+from proxops.diagrams.scenario import load_body, load_scenario
 
 NAMES = list(ADVERSARIES)
 

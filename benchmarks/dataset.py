@@ -25,9 +25,10 @@ import xarray as xr
 from rich.console import Console
 from rich.table import Table
 
+from proxops.diagrams.flight import fly
 from proxops.diagrams.scenario import load_scenario
-from proxops.diagrams.simulation import fly
-from proxops.training import PackedFlights, WindowDataset, pack_flights
+from proxops.training.data import PackedFlights, pack_flights
+from proxops.training.loop import WindowDataset
 
 CONSOLE = Console()
 BATCH = 64

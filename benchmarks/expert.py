@@ -22,7 +22,7 @@ for name in ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
 import numpy as np
 from _table import flying, show
 
-from proxops.diagrams.campaign import Flight, Row, file_label, run_groups, transit_flights
+from proxops.diagrams.flight import Flight, Row, file_label, run_groups, transit_flights
 from proxops.diagrams.scenario import load_scenario
 
 MATCHED = "time_and_fuel"

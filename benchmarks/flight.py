@@ -24,8 +24,8 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from proxops.diagrams.flight import fly
 from proxops.diagrams.scenario import load_scenario
-from proxops.diagrams.simulation import fly
 
 PAPER_MPC_S = 0.473
 CONTROLLERS = ("mpc", "policy", "hybrid")

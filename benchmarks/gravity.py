@@ -23,9 +23,9 @@ from Basilisk.simulation import gravityEffector
 from rich.console import Console
 from rich.table import Table
 
-from proxops.diagrams.body import load_body
+from proxops.diagrams.scenario import load_body
 from proxops.systems import GravityField, Polyhedron
-from proxops.systems.gravity_field import GRAVITATIONAL_CONSTANT
+from proxops.systems.gravity import GRAVITATIONAL_CONSTANT
 
 CONSOLE = Console()
 

@@ -29,10 +29,10 @@ import numpy as np
 from _table import flying, show
 
 from proxops.assets import ASSETS
-from proxops.diagrams.campaign import Flight, Row, file_label, run_groups, transit_flights
-from proxops.diagrams.flight_log import write_whole
+from proxops.diagrams.flight import Flight, Row, file_label, run_groups, transit_flights
 from proxops.diagrams.scenario import load_scenario
-from proxops.training.evaluation import delta_v_pairs
+from proxops.studies.evaluation import delta_v_pairs
+from proxops.systems.common import write_whole
 
 SHIPPED = ASSETS / "policy"
 MPC, POLICY = "MPC", "policy"
@@ -62,7 +62,7 @@ def controller_of(variant: str, bundle: Path | None) -> str:
     if variant == MPC:
         return "mpc"
     if variant in ZEROS:
-        return "proxops.diagrams.hybrid_controller:zero_hybrid"
+        return "proxops.diagrams.flight.hybrid_controller:zero_hybrid"
     return f"{'policy' if variant == POLICY else 'hybrid'}:{bundle}"
 
 

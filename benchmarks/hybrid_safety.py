@@ -20,12 +20,8 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from proxops.diagrams.adversarial_flights import ADVERSARIES, Pilot
-from proxops.diagrams.body import load_body
-from proxops.diagrams.hybrid_controller import make_hybrid
-from proxops.diagrams.scenario import AssuranceConfig, load_scenario
-from proxops.diagrams.scenario_systems import make_backup
-from proxops.diagrams.simulation import fly
+from proxops.diagrams.flight import ADVERSARIES, Pilot, fly, make_backup, make_hybrid
+from proxops.diagrams.scenario import AssuranceConfig, load_body, load_scenario
 
 # Of the gate, in N: thrust is at most 7 N per axis.
 OPEN = 1e3

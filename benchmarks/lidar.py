@@ -21,9 +21,9 @@ from rich.console import Console
 from rich.table import Table
 from trimesh.ray.ray_pyembree import RayMeshIntersector
 
-from proxops.diagrams.body import Body, load_body
+from proxops.diagrams.scenario import Body, load_body
 from proxops.systems import Lidar, ray_directions
-from proxops.systems.ray_caster import RayCaster, ray_caster
+from proxops.systems.shapes import RayCaster, ray_caster
 
 CONSOLE = Console()
 KEEP_OUT_MARGIN = 8e3

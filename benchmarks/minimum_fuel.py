@@ -38,11 +38,10 @@ from rich.console import Console
 from rich.table import Table
 from scipy.integrate import solve_ivp
 
-from proxops.diagrams.body import Body, load_body
-from proxops.diagrams.flight_log import FlightLog
-from proxops.diagrams.scenario import Scenario, load_scenario
-from proxops.diagrams.simulation import fly
-from proxops.systems.ellipsoid import clearances
+from proxops.diagrams.flight import fly
+from proxops.diagrams.logs import FlightLog
+from proxops.diagrams.scenario import Body, Scenario, load_body, load_scenario
+from proxops.systems.shapes import clearances
 
 UNITS = np.repeat([1e4, 10.0], 3)
 # What the independent integration may find: error of the end (m, m/s), depth in the keep-out

@@ -16,9 +16,8 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from proxops.diagrams.body import Body, load_body
-from proxops.diagrams.scenario import load_scenario
-from proxops.systems.gravity_field import GRAVITATIONAL_CONSTANT, GravityField
+from proxops.diagrams.scenario import Body, load_body, load_scenario
+from proxops.systems.gravity import GRAVITATIONAL_CONSTANT, GravityField
 
 TRANSIT = 5000.0  # s
 DENSER = 0.10  # share by which one lobe is denser than the mean, and the other less dense

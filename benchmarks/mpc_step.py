@@ -31,14 +31,10 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from proxops.diagrams.body import load_body
-from proxops.diagrams.scenario import load_scenario
-from proxops.diagrams.scenario_systems import make_controller
-from proxops.diagrams.simulation import fly
-from proxops.systems.ellipsoid import tangent_half_spaces
-from proxops.systems.linearised_transit import KEEP_OUT_PRICE, SLACK_PRICE
-from proxops.systems.plan import Plan
-from proxops.systems.transit_program import TransitProgram
+from proxops.diagrams.flight import fly, make_controller
+from proxops.diagrams.scenario import load_body, load_scenario
+from proxops.systems.expert import KEEP_OUT_PRICE, SLACK_PRICE, Plan, TransitProgram
+from proxops.systems.shapes import tangent_half_spaces
 
 PAPER_MPC_S = 0.473
 # Of this process, so that on a machine that does other things too the comparison stands.

@@ -25,13 +25,20 @@ import numpy as np
 from _table import flying, show
 
 from proxops.assets import ASSETS
-from proxops.diagrams.body import Body, load_body
-from proxops.diagrams.campaign import Flight, Row, file_label, run_groups, transit_flights
-from proxops.diagrams.scenario import Scenario, dump_scenario, load_scenario, parse_scenario
-from proxops.diagrams.transits import Transit, draw_transit, hover_force
-from proxops.systems.counter_noise import derived_seed, generator
-from proxops.systems.ellipsoid import clearances
-from proxops.systems.errors import InputError
+from proxops.diagrams.flight import Flight, Row, file_label, run_groups, transit_flights
+from proxops.diagrams.scenario import (
+    Body,
+    Scenario,
+    Transit,
+    draw_transit,
+    dump_scenario,
+    hover_force,
+    load_body,
+    load_scenario,
+    parse_scenario,
+)
+from proxops.systems.common import InputError, derived_seed, generator
+from proxops.systems.shapes import clearances
 
 SETTINGS: dict[str, dict] = {
     "nominal": {},

@@ -32,10 +32,7 @@ from proxops.cli.common import (
     status,
 )
 from proxops.diagrams.scenario import load_scenario
-from proxops.training.collecting import collect
-from proxops.training.collection import learned_lidar_of
-from proxops.training.collection_report import histogram_rows, report_rows
-from proxops.training.recovery import parse_mix
+from proxops.training.data import collect, histogram_rows, learned_lidar_of, parse_mix, report_rows
 
 
 class LidarSource(enum.StrEnum):

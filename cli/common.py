@@ -21,8 +21,7 @@ from rich.progress import (
 )
 from rich.table import Table
 
-from proxops.diagrams.flight_log import write_whole
-from proxops.systems.errors import InputError
+from proxops.systems.common import InputError, write_whole
 
 Workers = typing.Annotated[
     int | None, typer.Option(min=1, help="Processes. Default: one for each core.")

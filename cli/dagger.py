@@ -54,10 +54,10 @@ def dagger_command(
     """
     check_folder(out)
     with training_extra():
-        from proxops.training import dagger as method
-    settings = method.Settings(rounds, flights, seed, minutes)
+        from proxops.training.pilot import DaggerSettings, run_dagger
+    settings = DaggerSettings(rounds, flights, seed, minutes)
     with training_bar() as tell:
-        report = method.dagger(data, pilot, out, settings, tell, workers, scheduler)
+        report = run_dagger(data, pilot, out, settings, tell, workers, scheduler)
     if as_json:
         typer.echo(json.dumps(report, indent=2))
     else:

@@ -21,13 +21,10 @@ from proxops.cli.common import (
     status,
     write_json,
 )
-from proxops.diagrams.body import load_body
-from proxops.diagrams.named_controllers import named_controller
-from proxops.diagrams.scenario import Scenario, load_scenario
-from proxops.diagrams.transits import draw_transit
-from proxops.systems.errors import InputError
-from proxops.training.evaluation_flights import fly_controllers, shown_logs
-from proxops.training.evaluation_table import figure_rows
+from proxops.diagrams.flight import named_controller
+from proxops.diagrams.scenario import Scenario, draw_transit, load_body, load_scenario
+from proxops.studies.evaluation import figure_rows, fly_controllers, shown_logs
+from proxops.systems.common import InputError
 
 
 def evaluate_command(
@@ -103,8 +100,7 @@ def evaluate_command(
     write_json(out / "results.json", results)
     _print(results, wanted, seed)
     # matplotlib takes a while to import.
-    from proxops.training.evaluation_report import Evaluation, evaluation_sections
-    from proxops.training.html_report import write_report
+    from proxops.studies.evaluation import Evaluation, evaluation_sections, write_report
 
     folder = out / ("flights" if keep_logs else "shown")
     logs = shown_logs(

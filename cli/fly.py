@@ -21,12 +21,11 @@ from proxops.cli.common import (
     status,
     write_json,
 )
-from proxops.diagrams.flight_log import FlightLog, differences, make_folder
-from proxops.diagrams.flight_summary import fallback_steps, length_text
-from proxops.diagrams.replay import write_replay
+from proxops.diagrams.flight import fly
+from proxops.diagrams.logs import FlightLog, differences, fallback_steps, length_text
+from proxops.diagrams.meshcat import write_replay
 from proxops.diagrams.scenario import load_scenario
-from proxops.diagrams.simulation import fly
-from proxops.systems.errors import InputError
+from proxops.systems.common import InputError, make_folder
 
 
 def fly_command(
@@ -65,7 +64,7 @@ def fly_command(
     check_folder(out)
     server = None
     if meshcat:
-        from proxops.diagrams.live_view import start_server
+        from proxops.diagrams.meshcat import start_server
 
         server = start_server()
         status.print(f"Meshcat is at {server.web_url()}")
@@ -156,7 +155,7 @@ def _table(log: FlightLog, summary: dict[str, Any]) -> list[tuple[str, str]]:
         median, p95 = (summary[f"estimate_position_error_m_{part}"] for part in ("median", "p95"))
         error = f"{length_text(median)}, {length_text(p95)}"
         rows.append(("error of its position, median and p95", error))
-    rows += [(f"steps {what}", str(count)) for what, count in fallback_steps(log).items()]
+    rows += [(f"steps {what}", str(count)) for what, count in fallback_steps(log.dataset).items()]
     rows.append(("simulated", f"{flown:.0f} s in {summary['wall_s']:.1f} s"))
     rows.append(("speed against real time", f"{flown / summary['wall_s']:.0f} x"))
     return rows

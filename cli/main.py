@@ -8,7 +8,7 @@ import sys
 import typer
 
 from proxops.cli import collect, dagger, evaluate, fly, replay, reproduce, shape, train, train_lidar
-from proxops.systems.errors import InputError
+from proxops.systems.common import InputError
 
 app = typer.Typer(
     name="proxops",

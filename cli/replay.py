@@ -8,8 +8,9 @@ from typing import Annotated
 import typer
 
 from proxops.cli.common import check_folder, status
-from proxops.diagrams.flight_log import FlightLog, make_folder
-from proxops.diagrams.replay import write_replay
+from proxops.diagrams.logs import FlightLog
+from proxops.diagrams.meshcat import write_replay
+from proxops.systems.common import make_folder
 
 
 def replay_command(

@@ -20,8 +20,7 @@ from proxops.cli.common import (
     status,
     training_extra,
 )
-from proxops.diagrams.body import load_body
-from proxops.diagrams.scenario import load_scenario
+from proxops.diagrams.scenario import load_body, load_scenario
 
 
 def reproduce_command(
@@ -63,15 +62,15 @@ def reproduce_command(
     wanted = load_scenario(scenario, settings or [])
     load_body(wanted.body)
     # matplotlib and torch take a while to import.
-    from proxops.training import reproduction
+    from proxops.studies.reproduction import ReproductionSettings, reproduce
 
-    judged = reproduction.Settings(seed=seed)
-    judged = reproduction.quick(judged) if quick else judged
-    judged = judged if transits is None else reproduction.of_transits(judged, transits)
+    judged = ReproductionSettings(seed=seed)
+    judged = judged.quick() if quick else judged
+    judged = judged if transits is None else judged.of_transits(transits)
     training = None
     if not quick:
         with training_extra("; or give --quick"):
-            from proxops.training.reproduction_training import TrainingSettings
+            from proxops.studies.reproduction import TrainingSettings
         training = TrainingSettings()
     columns = (TextColumn("{task.fields[stage]}"), BarColumn(), TimeElapsedColumn())
     with progress_bar(*columns, TextColumn("{task.description}")) as bar:
@@ -80,7 +79,7 @@ def reproduce_command(
         def tell(stage: str, done: float, text: str) -> None:
             bar.update(task, completed=done, description=text, stage=stage)
 
-        report = reproduction.reproduce(
+        report = reproduce(
             wanted,
             out,
             judged,

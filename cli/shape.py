@@ -19,14 +19,10 @@ from proxops.cli.common import (
     status,
     write_json,
 )
-from proxops.diagrams.body_setup import body_yaml, scaled_scenario
-from proxops.diagrams.flight_log import make_folder, write_whole
+from proxops.diagrams.new_body import Questions, ShapeReport, body_yaml, examine, scaled_scenario
 from proxops.diagrams.scenario import dump_scenario
-from proxops.diagrams.shape_examination import examine
-from proxops.diagrams.shape_report import Questions, ShapeReport
-from proxops.systems.errors import InputError
-from proxops.systems.mesh_repair import repair_mesh
-from proxops.systems.shape_files import FORMATS, MeshFile, mesh_bytes, metres_per, read_mesh
+from proxops.systems.common import InputError, make_folder, write_whole
+from proxops.systems.shapes import FORMATS, MeshFile, mesh_bytes, metres_per, read_mesh, repair_mesh
 
 
 def shape_command(
@@ -127,14 +123,14 @@ def _mend(report: ShapeReport, fix: Path, align: bool) -> tuple[ShapeReport, dic
 
 
 def _draw(report: ShapeReport, path: Path) -> None:
-    from proxops.diagrams.shape_picture import plot_shape  # matplotlib takes a while to import.
+    from proxops.diagrams.new_body import plot_shape  # matplotlib takes a while to import.
 
     figure = plot_shape(report)
     write_whole(path, lambda name: figure.savefig(name, dpi=120, format="png"))
 
 
 def _print(report: ShapeReport, findings: dict[str, Any], where: Console) -> None:
-    from proxops.diagrams.shape_picture import figure_rows
+    from proxops.diagrams.new_body import figure_rows
 
     for defect in findings.get("before", {}).get("defects", []):
         where.print(f"was: {defect['text']}", highlight=False)

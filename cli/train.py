@@ -18,7 +18,7 @@ from proxops.cli.common import (
     training_bar,
     training_extra,
 )
-from proxops.systems.errors import InputError
+from proxops.systems.common import InputError
 
 
 class Recipe(enum.StrEnum):
@@ -80,27 +80,28 @@ def train_command(
     """
     check_folder(out)
     with training_extra():
-        from proxops.training import paper_recipe, pilot_recipe  # torch takes a while to import.
-        from proxops.training import pilot_settings as ours
+        # torch takes a while to import.
+        from proxops.training.paper import PaperSettings, train_paper_policy
+        from proxops.training.pilot import PilotSettings, train_pilot
     with training_bar() as tell:
         if recipe == Recipe.PAPER:
-            settings = paper_recipe.Settings(seed=seed, device=device, precision=precision.value)
-            settings = paper_recipe.quick(settings) if quick else settings
+            settings = PaperSettings(seed=seed, device=device, precision=precision.value)
+            settings = settings.quick() if quick else settings
             schedule = replace(settings.schedule, minutes=minutes)
             schedule = schedule if epochs is None else replace(schedule, epochs=epochs)
             settings = replace(settings, schedule=schedule)
-            report = paper_recipe.train_paper_policy(data, out, settings, tell)
+            report = train_paper_policy(data, out, settings, tell)
         else:
             if minutes is not None:
                 raise InputError("--minutes is of the paper's recipe: give --epochs, or --quick")
             # Its networks are small: a CPU is as fast as anything.
             device = "cpu" if device == "auto" else device
-            settings = ours.Settings(seed=seed, device=device, precision=precision.value)
-            settings = ours.quick(settings) if quick else settings
+            settings = PilotSettings(seed=seed, device=device, precision=precision.value)
+            settings = settings.quick() if quick else settings
             guidance = settings.guidance
             guidance = guidance if epochs is None else replace(guidance, epochs=epochs)
             settings = replace(settings, guidance=guidance)
-            report = pilot_recipe.train_pilot(data, out, settings, tell, workers)
+            report = train_pilot(data, out, settings, tell, workers)
     if as_json:
         typer.echo(json.dumps(report, indent=2))
     else:

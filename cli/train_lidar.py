@@ -19,8 +19,7 @@ from proxops.cli.common import (
     training_bar,
     training_extra,
 )
-from proxops.diagrams.body import load_body
-from proxops.diagrams.scenario import load_scenario
+from proxops.diagrams.scenario import load_body, load_scenario
 
 
 def train_lidar_command(
@@ -57,14 +56,15 @@ def train_lidar_command(
     wanted = load_scenario(scenario, settings or [])
     body = load_body(wanted.body)
     with training_extra():
-        from proxops.training import lidar_synthesis  # torch takes a while to import.
-    chosen = lidar_synthesis.Settings(spacing=1e3 * spacing, seed=seed)
+        # torch takes a while to import.
+        from proxops.training.lidar import LidarSettings, train_lidar
+    chosen = LidarSettings(spacing=1e3 * spacing, seed=seed)
     if quick:
-        chosen = lidar_synthesis.quick(chosen)
+        chosen = chosen.quick()
     if epochs is not None:
         chosen = replace(chosen, ray=replace(chosen.ray, epochs=epochs))
     with training_bar("casting frames") as tell:
-        report = lidar_synthesis.train_lidar(wanted, body, chosen, out, tell)
+        report = train_lidar(wanted, body, chosen, out, tell)
     if as_json:
         typer.echo(json.dumps(report, indent=2))
     else:

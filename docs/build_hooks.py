@@ -26,7 +26,7 @@ from typer.testing import CliRunner
 
 from proxops import systems
 from proxops.cli.main import app
-from proxops.diagrams.flight_log import VARIABLES
+from proxops.diagrams.logs import VARIABLES
 
 ROOT = Path(__file__).parents[1]
 _EQUATION = re.compile(r'<(span|div) class="arithmatex">\\([(\[])(.*?)\\[)\]]</\1>', re.DOTALL)

@@ -8,8 +8,8 @@ import trimesh
 from torch import Tensor, nn
 
 from proxops.systems import Polyhedron, ray_directions
-from proxops.systems.ray_chords import ChordFan
-from proxops.training.lidar_export import BundleFacts, write_bundle
+from proxops.systems.lidar.ray_chords import ChordFan
+from proxops.training.lidar.bundle import BundleFacts, write_bundle
 
 RADIUS = 50e3
 CENTRE = np.array([1e3, -2e3, 3e3])

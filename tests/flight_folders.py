@@ -8,8 +8,8 @@ from tempfile import mkdtemp
 
 from short_flights import BRIEF, short_scenario
 
-from proxops.diagrams.flight_log import FlightLog
-from proxops.diagrams.simulation import fly
+from proxops.diagrams.flight.simulation import fly
+from proxops.diagrams.logs.flight_log import FlightLog
 
 # Transit, and what else differs: transit 1 is flown twice, undisturbed and disturbed.
 FLIGHTS: dict[str, tuple[int, dict[str, object]]] = {

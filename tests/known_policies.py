@@ -10,7 +10,7 @@ from short_flights import SHORT, kleopatra
 from torch import Tensor, nn
 
 from proxops.systems import NeuralPolicy
-from proxops.training.policy_export import Example, PolicyFacts, export_policy
+from proxops.training.export.policy_export import Example, PolicyFacts, export_policy
 
 RAYS = 4320
 PERIOD, MASS = 10.0, 100.0

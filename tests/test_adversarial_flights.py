@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from short_flights import kleopatra
 
-from proxops.diagrams.adversarial_flights import ADVERSARIES, adversarial_flight
-from proxops.diagrams.scenario import load_scenario
+from proxops.diagrams.flight.adversarial_flights import ADVERSARIES, adversarial_flight
+from proxops.diagrams.scenario.scenario import load_scenario
 
 
 @pytest.mark.parametrize("adversary", ADVERSARIES)

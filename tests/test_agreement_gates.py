@@ -8,7 +8,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from proxops.systems import InputError
-from proxops.systems.agreement_gates import AgreementGate, GateKind
+from proxops.systems.hybrid.agreement_gates import AgreementGate, GateKind
 
 GATES = {kind: AgreementGate(kind) for kind in GateKind}
 sizes = st.floats(0.0, 12.0) | st.floats(0.0, 0.5)

@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from short_flights import kleopatra
 
-from proxops.diagrams.flight_summary import dense_positions
-from proxops.diagrams.scenario import AssuranceConfig, load_scenario
-from proxops.diagrams.scenario_systems import make_backup
+from proxops.diagrams.flight.scenario_systems import make_backup
+from proxops.diagrams.logs.flight_summary import dense_positions
+from proxops.diagrams.scenario.scenario import AssuranceConfig, load_scenario
 from proxops.systems import (
     AssuranceLimits,
     BackupBraking,
@@ -21,9 +21,9 @@ from proxops.systems import (
     InterventionReason,
     PointMassField,
 )
-from proxops.systems.ellipsoid import clearances
-from proxops.systems.gravity_field import GRAVITATIONAL_CONSTANT
-from proxops.systems.state_prediction import predicted_state
+from proxops.systems.gravity.gravity_field import GRAVITATIONAL_CONSTANT
+from proxops.systems.shapes.ellipsoid import clearances
+from proxops.systems.vehicle.state_prediction import predicted_state
 
 RADIUS, MASS, THRUST = 50e3, 100.0, 7.0
 PUSH = THRUST / MASS

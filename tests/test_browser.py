@@ -12,8 +12,8 @@ import pytest
 from matplotlib.image import imread
 from synthetic_log import similar_log, synthetic_log
 
-from proxops.diagrams.flight_log import FlightLog
-from proxops.diagrams.replay import PLAYBACK_SPEED, write_replay
+from proxops.diagrams.logs.flight_log import FlightLog
+from proxops.diagrams.meshcat.replay import PLAYBACK_SPEED, write_replay
 
 pytestmark = pytest.mark.browser
 

@@ -14,11 +14,11 @@ from typing import Any
 import pytest
 from short_flights import BRIEF, short_scenario
 
-from proxops.diagrams import campaign
-from proxops.diagrams.campaign import Flight, run_campaign, transit_flights
-from proxops.diagrams.flight_log import FlightLog
-from proxops.diagrams.scenario import Scenario, parse_scenario
-from proxops.diagrams.transits import transit_set
+from proxops.diagrams.flight import campaign
+from proxops.diagrams.flight.campaign import Flight, run_campaign, transit_flights
+from proxops.diagrams.logs.flight_log import FlightLog
+from proxops.diagrams.scenario.scenario import Scenario, parse_scenario
+from proxops.diagrams.scenario.transits import transit_set
 from proxops.systems import InputError
 
 WALL_TIMES = {"wall_s", "control_ms_median", "control_ms_p99", "control_ms_mean"}
@@ -183,7 +183,7 @@ def test_no_scheduler(tmp_path: Path) -> None:
 CAMPAIGN = """
 import sys
 from pathlib import Path
-from proxops.diagrams.campaign import Flight, run_campaign
+from proxops.diagrams.flight.campaign import Flight, run_campaign
 import json
 
 if __name__ == "__main__":

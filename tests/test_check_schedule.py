@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from proxops.systems import CheckSchedule, InputError, PeriodRule
-from proxops.systems.agreement_gates import Agreement
+from proxops.systems.hybrid.agreement_gates import Agreement
 
 ADAPTIVE = CheckSchedule(PeriodRule.ADAPTIVE)
 differences = st.floats(0.0, 12.0)

@@ -16,8 +16,8 @@ from test_flight_log import SUMMARY
 
 from proxops.cli.fly import _table
 from proxops.cli.main import main
-from proxops.diagrams.flight_log import FlightLog, differences
-from proxops.diagrams.flight_summary import length_text
+from proxops.diagrams.logs.flight_log import FlightLog, differences
+from proxops.diagrams.logs.flight_summary import length_text
 
 BRIEF = ["--set", "arrival.deadline_s=100", "--set", "arrival.dwell_s=50", "--set", "mpc.knots=10"]
 SHORT = [

@@ -15,14 +15,14 @@ from short_flights import kleopatra, obj_text
 
 from proxops.assets import asset_path
 from proxops.cli.main import main
-from proxops.diagrams.body import load_body
-from proxops.diagrams.body_setup import body_yaml, scaled_scenario
-from proxops.diagrams.scenario import Scenario, load_scenario
-from proxops.diagrams.shape_examination import examine
-from proxops.diagrams.shape_picture import plot_shape
-from proxops.diagrams.shape_report import Questions
-from proxops.diagrams.transits import draw_transit, transit_set
-from proxops.systems.shape_files import MeshFile, read_mesh
+from proxops.diagrams.new_body.body_setup import body_yaml, scaled_scenario
+from proxops.diagrams.new_body.shape_examination import examine
+from proxops.diagrams.new_body.shape_picture import plot_shape
+from proxops.diagrams.new_body.shape_report import Questions
+from proxops.diagrams.scenario.body import load_body
+from proxops.diagrams.scenario.scenario import Scenario, load_scenario
+from proxops.diagrams.scenario.transits import draw_transit, transit_set
+from proxops.systems.shapes.shape_files import MeshFile, read_mesh
 
 PNG = b"\x89PNG\r\n\x1a\n"
 

@@ -20,13 +20,13 @@ from ball_lidar import BallNetwork, ball_facts, chord_ends
 from short_flights import kleopatra
 
 from proxops.cli.main import main
-from proxops.diagrams.body import load_body
-from proxops.diagrams.flight_log import FlightLog, differences
-from proxops.diagrams.scenario import LearnedLidarConfig, load_scenario, parse_scenario
-from proxops.diagrams.simulation import fly
-from proxops.training.collection import describe_flight
-from proxops.training.lidar_export import write_bundle
-from proxops.training.recovery import flight_scenario, kind_of
+from proxops.diagrams.flight.simulation import fly
+from proxops.diagrams.logs.flight_log import FlightLog, differences
+from proxops.diagrams.scenario.body import load_body
+from proxops.diagrams.scenario.scenario import LearnedLidarConfig, load_scenario, parse_scenario
+from proxops.training.data.collection import describe_flight
+from proxops.training.data.recovery import flight_scenario, kind_of
+from proxops.training.lidar.bundle import write_bundle
 
 # Over after 15 steps, wherever it is then.
 BRIEF = {"arrival.deadline_s": 100.0, "arrival.dwell_s": 50.0, "mpc.knots": 10}

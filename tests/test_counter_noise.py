@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from proxops.systems.counter_noise import derived_seed, generator
+from proxops.systems.common.counter_noise import derived_seed, generator
 
 
 def test_same_key_same_numbers_whatever_was_drawn_before():

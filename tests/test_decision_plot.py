@@ -8,9 +8,9 @@ from matplotlib.colors import to_rgb
 from matplotlib.patches import StepPatch
 from synthetic_log import synthetic_log
 
-from proxops.diagrams.decision_plot import plot_decisions
-from proxops.diagrams.flight_log import FlightLog
-from proxops.diagrams.who_flies import FILTER, colour_of
+from proxops.diagrams.logs.flight_log import FlightLog
+from proxops.diagrams.logs.who_flew import FILTER, colour_of
+from proxops.diagrams.plots.decision_plot import plot_decisions
 
 
 @pytest.fixture

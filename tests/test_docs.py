@@ -15,10 +15,10 @@ from typer.main import get_command
 
 from proxops import systems
 from proxops.cli.main import app
-from proxops.diagrams.named_controllers import named_controller
-from proxops.diagrams.scenario import load_scenario
-from proxops.diagrams.simulation import fly
-from proxops.diagrams.transit_diagram import make_transit_diagram
+from proxops.diagrams.flight.named_controllers import named_controller
+from proxops.diagrams.flight.simulation import fly
+from proxops.diagrams.flight.transit_diagram import make_transit_diagram
+from proxops.diagrams.scenario.scenario import load_scenario
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.optimize import minimize
 
-from proxops.systems.ellipsoid import (
+from proxops.systems.shapes.ellipsoid import (
     blocks_segment,
     clearances,
     closest_point,

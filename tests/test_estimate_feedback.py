@@ -7,10 +7,10 @@ import pytest
 from known_policies import Counting, DeadReckoning, NotANumber, write_policy
 from short_flights import BRIEF, kleopatra, short_scenario
 
-from proxops.diagrams.campaign import made_with, run_campaign, transit_flights
-from proxops.diagrams.flight_log import FlightLog, differences
-from proxops.diagrams.named_controllers import named_controller
-from proxops.diagrams.simulation import fly
+from proxops.diagrams.flight.campaign import made_with, run_campaign, transit_flights
+from proxops.diagrams.flight.named_controllers import named_controller
+from proxops.diagrams.flight.simulation import fly
+from proxops.diagrams.logs.flight_log import FlightLog, differences
 from proxops.systems import InputError, PolicyBundle
 
 

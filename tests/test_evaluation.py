@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.stats import binomtest
 
-from proxops.training.evaluation import aggregate, delta_v_pairs, wilson_interval
+from proxops.studies.evaluation.evaluation import aggregate, delta_v_pairs, wilson_interval
 
 
 @pytest.mark.parametrize("trials", [1, 2, 7, 50, 1000])

@@ -15,12 +15,12 @@ from known_policies import Counting, DeadReckoning, write_policy
 from test_evaluation import ESTIMATE_ERRORS, row
 
 from proxops.cli.main import main
-from proxops.diagrams.flight_log import FlightLog
-from proxops.diagrams.scenario import ArrivalConfig
-from proxops.training.evaluation import aggregate
-from proxops.training.evaluation_figures import controller_looks, plot_delta_v, plot_end_errors
-from proxops.training.evaluation_flights import shown_transits, worst_flights
-from proxops.training.evaluation_table import arrival_text, figure_rows, outcome
+from proxops.diagrams.logs.flight_log import FlightLog
+from proxops.diagrams.scenario.scenario import ArrivalConfig
+from proxops.studies.evaluation.evaluation import aggregate
+from proxops.studies.evaluation.figures import controller_looks, plot_delta_v, plot_end_errors
+from proxops.studies.evaluation.flights import shown_transits, worst_flights
+from proxops.studies.evaluation.table import arrival_text, figure_rows, outcome
 
 POLICY = {"policy_sha256": "1" * 64, "mpc_solves": 0, "policy_share": 1.0}
 ESTIMATES = {f"estimate_{name}": value for name, value in ESTIMATE_ERRORS.items()}

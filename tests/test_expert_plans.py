@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from short_flights import kleopatra
 
-from proxops.diagrams.scenario import load_scenario
-from proxops.diagrams.scenario_systems import make_controller
+from proxops.diagrams.flight.scenario_systems import make_controller
+from proxops.diagrams.scenario.scenario import load_scenario
 from proxops.systems import InputError
-from proxops.systems.ellipsoid import clearances
-from proxops.training.expert_plans import expert_plans, transit_plans
-from proxops.training.label_files import labels_of
+from proxops.systems.shapes.ellipsoid import clearances
+from proxops.training.data.label_files import labels_of
+from proxops.training.data.plans import expert_plans, transit_plans
 
 
 def test_the_force_at_a_knot_is_what_the_expert_commands_there():

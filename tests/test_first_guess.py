@@ -5,13 +5,13 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from proxops.diagrams.body import load_body
-from proxops.diagrams.scenario import Scenario
-from proxops.diagrams.scenario_systems import make_controller
-from proxops.diagrams.transits import transit_set
+from proxops.diagrams.flight.scenario_systems import make_controller
+from proxops.diagrams.scenario.body import load_body
+from proxops.diagrams.scenario.scenario import Scenario
+from proxops.diagrams.scenario.transits import transit_set
 from proxops.systems import Horizon, Plan, TransitProgram
-from proxops.systems.ellipsoid import blocks_segment
-from proxops.systems.first_guess import first_paths
+from proxops.systems.expert.first_guess import first_paths
+from proxops.systems.shapes.ellipsoid import blocks_segment
 
 AXES = np.array([143e3, 73e3, 68e3])
 FRACTIONS = Horizon().fractions()

@@ -7,9 +7,9 @@ import pytest
 from flight_folders import copy_flights, flight
 from short_flights import kleopatra
 
-from proxops.diagrams.scenario_systems import make_controller
+from proxops.diagrams.flight.scenario_systems import make_controller
 from proxops.systems import InputError
-from proxops.training.flight_labels import label_flights, labels_along
+from proxops.training.data.flight_labels import label_flights, labels_along
 
 
 def test_labels_along_the_experts_own_flight_are_its_commands():
@@ -41,7 +41,7 @@ def test_labels_are_kept_and_belong_to_their_flight(tmp_path: Path, monkeypatch)
     for name, values in first.items():
         np.testing.assert_array_equal(values, again[name])
     with monkeypatch.context() as other_way:
-        other_way.setattr("proxops.training.flight_labels._WHOLE_PLAN_EVERY", 4)
+        other_way.setattr("proxops.training.data.flight_labels._WHOLE_PLAN_EVERY", 4)
         with pytest.raises(InputError, match="something else"):
             label_flights(logs, tmp_path / "labels", 1)
     logs[0].write_bytes(logs[1].read_bytes())

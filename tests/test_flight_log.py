@@ -27,12 +27,13 @@ from short_flights import (
 )
 from synthetic_log import synthetic_log
 
-from proxops.diagrams.flight_log import VARIABLES, FlightLog, differences, make_dataset, write_whole
-from proxops.diagrams.flight_summary import fallback_steps
-from proxops.diagrams.scenario import dump_scenario, load_scenario, parse_scenario
-from proxops.diagrams.simulation import fly
+from proxops.diagrams.flight.simulation import fly
+from proxops.diagrams.logs.flight_log import VARIABLES, FlightLog, differences, make_dataset
+from proxops.diagrams.logs.flight_summary import fallback_steps
+from proxops.diagrams.scenario.scenario import dump_scenario, load_scenario, parse_scenario
 from proxops.systems import InputError, TransitProgram
-from proxops.systems.errors import SolverFailure
+from proxops.systems.common.errors import SolverFailure
+from proxops.systems.common.files import write_whole
 
 SIZES = {"component": 6, "axis": 3, "plane": 12, "ray": 360}
 # Of flights with kicks, with a policy, of a hybrid, or with runtime assurance.
@@ -167,7 +168,7 @@ def test_fallbacks_are_logged_and_counted(monkeypatch: pytest.MonkeyPatch) -> No
     status = log.dataset["solve_status"].values
     assert status[:9].tolist() == [2, 2, 0, 0, 0, 1, 1, 0, 0]
     assert log.dataset["solve_reason"].values[:9].tolist() == [7, 7, 1, 0, 0, 7, 7, 2, 0]
-    assert fallback_steps(log) == {
+    assert fallback_steps(log.dataset) == {
         "braking: solver iteration limit": 2,
         "flown on: solver iteration limit": 2,
     }
@@ -488,7 +489,7 @@ KILLED_WRITER = """
 import os, random, signal, sys, time
 from pathlib import Path
 from synthetic_log import synthetic_log
-from proxops.diagrams.flight_log import FlightLog, differences
+from proxops.diagrams.logs.flight_log import FlightLog, differences
 
 path, log = Path(sys.argv[1]), synthetic_log(100)
 started = time.perf_counter()

@@ -11,10 +11,16 @@ from pydrake.systems.framework import BasicVector, DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 from trimesh.ray.ray_triangle import RayMeshIntersector
 
-from proxops.diagrams.body import load_body
+from proxops.diagrams.scenario.body import load_body
 from proxops.systems import FlightMonitor, GravityField, Polyhedron
-from proxops.systems.ellipsoid import clearances
-from proxops.systems.flight_monitor import COLLIDED, ENTERED_GOAL, FINISHED, NEVER, VIOLATIONS
+from proxops.systems.shapes.ellipsoid import clearances
+from proxops.systems.vehicle.flight_monitor import (
+    COLLIDED,
+    ENTERED_GOAL,
+    FINISHED,
+    NEVER,
+    VIOLATIONS,
+)
 
 KEEP_OUT = np.array([40e3, 30e3, 25e3])
 RADIUS, SPEED, DWELL = 1e3, 1.0, 600.0

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from pydrake.systems.primitives import ZeroOrderHold
 
-from proxops.diagrams.graphviz_picture import graphviz_svg
+from proxops.diagrams.plots.graphviz_picture import graphviz_svg
 
 
 def test_none_without_dot(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

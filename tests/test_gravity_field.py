@@ -9,10 +9,10 @@ from hypothesis.extra.numpy import arrays
 from plain_polyhedral_gravity import G, PlainPolyhedralGravity, box, star_shaped
 
 from proxops.assets import asset_path
-from proxops.diagrams.body import load_body
-from proxops.systems.errors import InputError
-from proxops.systems.gravity_field import GRAVITATIONAL_CONSTANT, GravityField
-from proxops.systems.polyhedron import Polyhedron
+from proxops.diagrams.scenario.body import load_body
+from proxops.systems.common.errors import InputError
+from proxops.systems.gravity.gravity_field import GRAVITATIONAL_CONSTANT, GravityField
+from proxops.systems.shapes.polyhedron import Polyhedron
 
 DENSITY = 2000.0
 G_RHO = G * DENSITY

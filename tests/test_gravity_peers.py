@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 import trimesh
 
-from proxops.diagrams.body import load_body
+from proxops.diagrams.scenario.body import load_body
 from proxops.systems import GravityField, Polyhedron
-from proxops.systems.gravity_field import GRAVITATIONAL_CONSTANT
+from proxops.systems.gravity.gravity_field import GRAVITATIONAL_CONSTANT
 
 DENSITY = 3000.0
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from short_flights import kleopatra
 
-from proxops.diagrams.body import load_body
+from proxops.diagrams.scenario.body import load_body
 from proxops.systems import PointMassField
-from proxops.systems.gravity_table import GravityTable, gravity_table
+from proxops.systems.assurance.gravity_table import GravityTable, gravity_table
 
 
 def directions(count: int) -> np.ndarray:

@@ -7,8 +7,8 @@ from matplotlib.contour import QuadContourSet
 from matplotlib.figure import Figure
 from short_flights import kleopatra
 
-from proxops.diagrams.hover_plot import draw_hover, plot_hover
-from proxops.diagrams.scenario import load_scenario
+from proxops.diagrams.plots.hover_plot import draw_hover, plot_hover
+from proxops.diagrams.scenario.scenario import load_scenario
 
 
 def contours(ax: Axes) -> list[QuadContourSet]:

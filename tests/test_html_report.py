@@ -8,8 +8,7 @@ from pathlib import Path
 import pytest
 from matplotlib.figure import Figure
 
-from proxops.systems import InputError
-from proxops.training.html_report import (
+from proxops.studies.evaluation.html_report import (
     Section,
     Table,
     Text,
@@ -18,6 +17,7 @@ from proxops.training.html_report import (
     picture,
     write_report,
 )
+from proxops.systems import InputError
 
 AWKWARD = "a < b & \"c\" | *d* _e_ `f` [g](h) <script>alert('x')</script>"
 VOID = {"meta", "img"}

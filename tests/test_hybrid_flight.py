@@ -13,14 +13,14 @@ from short_flights import PdController, kleopatra, short_scenario
 
 from proxops.cli.fly import _table
 from proxops.cli.main import main
-from proxops.diagrams.campaign import made_with, transit_flights
-from proxops.diagrams.flight_log import FlightLog, differences
-from proxops.diagrams.hybrid_controller import make_hybrid
-from proxops.diagrams.named_controllers import named_controller
-from proxops.diagrams.scenario import Scenario, load_scenario
-from proxops.diagrams.scenario_systems import make_controller
-from proxops.diagrams.simulation import fly, make_simulator
-from proxops.diagrams.transit_diagram import make_transit_diagram
+from proxops.diagrams.flight.campaign import made_with, transit_flights
+from proxops.diagrams.flight.hybrid_controller import make_hybrid
+from proxops.diagrams.flight.named_controllers import named_controller
+from proxops.diagrams.flight.scenario_systems import make_controller
+from proxops.diagrams.flight.simulation import fly, make_simulator
+from proxops.diagrams.flight.transit_diagram import make_transit_diagram
+from proxops.diagrams.logs.flight_log import FlightLog, differences
+from proxops.diagrams.scenario.scenario import Scenario, load_scenario
 from proxops.systems import (
     DecisionReason,
     InputError,
@@ -28,7 +28,7 @@ from proxops.systems import (
     PolicyBundle,
     ReachModel,
 )
-from proxops.systems.ellipsoid import clearances
+from proxops.systems.shapes.ellipsoid import clearances
 
 # 45 steps, wherever it is then; both forces always agree by `TRUSTING`.
 BRIEF = {"arrival__deadline_s": 400.0, "arrival__dwell_s": 50.0, "log_ranges": False}

@@ -9,7 +9,7 @@ from benchmark_scripts import load_script
 from known_policies import DeadReckoning, write_policy
 from test_evaluation import row
 
-from proxops.diagrams.scenario import load_scenario
+from proxops.diagrams.scenario.scenario import load_scenario
 
 
 @pytest.fixture(scope="module")

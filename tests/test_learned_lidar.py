@@ -19,8 +19,8 @@ from ball_lidar import (
 from pydrake.perception import PointCloud
 
 from proxops.systems import InputError, LearnedLidar, Lidar
-from proxops.systems.lidar_bundle import LidarBundle
-from proxops.training.lidar_export import check_model, onnx_model, write_bundle
+from proxops.systems.lidar.lidar_bundle import LidarBundle
+from proxops.training.lidar.bundle import check_model, onnx_model, write_bundle
 
 PLACES = np.array([[150e3, 20e3, 10e3], [-90e3, 90e3, -80e3], [0.0, 0.0, 60e3]])
 
@@ -141,7 +141,7 @@ def test_export_that_differs_is_refused(tmp_path: Path, monkeypatch: pytest.Monk
     model = onnx_model(Other())
     with pytest.raises(InputError, match="no bundle is written"):
         check_model(model, BallNetwork(), chord_ends())
-    monkeypatch.setattr("proxops.training.lidar_export.onnx_model", lambda network: model)
+    monkeypatch.setattr("proxops.training.lidar.bundle.onnx_model", lambda network: model)
     with pytest.raises(InputError, match="no bundle is written"):
         write_bundle(tmp_path / "bundle", BallNetwork(), ball_facts(), chord_ends())
     assert list(tmp_path.iterdir()) == []

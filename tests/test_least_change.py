@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from proxops.systems.least_change import Worth, along_path, least_change
+from proxops.systems.assurance.least_change import Worth, along_path, least_change
 
 LIMIT, ENOUGH = 1.0, 1e-3
 BOX = np.full(3, -LIMIT), np.full(3, LIMIT)

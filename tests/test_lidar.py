@@ -7,9 +7,9 @@ from pydrake.perception import PointCloud
 from scipy import stats
 from trimesh.ray.ray_triangle import RayMeshIntersector
 
-from proxops.diagrams.body import load_body
+from proxops.diagrams.scenario.body import load_body
 from proxops.systems import InputError, Lidar, Polyhedron, ray_directions
-from proxops.systems.counter_noise import generator
+from proxops.systems.common.counter_noise import generator
 
 
 def box(centre, edge: float = 2e3) -> trimesh.Trimesh:

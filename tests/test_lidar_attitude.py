@@ -10,9 +10,9 @@ from numpy.typing import ArrayLike
 from pydrake.perception import PointCloud
 from scipy.spatial.transform import Rotation
 
-from proxops.diagrams.body import load_body
+from proxops.diagrams.scenario.body import load_body
 from proxops.systems import LearnedLidar, Lidar, Polyhedron, RayCaster, ray_directions
-from proxops.systems.lidar_errors import misaligned
+from proxops.systems.lidar.lidar_errors import misaligned
 
 ANGLE = np.radians(3.0)
 PLACE = np.array([150e3, 20e3, 10e3])

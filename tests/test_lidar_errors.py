@@ -9,13 +9,13 @@ import trimesh
 from numpy.typing import ArrayLike
 from scipy import stats
 
-from proxops.diagrams.body import load_body
-from proxops.diagrams.scenario import load_scenario
-from proxops.diagrams.simulation import fly
-from proxops.diagrams.transit_diagram import make_transit_diagram
+from proxops.diagrams.flight.simulation import fly
+from proxops.diagrams.flight.transit_diagram import make_transit_diagram
+from proxops.diagrams.scenario.body import load_body
+from proxops.diagrams.scenario.scenario import load_scenario
 from proxops.systems import InputError, Lidar, Polyhedron, RayCaster, ray_directions
-from proxops.systems.counter_noise import generator
-from proxops.systems.lidar_errors import (
+from proxops.systems.common.counter_noise import generator
+from proxops.systems.lidar.lidar_errors import (
     LidarErrors,
     false_ranges,
     lost_by_chance,

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from proxops.training.lidar_data import GridFrames, near_silhouette
-from proxops.training.lidar_report import (
+from proxops.training.lidar.frames import GridFrames, near_silhouette
+from proxops.training.lidar.report import (
     all_figures,
     frame_figures,
     meets_targets,

@@ -6,9 +6,9 @@ import torch
 from short_flights import kleopatra
 
 from proxops.systems import InputError, ray_directions
-from proxops.systems.ray_caster import ray_caster
-from proxops.systems.ray_chords import ChordFan
-from proxops.training.lidar_data import (
+from proxops.systems.lidar.ray_chords import ChordFan
+from proxops.systems.shapes.ray_casting import ray_caster
+from proxops.training.lidar.frames import (
     cast_grid,
     frame_examples,
     grid_positions,
@@ -16,8 +16,8 @@ from proxops.training.lidar_data import (
     random_positions,
     ray_examples,
 )
-from proxops.training.lidar_networks import FrameNetwork, RayNetwork, frame_loss, ray_loss
-from proxops.training.training_history import learning_rate
+from proxops.training.lidar.networks import FrameNetwork, RayNetwork, frame_loss, ray_loss
+from proxops.training.loop.training_history import learning_rate
 
 
 def test_learning_rate_rises_then_falls_to_nothing():

@@ -8,14 +8,15 @@ import pytest
 from pydrake.solvers import ClarabelSolver, MathematicalProgram, SolutionResult, SolverOptions
 from scipy.linalg import expm
 
-from proxops.diagrams.body import load_body
-from proxops.diagrams.scenario import Scenario, load_scenario
-from proxops.diagrams.transit_diagram import make_controller
-from proxops.diagrams.transits import transit_set
-from proxops.systems import Gravity, Plan, TransitProgram, WeightedProgram, linearised_transit
-from proxops.systems.condensed_motion import condensed_motion
-from proxops.systems.ellipsoid import clearances
-from proxops.systems.errors import SolverFailure
+from proxops.diagrams.flight.transit_diagram import make_controller
+from proxops.diagrams.scenario.body import load_body
+from proxops.diagrams.scenario.scenario import Scenario, load_scenario
+from proxops.diagrams.scenario.transits import transit_set
+from proxops.systems import Gravity, Plan, TransitProgram, WeightedProgram
+from proxops.systems.common.errors import SolverFailure
+from proxops.systems.expert import linearised_transit
+from proxops.systems.expert.condensed_motion import condensed_motion
+from proxops.systems.shapes.ellipsoid import clearances
 
 SPIN = 3.0e-4
 

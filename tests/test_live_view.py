@@ -8,13 +8,13 @@ from pydrake.common.value import AbstractValue
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Context, Diagram, LeafSystem, System
 
-from proxops.diagrams import live_view
-from proxops.diagrams.body import load_body
-from proxops.diagrams.meshcat_scene import Scene, add_plan, quiet_meshcat
-from proxops.diagrams.scenario import Scenario
-from proxops.diagrams.scenario_systems import make_controller
-from proxops.diagrams.simulation import make_simulator
-from proxops.diagrams.transit_diagram import make_transit_diagram
+from proxops.diagrams.flight.scenario_systems import make_controller
+from proxops.diagrams.flight.simulation import make_simulator
+from proxops.diagrams.flight.transit_diagram import make_transit_diagram
+from proxops.diagrams.meshcat import live_view
+from proxops.diagrams.meshcat.meshcat_scene import Scene, add_plan, quiet_meshcat
+from proxops.diagrams.scenario.body import load_body
+from proxops.diagrams.scenario.scenario import Scenario
 from proxops.systems import ModelPredictiveController, Plan, TransitProgram
 
 PERIOD = 10.0

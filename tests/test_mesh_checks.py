@@ -12,18 +12,18 @@ from hypothesis import strategies as st
 from plain_polyhedral_gravity import box, star_shaped
 
 from proxops.assets import asset_path
-from proxops.systems.errors import InputError
-from proxops.systems.mass_properties import mass_properties
-from proxops.systems.mesh_checks import (
+from proxops.systems.common.errors import InputError
+from proxops.systems.shapes.holding_ellipsoid import smallest_ellipsoid
+from proxops.systems.shapes.mass import mass_properties
+from proxops.systems.shapes.mesh_checks import (
     find_defects,
     shell_labels,
     smallest_angles,
     winding_number,
 )
-from proxops.systems.polyhedron import Polyhedron
-from proxops.systems.self_intersection import self_intersections
-from proxops.systems.shape_files import read_mesh
-from proxops.systems.smallest_ellipsoid import smallest_ellipsoid
+from proxops.systems.shapes.polyhedron import Polyhedron
+from proxops.systems.shapes.self_intersection import self_intersections
+from proxops.systems.shapes.shape_files import read_mesh
 
 sizes = pytest.mark.parametrize("size", [1e-6, 1.0, 1e9])
 few = settings(max_examples=20, deadline=None)

@@ -9,9 +9,9 @@ from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput, ZeroOrderHold
 
-from proxops.diagrams.body import load_body
-from proxops.diagrams.scenario import Scenario
-from proxops.diagrams.scenario_systems import make_controller
+from proxops.diagrams.flight.scenario_systems import make_controller
+from proxops.diagrams.scenario.body import load_body
+from proxops.diagrams.scenario.scenario import Scenario
 from proxops.systems import (
     DelayedHold,
     InputError,
@@ -22,9 +22,9 @@ from proxops.systems import (
     Spacecraft,
     TransitProgram,
 )
-from proxops.systems.ellipsoid import blocks_segment, clearances, closest_point
-from proxops.systems.errors import SolverFailure
-from proxops.systems.model_predictive_controller import BRAKING, FLOWN_ON, SOLVED
+from proxops.systems.common.errors import SolverFailure
+from proxops.systems.expert.model_predictive_controller import BRAKING, FLOWN_ON, SOLVED
+from proxops.systems.shapes.ellipsoid import blocks_segment, clearances, closest_point
 
 PERIOD = 10.0
 COLD = 10  # Linearisations without a recent plan.

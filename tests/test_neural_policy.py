@@ -7,7 +7,8 @@ import pytest
 from known_policies import RAYS, Counting, DeadReckoning, NotANumber, remember, write_policy
 from short_flights import kleopatra
 
-from proxops.systems import InputError, NeuralPolicy, PolicyBundle, PolicyStatus, neural_policy
+from proxops.systems import InputError, NeuralPolicy, PolicyBundle, PolicyStatus
+from proxops.systems.policy import neural_policy
 
 TARGET = np.array([160e3, 8e3, 0.0, 0.0, 0.0, 0.0])
 FRAME = np.full(RAYS, np.inf)

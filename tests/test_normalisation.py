@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from proxops.systems import InputError
-from proxops.training import Normalisation, Scale
-from proxops.training.normalisation import Moments
+from proxops.training.data import Normalisation, Scale
+from proxops.training.data.normalisation import Moments
 
 EXAMPLE = Normalisation(
     position=Scale((1e3, -2e3, 0.1), (9e4, 8e4, 7e4)),

@@ -14,10 +14,15 @@ import trimesh
 from short_flights import kleopatra
 from synthetic_log import synthetic_log
 
-from proxops.diagrams import notebook_view
-from proxops.diagrams.lidar_scene import plane_edges
-from proxops.diagrams.meshcat_scene import quiet_meshcat
-from proxops.diagrams.notebook_view import show_body, show_flight, show_lidar, show_meshcat
+from proxops.diagrams.meshcat import notebook_view
+from proxops.diagrams.meshcat.lidar_scene import plane_edges
+from proxops.diagrams.meshcat.meshcat_scene import quiet_meshcat
+from proxops.diagrams.meshcat.notebook_view import (
+    show_body,
+    show_flight,
+    show_lidar,
+    show_meshcat,
+)
 from proxops.systems import Lidar
 
 POSITION = np.array([150e3, 40e3, 60e3])

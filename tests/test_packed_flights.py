@@ -15,10 +15,10 @@ import pytest
 import xarray as xr
 from flight_folders import FLIGHTS, copy_flights, flight
 
-from proxops.diagrams.scenario import dump_scenario, parse_scenario
+from proxops.diagrams.scenario.scenario import dump_scenario, parse_scenario
 from proxops.systems import InputError
-from proxops.training import PackedFlights, pack_flights, packing
-from proxops.training.packed_flights import INDEX
+from proxops.training.data import PackedFlights, pack_flights, packing
+from proxops.training.data.packed_flights import INDEX
 
 
 @pytest.fixture(scope="module")
@@ -229,7 +229,7 @@ def test_another_s_folder_is_left_alone(logs: Path) -> None:
 
 PACK = """
 import os, sys
-from proxops.training import pack_flights
+from proxops.training.data import pack_flights
 def told(done, count):
     print(done, flush=True)
     if done == int(sys.argv[2]):

@@ -7,8 +7,8 @@ import torch
 from torch import Tensor
 
 from proxops.systems import InputError
-from proxops.training.normalisation import Normalisation, Scale
-from proxops.training.paper_policy import PaperPolicy
+from proxops.training.data.normalisation import Normalisation, Scale
+from proxops.training.paper.policy import PaperPolicy
 
 NORMALISATION = Normalisation(
     position=Scale((1e4, -2e4, 3e3), (9e4, 8e4, 7e4)),

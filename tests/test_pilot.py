@@ -8,17 +8,17 @@ import torch
 from short_flights import kleopatra
 
 from proxops.systems import PolicyBundle, ray_directions
-from proxops.systems.plan import Horizon
-from proxops.systems.policy_bundle import run_network
-from proxops.systems.ray_caster import ray_caster
-from proxops.training.coarse_position import CoarsePosition
-from proxops.training.geometry_layer import GeometryLayer, SurfaceField
-from proxops.training.guidance import Guidance
-from proxops.training.lidar_hits import HitSelection
-from proxops.training.pilot import Pilot
-from proxops.training.pilot_lessons import force_loss
-from proxops.training.policy_export import PolicyFacts, export_policy
-from proxops.training.state_filter import MEMORY, Motion, StateFilter
+from proxops.systems.expert.plan import Horizon
+from proxops.systems.policy.policy_bundle import run_network
+from proxops.systems.shapes.ray_casting import ray_caster
+from proxops.training.export.policy_export import PolicyFacts, export_policy
+from proxops.training.pilot.coarse_position import CoarsePosition
+from proxops.training.pilot.geometry_layer import GeometryLayer, SurfaceField
+from proxops.training.pilot.guidance import Guidance
+from proxops.training.pilot.lessons import force_loss
+from proxops.training.pilot.lidar_hits import HitSelection
+from proxops.training.pilot.network import Pilot
+from proxops.training.pilot.state_filter import MEMORY, Motion, StateFilter
 
 PLACES = np.array([[150e3, 20e3, 10e3], [-60e3, 110e3, -50e3], [10e3, -20e3, 140e3]])
 

@@ -5,9 +5,8 @@ import pytest
 import torch
 from flight_folders import copy_flights
 
-from proxops.training import PackedFlights, pack_flights
-from proxops.training.lidar_hits import HitSelection
-from proxops.training.pilot_examples import (
+from proxops.training.data import PackedFlights, pack_flights
+from proxops.training.pilot.examples import (
     box_of,
     commands_of,
     hits_of,
@@ -15,6 +14,7 @@ from proxops.training.pilot_examples import (
     spread_rows,
     transitions_of,
 )
+from proxops.training.pilot.lidar_hits import HitSelection
 
 
 @pytest.fixture(scope="module")

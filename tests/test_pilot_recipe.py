@@ -12,16 +12,15 @@ import torch
 from known_policies import Counting, write_policy
 
 from proxops.cli.main import app
-from proxops.diagrams.flight_log import FlightLog
-from proxops.diagrams.scenario import load_scenario
-from proxops.diagrams.simulation import fly
+from proxops.diagrams.flight.simulation import fly
+from proxops.diagrams.logs.flight_log import FlightLog
+from proxops.diagrams.scenario.scenario import load_scenario
 from proxops.systems import InputError
-from proxops.training.dagger import Settings as DaggerSettings
-from proxops.training.dagger import dagger, dagger_flights, restarted
-from proxops.training.pilot import Pilot
-from proxops.training.pilot_recipe import collected_scenario, train_pilot
-from proxops.training.pilot_settings import Settings, quick, settings_of
-from proxops.training.pilot_shape import PilotShape, load_pilot, save_pilot
+from proxops.training.pilot.dagger import DaggerSettings, dagger_flights, restarted, run_dagger
+from proxops.training.pilot.network import Pilot
+from proxops.training.pilot.recipe import collected_scenario, train_pilot
+from proxops.training.pilot.settings import PilotSettings, settings_of
+from proxops.training.pilot.shape import PilotShape, load_pilot, save_pilot
 
 SHAPE = PilotShape(
     planes=12, rays=360, hits=16, period=10.0, mass=100.0, thrust_limit=7.0, length=98e3,
@@ -57,7 +56,7 @@ def test_pilot_is_kept_whole(tmp_path: Path):
 
 
 def test_settings_come_back_from_a_file():
-    settings = quick(Settings(seed=4))
+    settings = PilotSettings(seed=4).quick()
     kept = json.loads(json.dumps({"settings": asdict(settings)}))
     assert settings_of(kept) == settings
 
@@ -141,7 +140,7 @@ def collected(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def trained(collected: Path) -> Path:
     out = collected.parent / "pilot"
-    train_pilot(collected, out, quick(Settings()), workers=1)
+    train_pilot(collected, out, PilotSettings().quick(), workers=1)
     return out
 
 
@@ -177,7 +176,7 @@ def test_the_bundle_arrives(trained: Path):
 def test_run_again_it_ends_the_same(collected: Path, trained: Path):
     policy = (trained / "bundle" / "policy.json").read_text()
     told: list[str] = []
-    train_pilot(collected, trained, quick(Settings()), lambda done, text: told.append(text))
+    train_pilot(collected, trained, PilotSettings().quick(), lambda done, text: told.append(text))
     assert not [text for text in told if "epoch" in text]
     model = json.loads(policy)["model_sha256"]
     assert json.loads((trained / "bundle" / "policy.json").read_text())["model_sha256"] == model
@@ -200,11 +199,11 @@ def test_dagger_learns_from_its_flights_and_goes_on_after_a_kill(
             raise KilledError
 
     with pytest.raises(KilledError):
-        dagger(collected, trained, tmp_path, settings, kill, workers=1)
+        run_dagger(collected, trained, tmp_path, settings, kill, workers=1)
     flown = sorted((tmp_path / "round-1" / "flights").glob("*.nc"))
     written = [path.stat().st_mtime_ns for path in flown]
     assert len(flown) == 2
-    report = dagger(collected, trained, tmp_path, settings, workers=1)
+    report = run_dagger(collected, trained, tmp_path, settings, workers=1)
     assert [path.stat().st_mtime_ns for path in flown] == written
     options = ("--rounds", "1", "--flights", "2", "--seed", str(SEED), "--workers", "1", "--json")
     given = ("dagger", str(collected), "--pilot", str(trained), *options, "--out", str(tmp_path))
@@ -213,7 +212,7 @@ def test_dagger_learns_from_its_flights_and_goes_on_after_a_kill(
     # As if it had been killed between its last round and what it leaves of it.
     network = (tmp_path / "bundle" / "model.onnx").read_bytes()
     shutil.rmtree(tmp_path / "bundle")
-    dagger(collected, trained, tmp_path, settings, workers=1)
+    run_dagger(collected, trained, tmp_path, settings, workers=1)
     assert (tmp_path / "bundle" / "model.onnx").read_bytes() == network
     row = report["rounds"][0]
     states = sum(len(FlightLog.load(path).dataset["time"]) - 1 for path in flown)
@@ -225,4 +224,4 @@ def test_dagger_learns_from_its_flights_and_goes_on_after_a_kill(
     assert not same(before, after, "guidance.network.")
     scenario = load_scenario(None, {"policy.bundle": str(tmp_path / "bundle")})
     assert np.isfinite(fly(scenario, "policy").dataset["policy_force"].values[:-1]).all()
-    assert settings_of(origin) == quick(Settings())
+    assert settings_of(origin) == PilotSettings().quick()

@@ -5,11 +5,11 @@ import pytest
 from matplotlib.axes import Axes
 from short_flights import kleopatra
 
-from proxops.diagrams.plan_plot import plot_plan
-from proxops.diagrams.scenario import load_scenario
-from proxops.diagrams.scenario_systems import make_controller
-from proxops.diagrams.transits import scenario_transit
-from proxops.systems.ellipsoid import clearances
+from proxops.diagrams.flight.scenario_systems import make_controller
+from proxops.diagrams.plots.plan_plot import plot_plan
+from proxops.diagrams.scenario.scenario import load_scenario
+from proxops.diagrams.scenario.transits import scenario_transit
+from proxops.systems.shapes.ellipsoid import clearances
 
 
 @pytest.fixture(scope="module")

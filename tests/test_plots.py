@@ -10,10 +10,10 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse, StepPatch
 from synthetic_log import similar_log, synthetic_log
 
-from proxops.diagrams import plots
-from proxops.diagrams.flight_log import FlightLog
-from proxops.diagrams.who_flies import colour_of
-from proxops.systems.ellipsoid import clearances
+from proxops.diagrams.logs.flight_log import FlightLog
+from proxops.diagrams.logs.who_flew import colour_of
+from proxops.diagrams.plots import plots
+from proxops.systems.shapes.ellipsoid import clearances
 
 
 @pytest.fixture(scope="module")

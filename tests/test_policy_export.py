@@ -13,8 +13,8 @@ from short_flights import kleopatra
 from torch import nn
 
 from proxops.systems import InputError, NeuralPolicy, PolicyBundle
-from proxops.training import policy_export
-from proxops.training.policy_export import export_policy
+from proxops.training.export import policy_export
+from proxops.training.export.policy_export import export_policy
 
 
 @pytest.fixture(scope="module")

@@ -13,14 +13,15 @@ from short_flights import BRIEF, kleopatra, short_scenario
 
 from proxops.cli.fly import _table
 from proxops.cli.main import main
-from proxops.diagrams import campaign, scenario_systems
-from proxops.diagrams.campaign import run_campaign, transit_flights
-from proxops.diagrams.flight_log import FlightLog, differences
-from proxops.diagrams.named_controllers import named_controller
-from proxops.diagrams.scenario import Scenario, load_scenario
-from proxops.diagrams.simulation import fly, make_simulator
-from proxops.diagrams.transit_diagram import make_transit_diagram
-from proxops.systems import InputError, PolicyBundle, neural_policy
+from proxops.diagrams.flight import campaign, scenario_systems
+from proxops.diagrams.flight.campaign import run_campaign, transit_flights
+from proxops.diagrams.flight.named_controllers import named_controller
+from proxops.diagrams.flight.simulation import fly, make_simulator
+from proxops.diagrams.flight.transit_diagram import make_transit_diagram
+from proxops.diagrams.logs.flight_log import FlightLog, differences
+from proxops.diagrams.scenario.scenario import Scenario, load_scenario
+from proxops.systems import InputError, PolicyBundle
+from proxops.systems.policy import neural_policy
 
 
 @pytest.fixture(scope="module")

@@ -9,9 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from plain_polyhedral_gravity import box, star_shaped
 
-from proxops.diagrams.body import load_body
-from proxops.systems.errors import InputError
-from proxops.systems.polyhedron import Polyhedron
+from proxops.diagrams.scenario.body import load_body
+from proxops.systems.common.errors import InputError
+from proxops.systems.shapes.polyhedron import Polyhedron
 
 LOW, HIGH = np.array([-1.0, 2.0, 0.5]), np.array([1.5, 3.0, 4.0])
 few = settings(max_examples=25, deadline=None)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from short_flights import kleopatra, short_scenario
 
-from proxops.diagrams.named_controllers import named_controller
-from proxops.diagrams.simulation import fly
+from proxops.diagrams.flight.named_controllers import named_controller
+from proxops.diagrams.flight.simulation import fly
 from proxops.systems import InputError, ProportionalDerivative
 
 # λ = 7 / (2 · 100 · 40) = 8.75e-4 1/s and m k = 100 / (2 · 10) = 5 kg/s.

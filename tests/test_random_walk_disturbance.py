@@ -8,7 +8,7 @@ from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput, Ze
 from scipy import stats
 
 from proxops.systems import InputError, RandomWalkDisturbance
-from proxops.systems.counter_noise import generator
+from proxops.systems.common.counter_noise import generator
 
 PERIOD = 10.0
 # Of a stretch between resets.

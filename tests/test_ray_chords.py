@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from proxops.systems import InputError, ray_directions
-from proxops.systems.ray_chords import ChordFan
+from proxops.systems.lidar.ray_chords import ChordFan
 
 CENTRE, AXES = np.array([3e3, -5e3, 2e3]), np.array([120e3, 60e3, 50e3])
 PLACES = np.array([[170e3, 20e3, -30e3], [-90e3, 150e3, 60e3], [0.0, 0.0, 300e3]])

@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from short_flights import kleopatra
 
 from proxops.systems import PointMassField
-from proxops.systems.ellipsoid import clearances
-from proxops.systems.reach_time import ReachModel, greatest_pulls
+from proxops.systems.hybrid.reach_time import ReachModel, greatest_pulls
+from proxops.systems.shapes.ellipsoid import clearances
 
 MASS, LIMIT, STEP = 100.0, 7.0, 10.0
 AXES = np.array([140e3, 70e3, 65e3])

@@ -9,7 +9,7 @@ from scipy import stats
 from scipy.optimize import minimize
 from short_flights import kleopatra
 
-from proxops.diagrams.scenario import (
+from proxops.diagrams.scenario.scenario import (
     ForceNoiseConfig,
     KicksConfig,
     RandomWalkDisturbanceConfig,
@@ -18,9 +18,9 @@ from proxops.diagrams.scenario import (
     check_scenario,
     load_scenario,
 )
-from proxops.diagrams.transits import scenario_transit, transit_set
+from proxops.diagrams.scenario.transits import scenario_transit, transit_set
 from proxops.systems import InputError
-from proxops.training.recovery import KINDS, MIXES, flight_scenario, kind_of, parse_mix
+from proxops.training.data.recovery import KINDS, MIXES, flight_scenario, kind_of, parse_mix
 
 AXES = np.array([140e3, 70e3, 65e3])
 COUNT = 150

@@ -15,11 +15,10 @@ from contact_binary import contact_binary
 from pydrake.geometry import Meshcat
 from synthetic_log import similar_log, synthetic_log
 
-from proxops.diagrams import replay
-from proxops.diagrams.body import Body, BodyConfig
-from proxops.diagrams.camera_views import viewpoints
-from proxops.diagrams.flight_log import FlightLog
-from proxops.diagrams.meshcat_scene import (
+from proxops.diagrams.logs.flight_log import FlightLog
+from proxops.diagrams.meshcat import replay
+from proxops.diagrams.meshcat.camera_views import viewpoints
+from proxops.diagrams.meshcat.meshcat_scene import (
     Scene,
     add_body,
     add_keep_out,
@@ -28,8 +27,9 @@ from proxops.diagrams.meshcat_scene import (
     move_spacecraft,
     quiet_meshcat,
 )
-from proxops.systems.errors import InputError
-from proxops.systems.polyhedron import Polyhedron
+from proxops.diagrams.scenario.body import Body, BodyConfig
+from proxops.systems.common.errors import InputError
+from proxops.systems.shapes.polyhedron import Polyhedron
 
 
 @pytest.fixture(scope="module")
@@ -340,7 +340,7 @@ def test_several_processes_at_once(tmp_path: Path) -> None:
     program = (
         "import sys; from pathlib import Path\n"
         "from synthetic_log import synthetic_log\n"
-        "from proxops.diagrams.replay import write_replay\n"
+        "from proxops.diagrams.meshcat.replay import write_replay\n"
         "write_replay(synthetic_log(5, ranges=False), Path(sys.argv[1]))\n"
     )
     paths = [tmp_path / f"{i}.html" for i in range(3)]

@@ -13,14 +13,14 @@ from dask.distributed import Client, LocalCluster
 from known_policies import DeadReckoning, write_policy
 from short_flights import BRIEF, short_scenario
 
-from proxops.diagrams.campaign import Flight
-from proxops.diagrams.parallel import parallel_results
-from proxops.diagrams.scenario import Scenario
+from proxops.diagrams.flight.campaign import Flight
+from proxops.diagrams.flight.parallel import parallel_results
+from proxops.diagrams.scenario.scenario import Scenario
+from proxops.studies.reproduction.flights import Variant, evaluate, variants
+from proxops.studies.reproduction.reproduction import ReproductionSettings, reproduce
+from proxops.studies.reproduction.training import TrainingSettings
 from proxops.systems import InputError
-from proxops.training.collecting import collect
-from proxops.training.reproduction import Settings, reproduce
-from proxops.training.reproduction_flights import Variant, evaluate, variants
-from proxops.training.reproduction_training import TrainingSettings
+from proxops.training.data.collecting import collect
 
 pytestmark = pytest.mark.slow
 
@@ -86,7 +86,7 @@ def bundle(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def reproduced(bundle: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Any]:
     out = tmp_path_factory.mktemp("reproduced")
     wanted = short_scenario(**BRIEF, policy__bundle=str(bundle))
-    return out, reproduce(wanted, out, Settings(transits=2, along=1), workers=1)
+    return out, reproduce(wanted, out, ReproductionSettings(transits=2, along=1), workers=1)
 
 
 def test_report_says_what_was_not_run(reproduced: tuple[Path, Any], bundle: Path) -> None:
@@ -108,7 +108,7 @@ def test_run_again_it_flies_nothing(reproduced: tuple[Path, Any], bundle: Path) 
     out, before = reproduced
     flown = {path: path.stat().st_mtime_ns for path in out.glob("*-*/*.json")}
     wanted = short_scenario(**BRIEF, policy__bundle=os.fspath(bundle))
-    again = reproduce(wanted, out, Settings(transits=2, along=1), workers=1)
+    again = reproduce(wanted, out, ReproductionSettings(transits=2, along=1), workers=1)
     assert all(stage["skipped"] for stage in again["stages"])
     assert again["controllers"] == before["controllers"]
     assert {path: path.stat().st_mtime_ns for path in out.glob("*-*/*.json")} == flown
@@ -116,10 +116,10 @@ def test_run_again_it_flies_nothing(reproduced: tuple[Path, Any], bundle: Path) 
 
 def test_what_it_cannot_use_is_refused_at_once(bundle: Path, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="log_ranges"):
-        reproduce(short_scenario(log_ranges=False), tmp_path, Settings(transits=1))
+        reproduce(short_scenario(log_ranges=False), tmp_path, ReproductionSettings(transits=1))
     wanted = short_scenario(policy__bundle=os.fspath(bundle))
     with pytest.raises(InputError, match="the policy that is trained"):
-        reproduce(wanted, tmp_path, Settings(transits=1), TrainingSettings())
+        reproduce(wanted, tmp_path, ReproductionSettings(transits=1), TrainingSettings())
     assert not list(tmp_path.iterdir())
 
 
@@ -129,6 +129,8 @@ def test_moved_it_is_still_done(reproduced: tuple[Path, Any], bundle: Path, tmp_
     shutil.copytree(out, tmp_path / "moved")
     shutil.copytree(bundle, tmp_path / "policy")
     wanted = short_scenario(**BRIEF, policy__bundle=os.fspath(tmp_path / "policy"))
-    again = reproduce(wanted, tmp_path / "moved", Settings(transits=2, along=1), workers=1)
+    again = reproduce(
+        wanted, tmp_path / "moved", ReproductionSettings(transits=2, along=1), workers=1
+    )
     assert all(stage["skipped"] for stage in again["stages"])
     assert again["controllers"] == before["controllers"]

@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from proxops.training.reproduction_numbers import (
+from proxops.studies.reproduction.numbers import (
     CPU_W,
     GPU_W,
     MPC_S,

@@ -11,9 +11,9 @@ from known_policies import DeadReckoning, write_policy
 from short_flights import kleopatra
 from test_evaluation import row
 
-from proxops.diagrams.scenario import Scenario, load_scenario, parse_scenario
-from proxops.diagrams.transits import draw_transit, hover_force, scenario_transit
-from proxops.systems.ellipsoid import clearances
+from proxops.diagrams.scenario.scenario import Scenario, load_scenario, parse_scenario
+from proxops.diagrams.scenario.transits import draw_transit, hover_force, scenario_transit
+from proxops.systems.shapes.ellipsoid import clearances
 
 AXES = np.array([140e3, 70e3, 65e3])
 COUNT = 30

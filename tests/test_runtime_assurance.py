@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from short_flights import BRIEF, Scripted, falling_flight, kleopatra, short_scenario
 
-from proxops.diagrams.flight_log import FlightLog, differences
-from proxops.diagrams.scenario import AssuranceConfig, load_scenario
-from proxops.diagrams.scenario_systems import make_backup
-from proxops.diagrams.simulation import fly
-from proxops.diagrams.transit_diagram import make_transit_diagram
+from proxops.diagrams.flight.scenario_systems import make_backup
+from proxops.diagrams.flight.simulation import fly
+from proxops.diagrams.flight.transit_diagram import make_transit_diagram
+from proxops.diagrams.logs.flight_log import FlightLog, differences
+from proxops.diagrams.scenario.scenario import AssuranceConfig, load_scenario
 from proxops.systems import BackupBraking, InputError, InterventionReason, RuntimeAssurance
-from proxops.systems.state_prediction import predicted_state
+from proxops.systems.vehicle.state_prediction import predicted_state
 
 # 1 km above the ellipsoid's end on the spin axis.
 ABOVE_THE_POLE = {"transit__start_m": [0.0, 0.0, 66e3]}

@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from plain_polyhedral_gravity import star_shaped
 
-from proxops.diagrams.body import BodyConfig, load_body
-from proxops.diagrams.scenario import (
+from proxops.diagrams.scenario.body import BodyConfig, load_body
+from proxops.diagrams.scenario.scenario import (
     ArrivalConfig,
     AssuranceConfig,
     ForceNoiseConfig,
@@ -31,7 +31,7 @@ from proxops.diagrams.scenario import (
     parse_scenario,
     read_mapping,
 )
-from proxops.systems.errors import InputError
+from proxops.systems.common.errors import InputError
 
 positive = st.floats(1e-300, 1e300)
 not_negative = st.floats(0.0, 1e300)

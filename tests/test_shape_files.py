@@ -8,9 +8,9 @@ import trimesh
 from plain_polyhedral_gravity import box, star_shaped
 
 from proxops.assets import asset_path
-from proxops.systems.errors import InputError
-from proxops.systems.polyhedron import Polyhedron
-from proxops.systems.shape_files import mesh_bytes, read_mesh
+from proxops.systems.common.errors import InputError
+from proxops.systems.shapes.polyhedron import Polyhedron
+from proxops.systems.shapes.shape_files import mesh_bytes, read_mesh
 
 VERTICES, FACETS = box(np.array([-1.5, 0.25, 3.0]), np.array([2.0, 1.0, 4.5]))
 

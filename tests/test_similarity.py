@@ -9,12 +9,12 @@ from flight_folders import copy_flights
 from short_flights import kleopatra
 
 from proxops.systems import ray_directions
-from proxops.systems.ray_caster import ray_caster
-from proxops.training.packing import pack_flights
-from proxops.training.pilot_lessons import estimate_error, force_loss
-from proxops.training.pilot_shape import PilotShape
-from proxops.training.similarity import Similarity, similarity, similarity_of
-from proxops.training.state_filter import MEMORY
+from proxops.systems.shapes.ray_casting import ray_caster
+from proxops.training.data.packing import pack_flights
+from proxops.training.data.scaling import Similarity, similarity, similarity_of
+from proxops.training.pilot.lessons import estimate_error, force_loss
+from proxops.training.pilot.shape import PilotShape
+from proxops.training.pilot.state_filter import MEMORY
 
 # As much smaller; a power of two, so that it rounds nothing.
 SMALL = 1.0 / 128.0

@@ -20,10 +20,10 @@ from short_flights import (
     short_scenario,
 )
 
-from proxops.diagrams.flight_log import FlightLog, differences
-from proxops.diagrams.named_controllers import named_controller
-from proxops.diagrams.scenario import load_scenario
-from proxops.diagrams.simulation import fly
+from proxops.diagrams.flight.named_controllers import named_controller
+from proxops.diagrams.flight.simulation import fly
+from proxops.diagrams.logs.flight_log import FlightLog, differences
+from proxops.diagrams.scenario.scenario import load_scenario
 from proxops.systems import InputError, jacobi_integral
 
 SPIN = 2.0 * np.pi / (5.38528 * 3600.0)

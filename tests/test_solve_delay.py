@@ -8,10 +8,10 @@ import pytest
 from scipy.integrate import solve_ivp
 from short_flights import BRIEF, PdController, kleopatra, short_scenario
 
-from proxops.diagrams.flight_log import FlightLog, differences
-from proxops.diagrams.scenario import load_scenario
-from proxops.diagrams.simulation import fly, make_simulator
-from proxops.diagrams.transit_diagram import make_transit_diagram
+from proxops.diagrams.flight.simulation import fly, make_simulator
+from proxops.diagrams.flight.transit_diagram import make_transit_diagram
+from proxops.diagrams.logs.flight_log import FlightLog, differences
+from proxops.diagrams.scenario.scenario import load_scenario
 from proxops.systems import DelayedHold, InputError, ModelPredictiveController
 
 SPIN = 2.0 * np.pi / (5.38528 * 3600.0)

@@ -8,7 +8,7 @@ from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import ConstantVectorSource, FirstOrderTaylorApproximation
 from scipy.spatial.transform import Rotation
 
-from proxops.diagrams.body import load_body
+from proxops.diagrams.scenario.body import load_body
 from proxops.systems import (
     InputError,
     PolyhedralGravity,

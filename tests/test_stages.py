@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
+from proxops.studies.reproduction.stages import Progress, Stages
 from proxops.systems import InputError
-from proxops.training.stages import Progress, Stages
 
 
 class Work:

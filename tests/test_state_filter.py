@@ -4,9 +4,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from proxops.systems.onnx_bundle import open_session
-from proxops.training.onnx_export import onnx_bytes
-from proxops.training.state_filter import MEMORY, Motion, StateFilter
+from proxops.systems.common.onnx_bundle import open_session
+from proxops.training.export.onnx_export import onnx_bytes
+from proxops.training.pilot.state_filter import MEMORY, Motion, StateFilter
 
 PERIOD = 10.0
 

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 import trimesh
 
-from proxops.diagrams.body import load_body
+from proxops.diagrams.scenario.body import load_body
 from proxops.systems import GravityField, InputError, Polyhedron, jacobi_integral
-from proxops.systems.equilibria import find_equilibria, linear_modes, synchronous_radius
-from proxops.systems.surface_maps import effective_field, plane_cut, surface_map
+from proxops.systems.gravity.equilibria import find_equilibria, linear_modes, synchronous_radius
+from proxops.systems.gravity.surface_maps import effective_field, plane_cut, surface_map
 
 RADIUS, DENSITY = 50e3, 2000.0
 # Equilibria of (216) Kleopatra, km, E1 to E7: X. Wang, Y. Jiang, S. Gong, "Analysis of the

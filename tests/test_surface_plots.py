@@ -8,10 +8,10 @@ import trimesh
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from proxops.diagrams import surface_plots
+from proxops.diagrams.plots import surface_plots
 from proxops.systems import GravityField, InputError, Polyhedron
-from proxops.systems.equilibria import find_equilibria, synchronous_radius
-from proxops.systems.surface_maps import plane_cut
+from proxops.systems.gravity.equilibria import find_equilibria, synchronous_radius
+from proxops.systems.gravity.surface_maps import plane_cut
 
 SPIN = 2e-4
 

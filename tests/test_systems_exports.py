@@ -3,7 +3,9 @@
 import pytest
 
 from proxops import systems
-from proxops.systems import equilibria, lidar, ray_caster, surface_maps
+from proxops.systems.gravity import equilibria, surface_maps
+from proxops.systems.lidar import lidar
+from proxops.systems.shapes import ray_caster
 
 
 @pytest.mark.parametrize(

@@ -13,19 +13,19 @@ from flight_folders import copy_flights
 from short_flights import BRIEF, short_scenario
 
 from proxops.cli.main import main
-from proxops.diagrams.simulation import fly
-from proxops.training import PackedFlights, WindowDataset, pack_flights
-from proxops.training.paper_recipe import (
-    Settings,
+from proxops.diagrams.flight.simulation import fly
+from proxops.training.data import PackedFlights, pack_flights
+from proxops.training.export.policy_report import replay_flights
+from proxops.training.loop import WindowDataset
+from proxops.training.loop.training_loop import Schedule
+from proxops.training.paper.recipe import (
+    PaperSettings,
     force_loss,
     make_policy,
-    quick,
     train_paper_policy,
 )
-from proxops.training.policy_report import replay_flights
-from proxops.training.training_loop import Schedule
 
-SMALL = Settings(
+SMALL = PaperSettings(
     schedule=Schedule(epochs=20, batch=4, learning_rate=3e-3, patience=20),
     window=8, stride=2, channels=(8, 8, 8), width=32, device="cpu",
 )  # fmt: skip
@@ -141,7 +141,7 @@ def test_quick_command_writes_all_that_it_says(
     }  # fmt: skip
     assert (out / "forces.png").read_bytes().startswith(b"\x89PNG")
     first = (out / "curves" / "policy.csv").read_text()
-    assert len(first.splitlines()) == 1 + quick(Settings()).schedule.epochs
+    assert len(first.splitlines()) == 1 + PaperSettings().quick().schedule.epochs
     assert proxops(*arguments, "--json") == 0  # What is finished stays as it is.
     assert json.loads(capfd.readouterr().out) == json.loads((out / "report.json").read_text())
     assert (out / "curves" / "policy.csv").read_text() == first
@@ -172,7 +172,7 @@ def test_without_torch_it_says_what_to_do(
     tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.setitem(sys.modules, "torch", None)
-    monkeypatch.delitem(sys.modules, "proxops.training.paper_recipe")
-    monkeypatch.delattr("proxops.training.paper_recipe")
+    monkeypatch.delitem(sys.modules, "proxops.training.paper.recipe")
+    monkeypatch.delattr("proxops.training.paper.recipe")
     assert proxops("train", tmp_path, "--recipe", "paper", "--out", tmp_path / "out") == 2
     assert "make train" in capfd.readouterr().err

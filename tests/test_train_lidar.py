@@ -9,17 +9,17 @@ import pytest
 from short_flights import SHORT, kleopatra
 
 from proxops.cli.main import main
-from proxops.diagrams.campaign import transit_flights
-from proxops.diagrams.flight_log import FlightLog, differences
-from proxops.diagrams.scenario import (
+from proxops.diagrams.flight.campaign import transit_flights
+from proxops.diagrams.flight.simulation import fly
+from proxops.diagrams.logs.flight_log import FlightLog, differences
+from proxops.diagrams.scenario.scenario import (
     LearnedLidarConfig,
     dump_scenario,
     load_scenario,
     parse_scenario,
 )
-from proxops.diagrams.simulation import fly
 from proxops.systems import InputError
-from proxops.systems.lidar_bundle import LidarBundle
+from proxops.systems.lidar.lidar_bundle import LidarBundle
 
 
 def proxops(*arguments: object) -> int:

@@ -6,7 +6,8 @@ import sys
 import pytest
 
 from proxops import training
-from proxops.training import normalisation, packed_flights, packing, transit_split, windows
+from proxops.training.data import normalisation, packed_flights, packing, transit_split
+from proxops.training.loop import windows
 
 
 @pytest.mark.parametrize(
@@ -38,6 +39,8 @@ def test_no_such_name() -> None:
 
 
 def test_packing_needs_no_torch() -> None:
-    code = "import sys; from proxops.training import pack_flights; print('torch' in sys.modules)"
+    code = (
+        "import sys; from proxops.training.data import pack_flights; print('torch' in sys.modules)"
+    )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert run.stdout == "False\n"

@@ -12,10 +12,11 @@ from flight_folders import copy_flights
 from torch import Tensor, nn
 
 from proxops.systems import InputError
-from proxops.training import PackedFlights, WindowDataset, pack_flights
-from proxops.training.tensor_batches import TensorBatches
-from proxops.training.training_loop import Lesson, Schedule, train
-from proxops.training.windows import Batch, window_loader
+from proxops.training.data import PackedFlights, pack_flights
+from proxops.training.loop import WindowDataset
+from proxops.training.loop.tensor_batches import TensorBatches
+from proxops.training.loop.training_loop import Lesson, Schedule, train
+from proxops.training.loop.windows import Batch, window_loader
 
 SCHEDULE = Schedule(epochs=4, batch=3, learning_rate=3e-2, patience=4)
 

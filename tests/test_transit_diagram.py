@@ -9,9 +9,9 @@ from pydrake.systems.framework import Diagram, System
 from pydrake.systems.primitives import ZeroOrderHold
 from short_flights import BRIEF, PdController, Scripted, disturbed_flight, kleopatra, short_scenario
 
-from proxops.diagrams.scenario_systems import make_controller
-from proxops.diagrams.simulation import fly, make_simulator
-from proxops.diagrams.transit_diagram import make_transit_diagram
+from proxops.diagrams.flight.scenario_systems import make_controller
+from proxops.diagrams.flight.simulation import fly, make_simulator
+from proxops.diagrams.flight.transit_diagram import make_transit_diagram
 from proxops.systems import InputError, Lidar, ModelPredictiveController, TransitProgram
 
 

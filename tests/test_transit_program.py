@@ -8,10 +8,10 @@ import trimesh
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicHermiteSpline
 
-from proxops.diagrams.body import load_body
-from proxops.diagrams.scenario import Scenario
-from proxops.diagrams.scenario_systems import make_controller
-from proxops.diagrams.transits import transit_set
+from proxops.diagrams.flight.scenario_systems import make_controller
+from proxops.diagrams.scenario.body import load_body
+from proxops.diagrams.scenario.scenario import Scenario
+from proxops.diagrams.scenario.transits import transit_set
 from proxops.systems import (
     GravityField,
     Horizon,
@@ -21,8 +21,8 @@ from proxops.systems import (
     TransitLimits,
     TransitProgram,
 )
-from proxops.systems.ellipsoid import blocks_segment, clearances
-from proxops.systems.spacecraft import rotating_frame_acceleration
+from proxops.systems.shapes.ellipsoid import blocks_segment, clearances
+from proxops.systems.vehicle.spacecraft import rotating_frame_acceleration
 
 # Kleopatra's, with the margin of the default scenario.
 PLANNED_KEEP_OUT = np.array([143e3, 73e3, 68e3])

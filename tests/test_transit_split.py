@@ -5,8 +5,8 @@ from collections import Counter
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from proxops.training import part_of_transit
-from proxops.training.transit_split import PARTS
+from proxops.training.data import part_of_transit
+from proxops.training.data.transit_split import PARTS
 
 SEEDS = st.integers(0, 2**40)
 

@@ -7,9 +7,14 @@ import pytest
 from plain_polyhedral_gravity import PlainPolyhedralGravity
 from short_flights import kleopatra, write_blob
 
-from proxops.diagrams.scenario import Scenario, load_scenario
-from proxops.diagrams.transits import Transit, draw_transit, scenario_transit, transit_set
-from proxops.systems.errors import InputError
+from proxops.diagrams.scenario.scenario import Scenario, load_scenario
+from proxops.diagrams.scenario.transits import (
+    Transit,
+    draw_transit,
+    scenario_transit,
+    transit_set,
+)
+from proxops.systems.common.errors import InputError
 
 AXES = np.array([140e3, 70e3, 65e3])
 

@@ -6,12 +6,12 @@ from pydrake.systems.analysis import Simulator
 from scipy import stats
 from short_flights import Scripted, short_scenario
 
-from proxops.diagrams.flight_log import FlightLog, differences
-from proxops.diagrams.flight_summary import dense_positions
-from proxops.diagrams.scenario import load_scenario
-from proxops.diagrams.simulation import fly
+from proxops.diagrams.flight.simulation import fly
+from proxops.diagrams.logs.flight_log import FlightLog, differences
+from proxops.diagrams.logs.flight_summary import dense_positions
+from proxops.diagrams.scenario.scenario import load_scenario
 from proxops.systems import InputError, VelocityKicks
-from proxops.systems.spacecraft import rotating_frame_acceleration
+from proxops.systems.vehicle.spacecraft import rotating_frame_acceleration
 
 # Two kicks in a hundred seconds.
 OFTEN = {"kicks": {"velocity_std_m_s": 4.0, "mean_interval_s": 50.0}}

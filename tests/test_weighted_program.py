@@ -8,11 +8,16 @@ from scipy.linalg import expm
 from scipy.optimize import minimize
 from short_flights import short_scenario
 
-from proxops.diagrams.body import load_body
-from proxops.diagrams.scenario import Scenario, dump_scenario, load_scenario, parse_scenario
-from proxops.diagrams.scenario_systems import make_controller
-from proxops.diagrams.simulation import fly
-from proxops.diagrams.transits import transit_set
+from proxops.diagrams.flight.scenario_systems import make_controller
+from proxops.diagrams.flight.simulation import fly
+from proxops.diagrams.scenario.body import load_body
+from proxops.diagrams.scenario.scenario import (
+    Scenario,
+    dump_scenario,
+    load_scenario,
+    parse_scenario,
+)
+from proxops.diagrams.scenario.transits import transit_set
 from proxops.systems import (
     ErrorWeights,
     Horizon,
@@ -23,8 +28,8 @@ from proxops.systems import (
     TransitProgram,
     WeightedProgram,
 )
-from proxops.systems.ellipsoid import clearances
-from proxops.systems.errors import SolverFailure
+from proxops.systems.common.errors import SolverFailure
+from proxops.systems.shapes.ellipsoid import clearances
 
 MASS, SPIN, LENGTH = 100.0, 3.0e-4, 1200.0
 HORIZON = Horizon(knots=12, minimum=LENGTH)

@@ -12,8 +12,9 @@ from flight_folders import copy_flights
 from torch.utils.data import DataLoader
 
 from proxops.systems import InputError
-from proxops.training import PackedFlights, WindowDataset, pack_flights, window_loader
-from proxops.training.window_kernels import fill_hits, window_keys
+from proxops.training.data import PackedFlights, pack_flights
+from proxops.training.data.window_kernels import fill_hits, window_keys
+from proxops.training.loop import WindowDataset, window_loader
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,117 @@
+"""Whether twelve flights are still the same, bit for bit: run it before and after code is moved.
+
+    python benchmarks/same_flights.py record out/flights.json    # before
+    python benchmarks/same_flights.py compare out/flights.json   # after
+
+`record` writes the hash of every array of the flights' logs, wall times aside; `compare` flies
+again, names what differs, and exits with 1 if anything does. The hashes hold on one machine and one
+set of installed packages, so they are not kept in the repository.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from proxops.diagrams.flight import fly
+from proxops.diagrams.logs import FlightLog
+from proxops.diagrams.scenario import load_scenario
+
+WALL_TIMES = {"solve_time", "policy_time", "decision_time"}
+OUTCOMES = ("arrival_time_s", "collided", "keep_out_violations", "force_delay_s")
+# Transit 0 of a seed is clear, transit 1 is blocked by the keep-out ellipsoid.
+FLIGHTS: dict[str, tuple[str, dict]] = {
+    "mpc": ("mpc", {"transit.index": 0}),
+    "mpc, blocked, disturbed": ("mpc", {"transit.index": 1, "disturbance": {}}),
+    "mpc, blocked, with solve delay": (
+        "mpc",
+        {"transit.index": 1, "mpc.solve_delay_s": 5.0},
+    ),
+    "mpc, the paper's cost, another plant": (
+        "mpc",
+        {
+            "transit.index": 2,
+            "mpc.cost": "weighted",
+            "mpc.estimator_gain": 0.1,
+            "mismatch.mass": 1.05,
+            "mismatch.thrust": 0.95,
+        },
+    ),
+    "policy": ("policy", {"transit.index": 0}),
+    "policy, blocked, noise, lidar errors": (
+        "policy",
+        {
+            "transit.index": 1,
+            "force_noise": {},
+            "lidar.dropout": 0.1,
+            "lidar.false_returns": 0.005,
+            "lidar.bias_m": 10.0,
+            "lidar.attitude_error_deg": 0.05,
+            "noise_seed": 3,
+        },
+    ),
+    "hybrid, disturbed": ("hybrid", {"transit.index": 0, "disturbance": {}}),
+    "hybrid, blocked, adaptive": (
+        "hybrid",
+        {"transit.index": 4, "hybrid.period_rule": "adaptive"},
+    ),
+    "hybrid, blocked, kicks, noisy state, assurance": (
+        "hybrid",
+        {
+            "transit.index": 7,
+            "kicks": {},
+            "assurance": {},
+            "hybrid.state_noise_position_m": 50.0,
+            "hybrid.state_noise_velocity_m_s": 0.05,
+        },
+    ),
+    "pd": ("pd", {"transit.index": 3}),
+    "pd on the policy's estimate": ("pd:assets/policy", {"transit.index": 5}),
+    "zero, with assurance": ("zero", {"transit.index": 6, "assurance": {}}),
+}
+
+
+def hashes(log: FlightLog) -> dict[str, str]:
+    """The SHA-256 of each array of a log, and of how the flight ended."""
+    arrays = {str(name): log.dataset[name].values for name in log.dataset.variables}
+    arrays |= {name: np.asarray(float(log.dataset.attrs[name])) for name in OUTCOMES}
+    return {
+        name: hashlib.sha256(
+            f"{array.dtype} {array.shape} ".encode() + np.ascontiguousarray(array).tobytes()
+        ).hexdigest()
+        for name, array in sorted(arrays.items())
+        if name not in WALL_TIMES
+    }
+
+
+def main() -> None:
+    if len(sys.argv) != 3 or sys.argv[1] not in ("record", "compare"):
+        sys.exit(f"use: {sys.argv[0]} record|compare FILE")
+    path = Path(sys.argv[2])
+    known = json.loads(path.read_text()) if sys.argv[1] == "compare" else {}
+    found, changed = {}, 0
+    for name, (controller, settings) in FLIGHTS.items():
+        log = fly(load_scenario(None, settings), controller)
+        found[name] = hashes(log)
+        line = f"{name}: {len(log.dataset.time)} rows"
+        if known:
+            differ = sorted(
+                key
+                for key in {*found[name], *known[name]}
+                if found[name].get(key) != known[name].get(key)
+            )
+            changed += bool(differ)
+            line += f", differs in {', '.join(differ)}" if differ else ", the same"
+        print(line, flush=True)
+    if not known:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(json.dumps(found, indent=1) + "\n")
+    sys.exit(1 if changed else 0)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""Scenarios, wiring, flights, logs and pictures: everything between the blocks and the commands."""

@@ -1,0 +1,49 @@
+"""Flying: a scenario and a controller in, a log out; one flight or many.
+
+Start with `fly` for one flight, `make_transit_diagram` for its wiring, `named_controller` for the
+controllers that have a name, and `run_campaign` for many flights on many processes. A new
+controller needs nothing here: it says itself what it logs and draws (see
+docs/how_to/own_controller.md).
+"""
+
+from proxops.diagrams.flight.adversarial_flights import ADVERSARIES, Pilot, adversarial_flight
+from proxops.diagrams.flight.campaign import (
+    Flight,
+    Row,
+    body_sha256,
+    file_label,
+    made_with,
+    run_campaign,
+    run_groups,
+    transit_flights,
+    version_and_body,
+)
+from proxops.diagrams.flight.hybrid_controller import make_hybrid
+from proxops.diagrams.flight.named_controllers import named_controller
+from proxops.diagrams.flight.parallel import parallel_results
+from proxops.diagrams.flight.scenario_systems import bundle_of, make_backup, make_controller
+from proxops.diagrams.flight.simulation import fly
+from proxops.diagrams.flight.transit_diagram import make_transit_diagram
+
+__all__ = [
+    "ADVERSARIES",
+    "Flight",
+    "Pilot",
+    "Row",
+    "adversarial_flight",
+    "body_sha256",
+    "bundle_of",
+    "file_label",
+    "fly",
+    "made_with",
+    "make_backup",
+    "make_controller",
+    "make_hybrid",
+    "make_transit_diagram",
+    "named_controller",
+    "parallel_results",
+    "run_campaign",
+    "run_groups",
+    "transit_flights",
+    "version_and_body",
+]

@@ -1,0 +1,165 @@
+"""`HybridController`: MPC, policy and the selector between them, wired to be flown as one."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, System
+from pydrake.systems.primitives import ConstantVectorSource
+
+from proxops.diagrams.flight.scenario_systems import make_controller
+from proxops.diagrams.scenario import Body, Scenario
+from proxops.systems import (
+    AgreementGate,
+    CheckSchedule,
+    EnabledValue,
+    GateKind,
+    HybridSelector,
+    InputError,
+    ModelPredictiveController,
+    NeuralPolicy,
+    PeriodRule,
+    ReachModel,
+    StateNoise,
+)
+from proxops.systems.common import derived_seed
+
+# Of derived seeds, apart from those of the transit diagram.
+_STATE_NOISE_STREAM = 100
+# The true state is taken to be within so many standard deviations of the noisy one; of normal
+# errors in three dimensions, 15 in a million are not.
+_DEVIATIONS = 5.0
+
+
+def make_hybrid(scenario: Scenario, body: Body, policy: System) -> HybridController:
+    """The hybrid that the scenario configures, of its MPC and a policy.
+
+    Raises:
+      InputError: as `HybridController`.
+    """
+    settings, craft, transit = scenario.hybrid, scenario.spacecraft, scenario.transit
+    period = scenario.control_period_s
+    position_std = settings.state_noise_position_m
+    velocity_std = settings.state_noise_velocity_m_s
+    selector = HybridSelector(
+        AgreementGate(
+            GateKind(settings.gate),
+            settings.epsilon_magnitude_n,
+            math.radians(settings.epsilon_angle_deg),
+            settings.dead_band_n,
+        ),
+        CheckSchedule(
+            PeriodRule(settings.period_rule),
+            settings.check_period,
+            settings.longest_period,
+        ),
+        ReachModel.of(
+            body.gravity_field,
+            body.keep_out_semi_axes,
+            body.spin_rate,
+            craft.thrust_limit_n / craft.mass_kg,
+        ),
+        period,
+        _DEVIATIONS * position_std,
+        _DEVIATIONS * velocity_std,
+    )
+    seed = derived_seed(scenario.noise_seed, transit.seed, transit.index, _STATE_NOISE_STREAM)
+    noise = StateNoise(position_std, velocity_std, period, seed)
+    return HybridController(make_controller(scenario, body), policy, selector, noise)
+
+
+def zero_hybrid(scenario: Scenario, body: Body) -> HybridController:
+    """The hybrid with a policy that always says zero: the share that nothing learned earns.
+
+    To be flown as `proxops.diagrams.flight.hybrid_controller:zero_hybrid`.
+    """
+    builder = DiagramBuilder()
+    zero = builder.AddNamedSystem("zero", ConstantVectorSource(np.zeros(3)))
+    builder.ExportOutput(zero.get_output_port(), "force")
+    return make_hybrid(scenario, body, builder.Build())
+
+
+class HybridController(Diagram):
+    """Flies a policy, and asks the MPC now and then whether it agrees.
+
+    ```
+    state ──► StateNoise ─┬─► MPC ─── mpc_force ───►┌────────────────┐
+    target ───────────────│─► ▲ ▲ └ planned_force ─►│                ├─► force (3), N
+                          │   │ └── mpc_wanted ─────┤ HybridSelector ├─► decision (1)
+                          └───│────────────────────►│                ├─► decision_record (7)
+    ranges, target, ─────► policy ── policy_force ─►└────────────────┘
+    applied_force
+    ```
+
+    Besides it has outputs of the MPC, `mpc_force` (3) and `mpc_record` (3), NaN at steps where it
+    is not wanted and never asking it then, and of the policy, `policy_force` (3), `policy_record`
+    (2) and `estimate` (6). The noise is that of the state that MPC and selector know.
+    """
+
+    def __init__(
+        self,
+        expert: ModelPredictiveController,
+        policy: System,
+        selector: HybridSelector,
+        noise: StateNoise,
+    ):
+        """Takes the parts; another system with an output port `force` may stand for the policy.
+
+        Raises:
+          InputError: the MPC flies with a delay, which it would predict by its own last command.
+        """
+        super().__init__()
+        if expert.delay > 0.0:
+            raise InputError(
+                "the hybrid flies without mpc.solve_delay_s: the MPC predicts over the delay by "
+                "its own last command, and the policy's may act"
+            )
+        self.bundle = policy.bundle if isinstance(policy, NeuralPolicy) else None
+        builder = DiagramBuilder()
+        builder.AddNamedSystem("mpc", expert)
+        builder.AddNamedSystem("policy", policy)
+        builder.AddNamedSystem("selector", selector)
+        builder.AddNamedSystem("noise", noise)
+        inputs: set[str] = set()
+
+        def take(port) -> None:
+            name = port.get_name()
+            if name in inputs:
+                builder.ConnectInput(name, port)
+            else:
+                builder.ExportInput(port, name)
+                inputs.add(name)
+
+        for port in (noise.GetInputPort("state"), expert.GetInputPort("target")):
+            take(port)
+        for i in range(policy.num_input_ports()):
+            take(policy.get_input_port(i))
+        known = noise.GetOutputPort("state")
+        wanted = selector.GetOutputPort("mpc_wanted")
+        builder.Connect(known, expert.GetInputPort("state"))
+        builder.Connect(known, selector.GetInputPort("state"))
+        builder.Connect(wanted, expert.GetInputPort("enable"))
+        builder.Connect(expert.GetOutputPort("force"), selector.GetInputPort("mpc_force"))
+        planned = expert.GetOutputPort("planned_force")
+        builder.Connect(planned, selector.GetInputPort("planned_force"))
+        builder.Connect(policy.GetOutputPort("force"), selector.GetInputPort("policy_force"))
+        builder.ExportOutput(selector.GetOutputPort("force"), "force")
+        builder.ExportOutput(selector.GetOutputPort("decision"), "decision")
+        builder.ExportOutput(selector.GetOutputPort("record"), "decision_record")
+        for name in ("force", "record"):
+            asked = builder.AddNamedSystem(f"asked_{name}", EnabledValue(3))
+            builder.Connect(wanted, asked.GetInputPort("enable"))
+            builder.Connect(expert.GetOutputPort(name), asked.GetInputPort("value"))
+            builder.ExportOutput(asked.GetOutputPort("value"), f"mpc_{name}")
+        builder.ExportOutput(policy.GetOutputPort("force"), "policy_force")
+        if self.bundle is not None:
+            builder.ExportOutput(policy.GetOutputPort("record"), "policy_record")
+            if self.bundle.estimates:
+                builder.ExportOutput(policy.GetOutputPort("estimate"), "estimate")
+        builder.BuildInto(self)
+
+    def logged_ports(self) -> dict[str, OutputPort]:
+        """What a log of its flight holds besides the force, by the names of its columns."""
+        ports = [self.get_output_port(i) for i in range(self.num_output_ports())]
+        return {port.get_name(): port for port in ports if port.get_name() != "force"}

@@ -1,0 +1,108 @@
+"""Controllers by name: those that come with proxops, and one's own."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib.util
+import sys
+from collections.abc import Generator
+from pathlib import Path
+
+import numpy as np
+from pydrake.systems.framework import DiagramBuilder, System
+from pydrake.systems.primitives import ConstantVectorSource
+
+from proxops.diagrams.flight.hybrid_controller import make_hybrid
+from proxops.diagrams.flight.scenario_systems import (
+    WITH_BUNDLE,
+    bundle_of,
+    make_controller,
+    make_estimate_feedback,
+    make_policy,
+    make_proportional_derivative,
+)
+from proxops.diagrams.scenario import Body, Scenario
+from proxops.systems.common import InputError
+
+
+def named_controller(name: str, scenario: Scenario, body: Body) -> System:
+    """The controller of a name: `mpc`, `policy`, `hybrid`, `pd`, `zero`, or `MODULE:FACTORY`.
+
+    `policy:FOLDER` and `hybrid:FOLDER` fly the policy of that bundle, `pd:FOLDER` the PD controller
+    on the state that the policy of that bundle estimates, where `pd` knows the true one.
+
+    FACTORY, your own, is called as `factory(scenario, body)` and returns a System with the ports
+    that `make_transit_diagram` asks for. MODULE is looked for in the working directory too.
+
+    Raises:
+      InputError: an unknown name, no policy that fits, or a factory that cannot be imported or
+        fails.
+    """
+    if name == "mpc":
+        return make_controller(scenario, body)
+    bundle = bundle_of(name, scenario)
+    if bundle is not None:
+        if name.startswith("pd"):
+            return make_estimate_feedback(bundle, scenario, body)
+        policy = make_policy(bundle, scenario, body)
+        return make_hybrid(scenario, body, policy) if name.startswith("hybrid") else policy
+    if name == "pd":
+        return make_proportional_derivative(scenario)
+    if name == "zero":
+        return _zero_controller()
+    module_name, colon, factory_name = name.partition(":")
+    if not colon:
+        raise InputError(
+            f"controller {name!r} is not known: use mpc, policy, hybrid, pd, zero, one of "
+            "policy:FOLDER, hybrid:FOLDER and pd:FOLDER, or MODULE:FACTORY"
+        )
+    try:
+        with _working_directory_importable():
+            factory = getattr(importlib.import_module(module_name), factory_name)
+            controller = factory(scenario, body)
+    except Exception as error:
+        raise InputError(f"controller {name!r}: {type(error).__name__}: {error}") from error
+    if not isinstance(controller, System):
+        raise InputError(f"controller {name!r} made a {type(controller).__name__}, not a System")
+    return controller
+
+
+def controller_source(name: str) -> Path | None:
+    """The file of a controller MODULE:FACTORY; None: `name` is no such controller, or it has none.
+
+    What that file imports is not looked at.
+
+    Raises:
+      InputError: there is no such module.
+    """
+    module_name, colon, _ = name.partition(":")
+    if not colon or module_name in WITH_BUNDLE:
+        return None
+    if module_name in sys.modules:
+        file = getattr(sys.modules[module_name], "__file__", None)
+        return None if file is None else Path(file)
+    try:
+        with _working_directory_importable():
+            spec = importlib.util.find_spec(module_name)
+    except Exception as error:  # Packages above it are imported.
+        raise InputError(f"controller {name!r}: {type(error).__name__}: {error}") from error
+    if spec is None:
+        raise InputError(f"controller {name!r}: No module named {module_name!r}")
+    return Path(spec.origin) if spec.has_location and spec.origin else None
+
+
+@contextlib.contextmanager
+def _working_directory_importable() -> Generator[None]:
+    here = str(Path.cwd())
+    sys.path.insert(0, here)
+    try:
+        yield
+    finally:
+        sys.path.remove(here)
+
+
+def _zero_controller() -> System:
+    builder = DiagramBuilder()
+    source = builder.AddNamedSystem("zero", ConstantVectorSource(np.zeros(3)))
+    builder.ExportOutput(source.get_output_port(), "force")
+    return builder.Build()

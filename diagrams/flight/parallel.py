@@ -1,0 +1,139 @@
+"""Independent pieces of work, done by processes on this machine or a Dask cluster."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import os
+import typing
+from collections.abc import Callable, Generator, Sequence
+from uuid import uuid4
+
+import numba
+
+from proxops.systems.common import InputError
+
+# A process that has done this many is replaced: Drake's diagrams of Python systems are never
+# freed, and each leaves some 1.5 MB behind.
+_PIECES_PER_PROCESS = 150
+# So many workers may be killed over one piece of work.
+_LIVES = 4
+
+
+class Named(typing.Protocol):
+    """A piece of work; it is sent to the workers, so it must pickle."""
+
+    @property
+    def name(self) -> str:
+        """Unique among them."""
+        ...
+
+
+Work = typing.TypeVar("Work", bound=Named)
+Result = typing.TypeVar("Result")
+
+
+def parallel_results(
+    pieces: Sequence[Work],
+    task: Callable[[Work], Result],
+    workers: int | None = None,
+    scheduler: str | None = None,
+) -> Generator[tuple[str, Result]]:
+    """Name and result of each piece of work, as it ends.
+
+    Args:
+      task: a function of a module.
+      workers: processes on this machine; None: one for each core. Little work for one is done in
+        this process.
+      scheduler: address of a Dask scheduler whose workers do it instead; each should have one
+        thread.
+
+    Raises:
+      InputError: no scheduler answers, or a piece of work ended its process again and again.
+    """
+    workers = min(workers or os.cpu_count() or 1, len(pieces))
+    if scheduler is not None:
+        yield from _distributed(pieces, task, workers, scheduler)
+    elif workers <= 1 and len(pieces) <= _PIECES_PER_PROCESS:
+        for piece in pieces:
+            yield piece.name, task(piece)
+    else:
+        batch = workers * _PIECES_PER_PROCESS
+        for start in range(0, len(pieces), batch):
+            yield from _distributed(pieces[start : start + batch], task, workers, None)
+
+
+def _distributed(
+    pieces: Sequence[Work], task: Callable[[Work], Result], workers: int, scheduler: str | None
+) -> Generator[tuple[str, Result]]:
+    """As `parallel_results`, by Dask's workers."""
+    # Slow to import: only when it is needed.
+    from dask.distributed import KilledWorker, as_completed
+
+    with _client(workers, scheduler) as client:
+        futures = [
+            # Keys of their own: others may use the scheduler too, for work of the same names.
+            client.submit(
+                _on_one_thread, task, piece, key=f"{piece.name}-{uuid4().hex}", pure=False
+            )
+            for piece in pieces
+        ]
+        names = {future.key: piece.name for future, piece in zip(futures, pieces, strict=True)}
+        done = as_completed(futures)
+        del futures
+        for future in done:
+            try:
+                result = future.result()
+            except KilledWorker as error:
+                raise InputError(
+                    f"{names[future.key]} ended {_LIVES} worker processes one after the "
+                    "other: is there memory enough? Run again to go on, with fewer --workers"
+                ) from error
+            yield names[future.key], result
+            future.release()
+
+
+@contextlib.contextmanager
+def _client(workers: int, scheduler: str | None):
+    import dask.config
+    from dask.distributed import Client, LocalCluster
+
+    if scheduler is not None:
+        try:
+            client = Client(scheduler, timeout="10s")
+        except (OSError, ValueError, TimeoutError) as error:
+            raise InputError(f"no Dask scheduler answers at {scheduler}: {error}") from error
+        with client:
+            yield client
+        return
+    settings = {
+        "distributed.worker.multiprocessing-method": "spawn",
+        # Dask would put these variables into this process's environment too.
+        "distributed.nanny.pre-spawn-environ": {},
+        # A worker that is killed is replaced, and its work done again.
+        "distributed.scheduler.allowed-failures": _LIVES - 1,
+    }
+    with (
+        dask.config.set(settings),
+        LocalCluster(
+            n_workers=workers,
+            threads_per_worker=1,
+            processes=True,
+            dashboard_address=":0",  # Any free port: several may run.
+            silence_logs=logging.CRITICAL,
+            # Ctrl-C reaches all processes of a terminal; the workers end when this one does.
+            preload=["import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"],
+        ) as cluster,
+        Client(cluster) as client,
+    ):
+        yield client
+
+
+def _on_one_thread(task: Callable[[Work], Result], piece: Work) -> Result:
+    """One piece is one thread's work, in a worker beside others."""
+    import dask.config
+
+    numba.set_num_threads(1)
+    # Or xarray would write its files under locks that it shares with the other workers.
+    with dask.config.set(scheduler="synchronous"):
+        return task(piece)

@@ -1,0 +1,175 @@
+"""The systems that a scenario configures: the controllers and the lidar."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from proxops.assets import ASSETS
+from proxops.diagrams.flight.estimate_feedback import EstimateFeedback
+from proxops.diagrams.scenario import AssuranceConfig, Body, LidarConfig, Scenario
+from proxops.systems import (
+    AssuranceLimits,
+    BackupBraking,
+    ErrorWeights,
+    Horizon,
+    InputError,
+    LearnedLidar,
+    Lidar,
+    ModelPredictiveController,
+    NeuralPolicy,
+    PlanarLidar,
+    PointMassField,
+    ProportionalDerivative,
+    TransitLimits,
+    TransitProgram,
+    WeightedProgram,
+)
+
+_SHIPPED_POLICY = ASSETS / "policy"
+
+
+def make_controller(scenario: Scenario, body: Body) -> ModelPredictiveController:
+    """The expert, as the scenario configures it."""
+    craft, mpc = scenario.spacecraft, scenario.mpc
+    field = PointMassField(body.gravity_field.mass) if mpc.point_mass else body.gravity_field
+    limits = TransitLimits(
+        mass=craft.mass_kg,
+        thrust=craft.thrust_limit_n,
+        speed=craft.speed_limit_m_s,
+        keep_out_semi_axes=body.keep_out_semi_axes + mpc.keep_out_margin_m,
+    )
+    horizon = Horizon(
+        knots=mpc.knots,
+        knot_growth=mpc.knot_growth,
+        nominal_acceleration=mpc.nominal_acceleration_m_s2,
+        fuel_weight=mpc.fuel_weight,
+        minimum=mpc.min_horizon_s,
+    )
+    if mpc.cost == "weighted":
+        weights = ErrorWeights(mpc.weighted.position_error_m, mpc.weighted.speed_error_m_s)
+        horizon = replace(horizon, minimum=mpc.weighted.horizon_s)
+        program = WeightedProgram(field, body.spin_rate, limits, horizon, weights)
+    else:
+        program = TransitProgram(field, body.spin_rate, limits, horizon)
+    return ModelPredictiveController(
+        program,
+        scenario.control_period_s,
+        mpc.cold_iterations,
+        mpc.estimator_gain,
+        mpc.solve_delay_s,
+    )
+
+
+WITH_BUNDLE = ("policy", "hybrid", "pd")
+"""Controllers that fly a policy, or may, and may be told its bundle's folder: `policy:out/bundle`.
+"""
+
+
+def bundle_of(name: str, scenario: Scenario) -> Path | None:
+    """Folder of the policy's bundle that the controller of a name flies; None: it flies none.
+
+    `policy` and `hybrid` fly the scenario's, `pd` none. A path after a colon is relative to the
+    working directory.
+
+    Raises:
+      InputError: no policy is named, and none ships.
+    """
+    kind, colon, path = name.partition(":")
+    if kind not in WITH_BUNDLE or name == "pd":
+        return None
+    return Path(path) if colon else _scenario_bundle(scenario)
+
+
+def _scenario_bundle(scenario: Scenario) -> Path:
+    if scenario.policy.bundle is not None:
+        return Path(scenario.policy.bundle)
+    if not _SHIPPED_POLICY.is_dir():
+        raise InputError(
+            "no policy ships with this proxops: make one with proxops train, and name its bundle "
+            "with --set policy.bundle=FOLDER"
+        )
+    return _SHIPPED_POLICY
+
+
+def make_policy(bundle: Path, scenario: Scenario, body: Body) -> NeuralPolicy:
+    """The learned policy of a bundle's folder.
+
+    Raises:
+      InputError: there is none, it is damaged, or for another body, lidar or control period.
+    """
+    return NeuralPolicy(
+        bundle,
+        scenario.spacecraft.thrust_limit_n,
+        scenario.control_period_s,
+        scenario.lidar.planes,
+        scenario.lidar.rays,
+        shape_sha256=body.shape.sha256,
+    )
+
+
+def make_proportional_derivative(scenario: Scenario) -> ProportionalDerivative:
+    """The PD controller, its gains from the scenario's mass, limits and control period."""
+    craft = scenario.spacecraft
+    return ProportionalDerivative(
+        craft.mass_kg, craft.thrust_limit_n, craft.speed_limit_m_s, scenario.control_period_s
+    )
+
+
+def make_estimate_feedback(bundle: Path, scenario: Scenario, body: Body) -> EstimateFeedback:
+    """The PD controller on the state that a bundle's policy estimates.
+
+    Raises:
+      InputError: as `make_policy`, or the policy makes no estimate.
+    """
+    policy = make_policy(bundle, scenario, body)
+    return EstimateFeedback(policy, make_proportional_derivative(scenario))
+
+
+def make_backup(scenario: Scenario, body: Body, assurance: AssuranceConfig) -> BackupBraking:
+    """The backup braking that an assurance with these settings falls back on.
+
+    Raises:
+      InputError: the thrust cannot hold the spacecraft everywhere outside the ellipsoid.
+    """
+    craft = scenario.spacecraft
+    limits = AssuranceLimits(
+        mass=craft.mass_kg,
+        thrust=craft.thrust_limit_n,
+        speed=craft.speed_limit_m_s,
+        keep_out_semi_axes=body.keep_out_semi_axes,
+        margin=assurance.margin_m,
+    )
+    return BackupBraking(body.gravity_field, body.spin_rate, limits, scenario.control_period_s)
+
+
+def make_lidar(scenario: Scenario, body: Body, seed: int) -> PlanarLidar:
+    """The lidar that the scenario names, its noise seeded with `seed`.
+
+    Raises:
+      InputError: a learned lidar whose bundle is damaged, or for another body or geometry.
+    """
+    sensor = scenario.lidar
+    common = {
+        "noise_std": sensor.noise_std_m,
+        "max_range": sensor.max_range_m,
+        "planes": sensor.planes,
+        "rays": sensor.rays,
+        "period": scenario.control_period_s,
+        "seed": seed,
+        "bias": sensor.bias_m,
+        "scale_error": sensor.scale_error,
+        "dropout": sensor.dropout,
+        "false_returns": sensor.false_returns,
+        "attitude_error": np.radians(sensor.attitude_error_deg),
+    }
+    if isinstance(sensor, LidarConfig):
+        return Lidar(body.shape, max_incidence=np.radians(sensor.max_incidence_deg), **common)
+    return LearnedLidar(
+        sensor.bundle,
+        hit_probability=sensor.hit_probability,
+        shape_sha256=body.shape.sha256,
+        **common,
+    )

@@ -1,0 +1,248 @@
+"""The record of one flight: an xarray dataset that is enough to repeat it, kept as NetCDF-4."""
+
+from __future__ import annotations
+
+import typing
+from dataclasses import dataclass, field
+from enum import IntEnum
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+from pydrake.common.yaml import yaml_dump_typed, yaml_load
+
+from proxops.diagrams.logs.flight_summary import summarise
+from proxops.diagrams.scenario import (
+    Body,
+    BodyConfig,
+    Scenario,
+    dump_scenario,
+    load_typed,
+    parse_scenario,
+)
+from proxops.systems.assurance import InterventionReason
+from proxops.systems.common import InputError, write_whole
+from proxops.systems.expert import PlanReason, PlanStatus
+from proxops.systems.hybrid import DecisionReason
+from proxops.systems.policy import PolicyStatus
+from proxops.systems.shapes import Polyhedron
+
+# name: (dimensions after time, units, long name)
+VARIABLES: dict[str, tuple[tuple[str, ...], str, str]] = {
+    "state": (("component",), "m; m/s", "position and velocity of the spacecraft in K"),
+    "target": (("component",), "m; m/s", "commanded final position and velocity in K"),
+    "force": (
+        ("axis",),
+        "N",
+        "force in K, before mismatch.thrust, from force_delay_s after this time on",
+    ),
+    "mpc_force": (("axis",), "N", "the MPC's force in K; NaN where it was not asked"),
+    "policy_force": (("axis",), "N", "the policy's force in K; NaN where there is none"),
+    "disturbance": (("axis",), "N", "applied less commanded (or assured) force in K"),
+    "intervention": ((), "N", "size of what runtime assurance changed the command by"),
+    "intervention_reason": ((), "1", "why it did: see flag_meanings; NaN: the flight was over"),
+    "kick": (("axis",), "m/s^2", "acceleration by a kick from this time on, until the next, in K"),
+    "decision": ((), "1", "who flies: 0 the controller named, 1 the MPC, 2 the policy"),
+    "decision_reason": ((), "1", "why they fly: see flag_meanings; NaN: none decided"),
+    "agreement": ((), "1", "1 if the policy's force agrees with the MPC's; NaN: not compared"),
+    "force_difference": ((), "N", "size of the difference of both forces; NaN: not compared"),
+    "force_angle": ((), "rad", "angle that the gate compares; NaN: not compared, or a zero force"),
+    "check_clearance": ((), "m", "distance to the keep-out ellipsoid at a check; NaN: no check"),
+    "steps_to_check": ((), "1", "control steps from this one to the next check"),
+    "decision_time": ((), "s", "wall time of comparing and deciding"),
+    "solve_time": ((), "s", "wall time of the MPC's step; NaN where it was not asked"),
+    "solve_status": ((), "1", "0 solved, 1 last plan flown on, 2 braking; NaN: not asked"),
+    "solve_reason": ((), "1", "why the MPC did so: see flag_meanings; NaN: not asked"),
+    "policy_time": ((), "s", "wall time of the policy's network; NaN where it was not asked"),
+    "policy_status": ((), "1", "0 answered, 1 not finite: no force; NaN: not asked"),
+    "estimate": (("component",), "m; m/s", "the policy's estimate of the state in K; NaN: none"),
+    "ranges": (("plane", "ray"), "m", "lidar ranges; +inf where nothing returned"),
+}
+# Meanings of codes, as the CF conventions have them: flag_values and flag_meanings.
+_FLAGS: dict[str, type[IntEnum]] = {
+    "solve_status": PlanStatus,
+    "solve_reason": PlanReason,
+    "policy_status": PolicyStatus,
+    "decision_reason": DecisionReason,
+    "intervention_reason": InterventionReason,
+}
+DECISION_VARIABLES = (
+    "decision_reason", "agreement", "force_difference", "force_angle", "check_clearance",
+    "steps_to_check", "decision_time",
+)  # fmt: skip
+"""Columns of `HybridSelector`'s record."""
+# Without these a file is no log; frames may be left out, the oldest logs have no reasons, and not
+# every flight has kicks, a policy, a hybrid's decisions or runtime assurance, and not every policy
+# an estimate.
+_POLICY_VARIABLES = ("policy_time", "policy_status", "estimate")
+_ASSURANCE_VARIABLES = ("intervention", "intervention_reason")
+_OPTIONAL_VARIABLES = (
+    "ranges", "solve_reason", "kick", *_POLICY_VARIABLES, *DECISION_VARIABLES,
+    *_ASSURANCE_VARIABLES,
+)  # fmt: skip
+_NEEDED_VARIABLES = ["time", *(name for name in VARIABLES if name not in _OPTIONAL_VARIABLES)]
+_NEEDED_VARIABLES += ["mesh_vertices", "mesh_facets"]
+_NEEDED_ATTRIBUTES = ["scenario", "body", "controller", "shape_sha256", "arrival_time_s"]
+_NEEDED_ATTRIBUTES += ["collided", "keep_out_violations", "wall_s", "scenario_sha256"]
+# Hashes of the networks that flew.
+_NETWORKS = ("policy_sha256", "lidar_sha256")
+# Attributes that say how a flight ended.
+_OUTCOMES = ("arrival_time_s", "collided", "keep_out_violations")
+_WALL_TIMES = {"solve_time", "policy_time", "decision_time"}
+COORDINATES = {
+    "component": ["x", "y", "z", "vx", "vy", "vz"],
+    "axis": ["x", "y", "z"],
+}
+
+
+@dataclass
+class FlightLog:
+    """One flight. `dataset` has the dimension `time` and the variables of `VARIABLES`.
+
+    The force of row k acts from `force_delay_s`, a global attribute, after that row's time until as
+    long after the next row's; no force acts before. It is 0 unless the MPC flies with
+    `mpc.solve_delay_s`, and may be missing.
+
+    All vectors are in the body-fixed frame K; `position_inertial` and `velocity_inertial` are the
+    same motion seen from the frame that coincides with K at time 0 and does not turn. The last
+    row is the end of the flight. Global attributes hold the scenario, the body's constants, the
+    package version and the shape's hash; the body's mesh is in `mesh_vertices`, `mesh_facets`.
+    """
+
+    dataset: xr.Dataset
+    body: Body = field(repr=False)
+
+    @property
+    def scenario(self) -> Scenario:
+        """The scenario that was flown."""
+        return parse_scenario(self.dataset.attrs["scenario"], "the log's scenario")
+
+    @property
+    def summary(self) -> dict[str, typing.Any]:
+        """The figures of merit, as `summary.json` holds them."""
+        return summarise(self.dataset, self.scenario, self.body)
+
+    def to_netcdf(self, path: str | Path) -> None:
+        """Writes the log; the file appears under its name only when it is whole.
+
+        Raises:
+          InputError: the folder does not exist or cannot be written.
+        """
+        # Shuffled, lightly deflated ranges take a tenth of the room: most rays return nothing.
+        packed = {"zlib": True, "complevel": 1, "shuffle": True}
+        encoding = {name: packed for name in ("ranges",) if name in self.dataset}
+        # Made in memory: on a full disk HDF5 does not raise, it ends the process.
+        content = self.dataset.to_netcdf(engine="h5netcdf", encoding=encoding)
+        write_whole(Path(path), lambda name: name.write_bytes(content))
+
+    @classmethod
+    def load(cls, path: str | Path) -> FlightLog:
+        """Reads a log back, into memory.
+
+        Raises:
+          InputError: not a flight log, or the mesh in it is not the one its hash names.
+        """
+        try:
+            dataset = xr.load_dataset(path, engine="h5netcdf")
+        except Exception as error:  # A damaged file makes h5py and xarray raise all sorts.
+            raise InputError(f"{path} is not a flight log: {error}") from error
+        missing = [name for name in _NEEDED_VARIABLES if name not in dataset.variables]
+        missing += [name for name in _NEEDED_ATTRIBUTES if name not in dataset.attrs]
+        if missing:
+            raise InputError(f"{path} is not a flight log: it has no {', '.join(missing)}")
+        try:
+            config = load_typed(BodyConfig, yaml_load(data=dataset.attrs["body"]), str(path))
+            with np.errstate(all="ignore"):  # Damaged numbers may overflow before they are refused.
+                shape = Polyhedron(
+                    dataset["mesh_vertices"].values, dataset["mesh_facets"].values, name=config.mesh
+                )
+        except Exception as error:
+            raise InputError(f"{path} is damaged: {error}") from error
+        if shape.sha256 != dataset.attrs["shape_sha256"]:
+            raise InputError(f"{path}: the mesh does not match its hash; the file is damaged")
+        return cls(dataset, Body(config, shape))
+
+
+def make_dataset(
+    columns: dict[str, np.ndarray],
+    times: np.ndarray,
+    scenario: Scenario,
+    body: Body,
+    attributes: dict[str, typing.Any],
+) -> xr.Dataset:
+    """The dataset of a log from its columns, arrays whose first axis is time."""
+    data: dict[str, typing.Any] = {}
+    for name, (dimensions, units, long_name) in VARIABLES.items():
+        if name in columns:
+            notes: dict[str, typing.Any] = {"units": units, "long_name": long_name}
+            if name in _FLAGS:
+                notes["flag_values"] = np.array([*_FLAGS[name]], dtype=columns[name].dtype)
+                notes["flag_meanings"] = " ".join(flag.name.lower() for flag in _FLAGS[name])
+            data[name] = (("time", *dimensions), columns[name], notes)
+    position, velocity = inertial_motion(times, columns["state"], body.spin_rate)
+    note = "in the non-turning frame that is K at time 0"
+    data["position_inertial"] = (
+        ("time", "axis"), position, {"units": "m", "long_name": f"position {note}"},
+    )  # fmt: skip
+    data["velocity_inertial"] = (
+        ("time", "axis"), velocity, {"units": "m/s", "long_name": f"velocity {note}"},
+    )  # fmt: skip
+    data["mesh_vertices"] = (
+        ("vertex", "axis"), body.shape.vertices,
+        {"units": "m", "long_name": "vertices of the body's mesh in K"},
+    )  # fmt: skip
+    data["mesh_facets"] = (
+        ("facet", "corner"), body.shape.facets.astype(np.int32),
+        {"units": "1", "long_name": "facets as indices into mesh_vertices, wound outwards"},
+    )  # fmt: skip
+    time = ("time", times, {"units": "s", "long_name": "time since the start of the flight"})
+    return xr.Dataset(
+        data,
+        coords={"time": time, **COORDINATES},
+        attrs={
+            "title": f"proxops flight near {body.config.name}",
+            "scenario": dump_scenario(scenario),
+            "body": yaml_dump_typed(body.config, schema=BodyConfig),
+            "shape_sha256": body.shape.sha256,
+            **attributes,
+        },
+    )
+
+
+def inertial_motion(
+    times: np.ndarray, states: np.ndarray, spin_rate: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Position and velocity (N, 3) in the non-turning frame that is K at time 0.
+
+    Args:
+      times: (N,) in s. states: (N, 6), position and velocity in K. spin_rate: rad/s about z.
+    """
+    cos, sin = np.cos(spin_rate * times), np.sin(spin_rate * times)
+
+    def turned(vector: np.ndarray) -> np.ndarray:
+        x, y, z = vector.T
+        return np.stack([cos * x - sin * y, sin * x + cos * y, z], axis=1)
+
+    position = states[:, :3]
+    spin = np.array([0.0, 0.0, spin_rate])
+    return turned(position), turned(states[:, 3:] + np.cross(spin, position))
+
+
+def differences(first: FlightLog, second: FlightLog) -> list[str]:
+    """Variables, networks and outcomes in which two logs differ by any bit, wall times aside."""
+    one, other = first.dataset, second.dataset
+    names = sorted(({*map(str, one.variables)} | {*map(str, other.variables)}) - _WALL_TIMES)
+    changed = [
+        name
+        for name in names
+        if name not in one
+        or name not in other
+        or one[name].dtype != other[name].dtype
+        or not one[name].identical(other[name])
+    ]
+    changed += [name for name in _NETWORKS if one.attrs.get(name) != other.attrs.get(name)]
+    return changed + [
+        name
+        for name in _OUTCOMES
+        if not np.array_equal(one.attrs[name], other.attrs[name], equal_nan=True)
+    ]

@@ -1,0 +1,182 @@
+"""The figures of merit of one flight, from its log."""
+
+from __future__ import annotations
+
+import collections
+import typing
+
+import numpy as np
+import xarray as xr
+
+from proxops.diagrams.scenario import Body, Scenario
+from proxops.systems.expert import PlanReason, PlanStatus
+from proxops.systems.shapes import clearances
+
+# A keep-out violation is deeper than this (m).
+KEEP_OUT_TOLERANCE = 1.0
+# The pure policy, which sees nothing but lidar, is also judged at this many times the scenario's
+# radius and speed of arrival. `success_2km` is named for the defaults, Kleopatra's: 2 km, 2 m/s.
+WIDE_ARRIVAL = 2.0
+# An intervention of runtime assurance changes the command by more than this (N).
+INTERVENTION_TOLERANCE = 1e-3
+# Samples between two rows when the least clearance is sought.
+_SUBSTEPS = 10
+
+
+def summarise(data: xr.Dataset, scenario: Scenario, body: Body) -> dict[str, typing.Any]:
+    """The flight's figures of merit, from a log's dataset; see `FlightLog.summary`."""
+    times, states = data["time"].values, data["state"].values
+    attrs = data.attrs
+    arrival = float(attrs["arrival_time_s"])
+    arrived = bool(np.isfinite(arrival))
+    least = float(clearances(body.keep_out_semi_axes, dense_positions(times, states)).min())
+    # True acceleration by thrust, and for how long each acts in the flight and before arrival.
+    thrust = _true_push(scenario) * np.abs(data["force"].values[:-1]).sum(axis=1)
+    starts = times[:-1] + attrs.get("force_delay_s", 0.0)
+    lengths = np.clip(times[-1] - starts, 0.0, np.diff(times))
+    until = np.clip((arrival if arrived else np.inf) - starts, 0.0, lengths)
+    error = states[-1] - data["target"].values[-1]
+    control_ms = _control_ms(data)
+    by_policy = data["decision"].values[:-1] == 2
+    under_way = by_policy[times[:-1] < arrival] if arrived else by_policy
+    collided = bool(attrs["collided"])
+    violations = int(attrs["keep_out_violations"])
+    in_time = arrived and arrival <= scenario.arrival.deadline_s
+    # Who has arrived by the narrower rule has by the wider one, whatever interpolation says.
+    radius, speed = scenario.arrival.radius_m, scenario.arrival.speed_m_s
+    nearly = in_time or _arrives(data, scenario, WIDE_ARRIVAL * radius, WIDE_ARRIVAL * speed)
+    return {
+        "controller": attrs["controller"],
+        "seed": scenario.transit.seed,
+        "transit": scenario.transit.index,
+        "success": in_time and not collided and violations == 0,
+        "success_2km": nearly and not collided and violations == 0,
+        "collided": collided,
+        "keep_out_violations": violations,
+        "min_clearance_m": least,
+        "terminal_position_error_m": float(np.linalg.norm(error[:3])),
+        "terminal_speed_m_s": float(np.linalg.norm(error[3:])),
+        "arrival_time_s": arrival if arrived else None,
+        "delta_v_m_s": float(thrust @ until),
+        "hold_delta_v_m_s": float(thrust @ (lengths - until)),
+        "steps": len(times) - 1,
+        "mpc_solves": int(np.isfinite(data["solve_time"].values).sum()),
+        "policy_share": float(np.mean(by_policy)),
+        "policy_share_to_arrival": float(np.mean(under_way)) if under_way.size else None,
+        "control_ms_median": float(np.median(control_ms)) if control_ms.size else None,
+        "control_ms_p99": float(np.percentile(control_ms, 99)) if control_ms.size else None,
+        "control_ms_mean": float(np.mean(control_ms)) if control_ms.size else None,
+        "wall_s": float(attrs["wall_s"]),
+        "scenario_sha256": attrs["scenario_sha256"],
+        "policy_sha256": attrs.get("policy_sha256"),
+        **_estimate_errors(data),
+        **_interventions(data, scenario),
+    }
+
+
+def _control_ms(data: xr.Dataset) -> np.ndarray:
+    """Wall times in ms of the steps that have any: of the whole controller.
+
+    That is what the MPC took where it was asked, the policy's network, and deciding between them.
+    """
+    names = ("solve_time", "policy_time", "decision_time")
+    parts = np.array([data[name].values for name in names if name in data])
+    return 1e3 * np.nansum(parts[:, np.isfinite(parts).any(axis=0)], axis=0)
+
+
+def _estimate_errors(data: xr.Dataset) -> dict[str, float]:
+    """Median and 95th percentile of the errors of the policy's estimates, if it made any."""
+    if "estimate" not in data:
+        return {}
+    error = data["estimate"].values - data["state"].values
+    error = error[np.isfinite(error).all(axis=1)]
+    if not error.size:
+        return {}
+    figures = {}
+    for name, part in (("position_error_m", error[:, :3]), ("velocity_error_m_s", error[:, 3:])):
+        sizes = np.linalg.norm(part, axis=1)
+        figures[f"estimate_{name}_median"] = float(np.median(sizes))
+        figures[f"estimate_{name}_p95"] = float(np.percentile(sizes, 95))
+    return figures
+
+
+def _interventions(data: xr.Dataset, scenario: Scenario) -> dict[str, float]:
+    """How often runtime assurance changed the command, and by how much in all, if it flew."""
+    if "intervention" not in data:
+        return {}
+    changes = data["intervention"].values[:-1]
+    pushed = changes @ np.diff(data["time"].values)
+    return {
+        "interventions": int(np.sum(changes > INTERVENTION_TOLERANCE)),
+        "intervention_delta_v_m_s": float(pushed * _true_push(scenario)),
+    }
+
+
+def _true_push(scenario: Scenario) -> float:
+    """Acceleration in m/s^2 for a newton asked of the thrusters, by the plant's thrust and mass."""
+    mismatch = scenario.mismatch
+    return mismatch.thrust / (mismatch.mass * scenario.spacecraft.mass_kg)
+
+
+def fallback_steps(data: xr.Dataset) -> dict[str, int]:
+    """How many steps the MPC or the policy flew without a fresh answer, by "what: why"."""
+    counts = collections.Counter()
+    if "policy_status" in data and (bad := int((data["policy_status"] > 0).sum())):
+        counts["without force: policy not finite"] = bad
+    if "solve_reason" in data:
+        pairs = zip(data["solve_status"].values, data["solve_reason"].values, strict=True)
+        for status, reason in pairs:
+            if status > PlanStatus.SOLVED:
+                text = f"{PlanStatus(int(status)).name}: {PlanReason(int(reason)).name}"
+                counts[text.lower().replace("_", " ")] += 1
+    return counts
+
+
+def length_text(metres: float) -> str:
+    """In m below 1 km, else in km."""
+    return f"{metres:.2f} m" if abs(metres) < 1e3 else f"{metres / 1e3:.2f} km"
+
+
+def dense_positions(times: np.ndarray, states: np.ndarray) -> np.ndarray:
+    """Positions (M, 3) along the path, ten a row: cubic Hermite through positions and velocities.
+
+    At 10 s steps it is within a millimetre of the integrated path.
+    """
+    step = np.diff(times)[:, None, None]
+    s = (np.arange(_SUBSTEPS) / _SUBSTEPS)[None, :, None]
+    p, v = states[:, None, :3], states[:, None, 3:]
+    path = (
+        (1 + 2 * s) * (1 - s) ** 2 * p[:-1]
+        + s * (1 - s) ** 2 * step * v[:-1]
+        + s**2 * (3 - 2 * s) * p[1:]
+        + s**2 * (s - 1) * step * v[1:]
+    )
+    return np.concatenate([path.reshape(-1, 3), states[-1:, :3]])
+
+
+def _arrives(data: xr.Dataset, scenario: Scenario, radius: float, speed: float) -> bool:
+    """Whether the rows show a dwell within radius (m) and speed (m/s) that begins in time.
+
+    The moments of entering and leaving are interpolated between rows.
+    """
+    arrival = scenario.arrival
+    times = data["time"].values
+    error = data["state"].values - data["target"].values
+    distance, rate = np.linalg.norm(error[:, :3], axis=1), np.linalg.norm(error[:, 3:], axis=1)
+    level = np.maximum(distance / radius, rate / speed)
+    entered = times[0] if level[0] <= 1.0 else None
+    for k in range(1, len(times)):
+        inside = level[k] <= 1.0
+        if inside != (level[k - 1] <= 1.0):
+            share = (level[k - 1] - 1.0) / (level[k - 1] - level[k])
+            crossed = times[k - 1] + share * (times[k] - times[k - 1])
+        else:
+            crossed = times[k]
+        if entered is None and inside:
+            entered = crossed
+        if entered is not None:
+            if crossed - entered >= arrival.dwell_s * (1.0 - 1e-9):
+                return bool(entered <= arrival.deadline_s)
+            if not inside:
+                entered = None
+    return False

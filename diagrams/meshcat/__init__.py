@@ -1,0 +1,25 @@
+"""Flights in 3D: live in the browser, as a replay page, and in notebooks.
+
+Start with `write_replay` for a page from a log, `show_flight` for a notebook. `meshcat_scene` says
+what stands where in the scene; the others add views, panels, lidar returns and paths to it.
+"""
+
+from proxops.diagrams.meshcat.live_view import LiveView, add_live_view, start_server
+from proxops.diagrams.meshcat.meshcat_scene import Scene
+from proxops.diagrams.meshcat.notebook_view import show_body, show_flight, show_lidar
+from proxops.diagrams.meshcat.path_scene import paths_page
+from proxops.diagrams.meshcat.replay import PLAYBACK_SPEED, add_flight, write_replay
+
+__all__ = [
+    "PLAYBACK_SPEED",
+    "LiveView",
+    "Scene",
+    "add_flight",
+    "add_live_view",
+    "paths_page",
+    "show_body",
+    "show_flight",
+    "show_lidar",
+    "start_server",
+    "write_replay",
+]

@@ -1,0 +1,216 @@
+"""What a flight looks like in Drake's Meshcat: the pieces that the replay and a live view share.
+
+Everything is in the body-fixed frame K. A Meshcat unit follows from the body, so that one of any
+size fills the picture alike; spacecraft, goal, arrows and points are of fixed sizes in units. About
+Kleopatra a unit is 100 km, and the spacecraft is drawn some thousand times its size.
+"""
+
+from __future__ import annotations
+
+import logging
+import typing
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from pydrake.geometry import Box, Meshcat, MeshcatParams, Rgba, Sphere
+from pydrake.math import RigidTransform
+from pydrake.perception import PointCloud
+
+from proxops.diagrams.scenario import Body
+from proxops.systems.lidar import ray_directions
+
+_BODY = Rgba(0.62, 0.57, 0.51)
+_KEEP_OUT = Rgba(0.35, 0.55, 0.95, 0.12)
+# Lines are opaque in Meshcat whatever their alpha, so these are dark instead.
+_GRATICULE = Rgba(0.16, 0.23, 0.40)
+GOAL = Rgba(0.30, 1.00, 0.45)
+_HULL = Rgba(0.92, 0.92, 0.95)
+_PANELS = Rgba(0.20, 0.32, 0.75)
+THRUST = Rgba(1.00, 0.85, 0.20)
+RETURNS = Rgba(1.00, 0.10, 0.30)
+_PLAN = Rgba(0.55, 0.85, 1.00)
+# Lengths in Meshcat units.
+_ARROW_LENGTH = 0.40
+_POINT_SIZE = 0.022
+
+FIELD_OF_VIEW = 40.0
+"""The camera's, vertically, in degrees."""
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A Meshcat and the body that is shown in it."""
+
+    meshcat: Meshcat
+    body: Body
+
+    @cached_property
+    def unit(self) -> float:
+        """Metres per Meshcat unit: half the body's greatest extent, rounded to one digit."""
+        return float(f"{self.body.shape.extents.max() / 2.0:.0e}")
+
+    def pose(self, position: np.ndarray) -> RigidTransform:
+        """The pose, in Meshcat units, at a position (3,) in m."""
+        scaled: typing.Any = position / self.unit
+        return RigidTransform(scaled)
+
+
+def quiet_meshcat() -> Meshcat:
+    """A Meshcat for making pages: it listens on whichever port is free and says nothing of it."""
+    logger = logging.getLogger("drake")
+    level = logger.level
+    logger.setLevel(logging.WARNING)
+    try:
+        # Port 0 lets the system choose, so that any number of processes can do this at once.
+        return Meshcat(MeshcatParams(host="localhost", port=0))
+    finally:
+        logger.setLevel(level)
+
+
+def prepare_scene(scene: Scene) -> None:
+    """Space: dark, no grid, no axes, one sun, which `look_at_flight` sets, and little else."""
+    meshcat = scene.meshcat
+    meshcat.SetProperty("/Grid", "visible", False)
+    meshcat.SetProperty("/Axes", "visible", False)
+    meshcat.SetProperty("/Background/<object>", "top_color", [0.015, 0.018, 0.035])
+    meshcat.SetProperty("/Background/<object>", "bottom_color", [0.03, 0.035, 0.06])
+    for light in ("SpotLight", "PointLightNegativeX", "PointLightPositiveX"):
+        meshcat.SetProperty(f"/Lights/{light}", "visible", False)
+    meshcat.SetProperty("/Lights/AmbientLight/<object>", "intensity", 0.5)
+    meshcat.SetProperty("/Lights/FillLight/<object>", "intensity", 3.2)
+    meshcat.SetCamera(
+        Meshcat.PerspectiveCamera(fov=FIELD_OF_VIEW, aspect=1.0, near=0.01, far=200.0)
+    )
+
+
+def add_body(scene: Scene) -> None:
+    """The body's mesh, shaded smoothly."""
+    shape = scene.body.shape
+    set_mesh(scene.meshcat, "/body", shape.vertices / scene.unit, shape.facets, _BODY)
+
+
+def add_keep_out(scene: Scene) -> None:
+    """The keep-out ellipsoid, translucent, with meridians and parallels every 15 degrees."""
+    meshcat = scene.meshcat
+    axes = scene.body.keep_out_semi_axes / scene.unit
+    turns, rises = np.linspace(0.0, 2.0 * np.pi, 97), np.linspace(-np.pi / 2.0, np.pi / 2.0, 49)
+    turn, rise = np.meshgrid(turns, rises)
+    points = axes * np.stack(
+        [np.cos(rise) * np.cos(turn), np.cos(rise) * np.sin(turn), np.sin(rise)], axis=-1
+    )
+    facets = grid_facets(*turn.shape)
+    # Only what faces the viewer, or the two sheets shade each other in the order of the facets.
+    side = Meshcat.SideOfFaceToRender.kFrontSide
+    set_mesh(meshcat, "/keep_out/surface", points.reshape(-1, 3), facets, _KEEP_OUT, side)
+    meridians, parallels = points[:, ::4], points[4:-4:4]
+    start = [meridians[:-1].reshape(-1, 3), parallels[:, :-1].reshape(-1, 3)]
+    end = [meridians[1:].reshape(-1, 3), parallels[:, 1:].reshape(-1, 3)]
+    starts: typing.Any = np.concatenate(start).T
+    ends: typing.Any = np.concatenate(end).T
+    meshcat.SetLineSegments("/keep_out/graticule", starts, ends, 1.0, _GRATICULE)
+
+
+def add_goal(scene: Scene, position: np.ndarray, name: str = "/goal") -> None:
+    """A marker at a position (3,) in m in K: a ball with three long thin bars through it."""
+    meshcat = scene.meshcat
+    meshcat.SetObject(f"{name}/ball", Sphere(0.022), GOAL)
+    for axis in range(3):
+        edges = np.full(3, 0.004)
+        edges[axis] = 0.16
+        meshcat.SetObject(f"{name}/bar_{axis}", Box(*edges), GOAL)
+    meshcat.SetTransform(name, scene.pose(position))
+
+
+def add_spacecraft(scene: Scene) -> None:
+    """A hull with two panels, and an arrow of thrust along each axis; see `move_spacecraft`."""
+    meshcat = scene.meshcat
+    meshcat.SetObject("/spacecraft/hull", Box(0.030, 0.030, 0.030), _HULL)
+    for side in (-1.0, 1.0):
+        name = f"/spacecraft/panel_{'left' if side < 0 else 'right'}"
+        meshcat.SetObject(name, Box(0.022, 0.055, 0.003), _PANELS)
+        beside: typing.Any = [0.0, side * 0.045, 0.0]
+        meshcat.SetTransform(name, RigidTransform(beside))
+    # An arrow along x, as a surface of revolution; the other two by cyclic permutation.
+    along = _ARROW_LENGTH * np.array([0.0, 0.0, 0.72, 0.72, 1.0])
+    out = np.array([0.0, 0.005, 0.005, 0.016, 0.0])
+    turn = np.linspace(0.0, 2.0 * np.pi, 13)
+    points = np.stack(
+        np.broadcast_arrays(
+            along[:, None], np.outer(out, np.cos(turn)), np.outer(out, np.sin(turn))
+        ),
+        axis=-1,
+    ).reshape(-1, 3)
+    for axis, letter in enumerate("xyz"):
+        rolled = np.roll(points, axis, axis=1)
+        set_mesh(meshcat, f"/spacecraft/thrust_{letter}", rolled, grid_facets(5, 13), THRUST)
+
+
+def move_spacecraft(
+    scene: Scene,
+    position: np.ndarray,
+    force: np.ndarray,
+    thrust_limit: float,
+    time_in_recording: float | None = None,
+) -> None:
+    """Puts the spacecraft at a position (3,) in m, its arrows to a force (3,) in N, both in K.
+
+    Each arrow points where the force accelerates. At `thrust_limit` (N) it is 0.4 units long;
+    below, its length goes with the square root of the force, so that the usual tenth of it is seen
+    too.
+    """
+    meshcat = scene.meshcat
+    meshcat.SetTransform("/spacecraft", scene.pose(position), time_in_recording)
+    for letter, share in zip("xyz", force / thrust_limit, strict=True):
+        # A negative scale turns the arrow about, through zero and without swinging round. Zero
+        # itself would leave the surface without normals.
+        scale = float(np.sign(share) * np.sqrt(abs(share))) if abs(share) > 1e-4 else 0.01
+        name = f"/spacecraft/thrust_{letter}"
+        meshcat.SetProperty(name, "scale", [scale] * 3, time_in_recording)
+
+
+def add_returns(scene: Scene, name: str, position: np.ndarray, ranges: np.ndarray) -> None:
+    """What one lidar frame saw from a position (3,) in m in K, as points.
+
+    `ranges` (planes, rays) are in m, +inf where nothing returned.
+    """
+    planes, rays = ranges.shape
+    flat = ranges.reshape(-1)
+    hit = np.isfinite(flat)
+    places = position + flat[hit, None] * ray_directions(planes, rays)[hit]
+    cloud = PointCloud(int(hit.sum()))
+    cloud.mutable_xyzs()[:] = (places / scene.unit).T
+    scene.meshcat.SetObject(name, cloud, _POINT_SIZE, RETURNS)
+
+
+def set_mesh(
+    meshcat: Meshcat,
+    name: str,
+    points: np.ndarray,
+    facets: np.ndarray,
+    colour: Rgba,
+    side: Meshcat.SideOfFaceToRender = Meshcat.SideOfFaceToRender.kDoubleSide,
+) -> None:
+    """A mesh of points (N, 3) in Meshcat units and facets (F, 3), shaded smoothly."""
+    vertices: typing.Any = points.T  # Drake's stubs know no numpy shapes.
+    faces: typing.Any = facets.astype(np.int32).T
+    meshcat.SetTriangleMesh(name, vertices, faces, colour, side=side)
+    meshcat.SetProperty(f"{name}/<object>", "material.flatShading", False)
+
+
+def add_plan(scene: Scene, positions: np.ndarray) -> None:
+    """The way that is planned, through positions (N, 3) in m in K, in place of the last one."""
+    points: typing.Any = (positions / scene.unit).T
+    scene.meshcat.SetLine("/plan", points, 1.0, _PLAN)
+
+
+def grid_facets(rows: int, columns: int) -> np.ndarray:
+    """Triangles (2 (rows-1) (columns-1), 3) of a grid of points numbered row by row."""
+    number = np.arange(rows * columns).reshape(rows, columns)
+    a, b, c, d = (
+        number[:-1, :-1].ravel(),
+        number[:-1, 1:].ravel(),
+        number[1:, 1:].ravel(),
+        number[1:, :-1].ravel(),
+    )
+    return np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])

@@ -1,0 +1,165 @@
+"""A flight in three dimensions as one HTML page, made with Drake's Meshcat, that needs no network.
+
+A replay runs at 160 times real time, so that a flight of 80 min takes 30 s; it has 16 frames a
+second, one for each 10 s control step. What it shows is in `meshcat_scene`, and
+below it is the panel of `proxops.diagrams.meshcat.replay_panel`.
+"""
+
+from __future__ import annotations
+
+import html
+import typing
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+from pydrake.geometry import Meshcat, Rgba
+
+from proxops.diagrams.logs import FlightLog, colour_of, who_flies
+from proxops.diagrams.meshcat.camera_views import look_at_flight, viewpoints
+from proxops.diagrams.meshcat.meshcat_scene import (
+    Scene,
+    add_body,
+    add_goal,
+    add_keep_out,
+    add_returns,
+    add_spacecraft,
+    grid_facets,
+    move_spacecraft,
+    prepare_scene,
+    quiet_meshcat,
+    set_mesh,
+)
+from proxops.diagrams.meshcat.replay_panel import panel
+from proxops.systems.common import write_whole
+
+PLAYBACK_SPEED = 160.0
+FRAMES_PER_SECOND = 16.0
+# The lidar is shown this many times a flight at most.
+LIDAR_FRAMES = 40
+# The path is made of this many pieces at most, besides those that changes of who flies add.
+PATH_PIECES = 240
+
+_ROUTE = Rgba(0.45, 0.45, 0.50)
+_PATH_RADIUS = 0.007  # Meshcat units.
+_TINY = 1e-12  # Keeps the tube finite where a path turns back on itself.
+
+
+def write_replay(log: FlightLog, path: str | Path) -> None:
+    """Writes the flight as one HTML page of about 4 MB that any browser shows without a network.
+
+    Raises:
+      InputError: the folder does not exist or cannot be written.
+    """
+    meshcat = quiet_meshcat()
+    add_flight(meshcat, log)
+    page = meshcat.StaticHtml()
+    title = f"{log.body.config.name}, {log.dataset.attrs['controller']}"
+    page = page.replace("<title>Drake MeshCat</title>", f"<title>{html.escape(title)}</title>", 1)
+    head, end_of_body, tail = page.rpartition("</body>")
+    scene = Scene(meshcat, log.body)
+    views = viewpoints(log.body, _shown(log))
+    page = head + panel(log, title, PLAYBACK_SPEED, views, scene.unit) + end_of_body + tail
+    write_whole(Path(path), lambda name: name.write_text(page, encoding="utf-8"))
+
+
+def add_flight(meshcat: Meshcat, log: FlightLog) -> None:
+    """Puts the whole flight into a Meshcat, as an animation that begins to play by itself."""
+    data = log.dataset
+    times, positions = data["time"].values, data["state"].values[:, :3]
+    goal = data["target"].values[-1, :3]
+    limit = log.scenario.spacecraft.thrust_limit_n
+    for leftover in ("/path", "/lidar", "/plan"):  # Of another flight, or of this one seen live.
+        meshcat.Delete(leftover)
+    scene = Scene(meshcat, log.body)
+    prepare_scene(scene)
+    add_body(scene)
+    add_keep_out(scene)
+    add_goal(scene, goal)
+    add_spacecraft(scene)
+    pieces = add_path(scene, positions, who_flies(data))
+    frames = _add_returns(scene, data) if "ranges" in data else []
+    look_at_flight(scene, _shown(log))
+
+    # Where nothing plays, the page shows the end of the flight.
+    move_spacecraft(scene, positions[-1], np.zeros(3), limit)
+    for name, _ in frames[:-1]:
+        meshcat.SetProperty(name, "visible", False)
+    meshcat.StartRecording(FRAMES_PER_SECOND, set_visualizations_while_recording=False)
+    shown = (times - times[0]) / PLAYBACK_SPEED
+    for row, time in enumerate(shown):
+        force = np.nan_to_num(data["force"].values[row])
+        move_spacecraft(scene, positions[row], force, limit, float(time))
+    for name, row in pieces:
+        meshcat.SetProperty(name, "visible", False, 0.0)
+        meshcat.SetProperty(name, "visible", True, float(shown[row]))
+    ends = [row for _, row in frames[1:]]
+    for number, (name, row) in enumerate(frames):
+        meshcat.SetProperty(name, "visible", row == 0, 0.0)
+        meshcat.SetProperty(name, "visible", True, float(shown[row]))
+        if number < len(ends):
+            meshcat.SetProperty(name, "visible", False, float(shown[ends[number]]))
+    meshcat.PublishRecording()
+
+
+def add_path(scene: Scene, positions: np.ndarray, who_flies: np.ndarray) -> list[tuple[str, int]]:
+    """The path as pieces of tube in the colour of who flies, over a thin line of the whole.
+
+    Takes positions (N, 3) in m in K, and who flies from each row (N,) to the next.
+    Returns for each piece its name and the row at which the spacecraft has flown it.
+    """
+    meshcat, points = scene.meshcat, positions / scene.unit
+    if len(points) > 1:
+        route: typing.Any = points.T  # Drake's stubs know no numpy shapes.
+        meshcat.SetLine("/path/route", route, 1.0, _ROUTE)
+    # Rows that are too near each other to make a tube (holding at the goal) are passed over.
+    rows = [0]
+    for row in range(1, len(points)):
+        if np.linalg.norm(points[row] - points[rows[-1]]) > _PATH_RADIUS / 4.0:
+            rows.append(row)
+    longest = -(-len(rows) // PATH_PIECES)
+    pieces: list[tuple[str, int]] = []
+    begin = 0
+    for end in range(1, len(rows)):
+        who = int(who_flies[rows[begin]])
+        last = end == len(rows) - 1
+        if end - begin < longest and not last and int(who_flies[rows[end]]) == who:
+            continue
+        name = f"/path/piece_{len(pieces):03d}"
+        points_of_tube, facets = tube(points[rows[begin : end + 1]])
+        set_mesh(meshcat, name, points_of_tube, facets, Rgba(*colour_of(who)))
+        pieces.append((name, rows[end]))
+        begin = end
+    return pieces
+
+
+def _shown(log: FlightLog) -> np.ndarray:
+    """Points (N, 3) in m in K that a camera should see."""
+    data = log.dataset
+    return np.vstack([data["state"].values[:, :3], data["target"].values[-1, :3]])
+
+
+def _add_returns(scene: Scene, data: xr.Dataset) -> list[tuple[str, int]]:
+    """Some lidar frames of a log's dataset, evenly spread: for each its name and its row."""
+    ranges, positions = data["ranges"].values, data["state"].values[:, :3]
+    frames = []
+    for row in np.unique(np.linspace(0, len(ranges) - 1, LIDAR_FRAMES).astype(int)):
+        name = f"/lidar/row_{row:04d}"
+        add_returns(scene, name, positions[row], ranges[row])
+        frames.append((name, int(row)))
+    return frames
+
+
+def tube(points: np.ndarray, sides: int = 6) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices and facets of a tube about the polyline through points (N, 3), none repeated."""
+    tangents = np.gradient(points, axis=0)
+    tangents /= np.linalg.norm(tangents, axis=1, keepdims=True) + _TINY
+    aside = np.eye(3)[np.argmin(np.abs(tangents.mean(axis=0)))]
+    first = np.cross(tangents, aside)
+    first /= np.linalg.norm(first, axis=1, keepdims=True) + _TINY
+    second = np.cross(tangents, first)
+    turn = np.linspace(0.0, 2.0 * np.pi, sides + 1)[None, :, None]
+    rings = points[:, None] + _PATH_RADIUS * (
+        np.cos(turn) * first[:, None] + np.sin(turn) * second[:, None]
+    )
+    return rings.reshape(-1, 3), grid_facets(len(points), sides + 1)

@@ -1,0 +1,233 @@
+"""What a replay page has below the picture: numbers of now, who flies when, a legend, cameras."""
+
+from __future__ import annotations
+
+import html
+import itertools
+import json
+import re
+from typing import Any
+
+import numpy as np
+from pydrake.geometry import Rgba
+
+from proxops.diagrams.logs import FlightLog, colour_of, name_of, those_who_fly, who_flies
+from proxops.diagrams.meshcat.camera_views import View
+from proxops.diagrams.meshcat.meshcat_scene import GOAL, RETURNS, THRUST
+from proxops.systems.shapes import clearances
+
+_PAGE = """
+<style>
+  body {display: flex; flex-direction: column; height: 100vh; background: #0c0e18}
+  #meshcat-pane {flex: 1; height: auto; min-height: 0}
+  #panel {padding: 8px 16px 10px; color: #c8ccd4; font: 13px/1.5 system-ui, sans-serif}
+  #panel > div {display: flex; flex-wrap: wrap; gap: 2px 12px; align-items: center;
+    justify-content: space-between}
+  #panel b {color: #ffffff; font-variant-numeric: tabular-nums; white-space: pre}
+  #panel small {color: #99a0ae; font-size: 12px; margin-right: 4px}
+  #panel i {font-style: normal}
+  #legend span {white-space: nowrap; margin-right: 14px}
+  #time {appearance: none; flex: 1; height: 10px; margin: 9px 0; border-radius: 3px}
+  #time::-webkit-slider-thumb {appearance: none; width: 5px; height: 20px; background: #ffffff;
+    border-radius: 2px; box-shadow: 0 0 3px #000000}
+  #time::-moz-range-thumb {width: 5px; height: 20px; border: 0; background: #ffffff;
+    border-radius: 2px}
+  #panel button {font: inherit; color: inherit; background: #2a3042; border: 0; border-radius: 4px;
+    padding: 1px 10px; cursor: pointer}
+  #panel button.on {background: #4a5678; color: #ffffff}
+  #play {width: 66px}
+</style>
+<div id="panel">
+  <div><span><b>{{title}}</b> <small>{{speed}} times real time</small></span>{{numbers}}</div>
+  <div><button id="play">pause</button>
+    <input id="time" type="range" min="0" max="1" value="0" step="any" aria-label="time"
+      style="background: {{strip}}"></div>
+  <div><div id="legend">{{legend}}</div><div id="views"></div></div>
+</div>
+<script>
+"use strict";
+(() => {
+  const flight = {{flight}};
+  const element = name => document.getElementById(name);
+  const slider = element("time"), play = element("play"), animator = viewer.animator;
+  const length = m => Math.abs(m) >= 5000 ? (m / 1000).toFixed(1) + " km"
+    : m.toFixed(Math.abs(m) < 10 ? 1 : 0) + " m";
+  const clock = s => [s / 3600, s / 60 % 60, s % 60]
+    .map(part => String(Math.floor(part)).padStart(2, "0")).join(":");
+
+  // As OrbitControls has it: y is up.
+  function look(eye, target) {
+    viewer.controls.target.set(...target);
+    viewer.camera.position.set(...eye);
+    viewer.controls.update();
+    viewer.set_dirty();
+  }
+  // Behind the spacecraft, the body before it; the wheel still sets the distance.
+  let following = false;
+  function follow() {
+    const at = viewer.scene_tree.find(["spacecraft"]).object
+      .getWorldPosition(new MeshCat.THREE.Vector3());
+    const away = viewer.camera.position.distanceTo(viewer.controls.target);
+    const out = at.clone().normalize().multiplyScalar(0.92).add({x: 0, y: 0.35, z: 0});
+    const eye = at.clone().addScaledVector(out.normalize(), away);
+    if (eye.distanceTo(viewer.camera.position) > 1e-6) look(eye.toArray(), at.toArray());
+  }
+  for (const name of [...Object.keys(flight.views), "follow"]) {
+    const button = document.createElement("button");
+    button.textContent = name;
+    button.style.marginLeft = "6px";
+    button.onclick = () => {
+      for (const other of element("views").children) other.classList.toggle("on", other === button);
+      following = name === "follow";
+      if (following) look([1, 0, 0], [0, 0, 0]);
+      else look(...flight.views[name]);
+    };
+    element("views").append(button);
+  }
+  viewer.dom_element.addEventListener("pointerdown", () => {
+    following = false;
+    for (const button of element("views").children) button.classList.remove("on");
+  });
+
+  play.onclick = () => animator.playing ? animator.pause() : animator.play();
+  slider.oninput = () => {
+    animator.seek(slider.valueAsNumber);
+    animator.display_progress(slider.valueAsNumber);
+  };
+  let lit = false;
+  // The path shines a little, so that its colours are told in the shade too.
+  function light() {
+    viewer.scene_tree.find(["path"]).object.traverse(part => {
+      if (part.isMesh) part.material.emissive?.copy(part.material.color).multiplyScalar(0.3);
+    });
+    lit = true;
+  }
+  function tick() {
+    requestAnimationFrame(tick);
+    if (!(animator.duration > 0)) return;
+    if (!lit) light();
+    slider.max = animator.duration;
+    slider.value = animator.time;
+    play.textContent = animator.playing ? "pause" : "play";
+    const now = animator.time * flight.speed;
+    let row = flight.time.length - 1;
+    while (row > 0 && flight.time[row] > now + 1e-3) row--;
+    const who = flight.who[row];
+    element("clock").textContent = clock(flight.time[row]);
+    element("range").textContent = length(flight.range[row]);
+    element("speed").textContent = flight.velocity[row].toFixed(2) + " m/s";
+    element("thrust").textContent = flight.thrust[row].toFixed(2) + " N";
+    element("clearance").textContent = length(flight.clearance[row]);
+    element("who").textContent = flight.names[who][0];
+    element("who").style.color = flight.names[who][1];
+    if (following) follow();
+  }
+  viewer.set_3d_pane_size();
+  tick();
+})();
+</script>
+"""
+_NUMBERS = {
+    "clock": "time",
+    "range": "goal",
+    "speed": "speed",
+    "thrust": "thrust",
+    "clearance": "keep-out",
+    "who": "flies",
+}
+
+
+def panel(
+    log: FlightLog, title: str, playback_speed: float, views: dict[str, View], unit: float
+) -> str:
+    """HTML of the panel, for a page whose Meshcat plays the flight at so many times real time.
+
+    Args:
+      views: cameras to choose from, in m in K. unit: m per Meshcat unit.
+    """
+    controller = log.dataset.attrs["controller"]
+    entries = [(colour_of(who), f"{name_of(who, controller)} flies") for who in _legend_of(log)]
+    for colour, text in (
+        (THRUST, "thrust"),
+        (RETURNS, "lidar returns"),
+        (GOAL, "goal"),
+    ):
+        entries.append((_rgb(colour), text))
+    legend = "\n".join(
+        f'<span><i style="color: {_code(colour)}">&#9679;</i> {html.escape(text)}</span>'
+        for colour, text in entries
+    )
+    numbers = "\n".join(
+        f'<span><small>{text}</small><b id="{name}"></b></span>' for name, text in _NUMBERS.items()
+    )
+    content = json.dumps(_flight(log, playback_speed, views, unit), separators=(",", ":"))
+    parts = {
+        "title": html.escape(title),
+        "speed": f"{playback_speed:.0f}",
+        "numbers": numbers,
+        "strip": _strip(log),
+        "legend": legend,
+        "flight": content.replace("<", "\\u003c"),  # In a script a name must not end it.
+    }
+    return re.sub(r"\{\{(\w+)\}\}", lambda found: parts[found[1]], _PAGE)
+
+
+def _flight(
+    log: FlightLog, playback_speed: float, views: dict[str, View], unit: float
+) -> dict[str, Any]:
+    """What the page's script knows: columns with an entry for each row, and what to call whom."""
+    data, controller = log.dataset, log.dataset.attrs["controller"]
+    state, times = data["state"].values, data["time"].values
+    away = (data["state"] - data["target"]).values[:, :3]
+    force = np.nan_to_num(data["force"].values)
+    force[-1] = 0.0  # The flight is over.
+    who = _steps(log)
+
+    def turned(position: np.ndarray) -> list[float]:
+        x, y, z = (position / unit).round(4).tolist()
+        return [x, z, -y]
+
+    return {
+        "speed": playback_speed,
+        "time": (times - times[0]).round(2).tolist(),
+        "range": np.linalg.norm(away, axis=1).round(1).tolist(),
+        "velocity": np.linalg.norm(state[:, 3:], axis=1).round(3).tolist(),
+        "thrust": np.linalg.norm(force, axis=1).round(3).tolist(),
+        "clearance": clearances(log.body.keep_out_semi_axes, state[:, :3]).round(1).tolist(),
+        "who": who.tolist(),
+        "names": {
+            int(each): [name_of(int(each), controller), _code(colour_of(int(each)))]
+            for each in np.unique(who)
+        },
+        "views": {name: [turned(view.eye), turned(view.target)] for name, view in views.items()},
+    }
+
+
+def _steps(log: FlightLog) -> np.ndarray:
+    """Who flies, for each row; at the end whoever flew last."""
+    who = who_flies(log.dataset)
+    return np.concatenate([who[:-1], who[-2:-1]]) if len(who) > 1 else who
+
+
+def _legend_of(log: FlightLog) -> list[int]:
+    return those_who_fly(log.dataset) or [int(who_flies(log.dataset)[0])]
+
+
+def _strip(log: FlightLog) -> str:
+    """CSS of a strip over the flight's time in the colours of who flies."""
+    who, times = _steps(log), log.dataset["time"].values
+    length = max(float(times[-1] - times[0]), 1e-9)
+    changes = [0, *(np.flatnonzero(np.diff(who)) + 1).tolist(), len(who) - 1]
+    pieces = []
+    for begin, end in itertools.pairwise(changes):
+        first, last = (100.0 * (times[row] - times[0]) / length for row in (begin, end))
+        pieces.append(f"{_code(colour_of(int(who[begin])))} {first:.2f}% {last:.2f}%")
+    return f"linear-gradient(to right, {', '.join(pieces)})"
+
+
+def _code(colour: tuple[float, float, float]) -> str:
+    return "#" + "".join(f"{round(255 * level):02x}" for level in colour)
+
+
+def _rgb(colour: Rgba) -> tuple[float, float, float]:
+    return colour.r(), colour.g(), colour.b()

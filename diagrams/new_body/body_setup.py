@@ -1,0 +1,119 @@
+"""The files that set a new body up for flying: its own, and a scenario made to its measure."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+
+from proxops.diagrams.new_body.shape_examination import hover_map
+from proxops.diagrams.scenario import (
+    ArrivalConfig,
+    Body,
+    BodyConfig,
+    HybridConfig,
+    LidarConfig,
+    MpcConfig,
+    Scenario,
+    SpacecraftConfig,
+    TransitConfig,
+    WeightedCostConfig,
+    check_scenario,
+    load_body,
+)
+
+
+def body_yaml(config: BodyConfig, remark: str) -> str:
+    """The text of a body's YAML file, the remark (one line) on top."""
+    axes = ", ".join(map(_number, config.keep_out_semi_axes_m))
+    rows = [
+        f"# {remark}",
+        f"name: {json.dumps(config.name, ensure_ascii=False)}",
+        f"mesh: {json.dumps(config.mesh, ensure_ascii=False)}  # relative to this file",
+        f"mesh_unit: {config.mesh_unit}",
+        f"mass_kg: {_number(config.mass_kg)}",
+        f"rotation_period_h: {_number(config.rotation_period_h)}  # about +z",
+        f"keep_out_semi_axes_m: [{axes}]  # along x, y, z, about the centre of mass",
+    ]
+    return "\n".join(rows) + "\n"
+
+
+def scaled_scenario(body: Body, body_path: str, craft_mass_kg: float = 100.0) -> Scenario:
+    """The default scenario, made similar for `body`, which `body_path` names in it.
+
+    Lengths are multiplied by what makes the cube as large for this keep-out ellipsoid as it is for
+    Kleopatra's, in volume or along the longest axis, whichever is more. Times are multiplied so
+    that the spin rate w and the rate of a low orbit n, as w^2 + n^2, are the same numbers as at
+    Kleopatra: then gravity, centrifugal and Coriolis accelerations are in the same proportion to
+    the thrust. That is made larger where it would not hover over the keep-out ellipsoid; the forces
+    that a hybrid takes for equal go with it.
+    """
+    reference, given = load_body("kleopatra"), Scenario()
+    volumes = [b.keep_out_semi_axes.prod() for b in (body, reference)]
+    lengths = [b.keep_out_semi_axes.max() for b in (body, reference)]
+    length = max(np.cbrt(volumes[0] / volumes[1]), lengths[0] / lengths[1])
+    time = _rate(reference) / _rate(body)
+    speed, acceleration = length / time, length / time**2
+
+    def scaled(value: float, factor: float) -> float:
+        return float(f"{value * factor:.2g}")
+
+    clearance = scaled(given.transit.end_clearance_m, length)
+    hover = hover_map(body, craft_mass_kg, grow=clearance).forces.max()
+    similar = given.spacecraft.thrust_limit_n / given.spacecraft.mass_kg * acceleration
+    thrust = max(craft_mass_kg * similar, hover / given.transit.max_hover_share)
+    force = thrust / given.spacecraft.thrust_limit_n
+    scenario = Scenario(
+        body=body_path,
+        spacecraft=SpacecraftConfig(
+            mass_kg=craft_mass_kg,
+            thrust_limit_n=scaled(thrust, 1.0),
+            speed_limit_m_s=scaled(given.spacecraft.speed_limit_m_s, speed),
+        ),
+        lidar=LidarConfig(
+            noise_std_m=scaled(given.lidar.noise_std_m, length),
+            max_range_m=scaled(given.lidar.max_range_m, length),
+        ),
+        mpc=MpcConfig(
+            nominal_acceleration_m_s2=scaled(given.mpc.nominal_acceleration_m_s2, acceleration),
+            min_horizon_s=scaled(given.mpc.min_horizon_s, time),
+            keep_out_margin_m=scaled(given.mpc.keep_out_margin_m, length),
+            weighted=WeightedCostConfig(
+                horizon_s=scaled(given.mpc.weighted.horizon_s, time),
+                position_error_m=scaled(given.mpc.weighted.position_error_m, length),
+                speed_error_m_s=scaled(given.mpc.weighted.speed_error_m_s, speed),
+            ),
+        ),
+        hybrid=HybridConfig(
+            epsilon_magnitude_n=scaled(given.hybrid.epsilon_magnitude_n, force),
+            dead_band_n=scaled(given.hybrid.dead_band_n, force),
+        ),
+        transit=TransitConfig(
+            cube_m=scaled(given.transit.cube_m, length),
+            min_distance_m=scaled(given.transit.min_distance_m, length),
+            max_distance_m=scaled(given.transit.max_distance_m, length),
+            end_clearance_m=clearance,
+        ),
+        arrival=ArrivalConfig(
+            radius_m=scaled(given.arrival.radius_m, length),
+            speed_m_s=scaled(given.arrival.speed_m_s, speed),
+            dwell_s=scaled(given.arrival.dwell_s, time),
+            deadline_s=scaled(given.arrival.deadline_s, time),
+        ),
+        control_period_s=scaled(given.control_period_s, time),
+    )
+    check_scenario(scenario)
+    return scenario
+
+
+def _rate(body: Body) -> float:
+    """rad/s: of the spin and a circular orbit at the keep-out ellipsoid's long end, together."""
+    field = body.gravity_field
+    orbit = field.evaluate(np.diag(body.keep_out_semi_axes)[:1]).potential[0]
+    return float(np.hypot(body.spin_rate, np.sqrt(orbit) / body.keep_out_semi_axes[0]))
+
+
+def _number(value: float) -> str:
+    """As YAML 1.1 reads it back: with a point, and a sign in the exponent."""
+    text = repr(float(value))
+    return text if "." in text else text.replace("e", ".0e")

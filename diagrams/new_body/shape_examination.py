@@ -1,0 +1,179 @@
+"""The mesh doctor: defects, figures of the solid, and what it means to fly there."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from proxops.diagrams.new_body.shape_report import (
+    SLIVER_ANGLE,
+    HoverMap,
+    Questions,
+    ShapeReport,
+    spin_axis_error,
+)
+from proxops.diagrams.scenario import Body, BodyConfig, Scenario, SpacecraftConfig, hover_force
+from proxops.systems.common import InputError
+from proxops.systems.gravity import PLAUSIBLE_DENSITY
+from proxops.systems.shapes import (
+    Defect,
+    MeshFile,
+    Polyhedron,
+    find_defects,
+    flat_facets,
+    mass_properties,
+    self_intersections,
+    shell_labels,
+    smallest_angles,
+    smallest_ellipsoid,
+)
+
+# No small body is longer, in m, than Pluto or shorter than a boulder.
+_PLAUSIBLE_LENGTH = (1.0, 2.5e6)
+# Grid of the hover map over the keep-out ellipsoid, in degrees.
+_MAP_STEP = 5.0
+
+
+def examine(file: MeshFile, asked: Questions) -> ShapeReport:
+    """Looks at everything about a mesh that its soundness leaves meaning to.
+
+    Raises:
+      InputError: a mass, density, period or margin that makes no sense.
+    """
+    _check(asked)
+    vertices, facets = file.vertices, file.facets
+    defects = find_defects(vertices, facets)
+    report = ShapeReport(file, asked, defects, [], np.empty(0))
+    kinds = {defect.kind for defect in defects}
+    if kinds & {"shape", "not finite", "no such vertex"}:
+        return report
+    report = _look_at_facets(report, "duplicate vertices" in kinds)
+    if defects:
+        return report
+    # Facets that cut each other leave the volume its meaning.
+    report = _look_at_solid(report)
+    if report.defects:
+        return report
+    body = _body(report)
+    hover = None if body is None else hover_map(body, asked.craft_mass_kg)
+    return dataclasses.replace(report, body=body, hover=hover)
+
+
+def _look_at_facets(report: ShapeReport, unwelded: bool) -> ShapeReport:
+    vertices, facets = report.file.vertices, report.file.facets
+    defects, remarks = list(report.defects), list(report.remarks)
+    angles = smallest_angles(vertices, facets)
+    crossings = None
+    if not unwelded:  # Neighbours that share no vertices would all be found to touch.
+        some = np.setdiff1d(np.arange(len(facets)), flat_facets(vertices, facets))
+        crossings = some[self_intersections(vertices, facets[some])]
+        if len(crossings):
+            first, second = crossings[0]
+            text = (
+                f": {len(crossings)} pairs of facets cut or touch each other, the first facets "
+                f"{first} and {second}"
+            )
+            defects.append(Defect("self-intersection", text, np.unique(crossings)))
+    slivers = int(np.sum(angles < SLIVER_ANGLE))
+    if slivers:
+        remarks.append(f"{slivers} facets are slivers, with an angle below {SLIVER_ANGLE:g} degree")
+    shells, _ = shell_labels(facets, len(vertices))
+    if shells > 1:
+        remarks.append(f"{shells} separate shells")
+    unused = len(vertices) - len(np.unique(facets))
+    if unused:
+        remarks.append(f"{unused} vertices belong to no facet")
+    return dataclasses.replace(
+        report, defects=defects, remarks=remarks, angles=angles, shells=shells, crossings=crossings
+    )
+
+
+def _look_at_solid(report: ShapeReport) -> ShapeReport:
+    vertices, facets = report.file.vertices, report.file.facets
+    solid = mass_properties(vertices, facets)
+    about_centre = vertices - solid.centre_of_mass
+    keep_out = smallest_ellipsoid(about_centre, report.questions.margin)
+    remarks = list(report.remarks)
+    size = float(np.ptp(vertices, axis=0).max())
+    offset = float(np.linalg.norm(solid.centre_of_mass))
+    if offset > 1e-3 * size:
+        remarks.append(f"the centre of mass is {offset:.4g} m from the origin")
+    # Where the two greater moments are nearly equal, their axes mean little.
+    distinct = solid.principal_moments[1] < 0.98 * solid.principal_moments[2]
+    if distinct and spin_axis_error(solid) > 5.0:
+        remarks.append(
+            f"z, which the body spins about, is {spin_axis_error(solid):.3g} degrees off the axis "
+            "of the greatest moment of inertia"
+        )
+    report = dataclasses.replace(report, solid=solid, keep_out=keep_out)
+    reach = float(np.linalg.norm(about_centre[:, :2], axis=1).max())
+    synchronous = report.synchronous_radius
+    if synchronous is not None and synchronous < reach:
+        remarks.append(
+            f"the synchronous radius, {synchronous:.4g} m, is inside the body ({reach:.4g} m): "
+            "loose material at the ends would leave"
+        )
+    defects = report.defects + _unit_defects(report, size)
+    return dataclasses.replace(report, defects=defects, remarks=remarks)
+
+
+def hover_map(body: Body, craft_mass_kg: float, grow: float = 0.0) -> HoverMap:
+    """Over the keep-out ellipsoid with `grow` metres added to each semi-axis."""
+    longitudes = np.arange(-180.0, 180.0 + _MAP_STEP, _MAP_STEP)
+    latitudes = np.arange(-90.0, 90.0 + _MAP_STEP, _MAP_STEP)
+    a, b = np.meshgrid(np.radians(longitudes), np.radians(latitudes))
+    sphere = np.stack([np.cos(b) * np.cos(a), np.cos(b) * np.sin(a), np.sin(b)], axis=-1)
+    places = sphere.reshape(-1, 3) * (body.keep_out_semi_axes + grow)
+    scenario = Scenario(spacecraft=SpacecraftConfig(mass_kg=craft_mass_kg))
+    forces = hover_force(places, scenario, body).reshape(a.shape)
+    return HoverMap(craft_mass_kg, longitudes, latitudes, forces)
+
+
+def _check(asked: Questions) -> None:
+    if asked.mass_kg is not None and asked.density_kg_m3 is not None:
+        raise InputError("give the mass or the density, not both")
+    for name in ("mass_kg", "density_kg_m3", "rotation_period_h", "craft_mass_kg"):
+        value = getattr(asked, name)
+        if value is not None and not (np.isfinite(value) and value > 0.0):
+            raise InputError(f"{name} must be positive, got {value}")
+
+
+def _unit_defects(report: ShapeReport, size: float) -> list[Defect]:
+    """The mesh's unit does not fit the mass, or a small body's size."""
+    other, factor = ("m", 1e-3) if report.file.unit == "km" else ("km", 1e3)
+    nothing = np.empty(0, dtype=int)
+    low, high = PLAUSIBLE_DENSITY
+    density = report.density
+    if density is not None and not low <= density <= high:
+        text = f": {density:.3g} kg/m^3 in {report.file.unit} is no body's density"
+        if report.questions.mass_kg is not None and low <= density / factor**3 <= high:
+            text += f"; in {other} it would be {density / factor**3:.4g} kg/m^3: try --unit {other}"
+        return [Defect("unit", text, nothing)]
+    short, long = _PLAUSIBLE_LENGTH
+    if density is None and not short <= size <= long:
+        text = f" is {size:.3g} m long in {report.file.unit}, which no small body is"
+        if short <= size * factor <= long:
+            text += f"; in {other} it would be {size * factor:.4g} m: try --unit {other}"
+        return [Defect("unit", text, nothing)]
+    return []
+
+
+def _body(report: ShapeReport) -> Body | None:
+    """The body as its YAML file would say it, if mass and period are known."""
+    mass, period = report.mass, report.questions.rotation_period_h
+    if mass is None or period is None or report.keep_out is None:
+        return None
+    # Rounded as it will be written, upwards, so that it still holds every vertex.
+    steps = 10.0 ** (np.floor(np.log10(report.keep_out.semi_axes)) - 5.0)
+    axes = np.ceil(report.keep_out.semi_axes / steps) * steps
+    config = BodyConfig(
+        name=report.file.name.rpartition(".")[0],
+        mesh=report.file.name,
+        mesh_unit=report.file.unit,
+        mass_kg=float(f"{mass:.6g}"),
+        rotation_period_h=period,
+        keep_out_semi_axes_m=[float(f"{axis:.6g}") for axis in axes],
+    )
+    shape = Polyhedron(report.file.vertices, report.file.facets, report.file.name)
+    return Body(config, shape.recentred())

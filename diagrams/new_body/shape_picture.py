@@ -1,0 +1,223 @@
+"""The mesh doctor's findings as one picture, with plain matplotlib and no display."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import PolyCollection
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Circle, Ellipse
+
+from proxops.diagrams.new_body.shape_report import SLIVER_ANGLE, ShapeReport, spin_axis_error
+from proxops.diagrams.plots import length_unit
+
+_BODY = np.array([0.71, 0.68, 0.64])
+_DEFECT = np.array([0.85, 0.10, 0.10])
+_KEEP_OUT, _SYNCHRONOUS = "#5577bb", "#128a3a"
+_PRINCIPAL = ("#7a3fa0", "#c07a1f", "#1f8a9a")
+_AXIS = {"x": 0, "y": 1, "z": 2}
+
+
+def plot_shape(report: ShapeReport) -> Figure:
+    """Three views, the hover map, the facets' angles and the figures, on one page."""
+    figure = Figure(figsize=(13.5, 9.0), layout="constrained")
+    grid = figure.subplots(2, 3)
+    for ax, plane in zip(grid[0], ("xy", "xz", "yz"), strict=True):
+        plot_view(ax, report, plane)
+    plot_hover(grid[1, 0], report)
+    plot_angles(grid[1, 1], report)
+    _write_figures(grid[1, 2], report)
+    figure.legend(handles=_legend(report), loc="outside lower center", ncols=7, frameon=False)
+    verdict = "sound" if report.sound else "; ".join(d.kind for d in report.defects)
+    figure.suptitle(f"{report.file.name}: {verdict}")
+    return figure
+
+
+def plot_view(ax: Axes, report: ShapeReport, plane: str = "xy") -> None:
+    """The mesh seen along an axis, about its centre of mass; facets with defects are red.
+
+    With it the keep-out ellipsoid's outline, the principal axes and, seen along z, the
+    synchronous radius.
+    """
+    across, up = (_AXIS[letter] for letter in plane)
+    depth = 3 - across - up
+    sign = -1.0 if plane == "xz" else 1.0  # Seen from -y, so that x points to the right.
+    length, unit = _unit(report)
+    facets = _drawable(report)
+    centre = np.zeros(3) if report.solid is None else report.solid.centre_of_mass
+    corners = (report.file.vertices[report.file.facets[facets]] - centre) / length
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    sizes = np.linalg.norm(normals, axis=1)
+    light = np.abs(normals[:, depth]) / np.where(sizes > 0.0, sizes, 1.0)
+    colours = (
+        np.where(_marked(report)[facets, None], _DEFECT, _BODY) * (0.45 + 0.55 * light)[:, None]
+    )
+    order = np.argsort(sign * corners[:, :, depth].mean(axis=1))
+    triangles = corners[order][:, :, [across, up]]
+    ax.add_collection(
+        PolyCollection(
+            list(triangles), facecolors=colours[order], edgecolors=colours[order],
+            linewidths=0.3, rasterized=True,
+        )
+    )  # fmt: skip
+    reach = float(np.abs(corners).max()) if corners.size else 1.0
+    if report.keep_out is not None and report.solid is not None:
+        axes = report.keep_out.semi_axes / length
+        outline = Ellipse(
+            (0.0, 0.0), 2.0 * axes[across], 2.0 * axes[up],
+            fill=False, edgecolor=_KEEP_OUT, linestyle="--", linewidth=1.2,
+        )  # fmt: skip
+        ax.add_patch(outline)
+        reach = max(reach, float(axes.max()))
+        for axis, colour in zip(report.solid.principal_axes, _PRINCIPAL, strict=True):
+            ends = 0.9 * reach * np.outer([-1.0, 1.0], axis)
+            ax.plot(ends[:, across], ends[:, up], color=colour, linewidth=1.0)
+    synchronous = report.synchronous_radius
+    if synchronous is not None and plane == "xy":
+        radius = synchronous / length
+        ax.add_patch(Circle((0.0, 0.0), radius, fill=False, edgecolor=_SYNCHRONOUS, linestyle=":"))
+        reach = max(reach, min(radius, 2.0 * reach))
+    ax.set_xlim(-1.05 * reach, 1.05 * reach)
+    ax.set_ylim(-1.05 * reach, 1.05 * reach)
+    ax.set_aspect("equal")
+    ax.set_xlabel(f"{plane[0]} ({unit})")
+    ax.set_ylabel(f"{plane[1]} ({unit})")
+    ax.grid(alpha=0.25)
+
+
+def plot_hover(ax: Axes, report: ShapeReport) -> None:
+    """The greatest force per axis that hovering over the keep-out ellipsoid takes."""
+    hover = report.hover
+    ax.set_title("hover force per axis, over the keep-out", fontsize="medium")
+    if hover is None:
+        why = "needs a sound mesh, mass and period"
+        ax.text(0.5, 0.5, why, ha="center", va="center", transform=ax.transAxes)
+        ax.set_axis_off()
+        return
+    millinewtons = hover.forces.max() < 0.5
+    factor, unit = (1e3, "mN") if millinewtons else (1.0, "N")
+    drawn = ax.contourf(hover.longitudes, hover.latitudes, hover.forces * factor, levels=14)
+    figure = ax.get_figure()
+    if figure is not None:
+        label = f"{unit}, {hover.craft_mass_kg:g} kg"
+        figure.colorbar(drawn, ax=ax, label=label, fraction=0.05, pad=0.02)
+    ax.set_xticks(np.arange(-180, 181, 60))
+    ax.set_yticks(np.arange(-90, 91, 30))
+    ax.set_xlabel("longitude (degrees)")
+    ax.set_ylabel("latitude (degrees)")
+
+
+def plot_angles(ax: Axes, report: ShapeReport) -> None:
+    """How many facets have which smallest angle."""
+    ax.set_title("smallest angle of each facet", fontsize="medium")
+    if report.angles.size:
+        ax.hist(report.angles, bins=60, range=(0.0, 60.0), color="#8899bb")
+        ax.set_yscale("symlog")
+    ax.axvline(SLIVER_ANGLE, color="#b03030", linestyle="--", linewidth=1.0)
+    ax.set_xlabel("degrees")
+    ax.set_ylabel("facets")
+    ax.grid(alpha=0.25)
+
+
+def figure_rows(report: ShapeReport) -> list[tuple[str, str]]:
+    """The figures as rows of a table."""
+    length, unit = _unit(report)
+
+    def lengths(values: np.ndarray) -> str:
+        return " × ".join(f"{value / length:.5g}" for value in values) + f" {unit}"
+
+    file, solid, keep_out = report.file, report.solid, report.keep_out
+    rows = [
+        ("mesh", f"{len(file.vertices)} vertices, {len(file.facets)} facets, in {file.unit}"),
+        ("smallest angle", f"{report.angles.min():.3g}°" if report.angles.size else "–"),
+        ("slivers", f"{np.sum(report.angles < SLIVER_ANGLE)} below {SLIVER_ANGLE:g}°"),
+    ]
+    if report.shells is not None:
+        rows.append(("shells", str(report.shells)))
+    if report.crossings is not None:
+        rows.append(("facets that cut each other", f"{len(report.crossings)} pairs"))
+    if solid is not None and keep_out is not None:
+        moments = solid.principal_moments / solid.principal_moments.max()
+        size = np.ptp(file.vertices, axis=0).max()
+        over = keep_out.volume / (1.0 + keep_out.margin) ** 3 / keep_out.volume_bound - 1.0
+        rows += [
+            ("extents", lengths(np.ptp(file.vertices, axis=0))),
+            ("volume", f"{solid.volume / length**3:.5g} {unit}³"),
+            ("sphere of that volume", f"{np.cbrt(6 * solid.volume / np.pi) / length:.5g} {unit}"),
+            ("centre of mass", f"{_vector(solid.centre_of_mass, size)} m"),
+            ("principal moments", " : ".join(f"{m:.4f}" for m in moments)),
+            ("z off the greatest", f"{spin_axis_error(solid):.2f}°"),
+            (f"keep-out, margin {100 * keep_out.margin:g} %", lengths(keep_out.semi_axes)),
+            ("its farthest vertex", f"{keep_out.farthest}, level {keep_out.level:.6f} < 1"),
+            ("its volume over the least", f"{max(over, 0.0):.1e}, margin aside"),
+        ]
+    if report.mass is not None and report.density is not None:
+        rows += [("mass", f"{report.mass:.5g} kg"), ("density", f"{report.density:.5g} kg/m³")]
+    if report.synchronous_radius is not None:
+        rows.append(("synchronous radius", f"{report.synchronous_radius / length:.5g} {unit}"))
+    if report.hover is not None:
+        low, high = report.hover.forces.min(), report.hover.forces.max()
+        rows.append((f"hover, {report.hover.craft_mass_kg:g} kg", f"{low:.3g} to {high:.3g} N"))
+    return rows
+
+
+def _write_figures(ax: Axes, report: ShapeReport) -> None:
+    ax.set_axis_off()
+    rows = figure_rows(report)
+    text = "\n".join(f"{name + ':':<28}{value}" for name, value in rows)
+    for defect in report.defects:
+        text += f"\n\n{defect.about()}"
+    for remark in report.remarks:
+        text += f"\n\nnote: {remark}"
+    ax.text(
+        -0.1, 1.0, text, family="monospace", fontsize=6.8, va="top", wrap=True,
+        transform=ax.transAxes,
+    )  # fmt: skip
+
+
+def _vector(values: np.ndarray, size: float) -> str:
+    """Three numbers, without the rounding of a sum over a body of that size."""
+    return ", ".join(f"{0.0 if abs(value) < 1e-12 * size else value:.4g}" for value in values)
+
+
+def _unit(report: ShapeReport) -> tuple[float, str]:
+    finite = report.file.vertices[np.isfinite(report.file.vertices).all(axis=1)]
+    size = float(np.ptp(finite, axis=0).max()) if len(finite) else 1.0
+    return length_unit(size)
+
+
+def _drawable(report: ShapeReport) -> np.ndarray:
+    """Indices of the facets whose corners there are."""
+    vertices, facets = report.file.vertices, report.file.facets
+    there = np.all((facets >= 0) & (facets < len(vertices)), axis=1)
+    finite = np.all(np.isfinite(vertices), axis=1)
+    there[there] = np.all(finite[facets[there]], axis=1)
+    return np.flatnonzero(there)
+
+
+def _marked(report: ShapeReport) -> np.ndarray:
+    """Which facets (F,) to draw red: those with a defect, but for what all of them have."""
+    marked = np.zeros(len(report.file.facets), dtype=bool)
+    for defect in report.defects:
+        if defect.kind == "duplicate vertices":
+            marked |= np.isin(report.file.facets, defect.facets).any(axis=1)
+        elif defect.kind not in ("not finite", "no such vertex"):
+            marked[defect.facets] = True
+    return marked
+
+
+def _legend(report: ShapeReport) -> list[Line2D]:
+    handles = []
+    if report.keep_out is not None:
+        handles.append(Line2D([], [], color=_KEEP_OUT, linestyle="--", label="keep-out ellipsoid"))
+        for colour, name in zip(_PRINCIPAL, ("least", "middle", "greatest"), strict=True):
+            handles.append(Line2D([], [], color=colour, label=f"axis of {name} moment"))
+    if report.synchronous_radius is not None:
+        label = "synchronous radius"
+        handles.append(Line2D([], [], color=_SYNCHRONOUS, linestyle=":", label=label))
+    if _marked(report).any():
+        handles.append(
+            Line2D([], [], color=_DEFECT.tolist(), marker="s", linestyle="", label="defect")
+        )
+    return handles

@@ -1,0 +1,36 @@
+"""Figures of flights, bodies and plans, drawn with matplotlib.
+
+Start with `plot_flight`, the figure that `proxops fly` writes. Each module draws one kind of thing
+and returns a Figure; none writes files.
+"""
+
+from proxops.diagrams.plots.decision_plot import plot_decisions
+from proxops.diagrams.plots.graphviz_picture import graphviz_svg
+from proxops.diagrams.plots.hover_plot import plot_hover
+from proxops.diagrams.plots.plan_plot import plot_plan
+from proxops.diagrams.plots.plots import (
+    draw_body,
+    length_unit,
+    plot_clearance,
+    plot_distance,
+    plot_flight,
+    plot_path,
+    plot_ranges,
+)
+from proxops.diagrams.plots.surface_plots import plot_equilibria, plot_surface_maps
+
+__all__ = [
+    "draw_body",
+    "graphviz_svg",
+    "length_unit",
+    "plot_clearance",
+    "plot_decisions",
+    "plot_distance",
+    "plot_equilibria",
+    "plot_flight",
+    "plot_hover",
+    "plot_path",
+    "plot_plan",
+    "plot_ranges",
+    "plot_surface_maps",
+]

@@ -1,0 +1,89 @@
+"""Why who flew: the hybrid's checks and the changes by runtime assurance over time, as a figure."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from proxops.diagrams.logs import FlightLog, colour_of, name_of, those_who_fly, who_flies
+
+_AGREE, _DIFFER, _LIMIT = "#128a3a", "#b03030", "#33415c"
+
+
+def plot_decisions(log: FlightLog) -> Figure:
+    """Who flew, and what for.
+
+    From the top: who flies from each step to the next; where policy and MPC were compared, the size
+    of the difference of their forces and the angle between them, with the gate's limits; the size
+    of what runtime assurance changed the command by. What a log does not have is left out.
+    """
+    data, settings = log.dataset, log.scenario.hybrid
+    compared, assured = "agreement" in data, "intervention" in data
+    heights = [0.35] + 2 * compared * [1.0] + assured * [1.0]
+    figure = Figure(figsize=(11.0, 1.0 + 1.8 * sum(heights)), layout="constrained")
+    axes = figure.subplots(len(heights), 1, sharex=True, height_ratios=heights, squeeze=False)
+    rest = list(axes[:, 0])
+    _plot_who(rest.pop(0), log)
+    if compared:
+        difference, angle = rest.pop(0), rest.pop(0)
+        _plot_checks(difference, log, data["force_difference"].values)
+        difference.axhline(settings.epsilon_magnitude_n, color=_LIMIT, linestyle="--")
+        difference.set_ylabel("‖u − v‖ (N)")
+        _plot_checks(angle, log, np.degrees(data["force_angle"].values))
+        angle.axhline(settings.epsilon_angle_deg, color=_LIMIT, linestyle="--")
+        angle.set_ylabel("angle (degrees)")
+    if assured:
+        change = rest.pop(0)
+        change.stairs(data["intervention"].values[:-1], _minutes(log), color=colour_of(3))
+        change.set_ylabel("change of the\ncommand (N)")
+        change.set_ylim(bottom=0.0)
+    for ax in axes[1:, 0]:
+        ax.grid(alpha=0.25)
+    axes[-1, 0].set_xlabel("time (min)")
+    figure.legend(
+        handles=_legend(log, compared), loc="outside upper center", ncols=6, frameon=False
+    )
+    return figure
+
+
+def _plot_who(ax: Axes, log: FlightLog) -> None:
+    who, minutes = who_flies(log.dataset)[:-1], _minutes(log)
+    for each in those_who_fly(log.dataset):
+        spans = [
+            (minutes[row], minutes[row + 1] - minutes[row]) for row in np.nonzero(who == each)[0]
+        ]
+        ax.broken_barh(spans, (0.0, 1.0), facecolors=colour_of(each))
+    ax.set_yticks([])
+    ax.set_ylim(0.0, 1.0)
+    ax.margins(x=0.0)
+
+
+def _plot_checks(ax: Axes, log: FlightLog, values: np.ndarray) -> None:
+    agreed = log.dataset["agreement"].values
+    for wanted, colour in ((1.0, _AGREE), (0.0, _DIFFER)):
+        rows = np.nonzero(agreed == wanted)[0]
+        ax.plot(_minutes(log)[rows], values[rows], "o", markersize=3.5, color=colour)
+    ax.set_ylim(bottom=0.0)
+
+
+def _legend(log: FlightLog, compared: bool) -> list[Line2D]:
+    controller = log.dataset.attrs["controller"]
+    handles = [
+        Line2D(
+            [], [], color=colour_of(who), linewidth=5.0, label=f"{name_of(who, controller)} flies"
+        )
+        for who in those_who_fly(log.dataset)
+    ]
+    if compared:
+        handles += [
+            Line2D([], [], color=_AGREE, marker="o", linestyle="", label="they agree"),
+            Line2D([], [], color=_DIFFER, marker="o", linestyle="", label="they don't"),
+            Line2D([], [], color=_LIMIT, linestyle="--", label="limit of the gate"),
+        ]
+    return handles
+
+
+def _minutes(log: FlightLog) -> np.ndarray:
+    return log.dataset["time"].values / 60.0

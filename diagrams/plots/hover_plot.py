@@ -1,0 +1,59 @@
+"""Where a spacecraft can stand still: the thrust of hovering over planes through the body."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.contour import QuadContourSet
+from matplotlib.figure import Figure
+
+from proxops.diagrams.plots.plots import draw_body, length_unit
+from proxops.diagrams.scenario import Body, Scenario, hover_force
+
+_AXES = {"x": 0, "y": 1, "z": 2}
+
+
+def plot_hover(body: Body, scenario: Scenario, count: int = 121) -> Figure:
+    """Thrust of hovering in the planes xy and xz, over the cube that transits are drawn from."""
+    figure = Figure(figsize=(12.0, 5.4), layout="constrained")
+    axes = figure.subplots(1, 2)
+    image = draw_hover(axes[0], body, scenario, "xy", count)
+    draw_hover(axes[1], body, scenario, "xz", count)
+    label = "greatest force per axis (N)"
+    figure.colorbar(image, ax=list(axes), label=label, shrink=0.85, pad=0.01)
+    mass, limit = scenario.spacecraft.mass_kg, scenario.spacecraft.thrust_limit_n
+    figure.suptitle(f"hovering at {body.config.name}, {mass:g} kg; red: {limit:g} N, the limit")
+    return figure
+
+
+def draw_hover(
+    ax: Axes, body: Body, scenario: Scenario, plane: str = "xy", count: int = 121
+) -> QuadContourSet:
+    """Contours of the greatest force per axis that hovering takes, and the thrust limit's own.
+
+    Within the body, whose silhouette is drawn over them, there are none.
+
+    Args:
+      plane: "xy", "xz" or "yz", through the centre of mass.
+      count: points a side.
+    """
+    half, limit = 0.5 * scenario.transit.cube_m, scenario.spacecraft.thrust_limit_n
+    line = np.linspace(-half, half, count)
+    across, up = np.meshgrid(line, line)
+    points = np.zeros((count * count, 3))
+    points[:, _AXES[plane[0]]], points[:, _AXES[plane[1]]] = across.ravel(), up.ravel()
+    force = hover_force(points, scenario, body)
+    force[body.gravity_field.evaluate(points).inside] = np.nan
+    force = force.reshape(count, count)
+    length, unit = length_unit(half)
+    filled = ax.contourf(
+        across / length, up / length, force, np.linspace(0.0, limit, 15), cmap="cividis",
+        extend="max",
+    )  # fmt: skip
+    if np.nanmax(force) > limit:
+        ax.contour(across / length, up / length, force, [limit], colors="#d73027", linewidths=1.5)
+    draw_body(ax, body, plane)
+    ax.set_aspect("equal")
+    ax.set_xlabel(f"{plane[0]} ({unit})")
+    ax.set_ylabel(f"{plane[1]} ({unit})")
+    return filled

@@ -1,0 +1,217 @@
+"""Plots of flight logs, in km (m about small bodies), N and minutes, with no display.
+
+Each `plot_…` draws on the axes given, with plain matplotlib; `plot_flight` puts them together into
+one figure. Whoever wants a file calls the figure's `savefig`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.figure import Figure
+from matplotlib.image import AxesImage
+from matplotlib.lines import Line2D
+from matplotlib.patches import Ellipse
+
+from proxops.diagrams.logs import (
+    FlightLog,
+    colour_of,
+    dense_positions,
+    name_of,
+    those_who_fly,
+    who_flies,
+)
+from proxops.diagrams.scenario import Body
+from proxops.systems.shapes import clearances
+
+_MINUTE = 60.0
+_BODY = "#b5aea4"
+_KEEP_OUT = "#5577bb"
+_GOAL = "#128a3a"
+_LIMIT = "#b03030"
+_LINE = "#33415c"
+_AXIS = {"x": 0, "y": 1, "z": 2}
+
+
+def length_unit(size: float) -> tuple[float, str]:
+    """The unit, in m and by name, for lengths of up to about `size` (m): km from 5 km up."""
+    return (1e3, "km") if size >= 5e3 else (1.0, "m")
+
+
+def plot_flight(log: FlightLog) -> Figure:
+    """The whole flight on one page.
+
+    The path in three projections; distance to the goal, speed and clearance over time; the force
+    along each axis over time, with the limits.
+    """
+    figure = Figure(figsize=(13.0, 10.5), layout="constrained")
+    grid = figure.subplots(3, 3, height_ratios=[1.5, 1.0, 1.0])
+    for ax, plane in zip(grid[0], ("xy", "xz", "yz"), strict=True):
+        plot_path(ax, log, plane)
+    for ax, plot in zip(grid[1], (plot_distance, plot_speed, plot_clearance), strict=True):
+        plot(ax, log)
+    for ax, axis in zip(grid[2], "xyz", strict=True):
+        plot_force(ax, log, axis)
+    figure.legend(handles=_legend(log), loc="outside lower center", ncols=8, frameon=False)
+    summary = log.summary
+    transit = f"seed {summary['seed']}, transit {summary['transit']}"
+    figure.suptitle(f"{log.body.config.name}: {summary['controller']}, {transit}")
+    return figure
+
+
+def plot_path(ax: Axes, log: FlightLog, plane: str = "xy") -> None:
+    """The path in K projected on the plane "xy", "xz" or "yz", in the colours of who flies.
+
+    With it the body's silhouette, the outline of the keep-out ellipsoid, start and goal.
+    """
+    across, up = (_AXIS[letter] for letter in plane)
+    length, unit = _unit(log.body)
+    positions = log.dataset["state"].values[:, :3] / length
+    goal = log.dataset["target"].values[-1, :3] / length
+    draw_body(ax, log.body, plane)
+    flat = positions[:, [across, up]]
+    segments = np.stack([flat[:-1], flat[1:]], axis=1)
+    colours = [colour_of(int(who)) for who in who_flies(log.dataset)[:-1]]
+    ax.add_collection(LineCollection(list(segments), colors=colours, linewidths=2.0, zorder=3))
+    ax.plot(*flat[0], "o", color="black", markersize=5, zorder=4)
+    ax.plot(goal[across], goal[up], "*", color=_GOAL, markersize=13, zorder=4)
+    keep_out = log.body.keep_out_semi_axes.max() / length
+    reach = max(np.abs(positions).max(), np.abs(goal).max(), keep_out)
+    ax.set_xlim(-1.08 * reach, 1.08 * reach)
+    ax.set_ylim(-1.08 * reach, 1.08 * reach)
+    ax.set_aspect("equal")
+    ax.set_xlabel(f"{plane[0]} ({unit})")
+    ax.set_ylabel(f"{plane[1]} ({unit})")
+    ax.grid(alpha=0.25)
+
+
+def draw_body(ax: Axes, body: Body, plane: str = "xy") -> None:
+    """The silhouettes of the body and of its keep-out ellipsoid, seen along an axis."""
+    length, _ = _unit(body)
+    across, up = (_AXIS[letter] for letter in plane)
+    triangles = body.shape.vertices[body.shape.facets][:, :, [across, up]] / length
+    # The same colour inside and on the edges makes one shape of all facets, bent bodies too.
+    ax.add_collection(
+        PolyCollection(
+            list(triangles), facecolors=_BODY, edgecolors=_BODY, linewidths=0.5, rasterized=True
+        )
+    )
+    axes = body.keep_out_semi_axes / length
+    ax.add_patch(
+        Ellipse(
+            (0.0, 0.0), 2.0 * axes[across], 2.0 * axes[up],
+            fill=False, edgecolor=_KEEP_OUT, linestyle="--", linewidth=1.2,
+        )
+    )  # fmt: skip
+
+
+def plot_distance(ax: Axes, log: FlightLog) -> None:
+    """Distance to the goal over time, on a logarithmic scale, with the radius of arrival."""
+    data, radius = log.dataset, log.scenario.arrival.radius_m
+    length, unit = _unit(log.body)
+    distance = np.linalg.norm((data["state"] - data["target"]).values[:, :3], axis=1)
+    # A log scale has no zero, and so near there is nothing to see.
+    ax.semilogy(_minutes(log), np.maximum(distance, 1e-3 * radius) / length, color=_LINE)
+    ax.axhline(radius / length, color=_GOAL, linestyle="--", linewidth=1.0)
+    _over_time(ax, log, f"distance to the goal ({unit})")
+
+
+def plot_speed(ax: Axes, log: FlightLog) -> None:
+    """Speed relative to K over time, and its greatest component against the limit per axis."""
+    velocity = log.dataset["state"].values[:, 3:]
+    minutes = _minutes(log)
+    ax.plot(minutes, np.linalg.norm(velocity, axis=1), color=_LINE, label="speed")
+    ax.plot(
+        minutes, np.abs(velocity).max(axis=1), color=_LINE, alpha=0.5, linewidth=1.0,
+        label="greatest component",
+    )  # fmt: skip
+    limit = log.scenario.spacecraft.speed_limit_m_s
+    ax.axhline(limit, color=_LIMIT, linestyle="--", linewidth=1.0)
+    ax.set_ylim(bottom=0.0)
+    ax.legend(fontsize="small", frameon=False)
+    _over_time(ax, log, "speed (m/s)")
+
+
+def plot_clearance(ax: Axes, log: FlightLog) -> None:
+    """Euclidean distance to the keep-out ellipsoid over time; inside it is negative."""
+    times, states = log.dataset["time"].values, log.dataset["state"].values
+    length, unit = _unit(log.body)
+    clearance = clearances(log.body.keep_out_semi_axes, dense_positions(times, states)) / length
+    row = np.arange(len(clearance)) / max(1, (len(clearance) - 1)) * (len(times) - 1)
+    minutes = np.interp(row, np.arange(len(times)), times) / _MINUTE
+    ax.plot(minutes, clearance, color=_LINE)
+    inside = np.minimum(clearance, 0.0)
+    ax.fill_between(minutes, inside, 0.0, color=_LIMIT, alpha=0.4, linewidth=0.0)
+    ax.axhline(0.0, color=_KEEP_OUT, linestyle="--", linewidth=1.2)
+    _over_time(ax, log, f"keep-out clearance ({unit})")
+
+
+def plot_force(ax: Axes, log: FlightLog, axis: str) -> None:
+    """The force applied along the axis "x", "y" or "z" of K, with its limits."""
+    # The last row is the end of the flight: no force is applied from there on.
+    force = log.dataset["force"].values[:-1, _AXIS[axis]]
+    times, delay = log.dataset["time"].values, log.dataset.attrs.get("force_delay_s", 0.0)
+    minutes = np.minimum(times + delay, times[-1]) / _MINUTE
+    ax.stairs(force, minutes, baseline=None, color=_LINE, linewidth=1.2)
+    limit = log.scenario.spacecraft.thrust_limit_n
+    for sign in (-1.0, 1.0):
+        ax.axhline(sign * limit, color=_LIMIT, linestyle="--", linewidth=1.0)
+    ax.set_ylim(-1.15 * limit, 1.15 * limit)
+    _over_time(ax, log, f"force along {axis} (N)")
+
+
+def plot_ranges(ax: Axes, frame: np.ndarray) -> AxesImage:
+    """One lidar frame (planes, rays) in m as a picture; rays without a return stay blank."""
+    planes, rays = frame.shape
+    step = 360.0 / rays
+    finite = frame[np.isfinite(frame)]
+    length, unit = length_unit(float(finite.max(initial=0.0)))
+    ranges = np.ma.masked_invalid(frame / length)
+    image = ax.imshow(
+        ranges, aspect="auto", origin="lower", interpolation="nearest", cmap="viridis_r",
+        extent=(-step / 2.0, 360.0 - step / 2.0, -0.5, planes - 0.5),
+    )  # fmt: skip
+    ax.set_facecolor("#eeeeee")
+    ax.set_xlabel(f"angle in the plane (degrees), {rays} rays")
+    ax.set_ylabel("plane")
+    ax.set_xticks(np.arange(0, 361, 60))
+    figure = ax.get_figure()
+    if figure is not None and finite.size:
+        figure.colorbar(image, ax=ax, label=f"range ({unit})", fraction=0.05, pad=0.02)
+    return image
+
+
+def _unit(body: Body) -> tuple[float, str]:
+    """The unit of all lengths of a flight."""
+    return length_unit(float(body.shape.extents.max()))
+
+
+def _minutes(log: FlightLog) -> np.ndarray:
+    return log.dataset["time"].values / _MINUTE
+
+
+def _over_time(ax: Axes, log: FlightLog, label: str) -> None:
+    arrival = float(log.dataset.attrs["arrival_time_s"])
+    if np.isfinite(arrival):
+        ax.axvline(arrival / _MINUTE, color=_GOAL, linewidth=1.0)
+    ax.set_xlabel("time (min)")
+    ax.set_ylabel(label)
+    ax.margins(x=0.01)
+    ax.grid(alpha=0.25)
+
+
+def _legend(log: FlightLog) -> list[Line2D]:
+    """What the colours and dashes mean, those that fly in this log only."""
+    handles = []
+    for who in those_who_fly(log.dataset):
+        name = name_of(who, log.dataset.attrs["controller"])
+        handles.append(Line2D([], [], color=colour_of(who), linewidth=2.0, label=f"{name} flies"))
+    return [
+        *handles,
+        Line2D([], [], color="black", marker="o", linestyle="", label="start"),
+        Line2D([], [], color=_GOAL, marker="*", markersize=11, linestyle="", label="goal"),
+        Line2D([], [], color=_GOAL, linewidth=1.0, label="arrival"),
+        Line2D([], [], color=_KEEP_OUT, linestyle="--", label="keep-out ellipsoid"),
+        Line2D([], [], color=_LIMIT, linestyle="--", label="limit"),
+    ]

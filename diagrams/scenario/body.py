@@ -1,0 +1,106 @@
+"""The body that is flown at: its constants, its shape about the centre of mass, its gravity."""
+
+import dataclasses as dc
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from proxops.assets import ASSETS
+from proxops.diagrams.scenario.typed_yaml import load_typed, read_mapping
+from proxops.systems.common import InputError
+from proxops.systems.gravity import GravityField
+from proxops.systems.shapes import Polyhedron
+
+
+@dc.dataclass
+class BodyConfig:
+    """What a body's YAML file holds; every key is needed."""
+
+    name: str = ""
+    # Mesh file (OBJ, PLY, STL, PDS .tab); relative to the body's YAML file.
+    mesh: str = ""
+    # Unit of the numbers in the mesh file: "km" or "m".
+    mesh_unit: str = ""
+    mass_kg: float = 0.0
+    rotation_period_h: float = 0.0
+    # Semi-axes along x, y, z of the ellipsoid, about the centre of mass, that is kept clear of.
+    keep_out_semi_axes_m: list[float] = dc.field(default_factory=list)
+
+
+@dc.dataclass(frozen=True)
+class Body:
+    """A rigid body of uniform density that spins uniformly about the body-fixed z axis.
+
+    The frame K of `shape` and of every position is fixed in the body, its origin the centre of
+    mass.
+    """
+
+    config: BodyConfig
+    shape: Polyhedron
+
+    @property
+    def spin_rate(self) -> float:
+        """Angular velocity about z in rad/s."""
+        return 2.0 * np.pi / (self.config.rotation_period_h * 3600.0)
+
+    @property
+    def keep_out_semi_axes(self) -> np.ndarray:
+        """Semi-axes (3,) in m along x, y, z of the keep-out ellipsoid."""
+        return np.array(self.config.keep_out_semi_axes_m)
+
+    @cached_property
+    def gravity_field(self) -> GravityField:
+        """Gravity of the body, built at first use."""
+        return GravityField(self.shape, mass=self.config.mass_kg)
+
+
+def load_body(name_or_path: str) -> Body:
+    """The body that ships under a name ("kleopatra") or that a YAML file describes.
+
+    Raises:
+      InputError: no such body, a key is missing, unknown or senseless, the mesh is not sound, its
+        mass and volume do not fit each other, or it sticks out of its keep-out ellipsoid.
+    """
+    shipped = ASSETS / name_or_path / f"{name_or_path}.yaml"
+    path = Path(name_or_path)
+    if not name_or_path.endswith((".yaml", ".yml")):
+        if not shipped.is_file():
+            known = sorted(
+                p.parent.name for p in ASSETS.glob("*/*.yaml") if p.stem == p.parent.name
+            )
+            raise InputError(
+                f"body {name_or_path!r} does not ship with proxops ({', '.join(known)} does); "
+                "for your own give the path of its .yaml file"
+            )
+        path = shipped
+    tree = read_mapping(path)
+    config = load_typed(BodyConfig, tree, str(path))
+    missing = [field.name for field in dc.fields(BodyConfig) if field.name not in tree]
+    if missing:
+        raise InputError(f"{path}: {', '.join(missing)} missing")
+    shape = Polyhedron.load(path.parent / config.mesh, config.mesh_unit)
+    body = Body(config, shape.recentred())
+    check_body(body, str(path))
+    return body
+
+
+def check_body(body: Body, source: str) -> None:
+    """Raises `InputError` for constants that no body has or that do not fit its shape."""
+    config = body.config
+    for name in ("mass_kg", "rotation_period_h"):
+        value = getattr(config, name)
+        if not (np.isfinite(value) and value > 0):
+            raise InputError(f"{source}: {name} must be positive, got {value}")
+    axes = config.keep_out_semi_axes_m
+    if len(axes) != 3 or not all(np.isfinite(axis) and axis > 0 for axis in axes):
+        raise InputError(
+            f"{source}: keep_out_semi_axes_m must be three positive lengths, got {axes}"
+        )
+    assert body.gravity_field.mass > 0  # Built here, so that a wrong mass or unit is said now.
+    level = np.linalg.norm(body.shape.vertices / axes, axis=1)
+    if level.max() >= 1.0:
+        raise InputError(
+            f"{source}: vertex {level.argmax()} of the mesh sticks out of the keep-out ellipsoid; "
+            f"semi-axes {level.max():.3f} times as long would hold it"
+        )

@@ -1,0 +1,102 @@
+"""A scenario: everything that a flight depends on besides its controller, as typed YAML."""
+
+import typing
+from pathlib import Path
+
+from pydrake.common.yaml import yaml_dump_typed
+
+from proxops.diagrams.scenario.scenario_checks import check_scenario
+from proxops.diagrams.scenario.scenario_config import (
+    ArrivalConfig,
+    AssuranceConfig,
+    ForceNoiseConfig,
+    HybridConfig,
+    KicksConfig,
+    LearnedLidarConfig,
+    LidarConfig,
+    MismatchConfig,
+    MpcConfig,
+    PolicyConfig,
+    RandomWalkDisturbanceConfig,
+    Scenario,
+    SpacecraftConfig,
+    TransitConfig,
+    WeightedCostConfig,
+)
+from proxops.diagrams.scenario.typed_yaml import (
+    apply_overrides,
+    load_typed,
+    parse_mapping,
+    read_mapping,
+)
+
+__all__ = [
+    "ArrivalConfig",
+    "AssuranceConfig",
+    "ForceNoiseConfig",
+    "HybridConfig",
+    "KicksConfig",
+    "LearnedLidarConfig",
+    "LidarConfig",
+    "MismatchConfig",
+    "MpcConfig",
+    "PolicyConfig",
+    "RandomWalkDisturbanceConfig",
+    "Scenario",
+    "SpacecraftConfig",
+    "TransitConfig",
+    "WeightedCostConfig",
+    "check_scenario",
+    "dump_scenario",
+    "load_scenario",
+    "parse_scenario",
+]
+
+
+def load_scenario(
+    path: str | Path | None = None,
+    overrides: typing.Sequence[str] | typing.Mapping[str, typing.Any] = (),
+) -> Scenario:
+    """Reads a scenario file, if any, over the defaults, then applies the overrides.
+
+    Args:
+      path: YAML file; it need only hold what differs from the defaults.
+      overrides: `key.subkey=value` texts with the value in YAML, or such keys and values.
+
+    Raises:
+      InputError: the file cannot be read or is not YAML, a key is unknown (the message gives the
+        nearest valid one), or a value has the wrong type or makes no sense.
+    """
+    source = "scenario" if path is None else str(path)
+    tree = {} if path is None else read_mapping(Path(path))
+    if path is not None and _is_path(tree.get("body")):
+        tree["body"] = str((Path(path).parent / tree["body"]).resolve())
+    for part in (tree.get("lidar"), tree.get("policy")):
+        if path is not None and isinstance(part, dict) and isinstance(part.get("bundle"), str):
+            part["bundle"] = str((Path(path).parent / part["bundle"]).resolve())
+    apply_overrides(tree, overrides)
+    scenario = load_typed(Scenario, tree, source)
+    check_scenario(scenario, source)
+    if isinstance(scenario.lidar, LearnedLidarConfig):
+        scenario.lidar.bundle = str(Path(scenario.lidar.bundle).resolve())
+    if scenario.policy.bundle is not None:
+        scenario.policy.bundle = str(Path(scenario.policy.bundle).resolve())
+    return scenario
+
+
+def dump_scenario(scenario: Scenario) -> str:
+    """The whole scenario as YAML that `load_scenario` reads back to an equal one."""
+    text = yaml_dump_typed(scenario, schema=Scenario)
+    assert text is not None  # It is when the text is written to a file instead.
+    return text
+
+
+def parse_scenario(text: str, source: str = "scenario") -> Scenario:
+    """The scenario in a YAML text, for instance one that `dump_scenario` wrote."""
+    scenario = load_typed(Scenario, parse_mapping(text, source), source)
+    check_scenario(scenario, source)
+    return scenario
+
+
+def _is_path(body: typing.Any) -> bool:
+    return isinstance(body, str) and body.endswith((".yaml", ".yml"))

@@ -1,0 +1,161 @@
+"""Dataclasses from YAML by pydrake's typed reader, with errors that say what to mend."""
+
+import dataclasses as dc
+import difflib
+import typing
+from pathlib import Path
+
+import numpy as np
+import yaml
+from pydrake.common.yaml import yaml_dump, yaml_load, yaml_load_typed
+
+from proxops.systems.common import InputError
+
+
+def load_typed(schema: type, tree: dict[str, typing.Any], source: str) -> typing.Any:
+    """An instance of the dataclass `schema` from nested dicts, over its defaults.
+
+    Raises:
+      InputError: an unknown key or a value of the wrong type; `source` names the file in it.
+    """
+    _check_tree(schema, tree, source)
+    try:
+        return yaml_load_typed(schema=schema, data=yaml_dump(tree), defaults=schema())
+    except (yaml.YAMLError, RuntimeError, ValueError, TypeError, AssertionError) as error:
+        raise InputError(f"{source}: {error}") from error
+
+
+def read_mapping(path: Path) -> dict[str, typing.Any]:
+    """The mapping at the root of a YAML file, tags kept under the key `_tag`.
+
+    Raises:
+      InputError: the file cannot be read, is not YAML, is empty, or holds no mapping.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except IsADirectoryError as error:
+        raise InputError(f"{path} is a directory; give a YAML file") from error
+    except OSError as error:
+        raise InputError(f"{path} cannot be read: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path} is not a text file: {error}") from error
+    return parse_mapping(text, str(path))
+
+
+def parse_mapping(text: str, source: str) -> dict[str, typing.Any]:
+    """The mapping at the root of a YAML text, tags kept under the key `_tag`.
+
+    Raises:
+      InputError: the text is not YAML, is empty, or holds no mapping; `source` names it.
+    """
+    try:
+        tree = yaml_load(data=text) if text.strip() else None
+    except (yaml.YAMLError, AttributeError) as error:  # AttributeError: a key that is no text.
+        raise InputError(f"{source} is not YAML: {' '.join(str(error).split())}") from error
+    if tree is None:
+        raise InputError(f"{source} is empty; it needs at least one `key: value` line")
+    if not isinstance(tree, dict):
+        raise InputError(f"{source} holds a {type(tree).__name__}, not `key: value` lines")
+    return tree
+
+
+def apply_overrides(
+    tree: dict[str, typing.Any], overrides: typing.Sequence[str] | typing.Mapping[str, typing.Any]
+) -> None:
+    """Sets values in nested dicts, from `key.subkey=value` texts or such keys and values.
+
+    Raises:
+      InputError: a text is of another form, or its value is not YAML.
+    """
+    if isinstance(overrides, str):
+        overrides = [overrides]
+    if not isinstance(overrides, typing.Mapping):
+        overrides = dict(_split_override(text) for text in overrides)
+    for key, value in overrides.items():
+        _assign(tree, key, value)
+
+
+def _split_override(text: str) -> tuple[str, typing.Any]:
+    key, equals, value = text.partition("=")
+    if not equals or not key.strip():
+        raise InputError(f"override {text!r} is not of the form key.subkey=value")
+    try:
+        return key.strip(), yaml_load(data=f"value: {value}")["value"]
+    except yaml.YAMLError as error:
+        raise InputError(f"override {text!r}: the value is not YAML") from error
+
+
+def _assign(tree: dict[str, typing.Any], dotted_key: str, value: typing.Any) -> None:
+    *parents, last = dotted_key.split(".")
+    for name in parents:
+        child = tree.get(name)
+        if not isinstance(child, dict):
+            child = tree[name] = {}
+        tree = child
+    tree[last] = value.tolist() if isinstance(value, np.ndarray | np.generic) else value
+
+
+def _check_tree(schema: type, tree: dict[str, typing.Any], source: str, key: str = "") -> None:
+    """Raises `InputError` for the first unknown key, wrong tag or value that cannot be the field's.
+
+    Tags that only say what is known anyway are removed: pydrake takes tags for unions alone.
+    """
+    where = f"{source}: {key}" if key else source
+    fields = {field.name: field.type for field in dc.fields(schema)}
+    for name, value in tree.items():
+        if name == "_tag":
+            continue
+        if name not in fields:
+            near = difflib.get_close_matches(str(name), fields, n=1, cutoff=0.0)[0]
+            raise InputError(
+                f"{where}: there is no key {name!r} in {schema.__name__}; the nearest is {near!r}"
+            )
+        options: list[typing.Any] = list(typing.get_args(fields[name]) or (fields[name],))
+        if typing.get_origin(fields[name]) is list:
+            options = [fields[name]]
+        nested: list[typing.Any] = [option for option in options if dc.is_dataclass(option)]
+        path = f"{key}.{name}" if key else name
+        if nested and isinstance(value, dict):
+            _check_tree(_choose(nested, value, f"{source}: {path}"), value, source, path)
+        elif not any(_fits(value, option) for option in options):
+            wanted = "`key: value` lines" if nested else " or ".join(map(_in_words, options))
+            raise InputError(f"{source}: {path} needs {wanted}, got {value!r}")
+
+
+def _choose(options: list[type], tree: dict[str, typing.Any], where: str) -> type:
+    """The one of the dataclasses that the mapping's tag says, the first if it has none.
+
+    A tag may leave out the `Config` at the end of the class's name.
+    """
+    names = ["!" + option.__name__ for option in options]
+    tag = tree.get("_tag", names[0])
+    if tag not in names and f"{tag}Config" in names:
+        tag = tree["_tag"] = f"{tag}Config"
+    if tag not in names:
+        raise InputError(f"{where} cannot be {tag}; choose from {', '.join(names)}")
+    if len(options) == 1:
+        tree.pop("_tag", None)
+    return options[names.index(tag)]
+
+
+def _fits(value: typing.Any, schema: typing.Any) -> bool:
+    """Whether a YAML value can become one of type `schema`; pydrake judges types not named here."""
+    if schema is float and isinstance(value, str):  # YAML 1.1 reads 1e3 as a text.
+        try:
+            return float(value) is not None
+        except ValueError:
+            return False
+    if typing.get_origin(schema) is list:
+        (item,) = typing.get_args(schema)
+        return isinstance(value, list) and all(_fits(element, item) for element in value)
+    kinds = {float: (int, float), int: int, str: str, type(None): type(None)}
+    if schema in kinds:
+        return isinstance(value, kinds[schema]) and not isinstance(value, bool)
+    return not dc.is_dataclass(schema)
+
+
+def _in_words(schema: typing.Any) -> str:
+    words = {float: "a number", int: "a whole number", str: "a text", type(None): "null"}
+    if typing.get_origin(schema) is list:
+        return "a list, each " + _in_words(typing.get_args(schema)[0])
+    return words.get(schema, str(schema))

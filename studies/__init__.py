@@ -1,0 +1,1 @@
+"""Many flights and what they show."""

@@ -1,0 +1,99 @@
+"""An evaluation in words and numbers: the table of all controllers, and how a flight ended."""
+
+from __future__ import annotations
+
+import typing
+from collections.abc import Callable, Mapping
+
+from proxops.diagrams.logs import WIDE_ARRIVAL, length_text
+from proxops.diagrams.scenario import ArrivalConfig
+from proxops.studies.evaluation.evaluation import Row
+
+Result = Mapping[str, typing.Any]
+Results = Mapping[str, Result]
+"""Of each controller, as in `results.json`."""
+
+
+def figure_rows(results: Results, arrival: ArrivalConfig) -> list[tuple[str, list[str]]]:
+    """The table's lines: a label, and each controller's figure; those that nobody has are left out.
+
+    Delta-v and arrival are of the flights that succeeded, and delta-v over the expert's of the
+    transits in which both did. What a position and velocity are off is a policy's estimate of them:
+    medians over flights of each flight's median and p95. Steps are timed where the MPC or a network
+    is asked, and the greatest p99 is of a flight.
+    """
+    near, wide = (arrival_text(arrival, scale) for scale in (1.0, WIDE_ARRIVAL))
+    rows = [
+        (label.format(near=near, wide=wide), [tell(result) for result in results.values()])
+        for label, tell in _FIGURES
+    ]
+    return [(label, cells) for label, cells in rows if any(cell != _NONE for cell in cells)]
+
+
+def arrival_text(arrival: ArrivalConfig, multiple: float = 1.0) -> str:
+    """What arrival allows, times a multiple, for instance "1 km, 1 m/s"."""
+    radius = multiple * arrival.radius_m
+    place = f"{radius:g} m" if radius < 1e3 else f"{radius / 1e3:g} km"
+    return f"{place}, {multiple * arrival.speed_m_s:g} m/s"
+
+
+def outcome(row: Row) -> str:
+    """How a flight ended, in a few words."""
+    if row["collided"]:
+        return "collision"
+    if row["keep_out_violations"]:
+        return "inside the keep-out"
+    if row["success"]:
+        return "arrived"
+    return "no arrival" if row["arrival_time_s"] is None else "arrived too late"
+
+
+_NONE = "–"
+
+
+def _number(key: str, form: str = ".1f", scale: float = 1.0) -> Callable[[Result], str]:
+    def tell(result: Result) -> str:
+        value = result.get(key)
+        return _NONE if value is None else format(scale * value, form)
+
+    return tell
+
+
+def _share(key: str) -> Callable[[Result], str]:
+    return lambda result: f"{round(result[key] * result['transits'])} of {result['transits']}"
+
+
+def _interval(key: str) -> Callable[[Result], str]:
+    def tell(result: Result) -> str:
+        low, high = result[key]
+        return f"{100 * low:.1f}–{100 * high:.1f} %"
+
+    return tell
+
+
+_FIGURES: tuple[tuple[str, Callable[[Result], str]], ...] = (
+    ("success ({near})", _share("success_rate")),
+    ("95 % interval", _interval("success_rate_interval")),
+    ("success ({wide})", _share("success_rate_2km")),
+    ("95 % interval", _interval("success_rate_2km_interval")),
+    ("collisions", _number("collisions", "d", 1)),
+    ("keep-out violations", _number("keep_out_violations", "d", 1)),
+    ("least clearance", lambda result: length_text(result["min_clearance_m"])),
+    ("end error, median (m)", _number("terminal_position_error_m_median")),
+    ("end error, p95 (m)", _number("terminal_position_error_m_p95")),
+    ("end error, greatest (m)", _number("terminal_position_error_m_max")),
+    ("end speed, greatest (m/s)", _number("terminal_speed_m_s_max", ".3f")),
+    ("delta-v, median (m/s)", _number("delta_v_m_s_median")),
+    ("over the expert's, median", _number("expert_delta_v_ratio_median", ".3f")),
+    ("over the expert's, of sums", _number("expert_delta_v_ratio", ".3f")),
+    ("transits compared", _number("expert_pairs", "d", 1)),
+    ("arrival, median (s)", _number("arrival_time_s_median", ".0f")),
+    ("position off, median (m)", _number("estimate_position_error_m_median")),
+    ("position off, p95 (m)", _number("estimate_position_error_m_p95")),
+    ("velocity off, median (m/s)", _number("estimate_velocity_error_m_s_median", ".3f")),
+    ("velocity off, p95 (m/s)", _number("estimate_velocity_error_m_s_p95", ".3f")),
+    ("policy's share (%)", _number("policy_share", ".1f", 100.0)),
+    ("MPC solves", _number("mpc_solves", "d", 1)),
+    ("step, median (ms)", _number("control_ms_median", ".2f")),
+    ("step, greatest p99 (ms)", _number("control_ms_p99", ".2f")),
+)

@@ -1,0 +1,143 @@
+"""Figures of the paper's reproduction: curves, errors along a path, control effort, the gates."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from proxops.diagrams.logs import FlightLog
+from proxops.diagrams.plots import length_unit
+from proxops.studies.evaluation import Looks, draw_paths
+
+_MINUTE = 60.0
+_ACROSS = 3
+_TRAINING, _VALIDATION = "#0072b2", "#d55e00"
+_HYBRID, _EXPERT, _DIFFERENCE = "#d55e00", "#1d2430", "#0072b2"
+
+Curve = list[dict[str, float]]
+"""One row an epoch, as `write_curves` writes them."""
+
+
+def read_curves(folder: Path) -> dict[str, Curve]:
+    """The curves of a training, and of its rounds if it has any, by name."""
+    curves = {}
+    for path in sorted(folder.glob("**/curves/*.csv")):
+        places = path.parent.parent.relative_to(folder).parts
+        with path.open() as file:
+            rows = [{k: float(v) for k, v in row.items()} for row in csv.DictReader(file)]
+        if rows:
+            curves[" ".join([*places, path.stem])] = rows
+    return curves
+
+
+def plot_curves(curves: Mapping[str, Curve]) -> Figure:
+    """Loss on the training and the validation part over epochs, one picture each."""
+    rows = -(-len(curves) // _ACROSS)
+    figure = Figure(figsize=(4.0 * _ACROSS, 2.9 * rows), layout="constrained")
+    axes = figure.subplots(rows, _ACROSS, squeeze=False).ravel()
+    for axis, (name, curve) in zip(axes, curves.items(), strict=False):
+        epochs = np.arange(1, len(curve) + 1)
+        for key, colour in (("training_loss", _TRAINING), ("validation_loss", _VALIDATION)):
+            losses = [row.get(key, np.nan) for row in curve]
+            axis.plot(epochs, losses, color=colour, marker=".", label=key.split("_")[0])
+        axis.set_title(name, fontsize="medium")
+        axis.set_xlabel("epoch")
+        axis.set_ylabel("loss")
+        axis.grid(alpha=0.25)
+    for axis in axes[len(curves) :]:
+        axis.set_axis_off()
+    axes[0].legend(frameon=False, fontsize="small")
+    return figure
+
+
+def plot_views(logs: Mapping[str, FlightLog], looks: Looks) -> Figure:
+    """Paths of one transit in the frame of the body, seen along its three axes."""
+    figure = Figure(figsize=(12.0, 4.9), layout="constrained")
+    for axis, plane in zip(figure.subplots(1, 3), ("xy", "xz", "yz"), strict=True):
+        draw_paths(axis, logs, plane, looks)
+    handles = [
+        Line2D([], [], color=looks[name].colour, linestyle=looks[name].style, label=name)
+        for name in logs
+    ]
+    figure.legend(handles=handles, loc="outside lower center", ncols=4, frameon=False)
+    return figure
+
+
+def path_errors(expert: FlightLog, log: FlightLog) -> tuple[np.ndarray, np.ndarray]:
+    """Times (N,) in s, and the distances (N,) in m from where the expert is at those times.
+
+    Who has arrived stays: past the end of the expert's flight its last position counts.
+    """
+    times, best = log.dataset["time"].values, expert.dataset
+    where = np.stack(
+        [np.interp(times, best["time"].values, x) for x in best["state"].values[:, :3].T], axis=1
+    )
+    return times, np.linalg.norm(log.dataset["state"].values[:, :3] - where, axis=1)
+
+
+def plot_path_errors(expert: FlightLog, logs: Mapping[str, FlightLog], looks: Looks) -> Figure:
+    """Position error over time against the MPC's path, on a logarithmic scale."""
+    figure = Figure(figsize=(9.0, 4.4), layout="constrained")
+    axis = figure.subplots()
+    length, unit = length_unit(float(expert.body.shape.extents.max()))
+    for name, log in logs.items():
+        times, errors = path_errors(expert, log)
+        shown = np.maximum(errors, 1.0) / length  # A log scale has no zero.
+        axis.semilogy(times / _MINUTE, shown, color=looks[name].colour, linestyle=looks[name].style,
+                      label=name)  # fmt: skip
+    radius = expert.scenario.arrival.radius_m / length
+    axis.axhline(radius, color="#128a3a", linestyle=":", linewidth=1.0, label="arrival's radius")
+    axis.set_xlabel("time (min)")
+    axis.set_ylabel(f"distance from the MPC's flight ({unit})")
+    axis.grid(alpha=0.25)
+    figure.legend(loc="outside lower center", ncols=3, frameon=False, fontsize="small")
+    return figure
+
+
+def plot_effort(log: FlightLog, expert: np.ndarray) -> Figure:
+    """Force of a flight by axis, with what the MPC would command there, (N, 3) in N."""
+    figure = Figure(figsize=(10.0, 8.0), layout="constrained")
+    axes = figure.subplots(4, 1, sharex=True)
+    minutes = log.dataset["time"].values[:-1] / _MINUTE
+    force = log.dataset["force"].values[:-1]
+    for k, axis in enumerate(axes[:3]):
+        axis.plot(minutes, force[:, k], color=_HYBRID, linewidth=1.2, label="flown")
+        axis.plot(minutes, expert[:, k], "--", color=_EXPERT, linewidth=0.9, label="MPC's there")
+        axis.set_ylabel(f"{'xyz'[k]} (N)")
+        axis.grid(alpha=0.25)
+    axes[3].plot(minutes, np.linalg.norm(force - expert, axis=1), color=_DIFFERENCE, linewidth=1.0)
+    axes[3].set_ylabel("size of difference (N)")
+    axes[3].set_xlabel("time (min)")
+    axes[3].grid(alpha=0.25)
+    axes[0].legend(frameon=False, fontsize="small", ncols=2, loc="upper right")
+    return figure
+
+
+def plot_gates(points: Mapping[str, tuple[float, float, float]]) -> Figure:
+    """The gates' trade: what is saved against fuel and clearance.
+
+    Args:
+      points: by name: share of solves saved, Δv over the MPC's (NaN: none compared), and the
+        least clearance in m.
+    """
+    figure = Figure(figsize=(10.0, 4.4), layout="constrained")
+    left, right = figure.subplots(1, 2, sharex=True)
+    for k, (name, (saved, fuel, clearance)) in enumerate(points.items()):
+        marker = "s" if name.startswith("always zero") else "o"
+        for axis, value in ((left, fuel), (right, clearance / 1e3)):
+            label = name if axis is left else None
+            axis.plot(100.0 * saved, value, marker, color=f"C{k}", markersize=8, label=label)
+    left.axhline(1.0, color=_EXPERT, linewidth=0.8)
+    left.set_ylabel("Δv over the MPC's, where both arrive")
+    right.axhline(0.0, color="#b03030", linewidth=0.8)
+    right.set_ylabel("least clearance of the keep-out (km)")
+    for axis in (left, right):
+        axis.set_xlabel("MPC solves saved (%)")
+        axis.grid(alpha=0.25)
+    figure.legend(loc="outside lower center", ncols=3, frameon=False, fontsize="small")
+    return figure

@@ -1,0 +1,84 @@
+"""The paper's numbers, and the arithmetic that makes ours comparable with them."""
+
+from __future__ import annotations
+
+import statistics
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from proxops.studies.evaluation import EXPERT
+
+MPC_S, POLICY_GPU_S, POLICY_CPU_S = 0.473, 0.053, 0.138
+"""Time of a step: the MPC's solve, and the network's on each of the paper's machines (s)."""
+CPU_W, GPU_W = 155.0, 300.0
+"""Thermal design power (TDP) of the paper's processors."""
+POLICY_SHARE = 0.70
+"""The paper's hybrid flew its policy up to this share of the time."""
+PAPER_ENERGY_GPU, PAPER_ENERGY_CPU = 0.216, 0.292
+"""The energy of a step of the policy over one of the MPC, as the paper gives it."""
+
+Costs = dict[str, float | None]
+
+
+def energy_share(policy_s: float, policy_w: float, mpc_s: float, mpc_w: float) -> float:
+    """The paper's arithmetic: time times TDP of a step of the policy over one of the MPC."""
+    return policy_s * policy_w / (mpc_s * mpc_w)
+
+
+def gain(saved: float, policy_s: float, mpc_s: float) -> float:
+    """How many times less a hybrid takes than the MPC alone: 1 / ((1 - saved) + t_policy / t_mpc).
+
+    The policy runs at every step, and the MPC at those that are not saved.
+    """
+    return 1.0 / ((1.0 - saved) + policy_s / mpc_s)
+
+
+def costs(results: Mapping[str, Mapping[str, Any]], name: str) -> Costs:
+    """What a controller's steps cost, against the expert's on the same transits.
+
+    Returns:
+      saved: share of steps at which the MPC was not asked. mpc_s, policy_s: of a solve in the
+      expert's own flights, and of this controller's network; medians. solve_s: mean time of this
+      controller's solves; those of a hybrid come after pauses, and take longer. step_s: mean time
+      of a step, with its solves, its network and its decisions. gain_arithmetic: by `gain`, from
+      the medians. gain_measured: the expert's mean time of a step over step_s. What it does not do
+      is None, and what never happens costs nothing.
+    """
+    flights, best = results[name]["flights"], results[EXPERT]["flights"]
+    steps, solves = _total(flights, "steps"), _total(flights, "mpc_solves")
+    mpc_s, policy_s = _median(best, "solve_s_median"), _median(flights, "policy_s_median")
+    spent = sum(_total(flights, key) for key in ("solve_s", "policy_s", "decision_s"))
+    if spent == 0.0 or mpc_s is None:
+        return {"mpc_s": mpc_s} | dict.fromkeys(
+            ("saved", "policy_s", "solve_s", "step_s", "gain_arithmetic", "gain_measured")
+        )
+    saved = 1.0 - solves / steps
+    return {
+        "saved": saved,
+        "mpc_s": mpc_s,
+        "policy_s": policy_s,
+        "solve_s": _total(flights, "solve_s") / solves if solves else None,
+        "step_s": spent / steps,
+        "gain_arithmetic": gain(saved, policy_s or 0.0, mpc_s),
+        "gain_measured": _total(best, "solve_s") / _total(best, "steps") / (spent / steps),
+    }
+
+
+def _total(rows: Sequence[Mapping[str, Any]], key: str) -> float:
+    return float(sum(row[key] for row in rows))
+
+
+def _median(rows: Sequence[Mapping[str, Any]], key: str) -> float | None:
+    values = [row[key] for row in rows if row[key] is not None]
+    return statistics.median(values) if values else None
+
+
+def blind_flights(result: Mapping[str, Any]) -> int:
+    """Flights with a step at which no ray returned: they have lost the body from lidar range."""
+    return sum(bool(row["blind_steps"]) for row in result["flights"])
+
+
+def checks_passed(result: Mapping[str, Any]) -> float | None:
+    """Share of a hybrid's checks at which both forces agreed."""
+    checks = sum(row["checks"] for row in result["flights"])
+    return sum(row["agreed"] for row in result["flights"]) / checks if checks else None

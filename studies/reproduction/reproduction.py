@@ -1,0 +1,213 @@
+"""The paper, reproduced: data, lidar network, policies, evaluation and report, in one sequence."""
+
+from __future__ import annotations
+
+import dataclasses as dc
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from proxops.diagrams.flight import bundle_of, made_with
+from proxops.diagrams.scenario import PolicyConfig, Scenario, dump_scenario, load_body
+from proxops.studies.evaluation import EXPERT, write_report
+from proxops.studies.reproduction.findings import HYBRIDS, SHOWN, Findings
+from proxops.studies.reproduction.flights import (
+    PAPER_POLICY,
+    POLICY,
+    Variant,
+    evaluate,
+    expert_forces,
+    fly_shown,
+    forces_along,
+    shown_logs,
+    variants,
+)
+from proxops.studies.reproduction.report import findings_json, reproduction_sections
+from proxops.studies.reproduction.stages import Stage, Stages
+from proxops.systems.common import InputError, Progress, write_whole
+from proxops.systems.policy import PolicyBundle
+
+if TYPE_CHECKING:
+    from proxops.studies.reproduction.training import TrainingSettings
+
+TRAINING_STAGES = ("data-full", "policy-pilot", "policy-dagger", "lidar", "data-paper",
+                   "policy-paper")  # fmt: skip
+"""In the order in which they run."""
+
+
+@dc.dataclass(frozen=True)
+class ReproductionSettings:
+    """How much is flown to judge by."""
+
+    seed: int = 10_000
+    """Of the transits, which nothing was trained on."""
+    transits: int = 200
+    """That each controller flies."""
+    shown: int = 1
+    """The transit that is drawn; this one's straight line is blocked by the ellipsoid."""
+    along: int = 8
+    """Flights of the MPC along which forces are compared."""
+
+    def quick(self) -> ReproductionSettings:
+        """A small evaluation, for a first look."""
+        return dc.replace(self, transits=10, along=4)
+
+    def of_transits(self, transits: int) -> ReproductionSettings:
+        """The same with so many transits."""
+        return dc.replace(self, transits=transits, along=min(self.along, transits))
+
+
+def reproduce(
+    scenario: Scenario,
+    out: Path,
+    settings: ReproductionSettings,
+    training: TrainingSettings | None = None,
+    *,
+    command: str = "proxops reproduce",
+    workers: int | None = None,
+    scheduler: str | None = None,
+    tell: Callable[[str, float, str], Any] | None = None,
+) -> dict[str, Any]:
+    """Runs everything that is not done yet; writes the report and returns what report.json holds.
+
+    Writes report.html, report.md, report.json and figures/ in `out`, and a folder for each stage;
+    see `Stages`.
+
+    Args:
+      training: None: nothing is collected or trained, and the report says so. What an earlier run
+        in `out` left is used; our policy is the one the scenario names, else the one trained here,
+        else the one that ships.
+      command: as it was typed, for the report.
+      workers, scheduler: as of `run_campaign`.
+      tell: is called with the stage, the share of it that is done, and a text.
+
+    Raises:
+      InputError: the scenario logs no frames, or names a policy although one is to be trained; no
+        policy is named, trained or shipped; or see the functions of the stages.
+    """
+    if not scenario.log_ranges:
+        raise InputError("the report shows what the lidar saw: it needs log_ranges: true")
+    if training is not None and scenario.policy.bundle is not None:
+        raise InputError(
+            "the policy that is trained is the one that flies: name another with policy.bundle "
+            "only where nothing is trained (--quick)"
+        )
+    stages = Stages(out, tell)
+    if training is not None:
+        # torch takes a while to import, and nothing else here needs it.
+        from proxops.studies.reproduction.training import train_everything
+
+        train_everything(stages, scenario, training, workers, scheduler)
+        trained = {stage.name: stage for stage in stages.over}
+    else:
+        found = {name: stages.latest(name) for name in TRAINING_STAGES}
+        trained = {name: stage for name, stage in found.items() if stage is not None}
+
+    policy = _policy(scenario, trained)
+    paper_policy = _bundle(trained.get("policy-paper"))
+    flown = variants(policy, paper_policy)
+    origin = _origin(scenario, settings, flown)
+
+    def evaluation(folder: Path, progress: Progress) -> dict[str, Any]:
+        over, total = 0, len(flown) * settings.transits
+
+        def told(row: Mapping[str, Any]) -> None:
+            nonlocal over
+            over += 1
+            progress(over / total, f"{over} of {total} flights")
+
+        return evaluate(
+            flown,
+            scenario,
+            settings.seed,
+            settings.transits,
+            folder,
+            workers=workers,
+            scheduler=scheduler,
+            progress=told,
+        )
+
+    transits = _shown_transits(flown, settings)
+
+    def showing(folder: Path, progress: Progress) -> dict[str, Any]:
+        fly_shown(
+            flown,
+            scenario,
+            settings.seed,
+            transits,
+            folder,
+            workers=workers,
+            scheduler=scheduler,
+        )
+        return {}
+
+    results = stages.run("evaluation", {**origin, "transits": settings.transits}, evaluation)
+    drawn = stages.run("shown", {**origin, "transits": transits}, showing)
+
+    logs = shown_logs(drawn.folder, settings.seed, transits)
+    ours = PolicyBundle.load(policy)
+    papers = None if paper_policy is None else PolicyBundle.load(paper_policy)
+    findings = Findings(
+        command=command,
+        scenario=scenario,
+        body=load_body(scenario.body),
+        seed=settings.seed,
+        transit=settings.shown,
+        stages=stages.over,
+        trained=trained,
+        missing=[name for name in TRAINING_STAGES if name not in trained],
+        policy=ours,
+        results=results.result,
+        logs=logs,
+        forces={
+            name: forces_along(bundle, list(logs[EXPERT].values()))
+            for name, bundle in ((POLICY, ours), (PAPER_POLICY, papers))
+            if bundle is not None
+        },
+        efforts={
+            name: expert_forces(logs[name][settings.shown]) for name in HYBRIDS if name in logs
+        },
+    )
+    sections = reproduction_sections(findings)
+    write_report(out, "End-to-end imitation learning near an asteroid, reproduced", sections)
+    content = findings_json(findings)
+    text = json.dumps(content, indent=1) + "\n"
+    write_whole(out / "report.json", lambda path: path.write_text(text))
+    return content
+
+
+def _policy(scenario: Scenario, trained: Mapping[str, Stage]) -> Path:
+    """Folder of the bundle that is flown as our policy."""
+    named = scenario.policy.bundle is not None
+    ours = _bundle(trained.get("policy-dagger")) or _bundle(trained.get("policy-pilot"))
+    bundle = ours if ours is not None and not named else bundle_of("policy", scenario)
+    assert bundle is not None  # Or it would have been refused.
+    return bundle.resolve()
+
+
+def _bundle(stage: Stage | None) -> Path | None:
+    return None if stage is None else (stage.folder / "bundle").resolve()
+
+
+def _origin(
+    scenario: Scenario, settings: ReproductionSettings, flown: list[Variant]
+) -> dict[str, Any]:
+    """What the flights depend on; policies by their content and not by their place."""
+    body = load_body(scenario.body)
+    return {
+        "scenario": dump_scenario(dc.replace(scenario, policy=PolicyConfig())),
+        "variants": [
+            dc.asdict(each)
+            | {"controller": made_with(each.scenario(scenario), body, each.controller)}
+            for each in flown
+        ],
+        "seed": settings.seed,
+        "shown": settings.shown,
+    }
+
+
+def _shown_transits(flown: list[Variant], settings: ReproductionSettings) -> dict[str, list[int]]:
+    shown = {each.name: [settings.shown] for each in flown if each.name in SHOWN}
+    shown[EXPERT] = sorted({settings.shown, *range(min(settings.along, settings.transits))})
+    return shown

@@ -1,0 +1,107 @@
+"""Stages of a long piece of work: what each was made from, what came of it, and what is done."""
+
+from __future__ import annotations
+
+import dataclasses as dc
+import hashlib
+import json
+import time
+from collections.abc import Callable, Mapping
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from proxops.systems.common import InputError, Progress, make_folder, write_whole
+
+# Digits of the inputs' hash in the names of folders.
+_DIGITS = 8
+
+
+@dc.dataclass(frozen=True)
+class Stage:
+    """A stage that is over."""
+
+    name: str
+    folder: Path
+    result: dict[str, Any]
+    """As JSON holds it."""
+    wall_s: float
+    """Of the run that ended it."""
+    skipped: bool
+    """Whether it was over before, with the same inputs."""
+
+
+class Stages:
+    """Runs stages once: one whose inputs have not changed since it ended is not run again.
+
+    A stage has the folder `out`/NAME-HASH, with a hash of its inputs and of the version of proxops,
+    so that one that was interrupted finds what it had, and one with other inputs begins anew beside
+    it. When it is over, `out`/stages/NAME-HASH.json holds its inputs and what came of it.
+    """
+
+    def __init__(self, out: Path, tell: Callable[[str, float, str], Any] | None = None):
+        """`tell` is called with the stage, the share of it that is done, and a text."""
+        self.over: list[Stage] = []
+        self._out = out
+        self._records = out / "stages"
+        self._tell = tell or (lambda name, done, text: None)
+
+    def run(
+        self,
+        name: str,
+        inputs: Mapping[str, Any],
+        work: Callable[[Path, Progress], dict[str, Any]],
+    ) -> Stage:
+        """What came of a stage, which is worked on only if that is not known.
+
+        Args:
+          inputs: all that the result depends on, as JSON: settings, and results of other stages.
+          work: is given the stage's folder, and gives a result that JSON holds.
+
+        Raises:
+          InputError: the record of the stage is damaged, or cannot be written; or what `work`
+            raises.
+        """
+        known = json.loads(json.dumps({**inputs, "proxops": metadata.version("proxops")}))
+        digest = hashlib.sha256(json.dumps(known, sort_keys=True).encode()).hexdigest()
+        label = f"{name}-{digest[:_DIGITS]}"
+        folder, record = self._out / label, self._records / f"{label}.json"
+        make_folder(self._records)
+        if record.is_file() and folder.is_dir():
+            stage = self._read(name, record)
+        else:
+            make_folder(folder)
+            self._tell(name, 0.0, "")
+            started = time.monotonic()
+            result = work(folder, lambda done, text: self._tell(name, done, text))
+            wall = time.monotonic() - started
+            content = {"inputs": known, "result": result, "wall_s": wall}
+            text = json.dumps(content, indent=1) + "\n"
+            write_whole(record, lambda path: path.write_text(text))
+            stage = Stage(name, folder, json.loads(text)["result"], wall, skipped=False)
+        self._tell(name, 1.0, "")
+        self.over.append(stage)
+        return stage
+
+    def latest(self, name: str) -> Stage | None:
+        """The stage of a name that ended last, whatever its inputs were; None if there is none."""
+        records = [
+            record
+            for record in self._records.glob(f"{name}-{'[0-9a-f]' * _DIGITS}.json")
+            if (self._out / record.stem).is_dir()
+        ]
+        if not records:
+            return None
+        stage = self._read(name, max(records, key=lambda record: record.stat().st_mtime_ns))
+        self.over.append(stage)
+        return stage
+
+    def _read(self, name: str, record: Path) -> Stage:
+        try:
+            content = json.loads(record.read_text())
+            result, wall = dict(content["result"]), float(content["wall_s"])
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise InputError(
+                f"{record} is not the record of a stage: remove it and run again"
+            ) from error
+        return Stage(name, self._out / record.stem, result, wall, skipped=True)

@@ -1,0 +1,173 @@
+"""What is trained for the paper's reproduction: the learned lidar, the paper's policy and ours."""
+
+from __future__ import annotations
+
+import dataclasses as dc
+import hashlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from proxops.diagrams.flight import body_sha256
+from proxops.diagrams.scenario import LearnedLidarConfig, Scenario, dump_scenario, load_body
+from proxops.studies.reproduction.stages import Stage, Stages
+from proxops.systems.common import Progress
+from proxops.systems.policy import PolicyBundle
+from proxops.training.data import MIXES, collect, learned_lidar_of
+from proxops.training.lidar import LidarSettings, train_lidar
+from proxops.training.paper import PaperSettings, train_paper_policy
+from proxops.training.pilot import DaggerSettings, PilotSettings, run_dagger, train_pilot
+
+
+@dc.dataclass(frozen=True)
+class TrainingSettings:
+    """How much is flown and learned."""
+
+    lidar: LidarSettings = dc.field(default_factory=LidarSettings)
+    paper_flights: int = 400
+    """In the paper's mix: a quarter nominal, the others disturbed and seen by the learned lidar."""
+    paper: PaperSettings = dc.field(default_factory=PaperSettings)
+    pilot_flights: int = 400
+    pilot: PilotSettings = dc.field(default_factory=PilotSettings)
+    rounds: DaggerSettings = dc.field(default_factory=DaggerSettings)
+
+
+@dc.dataclass(frozen=True)
+class _Fleet:
+    """Who flies, as of `run_campaign`."""
+
+    workers: int | None
+    scheduler: str | None
+
+
+def train_everything(
+    stages: Stages,
+    scenario: Scenario,
+    settings: TrainingSettings,
+    workers: int | None = None,
+    scheduler: str | None = None,
+) -> None:
+    """Data, lidar network and policies, stage by stage; `Stages.latest` finds what came of them.
+
+    Args:
+      workers, scheduler: as of `run_campaign`; what is trained is trained in this process.
+
+    Raises:
+      InputError: see the functions of the stages.
+    """
+    fleet = _Fleet(workers, scheduler)
+    plain = dc.replace(scenario, policy=dc.replace(scenario.policy, bundle=None))
+    origin = {
+        "scenario": dump_scenario(plain),
+        "body": body_sha256(load_body(scenario.body)),
+    }
+    data = _collected(
+        stages, "data-full", origin, plain, ("full", 1, settings.pilot_flights), fleet
+    )
+    pilot = _pilot(stages, data, settings, fleet)
+    _dagger(stages, data, pilot, settings, fleet)
+    lidar = _lidar(stages, origin, plain, settings)
+    learned = learned_lidar_of(plain, lidar.folder / "bundle")
+    paper_data = _collected(
+        stages, "data-paper", origin, plain, ("paper", 0, settings.paper_flights), fleet,
+        learned, lidar.result,
+    )  # fmt: skip
+    _paper_policy(stages, paper_data, settings)
+
+
+def _lidar(
+    stages: Stages, origin: Mapping[str, Any], scenario: Scenario, settings: TrainingSettings
+) -> Stage:
+    def work(folder: Path, tell: Progress) -> dict[str, Any]:
+        body = load_body(scenario.body)
+        return train_lidar(scenario, body, settings.lidar, folder, tell)
+
+    return stages.run("lidar", {**origin, "settings": dc.asdict(settings.lidar)}, work)
+
+
+def _collected(
+    stages: Stages,
+    name: str,
+    origin: Mapping[str, Any],
+    scenario: Scenario,
+    which: tuple[str, int, int],
+    fleet: _Fleet,
+    learned: LearnedLidarConfig | None = None,
+    lidar: Mapping[str, Any] | None = None,
+) -> Stage:
+    mix, seed, count = which
+
+    def work(folder: Path, tell: Progress) -> dict[str, Any]:
+        flown = 0
+
+        def told(row: Mapping[str, Any]) -> None:
+            nonlocal flown
+            flown += 1
+            tell(flown / count, f"{flown} of {count} flights")
+
+        manifest, report = collect(
+            scenario,
+            MIXES[mix],
+            seed,
+            count,
+            folder,
+            learned_lidar=learned,
+            workers=fleet.workers,
+            scheduler=fleet.scheduler,
+            progress=told,
+        )
+        hashes = " ".join(flight["sha256"] for flight in manifest["flights"])
+        return {
+            "mix": mix,
+            "seed": seed,
+            "logs_sha256": hashlib.sha256(hashes.encode()).hexdigest(),
+            "all": report["all"],
+            "kinds": {kind: figures["flights"] for kind, figures in report["kinds"].items()},
+        }
+
+    bundle = None if lidar is None else lidar["bundle_sha256"]
+    inputs = {**origin, "mix": MIXES[mix], "seed": seed, "count": count, "lidar": bundle}
+    return stages.run(name, inputs, work)
+
+
+def _paper_policy(stages: Stages, data: Stage, settings: TrainingSettings) -> Stage:
+    def work(folder: Path, tell: Progress) -> dict[str, Any]:
+        report = train_paper_policy(data.folder, folder, settings.paper, tell)
+        return _trained(report, folder)
+
+    return stages.run("policy-paper", _learning(data, settings.paper), work)
+
+
+def _pilot(stages: Stages, data: Stage, settings: TrainingSettings, fleet: _Fleet) -> Stage:
+    def work(folder: Path, tell: Progress) -> dict[str, Any]:
+        report = train_pilot(data.folder, folder, settings.pilot, tell, fleet.workers)
+        return _trained(report, folder)
+
+    return stages.run("policy-pilot", _learning(data, settings.pilot), work)
+
+
+def _dagger(
+    stages: Stages, data: Stage, pilot: Stage, settings: TrainingSettings, fleet: _Fleet
+) -> Stage:
+    def work(folder: Path, tell: Progress) -> dict[str, Any]:
+        report = run_dagger(
+            data.folder, pilot.folder, folder, settings.rounds, tell, fleet.workers,
+            fleet.scheduler,
+        )  # fmt: skip
+        return _trained(report, folder)
+
+    # A budget of minutes that is infinite is no JSON.
+    rounds = {k: str(v) for k, v in dc.asdict(settings.rounds).items()}
+    inputs = _learning(data, settings.pilot) | {
+        "rounds": rounds,
+        "pilot_sha256": pilot.result["bundle_sha256"],
+    }
+    return stages.run("policy-dagger", inputs, work)
+
+
+def _learning(data: Stage, settings: Any) -> dict[str, Any]:
+    return {"logs_sha256": data.result["logs_sha256"], "settings": dc.asdict(settings)}
+
+
+def _trained(report: dict[str, Any], folder: Path) -> dict[str, Any]:
+    return report | {"bundle_sha256": PolicyBundle.load(folder / "bundle").sha256}

@@ -1,0 +1,81 @@
+"""Gravity outside an ellipsoid as a table: a quarter of a microsecond for what takes 30 exactly."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+from dataclasses import field as dc_field
+
+import numpy as np
+
+from proxops.systems.assurance import _braking_kernel as kernel
+from proxops.systems.gravity import Field, GravityField
+
+# Of the nodes, where the ellipsoid is the unit ball. Kleopatra's table is then within 5e-5 m/s^2 of
+# the polyhedron outside her keep-out ellipsoid, and within 5e-6 on average.
+_SPACING = 0.05
+# From here, in greatest semi-axes, the field is as good as a point mass's.
+_FAR = 1e4
+
+
+class GravityTable:
+    """A field's acceleration everywhere outside an ellipsoid, by cubic interpolation.
+
+    The whole of space outside is mapped to the unit ball by inversion: with w = (x/a, y/b, z/c),
+    a point's place in the table is w / |w|^2. Far away is near the middle, where what is tabulated,
+    the field less that of a point mass, vanishes as the fourth power of the distance from it. So
+    nodes stand close where gravity is rough, and there is no end to the table.
+    """
+
+    def __init__(self, field: Field, semi_axes: np.ndarray):
+        """Takes the field and the ellipsoid's semi-axes (3,) in m; all of the body lies within."""
+        axes = np.asarray(semi_axes, dtype=np.float64)
+        far = _FAR * axes.max() * np.array([[0.0, 0.0, 1.0]])
+        gravity = float(field.evaluate(far).potential[0]) * far[0, 2]
+        count = int(1.0 / (kernel.LOWEST_LEVEL * _SPACING)) + 3
+        line = _SPACING * np.arange(-count, count + 1)
+        places = np.stack(np.meshgrid(line, line, line, indexing="ij"), axis=-1)
+        square = np.sum(places**2, axis=-1)
+        # Those that a place in the ball has among its 64.
+        reach = 1.0 / kernel.LOWEST_LEVEL + 2.0 * np.sqrt(3.0) * _SPACING
+        needed = (square > 0.0) & (square < reach**2)
+        points = places[needed] / square[needed][:, None] * axes
+        pull = field.evaluate(points).acceleration
+        central = -gravity * points / np.linalg.norm(points, axis=1)[:, None] ** 3
+        self.nodes = np.zeros((*square.shape, 4))
+        """(2 n + 1, 2 n + 1, 2 n + 1, 4) in m/s^2; a column of zeros keeps rows aligned."""
+        self.nodes[needed, :3] = pull - central
+        self.scales = np.array([*axes, gravity, _SPACING])
+        """(5,): semi-axes in m, G m in m^3/s^2, spacing of the nodes."""
+        # Components of gravity are harmonic: none is greater outside than on the surface.
+        near = np.abs(np.sqrt(square) - 1.0) < 0.5 * _SPACING
+        surface = places[near] / np.sqrt(square[near])[:, None] * axes
+        self.greatest = np.abs(field.evaluate(surface).acceleration).max(axis=0)
+        """(3,) in m/s^2: the greatest of each component of the field outside the ellipsoid."""
+
+    def acceleration(self, points: np.ndarray) -> np.ndarray:
+        """The field (N, 3) in m/s^2 at points (N, 3) in m outside the ellipsoid."""
+        out = np.empty((len(points), 3))
+        for point, row in zip(np.asarray(points, dtype=np.float64), out, strict=True):
+            kernel.interpolate(point[0], point[1], point[2], self.scales, self.nodes, row)
+        return out
+
+
+def gravity_table(field: Field, semi_axes: np.ndarray) -> GravityTable:
+    """The table of a field, made once a process (Kleopatra's takes about a second)."""
+    same = (field.shape.sha256, field.mass) if isinstance(field, GravityField) else (id(field),)
+    return _table(_Source(same, tuple(map(float, semi_axes)), field))
+
+
+@dataclass(frozen=True)
+class _Source:
+    """What a table is made of; equal for fields of the same shape and mass."""
+
+    same: tuple
+    semi_axes: tuple[float, ...]
+    field: Field = dc_field(compare=False)
+
+
+@functools.lru_cache(maxsize=4)
+def _table(source: _Source) -> GravityTable:
+    return GravityTable(source.field, np.array(source.semi_axes))

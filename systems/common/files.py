@@ -1,0 +1,61 @@
+"""Files and folders: written whole or not at all, and told apart by their hashes."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import tempfile
+import typing
+from collections.abc import Callable
+from pathlib import Path
+
+from proxops.systems.common.errors import InputError
+
+
+def make_folder(folder: Path) -> None:
+    """Makes an output folder and its parents.
+
+    Raises:
+      InputError: it cannot be made.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"cannot make the folder {folder}: {error.strerror}") from error
+
+
+def write_whole(path: Path, write: Callable[[Path], typing.Any]) -> None:
+    """Calls `write` with a temporary name beside `path`, then renames: never a half file.
+
+    Raises:
+      InputError: the folder does not exist or cannot be written, or the disk is full.
+    """
+    try:
+        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part")
+        os.close(handle)
+    except OSError as error:
+        raise InputError(f"cannot write in {path.parent}: {error.strerror}") from error
+    temporary = Path(name)
+    try:
+        write(temporary)
+        with temporary.open("rb") as file:
+            os.fsync(file.fileno())
+        temporary.chmod(0o644)
+        temporary.replace(path)
+    except OSError as error:
+        raise InputError(f"cannot write {path}: {error.strerror or error}") from error
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def file_sha256(path: Path) -> str:
+    """Hash of a file's bytes.
+
+    Raises:
+      InputError: it can't be read.
+    """
+    try:
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        raise InputError(f"{path} cannot be read: {error.strerror}") from error

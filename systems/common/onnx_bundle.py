@@ -1,0 +1,93 @@
+"""Bundles of trained networks: a folder with an ONNX model and a JSON file that describes it."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import typing
+from dataclasses import dataclass
+from pathlib import Path
+
+from proxops.systems.common.errors import InputError
+
+if typing.TYPE_CHECKING:
+    import onnxruntime as ort
+
+MODEL_FILE = "model.onnx"
+
+
+@dataclass(frozen=True)
+class BundleKind:
+    """What a bundle of one kind has to hold."""
+
+    noun: str
+    """Of what it is a bundle, for messages."""
+    file: str
+    """Name of the JSON file."""
+    format: str
+    """What the file's `format` says."""
+    keys: dict[str, type]
+    """The file's keys and the types of their values; `model_sha256` among them."""
+    command: str
+    """What makes one."""
+
+
+def read_bundle(
+    folder: Path, kind: BundleKind
+) -> tuple[dict[str, typing.Any], str, ort.InferenceSession]:
+    """What a bundle's JSON file says, that file's SHA-256, and the network, ready to run.
+
+    The file holds the network's hash, so its own hash names the bundle.
+
+    Raises:
+      InputError: no bundle of this kind, of another format, or damaged; the message says which.
+    """
+    text = _read(folder / kind.file, folder, kind)
+    model = _read(folder / MODEL_FILE, folder, kind)
+    try:
+        content = json.loads(text)
+    except ValueError as error:
+        raise InputError(f"{folder / kind.file} is damaged: it is not JSON") from error
+    if not isinstance(content, dict) or content.get("format") != kind.format:
+        raise InputError(
+            f"{folder / kind.file} is not of the format {kind.format!r}; train the {kind.noun} "
+            f"again with {kind.command}"
+        )
+    for key, kind_of_value in kind.keys.items():
+        if not isinstance(content.get(key), kind_of_value):
+            raise InputError(
+                f"{folder / kind.file} is damaged: {key} is no {kind_of_value.__name__}"
+            )
+    if hashlib.sha256(model).hexdigest() != content["model_sha256"]:
+        raise InputError(
+            f"{folder / MODEL_FILE} is damaged or of another bundle: its hash is not the one "
+            f"in {kind.file}; train it again with {kind.command}"
+        )
+    return content, hashlib.sha256(text).hexdigest(), open_session(model)
+
+
+def open_session(model: bytes) -> ort.InferenceSession:
+    """The network of an ONNX file, run by one thread, so that it repeats bit for bit.
+
+    Raises:
+      InputError: ONNX Runtime can't take it.
+    """
+    import onnxruntime as ort  # Slow to import: only when it is needed.
+
+    options = ort.SessionOptions()
+    options.intra_op_num_threads = options.inter_op_num_threads = 1
+    options.log_severity_level = 3
+    try:
+        return ort.InferenceSession(model, options, providers=["CPUExecutionProvider"])
+    except Exception as error:  # ONNX Runtime's exceptions have no common type.
+        raise InputError(f"the network is not one that ONNX Runtime takes: {error}") from error
+
+
+def _read(path: Path, folder: Path, kind: BundleKind) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise InputError(
+            f"{folder} is not the bundle of a {kind.noun}: {path.name} cannot be read "
+            f"({error.strerror}); {kind.command} makes one"
+        ) from error

@@ -1,0 +1,124 @@
+"""Condensing: the states along a plan as affine functions of its controls.
+
+On interval k gravity is linearised about its middle, r_k, and the control u_k is constant. In K,
+with C the Coriolis and centrifugal terms of the spin::
+
+    d/dt (r, v) = (v, G_k r + C (r, v) + b u_k + c_k)        c_k = g(r_k) - G_k r_k + push
+
+an affine motion, of which one interval is x_{k+1} = E_k x_k + B_k u_k + d_k, exactly, by the
+exponential's series. Put into one another from the given x_0 on, the steps leave no state free::
+
+    x_k = sum over j < k of  E_{k-1} ... E_{j+1} (B_j u_j + d_j)  +  E_{k-1} ... E_0 x_0
+
+A program over the controls alone is small and dense, where one with the states as variables too is
+large and sparse.
+"""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+
+from proxops.systems.gravity import Field
+
+# Terms of the exponential's series for one interval, after 1; |A| dt is at most about 0.3.
+_EXPONENTIAL_TERMS = 8
+
+
+def condensed_motion(
+    field: Field,
+    spin: float,
+    start: np.ndarray,
+    states: np.ndarray,
+    controls: np.ndarray,
+    lengths: np.ndarray,
+    acceleration: float,
+    push: np.ndarray,
+) -> np.ndarray:
+    """Rows (N, 6, 3 N + 2): the states at the ends of N intervals, linear in (u, stretch, 1).
+
+    The stretch is a relative change of all lengths; it counts to first order about the given
+    states and controls.
+
+    Args:
+      spin: rad/s about z.
+      start: (6,), where the motion begins, in m and m/s, in K.
+      states, controls: (N + 1, 6) at the knots and (N, 3) between them, to linearise about.
+      lengths: (N,) of the intervals, in s.
+      acceleration: what a control of 1 gives along an axis, in m/s^2.
+      push: (3,) in m/s^2, an acceleration that the field does not explain.
+    """
+    middle = 0.5 * (states[1:, :3] + states[:-1, :3])
+    gravity = field.evaluate(middle)
+    gradient = np.ascontiguousarray(gravity.gradient)
+    constant = gravity.acceleration - (gradient @ middle[:, :, None])[:, :, 0] + push
+    return _affine_states(gradient, constant, spin, acceleration, lengths, start, states, controls)
+
+
+# Loops over numbers: compiled in a fraction of the time that expressions of arrays take.
+@numba.njit(cache=True, error_model="numpy", forceinline=True)
+def _add_product(left, right, share, out):
+    """Adds share times left[:, :6] (6, 6) times right (6, M) to out (6, M)."""
+    for i in range(6):
+        for j in range(6):
+            factor = share * left[i, j]
+            if factor != 0.0:
+                for m in range(right.shape[1]):
+                    out[i, m] += factor * right[j, m]
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _affine_states(gradient, constant, spin, acceleration, lengths, start, states, controls):
+    """Rows of `condensed_motion`, from G (N, 3, 3) and c (N, 3)."""
+    n = lengths.size
+    rows = np.zeros((n, 6, 3 * n + 2))
+    before = np.zeros((6, 3 * n + 2))
+    # d/dt x = rates @ (x, u, 1); (E - 1, B, d) = step; (x, u, 1) at an interval's end.
+    rates, flown = np.zeros((6, 10)), np.ones(10)
+    for i in range(6):
+        before[i, 3 * n + 1] = start[i]
+    for i in range(3):
+        rates[i, 3 + i] = 1.0
+        rates[3 + i, 6 + i] = acceleration
+    rates[3, 4], rates[4, 3] = 2.0 * spin, -2.0 * spin
+    for k in range(n):
+        length, now = lengths[k], rows[k]
+        for i in range(3):
+            for j in range(3):
+                rates[3 + i, j] = gradient[k, i, j]
+            rates[3 + i, 9] = constant[k, i]
+        rates[3, 0] += spin**2
+        rates[4, 1] += spin**2
+        # The upper rows of exp(A) - 1 for A = ((rates), (0)) times the length, by Horner's rule:
+        # A (1 + A / 2 (1 + A / 3 (1 + ...))), inside out.
+        step = np.zeros((6, 10))
+        for order in range(_EXPONENTIAL_TERMS, 0, -1):
+            longer = np.empty((6, 10))
+            for i in range(6):
+                for j in range(10):
+                    longer[i, j] = length / order * rates[i, j]
+            _add_product(rates, step, length / order, longer)
+            step = longer
+
+        for i in range(6):
+            for m in range(3 * n + 2):
+                now[i, m] = before[i, m]
+        _add_product(step, before, 1.0, now)
+        for i in range(6):
+            for j in range(3):
+                now[i, 3 * k + j] += step[i, 6 + j]
+            now[i, 3 * n + 1] += step[i, 9]
+        # A longer interval: the rates at its end, times its length.
+        for j in range(3):
+            flown[6 + j] = controls[k, j]
+        for i in range(6):
+            flown[i] = states[k, i] + step[i, 9]
+            for j in range(6):
+                flown[i] += step[i, j] * states[k, j]
+            for j in range(3):
+                flown[i] += step[i, 6 + j] * controls[k, j]
+        for i in range(6):
+            for j in range(10):
+                now[i, 3 * n] += length * rates[i, j] * flown[j]
+        before = now
+    return rows

@@ -1,0 +1,262 @@
+"""`ModelPredictiveController`: the expert, which knows its state exactly."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+
+import numpy as np
+from pydrake.common.value import AbstractValue
+from pydrake.solvers import SolutionResult
+from pydrake.systems.framework import LeafSystem
+
+from proxops.systems.common import InputError, SolverFailure
+from proxops.systems.expert.fallback_plans import braking, flown_on
+from proxops.systems.expert.plan import Plan, PlanProgram, PlanReason, PlanStatus, empty_plan
+from proxops.systems.expert.plan_memory import memory_size, packed, unpacked
+from proxops.systems.vehicle import moved_by, predicted_state, unexplained_acceleration
+
+SOLVED, FLOWN_ON, BRAKING = PlanStatus
+# An old plan is linearised about again, up to so many times, until the first force changes by less
+# than this share of the thrust limit. Two or three times do, 1e-3 of the limit from the end of it.
+_MOST_FOR_OLD_PLAN, _SETTLED = 5, 1e-3
+# What the solver's result means for the log; whatever is not here is SOLVER_ERROR.
+_FAILURES = {
+    SolutionResult.kInvalidInput: PlanReason.INPUT_NOT_FINITE,
+    SolutionResult.kInfeasibleConstraints: PlanReason.SOLVER_INFEASIBLE,
+    SolutionResult.kInfeasibleOrUnbounded: PlanReason.SOLVER_INFEASIBLE,
+    SolutionResult.kIterationLimit: PlanReason.SOLVER_ITERATION_LIMIT,
+}
+
+
+class ModelPredictiveController(LeafSystem):
+    """Plans from the state to the target at every step and commands the plan's first force.
+
+    ```
+    state (6) ──────►┌───────────────────────────┐
+    target (6) ─────►│ ModelPredictiveController ├─► force (3), N
+    enable (1) ─────►│                           ├─► plan (abstract Plan)
+                     │                           ├─► record (3): wall time in s, Plan.status,
+                     │                           │               Plan.reason
+                     └───────────────────────────┴─► planned_force (3), N
+    ```
+
+    All vectors are in K, in m, m/s and N. The command depends on the state and the target alone:
+    the last plan, kept in the Context as discrete state and replaced every `period`, only says
+    where to linearise first. It is linearised about once if it is one period old
+    and fits the state and target, and `cold_iterations` times if not, or if there is none. A plan
+    that is older, for the MPC was not asked in between, is shifted by its age and linearised about
+    up to five times, until the first force settles; if it doesn't, it counts as none.
+
+    `enable`, if connected, gates the periodic update: while it is 0, nothing is solved unless an
+    output is asked for but `planned_force`: what the last plan has for now, flown by the clock, or
+    without one braking; it never solves.
+
+    With `estimator_gain` above 0 it is offset-free: the acceleration that gravity and its own last
+    force do not explain is estimated from the motion over the last period, smoothed by that gain,
+    and planned for. The estimate is kept with the plan; the command then depends on it too.
+
+    With `delay` above 0 its command is taken to act that much after it was asked for, as a
+    `DelayedHold` makes it. It then plans from where it will be by then, under its own last command
+    and the gravity it believes in; the last command is kept too, and the command depends on it.
+
+    If the solver fails the flight goes on: the last plan is flown on by the clock (status 1), and
+    without one the spacecraft brakes (status 2). `Plan.reason` says why.
+    """
+
+    def __init__(
+        self,
+        program: PlanProgram,
+        period: float = 10.0,
+        cold_iterations: int = 10,
+        estimator_gain: float = 0.0,
+        delay: float = 0.0,
+    ):
+        """Takes the program, the control period in s, the estimator's gain and the delay in s.
+
+        Raises:
+          InputError: the period or the number of iterations is not positive, the gain is not from
+            0 to 1, or the delay not from 0 to the period.
+        """
+        super().__init__()
+        if not (period > 0.0 and cold_iterations >= 1):
+            raise InputError(
+                "the MPC needs a positive period and at least one cold iteration, "
+                f"got {period} and {cold_iterations}"
+            )
+        if not 0.0 <= estimator_gain <= 1.0:
+            raise InputError(f"the MPC's estimator gain must be from 0 to 1, got {estimator_gain}")
+        if not 0.0 <= delay <= period:
+            raise InputError(f"the MPC's delay must be from 0 to its period, got {delay} s")
+        self.program, self.period, self.cold_iterations = program, period, cold_iterations
+        self.estimator_gain, self.delay = estimator_gain, delay
+        self._state_port = self.DeclareVectorInputPort(name="state", size=6)
+        self._target_port = self.DeclareVectorInputPort(name="target", size=6)
+        self._enable_port = self.DeclareVectorInputPort(name="enable", size=1)
+        knots = program.horizon.knots
+        self._memory = self.DeclareDiscreteState(memory_size(knots))
+        # With a delay, the last command; until there is one, no force acts.
+        self._command = self.DeclareDiscreteState(3) if delay > 0.0 else None
+        depends = {
+            self._state_port.ticket(),
+            self._target_port.ticket(),
+            self.xd_ticket(),
+            self.time_ticket(),
+        }
+        self._plan_port = self.DeclareAbstractOutputPort(
+            name="plan",
+            alloc=lambda: AbstractValue.Make(empty_plan(knots)),
+            calc=self._calc_plan,
+            prerequisites_of_calc=depends,
+        )
+        self._force_port = self.DeclareVectorOutputPort(
+            name="force", size=3, calc=self._calc_force, prerequisites_of_calc=depends
+        )
+        self._record_port = self.DeclareVectorOutputPort(
+            name="record", size=3, calc=self._calc_record, prerequisites_of_calc=depends
+        )
+        self._planned_port = self.DeclareVectorOutputPort(
+            name="planned_force",
+            size=3,
+            calc=self._calc_planned_force,
+            prerequisites_of_calc={
+                self._state_port.ticket(),
+                self.xd_ticket(),
+                self.time_ticket(),
+            },
+        )
+        # Discrete, not unrestricted: at one time all discrete updates see the same state before
+        # it, so that the hold downstream reads the plan that is cached and nothing is solved twice.
+        self.DeclarePeriodicDiscreteUpdateEvent(
+            period_sec=period, offset_sec=0.0, update=self._remember_plan
+        )
+
+    def _calc_plan(self, context, output):
+        state = self._state_port.Eval(context)
+        target = self._target_port.Eval(context)
+        started = time.perf_counter()
+        last, age = self._recall(context)
+        push = np.zeros(3) if last is None else last.push
+        if np.isfinite(state).all() and np.isfinite(target).all():
+            state = self._predict(context, state)
+            push = self._estimate(last, age, state)
+            if self.delay > 0.0:
+                state = state + moved_by(push, self.delay)
+            plan, reason = self._solve(state, target, last, age, push)
+        else:
+            plan, reason = None, PlanReason.INPUT_NOT_FINITE
+        if plan is None:
+            plan = self._fallback(state, last, age)
+        solve_time = time.perf_counter() - started
+        output.set_value(dataclasses.replace(plan, solve_time=solve_time, reason=reason, push=push))
+
+    def _calc_force(self, context, output):
+        output.SetFromVector(self._first_force(self._plan_port.Eval(context)))
+
+    def _calc_record(self, context, output):
+        plan = self._plan_port.Eval(context)
+        output.SetFromVector([plan.solve_time, plan.status, plan.reason])
+
+    def _calc_planned_force(self, context, output):
+        plan = self._fallback(self._state_port.Eval(context), *self._recall(context))
+        output.SetFromVector(self._first_force(plan))
+
+    def _remember_plan(self, context, discrete_state):
+        enabled = not self._enable_port.HasValue(context) or self._enable_port.Eval(context)[0] != 0
+        if not enabled:
+            return
+        plan = self._plan_port.Eval(context)
+        if self._command is not None:
+            discrete_state.set_value(self._command, self._first_force(plan))
+        if plan.status == SOLVED:
+            discrete_state.set_value(self._memory, packed(plan, context.get_time() + self.delay))
+        # Else the last plan that was solved stays, to be flown on by its own clock.
+
+    def _first_force(self, plan: Plan) -> np.ndarray:
+        limit = self.program.limits.thrust
+        return np.clip(plan.forces[0], -limit, limit)
+
+    def _recall(self, context) -> tuple[Plan | None, float]:
+        """The last plan, if any, and its age in s when the next force takes effect."""
+        memory = context.get_discrete_state(self._memory).value()
+        last, start = unpacked(memory, self.program.horizon)
+        return last, 0.0 if last is None else context.get_time() + self.delay - start
+
+    def _predict(self, context, state: np.ndarray) -> np.ndarray:
+        """The state when the next force takes effect, if nothing pushes but what is known."""
+        if self._command is None:
+            return state
+        program, force = self.program, context.get_discrete_state(self._command).value()
+        return predicted_state(
+            state, force, self.delay, program.field, program.limits.mass, program.spin
+        )
+
+    def _estimate(self, last: Plan | None, age: float, state: np.ndarray) -> np.ndarray:
+        """What pushes besides gravity and the force commanded `age` s ago: (3,) in m/s^2.
+
+        Args:
+          state: (6,), predicted without a push.
+        """
+        if last is None:
+            return np.zeros(3)
+        known = last.push
+        if self.estimator_gain == 0.0 or not 0.0 < age <= 1.5 * self.period:
+            return known
+        program = self.program
+        # Like is compared with like: both predictions over the delay without a push.
+        before = last.states[0] - moved_by(known, self.delay)
+        force = self._first_force(last)
+        found = unexplained_acceleration(
+            before, state, force, age, program.field, program.limits.mass, program.spin
+        )
+        return known + self.estimator_gain * (found - known)
+
+    def _solve(
+        self, state: np.ndarray, target: np.ndarray, last: Plan | None, age: float, push: np.ndarray
+    ) -> tuple[Plan | None, PlanReason]:
+        """A fresh plan, or None, and the reason for what was done."""
+        solve, iterations = self.program.solve, self.cold_iterations
+        if last is None:
+            reason = PlanReason.SOLVED_ANEW_NO_PLAN
+        elif age > 1.5 * self.period:
+            reason = PlanReason.SOLVED_ANEW_PLAN_TOO_OLD
+        elif not self.program.fits(last, age, state, target):
+            reason = PlanReason.SOLVED_ANEW_PLAN_ELSEWHERE
+        else:
+            reason, iterations = PlanReason.SOLVED_ABOUT_LAST_PLAN, 1
+        try:
+            try:
+                if last is not None and reason == PlanReason.SOLVED_ANEW_PLAN_TOO_OLD:
+                    return self._solve_about_old_plan(state, target, last, age, push), reason
+                return solve(state, target, last, age, iterations, push), reason
+            except SolverFailure:
+                if last is None:
+                    raise
+                # A plan that leads nowhere may be what the solver choked on: again from nothing.
+                plan = solve(state, target, None, 0.0, self.cold_iterations, push)
+                return plan, PlanReason.SOLVED_ANEW_AFTER_FAILURE
+        except SolverFailure as failure:
+            return None, _FAILURES.get(failure.result, PlanReason.SOLVER_ERROR)
+
+    def _solve_about_old_plan(
+        self, state: np.ndarray, target: np.ndarray, last: Plan, age: float, push: np.ndarray
+    ) -> Plan:
+        """A plan in few iterations if the last one, shifted, leads there; else as without one."""
+        iterations = self.cold_iterations
+        plan, due = last, last.forces_at(np.array([age]))[0]
+        for count in range(1, min(_MOST_FOR_OLD_PLAN, iterations) + 1):
+            plan = self.program.solve(state, target, plan, age, 1, push)
+            change = np.abs(plan.forces[0] - due).max()
+            if change < _SETTLED * self.program.limits.thrust:
+                return dataclasses.replace(plan, iterations=count)
+            due, age = plan.forces[0], 0.0
+        return self.program.solve(state, target, None, 0.0, iterations, push)
+
+    def _fallback(self, state: np.ndarray, last: Plan | None, age: float) -> Plan:
+        """The last plan shifted, or without one, braking."""
+        program = self.program
+        if last is not None:
+            return flown_on(last, age, program.horizon, self.period)
+        return braking(
+            state, program.field, program.spin, program.limits, program.horizon, self.period
+        )

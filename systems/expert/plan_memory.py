@@ -1,0 +1,41 @@
+"""A plan as a vector, so that Drake's discrete state can hold it."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from proxops.systems.expert.plan import Horizon, Plan, empty_plan
+
+# Whether there is a plan, when it begins, its length, its target; then states, forces, push.
+_HEAD = 9
+
+
+def memory_size(knots: int) -> int:
+    """Length of the vector for plans of so many intervals."""
+    return _HEAD + 6 * (knots + 1) + 3 * knots + 3
+
+
+def packed(plan: Plan, start: float) -> np.ndarray:
+    """A plan that begins at the time `start`, in s, as a vector; zeros mean that there is none."""
+    head = [1.0, start, plan.times[-1], *plan.target]
+    return np.concatenate([head, plan.states.ravel(), plan.forces.ravel(), plan.push])
+
+
+def unpacked(memory: np.ndarray, horizon: Horizon) -> tuple[Plan | None, float]:
+    """The plan in a vector, if any, as solved, and the time in s at which it begins."""
+    if memory[0] == 0.0:
+        return None, 0.0
+    memory = memory.copy()  # A view of a Context's state changes with it, and may outlive it.
+    knots = horizon.knots
+    split = _HEAD + 6 * (knots + 1)
+    plan = dataclasses.replace(
+        empty_plan(knots),
+        times=memory[2] * horizon.fractions(),
+        target=memory[3:_HEAD],
+        states=memory[_HEAD:split].reshape(knots + 1, 6),
+        forces=memory[split:-3].reshape(knots, 3),
+        push=memory[-3:],
+    )
+    return plan, float(memory[1])

@@ -1,0 +1,187 @@
+"""The expert's optimal control problem as one MathematicalProgram, convexified step by step.
+
+A plan takes the time T, which is free, in intervals of constant force whose lengths keep their
+ratio. With u the force over the thrust limit, minimise::
+
+    integral over T of  w + |u|_2^2 + c |u|_1
+
+subject to
+
+* the motion in K, with gravity linearised about the previous plan and the step linear in T,
+* the thrust limit per axis,
+* and, each with an exactly penalised slack so that no state is infeasible: the speed limit per
+  axis, the half-space that touches the keep-out ellipsoid below each knot, and the target at the
+  last knot.
+
+As T is chosen by the same cost, what is left of an optimal plan is the optimal plan of what is
+left (Bellman): no clock is needed for the end of the plan to stay where it is while it is flown.
+w is set by `Horizon.nominal_acceleration`; c, `Horizon.fuel_weight`, trades smoothness for fuel.
+Close to the target T comes to its least value; it is then a receding horizon, and c falls to zero
+there, for 1-norm effort over a receding horizon puts thrust off for ever.
+
+It knows nothing of a particular body, and nothing of Drake's systems.
+"""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+from pydrake.solvers import SolutionResult
+
+from proxops.systems.common import SolverFailure
+from proxops.systems.expert.linearised_transit import KEEP_OUT_PRICE, LinearisedTransit
+from proxops.systems.expert.plan import Horizon, Plan, TransitLimits
+from proxops.systems.gravity import Field
+
+# T changes by no more than this share in one linearisation.
+_TRUSTED_STRETCH = 0.1
+# Curvature of the cost in T over its slope; the program sees only two thirds of it by itself, and
+# would jump to and fro across the best T without the rest.
+_STRETCH_CURVATURE = 1.0
+# Without a plan, all first guesses are followed for so many linearisations, then the best alone. A
+# guess is better than one before it if its plan costs less than this share of the other's.
+_TRIED, _CLEARLY_LESS = 5, 0.999
+
+
+class TransitProgram:
+    """The convex program of one linearisation, built once and updated at every call."""
+
+    def __init__(self, field: Field, spin: float, limits: TransitLimits, horizon: Horizon):
+        """Takes the field and spin (rad/s about z) that the plan believes in.
+
+        Raises:
+          InputError: the horizon has no length or fewer than two intervals.
+        """
+        self.transit = LinearisedTransit(
+            field, spin, limits, horizon, free_time=True, one_norm=True, end_slacks=12
+        )
+        self.field, self.spin, self.limits, self.horizon = field, spin, limits, horizon
+        # Without gravity, the best time from rest to rest over d is sqrt(4 d / a) for this w and
+        # quadratic effort: the mean of |u|^2 is then 12 (m d / F)^2 / T^4.
+        share = limits.mass * horizon.nominal_acceleration / limits.thrust
+        self.time_price = 2.25 * share**2
+        program, transit = self.transit.program, self.transit
+        # Slacks to either side of each of the target's coordinates.
+        end = np.concatenate([transit.moved, transit.end_slacks])
+        self._target = program.AddLinearEqualityConstraint(
+            np.zeros((6, end.size)), np.zeros(6), end
+        )
+        self._fuel = program.AddLinearCost(np.zeros(transit.size.size), 0.0, transit.size)
+        self._time = program.AddQuadraticCost(
+            np.eye(1), np.zeros(1), transit.stretch, is_convex=True
+        )
+
+    def solve(
+        self,
+        state: np.ndarray,
+        target: np.ndarray,
+        previous: Plan | None = None,
+        age: float = 0.0,
+        iterations: int = 1,
+        push: np.ndarray | None = None,
+    ) -> Plan:
+        """The plan from `state` (6,) to `target` (6,).
+
+        Args:
+          previous: the plan to linearise about first, made `age` seconds ago; None: guesses that
+            depend on state and target alone, either way round the keep-out ellipsoid.
+          iterations: how often to linearise and solve.
+          push: (3,) in m/s^2, an acceleration that the field does not explain; None: none.
+
+        Raises:
+          SolverFailure: the state or the target is not finite, or the solver fails.
+        """
+        started = time.perf_counter()
+        if not (np.isfinite(state).all() and np.isfinite(target).all()):
+            raise SolverFailure(SolutionResult.kInvalidInput)  # Drake would end the process.
+        push = np.zeros(3) if push is None else push
+        last, done = previous, 0
+        if last is None:
+            done = min(iterations, _TRIED)
+            last, age = self._begun(state, target, done, push, started), 0.0
+        for iteration in range(done + 1, iterations + 1):
+            last = self._improved(state, target, last, age, push, iteration, started)
+            age = 0.0
+        return last
+
+    def _begun(
+        self,
+        state: np.ndarray,
+        target: np.ndarray,
+        iterations: int,
+        push: np.ndarray,
+        started: float,
+    ) -> Plan:
+        """The best plan that so many iterations make of the first guesses.
+
+        Raises:
+          SolverFailure: of the last guess, if none leads to a plan.
+        """
+        best, failure = None, None
+        duration = self.horizon.time_to_go(state, target)
+        for plan in self.transit.first_plans(state, target, duration, True):
+            try:
+                for k in range(1, iterations + 1):
+                    plan = self._improved(state, target, plan, 0.0, push, k, started, k > 1)
+            except SolverFailure as error:
+                failure = error
+                continue
+            if best is None or _total_cost(plan) < _CLEARLY_LESS * _total_cost(best):
+                best = plan
+        if best is None:
+            assert failure is not None
+            raise failure
+        return best
+
+    def fits(self, plan: Plan, age: float, state: np.ndarray, target: np.ndarray) -> bool:
+        """Whether a plan made `age` s ago is so close that one linearisation about it will do."""
+        return self.transit.fits(plan, age, state, target)
+
+    def _improved(
+        self,
+        state: np.ndarray,
+        target: np.ndarray,
+        last: Plan,
+        age: float,
+        push: np.ndarray,
+        iteration: int,
+        started: float,
+        free_time: bool = True,
+    ) -> Plan:
+        """The solution of the program linearised about `last`, `age` s old."""
+        least = self.horizon.minimum
+        duration = max(last.times[-1] - age, least)
+        states, controls = self.transit.what_is_left(last, age, duration)
+        transit = self.transit
+        transit.linearise(state, states, controls, duration, push)
+        eye = np.eye(6)
+        self._target.evaluator().UpdateCoefficients(
+            np.hstack([transit.motion[-1], eye, -eye]), target / transit.units - transit.drift[-1]
+        )
+        fuel = np.repeat(self.fuel_weight(duration) * transit.shares, 3)
+        self._fuel.evaluator().UpdateCoefficients(fuel)
+        price = np.array([self.time_price + self._mean_effort(controls, duration)])
+        self._time.evaluator().UpdateCoefficients(_STRETCH_CURVATURE * price[None], price)
+        shorter = max(-_TRUSTED_STRETCH, least / duration - 1.0) if free_time else 0.0
+        longer = _TRUSTED_STRETCH if free_time else 0.0
+        transit.stretch_bounds.evaluator().set_bounds([shorter], [longer])
+        found = transit.solve()
+        duration *= 1.0 + found.stretch
+        cost = duration * (self.time_price + self._mean_effort(found.controls, duration))
+        return transit.plan_of(found, target, duration, cost, iteration, started)
+
+    def fuel_weight(self, duration: float) -> float:
+        """c for a plan of this length: none at the shortest, all from three times that on."""
+        beyond = 0.5 * (duration / self.horizon.minimum - 1.0)
+        return self.horizon.fuel_weight * min(max(beyond, 0.0), 1.0)
+
+    def _mean_effort(self, controls: np.ndarray, duration: float) -> float:
+        """Mean of |u|_2^2 + c |u|_1 over a plan, for controls u (N, 3)."""
+        effort = controls**2 + self.fuel_weight(duration) * np.abs(controls)
+        return float(self.transit.shares @ np.sum(effort, axis=1))
+
+
+def _total_cost(plan: Plan) -> float:
+    """What a plan costs, with the highest price for any slack."""
+    return plan.cost + KEEP_OUT_PRICE * plan.slack * float(plan.times[-1])

@@ -1,0 +1,113 @@
+"""The paper's optimal control problem: weighted state error against weighted effort.
+
+A plan always takes the same time, in intervals of constant force whose lengths keep their ratio.
+With e the state less the target, in units of `ErrorWeights`, and u the force over the thrust
+limit, minimise the means over the plan::
+
+    mean of  |e_position|_2^2 + |e_velocity|_2^2 + |u|_2^2
+
+the errors taken at the end of each interval, the last included, under the motion and limits of
+`LinearisedTransit`. There is no terminal constraint: the spacecraft comes to rest beside the
+target, where error and hover thrust together cost least, and further off the shorter the horizon.
+
+It has the interface of `TransitProgram`, which does better; it is there to be compared with.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+from pydrake.solvers import SolutionResult
+
+from proxops.systems.common import InputError, SolverFailure
+from proxops.systems.expert.linearised_transit import LinearisedTransit, TransitSolution
+from proxops.systems.expert.plan import Horizon, Plan, TransitLimits
+from proxops.systems.gravity import Field
+
+
+@dataclass(frozen=True)
+class ErrorWeights:
+    """Errors that weigh as much as full thrust along one axis (Bryson's rule)."""
+
+    position: float
+    """m."""
+    speed: float
+    """m/s."""
+
+
+class WeightedProgram:
+    """The convex program of one linearisation, built once and updated at every call."""
+
+    def __init__(
+        self,
+        field: Field,
+        spin: float,
+        limits: TransitLimits,
+        horizon: Horizon,
+        weights: ErrorWeights,
+    ):
+        """Takes the field and spin (rad/s about z) that the plan believes in.
+
+        Every plan is `horizon.minimum` long; of the horizon's other values only those of the knots
+        matter.
+
+        Raises:
+          InputError: the horizon has no length or fewer than two intervals, or a weight is not
+            positive.
+        """
+        if not (weights.position > 0.0 and weights.speed > 0.0):
+            raise InputError(f"the errors to weigh must be positive, got {weights}")
+        self.transit = LinearisedTransit(field, spin, limits, horizon, free_time=False)
+        self.field, self.spin, self.limits, self.horizon = field, spin, limits, horizon
+        units = self.transit.units
+        # Of the scaled states' errors, squared.
+        self._weights = (units / np.repeat([weights.position, weights.speed], 3)) ** 2
+        u = self.transit.u
+        self._error = self.transit.program.AddQuadraticCost(
+            np.zeros((u.size, u.size)), np.zeros(u.size), u, is_convex=True
+        )
+
+    def solve(
+        self,
+        state: np.ndarray,
+        target: np.ndarray,
+        previous: Plan | None = None,
+        age: float = 0.0,
+        iterations: int = 1,
+        push: np.ndarray | None = None,
+    ) -> Plan:
+        """As `TransitProgram.solve`; `Plan.cost` is the mean that is minimised times the length."""
+        started = time.perf_counter()
+        if not (np.isfinite(state).all() and np.isfinite(target).all()):
+            raise SolverFailure(SolutionResult.kInvalidInput)  # Drake would end the process.
+        duration = self.horizon.minimum
+        last = previous or self.transit.first_plans(state, target, duration, False)[0]
+        push = np.zeros(3) if push is None else push
+        for iteration in range(1, iterations + 1):
+            states, controls = self.transit.what_is_left(last, age, duration)
+            self.transit.linearise(state, states, controls, duration, push)
+            self._weigh_errors(target)
+            found = self.transit.solve()
+            cost = duration * self._mean_cost(found, target)
+            last = self.transit.plan_of(found, target, duration, cost, iteration, started)
+            age = 0.0
+        return last
+
+    def fits(self, plan: Plan, age: float, state: np.ndarray, target: np.ndarray) -> bool:
+        """Whether a plan made `age` s ago is so close that one linearisation about it will do."""
+        return self.transit.fits(plan, age, state, target)
+
+    def _weigh_errors(self, target: np.ndarray) -> None:
+        """The mean of |e|^2 as a cost of u, without its constant, which moves no optimum."""
+        motion, wanted = self.transit.motion, target / self.transit.units - self.transit.drift
+        weighted = motion * (self.transit.shares[:, None] * self._weights)[:, :, None]
+        curvature = 2.0 * np.sum(weighted.transpose(0, 2, 1) @ motion, axis=0)
+        pull = -2.0 * np.sum(wanted[:, None] @ weighted, axis=(0, 1))
+        self._error.evaluator().UpdateCoefficients(curvature, pull, 0.0, is_convex=True)
+
+    def _mean_cost(self, found: TransitSolution, target: np.ndarray) -> float:
+        error = (found.states[1:] - target) / self.transit.units
+        weighted = error**2 @ self._weights + np.sum(found.controls**2, axis=1)
+        return float(self.transit.shares @ weighted)

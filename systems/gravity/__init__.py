@@ -1,0 +1,44 @@
+"""The gravity of a body of uniform density, from its polyhedron.
+
+Start with `GravityField.evaluate`: potential, acceleration and gradient at any number of positions.
+`PolyhedralGravity` is the Drake system over it, `PointMassField` the same interface for a point
+mass; `surface_maps` and `equilibria` look at the field. The kernel in `_polyhedral_kernel` is
+compiled and its last bits are part of every recorded flight: a change there raises the version.
+"""
+
+from proxops.systems.gravity.equilibria import Equilibrium, find_equilibria, synchronous_radius
+from proxops.systems.gravity.gravity_field import (
+    GRAVITATIONAL_CONSTANT,
+    PLAUSIBLE_DENSITY,
+    Field,
+    Gravity,
+    GravityField,
+)
+from proxops.systems.gravity.point_mass_field import PointMassField
+from proxops.systems.gravity.polyhedral_gravity import PolyhedralGravity, PolyhedralGravity_
+from proxops.systems.gravity.surface_maps import (
+    AXES,
+    PlaneCut,
+    effective_field,
+    plane_cut,
+    surface_map,
+)
+
+__all__ = [
+    "AXES",
+    "GRAVITATIONAL_CONSTANT",
+    "PLAUSIBLE_DENSITY",
+    "Equilibrium",
+    "Field",
+    "Gravity",
+    "GravityField",
+    "PlaneCut",
+    "PointMassField",
+    "PolyhedralGravity",
+    "PolyhedralGravity_",
+    "effective_field",
+    "find_equilibria",
+    "plane_cut",
+    "surface_map",
+    "synchronous_radius",
+]

@@ -1,0 +1,30 @@
+"""The field of a point mass, with the interface of `GravityField`."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from proxops.systems.common import InputError
+from proxops.systems.gravity.gravity_field import GRAVITATIONAL_CONSTANT, Gravity
+
+
+class PointMassField:
+    """Gravity of a mass at the origin of K."""
+
+    def __init__(self, mass: float):
+        """Takes the mass in kg.
+
+        Raises:
+          InputError: the mass is not positive.
+        """
+        if not (np.isfinite(mass) and mass > 0.0):
+            raise InputError(f"mass must be positive and finite, got {mass}")
+        self.mass = mass
+
+    def evaluate(self, points: np.ndarray) -> Gravity:
+        """The field at points (N, 3) in m; infinite at the origin, where nothing is inside."""
+        mu = GRAVITATIONAL_CONSTANT * self.mass
+        r = np.linalg.norm(points, axis=1)
+        pull = (mu / r**3)[:, None]
+        tides = 3.0 * np.einsum("ni,nj->nij", points, points) / (r**2)[:, None, None] - np.eye(3)
+        return Gravity(mu / r, -pull * points, pull[:, :, None] * tides, np.zeros(len(r), bool))

@@ -1,0 +1,100 @@
+"""`PolyhedralGravity`: a gravity field as a Drake system, in double and AutoDiffXd."""
+
+from __future__ import annotations
+
+import numpy as np
+from pydrake.autodiffutils import AutoDiffXd, ExtractGradient, ExtractValue, InitializeAutoDiff
+from pydrake.systems.framework import LeafSystem_
+from pydrake.systems.scalar_conversion import TemplateSystem
+
+from proxops.systems.gravity.gravity_field import Gravity, GravityField
+
+
+def _evaluate(field: GravityField, position: np.ndarray) -> Gravity:
+    """The field at one position (3,), given as numbers or as AutoDiffXd."""
+    if position.dtype == object:
+        position = ExtractValue(position)
+    return field.evaluate(position.reshape(1, 3))
+
+
+def _with_derivatives(value: np.ndarray, jacobian: np.ndarray, position: np.ndarray) -> np.ndarray:
+    """AutoDiffXd array of `value` (n,), whose Jacobian by position is (n, 3)."""
+    derivatives = ExtractGradient(position)
+    if derivatives.size == 0:
+        return np.array([AutoDiffXd(number) for number in value])
+    return InitializeAutoDiff(value.reshape(-1, 1), jacobian @ derivatives).ravel()
+
+
+@TemplateSystem.define("PolyhedralGravity_")
+def PolyhedralGravity_(T):  # noqa: N802 (Drake's own naming of templates)
+    """`PolyhedralGravity` for the scalar type T, float or AutoDiffXd."""
+
+    class Impl(LeafSystem_[T]):
+        """Gravity of a polyhedron at a point, all in the body-fixed frame K.
+
+        ```
+                     ┌───────────────────┐
+                     │                   ├─► acceleration (3), m/s^2
+        position ───►│ PolyhedralGravity ├─► gradient (9), 1/s^2, row by row
+          (3), m     │                   ├─► potential (1), m^2/s^2
+                     └───────────────────┘
+        ```
+
+        Each output depends on the position alone and is computed when it is asked for. In
+        AutoDiffXd, acceleration and potential carry derivatives; the gradient port does not
+        exist, for its derivative would need the field's third derivatives.
+        """
+
+        def _construct(self, field: GravityField, *, converter=None):
+            """Takes the `GravityField` whose frame is K."""
+            super().__init__(converter=converter)
+            self.field = field
+            self._position_port = self.DeclareVectorInputPort(name="position", size=3)
+            depends = {self._position_port.ticket()}
+            self._acceleration_port = self.DeclareVectorOutputPort(
+                name="acceleration",
+                size=3,
+                calc=self._calc_acceleration,
+                prerequisites_of_calc=depends,
+            )
+            if T is float:
+                self._gradient_port = self.DeclareVectorOutputPort(
+                    name="gradient",
+                    size=9,
+                    calc=self._calc_gradient,
+                    prerequisites_of_calc=depends,
+                )
+            self._potential_port = self.DeclareVectorOutputPort(
+                name="potential",
+                size=1,
+                calc=self._calc_potential,
+                prerequisites_of_calc=depends,
+            )
+
+        def _construct_copy(self, other, converter=None):
+            Impl._construct(self, other.field, converter=converter)
+
+        def _calc_acceleration(self, context, output):
+            position = self._position_port.Eval(context)
+            gravity = _evaluate(self.field, position)
+            value = gravity.acceleration[0]
+            if T is not float:
+                value = _with_derivatives(value, gravity.gradient[0], position)
+            output.SetFromVector(value)
+
+        def _calc_gradient(self, context, output):
+            gravity = _evaluate(self.field, self._position_port.Eval(context))
+            output.SetFromVector(gravity.gradient[0].ravel())
+
+        def _calc_potential(self, context, output):
+            position = self._position_port.Eval(context)
+            gravity = _evaluate(self.field, position)
+            value = gravity.potential
+            if T is not float:
+                value = _with_derivatives(value, gravity.acceleration, position)
+            output.SetFromVector(value)
+
+    return Impl
+
+
+PolyhedralGravity = PolyhedralGravity_[None]

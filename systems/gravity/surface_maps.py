@@ -1,0 +1,146 @@
+"""The field that a thing at rest on a spinning body feels: over its surface and on a plane.
+
+Everything is in the body-fixed frame K: origin at the centre of mass, z the spin axis. The shape of
+the `GravityField` must be in K (`Polyhedron.recentred`).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from proxops.systems.common import InputError
+from proxops.systems.gravity.gravity_field import GravityField
+
+AXES = {"x": 0, "y": 1, "z": 2}
+
+
+class EffectiveField(NamedTuple):
+    """Gravity and centrifugal force together, at N points at rest in K."""
+
+    potential: np.ndarray
+    """(N,) in m^2/s^2: V = -U - w^2 (x^2 + y^2) / 2, so that v^2/2 + V is Jacobi's constant."""
+    acceleration: np.ndarray
+    """(N, 3) in m/s^2: -grad V."""
+    gradient: np.ndarray
+    """(N, 3, 3) in 1/s^2: the derivative of the acceleration by position, symmetric."""
+    inside: np.ndarray
+    """(N,) bool: within the body."""
+
+
+class SurfaceMap(NamedTuple):
+    """What is felt at the centroids of the F facets."""
+
+    centroids: np.ndarray
+    """(F, 3) in m."""
+    gravity: np.ndarray
+    """(F,) in m/s^2: magnitude of the body's attraction alone."""
+    acceleration: np.ndarray
+    """(F, 3) in m/s^2: with the centrifugal acceleration, what a plumb line shows."""
+    slope: np.ndarray
+    """(F,) in rad, from 0 to pi: between the plumb line and the inward normal of the facet.
+
+    A stone slides where it exceeds its angle of friction, and lifts off above pi / 2."""
+    potential: np.ndarray
+    """(F,) in m^2/s^2: the effective potential V of `EffectiveField`; loose matter flows down."""
+
+
+class PlaneCut(NamedTuple):
+    """The effective field on a grid of M x N points of a coordinate plane of K."""
+
+    plane: str
+    """The axes that the columns and the rows count along, for instance "xy"."""
+    offset: float
+    """Coordinate in m along the third axis."""
+    across: np.ndarray
+    """(N,) in m: coordinate of the columns."""
+    up: np.ndarray
+    """(M,) in m: coordinate of the rows."""
+    potential: np.ndarray
+    """(M, N) in m^2/s^2: V of `EffectiveField`."""
+    acceleration: np.ndarray
+    """(M, N, 3) in m/s^2: -grad V."""
+    inside: np.ndarray
+    """(M, N) bool: within the body."""
+
+
+def effective_field(field: GravityField, spin: float, points: np.ndarray) -> EffectiveField:
+    """The effective field at points (N, 3) in m in K of a body that spins at `spin` rad/s about z.
+
+    Scheeres, Orbital Motion in Strongly Perturbed Environments (2012), ch. 2, with the sign of U
+    as in `Gravity`: positive.
+
+    Raises:
+      InputError: the points are not an (N, 3) array.
+    """
+    gravity = field.evaluate(points)
+    centrifugal = spin**2 * np.array([1.0, 1.0, 0.0])
+    points = np.asarray(points, dtype=np.float64)
+    return EffectiveField(
+        potential=-gravity.potential - 0.5 * (points**2 @ centrifugal),
+        acceleration=gravity.acceleration + points * centrifugal,
+        gradient=gravity.gradient + np.diag(centrifugal),
+        inside=gravity.inside,
+    )
+
+
+def surface_map(field: GravityField, spin: float) -> SurfaceMap:
+    """Gravity, slope and effective potential over the facets of the field's own shape.
+
+    Args:
+      spin: of the body in rad/s about z.
+    """
+    shape = field.shape
+    centroids = shape.vertices[shape.facets].mean(axis=1)
+    attraction = field.evaluate(centroids).acceleration
+    felt = effective_field(field, spin, centroids)
+    # Both products: an arc cosine would lose the digits of small slopes.
+    along = -np.einsum("fi,fi->f", felt.acceleration, shape.normals)
+    across = np.linalg.norm(np.cross(felt.acceleration, shape.normals), axis=1)
+    return SurfaceMap(
+        centroids=centroids,
+        gravity=np.linalg.norm(attraction, axis=1),
+        acceleration=felt.acceleration,
+        slope=np.arctan2(across, along),
+        potential=felt.potential,
+    )
+
+
+def plane_cut(
+    field: GravityField,
+    spin: float,
+    half_width: float,
+    plane: str = "xy",
+    count: int = 161,
+    offset: float = 0.0,
+) -> PlaneCut:
+    """The effective field on a square grid in a plane parallel to two axes of K.
+
+    Args:
+      spin: of the body in rad/s about z.
+      half_width: of the square about the third axis, in m.
+      plane: the two axes, for instance "xy": the first across, the second up.
+      count: points a side.
+      offset: coordinate of the plane along the third axis, in m.
+
+    Raises:
+      InputError: no such plane.
+    """
+    if len(plane) != 2 or len(set(plane)) != 2 or not set(plane) <= set(AXES):
+        raise InputError(f"a plane is two of x, y and z, for instance xy; got {plane!r}")
+    line = np.linspace(-half_width, half_width, count)
+    points = np.full((count, count, 3), float(offset))
+    points[..., AXES[plane[0]]] = line[None, :]
+    points[..., AXES[plane[1]]] = line[:, None]
+    felt = effective_field(field, spin, points.reshape(-1, 3))
+    square = (count, count)
+    return PlaneCut(
+        plane=plane,
+        offset=float(offset),
+        across=line,
+        up=line.copy(),
+        potential=felt.potential.reshape(square),
+        acceleration=felt.acceleration.reshape(*square, 3),
+        inside=felt.inside.reshape(square),
+    )

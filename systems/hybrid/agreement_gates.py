@@ -1,0 +1,95 @@
+"""Agreement of two forces: the tests by which a hybrid takes the policy's force for the MPC's.
+
+With u and v the two forces, there are three gates::
+
+    printed   |u - v| < e_magnitude   or   arctan(u.v / |u x v|) < e_angle
+    paper     |u - v| < e_magnitude   or   atan2(|u x v|, u.v) < e_angle
+    strict    |u - v| < e_magnitude   or   (atan2(|u x v|, u.v) < e_angle
+                                            and ||u| - |v|| < e_magnitude)
+
+`printed` is the formula as it stands in Quinn, Nehma, Tiwari (IEEE Aerospace 2025). Its angle is 90
+degrees less the angle between the forces: it accepts opposite forces and rejects equal directions,
+and the first test alone makes it accept equal ones. `paper` puts the angle right. It still takes
+0.1 N for 7 N of the same direction, so `strict` bounds the difference of the sizes too. In `strict`
+a force below the dead band has no direction worth comparing: if both are below it, they agree, and
+if one is, the first test alone decides.
+
+The angle of a force that is exactly zero is 0/0; it is NaN in all gates, and passes no test.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import NamedTuple
+
+import numpy as np
+
+from proxops.systems.common import InputError
+
+
+class GateKind(StrEnum):
+    """Which tests a gate makes; see the module."""
+
+    PRINTED = "printed"
+    PAPER = "paper"
+    STRICT = "strict"
+
+
+class Agreement(NamedTuple):
+    """What a gate found."""
+
+    agrees: bool
+    difference: float
+    """|u - v| in N."""
+    angle: float
+    """That which the gate compares, in rad: between the forces from 0 to pi, in `printed` 90
+    degrees less that; NaN if a force is zero."""
+
+
+@dataclass(frozen=True)
+class AgreementGate:
+    """A gate and its limits."""
+
+    kind: GateKind = GateKind.STRICT
+    magnitude: float = 1.0
+    """e_magnitude in N."""
+    angle: float = math.radians(10.0)
+    """e_angle in rad."""
+    dead_band: float = 0.2
+    """In N, of `strict`."""
+
+    def __post_init__(self) -> None:
+        """Raises `InputError` for limits that are negative or not finite, or an unknown kind."""
+        if self.kind not in list(GateKind):
+            raise InputError(f"a gate is {', '.join(GateKind)}; got {self.kind!r}")
+        for name in ("magnitude", "angle", "dead_band"):
+            value = getattr(self, name)
+            if not 0.0 <= value < math.inf:
+                raise InputError(f"a gate's {name} must be finite and not negative, got {value}")
+
+    def compare(self, one: np.ndarray, other: np.ndarray) -> Agreement:
+        """Compares two forces (3,) in N, in either order. What isn't finite agrees with nothing."""
+        difference = float(np.linalg.norm(one - other))
+        angle = angle_between(one, other)
+        if self.kind == GateKind.PRINTED:
+            angle = 0.5 * math.pi - angle
+        near = difference < self.magnitude
+        along = angle < self.angle  # Never for NaN.
+        if self.kind == GateKind.STRICT:
+            sizes = float(np.linalg.norm(one)), float(np.linalg.norm(other))
+            if max(sizes) < self.dead_band:
+                return Agreement(True, difference, angle)
+            clear = min(sizes) >= self.dead_band
+            along = along and clear and abs(sizes[0] - sizes[1]) < self.magnitude
+        return Agreement(near or along, difference, angle)
+
+
+def angle_between(one: np.ndarray, other: np.ndarray) -> float:
+    """atan2(|u x v|, u.v), in rad from 0 to pi; NaN if a vector (3,) is zero."""
+    across = float(np.linalg.norm(np.cross(one, other)))
+    along = float(one @ other)
+    if across == 0.0 and along == 0.0:
+        return math.nan
+    return math.atan2(across, along)

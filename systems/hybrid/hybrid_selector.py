@@ -1,0 +1,224 @@
+"""`HybridSelector`: flies a policy, and asks the MPC now and then whether it agrees."""
+
+from __future__ import annotations
+
+import time
+from enum import IntEnum
+from typing import NamedTuple
+
+import numpy as np
+from pydrake.common.value import AbstractValue
+from pydrake.systems.framework import BasicVector, LeafSystem, ValueProducer
+
+from proxops.systems.hybrid.agreement_gates import Agreement, AgreementGate
+from proxops.systems.hybrid.check_schedule import CheckSchedule, PeriodRule
+from proxops.systems.hybrid.reach_time import ReachModel
+from proxops.systems.shapes import clearances
+
+BY_MPC, BY_POLICY = 1, 2
+"""Who flies: values of `decision`."""
+
+
+class DecisionReason(IntEnum):
+    """Why the one or the other flies a step."""
+
+    CHECK_AGREED = 0
+    """The MPC, for it was asked; the policy agrees, and flies until the next check."""
+    CHECK_DISAGREED = 1
+    """The MPC, for it was asked; the policy disagrees, and the MPC flies until the next check."""
+    POLICY_AGREED_BEFORE = 2
+    """The policy: it agreed at the last check."""
+    POLICY_DISAGREED_BEFORE = 3
+    """The MPC: the policy disagreed at the last check."""
+    PLAN_FLOWN_ON = 4
+    """The MPC by its plan of the last check, at which the policy disagreed; it is not asked."""
+
+
+class Decision(NamedTuple):
+    """All that is decided at one step."""
+
+    force: np.ndarray
+    """(3,) in N in K."""
+    pilot: int
+    """`BY_MPC` or `BY_POLICY`."""
+    reason: DecisionReason
+    agreement: Agreement | None
+    """None where the MPC was not asked."""
+    clearance: float
+    """Of the keep-out ellipsoid in m at a check; NaN otherwise."""
+    left: int
+    """Steps from this one to the next check."""
+    period: int
+    """From the last check to the next, in steps."""
+    pilot_until_check: int
+    wall_time: float
+    """In s, of deciding: neither the MPC's nor the policy's."""
+
+
+class HybridSelector(LeafSystem):
+    """Takes the policy's force while it agrees with the MPC's, and asks the MPC seldom.
+
+    ```
+                        ┌────────────────┐
+    mpc_force (3) ─────►│                ├─► force (3), N
+    planned_force (3) ─►│ HybridSelector ├─► mpc_wanted (1): 1 if the MPC is asked at this step
+    policy_force (3) ──►│                ├─► decision (1): 1 the MPC flies, 2 the policy
+    state (6) ─────────►│                ├─► record (7)
+                        └────────────────┘
+    ```
+
+    Vectors are in K, in m, m/s and N. At a check, the first step among them, both forces are
+    compared by the `AgreementGate`, and the MPC's flies. If they agree the policy flies until the
+    next check, else the MPC flies until then: by the fixed period it is asked at every step; by the
+    adaptive one it is not, and `planned_force`, what its last plan has for now, flies. When the
+    next check is, says the `CheckSchedule`.
+
+    `mpc_wanted` depends on this system's own discrete state only: steps left to the next check,
+    who flies until then, and the period. It is to drive the MPC's `enable`. `mpc_force` is
+    evaluated only at steps where it is 1, `state` only at checks: whatever reads the outputs, the
+    MPC solves no more than that.
+
+    `record` is of each step: `DecisionReason`; 1 if the forces agree by the gate, 0 if not; their
+    difference in N and angle in rad, as the gate takes it; at checks the clearance of the keep-out
+    ellipsoid in m; steps to the next check; wall time in s. What isn't known without asking the MPC
+    is NaN.
+    """
+
+    def __init__(
+        self,
+        gate: AgreementGate,
+        schedule: CheckSchedule,
+        reach: ReachModel,
+        period: float = 10.0,
+        position_error: float = 0.0,
+        velocity_error: float = 0.0,
+    ):
+        """Takes the gate, the schedule, and the keep-out ellipsoid with what bounds motion near it.
+
+        Args:
+          period: control period in s.
+          position_error, velocity_error: how far, in m and m/s, the state may be from the truth.
+        """
+        super().__init__()
+        self.gate, self.schedule, self.reach, self.period = gate, schedule, reach, period
+        self.position_error, self.velocity_error = position_error, velocity_error
+        self._mpc_port = self.DeclareVectorInputPort(name="mpc_force", size=3)
+        self._planned_port = self.DeclareVectorInputPort(name="planned_force", size=3)
+        self._policy_port = self.DeclareVectorInputPort(name="policy_force", size=3)
+        self._state_port = self.DeclareVectorInputPort(name="state", size=6)
+        # Steps to the next check, who flies until then, and the period.
+        self._memory = self.DeclareDiscreteState(BasicVector([0.0, BY_MPC, 0.0]))
+        nothing = Decision(
+            np.zeros(3), BY_MPC, DecisionReason.CHECK_AGREED, None, np.nan, 0, 0, BY_MPC, 0.0
+        )
+        # One entry for all outputs and the update, so that one step is decided once.
+        self._choice = self.DeclareCacheEntry(
+            "decision",
+            ValueProducer(allocate=lambda: AbstractValue.Make(nothing), calc=self._calc_choice),
+            {
+                self._mpc_port.ticket(),
+                self._planned_port.ticket(),
+                self._policy_port.ticket(),
+                self._state_port.ticket(),
+                self.xd_ticket(),
+            },
+        )
+        depends = {self._choice.ticket()}
+        own = {self.xd_ticket()}
+        for name, size, calc, prerequisites in (
+            ("force", 3, self._calc_force, depends),
+            ("mpc_wanted", 1, self._calc_wanted, own),
+            ("decision", 1, self._calc_decision, own),
+            ("record", 7, self._calc_record, depends),
+        ):
+            self.DeclareVectorOutputPort(
+                name=name, size=size, calc=calc, prerequisites_of_calc=prerequisites
+            )
+        # Discrete, not unrestricted: at one time all discrete updates see the same state before
+        # it, so that the MPC, the policy and the hold read the decision that is cached.
+        self.DeclarePeriodicDiscreteUpdateEvent(
+            period_sec=period, offset_sec=0.0, update=self._remember
+        )
+
+    def _calc_choice(self, context, value):
+        left, pilot, last = context.get_discrete_state(self._memory).value()
+        policy_force = self._policy_port.Eval(context)
+        if left > 0 and pilot == BY_POLICY:
+            reason = DecisionReason.POLICY_AGREED_BEFORE
+            choice = Decision(
+                policy_force, BY_POLICY, reason, None, np.nan, int(left), int(last), BY_POLICY, 0.0
+            )
+            value.set_value(choice)
+            return
+        if not self._wanted(left, pilot):
+            reason = DecisionReason.PLAN_FLOWN_ON
+            planned = self._planned_port.Eval(context)
+            value.set_value(
+                Decision(planned, BY_MPC, reason, None, np.nan, int(left), int(last), BY_MPC, 0.0)
+            )
+            return
+        mpc_force = self._mpc_port.Eval(context)
+        state = self._state_port.Eval(context) if left == 0 else None
+        started = time.perf_counter()
+        agreement = self.gate.compare(mpc_force, policy_force)
+        if state is None:
+            choice = Decision(
+                mpc_force, BY_MPC, DecisionReason.POLICY_DISAGREED_BEFORE, agreement, np.nan,
+                int(left), int(last), BY_MPC, 0.0,
+            )  # fmt: skip
+        else:
+            choice = self._check(mpc_force, agreement, state, int(last))
+        value.set_value(choice._replace(wall_time=time.perf_counter() - started))
+
+    def _wanted(self, left: float, pilot: float) -> bool:
+        """Whether the MPC is asked at a step."""
+        return left == 0 or (pilot == BY_MPC and self.schedule.rule == PeriodRule.FIXED)
+
+    def _check(
+        self, mpc_force: np.ndarray, agreement: Agreement, state: np.ndarray, last: int
+    ) -> Decision:
+        steps = 0
+        if self.schedule.rule == PeriodRule.ADAPTIVE:
+            steps = self.reach.steps_out_of_reach(
+                state, self.period, self.schedule.longest, self.position_error,
+                self.velocity_error, stopping=True,
+            )  # fmt: skip
+        period = self.schedule.next_period(last, agreement, self.gate.magnitude, steps)
+        agrees = agreement.agrees
+        return Decision(
+            mpc_force,
+            BY_MPC,
+            DecisionReason.CHECK_AGREED if agrees else DecisionReason.CHECK_DISAGREED,
+            agreement,
+            float(clearances(self.reach.semi_axes, state[None, :3])[0]),
+            period,
+            period,
+            BY_POLICY if agrees else BY_MPC,
+            0.0,
+        )
+
+    def _calc_force(self, context, output):
+        output.SetFromVector(self._choice.Eval(context).force)
+
+    def _calc_wanted(self, context, output):
+        left, pilot, _ = context.get_discrete_state(self._memory).value()
+        output.SetFromVector([float(self._wanted(left, pilot))])
+
+    def _calc_decision(self, context, output):
+        left, pilot, _ = context.get_discrete_state(self._memory).value()
+        output.SetFromVector([float(BY_MPC if left == 0 else pilot)])
+
+    def _calc_record(self, context, output):
+        choice = self._choice.Eval(context)
+        agrees, difference, angle = choice.agreement or (np.nan, np.nan, np.nan)
+        output.SetFromVector(
+            [
+                choice.reason, agrees, difference, angle, choice.clearance, choice.left,
+                choice.wall_time,
+            ]
+        )  # fmt: skip
+
+    def _remember(self, context, discrete_state):
+        choice = self._choice.Eval(context)
+        memory = [choice.left - 1.0, choice.pilot_until_check, choice.period]
+        discrete_state.set_value(self._memory, memory)

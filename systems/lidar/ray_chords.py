@@ -1,0 +1,73 @@
+"""Rays as chords of an ellipsoid that holds the body: what a learned lidar knows of a ray."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from proxops.systems.common import InputError
+
+
+class Chords(NamedTuple):
+    """The K rays that pass through the ellipsoid, position by position, ray by ray."""
+
+    places: np.ndarray
+    """(K,) int: index of the ray's position, ascending."""
+    rays: np.ndarray
+    """(K,) int: index of the ray's direction, ascending within a position."""
+    ends: np.ndarray
+    """(K, 6) float32: where the ray enters and leaves, the ellipsoid being the unit ball."""
+    starts: np.ndarray
+    """(K,) float64: distance in m from the position to where the ray enters."""
+    lengths: np.ndarray
+    """(K,) float64: length in m of the way inside."""
+
+
+class ChordFan:
+    """Rays in fixed directions, cut to their chords through an ellipsoid.
+
+    From outside the ellipsoid all that a ray can meet depends on its line alone: two points on the
+    surface. From a position inside, the chord begins there: then what lies behind can't be seen.
+    """
+
+    def __init__(self, centre: np.ndarray, semi_axes: np.ndarray, directions: np.ndarray):
+        """Takes the ellipsoid's centre and semi-axes (3,) in m and unit directions (R, 3), in K.
+
+        Raises:
+          InputError: no ellipsoid, or the directions are not an (R, 3) array.
+        """
+        self.centre, self.semi_axes = np.array(centre, float), np.array(semi_axes, float)
+        sound = self.centre.shape == self.semi_axes.shape == (3,)
+        if not (sound and np.isfinite([self.centre, self.semi_axes]).all()):
+            raise InputError(f"an ellipsoid needs a centre (3,) and semi-axes (3,), got {centre}")
+        if not (self.semi_axes > 0.0).all():
+            raise InputError(f"an ellipsoid needs positive semi-axes, got {semi_axes}")
+        directions = np.asarray(directions, dtype=np.float64)
+        if directions.ndim != 2 or directions.shape[1] != 3:
+            raise InputError(f"directions must have shape (R, 3), got {directions.shape}")
+        self._scaled = directions / self.semi_axes
+        self._squared = np.einsum("ri,ri->r", self._scaled, self._scaled)
+
+    def chords(self, positions: np.ndarray) -> Chords:
+        """The chords of the rays from positions (N, 3) in m; memory grows with N R.
+
+        With q and e the position and the direction in the unit ball's coordinates, |q + t e|² = 1
+        is a quadratic in the distance t.
+        """
+        q = (positions - self.centre) / self.semi_axes
+        half = q @ self._scaled.T
+        rest = np.einsum("ni,ni->n", q, q)[:, None] - 1.0
+        discriminant = half * half - self._squared * rest
+        # Ahead of the position: it is inside (rest < 0), or the ray points inwards (half < 0).
+        met = np.flatnonzero((discriminant > 0.0) & ((rest < 0.0) | (half < 0.0)))
+        places, rays = np.divmod(met, half.shape[1])
+        root = np.sqrt(discriminant.ravel()[met])
+        middle, squared, scaled = -half.ravel()[met], self._squared[rays], self._scaled[rays]
+        starts = np.maximum((middle - root) / squared, 0.0)
+        stops = (middle + root) / squared
+        first = q[places]
+        ends = np.concatenate(
+            [first + starts[:, None] * scaled, first + stops[:, None] * scaled], axis=1
+        )
+        return Chords(places, rays, ends.astype(np.float32), starts, stops - starts)

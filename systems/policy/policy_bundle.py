@@ -1,0 +1,128 @@
+"""The bundle of a policy: a folder with the network and all that it needs to be flown."""
+
+from __future__ import annotations
+
+import math
+import typing
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from proxops.systems.common import BundleKind, InputError, read_bundle
+
+if typing.TYPE_CHECKING:
+    import onnxruntime as ort
+
+FORMAT = "proxops policy 1"
+POLICY_FILE = "policy.json"
+INPUTS = ("ranges", "target", "applied_force", "memory")
+OUTPUTS = ("force", "estimate", "next_memory")
+"""Names in the network; all are float32 of one row each. In: ranges (planes * rays) in m, +inf
+where nothing returned; target (6) in m and m/s; the force (3) in N that was applied over the last
+period, 0 at the first step; memory, 0 at the start of a flight. Out: force (3) in N, estimate (6)
+of position and velocity in m and m/s, NaN if it makes none, and the memory for the next step."""
+_KIND = BundleKind(
+    noun="policy",
+    file=POLICY_FILE,
+    format=FORMAT,
+    keys={
+        "recipe": str, "planes": int, "rays": int, "period_s": float, "thrust_limit_n": float,
+        "memory": int, "estimates": bool, "body": str, "shape_sha256": str, "data_sha256": str,
+        "metrics": dict, "model_sha256": str, "onnx_difference": float, "versions": dict,
+    },
+    command="proxops train",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class PolicyBundle:
+    """A policy as it was read from its folder."""
+
+    path: Path
+    recipe: str
+    """How it was trained."""
+    planes: int
+    rays: int
+    period: float
+    """Control period in s."""
+    thrust_limit: float
+    """Greatest force per axis in N that it learned from."""
+    memory: int
+    """Length of what it remembers from step to step."""
+    estimates: bool
+    """Whether it tells where it takes itself to be."""
+    body: str
+    shape_sha256: str
+    """Of the body that it was trained at: `Polyhedron.sha256`."""
+    sha256: str
+    """Of `policy.json`, which holds the network's hash: names the bundle."""
+    session: ort.InferenceSession = field(repr=False)
+
+    @classmethod
+    def load(cls, path: str | Path) -> PolicyBundle:
+        """Reads a bundle's folder.
+
+        Raises:
+          InputError: no bundle, of another format, or damaged; the message says which.
+        """
+        folder = Path(path)
+        content, sha256, session = read_bundle(folder, _KIND)
+        for key in ("planes", "rays", "period_s", "thrust_limit_n", "memory"):
+            if not 0 < content[key] < math.inf:
+                raise InputError(f"{folder / POLICY_FILE} is damaged: {key} is not positive")
+        try:
+            check_network(session, content["planes"] * content["rays"], content["memory"])
+        except InputError as error:
+            raise InputError(f"{folder} is no policy: {error}") from error
+        return cls(
+            path=folder,
+            recipe=content["recipe"],
+            planes=content["planes"],
+            rays=content["rays"],
+            period=content["period_s"],
+            thrust_limit=content["thrust_limit_n"],
+            memory=content["memory"],
+            estimates=content["estimates"],
+            body=content["body"],
+            shape_sha256=content["shape_sha256"],
+            sha256=sha256,
+            session=session,
+        )
+
+
+def check_network(session: ort.InferenceSession, rays: int, memory: int) -> None:
+    """Raises `InputError` if a network's inputs and outputs are not those of a policy.
+
+    Args:
+      rays: of all planes together. memory: its length.
+    """
+    sizes = {
+        "ranges": rays, "target": 6, "applied_force": 3, "memory": memory,
+        "force": 3, "estimate": 6, "next_memory": memory,
+    }  # fmt: skip
+    for kind, names, values in (
+        ("inputs", INPUTS, session.get_inputs()),
+        ("outputs", OUTPUTS, session.get_outputs()),
+    ):
+        wanted = {name: ("tensor(float)", [1, sizes[name]]) for name in names}
+        got = {value.name: (value.type, list(value.shape)) for value in values}
+        if got != wanted:
+            raise InputError(f"the network's {kind} are {got}, not {wanted}")
+
+
+def run_network(
+    session: ort.InferenceSession,
+    ranges: np.ndarray,
+    target: np.ndarray,
+    applied_force: np.ndarray,
+    memory: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Force (3,), estimate (6,) and next memory of one step, float32, from vectors of any kind."""
+    vectors = (ranges, target, applied_force, memory)
+    rows = {
+        name: np.asarray(vector, dtype=np.float32)[None]
+        for name, vector in zip(INPUTS, vectors, strict=True)
+    }
+    force, estimate, next_memory = (np.asarray(row)[0] for row in session.run(OUTPUTS, rows))
+    return force, estimate, next_memory

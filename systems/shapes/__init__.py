@@ -1,0 +1,55 @@
+"""The shape of a body: closed triangle meshes, ellipsoids round them, rays cast at them.
+
+Start with `Polyhedron`, the mesh that gravity, lidar and flight monitor share, and `read_mesh`. The
+other modules examine and repair meshes as they are found, hold the keep-out ellipsoid's geometry,
+and cast rays. All are plain functions on arrays; nothing here knows gravity, spacecraft or Drake. A
+new check of meshes goes into `mesh_checks`, a new repair into `mesh_repair`.
+"""
+
+from proxops.systems.shapes.ellipsoid import (
+    blocks_segment,
+    clearances,
+    closest_point,
+    tangent_half_spaces,
+)
+from proxops.systems.shapes.holding_ellipsoid import HoldingEllipsoid, smallest_ellipsoid
+from proxops.systems.shapes.mass import MassProperties, mass_properties
+from proxops.systems.shapes.mesh_checks import (
+    Defect,
+    find_defects,
+    flat_facets,
+    shell_labels,
+    smallest_angles,
+)
+from proxops.systems.shapes.mesh_repair import repair_mesh
+from proxops.systems.shapes.polyhedron import Polyhedron
+from proxops.systems.shapes.ray_casting import RayCaster, RayFan, ray_caster
+from proxops.systems.shapes.self_intersection import self_intersections
+from proxops.systems.shapes.shape_files import FORMATS, MeshFile, mesh_bytes, metres_per, read_mesh
+
+__all__ = [
+    "FORMATS",
+    "Defect",
+    "HoldingEllipsoid",
+    "MassProperties",
+    "MeshFile",
+    "Polyhedron",
+    "RayCaster",
+    "RayFan",
+    "blocks_segment",
+    "clearances",
+    "closest_point",
+    "find_defects",
+    "flat_facets",
+    "mass_properties",
+    "mesh_bytes",
+    "metres_per",
+    "ray_caster",
+    "read_mesh",
+    "repair_mesh",
+    "self_intersections",
+    "shell_labels",
+    "smallest_angles",
+    "smallest_ellipsoid",
+    "tangent_half_spaces",
+]

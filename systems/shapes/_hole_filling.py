@@ -1,0 +1,108 @@
+"""Holes of a mesh: their rims, and the patches that close them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from proxops.systems.common import InputError
+from proxops.systems.shapes.mesh_checks import directed_edges
+
+LONGEST_RIM = 200
+
+
+def boundary_loops(facets: np.ndarray, vertex_count: int) -> list[np.ndarray]:
+    """The rims of the holes of consistently wound facets (F, 3), each as vertex indices (n,).
+
+    In the direction in which the facets of a patch run along them. Rims that touch at a vertex are
+    rims of their own.
+
+    Raises:
+      InputError: rims cannot be followed, since some edge has more than two facets.
+    """
+    directed, owner, order = directed_edges(facets, vertex_count)
+    low = np.sort(directed[order], axis=1)
+    starts = np.flatnonzero(np.r_[True, (low[1:] != low[:-1]).any(axis=1)])
+    counts = np.diff(np.r_[starts, len(low)])
+    if (counts > 2).any():
+        at = owner[order[starts[counts > 2][0]]]
+        raise InputError(
+            f"the mesh cannot be mended: {np.sum(counts > 2)} edges belong to more than two "
+            f"facets, the first at facet {at}; which of them bound the body is not said"
+        )
+    # A patch runs along the rim the other way.
+    following: dict[int, list[int]] = {}
+    for b, a in directed[order[starts[counts == 1]]].tolist():
+        following.setdefault(a, []).append(b)
+    loops = []
+    while following:
+        walk = [next(iter(following))]
+        place = {walk[0]: 0}
+        while walk[-1] in following:
+            ends = following[walk[-1]]
+            end = ends.pop()
+            if not ends:
+                del following[walk[-1]]
+            if end in place:  # Here a rim closes; where rims touch, the walk goes on before it.
+                loops.append(np.array(walk[place[end] :]))
+                for vertex in walk[place[end] + 1 :]:
+                    del place[vertex]
+                walk = walk[: place[end] + 1]
+            else:
+                place[end] = len(walk)
+                walk.append(end)
+    return loops
+
+
+def triangulate_loop(vertices: np.ndarray, facets: np.ndarray, loop: np.ndarray) -> np.ndarray:
+    """The patch (n - 2, 3) of facets over the rim `loop` (n,), wound as the rim says.
+
+    Of all triangulations without new vertices the one with the least sum over facets of
+    (sum of squared sides)^2 / area: small, and no slivers where they can be helped. By dynamic
+    programming over the rim's stretches (Klincsek, Annals of Discrete Math. 9 (1980) 121). A
+    diagonal that is an edge of the mesh already is not used.
+
+    Raises:
+      InputError: the rim is longer than `LONGEST_RIM`, or has no such patch.
+    """
+    n = len(loop)
+    if not 3 <= n <= LONGEST_RIM:
+        raise InputError(
+            f"the mesh cannot be mended: the hole at vertex {loop[0]} has {n} edges; 3 to "
+            f"{LONGEST_RIM} are filled"
+        )
+    points = vertices[loop] / np.ptp(vertices[loop], axis=0).max()
+    near = facets[np.isin(facets, loop).sum(axis=1) >= 2]
+    taken = {frozenset(edge) for edge in directed_edges(near, len(vertices))[0].tolist()}
+    free = np.ones((n, n), dtype=bool)
+    for i in range(n):
+        for k in range(i + 2, n):
+            is_rim = i == 0 and k == n - 1
+            free[i, k] = is_rim or frozenset((int(loop[i]), int(loop[k]))) not in taken
+    cost = np.zeros((n, n))
+    apex = np.zeros((n, n), dtype=int)
+    for length in range(2, n):
+        for i in range(n - length):
+            k = i + length
+            middle = np.arange(i + 1, k)
+            tried = cost[i, middle] + cost[middle, k] + _costs(points, i, middle, k)
+            best = int(np.argmin(tried))
+            cost[i, k] = tried[best] if free[i, k] else np.inf
+            apex[i, k] = middle[best]
+    if not np.isfinite(cost[0, n - 1]):
+        raise InputError(f"the mesh cannot be mended: the hole at vertex {loop[0]} has no patch")
+    patch, stretches = [], [(0, n - 1)]
+    while stretches:
+        i, k = stretches.pop()
+        if k - i >= 2:
+            j = int(apex[i, k])
+            patch.append([i, j, k])
+            stretches += [(i, j), (j, k)]
+    return loop[np.array(patch)]
+
+
+def _costs(points: np.ndarray, i: int, middle: np.ndarray, k: int) -> np.ndarray:
+    a, b, c = points[i], points[middle], points[k]
+    area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    squares = np.sum((b - a) ** 2, axis=1) + np.sum((c - b) ** 2, axis=1) + np.sum((a - c) ** 2)
+    # A facet without area is dear, but possible: it closes a crack, and is flipped away later.
+    return squares**2 / (area + 1e-9 * squares)

@@ -1,0 +1,77 @@
+"""The smallest axis-aligned ellipsoid about the origin that holds a body."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from pydrake.solvers import ClarabelSolver, MathematicalProgram
+from scipy.spatial import ConvexHull
+
+from proxops.systems.common import InputError
+
+
+@dataclass(frozen=True)
+class HoldingEllipsoid:
+    """An ellipsoid about the origin, and the proof that it holds every point and is small."""
+
+    semi_axes: np.ndarray
+    """(3,) in m along x, y, z, the margin included."""
+    margin: float
+    """Share by which each semi-axis is longer than that of the smallest ellipsoid."""
+    level: float
+    """The largest (x/a)^2 + (y/b)^2 + (z/c)^2 over all points: below 1, so all are inside."""
+    farthest: int
+    """The index of that point."""
+    volume_bound: float
+    """m^3: no such ellipsoid without margin that holds the points has a smaller volume."""
+
+    @property
+    def volume(self) -> float:
+        """m^3."""
+        return float(4.0 / 3.0 * np.pi * self.semi_axes.prod())
+
+
+def smallest_ellipsoid(points: np.ndarray, margin: float = 0.0) -> HoldingEllipsoid:
+    """The ellipsoid of least volume that holds points (N, 3) in m, with every semi-axis lengthened.
+
+    In w = 1/a^2 the points' levels are linear and the volume is the product of w^(-1/2): maximise
+    the geometric mean of w subject to Q w <= 1, Q the squared coordinates. The multipliers u >= 0
+    of any solution, scaled to a sum of 3, bound every holding ellipsoid's volume from below: by
+    the inequality of the means prod (w) <= prod (1 / (Q' u)).
+
+    Raises:
+      InputError: the margin is negative, or the points lie in a plane through the origin.
+    """
+    if not 0.0 <= margin < np.inf:
+        raise InputError(f"the margin must be a share that is not negative, got {margin}")
+    reach = np.abs(points).max(axis=0)
+    if not (np.isfinite(reach).all() and reach.min() > 1e-9 * reach.max()):
+        raise InputError("the points lie in a plane: no smallest ellipsoid holds them")
+    # An ellipsoid that holds the corners of the convex hull, with their mirror images, holds all.
+    folded = np.abs(points / reach)
+    signs = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)])
+    hull = ConvexHull((folded[:, None] * signs).reshape(-1, 3)).vertices
+    squares = folded[np.unique(hull // len(signs))] ** 2
+    program = MathematicalProgram()
+    w = program.NewContinuousVariables(3, "w")
+    program.AddMaximizeGeometricMeanCost(w, 1.0)
+    upper = np.ones(len(squares))
+    holds = program.AddLinearConstraint(squares, np.full(len(squares), -np.inf), upper, w)
+    result = ClarabelSolver().Solve(program)
+    if not result.is_success():
+        raise InputError("no smallest ellipsoid was found")
+    # Whatever the solver's rounding, all points are inside now.
+    weights = result.GetSolution(w)
+    weights /= (squares @ weights).max()
+    semi_axes = (1.0 + margin) * (1.0 + 1e-12) * reach / np.sqrt(weights)
+    levels = np.sum((points / semi_axes) ** 2, axis=1)
+    prices = np.abs(result.GetDualSolution(holds))
+    bound = np.sqrt(np.prod(prices * 3.0 / prices.sum() @ squares)) * reach.prod()
+    return HoldingEllipsoid(
+        semi_axes=semi_axes,
+        margin=margin,
+        level=float(levels.max()),
+        farthest=int(levels.argmax()),
+        volume_bound=float(4.0 / 3.0 * np.pi * bound),
+    )

@@ -1,0 +1,248 @@
+"""Mending a mesh so that it bounds a body, saying what was done, or why it cannot be."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import KDTree
+
+from proxops.systems.common import InputError
+from proxops.systems.shapes._hole_filling import boundary_loops, triangulate_loop
+from proxops.systems.shapes.mass import mass_properties
+from proxops.systems.shapes.mesh_checks import (
+    areas,
+    directed_edges,
+    find_defects,
+    flat_facets,
+    inside_out_shells,
+    shell_labels,
+)
+from proxops.systems.shapes.self_intersection import self_intersections
+
+# Vertices nearer to each other than this share of the body's length are one: single precision.
+WELD = 1e-6
+# The patch over a hole may have this share of the mesh's area.
+LARGEST_HOLE = 0.1
+
+
+@dataclass
+class Repair:
+    """A mesh under repair, and what has been done to it."""
+
+    vertices: np.ndarray
+    """(V, 3) in m."""
+    facets: np.ndarray
+    """(F, 3)."""
+    actions: list[str] = field(default_factory=list)
+    """What was done, one sentence each; empty if there was nothing to do."""
+
+
+def repair_mesh(vertices: np.ndarray, facets: np.ndarray, *, align: bool = False) -> Repair:
+    """Welds, drops, reorients and fills until vertices (V, 3) and facets (F, 3) bound a body.
+
+    In this order: vertices that coincide are welded; facets that name a vertex twice, copies of
+    facets and pairs of facets back to back are dropped; neighbours are made to wind the same way;
+    facets without neighbours are dropped; small holes are filled; facets without area are flipped
+    away; shells are turned outwards (the walls of voids inwards); vertices that nothing uses are
+    dropped; the centre of mass is put at the origin; and, if `align` is said, the axes of least
+    and greatest moment of inertia along x and z.
+
+    Raises:
+      InputError: with the reason, if after all that the mesh still bounds no body.
+    """
+    broken = find_defects(vertices, facets)[:1]
+    if broken and broken[0].kind in ("shape", "too few facets", "not finite", "no such vertex"):
+        raise InputError(f"{broken[0].about()}; that cannot be mended")
+    mesh = Repair(np.array(vertices, dtype=float), np.array(facets, dtype=np.int64))
+    _weld(mesh)
+    _drop_facets(mesh)
+    _wind_alike(mesh)
+    _drop_loose_facets(mesh)
+    _fill_holes(mesh)
+    _flip_flat_facets(mesh)
+    _turn_shells(mesh)
+    _drop_vertices(mesh)
+    left = find_defects(mesh.vertices, mesh.facets)
+    if left:
+        what = "; ".join(defect.about() for defect in left)
+        raise InputError(f"the mesh cannot be mended: after all that can be done, {what}")
+    cuts = self_intersections(mesh.vertices, mesh.facets)
+    if len(cuts):
+        raise InputError(
+            f"the mesh cannot be mended: {len(cuts)} pairs of facets cut each other, the first "
+            f"facets {cuts[0, 0]} and {cuts[0, 1]} of what was mended so far"
+        )
+    _place(mesh, align)
+    return mesh
+
+
+def _weld(mesh: Repair) -> None:
+    reach = WELD * np.ptp(mesh.vertices, axis=0).max()
+    pairs = KDTree(mesh.vertices).query_pairs(reach, output_type="ndarray")
+    if not len(pairs):
+        return
+    count = len(mesh.vertices)
+    links = coo_array((np.ones(len(pairs), dtype=np.int8), tuple(pairs.T)), shape=(count, count))
+    _, label = connected_components(links, directed=False)
+    _, first, place = np.unique(label, return_index=True, return_inverse=True)
+    # Each group becomes its first vertex, unmoved.
+    distance = np.linalg.norm(mesh.vertices - mesh.vertices[first[place]], axis=1).max()
+    rank = np.argsort(np.argsort(first))[place]
+    first = np.sort(first)
+    mesh.vertices, mesh.facets = mesh.vertices[first], rank[mesh.facets]
+    gone = count - len(first)
+    mesh.actions.append(f"welded {gone} vertices onto others at most {distance:.3g} m away")
+
+
+def _drop_facets(mesh: Repair) -> None:
+    a, b, c = mesh.facets.T
+    thrice = (a != b) & (b != c) & (c != a)
+    if not thrice.all():
+        mesh.facets = mesh.facets[thrice]
+        mesh.actions.append(f"dropped {np.sum(~thrice)} facets that named a vertex twice")
+    # Turned so that the least vertex is first: equal rows wind alike, mirrored ones back to back.
+    start = np.argmin(mesh.facets, axis=1)[:, None]
+    turned = np.take_along_axis(mesh.facets, (start + np.arange(3)) % 3, axis=1)
+    _, first = np.unique(turned, axis=0, return_index=True)
+    if len(first) < len(turned):
+        mesh.actions.append(f"dropped {len(turned) - len(first)} copies of facets")
+        mesh.facets, turned = mesh.facets[np.sort(first)], turned[np.sort(first)]
+    _, place, times = np.unique(
+        np.sort(turned, axis=1), axis=0, return_inverse=True, return_counts=True
+    )
+    paired = times[place.reshape(-1)] > 1
+    if paired.any():
+        mesh.facets = mesh.facets[~paired]
+        mesh.actions.append(f"dropped {paired.sum() // 2} pairs of facets back to back")
+
+
+def _wind_alike(mesh: Repair) -> None:
+    """Turns facets, shell by shell, to agree with the shell's majority."""
+    facets, count = mesh.facets, len(mesh.facets)
+    directed, owner, order = directed_edges(facets, len(mesh.vertices))
+    low = np.sort(directed, axis=1)[order]
+    starts = np.flatnonzero(np.r_[True, (low[1:] != low[:-1]).any(axis=1)])
+    shared = starts[np.diff(np.r_[starts, len(low)]) == 2]
+    first, second = order[shared], order[shared + 1]
+    differ = (directed[first] == directed[second]).all(axis=1)
+    if not differ.any():
+        return
+    # Two copies of each facet, one turned: neighbours link the copies that agree. A facet's copies
+    # are in one component exactly if a walk over the surface comes back turned.
+    one, other = owner[first], owner[second]
+    rows = np.r_[one, one + count]
+    columns = np.r_[np.where(differ, other + count, other), np.where(differ, other, other + count)]
+    links = coo_array((np.ones(len(rows), dtype=np.int8), (rows, columns)), shape=(2 * count,) * 2)
+    _, label = connected_components(links, directed=False)
+    if (label[:count] == label[count:]).any():
+        raise InputError("the mesh cannot be mended: it is one-sided, like a Möbius strip")
+    # Of a shell's two sets of copies, the one with more facets as they are.
+    kept = np.bincount(label[:count], minlength=label.max() + 1)
+    turn = kept[label[:count]] < kept[label[count:]]
+    tied = kept[label[:count]] == kept[label[count:]]
+    turn |= tied & (label[:count] > label[count:])
+    mesh.facets = np.where(turn[:, None], facets[:, ::-1], facets)
+    mesh.actions.append(f"reversed {turn.sum()} facets that wound against their neighbours")
+
+
+def _drop_loose_facets(mesh: Repair) -> None:
+    """Facets alone amid holes: their own rims could not be told from those of the holes."""
+    shells, label = shell_labels(mesh.facets, len(mesh.vertices))
+    loose = np.bincount(label, minlength=shells)[label] == 1
+    if loose.any():
+        mesh.facets = mesh.facets[~loose]
+        mesh.actions.append(f"dropped {loose.sum()} facets that shared no edge with another")
+
+
+def _fill_holes(mesh: Repair) -> None:
+    total = areas(mesh.vertices, mesh.facets).sum()
+    patches = []
+    for loop in boundary_loops(mesh.facets, len(mesh.vertices)):
+        patch = triangulate_loop(mesh.vertices, mesh.facets, loop)
+        share = areas(mesh.vertices, patch).sum() / total
+        if share > LARGEST_HOLE:
+            raise InputError(
+                f"the mesh cannot be mended: the hole at vertex {loop[0]} ({len(loop)} edges) is "
+                f"{100 * share:.0f} % as large as the rest; at most {100 * LARGEST_HOLE:.0f} % is "
+                "filled"
+            )
+        patches.append(patch)
+    if patches:
+        mesh.facets = np.concatenate([mesh.facets, *patches])
+        added = sum(map(len, patches))
+        share = areas(mesh.vertices, mesh.facets[-added:]).sum() / total
+        mesh.actions.append(
+            f"filled {len(patches)} holes with {added} facets ({100 * share:.2g} % of the area)"
+        )
+
+
+def _flip_flat_facets(mesh: Repair) -> None:
+    """Gives the long edge of each facet without area to its middle vertex instead."""
+    flipped = 0
+    for _ in range(100):
+        before = flipped
+        for facet in flat_facets(mesh.vertices, mesh.facets):
+            flipped += _flip(mesh, int(facet))
+        if flipped == before:
+            break
+    if flipped:
+        mesh.actions.append(f"flipped the edges of {flipped} facets without area")
+
+
+def _flip(mesh: Repair, facet: int) -> bool:
+    """Whether the facet, m a b with m on the edge a b, and its neighbour b a p could be flipped."""
+    corners = mesh.facets[facet]
+    if not np.isin(facet, flat_facets(mesh.vertices, mesh.facets)):
+        return False  # Mended by the flip of another.
+    sides = np.linalg.norm(mesh.vertices[np.roll(corners, -1)] - mesh.vertices[corners], axis=1)
+    long = int(np.argmax(sides))
+    a, b, m = np.roll(corners, -long)
+    back = (mesh.facets == b) & (np.roll(mesh.facets, -1, axis=1) == a)
+    found = np.argwhere(back)
+    if len(found) != 1:
+        return False
+    neighbour, k = found[0]
+    p = mesh.facets[neighbour, (k + 2) % 3]
+    if (np.isin(mesh.facets, (m, p)).sum(axis=1) == 2).any():
+        return False  # The new edge is there already.
+    mesh.facets[facet], mesh.facets[neighbour] = (m, a, p), (b, m, p)
+    return True
+
+
+def _turn_shells(mesh: Repair) -> None:
+    if len(flat_facets(mesh.vertices, mesh.facets)) == len(mesh.facets):
+        return  # Nothing has an inside.
+    count, labels = shell_labels(mesh.facets, len(mesh.vertices))
+    wrong = inside_out_shells(mesh.vertices, mesh.facets, count, labels)
+    if wrong:
+        turn = np.isin(labels, wrong)
+        mesh.facets = np.where(turn[:, None], mesh.facets[:, ::-1], mesh.facets)
+        mesh.actions.append(
+            f"turned {len(wrong)} of {count} shells: {turn.sum()} facets wound the wrong way"
+        )
+
+
+def _drop_vertices(mesh: Repair) -> None:
+    used = np.unique(mesh.facets)
+    unused = len(mesh.vertices) - len(used)
+    if unused:
+        mesh.facets = np.searchsorted(used, mesh.facets)
+        mesh.vertices = mesh.vertices[used]
+        mesh.actions.append(f"dropped {unused} vertices that no facet uses")
+
+
+def _place(mesh: Repair, align: bool) -> None:
+    properties = mass_properties(mesh.vertices, mesh.facets)
+    size = np.ptp(mesh.vertices, axis=0).max()
+    if np.linalg.norm(properties.centre_of_mass) > 1e-9 * size:
+        mesh.vertices = mesh.vertices - properties.centre_of_mass
+        x, y, z = -properties.centre_of_mass
+        mesh.actions.append(f"moved by ({x:.6g}, {y:.6g}, {z:.6g}) m to the centre of mass")
+    if align and not np.allclose(properties.principal_axes, np.eye(3), rtol=0.0, atol=1e-9):
+        axes = properties.principal_axes
+        mesh.vertices = mesh.vertices @ axes.T
+        angle = np.degrees(np.arccos(np.clip((np.trace(axes) - 1.0) / 2.0, -1.0, 1.0)))
+        mesh.actions.append(f"turned by {angle:.4g} degrees onto the principal axes")

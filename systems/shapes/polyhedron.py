@@ -1,0 +1,116 @@
+"""A closed, outward-wound triangle mesh of uniform density, in metres."""
+
+from __future__ import annotations
+
+import hashlib
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+import trimesh
+
+from proxops.systems.common import InputError
+from proxops.systems.shapes.mesh_checks import directed_edges, find_defects, six_volumes
+from proxops.systems.shapes.shape_files import metres_per, read_mesh
+
+
+class Polyhedron:
+    """The shape of a body: vertices (V, 3) in metres and facets (F, 3) wound outwards.
+
+    A `Polyhedron` that exists is sound: every edge is shared by exactly two facets that run along
+    it in opposite directions, no facet is degenerate, and the enclosed volume is positive. All
+    checks are relative to the body's size, so that a pebble and a planet are judged alike.
+
+    The body-fixed frame K of the other systems has its origin at the centre of mass: see
+    `recentred`.
+    """
+
+    def __init__(self, vertices: np.ndarray, facets: np.ndarray, name: str = "mesh"):
+        """Takes vertices (V, 3) in metres and facets (F, 3) of indices into them.
+
+        Args:
+          name: what error messages call the mesh, for instance its file name.
+
+        Raises:
+          InputError: the mesh is not sound; the message names the defect and where it is.
+        """
+        self.vertices = np.array(vertices, dtype=np.float64)
+        self.facets = np.array(facets, dtype=np.int64)
+        self.vertices.setflags(write=False)
+        self.facets.setflags(write=False)
+        self.name = name
+        defects = find_defects(self.vertices, self.facets)
+        if defects:
+            raise InputError(f"{defects[0].about(name)}; `proxops shape --fix` may mend it")
+
+    @classmethod
+    def load(cls, path: str | Path, unit: str = "km") -> Polyhedron:
+        """Reads an OBJ, PLY, STL or PDS `.tab` file whose numbers are in `unit` ("km" or "m").
+
+        Raises:
+          InputError: no such file, not a mesh, an unknown unit, or an unsound mesh.
+        """
+        mesh = read_mesh(path, unit)
+        return cls(mesh.vertices, mesh.facets, mesh.name)
+
+    @classmethod
+    def from_trimesh(cls, mesh: trimesh.Trimesh, unit: str, name: str = "mesh") -> Polyhedron:
+        """Takes a `trimesh.Trimesh` whose numbers are in `unit` ("km" or "m")."""
+        if not isinstance(mesh, trimesh.Trimesh) or len(mesh.faces) == 0:
+            raise InputError(f"{name} holds no triangles")
+        return cls(mesh.vertices * metres_per(unit), mesh.faces, name)
+
+    def to_trimesh(self, unit: str = "m") -> trimesh.Trimesh:
+        """The same mesh as a `trimesh.Trimesh` in `unit`."""
+        scale = metres_per(unit)
+        return trimesh.Trimesh(self.vertices / scale, self.facets, process=False)
+
+    def recentred(self) -> Polyhedron:
+        """The mesh moved so that its centre of mass is the origin of K."""
+        return Polyhedron(self.vertices - self.centre_of_mass, self.facets, self.name)
+
+    @cached_property
+    def _corners(self) -> np.ndarray:
+        return self.vertices[self.facets]
+
+    @cached_property
+    def volume(self) -> float:
+        """Enclosed volume in m^3, signed sum of tetrahedra: right for bent bodies too."""
+        return float(six_volumes(self.vertices, self.facets).sum() / 6.0)
+
+    @cached_property
+    def centre_of_mass(self) -> np.ndarray:
+        """Centre of mass (3,) in m, at uniform density."""
+        origin = self.vertices.mean(axis=0)
+        corner_sums = (self._corners - origin).sum(axis=1)
+        weights = six_volumes(self.vertices, self.facets)
+        return origin + weights @ corner_sums / (4.0 * weights.sum())
+
+    @cached_property
+    def extents(self) -> np.ndarray:
+        """Lengths (3,) in m of the bounding box along x, y, z."""
+        return np.ptp(self.vertices, axis=0)
+
+    @cached_property
+    def normals(self) -> np.ndarray:
+        """Outward unit normals (F, 3)."""
+        a, b, c = np.moveaxis(self._corners, 1, 0)
+        cross = np.cross(b - a, c - a)
+        return cross / np.linalg.norm(cross, axis=1, keepdims=True)
+
+    @cached_property
+    def edges(self) -> tuple[np.ndarray, np.ndarray]:
+        """Edges (E, 2) as vertex indices and, per edge, the facets (E, 2) on its two sides.
+
+        The first facet runs along the edge from its first vertex to its second, the other facet
+        runs back.
+        """
+        directed, owner, order = directed_edges(self.facets, len(self.vertices))
+        return directed[order[::2]], owner[order].reshape(-1, 2)
+
+    @cached_property
+    def sha256(self) -> str:
+        """Hash of vertices and facets, by which logs name the shape."""
+        digest = hashlib.sha256(self.vertices.astype("<f8").tobytes())
+        digest.update(self.facets.astype("<i8").tobytes())
+        return digest.hexdigest()

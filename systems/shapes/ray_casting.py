@@ -1,0 +1,136 @@
+"""Ray casting against a mesh, by Embree: rays one by one, and fans of rays from many places."""
+
+from __future__ import annotations
+
+import functools
+from typing import NamedTuple
+
+import numpy as np
+from embreex.mesh_construction import TriangleMesh
+from embreex.rtcore import EmbreeDevice
+from embreex.rtcore_scene import EmbreeScene
+
+from proxops.systems.common import InputError
+from proxops.systems.shapes.polyhedron import Polyhedron
+
+# Rays looked at together in a batch: enough to hide Python, few enough to stay in the cache.
+_BLOCK = 2**17
+# The ellipsoid that decides which rays are cast is larger than one that just holds the mesh, and
+# its cone of tangents wider, by far more than single precision may be wrong.
+_INFLATION = 1e-3
+_COSINE_MARGIN = 1e-5
+
+
+class Hits(NamedTuple):
+    """The K rays of a fan that meet the mesh, position by position, ray by ray."""
+
+    places: np.ndarray
+    """(K,) int: index of the ray's position, ascending."""
+    rays: np.ndarray
+    """(K,) int: index of the ray's direction, ascending within a position."""
+    distances: np.ndarray
+    """(K,) float32: distance in m to the nearest facet."""
+    facets: np.ndarray
+    """(K,) int32: index of that facet."""
+
+
+class RayCaster:
+    """Rays against a mesh, in the mesh's frame. Single precision: 0.02 m at 350 km."""
+
+    def __init__(self, shape: Polyhedron):
+        # The robust flag makes rays watertight across the edges of facets.
+        self.shape = shape
+        self._device = EmbreeDevice()
+        self.scene = EmbreeScene(self._device, True)
+        vertices = shape.vertices.astype(np.float32)
+        self._mesh = TriangleMesh(self.scene, vertices, shape.facets.astype(np.int32))
+
+    def distances(self, origins: np.ndarray, directions: np.ndarray) -> np.ndarray:
+        """Distances (N,) in m, float64, from origins (N, 3) along unit directions (N, 3).
+
+        +inf where a ray meets nothing.
+        """
+        found = self.scene.run(
+            np.ascontiguousarray(origins, dtype=np.float32),
+            np.ascontiguousarray(directions, dtype=np.float32),
+            query="DISTANCE",
+        ).astype(np.float64)
+        found[found > 1e30] = np.inf  # Embree's "nothing" is 1e37.
+        return found
+
+    def fan(self, directions: np.ndarray) -> RayFan:
+        """The rays along unit directions (R, 3), to be cast from one place after another."""
+        return RayFan(self, directions)
+
+    def frames(self, positions: np.ndarray, directions: np.ndarray) -> np.ndarray:
+        """Distances (N, R) in m, float32, from positions (N, 3) along unit directions (R, 3).
+
+        +inf where a ray meets nothing. Beside the result it takes a few MB, however many
+        positions there are. Equal to `distances`, ray by ray, but three times as fast from afar.
+        """
+        return self.fan(directions).frames(positions)
+
+
+class RayFan:
+    """Rays in fixed directions, cast from any place.
+
+    From outside, most rays point away from the body. Only those that meet an ellipsoid round the
+    mesh are cast: in coordinates that make it the unit ball, a ray from q along the unit vector e
+    meets it when -q·e is at least √(q² - 1), the length of a tangent from q.
+
+    One thread does it all: Embree's Python binding holds the interpreter's lock.
+    """
+
+    def __init__(self, caster: RayCaster, directions: np.ndarray):
+        """Takes the mesh's caster and unit directions (R, 3) in its frame.
+
+        Raises:
+          InputError: the directions are not an (R, 3) array.
+        """
+        directions = np.asarray(directions)
+        if directions.ndim != 2 or directions.shape[1] != 3:
+            raise InputError(f"directions must have shape (R, 3), got {directions.shape}")
+        self._scene = caster.scene
+        self._directions = np.ascontiguousarray(directions, dtype=np.float32)
+        vertices = caster.shape.vertices
+        self._centre = 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))
+        axes = 0.5 * caster.shape.extents
+        reach = np.linalg.norm((vertices - self._centre) / axes, axis=1).max()
+        self._axes = axes * reach * (1.0 + _INFLATION)
+        scaled = directions / self._axes
+        scaled /= np.linalg.norm(scaled, axis=1, keepdims=True)
+        self._scaled = np.ascontiguousarray(scaled.T, dtype=np.float32)
+
+    def hits(self, positions: np.ndarray) -> Hits:
+        """What the rays from positions (N, 3) in m meet; memory grows with N R."""
+        q = (positions - self._centre) / self._axes
+        squared = np.einsum("ni,ni->n", q, q)
+        tangent = np.sqrt(np.maximum(squared - 1.0, 0.0)) - _COSINE_MARGIN * np.sqrt(squared)
+        tangent[squared <= 1.0] = -np.inf  # From within, every ray may meet the mesh.
+        aimed = (-q).astype(np.float32) @ self._scaled >= tangent.astype(np.float32)[:, None]
+        places, rays = np.divmod(np.flatnonzero(aimed), aimed.shape[1])
+        found = self._scene.run(
+            positions.astype(np.float32).take(places, axis=0),
+            self._directions.take(rays, axis=0),
+            output=True,
+        )
+        met = np.flatnonzero(found["primID"] >= 0)
+        return Hits(places[met], rays[met], found["tfar"][met], found["primID"][met])
+
+    def frames(self, positions: np.ndarray) -> np.ndarray:
+        """As `RayCaster.frames`, along the directions of this fan."""
+        positions = np.asarray(positions, dtype=np.float64)
+        if positions.ndim != 2 or positions.shape[1] != 3:
+            raise InputError(f"positions must have shape (N, 3), got {positions.shape}")
+        frames = np.full((len(positions), len(self._directions)), np.inf, dtype=np.float32)
+        block = max(1, _BLOCK // max(1, len(self._directions)))
+        for start in range(0, len(positions), block):
+            hits = self.hits(positions[start : start + block])
+            frames[start + hits.places, hits.rays] = hits.distances
+        return frames
+
+
+@functools.lru_cache(maxsize=4)
+def ray_caster(shape: Polyhedron) -> RayCaster:
+    """The ray caster of a mesh, built once for all that cast rays against it."""
+    return RayCaster(shape)

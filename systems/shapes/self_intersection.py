@@ -1,0 +1,243 @@
+"""Facets of a mesh that cut, touch or cover each other without sharing what they have in common.
+
+Decided exactly: signs of determinants by float64 where its error bound vouches for them, otherwise
+by whole numbers of any length, since every float64 is a whole number of some power of two.
+"""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+
+from proxops.systems.common import InputError
+
+# Relative error bounds of the plain determinants below: Shewchuk, "Adaptive Precision
+# Floating-Point Arithmetic and Fast Robust Geometric Predicates" (1997), doubled for safety.
+_BOUND_3 = 2.0 * (7.0 + 56.0 * np.finfo(float).eps / 2.0) * np.finfo(float).eps / 2.0
+_BOUND_2 = 2.0 * (3.0 + 16.0 * np.finfo(float).eps / 2.0) * np.finfo(float).eps / 2.0
+_MOST_PAIRS = 20_000_000
+
+
+def self_intersections(vertices: np.ndarray, facets: np.ndarray) -> np.ndarray:
+    """Pairs (N, 2) of facets, first below second, that meet where they should not.
+
+    Facets without a common vertex must not meet at all; those with one, only there; those with
+    two, only along that edge. Facets with the same three vertices count as meeting. Facets without
+    area must not be among them.
+
+    Args:
+      vertices: (V, 3), all finite. facets: (F, 3).
+
+    Raises:
+      InputError: so many facets lie over each other that this would not end.
+    """
+    corners = vertices[facets]
+    low, high = corners.min(axis=1), corners.max(axis=1)
+    axis = int(np.argmax(np.ptp(vertices, axis=0)))
+    order = np.argsort(low[:, axis], kind="stable")
+    roll = [axis, (axis + 1) % 3, (axis + 2) % 3]
+    boxes = _overlaps(low[order][:, roll], high[order][:, roll], _MOST_PAIRS)
+    if len(boxes) == _MOST_PAIRS:
+        raise InputError("the mesh is a tangle: over 20 million pairs of facets are close together")
+    pairs = np.sort(order[boxes])
+    # Common vertices of each pair: which corner of the one is which of the other.
+    equal = facets[pairs[:, 0], :, None] == facets[pairs[:, 1], None, :]
+    common = equal.sum(axis=(1, 2))
+    numbers = _Numbers(vertices)
+    meet = common == 3
+    for shared in range(3):
+        some = np.flatnonzero(common == shared)
+        first, second = facets[pairs[some, 0]], facets[pairs[some, 1]]
+        if shared:
+            first = _put_last(first, equal[some].any(axis=2), shared)
+            second = _put_last(second, equal[some].any(axis=1), shared)
+        judge = (_meet, _meet_beyond_vertex, _fold_onto)[shared]
+        meet[some] = judge(numbers, first, second)
+    found = pairs[meet]
+    return found[np.lexsort(found.T[::-1])]
+
+
+@numba.njit(cache=True)
+def _overlaps(low, high, most):
+    """Pairs (N, 2) of boxes (n, 3) that overlap, sorted by their low ends along the first axis."""
+    room = 1024
+    pairs = np.empty((room, 2), dtype=np.int64)
+    count = 0
+    for i in range(len(low)):
+        for j in range(i + 1, len(low)):
+            if low[j, 0] > high[i, 0]:
+                break
+            if low[j, 1] > high[i, 1] or low[i, 1] > high[j, 1]:
+                continue
+            if low[j, 2] > high[i, 2] or low[i, 2] > high[j, 2]:
+                continue
+            if count == room:
+                room *= 2
+                longer = np.empty((room, 2), dtype=np.int64)
+                longer[:count] = pairs
+                pairs = longer
+            pairs[count, 0], pairs[count, 1] = i, j
+            count += 1
+            if count == most:
+                return pairs[:count]
+    return pairs[:count]
+
+
+def _put_last(facets: np.ndarray, shared: np.ndarray, count: int) -> np.ndarray:
+    """Facets (N, 3) turned, keeping their winding, so that the `count` shared corners are last."""
+    start = np.argmax(shared, axis=1) if count == 1 else np.argmin(shared, axis=1) + 1
+    shift = (start + count) % 3
+    return np.take_along_axis(facets, (shift[:, None] + np.arange(3)) % 3, axis=1)
+
+
+class _Numbers:
+    """Signs of the orientation of vertices, by their indices."""
+
+    def __init__(self, vertices: np.ndarray):
+        self.floats = vertices
+        mantissa, exponent = np.frexp(vertices)
+        whole = np.ldexp(mantissa, 53).astype(np.int64).astype(object)
+        used = exponent[mantissa != 0.0]
+        lowest = used.min() if used.size else 0
+        self._wholes = whole << np.where(mantissa != 0.0, exponent - lowest, 0).astype(object)
+
+    def side(self, a, b, c, d) -> np.ndarray:
+        """Signs (N,) int of det(a - d, b - d, c - d): which side of the plane of a, b, c is d on.
+
+        Args are indices of vertices (N,).
+        """
+        corners = [self.floats[k] for k in (a, b, c, d)]
+        value, size = _determinant_3(*corners)
+        unsure = np.flatnonzero(np.abs(value) <= _BOUND_3 * size)
+        signs = np.sign(value).astype(int)
+        if unsure.size:
+            exact, _ = _determinant_3(*(self._wholes[k[unsure]] for k in (a, b, c, d)))
+            signs[unsure] = _signs(exact)
+        return signs
+
+    def turn(self, drop: np.ndarray, a, b, c) -> np.ndarray:
+        """Signs (N,) int of the turn a, b, c seen along the axis `drop` (N,)."""
+        keep = np.stack([(drop + 1) % 3, (drop + 2) % 3], axis=1)
+        flat = [np.take_along_axis(self.floats[k], keep, axis=1) for k in (a, b, c)]
+        value, size = _determinant_2(*flat)
+        unsure = np.flatnonzero(np.abs(value) <= _BOUND_2 * size)
+        signs = np.sign(value).astype(int)
+        if unsure.size:
+            rows, columns = [k[unsure] for k in (a, b, c)], keep[unsure]
+            exact, _ = _determinant_2(*(self._wholes[row[:, None], columns] for row in rows))
+            signs[unsure] = _signs(exact)
+        return signs
+
+
+def _determinant_3(a, b, c, d):
+    """det(a - d, b - d, c - d) for rows (N, 3), and the sum of its terms' sizes."""
+    (ax, ay, az), (bx, by, bz), (cx, cy, cz) = ((p - d).T for p in (a, b, c))
+    terms = ((ax, by * cz, bz * cy), (bx, cy * az, cz * ay), (cx, ay * bz, az * by))
+    values = [x * (plus - minus) for x, plus, minus in terms]
+    sizes = [abs(x) * (abs(plus) + abs(minus)) for x, plus, minus in terms]
+    return values[0] + values[1] + values[2], sizes[0] + sizes[1] + sizes[2]
+
+
+def _determinant_2(a, b, c):
+    """det(a - c, b - c) for rows (N, 2), and the sum of its terms' sizes."""
+    (ax, ay), (bx, by) = (a - c).T, (b - c).T
+    return ax * by - ay * bx, abs(ax * by) + abs(ay * bx)
+
+
+def _signs(wholes: np.ndarray) -> np.ndarray:
+    return (wholes > 0).astype(int) - (wholes < 0).astype(int)
+
+
+def _meet(numbers: _Numbers, first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """Whether triangles (N, 3) that share no vertex have a point in common.
+
+    If they are not in one plane, some edge of one then meets the other.
+    """
+    meet = np.zeros(len(first), dtype=bool)
+    for one, other in ((first, second), (second, first)):
+        for k in range(3):
+            rest = np.flatnonzero(~meet)
+            edge = one[rest, k], one[rest, (k + 1) % 3]
+            meet[rest] = _edge_meets(numbers, *edge, other[rest])
+    rest = np.flatnonzero(~meet)
+    if rest.size:
+        same = _in_plane(numbers, first[rest], second[rest])
+        meet[rest[same]] = _overlap_in_plane(numbers, first[rest[same]], second[rest[same]])
+    return meet
+
+
+def _meet_beyond_vertex(numbers: _Numbers, first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """Whether triangles (N, 3) whose last vertex is common meet elsewhere too.
+
+    The edge opposite that vertex, of one of them, then meets the other triangle.
+    """
+    meet = np.zeros(len(first), dtype=bool)
+    for one, other in ((first, second), (second, first)):
+        meet |= _edge_meets(numbers, one[:, 0], one[:, 1], other)
+    rest = np.flatnonzero(~meet)
+    if rest.size:
+        same = rest[_in_plane(numbers, first[rest], second[rest])]
+        drop = _thin_axis(numbers, first[same])
+        for one, other in ((first[same], second[same]), (second[same], first[same])):
+            meet[same] |= _edge_meets_in_plane(numbers, drop, one[:, 0], one[:, 1], other)
+    return meet
+
+
+def _fold_onto(numbers: _Numbers, first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """Whether triangles (N, 3) whose last two vertices are common cover each other in part."""
+    meet = numbers.side(first[:, 0], first[:, 1], first[:, 2], second[:, 0]) == 0
+    some = np.flatnonzero(meet)
+    drop = _thin_axis(numbers, first[some])
+    a, b = first[some, 1], first[some, 2]
+    sides = [numbers.turn(drop, a, b, facets[some, 0]) for facets in (first, second)]
+    meet[some] = sides[0] == sides[1]
+    return meet
+
+
+def _edge_meets(numbers: _Numbers, p, q, facets: np.ndarray) -> np.ndarray:
+    """Whether segments p q (N,) that are not in their triangle's plane meet it, rim included."""
+    a, b, c = facets.T
+    side_p, side_q = numbers.side(a, b, c, p), numbers.side(a, b, c, q)
+    meet = (side_p * side_q <= 0) & ((side_p != 0) | (side_q != 0))
+    some = np.flatnonzero(meet)
+    p, q, a, b, c = (k[some] for k in (p, q, a, b, c))
+    turns = np.stack([numbers.side(p, q, *pair) for pair in ((a, b), (b, c), (c, a))])
+    meet[some] = ~((turns > 0).any(axis=0) & (turns < 0).any(axis=0))
+    return meet
+
+
+def _in_plane(numbers: _Numbers, first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    a, b, c = first.T
+    sides = [numbers.side(a, b, c, corner) for corner in second.T]
+    return (np.stack(sides) == 0).all(axis=0)
+
+
+def _thin_axis(numbers: _Numbers, facets: np.ndarray) -> np.ndarray:
+    """The axis (N,) along which triangles look largest."""
+    a, b, c = (numbers.floats[corner] for corner in facets.T)
+    return np.argmax(np.abs(np.cross(b - a, c - a)), axis=1)
+
+
+def _overlap_in_plane(numbers: _Numbers, first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """Whether triangles in one plane have a point in common."""
+    drop = _thin_axis(numbers, first)
+    meet = np.zeros(len(first), dtype=bool)
+    for one, other in ((first, second), (second, first)):
+        for k in range(3):
+            meet |= _edge_meets_in_plane(numbers, drop, one[:, k], one[:, (k + 1) % 3], other)
+    return meet
+
+
+def _edge_meets_in_plane(numbers: _Numbers, drop, p, q, facets: np.ndarray) -> np.ndarray:
+    """Whether segments p q (N,) in the plane of their triangle meet it, rim included."""
+    meet = np.zeros(len(p), dtype=bool)
+    for end in (p, q):
+        turns = np.stack(
+            [numbers.turn(drop, facets[:, k], facets[:, (k + 1) % 3], end) for k in range(3)]
+        )
+        meet |= ~((turns > 0).any(axis=0) & (turns < 0).any(axis=0))
+    for k in range(3):
+        a, b = facets[:, k], facets[:, (k + 1) % 3]
+        split = numbers.turn(drop, p, q, a) * numbers.turn(drop, p, q, b) < 0
+        meet |= split & (numbers.turn(drop, a, b, p) * numbers.turn(drop, a, b, q) < 0)
+    return meet

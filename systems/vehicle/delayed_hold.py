@@ -1,0 +1,57 @@
+"""`DelayedHold`: a zero-order hold whose samples take effect late."""
+
+from __future__ import annotations
+
+from pydrake.systems.framework import LeafSystem
+
+from proxops.systems.common import InputError
+
+
+class DelayedHold(LeafSystem):
+    """Holds, for one period each, the samples of its input, from a fixed delay after each sample.
+
+    ```
+    u (size) ──►┌─────────────┐
+                │ DelayedHold ├─► y (size)
+                └─────────────┘
+    ```
+
+    With the period T and the delay τ, 0 < τ <= T::
+
+        y(t) = u(k T)   for   k T + τ < t <= (k + 1) T + τ,   and 0 before t = τ
+
+    as Drake's `ZeroOrderHold` does without a delay; an update's result is seen after its time. Two
+    discrete states hold what waits and what is put out. There is no direct feedthrough.
+    """
+
+    def __init__(self, period: float, delay: float, size: int):
+        """Takes the period and the delay in s and the size of input and output.
+
+        Raises:
+          InputError: the period or the delay is not positive, or the delay is above the period.
+        """
+        super().__init__()
+        if not 0.0 < delay <= period:
+            raise InputError(
+                "a delayed hold needs a delay above 0 and at most its period, "
+                f"got {delay} s and {period} s"
+            )
+        self.period, self.delay = period, delay
+        self._u_port = self.DeclareVectorInputPort(name="u", size=size)
+        self._pending = self.DeclareDiscreteState(size)
+        self._current = self.DeclareDiscreteState(size)
+        self.DeclareStateOutputPort(name="y", state_index=self._current)
+        declare = self.DeclarePeriodicDiscreteUpdateEvent
+        # All updates at one time read the state before it: at kT + T, what waited is put out and
+        # what comes in waits. Both events then have the same offset, for kT + T and (k + 1)T may
+        # differ in the last bit, and the new sample would be put out at once.
+        declare(period_sec=period, offset_sec=0.0, update=self._sample)
+        declare(
+            period_sec=period, offset_sec=delay if delay < period else 0.0, update=self._put_out
+        )
+
+    def _sample(self, context, discrete_state):
+        discrete_state.set_value(self._pending, self._u_port.Eval(context))
+
+    def _put_out(self, context, discrete_state):
+        discrete_state.set_value(self._current, context.get_discrete_state(self._pending).value())

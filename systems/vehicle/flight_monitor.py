@@ -1,0 +1,176 @@
+"""`FlightMonitor`: the events of a flight: arrival, keep-out violation, collision."""
+
+from __future__ import annotations
+
+import numpy as np
+from pydrake.systems.framework import (
+    BasicVector,
+    EventStatus,
+    LeafSystem,
+    UnrestrictedUpdateEvent,
+    WitnessFunctionDirection,
+)
+
+from proxops.systems.gravity import GravityField
+from proxops.systems.shapes import blocks_segment, clearances, ray_caster
+
+# A time that never comes; finite, so that a witness may be interpolated.
+NEVER = 1e15
+# Of the outcome vector.
+ENTERED_GOAL, VIOLATIONS, COLLIDED, FINISHED = range(4)
+
+
+class FlightMonitor(LeafSystem):
+    """Watches a flight and ends it.
+
+    ```
+    state (6) ───►┌───────────────┐
+    target (6) ──►│ FlightMonitor ├─► outcome (4): time in s at which the goal region was entered
+                  └───────────────┘   for good so far (NEVER if not in it), keep-out violations,
+                                      1 after a collision, 1 after the dwell in the goal region
+    ```
+
+    Witness functions find, to a fraction of a millisecond, when the spacecraft
+
+    * enters or leaves the goal region (within `radius` and `speed` of the target),
+    * goes deeper than `tolerance` into the keep-out ellipsoid, which is counted,
+    * enters the true mesh, which ends the flight,
+    * has spent `dwell` in the goal region without a break, which ends the flight.
+
+    A witness compares the ends of an integration step. So that no corner of the mesh is cut and
+    the ellipsoid is not dipped into between two of them, the path over every control period is
+    looked at as well: its chord is cast against the mesh, and a cubic through its ends checked
+    for depth.
+    """
+
+    def __init__(
+        self,
+        field: GravityField,
+        keep_out_semi_axes: np.ndarray,
+        radius: float,
+        speed: float,
+        dwell: float,
+        tolerance: float = 1.0,
+        period: float = 10.0,
+    ):
+        """Takes the body's field (for its inside) in K, and lengths in m, speed in m/s, times in s.
+
+        The keep-out ellipsoid, semi-axes (3,), must hold the whole mesh.
+        """
+        super().__init__()
+        self._field, self._keep_out = field, np.asarray(keep_out_semi_axes, dtype=np.float64)
+        self._radius, self._speed, self._dwell = radius, speed, dwell
+        self._tolerance = tolerance
+        self._caster = ray_caster(field.shape)
+        self._state_port = self.DeclareVectorInputPort(name="state", size=6)
+        self._target_port = self.DeclareVectorInputPort(name="target", size=6)
+        self._outcome_index = self.DeclareDiscreteState(BasicVector([NEVER, 0.0, 0.0, 0.0]))
+        # State, time and violations at the last control step.
+        self._last_index = self.DeclareDiscreteState(BasicVector(np.full(8, np.nan)))
+        self.DeclareStateOutputPort(name="outcome", state_index=self._outcome_index)
+        self.DeclareInitializationDiscreteUpdateEvent(update=self._initialise)
+        self.DeclarePeriodicDiscreteUpdateEvent(
+            period_sec=period, offset_sec=period, update=self._check_path
+        )
+        falling = WitnessFunctionDirection.kPositiveThenNonPositive
+        rising = WitnessFunctionDirection.kNegativeThenNonNegative
+        self._witnesses = [
+            self._witness("enters the goal region", falling, self._calc_outside_goal, self._enter),
+            self._witness("leaves the goal region", rising, self._calc_outside_goal, self._leave),
+            self._witness("dwell is over", falling, self._calc_dwell_left, self._finish),
+            self._witness("keep-out violation", falling, self._calc_clearance, self._violate),
+            self._witness("collision", falling, self._calc_outside_body, self._collide),
+        ]
+
+    def _witness(self, description, direction, calc, update):
+        def callback(system, context, event, state):
+            return update(context, state)
+
+        event = UnrestrictedUpdateEvent(system_callback=callback)
+        return self.MakeWitnessFunction(description, direction, calc, event)
+
+    def DoGetWitnessFunctions(self, context):  # noqa: N802
+        """All of them, always."""
+        return self._witnesses
+
+    def _calc_outside_goal(self, context) -> float:
+        error = self._state_port.Eval(context) - self._target_port.Eval(context)
+        distance = float(np.linalg.norm(error[:3])) / self._radius
+        return max(distance, float(np.linalg.norm(error[3:])) / self._speed) - 1.0
+
+    def _calc_dwell_left(self, context) -> float:
+        entered = context.get_discrete_state(self._outcome_index).GetAtIndex(ENTERED_GOAL)
+        return entered + self._dwell - context.get_time()
+
+    def _calc_clearance(self, context) -> float:
+        position = self._state_port.Eval(context)[:3]
+        return float(clearances(self._keep_out, position[None])[0]) + self._tolerance
+
+    def _calc_outside_body(self, context) -> float:
+        position = self._state_port.Eval(context)[:3]
+        if np.sum((position / self._keep_out) ** 2) >= 1.0:
+            return 1.0
+        return -1.0 if self._field.evaluate(position[None]).inside[0] else 1.0
+
+    def _initialise(self, context, discrete_state):
+        outcome = discrete_state.get_mutable_value(self._outcome_index)
+        # A flight taken up again in the goal region, from a cloned Context, entered it before.
+        entered = min(outcome[ENTERED_GOAL], context.get_time())
+        outcome[ENTERED_GOAL] = entered if self._calc_outside_goal(context) <= 0.0 else NEVER
+        self._mark(context, discrete_state, outcome[VIOLATIONS])
+
+    def _mark(self, context, discrete_state, violations: float) -> None:
+        now = np.concatenate([self._state_port.Eval(context), [context.get_time(), violations]])
+        discrete_state.set_value(self._last_index, now)
+
+    def _check_path(self, context, discrete_state):
+        last = context.get_discrete_state(self._last_index).value()
+        state = self._state_port.Eval(context)
+        outcome = discrete_state.get_mutable_value(self._outcome_index)
+        duration = context.get_time() - last[6]
+        if outcome[VIOLATIONS] == last[7] and self._dips(last[:6], state, duration):
+            outcome[VIOLATIONS] += 1.0
+        self._mark(context, discrete_state, outcome[VIOLATIONS])
+        start, end = last[:3], state[:3]
+        if blocks_segment(self._keep_out, start, end) and self._hits_body(start, end):
+            outcome[COLLIDED] = 1.0
+            return EventStatus.ReachedTermination(self, "collision: a corner of the body was cut")
+        return EventStatus.Succeeded()
+
+    def _dips(self, start: np.ndarray, end: np.ndarray, duration: float) -> bool:
+        """Whether the path goes too deep between two states (6,) that are not too deep."""
+        s = np.linspace(0.0, 1.0, 11)[:, None]
+        positions = (1.0 - s) ** 2 * ((1.0 + 2.0 * s) * start[:3] + s * duration * start[3:])
+        positions += s**2 * ((3.0 - 2.0 * s) * end[:3] - (1.0 - s) * duration * end[3:])
+        clearance = clearances(self._keep_out, positions) + self._tolerance
+        return bool(clearance[0] > 0.0 and clearance[-1] > 0.0 and clearance.min() <= 0.0)
+
+    def _hits_body(self, start: np.ndarray, end: np.ndarray) -> bool:
+        length = float(np.linalg.norm(end - start))
+        if length == 0.0:
+            return False
+        direction = (end - start)[None] / length
+        return bool(self._caster.distances(start[None], direction)[0] <= length)
+
+    def _enter(self, context, state):
+        self._outcome(state)[ENTERED_GOAL] = context.get_time()
+        return EventStatus.Succeeded()
+
+    def _leave(self, context, state):
+        self._outcome(state)[ENTERED_GOAL] = NEVER
+        return EventStatus.Succeeded()
+
+    def _violate(self, context, state):
+        self._outcome(state)[VIOLATIONS] += 1.0
+        return EventStatus.Succeeded()
+
+    def _finish(self, context, state):
+        self._outcome(state)[FINISHED] = 1.0
+        return EventStatus.ReachedTermination(self, "the dwell in the goal region is over")
+
+    def _collide(self, context, state):
+        self._outcome(state)[COLLIDED] = 1.0
+        return EventStatus.ReachedTermination(self, "collision with the body")
+
+    def _outcome(self, state) -> np.ndarray:
+        return state.get_mutable_discrete_state(self._outcome_index).get_mutable_value()

@@ -1,0 +1,73 @@
+"""Where the spacecraft will be after a short while, and what pushes it besides what is known."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from proxops.systems.gravity import Field
+from proxops.systems.vehicle.spacecraft import rotating_frame_acceleration
+
+# Longest step of the prediction (s). Gravity changes over some 100 s, so that the classical
+# Runge-Kutta method errs by micrometres.
+_LONGEST_STEP = 5.0
+
+
+def predicted_state(
+    state: np.ndarray, force: np.ndarray, duration: float, field: Field, mass: float, spin: float
+) -> np.ndarray:
+    """The state (6,) after `duration` s under gravity and a constant force, by Runge-Kutta.
+
+    Args:
+      state: (6,) in K, in m and m/s. force: (3,) in N in K.
+      field: the gravity to believe in. mass: kg. spin: rad/s about z.
+    """
+
+    def rate(at: np.ndarray) -> np.ndarray:
+        gravity = field.evaluate(at[None, :3]).acceleration[0]
+        acceleration = rotating_frame_acceleration(at[:3], at[3:], gravity, force, mass, spin)
+        return np.concatenate([at[3:], acceleration])
+
+    steps = math.ceil(duration / _LONGEST_STEP)
+    for _ in range(steps):
+        step = duration / steps
+        first = rate(state)
+        second = rate(state + 0.5 * step * first)
+        third = rate(state + 0.5 * step * second)
+        fourth = rate(state + step * third)
+        state = state + step / 6.0 * (first + 2.0 * (second + third) + fourth)
+    return state
+
+
+def moved_by(push: np.ndarray, duration: float) -> np.ndarray:
+    """What a constant acceleration (3,), in m/s^2, adds to a state (6,) in `duration` s."""
+    return np.concatenate([0.5 * duration**2 * push, duration * push])
+
+
+def unexplained_acceleration(
+    before: np.ndarray,
+    after: np.ndarray,
+    force: np.ndarray,
+    duration: float,
+    field: Field,
+    mass: float,
+    spin: float,
+) -> np.ndarray:
+    """The mean acceleration (3,), in m/s^2, that gravity and a constant force leave unexplained.
+
+    Args:
+      before, after: states (6,) in K, `duration` s apart. The others as in `predicted_state`.
+    """
+    change = after[3:] - before[3:]
+    # Of a cubic through both states.
+    middle = 0.5 * (before[:3] + after[:3]) - 0.125 * duration * change
+    expected = rotating_frame_acceleration(
+        middle,
+        0.5 * (before[3:] + after[3:]),
+        field.evaluate(middle[None]).acceleration[0],
+        force,
+        mass,
+        spin,
+    )
+    return change / duration - expected

@@ -1,0 +1,58 @@
+"""Data to learn from: collected flights, the expert's plans, packed arrays. No PyTorch.
+
+Start with `collection_flights` (which flights are flown to learn from) and `pack_flights`, which
+turns logs into memory maps; `expert_plans` and `label_flights` add the expert's answers at other
+states.
+"""
+
+from proxops.training.data.collecting import collect
+from proxops.training.data.collection import collection_flights, learned_lidar_of
+from proxops.training.data.collection_report import histogram_rows, report_rows
+from proxops.training.data.flight_labels import label_flights, plans_along
+from proxops.training.data.label_files import Labels
+from proxops.training.data.normalisation import Normalisation, Scale
+from proxops.training.data.packed_flights import PackedFlight, PackedFlights, part_rows
+from proxops.training.data.packing import pack_flights
+from proxops.training.data.plans import expert_plans
+from proxops.training.data.recovery import MIXES, at_rest, kind_of, parse_mix
+from proxops.training.data.scaling import (
+    Similarity,
+    body_length,
+    keep_out_of,
+    similarity,
+    similarity_of,
+)
+from proxops.training.data.transit_split import PARTS, part_of_transit
+from proxops.training.data.window_kernels import fill_frames, fill_hits, window_keys
+
+__all__ = [
+    "MIXES",
+    "PARTS",
+    "Labels",
+    "Normalisation",
+    "PackedFlight",
+    "PackedFlights",
+    "Scale",
+    "Similarity",
+    "at_rest",
+    "body_length",
+    "collect",
+    "collection_flights",
+    "expert_plans",
+    "fill_frames",
+    "fill_hits",
+    "histogram_rows",
+    "keep_out_of",
+    "kind_of",
+    "label_flights",
+    "learned_lidar_of",
+    "pack_flights",
+    "parse_mix",
+    "part_of_transit",
+    "part_rows",
+    "plans_along",
+    "report_rows",
+    "similarity",
+    "similarity_of",
+    "window_keys",
+]

@@ -1,0 +1,65 @@
+"""A training set from end to end: the flights, their manifest and the report on them."""
+
+from __future__ import annotations
+
+import json
+import typing
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from proxops.diagrams.flight import Row, run_campaign
+from proxops.diagrams.scenario import LearnedLidarConfig, Scenario, load_body
+from proxops.systems.common import write_whole
+from proxops.training.data.collection import (
+    check_files,
+    collection_flights,
+    describe_flight,
+    make_manifest,
+)
+from proxops.training.data.collection_report import collection_report, report_markdown
+
+
+def collect(
+    scenario: Scenario,
+    mix: Mapping[str, int],
+    seed: int,
+    count: int,
+    out: Path,
+    *,
+    learned_lidar: LearnedLidarConfig | None = None,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    progress: Callable[[Row], None] | None = None,
+) -> tuple[dict[str, typing.Any], dict[str, typing.Any]]:
+    """Flies expert flights 0 … count - 1 of a seed; returns their manifest and report.
+
+    Writes a log each in `out`/flights, manifest.json, report.json and report.md. What was flown
+    before is not flown again: see `run_campaign`, also for the last arguments.
+
+    Args:
+      learned_lidar: as of `collection_flights`.
+
+    Raises:
+      InputError: see `collection_flights`, `run_campaign` and `check_files`.
+    """
+    body = load_body(scenario.body)
+    rows = run_campaign(
+        collection_flights(scenario, body, mix, seed, count, learned_lidar),
+        out / "flights",
+        keep_logs=True,
+        describe=describe_flight,
+        workers=workers,
+        scheduler=scheduler,
+        progress=progress,
+    )
+    check_files(out / "flights", rows)
+    manifest = make_manifest(scenario, body, mix, seed, rows)
+    report = collection_report(manifest)
+    texts = {
+        "manifest.json": json.dumps(manifest, indent=2) + "\n",
+        "report.json": json.dumps(report, indent=2) + "\n",
+        "report.md": report_markdown(report),
+    }
+    for name, text in texts.items():
+        write_whole(out / name, lambda path, text=text: path.write_text(text, encoding="utf-8"))
+    return manifest, report

@@ -1,0 +1,128 @@
+"""A training set: which expert flights it is made of, what is kept of each, and its manifest."""
+
+from __future__ import annotations
+
+import dataclasses as dc
+import typing
+from collections.abc import Mapping, Sequence
+from importlib import metadata
+from pathlib import Path
+
+import numpy as np
+
+from proxops.diagrams.flight import Flight, Row, body_sha256, made_with
+from proxops.diagrams.logs import FlightLog
+from proxops.diagrams.scenario import Body, LearnedLidarConfig, Scenario, dump_scenario
+from proxops.systems.common import InputError, file_sha256
+from proxops.systems.shapes import clearances
+from proxops.training.data.recovery import flight_scenario, kind_of
+
+# A command of less than this, per axis, counts as none (N).
+ZERO_COMMAND = 0.2
+# Edges of the distance histograms, as multiples of the radius of arrival (1 km).
+GOAL_EDGES = (0.0, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)
+CLEARANCE_EDGES = (0.0, 1.0, 3.0, 8.0, 20.0, 50.0, 100.0)
+
+
+def collection_flights(
+    scenario: Scenario,
+    body: Body,
+    mix: Mapping[str, int],
+    seed: int,
+    count: int,
+    learned_lidar: LearnedLidarConfig | None = None,
+) -> list[Flight]:
+    """Expert flights 0 … count - 1 of a seed; a longer set begins with the shorter.
+
+    Args:
+      learned_lidar: gives the frames of all flights but the nominal ones, as in the paper.
+
+    Raises:
+      InputError: a flight's transit or start is not found, or the learned lidar cannot be used.
+    """
+    disturbed = scenario if learned_lidar is None else dc.replace(scenario, lidar=learned_lidar)
+    origins = [made_with(wanted, body, "mpc") for wanted in (scenario, disturbed)]
+    flights = []
+    for index in range(count):
+        kind = kind_of(mix, index)
+        nominal = kind == "nominal"
+        flown = flight_scenario(kind, scenario if nominal else disturbed, body, seed, index)
+        origin = origins[0 if nominal else 1]
+        flights.append(Flight(f"{seed}-{index:05d}", dump_scenario(flown), "mpc", origin))
+    return flights
+
+
+def learned_lidar_of(scenario: Scenario, bundle: Path) -> LearnedLidarConfig:
+    """A learned lidar with the measuring errors of the scenario's."""
+    names = {field.name for field in dc.fields(LearnedLidarConfig)}
+    known: dict[str, typing.Any] = {k: v for k, v in vars(scenario.lidar).items() if k in names}
+    known["bundle"] = str(bundle)
+    return LearnedLidarConfig(**known)
+
+
+def describe_flight(log: FlightLog, path: Path | None) -> Row:
+    """What the manifest says of a flight: its summary, its file, and what its commands are like.
+
+    `zero_commands` holds for x, y, z, and all three together, how many of the `commands` were
+    smaller than `ZERO_COMMAND` per axis; `goal_distances` and `clearances` count the rows between
+    the edges of `GOAL_EDGES` and `CLEARANCE_EDGES`, what lies below and above them included at
+    the ends.
+    """
+    data, unit = log.dataset, log.scenario.arrival.radius_m
+    states = data["state"].values
+    commands = data["mpc_force"].values
+    commands = commands[np.isfinite(commands).all(axis=1)]
+    small = np.abs(commands) < ZERO_COMMAND
+    distances = np.linalg.norm(states[:, :3] - data["target"].values[:, :3], axis=1)
+    heights = clearances(log.body.keep_out_semi_axes, states[:, :3])
+    row = log.summary | {
+        "rows": len(states),
+        "commands": len(commands),
+        "zero_commands": [*small.sum(axis=0).tolist(), int(small.all(axis=1).sum())],
+        "goal_distances": _counts(distances / unit, GOAL_EDGES),
+        "clearances": _counts(heights / unit, CLEARANCE_EDGES),
+    }
+    if path is not None:
+        row |= {"file": path.name, "bytes": path.stat().st_size, "sha256": file_sha256(path)}
+    return row
+
+
+def _counts(values: np.ndarray, edges: Sequence[float]) -> list[int]:
+    """How many values lie below the first edge, between each two, and above the last."""
+    return np.bincount(
+        np.searchsorted(edges, values, side="right"), minlength=len(edges) + 1
+    ).tolist()
+
+
+def make_manifest(
+    scenario: Scenario, body: Body, mix: Mapping[str, int], seed: int, rows: Sequence[Row]
+) -> dict[str, typing.Any]:
+    """What `manifest.json` holds: how the set came about, and a row for each flight.
+
+    `rows` are those of `describe_flight`, flight by flight; files are relative to the manifest's
+    `folder`.
+    """
+    flights = [
+        {"index": index, "kind": kind_of(mix, index), **row} for index, row in enumerate(rows)
+    ]
+    return {
+        "proxops_version": metadata.version("proxops"),
+        "body_sha256": body_sha256(body),
+        "scenario": dump_scenario(scenario),
+        "mix": dict(mix),
+        "seed": seed,
+        "folder": "flights",
+        "flights": flights,
+    }
+
+
+def check_files(folder: Path, rows: Sequence[Row]) -> None:
+    """Raises `InputError` for the first flight whose log is gone or not as long as it was."""
+    for row in rows:
+        path = folder / row["file"]
+        length = path.stat().st_size if path.is_file() else None
+        if length != row["bytes"]:
+            raise InputError(
+                f"{path} has {length} bytes and had {row['bytes']} when it was written: remove "
+                f"it and run again to fly it anew"
+            )

@@ -1,0 +1,141 @@
+"""What the expert would have done on a flight of somebody else: labels for DAgger."""
+
+from __future__ import annotations
+
+import dataclasses as dc
+import functools
+from collections.abc import Callable, Iterator, Sequence
+from importlib import metadata
+from pathlib import Path
+
+import numpy as np
+
+from proxops.diagrams.flight import make_controller, parallel_results
+from proxops.diagrams.logs import FlightLog
+from proxops.systems.common import SolverFailure, file_sha256, make_folder
+from proxops.systems.expert import Plan, PlanProgram
+from proxops.training.data.label_files import (
+    Labels,
+    joined_labels,
+    labels_of,
+    load_labels,
+    save_labels,
+)
+
+# For one state in so many the later knots of the plan are labels too: where the flight would come
+# if the expert took over.
+_WHOLE_PLAN_EVERY = 8
+
+
+@dc.dataclass(frozen=True)
+class _Piece:
+    """A flight to be labelled."""
+
+    name: str
+    log: Path
+
+
+def label_flights(
+    logs: Sequence[Path],
+    folder: Path,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> Labels:
+    """Labels of every state of flights, and of the later knots of some plans from there.
+
+    The expert is that of each log's own scenario.
+
+    A flight's labels are kept in `folder`, and not computed again.
+
+    Args:
+      workers, scheduler: as of `run_campaign`.
+      progress: is called with 1 for each flight that is ready.
+
+    Raises:
+      InputError: a log or a file of labels is damaged, or the labels are of another flight.
+    """
+    make_folder(folder)
+    done, todo = [], []
+    for log in logs:
+        piece = _Piece(log.stem, log.resolve())
+        (done if _path(piece, folder).exists() else todo).append(piece)
+    for _ in done:
+        if progress is not None:
+            progress(1)
+    task = functools.partial(_label, folder=folder.resolve())
+    for _ in parallel_results(todo, task, workers, scheduler):
+        if progress is not None:
+            progress(1)
+    parts = [load_labels(folder / f"{log.stem}.npz", _origin(log)) for log in logs]
+    return joined_labels(parts)
+
+
+def labels_along(
+    program: PlanProgram,
+    states: np.ndarray,
+    target: np.ndarray,
+    period: float,
+    cold_iterations: int,
+    least_horizon: float,
+) -> Labels:
+    """Labels along a path: of every state (N, 6), and of the later knots of some plans.
+
+    Args:
+      target: (6,) in m and m/s. period: s from state to state. least_horizon: see `labels_of`.
+    """
+    own: list[Plan] = []
+    whole: list[Plan] = []
+    for k, plan in enumerate(plans_along(program, states, target, period, cold_iterations)):
+        if plan is not None:
+            (whole if k % _WHOLE_PLAN_EVERY == 0 else own).append(plan)
+    return joined_labels([labels_of(own), labels_of(whole, least_horizon)])
+
+
+def plans_along(
+    program: PlanProgram,
+    states: np.ndarray,
+    target: np.ndarray,
+    period: float,
+    cold_iterations: int,
+) -> Iterator[Plan | None]:
+    """The expert's plan from every state (N, 6) of a path; None where the solver found none.
+
+    Each is linearised about the one before it, once, as the expert does in flight.
+    """
+    last: Plan | None = None
+    for state in states:
+        try:
+            if last is None:
+                last = program.solve(state, target, iterations=cold_iterations)
+            else:
+                last = program.solve(state, target, last, period, iterations=1)
+        except SolverFailure:
+            last = None
+        yield last
+
+
+def _label(piece: _Piece, folder: Path) -> int:
+    log = FlightLog.load(piece.log)
+    scenario = log.scenario
+    expert = make_controller(scenario, log.body)
+    labels = labels_along(
+        expert.program,
+        log.dataset["state"].values[:-1],
+        log.dataset["target"].values[0],
+        scenario.control_period_s,
+        scenario.mpc.cold_iterations,
+        scenario.mpc.min_horizon_s,
+    )
+    save_labels(_path(piece, folder), labels, _origin(piece.log))
+    return len(labels["state"])
+
+
+def _origin(log: Path) -> str:
+    """What labels of a flight come from: its log, whose plans they are, and which are labelled."""
+    made = f"proxops {metadata.version('proxops')}, flight {file_sha256(log)}"
+    return f"{made}, every state, whole plans every {_WHOLE_PLAN_EVERY}"
+
+
+def _path(piece: _Piece, folder: Path) -> Path:
+    return folder / f"{piece.name}.npz"

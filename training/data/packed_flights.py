@@ -1,0 +1,140 @@
+"""Flight logs packed for training: one folder of memory maps, lidar frames as hits only."""
+
+from __future__ import annotations
+
+import dataclasses as dc
+import hashlib
+import json
+import typing
+from pathlib import Path
+
+import numpy as np
+
+from proxops.systems.common import InputError
+from proxops.training.data.column_file import open_column
+from proxops.training.data.flight_columns import HITS, ROWS, Setting
+from proxops.training.data.normalisation import Normalisation
+
+SCHEMA = 1
+INDEX = "packed_flights.json"
+# Where the hits of each step begin; one more at the end.
+OFFSET = "offset"
+
+
+@dc.dataclass(frozen=True)
+class PackedFlight:
+    """One flight's entry in the index."""
+
+    name: str
+    """Of its log, a file."""
+    size: int
+    mtime_ns: int
+    sha256: str
+    seed: int
+    transit: int
+    part: str
+    controller: str
+    scenario_sha256: str
+    start: int
+    """First of its rows."""
+    steps: int
+    """Number of its rows."""
+
+
+class PackedFlights:
+    """The steps of many flights, one row each, flight by flight; vectors in K.
+
+    `time` (N,) s; `state`, `target` (N, 6) m, m/s; `applied_force` (N, 3) N, the force applied
+    before the step, which is what the hold gives at the step, 0 at a flight's first;
+    `mpc_force` (N, 3) N, the label, NaN where the MPC was not asked; `kick` (N, 3) m/s^2, a push
+    from outside from this step to the next. Hits of row k are `ray` and `range` (m) from
+    `offset[k]` up to `offset[k + 1]`; ray r is ray r mod `rays` of plane r // `rays`.
+
+    All are read-only memory maps. Pickled, it is the folder's name alone: a worker opens the maps
+    itself, and refuses if the folder has been packed anew meanwhile.
+    """
+
+    time: np.ndarray
+    state: np.ndarray
+    target: np.ndarray
+    applied_force: np.ndarray
+    mpc_force: np.ndarray
+    kick: np.ndarray
+    ray: np.ndarray
+    range: np.ndarray
+    offset: np.ndarray
+
+    def __init__(self, folder: str | Path, *, verify: bool = True):
+        """Opens what `pack_flights` wrote.
+
+        Args:
+          verify: reads every file, to see that no bit has changed.
+
+        Raises:
+          InputError: the folder is no packed set, is of another version, or is damaged; names the
+            file at fault.
+        """
+        self.folder = Path(folder).resolve()
+        path = self.folder / INDEX
+        try:
+            index = json.loads(path.read_text())
+            schema = index["schema"]
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise InputError(
+                f"{self.folder} is no packed set of flights: {INDEX} in it cannot be read ({error})"
+            ) from error
+        if schema != SCHEMA:
+            raise InputError(f"{path} is of version {schema}, not {SCHEMA}: pack the logs again")
+        try:
+            self.flights = tuple(PackedFlight(**flight) for flight in index["flights"])
+            self.setting = Setting(**index["setting"])
+            self.split_seed = int(index["split_seed"])
+            self.logs_sha256 = str(index["logs_sha256"])
+            columns = {name: dict(index["columns"][name]) for name in (*ROWS, *HITS, OFFSET)}
+        except (KeyError, TypeError, ValueError) as error:
+            raise InputError(f"{path} is damaged: {error}; pack the logs again") from error
+        self.normalisation = Normalisation.from_json(index.get("normalisation"), str(path))
+        for name, described in columns.items():
+            setattr(self, name, open_column(self.folder / f"{name}.npy", described, verify))
+        steps = sum(flight.steps for flight in self.flights)
+        lengths = {name: len(getattr(self, name)) for name in ROWS} | {OFFSET: len(self.offset) - 1}
+        wrong = [name for name, length in lengths.items() if length != steps]
+        wrong += [name for name in HITS if len(getattr(self, name)) != self.offset[-1]]
+        if wrong or logs_sha256(self.flights) != self.logs_sha256:
+            raise InputError(f"{path} is damaged: it does not fit {', '.join(wrong) or 'itself'}")
+
+    def __len__(self) -> int:
+        """Number of steps."""
+        return len(self.time)
+
+    def part(self, name: str) -> list[PackedFlight]:
+        """Flights of one part: `training`, `validation` or `test`."""
+        return [flight for flight in self.flights if flight.part == name]
+
+    def frames(self, rows: np.ndarray) -> np.ndarray:
+        """Lidar frames (N, planes, rays) float32 of rows, as in the logs; +inf: no return."""
+        from proxops.training.data.window_kernels import fill_frames  # numba only when it is wanted
+
+        frames = np.empty((len(rows), self.setting.planes * self.setting.rays), dtype=np.float32)
+        fill_frames(np.asarray(rows), self.offset, self.ray, self.range, np.inf, 0.0, 1.0, frames)
+        return frames.reshape(-1, self.setting.planes, self.setting.rays)
+
+    def __getstate__(self) -> dict[str, typing.Any]:
+        return {"folder": str(self.folder), "logs_sha256": self.logs_sha256}
+
+    def __setstate__(self, state: dict[str, typing.Any]) -> None:
+        self.__init__(state["folder"], verify=False)
+        if self.logs_sha256 != state["logs_sha256"]:
+            raise InputError(f"{self.folder} has been packed anew since it was opened; start again")
+
+
+def logs_sha256(flights: typing.Iterable[PackedFlight]) -> str:
+    """Hash of the names, sizes and contents of the logs that a set is packed from."""
+    lines = [f"{flight.name}\t{flight.size}\t{flight.sha256}\n" for flight in flights]
+    return hashlib.sha256("".join(lines).encode()).hexdigest()
+
+
+def part_rows(flights: PackedFlights, part: str) -> np.ndarray:
+    """Rows (N,) of all steps of a part."""
+    ranges = [np.arange(each.start, each.start + each.steps) for each in flights.part(part)]
+    return np.concatenate([np.zeros(0, dtype=np.int64), *ranges])

@@ -1,0 +1,203 @@
+"""Packing a folder of flight logs: whole or not at all, and anew when the logs have changed."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses as dc
+import fcntl
+import json
+import os
+import shutil
+import typing
+from collections.abc import Callable, Generator, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from proxops.systems.common import InputError, file_sha256, make_folder
+from proxops.training.data.column_file import ColumnWriter
+from proxops.training.data.flight_columns import HITS, ROWS, FlightColumns, Setting, read_columns
+from proxops.training.data.normalisation import QUANTITIES, Moments, Normalisation
+from proxops.training.data.packed_flights import (
+    INDEX,
+    OFFSET,
+    SCHEMA,
+    PackedFlight,
+    PackedFlights,
+    logs_sha256,
+)
+from proxops.training.data.transit_split import part_of_transit
+
+Progress = Callable[[int, int], None]
+"""Called with the number of logs that are packed, and of all."""
+
+
+def pack_flights(
+    folder: str | Path,
+    cache: str | Path | None = None,
+    *,
+    split_seed: int = 0,
+    progress: Progress | None = None,
+) -> PackedFlights:
+    """The logs of a folder, packed; from the cache if it is of these very logs.
+
+    One log is in memory at a time. Processes that ask at the same time wait for the one that
+    packs, and take what it wrote.
+
+    Args:
+      folder: with one *.nc file a flight.
+      cache: the folder to keep them in; None: `packed` in `folder`.
+      split_seed: of `part_of_transit`.
+      progress: is told how far the packing is.
+
+    Raises:
+      InputError: there are no logs, one is damaged, they do not go together, none is of the
+        training part, or the cache cannot be written.
+    """
+    folder = Path(folder)
+    cache = folder / "packed" if cache is None else Path(cache)
+    logs = sorted(folder.glob("*.nc"))
+    if not logs:
+        raise InputError(f"{folder} holds no flight logs (*.nc)")
+    if cache.exists() and not (cache / INDEX).exists():
+        raise InputError(f"{cache} exists and is no packed set of flights: give another name")
+    make_folder(cache.parent)
+    with _locked(cache):
+        with contextlib.suppress(InputError):  # Missing, old or damaged: then it is made anew.
+            packed = PackedFlights(cache)
+            if packed.split_seed == split_seed and _unchanged(packed, logs):
+                return packed
+        _build(logs, cache, split_seed, progress)
+    return PackedFlights(cache, verify=False)
+
+
+def _unchanged(packed: PackedFlights, logs: Sequence[Path]) -> bool:
+    """Whether these are the logs that the set was packed from; reads those with a newer date."""
+    if [flight.name for flight in packed.flights] != [path.name for path in logs]:
+        return False
+    for flight, path in zip(packed.flights, logs, strict=True):
+        status = path.stat()
+        if status.st_size != flight.size:
+            return False
+        if status.st_mtime_ns != flight.mtime_ns and file_sha256(path) != flight.sha256:
+            return False
+    return True
+
+
+def _build(logs: Sequence[Path], cache: Path, split_seed: int, progress: Progress | None) -> None:
+    """Writes the set under another name, then renames it."""
+    part, old = (cache.with_name(f".{cache.name}.{suffix}") for suffix in ("part", "old"))
+    try:
+        for leftover in (part, old):  # Of a process that was killed.
+            shutil.rmtree(leftover, ignore_errors=True)
+        part.mkdir()
+        index = _write_columns(logs, part, split_seed, progress)
+        with (part / INDEX).open("w") as file:
+            json.dump(index, file, indent=1)
+            file.flush()
+            os.fsync(file.fileno())
+        if cache.exists():
+            cache.rename(old)
+        part.rename(cache)
+    except OSError as error:
+        raise InputError(f"cannot write {cache}: {error.strerror or error}") from error
+    finally:
+        shutil.rmtree(part, ignore_errors=True)
+        shutil.rmtree(old, ignore_errors=True)
+
+
+def _write_columns(
+    logs: Sequence[Path], part: Path, split_seed: int, progress: Progress | None
+) -> dict[str, typing.Any]:
+    """Writes all columns into the folder `part`; returns the index."""
+    kinds = {**ROWS, **{name: (None, kind) for name, kind in HITS.items()}, OFFSET: (None, "<i8")}
+    with contextlib.ExitStack() as stack:
+        writers = {}
+        for name, (width, kind) in kinds.items():
+            writers[name] = ColumnWriter(part / f"{name}.npy", kind, width)
+            stack.callback(writers[name].abandon)
+        flights: list[PackedFlight] = []
+        setting: Setting | None = None
+        moments = {name: Moments(components) for name, components in QUANTITIES.items()}
+        row = hit = 0
+        writers[OFFSET].append(np.zeros(1))
+        for done, path in enumerate(logs, start=1):
+            columns = read_columns(path)
+            setting = setting or columns.setting
+            _check_together(path, columns.setting, logs[0], setting)
+            flight = _entry(path, columns, row, split_seed)
+            for name, values in {**columns.rows, **columns.hits}.items():
+                writers[name].append(values)
+            writers[OFFSET].append(hit + np.cumsum(columns.hit_counts))
+            if flight.part == "training":
+                _add_moments(moments, columns)
+            flights.append(flight)
+            row += flight.steps
+            hit += len(columns.hits["ray"])
+            if progress is not None:
+                progress(done, len(logs))
+        described = {name: writer.close() for name, writer in writers.items()}
+    if not any(flight.part == "training" and flight.steps for flight in flights):
+        raise InputError(
+            f"{logs[0].parent}: none of its transits is of the training part, which normalisation "
+            "needs: collect more (of five in a row three are), or give another split seed"
+        )
+    assert setting is not None
+    normalisation = Normalisation(**{name: each.scale() for name, each in moments.items()})
+    return {
+        "schema": SCHEMA,
+        "logs_sha256": logs_sha256(flights),
+        "split_seed": split_seed,
+        "setting": dc.asdict(setting),
+        "normalisation": normalisation.to_json(),
+        "columns": described,
+        "flights": [dc.asdict(flight) for flight in flights],
+    }
+
+
+def _entry(path: Path, columns: FlightColumns, row: int, split_seed: int) -> PackedFlight:
+    status = path.stat()
+    return PackedFlight(
+        name=path.name,
+        size=status.st_size,
+        mtime_ns=status.st_mtime_ns,
+        sha256=file_sha256(path),
+        seed=columns.seed,
+        transit=columns.transit,
+        part=part_of_transit(columns.seed, columns.transit, split_seed),
+        controller=columns.controller,
+        scenario_sha256=columns.scenario_sha256,
+        start=row,
+        steps=len(columns.rows["time"]),
+    )
+
+
+def _add_moments(moments: dict[str, Moments], columns: FlightColumns) -> None:
+    state, label = columns.rows["state"], columns.rows["mpc_force"]
+    moments["position"].add(state[:, :3])
+    moments["velocity"].add(state[:, 3:])
+    moments["force"].add(label[np.isfinite(label).all(axis=1)])
+    moments["range"].add(columns.hits["range"][:, None])
+
+
+def _check_together(path: Path, setting: Setting, first: Path, wanted: Setting) -> None:
+    for field in dc.fields(Setting):
+        here, there = getattr(setting, field.name), getattr(wanted, field.name)
+        if here != there:
+            values = "" if field.name == "body" else f" ({here} and {there})"
+            raise InputError(
+                f"{path} and {first.name} differ in {field.name}{values}: flights that are learned "
+                "from together must be alike in it; move one kind to a folder of its own"
+            )
+
+
+@contextlib.contextmanager
+def _locked(cache: Path) -> Generator[None]:
+    """One process packs at a time; the system frees the locks of the dead."""
+    try:
+        file = cache.with_name(f".{cache.name}.lock").open("ab")
+    except OSError as error:
+        raise InputError(f"cannot write in {cache.parent}: {error.strerror}") from error
+    with file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        yield

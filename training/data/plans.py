@@ -1,0 +1,190 @@
+"""The expert's plans as labels: a plan says what to do at its knots, at no more cost.
+
+What is left of a plan of the expert is its plan from there (see `TransitProgram`), so the force
+that begins at a knot is its command in the knot's state, but for those close to the goal: see
+`labels_of`. One solution labels many states, and those it was not asked about are where flights
+that go well will come.
+"""
+
+from __future__ import annotations
+
+import dataclasses as dc
+import functools
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from proxops.diagrams.flight import make_controller, parallel_results, version_and_body
+from proxops.diagrams.scenario import Body, Scenario, dump_scenario, load_body, parse_scenario
+from proxops.systems.common import SolverFailure, derived_seed, generator, make_folder
+from proxops.systems.expert import Plan, PlanProgram
+from proxops.systems.shapes import blocks_segment
+from proxops.training.data.label_files import (
+    Labels,
+    joined_labels,
+    labels_of,
+    load_labels,
+    save_labels,
+)
+from proxops.training.data.scaling import body_length, similarity
+
+# Transits whose plans are computed, and kept, together.
+_PORTION = 50
+# Solutions for one transit: from its start, and from states off its plan.
+_SOLUTIONS = 6
+# Share of the solutions that start in the last time of the plan, of so many least horizons, where
+# precision counts and knots are no labels.
+_LATE, _LATE_HORIZONS = 0.3, 3.0
+# How far off the plan they start: log-uniform standard deviations, at Kleopatra in m and m/s (see
+# `Similarity`); and how often the program is linearised from there: after four times it has settled
+# in all but one case of ten.
+_POSITION_OFF, _SPEED_OFF = (30.0, 6e3), (0.03, 4.0)
+_ITERATIONS = 4
+# Share of transits that have the ellipsoid in their way: of random ones few do, and those are hard.
+_BLOCKED = 0.65
+# Draws after which a transit may be either: near a body of another shape there may be none.
+_DRAWS = 500
+_STREAM = 5
+
+
+@dc.dataclass(frozen=True)
+class Portion:
+    """Some transits whose plans are computed together, as text, so that any worker can."""
+
+    name: str
+    scenario: str
+    seed: int
+    first: int
+    count: int
+
+
+def expert_plans(
+    scenario: Scenario,
+    seed: int,
+    transits: int,
+    folder: Path,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> Labels:
+    """States (N, 6), goals (N, 3) and the expert's forces (N, 3) there, in K and SI.
+
+    Transits are random, two in three of them blocked by the ellipsoid; each is a function of
+    (scenario, seed, number). What has been computed is kept in `folder`, by portions, and not
+    computed again.
+
+    Args:
+      workers, scheduler: as of `run_campaign`.
+      progress: is called with the number of transits of each portion that is ready.
+
+    Raises:
+      InputError: a file in the folder is damaged or of other plans.
+    """
+    make_folder(folder)
+    text = dump_scenario(scenario)
+    portions = [
+        Portion(f"plans-{seed}-{first:06d}", text, seed, first, min(_PORTION, transits - first))
+        for first in range(0, transits, _PORTION)
+    ]
+    todo = []
+    for portion in portions:
+        if (folder / f"{portion.name}.npz").exists():
+            if progress is not None:
+                progress(portion.count)
+        else:
+            todo.append(portion)
+    counts = {portion.name: portion.count for portion in todo}
+    task = functools.partial(_compute, folder=folder.resolve())
+    for name, _ in parallel_results(todo, task, workers, scheduler):
+        if progress is not None:
+            progress(counts[name])
+    return joined_labels(
+        [load_labels(folder / f"{portion.name}.npz", _origin(portion)) for portion in portions]
+    )
+
+
+def transit_plans(
+    program: PlanProgram, scenario: Scenario, body: Body, seed: int, index: int
+) -> list[Plan]:
+    """Plans of one random transit: from its start, and from states off that plan."""
+    random = generator(derived_seed(seed, _STREAM), index)
+    start, goal = _ends(random, scenario, body)
+    target = np.append(goal, np.zeros(3))
+    moving = random.random() < 0.3
+    speed = 0.2 * scenario.spacecraft.speed_limit_m_s * moving
+    try:
+        first = program.solve(
+            np.append(start, speed * random.standard_normal(3)),
+            target,
+            iterations=scenario.mpc.cold_iterations,
+        )
+    except SolverFailure:
+        return []
+    craft = scenario.spacecraft
+    alike = similarity(body_length(body.keep_out_semi_axes), craft.mass_kg, craft.thrust_limit_n)
+    late_time = _LATE_HORIZONS * scenario.mpc.min_horizon_s
+    plans = [first]
+    for _ in range(_SOLUTIONS - 1):
+        late = random.random() < _LATE
+        end = first.times[-1]
+        age = end - late_time * random.random() if late else end * random.random()
+        state = first.states_at(np.array([max(age, 0.0)]))[0]
+        for part, (low, high), unit in (
+            (slice(3), _POSITION_OFF, alike.length),
+            (slice(3, 6), _SPEED_OFF, alike.speed),
+        ):
+            spread = unit * low * (high / low) ** random.random()
+            state[part] += spread * random.standard_normal(3)
+        try:
+            plans.append(program.solve(state, target, first, max(age, 0.0), iterations=_ITERATIONS))
+        except SolverFailure:
+            continue
+    return plans
+
+
+def _ends(
+    random: np.random.Generator, scenario: Scenario, body: Body
+) -> tuple[np.ndarray, np.ndarray]:
+    """Start and goal (3,) in m of a random transit."""
+    axes, half = body.keep_out_semi_axes, 0.5 * scenario.transit.cube_m
+    wide = axes + scenario.mpc.keep_out_margin_m
+    blocked = random.random() < _BLOCKED
+    draws = 0
+    while True:
+        draws += 1
+        start, goal = random.uniform(-half, half, (2, 3))
+        near = np.linalg.norm(goal - start) < 1.15 * scenario.transit.max_distance_m
+        outside = min(np.linalg.norm(start / wide), np.linalg.norm(goal / wide)) > 1.0
+        if not (near and outside):
+            continue
+        if draws > _DRAWS or blocks_segment(axes, start, goal) == blocked:
+            return start, goal
+
+
+def _compute(portion: Portion, folder: Path) -> int:
+    scenario = parse_scenario(portion.scenario)
+    body = _body(scenario.body)
+    program = make_controller(scenario, body).program
+    plans = []
+    for index in range(portion.first, portion.first + portion.count):
+        plans += transit_plans(program, scenario, body, portion.seed, index)
+    save_labels(
+        folder / f"{portion.name}.npz",
+        labels_of(plans, scenario.mpc.min_horizon_s),
+        _origin(portion),
+    )
+    return len(plans)
+
+
+def _origin(portion: Portion) -> str:
+    """All that the plans depend on."""
+    scenario = parse_scenario(portion.scenario)
+    parts = scenario.body, scenario.spacecraft, scenario.mpc, scenario.transit
+    made = version_and_body(_body(scenario.body))
+    count = f"{portion.first}, {portion.count}, {portion.seed}"
+    return f"{made}, share {_BLOCKED} blocked, of {count}, {parts}"
+
+
+# One large thing, loaded once in each worker.
+_body = functools.lru_cache(maxsize=1)(load_body)

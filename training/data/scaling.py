@@ -1,0 +1,51 @@
+"""How a body and a spacecraft compare with those at which the pilot's recipe was made."""
+
+from __future__ import annotations
+
+import dataclasses as dc
+
+import numpy as np
+from pydrake.common.yaml import yaml_load
+
+from proxops.training.data.flight_columns import Setting
+
+# The length that positions are scaled by, as a share of the keep-out's greatest semi-axis.
+_LENGTH_SHARE = 0.7
+# At Kleopatra: that length in m, and the default spacecraft's thrust in N, and in N per kg.
+_LENGTH, _FORCE, _ACCELERATION = _LENGTH_SHARE * 140e3, 7.0, 0.07
+
+
+@dc.dataclass(frozen=True)
+class Similarity:
+    """What numbers that were chosen at Kleopatra are multiplied by: 1 there."""
+
+    length: float = 1.0
+    speed: float = 1.0
+    acceleration: float = 1.0
+    force: float = 1.0
+
+
+def body_length(keep_out_semi_axes: np.ndarray) -> float:
+    """About a body's size, in m, from the semi-axes (3,) of its keep-out ellipsoid."""
+    return _LENGTH_SHARE * float(np.max(keep_out_semi_axes))
+
+
+def similarity(length: float, mass: float, thrust_limit: float) -> Similarity:
+    """That of a body of a `body_length` in m and a spacecraft of so many kg and N.
+
+    Speeds are alike that these accelerations reach over these lengths.
+    """
+    ratio, acceleration = length / _LENGTH, thrust_limit / mass / _ACCELERATION
+    speed = float(np.sqrt(ratio * acceleration))
+    return Similarity(ratio, speed, acceleration, thrust_limit / _FORCE)
+
+
+def keep_out_of(setting: Setting) -> np.ndarray:
+    """Semi-axes (3,) in m of the keep-out ellipsoid of the body that was flown at."""
+    return np.array(yaml_load(data=setting.body)["keep_out_semi_axes_m"], dtype=float)
+
+
+def similarity_of(setting: Setting) -> Similarity:
+    """That of flights."""
+    length = body_length(keep_out_of(setting))
+    return similarity(length, setting.mass_kg, setting.thrust_limit_n)

@@ -1,0 +1,139 @@
+"""From a torch module to a bundle's folder: what every kind of bundle shares."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import logging
+import shutil
+import tempfile
+import typing
+import warnings
+from collections.abc import Sequence
+from importlib import metadata
+from pathlib import Path
+
+import numpy as np
+import onnx
+import torch
+from torch import Tensor, nn
+
+from proxops.systems.common import MODEL_FILE, InputError, make_folder
+
+# An output of the exported network may differ from torch's by this much, relative to the output's
+# greatest magnitude. Not value by value: logits near 0 are differences of numbers around 100, and
+# single precision itself leaves them uncertain by some 4e-5.
+_TOLERANCE = 1e-5
+
+
+def onnx_bytes(
+    network: nn.Module,
+    example: tuple[Tensor, ...],
+    inputs: Sequence[str],
+    outputs: Sequence[str],
+    dynamic_shapes: tuple[dict, ...] | None = None,
+) -> bytes:
+    """The network as an ONNX file; `dynamic_shapes` as torch.onnx.export takes them."""
+    # They say that torchvision, which nothing here needs, is not installed, and that a constant
+    # that is also an output is not merged with its like.
+    for name in (
+        "torch.onnx._internal.exporter._registration",
+        "onnx_ir.passes.common.initializer_deduplication",
+    ):
+        logging.getLogger(name).setLevel(logging.ERROR)
+    with warnings.catch_warnings():
+        # The exporter uses parts of torch that torch itself calls deprecated.
+        warnings.simplefilter("ignore")
+        program = torch.onnx.export(
+            network.eval(),
+            example,
+            input_names=inputs,
+            output_names=outputs,
+            dynamic_shapes=dynamic_shapes,
+            dynamo=True,
+            verbose=False,
+        )
+    assert program is not None
+    model = program.model_proto
+    _tidy(model.graph)
+    return model.SerializeToString()
+
+
+def _tidy(graph: onnx.GraphProto) -> None:
+    """Removes where in the sources each node comes from, which differs from run to run.
+
+    It also names grid_sample's linear mode as ONNX has it since opset 20. The exporter does so
+    itself, but for the branches of conditions.
+    """
+    for item in (graph, *graph.node, *graph.value_info, *graph.input, *graph.output):
+        del item.metadata_props[:]
+    for node in graph.node:
+        for attribute in node.attribute:
+            if node.op_type == "GridSample" and attribute.s == b"bilinear":
+                attribute.s = b"linear"
+            if attribute.type == onnx.AttributeProto.GRAPH:
+                _tidy(attribute.g)
+
+
+def accepted_difference(wanted: np.ndarray, got: np.ndarray) -> float:
+    """The greatest difference of an output of torch and of ONNX Runtime, relative to its size.
+
+    NaN and infinities must stand at the same places in both.
+
+    Raises:
+      InputError: it is above 1e-5.
+    """
+    finite = np.isfinite(wanted)
+    difference = np.inf
+    if np.array_equal(wanted[~finite], got[~finite], equal_nan=True):
+        error = float(np.abs(wanted[finite] - got[finite]).max(initial=0.0))
+        difference = error / float(np.abs(wanted[finite]).max(initial=0.0)) if error else 0.0
+    if not difference <= _TOLERANCE:
+        raise InputError(
+            f"the exported network differs from the trained one by {difference:.1e} "
+            f"(relative), more than {_TOLERANCE:g}: no bundle is written"
+        )
+    return difference
+
+
+def describing(content: dict[str, typing.Any], model: bytes) -> str:
+    """A bundle's JSON file: its content, and the model's hash and the versions that made it."""
+    origin = {
+        "model_sha256": hashlib.sha256(model).hexdigest(),
+        "versions": {
+            name: metadata.version(name) for name in ("proxops", "torch", "onnx", "onnxruntime")
+        },
+    }
+    return json.dumps(content | origin, indent=2, allow_nan=False) + "\n"
+
+
+def write_bundle_folder(folder: Path, model: bytes, texts: dict[str, str]) -> None:
+    """Writes a bundle's model and text files: see `write_folder`."""
+    files = {name: text.encode() for name, text in texts.items()}
+    write_folder(folder, {MODEL_FILE: model, **files})
+
+
+def write_folder(folder: Path, files: dict[str, bytes]) -> None:
+    """Writes a folder of files by their names; an older one is replaced.
+
+    It appears under its name only when it is whole.
+
+    Raises:
+      InputError: it can't be written.
+    """
+    make_folder(folder.parent)
+    try:
+        part = Path(tempfile.mkdtemp(dir=folder.parent, prefix=f".{folder.name}.", suffix=".part"))
+        part.chmod(0o755)
+        try:
+            for name, content in files.items():
+                (part / name).write_bytes(content)
+            older = part.with_suffix(".old")
+            if folder.exists():
+                folder.rename(older)
+            part.rename(folder)
+            shutil.rmtree(older, ignore_errors=True)
+        finally:
+            shutil.rmtree(part, ignore_errors=True)
+    except OSError as error:
+        raise InputError(f"cannot write {folder}: {error.strerror or error}") from error

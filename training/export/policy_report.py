@@ -1,0 +1,112 @@
+"""What every recipe leaves behind: the policy against the MPC on logged flights, and its bundle."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from pydrake.common.yaml import yaml_load
+
+from proxops.systems.common import write_whole
+from proxops.training.data import PARTS, PackedFlights, part_rows
+from proxops.training.export.force_errors import force_figures, plot_forces, report_markdown
+from proxops.training.export.policy_export import PolicyFacts, export_policy
+
+# Flights that are replayed together, of like length.
+_TOGETHER = 16
+# Steps of a flight on which the exported policy is compared with the trained one.
+_CHECKED_STEPS = 20
+
+
+@torch.no_grad()
+def replay_flights(policy: Any, flights: PackedFlights, part: str) -> tuple[np.ndarray, np.ndarray]:
+    """What the MPC and the policy say at every labelled step of a part's flights, N (K, 3) each.
+
+    The policy sees each flight from its start, remembering, as if it flew along.
+
+    Args:
+      policy: a module with `sequence(frames, target, applied_force)`, which gives forces first.
+    """
+    said: dict[str, np.ndarray] = {}
+    device = next(policy.parameters()).device
+    ordered = sorted(flights.part(part), key=lambda flight: flight.steps)
+    for first in range(0, len(ordered), _TOGETHER):
+        group = ordered[first : first + _TOGETHER]
+        # A flight's last row is repeated until the longest is over.
+        steps = np.arange(group[-1].steps)
+        rows = np.array([each.start + np.minimum(steps, each.steps - 1) for each in group])
+        frames = flights.frames(rows.ravel()).reshape(*rows.shape, *_geometry(flights))
+        given = (frames, flights.target[rows], flights.applied_force[rows])
+        inputs = (torch.from_numpy(each.astype(np.float32)).to(device) for each in given)
+        forces = policy.sequence(*inputs)[0].cpu().numpy()
+        for flight, force in zip(group, forces, strict=True):
+            said[flight.name] = force[: flight.steps]
+    rows = part_rows(flights, part)
+    wanted = flights.mpc_force[rows]
+    asked = np.isfinite(wanted).all(axis=1)
+    answers = [np.zeros((0, 3)), *(said[flight.name] for flight in flights.part(part))]
+    return wanted[asked], np.concatenate(answers)[asked]
+
+
+def _geometry(flights: PackedFlights) -> tuple[int, int]:
+    return flights.setting.planes, flights.setting.rays
+
+
+def write_report(
+    policy: Any, flights: PackedFlights, report: dict[str, Any], out: Path
+) -> dict[str, Any]:
+    """Adds the errors of force by part to a recipe's report; writes it, and forces.png.
+
+    Args:
+      report: with `recipe`, `settings` and `training`, the last as `report_markdown` takes it.
+    """
+    forces = {part: replay_flights(policy, flights, part) for part in PARTS}
+    report = report | {
+        "parts": {
+            part: {"flights": len(flights.part(part)), **force_figures(*forces[part])}
+            for part in PARTS
+        }
+    }
+    picture = plot_forces(*forces["test"], flights.setting.thrust_limit_n)
+    write_whole(out / "forces.png", lambda path: picture.savefig(path, dpi=120, format="png"))
+    text = json.dumps(report, indent=2) + "\n"
+    write_whole(out / "report.json", lambda path: path.write_text(text))
+    write_whole(out / "report.md", lambda path: path.write_text(report_markdown(report)))
+    return report
+
+
+def export_recipe(
+    policy: torch.nn.Module,
+    flights: PackedFlights,
+    folder: Path,
+    *,
+    recipe: str,
+    memory: int,
+    estimates: bool,
+    data_sha256: str,
+    metrics: dict[str, Any],
+    report: str | None = None,
+) -> None:
+    """Exports a policy for the lidar, body and spacecraft of the flights; see `export_policy`."""
+    setting = flights.setting
+    facts = PolicyFacts(
+        recipe=recipe,
+        planes=setting.planes,
+        rays=setting.rays,
+        period=setting.control_period_s,
+        thrust_limit=setting.thrust_limit_n,
+        memory=memory,
+        estimates=estimates,
+        body=yaml_load(data=setting.body)["name"],
+        shape_sha256=setting.shape_sha256,
+        data_sha256=data_sha256,
+        metrics=metrics,
+    )
+    first = next(flight for part in reversed(PARTS) for flight in flights.part(part))
+    rows = np.arange(first.start, first.start + min(first.steps, _CHECKED_STEPS))
+    frames = flights.frames(rows).reshape(len(rows), -1)
+    example = (frames, flights.target[rows], flights.applied_force[rows])
+    export_policy(policy, folder, facts, [example], report)

@@ -1,0 +1,13 @@
+"""Training the learned lidar: noiseless frames on a grid, and two networks that learn them.
+
+Start with `train_lidar`, which `proxops train-lidar` calls.
+"""
+
+from proxops.training.lidar.figures import plot_frames
+from proxops.training.lidar.synthesis import LidarSettings, train_lidar
+
+__all__ = [
+    "LidarSettings",
+    "plot_frames",
+    "train_lidar",
+]

@@ -1,0 +1,289 @@
+"""The learned lidar from end to end: grid, both networks, bundle, report, pictures."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from proxops.diagrams.scenario import Body, LidarConfig, Scenario
+from proxops.systems.common import InputError, make_folder, write_whole
+from proxops.systems.lidar import ChordFan, LearnedLidar, ray_directions
+from proxops.systems.shapes import RayFan, ray_caster
+from proxops.training.lidar import report as lidar_report
+from proxops.training.lidar.bundle import BundleFacts, write_bundle
+from proxops.training.lidar.figures import plot_frames
+from proxops.training.lidar.frames import (
+    LENGTH_UNITS_PER_CUBE,
+    GridFrames,
+    cast_grid,
+    frame_examples,
+    holding_ellipsoid,
+    random_positions,
+    ray_examples,
+)
+from proxops.training.lidar.networks import FrameNetwork, RayNetwork, frame_loss, ray_loss
+from proxops.training.loop import Lesson, Schedule, TensorBatches, Trained, train
+
+# An error of depth as long as the ellipsoid's mean semi-axis weighs as much as this many nats.
+_LENGTH_WEIGHT = 8.0
+_RAY_SCHEDULE = Schedule(epochs=24, batch=8192, learning_rate=4e-3, patience=8)
+_FRAME_SCHEDULE = Schedule(epochs=60, batch=64, learning_rate=1e-3, patience=15)
+# Keeps the test positions' stream of random numbers apart from what a seed draws elsewhere.
+_TEST_STREAM = 1_000_003
+OURS, PAPERS = "ray network (ours)", "frame network (paper)"
+_TIMED_FRAMES = 200
+_PICTURES = 4
+_EXPORT_CHECKS = 4096
+
+
+@dataclass(frozen=True)
+class LidarSettings:
+    """How the networks are trained and judged."""
+
+    spacing: float = 20e3
+    """Of the grid, in m."""
+    seed: int = 0
+    width: int = 128
+    """Of the ray network's layers."""
+    ray: Schedule = _RAY_SCHEDULE
+    frame: Schedule = _FRAME_SCHEDULE
+    test_positions: int = 1000
+
+    def quick(self) -> LidarSettings:
+        """The same in seconds, for trying out: a coarse grid and few steps."""
+        return replace(
+            self,
+            spacing=2.0 * self.spacing,
+            width=64,
+            ray=replace(self.ray, epochs=4, batch=2048),
+            frame=replace(self.frame, epochs=4),
+            test_positions=100,
+        )
+
+
+def train_lidar(
+    scenario: Scenario,
+    body: Body,
+    settings: LidarSettings,
+    out: Path,
+    progress: Callable[[float, str], Any] | None = None,
+) -> dict[str, Any]:
+    """Trains both networks and writes bundle/, report.json, report.md, frames.png and curves/.
+
+    Run again after a kill, it goes on with the network and the epoch where it was.
+
+    Returns:
+      The content of `report.json`.
+
+    Raises:
+      InputError: the scenario's lidar is a learned one, the spacing leaves too little, or `out`
+        holds another training.
+    """
+    lidar = scenario.lidar
+    if not isinstance(lidar, LidarConfig):
+        raise InputError("train-lidar learns from the ray-cast lidar: give a scenario with that")
+    make_folder(out)
+    cube = scenario.transit.cube_m
+    directions = ray_directions(lidar.planes, lidar.rays)
+    fan = ray_caster(body.shape).fan(directions)
+    grid = cast_grid(body, fan, cube, settings.spacing, settings.seed)
+    centre, semi_axes = holding_ellipsoid(grid.positions, grid.frames, directions)
+    chords = ChordFan(centre, semi_axes, directions)
+    identity = (
+        f"proxops {metadata.version('proxops')}, body {body.shape.sha256}, cube {cube}, "
+        f"spacing {settings.spacing}, {lidar.planes} x {lidar.rays}"
+    )
+
+    # One network after the other, so that only one set of examples is in memory.
+    lesson = _ray_lesson(chords, grid, lidar.planes, settings, identity)
+    trained = train(lesson, settings.ray, out, settings.seed, device="cpu", progress=progress)
+    network = lesson.network
+    assert isinstance(network, RayNetwork)
+    facts = BundleFacts(
+        planes=lidar.planes,
+        rays=lidar.rays,
+        cube=cube,
+        centre=centre,
+        semi_axes=semi_axes,
+        body=body.config.name,
+        shape_sha256=body.shape.sha256,
+        training={
+            "spacing_m": settings.spacing,
+            "grid_positions": len(grid.positions),
+            "seed": settings.seed,
+            **_training_figures(trained),
+        },
+    )
+    checks = next(iter(lesson.validation))[0][:_EXPORT_CHECKS].numpy()
+    write_bundle(out / "bundle", network, facts, checks)
+    del lesson
+
+    paper_lesson = _frame_lesson(grid, cube, settings, identity)
+    paper_trained = train(
+        paper_lesson, settings.frame, out, settings.seed, device="cpu", progress=progress
+    )
+
+    learned = LearnedLidar(out / "bundle", 0.0, np.inf, lidar.planes, lidar.rays)
+    methods = {
+        OURS: lambda positions: _true_frames(learned, positions),
+        PAPERS: _decoder(paper_lesson.network, cube),
+        "nearest grid frame": lidar_report.nearest_frames(grid),
+        "inverse distance, 8 frames": lidar_report.weighted_frames(grid),
+    }
+    report = {
+        "body": body.config.name,
+        "shape_sha256": body.shape.sha256,
+        "bundle_sha256": learned.bundle.sha256,
+        "cube_m": cube,
+        "planes": lidar.planes,
+        "rays": lidar.rays,
+        "spacing_m": settings.spacing,
+        "grid_positions": len(grid.positions),
+        "settings": asdict(settings),
+        "training": {OURS: _training_figures(trained), PAPERS: _training_figures(paper_trained)},
+    }
+    positions = random_positions(body, cube, settings.test_positions, settings.seed + _TEST_STREAM)
+    report |= _judge(methods, fan, positions, lidar, cube, out / "frames.png")
+    text = json.dumps(report, indent=2) + "\n"
+    write_whole(out / "report.json", lambda name: name.write_text(text))
+    write_whole(
+        out / "report.md",
+        lambda name: name.write_text(lidar_report.markdown(report), encoding="utf-8"),
+    )
+    return report
+
+
+def _judge(
+    methods: dict[str, lidar_report.Frames],
+    fan: RayFan,
+    positions: np.ndarray,
+    lidar: LidarConfig,
+    cube: float,
+    picture: Path,
+) -> dict[str, Any]:
+    """The report's part on the methods' frames from the test positions (N, 3), with the picture."""
+    truth = fan.frames(positions)
+    guesses = {name: frames(positions) for name, frames in methods.items()}
+    times = lidar_report.frame_milliseconds(
+        {**methods, "ray-caster": fan.frames}, positions[:_TIMED_FRAMES]
+    )
+    sources = {"ray-caster": truth, **{name: guesses[name] for name in (OURS, PAPERS)}}
+    pictures = plot_frames(
+        positions[:_PICTURES],
+        {name: frames[:_PICTURES] for name, frames in sources.items()},
+        lidar.planes,
+        _reshaped(lidar.planes, lidar.rays),
+    )
+    write_whole(picture, lambda name: pictures.savefig(name, dpi=120, format="png"))
+    figures = {
+        name: lidar_report.all_figures(positions, truth, guess, lidar.planes, cube)
+        | {"frame_ms": times[name]}
+        for name, guess in guesses.items()
+    }
+    return {
+        "test_positions": len(positions),
+        "targets": {
+            "mask_iou": lidar_report.TARGET_IOU, "median_m": lidar_report.TARGET_MEDIAN_M
+        },
+        "targets_met": lidar_report.meets_targets(figures[OURS]),
+        "ray_caster_frame_ms": times["ray-caster"],
+        "methods": figures,
+    }  # fmt: skip
+
+
+def _ray_lesson(
+    fan: ChordFan, grid: GridFrames, planes: int, settings: LidarSettings, identity: str
+) -> Lesson:
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(settings.seed)
+        network = RayNetwork(settings.width)
+    kept = ~grid.held_out
+    examples, near = ray_examples(
+        fan, grid.positions[kept], grid.frames[kept], planes, _LENGTH_WEIGHT
+    )
+    validation, _ = ray_examples(
+        fan, grid.positions[~kept], grid.frames[~kept], planes, _LENGTH_WEIGHT
+    )
+    often = near.nonzero()[:, 0]
+    return _lesson(
+        "ray_network", network, ray_loss, examples, validation, settings.ray, settings.seed,
+        identity, often,
+    )  # fmt: skip
+
+
+def _frame_lesson(grid: GridFrames, cube: float, settings: LidarSettings, identity: str) -> Lesson:
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(settings.seed)
+        network = FrameNetwork(grid.frames.shape[1])
+    kept = ~grid.held_out
+    examples = frame_examples(grid.positions[kept], grid.frames[kept], cube)
+    validation = frame_examples(grid.positions[~kept], grid.frames[~kept], cube)
+    return _lesson(
+        "frame_network", network, frame_loss, examples, validation, settings.frame, settings.seed,
+        identity,
+    )  # fmt: skip
+
+
+def _lesson(
+    name: str,
+    network: torch.nn.Module,
+    loss: Callable[..., torch.Tensor],
+    examples: tuple[torch.Tensor, ...],
+    validation: tuple[torch.Tensor, ...],
+    schedule: Schedule,
+    seed: int,
+    identity: str,
+    often: torch.Tensor | None = None,
+) -> Lesson:
+    return Lesson(
+        name,
+        network,
+        lambda network, batch: loss(network, *batch),
+        TensorBatches(examples, schedule.batch, shuffle=True, seed=seed, often=often),
+        TensorBatches(validation, schedule.batch),
+        identity,
+        threads=1,
+    )
+
+
+def _true_frames(lidar: LearnedLidar, positions: np.ndarray) -> np.ndarray:
+    """Noiseless frames (N, R) in m, one position after the other, as in flight."""
+    frames = np.full((len(positions), len(lidar.directions)), np.inf, dtype=np.float32)
+    for frame, position in zip(frames, positions, strict=True):
+        returns = lidar.true_returns(position)
+        frame[returns.rays] = returns.distances
+    return frames
+
+
+def _decoder(network: torch.nn.Module, cube: float) -> lidar_report.Frames:
+    """Frames in m from the paper's network: what is not positive is no range, so no return."""
+
+    def frames(positions: np.ndarray) -> np.ndarray:
+        with torch.no_grad():
+            scaled = torch.from_numpy((positions / (0.5 * cube)).astype(np.float32))
+            said = network(scaled).numpy()
+        return np.where(said > 0.0, said * np.float32(cube / LENGTH_UNITS_PER_CUBE), np.inf)
+
+    return frames
+
+
+def _training_figures(trained: Trained) -> dict[str, float]:
+    best = trained.history[trained.best_epoch]
+    return {
+        "epochs": len(trained.history),
+        "best_epoch": trained.best_epoch,
+        "best_validation_loss": best["validation_loss"],
+        "cpu_s": trained.cpu_s,
+    }
+
+
+def _reshaped(planes: int, rays: int) -> tuple[int, int]:
+    """The paper's 60 × 72 for 360 × 12: six rays of all planes in a row, if that divides them."""
+    return (rays // 6, 6 * planes) if rays % 6 == 0 else (rays, planes)

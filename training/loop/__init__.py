@@ -1,0 +1,22 @@
+"""The one training loop, its batches, checkpoints and curves.
+
+Start with `train`. Every network of proxops is trained by it; a run that was killed goes on behind
+its last whole epoch.
+"""
+
+from proxops.training.loop.tensor_batches import TensorBatches
+from proxops.training.loop.training_history import Trained
+from proxops.training.loop.training_loop import Lesson, Schedule, train
+from proxops.training.loop.windows import Batch, WindowDataset, frame_loaders, window_loader
+
+__all__ = [
+    "Batch",
+    "Lesson",
+    "Schedule",
+    "TensorBatches",
+    "Trained",
+    "WindowDataset",
+    "frame_loaders",
+    "train",
+    "window_loader",
+]

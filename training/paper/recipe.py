@@ -1,0 +1,151 @@
+"""The paper's recipe, from flight logs to a trained policy and its report."""
+
+from __future__ import annotations
+
+import dataclasses as dc
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from proxops.systems.common import Progress
+from proxops.training.data import PackedFlights, pack_flights
+from proxops.training.export import export_recipe, write_report
+from proxops.training.loop import Batch, Lesson, Schedule, Trained, frame_loaders, train
+from proxops.training.paper.policy import PaperPolicy
+
+# Shares of the bar; the rest, to 1, is for the report.
+_PACKED, _TRAINED = 0.05, 0.95
+
+
+@dc.dataclass(frozen=True)
+class PaperSettings:
+    """Of a training by the paper's recipe; its figures where it gives any."""
+
+    schedule: Schedule = dc.field(
+        default_factory=lambda: Schedule(epochs=12, batch=8, learning_rate=1e-3, patience=10)
+    )
+    window: int = 64
+    """Steps of a window, through which gradients run; in flight the LSTM remembers for longer."""
+    stride: int | None = None
+    """Steps from window to window; None: as long as a window."""
+    channels: tuple[int, ...] = (32, 64, 64)
+    width: int = 128
+    layers: int = 2
+    """Of the LSTM."""
+    seed: int = 0
+    """Of weights and order."""
+    device: str = "auto"
+    precision: str = "32-true"
+
+    def quick(self) -> PaperSettings:
+        """A small network for two epochs of some of the data: to see that all works."""
+        return dc.replace(
+            self,
+            schedule=dc.replace(self.schedule, epochs=2),
+            window=8,
+            stride=64,
+            channels=(8, 8, 8),
+            width=32,
+        )
+
+
+def force_loss(policy: PaperPolicy, batch: Batch) -> Tensor:
+    """The paper's: root mean square difference from the MPC's force in N, of all three axes."""
+    force, _, _ = policy.sequence(batch["frames"], batch["target"], batch["applied_force"])
+    squares = ((force - batch["mpc_force"]) ** 2).mean(dim=-1) * batch["labelled"]
+    # A slope at nought would be infinite.
+    return (squares.sum() / batch["labelled"].sum().clamp(min=1) + 1e-12).sqrt()
+
+
+def train_paper_policy(
+    data: Path, out: Path, settings: PaperSettings, progress: Progress | None = None
+) -> dict[str, Any]:
+    """Trains the paper's policy on expert flights; writes and returns the report.
+
+    Writes policy.ckpt, curves/, report.json, report.md, forces.png, and bundle/, which flies, in
+    `out`. Run again after a kill, it goes on behind the last whole epoch.
+
+    Args:
+      data: what `proxops collect` wrote, or a folder of logs.
+
+    Raises:
+      InputError: there are no flights to learn from, or see `pack_flights` and
+        `training_loop.train`.
+    """
+    tell = progress or (lambda done, text: None)
+    logs = data / "flights" if (data / "flights").is_dir() else data
+    flights = pack_flights(
+        logs, progress=lambda done, of: tell(_PACKED * done / of, f"packing, {done} of {of}")
+    )
+    policy = make_policy(flights, settings)
+    trained = train(
+        _lesson(flights, policy, settings),
+        settings.schedule,
+        out,
+        settings.seed,
+        device=settings.device,
+        precision=settings.precision,
+        progress=lambda done, text: tell(_PACKED + (_TRAINED - _PACKED) * done, text),
+    )
+    tell(_TRAINED, "flying through the logs")
+    report = _report(trained, policy, settings, flights.logs_sha256)
+    report = write_report(policy, flights, report, out)
+    export_recipe(
+        policy,
+        flights,
+        out / "bundle",
+        recipe="paper",
+        memory=policy.memory_size,
+        estimates=False,
+        data_sha256=flights.logs_sha256,
+        metrics={"parts": report["parts"]},
+    )
+    tell(1.0, "done")
+    return report
+
+
+def make_policy(flights: PackedFlights, settings: PaperSettings) -> PaperPolicy:
+    """The network, with the weights that the settings' seed gives."""
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(settings.seed)
+        return PaperPolicy(
+            flights.normalisation,
+            flights.setting.planes,
+            flights.setting.rays,
+            settings.channels,
+            settings.width,
+            settings.layers,
+        )
+
+
+def _lesson(flights: PackedFlights, policy: PaperPolicy, settings: PaperSettings) -> Lesson:
+    batches = frame_loaders(
+        flights, settings.window, settings.stride, settings.schedule.batch, settings.seed
+    )
+    identity = (
+        f"paper recipe, logs {flights.logs_sha256}, split {flights.split_seed}, "
+        f"windows of {settings.window} every {settings.stride}, precision {settings.precision}"
+    )
+    return Lesson("policy", policy, force_loss, *batches, identity, methods=("sequence",))
+
+
+def _report(
+    trained: Trained, policy: PaperPolicy, settings: PaperSettings, data: str
+) -> dict[str, Any]:
+    best = trained.history[trained.best_epoch]
+    return {
+        "recipe": "paper",
+        "logs_sha256": data,
+        "settings": dc.asdict(settings),
+        "parameters": sum(weights.numel() for weights in policy.parameters()),
+        "training": {
+            "epochs": len(trained.history),
+            "best_epoch": trained.best_epoch,
+            "training_loss": best["training_loss"],
+            "validation_loss": best["validation_loss"],
+            "cpu_s": trained.cpu_s,
+            "wall_s": trained.history[-1]["wall_s"],
+        },
+    }

@@ -1,0 +1,34 @@
+"""The pilot: our end-to-end network, from lidar frames to force, trained part by part.
+
+Start with `train_pilot` in `recipe`, which reads from top to bottom, then `network`. `run_dagger`
+lets the pilot fly, asks the expert at every state, and trains the guidance again.
+"""
+
+from proxops.training.pilot.dagger import DaggerSettings, run_dagger
+from proxops.training.pilot.examples import Hits, hits_of
+from proxops.training.pilot.lessons import geometry_lesson
+from proxops.training.pilot.lidar_hits import HitSelection
+from proxops.training.pilot.network import Pilot
+from proxops.training.pilot.recipe import collected_scenario, train_pilot
+from proxops.training.pilot.settings import PilotSettings, shape_of
+from proxops.training.pilot.shape import load_pilot
+from proxops.training.pilot.state_filter import MEMORY, doubt
+from proxops.training.pilot.surface_picture import plot_surface
+
+__all__ = [
+    "MEMORY",
+    "DaggerSettings",
+    "HitSelection",
+    "Hits",
+    "Pilot",
+    "PilotSettings",
+    "collected_scenario",
+    "doubt",
+    "geometry_lesson",
+    "hits_of",
+    "load_pilot",
+    "plot_surface",
+    "run_dagger",
+    "shape_of",
+    "train_pilot",
+]

@@ -1,0 +1,150 @@
+"""What the parts of the pilot learn from, out of packed flights: frames, motion, commands."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from proxops.systems.common import derived_seed, generator
+from proxops.training.data import PARTS, Labels, PackedFlights, part_rows, similarity_of
+from proxops.training.pilot.lidar_hits import HitSelection
+
+# Along a flight, positions nearer to each other than this (m, at Kleopatra) count as one.
+_SPREAD = 300.0
+# Of derived seeds.
+_FRAMES_STREAM = 6
+# Frames that are made into returns together.
+_BLOCK = 256
+# How frames are spoiled, one quarter each: share of returns lost, of false returns among all rays,
+# and standard deviation in m, at Kleopatra, of noise on top of the sensor's own.
+_SPOILED = ((0.0, 0.0, 0.0), (0.2, 0.0, 0.0), (0.0, 0.01, 0.0), (0.05, 0.0, 150.0))
+
+
+class Hits(NamedTuple):
+    """Returns of frames, as `HitSelection` gives them, and where the frames were taken."""
+
+    points: Tensor
+    """(N, K, 3) in m, from the spacecraft, along K's axes."""
+    solid: Tensor
+    """(N, K)"""
+    valid: Tensor
+    """(N, K)"""
+    returned: Tensor
+    """(N, 1)"""
+    position: Tensor
+    """(N, 3) in m in K."""
+
+
+class Transitions(NamedTuple):
+    """Steps of flights."""
+
+    position: Tensor
+    velocity: Tensor
+    force: Tensor
+    """(N, 3) in N, applied over the step."""
+    acceleration: Tensor
+    """(N, 3) in m/s^2, the mean over the step."""
+
+
+class Commands(NamedTuple):
+    """What the expert commands where: (N, 3) each, in SI in K."""
+
+    position: Tensor
+    velocity: Tensor
+    goal: Tensor
+    force: Tensor
+
+
+def spread_rows(flights: PackedFlights, part: str) -> np.ndarray:
+    """Rows of a part, without those taken where the flight just was: holding would fill all."""
+    kept, spread = [], _SPREAD * similarity_of(flights.setting).length
+    for flight in flights.part(part):
+        rows = np.arange(flight.start, flight.start + flight.steps)
+        moved = np.linalg.norm(np.diff(flights.state[rows, :3], axis=0), axis=1)
+        gone = np.floor(np.concatenate([[0.0], np.cumsum(moved)]) / spread)
+        kept.append(rows[np.diff(gone, prepend=-1.0) > 0])
+    return np.concatenate([np.zeros(0, dtype=np.int64), *kept])
+
+
+def hits_of(
+    flights: PackedFlights, selection: HitSelection, part: str, count: int, seed: int
+) -> Hits:
+    """Returns of `count` frames, random ones of the part, or of all if there are fewer.
+
+    Three quarters are spoiled: by lost returns, false returns, and more noise.
+    """
+    random = generator(derived_seed(seed, _FRAMES_STREAM), PARTS.index(part))
+    length = similarity_of(flights.setting).length
+    rows = spread_rows(flights, part)
+    rows = random.permutation(rows)[:count]
+    parts = []
+    for start in range(0, len(rows), _BLOCK):
+        block = rows[start : start + _BLOCK]
+        frames = flights.frames(block).reshape(len(block), -1)
+        spoiled = _spoil(frames, flights.setting.max_range_m, length, random)
+        parts.append(selection(torch.from_numpy(spoiled)))
+    points, solid, valid, found = (torch.cat(column) for column in zip(*parts, strict=True))
+    return Hits(points, solid, valid, found, _tensor(flights.state[rows, :3]))
+
+
+def _spoil(
+    frames: np.ndarray, max_range: float, length: float, random: np.random.Generator
+) -> np.ndarray:
+    """The frames (N, R), each spoiled as its turn comes."""
+    turns = np.arange(len(frames)) % len(_SPOILED)
+    lost, false, noise = (np.array(_SPOILED) * [1.0, 1.0, length])[turns].T
+    chance = random.random(frames.shape, dtype=np.float32)
+    spoiled = frames + noise[:, None] * random.standard_normal(frames.shape, dtype=np.float32)
+    spoiled = np.where(chance < lost[:, None], np.inf, spoiled)
+    anywhere = max_range * random.random(frames.shape, dtype=np.float32)
+    wrong = (chance < false[:, None]) & np.isinf(frames)
+    return np.where(wrong, anywhere, spoiled).astype(np.float32)
+
+
+def box_of(hits: Hits) -> tuple[np.ndarray, np.ndarray]:
+    """Corners (3,) in m in K of the box that holds all but a few of the returns."""
+    valid = hits.valid.numpy() > 0.0
+    places = (hits.points + hits.position[:, None]).numpy()[valid]
+    low, high = np.percentile(places, [0.1, 99.9], axis=0)
+    return low, high
+
+
+def transitions_of(flights: PackedFlights, part: str, period: float) -> Transitions:
+    """The steps of a part's flights, without those in which something pushed from outside."""
+    rows = part_rows(flights, part)
+    last = [flight.start + flight.steps - 1 for flight in flights.part(part)]
+    rows = rows[~np.isin(rows, last)]
+    rows = rows[~flights.kick[rows].any(axis=1)]
+    before, after = flights.state[rows], flights.state[rows + 1]
+    # In double precision: single rounds velocities too coarsely for differences.
+    mean = (after[:, 3:] - before[:, 3:]) / period
+    given = before[:, :3], before[:, 3:], flights.applied_force[rows + 1], mean
+    return Transitions(*(_tensor(column) for column in given))
+
+
+def commands_of(flights: PackedFlights, part: str) -> Commands:
+    """The steps of a part's flights at which the expert was asked."""
+    rows = part_rows(flights, part)
+    rows = rows[np.isfinite(flights.mpc_force[rows]).all(axis=1)]
+    state = flights.state[rows]
+    given = state[:, :3], state[:, 3:], flights.target[rows, :3], flights.mpc_force[rows]
+    return Commands(*(_tensor(column) for column in given))
+
+
+def labelled_commands(labels: Labels) -> Commands:
+    """The same from the files of labels."""
+    state = labels["state"]
+    given = state[:, :3], state[:, 3:], labels["goal"], labels["force"]
+    return Commands(*(_tensor(column) for column in given))
+
+
+def joined(parts: list[Commands]) -> Commands:
+    """All of them in one."""
+    return Commands(*(torch.cat(column) for column in zip(*parts, strict=True)))
+
+
+def _tensor(values: np.ndarray) -> Tensor:
+    return torch.from_numpy(np.ascontiguousarray(values, dtype=np.float32))

@@ -1,0 +1,273 @@
+"""How each part of the pilot is taught: its network, its loss, its examples."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from proxops.training.data import PackedFlights, Similarity
+from proxops.training.loop import Lesson, Schedule, TensorBatches, WindowDataset
+from proxops.training.pilot.coarse_position import CoarsePosition
+from proxops.training.pilot.examples import Commands, Hits, Transitions
+from proxops.training.pilot.geometry_layer import GeometryLayer
+from proxops.training.pilot.guidance import Guidance
+from proxops.training.pilot.network import Pilot
+from proxops.training.pilot.state_filter import MEMORY, Motion, StateFilter, doubt
+
+# Returns of a frame that one step of learning the surface sees: others each time.
+_HITS_A_STEP = 96
+# Lengths and speeds here are those at Kleopatra, in m and m/s; see `Similarity`.
+# The layer starts this far off: log-uniform.
+_START_ERRORS = (100.0, 5e3)
+# Errors below which a square takes the place of the absolute value, after two steps and one.
+_ROUNDED = (10.0, 100.0)
+# What errors of the layer are counted in.
+_LAYER_UNIT = 1e3
+_FIRST_STEP_WEIGHT, _SURFACE_WEIGHT, _NORMAL_WEIGHT = 0.3, 0.1, 0.1
+# Errors of force over the thrust limit: below the first they count squared; beyond the second,
+# which a hybrid's gate would not take, being farther off costs little more, for it is mostly a
+# matter of which way round.
+_SMALL_FORCE, _TAKEN_FORCE = 0.1 / 7.0, 0.8 / 7.0
+# Share of the error's length beside that.
+_LENGTH_SHARE = 1.4
+# Errors of the filter that count as one, and how far off the fixes that it learns from start.
+_FILTER_POSITION, _FILTER_SPEED = 20.0, 0.1
+_FIX_START = 30.0
+# Steps after which they count: the windows begin in flight, at a speed that it must find first.
+FILTER_SETTLES = 12
+# Frames whose returns are fitted together.
+_BLOCK = 512
+# Rows whose natural acceleration is computed together.
+_ROWS = 65536
+
+
+def coarse_lesson(
+    coarse: CoarsePosition,
+    training: Hits,
+    validation: Hits,
+    schedule: Schedule,
+    seed: int,
+    identity: str,
+) -> Lesson:
+    """Teaches the coarse position its distance from the true one.
+
+    The features are computed once, and the network between them and the position is taught.
+    """
+    with torch.no_grad():
+        features, centre = _features(coarse, training)
+        coarse.fit_scale(features)
+        columns = _coarse_columns(coarse, features, centre, training)
+        held = _coarse_columns(coarse, *_features(coarse, validation), validation)
+
+    def loss(network: nn.Module, batch: tuple[Tensor, Tensor]) -> Tensor:
+        normal, wanted = batch
+        return (network(normal) - wanted).norm(dim=1).mean()
+
+    batches = TensorBatches(columns, schedule.batch, shuffle=True, seed=seed)
+    validation_batches = TensorBatches(held, schedule.batch)
+    return Lesson("coarse", coarse.network, loss, batches, validation_batches, identity, threads=1)
+
+
+def _features(coarse: CoarsePosition, hits: Hits) -> tuple[Tensor, Tensor]:
+    parts = [
+        coarse.features(*(column[start : start + _BLOCK] for column in hits[:4]))
+        for start in range(0, len(hits.position), _BLOCK)
+    ]
+    features, centres = (torch.cat(column) for column in zip(*parts, strict=True))
+    return features, centres
+
+
+def _coarse_columns(
+    coarse: CoarsePosition, features: Tensor, centre: Tensor, hits: Hits
+) -> tuple[Tensor, Tensor]:
+    return coarse.normalised(features), coarse.wanted(hits.position, centre)
+
+
+def geometry_lesson(
+    geometry: GeometryLayer,
+    training: Hits,
+    validation: Hits,
+    alike: Similarity,
+    schedule: Schedule,
+    seed: int,
+    identity: str,
+) -> Lesson:
+    """Teaches the surface, by where two steps of the layer come from a start that is off."""
+    unit = _LAYER_UNIT * alike.length
+
+    def loss(layer: GeometryLayer, batch: tuple[Tensor, Tensor, Tensor]) -> Tensor:
+        points, valid, position = batch
+        chosen = torch.randperm(points.shape[1], device=points.device)[:_HITS_A_STEP]
+        points, valid = points[:, chosen], valid[:, chosen]
+        low, high = (math.log(error * alike.length) for error in _START_ERRORS)
+        far = torch.exp(low + (high - low) * torch.rand(len(points), 1, device=points.device))
+        place = position + far * torch.randn_like(position)
+        place, _ = layer(place, points, valid)
+        total = _FIRST_STEP_WEIGHT * _rounded((place - position) / unit, _ROUNDED[1])
+        place, _ = layer(place, points, valid)
+        total = total + _rounded((place - position) / unit, _ROUNDED[0])
+        surface = layer.field(position[:, None] + points)
+        share = valid / valid.sum(1, keepdim=True).clamp(min=1.0)
+        off = surface[..., 0].abs() / unit
+        length = ((surface[..., 1:] ** 2).sum(2) + 1e-9).sqrt()
+        off = _SURFACE_WEIGHT * off + _NORMAL_WEIGHT * (length - 1.0) ** 2
+        return total + (share * off).sum(1).mean()
+
+    batches, held = (
+        TensorBatches((hits.points, hits.valid, hits.position), schedule.batch, **options)
+        for hits, options in ((training, {"shuffle": True, "seed": seed}), (validation, {}))
+    )
+    return Lesson("geometry", geometry, loss, batches, held, identity, threads=1)
+
+
+def _rounded(error: Tensor, small: float) -> Tensor:
+    """Mean length of errors (B, 3) in their unit; below `small`, in m, it grows as a square."""
+    return (error.square().sum(1) + (small / _LAYER_UNIT) ** 2).sqrt().mean()
+
+
+def motion_lesson(
+    motion: Motion,
+    training: Transitions,
+    validation: Transitions,
+    schedule: Schedule,
+    seed: int,
+    identity: str,
+) -> Lesson:
+    """Teaches the mean acceleration of each step, in its unit."""
+
+    def loss(network: Motion, batch: tuple[Tensor, ...]) -> Tensor:
+        position, velocity, force, wanted = batch
+        found = network.natural(position, velocity) + network.thrust(force)
+        return (found - wanted).abs().mean() / network.acceleration
+
+    batches = TensorBatches(training, schedule.batch, shuffle=True, seed=seed)
+    held = TensorBatches(validation, 4 * schedule.batch)
+    methods = ("natural", "thrust")
+    return Lesson("motion", motion, loss, batches, held, identity, 1, methods)
+
+
+def guidance_lesson(
+    guidance: Guidance,
+    motion: Motion,
+    training: Commands,
+    validation: Commands,
+    schedule: Schedule,
+    seed: int,
+    identity: str,
+) -> Lesson:
+    """Teaches what the expert commands.
+
+    The last epoch is kept: what is left of the error on other flights is mostly which way round the
+    body the expert goes, and says little of how the guidance flies.
+    """
+
+    def loss(network: Guidance, batch: tuple[Tensor, ...]) -> Tensor:
+        *given, wanted = batch
+        return force_loss(network(*given), wanted, network.thrust_limit)
+
+    columns, kept = (_with_natural(motion, commands) for commands in (training, validation))
+    batches = TensorBatches(columns, schedule.batch, shuffle=True, seed=seed)
+    held = TensorBatches(kept, 8192)
+    return Lesson("guidance", guidance, loss, batches, held, identity, threads=1, keep_last=True)
+
+
+def force_loss(force: Tensor, wanted: Tensor, thrust_limit: float) -> Tensor:
+    """Mean loss of forces (N, 3): their errors' length, and a square of it that saturates.
+
+    The latter is that of S. Geman and D. E. McClure, Statistical methods for tomographic image
+    reconstruction, Bulletin of the International Statistical Institute 52, 1987.
+    """
+    squared = ((force - wanted) / thrust_limit).square().sum(1)
+    length = (squared + _SMALL_FORCE**2).sqrt()
+    return (_LENGTH_SHARE * length + squared / (squared + _TAKEN_FORCE**2)).mean()
+
+
+@torch.no_grad()
+def _with_natural(motion: Motion, commands: Commands) -> tuple[Tensor, ...]:
+    """Positions, velocities, goals, natural accelerations and forces (N, 3)."""
+    position, velocity, goal, force = commands
+    parts = zip(position.split(_ROWS), velocity.split(_ROWS), strict=True)
+    natural = torch.cat([motion.natural(*part) for part in parts])
+    return position, velocity, goal, natural, force
+
+
+def filter_lesson(
+    pilot: Pilot,
+    flights: PackedFlights,
+    alike: Similarity,
+    length: int,
+    windows: int,
+    schedule: Schedule,
+    seed: int,
+    identity: str,
+) -> Lesson:
+    """Teaches the filter its noise, by its errors along windows of flights, pushes left out.
+
+    The fixes are computed once, from starts as far off as the filter's own predictions.
+    """
+
+    def loss(filter_: StateFilter, batch: tuple[Tensor, ...]) -> Tensor:
+        fix, off, force, state = batch
+        memory = fix.new_zeros(len(fix), MEMORY)
+        errors = []
+        for step in range(fix.shape[1]):
+            memory = filter_.predict(memory, force[:, step])
+            innovation = fix[:, step] - memory[:, :3]
+            memory = filter_.correct(memory, innovation, off[:, step])
+            if step >= FILTER_SETTLES:
+                errors.append(estimate_error(memory[:, :6], state[:, step], alike).mean())
+        return torch.stack(errors).mean()
+
+    columns = {
+        part: _fixes(pilot, flights, part, _FIX_START * alike.length, length, count, seed)
+        for part, count in (("training", windows), ("validation", windows // 4))
+    }
+    batches = TensorBatches(columns["training"], schedule.batch, shuffle=True, seed=seed)
+    held = TensorBatches(columns["validation"], schedule.batch)
+    methods = ("predict", "correct")
+    return Lesson("filter", pilot.filter, loss, batches, held, identity, 1, methods)
+
+
+def estimate_error(estimate: Tensor, state: Tensor, alike: Similarity) -> Tensor:
+    """Errors (..., 2) of positions and velocities (..., 6), each in what counts as one."""
+    error = (estimate - state).unflatten(-1, (2, 3)).norm(dim=-1)
+    return error / error.new_tensor([_FILTER_POSITION * alike.length, _FILTER_SPEED * alike.speed])
+
+
+@torch.no_grad()
+def _fixes(
+    pilot: Pilot,
+    flights: PackedFlights,
+    part: str,
+    off: float,
+    length: int,
+    count: int,
+    seed: int,
+) -> tuple[Tensor, ...]:
+    """Fixes (W, T, 3), their doubts (W, T, 1), forces (W, T, 3) and states (W, T, 6)."""
+    dataset = WindowDataset(flights, part, length)
+    order = torch.randperm(len(dataset), generator=torch.Generator().manual_seed(seed))
+    rows = dataset.starts[order[:count].numpy()][:, None] + np.arange(length)
+    kicked = flights.kick[rows].any(axis=(1, 2))
+    rows = rows[~kicked]
+    fixes, doubts = [], []
+    for start in range(0, rows.size, _BLOCK):
+        block = rows.ravel()[start : start + _BLOCK]
+        frames = torch.from_numpy(flights.frames(block).reshape(len(block), -1))
+        points, _, valid, _ = pilot.hits(frames)
+        place = torch.from_numpy(flights.state[block, :3].astype(np.float32))
+        place = place + off * torch.randn(
+            place.shape, generator=torch.Generator().manual_seed(start)
+        )
+        residual = place[:, :1]
+        for _ in range(2):
+            place, residual = pilot.geometry(place, points, valid)
+        fixes.append(place)
+        doubts.append(doubt(residual, pilot.usual_residual))
+    force = torch.from_numpy(flights.applied_force[rows].astype(np.float32))
+    state = torch.from_numpy(flights.state[rows].astype(np.float32))
+    shape = rows.shape
+    return torch.cat(fixes).unflatten(0, shape), torch.cat(doubts).unflatten(0, shape), force, state

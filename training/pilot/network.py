@@ -1,0 +1,139 @@
+"""The learned pilot: one network from lidar frame, goal and applied force to force."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import torch
+from torch import Tensor, nn
+
+from proxops.training.pilot.coarse_position import CoarsePosition
+from proxops.training.pilot.geometry_layer import GeometryLayer
+from proxops.training.pilot.guidance import Guidance
+from proxops.training.pilot.lidar_hits import HitSelection
+from proxops.training.pilot.state_filter import MEMORY, NATURAL, TRUSTED, StateFilter, doubt
+
+# With fewer returns than this a frame says nothing of where it was taken.
+_LEAST_RETURNS = 8
+# The fit starts from the coarse position if the returns then lie this much nearer to the surface.
+_CLEARLY_BETTER = 0.5
+# Doubt of a fix from hardly any returns.
+_HOPELESS = 100.0
+
+
+class Pilot(nn.Module):
+    """Five parts in a row; each but the first can be trained by itself.
+
+    ```
+    ranges ─► hits ─► coarse ─────► geometry ─► filter ─► guidance ─► force
+                 └──────────────────►  ▲        │ ▲ ▲         ▲
+                                       └ memory ┘ │ │         │
+    applied_force ────────────────────────────────┘ │         │
+    target ─────────────────────────────────────────┼─────────┘
+                                              next memory
+    ```
+
+    The geometry layer starts from where the filter expects to be. Where there is no such place yet,
+    or the returns don't fit the surface from there, it starts from the coarse position too, and
+    keeps what fits better. What the filter finds to push besides the learned motion is countered.
+    """
+
+    usual_residual: Tensor
+
+    def __init__(
+        self,
+        hits: HitSelection,
+        coarse: CoarsePosition,
+        geometry: GeometryLayer,
+        filter_: StateFilter,
+        guidance: Guidance,
+    ):
+        super().__init__()
+        self.hits, self.coarse, self.geometry = hits, coarse, geometry
+        self.filter, self.guidance = filter_, guidance
+        # Of returns from the learned surface at a good fix, in m; set by `fit_residual`.
+        self.register_buffer("usual_residual", torch.ones(()))
+
+    def fit_residual(self, residuals: Tensor) -> None:
+        """Sets the usual residual from those of good fixes."""
+        self.usual_residual.copy_(residuals.median())
+
+    def forward(
+        self, ranges: Tensor, target: Tensor, applied_force: Tensor, memory: Tensor
+    ) -> tuple[Tensor, Tensor, Tensor]:
+        """One control step of B flights; SI, in K.
+
+        Args:
+          ranges: (B, planes * rays), +inf where nothing returned.
+          target: (B, 6). applied_force: (B, 3), over the period before.
+          memory: (B, MEMORY), zeros before a flight's first step.
+
+        Returns:
+          Forces (B, 3) within the limits, estimates (B, 6) of position and velocity, and the next
+          memory.
+        """
+        memory = self.see(ranges, applied_force, memory)
+        position, velocity, push = memory[:, :9].split(3, dim=1)
+        natural = memory[:, NATURAL] + push
+        force = self.guidance(position, velocity, target[:, :3], natural)
+        limit = self.guidance.thrust_limit
+        return force.clamp(-limit, limit), memory[:, :6], memory
+
+    def see(self, ranges: Tensor, applied_force: Tensor, memory: Tensor) -> Tensor:
+        """The memory after a frame and the force over the period before it."""
+        hits = self.hits(ranges)
+        points, _, valid, _ = hits
+        memory = self.filter.predict(memory, applied_force)
+        fresh = memory[:, -1:] == 0.0
+        expected = memory[:, :3]
+        step, off = self.geometry.step(expected, points, valid)
+        lost = fresh | (off > TRUSTED * self.usual_residual)
+        step = _if_any(lost, self._acquired, (step, off, lost, fresh, expected, *hits))
+        more, residual = self.geometry.step(expected + step, points, valid)
+        few = (valid.sum(1, keepdim=True) < _LEAST_RETURNS).to(step.dtype)
+        return self.filter.correct(
+            memory, step + more, doubt(residual, self.usual_residual) + _HOPELESS * few
+        )
+
+    def _acquired(
+        self,
+        step: Tensor,
+        off: Tensor,
+        lost: Tensor,
+        fresh: Tensor,
+        expected: Tensor,
+        *hits: Tensor,
+    ) -> Tensor:
+        """The steps (B, 3), where `lost` (B, 1) those to where the coarse position leads."""
+        points, _, valid, _ = hits
+        other, other_off = self.geometry(self.coarse(*hits), points, valid)
+        better = fresh | (other_off < _CLEARLY_BETTER * off)
+        return torch.where(lost & better, other - expected, step)
+
+    def sequence(
+        self, ranges: Tensor, target: Tensor, applied_force: Tensor, memory: Tensor | None = None
+    ) -> tuple[Tensor, Tensor, Tensor]:
+        """T control steps of B flights in a row: `forward`, with time as the second axis.
+
+        Args:
+          ranges: (B, T, ...), whatever axes a frame has. memory: None: as at a flight's start.
+        """
+        remembered = target.new_zeros(len(target), MEMORY) if memory is None else memory
+        forces, estimates = [], []
+        for step in range(target.shape[1]):
+            frame = ranges[:, step].flatten(1)
+            given = target[:, step], applied_force[:, step], remembered
+            force, estimate, remembered = self(frame, *given)
+            forces.append(force)
+            estimates.append(estimate)
+        return torch.stack(forces, dim=1), torch.stack(estimates, dim=1), remembered
+
+
+def _if_any(flags: Tensor, function: Callable[..., Tensor], given: tuple[Tensor, ...]) -> Tensor:
+    """The function of what is given if any of the flags is set, else the first of what is given.
+
+    An exported network runs the function only then, too.
+    """
+    if torch.compiler.is_exporting():
+        return torch.cond(flags.any(), function, lambda first, *_: first.clone(), given)
+    return function(*given) if bool(flags.any()) else given[0]

@@ -1,0 +1,114 @@
+"""The measures that a pilot is built from, and the file that keeps a trained one."""
+
+from __future__ import annotations
+
+import dataclasses as dc
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from proxops.systems.common import InputError, file_sha256, write_whole
+from proxops.training.data import similarity
+from proxops.training.pilot.coarse_position import CoarsePosition
+from proxops.training.pilot.geometry_layer import GeometryLayer, SurfaceField
+from proxops.training.pilot.guidance import Guidance
+from proxops.training.pilot.lidar_hits import HitSelection
+from proxops.training.pilot.network import Pilot
+from proxops.training.pilot.state_filter import Motion, StateFilter
+
+PILOT_FILE = "pilot.ckpt"
+
+# Returns farther than this from the learned surface, as a share of its grid's spacing, count less.
+_OUTLIER_SHARE = 1.0 / 6.0
+# Before anything is learned the guidance plans with this share of the thrusters' acceleration, and
+# with times as of that many control periods at least.
+_NOMINAL_SHARE, _LEAST_PERIODS = 0.43, 30.0
+# Units of motion: speed and acceleration, as shares of what the thrusters reach over the length.
+_SPEED_UNIT, _ACCELERATION_UNIT = 0.24, 0.14
+
+
+@dc.dataclass(frozen=True)
+class PilotShape:
+    """All that a pilot is before it learns; SI."""
+
+    planes: int
+    rays: int
+    hits: int
+    """Returns of each frame that it looks at."""
+    period: float
+    mass: float
+    thrust_limit: float
+    length: float
+    """About the body's size."""
+    keep_out: tuple[float, float, float]
+    """Semi-axes that the guidance's ellipsoid starts from."""
+    low: tuple[float, float, float]
+    high: tuple[float, float, float]
+    """Corners of the box in which the surface is learned."""
+    spacing: float
+    """Of the surface's grid."""
+    coarse_width: int = 256
+    motion_width: int = 128
+    guidance_width: int = 256
+
+    def make(self) -> Pilot:
+        """The pilot, with weights drawn from torch's generator."""
+        reach = self.thrust_limit / self.mass
+        alike = similarity(self.length, self.mass, self.thrust_limit)
+        motion = Motion(
+            self.length,
+            _SPEED_UNIT * float(np.sqrt(reach * self.length)),
+            _ACCELERATION_UNIT * reach,
+            self.period,
+            self.motion_width,
+            alike.force,
+        )
+        field = SurfaceField(np.array(self.low), np.array(self.high), self.spacing)
+        guidance = Guidance(
+            motion.length,
+            motion.speed,
+            torch.tensor(self.keep_out),
+            self.mass,
+            self.thrust_limit,
+            _LEAST_PERIODS * self.period,
+            _NOMINAL_SHARE * reach,
+            self.guidance_width,
+        )
+        return Pilot(
+            HitSelection(self.planes, self.rays, self.hits, alike.length),
+            CoarsePosition(self.length, self.coarse_width),
+            GeometryLayer(field, _OUTLIER_SHARE * self.spacing),
+            StateFilter(motion, alike),
+            guidance,
+        )
+
+
+def save_pilot(folder: Path, shape: PilotShape, pilot: Pilot, origin: dict) -> None:
+    """Writes a pilot with its shape and what it comes from, whole or not at all, in `folder`."""
+    content = {"shape": dc.asdict(shape), "weights": pilot.state_dict(), "origin": origin}
+    write_whole(folder / PILOT_FILE, lambda name: torch.save(content, name))
+
+
+def load_pilot(folder: Path) -> tuple[PilotShape, Pilot, dict]:
+    """What `save_pilot` wrote.
+
+    Raises:
+      InputError: there is none, or the file is no pilot.
+    """
+    path = folder / PILOT_FILE
+    try:
+        content = torch.load(path, weights_only=True)
+        shape = PilotShape(**content["shape"])
+        pilot = shape.make()
+        pilot.load_state_dict(content["weights"])
+        return shape, pilot.eval(), content["origin"]
+    except Exception as error:  # A damaged file makes torch raise all sorts.
+        raise InputError(
+            f"{path} is no pilot that `proxops train --recipe proxops` wrote: {error}"
+        ) from error
+
+
+def pilot_sha256(folder: Path) -> str:
+    """Hash of the pilot's file in a folder."""
+    return file_sha256(folder / PILOT_FILE)
