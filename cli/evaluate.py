@@ -100,7 +100,8 @@ def evaluate_command(
     write_json(out / "results.json", results)
     _print(results, wanted, seed)
     # matplotlib takes a while to import.
-    from proxops.studies.evaluation import Evaluation, evaluation_sections, write_report
+    from proxops.studies.evaluation import Evaluation, evaluation_sections
+    from proxops.training.reports import write_report
 
     folder = out / ("flights" if keep_logs else "shown")
     logs = shown_logs(

@@ -15,6 +15,7 @@ Equations between dollars become MathML, which browsers show without a script. A
 may load anything from elsewhere.
 """
 
+import ast
 import html
 import inspect
 import re
@@ -84,9 +85,15 @@ def _experiments(path: str) -> str:
 
 
 def _modules(folder: str) -> str:
-    names = sorted(path.stem for path in (ROOT / folder).glob("[!_]*.py"))
     options = "    options: {show_root_heading: false}"
-    return "\n".join(f"## {name}\n\n::: proxops.{folder}.{name}\n{options}\n" for name in names)
+    parts = []
+    for room in sorted(path.parent for path in (ROOT / folder).glob("*/__init__.py")):
+        about = ast.get_docstring(ast.parse((room / "__init__.py").read_text()))
+        parts.append(f"## {room.name}\n\n{about}\n")
+        for name in sorted(path.stem for path in room.glob("[!_]*.py")):
+            module = f"proxops.{folder}.{room.name}.{name}"
+            parts.append(f"### {room.name}.{name}\n\n::: {module}\n{options}\n")
+    return "\n".join(parts)
 
 
 _MAKERS = {

@@ -132,13 +132,10 @@ def test_commands_are_understood(page: str, line: str) -> None:
 
 def test_files_of_the_paper_table_exist() -> None:
     table = PAGES["paper.md"].partition("## Its two diagrams")[0]
-    folders = {"replay.py": "diagrams", "agreement_gates.py": "systems"} | dict.fromkeys(
-        ("paper_recipe.py", "transit_split.py", "evaluation_figures.py"), "training"
-    )
     paths = re.findall(r"`([\w/]+\.py)`", table)
     assert len(paths) > 10
     for path in paths:
-        assert (ROOT / folders.get(path, ".") / path).is_file(), path
+        assert (ROOT / path).is_file(), path
 
 
 def test_notebooks_that_are_told_of() -> None:

@@ -149,7 +149,7 @@ def test_log_of_before_there_were_reasons(tmp_path: Path) -> None:
     dc.replace(log, dataset=log.dataset.drop_vars("solve_reason")).to_netcdf(tmp_path / "old.nc")
     loaded = FlightLog.load(tmp_path / "old.nc")
     assert loaded.summary == log.summary
-    assert fallback_steps(loaded) == {}
+    assert fallback_steps(loaded.dataset) == {}
 
 
 def test_fallbacks_are_logged_and_counted(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -172,7 +172,7 @@ def test_fallbacks_are_logged_and_counted(monkeypatch: pytest.MonkeyPatch) -> No
         "braking: solver iteration limit": 2,
         "flown on: solver iteration limit": 2,
     }
-    assert fallback_steps(kleopatra_flight()) == {}
+    assert fallback_steps(kleopatra_flight().dataset) == {}
 
 
 # --- summary --------------------------------------------------------------------------------------

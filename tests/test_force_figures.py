@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from matplotlib.collections import QuadMesh
 
-from proxops.training.export.force_errors import force_figures, plot_forces
+from proxops.training.reports.force_errors import force_figures, plot_forces
 
 WANTED = np.array([[0.0, 0.0, 0.0], [3.0, 0.0, -7.0], [0.1, 0.0, 0.1], [7.0, 0.0, 1.0]])
 SAID = np.array([[0.0, 0.5, 0.0], [3.0, 0.5, -3.0], [0.1, 0.5, 0.1], [5.0, 0.5, 1.0]])

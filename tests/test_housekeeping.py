@@ -1,4 +1,4 @@
-"""The repository keeps its own rules: dependencies that are used, and modules of a page or two."""
+"""The repository keeps its own rules: dependencies that are used, and one list of folders."""
 
 import ast
 import json
@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-FOLDERS = ("assets", "cli", "diagrams", "systems", "training")
+FOLDERS = sorted(path.parent.name for path in ROOT.glob("*/__init__.py"))
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 # What a package is imported as, if it isn't its own name.
 IMPORTED_AS = {"drake": "pydrake", "pyyaml": "yaml"}
@@ -65,29 +65,23 @@ def test_dependency_is_used(package: str) -> None:
 @pytest.mark.parametrize("folder", FOLDERS)
 def test_what_is_imported_is_a_dependency(folder: str) -> None:
     allowed = {IMPORTED_AS.get(package, package) for package in CORE}
-    if folder == "training":
+    if folder in ("training", "studies"):
         allowed |= set(TRAIN)
     for path in sources(folder):
         others = imported(path) - set(sys.stdlib_module_names) - {"proxops"}
         assert others - allowed - IN_NOTEBOOKS_ONLY <= set(), path
 
 
+def test_contracts_are_about_all_folders() -> None:
+    contracts = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]
+    assert sorted(contracts["root_packages"]) == [f"proxops.{folder}" for folder in FOLDERS]
+
+
 @pytest.mark.parametrize("folder", FOLDERS)
-def test_imports_point_one_way(folder: str) -> None:
-    """systems, diagrams, training, cli: each knows those before it."""
-    order = ["assets", "systems", "diagrams", "training", "cli"]
-    later = order[order.index(folder) + 1 :]
-    for path in sources(folder):
-        known = re.findall(r"^\s*(?:from|import) proxops\.(\w+)", path.read_text(), re.MULTILINE)
-        assert set(known) & set(later) == set(), path
-
-
-def test_modules_are_short() -> None:
-    """At most 300 lines, programs and helpers of tests included."""
-    paths = [*sources(*FOLDERS, "benchmarks"), *sorted((ROOT / "tests").glob("[!t]*.py"))]
-    lengths = {path: len(path.read_text().splitlines()) for path in paths}
-    assert len(lengths) > 100
-    assert {path.name: length for path, length in lengths.items() if length > 300} == {}
+def test_folders_are_imported_as_proxops(folder: str) -> None:
+    """From the repository's root `import systems` would load a second copy of each module."""
+    for path in [*sources(*FOLDERS, "benchmarks", "docs"), *(ROOT / "tests").glob("*.py")]:
+        assert folder not in imported(path), path
 
 
 def test_notebooks_are_cleared() -> None:

@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 from matplotlib.figure import Figure
 
-from proxops.studies.evaluation.html_report import (
+from proxops.systems import InputError
+from proxops.training.reports.report_writer import (
     Section,
     Table,
     Text,
@@ -17,7 +18,6 @@ from proxops.studies.evaluation.html_report import (
     picture,
     write_report,
 )
-from proxops.systems import InputError
 
 AWKWARD = "a < b & \"c\" | *d* _e_ `f` [g](h) <script>alert('x')</script>"
 VOID = {"meta", "img"}

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from proxops.training.lidar.frames import GridFrames, near_silhouette
-from proxops.training.lidar.report import (
+from proxops.training.lidar.frame_errors import (
     all_figures,
     frame_figures,
     meets_targets,
     nearest_frames,
     weighted_frames,
 )
+from proxops.training.lidar.frames import GridFrames, near_silhouette
 
 INF = np.inf
 

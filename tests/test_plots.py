@@ -12,7 +12,7 @@ from synthetic_log import similar_log, synthetic_log
 
 from proxops.diagrams.logs.flight_log import FlightLog
 from proxops.diagrams.logs.who_flew import colour_of
-from proxops.diagrams.plots import plots
+from proxops.diagrams.plots import plot_flight, plots
 from proxops.systems.shapes.ellipsoid import clearances
 
 
@@ -49,7 +49,7 @@ def png(figure: Figure) -> bytes:
 
 
 def test_flight_is_one_page_of_labelled_axes(log: FlightLog) -> None:
-    figure = log.plot()
+    figure = plot_flight(log)
     assert len(figure.axes) == 9
     labels = [ax.get_ylabel() for ax in figure.axes]
     for unit in ("(km)", "(m/s)", "(N)"):
@@ -70,7 +70,7 @@ def test_unit_goes_by_size(size: float, unit: tuple[float, str]) -> None:
 
 
 def test_flight_about_a_small_body_is_in_metres(log: FlightLog, small: FlightLog) -> None:
-    large, figure = log.plot(), small.plot()
+    large, figure = plot_flight(log), plot_flight(small)
     assert not [t for ax in figure.axes for t in (ax.get_xlabel(), ax.get_ylabel()) if "(km)" in t]
     labels = {ax.get_ylabel() for ax in figure.axes}
     assert {"y (m)", "distance to the goal (m)", "keep-out clearance (m)"} <= labels
@@ -193,4 +193,4 @@ def test_frame_without_a_return(ax: Axes) -> None:
 
 @pytest.mark.parametrize("steps", [1, 2])
 def test_flights_that_end_at_once(steps: int) -> None:
-    assert png(synthetic_log(steps, ranges=False).plot())
+    assert png(plot_flight(synthetic_log(steps, ranges=False)))

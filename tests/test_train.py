@@ -172,7 +172,7 @@ def test_without_torch_it_says_what_to_do(
     tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.setitem(sys.modules, "torch", None)
-    monkeypatch.delitem(sys.modules, "proxops.training.paper.recipe")
-    monkeypatch.delattr("proxops.training.paper.recipe")
+    for name in [name for name in sys.modules if name.startswith("proxops.training.")]:
+        monkeypatch.delitem(sys.modules, name)
     assert proxops("train", tmp_path, "--recipe", "paper", "--out", tmp_path / "out") == 2
     assert "make train" in capfd.readouterr().err

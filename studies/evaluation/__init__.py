@@ -7,29 +7,13 @@ are reported.
 from proxops.studies.evaluation.evaluation import EXPERT, aggregate, delta_v_pairs
 from proxops.studies.evaluation.figures import Looks, controller_looks, draw_paths, plot_flights
 from proxops.studies.evaluation.flights import fly_controllers, shown_logs
-from proxops.studies.evaluation.html_report import (
-    Block,
-    Page,
-    Picture,
-    Section,
-    Table,
-    Text,
-    picture,
-    write_report,
-)
 from proxops.studies.evaluation.report import Evaluation, evaluation_sections
 from proxops.studies.evaluation.table import arrival_text, figure_rows, outcome
 
 __all__ = [
     "EXPERT",
-    "Block",
     "Evaluation",
     "Looks",
-    "Page",
-    "Picture",
-    "Section",
-    "Table",
-    "Text",
     "aggregate",
     "arrival_text",
     "controller_looks",
@@ -39,8 +23,6 @@ __all__ = [
     "figure_rows",
     "fly_controllers",
     "outcome",
-    "picture",
     "plot_flights",
     "shown_logs",
-    "write_report",
 ]

@@ -20,8 +20,8 @@ from proxops.studies.evaluation.figures import (
     plot_paths,
 )
 from proxops.studies.evaluation.flights import PATHS, Logs, flew_a_policy, worst_flights
-from proxops.studies.evaluation.html_report import Picture, Section, Table, Text, picture
 from proxops.studies.evaluation.table import Results, arrival_text, figure_rows, outcome
+from proxops.training.reports import Picture, Section, Table, Text, picture
 
 _MOST_FAILURES_TOLD = 30
 

@@ -8,19 +8,7 @@ import numpy as np
 
 from proxops.diagrams.logs import FlightLog
 from proxops.diagrams.meshcat import paths_page
-from proxops.studies.evaluation import (
-    EXPERT,
-    Block,
-    Looks,
-    Page,
-    Picture,
-    Section,
-    Table,
-    Text,
-    controller_looks,
-    outcome,
-    picture,
-)
+from proxops.studies.evaluation import EXPERT, Looks, controller_looks, outcome
 from proxops.studies.reproduction import flights as flights
 from proxops.studies.reproduction.figures import (
     plot_curves,
@@ -36,8 +24,18 @@ from proxops.studies.reproduction.findings import (
     error_figures,
 )
 from proxops.studies.reproduction.tables import number
-from proxops.training.export import force_figures, plot_forces
-from proxops.training.lidar import plot_frames
+from proxops.training.reports import (
+    Block,
+    Page,
+    Picture,
+    Section,
+    Table,
+    Text,
+    force_figures,
+    picture,
+    plot_forces,
+    plot_frames,
+)
 
 
 def figure_sections(findings: Findings) -> list[Section]:

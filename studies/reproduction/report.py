@@ -5,7 +5,7 @@ from __future__ import annotations
 from importlib import metadata
 from typing import Any
 
-from proxops.studies.evaluation import EXPERT, Block, Section, Table, Text, arrival_text, picture
+from proxops.studies.evaluation import EXPERT, arrival_text
 from proxops.studies.reproduction.figures import plot_gates
 from proxops.studies.reproduction.findings import (
     STAGE_NAMES,
@@ -23,7 +23,7 @@ from proxops.studies.reproduction.tables import (
     gate_table,
     stage_table,
 )
-from proxops.training.export import force_figures
+from proxops.training.reports import Block, Section, Table, Text, force_figures, picture
 
 
 def reproduction_sections(findings: Findings) -> list[Section]:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from proxops.diagrams.flight import bundle_of, made_with
 from proxops.diagrams.scenario import PolicyConfig, Scenario, dump_scenario, load_body
-from proxops.studies.evaluation import EXPERT, write_report
+from proxops.studies.evaluation import EXPERT
 from proxops.studies.reproduction.findings import HYBRIDS, SHOWN, Findings
 from proxops.studies.reproduction.flights import (
     PAPER_POLICY,
@@ -27,6 +27,7 @@ from proxops.studies.reproduction.report import findings_json, reproduction_sect
 from proxops.studies.reproduction.stages import Stage, Stages
 from proxops.systems.common import InputError, Progress, write_whole
 from proxops.systems.policy import PolicyBundle
+from proxops.training.reports import write_report
 
 if TYPE_CHECKING:
     from proxops.studies.reproduction.training import TrainingSettings

@@ -4,7 +4,6 @@ Start with `export_policy` for any module of your own. ONNX Runtime is compared 
 anything is written.
 """
 
-from proxops.training.export.force_errors import force_figures, plot_forces, report_markdown
 from proxops.training.export.onnx_export import (
     accepted_difference,
     describing,
@@ -20,10 +19,7 @@ __all__ = [
     "describing",
     "export_policy",
     "export_recipe",
-    "force_figures",
     "onnx_bytes",
-    "plot_forces",
-    "report_markdown",
     "write_bundle_folder",
     "write_folder",
     "write_report",

@@ -12,8 +12,8 @@ from pydrake.common.yaml import yaml_load
 
 from proxops.systems.common import write_whole
 from proxops.training.data import PARTS, PackedFlights, part_rows
-from proxops.training.export.force_errors import force_figures, plot_forces, report_markdown
 from proxops.training.export.policy_export import PolicyFacts, export_policy
+from proxops.training.reports import force_figures, plot_forces, report_markdown
 
 # Flights that are replayed together, of like length.
 _TOGETHER = 16

@@ -3,11 +3,9 @@
 Start with `train_lidar`, which `proxops train-lidar` calls.
 """
 
-from proxops.training.lidar.figures import plot_frames
 from proxops.training.lidar.synthesis import LidarSettings, train_lidar
 
 __all__ = [
     "LidarSettings",
-    "plot_frames",
     "train_lidar",
 ]

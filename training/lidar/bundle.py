@@ -12,12 +12,7 @@ from torch import nn
 
 from proxops.systems.common import InputError, open_session
 from proxops.systems.lidar import BUNDLE_FILE, DEPTH, FORMAT, HIT, INPUT
-from proxops.training.export import (
-    accepted_difference,
-    describing,
-    onnx_bytes,
-    write_bundle_folder,
-)
+from proxops.training.export import accepted_difference, describing, onnx_bytes, write_bundle_folder
 
 
 @dataclass(frozen=True)

@@ -16,9 +16,8 @@ from proxops.diagrams.scenario import Body, LidarConfig, Scenario
 from proxops.systems.common import InputError, make_folder, write_whole
 from proxops.systems.lidar import ChordFan, LearnedLidar, ray_directions
 from proxops.systems.shapes import RayFan, ray_caster
-from proxops.training.lidar import report as lidar_report
+from proxops.training.lidar import frame_errors
 from proxops.training.lidar.bundle import BundleFacts, write_bundle
-from proxops.training.lidar.figures import plot_frames
 from proxops.training.lidar.frames import (
     LENGTH_UNITS_PER_CUBE,
     GridFrames,
@@ -30,6 +29,7 @@ from proxops.training.lidar.frames import (
 )
 from proxops.training.lidar.networks import FrameNetwork, RayNetwork, frame_loss, ray_loss
 from proxops.training.loop import Lesson, Schedule, TensorBatches, Trained, train
+from proxops.training.reports import plot_frames
 
 # An error of depth as long as the ellipsoid's mean semi-axis weighs as much as this many nats.
 _LENGTH_WEIGHT = 8.0
@@ -134,8 +134,8 @@ def train_lidar(
     methods = {
         OURS: lambda positions: _true_frames(learned, positions),
         PAPERS: _decoder(paper_lesson.network, cube),
-        "nearest grid frame": lidar_report.nearest_frames(grid),
-        "inverse distance, 8 frames": lidar_report.weighted_frames(grid),
+        "nearest grid frame": frame_errors.nearest_frames(grid),
+        "inverse distance, 8 frames": frame_errors.weighted_frames(grid),
     }
     report = {
         "body": body.config.name,
@@ -155,13 +155,13 @@ def train_lidar(
     write_whole(out / "report.json", lambda name: name.write_text(text))
     write_whole(
         out / "report.md",
-        lambda name: name.write_text(lidar_report.markdown(report), encoding="utf-8"),
+        lambda name: name.write_text(frame_errors.markdown(report), encoding="utf-8"),
     )
     return report
 
 
 def _judge(
-    methods: dict[str, lidar_report.Frames],
+    methods: dict[str, frame_errors.Frames],
     fan: RayFan,
     positions: np.ndarray,
     lidar: LidarConfig,
@@ -171,7 +171,7 @@ def _judge(
     """The report's part on the methods' frames from the test positions (N, 3), with the picture."""
     truth = fan.frames(positions)
     guesses = {name: frames(positions) for name, frames in methods.items()}
-    times = lidar_report.frame_milliseconds(
+    times = frame_errors.frame_milliseconds(
         {**methods, "ray-caster": fan.frames}, positions[:_TIMED_FRAMES]
     )
     sources = {"ray-caster": truth, **{name: guesses[name] for name in (OURS, PAPERS)}}
@@ -183,16 +183,16 @@ def _judge(
     )
     write_whole(picture, lambda name: pictures.savefig(name, dpi=120, format="png"))
     figures = {
-        name: lidar_report.all_figures(positions, truth, guess, lidar.planes, cube)
+        name: frame_errors.all_figures(positions, truth, guess, lidar.planes, cube)
         | {"frame_ms": times[name]}
         for name, guess in guesses.items()
     }
     return {
         "test_positions": len(positions),
         "targets": {
-            "mask_iou": lidar_report.TARGET_IOU, "median_m": lidar_report.TARGET_MEDIAN_M
+            "mask_iou": frame_errors.TARGET_IOU, "median_m": frame_errors.TARGET_MEDIAN_M
         },
-        "targets_met": lidar_report.meets_targets(figures[OURS]),
+        "targets_met": frame_errors.meets_targets(figures[OURS]),
         "ray_caster_frame_ms": times["ray-caster"],
         "methods": figures,
     }  # fmt: skip
@@ -262,7 +262,7 @@ def _true_frames(lidar: LearnedLidar, positions: np.ndarray) -> np.ndarray:
     return frames
 
 
-def _decoder(network: torch.nn.Module, cube: float) -> lidar_report.Frames:
+def _decoder(network: torch.nn.Module, cube: float) -> frame_errors.Frames:
     """Frames in m from the paper's network: what is not positive is no range, so no return."""
 
     def frames(positions: np.ndarray) -> np.ndarray:

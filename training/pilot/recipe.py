@@ -14,7 +14,7 @@ from torch import Tensor
 from proxops.diagrams.scenario import Scenario, parse_scenario
 from proxops.systems.common import InputError, Progress
 from proxops.training.data import Labels, PackedFlights, expert_plans, pack_flights, similarity_of
-from proxops.training.export import export_recipe, report_markdown, write_report
+from proxops.training.export import export_recipe, write_report
 from proxops.training.loop import Lesson, Schedule, Trained, train
 from proxops.training.pilot.examples import (
     Commands,
@@ -38,6 +38,7 @@ from proxops.training.pilot.settings import PilotSettings, shape_of
 from proxops.training.pilot.shape import save_pilot
 from proxops.training.pilot.state_filter import MEMORY
 from proxops.training.pilot.whole_lesson import whole_lesson
+from proxops.training.reports import report_markdown
 
 # Share of the bar at which each stage ends.
 _STAGES = {
