@@ -23,7 +23,13 @@ from proxops.cli.common import (
 )
 from proxops.diagrams.flight import named_controller
 from proxops.diagrams.scenario import Scenario, draw_transit, load_body, load_scenario
-from proxops.studies.evaluation import figure_rows, fly_controllers, shown_logs
+from proxops.studies.evaluation import (
+    Variant,
+    aggregate_all,
+    figure_rows,
+    fly_variants,
+    shown_logs,
+)
 from proxops.systems.common import InputError
 
 
@@ -86,8 +92,8 @@ def evaluate_command(
             failures += not row["success"]
             bar.update(task, advance=1, description=f"{failures} without success")
 
-        results = fly_controllers(
-            names,
+        rows = fly_variants(
+            [Variant(name, name) for name in names],
             wanted,
             seed,
             transits,
@@ -97,6 +103,7 @@ def evaluate_command(
             workers=workers,
             scheduler=scheduler,
         )
+    results = aggregate_all(rows)
     write_json(out / "results.json", results)
     _print(results, wanted, seed)
     # matplotlib takes a while to import.

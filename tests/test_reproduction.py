@@ -16,7 +16,8 @@ from short_flights import BRIEF, short_scenario
 from proxops.diagrams.flight.campaign import Flight
 from proxops.diagrams.flight.parallel import parallel_results
 from proxops.diagrams.scenario.scenario import Scenario
-from proxops.studies.reproduction.flights import Variant, evaluate, variants
+from proxops.studies.evaluation.variants import Variant, fly_variants
+from proxops.studies.reproduction.flights import variants
 from proxops.studies.reproduction.reproduction import ReproductionSettings, reproduce
 from proxops.studies.reproduction.training import TrainingSettings
 from proxops.systems import InputError
@@ -60,11 +61,11 @@ def test_collect_on_a_cluster(scheduler: str, tmp_path: Path) -> None:
 
 
 def test_evaluate_on_a_cluster(scheduler: str, tmp_path: Path) -> None:
-    flown = [Variant("mpc", "mpc"), Variant("zero", "zero"), Variant("pd", "pd", assured=True)]
-    alone = evaluate(flown, brief(), 10_000, 3, tmp_path / "alone", workers=1)
-    together = evaluate(flown, brief(), 10_000, 3, tmp_path / "together", scheduler=scheduler)
+    flown = [Variant("mpc", "mpc"), Variant("zero", "zero"), Variant("pd", "pd", {"assurance": {}})]
+    alone = fly_variants(flown, brief(), 10_000, 3, tmp_path / "alone", workers=1)
+    together = fly_variants(flown, brief(), 10_000, 3, tmp_path / "together", scheduler=scheduler)
     assert plain(together) == plain(alone)
-    assert [row["transit"] for row in together["pd"]["flights"]] == [0, 1, 2]
+    assert [row["transit"] for row in together["pd"]] == [0, 1, 2]
 
 
 def test_others_that_use_the_cluster_keep_their_work_apart(scheduler: str) -> None:
@@ -93,7 +94,7 @@ def test_report_says_what_was_not_run(reproduced: tuple[Path, Any], bundle: Path
     out, report = reproduced
     assert "policy-paper" in report["not_run"]
     assert "Not run" in (out / "report.md").read_text()
-    assert list(report["controllers"]) == [each.name for each in variants(bundle, None)]
+    assert list(report["controllers"]) == [each.name for each in variants(bundle, None, brief())]
     assert json.loads((out / "report.json").read_text())["not_run"] == report["not_run"]
 
 

@@ -6,7 +6,12 @@ Nothing in this room simulates.
 """
 
 from proxops.diagrams.scenario.body import Body, BodyConfig, load_body
-from proxops.diagrams.scenario.scenario import dump_scenario, load_scenario, parse_scenario
+from proxops.diagrams.scenario.scenario import (
+    change_scenario,
+    dump_scenario,
+    load_scenario,
+    parse_scenario,
+)
 from proxops.diagrams.scenario.scenario_checks import check_scenario
 from proxops.diagrams.scenario.scenario_config import (
     ArrivalConfig,
@@ -54,6 +59,7 @@ __all__ = [
     "Transit",
     "TransitConfig",
     "WeightedCostConfig",
+    "change_scenario",
     "check_scenario",
     "draw_transit",
     "dump_scenario",

@@ -46,6 +46,7 @@ __all__ = [
     "SpacecraftConfig",
     "TransitConfig",
     "WeightedCostConfig",
+    "change_scenario",
     "check_scenario",
     "dump_scenario",
     "load_scenario",
@@ -96,6 +97,22 @@ def parse_scenario(text: str, source: str = "scenario") -> Scenario:
     scenario = load_typed(Scenario, parse_mapping(text, source), source)
     check_scenario(scenario, source)
     return scenario
+
+
+def change_scenario(scenario: Scenario, changes: typing.Mapping[str, typing.Any]) -> Scenario:
+    """A copy of a scenario with other values.
+
+    Args:
+      changes: keys and values as `load_scenario` takes them, such as `{"hybrid.gate": "paper"}`.
+
+    Raises:
+      InputError: a key is unknown, or a value has the wrong type or makes no sense.
+    """
+    tree = parse_mapping(dump_scenario(scenario), "scenario")
+    apply_overrides(tree, changes)
+    changed = load_typed(Scenario, tree, "scenario")
+    check_scenario(changed, "scenario")
+    return changed
 
 
 def _is_path(body: typing.Any) -> bool:

@@ -1,27 +1,33 @@
-"""Controllers flown on the same transits, their table, figures and report.
+"""Controllers flown on the same transits, with their table, figures and report.
 
-Start with `fly_controllers`, which `proxops evaluate` calls, then `evaluation` for the figures that
-are reported.
+Start with `fly_variants`, which flies any number of controllers and settings on one set of
+transits, then read `aggregate_all` for the figures that are reported. A new figure goes into
+`aggregate`, and its line of the table into `table`.
 """
 
-from proxops.studies.evaluation.evaluation import EXPERT, aggregate, delta_v_pairs
+from proxops.studies.evaluation.evaluation import EXPERT, aggregate, aggregate_all, delta_v_pairs
 from proxops.studies.evaluation.figures import Looks, controller_looks, draw_paths, plot_flights
-from proxops.studies.evaluation.flights import fly_controllers, shown_logs
+from proxops.studies.evaluation.flights import shown_logs
 from proxops.studies.evaluation.report import Evaluation, evaluation_sections
 from proxops.studies.evaluation.table import arrival_text, figure_rows, outcome
+from proxops.studies.evaluation.variants import Variant, fly_logs, fly_variants, load_logs
 
 __all__ = [
     "EXPERT",
     "Evaluation",
     "Looks",
+    "Variant",
     "aggregate",
+    "aggregate_all",
     "arrival_text",
     "controller_looks",
     "delta_v_pairs",
     "draw_paths",
     "evaluation_sections",
     "figure_rows",
-    "fly_controllers",
+    "fly_logs",
+    "fly_variants",
+    "load_logs",
     "outcome",
     "plot_flights",
     "shown_logs",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import typing
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -82,6 +82,20 @@ def aggregate(rows: Sequence[Row], expert: Sequence[Row] | None = None) -> dict[
         "control_ms_p99": _percentile(timed, "control_ms_p99", 100),
         **{name: _median(estimated, name) for name in _ESTIMATE_ERRORS if estimated},
         "flights": list(rows),
+    }
+
+
+def aggregate_all(
+    groups: Mapping[str, Sequence[Row]],
+) -> dict[str, dict[str, typing.Any]]:
+    """`aggregate` of each controller; with the expert among them, all others are compared with it.
+
+    Args:
+      groups: the rows of each controller in the order of the transits, by its name.
+    """
+    expert = groups.get(EXPERT)
+    return {
+        name: aggregate(rows, None if name == EXPERT else expert) for name, rows in groups.items()
     }
 
 

@@ -1,56 +1,20 @@
-"""The flights of an evaluation: each controller's on the same transits, and those worth a look."""
+"""The flights of an evaluation whose logs its report shows."""
 
 from __future__ import annotations
 
 import dataclasses as dc
 import typing
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
-from proxops.diagrams.flight import run_campaign, run_groups, transit_flights
-from proxops.diagrams.logs import FlightLog
 from proxops.diagrams.scenario import Scenario
-from proxops.studies.evaluation.evaluation import EXPERT, Row, aggregate
+from proxops.studies.evaluation.evaluation import Row
 from proxops.studies.evaluation.table import Results
-
-Logs = Mapping[tuple[str, int], FlightLog]
-"""Logs by controller and transit."""
+from proxops.studies.evaluation.variants import Logs, Variant, fly_logs
 
 PATHS = 4
-"""Transits whose paths are drawn: the first of the set."""
+"""Number of transits whose paths are drawn: the first ones of the set."""
 _WORST = 3
-
-
-def fly_controllers(
-    controllers: Sequence[str],
-    scenario: Scenario,
-    seed: int,
-    count: int,
-    folder: Path,
-    *,
-    keep_logs: bool = False,
-    progress: Callable[[Row], None] | None = None,
-    workers: int | None = None,
-    scheduler: str | None = None,
-) -> dict[str, dict[str, typing.Any]]:
-    """Flies transits 0 … count - 1 of a seed with each controller; their entries of `results.json`.
-
-    What was flown before into the same folder is not flown again; see `run_campaign` for this and
-    for the arguments. If the MPC is among the controllers, the others are compared with it.
-    """
-    by_name = run_groups(
-        {name: transit_flights(scenario, name, seed, count) for name in controllers},
-        folder,
-        keep_logs=keep_logs,
-        workers=workers,
-        scheduler=scheduler,
-        progress=progress,
-    )
-    expert = by_name.get(EXPERT)
-    return {
-        name: aggregate(flown, None if name == EXPERT else expert)
-        for name, flown in by_name.items()
-    }
 
 
 def worst_flights(rows: Sequence[Row], count: int = _WORST) -> list[Row]:
@@ -77,26 +41,20 @@ def shown_logs(
     folder: Path,
     *,
     frames: bool = False,
-    workers: int | None = None,
-    scheduler: str | None = None,
+    **options: typing.Any,
 ) -> Logs:
     """Logs of the flights that `shown_transits` names.
 
-    Flights repeat bit for bit, so these few are flown again, once, rather than all logs kept.
-
     Args:
-      folder: of these flights alone; or, if all logs were kept, of all.
-      frames: with lidar frames, as in the latter; they change nothing, and take most of the room.
+      results: by the controller's name.
+      folder: of these flights alone; or, if all logs were kept, of all flights.
+      frames: with lidar frames, as in the folder of all flights; the report does not need them,
+        and they take most of the room.
+      options: those of `run_campaign`.
     """
     flown = dc.replace(scenario, log_ranges=scenario.log_ranges and frames)
-    flights = {}
-    for name, transits in shown_transits(results).items():
-        everything = transit_flights(flown, name, seed, max(transits) + 1)
-        flights |= {(name, transit): everything[transit] for transit in transits}
-    run_campaign(
-        list(flights.values()), folder, keep_logs=True, workers=workers, scheduler=scheduler
-    )
-    return {key: FlightLog.load(folder / f"{flight.name}.nc") for key, flight in flights.items()}
+    variants = [Variant(name, name) for name in results]
+    return fly_logs(variants, flown, seed, shown_transits(results), folder, **options)
 
 
 def flew_a_policy(rows: Sequence[Row]) -> bool:

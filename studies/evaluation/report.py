@@ -19,8 +19,9 @@ from proxops.studies.evaluation.figures import (
     plot_flights,
     plot_paths,
 )
-from proxops.studies.evaluation.flights import PATHS, Logs, flew_a_policy, worst_flights
+from proxops.studies.evaluation.flights import PATHS, flew_a_policy, worst_flights
 from proxops.studies.evaluation.table import Results, arrival_text, figure_rows, outcome
+from proxops.studies.evaluation.variants import Logs
 from proxops.training.reports import Picture, Section, Table, Text, picture
 
 _MOST_FAILURES_TOLD = 30
@@ -110,7 +111,7 @@ def _delta_v(results: Results, looks: Looks) -> Picture | None:
 
 def _paths(results: Results, logs: Logs, looks: Looks) -> Picture:
     shown = {
-        name: [logs[name, row["transit"]] for row in result["flights"][:PATHS]]
+        name: [logs[name][row["transit"]] for row in result["flights"][:PATHS]]
         for name, result in results.items()
     }
     caption = "The first transits in the frame that turns with the body; a cross is a collision."
@@ -119,7 +120,7 @@ def _paths(results: Results, logs: Logs, looks: Looks) -> Picture:
 
 def _worst(figure: str, name: str, rows: Sequence[Row], logs: Logs) -> list[Text | Picture]:
     worst = worst_flights(rows)
-    flights = [logs[name, row["transit"]] for row in worst]
+    flights = [logs[name][row["transit"]] for row in worst]
     titles = [
         f"transit {row['transit']}: {outcome(row)}, "
         f"{length_text(row['terminal_position_error_m'])} off at the end"

@@ -1,25 +1,16 @@
-"""Flights of the paper's reproduction: who flies, what is kept of each, and those to be drawn."""
+"""Flights of the paper's reproduction: the variants, what is kept of each flight, and forces."""
 
 from __future__ import annotations
 
-import dataclasses as dc
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from proxops.diagrams.flight import (
-    Flight,
-    Row,
-    make_controller,
-    run_campaign,
-    run_groups,
-    transit_flights,
-)
+from proxops.diagrams.flight import Row, make_controller
 from proxops.diagrams.logs import FlightLog
-from proxops.diagrams.scenario import AssuranceConfig, Scenario
-from proxops.studies.evaluation import EXPERT, aggregate
+from proxops.diagrams.scenario import Scenario
+from proxops.studies.evaluation import EXPERT, Variant
 from proxops.systems.policy import PolicyBundle, policy_answer
 from proxops.training.data import plans_along
 
@@ -36,81 +27,43 @@ _TIMES = {"solve": "solve_time", "policy": "policy_time", "decision": "decision_
 _ZERO_HYBRID = "proxops.diagrams.flight.hybrid_controller:zero_hybrid"
 
 
-@dc.dataclass(frozen=True)
-class Variant:
-    """A controller and the settings that it flies with."""
-
-    name: str
-    controller: str
-    """As `named_controller` knows it."""
-    gate: str = "strict"
-    period_rule: str = "fixed"
-    assured: bool = False
-
-    def scenario(self, scenario: Scenario) -> Scenario:
-        """The scenario that it flies, made from the one that all fly."""
-        hybrid = dc.replace(scenario.hybrid, gate=self.gate, period_rule=self.period_rule)
-        assurance = (scenario.assurance or AssuranceConfig()) if self.assured else None
-        return dc.replace(scenario, hybrid=hybrid, assurance=assurance)
-
-
-def variants(policy: Path, paper_policy: Path | None) -> list[Variant]:
-    """All that are compared, the expert first.
+def variants(policy: Path, paper_policy: Path | None, scenario: Scenario) -> list[Variant]:
+    """All variants that are compared, the expert first.
 
     Args:
       policy, paper_policy: folders of the bundles of our policy and of the paper's, if there is
         one.
+      scenario: the one that all share. Its gate, period rule and assurance give way to those of
+        each variant; the assured policy keeps the scenario's settings of assurance, if it has any.
     """
+    plain = {"hybrid.gate": "strict", "hybrid.period_rule": "fixed", "assurance": None}
+    papers = plain | {"hybrid.gate": "paper"}
+    printed = plain | {"hybrid.gate": "printed"}
+    adaptive = plain | {"hybrid.period_rule": "adaptive"}
+    assured = {key: value for key, value in plain.items() if key != "assurance"}
+    if scenario.assurance is None:
+        assured["assurance"] = {}
     hybrid = f"hybrid:{policy}"
     flown = [
-        Variant(EXPERT, "mpc"),
-        Variant(POLICY, f"policy:{policy}"),
-        Variant(ASSURED, f"policy:{policy}", assured=True),
-        Variant(STRICT, hybrid),
-        Variant(PAPER_GATE, hybrid, gate="paper"),
-        Variant(PRINTED, hybrid, gate="printed"),
-        Variant(ADAPTIVE, hybrid, period_rule="adaptive"),
-        Variant(ZERO_STRICT, _ZERO_HYBRID),
-        Variant(ZERO_PAPER, _ZERO_HYBRID, gate="paper"),
-        Variant(ZERO_ADAPTIVE, _ZERO_HYBRID, period_rule="adaptive"),
-        Variant("zero", "zero"),
-        Variant("PD, true state", "pd"),
+        Variant(EXPERT, "mpc", plain),
+        Variant(POLICY, f"policy:{policy}", plain),
+        Variant(ASSURED, f"policy:{policy}", assured),
+        Variant(STRICT, hybrid, plain),
+        Variant(PAPER_GATE, hybrid, papers),
+        Variant(PRINTED, hybrid, printed),
+        Variant(ADAPTIVE, hybrid, adaptive),
+        Variant(ZERO_STRICT, _ZERO_HYBRID, plain),
+        Variant(ZERO_PAPER, _ZERO_HYBRID, papers),
+        Variant(ZERO_ADAPTIVE, _ZERO_HYBRID, adaptive),
+        Variant("zero", "zero", plain),
+        Variant("PD, true state", "pd", plain),
     ]
     if PolicyBundle.load(policy).estimates:
-        flown.append(Variant("PD, policy's estimate", f"pd:{policy}"))
+        flown.append(Variant("PD, policy's estimate", f"pd:{policy}", plain))
     if paper_policy is not None:
-        flown[2:2] = [Variant(PAPER_POLICY, f"policy:{paper_policy}")]
-        flown.append(Variant(PAPER_HYBRID, f"hybrid:{paper_policy}", gate="paper"))
+        flown[2:2] = [Variant(PAPER_POLICY, f"policy:{paper_policy}", plain)]
+        flown.append(Variant(PAPER_HYBRID, f"hybrid:{paper_policy}", papers))
     return flown
-
-
-def evaluate(
-    flown: Sequence[Variant],
-    scenario: Scenario,
-    seed: int,
-    count: int,
-    folder: Path,
-    *,
-    workers: int | None = None,
-    scheduler: str | None = None,
-    progress: Callable[[Row], None] | None = None,
-) -> dict[str, dict[str, Any]]:
-    """Transits 0 … count - 1 of a seed by each variant: their entries of `results.json` by name.
-
-    One campaign, so that the processes are started once; see `run_campaign`.
-    """
-    groups = run_groups(
-        {each.name: _variant_flights(each, scenario, seed, range(count)) for each in flown},
-        folder,
-        describe=describe_flight,
-        workers=workers,
-        scheduler=scheduler,
-        progress=progress,
-    )
-    return {
-        name: aggregate(group, None if name == EXPERT else groups[EXPERT])
-        for name, group in groups.items()
-    }
 
 
 def describe_flight(log: FlightLog, path: Path | None) -> Row:
@@ -139,59 +92,8 @@ def describe_flight(log: FlightLog, path: Path | None) -> Row:
     return log.summary | {"blind_steps": blind, **checks, **times}
 
 
-def fly_shown(
-    flown: Sequence[Variant],
-    scenario: Scenario,
-    seed: int,
-    transits: Mapping[str, Sequence[int]],
-    folder: Path,
-    *,
-    workers: int | None = None,
-    scheduler: str | None = None,
-) -> None:
-    """Logs a few transits: flights repeat bit for bit, so they are reflown.
-
-    Args:
-      transits: the numbers of each variant that is to be shown, by its name.
-    """
-    flights = [
-        flight
-        for each in flown
-        for flight in _variant_flights(each, scenario, seed, transits.get(each.name, ()))
-    ]
-    run_campaign(flights, folder, keep_logs=True, workers=workers, scheduler=scheduler)
-
-
-def shown_logs(
-    folder: Path, seed: int, transits: Mapping[str, Sequence[int]]
-) -> dict[str, dict[int, FlightLog]]:
-    """What `fly_shown` logged, by name and number."""
-    return {
-        name: {k: FlightLog.load(folder / f"{_flight_name(name, seed, k)}.nc") for k in numbers}
-        for name, numbers in transits.items()
-    }
-
-
-def _flight_name(name: str, seed: int, index: int) -> str:
-    return f"{label(name)}-{seed}-{index:05d}"
-
-
-def _variant_flights(
-    variant: Variant, scenario: Scenario, seed: int, transits: Sequence[int]
-) -> list[Flight]:
-    if not len(transits):
-        return []
-    everything = transit_flights(
-        variant.scenario(scenario), variant.controller, seed, max(transits) + 1
-    )
-    return [
-        dc.replace(everything[index], name=_flight_name(variant.name, seed, index))
-        for index in transits
-    ]
-
-
 def label(name: str) -> str:
-    """A variant's name as it may stand in a file's."""
+    """A variant's name as part of the name of a figure's file."""
     words = "".join(letter if letter.isalnum() else " " for letter in name.replace("'", ""))
     return "-".join(words.split())
 

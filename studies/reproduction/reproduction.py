@@ -4,27 +4,32 @@ from __future__ import annotations
 
 import dataclasses as dc
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from proxops.diagrams.flight import bundle_of, made_with
+from proxops.diagrams.logs import FlightLog
 from proxops.diagrams.scenario import PolicyConfig, Scenario, dump_scenario, load_body
-from proxops.studies.evaluation import EXPERT
+from proxops.studies.evaluation import (
+    EXPERT,
+    Variant,
+    aggregate_all,
+    fly_logs,
+    fly_variants,
+    load_logs,
+)
 from proxops.studies.reproduction.findings import HYBRIDS, SHOWN, Findings
 from proxops.studies.reproduction.flights import (
     PAPER_POLICY,
     POLICY,
-    Variant,
-    evaluate,
+    describe_flight,
     expert_forces,
-    fly_shown,
     forces_along,
-    shown_logs,
     variants,
 )
 from proxops.studies.reproduction.report import findings_json, reproduction_sections
-from proxops.studies.reproduction.stages import Stage, Stages
+from proxops.studies.reproduction.stages import Stage, Stages, counted
 from proxops.systems.common import InputError, Progress, write_whole
 from proxops.systems.policy import PolicyBundle
 from proxops.training.reports import write_report
@@ -70,85 +75,39 @@ def reproduce(
     scheduler: str | None = None,
     tell: Callable[[str, float, str], Any] | None = None,
 ) -> dict[str, Any]:
-    """Runs everything that is not done yet; writes the report and returns what report.json holds.
+    """Runs all stages that are not done yet, and writes the report.
 
     Writes report.html, report.md, report.json and figures/ in `out`, and a folder for each stage;
     see `Stages`.
 
     Args:
-      training: None: nothing is collected or trained, and the report says so. What an earlier run
-        in `out` left is used; our policy is the one the scenario names, else the one trained here,
-        else the one that ships.
+      training: what is collected and trained; None: nothing is, and the report says so. Results
+        of an earlier run in `out` are used. Our policy is then the one that the scenario names,
+        else the one trained in `out`, else the one that ships.
       command: as it was typed, for the report.
       workers, scheduler: as of `run_campaign`.
-      tell: is called with the stage, the share of it that is done, and a text.
+      tell: is called with the stage's name, the share of it that is done, and a text.
+
+    Returns:
+      What report.json holds.
 
     Raises:
       InputError: the scenario logs no frames, or names a policy although one is to be trained; no
         policy is named, trained or shipped; or see the functions of the stages.
     """
-    if not scenario.log_ranges:
-        raise InputError("the report shows what the lidar saw: it needs log_ranges: true")
-    if training is not None and scenario.policy.bundle is not None:
-        raise InputError(
-            "the policy that is trained is the one that flies: name another with policy.bundle "
-            "only where nothing is trained (--quick)"
-        )
+    _check(scenario, training)
     stages = Stages(out, tell)
-    if training is not None:
-        # torch takes a while to import, and nothing else here needs it.
-        from proxops.studies.reproduction.training import train_everything
-
-        train_everything(stages, scenario, training, workers, scheduler)
-        trained = {stage.name: stage for stage in stages.over}
-    else:
-        found = {name: stages.latest(name) for name in TRAINING_STAGES}
-        trained = {name: stage for name, stage in found.items() if stage is not None}
-
-    policy = _policy(scenario, trained)
-    paper_policy = _bundle(trained.get("policy-paper"))
-    flown = variants(policy, paper_policy)
+    trained = _trained(stages, scenario, training, workers, scheduler)
+    policy, paper_policy = _policy(scenario, trained), _bundle(trained.get("policy-paper"))
+    flown = variants(policy, paper_policy, scenario)
     origin = _origin(scenario, settings, flown)
-
-    def evaluation(folder: Path, progress: Progress) -> dict[str, Any]:
-        over, total = 0, len(flown) * settings.transits
-
-        def told(row: Mapping[str, Any]) -> None:
-            nonlocal over
-            over += 1
-            progress(over / total, f"{over} of {total} flights")
-
-        return evaluate(
-            flown,
-            scenario,
-            settings.seed,
-            settings.transits,
-            folder,
-            workers=workers,
-            scheduler=scheduler,
-            progress=told,
-        )
-
-    transits = _shown_transits(flown, settings)
-
-    def showing(folder: Path, progress: Progress) -> dict[str, Any]:
-        fly_shown(
-            flown,
-            scenario,
-            settings.seed,
-            transits,
-            folder,
-            workers=workers,
-            scheduler=scheduler,
-        )
-        return {}
-
-    results = stages.run("evaluation", {**origin, "transits": settings.transits}, evaluation)
-    drawn = stages.run("shown", {**origin, "transits": transits}, showing)
-
-    logs = shown_logs(drawn.folder, settings.seed, transits)
-    ours = PolicyBundle.load(policy)
-    papers = None if paper_policy is None else PolicyBundle.load(paper_policy)
+    fleet: dict[str, Any] = {"workers": workers, "scheduler": scheduler}
+    results = _evaluated(stages, origin, flown, scenario, settings, fleet)
+    logs = _logged(stages, origin, flown, scenario, settings, fleet)
+    bundle = PolicyBundle.load(policy)
+    compared = {POLICY: bundle}
+    if paper_policy is not None:
+        compared[PAPER_POLICY] = PolicyBundle.load(paper_policy)
     findings = Findings(
         command=command,
         scenario=scenario,
@@ -158,18 +117,88 @@ def reproduce(
         stages=stages.over,
         trained=trained,
         missing=[name for name in TRAINING_STAGES if name not in trained],
-        policy=ours,
-        results=results.result,
+        policy=bundle,
+        results=results,
         logs=logs,
         forces={
-            name: forces_along(bundle, list(logs[EXPERT].values()))
-            for name, bundle in ((POLICY, ours), (PAPER_POLICY, papers))
-            if bundle is not None
+            name: forces_along(each, list(logs[EXPERT].values())) for name, each in compared.items()
         },
         efforts={
             name: expert_forces(logs[name][settings.shown]) for name in HYBRIDS if name in logs
         },
     )
+    return _write(out, findings)
+
+
+def _check(scenario: Scenario, training: TrainingSettings | None) -> None:
+    if not scenario.log_ranges:
+        raise InputError("the report shows what the lidar saw: it needs log_ranges: true")
+    if training is not None and scenario.policy.bundle is not None:
+        raise InputError(
+            "the policy that is trained is the one that flies: name another with policy.bundle "
+            "only where nothing is trained (--quick)"
+        )
+
+
+def _trained(
+    stages: Stages,
+    scenario: Scenario,
+    training: TrainingSettings | None,
+    workers: int | None,
+    scheduler: str | None,
+) -> dict[str, Stage]:
+    """The stages of training by name: those run now, or without `training` those of earlier."""
+    if training is None:
+        found = {name: stages.latest(name) for name in TRAINING_STAGES}
+        return {name: stage for name, stage in found.items() if stage is not None}
+    # PyTorch takes a while to import, and nothing else here needs it.
+    from proxops.studies.reproduction.training import train_everything
+
+    train_everything(stages, scenario, training, workers, scheduler)
+    return {stage.name: stage for stage in stages.over}
+
+
+def _evaluated(
+    stages: Stages,
+    origin: Mapping[str, Any],
+    flown: Sequence[Variant],
+    scenario: Scenario,
+    settings: ReproductionSettings,
+    fleet: Mapping[str, Any],
+) -> dict[str, Any]:
+    """Each variant's entry of `results.json`, by its name."""
+
+    def work(folder: Path, progress: Progress) -> dict[str, Any]:
+        rows = fly_variants(
+            flown, scenario, settings.seed, settings.transits, folder, describe=describe_flight,
+            progress=counted(progress, len(flown) * settings.transits), **fleet,
+        )  # fmt: skip
+        return aggregate_all(rows)
+
+    return stages.run("evaluation", {**origin, "transits": settings.transits}, work).result
+
+
+def _logged(
+    stages: Stages,
+    origin: Mapping[str, Any],
+    flown: Sequence[Variant],
+    scenario: Scenario,
+    settings: ReproductionSettings,
+    fleet: Mapping[str, Any],
+) -> dict[str, dict[int, FlightLog]]:
+    """Logs of the flights that the report draws, by the variant's name and the transit's number."""
+    transits = _shown_transits(flown, settings)
+
+    def work(folder: Path, progress: Progress) -> dict[str, Any]:
+        fly_logs(flown, scenario, settings.seed, transits, folder, **fleet)
+        return {}
+
+    stage = stages.run("shown", {**origin, "transits": transits}, work)
+    return load_logs(stage.folder, settings.seed, transits)
+
+
+def _write(out: Path, findings: Findings) -> dict[str, Any]:
+    """Writes the report in all its forms; returns what report.json holds."""
     sections = reproduction_sections(findings)
     write_report(out, "End-to-end imitation learning near an asteroid, reproduced", sections)
     content = findings_json(findings)
@@ -192,7 +221,7 @@ def _bundle(stage: Stage | None) -> Path | None:
 
 
 def _origin(
-    scenario: Scenario, settings: ReproductionSettings, flown: list[Variant]
+    scenario: Scenario, settings: ReproductionSettings, flown: Sequence[Variant]
 ) -> dict[str, Any]:
     """What the flights depend on; policies by their content and not by their place."""
     body = load_body(scenario.body)
@@ -200,7 +229,7 @@ def _origin(
         "scenario": dump_scenario(dc.replace(scenario, policy=PolicyConfig())),
         "variants": [
             dc.asdict(each)
-            | {"controller": made_with(each.scenario(scenario), body, each.controller)}
+            | {"controller": made_with(each.applied_to(scenario), body, each.controller)}
             for each in flown
         ],
         "seed": settings.seed,
@@ -208,7 +237,9 @@ def _origin(
     }
 
 
-def _shown_transits(flown: list[Variant], settings: ReproductionSettings) -> dict[str, list[int]]:
+def _shown_transits(
+    flown: Sequence[Variant], settings: ReproductionSettings
+) -> dict[str, list[int]]:
     shown = {each.name: [settings.shown] for each in flown if each.name in SHOWN}
     shown[EXPERT] = sorted({settings.shown, *range(min(settings.along, settings.transits))})
     return shown

@@ -10,7 +10,7 @@ from typing import Any
 
 from proxops.diagrams.flight import body_sha256
 from proxops.diagrams.scenario import LearnedLidarConfig, Scenario, dump_scenario, load_body
-from proxops.studies.reproduction.stages import Stage, Stages
+from proxops.studies.reproduction.stages import Stage, Stages, counted
 from proxops.systems.common import Progress
 from proxops.systems.policy import PolicyBundle
 from proxops.training.data import MIXES, collect, learned_lidar_of
@@ -98,13 +98,6 @@ def _collected(
     mix, seed, count = which
 
     def work(folder: Path, tell: Progress) -> dict[str, Any]:
-        flown = 0
-
-        def told(row: Mapping[str, Any]) -> None:
-            nonlocal flown
-            flown += 1
-            tell(flown / count, f"{flown} of {count} flights")
-
         manifest, report = collect(
             scenario,
             MIXES[mix],
@@ -114,7 +107,7 @@ def _collected(
             learned_lidar=learned,
             workers=fleet.workers,
             scheduler=fleet.scheduler,
-            progress=told,
+            progress=counted(tell, count),
         )
         hashes = " ".join(flight["sha256"] for flight in manifest["flights"])
         return {

@@ -1,0 +1,154 @@
+"""Variants of a controller or of the scenario, flown on the same transits."""
+
+from __future__ import annotations
+
+import dataclasses as dc
+import typing
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from proxops.diagrams.flight import (
+    Flight,
+    Row,
+    controller_label,
+    run_campaign,
+    run_groups,
+    transit_flights,
+)
+from proxops.diagrams.logs import FlightLog
+from proxops.diagrams.scenario import (
+    Body,
+    Scenario,
+    Transit,
+    change_scenario,
+    draw_transit,
+    dump_scenario,
+    load_body,
+    parse_scenario,
+)
+
+Start = Callable[[Transit, Scenario, Body], tuple[np.ndarray, np.ndarray]]
+"""Gives the position (3,) in m and the velocity (3,) in m/s in K at which a flight starts."""
+Logs = Mapping[str, Mapping[int, FlightLog]]
+"""Logs of flights, by the variant's name and the transit's number."""
+
+
+@dc.dataclass(frozen=True)
+class Variant:
+    """A controller, and what its scenario changes in the scenario that all variants share."""
+
+    name: str
+    """Unique among the variants that are flown together."""
+    controller: str
+    """As `named_controller` knows it."""
+    changes: Mapping[str, typing.Any] = dc.field(default_factory=dict)
+    """Values of the scenario by key, as `change_scenario` takes them."""
+    start: Start | None = None
+    """Where each flight starts; None: where the transit does."""
+
+    def applied_to(self, scenario: Scenario) -> Scenario:
+        """The scenario that this variant flies, made from the one that all share."""
+        return change_scenario(scenario, self.changes)
+
+
+def fly_variants(
+    variants: Sequence[Variant],
+    scenario: Scenario,
+    seed: int,
+    count: int,
+    folder: Path,
+    **options: typing.Any,
+) -> dict[str, list[Row]]:
+    """Flies transits 0 … count - 1 of a seed with each variant.
+
+    All flights are one campaign. A flight that is already in the folder is not flown again.
+
+    Args:
+      options: those of `run_campaign`.
+
+    Returns:
+      The rows of each variant in the order of the transits, by the variant's name.
+
+    Raises:
+      InputError: see `run_campaign`.
+    """
+    flights = {each.name: variant_flights(each, scenario, seed, range(count)) for each in variants}
+    return run_groups(flights, folder, **options)
+
+
+def fly_logs(
+    variants: Sequence[Variant],
+    scenario: Scenario,
+    seed: int,
+    transits: Mapping[str, Sequence[int]],
+    folder: Path,
+    **options: typing.Any,
+) -> dict[str, dict[int, FlightLog]]:
+    """Flies a few transits again and returns their logs.
+
+    Flights repeat bit for bit, so the logs of a large campaign need not be kept.
+
+    Args:
+      transits: numbers of the transits by the variant's name; a variant that is not named here is
+        not flown.
+      folder: it must hold no summaries of the same flights without their logs.
+      options: those of `run_campaign`.
+
+    Raises:
+      InputError: see `run_campaign`.
+    """
+    flights = [
+        flight
+        for each in variants
+        for flight in variant_flights(each, scenario, seed, transits.get(each.name, ()))
+    ]
+    run_campaign(flights, folder, keep_logs=True, **options)
+    return load_logs(folder, seed, transits)
+
+
+def load_logs(
+    folder: Path, seed: int, transits: Mapping[str, Sequence[int]]
+) -> dict[str, dict[int, FlightLog]]:
+    """The logs that `fly_logs` wrote into a folder."""
+    return {
+        name: {k: FlightLog.load(folder / f"{_flight_name(name, seed, k)}.nc") for k in numbers}
+        for name, numbers in transits.items()
+    }
+
+
+def variant_flights(
+    variant: Variant, scenario: Scenario, seed: int, transits: Iterable[int]
+) -> list[Flight]:
+    """The flights of one variant on some transits of a seed."""
+    numbers = list(transits)
+    if not numbers:
+        return []
+    changed = variant.applied_to(scenario)
+    flights = transit_flights(changed, variant.controller, seed, max(numbers) + 1)
+    if variant.start is not None:
+        body = load_body(changed.body)
+        flights = [_moved(flight, variant.start, body) for flight in flights]
+    return [
+        dc.replace(flights[number], name=_flight_name(variant.name, seed, number))
+        for number in numbers
+    ]
+
+
+def _moved(flight: Flight, start: Start, body: Body) -> Flight:
+    """The flight from another start to the goal of its transit."""
+    scenario = parse_scenario(flight.scenario)
+    transit = draw_transit(scenario.transit.seed, scenario.transit.index, scenario, body)
+    position, velocity = start(transit, scenario, body)
+    changed = dc.replace(
+        scenario.transit,
+        start_m=position.tolist(),
+        goal_m=transit.goal.tolist(),
+        start_velocity_m_s=velocity.tolist(),
+    )
+    return dc.replace(flight, scenario=dump_scenario(dc.replace(scenario, transit=changed)))
+
+
+def _flight_name(name: str, seed: int, number: int) -> str:
+    return f"{controller_label(name)}-{seed}-{number:05d}"
