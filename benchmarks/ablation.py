@@ -30,7 +30,7 @@ from proxops.studies.evaluation import fly_controllers
 from proxops.systems.shapes import Polyhedron
 from proxops.training.data import PackedFlights, pack_flights
 from proxops.training.export import export_recipe, onnx_export
-from proxops.training.pilot import MEMORY, Pilot, doubt, load_pilot
+from proxops.training.pilot import MEMORY, Pilot, load_pilot, measurement_noise
 
 # What the export takes for the same, relatively: velocities that are differences of unfiltered
 # fixes hold rounding errors of positions.
@@ -76,7 +76,7 @@ class FilteredFeatures(Pilot):
 
     def see(self, ranges: Tensor, applied_force: Tensor, memory: Tensor) -> Tensor:
         fix = self.coarse(*self.hits(ranges))
-        usual = doubt(torch.zeros_like(fix[:, :1]), self.usual_residual)
+        usual = measurement_noise(torch.zeros_like(fix[:, :1]), self.usual_residual)
         memory = self.filter.predict(memory, applied_force)
         return self.filter.correct(memory, fix - memory[:, :3], COARSE_DOUBT * usual)
 

@@ -15,10 +15,10 @@ from proxops.training.export.policy_export import PolicyFacts, export_policy
 from proxops.training.pilot.coarse_position import CoarsePosition
 from proxops.training.pilot.geometry_layer import GeometryLayer, SurfaceField
 from proxops.training.pilot.guidance import Guidance
-from proxops.training.pilot.lessons import force_loss
 from proxops.training.pilot.lidar_hits import HitSelection
 from proxops.training.pilot.network import Pilot
 from proxops.training.pilot.state_filter import MEMORY, Motion, StateFilter
+from proxops.training.pilot.tasks import force_loss
 
 PLACES = np.array([[150e3, 20e3, 10e3], [-60e3, 110e3, -50e3], [10e3, -20e3, 140e3]])
 

@@ -146,12 +146,12 @@ def trained(collected: Path) -> Path:
 
 @pytest.mark.slow
 def test_every_part_learns(trained: Path):
-    for part in ("coarse", "geometry", "motion", "filter", "guidance", "whole"):
+    for part in ("coarse", "geometry", "motion", "filter", "guidance", "end_to_end"):
         with (trained / "curves" / f"{part}.csv").open() as file:
             losses = [float(row["training_loss"]) for row in csv.DictReader(file)]
         # The filter starts from sensible noise, and sees few windows here; the whole from parts
         # that have learned; and the guidance's loss saturates.
-        share = {"filter": 1.0, "whole": 1.0, "guidance": 0.6}.get(part, 0.5)
+        share = {"filter": 1.0, "end_to_end": 1.0, "guidance": 0.6}.get(part, 0.5)
         assert losses[-1] < share * losses[0], part
     report = json.loads((trained / "report.json").read_text())
     figures = report["parts"]["training"]

@@ -11,8 +11,8 @@ from proxops.training.pilot.state_filter import MEMORY, Motion, StateFilter
 PERIOD = 10.0
 
 
-def corrected(subject: StateFilter, memory: Tensor, fix: Tensor, doubt: float = 1.0) -> Tensor:
-    return subject.correct(memory, fix - memory[:, :3], torch.full((1, 1), doubt))
+def corrected(subject: StateFilter, memory: Tensor, fix: Tensor, noise: float = 1.0) -> Tensor:
+    return subject.correct(memory, fix - memory[:, :3], torch.full((1, 1), noise))
 
 
 def still_filter() -> StateFilter:
@@ -75,9 +75,9 @@ def test_a_fix_that_cannot_be_trusted_moves_little():
         memory = corrected(subject, subject.predict(memory, torch.zeros(1, 3)), place)
     before = memory[:, :3].clone()
     predicted = subject.predict(memory, torch.zeros(1, 3))
-    doubtful = corrected(subject, predicted, place + 500.0, 100.0)
+    noisy = corrected(subject, predicted, place + 500.0, 100.0)
     trusted = corrected(subject, predicted, place + 500.0)
-    assert float((doubtful[:, :3] - before).norm()) < 20.0 < float((trusted[:, :3] - before).norm())
+    assert float((noisy[:, :3] - before).norm()) < 20.0 < float((trusted[:, :3] - before).norm())
 
 
 @torch.no_grad()

@@ -15,7 +15,7 @@ from proxops.systems import InputError
 from proxops.training.data import PackedFlights, pack_flights
 from proxops.training.loop import WindowDataset
 from proxops.training.loop.tensor_batches import TensorBatches
-from proxops.training.loop.training_loop import Lesson, Schedule, train
+from proxops.training.loop.training_loop import Schedule, TrainingTask, train
 from proxops.training.loop.windows import Batch, window_loader
 
 SCHEDULE = Schedule(epochs=4, batch=3, learning_rate=3e-2, patience=4)
@@ -41,27 +41,27 @@ def squares(policy: Straight, batch: Batch) -> Tensor:
     return ((policy.sequence(batch["state"]) - batch["mpc_force"]) ** 2).mean()
 
 
-def lesson(
+def task(
     packed: PackedFlights,
     loss: Callable[[Any, Batch], Tensor] = squares,
     batch: int = SCHEDULE.batch,
     seed: int = 1,
-) -> Lesson:
+) -> TrainingTask:
     torch.manual_seed(0)
     training, validation = (
         WindowDataset(packed, part, 4, 1) for part in ("training", "validation")
     )
     batches = window_loader(training, batch, shuffle=True, seed=seed)
     held = window_loader(validation, batch)
-    return Lesson("straight", Straight(), loss, batches, held, "test", methods=("sequence",))
+    return TrainingTask("straight", Straight(), loss, batches, held, "test", methods=("sequence",))
 
 
-def run(taught: Lesson, schedule: Schedule, folder: Path, seed: int = 1, **options: Any):
-    return train(taught, schedule, folder, seed, device="cpu", **options)
+def run(learned: TrainingTask, schedule: Schedule, folder: Path, seed: int = 1, **options: Any):
+    return train(learned, schedule, folder, seed, device="cpu", **options)
 
 
-def weights(taught: Lesson) -> Tensor:
-    return torch.cat([each.detach().flatten() for each in taught.network.parameters()])
+def weights(learned: TrainingTask) -> Tensor:
+    return torch.cat([each.detach().flatten() for each in learned.network.parameters()])
 
 
 def scripted(values: list[float], seen: list[Tensor]) -> Callable[[Any, Batch], Tensor]:
@@ -82,7 +82,7 @@ class KilledError(Exception):
 
 
 def test_learns_and_keeps_curves(packed: PackedFlights, tmp_path: Path):
-    trained = run(lesson(packed), SCHEDULE, tmp_path)
+    trained = run(task(packed), SCHEDULE, tmp_path)
     losses = [row["training_loss"] for row in trained.history]
     assert len(losses) == 4
     assert losses[-1] < 0.7 * losses[0]
@@ -96,47 +96,47 @@ def test_learns_and_keeps_curves(packed: PackedFlights, tmp_path: Path):
 
 def test_validation_loss_is_the_mean_over_windows(packed: PackedFlights, tmp_path: Path):
     """Of the last epoch's weights, without dropout, whatever the batches."""
-    taught = lesson(packed, batch=7)
-    trained = run(taught, Schedule(epochs=1, batch=7, learning_rate=1e-2, patience=1), tmp_path)
+    learned = task(packed, batch=7)
+    trained = run(learned, Schedule(epochs=1, batch=7, learning_rate=1e-2, patience=1), tmp_path)
     held = WindowDataset(packed, "validation", 4, 1)
     assert len(held) % 7 != 0
     with torch.no_grad():
-        wanted = squares(taught.network, held.batch(range(len(held))))  # pyright: ignore[reportArgumentType]
+        wanted = squares(learned.network, held.batch(range(len(held))))  # pyright: ignore[reportArgumentType]
     assert trained.history[0]["validation_loss"] == pytest.approx(float(wanted), rel=1e-5)
 
 
 def test_the_best_on_validation_wins(packed: PackedFlights, tmp_path: Path):
     seen: list[Tensor] = []
-    taught = lesson(packed, scripted([3.0, 1.0, 2.0, 1.0], seen))
-    trained = run(taught, SCHEDULE, tmp_path)
+    learned = task(packed, scripted([3.0, 1.0, 2.0, 1.0], seen))
+    trained = run(learned, SCHEDULE, tmp_path)
     assert trained.best_epoch == 1
     assert [row["validation_loss"] for row in trained.history] == [3.0, 1.0, 2.0, 1.0]
-    assert torch.equal(weights(taught), seen[1])
-    assert not torch.equal(weights(taught), seen[3])
-    assert not taught.network.training
+    assert torch.equal(weights(learned), seen[1])
+    assert not torch.equal(weights(learned), seen[3])
+    assert not learned.network.training
 
 
 def test_the_last_may_be_kept(packed: PackedFlights, tmp_path: Path):
     seen: list[Tensor] = []
-    taught = replace(lesson(packed, scripted([3.0, 1.0, 2.0, 4.0], seen)), keep_last=True)
-    assert run(taught, SCHEDULE, tmp_path).best_epoch == 3
-    assert torch.equal(weights(taught), seen[3])
-    again = replace(lesson(packed), keep_last=True)
+    learned = replace(task(packed, scripted([3.0, 1.0, 2.0, 4.0], seen)), keep_last=True)
+    assert run(learned, SCHEDULE, tmp_path).best_epoch == 3
+    assert torch.equal(weights(learned), seen[3])
+    again = replace(task(packed), keep_last=True)
     run(again, SCHEDULE, tmp_path)
     assert torch.equal(weights(again), seen[3])
 
 
 def test_stops_early(packed: PackedFlights, tmp_path: Path):
     seen: list[Tensor] = []
-    taught = lesson(packed, scripted([2.0, 1.0, 1.5, 1.2, 0.1], seen))
-    trained = run(taught, Schedule(epochs=9, batch=3, learning_rate=1e-2, patience=2), tmp_path)
+    learned = task(packed, scripted([2.0, 1.0, 1.5, 1.2, 0.1], seen))
+    trained = run(learned, Schedule(epochs=9, batch=3, learning_rate=1e-2, patience=2), tmp_path)
     assert len(trained.history) == 4
-    assert torch.equal(weights(taught), seen[1])
+    assert torch.equal(weights(learned), seen[1])
 
 
 @pytest.mark.parametrize("calls", [1, 14, 30])
 def test_a_kill_changes_nothing(packed: PackedFlights, tmp_path: Path, calls: int):
-    whole = lesson(packed)
+    whole = task(packed)
     once = run(whole, SCHEDULE, tmp_path / "whole")
     told = 0
 
@@ -147,9 +147,9 @@ def test_a_kill_changes_nothing(packed: PackedFlights, tmp_path: Path, calls: in
             raise KilledError
 
     with pytest.raises(KilledError):
-        run(lesson(packed), SCHEDULE, tmp_path / "parts", progress=kill)
+        run(task(packed), SCHEDULE, tmp_path / "parts", progress=kill)
     torch.manual_seed(99)
-    resumed = lesson(packed)
+    resumed = task(packed)
     twice = run(resumed, SCHEDULE, tmp_path / "parts")
     assert torch.equal(weights(whole), weights(resumed))
     for one, other in zip(once.history, twice.history, strict=True):
@@ -157,12 +157,12 @@ def test_a_kill_changes_nothing(packed: PackedFlights, tmp_path: Path, calls: in
 
 
 def test_what_is_finished_is_not_trained_again(packed: PackedFlights, tmp_path: Path):
-    first = run(lesson(packed), SCHEDULE, tmp_path)
+    first = run(task(packed), SCHEDULE, tmp_path)
 
     def never(done: float, text: str) -> None:
         raise AssertionError
 
-    again = lesson(packed)
+    again = task(packed)
     for parameter in again.network.parameters():
         nn.init.zeros_(parameter)
     assert run(again, SCHEDULE, tmp_path, progress=never) == first
@@ -172,9 +172,9 @@ def test_what_is_finished_is_not_trained_again(packed: PackedFlights, tmp_path: 
 def test_seed_sets_order_and_chance(packed: PackedFlights, tmp_path: Path):
     ends = []
     for name, seed in (("a", 1), ("b", 1), ("c", 2)):
-        taught = lesson(packed, seed=seed)
-        run(taught, SCHEDULE, tmp_path / name, seed)
-        ends.append(weights(taught))
+        learned = task(packed, seed=seed)
+        run(learned, SCHEDULE, tmp_path / name, seed)
+        ends.append(weights(learned))
     assert torch.equal(ends[0], ends[1])
     assert not torch.equal(ends[0], ends[2])
 
@@ -182,30 +182,28 @@ def test_seed_sets_order_and_chance(packed: PackedFlights, tmp_path: Path):
 def test_a_budget_of_minutes_ends_it(packed: PackedFlights, tmp_path: Path):
     shares = []
     schedule = Schedule(epochs=1000, batch=3, learning_rate=1e-3, patience=1000, minutes=0.01)
-    trained = run(
-        lesson(packed), schedule, tmp_path, progress=lambda done, text: shares.append(done)
-    )
+    trained = run(task(packed), schedule, tmp_path, progress=lambda done, text: shares.append(done))
     assert 1 <= len(trained.history) < 1000
     assert [row["wall_s"] >= 0.6 for row in trained.history] == [False] * (
         len(trained.history) - 1
     ) + [True]
     assert shares == sorted(shares)
-    assert run(lesson(packed), schedule, tmp_path) == trained
+    assert run(task(packed), schedule, tmp_path) == trained
 
 
 def test_checkpoint_of_another_training_is_refused(packed: PackedFlights, tmp_path: Path):
-    run(lesson(packed), SCHEDULE, tmp_path)
+    run(task(packed), SCHEDULE, tmp_path)
     with pytest.raises(InputError, match="with other settings, data, body or version"):
-        run(lesson(packed), SCHEDULE, tmp_path, seed=2)
+        run(task(packed), SCHEDULE, tmp_path, seed=2)
     (tmp_path / "straight.ckpt").write_bytes(b"half a checkpo")
     with pytest.raises(InputError, match="is not a checkpoint"):
-        run(lesson(packed), SCHEDULE, tmp_path)
+        run(task(packed), SCHEDULE, tmp_path)
 
 
 def test_a_loss_that_is_no_number_is_said(packed: PackedFlights, tmp_path: Path):
-    taught = lesson(packed, lambda policy, batch: squares(policy, batch) * torch.inf)
+    learned = task(packed, lambda policy, batch: squares(policy, batch) * torch.inf)
     with pytest.raises(InputError, match="lower the learning rate"):
-        run(taught, SCHEDULE, tmp_path)
+        run(learned, SCHEDULE, tmp_path)
 
 
 @pytest.mark.parametrize("shuffle", [True, False])
@@ -232,4 +230,4 @@ def test_a_device_that_is_not_there_is_refused(
     packed: PackedFlights, tmp_path: Path, device: str, precision: str
 ):
     with pytest.raises(InputError, match="cannot train on device"):
-        train(lesson(packed), SCHEDULE, tmp_path, 1, device=device, precision=precision)
+        train(task(packed), SCHEDULE, tmp_path, 1, device=device, precision=precision)

@@ -16,11 +16,11 @@ from proxops.training.data.packing import pack_flights
 from proxops.training.data.plans import expert_plans
 from proxops.training.data.recovery import MIXES, at_rest, kind_of, parse_mix
 from proxops.training.data.scaling import (
-    Similarity,
+    Scaling,
     body_length,
     keep_out_of,
-    similarity,
-    similarity_of,
+    scaling_for,
+    scaling_of,
 )
 from proxops.training.data.transit_split import PARTS, part_of_transit
 from proxops.training.data.window_kernels import fill_frames, fill_hits, window_keys
@@ -33,7 +33,7 @@ __all__ = [
     "PackedFlight",
     "PackedFlights",
     "Scale",
-    "Similarity",
+    "Scaling",
     "at_rest",
     "body_length",
     "collect",
@@ -52,7 +52,7 @@ __all__ = [
     "part_rows",
     "plans_along",
     "report_rows",
-    "similarity",
-    "similarity_of",
+    "scaling_for",
+    "scaling_of",
     "window_keys",
 ]

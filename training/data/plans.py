@@ -27,7 +27,7 @@ from proxops.training.data.label_files import (
     load_labels,
     save_labels,
 )
-from proxops.training.data.scaling import body_length, similarity
+from proxops.training.data.scaling import body_length, scaling_for
 
 # Transits whose plans are computed, and kept, together.
 _PORTION = 50
@@ -37,7 +37,7 @@ _SOLUTIONS = 6
 # precision counts and knots are no labels.
 _LATE, _LATE_HORIZONS = 0.3, 3.0
 # How far off the plan they start: log-uniform standard deviations, at Kleopatra in m and m/s (see
-# `Similarity`); and how often the program is linearised from there: after four times it has settled
+# `Scaling`); and how often the program is linearised from there: after four times it has settled
 # in all but one case of ten.
 _POSITION_OFF, _SPEED_OFF = (30.0, 6e3), (0.03, 4.0)
 _ITERATIONS = 4
@@ -122,7 +122,7 @@ def transit_plans(
     except SolverFailure:
         return []
     craft = scenario.spacecraft
-    alike = similarity(body_length(body.keep_out_semi_axes), craft.mass_kg, craft.thrust_limit_n)
+    scaling = scaling_for(body_length(body.keep_out_semi_axes), craft.mass_kg, craft.thrust_limit_n)
     late_time = _LATE_HORIZONS * scenario.mpc.min_horizon_s
     plans = [first]
     for _ in range(_SOLUTIONS - 1):
@@ -131,8 +131,8 @@ def transit_plans(
         age = end - late_time * random.random() if late else end * random.random()
         state = first.states_at(np.array([max(age, 0.0)]))[0]
         for part, (low, high), unit in (
-            (slice(3), _POSITION_OFF, alike.length),
-            (slice(3, 6), _SPEED_OFF, alike.speed),
+            (slice(3), _POSITION_OFF, scaling.length),
+            (slice(3, 6), _SPEED_OFF, scaling.speed),
         ):
             spread = unit * low * (high / low) ** random.random()
             state[part] += spread * random.standard_normal(3)

@@ -16,7 +16,7 @@ _LENGTH, _FORCE, _ACCELERATION = _LENGTH_SHARE * 140e3, 7.0, 0.07
 
 
 @dc.dataclass(frozen=True)
-class Similarity:
+class Scaling:
     """What numbers that were chosen at Kleopatra are multiplied by: 1 there."""
 
     length: float = 1.0
@@ -30,14 +30,14 @@ def body_length(keep_out_semi_axes: np.ndarray) -> float:
     return _LENGTH_SHARE * float(np.max(keep_out_semi_axes))
 
 
-def similarity(length: float, mass: float, thrust_limit: float) -> Similarity:
+def scaling_for(length: float, mass: float, thrust_limit: float) -> Scaling:
     """That of a body of a `body_length` in m and a spacecraft of so many kg and N.
 
     Speeds are alike that these accelerations reach over these lengths.
     """
     ratio, acceleration = length / _LENGTH, thrust_limit / mass / _ACCELERATION
     speed = float(np.sqrt(ratio * acceleration))
-    return Similarity(ratio, speed, acceleration, thrust_limit / _FORCE)
+    return Scaling(ratio, speed, acceleration, thrust_limit / _FORCE)
 
 
 def keep_out_of(setting: Setting) -> np.ndarray:
@@ -45,7 +45,7 @@ def keep_out_of(setting: Setting) -> np.ndarray:
     return np.array(yaml_load(data=setting.body)["keep_out_semi_axes_m"], dtype=float)
 
 
-def similarity_of(setting: Setting) -> Similarity:
+def scaling_of(setting: Setting) -> Scaling:
     """That of flights."""
     length = body_length(keep_out_of(setting))
-    return similarity(length, setting.mass_kg, setting.thrust_limit_n)
+    return scaling_for(length, setting.mass_kg, setting.thrust_limit_n)

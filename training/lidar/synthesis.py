@@ -28,7 +28,7 @@ from proxops.training.lidar.frames import (
     ray_examples,
 )
 from proxops.training.lidar.networks import FrameNetwork, RayNetwork, frame_loss, ray_loss
-from proxops.training.loop import Lesson, Schedule, TensorBatches, Trained, train
+from proxops.training.loop import Schedule, TensorBatches, Trained, TrainingTask, train
 from proxops.training.reports import plot_frames
 
 # An error of depth as long as the ellipsoid's mean semi-axis weighs as much as this many nats.
@@ -102,9 +102,9 @@ def train_lidar(
     )
 
     # One network after the other, so that only one set of examples is in memory.
-    lesson = _ray_lesson(chords, grid, lidar.planes, settings, identity)
-    trained = train(lesson, settings.ray, out, settings.seed, device="cpu", progress=progress)
-    network = lesson.network
+    task = _ray_task(chords, grid, lidar.planes, settings, identity)
+    trained = train(task, settings.ray, out, settings.seed, device="cpu", progress=progress)
+    network = task.network
     assert isinstance(network, RayNetwork)
     facts = BundleFacts(
         planes=lidar.planes,
@@ -121,19 +121,19 @@ def train_lidar(
             **_training_figures(trained),
         },
     )
-    checks = next(iter(lesson.validation))[0][:_EXPORT_CHECKS].numpy()
+    checks = next(iter(task.validation))[0][:_EXPORT_CHECKS].numpy()
     write_bundle(out / "bundle", network, facts, checks)
-    del lesson
+    del task
 
-    paper_lesson = _frame_lesson(grid, cube, settings, identity)
+    paper_task = _frame_task(grid, cube, settings, identity)
     paper_trained = train(
-        paper_lesson, settings.frame, out, settings.seed, device="cpu", progress=progress
+        paper_task, settings.frame, out, settings.seed, device="cpu", progress=progress
     )
 
     learned = LearnedLidar(out / "bundle", 0.0, np.inf, lidar.planes, lidar.rays)
     methods = {
         OURS: lambda positions: _true_frames(learned, positions),
-        PAPERS: _decoder(paper_lesson.network, cube),
+        PAPERS: _decoder(paper_task.network, cube),
         "nearest grid frame": frame_errors.nearest_frames(grid),
         "inverse distance, 8 frames": frame_errors.weighted_frames(grid),
     }
@@ -198,9 +198,9 @@ def _judge(
     }  # fmt: skip
 
 
-def _ray_lesson(
+def _ray_task(
     fan: ChordFan, grid: GridFrames, planes: int, settings: LidarSettings, identity: str
-) -> Lesson:
+) -> TrainingTask:
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(settings.seed)
         network = RayNetwork(settings.width)
@@ -212,26 +212,28 @@ def _ray_lesson(
         fan, grid.positions[~kept], grid.frames[~kept], planes, _LENGTH_WEIGHT
     )
     often = near.nonzero()[:, 0]
-    return _lesson(
+    return _task(
         "ray_network", network, ray_loss, examples, validation, settings.ray, settings.seed,
         identity, often,
     )  # fmt: skip
 
 
-def _frame_lesson(grid: GridFrames, cube: float, settings: LidarSettings, identity: str) -> Lesson:
+def _frame_task(
+    grid: GridFrames, cube: float, settings: LidarSettings, identity: str
+) -> TrainingTask:
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(settings.seed)
         network = FrameNetwork(grid.frames.shape[1])
     kept = ~grid.held_out
     examples = frame_examples(grid.positions[kept], grid.frames[kept], cube)
     validation = frame_examples(grid.positions[~kept], grid.frames[~kept], cube)
-    return _lesson(
+    return _task(
         "frame_network", network, frame_loss, examples, validation, settings.frame, settings.seed,
         identity,
     )  # fmt: skip
 
 
-def _lesson(
+def _task(
     name: str,
     network: torch.nn.Module,
     loss: Callable[..., torch.Tensor],
@@ -241,8 +243,8 @@ def _lesson(
     seed: int,
     identity: str,
     often: torch.Tensor | None = None,
-) -> Lesson:
-    return Lesson(
+) -> TrainingTask:
+    return TrainingTask(
         name,
         network,
         lambda network, batch: loss(network, *batch),

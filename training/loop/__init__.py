@@ -6,15 +6,15 @@ its last whole epoch.
 
 from proxops.training.loop.tensor_batches import TensorBatches
 from proxops.training.loop.training_history import Trained
-from proxops.training.loop.training_loop import Lesson, Schedule, train
+from proxops.training.loop.training_loop import Schedule, TrainingTask, train
 from proxops.training.loop.windows import Batch, WindowDataset, frame_loaders, window_loader
 
 __all__ = [
     "Batch",
-    "Lesson",
     "Schedule",
     "TensorBatches",
     "Trained",
+    "TrainingTask",
     "WindowDataset",
     "frame_loaders",
     "train",

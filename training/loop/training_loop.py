@@ -63,7 +63,7 @@ class Schedule:
 
 
 @dataclass(frozen=True)
-class Lesson:
+class TrainingTask:
     """A network and what it learns from."""
 
     name: str
@@ -84,7 +84,7 @@ class Lesson:
 
 
 def train(
-    lesson: Lesson,
+    task: TrainingTask,
     schedule: Schedule,
     folder: Path,
     seed: int,
@@ -109,20 +109,20 @@ def train(
       InputError: the checkpoint there is damaged or of another training, the device is not there,
         or the loss became no number.
     """
-    if lesson.threads is not None:
+    if task.threads is not None:
         # Here, not at the start of the program: numba's kernels set the same number.
-        torch.set_num_threads(lesson.threads)
+        torch.set_num_threads(task.threads)
     make_folder(folder / "curves")
-    logger = TensorBoardLogger(root_dir=folder / "curves", name=lesson.name, version="")
+    logger = TensorBoardLogger(root_dir=folder / "curves", name=task.name, version="")
     fabric = _fabric(device, precision, logger)
-    bare = torch.optim.AdamW(lesson.network.parameters(), weight_decay=_WEIGHT_DECAY)
-    network, optimizer = fabric.setup(lesson.network, bare)
-    for method in lesson.methods:
+    bare = torch.optim.AdamW(task.network.parameters(), weight_decay=_WEIGHT_DECAY)
+    network, optimizer = fabric.setup(task.network, bare)
+    for method in task.methods:
         network.mark_forward_method(method)
-    steps = len(lesson.training)
+    steps = len(task.training)
 
-    checkpoint = folder / f"{lesson.name}.ckpt"
-    identity = f"{lesson.identity}; {schedule}; seed {seed}; {steps} steps; {lesson.network}"
+    checkpoint = folder / f"{task.name}.ckpt"
+    identity = f"{task.identity}; {schedule}; seed {seed}; {steps} steps; {task.network}"
     history: History = []
     best: dict[str, Tensor] = {}
     saved = load_checkpoint(fabric, checkpoint, identity)
@@ -149,10 +149,10 @@ def train(
             break
         # What is drawn depends on (seed, epoch) alone, so that an epoch may be begun anew.
         torch.manual_seed(derived_seed(seed, epoch))
-        lesson.training.epoch = epoch
+        task.training.epoch = epoch
         total, examples, rate = 0.0, 0, 0.0
         network.train()
-        for step, batch in enumerate(lesson.training):
+        for step, batch in enumerate(task.training):
             done = share(epoch * steps + step)
             if done >= 1.0 and step > 0:
                 break
@@ -160,7 +160,7 @@ def train(
             for group in optimizer.param_groups:
                 group["lr"] = rate
             batch = fabric.to_device(batch)
-            loss = lesson.loss(network, batch)
+            loss = task.loss(network, batch)
             optimizer.zero_grad()
             fabric.backward(loss)
             fabric.clip_gradients(
@@ -170,18 +170,18 @@ def train(
             total += float(loss.detach()) * _size(batch)
             examples += _size(batch)
             if progress is not None:
-                progress(done, f"{lesson.name}, epoch {epoch + 1}, loss {total / examples:.4f}")
+                progress(done, f"{task.name}, epoch {epoch + 1}, loss {total / examples:.4f}")
 
         row = {
             "epoch": epoch,
             "training_loss": total / examples,
-            "validation_loss": evaluate(fabric, network, lesson),
+            "validation_loss": evaluate(fabric, network, task),
             "learning_rate": rate,
             "cpu_s": earlier_cpu + time.process_time() - started_cpu,
             "wall_s": wall(),
         }
         if not math.isfinite(row["validation_loss"]):
-            raise InputError(f"{lesson.name}: the loss is {row['validation_loss']} in epoch "
+            raise InputError(f"{task.name}: the loss is {row['validation_loss']} in epoch "
                              f"{epoch}; lower the learning rate")  # fmt: skip
         history.append(row)
         if best_epoch(history) == epoch:
@@ -194,24 +194,24 @@ def train(
             "best": best,
         }
         save_checkpoint(checkpoint, identity, state)
-        write_curves(folder / "curves" / f"{lesson.name}.csv", history)
+        write_curves(folder / "curves" / f"{task.name}.csv", history)
     logger.finalize("success")
 
-    if not lesson.keep_last:
-        lesson.network.load_state_dict(best)
-    lesson.network.eval()
-    kept = len(history) - 1 if lesson.keep_last else best_epoch(history)
+    if not task.keep_last:
+        task.network.load_state_dict(best)
+    task.network.eval()
+    kept = len(history) - 1 if task.keep_last else best_epoch(history)
     return Trained(history, kept, history[-1]["cpu_s"])
 
 
 @torch.no_grad()
-def evaluate(fabric: Fabric, network: Any, lesson: Lesson) -> float:
+def evaluate(fabric: Fabric, network: Any, task: TrainingTask) -> float:
     """The mean loss over the validation batches, each counted by its number of examples."""
     network.eval()
     total, examples = 0.0, 0
-    for batch in lesson.validation:
+    for batch in task.validation:
         batch = fabric.to_device(batch)
-        total += float(lesson.loss(network, batch)) * _size(batch)
+        total += float(task.loss(network, batch)) * _size(batch)
         examples += _size(batch)
     return total / examples
 

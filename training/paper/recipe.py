@@ -12,7 +12,7 @@ from torch import Tensor
 from proxops.systems.common import Progress
 from proxops.training.data import PackedFlights, pack_flights
 from proxops.training.export import export_recipe, write_report
-from proxops.training.loop import Batch, Lesson, Schedule, Trained, frame_loaders, train
+from proxops.training.loop import Batch, Schedule, Trained, TrainingTask, frame_loaders, train
 from proxops.training.paper.policy import PaperPolicy
 
 # Shares of the bar; the rest, to 1, is for the report.
@@ -81,7 +81,7 @@ def train_paper_policy(
     )
     policy = make_policy(flights, settings)
     trained = train(
-        _lesson(flights, policy, settings),
+        _task(flights, policy, settings),
         settings.schedule,
         out,
         settings.seed,
@@ -120,7 +120,7 @@ def make_policy(flights: PackedFlights, settings: PaperSettings) -> PaperPolicy:
         )
 
 
-def _lesson(flights: PackedFlights, policy: PaperPolicy, settings: PaperSettings) -> Lesson:
+def _task(flights: PackedFlights, policy: PaperPolicy, settings: PaperSettings) -> TrainingTask:
     batches = frame_loaders(
         flights, settings.window, settings.stride, settings.schedule.batch, settings.seed
     )
@@ -128,7 +128,7 @@ def _lesson(flights: PackedFlights, policy: PaperPolicy, settings: PaperSettings
         f"paper recipe, logs {flights.logs_sha256}, split {flights.split_seed}, "
         f"windows of {settings.window} every {settings.stride}, precision {settings.precision}"
     )
-    return Lesson("policy", policy, force_loss, *batches, identity, methods=("sequence",))
+    return TrainingTask("policy", policy, force_loss, *batches, identity, methods=("sequence",))
 
 
 def _report(

@@ -6,14 +6,14 @@ lets the pilot fly, asks the expert at every state, and trains the guidance agai
 
 from proxops.training.pilot.dagger import DaggerSettings, run_dagger
 from proxops.training.pilot.examples import Hits, hits_of
-from proxops.training.pilot.lessons import geometry_lesson
 from proxops.training.pilot.lidar_hits import HitSelection
 from proxops.training.pilot.network import Pilot
 from proxops.training.pilot.recipe import collected_scenario, train_pilot
 from proxops.training.pilot.settings import PilotSettings, shape_of
 from proxops.training.pilot.shape import load_pilot
-from proxops.training.pilot.state_filter import MEMORY, doubt
+from proxops.training.pilot.state_filter import MEMORY, measurement_noise
 from proxops.training.pilot.surface_picture import plot_surface
+from proxops.training.pilot.tasks import geometry_task
 
 __all__ = [
     "MEMORY",
@@ -23,10 +23,10 @@ __all__ = [
     "Pilot",
     "PilotSettings",
     "collected_scenario",
-    "doubt",
-    "geometry_lesson",
+    "geometry_task",
     "hits_of",
     "load_pilot",
+    "measurement_noise",
     "plot_surface",
     "run_dagger",
     "shape_of",

@@ -24,7 +24,6 @@ from proxops.training.data import Labels, at_rest, label_flights, pack_flights
 from proxops.training.export import write_folder, write_report
 from proxops.training.loop import train
 from proxops.training.pilot.examples import commands_of, joined, labelled_commands
-from proxops.training.pilot.lessons import guidance_lesson
 from proxops.training.pilot.network import Pilot
 from proxops.training.pilot.recipe import (
     collected_scenario,
@@ -42,6 +41,7 @@ from proxops.training.pilot.shape import (
     pilot_sha256,
     save_pilot,
 )
+from proxops.training.pilot.tasks import guidance_task
 
 # Transit i is blocked by the ellipsoid exactly if i mod 10 is one of these.
 _BLOCKED = (1, 4, 7)
@@ -134,12 +134,12 @@ def run_dagger(
             report, history, left = finished, finished["rounds"], folder
             continue
         pilot = restarted(shape, pilot, learned.seed + number)
-        lesson = guidance_lesson(
+        task = guidance_task(
             pilot.guidance, pilot.filter.motion, known, commands_of(flights, "validation"),
             schedule, learned.seed + number, identity,
         )  # fmt: skip
         trained = train(
-            lesson,
+            task,
             schedule,
             folder,
             learned.seed + number,

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from proxops.systems.common import derived_seed, generator
-from proxops.training.data import PARTS, Labels, PackedFlights, part_rows, similarity_of
+from proxops.training.data import PARTS, Labels, PackedFlights, part_rows, scaling_of
 from proxops.training.pilot.lidar_hits import HitSelection
 
 # Along a flight, positions nearer to each other than this (m, at Kleopatra) count as one.
@@ -60,7 +60,7 @@ class Commands(NamedTuple):
 
 def spread_rows(flights: PackedFlights, part: str) -> np.ndarray:
     """Rows of a part, without those taken where the flight just was: holding would fill all."""
-    kept, spread = [], _SPREAD * similarity_of(flights.setting).length
+    kept, spread = [], _SPREAD * scaling_of(flights.setting).length
     for flight in flights.part(part):
         rows = np.arange(flight.start, flight.start + flight.steps)
         moved = np.linalg.norm(np.diff(flights.state[rows, :3], axis=0), axis=1)
@@ -77,7 +77,7 @@ def hits_of(
     Three quarters are spoiled: by lost returns, false returns, and more noise.
     """
     random = generator(derived_seed(seed, _FRAMES_STREAM), PARTS.index(part))
-    length = similarity_of(flights.setting).length
+    length = scaling_of(flights.setting).length
     rows = spread_rows(flights, part)
     rows = random.permutation(rows)[:count]
     parts = []

@@ -31,7 +31,7 @@ class HitSelection(nn.Module):
     beside: Tensor
 
     def __init__(self, planes: int, rays: int, count: int, length: float = 1.0):
-        """`length`: see `Similarity`."""
+        """`length`: see `Scaling`."""
         super().__init__()
         self.count, self.least_agreement = count, _LEAST_AGREEMENT * length
         directions = ray_directions(planes, rays)

@@ -11,13 +11,19 @@ from proxops.training.pilot.coarse_position import CoarsePosition
 from proxops.training.pilot.geometry_layer import GeometryLayer
 from proxops.training.pilot.guidance import Guidance
 from proxops.training.pilot.lidar_hits import HitSelection
-from proxops.training.pilot.state_filter import MEMORY, NATURAL, TRUSTED, StateFilter, doubt
+from proxops.training.pilot.state_filter import (
+    MEMORY,
+    NATURAL,
+    TRUSTED,
+    StateFilter,
+    measurement_noise,
+)
 
 # With fewer returns than this a frame says nothing of where it was taken.
 _LEAST_RETURNS = 8
 # The fit starts from the coarse position if the returns then lie this much nearer to the surface.
 _CLEARLY_BETTER = 0.5
-# Doubt of a fix from hardly any returns.
+# Measurement noise of a fix, over the usual one, from hardly any returns.
 _HOPELESS = 100.0
 
 
@@ -92,7 +98,7 @@ class Pilot(nn.Module):
         more, residual = self.geometry.step(expected + step, points, valid)
         few = (valid.sum(1, keepdim=True) < _LEAST_RETURNS).to(step.dtype)
         return self.filter.correct(
-            memory, step + more, doubt(residual, self.usual_residual) + _HOPELESS * few
+            memory, step + more, measurement_noise(residual, self.usual_residual) + _HOPELESS * few
         )
 
     def _acquired(

@@ -13,9 +13,9 @@ from torch import Tensor
 
 from proxops.diagrams.scenario import Scenario, parse_scenario
 from proxops.systems.common import InputError, Progress
-from proxops.training.data import Labels, PackedFlights, expert_plans, pack_flights, similarity_of
+from proxops.training.data import Labels, PackedFlights, expert_plans, pack_flights, scaling_of
 from proxops.training.export import export_recipe, write_report
-from proxops.training.loop import Lesson, Schedule, Trained, train
+from proxops.training.loop import Schedule, Trained, TrainingTask, train
 from proxops.training.pilot.examples import (
     Commands,
     Hits,
@@ -25,19 +25,19 @@ from proxops.training.pilot.examples import (
     labelled_commands,
     transitions_of,
 )
-from proxops.training.pilot.lessons import (
-    coarse_lesson,
-    filter_lesson,
-    geometry_lesson,
-    guidance_lesson,
-    motion_lesson,
-)
 from proxops.training.pilot.lidar_hits import HitSelection
 from proxops.training.pilot.network import Pilot
 from proxops.training.pilot.settings import PilotSettings, shape_of
 from proxops.training.pilot.shape import save_pilot
 from proxops.training.pilot.state_filter import MEMORY
-from proxops.training.pilot.whole_lesson import whole_lesson
+from proxops.training.pilot.tasks import (
+    coarse_task,
+    end_to_end_task,
+    filter_task,
+    geometry_task,
+    guidance_task,
+    motion_task,
+)
 from proxops.training.reports import report_markdown
 
 # Share of the bar at which each stage ends.
@@ -50,7 +50,7 @@ _STAGES = {
     "filter": 0.39,
     "plans": 0.55,
     "guidance": 0.90,
-    "whole": 0.96,
+    "end_to_end": 0.96,
     "replaying": 1.0,
 }
 _PLANS_SEED = 1
@@ -88,21 +88,21 @@ def train_pilot(
     )
     trained: dict[str, Trained] = {}
 
-    def teach(lesson: Lesson, schedule: Schedule) -> None:
-        trained[lesson.name] = train(
-            lesson,
+    def teach(task: TrainingTask, schedule: Schedule) -> None:
+        trained[task.name] = train(
+            task,
             schedule,
             out,
             settings.seed,
             device=settings.device,
             precision=settings.precision,
-            progress=_stage(lesson.name, tell),
+            progress=_stage(task.name, tell),
         )
-        lesson.network.cpu()
+        task.network.cpu()
 
     tell(_STAGES["packing"], "looking at frames")
-    setting, alike = flights.setting, similarity_of(flights.setting)
-    selection = HitSelection(setting.planes, setting.rays, _kept(settings.hits), alike.length)
+    setting, scaling = flights.setting, scaling_of(flights.setting)
+    selection = HitSelection(setting.planes, setting.rays, _kept(settings.hits), scaling.length)
     with torch.no_grad():
         seen = {
             part: hits_of(flights, selection, part, count, settings.seed)
@@ -114,9 +114,9 @@ def train_pilot(
         pilot = shape.make()
     examples = seen["training"], seen["validation"]
     taught = settings.coarse, settings.seed, identity
-    teach(coarse_lesson(pilot.coarse, *examples, *taught), settings.coarse)
+    teach(coarse_task(pilot.coarse, *examples, *taught), settings.coarse)
     taught = settings.geometry, settings.seed, identity
-    teach(geometry_lesson(pilot.geometry, *examples, alike, *taught), settings.geometry)
+    teach(geometry_task(pilot.geometry, *examples, scaling, *taught), settings.geometry)
     position_errors = _position_errors(pilot, seen["validation"])
     del seen, examples
 
@@ -124,32 +124,32 @@ def train_pilot(
     flown, held = (transitions_of(flights, part, period) for part in ("training", "validation"))
     motion = pilot.filter.motion
     taught = settings.motion, settings.seed, identity
-    teach(motion_lesson(motion, flown, held, *taught), settings.motion)
+    teach(motion_task(motion, flown, held, *taught), settings.motion)
     motion.requires_grad_(False)
     taught = settings.filter, settings.seed, identity
-    lesson = filter_lesson(pilot, flights, alike, settings.window, settings.windows, *taught)
-    teach(lesson, settings.filter)
+    task = filter_task(pilot, flights, scaling, settings.window, settings.windows, *taught)
+    teach(task, settings.filter)
 
     labels = expert_labels(scenario, out, settings, workers, _stage("plans", tell))
     known = known_commands(flights, labels)
     learned_from = data_sha256(flights, known)
     taught = settings.guidance, settings.seed, f"{identity}, {learned_from}"
-    lesson = guidance_lesson(
+    task = guidance_task(
         pilot.guidance,
         motion,
         known,
         commands_of(flights, "validation"),
         *taught,
     )
-    teach(lesson, settings.guidance)
-    lesson = whole_lesson(
-        pilot, flights, alike, settings.window, settings.whole, settings.seed,
+    teach(task, settings.guidance)
+    task = end_to_end_task(
+        pilot, flights, scaling, settings.window, settings.end_to_end, settings.seed,
         f"{identity}, {learned_from}, {settings}",
     )  # fmt: skip
-    teach(lesson, settings.whole)
+    teach(task, settings.end_to_end)
     pilot.eval()
 
-    tell(_STAGES["whole"], "flying through the logs")
+    tell(_STAGES["end_to_end"], "flying through the logs")
     report = pilot_report(pilot, settings, trained, flights.logs_sha256)
     report |= {"position_errors": position_errors}
     report = write_report(pilot, flights, report, out)

@@ -38,7 +38,7 @@ class PilotSettings:
     motion: Schedule = Schedule(epochs=50, batch=1024, learning_rate=4e-3, patience=50)
     filter: Schedule = Schedule(epochs=20, batch=64, learning_rate=1e-1, patience=20)
     guidance: Schedule = Schedule(epochs=20, batch=1024, learning_rate=2e-3, patience=20)
-    whole: Schedule = Schedule(epochs=2, batch=32, learning_rate=2e-4, patience=2)
+    end_to_end: Schedule = Schedule(epochs=2, batch=32, learning_rate=2e-4, patience=2)
     seed: int = 0
     device: str = "cpu"
     precision: str = "32-true"
@@ -57,7 +57,7 @@ class PilotSettings:
             motion=dc.replace(self.motion, epochs=20, batch=256),
             filter=dc.replace(self.filter, epochs=6, batch=8),
             guidance=dc.replace(self.guidance, epochs=8, batch=256),
-            whole=dc.replace(self.whole, batch=8),
+            end_to_end=dc.replace(self.end_to_end, batch=8),
         )
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import torch
 
 from proxops.systems.common import InputError, file_sha256, write_whole
-from proxops.training.data import similarity
+from proxops.training.data import scaling_for
 from proxops.training.pilot.coarse_position import CoarsePosition
 from proxops.training.pilot.geometry_layer import GeometryLayer, SurfaceField
 from proxops.training.pilot.guidance import Guidance
@@ -55,14 +55,14 @@ class PilotShape:
     def make(self) -> Pilot:
         """The pilot, with weights drawn from torch's generator."""
         reach = self.thrust_limit / self.mass
-        alike = similarity(self.length, self.mass, self.thrust_limit)
+        scaling = scaling_for(self.length, self.mass, self.thrust_limit)
         motion = Motion(
             self.length,
             _SPEED_UNIT * float(np.sqrt(reach * self.length)),
             _ACCELERATION_UNIT * reach,
             self.period,
             self.motion_width,
-            alike.force,
+            scaling.force,
         )
         field = SurfaceField(np.array(self.low), np.array(self.high), self.spacing)
         guidance = Guidance(
@@ -76,10 +76,10 @@ class PilotShape:
             self.guidance_width,
         )
         return Pilot(
-            HitSelection(self.planes, self.rays, self.hits, alike.length),
+            HitSelection(self.planes, self.rays, self.hits, scaling.length),
             CoarsePosition(self.length, self.coarse_width),
             GeometryLayer(field, _OUTLIER_SHARE * self.spacing),
-            StateFilter(motion, alike),
+            StateFilter(motion, scaling),
             guidance,
         )
 

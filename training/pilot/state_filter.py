@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from proxops.training.data import Similarity
+from proxops.training.data import Scaling
 
 # Of the filter's memory: position, velocity and unexplained acceleration; the upper triangle of the
 # covariance (3 by 3) that all axes share; the natural acceleration over the period that begins; and
@@ -74,14 +74,14 @@ class StateFilter(nn.Module):
     rows: Tensor
     columns: Tensor
 
-    def __init__(self, motion: Motion, alike: Similarity | None = None):
+    def __init__(self, motion: Motion, scaling: Scaling | None = None):
         """Takes the motion, and what its noise starts from is multiplied by."""
         super().__init__()
         self.motion = motion
-        alike = alike or Similarity()
+        scaling = scaling or Scaling()
         # Standard deviations in m, m/s, m/s^2: of a good fix, of what a step adds to position,
         # velocity and push, and of all three before the first frame.
-        units = [alike.length, alike.speed, alike.acceleration]
+        units = [scaling.length, scaling.speed, scaling.acceleration]
         start = np.array([30.0, 1.0, 0.01, 1e-5, 1e3, 3.0, 1e-3]) * (units[:1] + 2 * units)
         self.logs = nn.Parameter(torch.tensor([math.log(x) for x in start]))
         h, k = motion.period, 0.5 * motion.period**2
@@ -105,12 +105,13 @@ class StateFilter(nn.Module):
         moved = [position, velocity + h * mean, push]
         return torch.cat([*moved, covariance @ self.step + noise, natural, started], dim=1)
 
-    def correct(self, memory: Tensor, innovation: Tensor, doubt: Tensor) -> Tensor:
+    def correct(self, memory: Tensor, innovation: Tensor, measurement_noise: Tensor) -> Tensor:
         """The memory after fixes that lie `innovation` (B, 3) from the position in it, in m.
 
-        Their deviation is `doubt` (B, 1) times the usual. Differences are given since positions
-        are rounded to a centimetre in single precision. A fix farther from the prediction than both
-        allow widens the covariance first, so that a filter that is lost finds back.
+        The standard deviation of each fix is `measurement_noise` (B, 1) times that of a good one.
+        The filter takes differences because single precision rounds positions to a centimetre. A
+        fix that lies farther from the prediction than both deviations allow widens the covariance
+        first, so that a filter that is lost finds its way back.
         """
         states, covariance, _, started = memory.split(_SIZES, dim=1)
         begun = started > 0.0
@@ -118,7 +119,7 @@ class StateFilter(nn.Module):
         # The first fix is the position, at rest.
         states = torch.where(begun, states, (states[:, :3] + innovation) @ self.seen)
         innovation = torch.where(begun, innovation, 0.0)
-        noise = torch.exp(2.0 * self.logs[0]) * doubt**2
+        noise = torch.exp(2.0 * self.logs[0]) * measurement_noise**2
         usual = covariance[:, :1] + noise
         surprise = (innovation**2).mean(1, keepdim=True) / (_SURPRISING * usual)
         covariance = covariance * surprise.clamp(min=1.0)
@@ -144,6 +145,6 @@ def _moved_covariance(step: Tensor) -> Tensor:
     return moved
 
 
-def doubt(residual: Tensor, usual: Tensor) -> Tensor:
-    """How many times the usual deviation a fix has whose returns lie `residual` (B, 1) m off."""
+def measurement_noise(residual: Tensor, usual: Tensor) -> Tensor:
+    """Standard deviation of fixes whose returns lie `residual` (B, 1) m off, over the usual one."""
     return 1.0 + torch.relu(residual / usual - TRUSTED) ** 2

@@ -8,18 +8,25 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from proxops.training.data import PackedFlights, Similarity
-from proxops.training.loop import Lesson, Schedule, TensorBatches, WindowDataset
+from proxops.training.data import PackedFlights, Scaling
+from proxops.training.loop import (
+    Batch,
+    Schedule,
+    TensorBatches,
+    TrainingTask,
+    WindowDataset,
+    frame_loaders,
+)
 from proxops.training.pilot.coarse_position import CoarsePosition
 from proxops.training.pilot.examples import Commands, Hits, Transitions
 from proxops.training.pilot.geometry_layer import GeometryLayer
 from proxops.training.pilot.guidance import Guidance
 from proxops.training.pilot.network import Pilot
-from proxops.training.pilot.state_filter import MEMORY, Motion, StateFilter, doubt
+from proxops.training.pilot.state_filter import MEMORY, Motion, StateFilter, measurement_noise
 
 # Returns of a frame that one step of learning the surface sees: others each time.
 _HITS_A_STEP = 96
-# Lengths and speeds here are those at Kleopatra, in m and m/s; see `Similarity`.
+# Lengths and speeds here are those at Kleopatra, in m and m/s; see `Scaling`.
 # The layer starts this far off: log-uniform.
 _START_ERRORS = (100.0, 5e3)
 # Errors below which a square takes the place of the absolute value, after two steps and one.
@@ -36,22 +43,24 @@ _LENGTH_SHARE = 1.4
 # Errors of the filter that count as one, and how far off the fixes that it learns from start.
 _FILTER_POSITION, _FILTER_SPEED = 20.0, 0.1
 _FIX_START = 30.0
+# Weight of the error of the estimate beside that of the force, which keeps the parts what they are.
+_ESTIMATE_WEIGHT = 0.1
 # Steps after which they count: the windows begin in flight, at a speed that it must find first.
-FILTER_SETTLES = 12
+_FILTER_SETTLES = 12
 # Frames whose returns are fitted together.
 _BLOCK = 512
 # Rows whose natural acceleration is computed together.
 _ROWS = 65536
 
 
-def coarse_lesson(
+def coarse_task(
     coarse: CoarsePosition,
     training: Hits,
     validation: Hits,
     schedule: Schedule,
     seed: int,
     identity: str,
-) -> Lesson:
+) -> TrainingTask:
     """Teaches the coarse position its distance from the true one.
 
     The features are computed once, and the network between them and the position is taught.
@@ -68,7 +77,9 @@ def coarse_lesson(
 
     batches = TensorBatches(columns, schedule.batch, shuffle=True, seed=seed)
     validation_batches = TensorBatches(held, schedule.batch)
-    return Lesson("coarse", coarse.network, loss, batches, validation_batches, identity, threads=1)
+    return TrainingTask(
+        "coarse", coarse.network, loss, batches, validation_batches, identity, threads=1
+    )
 
 
 def _features(coarse: CoarsePosition, hits: Hits) -> tuple[Tensor, Tensor]:
@@ -86,23 +97,23 @@ def _coarse_columns(
     return coarse.normalised(features), coarse.wanted(hits.position, centre)
 
 
-def geometry_lesson(
+def geometry_task(
     geometry: GeometryLayer,
     training: Hits,
     validation: Hits,
-    alike: Similarity,
+    scaling: Scaling,
     schedule: Schedule,
     seed: int,
     identity: str,
-) -> Lesson:
+) -> TrainingTask:
     """Teaches the surface, by where two steps of the layer come from a start that is off."""
-    unit = _LAYER_UNIT * alike.length
+    unit = _LAYER_UNIT * scaling.length
 
     def loss(layer: GeometryLayer, batch: tuple[Tensor, Tensor, Tensor]) -> Tensor:
         points, valid, position = batch
         chosen = torch.randperm(points.shape[1], device=points.device)[:_HITS_A_STEP]
         points, valid = points[:, chosen], valid[:, chosen]
-        low, high = (math.log(error * alike.length) for error in _START_ERRORS)
+        low, high = (math.log(error * scaling.length) for error in _START_ERRORS)
         far = torch.exp(low + (high - low) * torch.rand(len(points), 1, device=points.device))
         place = position + far * torch.randn_like(position)
         place, _ = layer(place, points, valid)
@@ -120,7 +131,7 @@ def geometry_lesson(
         TensorBatches((hits.points, hits.valid, hits.position), schedule.batch, **options)
         for hits, options in ((training, {"shuffle": True, "seed": seed}), (validation, {}))
     )
-    return Lesson("geometry", geometry, loss, batches, held, identity, threads=1)
+    return TrainingTask("geometry", geometry, loss, batches, held, identity, threads=1)
 
 
 def _rounded(error: Tensor, small: float) -> Tensor:
@@ -128,14 +139,14 @@ def _rounded(error: Tensor, small: float) -> Tensor:
     return (error.square().sum(1) + (small / _LAYER_UNIT) ** 2).sqrt().mean()
 
 
-def motion_lesson(
+def motion_task(
     motion: Motion,
     training: Transitions,
     validation: Transitions,
     schedule: Schedule,
     seed: int,
     identity: str,
-) -> Lesson:
+) -> TrainingTask:
     """Teaches the mean acceleration of each step, in its unit."""
 
     def loss(network: Motion, batch: tuple[Tensor, ...]) -> Tensor:
@@ -146,10 +157,10 @@ def motion_lesson(
     batches = TensorBatches(training, schedule.batch, shuffle=True, seed=seed)
     held = TensorBatches(validation, 4 * schedule.batch)
     methods = ("natural", "thrust")
-    return Lesson("motion", motion, loss, batches, held, identity, 1, methods)
+    return TrainingTask("motion", motion, loss, batches, held, identity, 1, methods)
 
 
-def guidance_lesson(
+def guidance_task(
     guidance: Guidance,
     motion: Motion,
     training: Commands,
@@ -157,7 +168,7 @@ def guidance_lesson(
     schedule: Schedule,
     seed: int,
     identity: str,
-) -> Lesson:
+) -> TrainingTask:
     """Teaches what the expert commands.
 
     The last epoch is kept: what is left of the error on other flights is mostly which way round the
@@ -171,7 +182,9 @@ def guidance_lesson(
     columns, kept = (_with_natural(motion, commands) for commands in (training, validation))
     batches = TensorBatches(columns, schedule.batch, shuffle=True, seed=seed)
     held = TensorBatches(kept, 8192)
-    return Lesson("guidance", guidance, loss, batches, held, identity, threads=1, keep_last=True)
+    return TrainingTask(
+        "guidance", guidance, loss, batches, held, identity, threads=1, keep_last=True
+    )
 
 
 def force_loss(force: Tensor, wanted: Tensor, thrust_limit: float) -> Tensor:
@@ -194,16 +207,16 @@ def _with_natural(motion: Motion, commands: Commands) -> tuple[Tensor, ...]:
     return position, velocity, goal, natural, force
 
 
-def filter_lesson(
+def filter_task(
     pilot: Pilot,
     flights: PackedFlights,
-    alike: Similarity,
+    scaling: Scaling,
     length: int,
     windows: int,
     schedule: Schedule,
     seed: int,
     identity: str,
-) -> Lesson:
+) -> TrainingTask:
     """Teaches the filter its noise, by its errors along windows of flights, pushes left out.
 
     The fixes are computed once, from starts as far off as the filter's own predictions.
@@ -217,24 +230,58 @@ def filter_lesson(
             memory = filter_.predict(memory, force[:, step])
             innovation = fix[:, step] - memory[:, :3]
             memory = filter_.correct(memory, innovation, off[:, step])
-            if step >= FILTER_SETTLES:
-                errors.append(estimate_error(memory[:, :6], state[:, step], alike).mean())
+            if step >= _FILTER_SETTLES:
+                errors.append(estimate_error(memory[:, :6], state[:, step], scaling).mean())
         return torch.stack(errors).mean()
 
     columns = {
-        part: _fixes(pilot, flights, part, _FIX_START * alike.length, length, count, seed)
+        part: _fixes(pilot, flights, part, _FIX_START * scaling.length, length, count, seed)
         for part, count in (("training", windows), ("validation", windows // 4))
     }
     batches = TensorBatches(columns["training"], schedule.batch, shuffle=True, seed=seed)
     held = TensorBatches(columns["validation"], schedule.batch)
     methods = ("predict", "correct")
-    return Lesson("filter", pilot.filter, loss, batches, held, identity, 1, methods)
+    return TrainingTask("filter", pilot.filter, loss, batches, held, identity, 1, methods)
 
 
-def estimate_error(estimate: Tensor, state: Tensor, alike: Similarity) -> Tensor:
+def end_to_end_task(
+    pilot: Pilot,
+    flights: PackedFlights,
+    scaling: Scaling,
+    length: int,
+    schedule: Schedule,
+    seed: int,
+    identity: str,
+) -> TrainingTask:
+    """Teaches all parts but the motion at once what the expert commanded along windows of flights.
+
+    The windows begin in flight, where the filter has to find position and speed first; what it
+    says before that is not held against it.
+    """
+
+    def loss(network: Pilot, batch: Batch) -> Tensor:
+        forces, estimates, _ = network.sequence(
+            batch["frames"], batch["target"], batch["applied_force"]
+        )
+        settled = slice(_FILTER_SETTLES, None)
+        asked = batch["labelled"][:, settled]
+        wanted = batch["mpc_force"][:, settled][asked]
+        off = force_loss(forces[:, settled][asked], wanted, network.guidance.thrust_limit)
+        lost = estimate_error(estimates[:, settled], batch["state"][:, settled], scaling)
+        return off + _ESTIMATE_WEIGHT * lost.mean()
+
+    batches = frame_loaders(flights, length, None, schedule.batch, seed)
+    return TrainingTask(
+        "end_to_end", pilot, loss, *batches, identity, threads=1, methods=("sequence",)
+    )
+
+
+def estimate_error(estimate: Tensor, state: Tensor, scaling: Scaling) -> Tensor:
     """Errors (..., 2) of positions and velocities (..., 6), each in what counts as one."""
     error = (estimate - state).unflatten(-1, (2, 3)).norm(dim=-1)
-    return error / error.new_tensor([_FILTER_POSITION * alike.length, _FILTER_SPEED * alike.speed])
+    return error / error.new_tensor(
+        [_FILTER_POSITION * scaling.length, _FILTER_SPEED * scaling.speed]
+    )
 
 
 @torch.no_grad()
@@ -247,13 +294,13 @@ def _fixes(
     count: int,
     seed: int,
 ) -> tuple[Tensor, ...]:
-    """Fixes (W, T, 3), their doubts (W, T, 1), forces (W, T, 3) and states (W, T, 6)."""
+    """Fixes (W, T, 3), their measurement noise (W, T, 1), forces (W, T, 3) and states (W, T, 6)."""
     dataset = WindowDataset(flights, part, length)
     order = torch.randperm(len(dataset), generator=torch.Generator().manual_seed(seed))
     rows = dataset.starts[order[:count].numpy()][:, None] + np.arange(length)
     kicked = flights.kick[rows].any(axis=(1, 2))
     rows = rows[~kicked]
-    fixes, doubts = [], []
+    fixes, noises = [], []
     for start in range(0, rows.size, _BLOCK):
         block = rows.ravel()[start : start + _BLOCK]
         frames = torch.from_numpy(flights.frames(block).reshape(len(block), -1))
@@ -266,8 +313,8 @@ def _fixes(
         for _ in range(2):
             place, residual = pilot.geometry(place, points, valid)
         fixes.append(place)
-        doubts.append(doubt(residual, pilot.usual_residual))
+        noises.append(measurement_noise(residual, pilot.usual_residual))
     force = torch.from_numpy(flights.applied_force[rows].astype(np.float32))
     state = torch.from_numpy(flights.state[rows].astype(np.float32))
     shape = rows.shape
-    return torch.cat(fixes).unflatten(0, shape), torch.cat(doubts).unflatten(0, shape), force, state
+    return torch.cat(fixes).unflatten(0, shape), torch.cat(noises).unflatten(0, shape), force, state

@@ -11,10 +11,10 @@ from short_flights import kleopatra
 from proxops.systems import ray_directions
 from proxops.systems.shapes.ray_casting import ray_caster
 from proxops.training.data.packing import pack_flights
-from proxops.training.data.scaling import Similarity, similarity, similarity_of
-from proxops.training.pilot.lessons import estimate_error, force_loss
+from proxops.training.data.scaling import Scaling, scaling_for, scaling_of
 from proxops.training.pilot.shape import PilotShape
 from proxops.training.pilot.state_filter import MEMORY
+from proxops.training.pilot.tasks import estimate_error, force_loss
 
 # As much smaller; a power of two, so that it rounds nothing.
 SMALL = 1.0 / 128.0
@@ -79,18 +79,18 @@ def test_losses_of_similar_errors_are_the_same():
     small = force_loss(SMALL * force, SMALL * wanted, SMALL * 7.0)
     torch.testing.assert_close(small, force_loss(force, wanted, 7.0))
     estimate, state = torch.randn(2, 50, 6, generator=random)
-    alike = similarity(SMALL * 98e3, 100.0, SMALL * 7.0)
-    assert alike == Similarity(SMALL, SMALL, SMALL, SMALL)
+    scaling = scaling_for(SMALL * 98e3, 100.0, SMALL * 7.0)
+    assert scaling == Scaling(SMALL, SMALL, SMALL, SMALL)
     torch.testing.assert_close(
-        estimate_error(SMALL * estimate, SMALL * state, alike),
-        estimate_error(estimate, state, Similarity()),
+        estimate_error(SMALL * estimate, SMALL * state, scaling),
+        estimate_error(estimate, state, Scaling()),
     )
 
 
 def test_a_setting_tells_how_large_it_is(tmp_path: Path):
     packed = pack_flights(copy_flights(tmp_path))
-    assert similarity_of(packed.setting) == Similarity(1.0, 1.0, 1.0)
+    assert scaling_of(packed.setting) == Scaling(1.0, 1.0, 1.0)
     halved = dc.replace(packed.setting, mass_kg=4.0 * packed.setting.mass_kg)
-    assert similarity_of(halved) == Similarity(1.0, 0.5, 0.25)
+    assert scaling_of(halved) == Scaling(1.0, 0.5, 0.25)
     body = packed.setting.body.replace("140000.0", "70000.0")
-    assert similarity_of(dc.replace(packed.setting, body=body)).length == 0.5
+    assert scaling_of(dc.replace(packed.setting, body=body)).length == 0.5
