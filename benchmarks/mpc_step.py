@@ -83,7 +83,7 @@ class CasadiProgram:
 
     def __init__(self, program: TransitProgram, settings: dict[str, float]):
         self.program, self.field = program, program.field
-        n = program.horizon.knots
+        n = program.horizon.intervals
         self.units = program.transit.units
         sx, limits = casadi.SX, program.limits
         x, u, total = sx.sym("x", 6, n + 1), sx.sym("u", 6, n), sx.sym("T")
@@ -139,7 +139,7 @@ class CasadiProgram:
     def solve(self, state: np.ndarray, target: np.ndarray, last: Plan, age: float) -> Plan:
         """The plan from `state` (6,) to `target` (6,), from a plan made `age` s ago."""
         program, units = self.program, self.units
-        n = program.horizon.knots
+        n = program.horizon.intervals
         duration = max(last.times[-1] - age, self.scale)
         fractions = program.horizon.fractions()
         times = age + duration * fractions

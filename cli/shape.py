@@ -22,7 +22,14 @@ from proxops.cli.common import (
 from proxops.diagrams.new_body import Questions, ShapeReport, body_yaml, examine, scaled_scenario
 from proxops.diagrams.scenario import dump_scenario
 from proxops.systems.common import InputError, make_folder, write_whole
-from proxops.systems.shapes import FORMATS, MeshFile, mesh_bytes, metres_per, read_mesh, repair_mesh
+from proxops.systems.shapes import (
+    MESH_FORMATS,
+    MeshFile,
+    mesh_bytes,
+    metres_per,
+    read_mesh,
+    repair_mesh,
+)
 
 
 def shape_command(
@@ -70,7 +77,7 @@ def shape_command(
     if body is not None and ((mass is None and density is None) or period is None):
         raise InputError("--body needs --mass or --density, and --period")
     for path, suffixes in (
-        (fix, FORMATS),
+        (fix, MESH_FORMATS),
         (body, (".yaml", ".yml")),
         (scenario, (".yaml", ".yml")),
     ):

@@ -27,7 +27,7 @@ from proxops.systems.vehicle.state_prediction import predicted_state
 
 RADIUS, MASS, THRUST = 50e3, 100.0, 7.0
 PUSH = THRUST / MASS
-BALL = AssuranceLimits(MASS, THRUST, 40.0, np.full(3, RADIUS), margin=0.0)
+BALL = AssuranceLimits(MASS, THRUST, 40.0, np.full(3, RADIUS), keep_out_margin=0.0)
 MARGIN = 100.0
 
 
@@ -79,7 +79,9 @@ def test_stops_within_the_closed_form_in_empty_space(speed: float, height: float
         state[axis], state[3 + axis] = -(RADIUS + height), speed
         expected = height - speed**2 / (2.0 * PUSH)
         # A lower bound: by what a path may bend between steps.
-        assert expected - PUSH * 10.0**2 / 8.0 - 1e-6 <= backup.outlook(state) <= expected + 1e-6
+        assert (
+            expected - PUSH * 10.0**2 / 8.0 - 1e-6 <= backup.backup_margin(state) <= expected + 1e-6
+        )
 
 
 @pytest.mark.parametrize("lowest", [RADIUS + 50.0, RADIUS + 5e3])
@@ -89,8 +91,8 @@ def test_stops_where_energy_says_over_a_point_mass(lowest: float) -> None:
     # v^2 / 2 = a (r - lowest) - mu (1 / lowest - 1 / r): a quadratic in r.
     level = 0.5 * speed**2 + PUSH * lowest + mu / lowest
     start = (level + np.sqrt(level**2 - 4.0 * PUSH * mu)) / (2.0 * PUSH)
-    outlook = BackupBraking(field, 0.0, BALL).outlook(np.array([0, start, 0, 0, -speed, 0]))
-    assert lowest - RADIUS - 2.0 < outlook <= lowest - RADIUS + 0.1
+    margin = BackupBraking(field, 0.0, BALL).backup_margin(np.array([0, start, 0, 0, -speed, 0]))
+    assert lowest - RADIUS - 2.0 < margin <= lowest - RADIUS + 0.1
 
 
 def test_diagonal_brakes_with_all_axes() -> None:
@@ -99,7 +101,7 @@ def test_diagonal_brakes_with_all_axes() -> None:
     diagonal = np.ones(3) / np.sqrt(3.0)
     state = np.concatenate([(RADIUS + 10e3) * diagonal, -30.0 * diagonal])
     expected = 10e3 - 30.0**2 / (2.0 * np.sqrt(3.0) * PUSH)
-    assert backup.outlook(state) == pytest.approx(expected, abs=2.0)
+    assert backup.backup_margin(state) == pytest.approx(expected, abs=2.0)
 
 
 @settings(max_examples=8, deadline=None)
@@ -129,14 +131,14 @@ def test_what_is_assured_keeps_the_state_admitted(state: np.ndarray, command: np
     after = step(state, force)
     assert np.abs(force).max() <= THRUST
     # By another gravity and another integration.
-    assert backup.outlook(after) > -0.5
+    assert backup.backup_margin(after) > -0.5
     assert least_clearance([state, after]) > 0.0
     if reason != InterventionReason.BACKUP:
         assert np.abs(after[3:]).max() < 40.0 + 1e-3
     if reason == InterventionReason.NONE:
         assert force.tobytes() == command.tobytes()
         unchanged = step(state, command)
-        assert backup.outlook(unchanged) > -0.5
+        assert backup.backup_margin(unchanged) > -0.5
     else:
         assert (force != command).any()
 
@@ -198,11 +200,11 @@ def test_where_nothing_is_safe_the_backup_flies() -> None:
 def test_a_wider_margin_admits_less() -> None:
     limits = kleopatras().limits
     field, spin = kleopatra().gravity_field, kleopatra().spin_rate
-    wide = BackupBraking(field, spin, dataclasses.replace(limits, margin=5e3))
+    wide = BackupBraking(field, spin, dataclasses.replace(limits, keep_out_margin=5e3))
     state = np.array([0.0, 0.0, 68e3, 0.0, 0.0, 0.0])
     assert kleopatras().admitted(state)
     assert not wide.admitted(state)
-    assert wide.outlook(state) == pytest.approx(-2e3, abs=5.0)
+    assert wide.backup_margin(state) == pytest.approx(-2e3, abs=5.0)
 
 
 def test_senseless_or_too_weak_is_refused() -> None:
@@ -210,11 +212,11 @@ def test_senseless_or_too_weak_is_refused() -> None:
     field, spin = kleopatra().gravity_field, kleopatra().spin_rate
     with pytest.raises(InputError, match="does not hold 1000 kg"):
         BackupBraking(field, spin, dataclasses.replace(limits, mass=1000.0))
-    for change in ({"thrust": 0.0}, {"speed": np.nan}, {"margin": -1.0}, {"mass": np.inf}):
+    for change in ({"thrust": 0.0}, {"speed": np.nan}, {"keep_out_margin": -1.0}, {"mass": np.inf}):
         with pytest.raises(InputError, match="runtime assurance needs"):
             BackupBraking(field, spin, dataclasses.replace(limits, **change))
     with pytest.raises(InputError, match="six finite numbers"):
-        kleopatras().outlook(np.full(6, np.nan))
+        kleopatras().backup_margin(np.full(6, np.nan))
     with pytest.raises(InputError, match="must be finite"):
         kleopatras().assure(np.array([2e5, 0, 0, 0, 0, 0]), np.array([np.nan, 0, 0]))
 
@@ -228,6 +230,6 @@ def test_nothing_is_made_for_one_size_of_body(scale: float) -> None:
         limits = AssuranceLimits(MASS, s * THRUST, s * 40.0, s * axes, s * MARGIN)
         backup = BackupBraking(PointMassField(s**3 * 2e18), 3e-4, limits)
         force, reason = backup.assure(s * state, s * np.array([-3.0, -7.0, -7.0]))
-        found.append((backup.outlook(s * state) / s, *force / s, reason))
+        found.append((backup.backup_margin(s * state) / s, *force / s, reason))
     assert found[1] == pytest.approx(found[0], rel=1e-6)
     assert found[0][-1] == InterventionReason.KEEP_OUT

@@ -87,7 +87,7 @@ def test_table_tells_of_steps_without_a_fresh_plan() -> None:
     data = log.dataset.copy(deep=True)
     data["solve_status"][[2, 3, 5]], data["solve_reason"][[2, 3, 5]] = [1, 1, 2], [7, 7, 5]
     table = dict(_table(FlightLog(data, log.body), log.summary))
-    assert table["steps flown on: solver iteration limit"] == "2"
+    assert table["steps last plan continued: solver iteration limit"] == "2"
     assert table["steps braking: input not finite"] == "1"
     assert not [name for name in dict(_table(log, log.summary)) if name.startswith("steps")]
 

@@ -170,7 +170,7 @@ def test_fallbacks_are_logged_and_counted(monkeypatch: pytest.MonkeyPatch) -> No
     assert log.dataset["solve_reason"].values[:9].tolist() == [7, 7, 1, 0, 0, 7, 7, 2, 0]
     assert fallback_steps(log.dataset) == {
         "braking: solver iteration limit": 2,
-        "flown on: solver iteration limit": 2,
+        "last plan continued: solver iteration limit": 2,
     }
     assert fallback_steps(kleopatra_flight().dataset) == {}
 

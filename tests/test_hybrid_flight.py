@@ -98,7 +98,7 @@ def test_no_step_solves_that_the_record_does_not_want(
     log = fly(brief(bundle, **settings, disturbance={}, noise_seed=3), "hybrid")
     by_mpc = log.dataset["decision"].values == 1
     assert 0 < by_mpc.sum() < len(by_mpc)
-    asked = by_mpc & (log.dataset["decision_reason"].values != DecisionReason.PLAN_FLOWN_ON)
+    asked = by_mpc & (log.dataset["decision_reason"].values != DecisionReason.PLAN_CONTINUED)
     assert (by_mpc == asked).all() == (rule == "fixed")
     assert solves.times == log.dataset["time"].values[asked].tolist()
     assert log.summary["mpc_solves"] == asked.sum()
@@ -148,7 +148,7 @@ def test_record_is_that_of_both_forces(doubting: FlightLog) -> None:
     """Gate and clearance again, from the forces and states in the log."""
     data = doubting.dataset.isel(time=slice(0, -1))
     reasons = data["decision_reason"].values
-    assert set(reasons) == set(DecisionReason) - {DecisionReason.PLAN_FLOWN_ON}
+    assert set(reasons) == set(DecisionReason) - {DecisionReason.PLAN_CONTINUED}
     mpc, policy = data["mpc_force"].values, data["policy_force"].values
     known = np.isfinite(mpc).all(axis=1)
     apart = np.linalg.norm(mpc - policy, axis=1)

@@ -149,7 +149,7 @@ def test_adaptive_period() -> None:
     assert np.flatnonzero(columns["decision"] == 1).tolist() == sorted([*checks, 78, 79, 80])
     assert columns["force"][77:82, 0].tolist() == [2.0, 178.0, 179.0, 180.0, 2.0]
     np.testing.assert_array_equal(
-        columns["record"][78:81, :5], [[DecisionReason.PLAN_FLOWN_ON, *[np.nan] * 4]] * 3
+        columns["record"][78:81, :5], [[DecisionReason.PLAN_CONTINUED, *[np.nan] * 4]] * 3
     )
 
 

@@ -10,9 +10,9 @@ from proxops.systems.lidar.ray_chords import ChordFan
 from proxops.systems.shapes.ray_casting import ray_caster
 from proxops.training.lidar.frames import (
     cast_grid,
+    enclosing_ellipsoid,
     frame_examples,
     grid_positions,
-    holding_ellipsoid,
     random_positions,
     ray_examples,
 )
@@ -67,7 +67,7 @@ def test_ray_examples_say_where_the_surface_is():
     fan = ray_caster(body.shape).fan(directions)
     grid = cast_grid(body, fan, 340e3, 60e3, seed=3)
     assert grid.held_out.sum() == len(grid.positions) // 20
-    centre, axes = holding_ellipsoid(grid.positions, grid.frames, directions)
+    centre, axes = enclosing_ellipsoid(grid.positions, grid.frames, directions)
     places, rays = np.nonzero(np.isfinite(grid.frames))
     points = grid.positions[places] + grid.frames[places, rays, None] * directions[rays]
     assert np.linalg.norm((points - centre) / axes, axis=1).max() < 1.0

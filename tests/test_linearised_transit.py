@@ -68,7 +68,7 @@ def test_motion_is_the_product_of_matrix_exponentials():
 
 def program_with_states(program: TransitProgram, state, target, last: Plan, age: float):
     """Forces (N, 3), states (N + 1, 6) and length of the optimum, of hard limits: no slack."""
-    n, limits = program.horizon.knots, program.limits
+    n, limits = program.horizon.intervals, program.limits
     fractions = program.horizon.fractions()
     shares, units = np.diff(fractions), np.repeat([1e4, 10.0], 3)
     duration = max(last.times[-1] - age, program.horizon.minimum)

@@ -13,7 +13,7 @@ from plain_polyhedral_gravity import box, star_shaped
 
 from proxops.assets import asset_path
 from proxops.systems.common.errors import InputError
-from proxops.systems.shapes.holding_ellipsoid import smallest_ellipsoid
+from proxops.systems.shapes.enclosing_ellipsoid import smallest_ellipsoid
 from proxops.systems.shapes.mass import mass_properties
 from proxops.systems.shapes.mesh_checks import (
     find_defects,

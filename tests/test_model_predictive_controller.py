@@ -18,14 +18,15 @@ from proxops.systems import (
     ModelPredictiveController,
     Plan,
     PlanReason,
+    PlanStatus,
     PolyhedralGravity,
     Spacecraft,
     TransitProgram,
 )
 from proxops.systems.common.errors import SolverFailure
-from proxops.systems.expert.model_predictive_controller import BRAKING, FLOWN_ON, SOLVED
 from proxops.systems.shapes.ellipsoid import blocks_segment, clearances, closest_point
 
+SOLVED, CONTINUED, BRAKING = PlanStatus
 PERIOD = 10.0
 COLD = 10  # Linearisations without a recent plan.
 MASS, THRUST = 100.0, 7.0
@@ -276,7 +277,7 @@ def test_state_that_is_no_number_does_not_stop_the_flight(bad):
     remember(expert(), context)
     context.SetTime(PERIOD)
     expert().GetInputPort("state").FixValue(context, state)
-    assert expert().GetOutputPort("record").Eval(context)[1] == FLOWN_ON
+    assert expert().GetOutputPort("record").Eval(context)[1] == CONTINUED
     assert force_of(context) == pytest.approx(force_of(alone(START)))
 
 
@@ -449,7 +450,7 @@ def test_out_of_the_keep_out_by_the_shortest_way(place):
 # Failures
 
 
-def test_last_plan_is_flown_on_by_the_clock():
+def test_last_plan_is_continued_by_the_clock():
     """For 300 s: longer than the plan's first interval."""
     controller, program = counting_expert()
     simulator = simulator_of(flight(controller))
@@ -457,8 +458,8 @@ def test_last_plan_is_flown_on_by_the_clock():
     context = controller.GetMyContextFromRoot(simulator.get_context())
     memory = context.get_discrete_state_vector().CopyToVector()
     made, length = memory[1], memory[2]
-    knots = program.horizon.knots
-    planned = memory[9 + 6 * (knots + 1) : -3].reshape(knots, 3)
+    intervals = program.horizon.intervals
+    planned = memory[9 + 6 * (intervals + 1) : -3].reshape(intervals, 3)
     ends = length * program.horizon.fractions()[1:]
     assert made == 20 * PERIOD
     assert ends[0] < 300.0  # So it is passed.
@@ -466,7 +467,7 @@ def test_last_plan_is_flown_on_by_the_clock():
     program.broken = True
     simulator.AdvanceTo(50.5 * PERIOD)
     records, forces = logged(simulator, "record"), logged(simulator, "force")
-    assert records[:, 1].tolist() == 21 * [SOLVED] + 30 * [FLOWN_ON]
+    assert records[:, 1].tolist() == 21 * [SOLVED] + 30 * [CONTINUED]
     for step in range(21, 51):
         due = planned[np.searchsorted(ends, PERIOD * step - made, side="right")]
         assert forces[step] == pytest.approx(due, abs=1e-12), step
@@ -500,7 +501,7 @@ def test_failed_plan_of_one_step_is_tried_once_more_from_nothing():
     assert records[1:, 2].tolist() == 2 * [PlanReason.SOLVED_ANEW_AFTER_FAILURE]
 
 
-def test_past_its_end_a_plan_flown_on_keeps_its_last_force():
+def test_past_its_end_a_continued_plan_keeps_its_last_force():
     controller, program = counting_expert()
     context = alone(START, controller=controller)
     remember(controller, context)
@@ -511,7 +512,7 @@ def test_past_its_end_a_plan_flown_on_keeps_its_last_force():
     context.SetTime(1e5)
     assert force_of(context, controller) == pytest.approx(last, abs=1e-9)
     plan = controller.GetOutputPort("plan").Eval(context)
-    assert plan.status == FLOWN_ON
+    assert plan.status == CONTINUED
     assert np.isfinite(plan.states).all()
     assert np.all(np.diff(plan.times) > 0.0)
 
@@ -551,7 +552,7 @@ def test_last_plan_and_record_agree_on_a_failure():
     program.broken = True
     context.SetTime(3 * PERIOD)
     plan = controller.GetOutputPort("plan").Eval(context)
-    assert controller.GetOutputPort("record").Eval(context)[1] == plan.status == FLOWN_ON
+    assert controller.GetOutputPort("record").Eval(context)[1] == plan.status == CONTINUED
     assert np.array_equal(plan.forces[0], force_of(context, controller))
     # A failure is not remembered in place of the last plan that was solved.
     memory = context.get_discrete_state_vector().CopyToVector()
@@ -606,7 +607,7 @@ def test_reasons_of_failures(failure, reason):
     program.broken = True
     for step in (1, 2, 40):
         context.SetTime(step * PERIOD)
-        assert reason_of(context, controller) == (FLOWN_ON, reason)
+        assert reason_of(context, controller) == (CONTINUED, reason)
         remember(controller, context)
     assert reason_of(alone(START, controller=controller), controller) == (BRAKING, reason)
 
@@ -626,7 +627,10 @@ def test_reason_of_inputs_that_are_no_numbers(port, delay):
     context = alone(START, controller=controller)
     remember(controller, context)
     context.SetTime(PERIOD)
-    for fresh, status in ((context, FLOWN_ON), (alone(START, controller=controller), BRAKING)):
+    for fresh, status in (
+        (context, CONTINUED),
+        (alone(START, controller=controller), BRAKING),
+    ):
         controller.GetInputPort(port).FixValue(fresh, np.array([0.0, np.nan, 0, 0, 0, 0]))
         assert reason_of(fresh, controller) == (status, PlanReason.INPUT_NOT_FINITE)
         remember(controller, fresh)
@@ -655,7 +659,7 @@ def test_failures_with_a_delay():
     program.broken = False
     simulator.AdvanceTo(50.5 * PERIOD)
     statuses = logged(simulator, "record")[31:, 1].tolist()
-    assert statuses == 5 * [SOLVED] + 10 * [FLOWN_ON] + 5 * [SOLVED]
+    assert statuses == 5 * [SOLVED] + 10 * [CONTINUED] + 5 * [SOLVED]
     assert np.abs(logged(simulator, "force")).max() <= THRUST
 
 

@@ -65,7 +65,7 @@ def test_starts_at_rest_at_the_start() -> None:
 def test_the_expert_is_the_default() -> None:
     controller = build().GetSubsystemByName("controller")
     assert isinstance(controller, ModelPredictiveController)
-    assert controller.program.horizon.knots == 10
+    assert controller.program.horizon.intervals == 10
     np.testing.assert_array_equal(controller.program.limits.keep_out_semi_axes, [143e3, 73e3, 68e3])
 
 

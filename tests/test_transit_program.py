@@ -189,10 +189,10 @@ def test_unconstrained_plan_is_the_least_squares_solution(velocity):
     assert plan.slack < 1e-9
 
 
-@pytest.mark.parametrize(("knots", "tolerance"), [(30, 3e-3), (120, 2e-4)])
-def test_rest_to_rest_is_the_cubic(knots, tolerance):
+@pytest.mark.parametrize(("intervals", "tolerance"), [(30, 3e-3), (120, 2e-4)])
+def test_rest_to_rest_is_the_cubic(intervals, tolerance):
     """x(s) = d (3 s^2 - 2 s^3), whose mean square acceleration is 12 d^2 / T^4."""
-    horizon = Horizon(knots=knots, fuel_weight=0.0)
+    horizon = Horizon(intervals=intervals, fuel_weight=0.0)
     plan = free_program(horizon=horizon).solve(REST_START, REST_TARGET, iterations=15)
     away = REST_TARGET[:3] - REST_START[:3]
     best = 12.0 * (away @ away) / plan.times[-1] ** 4 * (MASS / THRUST) ** 2
@@ -302,7 +302,7 @@ def test_time_to_go_is_the_time_left_on_the_cubic(share):
 
 
 def test_knots_are_denser_near_now():
-    fractions = Horizon(knots=30, knot_growth=4.0).fractions()
+    fractions = Horizon(intervals=30, interval_growth=4.0).fractions()
     assert fractions.shape == (31,)
     assert (fractions[0], fractions[-1]) == (0.0, pytest.approx(1.0))
     lengths = np.diff(fractions)
@@ -320,7 +320,7 @@ def test_states_and_forces_between_and_past_the_knots():
     assert forces == pytest.approx(plan.forces[[0, 3, 4, -1]])
 
 
-@pytest.mark.parametrize("horizon", [Horizon(knots=1), Horizon(minimum=0.0)])
+@pytest.mark.parametrize("horizon", [Horizon(intervals=1), Horizon(minimum=0.0)])
 def test_senseless_horizon_is_refused(horizon):
     with pytest.raises(InputError, match="horizon"):
         free_program(horizon=horizon)

@@ -32,7 +32,7 @@ from proxops.systems.common.errors import SolverFailure
 from proxops.systems.shapes.ellipsoid import clearances
 
 MASS, SPIN, LENGTH = 100.0, 3.0e-4, 1200.0
-HORIZON = Horizon(knots=12, minimum=LENGTH)
+HORIZON = Horizon(intervals=12, minimum=LENGTH)
 WEIGHTS = ErrorWeights(position=8e3, speed=15.0)
 START = np.array([210e3, -40e3, 30e3, 2.0, -3.0, 1.0])
 TARGET = np.array([200e3, -20e3, 25e3, 0.0, 0.0, 0.0])
@@ -52,7 +52,7 @@ def straight(start: np.ndarray, end: np.ndarray) -> Plan:
     """A path to linearise about, without force."""
     times = LENGTH * HORIZON.fractions()
     states = start + (times / LENGTH)[:, None] * (end - start)
-    forces = np.zeros((HORIZON.knots, 3))
+    forces = np.zeros((HORIZON.intervals, 3))
     return Plan(times, states, forces, end, 0.0, 0.0, 0, 0, 0.0)
 
 
@@ -61,7 +61,7 @@ def least_squares(about: Plan, start, target, weights: ErrorWeights, thrust: flo
 
     The states are an affine function of all forces, built up interval by interval.
     """
-    n = HORIZON.knots
+    n = HORIZON.intervals
     scale = 1.0 / np.repeat([weights.position, weights.speed], 3)
     constant, effect = start.copy(), np.zeros((6, 3 * n))
     rows, wanted, states = [], [], []

@@ -42,8 +42,8 @@ def make_controller(scenario: Scenario, body: Body) -> ModelPredictiveController
         keep_out_semi_axes=body.keep_out_semi_axes + mpc.keep_out_margin_m,
     )
     horizon = Horizon(
-        knots=mpc.knots,
-        knot_growth=mpc.knot_growth,
+        intervals=mpc.knots,
+        interval_growth=mpc.knot_growth,
         nominal_acceleration=mpc.nominal_acceleration_m_s2,
         fuel_weight=mpc.fuel_weight,
         minimum=mpc.min_horizon_s,
@@ -140,7 +140,7 @@ def make_backup(scenario: Scenario, body: Body, assurance: AssuranceConfig) -> B
         thrust=craft.thrust_limit_n,
         speed=craft.speed_limit_m_s,
         keep_out_semi_axes=body.keep_out_semi_axes,
-        margin=assurance.margin_m,
+        keep_out_margin=assurance.margin_m,
     )
     return BackupBraking(body.gravity_field, body.spin_rate, limits, scenario.control_period_s)
 

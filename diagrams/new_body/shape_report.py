@@ -9,7 +9,7 @@ import numpy as np
 
 from proxops.diagrams.scenario import Body
 from proxops.systems.gravity import GRAVITATIONAL_CONSTANT
-from proxops.systems.shapes import Defect, HoldingEllipsoid, MassProperties, MeshFile
+from proxops.systems.shapes import Defect, EnclosingEllipsoid, MassProperties, MeshFile
 
 SLIVER_ANGLE = 1.0
 """Degrees: a facet with a smaller angle is a sliver."""
@@ -53,7 +53,7 @@ class ShapeReport:
     crossings: np.ndarray | None = None
     """Pairs (N, 2) of facets that cut or touch each other; None: not looked for."""
     solid: MassProperties | None = None
-    keep_out: HoldingEllipsoid | None = None
+    keep_out: EnclosingEllipsoid | None = None
     body: Body | None = field(default=None, repr=False)
     """With mass, period and the keep-out ellipsoid; None unless the mesh is sound."""
     hover: HoverMap | None = field(default=None, repr=False)

@@ -1,4 +1,4 @@
-"""Compiled kernel of backup braking: gravity from a table, the law, its outlook, bounds of speed.
+"""Compiled kernel of backup braking: gravity from a table, the backup's law, margins, speed limit.
 
 Arguments that most functions share:
 
@@ -24,7 +24,7 @@ AXIS_X, AXIS_Y, AXIS_Z, SPIN, THRUST, PERIOD, CRUISE, SETTLED, SPEED = range(9)
 # Level, |(x/a, y/b, z/c)|, down to which the table reaches; below, gravity of that level serves.
 LOWEST_LEVEL = 0.95
 # Steps after which a backup that has not settled on its way out counts as failed.
-_LONGEST_OUTLOOK = 300
+_LONGEST_BACKUP = 300
 # Outward speed, in cruises, from which the law can't fall back inwards: far more than Coriolis and
 # gravity change it in a step.
 _OUTWARD = 0.05
@@ -153,7 +153,7 @@ def _clearance(level, world):
 
 
 @_compiled
-def outlook(r_start, v_start, scales, nodes, world):
+def backup_margin(r_start, v_start, scales, nodes, world):
     """The least clearance (m) for ever if the backup flies from here; -inf if it never settles.
 
     The clearance is a lower bound between the steps, too, and its sign is exact to that.
@@ -163,7 +163,7 @@ def outlook(r_start, v_start, scales, nodes, world):
     for i in range(3):
         level2 += (r[i] / world[i]) ** 2
     least = _clearance(math.sqrt(level2), world)
-    for _ in range(_LONGEST_OUTLOOK):
+    for _ in range(_LONGEST_BACKUP):
         _gravity_ahead(r, v, scales, nodes, world, gravity)
         outward = _law(r, v, gravity, world, u)
         if outward >= _OUTWARD * world[CRUISE] and max(abs(v[0]), abs(v[1])) <= world[SETTLED]:
@@ -181,12 +181,12 @@ def backup(r, v, scales, nodes, world, u):
 
 
 @_compiled
-def worth(r, v, scales, nodes, world, u):
+def margin(r, v, scales, nodes, world, u):
     """The least clearance (m) if u (3,) flies for one period and the backup after it."""
     gravity, r_end, v_end = np.empty(3), np.empty(3), np.empty(3)
     _gravity_ahead(r, v, scales, nodes, world, gravity)
     least = _advance(r, v, gravity, u, world, r_end, v_end)
-    return min(least, outlook(r_end, v_end, scales, nodes, world))
+    return min(least, backup_margin(r_end, v_end, scales, nodes, world))
 
 
 @_compiled

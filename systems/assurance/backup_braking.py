@@ -56,7 +56,7 @@ class AssuranceLimits:
     """Greatest speed per axis in K, m/s."""
     keep_out_semi_axes: np.ndarray
     """(3,) in m, of the ellipsoid about the body."""
-    margin: float = 100.0
+    keep_out_margin: float = 100.0
     """Added to each semi-axis, m: for what the prediction errs by, and what disturbs."""
 
 
@@ -103,7 +103,11 @@ class BackupBraking:
         """
         axes = np.asarray(limits.keep_out_semi_axes, dtype=np.float64)
         values = [limits.mass, limits.thrust, limits.speed, period, *axes]
-        if not (np.isfinite(values).all() and min(values) > 0.0 and 0.0 <= limits.margin < np.inf):
+        if not (
+            np.isfinite(values).all()
+            and min(values) > 0.0
+            and 0.0 <= limits.keep_out_margin < np.inf
+        ):
             raise InputError(
                 "runtime assurance needs a positive mass, thrust limit, speed limit, period and "
                 f"semi-axes, and a margin that is not negative, got {limits} and {period}"
@@ -121,7 +125,15 @@ class BackupBraking:
                 f"{limits.mass * self.table.greatest.max():.3g} N: fly without it, or with more "
                 "thrust or less mass"
             )
-        world = [*(axes + limits.margin), spin, acceleration, period, cruise, settled, limits.speed]
+        world = [
+            *(axes + limits.keep_out_margin),
+            spin,
+            acceleration,
+            period,
+            cruise,
+            settled,
+            limits.speed,
+        ]
         # What the kernel's functions take after position and velocity.
         self._given = self.table.scales, self.table.nodes, np.array(world)
 
@@ -132,17 +144,17 @@ class BackupBraking:
         kernel.backup(r, v, *self._given, thrust)
         return self.limits.mass * thrust
 
-    def outlook(self, state: np.ndarray) -> float:
+    def backup_margin(self, state: np.ndarray) -> float:
         """The least clearance in m, of the ellipsoid with its margin, if the backup flies.
 
         A lower bound, the closer the nearer it is to 0; -inf if the backup comes to no end.
         """
         r, v = self._split(state)
-        return kernel.outlook(r, v, *self._given)
+        return kernel.backup_margin(r, v, *self._given)
 
     def admitted(self, state: np.ndarray) -> bool:
         """Whether the backup's flight from a state (6,) stays out."""
-        return self.outlook(state) >= 0.0
+        return self.backup_margin(state) >= 0.0
 
     def assure(self, state: np.ndarray, force: np.ndarray) -> Assured:
         """The least change of a force (3,) in N for the period that begins at a state (6,).
@@ -161,32 +173,32 @@ class BackupBraking:
             reason = InterventionReason.SPEED_LIMIT
         elif (thrust != wanted).any():
             reason = InterventionReason.THRUST_LIMIT
-        worth = kernel.worth(*motion, thrust)
-        if worth < 0.0:
-            thrust, reason = self._kept_out(motion, thrust, worth, (low, high))
+        margin = kernel.margin(*motion, thrust)
+        if margin < 0.0:
+            thrust, reason = self._kept_out(motion, thrust, -margin, (low, high))
         if reason is InterventionReason.NONE:
             return Assured(np.array(force, dtype=np.float64), reason)
         limit = self.limits.thrust
         return Assured(np.clip(self.limits.mass * thrust, -limit, limit), reason)
 
     def _kept_out(
-        self, motion: _Motion, thrust: np.ndarray, missing: float, box: Box
+        self, motion: _Motion, thrust: np.ndarray, shortfall: float, box: Box
     ) -> tuple[np.ndarray, InterventionReason]:
-        """The least change of a thrust acceleration whose worth is `missing`, below 0."""
+        """The least change of a thrust acceleration whose margin is `-shortfall`, below 0."""
 
-        def worth(tried: np.ndarray) -> float:
-            return kernel.worth(*motion, tried)
+        def margin(tried: np.ndarray) -> float:
+            return kernel.margin(*motion, tried)
 
         limit = self.limits.thrust / self.limits.mass
         enough = _NEAR_ENOUGH * limit * self.period**2
-        found = least_change(worth, thrust, missing, box, limit, enough)
+        found = least_change(margin, thrust, shortfall, box, limit, enough)
         if found is not None:
             return found, InterventionReason.KEEP_OUT
         # Towards the backup, if it can be had within the speed limit.
         way_out = np.empty(3)
         kernel.backup(*motion, way_out)
         toward = np.clip(way_out, *box) - thrust
-        found, reached = along_path(worth, thrust, toward, missing, box, 1.0, 1.0, enough)
+        found, reached = along_path(margin, thrust, toward, shortfall, box, 1.0, 1.0, enough)
         if reached >= 0.0:
             return found, InterventionReason.KEEP_OUT
         return way_out, InterventionReason.BACKUP

@@ -10,7 +10,7 @@ from proxops.systems.expert.plan import Horizon, Plan, PlanStatus, TransitLimits
 from proxops.systems.gravity import Field
 
 
-def flown_on(last: Plan, age: float, horizon: Horizon, least: float) -> Plan:
+def continued_plan(last: Plan, age: float, horizon: Horizon, least: float) -> Plan:
     """What is left of the last plan after `age` s, on the same knots; past its end its last force.
 
     It is `least` s long or longer.
@@ -21,7 +21,7 @@ def flown_on(last: Plan, age: float, horizon: Horizon, least: float) -> Plan:
     forces[0] = last.forces_at(np.array([age]))[0]
     states = last.states_at(age + times)
     return dataclasses.replace(
-        last, times=times, states=states, forces=forces, status=PlanStatus.FLOWN_ON
+        last, times=times, states=states, forces=forces, status=PlanStatus.LAST_PLAN_CONTINUED
     )
 
 
@@ -37,17 +37,17 @@ def braking(
 
     Of no known state, no thrust.
     """
-    knots = horizon.knots
+    intervals = horizon.intervals
     if not np.isfinite(state).all():
-        return empty_plan(knots)
+        return empty_plan(intervals)
     gravity = field.evaluate(state[None, :3]).acceleration[0]
     apparent = gravity + [spin**2 * state[0], spin**2 * state[1], 0.0]
     apparent += [2.0 * spin * state[4], -2.0 * spin * state[3], 0.0]
     force = -limits.mass * (apparent + state[3:] / period)
     force = np.clip(force, -limits.thrust, limits.thrust)
     return dataclasses.replace(
-        empty_plan(knots),
+        empty_plan(intervals),
         times=horizon.fractions() * horizon.minimum,
-        states=np.tile(state, (knots + 1, 1)),
-        forces=np.tile(force, (knots, 1)),
+        states=np.tile(state, (intervals + 1, 1)),
+        forces=np.tile(force, (intervals, 1)),
     )

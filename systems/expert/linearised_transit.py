@@ -24,7 +24,7 @@ from pydrake.solvers import ClarabelSolver, MathematicalProgram, SolverOptions
 
 from proxops.systems.common import InputError, SolverFailure
 from proxops.systems.expert.condensed_motion import condensed_motion
-from proxops.systems.expert.first_guess import first_paths
+from proxops.systems.expert.initial_guess import initial_paths
 from proxops.systems.expert.path_limits import PathLimits, path_limits
 from proxops.systems.expert.plan import Horizon, Plan, TransitLimits
 from proxops.systems.gravity import Field
@@ -89,8 +89,8 @@ class LinearisedTransit:
         Raises:
           InputError: the horizon has no length or fewer than two intervals.
         """
-        if horizon.knots < 2 or not horizon.minimum > 0.0:
-            raise InputError("a plan needs at least 2 knots and a horizon of positive length")
+        if horizon.intervals < 2 or not horizon.minimum > 0.0:
+            raise InputError("a plan needs at least 2 intervals and a horizon of positive length")
         self.field, self.spin, self.limits, self.horizon = field, spin, limits, horizon
         self.fractions = horizon.fractions()
         self.shares = np.diff(self.fractions)
@@ -104,7 +104,7 @@ class LinearisedTransit:
         self.options = SolverOptions()
 
     def _build(self, free_time: int, one_norm: int, end_slacks: int) -> None:
-        n, program = self.horizon.knots, self.program
+        n, program = self.horizon.intervals, self.program
         # One block with few bindings: Drake looks up each variable of each binding at each solve.
         sizes = [3 * n, free_time, n, n, end_slacks, 3 * n * one_norm]
         variables = program.NewContinuousVariables(sum(sizes), "z")
@@ -139,7 +139,7 @@ class LinearisedTransit:
         price[:n] = KEEP_OUT_PRICE
         program.AddLinearCost(price, 0.0, slacks)
 
-    def first_plans(
+    def initial_plans(
         self, state: np.ndarray, target: np.ndarray, duration: float, free_time: bool
     ) -> list[Plan]:
         """Plans to linearise about that depend on state and target alone, the likeliest first.
@@ -151,17 +151,17 @@ class LinearisedTransit:
             is from rest to rest at one acceleration.
         """
         plans, axes = [], self.limits.keep_out_semi_axes
-        for positions in first_paths(self.fractions, state[:3], target[:3], axes):
+        for positions in initial_paths(self.fractions, state[:3], target[:3], axes):
             length = np.linalg.norm(np.diff(positions, axis=0), axis=1).sum()
             straight = np.linalg.norm(target[:3] - state[:3])
             longer = np.sqrt(np.clip(length / max(straight, 1e-9 * length, 1e-9), 1.0, 9.0))
             times = (longer if free_time else 1.0) * duration * self.fractions
             states = np.hstack([positions, np.gradient(positions, times, axis=0)])
-            forces = np.zeros((self.horizon.knots, 3))
+            forces = np.zeros((self.horizon.intervals, 3))
             plans.append(Plan(times, states, forces, target, 0.0, 0.0, 0, 0, 0.0))
         return plans
 
-    def what_is_left(
+    def remaining_plan(
         self, last: Plan, age: float, duration: float
     ) -> tuple[np.ndarray, np.ndarray]:
         """States (N + 1, 6) and controls (N, 3) of a plan `age` s old, on knots over `duration`."""

@@ -11,12 +11,11 @@ from pydrake.solvers import SolutionResult
 from pydrake.systems.framework import LeafSystem
 
 from proxops.systems.common import InputError, SolverFailure
-from proxops.systems.expert.fallback_plans import braking, flown_on
+from proxops.systems.expert.fallback_plans import braking, continued_plan
 from proxops.systems.expert.plan import Plan, PlanProgram, PlanReason, PlanStatus, empty_plan
 from proxops.systems.expert.plan_memory import memory_size, packed, unpacked
 from proxops.systems.vehicle import moved_by, predicted_state, unexplained_acceleration
 
-SOLVED, FLOWN_ON, BRAKING = PlanStatus
 # An old plan is linearised about again, up to so many times, until the first force changes by less
 # than this share of the thrust limit. Two or three times do, 1e-3 of the limit from the end of it.
 _MOST_FOR_OLD_PLAN, _SETTLED = 5, 1e-3
@@ -60,7 +59,7 @@ class ModelPredictiveController(LeafSystem):
     `DelayedHold` makes it. It then plans from where it will be by then, under its own last command
     and the gravity it believes in; the last command is kept too, and the command depends on it.
 
-    If the solver fails the flight goes on: the last plan is flown on by the clock (status 1), and
+    If the solver fails the flight goes on: the last plan is continued by the clock (status 1), and
     without one the spacecraft brakes (status 2). `Plan.reason` says why.
     """
 
@@ -93,8 +92,8 @@ class ModelPredictiveController(LeafSystem):
         self._state_port = self.DeclareVectorInputPort(name="state", size=6)
         self._target_port = self.DeclareVectorInputPort(name="target", size=6)
         self._enable_port = self.DeclareVectorInputPort(name="enable", size=1)
-        knots = program.horizon.knots
-        self._memory = self.DeclareDiscreteState(memory_size(knots))
+        intervals = program.horizon.intervals
+        self._memory = self.DeclareDiscreteState(memory_size(intervals))
         # With a delay, the last command; until there is one, no force acts.
         self._command = self.DeclareDiscreteState(3) if delay > 0.0 else None
         depends = {
@@ -105,7 +104,7 @@ class ModelPredictiveController(LeafSystem):
         }
         self._plan_port = self.DeclareAbstractOutputPort(
             name="plan",
-            alloc=lambda: AbstractValue.Make(empty_plan(knots)),
+            alloc=lambda: AbstractValue.Make(empty_plan(intervals)),
             calc=self._calc_plan,
             prerequisites_of_calc=depends,
         )
@@ -168,9 +167,9 @@ class ModelPredictiveController(LeafSystem):
         plan = self._plan_port.Eval(context)
         if self._command is not None:
             discrete_state.set_value(self._command, self._first_force(plan))
-        if plan.status == SOLVED:
+        if plan.status == PlanStatus.SOLVED:
             discrete_state.set_value(self._memory, packed(plan, context.get_time() + self.delay))
-        # Else the last plan that was solved stays, to be flown on by its own clock.
+        # Else the last plan that was solved stays, to be continued by its own clock.
 
     def _first_force(self, plan: Plan) -> np.ndarray:
         limit = self.program.limits.thrust
@@ -256,7 +255,7 @@ class ModelPredictiveController(LeafSystem):
         """The last plan shifted, or without one, braking."""
         program = self.program
         if last is not None:
-            return flown_on(last, age, program.horizon, self.period)
+            return continued_plan(last, age, program.horizon, self.period)
         return braking(
             state, program.field, program.spin, program.limits, program.horizon, self.period
         )

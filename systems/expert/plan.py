@@ -16,7 +16,7 @@ class PlanStatus(IntEnum):
 
     SOLVED = 0
     """A fresh solution."""
-    FLOWN_ON = 1
+    LAST_PLAN_CONTINUED = 1
     """The last plan that was solved, shifted to now."""
     BRAKING = 2
     """For want of any plan."""
@@ -62,7 +62,7 @@ class Plan:
     slack: float
     """Sum of all slacks in scaled units; 0 if the plan keeps every limit and reaches the target."""
     status: int
-    """A `PlanStatus`. 0: solved; 1: an older plan, flown on; 2: braking, for want of any plan."""
+    """A `PlanStatus`. 0: solved; 1: the last plan, continued; 2: braking, for there is no plan."""
     iterations: int
     """Linearisations this plan took."""
     solve_time: float
@@ -82,12 +82,12 @@ class Plan:
         return self.forces[np.clip(at, 0, len(self.forces) - 1)]
 
 
-def empty_plan(knots: int) -> Plan:
+def empty_plan(intervals: int) -> Plan:
     """Of so many intervals, nowhere, without thrust."""
     return Plan(
-        times=np.zeros(knots + 1),
-        states=np.zeros((knots + 1, 6)),
-        forces=np.zeros((knots, 3)),
+        times=np.zeros(intervals + 1),
+        states=np.zeros((intervals + 1, 6)),
+        forces=np.zeros((intervals, 3)),
         target=np.zeros(6),
         cost=np.nan,
         slack=np.nan,
@@ -115,9 +115,9 @@ class TransitLimits:
 class Horizon:
     """How long a plan is, by what it trades time for effort, and how it is divided."""
 
-    knots: int = 16
-    """Number of intervals."""
-    knot_growth: float = 4.0
+    intervals: int = 16
+    """Number of intervals of constant force."""
+    interval_growth: float = 4.0
     """Length of the last interval over that of the first."""
     nominal_acceleration: float = 0.03
     """m/s^2, a: sets the price of time. Without gravity and fuel weight, transits from rest to rest
@@ -153,7 +153,7 @@ class Horizon:
 
     def fractions(self) -> np.ndarray:
         """Knots (N + 1,) as shares of T."""
-        lengths = np.linspace(1.0, self.knot_growth, self.knots)
+        lengths = np.linspace(1.0, self.interval_growth, self.intervals)
         return np.concatenate([[0.0], np.cumsum(lengths) / lengths.sum()])
 
 

@@ -12,9 +12,9 @@ from proxops.systems.expert.plan import Horizon, Plan, empty_plan
 _HEAD = 9
 
 
-def memory_size(knots: int) -> int:
+def memory_size(intervals: int) -> int:
     """Length of the vector for plans of so many intervals."""
-    return _HEAD + 6 * (knots + 1) + 3 * knots + 3
+    return _HEAD + 6 * (intervals + 1) + 3 * intervals + 3
 
 
 def packed(plan: Plan, start: float) -> np.ndarray:
@@ -28,14 +28,14 @@ def unpacked(memory: np.ndarray, horizon: Horizon) -> tuple[Plan | None, float]:
     if memory[0] == 0.0:
         return None, 0.0
     memory = memory.copy()  # A view of a Context's state changes with it, and may outlive it.
-    knots = horizon.knots
-    split = _HEAD + 6 * (knots + 1)
+    intervals = horizon.intervals
+    split = _HEAD + 6 * (intervals + 1)
     plan = dataclasses.replace(
-        empty_plan(knots),
+        empty_plan(intervals),
         times=memory[2] * horizon.fractions(),
         target=memory[3:_HEAD],
-        states=memory[_HEAD:split].reshape(knots + 1, 6),
-        forces=memory[split:-3].reshape(knots, 3),
+        states=memory[_HEAD:split].reshape(intervals + 1, 6),
+        forces=memory[split:-3].reshape(intervals, 3),
         push=memory[-3:],
     )
     return plan, float(memory[1])

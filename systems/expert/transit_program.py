@@ -120,7 +120,7 @@ class TransitProgram:
         """
         best, failure = None, None
         duration = self.horizon.time_to_go(state, target)
-        for plan in self.transit.first_plans(state, target, duration, True):
+        for plan in self.transit.initial_plans(state, target, duration, True):
             try:
                 for k in range(1, iterations + 1):
                     plan = self._improved(state, target, plan, 0.0, push, k, started, k > 1)
@@ -152,7 +152,7 @@ class TransitProgram:
         """The solution of the program linearised about `last`, `age` s old."""
         least = self.horizon.minimum
         duration = max(last.times[-1] - age, least)
-        states, controls = self.transit.what_is_left(last, age, duration)
+        states, controls = self.transit.remaining_plan(last, age, duration)
         transit = self.transit
         transit.linearise(state, states, controls, duration, push)
         eye = np.eye(6)

@@ -83,10 +83,10 @@ class WeightedProgram:
         if not (np.isfinite(state).all() and np.isfinite(target).all()):
             raise SolverFailure(SolutionResult.kInvalidInput)  # Drake would end the process.
         duration = self.horizon.minimum
-        last = previous or self.transit.first_plans(state, target, duration, False)[0]
+        last = previous or self.transit.initial_plans(state, target, duration, False)[0]
         push = np.zeros(3) if push is None else push
         for iteration in range(1, iterations + 1):
-            states, controls = self.transit.what_is_left(last, age, duration)
+            states, controls = self.transit.remaining_plan(last, age, duration)
             self.transit.linearise(state, states, controls, duration, push)
             self._weigh_errors(target)
             found = self.transit.solve()

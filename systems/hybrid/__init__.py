@@ -8,6 +8,7 @@ ellipsoid whatever the thrusters do. Each is a plain object that can be tried al
 from proxops.systems.hybrid.agreement_gates import AgreementGate, GateKind
 from proxops.systems.hybrid.check_schedule import CheckSchedule, PeriodRule
 from proxops.systems.hybrid.enabled_value import EnabledValue
+from proxops.systems.hybrid.flown_by import FlownBy
 from proxops.systems.hybrid.hybrid_selector import DecisionReason, HybridSelector
 from proxops.systems.hybrid.reach_time import ReachModel
 
@@ -16,6 +17,7 @@ __all__ = [
     "CheckSchedule",
     "DecisionReason",
     "EnabledValue",
+    "FlownBy",
     "GateKind",
     "HybridSelector",
     "PeriodRule",

@@ -12,47 +12,48 @@ from pydrake.systems.framework import BasicVector, LeafSystem, ValueProducer
 
 from proxops.systems.hybrid.agreement_gates import Agreement, AgreementGate
 from proxops.systems.hybrid.check_schedule import CheckSchedule, PeriodRule
+from proxops.systems.hybrid.flown_by import FlownBy
 from proxops.systems.hybrid.reach_time import ReachModel
 from proxops.systems.shapes import clearances
 
-BY_MPC, BY_POLICY = 1, 2
-"""Who flies: values of `decision`."""
-
 
 class DecisionReason(IntEnum):
-    """Why the one or the other flies a step."""
+    """Why the MPC or the policy flies a step."""
 
     CHECK_AGREED = 0
-    """The MPC, for it was asked; the policy agrees, and flies until the next check."""
+    """The MPC flies, because it was asked. The policy agrees and flies until the next check."""
     CHECK_DISAGREED = 1
-    """The MPC, for it was asked; the policy disagrees, and the MPC flies until the next check."""
+    """The MPC flies, because it was asked. The policy disagrees: the MPC flies until the next
+    check."""
     POLICY_AGREED_BEFORE = 2
-    """The policy: it agreed at the last check."""
+    """The policy flies, because it agreed at the last check."""
     POLICY_DISAGREED_BEFORE = 3
-    """The MPC: the policy disagreed at the last check."""
-    PLAN_FLOWN_ON = 4
-    """The MPC by its plan of the last check, at which the policy disagreed; it is not asked."""
+    """The MPC is asked and flies, because the policy disagreed at the last check."""
+    PLAN_CONTINUED = 4
+    """The policy disagreed at the last check. The MPC's plan of that check is continued; the MPC
+    is not asked."""
 
 
 class Decision(NamedTuple):
-    """All that is decided at one step."""
+    """What the selector decides at one step."""
 
     force: np.ndarray
     """(3,) in N in K."""
-    pilot: int
-    """`BY_MPC` or `BY_POLICY`."""
+    flown_by: FlownBy
+    """`FlownBy.MPC` or `FlownBy.POLICY`."""
     reason: DecisionReason
-    agreement: Agreement | None
-    """None where the MPC was not asked."""
-    clearance: float
-    """Of the keep-out ellipsoid in m at a check; NaN otherwise."""
     left: int
     """Steps from this one to the next check."""
+    until_check: FlownBy
+    """Which of the two flies from the next step to the next check."""
     period: int
-    """From the last check to the next, in steps."""
-    pilot_until_check: int
-    wall_time: float
-    """In s, of deciding: neither the MPC's nor the policy's."""
+    """Steps from the last check to the next."""
+    agreement: Agreement | None = None
+    """None where the MPC was not asked."""
+    clearance: float = np.nan
+    """Distance to the keep-out ellipsoid in m at a check, NaN at other steps."""
+    wall_time: float = 0.0
+    """Time in s that the decision took, without the MPC's and the policy's own."""
 
 
 class HybridSelector(LeafSystem):
@@ -107,14 +108,12 @@ class HybridSelector(LeafSystem):
         self._policy_port = self.DeclareVectorInputPort(name="policy_force", size=3)
         self._state_port = self.DeclareVectorInputPort(name="state", size=6)
         # Steps to the next check, who flies until then, and the period.
-        self._memory = self.DeclareDiscreteState(BasicVector([0.0, BY_MPC, 0.0]))
-        nothing = Decision(
-            np.zeros(3), BY_MPC, DecisionReason.CHECK_AGREED, None, np.nan, 0, 0, BY_MPC, 0.0
-        )
+        self._memory = self.DeclareDiscreteState(BasicVector([0.0, FlownBy.MPC, 0.0]))
+        blank = Decision(np.zeros(3), FlownBy.MPC, DecisionReason.CHECK_AGREED, 0, FlownBy.MPC, 0)
         # One entry for all outputs and the update, so that one step is decided once.
         self._choice = self.DeclareCacheEntry(
             "decision",
-            ValueProducer(allocate=lambda: AbstractValue.Make(nothing), calc=self._calc_choice),
+            ValueProducer(allocate=lambda: AbstractValue.Make(blank), calc=self._calc_choice),
             {
                 self._mpc_port.ticket(),
                 self._planned_port.ticket(),
@@ -141,42 +140,36 @@ class HybridSelector(LeafSystem):
         )
 
     def _calc_choice(self, context, value):
-        left, pilot, last = context.get_discrete_state(self._memory).value()
+        left, until_check, period = map(int, context.get_discrete_state(self._memory).value())
         policy_force = self._policy_port.Eval(context)
-        if left > 0 and pilot == BY_POLICY:
+        if left > 0 and until_check == FlownBy.POLICY:
             reason = DecisionReason.POLICY_AGREED_BEFORE
-            choice = Decision(
-                policy_force, BY_POLICY, reason, None, np.nan, int(left), int(last), BY_POLICY, 0.0
-            )
-            value.set_value(choice)
-            return
-        if not self._wanted(left, pilot):
-            reason = DecisionReason.PLAN_FLOWN_ON
-            planned = self._planned_port.Eval(context)
-            value.set_value(
-                Decision(planned, BY_MPC, reason, None, np.nan, int(left), int(last), BY_MPC, 0.0)
-            )
-            return
-        mpc_force = self._mpc_port.Eval(context)
-        state = self._state_port.Eval(context) if left == 0 else None
-        started = time.perf_counter()
-        agreement = self.gate.compare(mpc_force, policy_force)
-        if state is None:
-            choice = Decision(
-                mpc_force, BY_MPC, DecisionReason.POLICY_DISAGREED_BEFORE, agreement, np.nan,
-                int(left), int(last), BY_MPC, 0.0,
-            )  # fmt: skip
+            choice = Decision(policy_force, FlownBy.POLICY, reason, left, FlownBy.POLICY, period)
+        elif not self._wanted(left, until_check):
+            reason, force = DecisionReason.PLAN_CONTINUED, self._planned_port.Eval(context)
+            choice = Decision(force, FlownBy.MPC, reason, left, FlownBy.MPC, period)
         else:
-            choice = self._check(mpc_force, agreement, state, int(last))
-        value.set_value(choice._replace(wall_time=time.perf_counter() - started))
+            force = self._mpc_port.Eval(context)
+            state = self._state_port.Eval(context) if left == 0 else None
+            started = time.perf_counter()
+            agreement = self.gate.compare(force, policy_force)
+            if state is None:
+                reason = DecisionReason.POLICY_DISAGREED_BEFORE
+                choice = Decision(force, FlownBy.MPC, reason, left, FlownBy.MPC, period, agreement)
+            else:
+                choice = self._check(force, agreement, state, period)
+            choice = choice._replace(wall_time=time.perf_counter() - started)
+        value.set_value(choice)
 
-    def _wanted(self, left: float, pilot: float) -> bool:
+    def _wanted(self, left: float, until_check: float) -> bool:
         """Whether the MPC is asked at a step."""
-        return left == 0 or (pilot == BY_MPC and self.schedule.rule == PeriodRule.FIXED)
+        fixed = self.schedule.rule == PeriodRule.FIXED
+        return left == 0 or (until_check == FlownBy.MPC and fixed)
 
     def _check(
         self, mpc_force: np.ndarray, agreement: Agreement, state: np.ndarray, last: int
     ) -> Decision:
+        """The decision at a check, `last` steps after the one before."""
         steps = 0
         if self.schedule.rule == PeriodRule.ADAPTIVE:
             steps = self.reach.steps_out_of_reach(
@@ -186,27 +179,26 @@ class HybridSelector(LeafSystem):
         period = self.schedule.next_period(last, agreement, self.gate.magnitude, steps)
         agrees = agreement.agrees
         return Decision(
-            mpc_force,
-            BY_MPC,
-            DecisionReason.CHECK_AGREED if agrees else DecisionReason.CHECK_DISAGREED,
-            agreement,
-            float(clearances(self.reach.semi_axes, state[None, :3])[0]),
-            period,
-            period,
-            BY_POLICY if agrees else BY_MPC,
-            0.0,
+            force=mpc_force,
+            flown_by=FlownBy.MPC,
+            reason=DecisionReason.CHECK_AGREED if agrees else DecisionReason.CHECK_DISAGREED,
+            left=period,
+            until_check=FlownBy.POLICY if agrees else FlownBy.MPC,
+            period=period,
+            agreement=agreement,
+            clearance=float(clearances(self.reach.semi_axes, state[None, :3])[0]),
         )
 
     def _calc_force(self, context, output):
         output.SetFromVector(self._choice.Eval(context).force)
 
     def _calc_wanted(self, context, output):
-        left, pilot, _ = context.get_discrete_state(self._memory).value()
-        output.SetFromVector([float(self._wanted(left, pilot))])
+        left, until_check, _ = context.get_discrete_state(self._memory).value()
+        output.SetFromVector([float(self._wanted(left, until_check))])
 
     def _calc_decision(self, context, output):
-        left, pilot, _ = context.get_discrete_state(self._memory).value()
-        output.SetFromVector([float(BY_MPC if left == 0 else pilot)])
+        left, until_check, _ = context.get_discrete_state(self._memory).value()
+        output.SetFromVector([float(FlownBy.MPC if left == 0 else until_check)])
 
     def _calc_record(self, context, output):
         choice = self._choice.Eval(context)
@@ -220,5 +212,5 @@ class HybridSelector(LeafSystem):
 
     def _remember(self, context, discrete_state):
         choice = self._choice.Eval(context)
-        memory = [choice.left - 1.0, choice.pilot_until_check, choice.period]
+        memory = [choice.left - 1.0, choice.until_check, choice.period]
         discrete_state.set_value(self._memory, memory)

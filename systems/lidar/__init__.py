@@ -7,7 +7,14 @@ measured ones (noise, bias, dropout, false returns) as a pure function of seed a
 
 from proxops.systems.lidar.learned_lidar import LearnedLidar
 from proxops.systems.lidar.lidar import Lidar
-from proxops.systems.lidar.lidar_bundle import BUNDLE_FILE, DEPTH, FORMAT, HIT, INPUT, LidarBundle
+from proxops.systems.lidar.lidar_bundle import (
+    CHORDS_INPUT,
+    DEPTH_OUTPUT,
+    HIT_OUTPUT,
+    LIDAR_FILE,
+    LIDAR_FORMAT,
+    LidarBundle,
+)
 from proxops.systems.lidar.lidar_errors import LidarErrors
 from proxops.systems.lidar.planar_lidar import (
     PLANES,
@@ -19,11 +26,11 @@ from proxops.systems.lidar.planar_lidar import (
 from proxops.systems.lidar.ray_chords import ChordFan
 
 __all__ = [
-    "BUNDLE_FILE",
-    "DEPTH",
-    "FORMAT",
-    "HIT",
-    "INPUT",
+    "CHORDS_INPUT",
+    "DEPTH_OUTPUT",
+    "HIT_OUTPUT",
+    "LIDAR_FILE",
+    "LIDAR_FORMAT",
     "PLANES",
     "RAYS",
     "ChordFan",

@@ -13,15 +13,15 @@ from proxops.systems.common import BundleKind, InputError, read_bundle
 if typing.TYPE_CHECKING:
     import onnxruntime as ort
 
-FORMAT = "proxops learned lidar 1"
-BUNDLE_FILE = "bundle.json"
-INPUT, HIT, DEPTH = "chords", "hit_logit", "depth"
+LIDAR_FORMAT = "proxops learned lidar 1"
+LIDAR_FILE = "bundle.json"
+CHORDS_INPUT, HIT_OUTPUT, DEPTH_OUTPUT = "chords", "hit_logit", "depth"
 """Names in the network: chord ends (K, 6) in; logit of the hit's probability (K,) and depth (K,),
 the share of the chord in front of the surface, out; all float32."""
 _KIND = BundleKind(
     noun="learned lidar",
-    file=BUNDLE_FILE,
-    format=FORMAT,
+    file=LIDAR_FILE,
+    format=LIDAR_FORMAT,
     keys={
         "planes": int, "rays": int, "cube_m": float, "centre_m": list, "semi_axes_m": list,
         "body": str, "shape_sha256": str, "model_sha256": str, "training": dict, "versions": dict,
@@ -60,7 +60,7 @@ class LidarBundle:
         content, sha256, session = read_bundle(folder, _KIND)
         for key in ("centre_m", "semi_axes_m"):
             if len(content[key]) != 3 or not all(isinstance(x, float) for x in content[key]):
-                raise InputError(f"{folder / BUNDLE_FILE} is damaged: {key} is not three numbers")
+                raise InputError(f"{folder / LIDAR_FILE} is damaged: {key} is not three numbers")
         return cls(
             path=folder,
             planes=content["planes"],
@@ -75,5 +75,5 @@ class LidarBundle:
 
     def predict(self, ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Logits of the hit's probability and depths (K,), float32, for chord ends (K, 6)."""
-        hit, depth = self.session.run([HIT, DEPTH], {INPUT: ends})
+        hit, depth = self.session.run([HIT_OUTPUT, DEPTH_OUTPUT], {CHORDS_INPUT: ends})
         return np.asarray(hit), np.asarray(depth)

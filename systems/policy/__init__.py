@@ -6,10 +6,10 @@ that it flies from and the checks that a bundle must pass. PyTorch is never need
 
 from proxops.systems.policy.neural_policy import NeuralPolicy, PolicyStatus, policy_answer
 from proxops.systems.policy.policy_bundle import (
-    FORMAT,
-    INPUTS,
-    OUTPUTS,
     POLICY_FILE,
+    POLICY_FORMAT,
+    POLICY_INPUTS,
+    POLICY_OUTPUTS,
     PolicyBundle,
     check_network,
     run_network,
@@ -17,10 +17,10 @@ from proxops.systems.policy.policy_bundle import (
 from proxops.systems.policy.proportional_derivative import ProportionalDerivative
 
 __all__ = [
-    "FORMAT",
-    "INPUTS",
-    "OUTPUTS",
     "POLICY_FILE",
+    "POLICY_FORMAT",
+    "POLICY_INPUTS",
+    "POLICY_OUTPUTS",
     "NeuralPolicy",
     "PolicyBundle",
     "PolicyStatus",

@@ -14,10 +14,10 @@ from proxops.systems.common import BundleKind, InputError, read_bundle
 if typing.TYPE_CHECKING:
     import onnxruntime as ort
 
-FORMAT = "proxops policy 1"
+POLICY_FORMAT = "proxops policy 1"
 POLICY_FILE = "policy.json"
-INPUTS = ("ranges", "target", "applied_force", "memory")
-OUTPUTS = ("force", "estimate", "next_memory")
+POLICY_INPUTS = ("ranges", "target", "applied_force", "memory")
+POLICY_OUTPUTS = ("force", "estimate", "next_memory")
 """Names in the network; all are float32 of one row each. In: ranges (planes * rays) in m, +inf
 where nothing returned; target (6) in m and m/s; the force (3) in N that was applied over the last
 period, 0 at the first step; memory, 0 at the start of a flight. Out: force (3) in N, estimate (6)
@@ -25,7 +25,7 @@ of position and velocity in m and m/s, NaN if it makes none, and the memory for 
 _KIND = BundleKind(
     noun="policy",
     file=POLICY_FILE,
-    format=FORMAT,
+    format=POLICY_FORMAT,
     keys={
         "recipe": str, "planes": int, "rays": int, "period_s": float, "thrust_limit_n": float,
         "memory": int, "estimates": bool, "body": str, "shape_sha256": str, "data_sha256": str,
@@ -102,8 +102,8 @@ def check_network(session: ort.InferenceSession, rays: int, memory: int) -> None
         "force": 3, "estimate": 6, "next_memory": memory,
     }  # fmt: skip
     for kind, names, values in (
-        ("inputs", INPUTS, session.get_inputs()),
-        ("outputs", OUTPUTS, session.get_outputs()),
+        ("inputs", POLICY_INPUTS, session.get_inputs()),
+        ("outputs", POLICY_OUTPUTS, session.get_outputs()),
     ):
         wanted = {name: ("tensor(float)", [1, sizes[name]]) for name in names}
         got = {value.name: (value.type, list(value.shape)) for value in values}
@@ -122,7 +122,7 @@ def run_network(
     vectors = (ranges, target, applied_force, memory)
     rows = {
         name: np.asarray(vector, dtype=np.float32)[None]
-        for name, vector in zip(INPUTS, vectors, strict=True)
+        for name, vector in zip(POLICY_INPUTS, vectors, strict=True)
     }
-    force, estimate, next_memory = (np.asarray(row)[0] for row in session.run(OUTPUTS, rows))
+    force, estimate, next_memory = (np.asarray(row)[0] for row in session.run(POLICY_OUTPUTS, rows))
     return force, estimate, next_memory

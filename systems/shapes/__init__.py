@@ -12,7 +12,7 @@ from proxops.systems.shapes.ellipsoid import (
     closest_point,
     tangent_half_spaces,
 )
-from proxops.systems.shapes.holding_ellipsoid import HoldingEllipsoid, smallest_ellipsoid
+from proxops.systems.shapes.enclosing_ellipsoid import EnclosingEllipsoid, smallest_ellipsoid
 from proxops.systems.shapes.mass import MassProperties, mass_properties
 from proxops.systems.shapes.mesh_checks import (
     Defect,
@@ -25,12 +25,18 @@ from proxops.systems.shapes.mesh_repair import repair_mesh
 from proxops.systems.shapes.polyhedron import Polyhedron
 from proxops.systems.shapes.ray_casting import RayCaster, RayFan, ray_caster
 from proxops.systems.shapes.self_intersection import self_intersections
-from proxops.systems.shapes.shape_files import FORMATS, MeshFile, mesh_bytes, metres_per, read_mesh
+from proxops.systems.shapes.shape_files import (
+    MESH_FORMATS,
+    MeshFile,
+    mesh_bytes,
+    metres_per,
+    read_mesh,
+)
 
 __all__ = [
-    "FORMATS",
+    "MESH_FORMATS",
     "Defect",
-    "HoldingEllipsoid",
+    "EnclosingEllipsoid",
     "MassProperties",
     "MeshFile",
     "Polyhedron",

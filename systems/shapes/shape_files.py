@@ -18,7 +18,7 @@ import trimesh
 from proxops.systems.common import InputError
 
 METRES_PER_UNIT = {"m": 1.0, "km": 1000.0}
-FORMATS = (".obj", ".ply", ".stl", ".tab")
+MESH_FORMATS = (".obj", ".ply", ".stl", ".tab")
 
 
 @dataclass(frozen=True)
@@ -71,8 +71,10 @@ def read_mesh(path: str | Path, unit: str = "km") -> MeshFile:
     if not path.is_file():
         raise InputError(f"mesh file {path} does not exist or is not a file")
     suffix = path.suffix.lower()
-    if suffix not in FORMATS:
-        raise InputError(f"{path} could not be read as a mesh: use one of {', '.join(FORMATS)}")
+    if suffix not in MESH_FORMATS:
+        raise InputError(
+            f"{path} could not be read as a mesh: use one of {', '.join(MESH_FORMATS)}"
+        )
     try:
         if suffix in (".obj", ".tab"):
             text = path.read_text(encoding="utf-8", errors="replace")
@@ -100,8 +102,8 @@ def mesh_bytes(vertices: np.ndarray, facets: np.ndarray, suffix: str, comment: s
         lines += [f"v {x!r} {y!r} {z!r}" for x, y, z in vertices.tolist()]
         lines += [f"f {i} {j} {k}" for i, j, k in (facets + 1).tolist()]
         return ("\n".join(lines) + "\n").encode()
-    if suffix not in FORMATS:
-        raise InputError(f"a mesh is written as one of {', '.join(FORMATS)}, not {suffix!r}")
+    if suffix not in MESH_FORMATS:
+        raise InputError(f"a mesh is written as one of {', '.join(MESH_FORMATS)}, not {suffix!r}")
     mesh = trimesh.Trimesh(vertices, facets, process=False)
     content = mesh.export(file_type=suffix[1:])
     assert isinstance(content, bytes)

@@ -14,10 +14,10 @@ from torch import Tensor, nn
 
 from proxops.systems.common import InputError, open_session
 from proxops.systems.policy import (
-    FORMAT,
-    INPUTS,
-    OUTPUTS,
     POLICY_FILE,
+    POLICY_FORMAT,
+    POLICY_INPUTS,
+    POLICY_OUTPUTS,
     check_network,
     run_network,
 )
@@ -85,10 +85,10 @@ def export_policy(
     rays = facts.planes * facts.rays
     sizes = (rays, 6, 3, facts.memory)
     blank = tuple(torch.zeros(1, size) for size in sizes)
-    model = onnx_bytes(module, blank, INPUTS, OUTPUTS)
+    model = onnx_bytes(module, blank, POLICY_INPUTS, POLICY_OUTPUTS)
     check_network(open_session(model), rays, facts.memory)
     content = {
-        "format": FORMAT,
+        "format": POLICY_FORMAT,
         "recipe": facts.recipe,
         "planes": facts.planes,
         "rays": facts.rays,

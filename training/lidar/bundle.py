@@ -11,7 +11,7 @@ import torch
 from torch import nn
 
 from proxops.systems.common import InputError, open_session
-from proxops.systems.lidar import BUNDLE_FILE, DEPTH, FORMAT, HIT, INPUT
+from proxops.systems.lidar import CHORDS_INPUT, DEPTH_OUTPUT, HIT_OUTPUT, LIDAR_FILE, LIDAR_FORMAT
 from proxops.training.export import accepted_difference, describing, onnx_bytes, write_bundle_folder
 
 
@@ -32,7 +32,9 @@ class BundleFacts:
 def onnx_model(network: nn.Module) -> bytes:
     """The network as an ONNX file, for any number of rays, none included."""
     rays = ({0: torch.export.Dim("rays")},)
-    return onnx_bytes(network, (torch.zeros(2, 6),), [INPUT], [HIT, DEPTH], rays)
+    return onnx_bytes(
+        network, (torch.zeros(2, 6),), [CHORDS_INPUT], [HIT_OUTPUT, DEPTH_OUTPUT], rays
+    )
 
 
 def check_model(model: bytes, network: nn.Module, ends: np.ndarray) -> float:
@@ -48,7 +50,7 @@ def check_model(model: bytes, network: nn.Module, ends: np.ndarray) -> float:
         wanted = [output.numpy() for output in network(torch.from_numpy(ends))]
     if not all(np.isfinite(output).all() for output in wanted):
         raise InputError("the network's output is not finite: no bundle is written")
-    got = open_session(model).run([HIT, DEPTH], {INPUT: ends})
+    got = open_session(model).run([HIT_OUTPUT, DEPTH_OUTPUT], {CHORDS_INPUT: ends})
     return max(map(accepted_difference, wanted, map(np.asarray, got)))
 
 
@@ -62,7 +64,7 @@ def write_bundle(folder: Path, network: nn.Module, facts: BundleFacts, ends: np.
     """
     model = onnx_model(network)
     content = {
-        "format": FORMAT,
+        "format": LIDAR_FORMAT,
         "planes": facts.planes,
         "rays": facts.rays,
         "cube_m": float(facts.cube),
@@ -72,4 +74,4 @@ def write_bundle(folder: Path, network: nn.Module, facts: BundleFacts, ends: np.
         "shape_sha256": facts.shape_sha256,
         "training": facts.training | {"onnx_difference": check_model(model, network, ends)},
     }
-    write_bundle_folder(folder, model, {BUNDLE_FILE: describing(content, model)})
+    write_bundle_folder(folder, model, {LIDAR_FILE: describing(content, model)})

@@ -77,7 +77,7 @@ def near_silhouette(frames: np.ndarray, planes: int) -> np.ndarray:
     return near.reshape(frames.shape)
 
 
-def holding_ellipsoid(
+def enclosing_ellipsoid(
     positions: np.ndarray, frames: np.ndarray, directions: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Centre (3,) and semi-axes (3,) in m of an ellipsoid that holds all that the frames saw.

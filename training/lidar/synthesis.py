@@ -22,8 +22,8 @@ from proxops.training.lidar.frames import (
     LENGTH_UNITS_PER_CUBE,
     GridFrames,
     cast_grid,
+    enclosing_ellipsoid,
     frame_examples,
-    holding_ellipsoid,
     random_positions,
     ray_examples,
 )
@@ -94,7 +94,7 @@ def train_lidar(
     directions = ray_directions(lidar.planes, lidar.rays)
     fan = ray_caster(body.shape).fan(directions)
     grid = cast_grid(body, fan, cube, settings.spacing, settings.seed)
-    centre, semi_axes = holding_ellipsoid(grid.positions, grid.frames, directions)
+    centre, semi_axes = enclosing_ellipsoid(grid.positions, grid.frames, directions)
     chords = ChordFan(centre, semi_axes, directions)
     identity = (
         f"proxops {metadata.version('proxops')}, body {body.shape.sha256}, cube {cube}, "

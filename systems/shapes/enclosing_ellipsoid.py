@@ -12,7 +12,7 @@ from proxops.systems.common import InputError
 
 
 @dataclass(frozen=True)
-class HoldingEllipsoid:
+class EnclosingEllipsoid:
     """An ellipsoid about the origin, and the proof that it holds every point and is small."""
 
     semi_axes: np.ndarray
@@ -32,7 +32,7 @@ class HoldingEllipsoid:
         return float(4.0 / 3.0 * np.pi * self.semi_axes.prod())
 
 
-def smallest_ellipsoid(points: np.ndarray, margin: float = 0.0) -> HoldingEllipsoid:
+def smallest_ellipsoid(points: np.ndarray, margin: float = 0.0) -> EnclosingEllipsoid:
     """The ellipsoid of least volume that holds points (N, 3) in m, with every semi-axis lengthened.
 
     In w = 1/a^2 the points' levels are linear and the volume is the product of w^(-1/2): maximise
@@ -68,7 +68,7 @@ def smallest_ellipsoid(points: np.ndarray, margin: float = 0.0) -> HoldingEllips
     levels = np.sum((points / semi_axes) ** 2, axis=1)
     prices = np.abs(result.GetDualSolution(holds))
     bound = np.sqrt(np.prod(prices * 3.0 / prices.sum() @ squares)) * reach.prod()
-    return HoldingEllipsoid(
+    return EnclosingEllipsoid(
         semi_axes=semi_axes,
         margin=margin,
         level=float(levels.max()),

@@ -12,7 +12,7 @@ _OPPOSITE = 0.2
 _ONE_SIDED = 3.0**0.5
 
 
-def first_paths(
+def initial_paths(
     fractions: np.ndarray, start: np.ndarray, end: np.ndarray, axes: np.ndarray
 ) -> list[np.ndarray]:
     """Positions (N + 1, 3) at the knots of plans from start (3,) to end (3,), before any plan.

@@ -10,7 +10,7 @@ from proxops.diagrams.scenario.body import load_body
 from proxops.diagrams.scenario.scenario import Scenario
 from proxops.diagrams.scenario.transits import transit_set
 from proxops.systems import Horizon, Plan, TransitProgram
-from proxops.systems.expert.first_guess import first_paths
+from proxops.systems.expert.initial_guess import initial_paths
 from proxops.systems.shapes.ellipsoid import blocks_segment
 
 AXES = np.array([143e3, 73e3, 68e3])
@@ -25,7 +25,7 @@ def outside(point: np.ndarray) -> bool:
 @given(place, place)
 def test_paths_lead_from_start_to_end_and_stay_outside(start, end):
     assume(outside(start) and outside(end))
-    paths = first_paths(FRACTIONS, start, end, AXES)
+    paths = initial_paths(FRACTIONS, start, end, AXES)
     for path in paths:
         assert path[[0, -1]] == pytest.approx(np.stack([start, end]), abs=1e-3)
         assert np.linalg.norm(path / AXES, axis=1).min() > 1.0 - 1e-9
@@ -35,7 +35,7 @@ def test_paths_lead_from_start_to_end_and_stay_outside(start, end):
     if both or not blocks_segment(AXES, start, end):
         assert len(paths) == 1 + both
     if both:  # Half-way they are on opposite sides.
-        middle = [first_paths(np.array([0.5]), start, end, AXES)[k][0] / AXES for k in (0, 1)]
+        middle = [initial_paths(np.array([0.5]), start, end, AXES)[k][0] / AXES for k in (0, 1)]
         x, y = (m / np.linalg.norm(m) for m in middle)
         assert x @ y < -0.99
 
@@ -45,13 +45,13 @@ def test_ends_between_which_nothing_chooses(radius):
     """Their directions add up to just what the axis would add, the other way."""
     z = -0.05
     start = radius * np.array([np.sqrt(1.0 - z**2), 0.0, z]) * AXES
-    for path in first_paths(FRACTIONS, start, start * [-1.0, 1.0, 1.0], AXES):
+    for path in initial_paths(FRACTIONS, start, start * [-1.0, 1.0, 1.0], AXES):
         assert np.isfinite(path).all()
 
 
 def test_a_path_that_nothing_blocks_is_straight():
     start, end = np.array([0.0, 120e3, 0.0]), np.array([90e3, 120e3, 30e3])
-    (path,) = first_paths(FRACTIONS, start, end, AXES)
+    (path,) = initial_paths(FRACTIONS, start, end, AXES)
     line = (path - start) @ (end - start) / np.sum((end - start) ** 2)
     assert path == pytest.approx(start + line[:, None] * (end - start), abs=1e-6)
     assert (np.diff(line) > 0.0).all()
@@ -61,7 +61,7 @@ def test_a_path_that_nothing_blocks_is_straight():
 def test_exactly_opposite_ends_go_round_by_a_short_axis(axis):
     """The shortest that is not their own: over the pole or, from pole to pole, by the waist."""
     start = 1.2 * AXES * np.eye(3)[axis]
-    near = [path / AXES for path in first_paths(FRACTIONS, start, -start, AXES)]
+    near = [path / AXES for path in initial_paths(FRACTIONS, start, -start, AXES)]
     by = 2 if axis < 2 else 1
     assert [np.sign(path[1:-1, by]).sum() for path in near] == [15.0, -15.0]
     for path in near:
@@ -70,7 +70,7 @@ def test_exactly_opposite_ends_go_round_by_a_short_axis(axis):
 
 @pytest.mark.parametrize("centre", [np.zeros(3), np.array([1.0, 0.0, 0.0])])
 def test_from_the_very_centre_there_is_a_path(centre):
-    for path in first_paths(FRACTIONS, centre, np.array([0.0, 0.0, 100e3]), AXES):
+    for path in initial_paths(FRACTIONS, centre, np.array([0.0, 0.0, 100e3]), AXES):
         assert np.isfinite(path).all()
         assert path[-1] == pytest.approx([0.0, 0.0, 100e3])
 
