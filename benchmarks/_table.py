@@ -1,13 +1,14 @@
 """What the benchmarks that fly campaigns share: a bar while they fly, and their table."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
+from proxops.diagrams.flight import Workers
 from proxops.systems.common import InputError, write_whole
 
 Lines = Mapping[str, Sequence[str]]
@@ -15,17 +16,16 @@ Lines = Mapping[str, Sequence[str]]
 
 
 @contextmanager
-def flying(total: int) -> Iterator[Callable[[object], None]]:
-    """A bar; gives what is to be called with each flight's row. Wrong input ends the program."""
-    columns = TextColumn("flying"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
+def flying(processes: int | None) -> Iterator[Workers]:
+    """Shows a bar; gives the workers that move it. Wrong input ends the program."""
+    columns = BarColumn(), TimeRemainingColumn(), TextColumn("{task.description}")
     with Progress(*columns, console=Console(stderr=True)) as bar:
-        task = bar.add_task("", total=total)
-
-        def told(_: object) -> None:
-            bar.update(task, advance=1)
-
+        task = bar.add_task("flying", total=1.0)
         try:
-            yield told
+            yield Workers(
+                processes,
+                progress=lambda done, text: bar.update(task, completed=done, description=text),
+            )
         except InputError as error:
             raise SystemExit(str(error)) from error
 

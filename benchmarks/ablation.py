@@ -154,10 +154,10 @@ def main() -> None:
     if asked.paper is not None:
         folders = {"the paper's": asked.paper / "bundle", **folders}
     names = {f"policy:{folder.resolve()}": label for label, folder in folders.items()}
-    with flying(len(names) * asked.transits) as told:
+    with flying(asked.workers) as workers:
         results = fly_controllers(
             list(names), load_scenario(None, {"log_ranges": False}), asked.seed, asked.transits,
-            asked.out / "flights", workers=asked.workers, progress=told,
+            asked.out / "flights", workers=workers,
         )  # fmt: skip
     lines = {names[name]: cells(result) for name, result in results.items()}
     title = f"{asked.transits} transits of seed {asked.seed}"

@@ -13,7 +13,7 @@ pushes besides gravity. Δv is what the plant felt. Flights are kept one by one 
 import argparse
 import dataclasses
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 for name in ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
@@ -22,7 +22,14 @@ for name in ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
 import numpy as np
 from _table import flying, show
 
-from proxops.diagrams.flight import Flight, Row, file_label, run_groups, transit_flights
+from proxops.diagrams.flight import (
+    Flight,
+    Row,
+    Workers,
+    file_label,
+    run_groups,
+    transit_flights,
+)
 from proxops.diagrams.scenario import load_scenario
 
 MATCHED = "time_and_fuel"
@@ -59,8 +66,7 @@ def fly_all(
     seed: int,
     count: int,
     folder: Path,
-    workers: int | None,
-    progress: Callable[[Row], None],
+    workers: Workers,
 ) -> dict[str, list[Row]]:
     """Each variant's rows in the order of the transits."""
     groups: dict[str, list[Flight]] = {variant: [] for variant in variants}
@@ -69,7 +75,7 @@ def fly_all(
         scenario = load_scenario(None, VARIANTS[variant])
         for flight in transit_flights(scenario, "mpc", seed, count):
             groups[variant].append(dataclasses.replace(flight, name=f"{label}-{flight.name}"))
-    return run_groups(groups, folder, workers=workers, progress=progress)
+    return run_groups(groups, folder, workers=workers)
 
 
 def figures(rows: list[Row], matched: list[Row]) -> list[str]:
@@ -109,9 +115,9 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("out/expert"))
     parser.add_argument("--markdown", type=Path, help="also write the table there")
     asked = parser.parse_args()
-    with flying(len(VARIANTS) * asked.transits) as told:
+    with flying(asked.workers) as workers:
         rows = fly_all(
-            list(VARIANTS), asked.seed, asked.transits, asked.out, asked.workers, told
+            list(VARIANTS), asked.seed, asked.transits, asked.out, workers
         )  # fmt: skip
     lines = {variant: figures(rows[variant], rows[MATCHED]) for variant in VARIANTS}
     title = f"{asked.transits} transits of seed {asked.seed}"

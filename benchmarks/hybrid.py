@@ -18,7 +18,7 @@ by one in the folder of `--out`: run it again to finish what was interrupted, or
 import argparse
 import dataclasses
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 for name in ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
@@ -29,7 +29,14 @@ import numpy as np
 from _table import flying, show
 
 from proxops.assets import ASSETS
-from proxops.diagrams.flight import Flight, Row, file_label, run_groups, transit_flights
+from proxops.diagrams.flight import (
+    Flight,
+    Row,
+    Workers,
+    file_label,
+    run_groups,
+    transit_flights,
+)
 from proxops.diagrams.scenario import load_scenario
 from proxops.studies.evaluation import delta_v_pairs
 from proxops.systems.common import write_whole
@@ -72,8 +79,7 @@ def fly_all(
     seed: int,
     count: int,
     folder: Path,
-    workers: int | None,
-    progress: Callable[[Row], None],
+    workers: Workers,
 ) -> dict[str, list[Row]]:
     """Each variant's rows in the order of the transits."""
     groups: dict[str, list[Flight]] = {variant: [] for variant in variants}
@@ -84,7 +90,7 @@ def fly_all(
             groups[variant].append(
                 dataclasses.replace(flight, name=f"{label}-{seed}-{flight.name[-5:]}")
             )
-    return run_groups(groups, folder, workers=workers, progress=progress)
+    return run_groups(groups, folder, workers=workers)
 
 
 def solves_saved(rows: Sequence[Row]) -> float:
@@ -161,9 +167,9 @@ def main() -> None:
     if unknown:
         raise SystemExit(f"hybrid.py: no variant {', '.join(sorted(unknown))}: {known}")
     variants = [MPC, *asked.only] if asked.only else known
-    with flying(len(variants) * asked.transits) as told:
+    with flying(asked.workers) as workers:
         rows = fly_all(
-            variants, bundle, asked.seed, asked.transits, asked.out, asked.workers, told
+            variants, bundle, asked.seed, asked.transits, asked.out, workers
         )  # fmt: skip
     lines = {variant: figures(rows[variant], rows[MPC]) for variant in variants}
     title = f"{asked.transits} transits of seed {asked.seed}"

@@ -25,7 +25,14 @@ import numpy as np
 from _table import flying, show
 
 from proxops.assets import ASSETS
-from proxops.diagrams.flight import Flight, Row, file_label, run_groups, transit_flights
+from proxops.diagrams.flight import (
+    Flight,
+    Row,
+    Workers,
+    file_label,
+    run_groups,
+    transit_flights,
+)
 from proxops.diagrams.scenario import (
     Body,
     Scenario,
@@ -156,12 +163,11 @@ def fly_all(
     seed: int,
     count: int,
     folder: Path,
-    workers: int | None,
-    progress: Callable[[Row], None],
+    workers: Workers,
 ) -> dict[str, list[Row]]:
     """Each variant's rows in the order of the transits."""
     groups = {name: flights_of(name, controller, seed, count) for name in variants}
-    return run_groups(groups, folder, workers=workers, progress=progress)
+    return run_groups(groups, folder, workers=workers)
 
 
 def figures(rows: Sequence[Row]) -> list[str]:
@@ -191,10 +197,8 @@ def main() -> None:
     if asked.controller == "policy" and not SHIPPED.is_dir():
         print("No policy ships yet: name one with --controller policy:BUNDLE.")
         return  # No failure: all benchmarks run one after the other.
-    with flying(len(VARIANTS) * asked.transits) as told:
-        rows = fly_all(
-            VARIANTS, asked.controller, asked.seed, asked.transits, asked.out, asked.workers, told
-        )
+    with flying(asked.workers) as workers:
+        rows = fly_all(VARIANTS, asked.controller, asked.seed, asked.transits, asked.out, workers)
     lines = {variant: figures(rows[variant]) for variant in VARIANTS}
     title = f"{asked.controller}, {asked.transits} transits of seed {asked.seed}"
     show(title, HEADINGS, lines, asked.markdown)

@@ -10,27 +10,19 @@ from typing import Annotated, Any
 
 import typer
 from rich import box
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    ProgressColumn,
-    Task,
-    TextColumn,
-    TimeRemainingColumn,
-)
 from rich.table import Table
-from rich.text import Text
 
 from proxops.cli.common import (
     AsJson,
+    Processes,
     ScenarioChanges,
-    Scheduler,
-    Workers,
+    SchedulerAddress,
     check_folder,
     console,
-    progress_bar,
     status,
+    work_bar,
 )
+from proxops.diagrams.flight import Workers
 from proxops.diagrams.scenario import load_scenario
 from proxops.training.data import collect, histogram_rows, learned_lidar_of, parse_mix, report_rows
 
@@ -68,8 +60,8 @@ def collect_command(
     out: Annotated[Path, typer.Option(help="Folder for the logs and manifest.json.")] = (
         Path("out/collection")
     ),
-    workers: Workers = None,
-    scheduler: Scheduler = None,
+    workers: Processes = None,
+    scheduler: SchedulerAddress = None,
     as_json: AsJson = False,
 ) -> None:
     """Fly expert transits; write a log each, manifest.json and a report.
@@ -93,23 +85,7 @@ def collect_command(
     learned = (
         learned_lidar_of(wanted, lidar_bundle.resolve()) if lidar == LidarSource.LEARNED else None
     )
-    columns = (
-        TextColumn("flying"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        _RateColumn(),
-        TimeRemainingColumn(),
-        TextColumn("{task.description}"),
-    )
-    with progress_bar(*columns) as bar:
-        task = bar.add_task("", total=transits)
-        failures = 0
-
-        def tell(row: dict[str, Any]) -> None:
-            nonlocal failures
-            failures += not row["success"]
-            bar.update(task, advance=1, description=f"{failures} without success")
-
+    with work_bar("flying") as progress:
         _, report = collect(
             wanted,
             mix,
@@ -117,23 +93,13 @@ def collect_command(
             transits,
             out,
             learned_lidar=learned,
-            workers=workers,
-            scheduler=scheduler,
-            progress=tell,
+            workers=Workers(workers, scheduler, progress),
         )
     if as_json:
         typer.echo(json.dumps(report, indent=2))
     else:
         _print(report)
     status.print(f"Wrote {transits} logs, manifest.json, report.json and report.md in {out}")
-
-
-class _RateColumn(ProgressColumn):
-    """Flights a minute."""
-
-    def render(self, task: Task) -> Text:
-        speed = task.finished_speed or task.speed
-        return Text("" if speed is None else f"{60 * speed:.1f}/min", style="progress.data.speed")
 
 
 def _print(report: dict[str, Any]) -> None:

@@ -6,14 +6,14 @@ import contextlib
 import json
 import os
 import typing
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
+import rich.progress
 import typer
 from rich.console import Console
 from rich.progress import (
     BarColumn,
-    Progress,
     ProgressColumn,
     TextColumn,
     TimeElapsedColumn,
@@ -21,12 +21,12 @@ from rich.progress import (
 )
 from rich.table import Table
 
-from proxops.systems.common import InputError, write_whole
+from proxops.systems.common import InputError, Progress, write_whole
 
-Workers = typing.Annotated[
+Processes = typing.Annotated[
     int | None, typer.Option(min=1, help="Processes. Default: one for each core.")
 ]
-Scheduler = typing.Annotated[
+SchedulerAddress = typing.Annotated[
     str | None, typer.Option(help="Address of a Dask scheduler to fly on instead.")
 ]
 """Options of all commands that fly many times."""
@@ -45,9 +45,11 @@ status = Console(stderr=True, soft_wrap=True)
 """Progress and remarks go here, to standard error."""
 
 
-def progress_bar(*columns: ProgressColumn) -> Progress:
+def progress_bar(*columns: ProgressColumn) -> rich.progress.Progress:
     """A bar on a terminal; nothing, not even an empty line, where there is none."""
-    return Progress(*columns, console=status, transient=True, disable=not status.is_terminal)
+    return rich.progress.Progress(
+        *columns, console=status, transient=True, disable=not status.is_terminal
+    )
 
 
 @contextlib.contextmanager
@@ -66,8 +68,8 @@ def training_extra(instead: str = "") -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def training_bar(text: str = "") -> Iterator[Callable[[float, str], None]]:
-    """A bar for a long piece of work; gives what it is told the share done and a text by."""
+def work_bar(text: str = "") -> Iterator[Progress]:
+    """Shows a bar for a long piece of work; gives the `Progress` that moves it."""
     columns = (BarColumn(), TimeElapsedColumn(), TimeRemainingColumn())
     with progress_bar(*columns, TextColumn("{task.description}")) as bar:
         task = bar.add_task(text, total=1.0)

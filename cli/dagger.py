@@ -11,15 +11,16 @@ import typer
 
 from proxops.cli.common import (
     AsJson,
-    Scheduler,
-    Workers,
+    Processes,
+    SchedulerAddress,
     check_folder,
     print_rows,
     status,
-    training_bar,
     training_extra,
+    work_bar,
 )
 from proxops.cli.train import print_report
+from proxops.diagrams.flight import Workers
 
 
 def dagger_command(
@@ -38,8 +39,8 @@ def dagger_command(
     out: Annotated[Path, typer.Option(help="Folder for the rounds and the pilot.")] = Path(
         "out/dagger"
     ),
-    workers: Workers = None,
-    scheduler: Scheduler = None,
+    workers: Processes = None,
+    scheduler: SchedulerAddress = None,
     as_json: AsJson = False,
 ) -> None:
     """Let the pilot fly, have the MPC say what it would have done, and learn that: DAgger.
@@ -56,8 +57,8 @@ def dagger_command(
     with training_extra():
         from proxops.training.pilot import DaggerSettings, run_dagger
     settings = DaggerSettings(rounds, flights, seed, minutes)
-    with training_bar() as tell:
-        report = run_dagger(data, pilot, out, settings, tell, workers, scheduler)
+    with work_bar() as tell:
+        report = run_dagger(data, pilot, out, settings, Workers(workers, scheduler, tell))
     if as_json:
         typer.echo(json.dumps(report, indent=2))
     else:

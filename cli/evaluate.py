@@ -8,20 +8,19 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 from proxops.cli.common import (
+    Processes,
     ScenarioChanges,
-    Scheduler,
-    Workers,
+    SchedulerAddress,
     check_folder,
     console,
-    progress_bar,
     status,
+    work_bar,
     write_json,
 )
-from proxops.diagrams.flight import named_controller
+from proxops.diagrams.flight import Workers, named_controller
 from proxops.diagrams.scenario import Scenario, draw_transit, load_body, load_scenario
 from proxops.studies.evaluation import (
     Variant,
@@ -50,8 +49,8 @@ def evaluate_command(
     out: Annotated[Path, typer.Option(help="Folder for results.json and the report.")] = Path(
         "out/evaluation"
     ),
-    workers: Workers = None,
-    scheduler: Scheduler = None,
+    workers: Processes = None,
+    scheduler: SchedulerAddress = None,
     keep_logs: Annotated[bool, typer.Option(help="Keep every flight's log.")] = False,
 ) -> None:
     """Fly a set of transits with each controller; write results.json, report.html and report.md.
@@ -76,32 +75,12 @@ def evaluate_command(
         named_controller(name, wanted, body)
     for index in range(min(transits, 2)):  # One of each kind: clear, and blocked by the keep-out.
         draw_transit(seed, index, wanted, body)
-    columns = (
-        TextColumn("flying"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeRemainingColumn(),
-        TextColumn("{task.description}"),
-    )
-    with progress_bar(*columns) as bar:
-        task = bar.add_task("", total=len(names) * transits)
-        failures = 0
-
-        def tell(row: dict) -> None:
-            nonlocal failures
-            failures += not row["success"]
-            bar.update(task, advance=1, description=f"{failures} without success")
-
+    variants = [Variant(name, name) for name in names]
+    flights = out / "flights"
+    with work_bar("flying") as progress:
+        fleet = Workers(workers, scheduler, progress)
         rows = fly_variants(
-            [Variant(name, name) for name in names],
-            wanted,
-            seed,
-            transits,
-            out / "flights",
-            keep_logs=keep_logs,
-            progress=tell,
-            workers=workers,
-            scheduler=scheduler,
+            variants, wanted, seed, transits, flights, keep_logs=keep_logs, workers=fleet
         )
     results = aggregate_all(rows)
     write_json(out / "results.json", results)
@@ -111,9 +90,8 @@ def evaluate_command(
     from proxops.training.reports import write_report
 
     folder = out / ("flights" if keep_logs else "shown")
-    logs = shown_logs(
-        results, wanted, seed, folder, frames=keep_logs, workers=workers, scheduler=scheduler
-    )
+    fleet = Workers(workers, scheduler)
+    logs = shown_logs(results, wanted, seed, folder, frames=keep_logs, workers=fleet)
     title = f"{body.config.name}: {', '.join(names)}"
     command = shlex.join(["proxops", *sys.argv[1:]])
     evaluation = Evaluation(command, body.config.name, seed, wanted, results, logs)

@@ -168,13 +168,13 @@ def _progress_bar() -> Iterator[Any]:
         task = bar.add_task("", total=1.0)
         shown = 0.0
 
-        def tell(now: float, latest: float) -> None:
+        def show(done: float, text: str) -> None:
             nonlocal shown
-            if now - shown >= 100.0 or now < shown:
-                shown = now
-                bar.update(task, completed=now / latest, description=f"{now:.0f} s")
+            if done - shown >= 0.01 or done < shown:
+                shown = done
+                bar.update(task, completed=done, description=text)
 
-        yield tell
+        yield show
 
 
 def _wait_for_ever() -> None:

@@ -11,15 +11,16 @@ import typer
 from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
 
 from proxops.cli.common import (
+    Processes,
     ScenarioChanges,
-    Scheduler,
-    Workers,
+    SchedulerAddress,
     check_folder,
     print_rows,
     progress_bar,
     status,
     training_extra,
 )
+from proxops.diagrams.flight import Workers
 from proxops.diagrams.scenario import load_body, load_scenario
 
 
@@ -44,8 +45,8 @@ def reproduce_command(
     out: Annotated[Path, typer.Option(help="Folder for all stages and the report.")] = Path(
         "out/reproduction"
     ),
-    workers: Workers = None,
-    scheduler: Scheduler = None,
+    workers: Processes = None,
+    scheduler: SchedulerAddress = None,
 ) -> None:
     """Collect, train, evaluate, and write a report: each figure and number of the paper, and ours.
 
@@ -85,8 +86,7 @@ def reproduce_command(
             judged,
             training,
             command=shlex.join(["proxops", *sys.argv[1:]]),
-            workers=workers,
-            scheduler=scheduler,
+            workers=Workers(workers, scheduler),
             tell=tell,
         )
     lines = [(f"{line['what']} (paper: {line['paper']})", line["ours"])

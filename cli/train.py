@@ -15,9 +15,10 @@ from proxops.cli.common import (
     check_folder,
     print_rows,
     status,
-    training_bar,
     training_extra,
+    work_bar,
 )
+from proxops.diagrams.flight import Workers
 from proxops.systems.common import InputError
 
 
@@ -83,7 +84,7 @@ def train_command(
         # torch takes a while to import.
         from proxops.training.paper import PaperSettings, train_paper_policy
         from proxops.training.pilot import PilotSettings, train_pilot
-    with training_bar() as tell:
+    with work_bar() as tell:
         if recipe == Recipe.PAPER:
             settings = PaperSettings(seed=seed, device=device, precision=precision.value)
             settings = settings.quick() if quick else settings
@@ -101,7 +102,7 @@ def train_command(
             guidance = settings.guidance
             guidance = guidance if epochs is None else replace(guidance, epochs=epochs)
             settings = replace(settings, guidance=guidance)
-            report = train_pilot(data, out, settings, tell, workers)
+            report = train_pilot(data, out, settings, Workers(workers, progress=tell))
     if as_json:
         typer.echo(json.dumps(report, indent=2))
     else:

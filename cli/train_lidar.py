@@ -16,8 +16,8 @@ from proxops.cli.common import (
     check_folder,
     console,
     status,
-    training_bar,
     training_extra,
+    work_bar,
 )
 from proxops.diagrams.scenario import load_body, load_scenario
 
@@ -63,7 +63,7 @@ def train_lidar_command(
         chosen = chosen.quick()
     if epochs is not None:
         chosen = replace(chosen, ray=replace(chosen.ray, epochs=epochs))
-    with training_bar("casting frames") as tell:
+    with work_bar("casting frames") as tell:
         report = train_lidar(wanted, body, chosen, out, tell)
     if as_json:
         typer.echo(json.dumps(report, indent=2))

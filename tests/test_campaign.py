@@ -1,5 +1,6 @@
 """Many flights: the same however they are shared out, and never flown twice."""
 
+import contextlib
 import dataclasses as dc
 import json
 import os
@@ -8,13 +9,15 @@ import signal
 import subprocess
 import sys
 import time
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
+import psutil
 import pytest
 from short_flights import BRIEF, short_scenario
 
-from proxops.diagrams.flight import campaign
+from proxops.diagrams.flight import Workers, campaign
 from proxops.diagrams.flight.campaign import Flight, run_campaign, transit_flights
 from proxops.diagrams.logs.flight_log import FlightLog
 from proxops.diagrams.scenario.scenario import Scenario, parse_scenario
@@ -90,17 +93,19 @@ def test_a_controller_that_was_edited_is_another(
 
 def test_one_worker(tmp_path: Path, flown: list[str]) -> None:
     told = []
-    rows = run_campaign(flights(), tmp_path, workers=1, progress=told.append)
+    workers = Workers(1, progress=lambda *now: told.append(now))
+    rows = run_campaign(flights(), tmp_path, workers=workers)
     assert [row["transit"] for row in rows] == [0, 1, 2]
-    assert told == rows
+    failures = [sum(not row["success"] for row in rows[:k]) for k in range(4)]
+    assert told == [(k / 3, f"{k} of 3 flights, {failures[k]} without success") for k in range(4)]
     assert flown == [flight.name for flight in flights()]
     assert visible(tmp_path) == [f"{name}.json" for name in flown]
     assert json.loads((tmp_path / f"{flown[1]}.json").read_text())["summary"] == rows[1]
 
 
 def test_two_workers_give_the_same_rows(tmp_path: Path) -> None:
-    alone = run_campaign(flights(4), tmp_path / "alone", workers=1)
-    together = run_campaign(flights(4), tmp_path / "together", workers=2, keep_logs=True)
+    alone = run_campaign(flights(4), tmp_path / "alone", workers=Workers(1))
+    together = run_campaign(flights(4), tmp_path / "together", workers=Workers(2), keep_logs=True)
     assert without_wall_times(together) == without_wall_times(alone)
     assert len(list((tmp_path / "together").glob("*.json"))) == 4
     for path in (tmp_path / "together").glob("*.nc"):
@@ -108,22 +113,24 @@ def test_two_workers_give_the_same_rows(tmp_path: Path) -> None:
 
 
 def test_resumes(tmp_path: Path, flown: list[str]) -> None:
-    first = run_campaign(flights(2), tmp_path, workers=1)
+    first = run_campaign(flights(2), tmp_path, workers=Workers(1))
     assert len(flown) == 2
     told = []
-    again = run_campaign(flights(2), tmp_path, workers=1, progress=told.append)
+    workers = Workers(1, progress=lambda done, text: told.append(done))
+    again = run_campaign(flights(2), tmp_path, workers=workers)
     assert len(flown) == 2
-    assert again == first == told
-    more = run_campaign(flights(4), tmp_path, workers=1)
+    assert again == first
+    assert told == [1.0]
+    more = run_campaign(flights(4), tmp_path, workers=Workers(1))
     assert flown == [flight.name for flight in flights(4)]
     assert more[:2] == first
 
 
 def test_logs_wanted_later_are_flown_for(tmp_path: Path, flown: list[str]) -> None:
-    run_campaign(flights(1), tmp_path, workers=1)
-    run_campaign(flights(1), tmp_path, workers=1, keep_logs=True)
+    run_campaign(flights(1), tmp_path, workers=Workers(1))
+    run_campaign(flights(1), tmp_path, workers=Workers(1), keep_logs=True)
     assert len(flown) == 2
-    run_campaign(flights(1), tmp_path, workers=1, keep_logs=True)
+    run_campaign(flights(1), tmp_path, workers=Workers(1), keep_logs=True)
     assert len(flown) == 2
     log = FlightLog.load(tmp_path / f"{flown[0]}.nc")
     assert log.scenario == parse_scenario(flights(1)[0].scenario)
@@ -134,17 +141,17 @@ def test_unfinished_files_are_ignored(tmp_path: Path, flown: list[str]) -> None:
     (tmp_path / f".{name}.json.abc.part").write_text('{"flight": {"na')
     (tmp_path / f".{name}.nc.abc.part").write_bytes(b"\x89HDF")
     (tmp_path / f"{name}.nc").write_bytes(b"a log without a summary: overwritten")
-    [row] = run_campaign(flights(1), tmp_path, workers=1, keep_logs=True)
+    [row] = run_campaign(flights(1), tmp_path, workers=Workers(1), keep_logs=True)
     assert row["steps"] == 15
     assert flown == [name]
     assert FlightLog.load(tmp_path / f"{name}.nc").summary == row
 
 
 def test_another_scenario_under_the_same_names(tmp_path: Path, flown: list[str]) -> None:
-    run_campaign(flights(1), tmp_path, workers=1)
+    run_campaign(flights(1), tmp_path, workers=Workers(1))
     heavy = short_scenario(**BRIEF, spacecraft__mass_kg=120.0)
     with pytest.raises(InputError, match=r"another scenario, body, .*: give another output"):
-        run_campaign(transit_flights(heavy, "mpc", 10000, 1), tmp_path, workers=1)
+        run_campaign(transit_flights(heavy, "mpc", 10000, 1), tmp_path, workers=Workers(1))
     assert len(flown) == 1
 
 
@@ -153,13 +160,13 @@ def test_foreign_file_under_a_flight_s_name(tmp_path: Path, content: str) -> Non
     name = flights(1)[0].name
     (tmp_path / f"{name}.json").write_text(content)
     with pytest.raises(InputError, match=name):
-        run_campaign(flights(1), tmp_path, workers=1)
+        run_campaign(flights(1), tmp_path, workers=Workers(1))
 
 
 def test_folder_that_cannot_be_made(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="cannot make the folder"):
-        run_campaign(flights(1), tmp_path / "file" / "out", workers=1)
+        run_campaign(flights(1), tmp_path / "file" / "out", workers=Workers(1))
 
 
 def test_nothing_to_fly(tmp_path: Path) -> None:
@@ -170,25 +177,40 @@ def test_impossible_flight_is_told_apart(tmp_path: Path) -> None:
     """A refusal comes through a worker process as what it is."""
     made = flights(2, "json:no_such_factory")
     with pytest.raises(InputError, match="no attribute 'no_such_factory'"):
-        run_campaign(made, tmp_path, workers=1)
+        run_campaign(made, tmp_path, workers=Workers(1))
     assert visible(tmp_path) == []
 
 
 @pytest.mark.slow
 def test_no_scheduler(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no Dask scheduler answers"):
-        run_campaign(flights(1), tmp_path, scheduler="tcp://127.0.0.1:9")
+        run_campaign(flights(1), tmp_path, workers=Workers(scheduler="tcp://127.0.0.1:9"))
+
+
+def test_a_local_cluster_listens_on_this_machine_alone() -> None:
+    """Whoever reaches a scheduler or a worker can run code; the dashboard shows what runs."""
+    with contextlib.closing(Workers(2).results(flights(4), attrgetter("name"))) as results:
+        next(results)
+        this = psutil.Process()
+        listening = [
+            connection.laddr
+            for process in [this, *this.children(recursive=True)]
+            for connection in process.net_connections(kind="inet")
+            if connection.status == psutil.CONN_LISTEN
+        ]
+    assert len(listening) >= 4  # The scheduler, its dashboard, and two workers.
+    assert {address.ip for address in listening} == {"127.0.0.1"}
 
 
 CAMPAIGN = """
 import sys
 from pathlib import Path
-from proxops.diagrams.flight.campaign import Flight, run_campaign
+from proxops.diagrams.flight import Flight, Workers, run_campaign
 import json
 
 if __name__ == "__main__":
     flights = [Flight(**entry) for entry in json.loads(Path(sys.argv[1]).read_text())]
-    run_campaign(flights, Path(sys.argv[2]), workers=int(sys.argv[3]), keep_logs=True)
+    run_campaign(flights, Path(sys.argv[2]), workers=Workers(int(sys.argv[3])), keep_logs=True)
 """
 
 
@@ -218,14 +240,14 @@ def finish(folder: Path, made: list[Flight], flown: list[str]) -> None:
     assert 0 < len(over) < len(made)
     for name in over:  # What is there is whole.
         assert FlightLog.load(out / f"{name}.nc").summary["steps"] == 15
-    rows = run_campaign(made, out, workers=1, keep_logs=True)
+    rows = run_campaign(made, out, workers=Workers(1), keep_logs=True)
     assert [row["transit"] for row in rows] == list(range(len(made)))
     assert set(flown) == {flight.name for flight in made} - over
     for path, time_ns in before.items():
         if path.stem in over:
             assert path.stat().st_mtime_ns == time_ns
     assert without_wall_times(rows) == without_wall_times(
-        run_campaign(made, folder / "reference", workers=1)
+        run_campaign(made, folder / "reference", workers=Workers(1))
     )
 
 

@@ -7,6 +7,7 @@ import pytest
 from known_policies import Counting, DeadReckoning, NotANumber, write_policy
 from short_flights import BRIEF, kleopatra, short_scenario
 
+from proxops.diagrams.flight import Workers
 from proxops.diagrams.flight.campaign import made_with, run_campaign, transit_flights
 from proxops.diagrams.flight.named_controllers import named_controller
 from proxops.diagrams.flight.simulation import fly
@@ -106,10 +107,10 @@ def test_several_policies_in_one_campaign(tmp_path: Path) -> None:
     assert made[1] == made[2]
     assert "policy" not in made_with(brief(), kleopatra(), "pd")
     flights = [flight for name in names for flight in transit_flights(brief(), name, 1, 1)]
-    rows = run_campaign(flights, tmp_path / "flights", workers=1)
+    rows = run_campaign(flights, tmp_path / "flights", workers=Workers(1))
     assert [row["controller"] for row in rows] == names
     assert len({row["terminal_position_error_m"] for row in rows}) == 3
-    assert run_campaign(flights, tmp_path / "flights", workers=1) == rows
+    assert run_campaign(flights, tmp_path / "flights", workers=Workers(1)) == rows
 
 
 def test_files_of_paths_that_look_alike_differ(tmp_path: Path) -> None:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from short_flights import kleopatra
 
+from proxops.diagrams.flight import Workers
 from proxops.diagrams.flight.scenario_systems import make_controller
 from proxops.diagrams.scenario.scenario import load_scenario
 from proxops.systems import InputError
@@ -48,7 +49,7 @@ def test_labels_are_what_the_expert_commands_there_near_the_goal_too():
 
 
 def test_labels_are_within_limits_and_out_of_the_ellipsoid(tmp_path: Path):
-    labels = expert_plans(load_scenario(), 3, 2, tmp_path, workers=1)
+    labels = expert_plans(load_scenario(), 3, 2, tmp_path, workers=Workers(1))
     count = len(labels["state"])
     assert {key: values.shape for key, values in labels.items()} == {
         "state": (count, 6), "goal": (count, 3), "force": (count, 3),
@@ -61,27 +62,30 @@ def test_labels_are_within_limits_and_out_of_the_ellipsoid(tmp_path: Path):
 
 def test_is_computed_once_and_alike(tmp_path: Path):
     scenario = load_scenario()
-    told: list[int] = []
-    first = expert_plans(scenario, 5, 2, tmp_path / "one", workers=1)
+    told: list[tuple[float, str]] = []
+    first = expert_plans(scenario, 5, 2, tmp_path / "one", workers=Workers(1))
     path = tmp_path / "one" / "plans-5-000000.npz"
     written = path.stat().st_mtime_ns
-    again = expert_plans(scenario, 5, 2, tmp_path / "one", workers=1, progress=told.append)
+    workers = Workers(1, progress=lambda *now: told.append(now))
+    again = expert_plans(scenario, 5, 2, tmp_path / "one", workers)
     assert path.stat().st_mtime_ns == written
-    assert told == [2]
-    other = expert_plans(scenario, 5, 2, tmp_path / "two", workers=1)
+    assert told == [(1.0, "plans of transits, 2 of 2")]
+    other = expert_plans(scenario, 5, 2, tmp_path / "two", workers=Workers(1))
     for key in first:
         np.testing.assert_array_equal(first[key], again[key])
         np.testing.assert_array_equal(first[key], other[key])
 
 
 def test_files_that_are_not_theirs_are_refused(tmp_path: Path):
-    expert_plans(load_scenario(), 5, 1, tmp_path, workers=1)
+    expert_plans(load_scenario(), 5, 1, tmp_path, workers=Workers(1))
     path = tmp_path / "plans-5-000000.npz"
     with pytest.raises(InputError, match="something else"):
-        expert_plans(load_scenario(None, ["spacecraft.mass_kg=90"]), 5, 1, tmp_path, workers=1)
+        expert_plans(
+            load_scenario(None, ["spacecraft.mass_kg=90"]), 5, 1, tmp_path, workers=Workers(1)
+        )
     path.write_bytes(path.read_bytes()[:500])
     with pytest.raises(InputError, match="plans-5-000000"):
-        expert_plans(load_scenario(), 5, 1, tmp_path, workers=1)
+        expert_plans(load_scenario(), 5, 1, tmp_path, workers=Workers(1))
 
 
 def test_plans_with_slack_label_their_start_alone():

@@ -7,6 +7,7 @@ import pytest
 from flight_folders import copy_flights, flight
 from short_flights import kleopatra
 
+from proxops.diagrams.flight import Workers
 from proxops.diagrams.flight.scenario_systems import make_controller
 from proxops.systems import InputError
 from proxops.training.data.flight_labels import label_flights, labels_along
@@ -30,11 +31,13 @@ def test_labels_along_the_experts_own_flight_are_its_commands():
 
 def test_labels_are_kept_and_belong_to_their_flight(tmp_path: Path, monkeypatch):
     logs = sorted(copy_flights(tmp_path).glob("*.nc"))[:2]
-    told: list[int] = []
-    first = label_flights(logs, tmp_path / "labels", 1, progress=told.append)
+    told: list[float] = []
+    workers = Workers(1, progress=lambda done, text: told.append(done))
+    first = label_flights(logs, tmp_path / "labels", workers)
     written = [path.stat().st_mtime_ns for path in sorted((tmp_path / "labels").glob("*.npz"))]
-    assert sum(told) == len(written) == 2
-    again = label_flights(logs, tmp_path / "labels", 1)
+    assert told == [0.0, 0.5, 1.0]
+    assert len(written) == 2
+    again = label_flights(logs, tmp_path / "labels", Workers(1))
     assert written == [
         path.stat().st_mtime_ns for path in sorted((tmp_path / "labels").glob("*.npz"))
     ]
@@ -43,7 +46,7 @@ def test_labels_are_kept_and_belong_to_their_flight(tmp_path: Path, monkeypatch)
     with monkeypatch.context() as other_way:
         other_way.setattr("proxops.training.data.flight_labels._WHOLE_PLAN_EVERY", 4)
         with pytest.raises(InputError, match="something else"):
-            label_flights(logs, tmp_path / "labels", 1)
+            label_flights(logs, tmp_path / "labels", Workers(1))
     logs[0].write_bytes(logs[1].read_bytes())
     with pytest.raises(InputError, match="another"):
-        label_flights(logs, tmp_path / "labels", 1)
+        label_flights(logs, tmp_path / "labels", Workers(1))

@@ -131,9 +131,10 @@ def test_normalisation_is_of_the_training_part(packed: PackedFlights) -> None:
 
 
 def test_packed_once(logs: Path) -> None:
-    told: list[tuple[int, int]] = []
+    told: list[tuple[float, str]] = []
     first = pack_flights(logs, progress=lambda *done: told.append(done))
-    assert told == [(k, len(FLIGHTS)) for k in range(1, len(FLIGHTS) + 1)]
+    count = len(FLIGHTS)
+    assert told == [(k / count, f"packing, {k} of {count}") for k in range(1, count + 1)]
     again = pack_flights(logs, progress=lambda *done: told.append(done))
     assert len(told) == len(FLIGHTS)
     assert again.logs_sha256 == first.logs_sha256
@@ -230,9 +231,10 @@ def test_another_s_folder_is_left_alone(logs: Path) -> None:
 PACK = """
 import os, sys
 from proxops.training.data import pack_flights
-def told(done, count):
-    print(done, flush=True)
-    if done == int(sys.argv[2]):
+def told(done, text):
+    packed = text.split()[1]
+    print(packed, flush=True)
+    if packed == sys.argv[2]:
         os.kill(os.getpid(), 9)
 pack_flights(sys.argv[1], progress=told)
 """

@@ -12,6 +12,7 @@ import torch
 from known_policies import Counting, write_policy
 
 from proxops.cli.main import app
+from proxops.diagrams.flight import Workers
 from proxops.diagrams.flight.simulation import fly
 from proxops.diagrams.logs.flight_log import FlightLog
 from proxops.diagrams.scenario.scenario import load_scenario
@@ -140,7 +141,7 @@ def collected(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def trained(collected: Path) -> Path:
     out = collected.parent / "pilot"
-    train_pilot(collected, out, PilotSettings().quick(), workers=1)
+    train_pilot(collected, out, PilotSettings().quick(), workers=Workers(1))
     return out
 
 
@@ -176,7 +177,8 @@ def test_the_bundle_arrives(trained: Path):
 def test_run_again_it_ends_the_same(collected: Path, trained: Path):
     policy = (trained / "bundle" / "policy.json").read_text()
     told: list[str] = []
-    train_pilot(collected, trained, PilotSettings().quick(), lambda done, text: told.append(text))
+    workers = Workers(progress=lambda done, text: told.append(text))
+    train_pilot(collected, trained, PilotSettings().quick(), workers)
     assert not [text for text in told if "epoch" in text]
     model = json.loads(policy)["model_sha256"]
     assert json.loads((trained / "bundle" / "policy.json").read_text())["model_sha256"] == model
@@ -199,11 +201,11 @@ def test_dagger_learns_from_its_flights_and_goes_on_after_a_kill(
             raise KilledError
 
     with pytest.raises(KilledError):
-        run_dagger(collected, trained, tmp_path, settings, kill, workers=1)
+        run_dagger(collected, trained, tmp_path, settings, Workers(1, progress=kill))
     flown = sorted((tmp_path / "round-1" / "flights").glob("*.nc"))
     written = [path.stat().st_mtime_ns for path in flown]
     assert len(flown) == 2
-    report = run_dagger(collected, trained, tmp_path, settings, workers=1)
+    report = run_dagger(collected, trained, tmp_path, settings, workers=Workers(1))
     assert [path.stat().st_mtime_ns for path in flown] == written
     options = ("--rounds", "1", "--flights", "2", "--seed", str(SEED), "--workers", "1", "--json")
     given = ("dagger", str(collected), "--pilot", str(trained), *options, "--out", str(tmp_path))
@@ -212,7 +214,7 @@ def test_dagger_learns_from_its_flights_and_goes_on_after_a_kill(
     # As if it had been killed between its last round and what it leaves of it.
     network = (tmp_path / "bundle" / "model.onnx").read_bytes()
     shutil.rmtree(tmp_path / "bundle")
-    run_dagger(collected, trained, tmp_path, settings, workers=1)
+    run_dagger(collected, trained, tmp_path, settings, workers=Workers(1))
     assert (tmp_path / "bundle" / "model.onnx").read_bytes() == network
     row = report["rounds"][0]
     states = sum(len(FlightLog.load(path).dataset["time"]) - 1 for path in flown)

@@ -13,7 +13,7 @@ from short_flights import BRIEF, kleopatra, short_scenario
 
 from proxops.cli.fly import _table
 from proxops.cli.main import main
-from proxops.diagrams.flight import campaign, scenario_systems
+from proxops.diagrams.flight import Workers, campaign, scenario_systems
 from proxops.diagrams.flight.campaign import run_campaign, transit_flights
 from proxops.diagrams.flight.named_controllers import named_controller
 from proxops.diagrams.flight.simulation import fly, make_simulator
@@ -277,7 +277,9 @@ def test_campaign_does_not_mix_policies(tmp_path: Path) -> None:
     [flight] = transit_flights(scenario, "policy", 1, 1)
     assert PolicyBundle.load(bundle).sha256 in flight.made_with
     assert "policy" not in campaign.made_with(scenario, kleopatra(), "mpc")
-    run_campaign([flight], tmp_path / "flights", workers=1)
+    run_campaign([flight], tmp_path / "flights", workers=Workers(1))
     write_policy(bundle, DeadReckoning(derivative=1.0))
     with pytest.raises(InputError, match="of a flight with another"):
-        run_campaign(transit_flights(scenario, "policy", 1, 1), tmp_path / "flights", workers=1)
+        run_campaign(
+            transit_flights(scenario, "policy", 1, 1), tmp_path / "flights", workers=Workers(1)
+        )

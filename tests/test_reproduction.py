@@ -13,8 +13,8 @@ from dask.distributed import Client, LocalCluster
 from known_policies import DeadReckoning, write_policy
 from short_flights import BRIEF, short_scenario
 
+from proxops.diagrams.flight import Workers
 from proxops.diagrams.flight.campaign import Flight
-from proxops.diagrams.flight.parallel import parallel_results
 from proxops.diagrams.scenario.scenario import Scenario
 from proxops.studies.evaluation.variants import Variant, fly_variants
 from proxops.studies.reproduction.flights import variants
@@ -54,16 +54,19 @@ def scheduler() -> Iterator[str]:
 
 
 def test_collect_on_a_cluster(scheduler: str, tmp_path: Path) -> None:
-    alone, _ = collect(brief(), MIX, 5, 4, tmp_path / "alone", workers=1)
-    together, _ = collect(brief(), MIX, 5, 4, tmp_path / "together", scheduler=scheduler)
+    alone, _ = collect(brief(), MIX, 5, 4, tmp_path / "alone", workers=Workers(1))
+    together, _ = collect(
+        brief(), MIX, 5, 4, tmp_path / "together", workers=Workers(scheduler=scheduler)
+    )
     assert plain(together) == plain(alone)
     assert [flight["kind"] for flight in alone["flights"]].count("noise") == 2
 
 
 def test_evaluate_on_a_cluster(scheduler: str, tmp_path: Path) -> None:
     flown = [Variant("mpc", "mpc"), Variant("zero", "zero"), Variant("pd", "pd", {"assurance": {}})]
-    alone = fly_variants(flown, brief(), 10_000, 3, tmp_path / "alone", workers=1)
-    together = fly_variants(flown, brief(), 10_000, 3, tmp_path / "together", scheduler=scheduler)
+    alone = fly_variants(flown, brief(), 10_000, 3, tmp_path / "alone", workers=Workers(1))
+    cluster = Workers(scheduler=scheduler)
+    together = fly_variants(flown, brief(), 10_000, 3, tmp_path / "together", workers=cluster)
     assert plain(together) == plain(alone)
     assert [row["transit"] for row in together["pd"]] == [0, 1, 2]
 
@@ -74,7 +77,7 @@ def test_others_that_use_the_cluster_keep_their_work_apart(scheduler: str) -> No
     with Client(scheduler, set_as_default=False) as other:
         held = [other.submit(attrgetter("made_with"), piece, key=piece.name) for piece in pieces]
         assert [future.result() for future in held] == ["", "", ""]
-        done = dict(parallel_results(pieces, attrgetter("scenario"), scheduler=scheduler))
+        done = dict(Workers(scheduler=scheduler).results(pieces, attrgetter("scenario")))
     assert done == {"ab": "AB", "cd": "CD", "ef": "EF"}
 
 
@@ -87,7 +90,9 @@ def bundle(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def reproduced(bundle: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Any]:
     out = tmp_path_factory.mktemp("reproduced")
     wanted = short_scenario(**BRIEF, policy__bundle=str(bundle))
-    return out, reproduce(wanted, out, ReproductionSettings(transits=2, along=1), workers=1)
+    return out, reproduce(
+        wanted, out, ReproductionSettings(transits=2, along=1), workers=Workers(1)
+    )
 
 
 def test_report_says_what_was_not_run(reproduced: tuple[Path, Any], bundle: Path) -> None:
@@ -109,7 +114,7 @@ def test_run_again_it_flies_nothing(reproduced: tuple[Path, Any], bundle: Path) 
     out, before = reproduced
     flown = {path: path.stat().st_mtime_ns for path in out.glob("*-*/*.json")}
     wanted = short_scenario(**BRIEF, policy__bundle=os.fspath(bundle))
-    again = reproduce(wanted, out, ReproductionSettings(transits=2, along=1), workers=1)
+    again = reproduce(wanted, out, ReproductionSettings(transits=2, along=1), workers=Workers(1))
     assert all(stage["skipped"] for stage in again["stages"])
     assert again["controllers"] == before["controllers"]
     assert {path: path.stat().st_mtime_ns for path in out.glob("*-*/*.json")} == flown
@@ -131,7 +136,7 @@ def test_moved_it_is_still_done(reproduced: tuple[Path, Any], bundle: Path, tmp_
     shutil.copytree(bundle, tmp_path / "policy")
     wanted = short_scenario(**BRIEF, policy__bundle=os.fspath(tmp_path / "policy"))
     again = reproduce(
-        wanted, tmp_path / "moved", ReproductionSettings(transits=2, along=1), workers=1
+        wanted, tmp_path / "moved", ReproductionSettings(transits=2, along=1), workers=Workers(1)
     )
     assert all(stage["skipped"] for stage in again["stages"])
     assert again["controllers"] == before["controllers"]

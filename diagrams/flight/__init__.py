@@ -21,7 +21,7 @@ from proxops.diagrams.flight.campaign import (
 )
 from proxops.diagrams.flight.hybrid_controller import make_hybrid
 from proxops.diagrams.flight.named_controllers import named_controller
-from proxops.diagrams.flight.parallel import parallel_results
+from proxops.diagrams.flight.parallel import Workers
 from proxops.diagrams.flight.scenario_systems import bundle_of, make_backup, make_controller
 from proxops.diagrams.flight.simulation import fly
 from proxops.diagrams.flight.transit_diagram import make_transit_diagram
@@ -31,6 +31,7 @@ __all__ = [
     "Flight",
     "Pilot",
     "Row",
+    "Workers",
     "adversarial_flight",
     "body_sha256",
     "bundle_of",
@@ -43,7 +44,6 @@ __all__ = [
     "make_hybrid",
     "make_transit_diagram",
     "named_controller",
-    "parallel_results",
     "run_campaign",
     "run_groups",
     "transit_flights",

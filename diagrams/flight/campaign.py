@@ -16,7 +16,7 @@ from pathlib import Path
 from pydrake.common.yaml import yaml_dump_typed
 
 from proxops.diagrams.flight.named_controllers import controller_source
-from proxops.diagrams.flight.parallel import parallel_results
+from proxops.diagrams.flight.parallel import Workers
 from proxops.diagrams.flight.scenario_systems import WITH_BUNDLE, bundle_of
 from proxops.diagrams.flight.simulation import fly
 from proxops.diagrams.logs import FlightLog
@@ -132,9 +132,7 @@ def run_campaign(
     *,
     keep_logs: bool = False,
     describe: Describe = _summary,
-    workers: int | None = None,
-    scheduler: str | None = None,
-    progress: Callable[[Row], None] | None = None,
+    workers: Workers = Workers(),
 ) -> list[Row]:
     """Flies what has not been flown yet and returns every flight's summary, in order.
 
@@ -147,11 +145,7 @@ def run_campaign(
       folder: made if it does not exist.
       keep_logs: writes the logs too.
       describe: makes the row that is kept of a flight; by default its log's summary.
-      workers: processes on this machine; None: one for each core. A few flights by 1 are flown in
-        this process.
-      scheduler: address of a Dask scheduler whose workers fly instead; they need proxops, and
-        `folder` under the same path, and should have one thread each.
-      progress: is called with the row of each flight that is over, earlier ones first.
+      workers: fly, and report how many flights are over.
 
     Raises:
       InputError: the folder cannot be written, or holds other flights under the same names, or a
@@ -166,17 +160,21 @@ def run_campaign(
             todo.append(flight)
         else:
             rows[flight.name] = row
-            if progress is not None:
-                progress(row)
+    workers.progress(*_progress(rows, len(flights)))
     task = functools.partial(
         _fly_one, folder=folder.resolve(), keep_logs=keep_logs, describe=describe
     )
-    with contextlib.closing(parallel_results(todo, task, workers, scheduler)) as results:
+    with contextlib.closing(workers.results(todo, task)) as results:
         for name, row in results:
             rows[name] = row
-            if progress is not None:
-                progress(row)
+            workers.progress(*_progress(rows, len(flights)))
     return [rows[flight.name] for flight in flights]
+
+
+def _progress(rows: Mapping[str, Row], count: int) -> tuple[float, str]:
+    """The share of the flights that are over, and a text, for a `Progress`."""
+    failures = sum(not row["success"] for row in rows.values())
+    return len(rows) / max(count, 1), f"{len(rows)} of {count} flights, {failures} without success"
 
 
 def run_groups(

@@ -1,8 +1,9 @@
-"""Independent pieces of work, done by processes on this machine or a Dask cluster."""
+"""Independent pieces of work, done by processes of this machine or by a Dask cluster."""
 
 from __future__ import annotations
 
 import contextlib
+import dataclasses as dc
 import logging
 import os
 import typing
@@ -11,13 +12,14 @@ from uuid import uuid4
 
 import numba
 
-from proxops.systems.common import InputError
+from proxops.systems.common import InputError, Progress, part_of, silent
 
 # A process that has done this many is replaced: Drake's diagrams of Python systems are never
 # freed, and each leaves some 1.5 MB behind.
 _PIECES_PER_PROCESS = 150
 # So many workers may be killed over one piece of work.
 _LIVES = 4
+_THIS_MACHINE = "127.0.0.1"
 
 
 class Named(typing.Protocol):
@@ -33,44 +35,58 @@ Work = typing.TypeVar("Work", bound=Named)
 Result = typing.TypeVar("Result")
 
 
-def parallel_results(
-    pieces: Sequence[Work],
-    task: Callable[[Work], Result],
-    workers: int | None = None,
-    scheduler: str | None = None,
-) -> Generator[tuple[str, Result]]:
-    """Name and result of each piece of work, as it ends.
+@dc.dataclass(frozen=True)
+class Workers:
+    """Where independent pieces of work are done, and who is told how far they are."""
 
-    Args:
-      task: a function of a module.
-      workers: processes on this machine; None: one for each core. Little work for one is done in
-        this process.
-      scheduler: address of a Dask scheduler whose workers do it instead; each should have one
-        thread.
+    processes: int | None = None
+    """Processes on this machine; None: one for each core. One process does little work itself,
+    without starting another."""
+    scheduler: str | None = None
+    """Address of a Dask scheduler whose workers do the work instead. They need proxops, and the
+    folders of this machine under the same paths; each should have one thread."""
+    progress: Progress = silent
 
-    Raises:
-      InputError: no scheduler answers, or a piece of work ended its process again and again.
-    """
-    workers = min(workers or os.cpu_count() or 1, len(pieces))
-    if scheduler is not None:
-        yield from _distributed(pieces, task, workers, scheduler)
-    elif workers <= 1 and len(pieces) <= _PIECES_PER_PROCESS:
-        for piece in pieces:
-            yield piece.name, task(piece)
-    else:
-        batch = workers * _PIECES_PER_PROCESS
-        for start in range(0, len(pieces), batch):
-            yield from _distributed(pieces[start : start + batch], task, workers, None)
+    def results(
+        self, pieces: Sequence[Work], task: Callable[[Work], Result]
+    ) -> Generator[tuple[str, Result]]:
+        """Gives the name and the result of each piece of work as it ends; reports no progress.
+
+        Args:
+          pieces: are sent to the workers, so they must pickle.
+          task: a function of a module.
+
+        Raises:
+          InputError: no scheduler answers, or a piece of work ended its process again and again.
+        """
+        processes = min(self.processes or os.cpu_count() or 1, len(pieces))
+        if self.scheduler is not None:
+            yield from _distributed(pieces, task, processes, self.scheduler)
+        elif processes <= 1 and len(pieces) <= _PIECES_PER_PROCESS:
+            for piece in pieces:
+                yield piece.name, task(piece)
+        else:
+            batch = processes * _PIECES_PER_PROCESS
+            for start in range(0, len(pieces), batch):
+                yield from _distributed(pieces[start : start + batch], task, processes, None)
+
+    def part(self, start: float, end: float) -> Workers:
+        """The same workers for a part of the work: from share `start` of the progress to `end`."""
+        return dc.replace(self, progress=part_of(self.progress, start, end))
+
+    def reporting(self, progress: Progress) -> Workers:
+        """The same workers, which report to `progress`."""
+        return dc.replace(self, progress=progress)
 
 
 def _distributed(
-    pieces: Sequence[Work], task: Callable[[Work], Result], workers: int, scheduler: str | None
+    pieces: Sequence[Work], task: Callable[[Work], Result], processes: int, scheduler: str | None
 ) -> Generator[tuple[str, Result]]:
-    """As `parallel_results`, by Dask's workers."""
-    # Slow to import: only when it is needed.
+    """Does what `Workers.results` does, by Dask's workers."""
+    # Dask is slow to import.
     from dask.distributed import KilledWorker, as_completed
 
-    with _client(workers, scheduler) as client:
+    with _client(processes, scheduler) as client:
         futures = [
             # Keys of their own: others may use the scheduler too, for work of the same names.
             client.submit(
@@ -94,7 +110,7 @@ def _distributed(
 
 
 @contextlib.contextmanager
-def _client(workers: int, scheduler: str | None):
+def _client(processes: int, scheduler: str | None):
     import dask.config
     from dask.distributed import Client, LocalCluster
 
@@ -116,10 +132,12 @@ def _client(workers: int, scheduler: str | None):
     with (
         dask.config.set(settings),
         LocalCluster(
-            n_workers=workers,
+            n_workers=processes,
             threads_per_worker=1,
             processes=True,
-            dashboard_address=":0",  # Any free port: several may run.
+            # This machine alone can reach it. Any free port: several clusters may run.
+            host=_THIS_MACHINE,
+            dashboard_address=f"{_THIS_MACHINE}:0",
             silence_logs=logging.CRITICAL,
             # Ctrl-C reaches all processes of a terminal; the workers end when this one does.
             preload=["import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"],

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import math
 import time
-from collections.abc import Callable
 from importlib import metadata
 
 import numpy as np
@@ -21,6 +20,7 @@ from proxops.diagrams.flight.transit_diagram import make_transit_diagram
 from proxops.diagrams.logs import DECISION_VARIABLES, FlightLog, make_dataset
 from proxops.diagrams.meshcat import PLAYBACK_SPEED, add_flight
 from proxops.diagrams.scenario import Body, Scenario, dump_scenario, load_body
+from proxops.systems.common import Progress, silent
 from proxops.systems.lidar import LearnedLidar, PlanarLidar
 from proxops.systems.policy import NeuralPolicy
 from proxops.systems.vehicle import COLLIDED, ENTERED_GOAL, NEVER, VIOLATIONS, DelayedHold
@@ -35,15 +35,12 @@ _ASKED = (
     "decision_record", "intervention_record",
 )  # fmt: skip
 
-Progress = Callable[[float, float], None]
-"""Called now and then with the simulated time and the latest end, both in s."""
-
 
 def fly(
     scenario: Scenario,
     controller: str | System = "mpc",
     meshcat: Meshcat | None = None,
-    progress: Progress | None = None,
+    progress: Progress = silent,
     body: Body | None = None,
 ) -> FlightLog:
     """Flies a scenario's transit from start to arrival, collision or the deadline.
@@ -51,7 +48,7 @@ def fly(
     Args:
       controller: a name that `named_controller` knows, or a System.
       meshcat: draws the flight live, at the replay's speed, and holds the replay afterwards.
-      progress: is told how far the flight is.
+      progress: is called at every step with the share of the longest time that has passed.
       body: None: the one that the scenario names.
 
     Returns:
@@ -70,11 +67,10 @@ def fly(
     if meshcat is not None:
         simulator.set_target_realtime_rate(PLAYBACK_SPEED)  # Slow enough to be watched.
     latest = scenario.arrival.deadline_s + scenario.arrival.dwell_s
-    if progress is not None:
-        told = progress
+    if progress is not silent:
 
         def monitor(context: Context) -> EventStatus:
-            told(context.get_time(), latest)
+            progress(context.get_time() / latest, f"{context.get_time():.0f} s")
             return EventStatus.DidNothing()
 
         simulator.set_monitor(monitor)

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from proxops.diagrams.flight import bundle_of, made_with
+from proxops.diagrams.flight import Workers, bundle_of, made_with
 from proxops.diagrams.logs import FlightLog
 from proxops.diagrams.scenario import PolicyConfig, Scenario, dump_scenario, load_body
 from proxops.studies.evaluation import (
@@ -29,7 +29,7 @@ from proxops.studies.reproduction.flights import (
     variants,
 )
 from proxops.studies.reproduction.report import findings_json, reproduction_sections
-from proxops.studies.reproduction.stages import Stage, Stages, counted
+from proxops.studies.reproduction.stages import Stage, Stages
 from proxops.systems.common import InputError, Progress, write_whole
 from proxops.systems.policy import PolicyBundle
 from proxops.training.reports import write_report
@@ -71,8 +71,7 @@ def reproduce(
     training: TrainingSettings | None = None,
     *,
     command: str = "proxops reproduce",
-    workers: int | None = None,
-    scheduler: str | None = None,
+    workers: Workers = Workers(),
     tell: Callable[[str, float, str], Any] | None = None,
 ) -> dict[str, Any]:
     """Runs all stages that are not done yet, and writes the report.
@@ -85,7 +84,7 @@ def reproduce(
         of an earlier run in `out` are used. Our policy is then the one that the scenario names,
         else the one trained in `out`, else the one that ships.
       command: as it was typed, for the report.
-      workers, scheduler: as of `run_campaign`.
+      workers: fly and compute plans; what they report goes to `tell`.
       tell: is called with the stage's name, the share of it that is done, and a text.
 
     Returns:
@@ -97,13 +96,12 @@ def reproduce(
     """
     _check(scenario, training)
     stages = Stages(out, tell)
-    trained = _trained(stages, scenario, training, workers, scheduler)
+    trained = _trained(stages, scenario, training, workers)
     policy, paper_policy = _policy(scenario, trained), _bundle(trained.get("policy-paper"))
     flown = variants(policy, paper_policy, scenario)
     origin = _origin(scenario, settings, flown)
-    fleet: dict[str, Any] = {"workers": workers, "scheduler": scheduler}
-    results = _evaluated(stages, origin, flown, scenario, settings, fleet)
-    logs = _logged(stages, origin, flown, scenario, settings, fleet)
+    results = _evaluated(stages, origin, flown, scenario, settings, workers)
+    logs = _logged(stages, origin, flown, scenario, settings, workers)
     bundle = PolicyBundle.load(policy)
     compared = {POLICY: bundle}
     if paper_policy is not None:
@@ -144,8 +142,7 @@ def _trained(
     stages: Stages,
     scenario: Scenario,
     training: TrainingSettings | None,
-    workers: int | None,
-    scheduler: str | None,
+    workers: Workers,
 ) -> dict[str, Stage]:
     """The stages of training by name: those run now, or without `training` those of earlier."""
     if training is None:
@@ -154,7 +151,7 @@ def _trained(
     # PyTorch takes a while to import, and nothing else here needs it.
     from proxops.studies.reproduction.training import train_everything
 
-    train_everything(stages, scenario, training, workers, scheduler)
+    train_everything(stages, scenario, training, workers)
     return {stage.name: stage for stage in stages.over}
 
 
@@ -164,14 +161,14 @@ def _evaluated(
     flown: Sequence[Variant],
     scenario: Scenario,
     settings: ReproductionSettings,
-    fleet: Mapping[str, Any],
+    workers: Workers,
 ) -> dict[str, Any]:
     """Each variant's entry of `results.json`, by its name."""
 
     def work(folder: Path, progress: Progress) -> dict[str, Any]:
         rows = fly_variants(
             flown, scenario, settings.seed, settings.transits, folder, describe=describe_flight,
-            progress=counted(progress, len(flown) * settings.transits), **fleet,
+            workers=workers.reporting(progress),
         )  # fmt: skip
         return aggregate_all(rows)
 
@@ -184,13 +181,15 @@ def _logged(
     flown: Sequence[Variant],
     scenario: Scenario,
     settings: ReproductionSettings,
-    fleet: Mapping[str, Any],
+    workers: Workers,
 ) -> dict[str, dict[int, FlightLog]]:
     """Logs of the flights that the report draws, by the variant's name and the transit's number."""
     transits = _shown_transits(flown, settings)
 
     def work(folder: Path, progress: Progress) -> dict[str, Any]:
-        fly_logs(flown, scenario, settings.seed, transits, folder, **fleet)
+        fly_logs(
+            flown, scenario, settings.seed, transits, folder, workers=workers.reporting(progress)
+        )
         return {}
 
     stage = stages.run("shown", {**origin, "transits": transits}, work)

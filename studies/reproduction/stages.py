@@ -105,15 +105,3 @@ class Stages:
                 f"{record} is not the record of a stage: remove it and run again"
             ) from error
         return Stage(name, self._out / record.stem, result, wall, skipped=True)
-
-
-def counted(progress: Progress, total: int) -> Callable[[object], None]:
-    """Turns a stage's progress into one that is called with each flight that is over."""
-    over = 0
-
-    def count(_: object) -> None:
-        nonlocal over
-        over += 1
-        progress(over / total, f"{over} of {total} flights")
-
-    return count

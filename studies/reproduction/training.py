@@ -8,9 +8,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from proxops.diagrams.flight import body_sha256
+from proxops.diagrams.flight import Workers, body_sha256
 from proxops.diagrams.scenario import LearnedLidarConfig, Scenario, dump_scenario, load_body
-from proxops.studies.reproduction.stages import Stage, Stages, counted
+from proxops.studies.reproduction.stages import Stage, Stages
 from proxops.systems.common import Progress
 from proxops.systems.policy import PolicyBundle
 from proxops.training.data import MIXES, collect, learned_lidar_of
@@ -32,44 +32,34 @@ class TrainingSettings:
     rounds: DaggerSettings = dc.field(default_factory=DaggerSettings)
 
 
-@dc.dataclass(frozen=True)
-class _Fleet:
-    """Who flies, as of `run_campaign`."""
-
-    workers: int | None
-    scheduler: str | None
-
-
 def train_everything(
     stages: Stages,
     scenario: Scenario,
     settings: TrainingSettings,
-    workers: int | None = None,
-    scheduler: str | None = None,
+    workers: Workers = Workers(),
 ) -> None:
     """Data, lidar network and policies, stage by stage; `Stages.latest` finds what came of them.
 
     Args:
-      workers, scheduler: as of `run_campaign`; what is trained is trained in this process.
+      workers: fly and compute plans; networks are trained in this process.
 
     Raises:
       InputError: see the functions of the stages.
     """
-    fleet = _Fleet(workers, scheduler)
     plain = dc.replace(scenario, policy=dc.replace(scenario.policy, bundle=None))
     origin = {
         "scenario": dump_scenario(plain),
         "body": body_sha256(load_body(scenario.body)),
     }
     data = _collected(
-        stages, "data-full", origin, plain, ("full", 1, settings.pilot_flights), fleet
+        stages, "data-full", origin, plain, ("full", 1, settings.pilot_flights), workers
     )
-    pilot = _pilot(stages, data, settings, fleet)
-    _dagger(stages, data, pilot, settings, fleet)
+    pilot = _pilot(stages, data, settings, workers)
+    _dagger(stages, data, pilot, settings, workers)
     lidar = _lidar(stages, origin, plain, settings)
     learned = learned_lidar_of(plain, lidar.folder / "bundle")
     paper_data = _collected(
-        stages, "data-paper", origin, plain, ("paper", 0, settings.paper_flights), fleet,
+        stages, "data-paper", origin, plain, ("paper", 0, settings.paper_flights), workers,
         learned, lidar.result,
     )  # fmt: skip
     _paper_policy(stages, paper_data, settings)
@@ -91,7 +81,7 @@ def _collected(
     origin: Mapping[str, Any],
     scenario: Scenario,
     which: tuple[str, int, int],
-    fleet: _Fleet,
+    workers: Workers,
     learned: LearnedLidarConfig | None = None,
     lidar: Mapping[str, Any] | None = None,
 ) -> Stage:
@@ -105,9 +95,7 @@ def _collected(
             count,
             folder,
             learned_lidar=learned,
-            workers=fleet.workers,
-            scheduler=fleet.scheduler,
-            progress=counted(tell, count),
+            workers=workers.reporting(tell),
         )
         hashes = " ".join(flight["sha256"] for flight in manifest["flights"])
         return {
@@ -131,22 +119,21 @@ def _paper_policy(stages: Stages, data: Stage, settings: TrainingSettings) -> St
     return stages.run("policy-paper", _learning(data, settings.paper), work)
 
 
-def _pilot(stages: Stages, data: Stage, settings: TrainingSettings, fleet: _Fleet) -> Stage:
+def _pilot(stages: Stages, data: Stage, settings: TrainingSettings, workers: Workers) -> Stage:
     def work(folder: Path, tell: Progress) -> dict[str, Any]:
-        report = train_pilot(data.folder, folder, settings.pilot, tell, fleet.workers)
+        report = train_pilot(data.folder, folder, settings.pilot, workers.reporting(tell))
         return _trained(report, folder)
 
     return stages.run("policy-pilot", _learning(data, settings.pilot), work)
 
 
 def _dagger(
-    stages: Stages, data: Stage, pilot: Stage, settings: TrainingSettings, fleet: _Fleet
+    stages: Stages, data: Stage, pilot: Stage, settings: TrainingSettings, workers: Workers
 ) -> Stage:
     def work(folder: Path, tell: Progress) -> dict[str, Any]:
         report = run_dagger(
-            data.folder, pilot.folder, folder, settings.rounds, tell, fleet.workers,
-            fleet.scheduler,
-        )  # fmt: skip
+            data.folder, pilot.folder, folder, settings.rounds, workers.reporting(tell)
+        )
         return _trained(report, folder)
 
     # A budget of minutes that is infinite is no JSON.

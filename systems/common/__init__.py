@@ -10,7 +10,7 @@ from proxops.systems.common.counter_noise import derived_seed, generator
 from proxops.systems.common.errors import InputError, SolverFailure
 from proxops.systems.common.files import file_sha256, make_folder, write_whole
 from proxops.systems.common.onnx_bundle import MODEL_FILE, BundleKind, open_session, read_bundle
-from proxops.systems.common.progress import Progress
+from proxops.systems.common.progress import Progress, part_of, silent
 
 __all__ = [
     "MODEL_FILE",
@@ -23,6 +23,8 @@ __all__ = [
     "generator",
     "make_folder",
     "open_session",
+    "part_of",
     "read_bundle",
+    "silent",
     "write_whole",
 ]

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import json
 import typing
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 
-from proxops.diagrams.flight import Row, run_campaign
+from proxops.diagrams.flight import Workers, run_campaign
 from proxops.diagrams.scenario import LearnedLidarConfig, Scenario, load_body
 from proxops.systems.common import write_whole
 from proxops.training.data.collection import (
@@ -27,14 +27,12 @@ def collect(
     out: Path,
     *,
     learned_lidar: LearnedLidarConfig | None = None,
-    workers: int | None = None,
-    scheduler: str | None = None,
-    progress: Callable[[Row], None] | None = None,
+    workers: Workers = Workers(),
 ) -> tuple[dict[str, typing.Any], dict[str, typing.Any]]:
     """Flies expert flights 0 … count - 1 of a seed; returns their manifest and report.
 
     Writes a log each in `out`/flights, manifest.json, report.json and report.md. What was flown
-    before is not flown again: see `run_campaign`, also for the last arguments.
+    before is not flown again: see `run_campaign`, also for `workers`.
 
     Args:
       learned_lidar: as of `collection_flights`.
@@ -49,8 +47,6 @@ def collect(
         keep_logs=True,
         describe=describe_flight,
         workers=workers,
-        scheduler=scheduler,
-        progress=progress,
     )
     check_files(out / "flights", rows)
     manifest = make_manifest(scenario, body, mix, seed, rows)

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import dataclasses as dc
 import functools
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from importlib import metadata
 from pathlib import Path
 
 import numpy as np
 
-from proxops.diagrams.flight import make_controller, parallel_results
+from proxops.diagrams.flight import Workers, make_controller
 from proxops.diagrams.logs import FlightLog
 from proxops.systems.common import SolverFailure, file_sha256, make_folder
 from proxops.systems.expert import Plan, PlanProgram
@@ -38,9 +38,7 @@ class _Piece:
 def label_flights(
     logs: Sequence[Path],
     folder: Path,
-    workers: int | None = None,
-    scheduler: str | None = None,
-    progress: Callable[[int], None] | None = None,
+    workers: Workers = Workers(),
 ) -> Labels:
     """Labels of every state of flights, and of the later knots of some plans from there.
 
@@ -49,24 +47,20 @@ def label_flights(
     A flight's labels are kept in `folder`, and not computed again.
 
     Args:
-      workers, scheduler: as of `run_campaign`.
-      progress: is called with 1 for each flight that is ready.
+      workers: compute the labels, and report how many flights are ready.
 
     Raises:
       InputError: a log or a file of labels is damaged, or the labels are of another flight.
     """
     make_folder(folder)
-    done, todo = [], []
-    for log in logs:
-        piece = _Piece(log.stem, log.resolve())
-        (done if _path(piece, folder).exists() else todo).append(piece)
-    for _ in done:
-        if progress is not None:
-            progress(1)
+    pieces = [_Piece(log.stem, log.resolve()) for log in logs]
+    todo = [piece for piece in pieces if not _path(piece, folder).exists()]
     task = functools.partial(_label, folder=folder.resolve())
-    for _ in parallel_results(todo, task, workers, scheduler):
-        if progress is not None:
-            progress(1)
+    ready = len(logs) - len(todo)
+    workers.progress(ready / len(logs), f"labelling, {ready} of {len(logs)}")
+    for _ in workers.results(todo, task):
+        ready += 1
+        workers.progress(ready / len(logs), f"labelling, {ready} of {len(logs)}")
     parts = [load_labels(folder / f"{log.stem}.npz", _origin(log)) for log in logs]
     return joined_labels(parts)
 

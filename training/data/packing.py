@@ -9,12 +9,12 @@ import json
 import os
 import shutil
 import typing
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Generator, Sequence
 from pathlib import Path
 
 import numpy as np
 
-from proxops.systems.common import InputError, file_sha256, make_folder
+from proxops.systems.common import InputError, Progress, file_sha256, make_folder, silent
 from proxops.training.data.column_file import ColumnWriter
 from proxops.training.data.flight_columns import HITS, ROWS, FlightColumns, Setting, read_columns
 from proxops.training.data.normalisation import QUANTITIES, Moments, Normalisation
@@ -28,16 +28,13 @@ from proxops.training.data.packed_flights import (
 )
 from proxops.training.data.transit_split import part_of_transit
 
-Progress = Callable[[int, int], None]
-"""Called with the number of logs that are packed, and of all."""
-
 
 def pack_flights(
     folder: str | Path,
     cache: str | Path | None = None,
     *,
     split_seed: int = 0,
-    progress: Progress | None = None,
+    progress: Progress = silent,
 ) -> PackedFlights:
     """The logs of a folder, packed; from the cache if it is of these very logs.
 
@@ -84,7 +81,7 @@ def _unchanged(packed: PackedFlights, logs: Sequence[Path]) -> bool:
     return True
 
 
-def _build(logs: Sequence[Path], cache: Path, split_seed: int, progress: Progress | None) -> None:
+def _build(logs: Sequence[Path], cache: Path, split_seed: int, progress: Progress) -> None:
     """Writes the set under another name, then renames it."""
     part, old = (cache.with_name(f".{cache.name}.{suffix}") for suffix in ("part", "old"))
     try:
@@ -107,7 +104,7 @@ def _build(logs: Sequence[Path], cache: Path, split_seed: int, progress: Progres
 
 
 def _write_columns(
-    logs: Sequence[Path], part: Path, split_seed: int, progress: Progress | None
+    logs: Sequence[Path], part: Path, split_seed: int, progress: Progress
 ) -> dict[str, typing.Any]:
     """Writes all columns into the folder `part`; returns the index."""
     kinds = {**ROWS, **{name: (None, kind) for name, kind in HITS.items()}, OFFSET: (None, "<i8")}
@@ -134,8 +131,7 @@ def _write_columns(
             flights.append(flight)
             row += flight.steps
             hit += len(columns.hits["ray"])
-            if progress is not None:
-                progress(done, len(logs))
+            progress(done / len(logs), f"packing, {done} of {len(logs)}")
         described = {name: writer.close() for name, writer in writers.items()}
     if not any(flight.part == "training" and flight.steps for flight in flights):
         raise InputError(

@@ -10,12 +10,11 @@ from __future__ import annotations
 
 import dataclasses as dc
 import functools
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
-from proxops.diagrams.flight import make_controller, parallel_results, version_and_body
+from proxops.diagrams.flight import Workers, make_controller, version_and_body
 from proxops.diagrams.scenario import Body, Scenario, dump_scenario, load_body, parse_scenario
 from proxops.systems.common import SolverFailure, derived_seed, generator, make_folder
 from proxops.systems.expert import Plan, PlanProgram
@@ -64,9 +63,7 @@ def expert_plans(
     seed: int,
     transits: int,
     folder: Path,
-    workers: int | None = None,
-    scheduler: str | None = None,
-    progress: Callable[[int], None] | None = None,
+    workers: Workers = Workers(),
 ) -> Labels:
     """States (N, 6), goals (N, 3) and the expert's forces (N, 3) there, in K and SI.
 
@@ -75,8 +72,7 @@ def expert_plans(
     computed again.
 
     Args:
-      workers, scheduler: as of `run_campaign`.
-      progress: is called with the number of transits of each portion that is ready.
+      workers: compute the plans, and report how many transits are ready.
 
     Raises:
       InputError: a file in the folder is damaged or of other plans.
@@ -87,18 +83,14 @@ def expert_plans(
         Portion(f"plans-{seed}-{first:06d}", text, seed, first, min(_PORTION, transits - first))
         for first in range(0, transits, _PORTION)
     ]
-    todo = []
-    for portion in portions:
-        if (folder / f"{portion.name}.npz").exists():
-            if progress is not None:
-                progress(portion.count)
-        else:
-            todo.append(portion)
+    todo = [portion for portion in portions if not (folder / f"{portion.name}.npz").exists()]
     counts = {portion.name: portion.count for portion in todo}
+    ready = transits - sum(counts.values())
+    workers.progress(ready / transits, f"plans of transits, {ready} of {transits}")
     task = functools.partial(_compute, folder=folder.resolve())
-    for name, _ in parallel_results(todo, task, workers, scheduler):
-        if progress is not None:
-            progress(counts[name])
+    for name, _ in workers.results(todo, task):
+        ready += counts[name]
+        workers.progress(ready / transits, f"plans of transits, {ready} of {transits}")
     return joined_labels(
         [load_labels(folder / f"{portion.name}.npz", _origin(portion)) for portion in portions]
     )

@@ -13,7 +13,7 @@ import numpy as np
 import torch
 
 from proxops.diagrams.scenario import Body, LidarConfig, Scenario
-from proxops.systems.common import InputError, make_folder, write_whole
+from proxops.systems.common import InputError, Progress, make_folder, silent, write_whole
 from proxops.systems.lidar import ChordFan, LearnedLidar, ray_directions
 from proxops.systems.shapes import RayFan, ray_caster
 from proxops.training.lidar import frame_errors
@@ -73,7 +73,7 @@ def train_lidar(
     body: Body,
     settings: LidarSettings,
     out: Path,
-    progress: Callable[[float, str], Any] | None = None,
+    progress: Progress = silent,
 ) -> dict[str, Any]:
     """Trains both networks and writes bundle/, report.json, report.md, frames.png and curves/.
 

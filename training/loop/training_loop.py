@@ -14,7 +14,7 @@ from lightning.fabric import Fabric
 from lightning.fabric.loggers.tensorboard import TensorBoardLogger
 from torch import Tensor, nn
 
-from proxops.systems.common import InputError, derived_seed, make_folder
+from proxops.systems.common import InputError, Progress, derived_seed, make_folder, silent
 from proxops.training.loop.checkpoints import load_checkpoint, save_checkpoint
 from proxops.training.loop.training_history import (
     History,
@@ -91,7 +91,7 @@ def train(
     *,
     device: str = "auto",
     precision: Any = "32-true",
-    progress: Callable[[float, str], Any] | None = None,
+    progress: Progress = silent,
 ) -> Trained:
     """Trains a network; the best epoch on the validation examples wins, or the last.
 
@@ -169,8 +169,7 @@ def train(
             optimizer.step()
             total += float(loss.detach()) * _size(batch)
             examples += _size(batch)
-            if progress is not None:
-                progress(done, f"{task.name}, epoch {epoch + 1}, loss {total / examples:.4f}")
+            progress(done, f"{task.name}, epoch {epoch + 1}, loss {total / examples:.4f}")
 
         row = {
             "epoch": epoch,

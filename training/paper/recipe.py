@@ -9,7 +9,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from proxops.systems.common import Progress
+from proxops.systems.common import Progress, part_of, silent
 from proxops.training.data import PackedFlights, pack_flights
 from proxops.training.export import export_recipe, write_report
 from proxops.training.loop import Batch, Schedule, Trained, TrainingTask, frame_loaders, train
@@ -60,7 +60,7 @@ def force_loss(policy: PaperPolicy, batch: Batch) -> Tensor:
 
 
 def train_paper_policy(
-    data: Path, out: Path, settings: PaperSettings, progress: Progress | None = None
+    data: Path, out: Path, settings: PaperSettings, progress: Progress = silent
 ) -> dict[str, Any]:
     """Trains the paper's policy on expert flights; writes and returns the report.
 
@@ -74,11 +74,8 @@ def train_paper_policy(
       InputError: there are no flights to learn from, or see `pack_flights` and
         `training_loop.train`.
     """
-    tell = progress or (lambda done, text: None)
     logs = data / "flights" if (data / "flights").is_dir() else data
-    flights = pack_flights(
-        logs, progress=lambda done, of: tell(_PACKED * done / of, f"packing, {done} of {of}")
-    )
+    flights = pack_flights(logs, progress=part_of(progress, 0.0, _PACKED))
     policy = make_policy(flights, settings)
     trained = train(
         _task(flights, policy, settings),
@@ -87,9 +84,9 @@ def train_paper_policy(
         settings.seed,
         device=settings.device,
         precision=settings.precision,
-        progress=lambda done, text: tell(_PACKED + (_TRAINED - _PACKED) * done, text),
+        progress=part_of(progress, _PACKED, _TRAINED),
     )
-    tell(_TRAINED, "flying through the logs")
+    progress(_TRAINED, "flying through the logs")
     report = _report(trained, policy, settings, flights.logs_sha256)
     report = write_report(policy, flights, report, out)
     export_recipe(
@@ -102,7 +99,7 @@ def train_paper_policy(
         data_sha256=flights.logs_sha256,
         metrics={"parts": report["parts"]},
     )
-    tell(1.0, "done")
+    progress(1.0, "done")
     return report
 
 

@@ -17,10 +17,10 @@ from typing import Any
 
 import torch
 
-from proxops.diagrams.flight import Flight, Row, made_with, run_campaign
+from proxops.diagrams.flight import Flight, Row, Workers, made_with, run_campaign
 from proxops.diagrams.scenario import Scenario, dump_scenario, load_body, of_transit
-from proxops.systems.common import InputError, Progress, write_whole
-from proxops.training.data import Labels, at_rest, label_flights, pack_flights
+from proxops.systems.common import InputError, silent, write_whole
+from proxops.training.data import at_rest, label_flights, pack_flights
 from proxops.training.export import write_folder, write_report
 from proxops.training.loop import train
 from proxops.training.pilot.examples import commands_of, joined, labelled_commands
@@ -69,9 +69,7 @@ def run_dagger(
     pilot_folder: Path,
     out: Path,
     settings: DaggerSettings,
-    progress: Progress | None = None,
-    workers: int | None = None,
-    scheduler: str | None = None,
+    workers: Workers = Workers(),
 ) -> dict[str, Any]:
     """Flies, labels and trains, round by round; writes and returns the last report.
 
@@ -86,13 +84,12 @@ def run_dagger(
     Args:
       data: what `proxops collect` wrote, from which the pilot was trained.
       pilot_folder: what `proxops train --recipe proxops` wrote.
-      workers, scheduler: as of `run_campaign`.
+      workers: fly and label, and report how far all rounds are.
 
     Raises:
       InputError: the pilot was trained from other data, or see `run_campaign`, `label_flights` and
         `training_loop.train`.
     """
-    tell = progress or (lambda done, text: None)
     started = time.monotonic()
     scenario = collected_scenario(data)
     flights = pack_flights(data / "flights")
@@ -100,7 +97,8 @@ def run_dagger(
     if origin["logs_sha256"] != flights.logs_sha256:
         raise InputError(f"the pilot in {pilot_folder} was trained from other data than {data}")
     learned = settings_of(origin)
-    known = known_commands(flights, expert_labels(scenario, pilot_folder, learned, workers))
+    plans = expert_labels(scenario, pilot_folder, learned, workers.reporting(silent))
+    known = known_commands(flights, plans)
     expert_only = len(known.force)
     bundle, history, report = pilot_folder / "bundle", [], {}
     left: Path | None = None
@@ -108,12 +106,14 @@ def run_dagger(
         if history and left is None and time.monotonic() - started > 60.0 * settings.minutes:
             break
         folder = out / f"round-{number}"
-        told = _part(tell, (number - 1) / settings.rounds, number / settings.rounds)
-        told(0.0, f"round {number}")
+        this_round = workers.part((number - 1) / settings.rounds, number / settings.rounds)
+        this_round.progress(0.0, f"round {number}")
         campaign = dagger_flights(scenario, bundle, settings, number)
-        rows = _fly(campaign, folder / "flights", told, workers, scheduler)
+        rows = run_campaign(
+            campaign, folder / "flights", keep_logs=True, workers=this_round.part(0.0, _FLOWN)
+        )
         logs = [folder / "flights" / f"{flight.name}.nc" for flight in campaign]
-        labels = _label(logs, folder / "labels", told, workers, scheduler)
+        labels = label_flights(logs, folder / "labels", this_round.part(_FLOWN, _LABELLED))
         known = joined([known, labelled_commands(labels)])
         history.append(_flown(rows) | {"labels": len(labels["state"])})
 
@@ -145,7 +145,7 @@ def run_dagger(
             learned.seed + number,
             device=learned.device,
             precision=learned.precision,
-            progress=_part(told, _LABELLED, 1.0),
+            progress=this_round.part(_LABELLED, 1.0).progress,
         )
         pilot.cpu().eval()
         save_pilot(folder, shape, pilot, origin)
@@ -162,7 +162,7 @@ def run_dagger(
         left = None
     if left is not None:
         _publish(left, out)  # Again: the run that finished it may have ended before.
-    tell(1.0, "done")
+    workers.progress(1.0, "done")
     return report
 
 
@@ -205,39 +205,6 @@ def restarted(shape: PilotShape, pilot: Pilot, seed: int) -> Pilot:
     fresh.load_state_dict(kept, strict=False)
     fresh.filter.motion.requires_grad_(False)
     return fresh
-
-
-def _fly(
-    campaign: list[Flight],
-    folder: Path,
-    tell: Progress,
-    workers: int | None,
-    scheduler: str | None,
-) -> list[Row]:
-    over = 0
-
-    def flown(row: Row) -> None:
-        nonlocal over
-        over += 1
-        tell(_FLOWN * over / len(campaign), f"flying, {over} of {len(campaign)}")
-
-    return run_campaign(
-        campaign, folder, keep_logs=True, workers=workers, scheduler=scheduler, progress=flown
-    )
-
-
-def _label(
-    logs: list[Path], folder: Path, tell: Progress, workers: int | None, scheduler: str | None
-) -> Labels:
-    over = 0
-
-    def labelled(count: int) -> None:
-        nonlocal over
-        over += count
-        done = _FLOWN + (_LABELLED - _FLOWN) * over / len(logs)
-        tell(done, f"labelling, {over} of {len(logs)}")
-
-    return label_flights(logs, folder, workers, scheduler, labelled)
 
 
 def _flown(rows: list[Row]) -> dict[str, int]:
@@ -284,7 +251,3 @@ def _publish(folder: Path, out: Path) -> None:
 
 def _write(path: Path, content: bytes) -> None:
     path.write_bytes(content)
-
-
-def _part(tell: Progress, start: float, end: float) -> Progress:
-    return lambda done, text: tell(start + (end - start) * done, text)

@@ -11,8 +11,9 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from proxops.diagrams.flight import Workers
 from proxops.diagrams.scenario import Scenario, parse_scenario
-from proxops.systems.common import InputError, Progress
+from proxops.systems.common import InputError, part_of
 from proxops.training.data import Labels, PackedFlights, expert_plans, pack_flights, scaling_of
 from proxops.training.export import export_recipe, write_report
 from proxops.training.loop import Schedule, Trained, TrainingTask, train
@@ -60,8 +61,7 @@ def train_pilot(
     data: Path,
     out: Path,
     settings: PilotSettings,
-    progress: Progress | None = None,
-    workers: int | None = None,
+    workers: Workers = Workers(),
 ) -> dict[str, Any]:
     """Trains the pilot on what `proxops collect` wrote; writes and returns the report.
 
@@ -70,18 +70,15 @@ def train_pilot(
     last whole epoch, and with the plans that are not there yet.
 
     Args:
-      workers: processes that compute plans; None: one for each core.
+      workers: compute plans, and report how far the training is.
 
     Raises:
       InputError: there are no flights to learn from, or see `pack_flights`, `expert_plans` and
         `training_loop.train`.
     """
-    tell = progress or (lambda done, text: None)
+    progress = workers.progress
     scenario = collected_scenario(data)
-    flights = pack_flights(
-        data / "flights",
-        progress=lambda done, of: tell(_STAGES["packing"] * done / of, f"packing, {done} of {of}"),
-    )
+    flights = pack_flights(data / "flights", progress=part_of(progress, 0.0, _STAGES["packing"]))
     identity = (
         f"proxops recipe, logs {flights.logs_sha256}, {settings.frames} frames, "
         f"{settings.cells} cells, {settings.plans} plans, windows of {settings.window}"
@@ -96,11 +93,11 @@ def train_pilot(
             settings.seed,
             device=settings.device,
             precision=settings.precision,
-            progress=_stage(task.name, tell),
+            progress=_stage(task.name, workers).progress,
         )
         task.network.cpu()
 
-    tell(_STAGES["packing"], "looking at frames")
+    progress(_STAGES["packing"], "looking at frames")
     setting, scaling = flights.setting, scaling_of(flights.setting)
     selection = HitSelection(setting.planes, setting.rays, _kept(settings.hits), scaling.length)
     with torch.no_grad():
@@ -130,7 +127,7 @@ def train_pilot(
     task = filter_task(pilot, flights, scaling, settings.window, settings.windows, *taught)
     teach(task, settings.filter)
 
-    labels = expert_labels(scenario, out, settings, workers, _stage("plans", tell))
+    labels = expert_labels(scenario, out, settings, _stage("plans", workers))
     known = known_commands(flights, labels)
     learned_from = data_sha256(flights, known)
     taught = settings.guidance, settings.seed, f"{identity}, {learned_from}"
@@ -149,14 +146,14 @@ def train_pilot(
     teach(task, settings.end_to_end)
     pilot.eval()
 
-    tell(_STAGES["end_to_end"], "flying through the logs")
+    progress(_STAGES["end_to_end"], "flying through the logs")
     report = pilot_report(pilot, settings, trained, flights.logs_sha256)
     report |= {"position_errors": position_errors}
     report = write_report(pilot, flights, report, out)
     origin = {"logs_sha256": flights.logs_sha256, "settings": dc.asdict(settings)}
     save_pilot(out, shape, pilot, origin)
     export_pilot(pilot, flights, report, out / "bundle", learned_from)
-    tell(1.0, "done")
+    progress(1.0, "done")
     return report
 
 
@@ -164,21 +161,10 @@ def expert_labels(
     scenario: Scenario,
     folder: Path,
     settings: PilotSettings,
-    workers: int | None = None,
-    progress: Progress | None = None,
+    workers: Workers = Workers(),
 ) -> Labels:
     """The plans that the guidance learns from, computed once and kept in `folder`/plans."""
-    done = 0
-
-    def planned(count: int) -> None:
-        nonlocal done
-        done += count
-        if progress is not None:
-            progress(done / settings.plans, f"plans of transits, {done} of {settings.plans}")
-
-    return expert_plans(
-        scenario, _PLANS_SEED, settings.plans, folder / "plans", workers, progress=planned
-    )
+    return expert_plans(scenario, _PLANS_SEED, settings.plans, folder / "plans", workers)
 
 
 def known_commands(flights: PackedFlights, labels: Labels) -> Commands:
@@ -280,10 +266,9 @@ def export_pilot(
     )
 
 
-def _stage(name: str, tell: Progress) -> Progress:
+def _stage(name: str, workers: Workers) -> Workers:
     names = list(_STAGES)
-    start, end = _STAGES[names[names.index(name) - 1]], _STAGES[name]
-    return lambda done, text: tell(start + (end - start) * done, text)
+    return workers.part(_STAGES[names[names.index(name) - 1]], _STAGES[name])
 
 
 def _kept(hits: int) -> int:
