@@ -16,7 +16,8 @@ from proxops.training.data.collection import (
     describe_flight,
     make_manifest,
 )
-from proxops.training.data.collection_report import collection_report, report_markdown
+from proxops.training.data.collection_report import collection_report, collection_sections
+from proxops.training.reports import write_markdown
 
 
 def collect(
@@ -54,8 +55,9 @@ def collect(
     texts = {
         "manifest.json": json.dumps(manifest, indent=2) + "\n",
         "report.json": json.dumps(report, indent=2) + "\n",
-        "report.md": report_markdown(report),
     }
     for name, text in texts.items():
         write_whole(out / name, lambda path, text=text: path.write_text(text, encoding="utf-8"))
+    title = f"Expert flights of seed {report['seed']}"
+    write_markdown(out, title, collection_sections(report))
     return manifest, report

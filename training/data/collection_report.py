@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from proxops.training.data.collection import CLEARANCE_EDGES, GOAL_EDGES, ZERO_COMMAND
+from proxops.training.reports import Section, Table, Text
 
 Figures = dict[str, typing.Any]
 
@@ -101,38 +102,23 @@ def histogram_rows(edges: Sequence[float], counts: Sequence[int]) -> list[tuple[
     return [(label, share) for k, (label, share, n) in enumerate(rows) if n or 0 < k < len(edges)]
 
 
-def report_markdown(report: Figures) -> str:
-    """The report as a Markdown page."""
-    head, lines = report_rows(report)
+def collection_sections(report: Figures) -> list[Section]:
+    """The report for reading."""
     figures = report["all"]
     size = f"{figures['flights']} flights, {figures['steps']} control steps"
     notes = (
         "Δv and arrival are medians of the flights that succeeded; a command is zero below "
         f"{ZERO_COMMAND:g} N; keep-out counts violations."
     )
-    text = [
-        f"# Expert flights of seed {report['seed']}",
-        "",
-        f"{size}, {figures['bytes'] / 1e6:.0f} MB. {notes}",
-        "",
-        *_table(head, lines),
-    ]
+    text = Text(f"{size}, {figures['bytes'] / 1e6:.0f} MB. {notes}")
+    sections = [Section("Flights by kind", [text, Table(*report_rows(report))])]
     for title, edges, counts in (
         ("Distance to the goal", report["goal_distance_edges"], figures["goal_distances"]),
         ("Clearance of the keep-out", report["clearance_edges"], figures["clearances"]),
     ):
-        rows = histogram_rows(edges, counts)
-        text += ["", f"## {title}", "", "In radii of arrival, share of all rows.", ""]
-        text += _table(["radii", "share"], [list(row) for row in rows])
-    return "\n".join(text) + "\n"
-
-
-def _table(head: Sequence[str], lines: Sequence[Sequence[str]]) -> list[str]:
-    return [
-        f"| {' | '.join(head)} |",
-        "|---" + "|---:" * (len(head) - 1) + "|",
-        *(f"| {' | '.join(line)} |" for line in lines),
-    ]
+        table = Table(["radii", "share"], histogram_rows(edges, counts))
+        sections.append(Section(title, [Text("In radii of arrival, share of all rows."), table]))
+    return sections
 
 
 def _text(value: float | None, form: str) -> str:

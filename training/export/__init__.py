@@ -12,7 +12,7 @@ from proxops.training.export.onnx_export import (
     write_folder,
 )
 from proxops.training.export.policy_export import export_policy
-from proxops.training.export.policy_report import export_recipe, write_report
+from proxops.training.export.policy_report import export_recipe, report_title, write_report
 
 __all__ = [
     "accepted_difference",
@@ -20,6 +20,7 @@ __all__ = [
     "export_policy",
     "export_recipe",
     "onnx_bytes",
+    "report_title",
     "write_bundle_folder",
     "write_folder",
     "write_report",

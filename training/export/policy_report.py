@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,14 @@ from pydrake.common.yaml import yaml_load
 from proxops.systems.common import write_whole
 from proxops.training.data import PARTS, PackedFlights, part_rows
 from proxops.training.export.policy_export import PolicyFacts, export_policy
-from proxops.training.reports import force_figures, plot_forces, report_markdown
+from proxops.training.reports import (
+    HISTOGRAMS_CAPTION,
+    force_figures,
+    picture,
+    plot_forces,
+    policy_sections,
+    write_markdown,
+)
 
 # Flights that are replayed together, of like length.
 _TOGETHER = 16
@@ -61,7 +69,7 @@ def write_report(
     """Adds the errors of force by part to a recipe's report; writes it, and forces.png.
 
     Args:
-      report: with `recipe`, `settings` and `training`, the last as `report_markdown` takes it.
+      report: with `recipe`, `settings` and `training`, the last as `policy_sections` takes it.
     """
     forces = {part: replay_flights(policy, flights, part) for part in PARTS}
     report = report | {
@@ -70,12 +78,17 @@ def write_report(
             for part in PARTS
         }
     }
-    picture = plot_forces(*forces["test"], flights.setting.thrust_limit_n)
-    write_whole(out / "forces.png", lambda path: picture.savefig(path, dpi=120, format="png"))
+    figure = plot_forces(*forces["test"], flights.setting.thrust_limit_n)
+    histograms = picture("forces", figure, HISTOGRAMS_CAPTION)
+    write_markdown(out, report_title(report), policy_sections(report, histograms))
     text = json.dumps(report, indent=2) + "\n"
     write_whole(out / "report.json", lambda path: path.write_text(text))
-    write_whole(out / "report.md", lambda path: path.write_text(report_markdown(report)))
     return report
+
+
+def report_title(report: Mapping[str, Any]) -> str:
+    """The title of the report on a recipe's policy."""
+    return f"Policy by the {report['recipe']} recipe"
 
 
 def export_recipe(

@@ -6,12 +6,13 @@ import itertools
 import statistics
 import time
 import typing
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import numpy as np
 from scipy.spatial import KDTree
 
 from proxops.training.lidar.frames import GridFrames, near_silhouette
+from proxops.training.reports import Picture, Section, Table, Text
 
 _NEIGHBOURS = 8
 # Distance from the body's centre, in half edges of the cube, at which one band ends.
@@ -108,7 +109,7 @@ def all_figures(
 
 
 def frame_milliseconds(methods: dict[str, Frames], positions: np.ndarray) -> dict[str, float]:
-    """Median time in ms of one frame by each method, in turns, so that they share what disturbs."""
+    """Median time in ms of one frame by each method, measured in turns: all share what disturbs."""
     times: dict[str, list[float]] = {name: [] for name in methods}
     for position in positions:
         for name, frames in methods.items():
@@ -125,54 +126,54 @@ def meets_targets(figures: Figures) -> bool:
     return bool(iou and median is not None and iou >= TARGET_IOU and median <= TARGET_MEDIAN_M)
 
 
-def markdown(report: dict[str, typing.Any]) -> str:
-    """The report for reading."""
+def frame_sections(report: Figures, pictures: Picture) -> list[Section]:
+    """The report for reading.
+
+    Args:
+      pictures: real and generated frames beside each other.
+    """
     methods = report["methods"]
-    head = ["method", "mask IoU", "false hits", "missed hits", *_ERROR_HEADS, "ms a frame"]
+    introduction = _INTRODUCTION.format(
+        grid=report["grid_positions"],
+        spacing=report["spacing_m"] / 1e3,
+        test=report["test_positions"],
+    )
     lines = [
-        f"# The learned lidar of {report['body']}",
-        "",
-        _INTRODUCTION.format(
-            grid=report["grid_positions"], spacing=report["spacing_m"] / 1e3,
-            test=report["test_positions"],
-        ),
-        "",
-        *_table(
-            head,
-            [
-                [name, *_cells(entry["all"]), _number(entry["frame_ms"], ".3f")]
-                for name, entry in methods.items()
-            ]
-            + [["ray-caster", *["–"] * 6, _number(report["ray_caster_frame_ms"], ".3f")]],
-        ),
-        "",
-        "Near silhouettes (rays within two rays of the outline, in their plane):",
-        "",
-        *_table(head[:-1], [[n, *_cells(e["near_silhouettes"])] for n, e in methods.items()]),
-        "",
-        "By distance from the body's centre:",
-        "",
-        *_table(
-            ["km", "positions", *head[:-1]],
-            [
-                [
-                    f"{band['from_m'] / 1e3:.0f} to {band['to_m'] / 1e3:.0f}",
-                    str(band["positions"]), name, *_cells(band),
-                ]
-                for k in range(len(_BANDS) - 1)
-                for name, band in ((n, e["bands"][k]) for n, e in methods.items())
-            ],
-        ),
-        "",
-        "Training, in seconds of CPU time: "
-        + ", ".join(f"{name} {run['cpu_s']:.0f}" for name, run in report["training"].items())
-        + f". Targets (IoU ≥ {TARGET_IOU}, median ≤ {TARGET_MEDIAN_M / 1e3} km): "
-        + ("met." if report["targets_met"] else "not met."),
-        "",
-        "![frames](frames.png)",
-        "",
-    ]  # fmt: skip
-    return "\n".join(lines)
+        [name, *_cells(entry["all"]), _number(entry["frame_ms"], ".3f")]
+        for name, entry in methods.items()
+    ]
+    lines.append(["ray-caster", *["–"] * 6, _number(report["ray_caster_frame_ms"], ".3f")])
+    outlines = [[name, *_cells(entry["near_silhouettes"])] for name, entry in methods.items()]
+    near = Text("Rays within two rays of the outline, in their plane.")
+    return [
+        Section("All rays", [Text(introduction), Table([*_HEAD, "ms a frame"], lines)]),
+        Section("Near silhouettes", [near, Table(_HEAD, outlines)]),
+        Section("By distance from the body's centre", [_bands_table(methods)]),
+        Section("Training", [Text(_training_text(report)), pictures]),
+    ]
+
+
+def _bands_table(methods: Figures) -> Table:
+    lines = [
+        [
+            f"{band['from_m'] / 1e3:.0f} to {band['to_m'] / 1e3:.0f}",
+            str(band["positions"]),
+            name,
+            *_cells(band),
+        ]
+        for k in range(len(_BANDS) - 1)
+        for name, band in ((name, entry["bands"][k]) for name, entry in methods.items())
+    ]
+    return Table(["km", "positions", *_HEAD], lines)
+
+
+def _training_text(report: Figures) -> str:
+    times = ", ".join(f"{name} {run['cpu_s']:.0f}" for name, run in report["training"].items())
+    met = "met" if report["targets_met"] else "not met"
+    return (
+        f"In seconds of CPU time: {times}. Targets (IoU ≥ {TARGET_IOU}, median ≤ "
+        f"{TARGET_MEDIAN_M / 1e3} km): {met}."
+    )
 
 
 _INTRODUCTION = (
@@ -181,7 +182,7 @@ _INTRODUCTION = (
     "share of the returns given, missed hits of the true ones. Errors are on rays that truly "
     "return and are given a return, in km."
 )
-_ERROR_HEADS = ["mean error", "median", "p95"]
+_HEAD = ["method", "mask IoU", "false hits", "missed hits", "mean error", "median", "p95"]
 
 
 def _cells(figures: Figures) -> list[str]:
@@ -192,11 +193,6 @@ def _cells(figures: Figures) -> list[str]:
         _number(figures["missed_hits"], ".2%"),
         *(_number(errors[k], ".3f", 1e-3) for k in ("mean", "median", "p95")),
     ]
-
-
-def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
-    lines = [head, ["---"] * len(head), *rows]
-    return ["| " + " | ".join(line) + " |" for line in lines]
 
 
 def _number(value: float | None, form: str, scale: float = 1.0) -> str:

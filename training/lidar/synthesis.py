@@ -29,7 +29,7 @@ from proxops.training.lidar.frames import (
 )
 from proxops.training.lidar.networks import FrameNetwork, RayNetwork, frame_loss, ray_loss
 from proxops.training.loop import Schedule, TensorBatches, Trained, TrainingTask, train
-from proxops.training.reports import plot_frames
+from proxops.training.reports import Picture, picture, plot_frames, write_markdown
 
 # An error of depth as long as the ellipsoid's mean semi-axis weighs as much as this many nats.
 _LENGTH_WEIGHT = 8.0
@@ -150,13 +150,12 @@ def train_lidar(
         "training": {OURS: _training_figures(trained), PAPERS: _training_figures(paper_trained)},
     }
     positions = random_positions(body, cube, settings.test_positions, settings.seed + _TEST_STREAM)
-    report |= _judge(methods, fan, positions, lidar, cube, out / "frames.png")
+    figures, pictures = _judge(methods, fan, positions, lidar, cube)
+    report |= figures
     text = json.dumps(report, indent=2) + "\n"
     write_whole(out / "report.json", lambda name: name.write_text(text))
-    write_whole(
-        out / "report.md",
-        lambda name: name.write_text(frame_errors.markdown(report), encoding="utf-8"),
-    )
+    title = f"The learned lidar of {body.config.name}"
+    write_markdown(out, title, frame_errors.frame_sections(report, pictures))
     return report
 
 
@@ -166,28 +165,27 @@ def _judge(
     positions: np.ndarray,
     lidar: LidarConfig,
     cube: float,
-    picture: Path,
-) -> dict[str, Any]:
-    """The report's part on the methods' frames from the test positions (N, 3), with the picture."""
+) -> tuple[dict[str, Any], Picture]:
+    """Figures of the methods' frames from the test positions (N, 3), and some of these frames."""
     truth = fan.frames(positions)
     guesses = {name: frames(positions) for name, frames in methods.items()}
     times = frame_errors.frame_milliseconds(
         {**methods, "ray-caster": fan.frames}, positions[:_TIMED_FRAMES]
     )
     sources = {"ray-caster": truth, **{name: guesses[name] for name in (OURS, PAPERS)}}
-    pictures = plot_frames(
+    figure = plot_frames(
         positions[:_PICTURES],
         {name: frames[:_PICTURES] for name, frames in sources.items()},
         lidar.planes,
         _reshaped(lidar.planes, lidar.rays),
     )
-    write_whole(picture, lambda name: pictures.savefig(name, dpi=120, format="png"))
+    caption = "Frames of the ray-caster and of the two networks, from the same positions."
     figures = {
         name: frame_errors.all_figures(positions, truth, guess, lidar.planes, cube)
         | {"frame_ms": times[name]}
         for name, guess in guesses.items()
     }
-    return {
+    results = {
         "test_positions": len(positions),
         "targets": {
             "mask_iou": frame_errors.TARGET_IOU, "median_m": frame_errors.TARGET_MEDIAN_M
@@ -196,6 +194,7 @@ def _judge(
         "ray_caster_frame_ms": times["ray-caster"],
         "methods": figures,
     }  # fmt: skip
+    return results, picture("frames", figure, caption)
 
 
 def _ray_task(

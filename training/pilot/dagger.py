@@ -154,7 +154,6 @@ def run_dagger(
             "recipe": "proxops, DAgger",
             "identity": identity,
             "rounds": list(history),
-            "notes": _notes(history),
         }
         report = write_report(pilot, flights, report, folder)
         export_pilot(pilot, flights, report, bundle, learned_from)
@@ -225,19 +224,6 @@ def _finished(folder: Path, identity: str) -> dict[str, Any] | None:
         return None
     # The bundle is written last.
     return report if report.get("identity") == identity and (folder / "bundle").is_dir() else None
-
-
-def _notes(history: list[dict[str, int]]) -> list[str]:
-    lines = [
-        "The pilot before each round, on the transits that the round learned from:",
-        "",
-        "| round | flights | arrived | with keep-out violations | collisions | labels |",
-        "|---:|---:|---:|---:|---:|---:|",
-    ]
-    names = ("flights", "arrived", "violations", "collisions", "labels")
-    for number, row in enumerate(history, start=1):
-        lines.append(f"| {number} | {' | '.join(str(row[name]) for name in names)} |")
-    return [*lines, ""]
 
 
 def _publish(folder: Path, out: Path) -> None:

@@ -15,7 +15,7 @@ from proxops.diagrams.flight import Workers
 from proxops.diagrams.scenario import Scenario, parse_scenario
 from proxops.systems.common import InputError, part_of
 from proxops.training.data import Labels, PackedFlights, expert_plans, pack_flights, scaling_of
-from proxops.training.export import export_recipe, write_report
+from proxops.training.export import export_recipe, report_title, write_report
 from proxops.training.loop import Schedule, Trained, TrainingTask, train
 from proxops.training.pilot.examples import (
     Commands,
@@ -39,7 +39,7 @@ from proxops.training.pilot.tasks import (
     guidance_task,
     motion_task,
 )
-from proxops.training.reports import report_markdown
+from proxops.training.reports import markdown_page, policy_sections
 
 # Share of the bar at which each stage ends.
 _STAGES = {
@@ -262,7 +262,7 @@ def export_pilot(
         estimates=True,
         data_sha256=learned_from,
         metrics={"parts": report["parts"]},
-        report=report_markdown(report, pictures=False),
+        report=markdown_page(report_title(report), policy_sections(report)),
     )
 
 

@@ -1,10 +1,16 @@
 """Reports: one writer for HTML and Markdown, and the figures that reports share. No PyTorch.
 
-Start with `write_report`, which writes sections of text, tables and pictures as one HTML file and
-as Markdown. `force_figures` compares forces with the expert's, `plot_frames` draws lidar frames.
+Start with `write_report`, which writes sections of text, tables and pictures as one HTML page and
+as Markdown. A new report is a function that returns such sections; it stands beside what it reports
+on. `force_figures` compares forces with the expert's, and `plot_frames` draws lidar frames.
 """
 
-from proxops.training.reports.force_errors import force_figures, plot_forces, report_markdown
+from proxops.training.reports.force_errors import (
+    HISTOGRAMS_CAPTION,
+    force_figures,
+    plot_forces,
+    policy_sections,
+)
 from proxops.training.reports.lidar_frames import plot_frames
 from proxops.training.reports.report_writer import (
     Block,
@@ -13,11 +19,15 @@ from proxops.training.reports.report_writer import (
     Section,
     Table,
     Text,
+    markdown_page,
+    markdown_table,
     picture,
+    write_markdown,
     write_report,
 )
 
 __all__ = [
+    "HISTOGRAMS_CAPTION",
     "Block",
     "Page",
     "Picture",
@@ -25,9 +35,12 @@ __all__ = [
     "Table",
     "Text",
     "force_figures",
+    "markdown_page",
+    "markdown_table",
     "picture",
     "plot_forces",
     "plot_frames",
-    "report_markdown",
+    "policy_sections",
+    "write_markdown",
     "write_report",
 ]

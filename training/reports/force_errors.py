@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import typing
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from matplotlib.figure import Figure
+
+from proxops.training.reports.report_writer import Block, Picture, Section, Table, Text
 
 SMALL_COMMAND_N = 0.2
 """Below this a command counts as none."""
@@ -70,44 +73,58 @@ def plot_forces(wanted: np.ndarray, said: np.ndarray, limit: float) -> Figure:
     return figure
 
 
+def policy_sections(report: Figures, histograms: Picture | None = None) -> list[Section]:
+    """The report of a policy's training.
+
+    Args:
+      report: with `parameters` (number of weights), `training` and `parts`; with `rounds` after
+        DAgger.
+      histograms: what `plot_forces` drew for the test part.
+    """
+    sections = [Section("Training", [Text(_training_text(report))])]
+    if "rounds" in report:
+        sections.append(Section("Rounds of DAgger", _rounds(report["rounds"])))
+    lines = [[part, *_cells(figures)] for part, figures in report["parts"].items()]
+    blocks: list[Block] = [Text(_INTRODUCTION), Table(_HEAD, lines)]
+    if histograms is not None:
+        blocks.append(histograms)
+    sections.append(Section("Forces against the MPC's", blocks))
+    return sections
+
+
 _INTRODUCTION = (
-    "Forces against the MPC's along the logged flights, each seen from its start. A low error "
-    "here is no arrival: along a log the policy does not fly."
+    "The policy follows each logged flight from its start and gives a force at every step, which "
+    "is compared with the MPC's. The policy does not fly here, so a low error does not mean that "
+    "it arrives."
+)
+_HEAD = [
+    "part", "flights", "steps", "RMSE (N)", "x", "y", "z", "always zero: RMSE (N)", "x", "y",
+    "z", "correlation x", "y", "z", "below 0.2 N: MPC (%)", "policy (%)",
+]  # fmt: skip
+HISTOGRAMS_CAPTION = (
+    "Steps of the test part by the MPC's force (actual) and the policy's (predicted); colours end "
+    f"at {_MOST_SHOWN}."
 )
 
 
-def report_markdown(report: Figures, *, pictures: bool = True) -> str:
-    """The report of a training as a Markdown page, with forces.png or without."""
+def _training_text(report: Figures) -> str:
     run = report["training"]
-    head = [
-        "part", "flights", "steps", "RMSE (N)", "x", "y", "z", "always zero: RMSE (N)", "x", "y",
-        "z", "correlation x", "y", "z", "below 0.2 N: MPC (%)", "policy (%)",
-    ]  # fmt: skip
-    lines = [[part, *_cells(figures)] for part, figures in report["parts"].items()]
-    text = [
-        f"# Policy by the {report['recipe']} recipe",
-        "",
-        (
-            f"{report['parameters']} weights. {run['epochs']} epochs, {run['cpu_s']:.0f} s of CPU "
-            f"time; the weights of epoch {run['best_epoch'] + 1} are kept: loss on validation "
-            f"{run['validation_loss']:.4f}, on training {run['training_loss']:.4f}."
-        ),
-        "",
-        *report.get("notes", []),
-        _INTRODUCTION,
-        "",
-        f"| {' | '.join(head)} |",
-        "|---" + "|---:" * (len(head) - 1) + "|",
-        *(f"| {' | '.join(line)} |" for line in lines),
+    return (
+        f"{report['parameters']} weights. {run['epochs']} epochs, {run['cpu_s']:.0f} s of CPU "
+        f"time; the weights of epoch {run['best_epoch'] + 1} are kept: loss on validation "
+        f"{run['validation_loss']:.4f}, on training {run['training_loss']:.4f}."
+    )
+
+
+def _rounds(rounds: Sequence[Mapping[str, int]]) -> list[Block]:
+    names = ("flights", "arrived", "violations", "collisions", "labels")
+    head = ["round", "flights", "arrived", "with keep-out violations", "collisions", "labels"]
+    lines = [
+        [str(number), *(str(row[name]) for name in names)]
+        for number, row in enumerate(rounds, start=1)
     ]
-    if pictures:
-        text += [
-            "",
-            f"Steps of the test part by force, colours up to {_MOST_SHOWN}:",
-            "",
-            "![actual against predicted force](forces.png)",
-        ]
-    return "\n".join(text) + "\n"
+    text = "The policy before each round, on the transits that the round learned from."
+    return [Text(text), Table(head, lines)]
 
 
 def _cells(figures: Figures) -> list[str]:

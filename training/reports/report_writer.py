@@ -1,6 +1,6 @@
-"""Reports: sections of text, tables and figures, as one self-contained page or as Markdown.
+"""Writes reports: sections of text, tables and pictures, as one HTML page or as Markdown.
 
-The page has its style and its pictures inside, and asks nothing of a network.
+The HTML page holds its style and its pictures, so it needs no network and no other file.
 """
 
 from __future__ import annotations
@@ -8,6 +8,7 @@ from __future__ import annotations
 import base64
 import html
 import io
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,7 +22,7 @@ _DOTS_PER_INCH = 110
 
 @dataclass(frozen=True)
 class Text:
-    """A paragraph; `code` sets it as typed at a terminal."""
+    """A paragraph; with `code` it is set as typed at a terminal."""
 
     text: str
     code: bool = False
@@ -29,7 +30,7 @@ class Text:
 
 @dataclass(frozen=True)
 class Table:
-    """A head, and lines as long as it; the first column is a label, the others are figures."""
+    """A head, and lines of the same length; the first column holds labels, the others figures."""
 
     head: Sequence[str]
     lines: Sequence[Sequence[str]]
@@ -40,19 +41,19 @@ class Picture:
     """A figure as PNG."""
 
     name: str
-    """Of its file, without ending, beside a Markdown page."""
+    """Of the file that a Markdown page shows, without ending."""
     png: bytes
     caption: str
 
 
 @dataclass(frozen=True)
 class Page:
-    """A page of its own inside the page, with scripts; beside a Markdown page, a file."""
+    """A page with scripts: inside the HTML page, or a file that a Markdown page links to."""
 
     name: str
-    """Of its file, without ending."""
+    """Of that file, without ending."""
     html: str
-    """The whole of it, which asks nothing of a network."""
+    """The whole page; it needs no network."""
     caption: str
 
 
@@ -61,7 +62,7 @@ Block = Text | Table | Picture | Page
 
 @dataclass(frozen=True)
 class Section:
-    """A heading, and what stands below it."""
+    """A heading and the blocks below it."""
 
     title: str
     blocks: Sequence[Block]
@@ -121,33 +122,45 @@ def _html_block(block: Block) -> str:
 
 
 def markdown_page(title: str, sections: Sequence[Section], folder: str = "figures") -> str:
-    """The report as Markdown; its pictures are taken to lie in `folder`, a relative path."""
+    """The report as Markdown.
+
+    Args:
+      folder: of the pictures, relative to the page; empty if they lie beside it.
+    """
+    prefix = f"{folder}/" if folder else ""
     lines = [f"# {_inline(title)}"]
     for section in sections:
         lines += ["", f"## {_inline(section.title)}"]
         for block in section.blocks:
-            lines += ["", *_markdown_block(block, folder)]
+            lines += ["", *_markdown_block(block, prefix)]
     return "\n".join(lines) + "\n"
 
 
-def _markdown_block(block: Block, folder: str) -> list[str]:
+def _markdown_block(block: Block, prefix: str) -> list[str]:
     if isinstance(block, Text):
         return ["```", block.text, "```"] if block.code else [_inline(block.text)]
     if isinstance(block, Picture):
         caption = _inline(block.caption)
-        return [f"![{caption}]({folder}/{block.name}.png)", "", caption]
+        return [f"![{caption}]({prefix}{block.name}.png)", "", caption]
     if isinstance(block, Page):
-        return [f"[{_inline(block.caption)}]({folder}/{block.name}.html)"]
-    rows = [[_cell(cell) for cell in row] for row in (block.head, *block.lines)]
-    rows.insert(1, ["---"] + ["---:"] * (len(block.head) - 1))
+        return [f"[{_inline(block.caption)}]({prefix}{block.name}.html)"]
+    return markdown_table(block)
+
+
+def markdown_table(table: Table) -> list[str]:
+    """The lines of a table in Markdown."""
+    rows = [[_cell(cell) for cell in row] for row in (table.head, *table.lines)]
+    rows.insert(1, ["---"] + ["---:"] * (len(table.head) - 1))
     return ["| " + " | ".join(row) + " |" for row in rows]
 
 
+# Inside a word an underscore is no markup.
+_MARKUP = re.compile(r"[\\`*\[\]<]|(?<!\w)_|_(?!\w)")
+
+
 def _inline(text: str) -> str:
-    """Text that Markdown would take for markup, made plain."""
-    for letter in "\\`*_[]<":
-        text = text.replace(letter, "\\" + letter)
-    return text
+    """Text with a backslash before all that Markdown would take for markup."""
+    return _MARKUP.sub(r"\\\g<0>", text)
 
 
 def _cell(text: str) -> str:
@@ -155,20 +168,39 @@ def _cell(text: str) -> str:
 
 
 def write_report(folder: Path, title: str, sections: Sequence[Section]) -> None:
-    """Writes `report.html`, `report.md` and the latter's `figures/` into a folder.
+    """Writes `report.html`, and `report.md` with its `figures/`, into a folder.
 
     Raises:
       InputError: the folder cannot be made or written.
     """
-    make_folder(folder / "figures")
+    _write_pictures(folder / "figures", sections)
+    _write(folder / "report.html", html_page(title, sections).encode())
+    _write(folder / "report.md", markdown_page(title, sections).encode())
+
+
+def write_markdown(folder: Path, title: str, sections: Sequence[Section]) -> None:
+    """Writes `report.md` into a folder, with its pictures beside it.
+
+    Raises:
+      InputError: the folder cannot be made or written.
+    """
+    _write_pictures(folder, sections)
+    _write(folder / "report.md", markdown_page(title, sections, folder="").encode())
+
+
+def _write_pictures(folder: Path, sections: Sequence[Section]) -> None:
+    """Writes the files that a Markdown page shows or links to.
+
+    Raises:
+      InputError: the folder cannot be made or written.
+    """
+    make_folder(folder)
     for section in sections:
         for block in section.blocks:
             if isinstance(block, Picture):
-                _write(folder / "figures" / f"{block.name}.png", block.png)
+                _write(folder / f"{block.name}.png", block.png)
             elif isinstance(block, Page):
-                _write(folder / "figures" / f"{block.name}.html", block.html.encode())
-    _write(folder / "report.html", html_page(title, sections).encode())
-    _write(folder / "report.md", markdown_page(title, sections).encode())
+                _write(folder / f"{block.name}.html", block.html.encode())
 
 
 def _write(path: Path, content: bytes) -> None:
