@@ -31,7 +31,7 @@ fly: .venv/core.stamp
 	$(bin)/proxops fly --controller hybrid --out $(FLIGHT)
 
 test: .venv/dev.stamp
-	$(bin)/pytest --numprocesses auto
+	$(bin)/pytest --numprocesses auto --dist worksteal
 
 # Tools that read sources can't follow the import hook of an editable installation.
 links:

@@ -251,7 +251,8 @@ def finish(folder: Path, made: list[Flight], flown: list[str]) -> None:
     )
 
 
-@pytest.mark.parametrize("finished", [3, pytest.param(1, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("finished", [3, 1])
 def test_killed_and_run_again(tmp_path: Path, flown: list[str], finished: int) -> None:
     made = flights(10)
     killed_campaign(tmp_path, made, workers=1, finished=finished)

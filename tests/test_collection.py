@@ -204,6 +204,7 @@ def test_without_frames(collect: Collect) -> None:
     assert differences(log, fly(log.scenario, "mpc", body=log.body)) == []
 
 
+@pytest.mark.slow
 def test_the_same_with_two_workers(full_set: Path, tmp_path: Path) -> None:
     run_command(tmp_path / "two", 7, "--recovery", "full", "--seed", "5", workers=2)
     for one, other in zip(logs_of(full_set), logs_of(tmp_path / "two"), strict=True):
@@ -257,6 +258,7 @@ def test_senseless_mix_is_refused(
     assert not Path("out").exists()
 
 
+@pytest.mark.slow
 def test_full_disk(tmp_path: Path) -> None:
     """A limit on the size of files makes every write of a log fail half-way."""
     out = tmp_path / "out"
@@ -332,6 +334,7 @@ def finished_and_right(out: Path, transits: int) -> None:
         assert differences(log, fly(flown, "mpc", body=kleopatra())) == []
 
 
+@pytest.mark.slow
 def test_killed_at_random_moments(tmp_path: Path) -> None:
     killed_again_and_again(tmp_path / "out", 60, workers=1, times=3)
     finished_and_right(tmp_path / "out", 60)

@@ -521,6 +521,7 @@ print(killed, len(list(path.parent.glob(".flight.nc.*.part"))))
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
 def test_killed_while_writing(tmp_path: Path) -> None:
     """15 processes killed at random moments of writing the same file over and over."""

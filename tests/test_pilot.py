@@ -177,6 +177,7 @@ def test_exported_pilot_says_what_the_trained_one_says(bundle: Path):
         np.testing.assert_allclose(seen, estimate[0].numpy(), rtol=1e-4, atol=1.0)
 
 
+@pytest.mark.slow
 def test_export_is_the_same_each_time_and_names_no_source(bundle: Path, tmp_path: Path):
     export_policy(small_pilot(), tmp_path / "again", facts(), [flight()])
     model = (bundle / "model.onnx").read_bytes()

@@ -336,6 +336,7 @@ def test_it_says_nothing(
     assert not caplog.records
 
 
+@pytest.mark.slow
 def test_several_processes_at_once(tmp_path: Path) -> None:
     program = (
         "import sys; from pathlib import Path\n"

@@ -99,15 +99,17 @@ def test_covariance_stays_one_over_a_long_flight():
     memory = torch.zeros(1, MEMORY)
     fixes = 30.0 * torch.randn(10_000, 1, 3, generator=torch.Generator().manual_seed(0))
     fixes[::97] *= 40.0
+    upper = []
     for fix in fixes:
         memory = corrected(subject, subject.predict(memory, torch.zeros(1, 3)), fix)
-        upper = memory[0, 9:15].double()
-        matrix = torch.zeros(3, 3, dtype=torch.float64)
-        rows, columns = torch.triu_indices(3, 3)
-        matrix[rows, columns] = upper
-        matrix[columns, rows] = upper
-        scale = matrix.diagonal().sqrt()
-        assert float(torch.linalg.eigvalsh(matrix / scale[:, None] / scale).min()) > 0.0
+        upper.append(memory[0, 9:15].double())
+    matrices = torch.zeros(len(fixes), 3, 3, dtype=torch.float64)
+    rows, columns = torch.triu_indices(3, 3)
+    matrices[:, rows, columns] = torch.stack(upper)
+    matrices[:, columns, rows] = torch.stack(upper)
+    scales = matrices.diagonal(dim1=1, dim2=2).sqrt()
+    correlations = matrices / scales[:, :, None] / scales[:, None]
+    assert float(torch.linalg.eigvalsh(correlations).min()) > 0.0
     assert float(memory[:, 3:6].norm()) < 3.0
 
 

@@ -127,6 +127,7 @@ def test_loss_is_the_root_mean_square_in_newtons_where_there_is_a_label(packed: 
     assert float(force_loss(policy, batch)) == pytest.approx(0.0, abs=1e-5)
 
 
+@pytest.mark.slow
 def test_quick_command_writes_all_that_it_says(
     data: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ):
