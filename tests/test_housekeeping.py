@@ -38,8 +38,6 @@ LONGER_FUNCTIONS: dict[str, str] = {
     "training/loop/training_loop.py: train": "is being split",
     "training/pilot/dagger.py: run_dagger": "is being split",
     "training/pilot/recipe.py: train_pilot": "is being split",
-    "cli/collect.py: collect_command": "is being split",
-    "cli/evaluate.py: evaluate_command": "is being split",
 }
 
 
