@@ -94,8 +94,6 @@ def xarray_windows(logs: Path, flights: PackedFlights, starts: np.ndarray, lengt
 def windows(logs: Path, flights: PackedFlights, length: int, rounds: int) -> None:
     kinds: dict[str, dict] = {
         "dense frames": {"frames": True},
-        "128 hits, evenly": {"hits": 128},
-        "128 hits, at random": {"hits": 128, "random_hits": True},
         "no lidar": {},
     }
     random = np.random.default_rng(0)

@@ -96,8 +96,8 @@ def test_training_data(working_folder: Path) -> None:
     assert short != code  # The flights of the tests are not that long.
     names = run(short)
     count = min(64, len(names["windows"]))
-    assert names["windows"].epoch == 1
-    assert names["hits"].shape == (count, 8, 128)
+    assert names["batches"].epoch == 1
+    assert names["frames"].shape == (count, 8, 12, 360)
     assert names["force"].shape == (count, 8, 3)
     assert torch.isfinite(names["force"]).all()
 

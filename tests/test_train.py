@@ -113,9 +113,7 @@ def test_replayed_flights_are_seen_step_by_step(packed: PackedFlights):
 @torch.no_grad()
 def test_loss_is_the_root_mean_square_in_newtons_where_there_is_a_label(packed: PackedFlights):
     policy = make_policy(packed, SMALL).eval()
-    windows = WindowDataset(
-        packed, "training", 8, frames=True, normalise=False, no_return=float("inf")
-    )
+    windows = WindowDataset(packed, "training", 8, frames=True)
     batch = windows.batch([0, 1, 2])
     assert torch.isinf(batch["frames"]).any()
     said = policy.sequence(batch["frames"], batch["target"], batch["applied_force"])[0]

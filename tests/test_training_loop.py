@@ -16,7 +16,7 @@ from proxops.training.data import PackedFlights, pack_flights
 from proxops.training.loop import WindowDataset
 from proxops.training.loop.tensor_batches import TensorBatches
 from proxops.training.loop.training_loop import Schedule, TrainingTask, train
-from proxops.training.loop.windows import Batch, window_loader
+from proxops.training.loop.windows import Batch, WindowBatches
 
 SCHEDULE = Schedule(epochs=4, batch=3, learning_rate=3e-2, patience=4)
 
@@ -51,8 +51,8 @@ def task(
     training, validation = (
         WindowDataset(packed, part, 4, 1) for part in ("training", "validation")
     )
-    batches = window_loader(training, batch, shuffle=True, seed=seed)
-    held = window_loader(validation, batch)
+    batches = WindowBatches(training, batch, shuffle=True, seed=seed)
+    held = WindowBatches(validation, batch)
     return TrainingTask("straight", Straight(), loss, batches, held, "test", methods=("sequence",))
 
 
@@ -193,11 +193,52 @@ def test_a_budget_of_minutes_ends_it(packed: PackedFlights, tmp_path: Path):
 
 def test_checkpoint_of_another_training_is_refused(packed: PackedFlights, tmp_path: Path):
     run(task(packed), SCHEDULE, tmp_path)
-    with pytest.raises(InputError, match="with other settings, data, body or version"):
+    with pytest.raises(InputError, match="with other settings, data or body"):
         run(task(packed), SCHEDULE, tmp_path, seed=2)
     (tmp_path / "straight.ckpt").write_bytes(b"half a checkpo")
     with pytest.raises(InputError, match="is not a checkpoint"):
         run(task(packed), SCHEDULE, tmp_path)
+
+
+def test_checkpoint_of_another_version_is_refused(packed: PackedFlights, tmp_path: Path):
+    """A newer proxops may learn otherwise: it does not silently go on with an older training."""
+    run(task(packed), SCHEDULE, tmp_path)
+    path = tmp_path / "straight.ckpt"
+    saved = torch.load(path, weights_only=True)
+    torch.save(saved | {"proxops": "0.1.2"}, path)
+    with pytest.raises(InputError, match=r"was written by proxops 0\.1\.2, and this is"):
+        run(task(packed), SCHEDULE, tmp_path)
+
+
+class Stranger:
+    """Runs code when pickle opens it."""
+
+    def __reduce__(self) -> tuple[Any, tuple[Path]]:
+        return Path.touch, (Path("opened"),)
+
+
+@pytest.mark.parametrize(
+    "content", [Stranger(), [], {"proxops": "0", "identity": 3}, {"network": 0}, torch.zeros(3)]
+)
+def test_a_foreign_checkpoint_is_refused_and_runs_nothing(
+    packed: PackedFlights, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, content: Any
+):
+    monkeypatch.chdir(tmp_path)
+    torch.save(content, tmp_path / "straight.ckpt")
+    with pytest.raises(InputError, match="is not a checkpoint of a training"):
+        run(task(packed), SCHEDULE, tmp_path)
+    assert not (tmp_path / "opened").exists()
+
+
+def test_a_checkpoint_with_other_contents_is_refused(packed: PackedFlights, tmp_path: Path):
+    """The right identity, and weights that do not fit, or a history that is none."""
+    run(task(packed), SCHEDULE, tmp_path)
+    path = tmp_path / "straight.ckpt"
+    saved = torch.load(path, weights_only=True)
+    for key, value in (("network", {}), ("optimizer", {}), ("history", [3]), ("best", {"x": 1})):
+        torch.save(saved | {key: value}, path)
+        with pytest.raises(InputError, match="is not a checkpoint of a training"):
+            run(task(packed), SCHEDULE, tmp_path)
 
 
 def test_a_loss_that_is_no_number_is_said(packed: PackedFlights, tmp_path: Path):

@@ -1,4 +1,4 @@
-"""Windows hold the steps they should, never straddle flights, and choose hits as they say."""
+"""Windows hold the steps they should and lie within one flight; batches come in order."""
 
 import pickle
 from pathlib import Path
@@ -13,8 +13,7 @@ from torch.utils.data import DataLoader
 
 from proxops.systems import InputError
 from proxops.training.data import PackedFlights, pack_flights
-from proxops.training.data.window_kernels import fill_hits, window_keys
-from proxops.training.loop import WindowDataset, window_loader
+from proxops.training.loop import WindowBatches, WindowDataset
 
 
 @pytest.fixture(scope="module")
@@ -45,7 +44,7 @@ def dense(packed: PackedFlights, row: int) -> np.ndarray:
 def test_windows_cover_each_flight_and_stay_in_it(
     packed: PackedFlights, part: str, length: int, stride: int | None
 ) -> None:
-    windows = WindowDataset(packed, part, length, stride, normalise=False)
+    windows = WindowDataset(packed, part, length, stride)
     owner = np.repeat(np.arange(len(packed.flights)), [each.steps for each in packed.flights])
     seen = np.zeros(len(packed), dtype=int)
     for window in (windows[k] for k in range(len(windows))):
@@ -79,7 +78,6 @@ def test_number_of_windows(packed: PackedFlights) -> None:
         ("train", {"length": 5}, "there is no part 'train'; choose from training, validation"),
         ("training", {"length": 0}, "of at least 1"),
         ("training", {"length": 5, "stride": 0}, "of at least 1"),
-        ("training", {"length": 5, "hits": 0}, "of at least 1"),
         ("training", {"length": 99}, "no window of 99 fits"),
     ],
 )
@@ -101,7 +99,7 @@ def test_no_such_window(packed: PackedFlights) -> None:
 
 
 def test_columns_in_si(packed: PackedFlights) -> None:
-    windows = WindowDataset(packed, "training", 6, 3, normalise=False)
+    windows = WindowDataset(packed, "training", 6, 3)
     batch = windows.batch([3, 0])
     for k in range(2):
         rows = [row_of(packed, state) for state in batch["state"][k]]
@@ -111,33 +109,6 @@ def test_columns_in_si(packed: PackedFlights) -> None:
             np.testing.assert_array_equal(batch[name][k], wanted)
         assert batch["labelled"][k].all()
         assert not batch["kicked"][k].any()
-
-
-def test_columns_normalised(packed: PackedFlights) -> None:
-    plain = WindowDataset(packed, "test", 6, normalise=False).batch([0, 1])
-    batch = WindowDataset(packed, "test", 6).batch([0, 1])
-    scales = packed.normalisation
-    for name in ("state", "target"):
-        position, velocity = batch[name].double().numpy()[..., :3], batch[name].double()[..., 3:]
-        np.testing.assert_allclose(
-            scales.position.undo(position), plain[name][..., :3], rtol=1e-5, atol=1e-2
-        )
-        np.testing.assert_allclose(
-            scales.velocity.undo(velocity.numpy()), plain[name][..., 3:], rtol=1e-5, atol=1e-5
-        )
-    for name in ("applied_force", "mpc_force"):
-        values = scales.force.undo(batch[name].double().numpy())
-        np.testing.assert_allclose(values, plain[name], rtol=1e-5, atol=1e-5)
-    np.testing.assert_array_equal(batch["time"], plain["time"])
-
-
-def test_training_part_is_of_zero_mean_and_unit_spread(packed: PackedFlights) -> None:
-    windows = WindowDataset(packed, "training", 1, 1, frames=True)
-    batch = windows.batch(range(len(windows)))
-    hits = batch["frames"][batch["frames"] != -100.0].double()
-    for values in (batch["state"][..., 3:].double().flatten(0, 1), hits[:, None]):
-        np.testing.assert_allclose(values.mean(0), 0.0, atol=1e-4)
-        np.testing.assert_allclose(values.std(0, correction=0), 1.0, rtol=1e-4)
 
 
 def test_labels_that_are_missing(tmp_path: Path) -> None:
@@ -154,114 +125,28 @@ def test_labels_that_are_missing(tmp_path: Path) -> None:
 
 
 def test_dense_frames(packed: PackedFlights) -> None:
-    for normalise in (False, True):
-        windows = WindowDataset(packed, "training", 5, 4, frames=True, normalise=normalise)
-        rows = windows.starts[7] + np.arange(5)
-        frames = windows[7]["frames"]
-        assert frames.shape == (5, 12, 360)
-        assert frames.dtype == torch.float32
-        wanted = np.stack([dense(packed, row) for row in rows]).astype(np.float64)
-        if normalise:
-            (mean,), (std,) = packed.normalisation.range.mean, packed.normalisation.range.std
-            wanted = (wanted - mean) / std
-        wanted[np.isinf(wanted)] = -100.0
-        np.testing.assert_allclose(frames.reshape(5, -1), wanted, rtol=1e-6, atol=1e-7)
+    windows = WindowDataset(packed, "training", 5, 4, frames=True)
+    rows = windows.starts[7] + np.arange(5)
+    frames = windows[7]["frames"]
+    assert frames.shape == (5, 12, 360)
+    assert frames.dtype == torch.float32
+    wanted = np.stack([dense(packed, row) for row in rows])
+    np.testing.assert_array_equal(frames.reshape(5, -1), wanted)
 
 
-def test_frames_in_si_are_exact(packed: PackedFlights) -> None:
-    windows = WindowDataset(packed, "training", 5, frames=True, normalise=False)
-    frames = windows[0]["frames"].numpy()
-    wanted = packed.frames(windows.starts[0] + np.arange(5))
-    np.testing.assert_array_equal(frames, np.where(np.isinf(wanted), np.float32(-100.0), wanted))
-
-
-# --- hits -----------------------------------------------------------------------------------------
-
-
-def hits_of(packed: PackedFlights, row: int) -> tuple[np.ndarray, np.ndarray]:
-    hits = slice(packed.offset[row], packed.offset[row + 1])
-    return packed.ray[hits], packed.range[hits]
-
-
-def test_all_hits_if_there_is_room(packed: PackedFlights) -> None:
-    for random in (False, True):
-        windows = WindowDataset(
-            packed, "training", 5, hits=2000, random_hits=random, normalise=False
-        )
-        window = windows[2]
-        for step, row in enumerate(windows.starts[2] + np.arange(5)):
-            rays, ranges = hits_of(packed, row)
-            count = len(rays)
-            assert window["hit_mask"][step].sum() == count
-            np.testing.assert_array_equal(window["hit_ray"][step, :count], rays)
-            np.testing.assert_array_equal(window["hit_range"][step, :count], ranges)
-            assert not window["hit_mask"][step, count:].any()
-            assert not window["hit_ray"][step, count:].any()
-            assert not window["hit_range"][step, count:].any()
-
-
-@pytest.mark.parametrize("room", [1, 7, 64])
-@pytest.mark.parametrize("random", [False, True])
-def test_some_of_many_hits(packed: PackedFlights, room: int, random: bool) -> None:
-    windows = WindowDataset(packed, "training", 5, hits=room, random_hits=random, normalise=False)
-    window = windows[1]
-    for step, row in enumerate(windows.starts[1] + np.arange(5)):
-        rays, ranges = hits_of(packed, row)
-        assert len(rays) > room
-        assert window["hit_mask"][step].all()
-        chosen = window["hit_ray"][step].numpy()
-        assert (np.diff(chosen) > 0).all()
-        places = np.searchsorted(rays, chosen)
-        np.testing.assert_array_equal(rays[places], chosen)
-        np.testing.assert_array_equal(ranges[places], window["hit_range"][step])
-        if not random:  # Evenly: one from the middle of each of `room` equal portions.
-            portions = (np.arange(room) + 0.5) * len(rays) / room
-            np.testing.assert_array_equal(places, np.floor(portions))
-
-
-def test_random_hits_depend_on_seed_epoch_window_and_step(packed: PackedFlights) -> None:
-    def chosen(seed: int = 0, epoch: int = 0, batch: tuple[int, ...] = (1, 4)) -> np.ndarray:
-        windows = WindowDataset(packed, "training", 5, hits=8, random_hits=True, seed=seed)
-        windows.epoch = epoch
-        return windows.batch(batch)["hit_ray"].numpy()
-
-    first = chosen()
-    np.testing.assert_array_equal(first, chosen())
-    np.testing.assert_array_equal(first[1:], chosen(batch=(4,)))
-    assert (first != chosen(seed=1)).any(axis=2).all()
-    assert (first != chosen(epoch=1)).any(axis=2).all()
-    even = WindowDataset(packed, "training", 5, hits=8)
-    even.epoch = 1
-    np.testing.assert_array_equal(
-        even[1]["hit_ray"], WindowDataset(packed, "training", 5, hits=8)[1]["hit_ray"]
-    )
-
-
-def test_random_hits_are_drawn_alike() -> None:
-    """Each of the 10 pairs of 5 hits is as likely: chi-square over 20,000 draws."""
-    draws, hits, room = 20_000, 5, 2
-    shape = draws, room
-    ray, ranges = np.arange(hits, dtype=np.uint16), np.ones(hits, dtype=np.float32)
-    offset = np.array([0, hits])
-    hit_ray, mask = np.empty(shape, dtype=np.int32), np.empty(shape, dtype=np.bool_)
-    keys = window_keys(7, np.arange(draws // 20), 20)
-    assert len(np.unique(keys)) == draws
-    rows = np.zeros(draws, dtype=np.int64)
-    found = hit_ray, np.empty(shape, dtype=np.float32), mask
-    fill_hits(rows, keys, offset, ray, ranges, True, 0.0, 1.0, *found)
-    assert mask.all()
-    counts = np.bincount(hit_ray[:, 0] * hits + hit_ray[:, 1], minlength=hits * hits)
-    counts = counts.reshape(hits, hits)[np.triu_indices(hits, 1)]
-    assert counts.sum() == draws
-    expected = draws / 10
-    assert ((counts - expected) ** 2 / expected).sum() < 27.9  # 9 degrees of freedom: 1 in 1,000
+def test_frames_of_rows_in_any_order(packed: PackedFlights) -> None:
+    for rows in ([7, 0, 7, len(packed) - 1], []):
+        frames = packed.frames(np.array(rows, dtype=np.int64))
+        assert frames.shape == (len(rows), 12, 360)
+        for frame, row in zip(frames, rows, strict=True):
+            np.testing.assert_array_equal(frame.ravel(), dense(packed, row))
 
 
 # --- batches --------------------------------------------------------------------------------------
 
 
 def everything(packed: PackedFlights) -> WindowDataset:
-    return WindowDataset(packed, "training", 5, 2, frames=True, hits=16, random_hits=True)
+    return WindowDataset(packed, "training", 5, 2, frames=True)
 
 
 def test_a_batch_is_its_windows(packed: PackedFlights) -> None:
@@ -275,18 +160,18 @@ def test_a_batch_is_its_windows(packed: PackedFlights) -> None:
 def test_torch_s_own_loader_gives_the_same(packed: PackedFlights) -> None:
     windows = everything(packed)
     plain = list(DataLoader(windows, batch_size=8))
-    ours = list(window_loader(windows, 8))
-    assert len(plain) == len(ours) == len(window_loader(windows, 8)) > 1
+    ours = list(WindowBatches(windows, 8))
+    assert len(plain) == len(ours) == len(WindowBatches(windows, 8)) > 1
     for one, other in zip(plain, ours, strict=True):
         assert all(torch.equal(one[name], other[name]) for name in one)
 
 
 def test_shuffled_epochs(packed: PackedFlights) -> None:
-    windows = WindowDataset(packed, "training", 3, normalise=False)
+    windows = WindowDataset(packed, "training", 3)
 
-    def order(epoch: int, **options: int) -> list[int]:
-        windows.epoch = epoch
-        batches = list(window_loader(windows, 4, shuffle=True, **options))
+    def order(epoch: int, seed: int = 0) -> list[int]:
+        batches = WindowBatches(windows, 4, shuffle=True, seed=seed)
+        batches.epoch = epoch
         return [row_of(packed, state) for batch in batches for state in batch["state"][:, 0]]
 
     first = order(0)
@@ -299,21 +184,13 @@ def test_shuffled_epochs(packed: PackedFlights) -> None:
 
 def test_pickled(packed: PackedFlights) -> None:
     windows = everything(packed)
-    windows.epoch = 3
     text = pickle.dumps(windows)
     assert len(text) < 5000
     again = pickle.loads(text)
-    assert again.epoch == 3
     for name, values in windows.batch([0, 3]).items():
         assert torch.equal(again.batch([0, 3])[name], values), name
 
 
-@pytest.mark.slow
-def test_spawned_workers_give_the_same_epoch_after_epoch(packed: PackedFlights) -> None:
-    windows = everything(packed)
-    alone = window_loader(windows, 8, shuffle=True)
-    shared = window_loader(windows, 8, shuffle=True, workers=2)
-    for epoch in (0, 1):
-        windows.epoch = epoch
-        for one, other in zip(alone, shared, strict=True):
-            assert all(torch.equal(one[name], other[name]) for name in one)
+def test_a_batch_needs_a_window(packed: PackedFlights) -> None:
+    with pytest.raises(InputError, match="at least 1 window"):
+        WindowBatches(everything(packed), 0)

@@ -47,6 +47,11 @@ def of_transit(scenario: Scenario, seed: int, index: int) -> Scenario:
     return dc.replace(scenario, transit=transit)
 
 
+def is_blocked(index: int) -> bool:
+    """Whether the keep-out ellipsoid blocks the straight line of transit number `index`."""
+    return index % 10 in _BLOCKED
+
+
 def draw_transit(seed: int, index: int, scenario: Scenario, body: Body) -> Transit:
     """Transit number `index` of a seed: a function of its arguments alone.
 
@@ -55,7 +60,7 @@ def draw_transit(seed: int, index: int, scenario: Scenario, body: Body) -> Trans
         the body.
     """
     rules = scenario.transit
-    want_blocked = index % 10 in _BLOCKED
+    want_blocked = is_blocked(index)
     random = generator(seed, index)
     for _ in range(_ATTEMPTS):
         start, goal = random.uniform(-0.5 * rules.cube_m, 0.5 * rules.cube_m, (2, 3))

@@ -10,7 +10,7 @@ from proxops.training.data.collection import collection_flights, learned_lidar_o
 from proxops.training.data.collection_report import histogram_rows, report_rows
 from proxops.training.data.flight_labels import label_flights, plans_along
 from proxops.training.data.label_files import Labels
-from proxops.training.data.normalisation import Normalisation, Scale
+from proxops.training.data.normalisation import Normalisation
 from proxops.training.data.packed_flights import PackedFlight, PackedFlights, part_rows
 from proxops.training.data.packing import pack_flights
 from proxops.training.data.plans import expert_plans
@@ -23,7 +23,6 @@ from proxops.training.data.scaling import (
     scaling_of,
 )
 from proxops.training.data.transit_split import PARTS, part_of_transit
-from proxops.training.data.window_kernels import fill_frames, fill_hits, window_keys
 
 __all__ = [
     "MIXES",
@@ -32,15 +31,12 @@ __all__ = [
     "Normalisation",
     "PackedFlight",
     "PackedFlights",
-    "Scale",
     "Scaling",
     "at_rest",
     "body_length",
     "collect",
     "collection_flights",
     "expert_plans",
-    "fill_frames",
-    "fill_hits",
     "histogram_rows",
     "keep_out_of",
     "kind_of",
@@ -54,5 +50,4 @@ __all__ = [
     "report_rows",
     "scaling_for",
     "scaling_of",
-    "window_keys",
 ]

@@ -24,14 +24,6 @@ class Scale:
     mean: tuple[float, ...]
     std: tuple[float, ...]
 
-    def apply(self, values: np.ndarray) -> np.ndarray:
-        """Values (..., components) in SI, normalised."""
-        return (values - np.array(self.mean)) / np.array(self.std)
-
-    def undo(self, values: np.ndarray) -> np.ndarray:
-        """Normalised values (..., components) in SI again."""
-        return values * np.array(self.std) + np.array(self.mean)
-
 
 @dc.dataclass(frozen=True)
 class Normalisation:

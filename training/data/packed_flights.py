@@ -113,10 +113,13 @@ class PackedFlights:
 
     def frames(self, rows: np.ndarray) -> np.ndarray:
         """Lidar frames (N, planes, rays) float32 of rows, as in the logs; +inf: no return."""
-        from proxops.training.data.window_kernels import fill_frames  # numba only when it is wanted
-
-        frames = np.empty((len(rows), self.setting.planes * self.setting.rays), dtype=np.float32)
-        fill_frames(np.asarray(rows), self.offset, self.ray, self.range, np.inf, 0.0, 1.0, frames)
+        shape = len(rows), self.setting.planes * self.setting.rays
+        frames = np.full(shape, np.inf, dtype=np.float32)
+        first = self.offset[rows]
+        counts = self.offset[np.asarray(rows) + 1] - first
+        # The hits of all rows, one row after the other: where each row's begin, plus 0, 1, 2, ...
+        hits = np.arange(counts.sum()) + np.repeat(first - (np.cumsum(counts) - counts), counts)
+        frames[np.repeat(np.arange(len(rows)), counts), self.ray[hits]] = self.range[hits]
         return frames.reshape(-1, self.setting.planes, self.setting.rays)
 
     def __getstate__(self) -> dict[str, typing.Any]:

@@ -40,8 +40,8 @@ _LATE, _LATE_HORIZONS = 0.3, 3.0
 # in all but one case of ten.
 _POSITION_OFF, _SPEED_OFF = (30.0, 6e3), (0.03, 4.0)
 _ITERATIONS = 4
-# Share of transits that have the ellipsoid in their way: of random ones few do, and those are hard.
-_BLOCKED = 0.65
+# Share of transits that the ellipsoid blocks: few random ones are, and those are hard.
+_BLOCKED_SHARE = 0.65
 # Draws after which a transit may be either: near a body of another shape there may be none.
 _DRAWS = 500
 _STREAM = 5
@@ -141,7 +141,7 @@ def _ends(
     """Start and goal (3,) in m of a random transit."""
     axes, half = body.keep_out_semi_axes, 0.5 * scenario.transit.cube_m
     wide = axes + scenario.mpc.keep_out_margin_m
-    blocked = random.random() < _BLOCKED
+    blocked = random.random() < _BLOCKED_SHARE
     draws = 0
     while True:
         draws += 1
@@ -175,7 +175,7 @@ def _origin(portion: Portion) -> str:
     parts = scenario.body, scenario.spacecraft, scenario.mpc, scenario.transit
     made = version_and_body(_body(scenario.body))
     count = f"{portion.first}, {portion.count}, {portion.seed}"
-    return f"{made}, share {_BLOCKED} blocked, of {count}, {parts}"
+    return f"{made}, share {_BLOCKED_SHARE} blocked, of {count}, {parts}"
 
 
 # One large thing, loaded once in each worker.

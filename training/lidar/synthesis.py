@@ -28,7 +28,7 @@ from proxops.training.lidar.frames import (
     ray_examples,
 )
 from proxops.training.lidar.networks import FrameNetwork, RayNetwork, frame_loss, ray_loss
-from proxops.training.loop import Schedule, TensorBatches, Trained, TrainingTask, train
+from proxops.training.loop import Schedule, TensorBatches, Trained, TrainingTask, seeded, train
 from proxops.training.reports import Picture, picture, plot_frames, write_markdown
 
 # An error of depth as long as the ellipsoid's mean semi-axis weighs as much as this many nats.
@@ -200,8 +200,7 @@ def _judge(
 def _ray_task(
     fan: ChordFan, grid: GridFrames, planes: int, settings: LidarSettings, identity: str
 ) -> TrainingTask:
-    with torch.random.fork_rng(devices=[]):
-        torch.manual_seed(settings.seed)
+    with seeded(settings.seed):
         network = RayNetwork(settings.width)
     kept = ~grid.held_out
     examples, near = ray_examples(
@@ -220,8 +219,7 @@ def _ray_task(
 def _frame_task(
     grid: GridFrames, cube: float, settings: LidarSettings, identity: str
 ) -> TrainingTask:
-    with torch.random.fork_rng(devices=[]):
-        torch.manual_seed(settings.seed)
+    with seeded(settings.seed):
         network = FrameNetwork(grid.frames.shape[1])
     kept = ~grid.held_out
     examples = frame_examples(grid.positions[kept], grid.frames[kept], cube)

@@ -4,10 +4,11 @@ Start with `train`. Every network of proxops is trained by it; a run that was ki
 its last whole epoch.
 """
 
+from proxops.training.loop.random_weights import seeded
 from proxops.training.loop.tensor_batches import TensorBatches
 from proxops.training.loop.training_history import Trained
 from proxops.training.loop.training_loop import Schedule, TrainingTask, train
-from proxops.training.loop.windows import Batch, WindowDataset, frame_loaders, window_loader
+from proxops.training.loop.windows import Batch, WindowBatches, WindowDataset, frame_batches
 
 __all__ = [
     "Batch",
@@ -15,8 +16,9 @@ __all__ = [
     "TensorBatches",
     "Trained",
     "TrainingTask",
+    "WindowBatches",
     "WindowDataset",
-    "frame_loaders",
+    "frame_batches",
+    "seeded",
     "train",
-    "window_loader",
 ]

@@ -1,38 +1,52 @@
-"""Checkpoints of trainings: written whole, and refused by another training than their own."""
+"""Checkpoints of trainings: written whole, and refused by any training but their own."""
 
 from __future__ import annotations
 
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
 import torch
-from lightning.fabric import Fabric
 
 from proxops.systems.common import InputError, write_whole
 
+_KEYS = ("network", "optimizer", "history", "best")
+
 
 def save_checkpoint(path: Path, identity: str, state: dict[str, Any]) -> None:
-    """Writes `state` and whose it is; a kill leaves the checkpoint before it."""
-    content = {"identity": identity, **state}
+    """Writes `state` with the training's identity and the version of proxops.
+
+    The file is replaced only when the new one is complete.
+    """
+    content = {"proxops": metadata.version("proxops"), "identity": identity, **state}
     write_whole(path, lambda name: torch.save(content, name))
 
 
-def load_checkpoint(fabric: Fabric, path: Path, identity: str) -> dict[str, Any] | None:
-    """What `save_checkpoint` wrote; None if there is none.
+def load_checkpoint(path: Path, identity: str) -> dict[str, Any] | None:
+    """Reads what `save_checkpoint` wrote; None if there is no file.
+
+    Only tensors and plain values are read, so that a file from a stranger runs no code.
 
     Raises:
-      InputError: the file is damaged, or of a training of another identity.
+      InputError: the file is no checkpoint, or was written by another version of proxops or by
+        another training.
     """
     if not path.exists():
         return None
     try:
-        saved = fabric.load(path)
-        known = saved["identity"]
-    except Exception as error:  # A damaged file makes torch raise all sorts.
+        saved = torch.load(path, map_location="cpu", weights_only=True)
+        version, known = saved["proxops"], saved["identity"]
+        state = {key: saved[key] for key in _KEYS}
+    except Exception as error:  # A damaged file makes torch raise all sorts of errors.
         raise InputError(f"{path} is not a checkpoint of a training: remove it") from error
-    if known != identity:
+    if version != metadata.version("proxops"):
         raise InputError(
-            f"{path} is of a training with other settings, data, body or version: "
+            f"{path} was written by proxops {version}, and this is {metadata.version('proxops')}: "
             "give another output folder, or remove that one"
         )
-    return saved
+    if known != identity:
+        raise InputError(
+            f"{path} is of a training with other settings, data or body: "
+            "give another output folder, or remove that one"
+        )
+    return state

@@ -1,4 +1,4 @@
-"""The one loop that every network of proxops is trained by."""
+"""The one loop that trains every network of proxops."""
 
 from __future__ import annotations
 
@@ -26,61 +26,55 @@ from proxops.training.loop.training_history import (
 )
 
 _WEIGHT_DECAY = 1e-4
-# Gradients grow at times, above all through many steps of a recurrent network: their norm is cut to
-# this.
+# The norm of a gradient is cut to this: through many steps of a recurrent network gradients grow.
 _GRADIENT_NORM = 1.0
 
 
 class Batches(Sized, Protocol):
-    """Examples in batches; its length is the number of batches."""
+    """Examples in batches; the length is the number of batches."""
 
-    @property
-    def epoch(self) -> int:
-        """Set before each epoch: what is drawn is a function of it."""
-        ...
-
-    @epoch.setter
-    def epoch(self, value: int) -> None: ...
+    epoch: int
+    """Set before each epoch; the order of the examples is a function of it."""
 
     def __iter__(self) -> Iterator[Any]:
-        """Gives the batches, tensors in whatever containers the loss takes."""
+        """Gives the batches: tensors, in the containers that the loss takes."""
         ...
 
 
 @dataclass(frozen=True)
 class Schedule:
-    """How long a network is trained, and how fast it learns."""
+    """How long a network is trained, and with which learning rate."""
 
     epochs: int
     batch: int
     """Examples in a batch: frames, states, or windows."""
     learning_rate: float
-    """The greatest."""
+    """Its greatest value, after the warm-up."""
     patience: int
     """Training ends early after this many epochs without a better validation loss."""
     minutes: float | None = None
-    """Training ends when it has taken so long, all runs of it together; None: by epochs alone."""
+    """Training ends after this time, summed over all its runs; None: only by epochs."""
 
 
 @dataclass(frozen=True)
 class TrainingTask:
-    """A network and what it learns from."""
+    """A network, its loss, and the examples that it learns from."""
 
     name: str
-    """Of its files."""
+    """Name of its files."""
     network: nn.Module
     loss: Callable[[Any, Any], Tensor]
-    """Called with the network and a batch; a mean over the batch."""
+    """Takes the network and a batch; gives the mean over the batch."""
     training: Batches
     validation: Batches
     identity: str
-    """Says what is learned from: a checkpoint of another identity is not gone on with."""
+    """Says what is learned from: a checkpoint with another identity is refused."""
     threads: int | None = None
-    """Of the CPU: a small network is trained as fast by one. None: as many as there are."""
+    """CPU threads; a small network trains as fast on one. None: as many as there are."""
     methods: tuple[str, ...] = ()
-    """Those of the network, besides `forward`, that the loss calls."""
+    """Methods of the network, besides `forward`, that the loss calls."""
     keep_last: bool = False
-    """Keeps the last epoch's weights, not those of the best one on validation."""
+    """Keeps the weights of the last epoch, not those of the best one on validation."""
 
 
 def train(
@@ -93,137 +87,193 @@ def train(
     precision: Any = "32-true",
     progress: Progress = silent,
 ) -> Trained:
-    """Trains a network; the best epoch on the validation examples wins, or the last.
+    """Trains a network and keeps the weights of its best epoch on validation, or of its last.
 
-    After every epoch a checkpoint is written to `folder`/NAME.ckpt and the curves to
-    `folder`/curves: NAME.csv, and NAME/ for TensorBoard. Run again after a kill, it goes on behind
-    the last whole epoch; without a budget of minutes it ends with the same weights.
+    After every epoch it writes a checkpoint to `folder`/NAME.ckpt and the curves to
+    `folder`/curves: NAME.csv, and NAME/ for TensorBoard. After a kill it continues behind the last
+    complete epoch. Without a limit of minutes it then ends with the same weights.
 
     Args:
-      seed: of what the loss draws while training. The network's first weights, and the order of
-        the examples, are the caller's.
-      device, precision: Lightning Fabric's, for instance `cpu` or `cuda`, and `bf16-mixed`.
+      seed: for what the loss draws while training. The caller chooses the network's first weights
+        and the order of the examples.
+      device: for Lightning Fabric, for instance `cpu` or `cuda`.
+      precision: for Lightning Fabric, for instance `bf16-mixed`.
       progress: is called with the share done and a text.
 
     Raises:
-      InputError: the checkpoint there is damaged or of another training, the device is not there,
-        or the loss became no number.
+      InputError: the checkpoint there is damaged, or of another training or version; there is no
+        such device; or the loss is not finite.
     """
-    if task.threads is not None:
-        # Here, not at the start of the program: numba's kernels set the same number.
-        torch.set_num_threads(task.threads)
-    make_folder(folder / "curves")
-    logger = TensorBoardLogger(root_dir=folder / "curves", name=task.name, version="")
-    fabric = _fabric(device, precision, logger)
-    bare = torch.optim.AdamW(task.network.parameters(), weight_decay=_WEIGHT_DECAY)
-    network, optimizer = fabric.setup(task.network, bare)
-    for method in task.methods:
-        network.mark_forward_method(method)
-    steps = len(task.training)
+    training = _Training(task, schedule, folder, seed, _fabric(device, precision, task, folder))
+    while not training.is_over():
+        training.run_epoch(progress)
+    return training.end()
 
-    checkpoint = folder / f"{task.name}.ckpt"
-    identity = f"{task.identity}; {schedule}; seed {seed}; {steps} steps; {task.network}"
-    history: History = []
-    best: dict[str, Tensor] = {}
-    saved = load_checkpoint(fabric, checkpoint, identity)
-    if saved is not None:
-        network.load_state_dict(saved["network"])
-        optimizer.load_state_dict(saved["optimizer"])
-        history, best = saved["history"], saved["best"]
 
-    limit_s = math.inf if schedule.minutes is None else 60.0 * schedule.minutes
-    earlier_cpu, earlier_wall = (history[-1]["cpu_s"], history[-1]["wall_s"]) if history else (0, 0)
-    started_cpu, started_wall = time.process_time(), time.perf_counter()
+class _Training:
+    """A training between two epochs: the network, the optimiser, and the history so far."""
 
-    def wall() -> float:
-        return earlier_wall + time.perf_counter() - started_wall
+    def __init__(
+        self, task: TrainingTask, schedule: Schedule, folder: Path, seed: int, fabric: Fabric
+    ):
+        if task.threads is not None:
+            # Here and not when the program starts, because numba's kernels set this number too.
+            torch.set_num_threads(task.threads)
+        self._task, self._schedule, self._seed, self._fabric = task, schedule, seed, fabric
+        optimizer = torch.optim.AdamW(task.network.parameters(), weight_decay=_WEIGHT_DECAY)
+        self._network, self._optimizer = fabric.setup(task.network, optimizer)
+        for method in task.methods:
+            self._network.mark_forward_method(method)
+        self._steps = len(task.training)
+        self._limit_s = math.inf if schedule.minutes is None else 60.0 * schedule.minutes
 
-    def share(step: int) -> float:
-        """Of the budget that is used up, in epochs or minutes, whichever ends first."""
-        return max(step / (schedule.epochs * steps), wall() / limit_s if limit_s > 0.0 else 1.0)
+        self._curves = folder / "curves" / f"{task.name}.csv"
+        self._checkpoint = folder / f"{task.name}.ckpt"
+        self._identity = (
+            f"{task.identity}; {schedule}; seed {seed}; {self._steps} steps; {task.network}"
+        )
+        self._history: History = []
+        self._best: dict[str, Tensor] = {}
+        saved = load_checkpoint(self._checkpoint, self._identity)
+        if saved is not None:
+            self._restore(saved)
+        earlier = self._history[-1] if self._history else {"cpu_s": 0.0, "wall_s": 0.0}
+        # Clocks that would have shown 0 when the first run began.
+        self._cpu_start = time.process_time() - earlier["cpu_s"]
+        self._wall_start = time.perf_counter() - earlier["wall_s"]
 
-    while not finished(history, schedule.epochs, schedule.patience):
-        epoch = len(history)
-        # By the time on record, so that a training that is over stays so when it is run again.
-        if history and history[-1]["wall_s"] >= limit_s:
-            break
-        # What is drawn depends on (seed, epoch) alone, so that an epoch may be begun anew.
-        torch.manual_seed(derived_seed(seed, epoch))
-        task.training.epoch = epoch
-        total, examples, rate = 0.0, 0, 0.0
-        network.train()
-        for step, batch in enumerate(task.training):
-            done = share(epoch * steps + step)
-            if done >= 1.0 and step > 0:
-                break
-            rate = learning_rate(schedule.learning_rate, min(1.0, done))
-            for group in optimizer.param_groups:
-                group["lr"] = rate
-            batch = fabric.to_device(batch)
-            loss = task.loss(network, batch)
-            optimizer.zero_grad()
-            fabric.backward(loss)
-            fabric.clip_gradients(
-                network, optimizer, max_norm=_GRADIENT_NORM, error_if_nonfinite=False
-            )
-            optimizer.step()
-            total += float(loss.detach()) * _size(batch)
-            examples += _size(batch)
-            progress(done, f"{task.name}, epoch {epoch + 1}, loss {total / examples:.4f}")
+    def _restore(self, saved: dict[str, Any]) -> None:
+        """Takes over what a checkpoint holds.
 
+        Raises:
+          InputError: its contents do not fit this network, or are no history.
+        """
+        try:
+            self._network.load_state_dict(saved["best"])  # Only to see that they fit.
+            self._network.load_state_dict(saved["network"])
+            self._optimizer.load_state_dict(saved["optimizer"])
+            self._history = [dict(row) for row in saved["history"]]
+            self._best = saved["best"]
+            best_epoch(self._history)
+            float(self._history[-1]["cpu_s"] + self._history[-1]["wall_s"])
+        except Exception as error:  # torch raises all sorts of errors for what does not fit.
+            raise InputError(
+                f"{self._checkpoint} is not a checkpoint of a training: remove it"
+            ) from error
+
+    def is_over(self) -> bool:
+        """Whether the epochs, the patience or the minutes are used up."""
+        if finished(self._history, self._schedule.epochs, self._schedule.patience):
+            return True
+        # The recorded time decides, so that a training that is over stays over when run again.
+        return bool(self._history) and self._history[-1]["wall_s"] >= self._limit_s
+
+    def run_epoch(self, progress: Progress) -> None:
+        """Trains for one epoch, validates, and writes the checkpoint and the curves."""
+        epoch = len(self._history)
+        training_loss, rate = self._learn(epoch, progress)
         row = {
             "epoch": epoch,
-            "training_loss": total / examples,
-            "validation_loss": evaluate(fabric, network, task),
+            "training_loss": training_loss,
+            "validation_loss": self._validate(),
             "learning_rate": rate,
-            "cpu_s": earlier_cpu + time.process_time() - started_cpu,
-            "wall_s": wall(),
+            "cpu_s": time.process_time() - self._cpu_start,
+            "wall_s": time.perf_counter() - self._wall_start,
         }
         if not math.isfinite(row["validation_loss"]):
-            raise InputError(f"{task.name}: the loss is {row['validation_loss']} in epoch "
-                             f"{epoch}; lower the learning rate")  # fmt: skip
-        history.append(row)
-        if best_epoch(history) == epoch:
-            best = {name: value.clone() for name, value in network.state_dict().items()}
-        fabric.log_dict({key: value for key, value in row.items() if key != "epoch"}, step=epoch)
+            raise InputError(
+                f"{self._task.name}: the loss is {row['validation_loss']} in epoch {epoch}; "
+                "lower the learning rate"
+            )
+        self._history.append(row)
+        if best_epoch(self._history) == epoch:
+            self._best = {name: each.clone() for name, each in self._network.state_dict().items()}
+        self._save(row)
+
+    def end(self) -> Trained:
+        """Puts the kept weights into the network; returns the history."""
+        self._fabric.logger.finalize("success")
+        if not self._task.keep_last:
+            self._task.network.load_state_dict(self._best)
+        self._task.network.eval()
+        kept = len(self._history) - 1 if self._task.keep_last else best_epoch(self._history)
+        return Trained(self._history, kept, self._history[-1]["cpu_s"])
+
+    def _learn(self, epoch: int, progress: Progress) -> tuple[float, float]:
+        """One epoch of steps; returns the mean training loss and the last learning rate."""
+        # What is drawn depends on (seed, epoch) alone, so that an epoch can begin again.
+        torch.manual_seed(derived_seed(self._seed, epoch))
+        self._task.training.epoch = epoch
+        total, examples, rate = 0.0, 0, 0.0
+        self._network.train()
+        for step, batch in enumerate(self._task.training):
+            done = self._share_used(epoch * self._steps + step)
+            if done >= 1.0 and step > 0:
+                break
+            rate = learning_rate(self._schedule.learning_rate, min(1.0, done))
+            loss = self._step(batch, rate)
+            total += loss * _size(batch)
+            examples += _size(batch)
+            progress(done, f"{self._task.name}, epoch {epoch + 1}, loss {total / examples:.4f}")
+        return total / examples, rate
+
+    def _step(self, batch: Any, rate: float) -> float:
+        """One step of the optimiser; returns the loss before it."""
+        for group in self._optimizer.param_groups:
+            group["lr"] = rate
+        loss = self._task.loss(self._network, self._fabric.to_device(batch))
+        self._optimizer.zero_grad()
+        self._fabric.backward(loss)
+        self._fabric.clip_gradients(
+            self._network, self._optimizer, max_norm=_GRADIENT_NORM, error_if_nonfinite=False
+        )
+        self._optimizer.step()
+        return float(loss.detach())
+
+    @torch.no_grad()
+    def _validate(self) -> float:
+        """The mean loss over the validation examples."""
+        self._network.eval()
+        total, examples = 0.0, 0
+        for batch in self._task.validation:
+            loss = self._task.loss(self._network, self._fabric.to_device(batch))
+            total += float(loss) * _size(batch)
+            examples += _size(batch)
+        return total / examples
+
+    def _save(self, row: dict[str, float]) -> None:
+        """Writes the checkpoint and the curves."""
+        values = {key: value for key, value in row.items() if key != "epoch"}
+        self._fabric.log_dict(values, step=int(row["epoch"]))
         state = {
-            "network": network.state_dict(),
-            "optimizer": optimizer.state_dict(),
-            "history": history,
-            "best": best,
+            "network": self._network.state_dict(),
+            "optimizer": self._optimizer.state_dict(),
+            "history": self._history,
+            "best": self._best,
         }
-        save_checkpoint(checkpoint, identity, state)
-        write_curves(folder / "curves" / f"{task.name}.csv", history)
-    logger.finalize("success")
+        save_checkpoint(self._checkpoint, self._identity, state)
+        write_curves(self._curves, self._history)
 
-    if not task.keep_last:
-        task.network.load_state_dict(best)
-    task.network.eval()
-    kept = len(history) - 1 if task.keep_last else best_epoch(history)
-    return Trained(history, kept, history[-1]["cpu_s"])
-
-
-@torch.no_grad()
-def evaluate(fabric: Fabric, network: Any, task: TrainingTask) -> float:
-    """The mean loss over the validation batches, each counted by its number of examples."""
-    network.eval()
-    total, examples = 0.0, 0
-    for batch in task.validation:
-        batch = fabric.to_device(batch)
-        total += float(task.loss(network, batch)) * _size(batch)
-        examples += _size(batch)
-    return total / examples
+    def _share_used(self, step: int) -> float:
+        """Share of the epochs or of the minutes that is used up, whichever is more."""
+        wall_s = time.perf_counter() - self._wall_start
+        minutes = wall_s / self._limit_s if self._limit_s > 0.0 else 1.0
+        return max(step / (self._schedule.epochs * self._steps), minutes)
 
 
 def _size(batch: Any) -> int:
+    """Number of examples in a batch."""
     columns = batch.values() if isinstance(batch, dict) else batch
     return len(next(iter(columns)))
 
 
-def _fabric(device: str, precision: Any, logger: TensorBoardLogger) -> Fabric:
+def _fabric(device: str, precision: Any, task: TrainingTask, folder: Path) -> Fabric:
+    """Lightning Fabric on a device, with TensorBoard's curves in `folder`/curves."""
+    make_folder(folder / "curves")
+    logger = TensorBoardLogger(root_dir=folder / "curves", name=task.name, version="")
     try:
         return Fabric(accelerator=device, devices=1, precision=precision, loggers=logger)
-    except Exception as error:  # What is not there or cannot be together raises all sorts.
+    except Exception as error:  # Fabric raises all sorts of errors for what it does not have.
         raise InputError(
             f"cannot train on device {device!r} with precision {precision!r}: {error}"
         ) from error

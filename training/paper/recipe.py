@@ -6,13 +6,20 @@ import dataclasses as dc
 from pathlib import Path
 from typing import Any
 
-import torch
 from torch import Tensor
 
 from proxops.systems.common import Progress, part_of, silent
 from proxops.training.data import PackedFlights, pack_flights
 from proxops.training.export import export_recipe, write_report
-from proxops.training.loop import Batch, Schedule, Trained, TrainingTask, frame_loaders, train
+from proxops.training.loop import (
+    Batch,
+    Schedule,
+    Trained,
+    TrainingTask,
+    frame_batches,
+    seeded,
+    train,
+)
 from proxops.training.paper.policy import PaperPolicy
 
 # Shares of the bar; the rest, to 1, is for the report.
@@ -105,8 +112,7 @@ def train_paper_policy(
 
 def make_policy(flights: PackedFlights, settings: PaperSettings) -> PaperPolicy:
     """The network, with the weights that the settings' seed gives."""
-    with torch.random.fork_rng(devices=[]):
-        torch.manual_seed(settings.seed)
+    with seeded(settings.seed):
         return PaperPolicy(
             flights.normalisation,
             flights.setting.planes,
@@ -118,7 +124,7 @@ def make_policy(flights: PackedFlights, settings: PaperSettings) -> PaperPolicy:
 
 
 def _task(flights: PackedFlights, policy: PaperPolicy, settings: PaperSettings) -> TrainingTask:
-    batches = frame_loaders(
+    batches = frame_batches(
         flights, settings.window, settings.stride, settings.schedule.batch, settings.seed
     )
     identity = (

@@ -15,14 +15,12 @@ import time
 from pathlib import Path
 from typing import Any
 
-import torch
-
 from proxops.diagrams.flight import Flight, Row, Workers, made_with, run_campaign
-from proxops.diagrams.scenario import Scenario, dump_scenario, load_body, of_transit
+from proxops.diagrams.scenario import Scenario, dump_scenario, is_blocked, load_body, of_transit
 from proxops.systems.common import InputError, silent, write_whole
 from proxops.training.data import at_rest, label_flights, pack_flights
 from proxops.training.export import write_folder, write_report
-from proxops.training.loop import train
+from proxops.training.loop import seeded, train
 from proxops.training.pilot.examples import commands_of, joined, labelled_commands
 from proxops.training.pilot.network import Pilot
 from proxops.training.pilot.recipe import (
@@ -43,9 +41,7 @@ from proxops.training.pilot.shape import (
 )
 from proxops.training.pilot.tasks import guidance_task
 
-# Transit i is blocked by the ellipsoid exactly if i mod 10 is one of these.
-_BLOCKED = (1, 4, 7)
-# One in so many of the other transits is flown: those are easy.
+# Of the transits that are not blocked one in this many is flown, because those are easy.
 _CLEAR_EVERY = 7
 # Shares of a round at which its flights, its labels and its training end.
 _FLOWN, _LABELLED = 0.35, 0.5
@@ -185,7 +181,7 @@ def _chosen_transits(count: int) -> list[int]:
     chosen: list[int] = []
     index = 0
     while len(chosen) < count:
-        if index % 10 in _BLOCKED or index % _CLEAR_EVERY == 0:
+        if is_blocked(index) or index % _CLEAR_EVERY == 0:
             chosen.append(index)
         index += 1
     return chosen
@@ -193,8 +189,7 @@ def _chosen_transits(count: int) -> list[int]:
 
 def restarted(shape: PilotShape, pilot: Pilot, seed: int) -> Pilot:
     """A pilot that sees as the one given, and whose guidance begins anew."""
-    with torch.random.fork_rng(devices=[]):
-        torch.manual_seed(seed)
+    with seeded(seed):
         fresh = shape.make()
     kept = {
         name: weights

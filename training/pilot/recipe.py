@@ -16,7 +16,7 @@ from proxops.diagrams.scenario import Scenario, parse_scenario
 from proxops.systems.common import InputError, part_of
 from proxops.training.data import Labels, PackedFlights, expert_plans, pack_flights, scaling_of
 from proxops.training.export import export_recipe, report_title, write_report
-from proxops.training.loop import Schedule, Trained, TrainingTask, train
+from proxops.training.loop import Schedule, Trained, TrainingTask, seeded, train
 from proxops.training.pilot.examples import (
     Commands,
     Hits,
@@ -106,8 +106,7 @@ def train_pilot(
             for part, count in (("training", settings.frames), ("validation", settings.frames // 8))
         }
     shape = shape_of(flights, seen["training"], settings)
-    with torch.random.fork_rng(devices=[]):
-        torch.manual_seed(settings.seed)
+    with seeded(settings.seed):
         pilot = shape.make()
     examples = seen["training"], seen["validation"]
     taught = settings.coarse, settings.seed, identity

@@ -15,7 +15,7 @@ from proxops.training.loop import (
     TensorBatches,
     TrainingTask,
     WindowDataset,
-    frame_loaders,
+    frame_batches,
 )
 from proxops.training.pilot.coarse_position import CoarsePosition
 from proxops.training.pilot.examples import Commands, Hits, Transitions
@@ -270,7 +270,7 @@ def end_to_end_task(
         lost = estimate_error(estimates[:, settled], batch["state"][:, settled], scaling)
         return off + _ESTIMATE_WEIGHT * lost.mean()
 
-    batches = frame_loaders(flights, length, None, schedule.batch, seed)
+    batches = frame_batches(flights, length, None, schedule.batch, seed)
     return TrainingTask(
         "end_to_end", pilot, loss, *batches, identity, threads=1, methods=("sequence",)
     )
