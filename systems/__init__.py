@@ -43,7 +43,15 @@ from proxops.systems.hybrid import (
     PeriodRule,
     ReachModel,
 )
-from proxops.systems.lidar import LearnedLidar, Lidar, LidarBundle, PlanarLidar, ray_directions
+from proxops.systems.lidar import (
+    LearnedLidar,
+    Lidar,
+    LidarBundle,
+    LidarErrors,
+    LidarGeometry,
+    PlanarLidar,
+    ray_directions,
+)
 from proxops.systems.policy import NeuralPolicy, PolicyBundle, PolicyStatus, ProportionalDerivative
 from proxops.systems.shapes import Polyhedron, RayCaster, RayFan
 from proxops.systems.vehicle import (
@@ -81,6 +89,8 @@ __all__ = [
     "LearnedLidar",
     "Lidar",
     "LidarBundle",
+    "LidarErrors",
+    "LidarGeometry",
     "ModelPredictiveController",
     "NeuralPolicy",
     "PeriodRule",

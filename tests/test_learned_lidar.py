@@ -18,7 +18,7 @@ from ball_lidar import (
 )
 from pydrake.perception import PointCloud
 
-from proxops.systems import InputError, LearnedLidar, Lidar
+from proxops.systems import InputError, LearnedLidar, Lidar, LidarErrors, LidarGeometry
 from proxops.systems.lidar.lidar_bundle import LidarBundle
 from proxops.training.lidar.bundle import check_model, onnx_model, write_bundle
 
@@ -42,7 +42,7 @@ def frame(lidar, place, time: float = 0.0) -> np.ndarray:
 
 @pytest.mark.parametrize("place", PLACES)
 def test_true_ranges_of_a_ball(bundle: Path, place: np.ndarray):
-    lidar = LearnedLidar(bundle, noise_std=0.0)
+    lidar = LearnedLidar(bundle, LidarErrors())
     offset = place - CENTRE
     along = lidar.directions @ offset
     room = along**2 - (offset @ offset - RADIUS**2)
@@ -65,27 +65,31 @@ def test_stands_for_the_ray_cast_lidar_with_its_noise(bundle: Path):
     one, other = frame(real, place, 70.0), frame(learned, place, 70.0)
     assert np.array_equal(np.isfinite(one), np.isfinite(other))
     seen = np.isfinite(one)
-    without = frame(LearnedLidar(bundle, noise_std=0.0), place)
+    without = frame(LearnedLidar(bundle, LidarErrors()), place)
     assert np.abs(one[seen] - without[seen]).max() > 100.0
     # The mesh of facets lies up to 20 m inside the ball, further at grazing incidence.
     assert np.median(np.abs(one[seen] - other[seen])) < 20.0
 
 
 def test_frames_are_the_ports_and_repeat_in_any_order(bundle: Path):
-    lidar = LearnedLidar(bundle, seed=3, dropout=0.2, false_returns=0.01)
+    lidar = LearnedLidar(
+        bundle, LidarErrors(noise_std=50.0, dropout=0.2, false_returns=0.01), seed=3
+    )
     times = np.array([0.0, 10.0, 20.0])
     frames = lidar.frames(times, PLACES, 3)
     assert frames.shape == (3, 12, 360)
     for k in (2, 0, 1):
         port = frame(lidar, PLACES[k], times[k]).astype(np.float32).reshape(12, 360)
         assert np.array_equal(port, frames[k])
-    again = LearnedLidar(bundle, dropout=0.2, false_returns=0.01).frames(times, PLACES, 3)
+    again = LearnedLidar(
+        bundle, LidarErrors(noise_std=50.0, dropout=0.2, false_returns=0.01)
+    ).frames(times, PLACES, 3)
     assert np.array_equal(frames, again)
     assert not np.array_equal(frames, lidar.frames(times, PLACES, 4))
 
 
 def test_point_cloud(bundle: Path):
-    lidar = LearnedLidar(bundle, noise_std=0.0)
+    lidar = LearnedLidar(bundle, LidarErrors())
     context = lidar.CreateDefaultContext()
     lidar.GetInputPort("position").FixValue(context, PLACES[1])
     cloud = lidar.GetOutputPort("point_cloud").Eval(context)
@@ -96,7 +100,9 @@ def test_point_cloud(bundle: Path):
 
 
 def test_maximum_range_and_nothing_in_view(bundle: Path):
-    assert not np.isfinite(frame(LearnedLidar(bundle, max_range=50e3), PLACES[0])).any()
+    assert not np.isfinite(
+        frame(LearnedLidar(bundle, geometry=LidarGeometry(max_range=50e3)), PLACES[0])
+    ).any()
     assert not np.isfinite(frame(LearnedLidar(bundle), np.array([1e9, 1e9, 2e8]))).any()
 
 
@@ -185,7 +191,7 @@ def test_model_that_is_no_network_is_refused(bundle: Path, tmp_path: Path):
 
 def test_bundle_for_something_else_is_refused(bundle: Path, tmp_path: Path):
     with pytest.raises(InputError, match="12 planes of 360 rays, and the lidar has 6 of 360"):
-        LearnedLidar(bundle, planes=6)
+        LearnedLidar(bundle, geometry=LidarGeometry(planes=6))
     with pytest.raises(InputError, match="body of another shape"):
         LearnedLidar(bundle, shape_sha256=ball_shape().sha256)
     mine = copied(bundle, tmp_path)
@@ -198,13 +204,12 @@ def test_bundle_for_something_else_is_refused(bundle: Path, tmp_path: Path):
 @pytest.mark.parametrize(
     "properties",
     [
-        {"noise_std": -1.0},
+        {"errors": LidarErrors(max_incidence=1.0)},
         {"period": 0.0},
         {"seed": -1},
         {"hit_probability": 1.0},
-        {"rays": 0},
     ],
 )
-def test_senseless_properties_are_refused(bundle: Path, properties: dict[str, float]):
+def test_senseless_properties_are_refused(bundle: Path, properties: dict):
     with pytest.raises(InputError):
-        LearnedLidar(bundle, **properties)  # pyright: ignore[reportArgumentType]
+        LearnedLidar(bundle, **properties)

@@ -8,7 +8,14 @@ from scipy import stats
 from trimesh.ray.ray_triangle import RayMeshIntersector
 
 from proxops.diagrams.scenario.body import load_body
-from proxops.systems import InputError, Lidar, Polyhedron, ray_directions
+from proxops.systems import (
+    InputError,
+    Lidar,
+    LidarErrors,
+    LidarGeometry,
+    Polyhedron,
+    ray_directions,
+)
 from proxops.systems.common.counter_noise import generator
 
 
@@ -32,7 +39,7 @@ def lidar_at(lidar: Lidar, position, time: float = 0.0):
 
 
 def ranges(lidar: Lidar, context) -> np.ndarray:
-    return lidar.GetOutputPort("ranges").Eval(context).reshape(lidar.planes, lidar.rays)
+    return lidar.GetOutputPort("ranges").Eval(context).reshape(lidar.geometry.planes, -1)
 
 
 def hits(frame: np.ndarray) -> list[tuple[int, int]]:
@@ -100,7 +107,7 @@ def test_small_box_is_hit_by_the_one_ray_towards_it(index, direction):
     position = np.array([-30e3, 10e3, 5e3])
     sphere = trimesh.creation.icosphere(subdivisions=2, radius=1e3)
     sphere.apply_translation(position + 100e3 * np.array(direction))
-    lidar = Lidar(polyhedron(sphere), noise_std=0.0)
+    lidar = Lidar(polyhedron(sphere), LidarErrors())
     frame = ranges(lidar, lidar_at(lidar, position))
     assert hits(frame) == [index]
     # An icosphere of two subdivisions keeps within 4 % of its radius.
@@ -108,14 +115,14 @@ def test_small_box_is_hit_by_the_one_ray_towards_it(index, direction):
 
 
 def test_box_over_the_pole_is_hit_by_one_ray_of_each_plane():
-    lidar = Lidar(polyhedron(box([0.0, 0.0, 101e3])), noise_std=0.0)
+    lidar = Lidar(polyhedron(box([0.0, 0.0, 101e3])), LidarErrors())
     frame = ranges(lidar, lidar_at(lidar, np.zeros(3)))
     assert hits(frame) == [(i, 90) for i in range(12)]
     assert frame[:, 90] == pytest.approx(100e3, abs=0.02)
 
 
 def test_port_is_plane_by_plane():
-    lidar = Lidar(polyhedron(box([0.0, 101e3, 0.0])), noise_std=0.0)
+    lidar = Lidar(polyhedron(box([0.0, 101e3, 0.0])), LidarErrors())
     context = lidar_at(lidar, np.zeros(3))
     flat = lidar.GetOutputPort("ranges").Eval(context)
     assert flat.shape == (4320,)
@@ -125,19 +132,21 @@ def test_port_is_plane_by_plane():
 
 
 def test_nearest_of_two_bodies_in_line_returns():
-    lidar = Lidar(polyhedron(box([50e3, 0, 0]), box([80e3, 0, 0])), noise_std=0.0)
+    lidar = Lidar(polyhedron(box([50e3, 0, 0]), box([80e3, 0, 0])), LidarErrors())
     assert ranges(lidar, lidar_at(lidar, np.zeros(3)))[0, 0] == pytest.approx(49e3, abs=0.02)
 
 
 def test_inside_a_box_every_ray_returns():
-    lidar = Lidar(polyhedron(box(np.zeros(3), edge=20e3)), noise_std=0.0)
+    lidar = Lidar(polyhedron(box(np.zeros(3), edge=20e3)), LidarErrors())
     frame = ranges(lidar, lidar_at(lidar, np.zeros(3)))
     expected = 10e3 / np.abs(ray_directions()).max(axis=1)
     assert frame.ravel() == pytest.approx(expected, abs=0.02)
 
 
 def test_other_numbers_of_planes_and_rays():
-    lidar = Lidar(polyhedron(box([0.0, 101e3, 0.0])), noise_std=0.0, planes=2, rays=4)
+    lidar = Lidar(
+        polyhedron(box([0.0, 101e3, 0.0])), LidarErrors(), LidarGeometry(planes=2, rays=4)
+    )
     frame = ranges(lidar, lidar_at(lidar, np.zeros(3)))
     assert frame.shape == (2, 4)
     assert hits(frame) == [(1, 0)]
@@ -145,10 +154,13 @@ def test_other_numbers_of_planes_and_rays():
 
 def test_maximum_range():
     shape = polyhedron(box([101e3, 0.0, 0.0]))
-    near, far = Lidar(shape, 0.0, max_range=99_990.0), Lidar(shape, 0.0, max_range=100_010.0)
+    near, far = (
+        Lidar(shape, LidarErrors(), LidarGeometry(max_range=99_990.0)),
+        Lidar(shape, LidarErrors(), LidarGeometry(max_range=100_010.0)),
+    )
     assert hits(ranges(near, lidar_at(near, np.zeros(3)))) == []
     assert hits(ranges(far, lidar_at(far, np.zeros(3)))) == [(0, 0)]
-    default = Lidar(shape, noise_std=0.0)
+    default = Lidar(shape, LidarErrors())
     assert hits(ranges(default, lidar_at(default, [-249.9e3, 0, 0]))) == [(0, 0)]
     assert hits(ranges(default, lidar_at(default, [-250.1e3, 0, 0]))) == []
 
@@ -183,7 +195,7 @@ def dumb_bell() -> Polyhedron:
 @pytest.mark.parametrize(("name", "count"), [("kleopatra", 8), ("dumb-bell", 12)])
 def test_ranges_agree_with_exact_intersections(name, count, kleopatra):
     shape = kleopatra if name == "kleopatra" else dumb_bell()
-    lidar = Lidar(shape, noise_std=0.0, max_range=np.inf)
+    lidar = Lidar(shape, LidarErrors(), LidarGeometry(max_range=np.inf))
     mesh = shape.to_trimesh()
     exact = RayMeshIntersector(mesh)
     directions = ray_directions()
@@ -215,7 +227,7 @@ def test_ranges_agree_with_exact_intersections(name, count, kleopatra):
 
 def test_no_noise_equals_geometry(kleopatra):
     position = [20e3, 60e3, -30e3]
-    lidar = Lidar(kleopatra, noise_std=0.0)
+    lidar = Lidar(kleopatra, LidarErrors())
     frames = [ranges(lidar, lidar_at(lidar, position, time)) for time in (0.0, 10.0, 990.0)]
     assert np.array_equal(frames[0], frames[1])
     assert np.array_equal(frames[0], frames[2])
@@ -223,7 +235,7 @@ def test_no_noise_equals_geometry(kleopatra):
 
 def test_noise_is_gaussian_with_the_stated_deviation(kleopatra):
     position = [0.0, 20e3, 25e3]
-    exact, noisy = Lidar(kleopatra, noise_std=0.0), Lidar(kleopatra)
+    exact, noisy = Lidar(kleopatra, LidarErrors()), Lidar(kleopatra)
     truth = ranges(exact, lidar_at(exact, position))
     errors = []
     for step in range(12):
@@ -297,7 +309,7 @@ def test_rays_that_miss_draw_no_noise():
 
 
 def test_ranges_are_never_negative():
-    lidar = Lidar(polyhedron(box(np.zeros(3))), noise_std=5e3)
+    lidar = Lidar(polyhedron(box(np.zeros(3))), LidarErrors(noise_std=5e3))
     frame = ranges(lidar, lidar_at(lidar, np.zeros(3)))
     assert np.isfinite(frame).all()
     assert frame.min() == 0.0
@@ -318,7 +330,7 @@ def test_point_cloud_agrees_with_ranges(kleopatra):
     expected = frame[finite, None] * ray_directions()[finite]
     points = cloud.xyzs().T
     assert points == pytest.approx(expected, rel=1e-6, abs=0.02)
-    exact = Lidar(kleopatra, noise_std=0.0)
+    exact = Lidar(kleopatra, LidarErrors())
     cloud = exact.GetOutputPort("point_cloud").Eval(lidar_at(exact, position))
     surface = trimesh.proximity.closest_point(
         kleopatra.to_trimesh(), position + cloud.xyzs().T[::20]
@@ -358,21 +370,38 @@ def test_output_depends_on_position_time_and_seed_alone(kleopatra):
     assert not context.num_abstract_states()
 
 
+@pytest.mark.parametrize("noise_std", [-1.0, np.nan, np.inf, 1e22])
+def test_senseless_noise_is_refused(noise_std):
+    with pytest.raises(InputError, match="lidar needs noise_std"):
+        LidarErrors(noise_std=noise_std)
+
+
 @pytest.mark.parametrize(
     "settings",
     [
-        {"noise_std": -1.0},
-        {"noise_std": np.nan},
-        {"noise_std": np.inf},
         {"max_range": 0.0},
         {"max_range": np.nan},
-        {"period": 0.0},
-        {"period": np.inf},
         {"planes": 0},
+        {"planes": 10**22},
         {"rays": -1},
-        {"seed": -1},
     ],
 )
-def test_senseless_lidar_is_refused(settings):
+def test_senseless_geometry_is_refused(settings):
     with pytest.raises(InputError, match="lidar needs"):
+        LidarGeometry(**settings)
+
+
+@pytest.mark.parametrize(
+    ("settings", "why"),
+    [
+        ({"period": 0.0}, "needs period"),
+        ({"period": np.inf}, "needs period"),
+        ({"period": 1e300}, "needs period"),
+        ({"seed": -1}, "needs a seed"),
+        ({"seed": 1e300}, "needs a seed"),
+        ({"seed": 0.5}, "needs a seed"),
+    ],
+)
+def test_senseless_period_or_seed_is_refused(settings, why):
+    with pytest.raises(InputError, match=f"Lidar {why}"):
         Lidar(polyhedron(box(np.zeros(3))), **settings)

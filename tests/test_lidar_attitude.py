@@ -11,7 +11,7 @@ from pydrake.perception import PointCloud
 from scipy.spatial.transform import Rotation
 
 from proxops.diagrams.scenario.body import load_body
-from proxops.systems import LearnedLidar, Lidar, Polyhedron, RayCaster, ray_directions
+from proxops.systems import LearnedLidar, Lidar, LidarErrors, Polyhedron, RayCaster, ray_directions
 from proxops.systems.lidar.lidar_errors import misaligned
 
 ANGLE = np.radians(3.0)
@@ -52,7 +52,7 @@ def test_axes_are_spread_over_the_sphere_by_seed() -> None:
 
 @pytest.mark.parametrize("seed", [0, 4])
 def test_rays_are_cast_where_they_truly_point(kleopatra: Polyhedron, seed: int) -> None:
-    got = frame(Lidar(kleopatra, 0.0, attitude_error=ANGLE), PLACE, seed)
+    got = frame(Lidar(kleopatra, LidarErrors(attitude_error=ANGLE)), PLACE, seed)
     directions = turn_of(seed).apply(ray_directions())
     wanted = RayCaster(kleopatra).distances(np.tile(PLACE, (4320, 1)), directions)
     # Rays that graze an edge may fall either way for single precision.
@@ -61,7 +61,7 @@ def test_rays_are_cast_where_they_truly_point(kleopatra: Polyhedron, seed: int) 
     seen = np.isfinite(got) & np.isfinite(wanted)
     assert seen.sum() > 50
     assert np.median(np.abs(got[seen] - wanted[seen])) < 0.1
-    assert not np.array_equal(got, frame(Lidar(kleopatra, 0.0), PLACE, seed))
+    assert not np.array_equal(got, frame(Lidar(kleopatra, LidarErrors()), PLACE, seed))
 
 
 def test_as_if_the_body_were_turned_the_other_way(kleopatra: Polyhedron) -> None:
@@ -69,8 +69,8 @@ def test_as_if_the_body_were_turned_the_other_way(kleopatra: Polyhedron) -> None
     turned = trimesh.Trimesh(
         back.apply(kleopatra.vertices.copy()), kleopatra.facets, process=False, validate=False
     )
-    other = Lidar(Polyhedron.from_trimesh(turned, "m"), 0.0)
-    got = frame(Lidar(kleopatra, 0.0, attitude_error=ANGLE), PLACE, 3)
+    other = Lidar(Polyhedron.from_trimesh(turned, "m"), LidarErrors())
+    got = frame(Lidar(kleopatra, LidarErrors(attitude_error=ANGLE)), PLACE, 3)
     wanted = frame(other, back.apply(PLACE))
     assert (np.isfinite(got) == np.isfinite(wanted)).mean() > 0.999
     seen = np.isfinite(got) & np.isfinite(wanted)
@@ -79,7 +79,7 @@ def test_as_if_the_body_were_turned_the_other_way(kleopatra: Polyhedron) -> None
 
 def test_others_believe_the_nominal_directions(kleopatra: Polyhedron) -> None:
     """The point cloud lies along them, turned away from the surface by the error."""
-    lidar = Lidar(kleopatra, 0.0, attitude_error=ANGLE)
+    lidar = Lidar(kleopatra, LidarErrors(attitude_error=ANGLE))
     context = lidar.CreateDefaultContext()
     lidar.GetInputPort("position").FixValue(context, PLACE)
     ranges = lidar.GetOutputPort("ranges").Eval(context)
@@ -94,7 +94,7 @@ def test_others_believe_the_nominal_directions(kleopatra: Polyhedron) -> None:
 
 
 def test_the_same_at_every_step_but_not_for_every_seed(kleopatra: Polyhedron) -> None:
-    lidar = Lidar(kleopatra, 0.0, attitude_error=ANGLE)
+    lidar = Lidar(kleopatra, LidarErrors(attitude_error=ANGLE))
     first = frame(lidar, PLACE)
     assert np.array_equal(first, frame(lidar, PLACE, time=500.0))
     others = [frame(lidar, PLACE, seed) for seed in (1, 2, 3)]  # More than are kept.
@@ -108,10 +108,8 @@ def test_grazing_is_judged_by_the_true_rays() -> None:
     """A wall 10 km off, rays in one plane: what returns lies within 30° of the true normal."""
     wall = trimesh.creation.box([2e3, 200e3, 200e3])
     wall.apply_translation([11e3, 0.0, 0.0])
-    lidar = Lidar(
-        Polyhedron.from_trimesh(wall, "m"), 0.0,
-        max_incidence=np.radians(30.0), attitude_error=np.radians(15.0),
-    )  # fmt: skip
+    errors = LidarErrors(max_incidence=np.radians(30.0), attitude_error=np.radians(15.0))
+    lidar = Lidar(Polyhedron.from_trimesh(wall, "m"), errors)
     found = np.isfinite(frame(lidar, np.zeros(3), 6))
     cosine = turn_of(6, np.radians(15.0)).apply(ray_directions())[:, 0]
     clear = np.abs(cosine - np.cos(np.radians(30.0))) > 1e-5
@@ -119,7 +117,7 @@ def test_grazing_is_judged_by_the_true_rays() -> None:
 
 
 def test_the_learned_lidar_has_it_too(tmp_path: Path) -> None:
-    lidar = LearnedLidar(write_ball_bundle(tmp_path / "ball"), 0.0, attitude_error=ANGLE)
+    lidar = LearnedLidar(write_ball_bundle(tmp_path / "ball"), LidarErrors(attitude_error=ANGLE))
     offset = PLACE - CENTRE
     along = turn_of(7).apply(ray_directions()) @ offset
     room = along**2 - (offset @ offset - RADIUS**2)

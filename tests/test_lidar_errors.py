@@ -13,7 +13,7 @@ from proxops.diagrams.flight.simulation import fly
 from proxops.diagrams.flight.transit_diagram import make_transit_diagram
 from proxops.diagrams.scenario.body import load_body
 from proxops.diagrams.scenario.scenario import load_scenario
-from proxops.systems import InputError, Lidar, Polyhedron, RayCaster, ray_directions
+from proxops.systems import InputError, Lidar, LidarGeometry, Polyhedron, RayCaster, ray_directions
 from proxops.systems.common.counter_noise import generator
 from proxops.systems.lidar.lidar_errors import (
     LidarErrors,
@@ -63,7 +63,7 @@ def test_no_errors_leave_ranges_as_they_are() -> None:
 
 
 def test_noise_is_the_first_stream_of_seed_and_step(kleopatra: Polyhedron) -> None:
-    exact, noisy = frame(Lidar(kleopatra, 0.0)), frame(Lidar(kleopatra), step=4, seed=9)
+    exact, noisy = frame(Lidar(kleopatra, LidarErrors())), frame(Lidar(kleopatra), step=4, seed=9)
     hit = np.isfinite(exact)
     bits = np.random.Philox(key=[9, 4])
     noise = 50.0 * np.random.Generator(bits).standard_normal(hit.sum())
@@ -71,16 +71,16 @@ def test_noise_is_the_first_stream_of_seed_and_step(kleopatra: Polyhedron) -> No
 
 
 def test_bias(kleopatra: Polyhedron) -> None:
-    exact = frame(Lidar(kleopatra, 0.0))
-    assert np.array_equal(frame(Lidar(kleopatra, 0.0, bias=-75.5)), exact - 75.5)
+    exact = frame(Lidar(kleopatra, LidarErrors()))
+    assert np.array_equal(frame(Lidar(kleopatra, LidarErrors(bias=-75.5))), exact - 75.5)
     assert measured_ranges(np.array([10.0, 100.0]), LidarErrors(bias=-50.0), 0, 0).tolist() == [
         0.0, 50.0,
     ]  # fmt: skip
 
 
 def test_scale_error(kleopatra: Polyhedron) -> None:
-    exact = frame(Lidar(kleopatra, 0.0))
-    scaled = frame(Lidar(kleopatra, 0.0, scale_error=2e-3))
+    exact = frame(Lidar(kleopatra, LidarErrors()))
+    scaled = frame(Lidar(kleopatra, LidarErrors(scale_error=2e-3)))
     assert np.array_equal(np.isfinite(scaled), np.isfinite(exact))
     hit = np.isfinite(exact)
     np.testing.assert_allclose(scaled[hit] / exact[hit], 1.002, rtol=1e-14)
@@ -88,7 +88,7 @@ def test_scale_error(kleopatra: Polyhedron) -> None:
 
 @pytest.mark.parametrize("degrees", [10.0, 30.0, 45.0, 54.0])
 def test_grazing_returns_are_lost_on_flat_walls(room: Polyhedron, degrees: float) -> None:
-    lidar = Lidar(room, 0.0, max_incidence=np.radians(degrees))
+    lidar = Lidar(room, LidarErrors(max_incidence=np.radians(degrees)))
     # On the wall that a ray meets first, its angle to the normal is its least to any axis.
     incidence = np.degrees(np.arccos(np.abs(ray_directions()).max(axis=1)))
     found = np.isfinite(frame(lidar, np.zeros(3)))
@@ -100,7 +100,9 @@ def test_grazing_returns_are_lost_on_flat_walls(room: Polyhedron, degrees: float
 def test_grazing_returns_are_lost_on_a_ball() -> None:
     ball = trimesh.creation.icosphere(subdivisions=5, radius=50e3)
     shape = Polyhedron.from_trimesh(ball, "m")
-    lidar = Lidar(shape, 0.0, max_incidence=np.radians(60.0), planes=4, rays=3600)
+    lidar = Lidar(
+        shape, LidarErrors(max_incidence=np.radians(60.0)), LidarGeometry(planes=4, rays=3600)
+    )
     found = np.isfinite(frame(lidar, [-100e3, 0.0, 0.0]))
     cosine = ray_directions(4, 3600)[:, 0]
     # Law of sines: sin(incidence) = distance / radius * sin(angle from the centre).
@@ -119,20 +121,20 @@ def test_which_rays_graze() -> None:
 
 
 def test_dropout_by_chance(room: Polyhedron) -> None:
-    lidar = Lidar(room, 0.0, dropout=0.3)
+    lidar = Lidar(room, LidarErrors(dropout=0.3))
     frames = np.array([frame(lidar, np.zeros(3), step) for step in range(20)])
-    exact = frame(Lidar(room, 0.0), np.zeros(3))
+    exact = frame(Lidar(room, LidarErrors()), np.zeros(3))
     lost = np.isinf(frames)
     assert np.array_equal(frames[~lost], np.broadcast_to(exact, frames.shape)[~lost])
     assert lost.mean() == pytest.approx(0.3, abs=4.0 * np.sqrt(0.21 / lost.size))
     # White over rays and over steps.
     for pairs in (lost[:, 1:] & lost[:, :-1], lost[1:] & lost[:-1]):
         assert pairs.mean() == pytest.approx(0.09, abs=5.0 * np.sqrt(0.0819 / pairs.size))
-    assert np.isinf(frame(Lidar(room, dropout=1.0), np.zeros(3))).all()
+    assert np.isinf(frame(Lidar(room, LidarErrors(noise_std=50.0, dropout=1.0)), np.zeros(3))).all()
 
 
 def test_false_returns_by_chance(room: Polyhedron) -> None:
-    lidar = Lidar(room, 0.0, max_range=200e3, false_returns=0.04)
+    lidar = Lidar(room, LidarErrors(false_returns=0.04), LidarGeometry(max_range=200e3))
     frames = np.array([frame(lidar, [600e3, 0.0, 0.0], step) for step in range(40)])
     false = np.isfinite(frames)
     assert false.mean() == pytest.approx(0.04, abs=4.0 * np.sqrt(0.0384 / false.size))
@@ -143,8 +145,10 @@ def test_false_returns_by_chance(room: Polyhedron) -> None:
 
 
 def test_what_answers_first_is_read(room: Polyhedron) -> None:
-    exact = frame(Lidar(room, 0.0), np.zeros(3))
-    found = frame(Lidar(room, 0.0, max_range=20e3, false_returns=1.0), np.zeros(3))
+    exact = frame(Lidar(room, LidarErrors()), np.zeros(3))
+    found = frame(
+        Lidar(room, LidarErrors(false_returns=1.0), LidarGeometry(max_range=20e3)), np.zeros(3)
+    )
     false = false_ranges(4320, 1.0, 20e3, 0, 0)
     assert np.array_equal(found, np.minimum(exact, false))
     assert (false < exact).any()
@@ -153,7 +157,7 @@ def test_what_answers_first_is_read(room: Polyhedron) -> None:
 
 @pytest.mark.parametrize(("planes", "rays"), [(1, 1), (3, 7), (24, 720)])
 def test_geometry(room: Polyhedron, planes: int, rays: int) -> None:
-    lidar = Lidar(room, 0.0, planes=planes, rays=rays)
+    lidar = Lidar(room, LidarErrors(), LidarGeometry(planes=planes, rays=rays))
     assert lidar.GetOutputPort("ranges").size() == planes * rays
     a, b = np.pi / planes * (planes // 2), 2.0 * np.pi / rays * (rays // 3)
     direction = np.array([np.cos(b) * np.cos(a), np.cos(b) * np.sin(a), np.sin(b)])
@@ -170,7 +174,8 @@ def test_geometry(room: Polyhedron, planes: int, rays: int) -> None:
 def test_one_option_leaves_the_numbers_of_the_others(kleopatra: Polyhedron, option: str) -> None:
     """With every option but one, and with all: where both read, they differ by its effect only."""
     rest = {key: value for key, value in ALL.items() if key != option}
-    without, everything = frame(Lidar(kleopatra, **rest)), frame(Lidar(kleopatra, **ALL))
+    without = frame(Lidar(kleopatra, LidarErrors(50.0, **rest)))
+    everything = frame(Lidar(kleopatra, LidarErrors(50.0, **ALL)))
     if option == "bias":
         both = np.isfinite(without)
         change = everything[both] - without[both]
@@ -202,7 +207,7 @@ def test_streams_of_a_step_are_independent() -> None:
 
 
 def test_all_is_a_pure_function_of_seed_and_step(kleopatra: Polyhedron) -> None:
-    lidar = Lidar(kleopatra, seed=5, **ALL)
+    lidar = Lidar(kleopatra, LidarErrors(50.0, **ALL), seed=5)
     context = lidar.CreateDefaultContext()
     port = lidar.GetInputPort("position")
     ranges = lidar.GetOutputPort("ranges")
@@ -231,6 +236,9 @@ def test_chances_are_drawn_by_seed_and_step() -> None:
     [
         {"bias": np.nan},
         {"bias": np.inf},
+        {"bias": -1e22},
+        {"noise_std": 1e300},
+        {"scale_error": 1e22},
         {"scale_error": -1.0},
         {"scale_error": np.nan},
         {"max_incidence": 0.0},
@@ -243,12 +251,16 @@ def test_chances_are_drawn_by_seed_and_step() -> None:
         {"attitude_error": -0.1},
         {"attitude_error": 3.2},
         {"attitude_error": np.nan},
-        {"false_returns": 0.1, "max_range": np.inf},
     ],
 )
-def test_senseless_errors_are_refused(room: Polyhedron, settings: dict) -> None:
-    with pytest.raises(InputError, match="lidar needs"):
-        Lidar(room, **settings)
+def test_senseless_errors_are_refused(settings: dict) -> None:
+    with pytest.raises(InputError, match=f"lidar needs .*{next(iter(settings))}"):
+        LidarErrors(**settings)
+
+
+def test_false_returns_need_a_greatest_range(room: Polyhedron) -> None:
+    with pytest.raises(InputError, match="needs a finite max_range"):
+        Lidar(room, LidarErrors(false_returns=0.1), LidarGeometry(max_range=np.inf))
 
 
 # --- as a scenario says ---------------------------------------------------------------------------

@@ -7,7 +7,7 @@ import pytest
 from known_policies import RAYS, Counting, DeadReckoning, NotANumber, remember, write_policy
 from short_flights import kleopatra
 
-from proxops.systems import InputError, NeuralPolicy, PolicyBundle, PolicyStatus
+from proxops.systems import InputError, LidarGeometry, NeuralPolicy, PolicyBundle, PolicyStatus
 from proxops.systems.policy import neural_policy
 
 TARGET = np.array([160e3, 8e3, 0.0, 0.0, 0.0, 0.0])
@@ -137,7 +137,7 @@ def test_nothing_returns(counting: Path) -> None:
 
 def test_policy_for_something_else_is_refused(counting: Path) -> None:
     with pytest.raises(InputError, match="12 planes of 360 rays, and this one has 6 of 720"):
-        NeuralPolicy(counting, planes=6, rays=720)
+        NeuralPolicy(counting, geometry=LidarGeometry(6, 720))
     with pytest.raises(InputError, match="period of 10 s, and this one is 5 s"):
         NeuralPolicy(counting, period=5.0)
     with pytest.raises(InputError, match="trained at Kleopatra, of another shape"):

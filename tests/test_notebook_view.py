@@ -23,7 +23,7 @@ from proxops.diagrams.meshcat.notebook_view import (
     show_lidar,
     show_meshcat,
 )
-from proxops.systems import Lidar
+from proxops.systems import Lidar, LidarErrors
 
 POSITION = np.array([150e3, 40e3, 60e3])
 
@@ -112,7 +112,7 @@ def test_lidar_planes(notebook: Notebook) -> None:
 
 def test_rays_end_on_the_body_or_short_of_its_distance() -> None:
     shape = kleopatra().shape
-    frame = Lidar(shape, noise_std=0.0).frames(np.zeros(1), POSITION[None], seed=0)[0]
+    frame = Lidar(shape, LidarErrors()).frames(np.zeros(1), POSITION[None], seed=0)[0]
     mesh, hits = shape.to_trimesh(), np.isfinite(frame[1])
     assert 0 < hits.sum() < hits.size
     ends = plane_edges(POSITION, frame, 1)

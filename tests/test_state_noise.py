@@ -49,7 +49,7 @@ def test_none_is_none() -> None:
 
 def test_what_no_noise_is() -> None:
     for position_std, velocity_std, period in ((-1.0, 0.0, 10.0), (0.0, np.inf, 10.0), (0, 0, 0)):
-        with pytest.raises(InputError, match="state noise needs"):
+        with pytest.raises(InputError, match="StateNoise needs"):
             StateNoise(position_std, velocity_std, period)
-    with pytest.raises(InputError, match="a seed that"):
+    with pytest.raises(InputError, match="StateNoise needs a seed that"):
         StateNoise(seed=-1)

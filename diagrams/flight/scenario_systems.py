@@ -18,6 +18,8 @@ from proxops.systems import (
     InputError,
     LearnedLidar,
     Lidar,
+    LidarErrors,
+    LidarGeometry,
     ModelPredictiveController,
     NeuralPolicy,
     PlanarLidar,
@@ -104,8 +106,7 @@ def make_policy(bundle: Path, scenario: Scenario, body: Body) -> NeuralPolicy:
         bundle,
         scenario.spacecraft.thrust_limit_n,
         scenario.control_period_s,
-        scenario.lidar.planes,
-        scenario.lidar.rays,
+        _lidar_geometry(scenario),
         shape_sha256=body.shape.sha256,
     )
 
@@ -152,24 +153,29 @@ def make_lidar(scenario: Scenario, body: Body, seed: int) -> PlanarLidar:
       InputError: a learned lidar whose bundle is damaged, or for another body or geometry.
     """
     sensor = scenario.lidar
-    common = {
-        "noise_std": sensor.noise_std_m,
-        "max_range": sensor.max_range_m,
-        "planes": sensor.planes,
-        "rays": sensor.rays,
-        "period": scenario.control_period_s,
-        "seed": seed,
-        "bias": sensor.bias_m,
-        "scale_error": sensor.scale_error,
-        "dropout": sensor.dropout,
-        "false_returns": sensor.false_returns,
-        "attitude_error": np.radians(sensor.attitude_error_deg),
-    }
+    errors = LidarErrors(
+        noise_std=sensor.noise_std_m,
+        bias=sensor.bias_m,
+        scale_error=sensor.scale_error,
+        dropout=sensor.dropout,
+        false_returns=sensor.false_returns,
+        attitude_error=np.radians(sensor.attitude_error_deg),
+    )
+    geometry, period = _lidar_geometry(scenario), scenario.control_period_s
     if isinstance(sensor, LidarConfig):
-        return Lidar(body.shape, max_incidence=np.radians(sensor.max_incidence_deg), **common)
+        errors = replace(errors, max_incidence=np.radians(sensor.max_incidence_deg))
+        return Lidar(body.shape, errors, geometry, period, seed)
     return LearnedLidar(
         sensor.bundle,
+        errors,
+        geometry,
+        period,
+        seed,
         hit_probability=sensor.hit_probability,
         shape_sha256=body.shape.sha256,
-        **common,
     )
+
+
+def _lidar_geometry(scenario: Scenario) -> LidarGeometry:
+    sensor = scenario.lidar
+    return LidarGeometry(sensor.planes, sensor.rays, sensor.max_range_m)

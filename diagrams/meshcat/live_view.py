@@ -53,12 +53,11 @@ class LiveView(LeafSystem):
         """
         super().__init__()
         self.scene, self._thrust_limit = scene, thrust_limit
-        self._shape = (lidar.planes, lidar.rays)
+        geometry = lidar.geometry
+        self._shape = (geometry.planes, geometry.rays)
         self._position_port = self.DeclareVectorInputPort(name="position", size=3)
         self._force_port = self.DeclareVectorInputPort(name="force", size=3)
-        self._ranges_port = self.DeclareVectorInputPort(
-            name="ranges", size=lidar.planes * lidar.rays
-        )
+        self._ranges_port = self.DeclareVectorInputPort(name="ranges", size=geometry.size)
         self._plan_port = None
         if with_plan:
             model = AbstractValue.Make(None)

@@ -1,23 +1,31 @@
-"""What every other room uses: the error for bad input, random numbers by counter, files.
+"""What every other room uses: errors for bad input, random numbers, files, bundles.
 
-`InputError` says what was wrong, where, and what to do. Random numbers are pure functions of a seed
-and a counter (`generator`, `derived_seed`), so that no generator has to be kept in a Context. Files
-appear under their names only when they are whole (`write_whole`). Read `errors` and `counter_noise`
-first. This room imports nothing of proxops; whatever is added here, every room sees.
+`InputError` says what was wrong, where, and what to do. The `check_…` functions raise it for
+arguments that make no sense. Random numbers are pure functions of a seed and a step (`generator`,
+`derived_seed`), so that no generator has to be kept in a Context; `SeededSystem` is the base of the
+systems that draw them. `write_whole` gives a file its name only when all of it is written.
+`read_bundle` reads the folder of a trained network. Read `errors` and `counter_noise` first. This
+room imports nothing else of proxops, and every other room depends on it.
 """
 
+from proxops.systems.common.checks import LARGEST, check_not_negative, check_positive
 from proxops.systems.common.counter_noise import derived_seed, generator
 from proxops.systems.common.errors import InputError, SolverFailure
 from proxops.systems.common.files import file_sha256, make_folder, write_whole
 from proxops.systems.common.onnx_bundle import MODEL_FILE, BundleKind, open_session, read_bundle
 from proxops.systems.common.progress import Progress, part_of, silent
+from proxops.systems.common.seeded_system import SeededSystem
 
 __all__ = [
+    "LARGEST",
     "MODEL_FILE",
     "BundleKind",
     "InputError",
     "Progress",
+    "SeededSystem",
     "SolverFailure",
+    "check_not_negative",
+    "check_positive",
     "derived_seed",
     "file_sha256",
     "generator",

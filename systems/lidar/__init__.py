@@ -1,8 +1,10 @@
 """The lidar: planes of rays that measure the range to the body, and their errors.
 
-Start with `Lidar`, which casts rays at the mesh; `PlanarLidar` holds what it shares with
-`LearnedLidar`, which asks a trained network instead. `lidar_errors` turns true returns into
-measured ones (noise, bias, dropout, false returns) as a pure function of seed and step.
+Start with `Lidar`, which casts rays at the mesh. `LearnedLidar` asks the trained network of a
+`LidarBundle` instead. Both derive from `PlanarLidar`, which has the ports and applies the
+`LidarErrors`; `LidarGeometry` has the planes and rays. A new kind of lidar is a class derived from
+`PlanarLidar` with its own `caster`. A new error is a field of `LidarErrors` with a random stream of
+its own.
 """
 
 from proxops.systems.lidar.learned_lidar import LearnedLidar
@@ -15,29 +17,26 @@ from proxops.systems.lidar.lidar_bundle import (
     LIDAR_FORMAT,
     LidarBundle,
 )
-from proxops.systems.lidar.lidar_errors import LidarErrors
-from proxops.systems.lidar.planar_lidar import (
-    PLANES,
-    RAYS,
-    PlanarLidar,
-    TrueReturns,
-    ray_directions,
-)
+from proxops.systems.lidar.lidar_errors import DEFAULT_ERRORS, LidarErrors
+from proxops.systems.lidar.lidar_geometry import DEFAULT_GEOMETRY, LidarGeometry, ray_directions
+from proxops.systems.lidar.planar_lidar import Caster, PlanarLidar, TrueReturns
 from proxops.systems.lidar.ray_chords import ChordFan
 
 __all__ = [
     "CHORDS_INPUT",
+    "DEFAULT_ERRORS",
+    "DEFAULT_GEOMETRY",
     "DEPTH_OUTPUT",
     "HIT_OUTPUT",
     "LIDAR_FILE",
     "LIDAR_FORMAT",
-    "PLANES",
-    "RAYS",
+    "Caster",
     "ChordFan",
     "LearnedLidar",
     "Lidar",
     "LidarBundle",
     "LidarErrors",
+    "LidarGeometry",
     "PlanarLidar",
     "TrueReturns",
     "ray_directions",

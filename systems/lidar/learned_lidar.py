@@ -1,4 +1,4 @@
-"""`LearnedLidar`: a neural network in the place of the ray-caster."""
+"""`LearnedLidar`: a neural network in the place of the ray caster."""
 
 from __future__ import annotations
 
@@ -9,13 +9,14 @@ import numpy as np
 
 from proxops.systems.common import InputError
 from proxops.systems.lidar.lidar_bundle import LidarBundle
-from proxops.systems.lidar.lidar_errors import LidarErrors
-from proxops.systems.lidar.planar_lidar import PLANES, RAYS, Caster, PlanarLidar, TrueReturns
+from proxops.systems.lidar.lidar_errors import DEFAULT_ERRORS, LidarErrors
+from proxops.systems.lidar.lidar_geometry import DEFAULT_GEOMETRY, LidarGeometry
+from proxops.systems.lidar.planar_lidar import Caster, PlanarLidar, TrueReturns
 from proxops.systems.lidar.ray_chords import ChordFan
 
 
 class LearnedLidar(PlanarLidar):
-    """A drop-in for `Lidar` that a network, trained on its frames, answers.
+    """Replaces `Lidar` with a network that was trained on `Lidar`'s frames.
 
     ```
                   ┌──────────────┐
@@ -24,57 +25,48 @@ class LearnedLidar(PlanarLidar):
                   └──────────────┘   spacecraft, in its axes; only rays that returned
     ```
 
-    The network knows nothing of noise: it stands for the mesh and the ray-caster, and the errors
-    of the sensor are laid over its ranges as `Lidar` lays them over the true ones, with the same
-    numbers for the same (seed, step) and as many returns. What it doesn't know is the angle at
-    which a ray meets the surface, so it has no limit on that.
+    The network replaces the mesh and the ray caster and knows no noise. The sensor's errors are
+    added to its ranges as `Lidar` adds them to the true ones: the same (seed, step) and the same
+    number of returns give the same random numbers. The network does not know the angle at which a
+    ray meets the surface, so there is no limit on the angle of incidence.
     """
 
     def __init__(
         self,
         bundle: LidarBundle | str | Path,
-        noise_std: float = 50.0,
-        max_range: float = 350e3,
-        planes: int = PLANES,
-        rays: int = RAYS,
+        errors: LidarErrors = DEFAULT_ERRORS,
+        geometry: LidarGeometry = DEFAULT_GEOMETRY,
         period: float = 10.0,
         seed: int = 0,
         *,
-        bias: float = 0.0,
-        scale_error: float = 0.0,
-        dropout: float = 0.0,
-        false_returns: float = 0.0,
-        attitude_error: float = 0.0,
         hit_probability: float = 0.5,
         shape_sha256: str | None = None,
     ):
-        """Takes a bundle that `proxops train-lidar` made, and what `Lidar` takes.
+        """Takes a bundle that `proxops train-lidar` made, and the sensor's properties.
 
         Args:
+          bundle: the bundle or its folder.
+          errors, geometry, period, seed: as for `Lidar`, without a limit of incidence.
           hit_probability: a ray returns if the network gives its hit at least this probability.
-          shape_sha256: of the body flown at; None: whatever body the bundle was trained on.
+          shape_sha256: hash of the shape of the body flown at; None: the body of the bundle.
 
         Raises:
-          InputError: a property that no lidar has; no bundle, a damaged one, or one for other
-            planes and rays or another body.
+          InputError: a property is senseless; there is no bundle, it is damaged, or it was trained
+            for other planes and rays or another body.
         """
-        errors = LidarErrors(
-            noise_std,
-            bias,
-            scale_error,
-            dropout=dropout,
-            false_returns=false_returns,
-            attitude_error=attitude_error,
-        )
-        super().__init__(errors, max_range, planes, rays, period, seed)
+        super().__init__(errors, geometry, period, seed)
+        if errors.max_incidence < math.pi / 2.0:
+            raise InputError(
+                "a learned lidar does not know angles of incidence: leave out the limit"
+            )
         if not 0.0 < hit_probability < 1.0:
             raise InputError(f"hit_probability must be between 0 and 1, got {hit_probability}")
         self.bundle = bundle if isinstance(bundle, LidarBundle) else LidarBundle.load(bundle)
-        trained = (self.bundle.planes, self.bundle.rays)
-        if trained != (planes, rays):
+        planes, rays = self.bundle.planes, self.bundle.rays
+        if (planes, rays) != (geometry.planes, geometry.rays):
             raise InputError(
-                f"{self.bundle.path} is for {trained[0]} planes of {trained[1]} rays, and the "
-                f"lidar has {planes} of {rays}: train one for these"
+                f"{self.bundle.path} is for {planes} planes of {rays} rays, and the lidar has "
+                f"{geometry.planes} of {geometry.rays}: train one for these"
             )
         if shape_sha256 is not None and shape_sha256 != self.bundle.shape_sha256:
             raise InputError(
@@ -83,8 +75,8 @@ class LearnedLidar(PlanarLidar):
         self._least_logit = math.log(hit_probability / (1.0 - hit_probability))
 
     def caster(self, directions: np.ndarray) -> Caster:
-        """What the network takes rays along unit directions (planes * rays, 3) in K to meet."""
-        # It knows a ray by its chord alone, so it answers for any direction.
+        """Returns a function that asks the network about rays along unit directions (R, 3) in K."""
+        # The network describes a ray by its chord alone, so it answers for any direction.
         fan = ChordFan(self.bundle.centre, self.bundle.semi_axes, directions)
 
         def cast(position: np.ndarray) -> TrueReturns:

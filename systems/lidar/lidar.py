@@ -6,18 +6,10 @@ import math
 
 import numpy as np
 
-from proxops.systems.lidar.lidar_errors import LidarErrors, too_grazing
-from proxops.systems.lidar.planar_lidar import (
-    PLANES,
-    RAYS,
-    Caster,
-    PlanarLidar,
-    TrueReturns,
-    ray_directions,
-)
+from proxops.systems.lidar.lidar_errors import DEFAULT_ERRORS, LidarErrors, too_grazing
+from proxops.systems.lidar.lidar_geometry import DEFAULT_GEOMETRY, LidarGeometry
+from proxops.systems.lidar.planar_lidar import Caster, PlanarLidar, TrueReturns
 from proxops.systems.shapes import Polyhedron, ray_caster
-
-__all__ = ["PLANES", "RAYS", "Lidar", "ray_directions"]
 
 
 class Lidar(PlanarLidar):
@@ -30,67 +22,46 @@ class Lidar(PlanarLidar):
                   └───────┘   spacecraft, in its axes; only rays that returned
     ```
 
-    Ranges carry Gaussian noise, bias and scale error; returns are lost at grazing incidence and by
-    chance; rays are answered falsely by chance; all rays may be turned a little from where they are
-    taken to point: see `lidar_errors`. What is random is a pure
-    function of (seed, step), the seed a numeric parameter in the Context and the step the number
-    of periods since time 0: the same Context gives the same frame, whatever was evaluated before.
+    `LidarErrors` says what is wrong with the ranges. All random numbers are a pure function of
+    (seed, step): the seed is a numeric parameter in the Context, and the step is the number of
+    periods since time 0. So the same Context gives the same frame, whatever was evaluated before.
     Outputs are computed when they are asked for, then cached.
     """
 
     def __init__(
         self,
         shape: Polyhedron,
-        noise_std: float = 50.0,
-        max_range: float = 350e3,
-        planes: int = PLANES,
-        rays: int = RAYS,
+        errors: LidarErrors = DEFAULT_ERRORS,
+        geometry: LidarGeometry = DEFAULT_GEOMETRY,
         period: float = 10.0,
         seed: int = 0,
-        *,
-        bias: float = 0.0,
-        scale_error: float = 0.0,
-        max_incidence: float = math.pi / 2.0,
-        dropout: float = 0.0,
-        false_returns: float = 0.0,
-        attitude_error: float = 0.0,
     ):
         """Takes the mesh in K and the sensor's properties.
 
         Args:
-          noise_std: standard deviation of the range noise in m; 0 switches it off.
-          max_range: a surface beyond it, in m, returns nothing.
-          planes, rays: number of planes, and of rays in each.
-          period: time between steps in s, for all that is random.
+          shape: the body's mesh.
+          errors: by default range noise of 50 m alone.
+          geometry: by default 12 planes of 360 rays, up to 350 km.
+          period: time between steps in s.
           seed: default of the Context's parameter.
-          bias: added to every range, in m.
-          scale_error: ranges are 1 + this times as long.
-          max_incidence: a surface met at a greater angle from its normal, in rad, returns nothing.
-          dropout: chance that a return is lost.
-          false_returns: chance that a ray is answered from a random range, up to `max_range`.
-          attitude_error: angle in rad by which the rays are turned from their nominal directions,
-            about an axis drawn from the seed.
 
         Raises:
-          InputError: a property that no lidar has.
+          InputError: the period is not positive, the seed is negative, or there are false returns
+            and the greatest range is infinite.
         """
-        errors = LidarErrors(
-            noise_std, bias, scale_error, max_incidence, dropout, false_returns, attitude_error
-        )
-        super().__init__(errors, max_range, planes, rays, period, seed)
+        super().__init__(errors, geometry, period, seed)
         self._normals = shape.normals
-        self._rays = ray_caster(shape)
+        self._ray_caster = ray_caster(shape)
 
     def caster(self, directions: np.ndarray) -> Caster:
-        """Casts rays along unit directions (planes * rays, 3) in K against the mesh."""
-        fan = self._rays.fan(directions)
+        """Returns a function that casts rays along unit directions (planes * rays, 3) in K."""
+        fan, max_incidence = self._ray_caster.fan(directions), self.errors.max_incidence
 
         def cast(position: np.ndarray) -> TrueReturns:
             _, rays, distances, facets = fan.hits(position[None])
             grazing = None
-            if self.errors.max_incidence < math.pi / 2.0:
-                normals = self._normals[facets]
-                grazing = too_grazing(normals, directions[rays], self.errors.max_incidence)
+            if max_incidence < math.pi / 2.0:
+                grazing = too_grazing(self._normals[facets], directions[rays], max_incidence)
             return TrueReturns(rays, distances.astype(np.float64), grazing)
 
         return cast

@@ -1,4 +1,4 @@
-"""What every lidar here shares: planes of rays, ports, and noise over the true returns."""
+"""`PlanarLidar`: what all lidars share, the ports and the errors of the measured ranges."""
 
 from __future__ import annotations
 
@@ -10,9 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.perception import PointCloud
-from pydrake.systems.framework import BasicVector, LeafSystem, NumericParameterIndex
 
-from proxops.systems.common import InputError
+from proxops.systems.common import InputError, SeededSystem
 from proxops.systems.lidar.lidar_errors import (
     LidarErrors,
     false_ranges,
@@ -20,21 +19,7 @@ from proxops.systems.lidar.lidar_errors import (
     measured_ranges,
     misaligned,
 )
-
-PLANES = 12
-RAYS = 360
-
-
-def ray_directions(planes: int = PLANES, rays: int = RAYS) -> np.ndarray:
-    """Unit vectors (planes * rays, 3), plane by plane, in the spacecraft's axes (those of K).
-
-    Ray (i, j) points along cos b (cos a, sin a, 0) + sin b z with a = i 180°/planes and
-    b = j 360°/rays.
-    """
-    a = np.pi / planes * np.arange(planes)[:, None]
-    b = 2.0 * np.pi / rays * np.arange(rays)[None, :]
-    xyz = np.cos(b) * np.cos(a), np.cos(b) * np.sin(a), np.broadcast_to(np.sin(b), (planes, rays))
-    return np.stack(xyz, axis=-1).reshape(-1, 3)
+from proxops.systems.lidar.lidar_geometry import LidarGeometry
 
 
 class TrueReturns(NamedTuple):
@@ -45,77 +30,66 @@ class TrueReturns(NamedTuple):
     distances: np.ndarray
     """(K,) float64: distance in m to the surface."""
     grazing: np.ndarray | None = None
-    """(K,) bool: met too flatly to return anything. None: no ray is."""
+    """(K,) bool: whether the ray meets the surface at too flat an angle to return. None: no ray
+    does."""
 
 
 Caster = Callable[[np.ndarray], TrueReturns]
-"""What a fan of rays meets from a position (3,) in m in K, without errors, at any range."""
+"""Gives the true returns of fixed rays from a position (3,) in m in K, at any range."""
 
 
-class PlanarLidar(LeafSystem):
+class PlanarLidar(SeededSystem):
     """Planar lidars on a spacecraft whose axes are held to those of the body-fixed frame K.
 
-    A kind of lidar says in `caster` which rays meet the body, and how far away; this class gives it
-    the ports and the errors that `Lidar` describes.
+    A derived class defines `caster`, which says what rays meet the body, and how far away. This
+    class adds the ports and the errors that `Lidar` describes.
+
+    Attributes:
+      errors: what is wrong with the measured ranges.
+      geometry: planes, rays and greatest range.
+      directions: (planes * rays, 3) unit vectors, where the rays nominally point. With an attitude
+        error they point elsewhere.
     """
 
-    def __init__(
-        self,
-        errors: LidarErrors,
-        max_range: float,
-        planes: int,
-        rays: int,
-        period: float,
-        seed: int,
-    ):
-        """Takes what `Lidar` takes, the errors as one.
+    def __init__(self, errors: LidarErrors, geometry: LidarGeometry, period: float, seed: int):
+        """Takes the errors, the geometry, the time between steps in s and the default seed.
 
         Raises:
-          InputError: a property that no lidar has.
+          InputError: the period is not positive, the seed is negative, or there are false returns
+            and the greatest range is infinite.
         """
-        super().__init__()
-        if not (max_range > 0.0 and 0.0 < period < math.inf):
-            raise InputError(
-                f"a lidar needs max_range > 0 and period > 0, got {max_range}, {period}"
-            )
-        if seed < 0:
-            raise InputError(f"a lidar needs a seed that is not negative, got {seed}")
-        if planes < 1 or rays < 1:
-            raise InputError(f"a lidar needs planes and rays, got {planes} and {rays}")
-        if errors.false_returns > 0.0 and not max_range < math.inf:
-            raise InputError("a lidar needs a finite max_range for false_returns")
-        self.errors = errors
-        self.max_range, self.period = max_range, period
-        self.planes, self.rays, self.seed = planes, rays, seed
-        self.directions = ray_directions(planes, rays)
-        """Where the rays are taken to point; with an attitude error they don't."""
-        # A pure function of the seed, kept because a fan takes longer to make than to cast.
+        super().__init__(period, seed)
+        if errors.false_returns > 0.0 and not geometry.max_range < math.inf:
+            raise InputError("a lidar with false_returns needs a finite max_range")
+        self.errors, self.geometry = errors, geometry
+        self.directions = geometry.directions
+        # The caster depends on the seed alone. It is kept because making one takes longer than
+        # casting one frame.
         self._caster_of = functools.lru_cache(maxsize=2)(self._make_caster)
-        self._seed_index = self.DeclareNumericParameter(BasicVector([float(seed)]))
         self._position_port = self.DeclareVectorInputPort(name="position", size=3)
-        seeded = self.numeric_parameter_ticket(NumericParameterIndex(self._seed_index))
+        depends = {self._position_port.ticket(), *self.seed_tickets()}
         self._ranges_port = self.DeclareVectorOutputPort(
             name="ranges",
-            size=planes * rays,
+            size=geometry.size,
             calc=self._calc_ranges,
-            prerequisites_of_calc={self._position_port.ticket(), self.time_ticket(), seeded},
+            prerequisites_of_calc=depends,
         )
         self._point_cloud_port = self.DeclareAbstractOutputPort(
             name="point_cloud",
             alloc=lambda: AbstractValue.Make(PointCloud(0)),
             calc=self._calc_point_cloud,
-            prerequisites_of_calc={self._position_port.ticket(), self.time_ticket(), seeded},
+            prerequisites_of_calc=depends,
         )
 
     def caster(self, directions: np.ndarray) -> Caster:
-        """What casts rays along unit directions (planes * rays, 3) in K."""
+        """Returns a function that casts rays along unit directions (planes * rays, 3) in K."""
         raise NotImplementedError
 
     def true_returns(self, position: np.ndarray, seed: int | None = None) -> TrueReturns:
-        """What the rays from a position (3,) in m in K meet, at any range and without noise.
+        """The rays from a position (3,) in m in K that meet the body, at any range, without noise.
 
         Args:
-          seed: of the misalignment, if there is one; None: the default one.
+          seed: gives the axis of the attitude error, if there is one; None: the default seed.
         """
         turned = self.errors.attitude_error > 0.0
         return self._caster_of((self.seed if seed is None else seed) if turned else 0)(position)
@@ -124,45 +98,41 @@ class PlanarLidar(LeafSystem):
         angle = self.errors.attitude_error
         return self.caster(misaligned(self.directions, angle, seed) if angle else self.directions)
 
-    def set_seed(self, context, seed: int) -> None:
-        """Sets the noise's seed in this system's Context."""
-        context.get_mutable_numeric_parameter(self._seed_index).SetAtIndex(0, float(seed))
-
     def frames(self, times: np.ndarray, positions: np.ndarray, seed: int) -> np.ndarray:
-        """Ranges (N, planes, rays), float32, that the output port gives at times and positions.
+        """The frames (N, planes, rays), float32, that the port `ranges` gives.
 
         Args:
-          times: (N,) in s. positions: (N, 3) in m in K. seed: of the noise.
+          times: (N,) in s. positions: (N, 3) in m in K. seed: the seed of the random numbers.
         """
-        frames = np.empty((len(times), self.planes, self.rays), dtype=np.float32)
+        geometry = self.geometry
+        frames = np.empty((len(times), geometry.planes, geometry.rays), dtype=np.float32)
         for k, (now, position) in enumerate(zip(times, positions, strict=True)):
             step = round(now / self.period)
-            frames[k] = self._ranges(position, seed, step).reshape(self.planes, self.rays)
+            frames[k] = self._ranges(position, seed, step).reshape(frames.shape[1:])
         return frames
 
     def _ranges(self, position: np.ndarray, seed: int, step: int) -> np.ndarray:
         """The frame (planes * rays,) in m, float64."""
-        errors = self.errors
+        errors, max_range = self.errors, self.geometry.max_range
         rays, distances, grazing = self.true_returns(position, seed)
-        near = distances <= self.max_range
-        # Drawn for all that is in range, before any is lost: dropout leaves the noise as it is.
+        near = distances <= max_range
+        # Noise is drawn for every return in range before any is lost, so that dropout leaves the
+        # noise of the others as it is.
         found = measured_ranges(distances[near], errors, seed, step)
         if grazing is not None:
             found[grazing[near]] = np.inf
         if errors.dropout > 0.0:
             found[lost_by_chance(found.size, errors.dropout, seed, step)] = np.inf
-        ranges = np.full(self.planes * self.rays, np.inf)
+        ranges = np.full(self.geometry.size, np.inf)
         ranges[rays[near]] = found
         if errors.false_returns > 0.0:
-            false = false_ranges(ranges.size, errors.false_returns, self.max_range, seed, step)
+            false = false_ranges(ranges.size, errors.false_returns, max_range, seed, step)
             ranges = np.minimum(ranges, false)
         return ranges
 
     def _calc_ranges(self, context, output):
         position = self._position_port.Eval(context)
-        seed = int(context.get_numeric_parameter(self._seed_index).GetAtIndex(0))
-        step = round(context.get_time() / self.period)
-        output.SetFromVector(self._ranges(position, seed, step))
+        output.SetFromVector(self._ranges(position, self.seed_of(context), self.step_of(context)))
 
     def _calc_point_cloud(self, context, output):
         ranges = self._ranges_port.Eval(context)

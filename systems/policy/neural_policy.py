@@ -12,7 +12,7 @@ from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import LeafSystem, ValueProducer
 
 from proxops.systems.common import InputError
-from proxops.systems.lidar import PLANES, RAYS
+from proxops.systems.lidar import DEFAULT_GEOMETRY, LidarGeometry
 from proxops.systems.policy.policy_bundle import PolicyBundle, run_network
 
 
@@ -62,8 +62,7 @@ class NeuralPolicy(LeafSystem):
         bundle: PolicyBundle | str | Path,
         thrust_limit: float | None = None,
         period: float = 10.0,
-        planes: int = PLANES,
-        rays: int = RAYS,
+        geometry: LidarGeometry = DEFAULT_GEOMETRY,
         *,
         shape_sha256: str | None = None,
     ):
@@ -72,7 +71,7 @@ class NeuralPolicy(LeafSystem):
         Args:
           thrust_limit: greatest force per axis in N; None: that which the policy learned from.
           period: control period in s.
-          planes, rays: of the lidar.
+          geometry: planes and rays of the lidar.
           shape_sha256: of the body flown at; None: whatever body the bundle was trained at.
 
         Raises:
@@ -85,8 +84,8 @@ class NeuralPolicy(LeafSystem):
         self.period = period
         if not self.thrust_limit > 0.0:
             raise InputError(f"a policy needs a positive thrust limit, got {thrust_limit}")
-        _check_fit(self.bundle, period, planes, rays, shape_sha256)
-        self._ranges_port = self.DeclareVectorInputPort(name="ranges", size=planes * rays)
+        _check_fit(self.bundle, period, geometry, shape_sha256)
+        self._ranges_port = self.DeclareVectorInputPort(name="ranges", size=geometry.size)
         self._target_port = self.DeclareVectorInputPort(name="target", size=6)
         self._applied_port = self.DeclareVectorInputPort(name="applied_force", size=3)
         self._memory = self.DeclareDiscreteState(self.bundle.memory)
@@ -175,14 +174,14 @@ def policy_answer(
 
 
 def _check_fit(
-    bundle: PolicyBundle, period: float, planes: int, rays: int, shape_sha256: str | None
+    bundle: PolicyBundle, period: float, geometry: LidarGeometry, shape_sha256: str | None
 ) -> None:
     """Raises `InputError` if a policy was trained for something else, with what it was."""
     trained = (bundle.planes, bundle.rays)
-    if trained != (planes, rays):
+    if trained != (geometry.planes, geometry.rays):
         raise InputError(
             f"{bundle.path} is for a lidar of {trained[0]} planes of {trained[1]} rays, and this "
-            f"one has {planes} of {rays}: train a policy for these"
+            f"one has {geometry.planes} of {geometry.rays}: train a policy for these"
         )
     if bundle.period != period:
         raise InputError(

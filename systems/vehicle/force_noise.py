@@ -1,17 +1,16 @@
-"""`ForceNoise`: normal noise of its own size added to the commanded force."""
+"""`ForceNoise`: noise on the force that does not depend on the command."""
 
 from __future__ import annotations
 
 import math
 
 import numpy as np
-from pydrake.systems.framework import BasicVector, LeafSystem, NumericParameterIndex
 
-from proxops.systems.common import InputError, generator
+from proxops.systems.common import SeededSystem, check_not_negative, check_positive, generator
 
 
-class ForceNoise(LeafSystem):
-    """Adds noise to a force whatever its size, so that a coasting spacecraft is disturbed too.
+class ForceNoise(SeededSystem):
+    """Adds normal noise to a force. Its size does not depend on the force.
 
     ```
                 ┌────────────┐
@@ -19,14 +18,14 @@ class ForceNoise(LeafSystem):
       (3), N    └────────────┘
     ```
 
-    Noise in the expert's actuators that its labels do not show is how DART (Laskey et al., 2017,
-    arXiv:1703.09327) puts recovery into the data. Each axis is a stationary Gauss-Markov sequence,
+    A coasting spacecraft is disturbed, too. DART (Laskey et al., 2017, arXiv:1703.09327) adds such
+    noise to an expert's actions, and not to its labels, so that the data hold recoveries. Each axis
+    is a stationary Gauss-Markov sequence,
 
         n_0 = s w_0,   n_k = r n_(k-1) + s sqrt(1 - r^2) w_k,   r = exp(-period / correlation time)
 
-    with standard deviation s and independent standard normal w: white if the correlation time is
-    0. The sequence is discrete state; the random numbers are a pure function of the seed (a
-    parameter in the Context) and the step.
+    with standard deviation s and independent standard normal w. It is white if the correlation time
+    is 0. The last value of the sequence is discrete state.
     """
 
     def __init__(
@@ -41,21 +40,13 @@ class ForceNoise(LeafSystem):
 
         Raises:
           InputError: the limit or the period is not positive, or another property is negative or
-            infinite.
+            not finite.
         """
-        super().__init__()
-        if not (thrust_limit > 0 and 0 < period < math.inf):
-            raise InputError(
-                f"force noise needs thrust_limit > 0 and period > 0, got {thrust_limit}, {period}"
-            )
-        if not (0 <= std < math.inf and 0 <= correlation_time < math.inf and seed >= 0):
-            raise InputError(
-                "force noise needs a deviation, correlation time and seed that are finite and not "
-                f"negative, got {std}, {correlation_time}, {seed}"
-            )
-        self.thrust_limit, self.std, self.period = thrust_limit, std, period
+        super().__init__(period, seed)
+        check_positive("ForceNoise", thrust_limit=thrust_limit)
+        check_not_negative("ForceNoise", std=std, correlation_time=correlation_time)
+        self.thrust_limit, self.std = thrust_limit, std
         self.kept = math.exp(-period / correlation_time) if correlation_time > 0 else 0.0
-        self._seed_index = self.DeclareNumericParameter(BasicVector([float(seed)]))
         self._force_in_port = self.DeclareVectorInputPort(name="force", size=3)
         self._noise_index = self.DeclareDiscreteState(3)
         self._force_out_port = self.DeclareVectorOutputPort(
@@ -65,22 +56,16 @@ class ForceNoise(LeafSystem):
             prerequisites_of_calc={
                 self._force_in_port.ticket(),
                 self.discrete_state_ticket(self._noise_index),
-                self.time_ticket(),
-                self.numeric_parameter_ticket(NumericParameterIndex(self._seed_index)),
+                *self.seed_tickets(),
             },
         )
         self.DeclarePeriodicDiscreteUpdateEvent(
             period_sec=period, offset_sec=0.0, update=self._update_noise
         )
 
-    def set_seed(self, context, seed: int) -> None:
-        """Sets the noise's seed in this system's Context."""
-        context.get_mutable_numeric_parameter(self._seed_index).SetAtIndex(0, float(seed))
-
     def _next_noise(self, context) -> np.ndarray:
-        seed = int(context.get_numeric_parameter(self._seed_index).GetAtIndex(0))
-        step = round(context.get_time() / self.period)
-        drawn = self.std * generator(seed, step).standard_normal(3)
+        step = self.step_of(context)
+        drawn = self.std * generator(self.seed_of(context), step).standard_normal(3)
         if step == 0:
             return drawn
         last = context.get_discrete_state(self._noise_index).value()

@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from pydrake.systems.framework import BasicVector, LeafSystem, NumericParameterIndex
 
-from proxops.systems.common import InputError, generator
+from proxops.systems.common import (
+    InputError,
+    SeededSystem,
+    check_not_negative,
+    check_positive,
+    generator,
+)
 
 
 def shortened(vector: np.ndarray, limit: float) -> np.ndarray:
@@ -14,7 +19,7 @@ def shortened(vector: np.ndarray, limit: float) -> np.ndarray:
     return vector * (limit / length) if length > limit else vector
 
 
-class RandomWalkDisturbance(LeafSystem):
+class RandomWalkDisturbance(SeededSystem):
     """Adds a random walk to a force, as the paper did to fly its recovery transits.
 
     ```
@@ -23,11 +28,10 @@ class RandomWalkDisturbance(LeafSystem):
       (3), N    └───────────────────────┘
     ```
 
-    The walk grows each period by a normal increment per axis. Every `reset_period` it starts
-    anew at zero and its bound k is drawn from U(0, max_relative_magnitude); its length is kept
-    within k ‖force‖. So it has no effect on a command of zero. The walk is discrete state; the
-    random numbers are a pure function of the seed (a parameter in the Context) and the step.
-    At time 0 the first increment is already there.
+    Each period a normal increment per axis is added to the walk. Every `reset_period` the walk
+    starts again from zero and its bound k is drawn from U(0, max_relative_magnitude). The walk's
+    length is limited to k ‖force‖, so it has no effect on a command of zero. The walk is discrete
+    state. The first increment acts from time 0 on.
     """
 
     def __init__(
@@ -42,24 +46,23 @@ class RandomWalkDisturbance(LeafSystem):
         """Takes forces in N and periods in s; `period` is the control period.
 
         Raises:
-          InputError: a limit or period is not positive, the reset comes within a period, or another
-            property is negative or infinite.
+          InputError: a limit or period is not positive, the reset period is shorter than the
+            period, or another property is negative or not finite.
         """
-        super().__init__()
-        if not (thrust_limit > 0 and 0 < period <= reset_period < np.inf):
+        super().__init__(period, seed)
+        owner = "RandomWalkDisturbance"
+        check_positive(owner, thrust_limit=thrust_limit, reset_period=reset_period)
+        check_not_negative(
+            owner, max_relative_magnitude=max_relative_magnitude, increment_std=increment_std
+        )
+        if reset_period < period:
             raise InputError(
-                "a disturbance needs thrust_limit > 0 and reset_period >= period > 0, "
-                f"got {thrust_limit}, {reset_period}, {period}"
-            )
-        if not (0 <= max_relative_magnitude < np.inf and 0 <= increment_std < np.inf and seed >= 0):
-            raise InputError(
-                "a disturbance's magnitude, increment and seed must be finite and not negative, "
-                f"got {max_relative_magnitude}, {increment_std}, {seed}"
+                f"{owner} needs a reset_period of at least its period, {period} s, "
+                f"got {reset_period} s"
             )
         self.thrust_limit = thrust_limit
         self.max_relative_magnitude, self.increment_std = max_relative_magnitude, increment_std
-        self.period, self._steps_per_reset = period, round(reset_period / period)
-        self._seed_index = self.DeclareNumericParameter(BasicVector([float(seed)]))
+        self._steps_per_reset = round(reset_period / period)
         self._force_in_port = self.DeclareVectorInputPort(name="force", size=3)
         self._walk_index = self.DeclareDiscreteState(3)
         self._force_out_port = self.DeclareVectorOutputPort(
@@ -69,23 +72,18 @@ class RandomWalkDisturbance(LeafSystem):
             prerequisites_of_calc={
                 self._force_in_port.ticket(),
                 self.discrete_state_ticket(self._walk_index),
-                self.time_ticket(),
-                self.numeric_parameter_ticket(NumericParameterIndex(self._seed_index)),
+                *self.seed_tickets(),
             },
         )
         self.DeclarePeriodicDiscreteUpdateEvent(
             period_sec=period, offset_sec=0.0, update=self._update_walk
         )
 
-    def set_seed(self, context, seed: int) -> None:
-        """Sets the walk's seed in this system's Context."""
-        context.get_mutable_numeric_parameter(self._seed_index).SetAtIndex(0, float(seed))
-
     def _next_walk(self, context) -> np.ndarray:
-        seed = int(context.get_numeric_parameter(self._seed_index).GetAtIndex(0))
-        step = round(context.get_time() / self.period)
+        seed, step = self.seed_of(context), self.step_of(context)
         stretch, since_reset = divmod(step, self._steps_per_reset)
-        # Steps count up from 0 and stretches down from the top: their keys never meet.
+        # Steps count up from 0 and stretches down from the greatest key, so that no two keys are
+        # the same.
         drawn = generator(seed, np.iinfo(np.uint64).max - stretch).random()
         walk = context.get_discrete_state(self._walk_index).value()
         start = np.zeros(3) if since_reset == 0 else walk

@@ -5,13 +5,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from pydrake.systems.framework import BasicVector, LeafSystem, NumericParameterIndex
 
-from proxops.systems.common import InputError, generator
+from proxops.systems.common import SeededSystem, check_not_negative, generator
 
 
-class StateNoise(LeafSystem):
-    """Adds independent normal errors to a state, new ones each control step.
+class StateNoise(SeededSystem):
+    """Adds independent normal errors to a state and draws new ones at each control step.
 
     ```
                 ┌────────────┐
@@ -19,8 +18,7 @@ class StateNoise(LeafSystem):
       (6)       └────────────┘
     ```
 
-    The errors are a pure function of the seed (a parameter in the Context) and the step. Without
-    deviations the state is passed on as it is.
+    Where both standard deviations are 0, the output is the input.
     """
 
     def __init__(
@@ -33,39 +31,30 @@ class StateNoise(LeafSystem):
         """Takes standard deviations per axis in m and m/s, and the control period in s.
 
         Raises:
-          InputError: a deviation or the seed is negative or not finite, or the period not positive.
+          InputError: a deviation is negative or not finite, or the period is not positive.
         """
-        super().__init__()
-        finite = 0.0 <= position_std < math.inf and 0.0 <= velocity_std < math.inf
-        if not (finite and period > 0.0 and seed >= 0):
-            raise InputError(
-                "state noise needs deviations and a seed that are finite and not negative, and a "
-                f"period above 0, got {position_std}, {velocity_std}, {seed} and {period}"
-            )
+        super().__init__(period, seed)
+        check_not_negative("StateNoise", position_std=position_std, velocity_std=velocity_std)
         self.stds = np.repeat([position_std, velocity_std], 3)
-        self.period = period
-        self._seed_index = self.DeclareNumericParameter(BasicVector([float(seed)]))
         self._state_port = self.DeclareVectorInputPort(name="state", size=6)
         self.DeclareVectorOutputPort(
             name="state",
             size=6,
             calc=self._calc_state,
-            prerequisites_of_calc={
-                self._state_port.ticket(),
-                self.time_ticket(),
-                self.numeric_parameter_ticket(NumericParameterIndex(self._seed_index)),
-            },
+            prerequisites_of_calc={self._state_port.ticket(), *self.seed_tickets()},
         )
 
-    def set_seed(self, context, seed: int) -> None:
-        """Sets the noise's seed in this system's Context."""
-        context.get_mutable_numeric_parameter(self._seed_index).SetAtIndex(0, float(seed))
+    def step_of(self, context) -> int:
+        """The number of the control step that began last.
+
+        The state changes between control steps, too, so the noise may be asked for at any time.
+        """
+        # Rounding may bring the time of a step just below a multiple of the period.
+        return math.floor(context.get_time() / self.period + 1e-9)
 
     def _calc_state(self, context, output):
         state = self._state_port.Eval(context)
         if self.stds.any():
-            seed = int(context.get_numeric_parameter(self._seed_index).GetAtIndex(0))
-            # Within a step the number does not change, though its last bit of time may.
-            step = math.floor(context.get_time() / self.period + 1e-9)
-            state = state + self.stds * generator(seed, step).standard_normal(6)
+            draws = generator(self.seed_of(context), self.step_of(context))
+            state = state + self.stds * draws.standard_normal(6)
         output.SetFromVector(state)

@@ -1,34 +1,36 @@
-"""`VelocityKicks`: pushes at random times that no thruster gives and no command shows."""
+"""`VelocityKicks`: random accelerations that no thruster causes."""
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
-from pydrake.systems.framework import BasicVector, LeafSystem, NumericParameterIndex
 
-from proxops.systems.common import InputError, generator
+from proxops.systems.common import (
+    InputError,
+    SeededSystem,
+    check_not_negative,
+    check_positive,
+    generator,
+)
 
 
-class VelocityKicks(LeafSystem):
-    """Now and then, for one control period, accelerates the spacecraft by an unknown amount.
+class VelocityKicks(SeededSystem):
+    """Accelerates the spacecraft at random times, for one control period each time.
 
     ```
     ┌───────────────┐
-    │               ├─► acceleration (3), m/s^2, K: what acts now
+    │               ├─► acceleration (3), m/s^2, K: acts now
     │ VelocityKicks │
-    │               ├─► next_acceleration (3), m/s^2, K: what acts from this control step on
+    │               ├─► next_acceleration (3), m/s^2, K: acts from this control step on
     └───────────────┘
     ```
 
-    In each control period, with the chance `period / mean_interval`, the velocity changes by a
-    normal amount per axis. The change is spread evenly over the period: a state that jumped would
-    pass by the witness functions of events, and by whoever interpolates between two rows of a log.
+    In each control period, with the probability `period / mean_interval`, the velocity changes by a
+    normal amount per axis. The change is spread evenly over the period. A sudden change would
+    escape the witness functions of events, and interpolation between a log's rows would be wrong.
 
-    Which periods have a kick, and which, is a pure function of the seed (a parameter in the
-    Context) and the step. What acts is discrete state, renewed at each control step, so that it is
-    constant from one to the next as a held force is. At a control step, before that update,
-    `next_acceleration` is what is about to act.
+    The acceleration is discrete state, updated at each control step, so that it is constant between
+    steps, as a held force is. At a control step, before the update, `next_acceleration` is the
+    acceleration that is about to act.
     """
 
     def __init__(
@@ -38,34 +40,28 @@ class VelocityKicks(LeafSystem):
         period: float = 10.0,
         seed: int = 0,
     ):
-        """Takes the deviation per axis of a kick in m/s, the mean time between kicks in s.
+        """Takes the kicks' standard deviation per axis in m/s, their mean interval and period in s.
 
         Raises:
-          InputError: a property that no kicks have.
+          InputError: the period is not positive, the mean interval is shorter than the period, or
+            the deviation is negative or not finite.
         """
-        super().__init__()
-        if not (0 < period <= mean_interval < math.inf):
+        super().__init__(period, seed)
+        check_positive("VelocityKicks", mean_interval=mean_interval)
+        check_not_negative("VelocityKicks", velocity_std=velocity_std)
+        if mean_interval < period:
             raise InputError(
-                "kicks need mean_interval >= period > 0, both finite, "
-                f"got {mean_interval} and {period}"
+                f"VelocityKicks needs a mean_interval of at least its period, {period} s, "
+                f"got {mean_interval} s"
             )
-        if not (0 <= velocity_std < math.inf and seed >= 0):
-            raise InputError(
-                "kicks need a velocity_std and a seed that are finite and not negative, "
-                f"got {velocity_std} and {seed}"
-            )
-        self.velocity_std, self.mean_interval, self.period = velocity_std, mean_interval, period
-        self._seed_index = self.DeclareNumericParameter(BasicVector([float(seed)]))
+        self.velocity_std, self.mean_interval = velocity_std, mean_interval
         acting = self.DeclareDiscreteState(3)
         self.DeclareStateOutputPort(name="acceleration", state_index=acting)
         self.DeclareVectorOutputPort(
             name="next_acceleration",
             size=3,
             calc=lambda context, output: output.SetFromVector(self._next(context)),
-            prerequisites_of_calc={
-                self.time_ticket(),
-                self.numeric_parameter_ticket(NumericParameterIndex(self._seed_index)),
-            },
+            prerequisites_of_calc=self.seed_tickets(),
         )
         self.DeclarePeriodicDiscreteUpdateEvent(
             period_sec=period,
@@ -73,13 +69,8 @@ class VelocityKicks(LeafSystem):
             update=lambda context, state: state.set_value(acting, self._next(context)),
         )
 
-    def set_seed(self, context, seed: int) -> None:
-        """Sets the kicks' seed in this system's Context."""
-        context.get_mutable_numeric_parameter(self._seed_index).SetAtIndex(0, float(seed))
-
     def _next(self, context) -> np.ndarray:
-        seed = int(context.get_numeric_parameter(self._seed_index).GetAtIndex(0))
-        draws = generator(seed, round(context.get_time() / self.period))
+        draws = generator(self.seed_of(context), self.step_of(context))
         if draws.random() >= self.period / self.mean_interval:
             return np.zeros(3)
         return self.velocity_std / self.period * draws.standard_normal(3)

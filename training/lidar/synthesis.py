@@ -14,7 +14,13 @@ import torch
 
 from proxops.diagrams.scenario import Body, LidarConfig, Scenario
 from proxops.systems.common import InputError, Progress, make_folder, silent, write_whole
-from proxops.systems.lidar import ChordFan, LearnedLidar, ray_directions
+from proxops.systems.lidar import (
+    ChordFan,
+    LearnedLidar,
+    LidarErrors,
+    LidarGeometry,
+    ray_directions,
+)
 from proxops.systems.shapes import RayFan, ray_caster
 from proxops.training.lidar import frame_errors
 from proxops.training.lidar.bundle import BundleFacts, write_bundle
@@ -130,7 +136,9 @@ def train_lidar(
         paper_task, settings.frame, out, settings.seed, device="cpu", progress=progress
     )
 
-    learned = LearnedLidar(out / "bundle", 0.0, np.inf, lidar.planes, lidar.rays)
+    learned = LearnedLidar(
+        out / "bundle", LidarErrors(), LidarGeometry(lidar.planes, lidar.rays, np.inf)
+    )
     methods = {
         OURS: lambda positions: _true_frames(learned, positions),
         PAPERS: _decoder(paper_task.network, cube),

@@ -1,0 +1,27 @@
+"""Checks of constructor arguments: plain messages for values that make no sense."""
+
+from __future__ import annotations
+
+from proxops.systems.common.errors import InputError
+
+LARGEST = 1e15
+"""No length, time, mass, force or speed of a spacecraft, in SI units, is as large as this."""
+
+
+def check_positive(owner: str, **values: float) -> None:
+    """Raises `InputError` unless every value is above 0 and below `LARGEST`.
+
+    Args:
+      owner: what the values belong to; it begins the message.
+      values: by their names.
+    """
+    for name, value in values.items():
+        if not 0.0 < value < LARGEST:
+            raise InputError(f"{owner} needs {name} above 0 and below {LARGEST:g}, got {value}")
+
+
+def check_not_negative(owner: str, **values: float) -> None:
+    """Raises `InputError` unless every value is at least 0 and below `LARGEST`."""
+    for name, value in values.items():
+        if not 0.0 <= value < LARGEST:
+            raise InputError(f"{owner} needs {name} from 0 to below {LARGEST:g}, got {value}")
