@@ -20,7 +20,7 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from proxops.diagrams.flight import ADVERSARIES, Pilot, fly, make_backup, make_hybrid
+from proxops.diagrams.flight import ADVERSARIES, Adversary, fly, make_backup, make_hybrid
 from proxops.diagrams.scenario import AssuranceConfig, load_body, load_scenario
 
 # Of the gate, in N: thrust is at most 7 N per axis.
@@ -33,16 +33,16 @@ RULES: dict[str, dict] = {
 
 
 class Hostile(LeafSystem):
-    """A pilot as a system: force (3) in N by state (6)."""
+    """An adversary as a system: force (3) in N by state (6)."""
 
-    def __init__(self, pilot: Pilot):
+    def __init__(self, adversary: Adversary):
         super().__init__()
-        self._pilot = pilot
+        self._adversary = adversary
         self._state_port = self.DeclareVectorInputPort("state", 6)
         self.DeclareVectorOutputPort("force", 3, self._calc)
 
     def _calc(self, context, output):
-        output.SetFromVector(self._pilot(self._state_port.Eval(context)))
+        output.SetFromVector(self._adversary(self._state_port.Eval(context)))
 
 
 def main() -> None:
@@ -58,22 +58,22 @@ def main() -> None:
     for heading in ("period", "adversary", "flights inside", "least clearance (km)", "solves (%)"):
         table.add_column(heading)
     for rule, settings in RULES.items():
-        for adversary in ADVERSARIES:
+        for name, adversary in ADVERSARIES.items():
             rows = []
-            for index in track(range(asked.transits), f"{rule}, {adversary}", console=console):
+            for index in track(range(asked.transits), f"{rule}, {name}", console=console):
                 wanted = {
                     "transit.seed": asked.seed, "transit.index": index, "log_ranges": False,
                     "arrival.deadline_s": asked.duration, "hybrid.epsilon_magnitude_n": OPEN,
                 }  # fmt: skip
                 scenario = load_scenario(None, wanted | settings)
                 backup = make_backup(scenario, body, AssuranceConfig())
-                pilot = ADVERSARIES[adversary](backup, np.random.default_rng(index))
-                hybrid = make_hybrid(scenario, body, Hostile(pilot))
+                hostile = Hostile(adversary(backup, np.random.default_rng(index)))
+                hybrid = make_hybrid(scenario, body, hostile)
                 rows.append(fly(scenario, hybrid, body=body).summary)
             solves = sum(row["mpc_solves"] for row in rows) / sum(row["steps"] for row in rows)
             table.add_row(
                 rule,
-                adversary,
+                name,
                 f"{sum(row['keep_out_violations'] > 0 for row in rows)}/{len(rows)}",
                 f"{min(row['min_clearance_m'] for row in rows) / 1e3:.2f}",
                 f"{100.0 * solves:.0f}",

@@ -31,7 +31,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from proxops.diagrams.flight import fly, make_controller
+from proxops.diagrams.flight import fly, make_mpc
 from proxops.diagrams.scenario import load_body, load_scenario
 from proxops.systems.expert import KEEP_OUT_PRICE, SLACK_PRICE, Plan, TransitProgram
 from proxops.systems.shapes import tangent_half_spaces
@@ -185,7 +185,7 @@ def main() -> None:
     scenario = load_scenario(None, overrides)
     body = load_body(scenario.body)
     flight = fly(scenario, body=body).dataset
-    controller = make_controller(scenario, body)
+    controller = make_mpc(scenario, body)
     program, period = controller.program, controller.period
     target = flight["target"].values[0]
     states = flight["state"].values[:-1]  # The last is the flight's end, off the steps.

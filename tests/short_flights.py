@@ -17,7 +17,7 @@ SHORT = {
     "transit.start_m": [160e3, 0.0, 0.0],
     "transit.goal_m": [160e3, 8e3, 0.0],
     "arrival.dwell_s": 100.0,
-    "mpc.knots": 10,
+    "mpc.intervals": 10,
 }
 # Over after 15 steps, wherever it is then.
 BRIEF = {"arrival__deadline_s": 100.0, "arrival__dwell_s": 50.0}

@@ -85,8 +85,8 @@ def test_a_controller_that_was_edited_is_another(
     assert transit_flights(brief(), "edited_pilot:make", 1, 1) == [first]
     Path("edited_pilot.py").write_text(text.replace("None", "body"))
     [second] = transit_flights(brief(), "edited_pilot:make", 1, 1)
-    assert dc.replace(second, made_with=first.made_with) == first
-    assert second.made_with != first.made_with
+    assert dc.replace(second, provenance=first.provenance) == first
+    assert second.provenance != first.provenance
     with pytest.raises(InputError, match="No module named 'no_such_pilot'"):
         transit_flights(brief(), "no_such_pilot:make", 1, 1)
 

@@ -19,10 +19,17 @@ from proxops.cli.main import main
 from proxops.diagrams.logs.flight_log import FlightLog, differences
 from proxops.diagrams.logs.flight_summary import length_text
 
-BRIEF = ["--set", "arrival.deadline_s=100", "--set", "arrival.dwell_s=50", "--set", "mpc.knots=10"]
+BRIEF = [
+    "--set",
+    "arrival.deadline_s=100",
+    "--set",
+    "arrival.dwell_s=50",
+    "--set",
+    "mpc.intervals=10",
+]
 SHORT = [
     "--set", "transit.start_m=[160e3, 0, 0]", "--set", "transit.goal_m=[160e3, 8e3, 0]",
-    "--set", "arrival.dwell_s=100", "--set", "mpc.knots=10",
+    "--set", "arrival.dwell_s=100", "--set", "mpc.intervals=10",
 ]  # fmt: skip
 
 
@@ -93,7 +100,9 @@ def test_table_tells_of_steps_without_a_fresh_plan() -> None:
 
 
 def test_fly(run, tmp_path: Path) -> None:
-    (tmp_path / "short.yaml").write_text("mpc: {knots: 10}  # coarse\narrival: {dwell_s: 100}\n")
+    (tmp_path / "short.yaml").write_text(
+        "mpc: {intervals: 10}  # coarse\narrival: {dwell_s: 100}\n"
+    )
     ran = run("fly", "short.yaml", *SHORT[:4], "--out", "a/b")
     assert ran.code == 0, ran.err
     out = tmp_path / "a" / "b"
@@ -332,10 +341,10 @@ def test_a_transit_of_a_seed_and_ends_of_its_own(run, option: str) -> None:
         (["body=itokawa"], ["'itokawa' does not ship with proxops"]),
         (["body=absent.yaml"], ["absent.yaml cannot be read"]),
         (["noise_seed"], ["not of the form key.subkey=value"]),
-        (["mpc.knots=["], ["not YAML"]),
+        (["mpc.intervals=["], ["not YAML"]),
         (["transit.seed=-1"], ["transit.seed"]),
         (["disturbance={reset_period_s: 1}"], ["reset_period"]),
-        (["mpc.knots=1"], ["mpc.knots"]),
+        (["mpc.intervals=1"], ["mpc.intervals"]),
     ],
 )
 def test_bad_setting(run, tmp_path: Path, settings: list[str], words: list[str]) -> None:
@@ -354,7 +363,7 @@ def test_bad_setting(run, tmp_path: Path, settings: list[str], words: list[str])
         ("just words", ["not `key: value` lines"]),
         ("- 1\n- 2\n", ["not `key: value` lines"]),
         ("masss: 3\n", ["no key 'masss'", "nearest"]),
-        ("mpc:\n  knots: many\n", ["mpc.knots", "whole number"]),
+        ("mpc:\n  intervals: many\n", ["mpc.intervals", "whole number"]),
         ("mpc: 3\n", ["mpc"]),
     ],
 )

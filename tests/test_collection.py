@@ -29,7 +29,7 @@ from proxops.training.data.recovery import flight_scenario, kind_of
 from proxops.training.lidar.bundle import write_bundle
 
 # Over after 15 steps, wherever it is then.
-BRIEF = {"arrival.deadline_s": 100.0, "arrival.dwell_s": 50.0, "mpc.knots": 10}
+BRIEF = {"arrival.deadline_s": 100.0, "arrival.dwell_s": 50.0, "mpc.intervals": 10}
 SETTINGS = [word for key, value in BRIEF.items() for word in ("--set", f"{key}={value}")]
 FULL = {
     "nominal": 3, "random_walk": 3, "noise": 4, "kicks": 2, "overshoot": 3, "keep_out": 2,

@@ -8,7 +8,7 @@ from known_policies import Counting, DeadReckoning, NotANumber, write_policy
 from short_flights import BRIEF, kleopatra, short_scenario
 
 from proxops.diagrams.flight import Workers
-from proxops.diagrams.flight.campaign import made_with, run_campaign, transit_flights
+from proxops.diagrams.flight.campaign import provenance, run_campaign, transit_flights
 from proxops.diagrams.flight.named_controllers import named_controller
 from proxops.diagrams.flight.simulation import fly
 from proxops.diagrams.logs.flight_log import FlightLog, differences
@@ -101,11 +101,11 @@ def test_several_policies_in_one_campaign(tmp_path: Path) -> None:
     gentle = write_policy(tmp_path / "gentle", DeadReckoning(proportional=1e-5))
     other = write_policy(tmp_path / "other", DeadReckoning(proportional=2e-5))
     names = [f"policy:{gentle}", f"policy:{other}", f"pd:{other}"]
-    made = [made_with(brief(), kleopatra(), name) for name in names]
+    made = [provenance(brief(), kleopatra(), name) for name in names]
     assert PolicyBundle.load(gentle).sha256 in made[0]
     assert PolicyBundle.load(other).sha256 in made[1]
     assert made[1] == made[2]
-    assert "policy" not in made_with(brief(), kleopatra(), "pd")
+    assert "policy" not in provenance(brief(), kleopatra(), "pd")
     flights = [flight for name in names for flight in transit_flights(brief(), name, 1, 1)]
     rows = run_campaign(flights, tmp_path / "flights", workers=Workers(1))
     assert [row["controller"] for row in rows] == names

@@ -7,7 +7,7 @@ import pytest
 from short_flights import kleopatra
 
 from proxops.diagrams.flight import Workers
-from proxops.diagrams.flight.scenario_systems import make_controller
+from proxops.diagrams.flight.scenario_systems import make_mpc
 from proxops.diagrams.scenario.scenario import load_scenario
 from proxops.systems import InputError
 from proxops.systems.shapes.ellipsoid import clearances
@@ -17,7 +17,7 @@ from proxops.training.data.plans import expert_plans, transit_plans
 
 def test_the_force_at_a_knot_is_what_the_expert_commands_there():
     scenario = load_scenario()
-    program = make_controller(scenario, kleopatra()).program
+    program = make_mpc(scenario, kleopatra()).program
     differences = []
     for index in range(4):
         plans = transit_plans(program, scenario, kleopatra(), 3, index)
@@ -33,7 +33,7 @@ def test_the_force_at_a_knot_is_what_the_expert_commands_there():
 def test_labels_are_what_the_expert_commands_there_near_the_goal_too():
     """A fresh plan of those that aim at the label's goal, from the label's state."""
     scenario = load_scenario()
-    program = make_controller(scenario, kleopatra()).program
+    program = make_mpc(scenario, kleopatra()).program
     differences = []
     for index in range(3):
         plans = transit_plans(program, scenario, kleopatra(), 4, index)
@@ -90,7 +90,7 @@ def test_files_that_are_not_theirs_are_refused(tmp_path: Path):
 
 def test_plans_with_slack_label_their_start_alone():
     scenario = load_scenario()
-    program = make_controller(scenario, kleopatra()).program
+    program = make_mpc(scenario, kleopatra()).program
     inside = np.array([60e3, 10e3, 0.0, 0.0, 0.0, 0.0])
     plan = program.solve(inside, np.array([160e3, 0.0, 40e3, 0.0, 0.0, 0.0]), iterations=10)
     assert plan.slack > 1e-3

@@ -8,7 +8,7 @@ from flight_folders import copy_flights, flight
 from short_flights import kleopatra
 
 from proxops.diagrams.flight import Workers
-from proxops.diagrams.flight.scenario_systems import make_controller
+from proxops.diagrams.flight.scenario_systems import make_mpc
 from proxops.systems import InputError
 from proxops.training.data.flight_labels import label_flights, labels_along
 
@@ -16,7 +16,7 @@ from proxops.training.data.flight_labels import label_flights, labels_along
 def test_labels_along_the_experts_own_flight_are_its_commands():
     log = flight("a-0")
     states = log.dataset["state"].values[:-1]
-    program = make_controller(log.scenario, kleopatra()).program
+    program = make_mpc(log.scenario, kleopatra()).program
     labels = labels_along(program, states, log.dataset["target"].values[0], 10.0, 10, 300.0)
     commands = log.dataset["mpc_force"].values[:-1]
     for state, command in zip(states, commands, strict=True):
@@ -25,8 +25,8 @@ def test_labels_along_the_experts_own_flight_are_its_commands():
         np.testing.assert_allclose(found[0], command, atol=1e-6)
     # Every eighth plan labels its later knots too.
     whole = -(-len(states) // 8)
-    most = len(states) + whole * (log.scenario.mpc.knots - 1)
-    assert len(states) + whole * (log.scenario.mpc.knots // 4) < len(labels["state"]) <= most
+    most = len(states) + whole * (log.scenario.mpc.intervals - 1)
+    assert len(states) + whole * (log.scenario.mpc.intervals // 4) < len(labels["state"]) <= most
 
 
 def test_labels_are_kept_and_belong_to_their_flight(tmp_path: Path, monkeypatch):

@@ -30,6 +30,7 @@ from synthetic_log import synthetic_log
 from proxops.diagrams.flight.simulation import fly
 from proxops.diagrams.logs.flight_log import VARIABLES, FlightLog, differences, make_dataset
 from proxops.diagrams.logs.flight_summary import fallback_steps
+from proxops.diagrams.meshcat.replay import write_replay
 from proxops.diagrams.scenario.scenario import dump_scenario, load_scenario, parse_scenario
 from proxops.systems import InputError, TransitProgram
 from proxops.systems.common.errors import SolverFailure
@@ -534,3 +535,24 @@ def test_killed_while_writing(tmp_path: Path) -> None:
     killed, unfinished = map(int, done.stdout.split())
     assert killed == 15
     assert unfinished > 0  # Some were in the midst of it.
+
+
+# --- earlier versions -----------------------------------------------------------------------------
+
+
+def test_a_log_of_0_2_0_is_read_and_flown_again(tmp_path: Path) -> None:
+    """Its scenario has keys by names of then."""
+    log = fly(short_scenario(**BRIEF), "mpc", body=kleopatra())
+    old = log.dataset.copy()
+    text = old.attrs["scenario"]
+    for new, then in (("intervals:", "knots:"), ("interval_growth:", "knot_growth:")):
+        assert new in text
+        text = text.replace(new, then)
+    old.attrs["scenario"] = text
+    FlightLog(old, log.body).to_netcdf(tmp_path / "flight.nc")
+    read = FlightLog.load(tmp_path / "flight.nc")
+    assert read.scenario == log.scenario
+    assert read.summary == log.summary
+    write_replay(read, tmp_path / "replay.html")
+    again = fly(read.scenario, read.dataset.attrs["controller"], body=read.body)
+    assert differences(read, again) == []

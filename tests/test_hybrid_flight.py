@@ -13,10 +13,10 @@ from short_flights import PdController, kleopatra, short_scenario
 
 from proxops.cli.fly import _table
 from proxops.cli.main import main
-from proxops.diagrams.flight.campaign import made_with, transit_flights
+from proxops.diagrams.flight.campaign import provenance, transit_flights
 from proxops.diagrams.flight.hybrid_controller import make_hybrid
 from proxops.diagrams.flight.named_controllers import named_controller
-from proxops.diagrams.flight.scenario_systems import make_controller
+from proxops.diagrams.flight.scenario_systems import make_mpc
 from proxops.diagrams.flight.simulation import fly, make_simulator
 from proxops.diagrams.flight.transit_diagram import make_transit_diagram
 from proxops.diagrams.logs.flight_log import FlightLog, differences
@@ -108,7 +108,7 @@ def test_policy_that_is_the_expert(monkeypatch: pytest.MonkeyPatch) -> None:
     """It always agrees, the flight is the expert's, and old plans settle in few iterations."""
     scenario = short_scenario(**BRIEF)
     expert = fly(scenario, "mpc").dataset
-    hybrid = make_hybrid(scenario, kleopatra(), make_controller(scenario, kleopatra()))
+    hybrid = make_hybrid(scenario, kleopatra(), make_mpc(scenario, kleopatra()))
     program = hybrid.GetSubsystemByName("mpc").program  # type: ignore[attr-defined]
     calls: list[int] = []
     solve = program.solve
@@ -318,7 +318,7 @@ def test_another_bundle_by_its_folder(bundle: Path, tmp_path: Path) -> None:
         named_controller(f"hybrid:{tmp_path}/none", scenario, body)
     # A campaign's flights say which policy they are of.
     hashes = {PolicyBundle.load(path).sha256 for path in (bundle, counting)}
-    origins = [made_with(scenario, body, name) for name in ("hybrid", f"hybrid:{counting}")]
+    origins = [provenance(scenario, body, name) for name in ("hybrid", f"hybrid:{counting}")]
     assert {origin.split()[-1] for origin in origins} == hashes
     names = [
         transit_flights(scenario, name, 1, 1)[0].name for name in ("hybrid", f"hybrid:{counting}")
@@ -383,7 +383,7 @@ def test_adaptive_saves_what_fixed_cannot() -> None:
     )  # fmt: skip
     builder = DiagramBuilder()
     blurred = builder.AddSystem(Blurred())
-    expert = builder.AddSystem(make_controller(scenario, kleopatra()))
+    expert = builder.AddSystem(make_mpc(scenario, kleopatra()))
     builder.Connect(blurred.get_output_port(), expert.GetInputPort("state"))
     builder.ExportInput(blurred.get_input_port(), "state")
     builder.ExportInput(expert.GetInputPort("target"), "target")

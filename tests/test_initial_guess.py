@@ -5,7 +5,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from proxops.diagrams.flight.scenario_systems import make_controller
+from proxops.diagrams.flight.scenario_systems import make_mpc
 from proxops.diagrams.scenario.body import load_body
 from proxops.diagrams.scenario.scenario import Scenario
 from proxops.diagrams.scenario.transits import transit_set
@@ -98,7 +98,7 @@ def test_the_cheaper_way_round_is_taken(index):
 
     By the other, the first of them, from pole to pole, would take longer than a success may.
     """
-    program = make_controller(Scenario(), load_body("kleopatra")).program
+    program = make_mpc(Scenario(), load_body("kleopatra")).program
     assert isinstance(program, TransitProgram)
     transit = transit_set(15000, index + 1)[index]
     ends = np.r_[transit.start, np.zeros(3)], np.r_[transit.goal, np.zeros(3)]

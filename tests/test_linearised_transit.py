@@ -8,7 +8,7 @@ import pytest
 from pydrake.solvers import ClarabelSolver, MathematicalProgram, SolutionResult, SolverOptions
 from scipy.linalg import expm
 
-from proxops.diagrams.flight.transit_diagram import make_controller
+from proxops.diagrams.flight.transit_diagram import make_mpc
 from proxops.diagrams.scenario.body import load_body
 from proxops.diagrams.scenario.scenario import Scenario, load_scenario
 from proxops.diagrams.scenario.transits import transit_set
@@ -127,7 +127,7 @@ def program_with_states(program: TransitProgram, state, target, last: Plan, age:
 
 @cache
 def expert() -> TransitProgram:
-    made = make_controller(Scenario(), load_body("kleopatra")).program
+    made = make_mpc(Scenario(), load_body("kleopatra")).program
     assert isinstance(made, TransitProgram)
     return made
 
@@ -221,7 +221,7 @@ def test_limits_out_of_sight_of_the_last_plan_are_kept(speed, excess, monkeypatc
 
 
 def weighted() -> WeightedProgram:
-    made = make_controller(load_scenario(None, ["mpc.cost=weighted"]), load_body("kleopatra"))
+    made = make_mpc(load_scenario(None, ["mpc.cost=weighted"]), load_body("kleopatra"))
     assert isinstance(made.program, WeightedProgram)
     return made.program
 

@@ -8,7 +8,7 @@ from pydrake.common.value import AbstractValue
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Context, Diagram, LeafSystem, System
 
-from proxops.diagrams.flight.scenario_systems import make_controller
+from proxops.diagrams.flight.scenario_systems import make_mpc
 from proxops.diagrams.flight.simulation import make_simulator
 from proxops.diagrams.flight.transit_diagram import make_transit_diagram
 from proxops.diagrams.meshcat import live_view
@@ -69,7 +69,7 @@ def drawn(monkeypatch: pytest.MonkeyPatch) -> list[np.ndarray]:
 
 
 def counting_expert() -> tuple[ModelPredictiveController, CountingProgram]:
-    like = make_controller(Scenario(), BODY).program
+    like = make_mpc(Scenario(), BODY).program
     program = CountingProgram(like.field, like.spin, like.limits, like.horizon)
     return ModelPredictiveController(program, PERIOD), program
 

@@ -9,7 +9,7 @@ from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput, ZeroOrderHold
 
-from proxops.diagrams.flight.scenario_systems import make_controller
+from proxops.diagrams.flight.scenario_systems import make_mpc
 from proxops.diagrams.scenario.body import load_body
 from proxops.diagrams.scenario.scenario import Scenario
 from proxops.systems import (
@@ -53,7 +53,7 @@ class CountingProgram(TransitProgram):
 
 @cache
 def expert() -> ModelPredictiveController:
-    return make_controller(Scenario(), load_body("kleopatra"))
+    return make_mpc(Scenario(), load_body("kleopatra"))
 
 
 def counting_expert() -> tuple[ModelPredictiveController, CountingProgram]:

@@ -5,7 +5,7 @@ import pytest
 from matplotlib.axes import Axes
 from short_flights import kleopatra
 
-from proxops.diagrams.flight.scenario_systems import make_controller
+from proxops.diagrams.flight.scenario_systems import make_mpc
 from proxops.diagrams.plots.plan_plot import plot_plan
 from proxops.diagrams.scenario.scenario import load_scenario
 from proxops.diagrams.scenario.transits import scenario_transit
@@ -17,7 +17,7 @@ def shown():
     scenario, body = load_scenario(None, ["transit.index=1"]), kleopatra()
     transit = scenario_transit(scenario, body)
     ends = np.concatenate([transit.start, np.zeros(3)]), np.concatenate([transit.goal, np.zeros(3)])
-    plan = make_controller(scenario, body).program.solve(*ends, iterations=10)
+    plan = make_mpc(scenario, body).program.solve(*ends, iterations=10)
     return plan, plot_plan(plan, body, scenario).axes
 
 

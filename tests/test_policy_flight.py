@@ -275,8 +275,8 @@ def test_campaign_does_not_mix_policies(tmp_path: Path) -> None:
     bundle = write_policy(tmp_path / "policy", DeadReckoning())
     scenario = brief(bundle)
     [flight] = transit_flights(scenario, "policy", 1, 1)
-    assert PolicyBundle.load(bundle).sha256 in flight.made_with
-    assert "policy" not in campaign.made_with(scenario, kleopatra(), "mpc")
+    assert PolicyBundle.load(bundle).sha256 in flight.provenance
+    assert "policy" not in campaign.provenance(scenario, kleopatra(), "mpc")
     run_campaign([flight], tmp_path / "flights", workers=Workers(1))
     write_policy(bundle, DeadReckoning(derivative=1.0))
     with pytest.raises(InputError, match="of a flight with another"):

@@ -75,7 +75,7 @@ def test_others_that_use_the_cluster_keep_their_work_apart(scheduler: str) -> No
     """Though their pieces have the same names; their results are still held."""
     pieces = [Flight(name, name.upper(), "mpc", "") for name in ("ab", "cd", "ef")]
     with Client(scheduler, set_as_default=False) as other:
-        held = [other.submit(attrgetter("made_with"), piece, key=piece.name) for piece in pieces]
+        held = [other.submit(attrgetter("provenance"), piece, key=piece.name) for piece in pieces]
         assert [future.result() for future in held] == ["", "", ""]
         done = dict(Workers(scheduler=scheduler).results(pieces, attrgetter("scenario")))
     assert done == {"ab": "AB", "cd": "CD", "ef": "EF"}

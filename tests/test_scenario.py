@@ -1,6 +1,7 @@
 """Scenario and body files: what is read, what is written back, and what is refused and how."""
 
 import dataclasses as dc
+import re
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +26,7 @@ from proxops.diagrams.scenario.scenario import (
     Scenario,
     SpacecraftConfig,
     TransitConfig,
+    change_scenario,
     check_scenario,
     dump_scenario,
     load_scenario,
@@ -130,10 +132,10 @@ def test_dump_holds_every_key_and_loads_from_a_file(tmp_path: Path) -> None:
 
 
 def test_file_over_defaults(tmp_path: Path) -> None:
-    path = write(tmp_path, "spacecraft: {mass_kg: 1e3}\nmpc:\n  knots: 12  # fewer\n")
+    path = write(tmp_path, "spacecraft: {mass_kg: 1e3}\nmpc:\n  intervals: 12  # fewer\n")
     expected = Scenario()
     expected.spacecraft.mass_kg = 1000.0
-    expected.mpc.knots = 12
+    expected.mpc.intervals = 12
     assert load_scenario(path) == expected
     assert load_scenario(str(path)) == expected
 
@@ -239,7 +241,7 @@ def test_directory_and_missing_file(tmp_path: Path) -> None:
         ("spacecraft.mass", "mass_kg"),
         ("spacecraft.thrust_limit", "thrust_limit_n"),
         ("lidar.noise_std_km", "noise_std_m"),
-        ("mpc.knot", "knots"),
+        ("mpc.interval", "intervals"),
         ("disturbance.reset_period", "reset_period_s"),
         ("transit.start", "start_m"),
         ("arrival.radius", "radius_m"),
@@ -269,8 +271,8 @@ def test_unknown_key_gives_the_nearest(tmp_path: Path, key: str, nearest: str) -
         ("disturbance=3", "disturbance needs `key: value` lines, got 3"),
         ("disturbance=!Earthquake {}", "disturbance cannot be !Earthquake"),
         ("spacecraft=!Boat {}", "spacecraft cannot be !Boat"),
-        ("mpc.knots=3.5", "mpc.knots needs a whole number, got 3.5"),
-        ("mpc.knots=1e1", "mpc.knots needs a whole number, got '1e1'"),
+        ("mpc.intervals=3.5", "mpc.intervals needs a whole number, got 3.5"),
+        ("mpc.intervals=1e1", "mpc.intervals needs a whole number, got '1e1'"),
         ("noise_seed=true", "noise_seed needs a whole number"),
         ("control_period_s=2026-01-01", "control_period_s needs a number"),
         ("body=3", "body needs a text, got 3"),
@@ -291,7 +293,7 @@ POSITIVE = [
     "spacecraft.thrust_limit_n",
     "spacecraft.speed_limit_m_s",
     "lidar.max_range_m",
-    "mpc.knot_growth",
+    "mpc.interval_growth",
     "mpc.nominal_acceleration_m_s2",
     "mpc.min_horizon_s",
     "disturbance.reset_period_s",
@@ -341,7 +343,7 @@ def test_zero_where_it_makes_sense(key: str) -> None:
         (["noise_seed=-1"], "noise_seed must not be negative"),
         (["transit.seed=-1"], "transit.seed must not be negative"),
         (["transit.index=-1"], "transit.index must not be negative"),
-        (["mpc.knots=1"], "mpc.knots must be at least 2"),
+        (["mpc.intervals=1"], "mpc.intervals must be at least 2"),
         (["mpc.cold_iterations=0"], "mpc.cold_iterations must be positive"),
         (["transit.min_distance_m=2e5"], "transit.min_distance_m must be below"),
         (["transit.start_m=[1, 2, 3]"], "transit needs start_m and goal_m"),
@@ -469,3 +471,43 @@ def test_hint_of_the_ellipsoid_suffices(rock) -> None:
         load_body(rock(keep_out_semi_axes_m=axes.tolist()))
     factor = float(str(caught.value).split("semi-axes ")[1].split()[0])
     load_body(rock(keep_out_semi_axes_m=(axes * (factor + 1e-3)).tolist()))
+
+
+# --- earlier versions -----------------------------------------------------------------------------
+
+# What 0.2.0 wrote for `Scenario()`, shortened to what differs from today or is near to it.
+OLD_SCENARIO = """\
+body: kleopatra
+spacecraft: {mass_kg: 100.0, thrust_limit_n: 7.0, speed_limit_m_s: 40.0}
+lidar: !LidarConfig {planes: 12, rays: 360, max_range_m: 350000.0, noise_std_m: 50.0}
+mpc:
+  knots: 12
+  knot_growth: 3.0
+  nominal_acceleration_m_s2: 0.03
+  fuel_weight: 0.8
+disturbance: null
+control_period_s: 10.0
+"""
+
+
+def test_a_stored_scenario_of_0_2_0_is_read() -> None:
+    scenario = parse_scenario(OLD_SCENARIO)
+    expected = Scenario()
+    expected.mpc.intervals, expected.mpc.interval_growth = 12, 3.0
+    assert scenario == expected
+    assert parse_scenario(dump_scenario(scenario)) == scenario
+
+
+@pytest.mark.parametrize(
+    ("old", "new"), [("mpc.knots", "mpc.intervals"), ("mpc.knot_growth", "mpc.interval_growth")]
+)
+def test_an_old_name_is_refused_with_the_new_one(old: str, new: str, tmp_path: Path) -> None:
+    message = f"{old} is called {new} now"
+    with pytest.raises(InputError, match=f"^scenario: {re.escape(message)}$"):
+        load_scenario(None, {old: 12})
+    with pytest.raises(InputError, match=re.escape(message)):
+        load_scenario(None, [f"{old}=12"])
+    with pytest.raises(InputError, match=re.escape(message)):
+        load_scenario(write(tmp_path, f"mpc:\n  {old.removeprefix('mpc.')}: 12\n"))
+    with pytest.raises(InputError, match=re.escape(message)):
+        change_scenario(Scenario(), {old: 12})

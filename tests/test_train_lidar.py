@@ -167,6 +167,6 @@ def test_a_bundle_of_another_geometry_does_not_fly(scenario_file: Path):
 
 
 def test_a_campaign_knows_its_bundle(out: Path, scenario_file: Path):
-    made_with = transit_flights(load_scenario(scenario_file), "mpc", 5, 1)[0].made_with
-    assert LidarBundle.load(out / "bundle").sha256 in made_with
-    assert "lidar" not in transit_flights(load_scenario(), "mpc", 5, 1)[0].made_with
+    provenance = transit_flights(load_scenario(scenario_file), "mpc", 5, 1)[0].provenance
+    assert LidarBundle.load(out / "bundle").sha256 in provenance
+    assert "lidar" not in transit_flights(load_scenario(), "mpc", 5, 1)[0].provenance

@@ -9,7 +9,7 @@ from pydrake.systems.framework import Diagram, System
 from pydrake.systems.primitives import ZeroOrderHold
 from short_flights import BRIEF, PdController, Scripted, disturbed_flight, kleopatra, short_scenario
 
-from proxops.diagrams.flight.scenario_systems import make_controller
+from proxops.diagrams.flight.scenario_systems import make_mpc
 from proxops.diagrams.flight.simulation import fly, make_simulator
 from proxops.diagrams.flight.transit_diagram import make_transit_diagram
 from proxops.systems import InputError, Lidar, ModelPredictiveController, TransitProgram
@@ -239,6 +239,6 @@ def test_disturbed_sum_is_clipped() -> None:
 
 def test_make_controller_is_of_the_scenario() -> None:
     scenario = short_scenario(control_period_s=5.0, spacecraft__thrust_limit_n=3.0)
-    controller = make_controller(scenario, kleopatra())
+    controller = make_mpc(scenario, kleopatra())
     assert controller.period == 5.0
     assert controller.program.limits.thrust == 3.0

@@ -8,7 +8,7 @@ import trimesh
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicHermiteSpline
 
-from proxops.diagrams.flight.scenario_systems import make_controller
+from proxops.diagrams.flight.scenario_systems import make_mpc
 from proxops.diagrams.scenario.body import load_body
 from proxops.diagrams.scenario.scenario import Scenario
 from proxops.diagrams.scenario.transits import transit_set
@@ -31,7 +31,7 @@ MASS, THRUST, SPEED = 100.0, 7.0, 40.0
 
 @cache
 def program() -> TransitProgram:
-    made = make_controller(Scenario(), load_body("kleopatra")).program
+    made = make_mpc(Scenario(), load_body("kleopatra")).program
     assert isinstance(made, TransitProgram)
     return made
 

@@ -86,7 +86,7 @@ def test_function_of_seed_number_and_scenario_alone(transits: list[Transit]) -> 
     alone = draw_transit(10000, 57, Scenario(), kleopatra())
     assert same(alone, transits[57])
     # What the rules don't speak of changes nothing.
-    other = load_scenario(None, {"noise_seed": 9, "mpc.knots": 8, "transit.index": 3})
+    other = load_scenario(None, {"noise_seed": 9, "mpc.intervals": 8, "transit.index": 3})
     assert same(draw_transit(10000, 57, other, kleopatra()), transits[57])
 
 

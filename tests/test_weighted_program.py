@@ -8,7 +8,7 @@ from scipy.linalg import expm
 from scipy.optimize import minimize
 from short_flights import short_scenario
 
-from proxops.diagrams.flight.scenario_systems import make_controller
+from proxops.diagrams.flight.scenario_systems import make_mpc
 from proxops.diagrams.flight.simulation import fly
 from proxops.diagrams.scenario.body import load_body
 from proxops.diagrams.scenario.scenario import (
@@ -113,7 +113,7 @@ def weighted(*overrides: str) -> Scenario:
 def test_limits_hold_at_every_knot(index):
     """Transits 1 and 4 have the body in the way."""
     scenario = weighted()
-    program = make_controller(scenario, load_body("kleopatra")).program
+    program = make_mpc(scenario, load_body("kleopatra")).program
     transit = transit_set(77, 5)[index]
     start, target = (np.append(end, np.zeros(3)) for end in (transit.start, transit.goal))
     plan = program.solve(start, target, iterations=15)
@@ -129,7 +129,7 @@ def test_limits_hold_at_every_knot(index):
 
 
 def test_out_of_reach_uses_slack_instead_of_failing():
-    program = make_controller(weighted(), load_body("kleopatra")).program
+    program = make_mpc(weighted(), load_body("kleopatra")).program
     fast = np.array([120e3, -90e3, 10e3, 70.0, 0.0, -55.0])
     plan = program.solve(fast, np.array([120e3, 90e3, 0.0, 0.0, 0.0, 0.0]), iterations=5)
     assert plan.slack > 0.1
@@ -182,9 +182,9 @@ def test_flown_it_comes_near_its_goal():
 
 def test_scenario_chooses_the_cost():
     body = load_body("kleopatra")
-    assert isinstance(make_controller(Scenario(), body).program, TransitProgram)
+    assert isinstance(make_mpc(Scenario(), body).program, TransitProgram)
     scenario = weighted("mpc.weighted.horizon_s=900", "mpc.weighted.speed_error_m_s=7")
-    program = make_controller(scenario, body).program
+    program = make_mpc(scenario, body).program
     assert isinstance(program, WeightedProgram)
     assert program.horizon.minimum == 900.0
     assert parse_scenario(dump_scenario(scenario)) == scenario

@@ -6,14 +6,14 @@ controller needs nothing here: it says itself what it logs and draws (see
 docs/how_to/own_controller.md).
 """
 
-from proxops.diagrams.flight.adversarial_flights import ADVERSARIES, Pilot, adversarial_flight
+from proxops.diagrams.flight.adversarial_flights import ADVERSARIES, Adversary, adversarial_flight
 from proxops.diagrams.flight.campaign import (
     Flight,
     Row,
     body_sha256,
     controller_label,
     file_label,
-    made_with,
+    provenance,
     run_campaign,
     run_groups,
     transit_flights,
@@ -22,14 +22,14 @@ from proxops.diagrams.flight.campaign import (
 from proxops.diagrams.flight.hybrid_controller import make_hybrid
 from proxops.diagrams.flight.named_controllers import named_controller
 from proxops.diagrams.flight.parallel import Workers
-from proxops.diagrams.flight.scenario_systems import bundle_of, make_backup, make_controller
+from proxops.diagrams.flight.scenario_systems import bundle_of, make_backup, make_mpc
 from proxops.diagrams.flight.simulation import fly
 from proxops.diagrams.flight.transit_diagram import make_transit_diagram
 
 __all__ = [
     "ADVERSARIES",
+    "Adversary",
     "Flight",
-    "Pilot",
     "Row",
     "Workers",
     "adversarial_flight",
@@ -38,12 +38,12 @@ __all__ = [
     "controller_label",
     "file_label",
     "fly",
-    "made_with",
     "make_backup",
-    "make_controller",
     "make_hybrid",
+    "make_mpc",
     "make_transit_diagram",
     "named_controller",
+    "provenance",
     "run_campaign",
     "run_groups",
     "transit_flights",

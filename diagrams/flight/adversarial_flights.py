@@ -1,4 +1,6 @@
-"""Flights whose pilot means harm, with runtime assurance or without: plain functions, no diagram.
+"""Flights by adversaries: controllers that try to do harm, with runtime assurance or without it.
+
+These are plain functions; no Diagram is made.
 
 The motion is integrated by `predicted_state` with polyhedral gravity, which shares nothing with the
 assurance's own prediction.
@@ -19,28 +21,28 @@ from proxops.systems.assurance import BackupBraking
 from proxops.systems.shapes import clearances
 from proxops.systems.vehicle import predicted_state
 
-# Steps for which the pilot along the surface holds its course, at most.
+# The adversary along the surface holds its course for so many steps at most.
 _LONGEST_COURSE = 60
 # Share of the sets' starts that are this near to the ellipsoid (m).
 _NEAR_SHARE, _NEAR = 0.5, 8e3
 
-Pilot = Callable[[np.ndarray], np.ndarray]
-"""A force (3,) in N for a state (6,)."""
+Adversary = Callable[[np.ndarray], np.ndarray]
+"""Gives a force (3,) in N for a state (6,)."""
 
 
-def _at_the_body(backup: BackupBraking, random: np.random.Generator) -> Pilot:
+def _at_the_body(backup: BackupBraking, random: np.random.Generator) -> Adversary:
     """Full thrust towards the body's centre."""
     limit = backup.limits.thrust
     return lambda state: -limit * state[:3] / np.abs(state[:3]).max()
 
 
-def _random(backup: BackupBraking, random: np.random.Generator) -> Pilot:
+def _random(backup: BackupBraking, random: np.random.Generator) -> Adversary:
     """Any force at each step."""
     limit = backup.limits.thrust
     return lambda state: random.uniform(-limit, limit, 3)
 
 
-def _sign_flipped(backup: BackupBraking, random: np.random.Generator) -> Pilot:
+def _sign_flipped(backup: BackupBraking, random: np.random.Generator) -> Adversary:
     """A controller that would leave the body at the speed limit, its force with the wrong sign."""
     limits = backup.limits
 
@@ -52,7 +54,7 @@ def _sign_flipped(backup: BackupBraking, random: np.random.Generator) -> Pilot:
     return force
 
 
-def _along_the_surface(backup: BackupBraking, random: np.random.Generator) -> Pilot:
+def _along_the_surface(backup: BackupBraking, random: np.random.Generator) -> Adversary:
     """Full thrust on all axes along the surface and a little inwards, now this way, now that."""
     limit, left, course = backup.limits.thrust, 0, np.zeros(3)
 
@@ -69,7 +71,7 @@ def _along_the_surface(backup: BackupBraking, random: np.random.Generator) -> Pi
     return force
 
 
-ADVERSARIES: dict[str, Callable[[BackupBraking, np.random.Generator], Pilot]] = {
+ADVERSARIES: dict[str, Callable[[BackupBraking, np.random.Generator], Adversary]] = {
     "at the body": _at_the_body,
     "random": _random,
     "sign flipped": _sign_flipped,
@@ -86,7 +88,7 @@ class AdversarialFlight:
     forces: np.ndarray
     """(N, 3) in N, as flown."""
     commands: np.ndarray
-    """(N, 3) in N, as the pilot wanted."""
+    """(N, 3) in N, as the adversary commanded."""
     clearance: float
     """The least, in m, along the whole path."""
     speed: float
@@ -114,7 +116,7 @@ def random_admitted_state(
 def adversarial_flight(
     scenario: Scenario,
     body: Body,
-    adversary: str,
+    name: str,
     seed: int,
     steps: int = 600,
     assured: bool = True,
@@ -122,17 +124,18 @@ def adversarial_flight(
     """Flies one adversary from a random admitted state; a function of its arguments.
 
     Args:
-      adversary: a name of `ADVERSARIES`. seed: of the start and of what the pilot draws.
+      name: one of `ADVERSARIES`.
+      seed: of the start and of what the adversary draws.
     """
     backup = make_backup(scenario, body, scenario.assurance or AssuranceConfig())
     random = np.random.default_rng(seed)
     state = random_admitted_state(backup, scenario.transit.cube_m, random)
-    pilot = ADVERSARIES[adversary](backup, random)
+    adversary = ADVERSARIES[name](backup, random)
     period, limits = scenario.control_period_s, backup.limits
     states, forces, commands, seconds = [state], [], [], np.zeros(steps)
     speed = 0.0
     for step in range(steps):
-        command = pilot(state)
+        command = adversary(state)
         force = command
         if assured:
             started = time.thread_time()

@@ -53,7 +53,7 @@ class Flight:
     """YAML of the whole scenario."""
     controller: str
     """As `named_controller` knows it."""
-    made_with: str
+    provenance: str
     """Version of proxops, hash of the body, and of the bundles of a learned lidar and of the
     policy, or of the file of a controller of one's own, if they fly: flights made with others are
     not mixed in."""
@@ -70,8 +70,8 @@ def version_and_body(body: Body) -> str:
     return f"proxops {metadata.version('proxops')}, body {body_sha256(body)}"
 
 
-def made_with(scenario: Scenario, body: Body, controller: str) -> str:
-    """What a flight's `made_with` says of flights of this scenario by this version.
+def provenance(scenario: Scenario, body: Body, controller: str) -> str:
+    """What a flight's `provenance` says of flights of this scenario by this version.
 
     Raises:
       InputError: no such bundle, or no such module.
@@ -94,9 +94,9 @@ def transit_flights(scenario: Scenario, controller: str, seed: int, count: int) 
     A start and a goal of the scenario's own are left out; its start velocity is every flight's.
 
     Raises:
-      InputError: see `made_with`.
+      InputError: see `provenance`.
     """
-    origin = made_with(scenario, load_body(scenario.body), controller)
+    origin = provenance(scenario, load_body(scenario.body), controller)
     label = controller_label(controller)
     flights = []
     for index in range(count):

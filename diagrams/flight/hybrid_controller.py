@@ -8,7 +8,7 @@ import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, System
 from pydrake.systems.primitives import ConstantVectorSource
 
-from proxops.diagrams.flight.scenario_systems import make_controller
+from proxops.diagrams.flight.scenario_systems import make_mpc
 from proxops.diagrams.scenario import Body, Scenario
 from proxops.systems import (
     AgreementGate,
@@ -66,7 +66,7 @@ def make_hybrid(scenario: Scenario, body: Body, policy: System) -> HybridControl
     )
     seed = derived_seed(scenario.noise_seed, transit.seed, transit.index, _STATE_NOISE_STREAM)
     noise = StateNoise(position_std, velocity_std, period, seed)
-    return HybridController(make_controller(scenario, body), policy, selector, noise)
+    return HybridController(make_mpc(scenario, body), policy, selector, noise)
 
 
 def zero_hybrid(scenario: Scenario, body: Body) -> HybridController:

@@ -16,8 +16,8 @@ from proxops.diagrams.flight.hybrid_controller import make_hybrid
 from proxops.diagrams.flight.scenario_systems import (
     WITH_BUNDLE,
     bundle_of,
-    make_controller,
     make_estimate_feedback,
+    make_mpc,
     make_policy,
     make_proportional_derivative,
 )
@@ -39,7 +39,7 @@ def named_controller(name: str, scenario: Scenario, body: Body) -> System:
         fails.
     """
     if name == "mpc":
-        return make_controller(scenario, body)
+        return make_mpc(scenario, body)
     bundle = bundle_of(name, scenario)
     if bundle is not None:
         if name.startswith("pd"):

@@ -33,7 +33,7 @@ from proxops.systems import (
 _SHIPPED_POLICY = ASSETS / "policy"
 
 
-def make_controller(scenario: Scenario, body: Body) -> ModelPredictiveController:
+def make_mpc(scenario: Scenario, body: Body) -> ModelPredictiveController:
     """The expert, as the scenario configures it."""
     craft, mpc = scenario.spacecraft, scenario.mpc
     field = PointMassField(body.gravity_field.mass) if mpc.point_mass else body.gravity_field
@@ -44,8 +44,8 @@ def make_controller(scenario: Scenario, body: Body) -> ModelPredictiveController
         keep_out_semi_axes=body.keep_out_semi_axes + mpc.keep_out_margin_m,
     )
     horizon = Horizon(
-        intervals=mpc.knots,
-        interval_growth=mpc.knot_growth,
+        intervals=mpc.intervals,
+        interval_growth=mpc.interval_growth,
         nominal_acceleration=mpc.nominal_acceleration_m_s2,
         fuel_weight=mpc.fuel_weight,
         minimum=mpc.min_horizon_s,

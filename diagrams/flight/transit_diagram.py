@@ -15,7 +15,7 @@ from pydrake.systems.primitives import (
 
 from proxops.diagrams.flight.estimate_feedback import EstimateFeedback
 from proxops.diagrams.flight.hybrid_controller import HybridController
-from proxops.diagrams.flight.scenario_systems import make_backup, make_controller, make_lidar
+from proxops.diagrams.flight.scenario_systems import make_backup, make_lidar, make_mpc
 from proxops.diagrams.logs import KEEP_OUT_TOLERANCE
 from proxops.diagrams.meshcat import LiveView, Scene, add_live_view
 from proxops.diagrams.scenario import Body, Scenario, load_body, scenario_transit
@@ -81,7 +81,7 @@ def make_transit_diagram(
     """
     body = body or load_body(scenario.body)
     transit = scenario_transit(scenario, body)
-    pilot: System = make_controller(scenario, body) if controller is None else controller
+    pilot: System = make_mpc(scenario, body) if controller is None else controller
     if not pilot.get_name():
         pilot.set_name("controller")
     period = scenario.control_period_s

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from pydrake.common.yaml import yaml_dump_typed
 
+from proxops.diagrams.scenario.renamed_keys import refuse_renamed, translate_renamed
 from proxops.diagrams.scenario.scenario_checks import check_scenario
 from proxops.diagrams.scenario.scenario_config import (
     ArrivalConfig,
@@ -76,6 +77,7 @@ def load_scenario(
         if path is not None and isinstance(part, dict) and isinstance(part.get("bundle"), str):
             part["bundle"] = str((Path(path).parent / part["bundle"]).resolve())
     apply_overrides(tree, overrides)
+    refuse_renamed(tree, source)
     scenario = load_typed(Scenario, tree, source)
     check_scenario(scenario, source)
     if isinstance(scenario.lidar, LearnedLidarConfig):
@@ -93,8 +95,16 @@ def dump_scenario(scenario: Scenario) -> str:
 
 
 def parse_scenario(text: str, source: str = "scenario") -> Scenario:
-    """The scenario in a YAML text, for instance one that `dump_scenario` wrote."""
-    scenario = load_typed(Scenario, parse_mapping(text, source), source)
+    """Reads the scenario in a YAML text that this or an earlier version wrote.
+
+    Logs, manifests and campaigns hold such texts. Keys by their old names are translated.
+
+    Raises:
+      InputError: the text is no scenario; see `load_scenario`.
+    """
+    tree = parse_mapping(text, source)
+    translate_renamed(tree)
+    scenario = load_typed(Scenario, tree, source)
     check_scenario(scenario, source)
     return scenario
 
@@ -110,6 +120,7 @@ def change_scenario(scenario: Scenario, changes: typing.Mapping[str, typing.Any]
     """
     tree = parse_mapping(dump_scenario(scenario), "scenario")
     apply_overrides(tree, changes)
+    refuse_renamed(tree, "scenario")
     changed = load_typed(Scenario, tree, "scenario")
     check_scenario(changed, "scenario")
     return changed

@@ -59,10 +59,10 @@ def check_scenario(scenario: Scenario, source: str = "scenario") -> None:
     chances = ("dropout", "false_returns")
     each("lidar", chances, lambda value: value <= 1, "must be at most 1, a chance")
     positive(
-        "mpc", "knots", "knot_growth", "nominal_acceleration_m_s2", "min_horizon_s",
+        "mpc", "intervals", "interval_growth", "nominal_acceleration_m_s2", "min_horizon_s",
         "cold_iterations",
     )  # fmt: skip
-    need(scenario.mpc.knots >= 2, "mpc.knots", "must be at least 2")
+    need(scenario.mpc.intervals >= 2, "mpc.intervals", "must be at least 2")
     need(
         scenario.mpc.cost in COSTS,
         "mpc.cost",

@@ -81,9 +81,9 @@ class MpcConfig:
     """The expert: see `proxops.systems.ModelPredictiveController`."""
 
     # Intervals of the plan, each with a constant force.
-    knots: int = 16
+    intervals: int = 16
     # Length of the plan's last interval over that of its first.
-    knot_growth: float = 4.0
+    interval_growth: float = 4.0
     # Sets the price of time: without gravity and fuel weight, transits take as long as with this
     # acceleration, one way and then the other.
     nominal_acceleration_m_s2: float = 0.03

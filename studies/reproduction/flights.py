@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from proxops.diagrams.flight import Row, make_controller
+from proxops.diagrams.flight import Row, make_mpc
 from proxops.diagrams.logs import FlightLog
 from proxops.diagrams.scenario import Scenario
 from proxops.studies.evaluation import EXPERT, Variant
@@ -104,7 +104,7 @@ def expert_forces(log: FlightLog) -> np.ndarray:
     Solved after the flight, at its true states; NaN where the solver finds nothing.
     """
     scenario = log.scenario
-    program = make_controller(scenario, log.body).program
+    program = make_mpc(scenario, log.body).program
     states, target = log.dataset["state"].values[:-1], log.dataset["target"].values[0]
     period, cold = scenario.control_period_s, scenario.mpc.cold_iterations
     plans = plans_along(program, states, target, period, cold)

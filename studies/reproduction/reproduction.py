@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from proxops.diagrams.flight import Workers, bundle_of, made_with
+from proxops.diagrams.flight import Workers, bundle_of, provenance
 from proxops.diagrams.logs import FlightLog
 from proxops.diagrams.scenario import PolicyConfig, Scenario, dump_scenario, load_body
 from proxops.studies.evaluation import (
@@ -228,7 +228,7 @@ def _origin(
         "scenario": dump_scenario(dc.replace(scenario, policy=PolicyConfig())),
         "variants": [
             dc.asdict(each)
-            | {"controller": made_with(each.applied_to(scenario), body, each.controller)}
+            | {"controller": provenance(each.applied_to(scenario), body, each.controller)}
             for each in flown
         ],
         "seed": settings.seed,

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from proxops.diagrams.flight import Flight, Row, body_sha256, made_with
+from proxops.diagrams.flight import Flight, Row, body_sha256, provenance
 from proxops.diagrams.logs import FlightLog
 from proxops.diagrams.scenario import Body, LearnedLidarConfig, Scenario, dump_scenario
 from proxops.systems.common import InputError, file_sha256
@@ -41,7 +41,7 @@ def collection_flights(
       InputError: a flight's transit or start is not found, or the learned lidar cannot be used.
     """
     disturbed = scenario if learned_lidar is None else dc.replace(scenario, lidar=learned_lidar)
-    origins = [made_with(wanted, body, "mpc") for wanted in (scenario, disturbed)]
+    origins = [provenance(wanted, body, "mpc") for wanted in (scenario, disturbed)]
     flights = []
     for index in range(count):
         kind = kind_of(mix, index)

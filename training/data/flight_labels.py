@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from proxops.diagrams.flight import Workers, make_controller
+from proxops.diagrams.flight import Workers, make_mpc
 from proxops.diagrams.logs import FlightLog
 from proxops.systems.common import SolverFailure, file_sha256, make_folder
 from proxops.systems.expert import Plan, PlanProgram
@@ -112,7 +112,7 @@ def plans_along(
 def _label(piece: _Piece, folder: Path) -> int:
     log = FlightLog.load(piece.log)
     scenario = log.scenario
-    expert = make_controller(scenario, log.body)
+    expert = make_mpc(scenario, log.body)
     labels = labels_along(
         expert.program,
         log.dataset["state"].values[:-1],

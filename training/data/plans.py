@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from proxops.diagrams.flight import Workers, make_controller, version_and_body
+from proxops.diagrams.flight import Workers, make_mpc, version_and_body
 from proxops.diagrams.scenario import Body, Scenario, dump_scenario, load_body, parse_scenario
 from proxops.systems.common import SolverFailure, derived_seed, generator, make_folder
 from proxops.systems.expert import Plan, PlanProgram
@@ -157,7 +157,7 @@ def _ends(
 def _compute(portion: Portion, folder: Path) -> int:
     scenario = parse_scenario(portion.scenario)
     body = _body(scenario.body)
-    program = make_controller(scenario, body).program
+    program = make_mpc(scenario, body).program
     plans = []
     for index in range(portion.first, portion.first + portion.count):
         plans += transit_plans(program, scenario, body, portion.seed, index)

@@ -15,7 +15,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from proxops.diagrams.flight import Flight, Row, Workers, made_with, run_campaign
+from proxops.diagrams.flight import Flight, Row, Workers, provenance, run_campaign
 from proxops.diagrams.scenario import Scenario, dump_scenario, is_blocked, load_body, of_transit
 from proxops.systems.common import InputError, silent, write_whole
 from proxops.training.data import at_rest, label_flights, pack_flights
@@ -169,7 +169,7 @@ def dagger_flights(
     seed = settings.seed + number - 1
     policy = dc.replace(scenario.policy, bundle=str(bundle.resolve()))
     plain = dc.replace(scenario, policy=policy, log_ranges=False)
-    origin = made_with(plain, body, "policy")
+    origin = provenance(plain, body, "policy")
     flights = []
     for index in _chosen_transits(settings.flights):
         text = dump_scenario(at_rest(of_transit(plain, seed, index)))
