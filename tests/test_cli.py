@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +17,12 @@ from test_flight_log import SUMMARY
 
 from proxops.cli.fly import _table
 from proxops.cli.main import main
+from proxops.diagrams.flight.transit_diagram import make_transit_diagram
 from proxops.diagrams.logs.flight_log import FlightLog, differences
 from proxops.diagrams.logs.flight_summary import length_text
+from proxops.diagrams.scenario.body import load_body
+from proxops.diagrams.scenario.scenario import load_scenario
+from proxops.systems import InputError
 
 BRIEF = [
     "--set",
@@ -309,8 +314,21 @@ def zero_volume() -> trimesh.Trimesh:
         (blob, {"keep_out_semi_axes_m": [140e3, 70e3, 40e3]}, ["sticks out"]),
     ],
 )
-@pytest.mark.parametrize("command", ["fly", "evaluate"])
 def test_bad_body(
+    tmp_path: Path, mesh: Callable[[], trimesh.Trimesh], changes: dict[str, Any], words: list[str]
+) -> None:
+    path = write_blob(tmp_path, mesh(), **changes)
+    with pytest.raises(InputError) as caught:
+        load_body(path)
+    assert all(word in str(caught.value) for word in words)
+
+
+@pytest.mark.parametrize(
+    ("mesh", "changes", "words"),
+    [(with_holes, {}, ["blob.obj", "holes"]), (blob, {"colour": "grey"}, ["no key 'colour'"])],
+)
+@pytest.mark.parametrize("command", ["fly", "evaluate"])
+def test_bad_body_of_a_command(
     run, tmp_path: Path, command: str, mesh, changes: dict[str, Any], words: list[str]
 ) -> None:
     write_blob(tmp_path, mesh(), **changes)
@@ -347,9 +365,25 @@ def test_a_transit_of_a_seed_and_ends_of_its_own(run, option: str) -> None:
         (["mpc.intervals=1"], ["mpc.intervals"]),
     ],
 )
-def test_bad_setting(run, tmp_path: Path, settings: list[str], words: list[str]) -> None:
+def test_bad_setting(settings: list[str], words: list[str]) -> None:
+    with pytest.raises(InputError) as caught:
+        make_transit_diagram(load_scenario(None, settings))
+    assert all(word in str(caught.value) for word in words)
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        (["spacecraft.mas_kg=3"], ["no key 'mas_kg'", "nearest is 'mass_kg'"]),
+        (["body=itokawa"], ["'itokawa' does not ship with proxops"]),
+    ],
+)
+@pytest.mark.parametrize("command", ["fly", "evaluate"])
+def test_bad_setting_of_a_command(
+    run, tmp_path: Path, command: str, settings: list[str], words: list[str]
+) -> None:
     options = [part for setting in settings for part in ("--set", setting)]
-    refused(run("fly", *options, "--out", "out"), *words)
+    refused(run(command, *options, "--out", "out"), *words)
     assert entries(tmp_path) == set()
 
 
@@ -367,8 +401,21 @@ def test_bad_setting(run, tmp_path: Path, settings: list[str], words: list[str])
         ("mpc: 3\n", ["mpc"]),
     ],
 )
+def test_bad_scenario(tmp_path: Path, content: str, words: list[str]) -> None:
+    (tmp_path / "bad.yaml").write_text(content)
+    with pytest.raises(InputError) as caught:
+        load_scenario(tmp_path / "bad.yaml")
+    assert all(word in str(caught.value) for word in ["bad.yaml", *words])
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [("a: [1, 2\n", ["is not YAML"]), ("masss: 3\n", ["no key 'masss'", "nearest"])],
+)
 @pytest.mark.parametrize("command", ["fly", "evaluate"])
-def test_bad_scenario(run, tmp_path: Path, command: str, content: str, words: list[str]) -> None:
+def test_bad_scenario_of_a_command(
+    run, tmp_path: Path, command: str, content: str, words: list[str]
+) -> None:
     (tmp_path / "bad.yaml").write_text(content)
     refused(run(command, "bad.yaml", "--out", "out"), "bad.yaml", *words)
     assert entries(tmp_path) == {"bad.yaml"}
