@@ -139,19 +139,23 @@ def _draw(report: ShapeReport, path: Path) -> None:
 def _print(report: ShapeReport, findings: dict[str, Any], where: Console) -> None:
     from proxops.diagrams.new_body import figure_rows
 
+    def say(text: str) -> None:
+        """Prints one line, however long: whoever reads it from a pipe finds whole sentences."""
+        where.print(text, highlight=False, soft_wrap=True)
+
     for defect in findings.get("before", {}).get("defects", []):
-        where.print(f"was: {defect['text']}", highlight=False)
+        say(f"was: {defect['text']}")
     repair = findings.get("repair", {})
     for action in repair.get("actions", []):
-        where.print(f"done: {action}", highlight=False)
+        say(f"done: {action}")
     if "out" in repair:
-        where.print(f"Wrote {repair['out']}" if repair["actions"] else "nothing had to be mended")
+        say(f"Wrote {repair['out']}" if repair["actions"] else "nothing had to be mended")
     if "refused" in repair:
-        where.print(f"not mended: {repair['refused']}", highlight=False)
+        say(f"not mended: {repair['refused']}")
     for defect in report.defects:
-        where.print(f"defect: {defect.about(report.file.name)}", highlight=False)
+        say(f"defect: {defect.about(report.file.name)}")
     for remark in report.remarks:
-        where.print(f"note: {remark}", highlight=False)
+        say(f"note: {remark}")
     verdict = "sound" if report.sound else f"{len(report.defects)} kinds of defects"
     title = f"{report.file.name} ({report.file.format}): {verdict}"
     if where is console:

@@ -15,6 +15,7 @@ from short_flights import blob, kleopatra, kleopatra_flight, short_scenario, wri
 from synthetic_log import synthetic_log
 from test_flight_log import SUMMARY
 
+from proxops.cli.common import console
 from proxops.cli.fly import _table
 from proxops.cli.main import main
 from proxops.diagrams.flight.transit_diagram import make_transit_diagram
@@ -50,7 +51,7 @@ def run(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], tmp_
     """`proxops ARGUMENTS` in this process, working in a folder of its own."""
     kleopatra().gravity_field.evaluate(np.ones((1, 3)))  # Compiled by now, which would be told.
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("COLUMNS", "200")
+    monkeypatch.setattr(console, "width", 200)
 
     def proxops(*arguments: object) -> Ran:
         monkeypatch.setattr(sys, "argv", ["proxops", *map(str, arguments)])

@@ -14,6 +14,7 @@ from plain_polyhedral_gravity import star_shaped
 from short_flights import kleopatra, obj_text
 
 from proxops.assets import asset_path
+from proxops.cli.common import console
 from proxops.cli.main import main
 from proxops.diagrams.new_body.body_setup import body_yaml, scaled_scenario
 from proxops.diagrams.new_body.shape_examination import examine
@@ -31,7 +32,7 @@ PNG = b"\x89PNG\r\n\x1a\n"
 def shape(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], tmp_path: Path):
     """`proxops ARGUMENTS` in a folder of its own; gives exit code, standard output and error."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("COLUMNS", "300")
+    monkeypatch.setattr(console, "width", 80)
 
     def run(*arguments: object, command: str = "shape") -> tuple[int, str, str]:
         monkeypatch.setattr(sys, "argv", ["proxops", command, *map(str, arguments)])

@@ -11,6 +11,7 @@ from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
 from pydrake.systems.framework import Context, DiagramBuilder, LeafSystem
 from short_flights import PdController, kleopatra, short_scenario
 
+from proxops.cli.common import console
 from proxops.cli.fly import _table
 from proxops.cli.main import main
 from proxops.diagrams.flight.campaign import provenance, transit_flights
@@ -328,7 +329,7 @@ def test_another_bundle_by_its_folder(bundle: Path, tmp_path: Path) -> None:
 
 def test_commands(bundle: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("COLUMNS", "200")
+    monkeypatch.setattr(console, "width", 200)
     short = (
         "--set", "transit.start_m=[160e3, 0, 0]", "--set", "transit.goal_m=[160e3, 8e3, 0]",
         "--set", "arrival.deadline_s=100", "--set", "arrival.dwell_s=50",

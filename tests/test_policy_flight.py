@@ -11,6 +11,7 @@ from known_policies import Counting, DeadReckoning, NotANumber, write_policy
 from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
 from short_flights import BRIEF, kleopatra, short_scenario
 
+from proxops.cli.common import console
 from proxops.cli.fly import _table
 from proxops.cli.main import main
 from proxops.diagrams.flight import Workers, campaign, scenario_systems
@@ -205,7 +206,7 @@ def test_thrust_limit_is_the_scenario_s(counting: Path) -> None:
 def run(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Callable[..., int]:
     """`proxops ARGUMENTS` in this process, in a folder of its own; returns the exit code."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("COLUMNS", "200")
+    monkeypatch.setattr(console, "width", 200)
 
     def proxops(*arguments: object) -> int:
         monkeypatch.setattr(sys, "argv", ["proxops", *map(str, arguments)])
