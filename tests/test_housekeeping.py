@@ -35,8 +35,6 @@ LONGER_FUNCTIONS: dict[str, str] = {
     "diagrams/flight/transit_diagram.py: make_transit_diagram": "is being split",
     "diagrams/scenario/scenario_checks.py: check_scenario": "is being split",
     "training/lidar/synthesis.py: train_lidar": "is being split",
-    "training/pilot/dagger.py: run_dagger": "is being split",
-    "training/pilot/recipe.py: train_pilot": "is being split",
 }
 
 

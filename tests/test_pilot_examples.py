@@ -66,7 +66,7 @@ def test_three_quarters_of_the_frames_are_spoiled(packed: PackedFlights):
 
 def test_transitions_are_what_flights_did(packed: PackedFlights):
     period = packed.setting.control_period_s
-    given = transitions_of(packed, "training", period)
+    given = transitions_of(packed, "training")
     flights = packed.part("training")
     assert len(given.position) == sum(flight.steps - 1 for flight in flights)
     # Position after the step, by the mean acceleration, to what a varying one leaves.

@@ -4,6 +4,7 @@ import csv
 import json
 import shutil
 from dataclasses import asdict, replace
+from importlib import metadata
 from pathlib import Path
 
 import numpy as np
@@ -56,10 +57,34 @@ def test_pilot_is_kept_whole(tmp_path: Path):
         load_pilot(tmp_path)
 
 
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"spacing": 1e-9},  # A grid of 1e43 cells.
+        {"rays": 10**12},
+        {"guidance_width": 10**12},
+        {"planes": "many"},
+        {"low": [1.0]},
+    ],
+)
+def test_a_pilot_that_cannot_be_is_refused(tmp_path: Path, changes: dict[str, object]):
+    save_pilot(tmp_path, SHAPE, small_pilot(), {})
+    content = torch.load(tmp_path / "pilot.ckpt", weights_only=True)
+    content["shape"] |= changes
+    torch.save(content, tmp_path / "pilot.ckpt")
+    with pytest.raises(InputError, match="no pilot"):
+        load_pilot(tmp_path)
+
+
 def test_settings_come_back_from_a_file():
     settings = PilotSettings(seed=4).quick()
-    kept = json.loads(json.dumps({"settings": asdict(settings)}))
+    origin = {"proxops": metadata.version("proxops"), "settings": asdict(settings)}
+    kept = json.loads(json.dumps(origin))
     assert settings_of(kept) == settings
+    with pytest.raises(InputError, match=r"trained by proxops 0\.1\.2, and this is"):
+        settings_of(kept | {"proxops": "0.1.2"})
+    with pytest.raises(InputError, match="does not say how it was trained"):
+        settings_of(kept | {"settings": {"frames": 3, "what": 4}})
 
 
 def test_restarted_pilot_sees_as_before_and_knows_nothing():

@@ -53,11 +53,13 @@ def task(
     )
     batches = WindowBatches(training, batch, shuffle=True, seed=seed)
     held = WindowBatches(validation, batch)
-    return TrainingTask("straight", Straight(), loss, batches, held, "test", methods=("sequence",))
+    return TrainingTask(
+        "straight", Straight(), loss, batches, held, SCHEDULE, "test", methods=("sequence",)
+    )
 
 
 def run(learned: TrainingTask, schedule: Schedule, folder: Path, seed: int = 1, **options: Any):
-    return train(learned, schedule, folder, seed, device="cpu", **options)
+    return train(replace(learned, schedule=schedule), folder, seed, device="cpu", **options)
 
 
 def weights(learned: TrainingTask) -> Tensor:
@@ -271,4 +273,4 @@ def test_a_device_that_is_not_there_is_refused(
     packed: PackedFlights, tmp_path: Path, device: str, precision: str
 ):
     with pytest.raises(InputError, match="cannot train on device"):
-        train(task(packed), SCHEDULE, tmp_path, 1, device=device, precision=precision)
+        train(task(packed), tmp_path, 1, device=device, precision=precision)

@@ -109,7 +109,7 @@ def train_lidar(
 
     # One network after the other, so that only one set of examples is in memory.
     task = _ray_task(chords, grid, lidar.planes, settings, identity)
-    trained = train(task, settings.ray, out, settings.seed, device="cpu", progress=progress)
+    trained = train(task, out, settings.seed, device="cpu", progress=progress)
     network = task.network
     assert isinstance(network, RayNetwork)
     facts = BundleFacts(
@@ -132,9 +132,7 @@ def train_lidar(
     del task
 
     paper_task = _frame_task(grid, cube, settings, identity)
-    paper_trained = train(
-        paper_task, settings.frame, out, settings.seed, device="cpu", progress=progress
-    )
+    paper_trained = train(paper_task, out, settings.seed, device="cpu", progress=progress)
 
     learned = LearnedLidar(
         out / "bundle", LidarErrors(), LidarGeometry(lidar.planes, lidar.rays, np.inf)
@@ -255,6 +253,7 @@ def _task(
         lambda network, batch: loss(network, *batch),
         TensorBatches(examples, schedule.batch, shuffle=True, seed=seed, often=often),
         TensorBatches(validation, schedule.batch),
+        schedule,
         identity,
         threads=1,
     )

@@ -35,7 +35,7 @@ def load_checkpoint(path: Path, identity: str) -> dict[str, Any] | None:
         return None
     try:
         saved = torch.load(path, map_location="cpu", weights_only=True)
-        version, known = saved["proxops"], saved["identity"]
+        version, known = saved.get("proxops", "before 0.3"), saved["identity"]
         state = {key: saved[key] for key in _KEYS}
     except Exception as error:  # A damaged file makes torch raise all sorts of errors.
         raise InputError(f"{path} is not a checkpoint of a training: remove it") from error

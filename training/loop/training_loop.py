@@ -67,6 +67,7 @@ class TrainingTask:
     """Takes the network and a batch; gives the mean over the batch."""
     training: Batches
     validation: Batches
+    schedule: Schedule
     identity: str
     """Says what is learned from: a checkpoint with another identity is refused."""
     threads: int | None = None
@@ -79,7 +80,6 @@ class TrainingTask:
 
 def train(
     task: TrainingTask,
-    schedule: Schedule,
     folder: Path,
     seed: int,
     *,
@@ -104,7 +104,7 @@ def train(
       InputError: the checkpoint there is damaged, or of another training or version; there is no
         such device; or the loss is not finite.
     """
-    training = _Training(task, schedule, folder, seed, _fabric(device, precision, task, folder))
+    training = _Training(task, folder, seed, _fabric(device, precision, task, folder))
     while not training.is_over():
         training.run_epoch(progress)
     return training.end()
@@ -113,9 +113,8 @@ def train(
 class _Training:
     """A training between two epochs: the network, the optimiser, and the history so far."""
 
-    def __init__(
-        self, task: TrainingTask, schedule: Schedule, folder: Path, seed: int, fabric: Fabric
-    ):
+    def __init__(self, task: TrainingTask, folder: Path, seed: int, fabric: Fabric):
+        schedule = task.schedule
         if task.threads is not None:
             # Here and not when the program starts, because numba's kernels set this number too.
             torch.set_num_threads(task.threads)

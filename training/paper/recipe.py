@@ -86,7 +86,6 @@ def train_paper_policy(
     policy = make_policy(flights, settings)
     trained = train(
         _task(flights, policy, settings),
-        settings.schedule,
         out,
         settings.seed,
         device=settings.device,
@@ -131,7 +130,9 @@ def _task(flights: PackedFlights, policy: PaperPolicy, settings: PaperSettings) 
         f"paper recipe, logs {flights.logs_sha256}, split {flights.split_seed}, "
         f"windows of {settings.window} every {settings.stride}, precision {settings.precision}"
     )
-    return TrainingTask("policy", policy, force_loss, *batches, identity, methods=("sequence",))
+    return TrainingTask(
+        "policy", policy, force_loss, *batches, settings.schedule, identity, methods=("sequence",)
+    )
 
 
 def _report(

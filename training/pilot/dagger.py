@@ -1,8 +1,8 @@
-"""DAgger: the pilot flies, the expert says what it would have done, and the guidance learns it.
+"""DAgger: the pilot flies, the expert labels the states it came to, and the guidance learns them.
 
 S. Ross, G. Gordon and J. A. Bagnell, A reduction of imitation learning and structured prediction
-to no-regret online learning, AISTATS 2011. What a pilot learns from expert flights is to fly where
-the expert flies; its own flights go elsewhere, and a round of them shows it what to do there.
+to no-regret online learning, AISTATS 2011. From expert flights a pilot learns what to do where the
+expert flies. Its own flights lead elsewhere, and a round of them shows it what to do there.
 """
 
 from __future__ import annotations
@@ -12,16 +12,17 @@ import functools
 import json
 import math
 import time
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from proxops.diagrams.flight import Flight, Row, Workers, provenance, run_campaign
+from proxops.diagrams.flight import Flight, Workers, provenance, run_campaign
 from proxops.diagrams.scenario import Scenario, dump_scenario, is_blocked, load_body, of_transit
-from proxops.systems.common import InputError, silent, write_whole
-from proxops.training.data import at_rest, label_flights, pack_flights
+from proxops.systems.common import InputError, Progress, silent, write_whole
+from proxops.training.data import Labels, PackedFlights, at_rest, label_flights, pack_flights
 from proxops.training.export import write_folder, write_report
 from proxops.training.loop import seeded, train
-from proxops.training.pilot.examples import commands_of, joined, labelled_commands
+from proxops.training.pilot.examples import Commands, commands_of, joined, labelled_commands
 from proxops.training.pilot.network import Pilot
 from proxops.training.pilot.recipe import (
     collected_scenario,
@@ -31,7 +32,7 @@ from proxops.training.pilot.recipe import (
     known_commands,
     pilot_report,
 )
-from proxops.training.pilot.settings import settings_of
+from proxops.training.pilot.settings import PilotSettings, settings_of
 from proxops.training.pilot.shape import (
     PILOT_FILE,
     PilotShape,
@@ -49,15 +50,26 @@ _FLOWN, _LABELLED = 0.35, 0.5
 
 @dc.dataclass(frozen=True)
 class DaggerSettings:
-    """Of a run of DAgger."""
+    """Settings of a run of DAgger."""
 
     rounds: int = 2
     flights: int = 240
-    """In each round, three in four of transits whose straight line is blocked."""
+    """Flights of each round; the straight line is blocked in three out of four."""
     seed: int = 100
-    """Of the transits of the first round; the next has the next."""
+    """Seed of the transits of the first round; each further round uses the next seed."""
     minutes: float = math.inf
-    """No round is begun after these."""
+    """No round begins after this time."""
+
+
+@dc.dataclass(frozen=True)
+class _FirstTraining:
+    """The training that all rounds build on: its data, its pilot, its settings."""
+
+    flights: PackedFlights
+    shape: PilotShape
+    pilot: Pilot
+    origin: dict[str, Any]
+    settings: PilotSettings
 
 
 def run_dagger(
@@ -73,98 +85,125 @@ def run_dagger(
     all rounds: the schedule without a parameter of Ross, Gordon and Bagnell (2011), section 3.1.
 
     Each round leaves flights/, labels/, the guidance's checkpoint and curves, pilot.ckpt, bundle/,
-    report.json, report.md and forces.png in `out`/round-N; the last five of the last round are in
-    `out` too. Run again after a kill, it goes on with the flight, the labels or
-    the epoch where it was; with more rounds it adds to those there are.
+    report.json, report.md and forces.png in `out`/round-N. The last five of the last round are in
+    `out` too. After a kill it continues with the flight, the labels or the epoch where it was. With
+    more rounds it adds to those that are there.
 
     Args:
       data: what `proxops collect` wrote, from which the pilot was trained.
       pilot_folder: what `proxops train --recipe proxops` wrote.
-      workers: fly and label, and report how far all rounds are.
+      workers: fly and label, and report the progress of all rounds.
 
     Raises:
-      InputError: the pilot was trained from other data, or see `run_campaign`, `label_flights` and
-        `training_loop.train`.
+      InputError: the pilot was trained from other data or by another version, or see
+        `run_campaign`, `label_flights` and `train`.
     """
     started = time.monotonic()
     scenario = collected_scenario(data)
-    flights = pack_flights(data / "flights")
-    shape, pilot, origin = load_pilot(pilot_folder)
-    if origin["logs_sha256"] != flights.logs_sha256:
-        raise InputError(f"the pilot in {pilot_folder} was trained from other data than {data}")
-    learned = settings_of(origin)
-    plans = expert_labels(scenario, pilot_folder, learned, workers.reporting(silent))
-    known = known_commands(flights, plans)
-    expert_only = len(known.force)
-    bundle, history, report = pilot_folder / "bundle", [], {}
-    left: Path | None = None
+    first = _first_training(data, pilot_folder)
+    plans = expert_labels(scenario, pilot_folder, first.settings, workers.reporting(silent))
+    commands = known_commands(first.flights, plans)
+    expert_only = len(commands.force)
+    bundle, history, report, resumed = pilot_folder / "bundle", [], {}, False
     for number in range(1, settings.rounds + 1):
-        if history and left is None and time.monotonic() - started > 60.0 * settings.minutes:
+        if history and not resumed and time.monotonic() - started > 60.0 * settings.minutes:
             break
         folder = out / f"round-{number}"
         this_round = workers.part((number - 1) / settings.rounds, number / settings.rounds)
         this_round.progress(0.0, f"round {number}")
         campaign = dagger_flights(scenario, bundle, settings, number)
-        rows = run_campaign(
-            campaign, folder / "flights", keep_logs=True, workers=this_round.part(0.0, _FLOWN)
-        )
-        logs = [folder / "flights" / f"{flight.name}.nc" for flight in campaign]
-        labels = label_flights(logs, folder / "labels", this_round.part(_FLOWN, _LABELLED))
-        known = joined([known, labelled_commands(labels)])
-        history.append(_flown(rows) | {"labels": len(labels["state"])})
-
-        # As many steps as without the labels, so that a round takes as long as the first training;
-        # but the last, whose pilot stays, sees all examples as often.
-        share = 1.0 if number == settings.rounds else expert_only / len(known.force)
-        schedule = dc.replace(
-            learned.guidance, epochs=max(1, round(share * learned.guidance.epochs))
-        )
-        learned_from = data_sha256(flights, known)
+        outcome, labels = _fly_and_label(campaign, folder, this_round)
+        commands = joined([commands, labelled_commands(labels)])
+        history.append(outcome)
+        # A round takes as many steps as the first training, although it has more examples. Only
+        # the last, whose pilot is kept, shows each example as often as the first training did.
+        share = 1.0 if number == settings.rounds else expert_only / len(commands.force)
         identity = (
-            f"DAgger round {number} of {pilot_sha256(pilot_folder)}, {settings.flights} flights, "
-            f"seed {settings.seed}, {learned}, {learned_from}"
+            f"proxops {metadata.version('proxops')}, DAgger round {number} of "
+            f"{pilot_sha256(pilot_folder)}, {settings.flights} flights, seed {settings.seed}, "
+            f"{first.settings}, {data_sha256(first.flights, commands)}"
         )
-        bundle = folder / "bundle"
-        finished = _finished(folder, identity)
-        if finished is not None:
-            report, history, left = finished, finished["rounds"], folder
-            continue
-        pilot = restarted(shape, pilot, learned.seed + number)
-        task = guidance_task(
-            pilot.guidance, pilot.filter.motion, known, commands_of(flights, "validation"),
-            schedule, learned.seed + number, identity,
-        )  # fmt: skip
-        trained = train(
-            task,
-            schedule,
-            folder,
-            learned.seed + number,
-            device=learned.device,
-            precision=learned.precision,
-            progress=this_round.part(_LABELLED, 1.0).progress,
-        )
-        pilot.cpu().eval()
-        save_pilot(folder, shape, pilot, origin)
-        report = pilot_report(pilot, learned, {"guidance": trained}, flights.logs_sha256)
-        report |= {
-            "recipe": "proxops, DAgger",
-            "identity": identity,
-            "rounds": list(history),
-        }
-        report = write_report(pilot, flights, report, folder)
-        export_pilot(pilot, flights, report, bundle, learned_from)
-        _publish(folder, out)
-        left = None
-    if left is not None:
-        _publish(left, out)  # Again: the run that finished it may have ended before.
+        bundle, finished = folder / "bundle", _finished(folder, identity)
+        resumed = finished is not None
+        if finished is None:
+            progress = this_round.part(_LABELLED, 1.0).progress
+            told = {"identity": identity, "rounds": list(history)}
+            report = _train_round(first, commands, number, share, told, folder, progress)
+        else:
+            report, history = finished, finished["rounds"]
+        if not resumed or number == settings.rounds:
+            # An earlier run may have ended between the last round and this.
+            _publish(folder, out)
     workers.progress(1.0, "done")
+    return report
+
+
+def _first_training(data: Path, pilot_folder: Path) -> _FirstTraining:
+    flights = pack_flights(data / "flights")
+    shape, pilot, origin = load_pilot(pilot_folder)
+    if origin.get("logs_sha256") != flights.logs_sha256:
+        raise InputError(f"the pilot in {pilot_folder} was trained from other data than {data}")
+    return _FirstTraining(flights, shape, pilot, origin, settings_of(origin))
+
+
+def _fly_and_label(
+    campaign: list[Flight], folder: Path, workers: Workers
+) -> tuple[dict[str, int], Labels]:
+    """How the flights of a round went, and the expert's forces along them."""
+    rows = run_campaign(
+        campaign, folder / "flights", keep_logs=True, workers=workers.part(0.0, _FLOWN)
+    )
+    logs = [folder / "flights" / f"{flight.name}.nc" for flight in campaign]
+    labels = label_flights(logs, folder / "labels", workers.part(_FLOWN, _LABELLED))
+    outcome = {
+        "flights": len(rows),
+        "arrived": sum(row["arrival_time_s"] is not None for row in rows),
+        "violations": sum(row["keep_out_violations"] > 0 for row in rows),
+        "collisions": sum(row["collided"] for row in rows),
+        "labels": len(labels["state"]),
+    }
+    return outcome, labels
+
+
+def _train_round(
+    first: _FirstTraining,
+    commands: Commands,
+    number: int,
+    share: float,
+    told: dict[str, Any],
+    folder: Path,
+    progress: Progress,
+) -> dict[str, Any]:
+    """Trains a guidance from nothing; writes the round's pilot, its bundle and its report.
+
+    Args:
+      commands: all that is known of the expert by now.
+      share: of the epochs of the first training.
+      told: `identity` and `rounds`, for the report.
+    """
+    settings, flights = first.settings, first.flights
+    seed = settings.seed + number
+    epochs = max(1, round(share * settings.guidance.epochs))
+    schedule = dc.replace(settings.guidance, epochs=epochs)
+    pilot = restarted(first.shape, first.pilot, seed)
+    held = commands_of(flights, "validation")
+    motion, identity = pilot.filter.motion, told["identity"]
+    task = guidance_task(pilot.guidance, motion, commands, held, schedule, seed, identity)
+    options: Any = {"device": settings.device, "precision": settings.precision}
+    trained = train(task, folder, seed, progress=progress, **options)
+    pilot.cpu().eval()
+    save_pilot(folder, first.shape, pilot, first.origin)
+    report = pilot_report(pilot, settings, {"guidance": trained}, flights.logs_sha256)
+    report = report | {"recipe": "proxops, DAgger"} | told
+    report = write_report(pilot, flights, report, folder)
+    export_pilot(pilot, flights, report, folder / "bundle", data_sha256(flights, commands))
     return report
 
 
 def dagger_flights(
     scenario: Scenario, bundle: Path, settings: DaggerSettings, number: int
 ) -> list[Flight]:
-    """The flights of a round: a function of its arguments alone."""
+    """The flights of a round; they depend on the arguments alone."""
     body = load_body(scenario.body)
     seed = settings.seed + number - 1
     policy = dc.replace(scenario.policy, bundle=str(bundle.resolve()))
@@ -178,6 +217,7 @@ def dagger_flights(
 
 
 def _chosen_transits(count: int) -> list[int]:
+    """Numbers of the transits of a round: all blocked ones, and a few of the others."""
     chosen: list[int] = []
     index = 0
     while len(chosen) < count:
@@ -188,7 +228,7 @@ def _chosen_transits(count: int) -> list[int]:
 
 
 def restarted(shape: PilotShape, pilot: Pilot, seed: int) -> Pilot:
-    """A pilot that sees as the one given, and whose guidance begins anew."""
+    """A pilot with the parts of the one given, but with a new guidance."""
     with seeded(seed):
         fresh = shape.make()
     kept = {
@@ -201,18 +241,8 @@ def restarted(shape: PilotShape, pilot: Pilot, seed: int) -> Pilot:
     return fresh
 
 
-def _flown(rows: list[Row]) -> dict[str, int]:
-    """How the flights of a round went, before it was learned from."""
-    return {
-        "flights": len(rows),
-        "arrived": sum(row["arrival_time_s"] is not None for row in rows),
-        "violations": sum(row["keep_out_violations"] > 0 for row in rows),
-        "collisions": sum(row["collided"] for row in rows),
-    }
-
-
 def _finished(folder: Path, identity: str) -> dict[str, Any] | None:
-    """The report of a round that is over; None if it is not, or was another."""
+    """The report of a round if it is over and has this identity; else None."""
     try:
         report = json.loads((folder / "report.json").read_text())
     except (OSError, ValueError):
@@ -222,7 +252,7 @@ def _finished(folder: Path, identity: str) -> dict[str, Any] | None:
 
 
 def _publish(folder: Path, out: Path) -> None:
-    """Copies what a round leaves, each file whole or not at all."""
+    """Copies the files of a round to `out`; each appears only when it is complete."""
     for name in (PILOT_FILE, "report.json", "report.md", "forces.png"):
         content = (folder / name).read_bytes()
         write_whole(out / name, functools.partial(_write, content=content))

@@ -112,15 +112,15 @@ def box_of(hits: Hits) -> tuple[np.ndarray, np.ndarray]:
     return low, high
 
 
-def transitions_of(flights: PackedFlights, part: str, period: float) -> Transitions:
-    """The steps of a part's flights, without those in which something pushed from outside."""
+def transitions_of(flights: PackedFlights, part: str) -> Transitions:
+    """The steps of a part's flights, without those in which a velocity kick came."""
     rows = part_rows(flights, part)
     last = [flight.start + flight.steps - 1 for flight in flights.part(part)]
     rows = rows[~np.isin(rows, last)]
     rows = rows[~flights.kick[rows].any(axis=1)]
     before, after = flights.state[rows], flights.state[rows + 1]
     # In double precision: single rounds velocities too coarsely for differences.
-    mean = (after[:, 3:] - before[:, 3:]) / period
+    mean = (after[:, 3:] - before[:, 3:]) / flights.setting.control_period_s
     given = before[:, :3], before[:, 3:], flights.applied_force[rows + 1], mean
     return Transitions(*(_tensor(column) for column in given))
 

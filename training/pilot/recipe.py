@@ -1,4 +1,4 @@
-"""Our recipe: the learned pilot from expert flights, part by part and whole, to a bundle."""
+"""Our recipe: from expert flights to a pilot that flies, trained part by part and end to end."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from proxops.diagrams.scenario import Scenario, parse_scenario
 from proxops.systems.common import InputError, part_of
 from proxops.training.data import Labels, PackedFlights, expert_plans, pack_flights, scaling_of
 from proxops.training.export import export_recipe, report_title, write_report
-from proxops.training.loop import Schedule, Trained, TrainingTask, seeded, train
+from proxops.training.loop import Trained, TrainingTask, seeded, train
 from proxops.training.pilot.examples import (
     Commands,
     Hits,
@@ -28,7 +28,7 @@ from proxops.training.pilot.examples import (
 )
 from proxops.training.pilot.lidar_hits import HitSelection
 from proxops.training.pilot.network import Pilot
-from proxops.training.pilot.settings import PilotSettings, shape_of
+from proxops.training.pilot.settings import PilotSettings, origin_of, shape_of
 from proxops.training.pilot.shape import save_pilot
 from proxops.training.pilot.state_filter import MEMORY
 from proxops.training.pilot.tasks import (
@@ -41,10 +41,10 @@ from proxops.training.pilot.tasks import (
 )
 from proxops.training.reports import markdown_page, policy_sections
 
-# Share of the bar at which each stage ends.
+# Share of the whole work at which each stage ends.
 _STAGES = {
     "packing": 0.03,
-    "looking": 0.08,
+    "frames": 0.08,
     "coarse": 0.15,
     "geometry": 0.30,
     "motion": 0.34,
@@ -52,9 +52,11 @@ _STAGES = {
     "plans": 0.55,
     "guidance": 0.90,
     "end_to_end": 0.96,
-    "replaying": 1.0,
 }
 _PLANS_SEED = 1
+_LEARNED_PARTS = ("training", "validation")
+# Returns that are kept of each training frame; each step of training sees some of them.
+_KEPT_RETURNS = 192
 
 
 def train_pilot(
@@ -66,94 +68,76 @@ def train_pilot(
     """Trains the pilot on what `proxops collect` wrote; writes and returns the report.
 
     Writes pilot.ckpt, a checkpoint and curves for each part, plans/, report.json, report.md,
-    forces.png, and bundle/, which flies, in `out`. Run again after a kill, it goes on behind the
-    last whole epoch, and with the plans that are not there yet.
+    forces.png, and bundle/, which flies, to `out`. After a kill it continues behind the last
+    complete epoch, and computes only the plans that are missing.
 
     Args:
-      workers: compute plans, and report how far the training is.
+      workers: compute the plans, and report the progress of the training.
 
     Raises:
       InputError: there are no flights to learn from, or see `pack_flights`, `expert_plans` and
-        `training_loop.train`.
+        `train`.
     """
-    progress = workers.progress
+    progress, seed = workers.progress, settings.seed
     scenario = collected_scenario(data)
     flights = pack_flights(data / "flights", progress=part_of(progress, 0.0, _STAGES["packing"]))
+    scaling = scaling_of(flights.setting)
     identity = (
         f"proxops recipe, logs {flights.logs_sha256}, {settings.frames} frames, "
         f"{settings.cells} cells, {settings.plans} plans, windows of {settings.window}"
     )
     trained: dict[str, Trained] = {}
 
-    def teach(task: TrainingTask, schedule: Schedule) -> None:
-        trained[task.name] = train(
-            task,
-            schedule,
-            out,
-            settings.seed,
-            device=settings.device,
-            precision=settings.precision,
-            progress=_stage(task.name, workers).progress,
-        )
+    def train_part(task: TrainingTask) -> None:
+        options: Any = {"device": settings.device, "precision": settings.precision}
+        stage = _stage(task.name, workers)
+        trained[task.name] = train(task, out, seed, progress=stage.progress, **options)
         task.network.cpu()
 
-    progress(_STAGES["packing"], "looking at frames")
-    setting, scaling = flights.setting, scaling_of(flights.setting)
-    selection = HitSelection(setting.planes, setting.rays, _kept(settings.hits), scaling.length)
-    with torch.no_grad():
-        seen = {
-            part: hits_of(flights, selection, part, count, settings.seed)
-            for part, count in (("training", settings.frames), ("validation", settings.frames // 8))
-        }
-    shape = shape_of(flights, seen["training"], settings)
-    with seeded(settings.seed):
+    progress(_STAGES["packing"], "choosing frames")
+    frames, held_frames = (_frames(flights, part, settings) for part in _LEARNED_PARTS)
+    shape = shape_of(flights, frames, settings)
+    with seeded(seed):
         pilot = shape.make()
-    examples = seen["training"], seen["validation"]
-    taught = settings.coarse, settings.seed, identity
-    teach(coarse_task(pilot.coarse, *examples, *taught), settings.coarse)
-    taught = settings.geometry, settings.seed, identity
-    teach(geometry_task(pilot.geometry, *examples, scaling, *taught), settings.geometry)
-    position_errors = _position_errors(pilot, seen["validation"])
-    del seen, examples
-
-    period = flights.setting.control_period_s
-    flown, held = (transitions_of(flights, part, period) for part in ("training", "validation"))
     motion = pilot.filter.motion
-    taught = settings.motion, settings.seed, identity
-    teach(motion_task(motion, flown, held, *taught), settings.motion)
+    train_part(coarse_task(pilot.coarse, frames, held_frames, settings.coarse, seed, identity))
+    train_part(geometry_task(pilot.geometry, frames, held_frames, scaling, settings.geometry, seed,
+                             identity))  # fmt: skip
+    position_errors = _fit_residual(pilot, held_frames)
+    del frames, held_frames  # Up to some GB.
+
+    steps, held_steps = (transitions_of(flights, part) for part in _LEARNED_PARTS)
+    train_part(motion_task(motion, steps, held_steps, settings.motion, seed, identity))
     motion.requires_grad_(False)
-    taught = settings.filter, settings.seed, identity
-    task = filter_task(pilot, flights, scaling, settings.window, settings.windows, *taught)
-    teach(task, settings.filter)
+    train_part(filter_task(pilot, flights, scaling, settings, identity))
 
     labels = expert_labels(scenario, out, settings, _stage("plans", workers))
-    known = known_commands(flights, labels)
-    learned_from = data_sha256(flights, known)
-    taught = settings.guidance, settings.seed, f"{identity}, {learned_from}"
-    task = guidance_task(
-        pilot.guidance,
-        motion,
-        known,
-        commands_of(flights, "validation"),
-        *taught,
-    )
-    teach(task, settings.guidance)
-    task = end_to_end_task(
-        pilot, flights, scaling, settings.window, settings.end_to_end, settings.seed,
-        f"{identity}, {learned_from}, {settings}",
-    )  # fmt: skip
-    teach(task, settings.end_to_end)
+    commands, held_commands = known_commands(flights, labels), commands_of(flights, "validation")
+    learned_from = data_sha256(flights, commands)
+    identity = f"{identity}, {learned_from}"
+    train_part(guidance_task(pilot.guidance, motion, commands, held_commands, settings.guidance,
+                             seed, identity))  # fmt: skip
+    train_part(end_to_end_task(pilot, flights, scaling, settings, f"{identity}, {settings}"))
     pilot.eval()
 
-    progress(_STAGES["end_to_end"], "flying through the logs")
+    progress(_STAGES["end_to_end"], "replaying the logged flights")
     report = pilot_report(pilot, settings, trained, flights.logs_sha256)
     report |= {"position_errors": position_errors}
     report = write_report(pilot, flights, report, out)
-    origin = {"logs_sha256": flights.logs_sha256, "settings": dc.asdict(settings)}
-    save_pilot(out, shape, pilot, origin)
+    save_pilot(out, shape, pilot, origin_of(flights, settings))
     export_pilot(pilot, flights, report, out / "bundle", learned_from)
     progress(1.0, "done")
     return report
+
+
+@torch.no_grad()
+def _frames(flights: PackedFlights, part: str, settings: PilotSettings) -> Hits:
+    """The returns of the frames that the position is learned from, or of those for validation."""
+    setting, scaling = flights.setting, scaling_of(flights.setting)
+    kept = max(_KEPT_RETURNS, settings.hits)
+    selection = HitSelection(setting.planes, setting.rays, kept, scaling.length)
+    count = settings.frames if part == "training" else settings.frames // 8
+    return hits_of(flights, selection, part, count, settings.seed)
 
 
 def expert_labels(
@@ -162,25 +146,25 @@ def expert_labels(
     settings: PilotSettings,
     workers: Workers = Workers(),
 ) -> Labels:
-    """The plans that the guidance learns from, computed once and kept in `folder`/plans."""
+    """States and the expert's forces there, from plans that are kept in `folder`/plans."""
     return expert_plans(scenario, _PLANS_SEED, settings.plans, folder / "plans", workers)
 
 
 def known_commands(flights: PackedFlights, labels: Labels) -> Commands:
-    """All that the guidance learns from: the flights to train on, and plans."""
+    """All that the guidance learns from: the commands of the training flights, and the labels."""
     return joined([commands_of(flights, "training"), labelled_commands(labels)])
 
 
-def data_sha256(flights: PackedFlights, known: Commands) -> str:
-    """Hash of all that a pilot learns from: the flights, and what is known of the expert."""
+def data_sha256(flights: PackedFlights, commands: Commands) -> str:
+    """Hash of all that a pilot learns from: the flights and the expert's commands."""
     data = hashlib.sha256(flights.logs_sha256.encode())
-    for column in known:
+    for column in commands:
         data.update(column.numpy().tobytes())
     return data.hexdigest()
 
 
 def collected_scenario(data: Path) -> Scenario:
-    """The scenario of a set of flights, by its manifest.
+    """Reads the scenario of a set of flights from its manifest.
 
     Raises:
       InputError: `data` is not what `proxops collect` wrote.
@@ -196,10 +180,11 @@ def collected_scenario(data: Path) -> Scenario:
 
 
 @torch.no_grad()
-def _position_errors(pilot: Pilot, hits: Hits) -> dict[str, dict[str, float]]:
-    """Errors in m of the coarse position and after three steps of the layer; fits the residual.
+def _fit_residual(pilot: Pilot, hits: Hits) -> dict[str, dict[str, float]]:
+    """Sets the pilot's usual residual; returns errors of position in m.
 
-    The residual is that of fixes that are good because they start from the truth.
+    The usual residual is that of good fixes, which start from the true position. The errors are
+    those of the coarse position and of three steps of the geometry layer from there.
     """
     parts: list[tuple[Tensor, ...]] = []
     for start in range(0, len(hits.position), 512):
@@ -222,7 +207,7 @@ def _position_errors(pilot: Pilot, hits: Hits) -> dict[str, dict[str, float]]:
 def pilot_report(
     pilot: Pilot, settings: Any, trained: dict[str, Trained], data: str
 ) -> dict[str, Any]:
-    """What a report says of how the pilot was trained."""
+    """The part of a report that says how the pilot was trained."""
     last = trained["guidance"]
     best = last.history[last.best_epoch]
     return {
@@ -251,7 +236,7 @@ def pilot_report(
 def export_pilot(
     pilot: Pilot, flights: PackedFlights, report: dict[str, Any], folder: Path, learned_from: str
 ) -> None:
-    """Writes the bundle that flies; `learned_from` is the `data_sha256` of what the pilot saw."""
+    """Writes the bundle that flies; `learned_from` is the `data_sha256` of its training data."""
     export_recipe(
         pilot,
         flights,
@@ -266,10 +251,6 @@ def export_pilot(
 
 
 def _stage(name: str, workers: Workers) -> Workers:
+    """The workers, which report the progress of one stage as a part of the whole."""
     names = list(_STAGES)
     return workers.part(_STAGES[names[names.index(name) - 1]], _STAGES[name])
-
-
-def _kept(hits: int) -> int:
-    """Returns kept of each frame to learn from; each step of learning looks at some of them."""
-    return max(192, hits)

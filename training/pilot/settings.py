@@ -1,10 +1,12 @@
-"""How much of what the pilot learns, and what it has to be for the flights it learns from."""
+"""The settings of a pilot's training, and the pilot's dimensions for the flights it learns from."""
 
 from __future__ import annotations
 
 import dataclasses as dc
+from importlib import metadata
 from typing import Any
 
+from proxops.systems.common import InputError
 from proxops.training.data import PackedFlights, body_length, keep_out_of
 from proxops.training.loop import Schedule
 from proxops.training.pilot.examples import Hits, box_of
@@ -18,21 +20,22 @@ _KEEP_OUT_SHARE = 1.02
 
 @dc.dataclass(frozen=True)
 class PilotSettings:
-    """Of a training by our recipe."""
+    """Settings of a training by our recipe: numbers of examples, sizes, schedules."""
 
     frames: int = 60_000
-    """From which position is learned, at most."""
+    """Greatest number of frames from which the position is learned."""
     hits: int = 64
-    """Returns of a frame that the pilot looks at."""
+    """Returns of a frame that the pilot uses."""
     cells: int = 48
-    """Of the surface's grid, along the body."""
+    """Cells of the surface's grid along the body's longest side."""
     plans: int = 24_000
-    """Transits whose plans the guidance learns besides the flights."""
+    """Transits whose plans the guidance learns from, besides the flights."""
     windows: int = 1200
+    """Greatest number of windows of flights that the filter learns from."""
     window: int = 40
-    """Stretches of flights along which the filter learns, at most, and their length in steps, that
-    of the whole's too."""
+    """Steps in a window, for the filter and for the end-to-end training."""
     width: int = 256
+    """Width of the guidance's layers."""
     coarse: Schedule = Schedule(epochs=80, batch=512, learning_rate=3e-3, patience=80)
     geometry: Schedule = Schedule(epochs=12, batch=256, learning_rate=3e-2, patience=12)
     motion: Schedule = Schedule(epochs=50, batch=1024, learning_rate=4e-3, patience=50)
@@ -44,7 +47,7 @@ class PilotSettings:
     precision: str = "32-true"
 
     def quick(self) -> PilotSettings:
-        """A smaller pilot from less of all, in about a minute; it flies, though not as well."""
+        """Settings for a smaller pilot, trained in about a minute; it flies less well."""
         return dc.replace(
             self,
             frames=3000,
@@ -61,17 +64,39 @@ class PilotSettings:
         )
 
 
+def origin_of(flights: PackedFlights, settings: PilotSettings) -> dict[str, Any]:
+    """Says what a pilot comes from; it is kept in the pilot's file."""
+    return {
+        "proxops": metadata.version("proxops"),
+        "logs_sha256": flights.logs_sha256,
+        "settings": dc.asdict(settings),
+    }
+
+
 def settings_of(origin: dict[str, Any]) -> PilotSettings:
-    """The settings that a pilot was trained with, from what its file says of its origin."""
-    fields = dict(origin["settings"])
-    for name, value in fields.items():
-        if isinstance(value, dict):
-            fields[name] = Schedule(**value)
-    return PilotSettings(**fields)
+    """Reads the settings that a pilot was trained with from `origin_of` in its file.
+
+    Raises:
+      InputError: the pilot was trained by another version of proxops, or says no settings.
+    """
+    version = origin.get("proxops", "before 0.3")
+    if version != metadata.version("proxops"):
+        raise InputError(
+            f"the pilot was trained by proxops {version}, and this is "
+            f"{metadata.version('proxops')}: train it again"
+        )
+    try:
+        fields = dict(origin["settings"])
+        for name, value in fields.items():
+            if isinstance(value, dict):
+                fields[name] = Schedule(**value)
+        return PilotSettings(**fields)
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(f"the pilot does not say how it was trained: {error}") from error
 
 
 def shape_of(flights: PackedFlights, hits: Hits, settings: PilotSettings) -> PilotShape:
-    """What a pilot has to be for the lidar, spacecraft and body of the flights."""
+    """The dimensions of a pilot for the lidar, spacecraft and body of the flights."""
     setting = flights.setting
     keep_out = keep_out_of(setting)
     low, high = box_of(hits)

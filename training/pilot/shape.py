@@ -18,6 +18,8 @@ from proxops.training.pilot.network import Pilot
 from proxops.training.pilot.state_filter import Motion, StateFilter
 
 PILOT_FILE = "pilot.ckpt"
+# Rays of a frame, and the widths of all layers together, in a file that is read.
+_GREATEST_SIZE = 2**16
 
 # Returns farther than this from the learned surface, as a share of its grid's spacing, count less.
 _OUTLIER_SHARE = 1.0 / 6.0
@@ -30,30 +32,30 @@ _SPEED_UNIT, _ACCELERATION_UNIT = 0.24, 0.14
 
 @dc.dataclass(frozen=True)
 class PilotShape:
-    """All that a pilot is before it learns; SI."""
+    """The dimensions of a pilot: all that it is before it learns; SI."""
 
     planes: int
     rays: int
     hits: int
-    """Returns of each frame that it looks at."""
+    """Returns of each frame that it uses."""
     period: float
     mass: float
     thrust_limit: float
     length: float
-    """About the body's size."""
+    """The body's size, see `body_length`."""
     keep_out: tuple[float, float, float]
-    """Semi-axes that the guidance's ellipsoid starts from."""
+    """Semi-axes from which the guidance's ellipsoid starts."""
     low: tuple[float, float, float]
     high: tuple[float, float, float]
     """Corners of the box in which the surface is learned."""
     spacing: float
-    """Of the surface's grid."""
+    """Spacing of the surface's grid."""
     coarse_width: int = 256
     motion_width: int = 128
     guidance_width: int = 256
 
     def make(self) -> Pilot:
-        """The pilot, with weights drawn from torch's generator."""
+        """Makes a pilot, with weights drawn from torch's generator."""
         reach = self.thrust_limit / self.mass
         scaling = scaling_for(self.length, self.mass, self.thrust_limit)
         motion = Motion(
@@ -85,28 +87,41 @@ class PilotShape:
 
 
 def save_pilot(folder: Path, shape: PilotShape, pilot: Pilot, origin: dict) -> None:
-    """Writes a pilot with its shape and what it comes from, whole or not at all, in `folder`."""
+    """Writes a pilot, its shape and its origin to `folder`; the file is complete or not there."""
     content = {"shape": dc.asdict(shape), "weights": pilot.state_dict(), "origin": origin}
     write_whole(folder / PILOT_FILE, lambda name: torch.save(content, name))
 
 
 def load_pilot(folder: Path) -> tuple[PilotShape, Pilot, dict]:
-    """What `save_pilot` wrote.
+    """Reads what `save_pilot` wrote.
 
     Raises:
-      InputError: there is none, or the file is no pilot.
+      InputError: there is no such file, or it holds no pilot.
     """
     path = folder / PILOT_FILE
     try:
-        content = torch.load(path, weights_only=True)
-        shape = PilotShape(**content["shape"])
+        # Only tensors and plain values are read, so that a file from a stranger runs no code.
+        content = torch.load(path, map_location="cpu", weights_only=True)
+        shape, origin = PilotShape(**content["shape"]), dict(content["origin"])
+        _check_size(shape, content["weights"])
         pilot = shape.make()
         pilot.load_state_dict(content["weights"])
-        return shape, pilot.eval(), content["origin"]
+        return shape, pilot.eval(), origin
     except Exception as error:  # A damaged file makes torch raise all sorts.
         raise InputError(
             f"{path} is no pilot that `proxops train --recipe proxops` wrote: {error}"
         ) from error
+
+
+def _check_size(shape: PilotShape, weights: dict[str, torch.Tensor]) -> None:
+    """Raises `ValueError` for a shape far larger than its weights: it would fill the memory."""
+    cells = np.prod((np.array(shape.high) - np.array(shape.low)) / shape.spacing + 2.0)
+    widths = shape.coarse_width + shape.motion_width + shape.guidance_width + shape.hits
+    rays = shape.planes * shape.rays
+    if not cells <= 2 * weights["geometry.field.values"].numel():
+        raise ValueError("the surface's grid is not as large as its values")
+    if not (0 < rays <= _GREATEST_SIZE and 0 < widths <= _GREATEST_SIZE):
+        raise ValueError("the network is too large")
 
 
 def pilot_sha256(folder: Path) -> str:

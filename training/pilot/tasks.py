@@ -1,4 +1,4 @@
-"""How each part of the pilot is taught: its network, its loss, its examples."""
+"""The training tasks of the pilot's parts: a network, its loss and its examples for each."""
 
 from __future__ import annotations
 
@@ -22,6 +22,7 @@ from proxops.training.pilot.examples import Commands, Hits, Transitions
 from proxops.training.pilot.geometry_layer import GeometryLayer
 from proxops.training.pilot.guidance import Guidance
 from proxops.training.pilot.network import Pilot
+from proxops.training.pilot.settings import PilotSettings
 from proxops.training.pilot.state_filter import MEMORY, Motion, StateFilter, measurement_noise
 
 # Returns of a frame that one step of learning the surface sees: others each time.
@@ -61,9 +62,9 @@ def coarse_task(
     seed: int,
     identity: str,
 ) -> TrainingTask:
-    """Teaches the coarse position its distance from the true one.
+    """The coarse position learns from its distance to the true position.
 
-    The features are computed once, and the network between them and the position is taught.
+    The features are computed once. Only the network from features to position is trained.
     """
     with torch.no_grad():
         features, centre = _features(coarse, training)
@@ -78,7 +79,7 @@ def coarse_task(
     batches = TensorBatches(columns, schedule.batch, shuffle=True, seed=seed)
     validation_batches = TensorBatches(held, schedule.batch)
     return TrainingTask(
-        "coarse", coarse.network, loss, batches, validation_batches, identity, threads=1
+        "coarse", coarse.network, loss, batches, validation_batches, schedule, identity, threads=1
     )
 
 
@@ -106,7 +107,7 @@ def geometry_task(
     seed: int,
     identity: str,
 ) -> TrainingTask:
-    """Teaches the surface, by where two steps of the layer come from a start that is off."""
+    """The layer learns the surface from where two of its steps lead from a start that is off."""
     unit = _LAYER_UNIT * scaling.length
 
     def loss(layer: GeometryLayer, batch: tuple[Tensor, Tensor, Tensor]) -> Tensor:
@@ -131,7 +132,7 @@ def geometry_task(
         TensorBatches((hits.points, hits.valid, hits.position), schedule.batch, **options)
         for hits, options in ((training, {"shuffle": True, "seed": seed}), (validation, {}))
     )
-    return TrainingTask("geometry", geometry, loss, batches, held, identity, threads=1)
+    return TrainingTask("geometry", geometry, loss, batches, held, schedule, identity, threads=1)
 
 
 def _rounded(error: Tensor, small: float) -> Tensor:
@@ -147,7 +148,7 @@ def motion_task(
     seed: int,
     identity: str,
 ) -> TrainingTask:
-    """Teaches the mean acceleration of each step, in its unit."""
+    """The motion learns the mean acceleration of each step."""
 
     def loss(network: Motion, batch: tuple[Tensor, ...]) -> Tensor:
         position, velocity, force, wanted = batch
@@ -157,7 +158,7 @@ def motion_task(
     batches = TensorBatches(training, schedule.batch, shuffle=True, seed=seed)
     held = TensorBatches(validation, 4 * schedule.batch)
     methods = ("natural", "thrust")
-    return TrainingTask("motion", motion, loss, batches, held, identity, 1, methods)
+    return TrainingTask("motion", motion, loss, batches, held, schedule, identity, 1, methods)
 
 
 def guidance_task(
@@ -169,10 +170,10 @@ def guidance_task(
     seed: int,
     identity: str,
 ) -> TrainingTask:
-    """Teaches what the expert commands.
+    """The guidance learns the expert's commands.
 
-    The last epoch is kept: what is left of the error on other flights is mostly which way round the
-    body the expert goes, and says little of how the guidance flies.
+    The last epoch is kept. Most of the remaining error on other flights is which way round the body
+    the expert goes, and that says little about how well the guidance flies.
     """
 
     def loss(network: Guidance, batch: tuple[Tensor, ...]) -> Tensor:
@@ -183,7 +184,7 @@ def guidance_task(
     batches = TensorBatches(columns, schedule.batch, shuffle=True, seed=seed)
     held = TensorBatches(kept, 8192)
     return TrainingTask(
-        "guidance", guidance, loss, batches, held, identity, threads=1, keep_last=True
+        "guidance", guidance, loss, batches, held, schedule, identity, threads=1, keep_last=True
     )
 
 
@@ -211,15 +212,12 @@ def filter_task(
     pilot: Pilot,
     flights: PackedFlights,
     scaling: Scaling,
-    length: int,
-    windows: int,
-    schedule: Schedule,
-    seed: int,
+    settings: PilotSettings,
     identity: str,
 ) -> TrainingTask:
-    """Teaches the filter its noise, by its errors along windows of flights, pushes left out.
+    """The filter learns its noise from its errors along windows of flights without kicks.
 
-    The fixes are computed once, from starts as far off as the filter's own predictions.
+    The fixes are computed once. They start as far off as the filter's own predictions are.
     """
 
     def loss(filter_: StateFilter, batch: tuple[Tensor, ...]) -> Tensor:
@@ -235,29 +233,33 @@ def filter_task(
         return torch.stack(errors).mean()
 
     columns = {
-        part: _fixes(pilot, flights, part, _FIX_START * scaling.length, length, count, seed)
-        for part, count in (("training", windows), ("validation", windows // 4))
-    }
-    batches = TensorBatches(columns["training"], schedule.batch, shuffle=True, seed=seed)
-    held = TensorBatches(columns["validation"], schedule.batch)
+        part: _fixes(pilot, flights, part, count, _FIX_START * scaling.length, settings)
+        for part, count in (
+            ("training", settings.windows), ("validation", settings.windows // 4)
+        )
+    }  # fmt: skip
+    size = settings.filter.batch
+    batches = TensorBatches(columns["training"], size, shuffle=True, seed=settings.seed)
+    held = TensorBatches(columns["validation"], size)
     methods = ("predict", "correct")
-    return TrainingTask("filter", pilot.filter, loss, batches, held, identity, 1, methods)
+    return TrainingTask(
+        "filter", pilot.filter, loss, batches, held, settings.filter, identity, 1, methods
+    )
 
 
 def end_to_end_task(
     pilot: Pilot,
     flights: PackedFlights,
     scaling: Scaling,
-    length: int,
-    schedule: Schedule,
-    seed: int,
+    settings: PilotSettings,
     identity: str,
 ) -> TrainingTask:
-    """Teaches all parts but the motion at once what the expert commanded along windows of flights.
+    """All parts but the motion learn the expert's forces along windows of flights.
 
-    The windows begin in flight, where the filter has to find position and speed first; what it
-    says before that is not held against it.
+    The windows begin in flight, where the filter has to find position and velocity first. Its
+    first steps do not count.
     """
+    schedule = settings.end_to_end
 
     def loss(network: Pilot, batch: Batch) -> Tensor:
         forces, estimates, _ = network.sequence(
@@ -270,9 +272,9 @@ def end_to_end_task(
         lost = estimate_error(estimates[:, settled], batch["state"][:, settled], scaling)
         return off + _ESTIMATE_WEIGHT * lost.mean()
 
-    batches = frame_batches(flights, length, None, schedule.batch, seed)
+    batches = frame_batches(flights, settings.window, None, schedule.batch, settings.seed)
     return TrainingTask(
-        "end_to_end", pilot, loss, *batches, identity, threads=1, methods=("sequence",)
+        "end_to_end", pilot, loss, *batches, schedule, identity, threads=1, methods=("sequence",)
     )
 
 
@@ -289,15 +291,14 @@ def _fixes(
     pilot: Pilot,
     flights: PackedFlights,
     part: str,
-    off: float,
-    length: int,
     count: int,
-    seed: int,
+    off: float,
+    settings: PilotSettings,
 ) -> tuple[Tensor, ...]:
     """Fixes (W, T, 3), their measurement noise (W, T, 1), forces (W, T, 3) and states (W, T, 6)."""
-    dataset = WindowDataset(flights, part, length)
-    order = torch.randperm(len(dataset), generator=torch.Generator().manual_seed(seed))
-    rows = dataset.starts[order[:count].numpy()][:, None] + np.arange(length)
+    dataset = WindowDataset(flights, part, settings.window)
+    order = torch.randperm(len(dataset), generator=torch.Generator().manual_seed(settings.seed))
+    rows = dataset.starts[order[:count].numpy()][:, None] + np.arange(settings.window)
     kicked = flights.kick[rows].any(axis=(1, 2))
     rows = rows[~kicked]
     fixes, noises = [], []
