@@ -1,33 +1,38 @@
-"""What MkDocs does besides: equations, drawings of ports, pages made from what they are about.
+"""What MkDocs does besides: equations, pages made from what they describe, and the replay.
 
 A line of a page that starts with one of these is replaced:
 
 * `!ports NAME`: the drawing of ports in the docstring of `proxops.systems.NAME`.
 * `!commands`: a section for each command, with its help.
 * `!help`: what `proxops --help` prints.
-* `!readme HEADING`: a section of README.md, without its heading.
 * `!file PATH`: a file of the repository, as code.
 * `!experiments PATH`: a Markdown file of the repository, without its title, headings a level down.
 * `!log_variables`: a table of a flight log's variables.
-* `!modules FOLDER`: the reference of all public modules in a folder.
+* `!modules FOLDER`: the reference of all rooms of a folder and their public modules.
 
-Equations between dollars become MathML, which browsers show without a script. At the end no page
-may load anything from elsewhere.
+Equations between dollars become MathML, which browsers show without a script. The front page shows
+`replay.html`, the replay of a transit that the build flies. At the end no page may load anything
+from elsewhere.
 """
 
 import ast
 import html
 import inspect
 import re
+import tempfile
 from pathlib import Path
 
 from latex2mathml.converter import convert
 from mkdocs.exceptions import PluginError
+from mkdocs.structure.files import File
 from typer.testing import CliRunner
 
 from proxops import systems
 from proxops.cli.main import app
+from proxops.diagrams.flight import fly
 from proxops.diagrams.logs import VARIABLES
+from proxops.diagrams.meshcat import write_replay
+from proxops.diagrams.scenario import load_scenario
 
 ROOT = Path(__file__).parents[1]
 _EQUATION = re.compile(r'<(span|div) class="arithmatex">\\([(\[])(.*?)\\[)\]]</\1>', re.DOTALL)
@@ -41,7 +46,7 @@ def _ports(name: str) -> str:
 
 
 def _help(command: str) -> str:
-    """Of a command, or of all of them if it is empty."""
+    """The help of a command, or of the whole program if the name is empty."""
     environment = {"COLUMNS": "100", "TERMINAL_WIDTH": "100", "NO_COLOR": "1", "TERM": "dumb"}
     found = CliRunner().invoke(app, [*command.split(), "--help"], env=environment)
     if found.exit_code:
@@ -53,17 +58,6 @@ def _help(command: str) -> str:
 def _commands(_: str) -> str:
     names = [command.name or "" for command in app.registered_commands]
     return "\n\n".join(f"## {name}\n\n{_help(name)}" for name in names)
-
-
-def _readme(heading: str) -> str:
-    text = (ROOT / "README.md").read_text()
-    found = re.findall(
-        rf"^## {re.escape(heading)}\n(.*?)(?=^## |\Z)", text, re.DOTALL | re.MULTILINE
-    )
-    if len(found) != 1:
-        raise PluginError(f"README.md has no section {heading!r}")
-    # What the README links to lies in the repository, not in these pages.
-    return re.sub(r"\[([^\]]+)\]\((?!http)[^)]+\)", r"`\1`", found[0])
 
 
 def _file(path: str) -> str:
@@ -104,8 +98,18 @@ _MAKERS = {
     "log_variables": _log_variables,
     "modules": _modules,
     "ports": _ports,
-    "readme": _readme,
 }
+
+
+def on_files(files, config, **_):
+    """Adds the replay of the front page: transit 1, flown by the hybrid."""
+    log = fly(load_scenario(None, ["transit.index=1"]), "hybrid")
+    with tempfile.TemporaryDirectory() as folder:
+        page = Path(folder) / "replay.html"
+        write_replay(log, page)
+        content = page.read_bytes()
+    files.append(File.generated(config, "replay.html", content=content))
+    return files
 
 
 def on_page_markdown(markdown, page, **_):
