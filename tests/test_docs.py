@@ -1,40 +1,43 @@
-"""The pages in docs/ tell of what there is: ports, commands, notebooks, and Python that runs."""
+"""README.md and docs/ tell of what there is: ports, commands, notebooks, and Python that runs."""
 
 import re
 import shlex
+import shutil
+import sys
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 import pytest
+import torch
 from ball_lidar import write_ball_bundle
-from known_policies import RAYS, Counting, write_policy
+from contact_binary import contact_binary
+from flight_folders import copy_flights
+from known_policies import RAYS, Counting, DeadReckoning, write_policy
+from pages import (
+    BLOCKS,
+    PAGES,
+    ROOT,
+    blocks,
+    command_lines,
+    commands_in_sentences,
+    named_block,
+)
 from pydrake.systems.framework import Diagram, LeafSystem, PortDataType, System
-from short_flights import SHORT, kleopatra
+from short_flights import SHORT, kleopatra, write_blob
+from synthetic_log import synthetic_log
 from typer.main import get_command
 
 from proxops import systems
-from proxops.cli.main import app
+from proxops.cli.main import app, main
 from proxops.diagrams.flight.named_controllers import named_controller
 from proxops.diagrams.flight.simulation import fly
 from proxops.diagrams.flight.transit_diagram import make_transit_diagram
 from proxops.diagrams.scenario.scenario import load_scenario
 
-ROOT = Path(__file__).parents[1]
-DOCS = ROOT / "docs"
-PAGES = {path.relative_to(DOCS).as_posix(): path.read_text() for path in DOCS.rglob("*.md")}
-# What holds for other modules' own base classes, or as many ports as a user asks for.
+# A base class of other systems, which have sections of their own.
 NO_SECTION = {"PlanarLidar"}
-
-
-def python_blocks(page: str) -> list[str]:
-    return re.findall(r"^```python\n(.*?)^```", PAGES[page], re.DOTALL | re.MULTILINE)
-
-
-def run(code: str) -> dict[str, Any]:
-    names: dict[str, Any] = {}
-    exec(compile(code, "docs", "exec"), names)
-    return names
 
 
 # --- ports ----------------------------------------------------------------------------------------
@@ -69,7 +72,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> dict[str, System]:
 def documented(name: str) -> list[tuple[str, str, str]]:
     """Name, direction and size of the ports in a system's table."""
     (section,) = re.findall(
-        rf"^## {name}\n(.*?)(?=^## |\Z)", PAGES["systems.md"], re.DOTALL | re.MULTILINE
+        rf"^## {name}\n(.*?)(?=^## |\Z)", PAGES["docs/systems.md"], re.DOTALL | re.MULTILINE
     )
     assert f"!ports {name}\n" in section
     return re.findall(r"^\| `(\w+)` \| (in|out) \| ([^|]*?) \|", section, re.MULTILINE)
@@ -83,7 +86,7 @@ def size_of(port: Any, name: str) -> str:
     return "size" if free else size
 
 
-SECTIONS = re.findall(r"^## (\w+)$", PAGES["systems.md"], re.MULTILINE)
+SECTIONS = re.findall(r"^## (\w+)$", PAGES["docs/systems.md"], re.MULTILINE)
 
 
 @pytest.mark.parametrize("name", SECTIONS)
@@ -104,34 +107,120 @@ def test_no_system_is_left_out() -> None:
 
 # --- commands -------------------------------------------------------------------------------------
 
-
-def commands() -> list[tuple[str, str]]:
-    """Page and line of every command in a block without a language."""
-    found = []
-    for page, text in PAGES.items():
-        # Closing fences are matched too, or they would be taken for opening ones.
-        for language, block in re.findall(r"^```(\w*)\n(.*?)^```$", text, re.DOTALL | re.MULTILINE):
-            if language:
-                continue
-            lines = block.replace("\\\n", " ").splitlines()
-            found += [(page, line) for line in lines if line.startswith("proxops ")]
-    return found
+# Flights of 5 steps, in this process.
+BRIEF = ("--set", "arrival.deadline_s=50", "--set", "arrival.dwell_s=50")
+# Waits until it is interrupted; needs a cluster; change the shell.
+NOT_RUN = {"--meshcat", "--scheduler", "--install-completion"}
+# Have tests of their own, and take minutes.
+NOT_HERE = {"dagger", "reproduce"}
+GROUP: Any = get_command(app)
+OPTIONS_OF_ALL = {option for parameter in GROUP.params for option in parameter.opts} | {"--help"}
 
 
-@pytest.mark.parametrize(("page", "line"), commands())
-def test_commands_are_understood(page: str, line: str) -> None:
-    group: Any = get_command(app)
+def proxops_lines() -> list[tuple[str, str]]:
+    return [each for each in command_lines() if each[1].startswith("proxops ")]
+
+
+def understand(line: str) -> None:
+    """Parses a `proxops` command as the program would, and runs nothing."""
     name, *arguments = shlex.split(line, comments=True)[1:]
     if name.startswith("--"):
-        assert name in {option for parameter in group.params for option in parameter.opts} | {
-            "--help"
-        }
+        assert name in OPTIONS_OF_ALL, line
     else:
-        group.commands[name].make_context(name, arguments)
+        GROUP.commands[name].make_context(name, arguments)
+
+
+@pytest.mark.parametrize(("page", "line"), proxops_lines())
+def test_commands_are_understood(page: str, line: str) -> None:
+    understand(line)
+
+
+@pytest.mark.parametrize(("page", "line"), commands_in_sentences())
+def test_commands_in_sentences_are_understood(page: str, line: str) -> None:
+    program, script, *arguments = shlex.split(line)
+    if program == "proxops":
+        if arguments:
+            understand(line)
+        else:  # The name of a command, or an option of all.
+            assert script in GROUP.commands or script in OPTIONS_OF_ALL
+        return
+    if script == "-m":
+        return
+    source = (ROOT / script).read_text()
+    for option in (word for word in arguments if word.startswith("--")):
+        assert f'"{option}"' in source or f'"{option[2:]}"' in source, (page, line)
+
+
+def test_make_targets_that_are_told_of_exist() -> None:
+    targets = set(re.findall(r"^([\w-]+):", (ROOT / "Makefile").read_text(), re.MULTILINE))
+    told = {name for text in PAGES.values() for name in re.findall(r"`make ([\w-]+)`", text)}
+    told |= {line.split()[1] for _, line in command_lines() if line.startswith("make ")}
+    assert {"fly", "test", "lint", "docs"} <= told <= targets
+
+
+def in_brief(words: list[str]) -> list[str]:
+    """The same on few and short flights, or little data."""
+    name, *rest = words
+    for number, word in enumerate(rest):
+        if word == "--transits" and name != "fly":
+            rest[number + 1] = "2" if name == "collect" else "1"
+    if name in ("collect", "evaluate") and "--transits" not in rest:
+        rest += ["--transits", "2" if name == "collect" else "1"]
+    if name in ("collect", "evaluate"):
+        rest += [*BRIEF, "--workers", "1"]
+    if name == "fly" and "--from" not in rest:
+        rest += BRIEF
+    if name in ("train", "train-lidar"):
+        rest += ["--quick"]
+    return [name, *rest]
+
+
+@pytest.fixture
+def working_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Where code and commands of the pages find what they name."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "out" / "flight").mkdir(parents=True)
+    synthetic_log().to_netcdf(tmp_path / "out" / "flight" / "flight.nc")  # `make fly` leaves it.
+    copy_flights(tmp_path / "out").rename(tmp_path / "out" / "flights")
+    return tmp_path
+
+
+@pytest.mark.slow
+def test_every_command_in_brief(
+    working_folder: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """Page by page, each command in the folder that the ones before it leave."""
+    for name in ("heavy.yaml", "my_controller.py", "my_pd.py"):
+        (working_folder / name).write_text(named_block(name))
+    contact_binary(500.0, 2).export(working_folder / "scan.stl")
+    shutil.copytree(ROOT / "assets", working_folder / "assets")
+    for bundle in ("policy", "dagger/bundle"):
+        write_policy(working_folder / "out" / bundle, DeadReckoning())
+    run_already = set()
+    for line in dict.fromkeys(line for _, line in proxops_lines()):
+        words = shlex.split(line, comments=True)[1:]
+        if words[0] in NOT_HERE or NOT_RUN & set(words) or "--from" in words:
+            continue
+        if words[0] == "train":
+            if "paper" not in words:
+                continue  # As what is in NOT_HERE.
+            words[1] = str(working_folder / "out" / "flights")
+        brief = words if words[0].startswith("--") else in_brief(words)
+        monkeypatch.setattr(sys, "argv", ["proxops", *brief])
+        with pytest.raises(SystemExit) as end:
+            main()
+        assert not end.value.code, (line, capfd.readouterr().err)
+        run_already.add(words[0])
+    assert run_already >= {"fly", "replay", "evaluate", "collect", "shape", "train", "train-lidar"}
+    table = PAGES["docs/how_to/evaluate.md"].partition("## Conditions")[0]
+    rows = re.findall(r"^\| (`.*?) \|", table, re.MULTILINE)
+    assert len(rows) == 4
+    for name in re.findall("`(.*?)`", " ".join(rows)):
+        assert (working_folder / "out" / "evaluation" / name).exists()
 
 
 def test_files_of_the_paper_table_exist() -> None:
-    table = PAGES["paper.md"].partition("## Its two diagrams")[0]
+    table = PAGES["docs/paper.md"].partition("## Its two diagrams")[0]
     paths = re.findall(r"`([\w/]+\.py)`", table)
     assert len(paths) > 10
     for path in paths:
@@ -140,23 +229,99 @@ def test_files_of_the_paper_table_exist() -> None:
 
 def test_notebooks_that_are_told_of() -> None:
     numbers = {path.name.partition("_")[0] for path in (ROOT / "notebooks").glob("*.ipynb")}
-    text = PAGES["index.md"].partition("The notebooks in")[2].replace("\n", " ")
+    text = PAGES["docs/index.md"].partition("The notebooks in")[2].replace("\n", " ")
     assert set(re.findall(r"(?<=[ ,:])(\d) ", text)) == numbers
-
-
-def test_readme_sections_that_are_shown() -> None:
-    """`make docs` would say so too, but not here."""
-    headings = re.findall(r"^## (.*)$", (ROOT / "README.md").read_text(), re.MULTILINE)
-    for page, text in PAGES.items():
-        for wanted in re.findall(r"^!readme (.*)$", text, re.MULTILINE):
-            assert headings.count(wanted) == 1, (page, wanted)
 
 
 # --- Python ---------------------------------------------------------------------------------------
 
+# Code that runs on little data here: what is printed, and what is run instead.
+IN_BRIEF = {
+    '["transit.index=1"]': '["transit.index=1", "arrival.deadline_s=50", "arrival.dwell_s=50"]',
+    "length=32, stride=16": "length=8, stride=4",
+}
+
+
+def run(code: str) -> dict[str, Any]:
+    for printed, brief in IN_BRIEF.items():
+        code = code.replace(printed, brief)
+    names: dict[str, Any] = {}
+    exec(compile(code, "a page", "exec"), names)
+    return names
+
+
+PYTHON = [block for block in BLOCKS if block.language == "python"]
+
+
+@pytest.mark.parametrize(
+    "code",
+    [block.text for block in PYTHON],
+    ids=[f"{block.page}-{PYTHON.index(block)}" for block in PYTHON],
+)
+def test_all_python_runs(working_folder: Path, code: str) -> None:
+    write_blob(working_folder)
+    (working_folder / "blob.yaml").rename(working_folder / "rock.yaml")
+    run(code)
+
+
+def of_page(page: str, part: str) -> str:
+    """The one Python block of a page that has this part."""
+    (code,) = (code for code in blocks("python", page) if part in code)
+    return code
+
+
+def test_xarray(working_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    log = synthetic_log()
+    names = run(of_page("docs/how_to/reading_a_log.md", "import xarray"))
+    data = log.dataset
+    speed = np.linalg.norm(data["state"].values[:, 3:], axis=1)
+    np.testing.assert_allclose(names["speed"], speed)
+    hits = np.isfinite(data["ranges"].values).sum(axis=(1, 2))
+    np.testing.assert_array_equal(names["hits"], hits)
+    assert capsys.readouterr().out.split() == [
+        "hybrid",
+        str(speed.max()),
+        str(int(np.median(hits))),
+    ]
+
+
+def test_h5py(working_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    log = synthetic_log()
+    names = run(of_page("docs/how_to/reading_a_log.md", "import h5py"))
+    data = log.dataset
+    np.testing.assert_array_equal(names["time"], data["time"])
+    np.testing.assert_array_equal(names["position"], data["state"][:, :3])
+    np.testing.assert_array_equal(names["frame"], data["ranges"][100])
+    assert names["scenario"] == data.attrs["scenario"]
+    returns = int(np.isfinite(data["ranges"][100]).sum())
+    assert capsys.readouterr().out == f"4800 s, {returns} returns at 1000 s\n"
+
+
+def test_matlab_dimensions_are_reversed(working_folder: Path) -> None:
+    """MATLAB is not run: its sizes, as printed, are the file's in reverse."""
+    (code,) = blocks("matlab")
+    printed = re.findall(r"'/(\w+)'\); +% ([\dN x]+),", code)
+    assert [name for name, _ in printed] == ["time", "state", "ranges"]
+    with h5py.File("out/flight/flight.nc") as file:
+        for name, sizes in printed:
+            variable = file[name]
+            assert isinstance(variable, h5py.Dataset)
+            shape = [str(size) for size in variable.shape[::-1]] + ["1"] * (variable.ndim == 1)
+            assert sizes.replace("N", "481").split(" x ") == shape
+            assert variable.dtype.kind == "f"
+
+
+def test_training_data(working_folder: Path) -> None:
+    names = run(of_page("docs/how_to/collect_and_train.md", "WindowDataset"))
+    count = min(64, len(names["windows"]))
+    assert names["batches"].epoch == 1
+    assert names["frames"].shape == (count, 8, 12, 360)
+    assert names["force"].shape == (count, 8, 3)
+    assert torch.isfinite(names["force"]).all()
+
 
 def test_own_sensor_sees_a_sphere() -> None:
-    names = run(python_blocks("how_to/own_sensor.md")[0])
+    names = run(of_page("docs/how_to/own_sensor.md", "class SphereLidar"))
     lidar, radius, position = names["lidar"], 60e3, np.array([150e3, 0.0, 0.0])
     silent = names["SphereLidar"](radius, noise_std=0.0)
     frame = silent.frames(np.zeros(1), position[None], seed=0)[0].reshape(-1)
@@ -171,7 +336,7 @@ def test_own_sensor_sees_a_sphere() -> None:
 
 def test_own_controller_arrives() -> None:
     """The 30 lines of the page, on the short flight of the tests, and then hold at the goal."""
-    (code,) = python_blocks("how_to/own_controller.md")
+    code = named_block("my_pd.py")
     lines = [line for line in code.splitlines() if line and not line.startswith("#")]
     assert len(lines) <= 30
     scenario = load_scenario(None, SHORT | {"arrival.dwell_s": 3000.0, "log_ranges": False})
@@ -182,7 +347,7 @@ def test_own_controller_arrives() -> None:
 
 
 def test_the_test_to_copy_passes_and_can_fail(monkeypatch: pytest.MonkeyPatch) -> None:
-    (code,) = python_blocks("quick_start.md")
+    code = of_page("docs/quick_start.md", "def test_")
     names = run(code)
     names["test_thrusters_clip_each_axis"]()
     names["Thrusters"] = lambda limit: systems.Thrusters(limit + 1.0)
@@ -198,7 +363,7 @@ def test_errata_table_of_angles() -> None:
         cross = np.linalg.norm(np.cross(u, v))
         assert np.degrees(np.arctan2(u @ v, cross)) == pytest.approx(printed, abs=1e-9)
         assert np.degrees(np.arctan2(cross, u @ v)) == pytest.approx(right, abs=1e-9)
-        said = re.findall(rf"^\| {degrees:.0f}°.*$", PAGES["errata.md"], re.MULTILINE)
+        said = re.findall(rf"^\| {degrees:.0f}°.*$", PAGES["docs/errata.md"], re.MULTILINE)
         assert len(said) == 1
         cells = [cell.strip().replace("−", "-") for cell in said[0].split("|")]
         assert cells[2].startswith(f"{printed:.0f}°")
