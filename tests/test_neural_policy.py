@@ -8,7 +8,7 @@ from known_policies import RAYS, Counting, DeadReckoning, NotANumber, remember, 
 from short_flights import kleopatra
 
 from proxops.systems import InputError, LidarGeometry, NeuralPolicy, PolicyBundle, PolicyStatus
-from proxops.systems.policy import neural_policy
+from proxops.systems.policy import neural_policy, policy_answer
 
 TARGET = np.array([160e3, 8e3, 0.0, 0.0, 0.0, 0.0])
 FRAME = np.full(RAYS, np.inf)
@@ -135,6 +135,23 @@ def test_nothing_returns(counting: Path) -> None:
     assert row["record"][1] == PolicyStatus.NOT_FINITE
 
 
+def test_other_failures_of_the_network_end_the_flight(counting: Path) -> None:
+    """A frame of the wrong size: ONNX Runtime raises the same exception as for an index."""
+    bundle, memory = PolicyBundle.load(counting), np.zeros(Counting.MEMORY)
+    with pytest.raises(RuntimeError, match=r"policy failed: .*invalid dimensions") as caught:
+        policy_answer(bundle, FRAME[1:], TARGET, np.zeros(3), memory, 7.0)
+    assert type(caught.value.__cause__).__name__ == "InvalidArgument"
+
+
+def test_a_fault_of_the_program_ends_the_flight(counting: Path, monkeypatch) -> None:
+    def failing(*arguments):
+        raise KeyError("memory")
+
+    monkeypatch.setattr(neural_policy, "run_network", failing)
+    with pytest.raises(RuntimeError, match="policy failed: 'memory'"):
+        flown(NeuralPolicy(counting), APPLIED[:1])
+
+
 def test_policy_for_something_else_is_refused(counting: Path) -> None:
     with pytest.raises(InputError, match="12 planes of 360 rays, and this one has 6 of 720"):
         NeuralPolicy(counting, geometry=LidarGeometry(6, 720))
@@ -142,7 +159,7 @@ def test_policy_for_something_else_is_refused(counting: Path) -> None:
         NeuralPolicy(counting, period=5.0)
     with pytest.raises(InputError, match="trained at Kleopatra, of another shape"):
         NeuralPolicy(counting, shape_sha256="0" * 64)
-    with pytest.raises(InputError, match="positive thrust limit"):
+    with pytest.raises(InputError, match="needs thrust_limit above 0"):
         NeuralPolicy(counting, thrust_limit=0.0)
     assert NeuralPolicy(counting, shape_sha256=kleopatra().shape.sha256).thrust_limit == 7.0
     assert NeuralPolicy(PolicyBundle.load(counting)).bundle.path == counting

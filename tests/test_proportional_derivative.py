@@ -73,5 +73,5 @@ def test_senseless_properties_are_refused() -> None:
     for index in range(4):
         properties = [100.0, 7.0, 40.0, 10.0]
         properties[index] = 0.0
-        with pytest.raises(InputError, match="positive"):
+        with pytest.raises(InputError, match="ProportionalDerivative needs"):
             ProportionalDerivative(*properties)

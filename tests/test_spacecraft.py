@@ -107,7 +107,7 @@ def test_outputs_alone_need_no_simulator():
 
 @pytest.mark.parametrize("mass", [0.0, -1.0, np.nan, np.inf])
 def test_senseless_mass_is_refused(mass):
-    with pytest.raises(InputError, match="mass must be positive"):
+    with pytest.raises(InputError, match="Spacecraft needs mass above 0"):
         Spacecraft(mass, SPIN)
 
 

@@ -7,6 +7,7 @@ import typing
 
 import numpy as np
 import xarray as xr
+from scipy.interpolate import CubicHermiteSpline
 
 from proxops.diagrams.scenario import Body, Scenario
 from proxops.systems.expert import PlanReason, PlanStatus
@@ -138,20 +139,15 @@ def length_text(metres: float) -> str:
 
 
 def dense_positions(times: np.ndarray, states: np.ndarray) -> np.ndarray:
-    """Positions (M, 3) along the path, ten a row: cubic Hermite through positions and velocities.
+    """Positions (M, 3) along the path through states (N, 6), ten a row, by cubic Hermite splines.
 
     At 10 s steps it is within a millimetre of the integrated path.
     """
-    step = np.diff(times)[:, None, None]
-    s = (np.arange(_SUBSTEPS) / _SUBSTEPS)[None, :, None]
-    p, v = states[:, None, :3], states[:, None, 3:]
-    path = (
-        (1 + 2 * s) * (1 - s) ** 2 * p[:-1]
-        + s * (1 - s) ** 2 * step * v[:-1]
-        + s**2 * (3 - 2 * s) * p[1:]
-        + s**2 * (s - 1) * step * v[1:]
-    )
-    return np.concatenate([path.reshape(-1, 3), states[-1:, :3]])
+    if len(times) < 2:
+        return states[:, :3]
+    shares = np.arange(_SUBSTEPS * (len(times) - 1) + 1) / _SUBSTEPS
+    dense_times = np.interp(shares, np.arange(len(times)), times)
+    return CubicHermiteSpline(times, states[:, :3], states[:, 3:])(dense_times)
 
 
 def _arrives(data: xr.Dataset, scenario: Scenario, radius: float, speed: float) -> bool:

@@ -1,7 +1,10 @@
-"""Controllers that are not the expert: a learned policy from its bundle, and a PD controller.
+"""Controllers besides the MPC: a learned policy and a PD controller.
 
-Start with `NeuralPolicy`, which runs an ONNX network once a step, and `PolicyBundle`, the folder
-that it flies from and the checks that a bundle must pass. PyTorch is never needed here.
+Start with `NeuralPolicy`, which runs an ONNX network once a control step, and `PolicyBundle`, the
+folder that holds the network and says what it was trained for. `ProportionalDerivative` is a simple
+controller to compare others with. PyTorch is not needed here. The names of the network's inputs
+and outputs (`POLICY_INPUTS`, `POLICY_OUTPUTS`) are the format of all bundles: change them and every
+bundle has to be trained again.
 """
 
 from proxops.systems.policy.neural_policy import NeuralPolicy, PolicyStatus, policy_answer

@@ -1,4 +1,4 @@
-"""`NeuralPolicy`: a learned controller that sees lidar frames, the goal and its own force."""
+"""`NeuralPolicy`: a learned controller, from lidar frames, goal and last force to force."""
 
 from __future__ import annotations
 
@@ -11,36 +11,35 @@ import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import LeafSystem, ValueProducer
 
-from proxops.systems.common import InputError
+from proxops.systems.common import InputError, check_positive
 from proxops.systems.lidar import DEFAULT_GEOMETRY, LidarGeometry
 from proxops.systems.policy.policy_bundle import PolicyBundle, run_network
 
 
 class PolicyStatus(IntEnum):
-    """What the policy's command is."""
+    """Whether the policy gave a command."""
 
     ANSWERED = 0
     NOT_FINITE = 1
-    """The network's answer was not finite, or it gave none: no force is commanded, and its memory
-    starts anew."""
+    """The force or the memory was not finite: the command is zero and the memory is reset."""
 
 
 class PolicyAnswer(NamedTuple):
-    """All that a policy gives at one step."""
+    """The result of one step of a policy."""
 
     force: np.ndarray
     """(3,) in N in K, within the thrust limit."""
     estimate: np.ndarray
     """(6,) position and velocity in K in m and m/s; NaN if there is none."""
     memory: np.ndarray
-    """For the next step."""
+    """Input of the next step."""
     status: PolicyStatus
     wall_time: float
-    """In s, of the network."""
+    """Time in s that the network took."""
 
 
 class NeuralPolicy(LeafSystem):
-    """Flies a policy from its bundle: one run of its network a step, on one thread.
+    """Runs the network of a policy's bundle once a control step, on one thread.
 
     ```
     ranges (planes * rays) ──►┌──────────────┐
@@ -49,12 +48,12 @@ class NeuralPolicy(LeafSystem):
                               └──────────────┴─► record (2): wall time in s, PolicyStatus
     ```
 
-    Ranges are in m, +inf where nothing returned; the other vectors are in K, in m, m/s and N.
-    `applied_force` is what acted over the last period, as the thrusters' hold gives it.
+    Ranges are in m, +inf where nothing returned. The other vectors are in K, in m, m/s and N.
+    `applied_force` is the force that acted over the last period: the output of the thrusters' hold.
 
-    What the policy remembers is discrete state in the Context, zeros at first, replaced every
+    The network's memory is discrete state in the Context. It is zero at first and is replaced every
     `period`. The command is clipped to the thrust limit. A policy must not end a flight: if its
-    force or memory is not finite, it commands no force, and remembers nothing at the next step.
+    force or memory is not finite, it commands no force, and its memory at the next step is zero.
     """
 
     def __init__(
@@ -66,24 +65,24 @@ class NeuralPolicy(LeafSystem):
         *,
         shape_sha256: str | None = None,
     ):
-        """Takes a bundle that `proxops train` made, and what it is to be flown with.
+        """Takes a bundle that `proxops train` made, and the conditions of the flight.
 
         Args:
-          thrust_limit: greatest force per axis in N; None: that which the policy learned from.
+          bundle: the bundle or its folder.
+          thrust_limit: greatest force per axis in N; None: the limit of the policy's training data.
           period: control period in s.
           geometry: planes and rays of the lidar.
-          shape_sha256: of the body flown at; None: whatever body the bundle was trained at.
+          shape_sha256: hash of the shape of the body flown at; None: the body of the bundle.
 
         Raises:
-          InputError: the limit is not positive; no bundle, a damaged one, or one for another
-            period, other planes and rays or another body.
+          InputError: the limit is not positive; there is no bundle, it is damaged, or it was
+            trained for another period, other planes and rays or another body.
         """
         super().__init__()
         self.bundle = bundle if isinstance(bundle, PolicyBundle) else PolicyBundle.load(bundle)
         self.thrust_limit = self.bundle.thrust_limit if thrust_limit is None else thrust_limit
         self.period = period
-        if not self.thrust_limit > 0.0:
-            raise InputError(f"a policy needs a positive thrust limit, got {thrust_limit}")
+        check_positive("NeuralPolicy", thrust_limit=self.thrust_limit)
         _check_fit(self.bundle, period, geometry, shape_sha256)
         self._ranges_port = self.DeclareVectorInputPort(name="ranges", size=geometry.size)
         self._target_port = self.DeclareVectorInputPort(name="target", size=6)
@@ -93,7 +92,8 @@ class NeuralPolicy(LeafSystem):
             np.zeros(3), np.full(6, np.nan), np.zeros(self.bundle.memory),
             PolicyStatus.NOT_FINITE, 0.0,
         )  # fmt: skip
-        # One entry for all that the network gives, so that outputs and update share one run.
+        # One cache entry holds the network's whole result, so that the outputs and the update share
+        # one run.
         self._answer = self.DeclareCacheEntry(
             "answer",
             ValueProducer(allocate=lambda: AbstractValue.Make(nothing), calc=self._calc_answer),
@@ -114,8 +114,8 @@ class NeuralPolicy(LeafSystem):
         self._record_port = self.DeclareVectorOutputPort(
             name="record", size=2, calc=self._calc_record, prerequisites_of_calc=depends
         )
-        # Discrete, not unrestricted: at one time all discrete updates see the same state before
-        # it, so that the hold downstream reads the answer that is cached.
+        # The update is discrete, not unrestricted: all discrete updates at one time see the state
+        # before it, so that the hold downstream reads the cached result.
         self.DeclarePeriodicDiscreteUpdateEvent(
             period_sec=period, offset_sec=0.0, update=self._remember
         )
@@ -151,17 +151,22 @@ def policy_answer(
     memory: np.ndarray,
     thrust_limit: float,
 ) -> PolicyAnswer:
-    """What a policy says at one step, within limits; nothing if what it says isn't finite.
+    """Runs a policy's network for one step and limits its force.
 
     Args:
       ranges: (planes * rays) in m, +inf where nothing returned. target: (6,) in m and m/s.
-      applied_force: (3,) in N over the last period. memory: of its last answer, at first zeros.
+      applied_force: (3,) in N over the last period. memory: of the last answer, at first zeros.
       thrust_limit: greatest force per axis in N.
+
+    Raises:
+      RuntimeError: ONNX Runtime fails for another reason than an index out of range.
     """
     started = time.perf_counter()
     try:
         answer = run_network(bundle.session, ranges, target, applied_force, memory)
-    except Exception:  # Of no common type; for instance an index that was made of NaN.
+    except Exception as error:  # ONNX Runtime's exceptions have no common type.
+        if not _is_index_out_of_range(error):
+            raise RuntimeError(f"the network of {bundle.path} failed: {error}") from error
         answer = np.full(3, np.nan), np.full(6, np.nan), memory
     wall_time = time.perf_counter() - started
     force, estimate, memory = answer
@@ -173,10 +178,22 @@ def policy_answer(
     return PolicyAnswer(force, estimate, memory, status, wall_time)
 
 
+def _is_index_out_of_range(error: Exception) -> bool:
+    """Whether ONNX Runtime refused an index that the network computed.
+
+    The bundle's inputs and outputs were checked when it was loaded, so such an index comes from a
+    value that is not finite: NaN becomes an arbitrary integer. The error is `InvalidArgument`, as
+    for inputs of a wrong shape, but a node raises it while the network runs.
+    """
+    from onnxruntime.capi.onnxruntime_pybind11_state import InvalidArgument  # Slow to import.
+
+    return isinstance(error, InvalidArgument) and "while running" in str(error)
+
+
 def _check_fit(
     bundle: PolicyBundle, period: float, geometry: LidarGeometry, shape_sha256: str | None
 ) -> None:
-    """Raises `InputError` if a policy was trained for something else, with what it was."""
+    """Raises `InputError`, with the reason, if a policy was trained for other conditions."""
     trained = (bundle.planes, bundle.rays)
     if trained != (geometry.planes, geometry.rays):
         raise InputError(

@@ -1,4 +1,4 @@
-"""The bundle of a policy: a folder with the network and all that it needs to be flown."""
+"""`PolicyBundle`: a folder with a policy's network and the conditions it was trained for."""
 
 from __future__ import annotations
 
@@ -18,10 +18,12 @@ POLICY_FORMAT = "proxops policy 1"
 POLICY_FILE = "policy.json"
 POLICY_INPUTS = ("ranges", "target", "applied_force", "memory")
 POLICY_OUTPUTS = ("force", "estimate", "next_memory")
-"""Names in the network; all are float32 of one row each. In: ranges (planes * rays) in m, +inf
-where nothing returned; target (6) in m and m/s; the force (3) in N that was applied over the last
-period, 0 at the first step; memory, 0 at the start of a flight. Out: force (3) in N, estimate (6)
-of position and velocity in m and m/s, NaN if it makes none, and the memory for the next step."""
+"""Names of the network's inputs and outputs; each is one row of float32.
+
+Inputs: ranges (planes * rays) in m, +inf where nothing returned; target (6) in m and m/s; the force
+(3) in N that was applied over the last period, 0 at the first step; memory, 0 at the start of a
+flight. Outputs: force (3) in N; estimate (6) of position and velocity in m and m/s, NaN if the
+network makes none; the memory for the next step."""
 _KIND = BundleKind(
     noun="policy",
     file=POLICY_FILE,
@@ -37,26 +39,27 @@ _KIND = BundleKind(
 
 @dataclass(frozen=True)
 class PolicyBundle:
-    """A policy as it was read from its folder."""
+    """A policy that was read from its folder."""
 
     path: Path
     recipe: str
-    """How it was trained."""
+    """Name of the training recipe."""
     planes: int
     rays: int
     period: float
     """Control period in s."""
     thrust_limit: float
-    """Greatest force per axis in N that it learned from."""
+    """Greatest force per axis in N in its training data."""
     memory: int
-    """Length of what it remembers from step to step."""
+    """Length of the memory, which goes from step to step."""
     estimates: bool
-    """Whether it tells where it takes itself to be."""
+    """Whether it estimates position and velocity."""
     body: str
+    """Name of the body that it was trained at."""
     shape_sha256: str
-    """Of the body that it was trained at: `Polyhedron.sha256`."""
+    """`Polyhedron.sha256` of that body."""
     sha256: str
-    """Of `policy.json`, which holds the network's hash: names the bundle."""
+    """Hash of `policy.json`, which holds the network's hash. It identifies the bundle."""
     session: ort.InferenceSession = field(repr=False)
 
     @classmethod
@@ -64,7 +67,8 @@ class PolicyBundle:
         """Reads a bundle's folder.
 
         Raises:
-          InputError: no bundle, of another format, or damaged; the message says which.
+          InputError: there is no bundle, it has another format, or it is damaged; the message says
+            which.
         """
         folder = Path(path)
         content, sha256, session = read_bundle(folder, _KIND)
@@ -95,7 +99,7 @@ def check_network(session: ort.InferenceSession, rays: int, memory: int) -> None
     """Raises `InputError` if a network's inputs and outputs are not those of a policy.
 
     Args:
-      rays: of all planes together. memory: its length.
+      rays: number of rays in all planes. memory: length of the memory.
     """
     sizes = {
         "ranges": rays, "target": 6, "applied_force": 3, "memory": memory,
@@ -118,7 +122,7 @@ def run_network(
     applied_force: np.ndarray,
     memory: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Force (3,), estimate (6,) and next memory of one step, float32, from vectors of any kind."""
+    """Runs the network once: force (3,), estimate (6,) and next memory, all float32."""
     vectors = (ranges, target, applied_force, memory)
     rows = {
         name: np.asarray(vector, dtype=np.float32)[None]

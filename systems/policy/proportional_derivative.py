@@ -1,21 +1,21 @@
-"""`ProportionalDerivative`: the plain controller that others are measured against."""
+"""`ProportionalDerivative`: a simple controller, to compare others with."""
 
 from __future__ import annotations
 
 import numpy as np
 from pydrake.systems.framework import LeafSystem
 
-from proxops.systems.common import InputError
+from proxops.systems.common import check_positive
 
-# Share of the thrust limit that slowing down along the path asked for may take. The rest is left
-# to gravity and Coriolis.
+# Share of the thrust limit that braking towards the goal may take. The rest is left for gravity
+# and Coriolis.
 _BRAKING_SHARE = 0.5
-# Share of an error of velocity that one control period takes away.
+# Share of a velocity error that one control period removes.
 _CORRECTION = 0.5
 
 
 class ProportionalDerivative(LeafSystem):
-    """Proportional in position and derivative in velocity, on the true state.
+    """A PD law: proportional in position and derivative in velocity.
 
     ```
     state (6) ──►┌────────────────────────┐
@@ -28,12 +28,12 @@ class ProportionalDerivative(LeafSystem):
         force = clip(m k (clip(λ e, ±v) + goal velocity - velocity), ±F)
         λ = F / (2 m v)   k = 1 / (2 T)
 
-    m is the mass, F the thrust limit, v the speed limit, T the control period. That is a PD law of
-    gains m k λ and m k whose proportional part asks for no more than the speed limit. Along
-    velocity = λ e braking takes at most half of the thrust limit. The law knows neither gravity
-    nor the body: it hovers beside the goal, as far off as the proportional part needs to hold the
-    weight, and flies straight through what lies in its way. Where the state is not finite, for
-    instance an estimate that there is none of, it commands no force.
+    m is the mass, F the thrust limit, v the speed limit, T the control period. It is a PD law with
+    gains m k λ and m k whose proportional part asks for no more than the speed limit. Where
+    velocity = λ e, braking takes at most half of the thrust limit. The law knows neither gravity
+    nor the body. It hovers beside the goal, at the distance where the proportional part balances
+    the weight, and it flies into whatever is in its way. It commands no force where the state is
+    not finite, for instance where there is no estimate.
     """
 
     def __init__(self, mass: float, thrust_limit: float, speed_limit: float, period: float = 10.0):
@@ -43,16 +43,18 @@ class ProportionalDerivative(LeafSystem):
           InputError: one of them is not positive.
         """
         super().__init__()
-        if not min(mass, thrust_limit, speed_limit, period) > 0.0:
-            raise InputError(
-                "a PD controller needs a positive mass, thrust limit, speed limit and period, "
-                f"got {mass}, {thrust_limit}, {speed_limit} and {period}"
-            )
+        check_positive(
+            "ProportionalDerivative",
+            mass=mass,
+            thrust_limit=thrust_limit,
+            speed_limit=speed_limit,
+            period=period,
+        )
         self.thrust_limit, self.speed_limit = thrust_limit, speed_limit
         self.rate = _BRAKING_SHARE * thrust_limit / (mass * speed_limit)
         """λ in 1/s."""
         self.gain = mass * _CORRECTION / period
-        """Of velocity, m k, in kg/s."""
+        """Gain of velocity, m k, in kg/s."""
         self._state_port = self.DeclareVectorInputPort(name="state", size=6)
         self._target_port = self.DeclareVectorInputPort(name="target", size=6)
         self._force_port = self.DeclareVectorOutputPort(

@@ -1,9 +1,11 @@
-"""The spacecraft and what acts on it between a command and its motion.
+"""The spacecraft, its thrusters, what disturbs it, and the monitor of its flight.
 
-Start with `Spacecraft`, the equations of motion in K. `Thrusters`, `DelayedHold` and the
-disturbances (`RandomWalkDisturbance`, `ForceNoise`, `VelocityKicks`, `StateNoise`) stand between
-the command and the plant; `FlightMonitor` finds arrival, collision and keep-out violations as
-events. Every random system derives its numbers from its seed and the step alone.
+Start with `Spacecraft`, the equations of motion in K. `RandomWalkDisturbance` and `ForceNoise`
+disturb the commanded force, `Thrusters` limits it and `DelayedHold` delays it. `VelocityKicks`
+accelerates the spacecraft at random, and `StateNoise` adds errors to a state. `FlightMonitor` finds
+arrival, collision and keep-out violations as events. `state_prediction` has plain functions that
+predict the motion. A new disturbance is a `SeededSystem` with a force in and a force out. Its
+random numbers must depend on its seed and the control step alone.
 """
 
 from proxops.systems.vehicle.delayed_hold import DelayedHold

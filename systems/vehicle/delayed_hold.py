@@ -8,7 +8,7 @@ from proxops.systems.common import InputError
 
 
 class DelayedHold(LeafSystem):
-    """Holds, for one period each, the samples of its input, from a fixed delay after each sample.
+    """Samples its input once a period and holds each sample, after a fixed delay, for one period.
 
     ```
     u (size) ──►┌─────────────┐
@@ -20,8 +20,9 @@ class DelayedHold(LeafSystem):
 
         y(t) = u(k T)   for   k T + τ < t <= (k + 1) T + τ,   and 0 before t = τ
 
-    as Drake's `ZeroOrderHold` does without a delay; an update's result is seen after its time. Two
-    discrete states hold what waits and what is put out. There is no direct feedthrough.
+    This is Drake's `ZeroOrderHold` with a delay; as there, an update takes effect just after its
+    time. One discrete state holds the sample that waits, another the output. There is no direct
+    feedthrough.
     """
 
     def __init__(self, period: float, delay: float, size: int):
@@ -42,9 +43,10 @@ class DelayedHold(LeafSystem):
         self._current = self.DeclareDiscreteState(size)
         self.DeclareStateOutputPort(name="y", state_index=self._current)
         declare = self.DeclarePeriodicDiscreteUpdateEvent
-        # All updates at one time read the state before it: at kT + T, what waited is put out and
-        # what comes in waits. Both events then have the same offset, for kT + T and (k + 1)T may
-        # differ in the last bit, and the new sample would be put out at once.
+        # All updates at one time read the state before that time: at kT + T the waiting sample is
+        # put out, and the new one waits. With a delay of one period, both events must have the same
+        # offset: kT + T and (k + 1)T may differ in the last bit, and then the new sample would be
+        # put out at once.
         declare(period_sec=period, offset_sec=0.0, update=self._sample)
         declare(
             period_sec=period, offset_sec=delay if delay < period else 0.0, update=self._put_out

@@ -10,37 +10,38 @@ from pydrake.systems.framework import (
     UnrestrictedUpdateEvent,
     WitnessFunctionDirection,
 )
+from scipy.interpolate import CubicHermiteSpline
 
+from proxops.systems.common import check_not_negative, check_positive
 from proxops.systems.gravity import GravityField
 from proxops.systems.shapes import blocks_segment, clearances, ray_caster
 
-# A time that never comes; finite, so that a witness may be interpolated.
+# A time that never comes. It is finite, so that a witness function may be interpolated.
 NEVER = 1e15
-# Of the outcome vector.
+# Indices of the outcome vector.
 ENTERED_GOAL, VIOLATIONS, COLLIDED, FINISHED = range(4)
 
 
 class FlightMonitor(LeafSystem):
-    """Watches a flight and ends it.
+    """Detects arrival, keep-out violations and collision, and ends the flight.
 
     ```
     state (6) ───►┌───────────────┐
-    target (6) ──►│ FlightMonitor ├─► outcome (4): time in s at which the goal region was entered
-                  └───────────────┘   for good so far (NEVER if not in it), keep-out violations,
+    target (6) ──►│ FlightMonitor ├─► outcome (4): time in s of the last entry into the goal region
+                  └───────────────┘   (NEVER outside it), number of keep-out violations,
                                       1 after a collision, 1 after the dwell in the goal region
     ```
 
     Witness functions find, to a fraction of a millisecond, when the spacecraft
 
     * enters or leaves the goal region (within `radius` and `speed` of the target),
-    * goes deeper than `tolerance` into the keep-out ellipsoid, which is counted,
-    * enters the true mesh, which ends the flight,
-    * has spent `dwell` in the goal region without a break, which ends the flight.
+    * goes deeper than `tolerance` into the keep-out ellipsoid: the violation is counted,
+    * enters the true mesh: the flight ends,
+    * has spent `dwell` in the goal region without a break: the flight ends.
 
-    A witness compares the ends of an integration step. So that no corner of the mesh is cut and
-    the ellipsoid is not dipped into between two of them, the path over every control period is
-    looked at as well: its chord is cast against the mesh, and a cubic through its ends checked
-    for depth.
+    A witness function sees only the ends of an integration step. The path in between may cut a
+    corner of the mesh or dip into the ellipsoid. So the path over each control period is checked as
+    well: its chord is cast against the mesh, and a cubic through its ends is checked for depth.
     """
 
     def __init__(
@@ -53,11 +54,24 @@ class FlightMonitor(LeafSystem):
         tolerance: float = 1.0,
         period: float = 10.0,
     ):
-        """Takes the body's field (for its inside) in K, and lengths in m, speed in m/s, times in s.
+        """Takes the true body and what counts as arrival and as violation.
 
-        The keep-out ellipsoid, semi-axes (3,), must hold the whole mesh.
+        Args:
+          field: the body's field in K, which knows what is inside the body.
+          keep_out_semi_axes: (3,) in m, of an ellipsoid that contains the whole mesh.
+          radius, speed: size of the goal region in m and m/s.
+          dwell: time in s in the goal region after which the flight ends.
+          tolerance: depth in m from which the keep-out ellipsoid counts as violated.
+          period: control period in s.
+
+        Raises:
+          InputError: one of them is not positive, or the dwell or the tolerance is negative.
         """
         super().__init__()
+        axes = dict(zip(("x", "y", "z"), keep_out_semi_axes, strict=True))
+        check_positive("FlightMonitor", radius=radius, speed=speed, period=period)
+        check_positive("the keep-out ellipsoid", **axes)
+        check_not_negative("FlightMonitor", dwell=dwell, tolerance=tolerance)
         self._field, self._keep_out = field, np.asarray(keep_out_semi_axes, dtype=np.float64)
         self._radius, self._speed, self._dwell = radius, speed, dwell
         self._tolerance = tolerance
@@ -90,7 +104,7 @@ class FlightMonitor(LeafSystem):
         return self.MakeWitnessFunction(description, direction, calc, event)
 
     def DoGetWitnessFunctions(self, context):  # noqa: N802
-        """All of them, always."""
+        """Returns all witness functions."""
         return self._witnesses
 
     def _calc_outside_goal(self, context) -> float:
@@ -114,7 +128,7 @@ class FlightMonitor(LeafSystem):
 
     def _initialise(self, context, discrete_state):
         outcome = discrete_state.get_mutable_value(self._outcome_index)
-        # A flight taken up again in the goal region, from a cloned Context, entered it before.
+        # A flight that continues in the goal region, from a cloned Context, entered it before.
         entered = min(outcome[ENTERED_GOAL], context.get_time())
         outcome[ENTERED_GOAL] = entered if self._calc_outside_goal(context) <= 0.0 else NEVER
         self._mark(context, discrete_state, outcome[VIOLATIONS])
@@ -128,7 +142,9 @@ class FlightMonitor(LeafSystem):
         state = self._state_port.Eval(context)
         outcome = discrete_state.get_mutable_value(self._outcome_index)
         duration = context.get_time() - last[6]
-        if outcome[VIOLATIONS] == last[7] and self._dips(last[:6], state, duration):
+        # Nothing has been flown where a flight is taken up again at a control step.
+        flown = duration > 0.0
+        if flown and outcome[VIOLATIONS] == last[7] and self._dips(last[:6], state, duration):
             outcome[VIOLATIONS] += 1.0
         self._mark(context, discrete_state, outcome[VIOLATIONS])
         start, end = last[:3], state[:3]
@@ -138,11 +154,14 @@ class FlightMonitor(LeafSystem):
         return EventStatus.Succeeded()
 
     def _dips(self, start: np.ndarray, end: np.ndarray, duration: float) -> bool:
-        """Whether the path goes too deep between two states (6,) that are not too deep."""
-        s = np.linspace(0.0, 1.0, 11)[:, None]
-        positions = (1.0 - s) ** 2 * ((1.0 + 2.0 * s) * start[:3] + s * duration * start[3:])
-        positions += s**2 * ((3.0 - 2.0 * s) * end[:3] - (1.0 - s) * duration * end[3:])
-        clearance = clearances(self._keep_out, positions) + self._tolerance
+        """Whether the path goes too deep between two states (6,) that are not too deep.
+
+        The path is the cubic through both states' positions and velocities.
+        """
+        states, times = np.stack([start, end]), np.array([0.0, duration])
+        path = CubicHermiteSpline(times, states[:, :3], states[:, 3:])
+        clearance = clearances(self._keep_out, path(np.linspace(0.0, duration, 11)))
+        clearance += self._tolerance
         return bool(clearance[0] > 0.0 and clearance[-1] > 0.0 and clearance.min() <= 0.0)
 
     def _hits_body(self, start: np.ndarray, end: np.ndarray) -> bool:

@@ -1,4 +1,4 @@
-"""`RandomWalkDisturbance`: the paper's slow random walk added to the commanded force."""
+"""`RandomWalkDisturbance`: a random walk on the force, as in the paper."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def shortened(vector: np.ndarray, limit: float) -> np.ndarray:
 
 
 class RandomWalkDisturbance(SeededSystem):
-    """Adds a random walk to a force, as the paper did to fly its recovery transits.
+    """Adds a random walk to a force, as the paper did for its disturbed transits.
 
     ```
                 ┌───────────────────────┐

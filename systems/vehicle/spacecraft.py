@@ -6,18 +6,18 @@ import numpy as np
 from pydrake.systems.framework import BasicVector_, LeafSystem_
 from pydrake.systems.scalar_conversion import TemplateSystem
 
-from proxops.systems.common import InputError
+from proxops.systems.common import LARGEST, InputError, check_positive
 
 
 def rotating_frame_acceleration(position, velocity, gravity, force, mass: float, spin: float):
-    """r'' = g(r) - 2 w x r' - w x (w x r) + F / m, with w = spin z.
+    """The acceleration in K: r'' = g(r) - 2 w x r' - w x (w x r) + F / m, with w = spin z.
 
     Args:
       position, velocity, gravity, force: (3,) in K, in m, m/s, m/s^2 and N.
       mass: kg. spin: rad/s about z.
 
     Returns:
-      (3,) in m/s^2, in K. Works on any scalar type.
+      (3,) in m/s^2, in K, for any scalar type.
     """
     coriolis = np.array([2.0 * spin * velocity[1], -2.0 * spin * velocity[0], 0.0])
     centrifugal = np.array([spin**2 * position[0], spin**2 * position[1], 0.0])
@@ -27,7 +27,7 @@ def rotating_frame_acceleration(position, velocity, gravity, force, mass: float,
 def jacobi_integral(
     positions: np.ndarray, velocities: np.ndarray, potentials: np.ndarray, spin: float
 ) -> np.ndarray:
-    """v^2/2 - w^2 (x^2 + y^2)/2 - U: constant along free motion in K (N,), in m^2/s^2.
+    """Jacobi integrals (N,) in m^2/s^2: v^2/2 - w^2 (x^2 + y^2)/2 - U, constant in free motion.
 
     Args:
       positions, velocities: (N, 3) in K. potentials: (N,), positive. spin: rad/s about z.
@@ -56,7 +56,7 @@ def Spacecraft_(T):  # noqa: N802 (Drake's own naming of templates)
         """
 
         def _construct(self, mass: float, spin: float, initial_state=None, *, converter=None):
-            """Takes the mass in kg, the body's spin about z in rad/s and where a Context starts.
+            """Takes the mass in kg, the body's spin about z in rad/s and the default initial state.
 
             `initial_state` (6) is in m and m/s in K; None: at rest at the origin.
 
@@ -64,9 +64,8 @@ def Spacecraft_(T):  # noqa: N802 (Drake's own naming of templates)
               InputError: the mass is not positive or the spin is not finite.
             """
             super().__init__(converter=converter)
-            if not (np.isfinite(mass) and mass > 0.0):
-                raise InputError(f"the spacecraft's mass must be positive, got {mass} kg")
-            if not np.isfinite(spin):
+            check_positive("Spacecraft", mass=mass)
+            if not abs(spin) < LARGEST:
                 raise InputError(f"the spin must be finite, got {spin} rad/s")
             self.mass, self.spin = float(mass), float(spin)
             self.initial_state = np.zeros(6) if initial_state is None else np.array(initial_state)

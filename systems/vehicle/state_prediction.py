@@ -1,4 +1,4 @@
-"""Where the spacecraft will be after a short while, and what pushes it besides what is known."""
+"""Prediction of the state over a short time, and the acceleration that a prediction lacks."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import numpy as np
 from proxops.systems.gravity import Field
 from proxops.systems.vehicle.spacecraft import rotating_frame_acceleration
 
-# Longest step of the prediction (s). Gravity changes over some 100 s, so that the classical
-# Runge-Kutta method errs by micrometres.
+# Longest step of the prediction (s). Gravity changes over some 100 s, so the error of the classical
+# Runge-Kutta method is a few micrometres.
 _LONGEST_STEP = 5.0
 
 
@@ -21,7 +21,7 @@ def predicted_state(
 
     Args:
       state: (6,) in K, in m and m/s. force: (3,) in N in K.
-      field: the gravity to believe in. mass: kg. spin: rad/s about z.
+      field: the assumed gravity. mass: kg. spin: rad/s about z.
     """
 
     def rate(at: np.ndarray) -> np.ndarray:
@@ -41,7 +41,7 @@ def predicted_state(
 
 
 def moved_by(push: np.ndarray, duration: float) -> np.ndarray:
-    """What a constant acceleration (3,), in m/s^2, adds to a state (6,) in `duration` s."""
+    """The change (6,) of a state by a constant acceleration (3,), in m/s^2, over `duration` s."""
     return np.concatenate([0.5 * duration**2 * push, duration * push])
 
 
@@ -54,13 +54,14 @@ def unexplained_acceleration(
     mass: float,
     spin: float,
 ) -> np.ndarray:
-    """The mean acceleration (3,), in m/s^2, that gravity and a constant force leave unexplained.
+    """The mean acceleration (3,), in m/s^2, that gravity and a constant force do not explain.
 
     Args:
-      before, after: states (6,) in K, `duration` s apart. The others as in `predicted_state`.
+      before, after: states (6,) in K, `duration` s apart.
+      force, field, mass, spin: as in `predicted_state`.
     """
     change = after[3:] - before[3:]
-    # Of a cubic through both states.
+    # The position halfway on the cubic through both states.
     middle = 0.5 * (before[:3] + after[:3]) - 0.125 * duration * change
     expected = rotating_frame_acceleration(
         middle,

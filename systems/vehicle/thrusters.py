@@ -1,15 +1,15 @@
-"""`Thrusters`: what the thrusters make of a command."""
+"""`Thrusters`: the limits of the force that acts."""
 
 from __future__ import annotations
 
 import numpy as np
 from pydrake.systems.framework import LeafSystem
 
-from proxops.systems.common import InputError
+from proxops.systems.common import InputError, check_positive
 
 
 class Thrusters(LeafSystem):
-    """Clips a command to the thrusters' limits, whoever gave it.
+    """Clips a commanded force to the thrusters' limits.
 
     ```
                 ┌───────────┐
@@ -18,12 +18,17 @@ class Thrusters(LeafSystem):
     ```
 
     The output depends on the input alone. A command that is not finite ends the simulation with an
-    `InputError`: an integrator would search for a step that copes with it, for ever.
+    `InputError`, because an integrator would shorten its steps without end.
     """
 
     def __init__(self, limit: float):
-        """Takes the greatest force per axis in N."""
+        """Takes the greatest force per axis in N.
+
+        Raises:
+          InputError: it is not positive.
+        """
         super().__init__()
+        check_positive("Thrusters", limit=limit)
         self.limit = limit
         self._command_port = self.DeclareVectorInputPort(name="force", size=3)
         self.DeclareVectorOutputPort(
