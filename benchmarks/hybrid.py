@@ -1,22 +1,20 @@
-"""What the hybrid trades: its gates, limits and periods on the same transits.
+"""Shows what the hybrid trades: its gates, limits and periods on the same transits.
 
 Every variant flies the same transits from the same starts to the same goals, with the same noise.
-`strict, 10` is the hybrid as it is configured: the strict gate, 1 N and 10°, a check every 10
-steps. A variant differs from it by what its name says; a number is the period in steps. `zero`
-stands for the policy with one that commands no force: a gate that lets it fly lets anything fly,
-and a policy has earned what its share has over it. Without a policy only the MPC and these fly.
+`strict, 10` is the hybrid as the default scenario configures it: the strict gate, 1 N and 10°, a
+check every 10 steps. The name of another variant says how it differs; a number is the period in
+steps. In the variants `zero` a policy that commands no force stands in the policy's place: what the
+policy has learned shows only in what its share has over that of zero.
 
-Solves saved are steps at which the MPC was not asked; Δv is over the MPC's on the transits in
-which both arrived; time is the mean of a step of the whole controller, the policy's network and the
-MPC where it was asked, and how many times less that is than the MPC's alone. Flights are kept one
-by one in the folder of `--out`: run it again to finish what was interrupted, or to add transits.
+Solves saved are steps at which the MPC was not asked. Δv is over the MPC's on the transits in which
+both arrived. The time of a step is that of the whole controller, network and MPC together, and the
+last column says how many times less that is than the MPC alone takes. Flights are kept in the folder
+of `--out`: run the command again to finish what was interrupted, or to add transits.
 
     python benchmarks/hybrid.py [--policy BUNDLE] [--transits 20] [--seed 60] [--only NAME ...]
         [--workers N] [--out out/hybrid] [--markdown table.md] [--plot trade.png]
 """
 
-import argparse
-import dataclasses
 import os
 from collections.abc import Sequence
 from pathlib import Path
@@ -64,33 +62,13 @@ HEADINGS = (
 )  # fmt: skip
 
 
-def controller_of(variant: str, bundle: Path | None) -> str:
+def controller_of(variant: str, bundle: Path) -> str:
     """The controller of a variant by name."""
     if variant == MPC:
         return "mpc"
     if variant in ZEROS:
         return "proxops.diagrams.flight.hybrid_controller:zero_hybrid"
     return f"{'policy' if variant == POLICY else 'hybrid'}:{bundle}"
-
-
-def fly_all(
-    variants: Sequence[str],
-    bundle: Path | None,
-    seed: int,
-    count: int,
-    folder: Path,
-    workers: Workers,
-) -> dict[str, list[Row]]:
-    """Each variant's rows in the order of the transits."""
-    groups: dict[str, list[Flight]] = {variant: [] for variant in variants}
-    for variant in variants:
-        label = file_label(variant)
-        scenario = load_scenario(None, {"log_ranges": False, **VARIANTS[variant]})
-        for flight in transit_flights(scenario, controller_of(variant, bundle), seed, count):
-            groups[variant].append(
-                dataclasses.replace(flight, name=f"{label}-{seed}-{flight.name[-5:]}")
-            )
-    return run_groups(groups, folder, workers=workers)
 
 
 def solves_saved(rows: Sequence[Row]) -> float:
@@ -151,27 +129,22 @@ def trade_plot(rows: dict[str, list[Row]], title: str) -> matplotlib.figure.Figu
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--policy", type=Path, help="a policy's bundle; default: the shipped one")
-    parser.add_argument("--transits", type=int, default=20)
-    parser.add_argument("--seed", type=int, default=60)
+    parser = campaign_parser(__doc__, "out/hybrid", transits=20, seed=60)
+    parser.add_argument("--policy", type=Path, default=SHIPPED, help="a policy's bundle")
     parser.add_argument("--only", nargs="*", metavar="NAME", help="variants besides the MPC")
-    parser.add_argument("--workers", type=int, help="processes; default: one for each core")
-    parser.add_argument("--out", type=Path, default=Path("out/hybrid"))
-    parser.add_argument("--markdown", type=Path, help="also write the table there")
     parser.add_argument("--plot", type=Path, help="also draw solves saved against Δv there")
     asked = parser.parse_args()
-    bundle = asked.policy or (SHIPPED if SHIPPED.is_dir() else None)
-    known = list(VARIANTS) if bundle else [MPC, *ZEROS]
-    unknown = set(asked.only or ()) - set(known)
+    unknown = set(asked.only or ()) - set(VARIANTS)
     if unknown:
-        raise SystemExit(f"hybrid.py: no variant {', '.join(sorted(unknown))}: {known}")
-    variants = [MPC, *asked.only] if asked.only else known
-    with flying(asked.workers) as workers:
-        rows = fly_all(
-            variants, bundle, asked.seed, asked.transits, asked.out, workers
-        )  # fmt: skip
-    lines = {variant: figures(rows[variant], rows[MPC]) for variant in variants}
+        names = ", ".join(sorted(unknown))
+        raise SystemExit(f"hybrid.py: no variant {names}: {list(VARIANTS)}")
+    chosen = dict.fromkeys([MPC, *asked.only]) if asked.only else VARIANTS
+    variants = [
+        Variant(name, controller_of(name, asked.policy.resolve()), VARIANTS[name])
+        for name in chosen
+    ]
+    rows = fly_with_bar(variants, load_scenario(None, {"log_ranges": False}), asked)
+    lines = {name: figures(flown, rows[MPC]) for name, flown in rows.items()}
     title = f"{asked.transits} transits of seed {asked.seed}"
     show(title, HEADINGS, lines, asked.markdown)
     if asked.plot:

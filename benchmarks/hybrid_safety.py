@@ -1,35 +1,37 @@
-"""What the schedule of checks alone keeps out: a policy that means harm, and agrees at every check.
+"""Shows what the hybrid's schedule of checks alone keeps out: its policy is an adversary.
 
-The gate is opened so far that any force agrees, and nearly as equals: the policy flies between all
-checks, the MPC at them, and the adaptive period is as long as it ever is. The adversaries are
-those of runtime assurance, which is off. Each flies the same transits with the adaptive period and
-with fixed ones. A flight counts if it enters the keep-out ellipsoid.
+The gate is opened so far that any force agrees with the MPC's: the adversary flies between all
+checks, the MPC at the checks, and the adaptive period is as long as it can be. The adversaries are
+those that test runtime assurance, which is off here. Each flies the same transits with the adaptive
+period and with fixed ones. A flight counts as inside if it enters the keep-out ellipsoid. Flights
+are kept in the folder of `--out`.
 
-    python benchmarks/hybrid_safety.py [--transits 10] [--seed 61] [--duration 4000]
+    python benchmarks/hybrid_safety.py [--transits 10] [--seed 61] [--duration 4000] [--workers N]
+        [--out out/hybrid-safety] [--markdown table.md]
 """
 
-import argparse
 import os
+from collections.abc import Sequence
 
 for name in ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ[name] = "1"
 
 import numpy as np
-from pydrake.systems.framework import LeafSystem
-from rich.console import Console
-from rich.progress import track
-from rich.table import Table
+from _campaign import campaign_parser, fly_with_bar, show
+from pydrake.systems.framework import Diagram, LeafSystem
 
-from proxops.diagrams.flight import ADVERSARIES, Adversary, fly, make_backup, make_hybrid
-from proxops.diagrams.scenario import AssuranceConfig, load_body, load_scenario
+from proxops.diagrams.flight import ADVERSARIES, Adversary, Row, make_backup, make_hybrid
+from proxops.diagrams.scenario import AssuranceConfig, Body, Scenario, load_scenario
+from proxops.studies.evaluation import Variant
 
-# Of the gate, in N: thrust is at most 7 N per axis.
+# Limit of the gate in N; thrust is at most 7 N per axis.
 OPEN = 1e3
 RULES: dict[str, dict] = {
     "adaptive": {"hybrid.period_rule": "adaptive"},
     "every 10": {},
     "every 30": {"hybrid.check_period": 30},
 }
+HEADINGS = ("flights inside", "least clearance (km)", "solves (%)")
 
 
 class Hostile(LeafSystem):
@@ -45,40 +47,54 @@ class Hostile(LeafSystem):
         output.SetFromVector(self._adversary(self._state_port.Eval(context)))
 
 
+def hostile_hybrid(name: str, scenario: Scenario, body: Body) -> Diagram:
+    """A hybrid whose policy is the adversary of a name."""
+    backup = make_backup(scenario, body, AssuranceConfig())
+    adversary = ADVERSARIES[name](backup, np.random.default_rng(scenario.transit.index))
+    return make_hybrid(scenario, body, Hostile(adversary))
+
+
+def at_the_body(scenario: Scenario, body: Body) -> Diagram:
+    """The controller `hybrid_safety:at_the_body`; the next three are alike."""
+    return hostile_hybrid("at the body", scenario, body)
+
+
+def random(scenario: Scenario, body: Body) -> Diagram:
+    return hostile_hybrid("random", scenario, body)
+
+
+def sign_flipped(scenario: Scenario, body: Body) -> Diagram:
+    return hostile_hybrid("sign flipped", scenario, body)
+
+
+def along_the_surface(scenario: Scenario, body: Body) -> Diagram:
+    return hostile_hybrid("along the surface", scenario, body)
+
+
+def figures(rows: Sequence[Row]) -> list[str]:
+    """One line of the table."""
+    solves = sum(row["mpc_solves"] for row in rows) / sum(row["steps"] for row in rows)
+    return [
+        f"{sum(row['keep_out_violations'] > 0 for row in rows)}/{len(rows)}",
+        f"{min(row['min_clearance_m'] for row in rows) / 1e3:.2f}",
+        f"{100.0 * solves:.0f}",
+    ]
+
+
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--transits", type=int, default=10)
-    parser.add_argument("--seed", type=int, default=61)
-    parser.add_argument("--duration", type=float, default=4000.0, help="s")
+    parser = campaign_parser(__doc__, "out/hybrid-safety", transits=10, seed=61)
+    parser.add_argument("--duration", type=float, default=4000.0, help="of each flight, in s")
     asked = parser.parse_args()
-    console, body = Console(stderr=True), load_body("kleopatra")
-    table = Table(
-        title=f"{asked.transits} transits of seed {asked.seed}, {asked.duration:g} s each"
-    )
-    for heading in ("period", "adversary", "flights inside", "least clearance (km)", "solves (%)"):
-        table.add_column(heading)
-    for rule, settings in RULES.items():
-        for name, adversary in ADVERSARIES.items():
-            rows = []
-            for index in track(range(asked.transits), f"{rule}, {name}", console=console):
-                wanted = {
-                    "transit.seed": asked.seed, "transit.index": index, "log_ranges": False,
-                    "arrival.deadline_s": asked.duration, "hybrid.epsilon_magnitude_n": OPEN,
-                }  # fmt: skip
-                scenario = load_scenario(None, wanted | settings)
-                backup = make_backup(scenario, body, AssuranceConfig())
-                hostile = Hostile(adversary(backup, np.random.default_rng(index)))
-                hybrid = make_hybrid(scenario, body, hostile)
-                rows.append(fly(scenario, hybrid, body=body).summary)
-            solves = sum(row["mpc_solves"] for row in rows) / sum(row["steps"] for row in rows)
-            table.add_row(
-                rule,
-                name,
-                f"{sum(row['keep_out_violations'] > 0 for row in rows)}/{len(rows)}",
-                f"{min(row['min_clearance_m'] for row in rows) / 1e3:.2f}",
-                f"{100.0 * solves:.0f}",
-            )
-    Console(width=100).print(table)
+    settings = {"arrival.deadline_s": asked.duration, "hybrid.epsilon_magnitude_n": OPEN}
+    variants = [
+        Variant(f"{rule}, {name}", f"hybrid_safety:{name.replace(' ', '_')}", changes)
+        for rule, changes in RULES.items()
+        for name in ADVERSARIES
+    ]
+    rows = fly_with_bar(variants, load_scenario(None, {"log_ranges": False} | settings), asked)
+    lines = {name: figures(flown) for name, flown in rows.items()}
+    title = f"{asked.transits} transits of seed {asked.seed}, {asked.duration:g} s each"
+    show(title, HEADINGS, lines, asked.markdown)
 
 
 if __name__ == "__main__":

@@ -1,26 +1,30 @@
-"""How far the expert is from the least fuel: flown Δv over that of an independent optimum.
+"""Shows how far the expert (MPC) is from the least fuel: its Δv over that of an optimum.
 
-Each transit of the standard set is flown by the MPC. A full-horizon nonlinear program then goes
-from the same start to the state the flight had at its arrival, in the same time, at the least
-integral of |F|_1 / m: force constant over each of many equal intervals, Hermite-Simpson defects
-through the polyhedron's field with analytic Jacobians, the spacecraft's limits of thrust and speed,
-and the keep-out ellipsoid itself, without the expert's margin, at the knots and halfway. It shares
-only the field with the expert.
+The MPC flies each transit of the set. A nonlinear program over the whole flight then goes from the
+same start to the state that the flight had at its arrival, in the time that our expert takes, at
+the least integral of |F|_1 / m. Its force is constant over each of many equal intervals. It uses
+Hermite-Simpson defects through the polyhedron's field with analytic Jacobians, the spacecraft's
+limits of thrust and speed, and the keep-out ellipsoid itself, without the expert's margin, at the
+knots and halfway between. It shares only the field with the expert.
 
-SNOPT solves it from the flight and from three polynomials that know nothing of it, bent outwards
-and to both sides; the lowest optimum counts, so that the gap is not flattered. Each is checked
-without the program: DOP853 integrates its forces again through the true field, which gives the
-error of the end, the greatest speed and the least clearance between the knots.
+SNOPT solves it from the flight and from three polynomials that know nothing of the flight, bent
+outwards and to both sides; the lowest optimum counts. Each optimum is checked without the program:
+DOP853 integrates its forces again through the true field, which gives the error at the end, the
+greatest speed and the least clearance between the knots.
 
-The same transits flown with the paper's weighted error cost stand beside it, in their own time.
+The same transits flown with the paper's weighted cost, with the weights of `--weights` (by default
+those of the default scenario), stand beside it. These flights take their own time, so their Δv over
+the least "in the time that our expert takes" says what that cost spends, not how far it is from its
+own optimum.
 
-    python benchmarks/minimum_fuel.py [--transits 50] [--seed 10001] [--plot gap.png]
+    python benchmarks/minimum_fuel.py [--transits 50] [--seed 10001] [--intervals 120]
+        [--weights KEY=VALUE ...] [--workers N] [--out out/minimum-fuel] [--plot gap.png]
 """
 
-import argparse
 import os
 import time
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 for name in ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
@@ -32,15 +36,16 @@ matplotlib.use("Agg")
 
 import matplotlib.pyplot as plt
 import numpy as np
+from _campaign import campaign_parser, logs_with_bar
 from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoDiff
 from pydrake.solvers import MathematicalProgram, SnoptSolver, SolverOptions
 from rich.console import Console
 from rich.table import Table
 from scipy.integrate import solve_ivp
 
-from proxops.diagrams.flight import fly
 from proxops.diagrams.logs import FlightLog
 from proxops.diagrams.scenario import Body, Scenario, load_body, load_scenario
+from proxops.studies.evaluation import Variant
 from proxops.systems.shapes import clearances
 
 UNITS = np.repeat([1e4, 10.0], 3)
@@ -217,55 +222,72 @@ def plot_gaps(gaps: dict[int, float], weighted: dict[int, float], path: Path) ->
     figure.savefig(path, dpi=150)
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--transits", type=int, default=50)
-    parser.add_argument("--seed", type=int, default=10001)
-    parser.add_argument("--intervals", type=int, default=120)
-    parser.add_argument("--plot", type=Path)
-    asked = parser.parse_args()
-    body = load_body(load_scenario().body)
-    table = Table(title=f"transits of seed {asked.seed}, {asked.intervals} intervals")
-    headings = (
-        "time s|flown m/s|least m/s|gap|optima|same|spread|end m|clear km|solve s|weighted m/s"
+EXPERT, WEIGHTED = "time_and_fuel", "weighted"
+HEADINGS = (
+    "transit", "time s", "flown m/s", "least m/s", "gap", "optima", "same", "spread", "end m",
+    "clear km", "solve s", "weighted m/s",
+)  # fmt: skip
+
+
+def table_line(index: int, log: FlightLog, tried: list[Optimum], weighted: dict) -> list[str]:
+    """The line of one transit; `tried` is not empty if the flight arrived."""
+    found = sorted((o for o in tried if o.converged), key=lambda o: o.delta_v)
+    if not found:
+        return [str(index), "no optimum" if tried else "no arrival"]
+    best, flown = found[0], log.summary["delta_v_m_s"]
+    same = [o.delta_v / best.delta_v for o in found if o.delta_v < (1.0 + SAME) * best.delta_v]
+    return [
+        str(index), f"{log.summary['arrival_time_s']:.0f}", f"{flown:.1f}",
+        f"{best.delta_v:.2f}", f"{flown / best.delta_v:.3f}", f"{len(found)}/{len(tried)}",
+        str(len(same)), f"{100.0 * (same[-1] - 1.0):.2f} %", f"{best.end_error[0]:.2f}",
+        f"{best.clearance / 1e3:.3f}", f"{np.median([o.seconds for o in tried]):.1f}",
+        weighted_text(weighted),
+    ]  # fmt: skip
+
+
+def print_ratios(label: str, ratios: Mapping[int, float], transits: int) -> None:
+    values = np.array(list(ratios.values()) or [np.nan])
+    Console(width=130).print(
+        f"{label}, {len(ratios)} of {transits} transits: Δv over the least in the time that our "
+        f"expert takes: mean {values.mean():.3f}, max {values.max():.3f}"
     )
-    for heading in ("", *headings.split("|")):
+
+
+def main() -> None:
+    parser = campaign_parser(__doc__, "out/minimum-fuel", transits=50, seed=10001)
+    parser.add_argument("--intervals", type=int, default=120, help="of the program")
+    parser.add_argument(
+        "--weights", nargs="*", default=[], metavar="KEY=VALUE",
+        help="of the weighted cost, keys as in the scenario's mpc.weighted",
+    )  # fmt: skip
+    parser.add_argument("--plot", type=Path, help="also draw the gaps there")
+    asked = parser.parse_args()
+    weights = dict(text.split("=", 1) for text in asked.weights)
+    changes = {f"mpc.weighted.{key}": float(value) for key, value in weights.items()}
+    scenario = load_scenario(None, {"log_ranges": False, **changes})
+    body = load_body(scenario.body)
+    variants = [Variant(EXPERT, "mpc"), Variant(WEIGHTED, "mpc", {"mpc.cost": "weighted"})]
+    logs = logs_with_bar(variants, scenario, asked)
+    table = Table(title=f"transits of seed {asked.seed}, {asked.intervals} intervals")
+    for heading in HEADINGS:
         table.add_column(heading, justify="right")
     gaps: dict[int, float] = {}
     weighted_gaps: dict[int, float] = {}
-    no_arrival = no_optimum = 0
-    for index in range(asked.transits):
-        transit = {"transit.seed": asked.seed, "transit.index": index}
-        scenario = load_scenario(None, transit)
-        log = fly(scenario, body=body)
-        weighted = fly(load_scenario(None, {**transit, "mpc.cost": "weighted"}), body=body).summary
+    for index, log in logs[EXPERT].items():
+        weighted = logs[WEIGHTED][index].summary
         tried = optima(scenario, body, log, asked.intervals) if log.summary["success"] else []
-        found = sorted((o for o in tried if o.converged), key=lambda o: o.delta_v)
-        no_arrival += not tried
-        no_optimum += len(tried) - len(found)
-        if not found:
-            table.add_row(str(index), "no optimum" if tried else "no arrival")
-            continue
-        flown, best = log.summary["delta_v_m_s"], found[0]
-        gaps[index] = flown / best.delta_v
-        if weighted["arrival_time_s"] is not None:
-            weighted_gaps[index] = weighted["delta_v_m_s"] / best.delta_v
-        same = [o.delta_v / best.delta_v for o in found if o.delta_v < (1.0 + SAME) * best.delta_v]
-        table.add_row(
-            str(index), f"{log.summary['arrival_time_s']:.0f}", f"{flown:.1f}",
-            f"{best.delta_v:.2f}", f"{gaps[index]:.3f}", f"{len(found)}/{len(tried)}",
-            str(len(same)), f"{100.0 * (same[-1] - 1.0):.2f} %", f"{best.end_error[0]:.2f}",
-            f"{best.clearance / 1e3:.3f}", f"{np.median([o.seconds for o in tried]):.1f}",
-            weighted_text(weighted),
-        )  # fmt: skip
-    values = np.array(list(gaps.values()) or [np.nan])
-    console = Console(width=130)
-    console.print(table, "optima: of all guesses; same: within 1 % of the least; spread: theirs")
-    console.print(f"gap of {values.size}: mean {values.mean():.3f}, max {values.max():.3f}")
-    others = np.array(list(weighted_gaps.values()) or [np.nan])
-    line = f"weighted cost, {len(weighted_gaps)} arrivals of {asked.transits}: over the least "
-    console.print(line + f"in our time, mean {others.mean():.3f}, max {others.max():.3f}")
-    console.print(f"{no_arrival} flights without arrival, {no_optimum} guesses without an optimum")
+        table.add_row(*table_line(index, log, tried, weighted))
+        least = min((o.delta_v for o in tried if o.converged), default=None)
+        if least is not None:
+            gaps[index] = log.summary["delta_v_m_s"] / least
+            if weighted["arrival_time_s"] is not None:
+                weighted_gaps[index] = weighted["delta_v_m_s"] / least
+    Console(width=130).print(
+        table, "optima: of all guesses; same: within 1 % of the least; spread: theirs"
+    )
+    print_ratios("the expert", gaps, asked.transits)
+    used = ", ".join(f"{key} {value:g}" for key, value in asdict(scenario.mpc.weighted).items())
+    print_ratios(f"the weighted cost ({used})", weighted_gaps, asked.transits)
     if asked.plot and gaps:
         plot_gaps(gaps, weighted_gaps, asked.plot)
 

@@ -1,49 +1,29 @@
-"""A policy where it was not trained: worse lidar, another plant, other starts.
+"""Shows how a policy flies where it was not trained: worse lidar, another plant, other starts.
 
-Every variant flies transits of one seed to the same goals, with the same noise. In the first ones
-the lidar is worse, or the plant is not what the policy learned from; in the last three the flight
-starts where no transit does. Flights are kept one by one in the folder of `--out`: run it again to
-finish what was interrupted, or to add transits.
+Every variant flies the transits of one seed to the same goals, with the same noise. In the first
+variants the lidar is worse, or the plant differs from the one that the policy learned from; in the
+last three the flight starts where no transit of the set starts. Flights are kept in the folder of
+`--out`: run the command again to finish what was interrupted, or to add transits.
 
     python benchmarks/robustness.py [--controller policy] [--transits 50] [--seed 10001]
         [--workers N] [--out out/robustness] [--markdown table.md]
 
-`--controller` takes what `proxops evaluate` does: `policy:out/mine/bundle`, or `mpc` to see what
-the expert makes of the same.
+`--controller` takes the names that `proxops evaluate` takes: `policy:out/mine/bundle`, or `mpc` for
+the expert under the same conditions. Give each controller a folder of its own.
 """
 
-import argparse
-import dataclasses
 import os
 from collections.abc import Callable, Sequence
-from pathlib import Path
 
 for name in ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ[name] = "1"
 
 import numpy as np
-from _table import flying, show
+from _campaign import campaign_parser, fly_with_bar, show
 
-from proxops.assets import ASSETS
-from proxops.diagrams.flight import (
-    Flight,
-    Row,
-    Workers,
-    file_label,
-    run_groups,
-    transit_flights,
-)
-from proxops.diagrams.scenario import (
-    Body,
-    Scenario,
-    Transit,
-    draw_transit,
-    dump_scenario,
-    hover_force,
-    load_body,
-    load_scenario,
-    parse_scenario,
-)
+from proxops.diagrams.flight import Row
+from proxops.diagrams.scenario import Body, Scenario, Transit, hover_force, load_scenario
+from proxops.studies.evaluation import Variant
 from proxops.systems.common import InputError, derived_seed, generator
 from proxops.systems.shapes import clearances
 
@@ -61,7 +41,6 @@ SETTINGS: dict[str, dict] = {
     "thrust x 1.1": {"mismatch.thrust": 1.1},
     "the paper's disturbance": {"disturbance": {}},
 }
-SHIPPED = ASSETS / "policy"
 OUTSIDE, INSIDE_MARGIN, MOVING = "start outside the cube", "start inside the margin", "start moving"
 HEADINGS = (
     "success", "success (2 km)", "collisions", "keep-out violations", "end error, median (m)",
@@ -129,45 +108,18 @@ STARTS: dict[str, Callable[[Transit, Scenario, Body], Start]] = {
     INSIDE_MARGIN: inside_margin,
     MOVING: moving,
 }
-VARIANTS = (*SETTINGS, *STARTS)
+
+
+def variants(controller: str) -> list[Variant]:
+    """All lines of the table, in order."""
+    settings = [Variant(name, controller, changes) for name, changes in SETTINGS.items()]
+    return settings + [Variant(name, controller, start=start) for name, start in STARTS.items()]
 
 
 def _random(variant: str, transit: Transit) -> np.random.Generator:
-    """Numbers of one start: a function of variant, seed and number of the transit."""
+    """Random numbers for one start; they depend on variant, seed and number of the transit."""
     stream = list(STARTS).index(variant)
     return generator(derived_seed(transit.seed, 1 + stream), transit.index)
-
-
-def flights_of(variant: str, controller: str, seed: int, count: int) -> list[Flight]:
-    """The flights of a variant, in the order of the transits."""
-    scenario = load_scenario(None, {"log_ranges": False, **SETTINGS.get(variant, {})})
-    body = load_body(scenario.body)
-    label = file_label(variant)
-    flights = []
-    for index, flight in enumerate(transit_flights(scenario, controller, seed, count)):
-        text = flight.scenario
-        if variant in STARTS:
-            transit = draw_transit(seed, index, scenario, body)
-            place, velocity = STARTS[variant](transit, scenario, body)
-            wanted = parse_scenario(text)
-            wanted.transit.start_m, wanted.transit.goal_m = place.tolist(), transit.goal.tolist()
-            wanted.transit.start_velocity_m_s = velocity.tolist()
-            text = dump_scenario(wanted)
-        flights.append(dataclasses.replace(flight, name=f"{label}-{flight.name}", scenario=text))
-    return flights
-
-
-def fly_all(
-    variants: Sequence[str],
-    controller: str,
-    seed: int,
-    count: int,
-    folder: Path,
-    workers: Workers,
-) -> dict[str, list[Row]]:
-    """Each variant's rows in the order of the transits."""
-    groups = {name: flights_of(name, controller, seed, count) for name in variants}
-    return run_groups(groups, folder, workers=workers)
 
 
 def figures(rows: Sequence[Row]) -> list[str]:
@@ -186,20 +138,12 @@ def figures(rows: Sequence[Row]) -> list[str]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = campaign_parser(__doc__, "out/robustness", transits=50, seed=10001)
     parser.add_argument("--controller", default="policy")
-    parser.add_argument("--transits", type=int, default=50)
-    parser.add_argument("--seed", type=int, default=10001)
-    parser.add_argument("--workers", type=int, help="processes; default: one for each core")
-    parser.add_argument("--out", type=Path, default=Path("out/robustness"))
-    parser.add_argument("--markdown", type=Path, help="also write the table there")
     asked = parser.parse_args()
-    if asked.controller == "policy" and not SHIPPED.is_dir():
-        print("No policy ships yet: name one with --controller policy:BUNDLE.")
-        return  # No failure: all benchmarks run one after the other.
-    with flying(asked.workers) as workers:
-        rows = fly_all(VARIANTS, asked.controller, asked.seed, asked.transits, asked.out, workers)
-    lines = {variant: figures(rows[variant]) for variant in VARIANTS}
+    scenario = load_scenario(None, {"log_ranges": False})
+    rows = fly_with_bar(variants(asked.controller), scenario, asked)
+    lines = {name: figures(flown) for name, flown in rows.items()}
     title = f"{asked.controller}, {asked.transits} transits of seed {asked.seed}"
     show(title, HEADINGS, lines, asked.markdown)
 

@@ -25,6 +25,7 @@ from proxops.diagrams.scenario import Scenario, draw_transit, load_body, load_sc
 from proxops.studies.evaluation import (
     Variant,
     aggregate_all,
+    describe_flight,
     figure_rows,
     fly_variants,
     shown_logs,
@@ -80,8 +81,9 @@ def evaluate_command(
     with work_bar("flying") as progress:
         fleet = Workers(workers, scheduler, progress)
         rows = fly_variants(
-            variants, wanted, seed, transits, flights, keep_logs=keep_logs, workers=fleet
-        )
+            variants, wanted, seed, transits, flights, keep_logs=keep_logs,
+            describe=describe_flight, workers=fleet,
+        )  # fmt: skip
     results = aggregate_all(rows)
     write_json(out / "results.json", results)
     _print(results, wanted, seed)

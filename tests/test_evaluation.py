@@ -5,35 +5,34 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.stats import binomtest
 
-from proxops.studies.evaluation.evaluation import aggregate, delta_v_pairs, wilson_interval
-
-
-@pytest.mark.parametrize("trials", [1, 2, 7, 50, 1000])
-@pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 0.98, 1.0])
-def test_wilson_interval(trials: int, share: float) -> None:
-    successes = round(share * trials)
-    reference = binomtest(successes, trials).proportion_ci(0.95, method="wilson")
-    assert wilson_interval(successes, trials) == pytest.approx(
-        (reference.low, reference.high), abs=1e-7
-    )
+from proxops.studies.evaluation.evaluation import aggregate, delta_v_pairs, success_interval
 
 
-def test_wilson_interval_of_a_published_example() -> None:
-    """Newcombe, Statistics in Medicine 17 (1998) 857, table I: 81 of 263, 0 of 20, 1 of 29."""
-    assert wilson_interval(81, 263) == pytest.approx((0.2553, 0.3662), abs=5e-5)
-    assert wilson_interval(0, 20) == pytest.approx((0.0, 0.1611), abs=5e-5)
-    assert wilson_interval(1, 29) == pytest.approx((0.0061, 0.1718), abs=5e-5)
+def test_interval_of_published_examples() -> None:
+    """Newcombe, Statistics in Medicine 17 (1998) 857, table I: 81 of 263, 15 of 148, 0, 1."""
+    assert success_interval(81, 263) == pytest.approx((0.2553, 0.3662), abs=5e-5)
+    assert success_interval(15, 148) == pytest.approx((0.0624, 0.1605), abs=5e-5)
+    assert success_interval(0, 20) == pytest.approx((0.0, 0.1611), abs=5e-5)
+    assert success_interval(1, 29) == pytest.approx((0.0061, 0.1718), abs=5e-5)
 
 
-def test_wilson_interval_at_its_ends() -> None:
-    assert wilson_interval(0, 0) == (0.0, 1.0)
-    assert wilson_interval(0, 5)[0] == 0.0
-    assert wilson_interval(5, 5)[1] == 1.0
+@pytest.mark.parametrize(("successes", "trials"), [(1, 2), (3, 7), (49, 50), (398, 400)])
+def test_interval_solves_wilson_s_equation(successes: int, trials: int) -> None:
+    """E. B. Wilson, J. Am. Stat. Assoc. 22 (1927) 209: |share - p| = z sqrt(p (1 - p) / n)."""
+    z, share = 1.959964, successes / trials
+    for end in success_interval(successes, trials):
+        error = z * math.sqrt(end * (1.0 - end) / trials)
+        assert abs(share - end) == pytest.approx(error, rel=1e-6)
+
+
+def test_interval_at_its_ends() -> None:
+    assert success_interval(0, 0) == (0.0, 1.0)
+    assert success_interval(0, 5)[0] == 0.0
+    assert success_interval(5, 5)[1] == 1.0
     for trials in range(1, 60):
         for successes in range(trials + 1):
-            low, high = wilson_interval(successes, trials)
+            low, high = success_interval(successes, trials)
             assert 0.0 <= low <= successes / trials <= high <= 1.0
 
 
@@ -76,9 +75,9 @@ def test_aggregate() -> None:
     found = aggregate(rows)
     assert found["transits"] == 5
     assert found["success_rate"] == 0.6
-    assert found["success_rate_interval"] == wilson_interval(3, 5)
+    assert found["success_rate_interval"] == success_interval(3, 5)
     assert found["success_rate_2km"] == 0.8
-    assert found["success_rate_2km_interval"] == wilson_interval(4, 5)
+    assert found["success_rate_2km_interval"] == success_interval(4, 5)
     assert not [name for name in found if name.startswith("expert")]
     assert found["collisions"] == 1
     assert found["keep_out_violations"] == 3
@@ -129,6 +128,12 @@ def test_controllers_without_the_mpc() -> None:
     for name, value in ESTIMATE_ERRORS.items():
         assert found[f"estimate_{name}"] == 2.0 * value
     assert not [name for name in aggregate(rows[3:]) if name.startswith("estimate")]
+
+
+def test_share_of_small_commands_counts_steps() -> None:
+    rows = [row(small_command_share=0.1, steps=100), row(small_command_share=0.4, steps=200)]
+    assert aggregate(rows)["small_command_share"] == pytest.approx(0.3)
+    assert "small_command_share" not in aggregate([*rows, row()])
 
 
 def test_one_row_for_each_flight_is_kept_as_it_is() -> None:

@@ -7,7 +7,7 @@ transits, then read `aggregate_all` for the figures that are reported. A new fig
 
 from proxops.studies.evaluation.evaluation import EXPERT, aggregate, aggregate_all, delta_v_pairs
 from proxops.studies.evaluation.figures import Looks, controller_looks, draw_paths, plot_flights
-from proxops.studies.evaluation.flights import shown_logs
+from proxops.studies.evaluation.flights import describe_flight, shown_logs
 from proxops.studies.evaluation.report import Evaluation, evaluation_sections
 from proxops.studies.evaluation.table import arrival_text, figure_rows, outcome
 from proxops.studies.evaluation.variants import Variant, fly_logs, fly_variants, load_logs
@@ -22,6 +22,7 @@ __all__ = [
     "arrival_text",
     "controller_looks",
     "delta_v_pairs",
+    "describe_flight",
     "draw_paths",
     "evaluation_sections",
     "figure_rows",

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import math
 import typing
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from scipy.stats import binomtest
 
 EXPERT = "mpc"
 """The controller that the others are measured against."""
 
 Row = dict[str, typing.Any]
 
-# Of a summary, if the policy estimates its state.
+# A summary has these if the policy estimates its state.
 _ESTIMATE_ERRORS = (
     "estimate_position_error_m_median",
     "estimate_position_error_m_p95",
@@ -22,21 +22,12 @@ _ESTIMATE_ERRORS = (
 )
 
 
-def wilson_interval(successes: int, trials: int, z: float = 1.959964) -> tuple[float, float]:
-    """Wilson's score interval of a share (95 % by default); (0, 1) without trials.
-
-    E. B. Wilson, J. Am. Stat. Assoc. 22 (1927) 209.
-    """
+def success_interval(successes: int, trials: int) -> tuple[float, float]:
+    """Wilson's score interval of 95 % for a share; (0, 1) without trials."""
     if trials == 0:
         return 0.0, 1.0
-    share = successes / trials
-    scale = 1.0 + z * z / trials
-    centre = (share + z * z / (2 * trials)) / scale
-    half = z / scale * math.sqrt(share * (1 - share) / trials + z * z / (4 * trials**2))
-    # At the ends rounding must not leave the share itself outside.
-    low = 0.0 if successes == 0 else centre - half
-    high = 1.0 if successes == trials else centre + half
-    return low, high
+    interval = binomtest(successes, trials).proportion_ci(0.95, method="wilson")
+    return float(interval.low), float(interval.high)
 
 
 def aggregate(rows: Sequence[Row], expert: Sequence[Row] | None = None) -> dict[str, typing.Any]:
@@ -58,9 +49,9 @@ def aggregate(rows: Sequence[Row], expert: Sequence[Row] | None = None) -> dict[
     return {
         "transits": len(rows),
         "success_rate": successes / len(rows),
-        "success_rate_interval": wilson_interval(successes, len(rows)),
+        "success_rate_interval": success_interval(successes, len(rows)),
         "success_rate_2km": wide_successes / len(rows),
-        "success_rate_2km_interval": wilson_interval(wide_successes, len(rows)),
+        "success_rate_2km_interval": success_interval(wide_successes, len(rows)),
         "collisions": sum(row["collided"] for row in rows),
         "keep_out_violations": sum(row["keep_out_violations"] for row in rows),
         "min_clearance_m": min(row["min_clearance_m"] for row in rows),
@@ -81,6 +72,7 @@ def aggregate(rows: Sequence[Row], expert: Sequence[Row] | None = None) -> dict[
         "control_ms_mean": _mean(rows, "control_ms_mean"),
         "control_ms_p99": _percentile(timed, "control_ms_p99", 100),
         **{name: _median(estimated, name) for name in _ESTIMATE_ERRORS if estimated},
+        **_small_commands(rows),
         "flights": list(rows),
     }
 
@@ -107,6 +99,14 @@ def _against_expert(rows: Sequence[Row], expert: Sequence[Row]) -> dict[str, typ
         "expert_delta_v_ratio_median": float(np.median(ratios)) if len(pairs) else None,
         "expert_delta_v_ratio": float(np.divide(*pairs.sum(axis=0))) if len(pairs) else None,
     }
+
+
+def _small_commands(rows: Sequence[Row]) -> dict[str, float]:
+    """The share of all steps with a small command; nothing if a flight's row does not have it."""
+    if not all("small_command_share" in row for row in rows):
+        return {}
+    shares, steps = ([row[name] for row in rows] for name in ("small_command_share", "steps"))
+    return {"small_command_share": float(np.average(shares, weights=steps))}
 
 
 def delta_v_pairs(rows: Sequence[Row], expert: Sequence[Row]) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""The flights of an evaluation whose logs its report shows."""
+"""What an evaluation keeps of each flight, and the flights whose logs its report shows."""
 
 from __future__ import annotations
 
@@ -7,14 +7,30 @@ import typing
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+
+from proxops.diagrams.logs import FlightLog
 from proxops.diagrams.scenario import Scenario
 from proxops.studies.evaluation.evaluation import Row
 from proxops.studies.evaluation.table import Results
 from proxops.studies.evaluation.variants import Logs, Variant, fly_logs
+from proxops.training.reports import SMALL_COMMAND_N
 
 PATHS = 4
 """Number of transits whose paths are drawn: the first ones of the set."""
 _WORST = 3
+
+
+def describe_flight(log: FlightLog, path: Path | None = None) -> Row:
+    """A flight's summary and `small_command_share`.
+
+    The latter is the share of steps at which the commanded force is below 0.2 N in magnitude.
+    `path` is not used; `run_campaign` gives it.
+    """
+    data = log.dataset
+    commands = (data["force"] - data["disturbance"]).values[:-1]
+    small = np.linalg.norm(commands, axis=1) < SMALL_COMMAND_N
+    return log.summary | {"small_command_share": float(small.mean())}
 
 
 def worst_flights(rows: Sequence[Row], count: int = _WORST) -> list[Row]:

@@ -93,6 +93,7 @@ _FIGURES: tuple[tuple[str, Callable[[Result], str]], ...] = (
     ("velocity off, median (m/s)", _number("estimate_velocity_error_m_s_median", ".3f")),
     ("velocity off, p95 (m/s)", _number("estimate_velocity_error_m_s_p95", ".3f")),
     ("policy's share (%)", _number("policy_share", ".1f", 100.0)),
+    ("steps below 0.2 N (%)", _number("small_command_share", ".1f", 100.0)),
     ("MPC solves", _number("mpc_solves", "d", 1)),
     ("step, median (ms)", _number("control_ms_median", ".2f")),
     ("step, greatest p99 (ms)", _number("control_ms_p99", ".2f")),

@@ -10,6 +10,7 @@ import numpy as np
 from proxops.diagrams.flight import Row, make_mpc
 from proxops.diagrams.logs import FlightLog
 from proxops.diagrams.scenario import Scenario
+from proxops.studies import evaluation
 from proxops.studies.evaluation import EXPERT, Variant
 from proxops.systems.policy import PolicyBundle, policy_answer
 from proxops.training.data import plans_along
@@ -67,7 +68,7 @@ def variants(policy: Path, paper_policy: Path | None, scenario: Scenario) -> lis
 
 
 def describe_flight(log: FlightLog, path: Path | None) -> Row:
-    """A flight's summary, how long it saw nothing, its checks, and what all its steps cost.
+    """What an evaluation keeps of a flight, and its blind steps, checks and times of computing.
 
     `blind_steps` counts the steps at which no ray returned; None if the log has no frames. `checks`
     counts those of a hybrid, `agreed` those that passed. Wall times in s of the MPC's solves,
@@ -89,7 +90,7 @@ def describe_flight(log: FlightLog, path: Path | None) -> Row:
     checks = {
         "checks": int(np.isfinite(agreement).sum()), "agreed": int((agreement == 1.0).sum())
     }  # fmt: skip
-    return log.summary | {"blind_steps": blind, **checks, **times}
+    return evaluation.describe_flight(log) | {"blind_steps": blind, **checks, **times}
 
 
 def label(name: str) -> str:

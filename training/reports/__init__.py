@@ -7,6 +7,7 @@ on. `force_figures` compares forces with the expert's, and `plot_frames` draws l
 
 from proxops.training.reports.force_errors import (
     HISTOGRAMS_CAPTION,
+    SMALL_COMMAND_N,
     force_figures,
     plot_forces,
     policy_sections,
@@ -28,6 +29,7 @@ from proxops.training.reports.report_writer import (
 
 __all__ = [
     "HISTOGRAMS_CAPTION",
+    "SMALL_COMMAND_N",
     "Block",
     "Page",
     "Picture",

@@ -1,0 +1,68 @@
+"""The guidance law of our policy without anything learned, as a controller of its own."""
+
+from __future__ import annotations
+
+import numpy as np
+from pydrake.systems.framework import LeafSystem
+
+from proxops.diagrams.scenario import Body, Scenario
+from proxops.systems.expert import Horizon
+
+# The law of an untrained policy: it plans with this share of the thrusters' acceleration, and for
+# this many control periods at least.
+NOMINAL_SHARE, LEAST_PERIODS = 0.43, 30.0
+
+
+class LeastEffort(LeafSystem):
+    """The law of least quadratic effort from here to rest at the goal in a time T.
+
+    ```
+    state (6) ──►┌─────────────┐
+    target (6) ─►│ LeastEffort ├─► force (3), N
+                 └─────────────┘
+    ```
+
+    With the way to go e, the velocity v and the mass m, per axis::
+
+        force = clip(m (6 e / T^2 - 4 v / T - natural acceleration), ±F)
+
+    The natural acceleration is that of the polyhedron's gravity and of the rotating frame. T is
+    `Horizon.time_to_go`. The law does not know the keep-out ellipsoid: it flies straight on.
+    """
+
+    def __init__(self, scenario: Scenario, body: Body):
+        super().__init__()
+        craft = scenario.spacecraft
+        self.mass, self.limit = craft.mass_kg, craft.thrust_limit_n
+        self.field, self.spin = body.gravity_field, body.spin_rate
+        self.horizon = Horizon(
+            minimum=LEAST_PERIODS * scenario.control_period_s,
+            nominal_acceleration=NOMINAL_SHARE * self.limit / self.mass,
+        )
+        self._state_port = self.DeclareVectorInputPort("state", 6)
+        self._target_port = self.DeclareVectorInputPort("target", 6)
+        inputs = {self._state_port.ticket(), self._target_port.ticket()}
+        self.DeclareVectorOutputPort("force", 3, self._calc_force, inputs)
+
+    def _calc_force(self, context, output):
+        state, target = self._state_port.Eval(context), self._target_port.Eval(context)
+        if not np.isfinite(state).all():
+            output.SetFromVector(np.zeros(3))
+            return
+        time = self.horizon.time_to_go(state, target)
+        way, velocity = (target - state)[:3], state[3:]
+        wanted = 6.0 * way / time**2 - 4.0 * velocity / time - self.natural(state)
+        output.SetFromVector(np.clip(self.mass * wanted, -self.limit, self.limit))
+
+    def natural(self, state: np.ndarray) -> np.ndarray:
+        """Acceleration (3,) in m/s^2 in K without thrust at a state (6,)."""
+        gravity = self.field.evaluate(state[None, :3]).acceleration[0]
+        x, y, _, vx, vy, _ = state
+        w = self.spin
+        apparent = [w**2 * x + 2.0 * w * vy, w**2 * y - 2.0 * w * vx, 0.0]
+        return gravity + np.array(apparent)
+
+
+def on_true_state(scenario: Scenario, body: Body) -> LeastEffort:
+    """The law with the true state, to be flown as `_bare_law:on_true_state`."""
+    return LeastEffort(scenario, body)

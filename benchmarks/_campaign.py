@@ -1,0 +1,83 @@
+"""What the benchmarks that fly campaigns share: their options, a bar while they fly, a table."""
+
+import argparse
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+from proxops.diagrams.flight import Row, Workers
+from proxops.diagrams.logs import FlightLog
+from proxops.diagrams.scenario import Scenario
+from proxops.studies.evaluation import Variant, fly_logs, fly_variants
+from proxops.systems.common import InputError, write_whole
+from proxops.training import reports
+
+Lines = Mapping[str, Sequence[str]]
+"""Cells of a table, by the label at the start of each line."""
+
+
+def campaign_parser(text: str, out: str, transits: int, seed: int) -> argparse.ArgumentParser:
+    """A parser with the options of all campaigns; `text` is the benchmark's docstring."""
+    parser = argparse.ArgumentParser(
+        description=text, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--transits", type=int, default=transits)
+    parser.add_argument("--seed", type=int, default=seed, help="of the set of transits")
+    parser.add_argument("--workers", type=int, help="processes; default: one for each core")
+    parser.add_argument("--out", type=Path, default=Path(out), help="folder of the flights")
+    parser.add_argument("--markdown", type=Path, help="also write the table there")
+    return parser
+
+
+def fly_with_bar(
+    variants: Sequence[Variant], scenario: Scenario, asked: argparse.Namespace, **options: Any
+) -> dict[str, list[Row]]:
+    """`fly_variants` as the options of `campaign_parser` ask; wrong input ends the program."""
+    with _workers(asked) as workers:
+        return fly_variants(
+            variants, scenario, asked.seed, asked.transits, asked.out, workers=workers, **options
+        )
+
+
+def logs_with_bar(
+    variants: Sequence[Variant], scenario: Scenario, asked: argparse.Namespace
+) -> dict[str, dict[int, FlightLog]]:
+    """`fly_logs` of all transits, as the options of `campaign_parser` ask."""
+    transits = {each.name: range(asked.transits) for each in variants}
+    with _workers(asked) as workers:
+        return fly_logs(variants, scenario, asked.seed, transits, asked.out, workers=workers)
+
+
+@contextmanager
+def _workers(asked: argparse.Namespace) -> Iterator[Workers]:
+    columns = TextColumn("flying"), BarColumn(), TimeRemainingColumn()
+    with Progress(*columns, TextColumn("{task.description}"), console=Console(stderr=True)) as bar:
+        task = bar.add_task("", total=1.0)
+
+        def progress(done: float, text: str) -> None:
+            bar.update(task, completed=done, description=text)
+
+        try:
+            yield Workers(asked.workers, None, progress)
+        except InputError as error:
+            raise SystemExit(str(error)) from error
+
+
+def show(title: str, headings: Sequence[str], lines: Lines, markdown: Path | None) -> None:
+    """Prints a table, and writes it as Markdown too if a file is named."""
+    table = Table(title=title)
+    table.add_column("", no_wrap=True)
+    for heading in headings:
+        table.add_column(heading, justify="right")
+    for name, line in lines.items():
+        table.add_row(name, *line)
+    Console(width=160).print(table)
+    if markdown is not None:
+        rows = [[name, *line] for name, line in lines.items()]
+        text = "\n".join(reports.markdown_table(reports.Table(["variant", *headings], rows)))
+        write_whole(markdown, lambda path: path.write_text(text + "\n"))
