@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from pydrake.systems.framework import LeafSystem
+from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem
 
+from proxops.diagrams.flight import named_controller
 from proxops.diagrams.scenario import Body, Scenario
 from proxops.systems.expert import Horizon
 
@@ -66,3 +67,18 @@ class LeastEffort(LeafSystem):
 def on_true_state(scenario: Scenario, body: Body) -> LeastEffort:
     """The law with the true state, to be flown as `_bare_law:on_true_state`."""
     return LeastEffort(scenario, body)
+
+
+def on_estimate(scenario: Scenario, body: Body) -> Diagram:
+    """The law on the state that the shipped policy estimates: `_bare_law:on_estimate`."""
+    policy = named_controller("policy", scenario, body)
+    law = LeastEffort(scenario, body)
+    builder = DiagramBuilder()
+    builder.AddNamedSystem("policy", policy)
+    builder.AddNamedSystem("law", law)
+    builder.Connect(policy.GetOutputPort("estimate"), law.GetInputPort("state"))
+    for name in ("ranges", "target", "applied_force"):
+        builder.ExportInput(policy.GetInputPort(name), name)
+    builder.ConnectInput("target", law.GetInputPort("target"))
+    builder.ExportOutput(law.GetOutputPort("force"), "force")
+    return builder.Build()

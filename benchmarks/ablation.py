@@ -1,183 +1,112 @@
-"""What each part of the pilot buys, in closed loop: the ladder from the paper's policy to ours.
+"""Shows what each part of our policy buys, in closed loop.
 
-Parts are taken out of a trained pilot, each variant is exported as a bundle of its own, and all fly
-the same transits. The last is given the map of the surface, on a finer grid, in place of the field
-that it learned. Flights are kept one by one: run it again to finish what was interrupted.
+All variants fly the same transits. Without further options these are flown, all from what ships:
 
-    python benchmarks/ablation.py --data out/full --pilot out/pilot --dagger out/dagger
+- `mpc`: the expert, with the true state;
+- `policy`: the policy that ships;
+- `bare law`: the guidance law of least effort inside the policy, with all learned corrections zero,
+  on the true state. It does not know the keep-out ellipsoid, so it fails where that is in the way;
+- `bare law on the policy's estimate`: the same law on the state that the shipped policy estimates.
+
+With `--data`, `--pilot` and `--dagger` the ladder from a coarse position to the whole pilot is
+flown too. Parts are taken out of the trained pilot, and each variant is exported as a bundle. The
+last one has the map of the surface, on a finer grid, in place of the field that was learned.
+These options need PyTorch. Flights are kept in the folder of `--out`: run the command again to
+finish what was interrupted.
+
+    python benchmarks/ablation.py [--data out/full --pilot out/pilot --dagger out/dagger]
         [--paper out/paper-policy] [--transits 40] [--seed 50] [--workers N]
         [--out out/ablation] [--markdown table.md]
 
-`--pilot` is what `proxops train` wrote, `--dagger` what `proxops dagger` made of it.
+`--pilot` is the folder that `proxops train` wrote, `--dagger` the one that `proxops dagger` wrote
+from it, `--paper` the one of `proxops train --recipe paper`.
 """
 
 import argparse
 import os
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 for name in ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ[name] = "1"
 
-import numpy as np
-import torch
-import trimesh
-from _table import flying, show
-from torch import Tensor
+from _campaign import campaign_parser, fly_with_bar, show
 
-from proxops.diagrams.flight import file_label
-from proxops.diagrams.scenario import load_body, load_scenario
-from proxops.studies.evaluation import fly_controllers
-from proxops.systems.shapes import Polyhedron
-from proxops.training.data import PackedFlights, pack_flights
-from proxops.training.export import export_recipe, onnx_export
-from proxops.training.pilot import MEMORY, Pilot, load_pilot, measurement_noise
+from proxops.diagrams.flight import Row
+from proxops.diagrams.scenario import is_blocked, load_scenario
+from proxops.studies.evaluation import Variant, aggregate_all
 
-# What the export takes for the same, relatively: velocities that are differences of unfiltered
-# fixes hold rounding errors of positions.
-SAME = 1e-3
-# Of the coarse position, against the fit's: its errors are so many times as large.
-COARSE_DOUBT = 30.0
-# Grid points of the map along an axis, for each of the learned field.
-FINER = 2
+SHIPPED = (
+    Variant("mpc", "mpc"),
+    Variant("policy", "policy"),
+    Variant("bare law", "_bare_law:on_true_state"),
+    Variant("bare law on the policy's estimate", "_bare_law:on_estimate"),
+)
 HEADINGS = (
-    "success", "collisions", "keep-out violations", "end error, median (km)", "p95 (km)",
-    "position error, median (m)", "velocity error, median (m/s)",
+    "success", "clear transits", "blocked transits", "collisions", "keep-out violations",
+    "Δv over the MPC's", "end error, median (km)", "p95 (km)", "position error, median (m)",
+    "velocity error, median (m/s)",
 )  # fmt: skip
 
 
-class Unfiltered(Pilot):
-    """Takes each fix for the position, and its change for the velocity."""
+def pilot_variants(asked: argparse.Namespace) -> list[Variant]:
+    """The variants of a trained pilot, if one is named."""
+    folders = (asked.data, asked.pilot, asked.dagger)
+    if folders == (None, None, None):
+        return []
+    if None in folders:
+        raise SystemExit("ablation.py: --data, --pilot and --dagger belong together")
+    # PyTorch takes a while to import, and nothing else here needs it.
+    from _pilot_variants import pilot_bundles
 
-    def see(self, ranges: Tensor, applied_force: Tensor, memory: Tensor) -> Tensor:
-        fix = self.fix(ranges, memory)
-        started = memory[:, -1:]
-        velocity = started * (fix - memory[:, :3]) / self.filter.motion.period
-        natural = self.filter.motion.natural(fix, velocity)
-        known = torch.zeros_like(memory[:, 6:15]), natural, torch.ones_like(started)
-        return torch.cat([fix, velocity, *known], dim=1)
-
-    def fix(self, ranges: Tensor, memory: Tensor) -> Tensor:
-        points, solid, valid, count = self.hits(ranges)
-        place = self.coarse(points, solid, valid, count)
-        for _ in range(3):
-            place, _ = self.geometry(place, points, valid)
-        return place
+    bundles = pilot_bundles(
+        asked.data / "flights", asked.pilot, asked.dagger, asked.out / "bundles"
+    )
+    return [Variant(name, f"policy:{folder.resolve()}") for name, folder in bundles.items()]
 
 
-class Features(Unfiltered):
-    """Has the coarse position alone."""
-
-    def fix(self, ranges: Tensor, memory: Tensor) -> Tensor:
-        return self.coarse(*self.hits(ranges))
+def arrivals(rows: Sequence[Row]) -> str:
+    """How many flights succeeded, of how many."""
+    return f"{sum(row['success'] for row in rows)}/{len(rows)}"
 
 
-class FilteredFeatures(Pilot):
-    """Filters the coarse position."""
+def cells(result: dict[str, Any]) -> list[str]:
+    """One line of the table, from an entry of `results.json`."""
 
-    def see(self, ranges: Tensor, applied_force: Tensor, memory: Tensor) -> Tensor:
-        fix = self.coarse(*self.hits(ranges))
-        usual = measurement_noise(torch.zeros_like(fix[:, :1]), self.usual_residual)
-        memory = self.filter.predict(memory, applied_force)
-        return self.filter.correct(memory, fix - memory[:, :3], COARSE_DOUBT * usual)
-
-
-class Mapped(Pilot):
-    """Is given the surface's map: what there is to gain from knowing the body."""
-
-    @torch.no_grad()
-    def learn_map(self, shape: Polyhedron) -> None:
-        field = self.geometry.field
-        counts = [FINER * (count - 1) + 1 for count in reversed(field.values.shape[2:])]
-        axes = [torch.linspace(-1.0, 1.0, count, dtype=torch.float64) for count in counts]
-        grid = torch.stack(torch.meshgrid(*axes, indexing="ij"), dim=-1)
-        points = (field.centre + field.reach * grid).reshape(-1, 3).numpy()
-        mesh = trimesh.Trimesh(shape.vertices, shape.facets, process=False)
-        nearest, distance, _ = trimesh.proximity.closest_point(mesh, points)
-        outside = np.where(mesh.contains(points), -1.0, 1.0)[:, None]
-        normal = outside * (points - nearest) / np.maximum(distance, 1e-3)[:, None]
-        values = np.hstack([outside * distance[:, None] / field.units[0].item(), normal])
-        values = torch.tensor(values.reshape(*counts, 4), dtype=torch.float32)
-        field.values = torch.nn.Parameter(values.permute(3, 2, 1, 0)[None].contiguous())
-
-
-def variant(kind: type[Pilot], folder: Path) -> Pilot:
-    """The pilot of a folder, seeing as `kind` does."""
-    shape, whole, _ = load_pilot(folder)
-    made = shape.make()
-    pilot = kind(made.hits, made.coarse, made.geometry, made.filter, made.guidance)
-    pilot.load_state_dict(whole.state_dict())
-    if isinstance(pilot, Mapped):
-        pilot.learn_map(load_body(load_scenario().body).shape)
-    return pilot.eval()
-
-
-def bundles(data: PackedFlights, pilot: Path, dagger: Path, out: Path) -> dict[str, Path]:
-    """Folders of the variants' bundles, by what the table calls them."""
-    kinds = {
-        "features": (Features, pilot),
-        "features and filter": (FilteredFeatures, pilot),
-        "and geometry layer, no filter": (Unfiltered, pilot),
-        "and filter": (Pilot, pilot),
-    }
-    rounds = sorted(dagger.glob("round-*"), key=lambda folder: int(folder.name.split("-")[1]))
-    kinds |= {f"and DAgger, round {k}": (Pilot, each) for k, each in enumerate(rounds, start=1)}
-    if rounds:
-        kinds["the same, given the map"] = Mapped, rounds[-1]
-    folders = {}
-    for label, (kind, folder) in kinds.items():
-        folders[label] = out / "bundles" / file_label(label)
-        if not folders[label].exists():
-            export_recipe(
-                variant(kind, folder), data, folders[label],
-                recipe=f"ablation: {label}", memory=MEMORY, estimates=True,
-                data_sha256=data.logs_sha256, metrics={},
-            )  # fmt: skip
-    return folders
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    for name in ("data", "pilot", "dagger"):
-        parser.add_argument(f"--{name}", type=Path)
-    parser.add_argument("--paper", type=Path, help="what train --recipe paper wrote")
-    parser.add_argument("--transits", type=int, default=40)
-    parser.add_argument("--seed", type=int, default=50)
-    parser.add_argument("--workers", type=int)
-    parser.add_argument("--out", type=Path, default=Path("out/ablation"))
-    parser.add_argument("--markdown", type=Path)
-    asked = parser.parse_args()
-    if None in (asked.data, asked.pilot, asked.dagger):
-        # `make bench` runs all programs as they are.
-        parser.exit(message="ablation.py needs --data, --pilot and --dagger: nothing is flown\n")
-    onnx_export._TOLERANCE = SAME
-    folders = bundles(pack_flights(asked.data / "flights"), asked.pilot, asked.dagger, asked.out)
-    if asked.paper is not None:
-        folders = {"the paper's": asked.paper / "bundle", **folders}
-    names = {f"policy:{folder.resolve()}": label for label, folder in folders.items()}
-    with flying(asked.workers) as workers:
-        results = fly_controllers(
-            list(names), load_scenario(None, {"log_ranges": False}), asked.seed, asked.transits,
-            asked.out / "flights", workers=workers,
-        )  # fmt: skip
-    lines = {names[name]: cells(result) for name, result in results.items()}
-    title = f"{asked.transits} transits of seed {asked.seed}"
-    show(title, HEADINGS, lines, asked.markdown)
-
-
-def cells(result: dict) -> list[str]:
-    def of(name: str, form: str, unit: float = 1.0) -> str:
+    def figure(name: str, form: str, unit: float = 1.0) -> str:
         value = result.get(name)
         return "–" if value is None else format(value / unit, form)
 
+    rows = result["flights"]
     return [
-        f"{round(result['success_rate'] * result['transits'])}/{result['transits']}",
+        arrivals(rows),
+        arrivals([row for row in rows if not is_blocked(row["transit"])]),
+        arrivals([row for row in rows if is_blocked(row["transit"])]),
         str(result["collisions"]),
-        str(result["keep_out_violations"]),
-        of("terminal_position_error_m_median", ".3f", 1e3),
-        of("terminal_position_error_m_p95", ".3f", 1e3),
-        of("estimate_position_error_m_median", ".0f"),
-        of("estimate_velocity_error_m_s_median", ".3f"),
+        str(sum(row["keep_out_violations"] > 0 for row in rows)),
+        figure("expert_delta_v_ratio", ".3f"),
+        figure("terminal_position_error_m_median", ".3f", 1e3),
+        figure("terminal_position_error_m_p95", ".3f", 1e3),
+        figure("estimate_position_error_m_median", ".0f"),
+        figure("estimate_velocity_error_m_s_median", ".3f"),
     ]
+
+
+def main() -> None:
+    parser = campaign_parser(__doc__, "out/ablation", transits=40, seed=50)
+    for name in ("data", "pilot", "dagger", "paper"):
+        parser.add_argument(f"--{name}", type=Path, help="folder; see above")
+    asked = parser.parse_args()
+    variants = list(SHIPPED)
+    if asked.paper is not None:
+        variants.append(
+            Variant("the paper's policy", f"policy:{(asked.paper / 'bundle').resolve()}")
+        )
+    variants += pilot_variants(asked)
+    rows = fly_with_bar(variants, load_scenario(None, {"log_ranges": False}), asked)
+    lines = {name: cells(result) for name, result in aggregate_all(rows).items()}
+    show(f"{asked.transits} transits of seed {asked.seed}", HEADINGS, lines, asked.markdown)
 
 
 if __name__ == "__main__":

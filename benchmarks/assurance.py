@@ -1,11 +1,11 @@
-"""Runtime assurance against pilots that mean harm: does it ever let the spacecraft in?
+"""Tests runtime assurance against adversaries: does it ever let the spacecraft in?
 
-From random admitted states in the cube, half of them within 8 km of the keep-out ellipsoid, moving
-at up to the speed limit along each axis, four adversaries fly in turn. The motion is integrated
-with polyhedral gravity by another method than the assurance predicts with, and clearance is looked
-for ten times a step. Some of the flights are flown without the assurance too, to show that the
-adversaries are ones. Times are of the processor, for the whole step. Ends with an error if there is
-a violation.
+Flights start at random admitted states in the cube, half of them within 8 km of the keep-out
+ellipsoid, at up to the speed limit along each axis. Four adversaries fly in turn. The motion is
+integrated with polyhedral gravity, by another method than the assurance's own prediction, and
+clearance is computed ten times a step. Some flights are flown without assurance too, to show that
+the adversaries do harm. Times are processor times of the whole step. The program ends with an error
+if there is a violation.
 
     python benchmarks/assurance.py [--flights 1000] [--steps 600] [--bare 100] [--processes 1]
 """

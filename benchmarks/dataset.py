@@ -1,7 +1,7 @@
-"""Training windows from packed flights against the same windows read from the NetCDF logs.
+"""Compares training windows from packed flights with the same windows read from NetCDF logs.
 
-Expert flights of seed 0 are flown first, unless a folder of logs is given. One core; windows in
-random order, ours and the readers' in turn:
+Expert flights of seed 0 are flown first, unless a folder of logs is given. Everything runs on one
+core; windows are in random order, ours and the other readers' in turn:
 
     python benchmarks/dataset.py [--logs FOLDER | --flights 6] [--length 32] [--rounds 5]
 """

@@ -4,8 +4,8 @@ Every variant flies the same transits from the same starts to the same goals, wi
 `time_and_fuel` is the default cost, in a plant as the expert believes it; `weighted` is the paper's
 cost. In the other variants the plant differs from the expert's model, each without and with the
 estimator of unexpected acceleration. Δv is that of the plant's force. The last column is the share
-of steps at which the expert commands less than 0.2 N. Flights are kept in the folder of `--out`: run
-the command again to finish what was interrupted, or to add transits.
+of steps at which the expert commands less than 0.2 N. Flights are kept in the folder of `--out`:
+run the command again to finish what was interrupted, or to add transits.
 
     python benchmarks/expert.py [--transits 50] [--seed 10001] [--only NAME ...] [--workers N]
         [--out out/expert] [--markdown table.md]
@@ -18,17 +18,11 @@ for name in ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ[name] = "1"
 
 import numpy as np
-from _table import flying, show
+from _campaign import campaign_parser, fly_with_bar, show
 
-from proxops.diagrams.flight import (
-    Flight,
-    Row,
-    Workers,
-    file_label,
-    run_groups,
-    transit_flights,
-)
+from proxops.diagrams.flight import Row
 from proxops.diagrams.scenario import load_scenario
+from proxops.studies.evaluation import Variant, describe_flight
 
 MATCHED = "time_and_fuel"
 MISMATCHES: dict[str, dict] = {

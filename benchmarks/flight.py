@@ -1,8 +1,8 @@
-"""What a flight costs: time and log by controller, control step, memory, import.
+"""Shows what a flight costs: time and size of the log by controller, control step, memory, import.
 
-Flies transits of the standard set with each controller in this process, on one thread, lidar logged
-at every step, and prints the figures, those of the MPC's step beside the paper's. Run it on a
-machine that does nothing else:
+Each controller flies transits of the standard set in this process, on one thread, with the lidar
+logged at every step. The MPC's step stands beside the paper's. Run it on a machine that does
+nothing else:
 
     python benchmarks/flight.py [--transits 3]
 """

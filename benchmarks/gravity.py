@@ -1,11 +1,12 @@
-"""Polyhedral gravity against ESA's polyhedral-gravity and Basilisk, in one process.
+"""Compares polyhedral gravity with ESA's polyhedral-gravity and with Basilisk, in one process.
 
-The same mesh (Kleopatra, 4,000 facets) and the same points for all; medians of many calls, peers
-and ours in turn. Both peers come with the `bench` extra:
+All evaluate the same mesh (Kleopatra, 4,000 facets) at the same points; times are medians of many
+calls, ours and the peers' in turn. Both peers come with the extra `bench`:
 
     python benchmarks/gravity.py
 """
 
+import argparse
 import os
 
 os.environ.setdefault("OMP_NUM_THREADS", "2")
@@ -17,9 +18,7 @@ from collections.abc import Callable
 
 import numba
 import numpy as np
-import polyhedral_gravity as esa
 import trimesh
-from Basilisk.simulation import gravityEffector
 from rich.console import Console
 from rich.table import Table
 
@@ -47,6 +46,8 @@ def medians(calls: dict[str, Callable], rounds: int) -> dict[str, float]:
 
 
 def esa_model(field: GravityField):
+    import polyhedral_gravity as esa
+
     shape = field.shape
     off = esa.PolyhedronIntegrity.DISABLE
     source = (shape.vertices, shape.facets)
@@ -54,6 +55,8 @@ def esa_model(field: GravityField):
 
 
 def basilisk_model(field: GravityField):
+    from Basilisk.simulation import gravityEffector
+
     model = gravityEffector.PolyhedralGravityModel()
     model.xyzVertex = field.shape.vertices.tolist()
     model.orderFacet = (field.shape.facets + 1).tolist()
@@ -128,6 +131,7 @@ def batches(field: GravityField) -> None:
 
 
 def main() -> None:
+    argparse.ArgumentParser(description=__doc__.splitlines()[0]).parse_args()
     one_point(load_body("kleopatra").gravity_field, "Kleopatra")
     # Convex, so that Basilisk's mass, a sum of absolute volumes, is right.
     ball = trimesh.creation.icosphere(subdivisions=4)

@@ -8,8 +8,8 @@ policy has learned shows only in what its share has over that of zero.
 
 Solves saved are steps at which the MPC was not asked. Δv is over the MPC's on the transits in which
 both arrived. The time of a step is that of the whole controller, network and MPC together, and the
-last column says how many times less that is than the MPC alone takes. Flights are kept in the folder
-of `--out`: run the command again to finish what was interrupted, or to add transits.
+last column says how many times less that is than the MPC alone takes. Flights are kept in the
+folder of `--out`: run the command again to finish what was interrupted, or to add transits.
 
     python benchmarks/hybrid.py [--policy BUNDLE] [--transits 20] [--seed 60] [--only NAME ...]
         [--workers N] [--out out/hybrid] [--markdown table.md] [--plot trade.png]
@@ -24,19 +24,12 @@ for name in ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
 
 import matplotlib.figure
 import numpy as np
-from _table import flying, show
+from _campaign import campaign_parser, fly_with_bar, show
 
 from proxops.assets import ASSETS
-from proxops.diagrams.flight import (
-    Flight,
-    Row,
-    Workers,
-    file_label,
-    run_groups,
-    transit_flights,
-)
+from proxops.diagrams.flight import Row
 from proxops.diagrams.scenario import load_scenario
-from proxops.studies.evaluation import delta_v_pairs
+from proxops.studies.evaluation import Variant, delta_v_pairs
 from proxops.systems.common import write_whole
 
 SHIPPED = ASSETS / "policy"

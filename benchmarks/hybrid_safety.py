@@ -11,7 +11,7 @@ are kept in the folder of `--out`.
 """
 
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 for name in ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ[name] = "1"
@@ -20,7 +20,7 @@ import numpy as np
 from _campaign import campaign_parser, fly_with_bar, show
 from pydrake.systems.framework import Diagram, LeafSystem
 
-from proxops.diagrams.flight import ADVERSARIES, Adversary, Row, make_backup, make_hybrid
+from proxops.diagrams.flight import ADVERSARIES, Row, make_backup, make_hybrid
 from proxops.diagrams.scenario import AssuranceConfig, Body, Scenario, load_scenario
 from proxops.studies.evaluation import Variant
 
@@ -37,7 +37,7 @@ HEADINGS = ("flights inside", "least clearance (km)", "solves (%)")
 class Hostile(LeafSystem):
     """An adversary as a system: force (3) in N by state (6)."""
 
-    def __init__(self, adversary: Adversary):
+    def __init__(self, adversary: Callable[[np.ndarray], np.ndarray]):
         super().__init__()
         self._adversary = adversary
         self._state_port = self.DeclareVectorInputPort("state", 6)

@@ -1,7 +1,8 @@
-"""Lidar frames against trimesh's Embree on the same rays, in one process, on one core.
+"""Compares lidar frames with trimesh's Embree on the same rays, in one process, on one core.
 
-Kleopatra's mesh, 4,320 rays a frame, positions in the 340 km cube outside the keep-out ellipsoid;
-medians, peers and ours in turn:
+The mesh is Kleopatra's, with 4,320 rays a frame and positions in the 340 km cube outside the
+keep-out ellipsoid; times are medians, ours and the peer's in turn. Embree comes with the extra
+`bench`:
 
     python benchmarks/lidar.py [--poses 300]
 """

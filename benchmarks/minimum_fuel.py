@@ -44,7 +44,7 @@ from rich.table import Table
 from scipy.integrate import solve_ivp
 
 from proxops.diagrams.logs import FlightLog
-from proxops.diagrams.scenario import Body, Scenario, load_body, load_scenario
+from proxops.diagrams.scenario import Body, Scenario, is_blocked, load_body, load_scenario
 from proxops.studies.evaluation import Variant
 from proxops.systems.shapes import clearances
 
@@ -209,7 +209,7 @@ def plot_gaps(gaps: dict[int, float], weighted: dict[int, float], path: Path) ->
     """Bars in groups, one a transit; `weighted` holds those that arrived."""
     figure, axes = plt.subplots(figsize=(9.0, 4.0), layout="constrained")
     for blocked, label in enumerate(("straight line free", "straight line blocked")):
-        chosen = [index for index in gaps if (index % 10 in (1, 4, 7)) == blocked]
+        chosen = [index for index in gaps if is_blocked(index) == blocked]
         heights = [gaps[index] - 1.0 for index in chosen]
         axes.bar(np.array(chosen) - 0.2, heights, 0.4, bottom=1.0, label=label)
     heights = [ratio - 1.0 for ratio in weighted.values()]

@@ -1,12 +1,13 @@
-"""What the model leaves out, as forces on the spacecraft: how much each would matter.
+"""Shows what the model leaves out, as forces on the spacecraft, and how much each would matter.
 
 Each row is the greatest acceleration that an assumption leaves out, over points in the cube of the
-standard scenario and outside the keep-out ellipsoid; the force that takes on a 100 kg spacecraft;
-and the Δv it would take to fight it all through a transit of 5,000 s. Gravity itself stands first.
+default scenario and outside the keep-out ellipsoid, then the force that balances it on a spacecraft
+of 100 kg, and the Δv of balancing it through a transit of 5,000 s. Gravity itself stands first.
 
     python benchmarks/modelling_limits.py
 """
 
+import argparse
 import os
 
 for name in ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
@@ -66,6 +67,7 @@ def tilted(field: GravityField, points: np.ndarray) -> np.ndarray:
 
 
 def main() -> None:
+    argparse.ArgumentParser(description=__doc__.splitlines()[0]).parse_args()
     scenario = load_scenario()
     body = load_body(scenario.body)
     field, mass = body.gravity_field, scenario.spacecraft.mass_kg

@@ -1,17 +1,18 @@
-"""The expert's control step against the same problem in CasADi with IPOPT, in one run.
+"""Compares the expert's control step with CasADi and IPOPT on the same problem, in one run.
 
-A transit is flown by the MPC; at every state on its way all sides then plan to the target, in
-turn, each from its own last plan of one period ago, on one thread. All do the whole step: gravity
-along the last plan, the update of the problem, its solution, the plan out of it.
+The MPC flies a transit. At every state on its way all sides then plan to the target, in turn, each
+from its own last plan of one period ago, on one thread. All do the whole step: gravity along the
+last plan, the update of the problem, its solution, and reading the plan from it.
 
-CasADi's is what the expert's sequence of convex programs converges to: the same knots, limits,
-priced slacks and tangent half-spaces, the same affine gravity about its last plan (its field is no
-symbolic expression), and the time as one more variable, through one step of RK4 an interval, which
-for this motion is the exponential's series to order 4. The states are variables, and forces come in
-pairs without a sign. IPOPT starts from the last plan moved on by a period and from its multipliers:
-with its own options for a warm start, with a barrier so low that it hardly leaves that guess, and
-so to a loose tolerance. `--disturbed` flies with the paper's disturbance, so that the state is not
-as the last plan predicted.
+CasADi solves the problem that the expert's sequence of convex programs converges to. It has the
+same knots, limits, priced slacks and tangent half-spaces, and the same affine gravity about its
+last plan, because the field is no symbolic expression. The time is one more variable, through one
+step of RK4 an interval, which for this motion is the exponential's series to order 4. The states
+are variables, and a force is the difference of two positive ones. IPOPT starts from the last plan,
+moved on by a period, and from its multipliers: with its own options for a warm start, with a
+barrier so low that it hardly leaves that guess, and with a loose tolerance. `--disturbed` flies
+with the paper's disturbance, so that the state differs from what the last plan predicted. CasADi
+comes with the extra `bench`.
 
     python benchmarks/mpc_step.py [--transit 0] [--seed 10001] [--disturbed]
 """
@@ -26,7 +27,6 @@ from collections.abc import Callable
 for name in ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ[name] = "1"
 
-import casadi
 import numpy as np
 from rich.console import Console
 from rich.table import Table
@@ -82,6 +82,9 @@ class CasadiProgram:
     """The expert's program with the time free, as one nonlinear program."""
 
     def __init__(self, program: TransitProgram, settings: dict[str, float]):
+        # With the extra `bench`; `--help` works without it.
+        import casadi
+
         self.program, self.field = program, program.field
         n = program.horizon.intervals
         self.units = program.transit.units

@@ -1,4 +1,4 @@
-"""Whether twelve flights are still the same, bit for bit: run it before and after code is moved.
+"""Tells whether twelve flights are still the same, bit for bit, after code was moved.
 
     python benchmarks/same_flights.py record out/flights.json    # before
     python benchmarks/same_flights.py compare out/flights.json   # after
@@ -10,6 +10,7 @@ set of installed packages, so they are not kept in the repository.
 
 from __future__ import annotations
 
+import argparse
 import hashlib
 import json
 import sys
@@ -88,29 +89,34 @@ def hashes(log: FlightLog) -> dict[str, str]:
     }
 
 
-def main() -> None:
-    if len(sys.argv) != 3 or sys.argv[1] not in ("record", "compare"):
-        sys.exit(f"use: {sys.argv[0]} record|compare FILE")
-    path = Path(sys.argv[2])
-    known = json.loads(path.read_text()) if sys.argv[1] == "compare" else {}
+def fly_all(known: dict[str, dict[str, str]] | None) -> tuple[dict[str, dict[str, str]], int]:
+    """The hashes of all flights by name, and how many flights differ from the known ones."""
     found, changed = {}, 0
     for name, (controller, settings) in FLIGHTS.items():
         log = fly(load_scenario(None, settings), controller)
         found[name] = hashes(log)
         line = f"{name}: {len(log.dataset.time)} rows"
-        if known:
+        if known is not None:
+            before = known.get(name, {})
             differ = sorted(
-                key
-                for key in {*found[name], *known[name]}
-                if found[name].get(key) != known[name].get(key)
+                key for key in {*found[name], *before} if found[name].get(key) != before.get(key)
             )
             changed += bool(differ)
             line += f", differs in {', '.join(differ)}" if differ else ", the same"
         print(line, flush=True)
-    if not known:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(json.dumps(found, indent=1) + "\n")
-    sys.exit(1 if changed else 0)
+    return found, changed
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("action", choices=["record", "compare"])
+    parser.add_argument("file", type=Path, help="JSON file of the hashes")
+    asked = parser.parse_args()
+    if asked.action == "compare":
+        sys.exit(1 if fly_all(json.loads(asked.file.read_text()))[1] else 0)
+    found, _ = fly_all(None)
+    asked.file.parent.mkdir(parents=True, exist_ok=True)
+    asked.file.write_text(json.dumps(found, indent=1) + "\n")
 
 
 if __name__ == "__main__":
