@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
+import enum
 import shlex
 import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Annotated
 
@@ -24,6 +27,13 @@ from proxops.diagrams.flight import Workers
 from proxops.diagrams.scenario import load_body, load_scenario
 
 
+class LidarNetwork(enum.StrEnum):
+    """The network in the lidar's place, where the paper has one."""
+
+    LEARNED = "learned"
+    PAPER = "paper"
+
+
 def reproduce_command(
     scenario: Annotated[
         Path | None, typer.Argument(help="Scenario file (YAML). Default: Kleopatra.")
@@ -36,11 +46,24 @@ def reproduce_command(
         ),
     ] = False,
     transits: Annotated[
-        int | None, typer.Option(min=2, help="How many each controller flies. Default: 200; 10.")
+        int | None,
+        typer.Option(
+            min=2, help="How many each controller flies. Default: 200, or 10 with --quick."
+        ),
     ] = None,
     seed: Annotated[
-        int, typer.Option(min=10_000, help="Of these transits; below 10,000 they are for training.")
+        int,
+        typer.Option(
+            min=10_000, help="Seed of these transits; seeds below 10,000 are for training."
+        ),
     ] = 10_000,
+    lidar: Annotated[
+        LidarNetwork,
+        typer.Option(
+            help="Network that makes the frames of the paper's disturbed flights: our ray network "
+            "(learned), or an MLP as the paper's (paper)."
+        ),
+    ] = LidarNetwork.LEARNED,
     settings: ScenarioChanges = None,
     out: Annotated[Path, typer.Option(help="Folder for all stages and the report.")] = Path(
         "out/reproduction"
@@ -72,14 +95,8 @@ def reproduce_command(
     if not quick:
         with training_extra("; or give --quick"):
             from proxops.studies.reproduction import TrainingSettings
-        training = TrainingSettings()
-    columns = (TextColumn("{task.fields[stage]}"), BarColumn(), TimeElapsedColumn())
-    with progress_bar(*columns, TextColumn("{task.description}")) as bar:
-        task = bar.add_task("", total=1.0, stage="")
-
-        def tell(stage: str, done: float, text: str) -> None:
-            bar.update(task, completed=done, description=text, stage=stage)
-
+        training = TrainingSettings(lidar_network=lidar.value)
+    with _stage_bar() as tell:
         report = reproduce(
             wanted,
             out,
@@ -95,3 +112,16 @@ def reproduce_command(
     if report["not_run"]:
         status.print(f"Not run: {', '.join(report['not_run'])}")
     status.print(f"Wrote report.html, report.md and report.json in {out}")
+
+
+@contextlib.contextmanager
+def _stage_bar() -> Iterator[Callable[[str, float, str], None]]:
+    """A bar that shows the stage, the share of it that is done, and a text."""
+    columns = (TextColumn("{task.fields[stage]}"), BarColumn(), TimeElapsedColumn())
+    with progress_bar(*columns, TextColumn("{task.description}")) as bar:
+        task = bar.add_task("", total=1.0, stage="")
+
+        def tell(stage: str, done: float, text: str) -> None:
+            bar.update(task, completed=done, description=text, stage=stage)
+
+        yield tell

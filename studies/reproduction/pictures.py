@@ -80,6 +80,7 @@ def _frames(findings: Findings) -> list[Block]:
                     f"{STAGE_NAMES[name]}: {figures['flights']} ({kinds}), {figures['steps']} "
                     f"steps, {figures['successes']} arrived, {figures['collisions']} collided; "
                     f"{100 * figures['zero_command_share']['all']:.0f} % of commands are zero."
+                    + _SEEN_BY.get(str(stage.result.get("lidar")), "")
                 )
             )
     lidar = findings.trained.get("lidar")
@@ -93,6 +94,14 @@ def _frames(findings: Findings) -> list[Block]:
     head = ["", "mask IoU", "range error, median (m)", "p95 (m)", "ms a frame"]
     caption = "Frames from positions off the grid: cast, by our network, and by one as the paper's."
     return [*blocks, Table(head, lines), _file("frames", lidar.folder / "frames.png", caption)]
+
+
+# What the report says of the lidar of the disturbed flights, by the folder of its bundle.
+_SEEN_BY = {
+    "bundle": " The frames of the disturbed flights come from our ray network (--lidar learned).",
+    "paper_bundle": " The frames of the disturbed flights come from an MLP as the paper's "
+    "(--lidar paper).",
+}
 
 
 def _curves(findings: Findings) -> list[Block]:

@@ -1,4 +1,4 @@
-"""The paper, reproduced: data, lidar network, policies, evaluation and report, in one sequence."""
+"""Reproduces the paper in one sequence: data, lidar networks, policies, evaluation and report."""
 
 from __future__ import annotations
 
@@ -39,28 +39,28 @@ if TYPE_CHECKING:
 
 TRAINING_STAGES = ("data-full", "policy-pilot", "policy-dagger", "lidar", "data-paper",
                    "policy-paper")  # fmt: skip
-"""In the order in which they run."""
+"""Names of the stages that collect and train, in the order in which they run."""
 
 
 @dc.dataclass(frozen=True)
 class ReproductionSettings:
-    """How much is flown to judge by."""
+    """How many transits are flown for the evaluation, and which of them are drawn."""
 
     seed: int = 10_000
-    """Of the transits, which nothing was trained on."""
+    """Seed of the transits; nothing was trained on them."""
     transits: int = 200
-    """That each controller flies."""
+    """Number of transits that each controller flies."""
     shown: int = 1
-    """The transit that is drawn; this one's straight line is blocked by the ellipsoid."""
+    """The transit that is drawn; the ellipsoid blocks its straight line."""
     along: int = 8
-    """Flights of the MPC along which forces are compared."""
+    """Number of flights of the MPC along which forces are compared."""
 
     def quick(self) -> ReproductionSettings:
-        """A small evaluation, for a first look."""
+        """The same for a small evaluation, as a first look."""
         return dc.replace(self, transits=10, along=4)
 
     def of_transits(self, transits: int) -> ReproductionSettings:
-        """The same with so many transits."""
+        """The same with another number of transits."""
         return dc.replace(self, transits=transits, along=min(self.along, transits))
 
 
@@ -207,11 +207,11 @@ def _write(out: Path, findings: Findings) -> dict[str, Any]:
 
 
 def _policy(scenario: Scenario, trained: Mapping[str, Stage]) -> Path:
-    """Folder of the bundle that is flown as our policy."""
+    """The folder of the bundle that flies as our policy."""
     named = scenario.policy.bundle is not None
     ours = _bundle(trained.get("policy-dagger")) or _bundle(trained.get("policy-pilot"))
     bundle = ours if ours is not None and not named else bundle_of("policy", scenario)
-    assert bundle is not None  # Or it would have been refused.
+    assert bundle is not None  # `bundle_of` raises an error where there is no policy.
     return bundle.resolve()
 
 
@@ -222,7 +222,7 @@ def _bundle(stage: Stage | None) -> Path | None:
 def _origin(
     scenario: Scenario, settings: ReproductionSettings, flown: Sequence[Variant]
 ) -> dict[str, Any]:
-    """What the flights depend on; policies by their content and not by their place."""
+    """Everything that the flights depend on; policies by their content, not by their folder."""
     body = load_body(scenario.body)
     return {
         "scenario": dump_scenario(dc.replace(scenario, policy=PolicyConfig())),

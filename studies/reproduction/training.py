@@ -1,4 +1,4 @@
-"""What is trained for the paper's reproduction: the learned lidar, the paper's policy and ours."""
+"""The training stages of the paper's reproduction: lidar networks, the paper's policy and ours."""
 
 from __future__ import annotations
 
@@ -12,11 +12,15 @@ from proxops.diagrams.flight import Workers, body_sha256
 from proxops.diagrams.scenario import LearnedLidarConfig, Scenario, dump_scenario, load_body
 from proxops.studies.reproduction.stages import Stage, Stages
 from proxops.systems.common import Progress
+from proxops.systems.lidar import LidarBundle
 from proxops.systems.policy import PolicyBundle
 from proxops.training.data import MIXES, collect, learned_lidar_of
 from proxops.training.lidar import LidarSettings, train_lidar
 from proxops.training.paper import PaperSettings, train_paper_policy
 from proxops.training.pilot import DaggerSettings, PilotSettings, run_dagger, train_pilot
+
+LIDAR_BUNDLES = {"learned": "bundle", "paper": "paper_bundle"}
+"""Folders in which `train_lidar` leaves its two networks: our ray network and the paper's MLP."""
 
 
 @dc.dataclass(frozen=True)
@@ -24,8 +28,11 @@ class TrainingSettings:
     """How much is flown and learned."""
 
     lidar: LidarSettings = dc.field(default_factory=LidarSettings)
+    lidar_network: str = "learned"
+    """The network that makes the frames of the paper's disturbed flights: a key of
+    `LIDAR_BUNDLES`."""
     paper_flights: int = 400
-    """In the paper's mix: a quarter nominal, the others disturbed and seen by the learned lidar."""
+    """In the paper's mix: a quarter are nominal, the others are disturbed."""
     paper: PaperSettings = dc.field(default_factory=PaperSettings)
     pilot_flights: int = 400
     pilot: PilotSettings = dc.field(default_factory=PilotSettings)
@@ -38,7 +45,9 @@ def train_everything(
     settings: TrainingSettings,
     workers: Workers = Workers(),
 ) -> None:
-    """Data, lidar network and policies, stage by stage; `Stages.latest` finds what came of them.
+    """Collects the data and trains the lidar networks and the policies, stage by stage.
+
+    `Stages.latest` finds the results.
 
     Args:
       workers: fly and compute plans; networks are trained in this process.
@@ -57,11 +66,10 @@ def train_everything(
     pilot = _pilot(stages, data, settings, workers)
     _dagger(stages, data, pilot, settings, workers)
     lidar = _lidar(stages, origin, plain, settings)
-    learned = learned_lidar_of(plain, lidar.folder / "bundle")
+    learned = learned_lidar_of(plain, lidar.folder / LIDAR_BUNDLES[settings.lidar_network])
     paper_data = _collected(
-        stages, "data-paper", origin, plain, ("paper", 0, settings.paper_flights), workers,
-        learned, lidar.result,
-    )  # fmt: skip
+        stages, "data-paper", origin, plain, ("paper", 0, settings.paper_flights), workers, learned
+    )
     _paper_policy(stages, paper_data, settings)
 
 
@@ -83,8 +91,8 @@ def _collected(
     which: tuple[str, int, int],
     workers: Workers,
     learned: LearnedLidarConfig | None = None,
-    lidar: Mapping[str, Any] | None = None,
 ) -> Stage:
+    """Expert flights; `which` are the mix of kinds, the seed and the number of flights."""
     mix, seed, count = which
 
     def work(folder: Path, tell: Progress) -> dict[str, Any]:
@@ -101,13 +109,14 @@ def _collected(
         return {
             "mix": mix,
             "seed": seed,
+            "lidar": None if learned is None else Path(learned.bundle).name,
             "logs_sha256": hashlib.sha256(hashes.encode()).hexdigest(),
             "all": report["all"],
             "kinds": {kind: figures["flights"] for kind, figures in report["kinds"].items()},
         }
 
-    bundle = None if lidar is None else lidar["bundle_sha256"]
-    inputs = {**origin, "mix": MIXES[mix], "seed": seed, "count": count, "lidar": bundle}
+    lidar = None if learned is None else LidarBundle.load(learned.bundle).sha256
+    inputs = {**origin, "mix": MIXES[mix], "seed": seed, "count": count, "lidar": lidar}
     return stages.run(name, inputs, work)
 
 
