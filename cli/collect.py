@@ -24,14 +24,16 @@ from proxops.cli.common import (
 )
 from proxops.diagrams.flight import Workers
 from proxops.diagrams.scenario import load_scenario
+from proxops.systems.lidar import FRAME_NETWORK
 from proxops.training.data import collect, histogram_rows, learned_lidar_of, parse_mix, report_rows
 
 
 class LidarSource(enum.StrEnum):
-    """Where the frames in the logs come from."""
+    """The lidar that gives the frames in the logs."""
 
     CAST = "cast"
     LEARNED = "learned"
+    PAPER = "paper"
     NONE = "none"
 
 
@@ -49,13 +51,17 @@ def collect_command(
     lidar: Annotated[
         LidarSource,
         typer.Option(
-            help="Frames in the logs: cast against the mesh; learned for all flights but the "
-            "nominal ones, as in the paper; or none."
+            help="Frames in the logs: cast against the mesh; learned or paper: from our network or "
+            "the paper's in all flights but the nominal ones, as in the paper; or none."
         ),
     ] = LidarSource.CAST,
     lidar_bundle: Annotated[
-        Path, typer.Option(help="The learned lidar's, from `proxops train-lidar`.")
-    ] = Path("out/lidar/bundle"),
+        Path | None,
+        typer.Option(
+            help="The learned lidar's, from `proxops train-lidar`. Default: out/lidar/bundle, or "
+            "for paper out/lidar/paper_bundle."
+        ),
+    ] = None,
     settings: ScenarioChanges = None,
     out: Annotated[Path, typer.Option(help="Folder for the logs and manifest.json.")] = (
         Path("out/collection")
@@ -64,9 +70,9 @@ def collect_command(
     scheduler: SchedulerAddress = None,
     as_json: AsJson = False,
 ) -> None:
-    """Fly expert transits; write a log each, manifest.json and a report.
+    """Fly expert transits; write a log of each, manifest.json and a report.
 
-    Run it again to finish what was interrupted: no flight is flown twice. With more --transits it
+    Run it again to finish an interrupted set: no flight is flown twice. With more --transits it
     adds to the set.
 
     Examples:
@@ -82,9 +88,13 @@ def collect_command(
     wanted = load_scenario(scenario, settings or [])
     if lidar == LidarSource.NONE:
         wanted = dc.replace(wanted, log_ranges=False)
-    learned = (
-        learned_lidar_of(wanted, lidar_bundle.resolve()) if lidar == LidarSource.LEARNED else None
-    )
+    learned = None
+    if lidar == LidarSource.LEARNED:
+        bundle = lidar_bundle or Path("out/lidar/bundle")
+        learned = learned_lidar_of(wanted, bundle.resolve())
+    elif lidar == LidarSource.PAPER:
+        bundle = lidar_bundle or Path("out/lidar/paper_bundle")
+        learned = learned_lidar_of(wanted, bundle.resolve(), FRAME_NETWORK)
     with work_bar("flying") as progress:
         _, report = collect(
             wanted,

@@ -9,12 +9,13 @@ from torch import Tensor, nn
 
 from proxops.systems import Polyhedron, ray_directions
 from proxops.systems.lidar.ray_chords import ChordFan
-from proxops.training.lidar.bundle import BundleFacts, write_bundle
+from proxops.training.lidar.bundle import BundleFacts, write_bundle, write_frame_bundle
 
 RADIUS = 50e3
 CENTRE = np.array([1e3, -2e3, 3e3])
 # The ellipsoid that holds the ball is a ball too, twice as large.
 HOLDING = 2.0 * RADIUS
+ELLIPSOID = CENTRE, np.full(3, HOLDING)
 
 
 class BallNetwork(nn.Module):
@@ -33,21 +34,39 @@ class BallNetwork(nn.Module):
         return (1000.0 * torch.minimum(room, -along)).float(), depth.float()
 
 
+class BallFrameNetwork(nn.Module):
+    """The paper's kind of network: a position over half of the cube's edge to a frame in km."""
+
+    ways: Tensor
+    centre: Tensor
+
+    def __init__(self, rays: int = 360):
+        super().__init__()
+        self.register_buffer("ways", torch.tensor(ray_directions(12, rays)))
+        self.register_buffer("centre", torch.tensor(CENTRE))
+
+    def forward(self, positions: Tensor) -> Tensor:
+        away = positions.double() * 170e3 - self.centre
+        along = away @ self.ways.T
+        room = along * along - (away * away).sum(dim=1, keepdim=True) + RADIUS**2
+        distance = -along - room.clamp(min=0.0).sqrt()
+        seen = (room > 0.0) & (along < 0.0)
+        return torch.where(seen, 1e-3 * distance, -100.0).float()
+
+
 def ball_shape() -> Polyhedron:
     mesh = trimesh.creation.icosphere(6, radius=RADIUS)
     mesh.apply_translation(CENTRE)
     return Polyhedron.from_trimesh(mesh, "m")
 
 
-def ball_facts(rays: int = 360) -> BundleFacts:
+def ball_facts(rays: int = 360, shape_sha256: str = "") -> BundleFacts:
     return BundleFacts(
         planes=12,
         rays=rays,
         cube=340e3,
-        centre=CENTRE,
-        semi_axes=np.full(3, HOLDING),
         body="Ball",
-        shape_sha256="",
+        shape_sha256=shape_sha256,
         training={},
     )
 
@@ -57,7 +76,16 @@ def chord_ends() -> np.ndarray:
     return fan.chords(np.array([[150e3, 20e3, 10e3], [-90e3, 90e3, -80e3]])).ends
 
 
-def write_ball_bundle(folder: Path, rays: int = 360) -> Path:
-    """A bundle in `folder`, for 12 planes of `rays`."""
-    write_bundle(folder, BallNetwork(), ball_facts(rays), chord_ends())
+def write_ball_bundle(folder: Path, rays: int = 360, shape_sha256: str = "") -> Path:
+    """A bundle in `folder`, for 12 planes of `rays`, as if trained on a body of that shape."""
+    facts = ball_facts(rays, shape_sha256)
+    write_bundle(folder, BallNetwork(), facts, ELLIPSOID, chord_ends())
+    return folder
+
+
+def write_ball_frame_bundle(folder: Path, rays: int = 360, shape_sha256: str = "") -> Path:
+    """The same of the paper's kind, whose ranges are in km."""
+    positions = np.array([[150e3, 20e3, 10e3], [-90e3, 90e3, -80e3]])
+    facts = ball_facts(rays, shape_sha256)
+    write_frame_bundle(folder, BallFrameNetwork(rays), facts, 1e3, positions)
     return folder

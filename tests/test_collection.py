@@ -1,6 +1,5 @@
 """`proxops collect`: what it writes, and that nothing that happens to it leaves a wrong set."""
 
-import dataclasses
 import hashlib
 import json
 import os
@@ -16,7 +15,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from ball_lidar import BallNetwork, ball_facts, chord_ends
+from ball_lidar import write_ball_bundle, write_ball_frame_bundle
 from short_flights import kleopatra
 
 from proxops.cli.main import main
@@ -26,7 +25,6 @@ from proxops.diagrams.scenario.body import load_body
 from proxops.diagrams.scenario.scenario import LearnedLidarConfig, load_scenario, parse_scenario
 from proxops.training.data.collection import describe_flight
 from proxops.training.data.recovery import flight_scenario, kind_of
-from proxops.training.lidar.bundle import write_bundle
 
 # Over after 15 steps, wherever it is then.
 BRIEF = {"arrival.deadline_s": 100.0, "arrival.dwell_s": 50.0, "mpc.intervals": 10}
@@ -143,10 +141,14 @@ def test_every_flight_repeats_bit_for_bit(full_set: Path) -> None:
         assert differences(log, fly(log.scenario, "mpc", body=log.body)) == []
 
 
-def test_learned_lidar_gives_the_frames_of_disturbed_flights(collect, tmp_path: Path) -> None:
-    facts = dataclasses.replace(ball_facts(), shape_sha256=load_body("kleopatra").shape.sha256)
-    write_bundle(tmp_path / "bundle", BallNetwork(), facts, chord_ends())
-    options = ("--lidar", "learned", "--lidar-bundle", "bundle", "--set", "lidar.noise_std_m=7")
+@pytest.mark.parametrize(
+    ("lidar", "write"), [("learned", write_ball_bundle), ("paper", write_ball_frame_bundle)]
+)
+def test_learned_lidar_gives_the_frames_of_disturbed_flights(
+    collect, tmp_path: Path, lidar: str, write: Callable[..., Path]
+) -> None:
+    write(tmp_path / "bundle", shape_sha256=load_body("kleopatra").shape.sha256)
+    options = ("--lidar", lidar, "--lidar-bundle", "bundle", "--set", "lidar.noise_std_m=7")
     assert collect("--transits", 2, "--out", "set", *options) == 0
     for row, log in zip(
         manifest_of(tmp_path / "set")["flights"], logs_of(tmp_path / "set"), strict=True
@@ -160,6 +162,16 @@ def test_learned_lidar_gives_the_frames_of_disturbed_flights(collect, tmp_path: 
 def test_learned_lidar_that_is_not_there(collect, capsys: pytest.CaptureFixture[str]) -> None:
     assert collect("--transits", 2, "--lidar", "learned") == 2
     assert "out/lidar/bundle" in capsys.readouterr().err
+    assert collect("--transits", 2, "--lidar", "paper") == 2
+    assert "out/lidar/paper_bundle" in capsys.readouterr().err
+
+
+def test_the_paper_s_lidar_is_the_paper_s(
+    collect, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_ball_bundle(tmp_path / "bundle")
+    assert collect("--transits", 2, "--lidar", "paper", "--lidar-bundle", "bundle") == 2
+    assert "is a ray network, not a frame network" in capsys.readouterr().err
 
 
 def test_report(full_set: Path) -> None:

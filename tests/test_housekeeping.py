@@ -34,7 +34,6 @@ LONGER_FUNCTIONS: dict[str, str] = {
     "diagrams/flight/simulation.py: _collect_log": "is being split",
     "diagrams/flight/transit_diagram.py: make_transit_diagram": "is being split",
     "diagrams/scenario/scenario_checks.py: check_scenario": "is being split",
-    "training/lidar/synthesis.py: train_lidar": "is being split",
 }
 
 

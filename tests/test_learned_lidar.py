@@ -9,12 +9,14 @@ import numpy as np
 import pytest
 from ball_lidar import (
     CENTRE,
+    ELLIPSOID,
     RADIUS,
     BallNetwork,
     ball_facts,
     ball_shape,
     chord_ends,
     write_ball_bundle,
+    write_ball_frame_bundle,
 )
 from pydrake.perception import PointCloud
 
@@ -115,6 +117,74 @@ def test_a_higher_probability_gives_fewer_returns(bundle: Path):
     assert returns(1.0 - 1e-12) < returns(0.5) <= returns(1e-12)
 
 
+# --- the paper's kind of network ------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def frame_bundle(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_ball_frame_bundle(tmp_path_factory.mktemp("ball") / "paper_bundle")
+
+
+@pytest.mark.parametrize("place", PLACES)
+def test_a_frame_network_sees_the_ball_as_a_ray_network_does(
+    bundle: Path, frame_bundle: Path, place: np.ndarray
+):
+    """Both are the closed form of the same ball, so their frames agree but for rounding."""
+    rays, frames = (
+        LearnedLidar(each, LidarErrors(noise_std=0.0)) for each in (bundle, frame_bundle)
+    )
+    one, other = frame(rays, place), frame(frames, place)
+    both = np.isfinite(one) & np.isfinite(other)
+    assert both.sum() > 20
+    # On the very edge single precision decides.
+    assert (np.isfinite(one) != np.isfinite(other)).sum() <= 0.02 * both.sum()
+    off = np.abs(one[both] - other[both])
+    assert np.median(off) < 1.0
+    assert off.max() < 300.0
+
+
+def test_a_frame_network_flies_with_the_sensor_s_errors(frame_bundle: Path):
+    place = PLACES[0]
+    quiet = frame(LearnedLidar(frame_bundle, LidarErrors(noise_std=0.0)), place)
+    noisy = frame(LearnedLidar(frame_bundle, seed=5), place, 70.0)
+    assert np.array_equal(noisy, frame(LearnedLidar(frame_bundle, seed=5), place, 70.0))
+    seen = np.isfinite(quiet)
+    assert np.array_equal(seen, np.isfinite(noisy))
+    assert 30.0 < np.std(noisy[seen] - quiet[seen]) < 70.0
+
+
+def test_a_frame_network_knows_one_attitude(frame_bundle: Path):
+    with pytest.raises(InputError, match="attitude_error must be 0"):
+        LearnedLidar(frame_bundle, LidarErrors(attitude_error=0.01))
+
+
+@pytest.mark.parametrize(
+    ("changes", "why"),
+    [
+        ({"kind": "photograph"}, "no kind 'photograph'"),
+        ({"length_unit_m": 0.0}, "length_unit_m is not a positive"),
+        ({"length_unit_m": "km"}, "length_unit_m is not a positive"),
+        ({"kind": "ray network"}, "centre_m is no list"),
+        ({"rays": 180}, "by its outputs' shapes"),
+        ({"planes": -12}, "must be positive"),
+    ],
+)
+def test_damaged_frame_bundle_is_refused(
+    frame_bundle: Path, tmp_path: Path, changes: dict[str, object], why: str
+):
+    folder = Path(shutil.copytree(frame_bundle, tmp_path / "bundle"))
+    change(folder / "bundle.json", **changes)
+    with pytest.raises(InputError, match=why):
+        LidarBundle.load(folder)
+
+
+def test_a_network_of_the_other_kind_is_refused(bundle: Path, tmp_path: Path):
+    folder = copied(bundle, tmp_path)
+    change(folder / "bundle.json", kind="frame network", length_unit_m=1e3)
+    with pytest.raises(InputError, match="its network is no frame network"):
+        LidarBundle.load(folder)
+
+
 # --- bundles --------------------------------------------------------------------------------------
 
 
@@ -149,7 +219,7 @@ def test_export_that_differs_is_refused(tmp_path: Path, monkeypatch: pytest.Monk
         check_model(model, BallNetwork(), chord_ends())
     monkeypatch.setattr("proxops.training.lidar.bundle.onnx_model", lambda network: model)
     with pytest.raises(InputError, match="no bundle is written"):
-        write_bundle(tmp_path / "bundle", BallNetwork(), ball_facts(), chord_ends())
+        write_bundle(tmp_path / "bundle", BallNetwork(), ball_facts(), ELLIPSOID, chord_ends())
     assert list(tmp_path.iterdir()) == []
 
 

@@ -50,7 +50,8 @@ def scenario_file(out: Path) -> Path:
 def test_writes_all_that_it_says(out: Path):
     names = {path.relative_to(out).as_posix() for path in out.rglob("*") if path.is_file()}
     assert {name for name in names if "tfevents" not in name} == {
-        "bundle/bundle.json", "bundle/model.onnx", "report.json", "report.md", "frames.png",
+        "bundle/bundle.json", "bundle/model.onnx", "paper_bundle/bundle.json",
+        "paper_bundle/model.onnx", "report.json", "report.md", "frames.png",
         "curves/ray_network.csv", "curves/frame_network.csv",
         "ray_network.ckpt", "frame_network.ckpt",
     }  # fmt: skip
@@ -71,6 +72,8 @@ def test_learns_even_in_seconds(out: Path):
 def test_report(out: Path):
     report = json.loads((out / "report.json").read_text())
     assert report["bundle_sha256"] == LidarBundle.load(out / "bundle").sha256
+    paper = LidarBundle.load(out / "paper_bundle")
+    assert (paper.kind, paper.sha256) == ("frame network", report["paper_bundle_sha256"])
     assert report["shape_sha256"] == kleopatra().shape.sha256
     assert report["ray_caster_frame_ms"] > 0.0
     for figures in report["methods"].values():

@@ -12,9 +12,13 @@ from proxops.systems.lidar.lidar import Lidar
 from proxops.systems.lidar.lidar_bundle import (
     CHORDS_INPUT,
     DEPTH_OUTPUT,
+    FRAME_NETWORK,
     HIT_OUTPUT,
     LIDAR_FILE,
     LIDAR_FORMAT,
+    POSITION_INPUT,
+    RANGES_OUTPUT,
+    RAY_NETWORK,
     LidarBundle,
 )
 from proxops.systems.lidar.lidar_errors import DEFAULT_ERRORS, LidarErrors
@@ -27,9 +31,13 @@ __all__ = [
     "DEFAULT_ERRORS",
     "DEFAULT_GEOMETRY",
     "DEPTH_OUTPUT",
+    "FRAME_NETWORK",
     "HIT_OUTPUT",
     "LIDAR_FILE",
     "LIDAR_FORMAT",
+    "POSITION_INPUT",
+    "RANGES_OUTPUT",
+    "RAY_NETWORK",
     "Caster",
     "ChordFan",
     "LearnedLidar",

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from proxops.systems.common import InputError
-from proxops.systems.lidar.lidar_bundle import LidarBundle
+from proxops.systems.lidar.lidar_bundle import FRAME_NETWORK, LidarBundle
 from proxops.systems.lidar.lidar_errors import DEFAULT_ERRORS, LidarErrors
 from proxops.systems.lidar.lidar_geometry import DEFAULT_GEOMETRY, LidarGeometry
 from proxops.systems.lidar.planar_lidar import Caster, PlanarLidar, TrueReturns
@@ -29,6 +29,9 @@ class LearnedLidar(PlanarLidar):
     added to its ranges as `Lidar` adds them to the true ones: the same (seed, step) and the same
     number of returns give the same random numbers. The network does not know the angle at which a
     ray meets the surface, so there is no limit on the angle of incidence.
+
+    The bundle decides the kind of network: ours answers for each ray; the paper's gives a whole
+    frame for a position, with the axes held to K, so it knows no attitude error.
     """
 
     def __init__(
@@ -47,7 +50,8 @@ class LearnedLidar(PlanarLidar):
         Args:
           bundle: the bundle or its folder.
           errors, geometry, period, seed: as for `Lidar`, without a limit of incidence.
-          hit_probability: a ray returns if the network gives its hit at least this probability.
+          hit_probability: a ray returns if our network gives its hit at least this probability;
+            the paper's network gives ranges, not probabilities.
           shape_sha256: hash of the shape of the body flown at; None: the body of the bundle.
 
         Raises:
@@ -72,10 +76,16 @@ class LearnedLidar(PlanarLidar):
             raise InputError(
                 f"{self.bundle.path} was trained on a body of another shape: train one on this body"
             )
+        if self.bundle.kind == FRAME_NETWORK and errors.attitude_error > 0.0:
+            raise InputError(
+                f"{self.bundle.path} gives whole frames for one attitude: attitude_error must be 0"
+            )
         self._least_logit = math.log(hit_probability / (1.0 - hit_probability))
 
     def caster(self, directions: np.ndarray) -> Caster:
         """Returns a function that asks the network about rays along unit directions (R, 3) in K."""
+        if self.bundle.kind == FRAME_NETWORK:
+            return self._cast_frame
         # The network describes a ray by its chord alone, so it answers for any direction.
         fan = ChordFan(self.bundle.centre, self.bundle.semi_axes, directions)
 
@@ -87,3 +97,9 @@ class LearnedLidar(PlanarLidar):
             return TrueReturns(chords.rays[hits], ways)
 
         return cast
+
+    def _cast_frame(self, position: np.ndarray) -> TrueReturns:
+        """What the paper's network sees from a position (3,) in m in K."""
+        ranges = self.bundle.predict_frame(position)
+        hits = np.flatnonzero(ranges > 0.0)
+        return TrueReturns(hits, ranges[hits])

@@ -1,4 +1,4 @@
-"""The bundle of a learned lidar: a folder with the network and all that it needs to be flown."""
+"""The bundle of a learned lidar: a folder with the network and all that a flight with it needs."""
 
 from __future__ import annotations
 
@@ -15,15 +15,21 @@ if typing.TYPE_CHECKING:
 
 LIDAR_FORMAT = "proxops learned lidar 1"
 LIDAR_FILE = "bundle.json"
+RAY_NETWORK, FRAME_NETWORK = "ray network", "frame network"
+"""Kinds of networks: ours answers for each ray, and the paper's gives whole frames."""
 CHORDS_INPUT, HIT_OUTPUT, DEPTH_OUTPUT = "chords", "hit_logit", "depth"
-"""Names in the network: chord ends (K, 6) in; logit of the hit's probability (K,) and depth (K,),
+"""Names in a ray network: chord ends (K, 6) in; logit of the hit's probability (K,) and depth (K,),
 the share of the chord in front of the surface, out; all float32."""
+POSITION_INPUT, RANGES_OUTPUT = "position", "ranges"
+"""Names in a frame network: positions (1, 3) in K, over half of the cube's edge, in; ranges
+(1, planes * rays) in the bundle's unit of length, not positive where no ray returns, out; all
+float32."""
 _KIND = BundleKind(
     noun="learned lidar",
     file=LIDAR_FILE,
     format=LIDAR_FORMAT,
     keys={
-        "planes": int, "rays": int, "cube_m": float, "centre_m": list, "semi_axes_m": list,
+        "planes": int, "rays": int, "cube_m": float,
         "body": str, "shape_sha256": str, "model_sha256": str, "training": dict, "versions": dict,
     },
     command="proxops train-lidar",
@@ -35,18 +41,22 @@ class LidarBundle:
     """A learned lidar as it was read from its folder."""
 
     path: Path
+    kind: str
+    """`RAY_NETWORK` or `FRAME_NETWORK`."""
     planes: int
     rays: int
     cube: float
     """Edge in m of the cube about the body that the training positions filled."""
     centre: np.ndarray
-    """(3,) in m in K: of the ellipsoid whose chords describe the rays."""
+    """(3,) in m in K: centre of the ellipsoid whose chords describe the rays; ray network only."""
     semi_axes: np.ndarray
-    """(3,) in m along x, y, z: of that ellipsoid."""
+    """(3,) in m along x, y, z: semi-axes of that ellipsoid; ray network only."""
+    length_unit: float
+    """Unit of length in m of a frame network's ranges."""
     shape_sha256: str
-    """Of the body that it was trained on: `Polyhedron.sha256`."""
+    """Hash of the body's shape: `Polyhedron.sha256`."""
     sha256: str
-    """Of `bundle.json`, which holds the network's hash: names the bundle."""
+    """Hash of `bundle.json`, which holds the network's hash, so it names the bundle."""
     session: ort.InferenceSession = field(repr=False)
 
     @classmethod
@@ -54,26 +64,75 @@ class LidarBundle:
         """Reads a bundle's folder.
 
         Raises:
-          InputError: no bundle, of another format, or damaged; the message says which.
+          InputError: there is no bundle, or it has another format, or it is damaged; the message
+            says which.
         """
         folder = Path(path)
         content, sha256, session = read_bundle(folder, _KIND)
-        for key in ("centre_m", "semi_axes_m"):
-            if len(content[key]) != 3 or not all(isinstance(x, float) for x in content[key]):
-                raise InputError(f"{folder / LIDAR_FILE} is damaged: {key} is not three numbers")
-        return cls(
+        source = folder / LIDAR_FILE
+        kind = content.get("kind", RAY_NETWORK)
+        centre = semi_axes = np.zeros(3)
+        length_unit = 1.0
+        if kind == RAY_NETWORK:
+            centre, semi_axes = (
+                _three(content, key, source) for key in ("centre_m", "semi_axes_m")
+            )
+        elif kind == FRAME_NETWORK:
+            length_unit = content.get("length_unit_m")
+            if not isinstance(length_unit, float) or not 0.0 < length_unit < np.inf:
+                raise InputError(f"{source} is damaged: length_unit_m is not a positive number")
+        else:
+            raise InputError(f"{source} is damaged: there is no kind {kind!r} of learned lidar")
+        if not (
+            content["planes"] >= 1 and content["rays"] >= 1 and 0.0 < content["cube_m"] < np.inf
+        ):
+            raise InputError(f"{source} is damaged: planes, rays and cube_m must be positive")
+        bundle = cls(
             path=folder,
+            kind=kind,
             planes=content["planes"],
             rays=content["rays"],
             cube=content["cube_m"],
-            centre=np.array(content["centre_m"]),
-            semi_axes=np.array(content["semi_axes_m"]),
+            centre=centre,
+            semi_axes=semi_axes,
+            length_unit=length_unit,
             shape_sha256=content["shape_sha256"],
             sha256=sha256,
             session=session,
         )
+        bundle._check_network()
+        return bundle
 
     def predict(self, ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Logits of the hit's probability and depths (K,), float32, for chord ends (K, 6)."""
         hit, depth = self.session.run([HIT_OUTPUT, DEPTH_OUTPUT], {CHORDS_INPUT: ends})
         return np.asarray(hit), np.asarray(depth)
+
+    def predict_frame(self, position: np.ndarray) -> np.ndarray:
+        """Ranges (planes * rays,) in m from a position (3,) in m in K; not positive: no return."""
+        scaled = (position / (0.5 * self.cube)).astype(np.float32)
+        (ranges,) = self.session.run([RANGES_OUTPUT], {POSITION_INPUT: scaled[None]})
+        return np.asarray(ranges)[0].astype(np.float64) * self.length_unit
+
+    def _check_network(self) -> None:
+        """Raises `InputError` unless the network answers as its kind has to."""
+        try:
+            if self.kind == RAY_NETWORK:
+                hit, depth = self.predict(np.zeros((2, 6), dtype=np.float32))
+                sound = hit.shape == depth.shape == (2,)
+            else:
+                sound = self.predict_frame(np.zeros(3)).shape == (self.planes * self.rays,)
+        except Exception as error:  # ONNX Runtime's exceptions have no common type.
+            raise InputError(f"{self.path}: its network is no {self.kind}: {error}") from error
+        if not sound:
+            raise InputError(f"{self.path}: its network is no {self.kind}, by its outputs' shapes")
+
+
+def _three(content: dict[str, typing.Any], key: str, source: Path) -> np.ndarray:
+    """Three numbers (3,) under a key of the bundle's file."""
+    values = content.get(key)
+    if not isinstance(values, list):
+        raise InputError(f"{source} is damaged: {key} is no list")
+    if len(values) != 3 or not all(isinstance(x, float) for x in values):
+        raise InputError(f"{source} is damaged: {key} is not three numbers")
+    return np.array(values)

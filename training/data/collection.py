@@ -14,6 +14,7 @@ from proxops.diagrams.flight import Flight, Row, body_sha256, provenance
 from proxops.diagrams.logs import FlightLog
 from proxops.diagrams.scenario import Body, LearnedLidarConfig, Scenario, dump_scenario
 from proxops.systems.common import InputError, file_sha256
+from proxops.systems.lidar import LidarBundle
 from proxops.systems.shapes import clearances
 from proxops.training.data.recovery import flight_scenario, kind_of
 
@@ -52,8 +53,21 @@ def collection_flights(
     return flights
 
 
-def learned_lidar_of(scenario: Scenario, bundle: Path) -> LearnedLidarConfig:
-    """A learned lidar with the measuring errors of the scenario's."""
+def learned_lidar_of(
+    scenario: Scenario, bundle: Path, kind: str | None = None
+) -> LearnedLidarConfig:
+    """A learned lidar with the errors of the scenario's lidar.
+
+    Args:
+      bundle: folder that `proxops train-lidar` wrote: `bundle` or `paper_bundle`.
+      kind: `RAY_NETWORK` or `FRAME_NETWORK`, if the bundle has to be of one kind.
+
+    Raises:
+      InputError: there is no bundle, it is damaged, or it is of another kind.
+    """
+    found = LidarBundle.load(bundle).kind
+    if kind not in (None, found):
+        raise InputError(f"{bundle} is a {found}, not a {kind}")
     names = {field.name for field in dc.fields(LearnedLidarConfig)}
     known: dict[str, typing.Any] = {k: v for k, v in vars(scenario.lidar).items() if k in names}
     known["bundle"] = str(bundle)

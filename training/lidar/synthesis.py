@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
-from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +22,7 @@ from proxops.systems.lidar import (
 )
 from proxops.systems.shapes import RayFan, ray_caster
 from proxops.training.lidar import frame_errors
-from proxops.training.lidar.bundle import BundleFacts, write_bundle
+from proxops.training.lidar.bundle import BundleFacts, write_bundle, write_frame_bundle
 from proxops.training.lidar.frames import (
     LENGTH_UNITS_PER_CUBE,
     GridFrames,
@@ -46,7 +45,9 @@ _TEST_STREAM = 1_000_003
 OURS, PAPERS = "ray network (ours)", "frame network (paper)"
 _TIMED_FRAMES = 200
 _PICTURES = 4
+# Chords, and frames, on which an exported network is compared with the trained one.
 _EXPORT_CHECKS = 4096
+_CHECKED_FRAMES = 32
 
 
 @dataclass(frozen=True)
@@ -81,15 +82,17 @@ def train_lidar(
     out: Path,
     progress: Progress = silent,
 ) -> dict[str, Any]:
-    """Trains both networks and writes bundle/, report.json, report.md, frames.png and curves/.
+    """Trains both networks, exports them and compares them with the ray caster.
 
-    Run again after a kill, it goes on with the network and the epoch where it was.
+    Writes bundle/ (our ray network), paper_bundle/ (the paper's frame network), report.json,
+    report.md, figures/ and curves/ to `out`. After a kill it continues with the network and the
+    epoch where it was.
 
     Returns:
       The content of `report.json`.
 
     Raises:
-      InputError: the scenario's lidar is a learned one, the spacing leaves too little, or `out`
+      InputError: the scenario's lidar is a learned one, the grid has too few positions, or `out`
         holds another training.
     """
     lidar = scenario.lidar
@@ -97,63 +100,38 @@ def train_lidar(
         raise InputError("train-lidar learns from the ray-cast lidar: give a scenario with that")
     make_folder(out)
     cube = scenario.transit.cube_m
-    directions = ray_directions(lidar.planes, lidar.rays)
-    fan = ray_caster(body.shape).fan(directions)
+    fan = ray_caster(body.shape).fan(ray_directions(lidar.planes, lidar.rays))
     grid = cast_grid(body, fan, cube, settings.spacing, settings.seed)
-    centre, semi_axes = enclosing_ellipsoid(grid.positions, grid.frames, directions)
-    chords = ChordFan(centre, semi_axes, directions)
-    identity = (
-        f"proxops {metadata.version('proxops')}, body {body.shape.sha256}, cube {cube}, "
-        f"spacing {settings.spacing}, {lidar.planes} x {lidar.rays}"
-    )
-
+    examples = _Examples(body, lidar, cube, grid, settings)
     # One network after the other, so that only one set of examples is in memory.
-    task = _ray_task(chords, grid, lidar.planes, settings, identity)
-    trained = train(task, out, settings.seed, device="cpu", progress=progress)
-    network = task.network
-    assert isinstance(network, RayNetwork)
-    facts = BundleFacts(
-        planes=lidar.planes,
-        rays=lidar.rays,
-        cube=cube,
-        centre=centre,
-        semi_axes=semi_axes,
-        body=body.config.name,
-        shape_sha256=body.shape.sha256,
-        training={
-            "spacing_m": settings.spacing,
-            "grid_positions": len(grid.positions),
-            "seed": settings.seed,
-            **_training_figures(trained),
-        },
-    )
-    checks = next(iter(task.validation))[0][:_EXPORT_CHECKS].numpy()
-    write_bundle(out / "bundle", network, facts, checks)
-    del task
+    trained = {
+        OURS: _train_ray_network(examples, out, progress),
+        PAPERS: _train_frame_network(examples, out, progress),
+    }
 
-    paper_task = _frame_task(grid, cube, settings, identity)
-    paper_trained = train(paper_task, out, settings.seed, device="cpu", progress=progress)
-
-    learned = LearnedLidar(
-        out / "bundle", LidarErrors(), LidarGeometry(lidar.planes, lidar.rays, np.inf)
+    geometry = LidarGeometry(lidar.planes, lidar.rays, np.inf)
+    ours, papers = (
+        LearnedLidar(out / name, LidarErrors(noise_std=0.0), geometry)
+        for name in ("bundle", "paper_bundle")
     )
     methods = {
-        OURS: lambda positions: _true_frames(learned, positions),
-        PAPERS: _decoder(paper_task.network, cube),
+        OURS: lambda positions: _true_frames(ours, positions),
+        PAPERS: lambda positions: _true_frames(papers, positions),
         "nearest grid frame": frame_errors.nearest_frames(grid),
         "inverse distance, 8 frames": frame_errors.weighted_frames(grid),
     }
     report = {
         "body": body.config.name,
         "shape_sha256": body.shape.sha256,
-        "bundle_sha256": learned.bundle.sha256,
+        "bundle_sha256": ours.bundle.sha256,
+        "paper_bundle_sha256": papers.bundle.sha256,
         "cube_m": cube,
         "planes": lidar.planes,
         "rays": lidar.rays,
         "spacing_m": settings.spacing,
         "grid_positions": len(grid.positions),
         "settings": asdict(settings),
-        "training": {OURS: _training_figures(trained), PAPERS: _training_figures(paper_trained)},
+        "training": {name: _training_figures(each) for name, each in trained.items()},
     }
     positions = random_positions(body, cube, settings.test_positions, settings.seed + _TEST_STREAM)
     figures, pictures = _judge(methods, fan, positions, lidar, cube)
@@ -163,6 +141,65 @@ def train_lidar(
     title = f"The learned lidar of {body.config.name}"
     write_markdown(out, title, frame_errors.frame_sections(report, pictures))
     return report
+
+
+@dataclass(frozen=True)
+class _Examples:
+    """What both networks learn from, and how."""
+
+    body: Body
+    lidar: LidarConfig
+    cube: float
+    grid: GridFrames
+    settings: LidarSettings
+
+    @property
+    def identity(self) -> str:
+        """Names the examples in the identity of a training."""
+        return (
+            f"body {self.body.shape.sha256}, cube {self.cube}, spacing {self.settings.spacing}, "
+            f"{self.lidar.planes} x {self.lidar.rays}"
+        )
+
+    def facts(self, trained: Trained) -> BundleFacts:
+        """What a bundle says of itself."""
+        return BundleFacts(
+            planes=self.lidar.planes,
+            rays=self.lidar.rays,
+            cube=self.cube,
+            body=self.body.config.name,
+            shape_sha256=self.body.shape.sha256,
+            training={
+                "spacing_m": self.settings.spacing,
+                "grid_positions": len(self.grid.positions),
+                "seed": self.settings.seed,
+                **_training_figures(trained),
+            },
+        )
+
+
+def _train_ray_network(examples: _Examples, out: Path, progress: Progress) -> Trained:
+    """Trains our network and writes its bundle."""
+    grid, lidar, settings = examples.grid, examples.lidar, examples.settings
+    directions = ray_directions(lidar.planes, lidar.rays)
+    ellipsoid = enclosing_ellipsoid(grid.positions, grid.frames, directions)
+    chords = ChordFan(*ellipsoid, directions)
+    task = _ray_task(chords, grid, lidar.planes, settings, examples.identity)
+    trained = train(task, out, settings.seed, device="cpu", progress=progress)
+    checks = next(iter(task.validation))[0][:_EXPORT_CHECKS].numpy()
+    write_bundle(out / "bundle", task.network, examples.facts(trained), ellipsoid, checks)
+    return trained
+
+
+def _train_frame_network(examples: _Examples, out: Path, progress: Progress) -> Trained:
+    """Trains the paper's network and writes its bundle."""
+    grid, cube, settings = examples.grid, examples.cube, examples.settings
+    task = _frame_task(grid, cube, settings, examples.identity)
+    trained = train(task, out, settings.seed, device="cpu", progress=progress)
+    checks = grid.positions[grid.held_out][:_CHECKED_FRAMES]
+    unit = cube / LENGTH_UNITS_PER_CUBE
+    write_frame_bundle(out / "paper_bundle", task.network, examples.facts(trained), unit, checks)
+    return trained
 
 
 def _judge(
@@ -265,18 +302,6 @@ def _true_frames(lidar: LearnedLidar, positions: np.ndarray) -> np.ndarray:
     for frame, position in zip(frames, positions, strict=True):
         returns = lidar.true_returns(position)
         frame[returns.rays] = returns.distances
-    return frames
-
-
-def _decoder(network: torch.nn.Module, cube: float) -> frame_errors.Frames:
-    """Frames in m from the paper's network: what is not positive is no range, so no return."""
-
-    def frames(positions: np.ndarray) -> np.ndarray:
-        with torch.no_grad():
-            scaled = torch.from_numpy((positions / (0.5 * cube)).astype(np.float32))
-            said = network(scaled).numpy()
-        return np.where(said > 0.0, said * np.float32(cube / LENGTH_UNITS_PER_CUBE), np.inf)
-
     return frames
 
 
