@@ -49,17 +49,17 @@ lint: .venv/dev.stamp links
 	$(bin)/ruff format --check
 	$(bin)/ruff check
 	PYTHONPATH=.ci $(bin)/lint-imports --no-cache --no-logo
-	$(bin)/pyright
+	$(bin)/pyright --threads build/links/proxops/* tests
 
 bench: .venv/dev.stamp .venv/bench.stamp
 	@for script in benchmarks/[!_]*.py; do \
 	    if [ -f "$$script" ]; then echo "== $$script"; $(bin)/python "$$script" || exit; fi; \
 	done
 
+# One on each core; threads of numerical libraries would only be in one another's way.
 notebooks: .venv/notebook.stamp
-	@for notebook in notebooks/*.ipynb; do \
-	    if [ -f "$$notebook" ]; then $(bin)/jupyter execute "$$notebook" || exit; fi; \
-	done
+	@printf '%s\n' notebooks/*.ipynb | OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 \
+	    xargs -n 1 -P "$$(getconf _NPROCESSORS_ONLN)" $(bin)/jupyter execute
 
 # The variable silences an advertisement.
 docs: .venv/docs.stamp links
