@@ -1,6 +1,6 @@
 """Imports faces of proxops, and checks that each comes from one folder.
 
-    python import_faces.py FOLDER proxops.systems proxops.systems.lidar ...
+python import_faces.py FOLDER proxops.systems proxops.systems.lidar ...
 """
 
 import importlib
