@@ -12,4 +12,3 @@ for name in names:
     file = Path(importlib.import_module(name).__file__ or "")
     if not file.is_relative_to(Path(folder).resolve()):
         sys.exit(f"{name} was imported from {file}, not from {folder}")
-print(f"{len(names)} faces imported from {folder}")
