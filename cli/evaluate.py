@@ -40,8 +40,8 @@ def evaluate_command(
     controllers: Annotated[
         str,
         typer.Option(
-            help="Comma-separated: mpc, policy[:BUNDLE], hybrid[:BUNDLE], pd[:BUNDLE], zero, "
-            "MODULE:FACTORY."
+            help="Comma-separated: mpc[:BUNDLE], policy[:BUNDLE], hybrid[:BUNDLE], pd[:BUNDLE], "
+            "zero, MODULE:FACTORY."
         ),
     ] = "mpc",
     transits: Annotated[int, typer.Option(min=1, help="How many transits each flies.")] = 50,

@@ -35,8 +35,8 @@ def fly_command(
     controller: Annotated[
         str | None,
         typer.Option(
-            help="mpc (the default), policy[:BUNDLE], hybrid[:BUNDLE], pd[:BUNDLE], zero, or "
-            "MODULE:FACTORY for your own."
+            help="mpc[:BUNDLE] (the default is mpc), policy[:BUNDLE], hybrid[:BUNDLE], "
+            "pd[:BUNDLE], zero, or MODULE:FACTORY for your own."
         ),
     ] = None,
     seed: Annotated[int | None, typer.Option(help="Seed of the set of transits.")] = None,

@@ -9,7 +9,7 @@ from proxops.systems.assurance import (
     InterventionReason,
     RuntimeAssurance,
 )
-from proxops.systems.common import InputError
+from proxops.systems.common import InputError, LegendEntry, LoggedPort
 from proxops.systems.expert import (
     ErrorWeights,
     Horizon,
@@ -87,10 +87,12 @@ __all__ = [
     "InputError",
     "InterventionReason",
     "LearnedLidar",
+    "LegendEntry",
     "Lidar",
     "LidarBundle",
     "LidarErrors",
     "LidarGeometry",
+    "LoggedPort",
     "ModelPredictiveController",
     "NeuralPolicy",
     "PeriodRule",

@@ -9,7 +9,7 @@ from matplotlib.patches import StepPatch
 from synthetic_log import synthetic_log
 
 from proxops.diagrams.logs.flight_log import FlightLog
-from proxops.diagrams.logs.who_flew import FILTER, colour_of
+from proxops.diagrams.logs.legend import legend_of
 from proxops.diagrams.plots.decision_plot import plot_decisions
 
 
@@ -43,7 +43,7 @@ def test_checks_and_their_limits(log: FlightLog) -> None:
     assert angle.lines[2].get_ydata() == [10.0, 10.0]
 
 
-def test_who_flies_fills_the_strip(log: FlightLog) -> None:
+def test_flown_by_fills_the_strip(log: FlightLog) -> None:
     """Each step once: every fourth is the filter's, of the others the MPC has 200 s of 600."""
     strip = plot_decisions(log).axes[0]
     lengths = {}
@@ -51,9 +51,8 @@ def test_who_flies_fills_the_strip(log: FlightLog) -> None:
     for artist in artists:
         spans = [np.ptp(path.vertices[:, 0]) for path in artist.get_paths()]
         lengths[to_rgb(artist.get_facecolor()[0])] = 60.0 * sum(spans)
-    assert lengths == pytest.approx(
-        {colour_of(1): 1200.0, colour_of(2): 2400.0, colour_of(FILTER): 1200.0}
-    )
+    colours = {code: entry.colour for code, entry in legend_of(log.dataset).items()}
+    assert lengths == pytest.approx({colours[1]: 1200.0, colours[2]: 2400.0, colours[3]: 1200.0})
 
 
 def test_changes_of_the_command(log: FlightLog) -> None:

@@ -7,12 +7,15 @@ import pytest
 from known_policies import Counting, DeadReckoning, NotANumber, write_policy
 from short_flights import BRIEF, kleopatra, short_scenario
 
-from proxops.diagrams.flight import Workers
+from proxops.diagrams.flight import Workers, make_mpc
 from proxops.diagrams.flight.campaign import provenance, run_campaign, transit_flights
 from proxops.diagrams.flight.named_controllers import named_controller
 from proxops.diagrams.flight.simulation import fly
 from proxops.diagrams.logs.flight_log import FlightLog, differences
+from proxops.diagrams.logs.legend import legend_of
 from proxops.systems import InputError, PolicyBundle
+from proxops.systems.expert.plan import PlanReason
+from proxops.training.data import plans_along
 
 
 class Blinking(NotANumber):
@@ -63,14 +66,52 @@ def test_log_says_who_flew_and_what_was_estimated(log: FlightLog, reckoning: Pat
     assert summary["estimate_position_error_m_median"] == pytest.approx(np.nanmedian(error))
 
 
+def test_mpc_on_the_estimate(reckoning: Path) -> None:
+    """Its record is that of the MPC, its plans start from the estimate."""
+    log = fly(brief(), f"mpc:{reckoning}")
+    data, summary = log.dataset, log.summary
+    assert summary["controller"] == f"mpc:{reckoning}"
+    assert (data["decision"] == 1).all()
+    assert np.isfinite(data["solve_time"].values[:-1]).all()
+    assert summary["policy_sha256"] == PolicyBundle.load(reckoning).sha256
+    assert (data["policy_time"].values[:-1] > 0.0).all()
+    commanded = (data["force"] - data["disturbance"]).values
+    np.testing.assert_array_equal(data["mpc_force"].values[:-1], commanded[:-1])
+    assert np.isnan(data["policy_force"]).all()
+    assert legend_of(data)[1].name == "MPC on the estimate"
+    # The same program from the estimates gives the same forces.
+    program = make_mpc(log.scenario, log.body).program
+    estimates, target = data["estimate"].values[:-1], data["target"].values[0]
+    period, cold = log.scenario.control_period_s, log.scenario.mpc.cold_iterations
+    plans = list(plans_along(program, estimates, target, period, cold))
+    assert all(plan is not None for plan in plans)
+    forces = np.array([plan.forces[0] for plan in plans if plan is not None])
+    np.testing.assert_allclose(data["mpc_force"].values[:-1], forces, atol=1e-6)
+    assert np.abs(estimates - data["state"].values[:-1]).max() > 1.0
+
+
+@pytest.mark.parametrize("kind", ["mpc", "pd"])
+def test_without_a_finite_estimate_it_flies_on(kind: str, tmp_path: Path) -> None:
+    bundle = write_policy(tmp_path / "policy", Blinking("force"))
+    data = fly(brief(), f"{kind}:{bundle}").dataset
+    lost = data["policy_status"].values[:-1] == 1.0
+    assert lost.any()
+    assert np.isfinite(data["force"]).all()
+    if kind == "mpc":
+        reasons = data["solve_reason"].values[:-1]
+        assert (reasons[lost] == PlanReason.INPUT_NOT_FINITE).all()
+        assert (reasons[~lost] != PlanReason.INPUT_NOT_FINITE).all()
+
+
 def test_repeats_from_its_log(log: FlightLog) -> None:
     assert differences(log, fly(log.scenario, log.dataset.attrs["controller"])) == []
 
 
-def test_policy_without_estimates_is_refused(tmp_path: Path) -> None:
+@pytest.mark.parametrize("kind", ["pd", "mpc"])
+def test_policy_without_estimates_is_refused(kind: str, tmp_path: Path) -> None:
     bundle = write_policy(tmp_path / "policy", Counting())
     with pytest.raises(InputError, match=r"makes no estimate .* fly it as a policy"):
-        named_controller(f"pd:{bundle}", brief(), kleopatra())
+        named_controller(f"{kind}:{bundle}", brief(), kleopatra())
 
 
 def test_no_force_without_a_finite_estimate(tmp_path: Path) -> None:
@@ -91,7 +132,7 @@ def test_policy_by_its_folder_is_the_scenario_s(reckoning: Path) -> None:
     assert named.summary["policy_share"] == 1.0
 
 
-@pytest.mark.parametrize("kind", ["policy", "pd"])
+@pytest.mark.parametrize("kind", ["policy", "pd", "mpc"])
 def test_no_bundle_there(kind: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="nothing is not the bundle of a policy"):
         named_controller(f"{kind}:{tmp_path / 'nothing'}", brief(), kleopatra())

@@ -345,7 +345,7 @@ def test_commands(bundle: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
         return 0
 
     assert run("fly", "--controller", f"hybrid:{bundle}", *short, "--out", "one") == 0
-    assert "MPC flies" in (tmp_path / "one" / "replay.html").read_text()
+    assert "flown by MPC" in (tmp_path / "one" / "replay.html").read_text()
     assert run("fly", "--from", "one/flight.nc", "--out", "two") == 0
     assert "bit for bit" in capsys.readouterr().err
     code = run(

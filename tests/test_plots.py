@@ -11,7 +11,7 @@ from matplotlib.patches import Ellipse, StepPatch
 from synthetic_log import similar_log, synthetic_log
 
 from proxops.diagrams.logs.flight_log import FlightLog
-from proxops.diagrams.logs.who_flew import colour_of
+from proxops.diagrams.logs.legend import legend_of
 from proxops.diagrams.plots import plot_flight, plots
 from proxops.systems.shapes.ellipsoid import clearances
 
@@ -56,8 +56,8 @@ def test_flight_is_one_page_of_labelled_axes(log: FlightLog) -> None:
         assert any(label.endswith(unit) for label in labels)
     assert all(ax.get_xlabel().endswith(("(km)", "(min)")) for ax in figure.axes)
     named = {text.get_text() for text in figure.legends[0].get_texts()}
-    assert {"MPC flies", "policy flies", "goal", "keep-out ellipsoid", "limit"} <= named
-    assert "hybrid flies" not in named
+    assert {"flown by MPC", "flown by policy", "goal", "keep-out ellipsoid", "limit"} <= named
+    assert "flown by hybrid" not in named
     assert len(png(figure)) > 20_000
 
 
@@ -104,7 +104,8 @@ def test_path(log: FlightLog, ax: Axes, plane: str, axes: list[int]) -> None:
     np.testing.assert_allclose(segments[:, 0], expected[:-1])
     np.testing.assert_allclose(segments[:, 1], expected[1:])
     flies = log.dataset["decision"].values[:-1]
-    colours = [colour_of(int(who)) for who in flies]
+    legend = legend_of(log.dataset)
+    colours = [legend[who].colour for who in flies.tolist()]
     np.testing.assert_allclose(path.get_colors()[:, :3], colours)
     goal = np.concatenate(curve(ax, -1))
     np.testing.assert_allclose(goal, log.dataset["target"].values[0, axes] / 1e3)

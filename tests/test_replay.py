@@ -86,7 +86,7 @@ def test_page_is_small(page: str) -> None:
 def test_page_says_what_it_shows(page: str) -> None:
     assert "<title>Kleopatra, hybrid</title>" in page
     panel = page[page.index('id="panel"') :]
-    for text in ("MPC flies", "policy flies", "thrust", "lidar returns", "goal", "160 times"):
+    for text in ("flown by MPC", "flown by policy", "thrust", "lidar returns", "goal", "160 times"):
         assert text in panel
     assert "safety filter" not in panel
 
@@ -135,7 +135,7 @@ def test_filter_has_a_colour_of_its_own(log: FlightLog, tmp_path: Path) -> None:
     assert set(names[100:140]) == {"safety filter"}
     assert "safety filter" not in names[:100] + names[140:]
     assert len({colour for _, colour in told["names"].values()}) == 3
-    assert "safety filter flies" in page
+    assert "flown by safety filter" in page
 
 
 def test_views_fit_body_and_path(log: FlightLog) -> None:
@@ -185,10 +185,13 @@ def test_recording(log: FlightLog, meshcat: Meshcat) -> None:
         assert meshcat.HasPath(f"/{name}")
 
 
+COLOURS = [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)]
+
+
 def test_path_is_in_pieces(log: FlightLog, scene: Scene) -> None:
     positions = log.dataset["state"].values[:, :3]
     decisions = log.dataset["decision"].values
-    pieces = replay.add_path(scene, positions, decisions)
+    pieces = replay.add_path(scene, positions, [COLOURS[code] for code in decisions.tolist()])
     rows = [row for _, row in pieces]
     assert rows == sorted(set(rows))
     assert len(pieces) <= replay.PATH_PIECES + np.count_nonzero(np.diff(decisions))
@@ -198,10 +201,11 @@ def test_path_is_in_pieces(log: FlightLog, scene: Scene) -> None:
     assert left.max() < 500.0
 
 
-def test_each_change_of_who_flies_begins_a_piece(scene: Scene) -> None:
+def test_each_change_of_colour_begins_a_piece(scene: Scene) -> None:
     positions = np.arange(2000)[:, None] * [300.0, 200.0, 0.0] + [0.0, 0.0, 1e5]
     decisions = (np.arange(2000) // 77) % 3
-    ends = {row for _, row in replay.add_path(scene, positions, decisions)}
+    colours = [COLOURS[code] for code in decisions.tolist()]
+    ends = {row for _, row in replay.add_path(scene, positions, colours)}
     assert ends >= set(np.flatnonzero(np.diff(decisions)) + 1)
     assert max(ends) == 1999
     assert len(ends) <= replay.PATH_PIECES + 2000 // 77 + 1

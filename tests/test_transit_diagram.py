@@ -1,6 +1,7 @@
 """The wiring: any controller of the right ports flies, and everything is where it says it is."""
 
 import collections
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,7 +13,16 @@ from short_flights import BRIEF, PdController, Scripted, disturbed_flight, kleop
 from proxops.diagrams.flight.scenario_systems import make_mpc
 from proxops.diagrams.flight.simulation import fly, make_simulator
 from proxops.diagrams.flight.transit_diagram import make_transit_diagram
-from proxops.systems import InputError, Lidar, ModelPredictiveController, TransitProgram
+from proxops.diagrams.logs.flight_log import FlightLog
+from proxops.diagrams.meshcat.replay import write_replay
+from proxops.systems import (
+    InputError,
+    LegendEntry,
+    Lidar,
+    LoggedPort,
+    ModelPredictiveController,
+    TransitProgram,
+)
 
 
 def build(controller: System | None = None, **changes: object) -> Diagram:
@@ -102,6 +112,54 @@ def test_every_port_there_is() -> None:
     lidar = diagram.GetSubsystemByName("lidar")
     assert isinstance(lidar, Lidar)
     assert 0 < np.isfinite(seen["ranges"]).sum() < 4320
+
+
+class Talkative(PdController):
+    """A controller that the core has never heard of, with ports and a name of its own to show."""
+
+    legend_entry = LegendEntry("my PD <b>", (0.9, 0.1, 0.2))
+
+    def __init__(self, column: str = "distance_left"):
+        super().__init__()
+        self._column = column
+        self.DeclareVectorOutputPort(
+            "distance", 1, lambda context, output: output.SetFromVector([self._error(context)[1]])
+        )
+        self.DeclareVectorOutputPort(
+            "error", 3, lambda context, output: output.SetFromVector(self._error(context)[0])
+        )
+
+    def _error(self, context):
+        state, target = (self.GetInputPort(name).Eval(context) for name in ("state", "target"))
+        return target[:3] - state[:3], np.linalg.norm(target[:3] - state[:3])
+
+    def logged_ports(self) -> dict[str, LoggedPort]:
+        return {
+            self._column: LoggedPort(self.GetOutputPort("distance"), "m", "distance to the goal"),
+            "own_error": LoggedPort(self.GetOutputPort("error"), "m", "goal less position in K"),
+        }
+
+
+def test_a_new_controller_logs_its_ports_and_names_itself(tmp_path: Path) -> None:
+    log = fly(short_scenario(**BRIEF), Talkative(), body=kleopatra())
+    log.to_netcdf(tmp_path / "flight.nc")
+    read = FlightLog.load(tmp_path / "flight.nc")
+    data = read.dataset
+    error = (data["target"] - data["state"]).values[:-1, :3]
+    np.testing.assert_allclose(data["own_error"].values[:-1], error, atol=1e-9)
+    np.testing.assert_allclose(data["distance_left"].values[:-1], np.linalg.norm(error, axis=1))
+    assert data["distance_left"].attrs == {"units": "m", "long_name": "distance to the goal"}
+    write_replay(read, tmp_path / "replay.html")
+    page = (tmp_path / "replay.html").read_text()
+    assert "flown by my PD &lt;b&gt;" in page
+    assert "#e61a33" in page  # Its colour.
+    assert "<b>" not in page.split('id="legend"')[1].split("</div>")[0]
+
+
+@pytest.mark.parametrize("column", ["state", "time", "mpc_force", "two words", "vertex"])
+def test_a_column_of_the_log_s_own_is_refused(column: str) -> None:
+    with pytest.raises(InputError, match=f"'{column}'"):
+        build(Talkative(column))
 
 
 @pytest.mark.parametrize(

@@ -1,31 +1,35 @@
-"""`EstimateFeedback`: the PD controller on the state that a policy estimates, as a baseline."""
+"""`EstimateFeedback`: another controller on the state that a policy estimates."""
 
 from __future__ import annotations
 
-from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.framework import Diagram, DiagramBuilder, PortDataType
 
-from proxops.systems.common import InputError
+from proxops.systems.common import InputError, LegendEntry, LoggedPort
+from proxops.systems.expert import ModelPredictiveController
 from proxops.systems.policy import NeuralPolicy, ProportionalDerivative
 
 
 class EstimateFeedback(Diagram):
-    """PD control of the state that a policy estimates from its lidar; the policy's force is unused.
+    """Flies a controller on the state that a policy estimates; the policy's force is not used.
 
     ```
-    ranges ────────►┌──────────────┐ estimate ┌────────────────────────┐
-    applied_force ─►│ NeuralPolicy ├────┬────►│ ProportionalDerivative ├─► force (3), N
-    target ──┬─────►│              ├─┐  │ ┌──►│                        │
-             │      └──────────────┘ │  │ │   └────────────────────────┘
+    ranges ────────►┌──────────────┐ estimate ┌────────────┐
+    applied_force ─►│ NeuralPolicy ├────┬────►│ controller ├─► force (3), N
+    target ──┬─────►│              ├─┐  │ ┌──►│            ├─► other outputs of the controller
+             │      └──────────────┘ │  │ │   └────────────┘
              └───────────────────────│──│─┘
                                      │  └──► estimate (6)
-                                     └─────► record (2), of the policy
+                                     └─────► policy_record (2)
     ```
 
-    Ports are those of the two systems. What it shows is how much of a policy's success is in
-    knowing where it is, and how much in what it does there.
+    It shows how much of a policy's success comes from knowing where it is, and how much from what
+    it does there. The policy's estimate at a step that gave none is not a number; what the
+    controller does then is its own affair.
     """
 
-    def __init__(self, policy: NeuralPolicy, controller: ProportionalDerivative):
+    def __init__(
+        self, policy: NeuralPolicy, controller: ProportionalDerivative | ModelPredictiveController
+    ):
         """Takes the two systems.
 
         Raises:
@@ -34,18 +38,42 @@ class EstimateFeedback(Diagram):
         super().__init__()
         if not policy.bundle.estimates:
             raise InputError(
-                f"{policy.bundle.path} makes no estimate of its state, which the PD controller "
+                f"{policy.bundle.path} makes no estimate of its state, which the controller "
                 "would need: fly it as a policy"
             )
         self.bundle = policy.bundle
+        self.delay = float(getattr(controller, "delay", 0.0))
+        own: LegendEntry | None = getattr(controller, "legend_entry", None)
+        self.legend_entry = own and LegendEntry(f"{own.name} on the estimate", own.colour)
         builder = DiagramBuilder()
         builder.AddNamedSystem("policy", policy)
-        builder.AddNamedSystem("proportional_derivative", controller)
+        builder.AddNamedSystem("controller", controller)
         builder.Connect(policy.GetOutputPort("estimate"), controller.GetInputPort("state"))
         for name in ("ranges", "target", "applied_force"):
             builder.ExportInput(policy.GetInputPort(name), name)
         builder.ConnectInput("target", controller.GetInputPort("target"))
         builder.ExportOutput(controller.GetOutputPort("force"), "force")
-        for name in ("estimate", "record"):
-            builder.ExportOutput(policy.GetOutputPort(name), name)
+        logged = policy.logged_ports()
+        self._logged = ["estimate", "policy_record"]
+        for name in self._logged:
+            builder.ExportOutput(logged[name].port, name)
+        for i in range(controller.num_output_ports()):
+            port = controller.get_output_port(i)
+            if port.get_data_type() == PortDataType.kAbstractValued:
+                builder.ExportOutput(port, port.get_name())
+        for name, each in _offered(controller).items():
+            builder.ExportOutput(each.port, name)
+            self._logged.append(name)
         builder.BuildInto(self)
+
+    def logged_ports(self) -> dict[str, LoggedPort]:
+        """The ports whose values a log keeps, by the names of their columns."""
+        return {name: LoggedPort(self.GetOutputPort(name)) for name in self._logged}
+
+
+def _offered(
+    controller: ProportionalDerivative | ModelPredictiveController,
+) -> dict[str, LoggedPort]:
+    if isinstance(controller, ModelPredictiveController):
+        return controller.logged_ports()
+    return {}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, System
+from pydrake.systems.framework import Diagram, DiagramBuilder, System
 from pydrake.systems.primitives import ConstantVectorSource
 
 from proxops.diagrams.flight.scenario_systems import make_mpc
@@ -23,7 +23,7 @@ from proxops.systems import (
     ReachModel,
     StateNoise,
 )
-from proxops.systems.common import derived_seed
+from proxops.systems.common import LoggedPort, derived_seed
 
 # Of derived seeds, apart from those of the transit diagram.
 _STATE_NOISE_STREAM = 100
@@ -115,7 +115,7 @@ class HybridController(Diagram):
                 "the hybrid flies without mpc.solve_delay_s: the MPC predicts over the delay by "
                 "its own last command, and the policy's may act"
             )
-        self.bundle = policy.bundle if isinstance(policy, NeuralPolicy) else None
+        self.bundle = getattr(policy, "bundle", None)
         builder = DiagramBuilder()
         builder.AddNamedSystem("mpc", expert)
         builder.AddNamedSystem("policy", policy)
@@ -153,13 +153,13 @@ class HybridController(Diagram):
             builder.Connect(expert.GetOutputPort(name), asked.GetInputPort("value"))
             builder.ExportOutput(asked.GetOutputPort("value"), f"mpc_{name}")
         builder.ExportOutput(policy.GetOutputPort("force"), "policy_force")
-        if self.bundle is not None:
-            builder.ExportOutput(policy.GetOutputPort("record"), "policy_record")
-            if self.bundle.estimates:
-                builder.ExportOutput(policy.GetOutputPort("estimate"), "estimate")
+        if isinstance(policy, NeuralPolicy):
+            for name, logged in policy.logged_ports().items():
+                if name != "policy_force":
+                    builder.ExportOutput(logged.port, name)
         builder.BuildInto(self)
 
-    def logged_ports(self) -> dict[str, OutputPort]:
-        """What a log of its flight holds besides the force, by the names of its columns."""
+    def logged_ports(self) -> dict[str, LoggedPort]:
+        """The ports whose values a log keeps, by the names of their columns."""
         ports = [self.get_output_port(i) for i in range(self.num_output_ports())]
-        return {port.get_name(): port for port in ports if port.get_name() != "force"}
+        return {port.get_name(): LoggedPort(port) for port in ports if port.get_name() != "force"}

@@ -28,8 +28,9 @@ from proxops.systems.common import InputError
 def named_controller(name: str, scenario: Scenario, body: Body) -> System:
     """The controller of a name: `mpc`, `policy`, `hybrid`, `pd`, `zero`, or `MODULE:FACTORY`.
 
-    `policy:FOLDER` and `hybrid:FOLDER` fly the policy of that bundle, `pd:FOLDER` the PD controller
-    on the state that the policy of that bundle estimates, where `pd` knows the true one.
+    `policy:FOLDER` and `hybrid:FOLDER` fly the policy of that bundle. `mpc:FOLDER` and `pd:FOLDER`
+    fly the MPC and the PD controller on the state that the policy of that bundle estimates; `mpc`
+    and `pd` know the true state.
 
     FACTORY, your own, is called as `factory(scenario, body)` and returns a System with the ports
     that `make_transit_diagram` asks for. MODULE is looked for in the working directory too.
@@ -42,10 +43,11 @@ def named_controller(name: str, scenario: Scenario, body: Body) -> System:
         return make_mpc(scenario, body)
     bundle = bundle_of(name, scenario)
     if bundle is not None:
-        if name.startswith("pd"):
-            return make_estimate_feedback(bundle, scenario, body)
+        kind, _, _ = name.partition(":")
+        if kind in ("mpc", "pd"):
+            return make_estimate_feedback(kind, bundle, scenario, body)
         policy = make_policy(bundle, scenario, body)
-        return make_hybrid(scenario, body, policy) if name.startswith("hybrid") else policy
+        return make_hybrid(scenario, body, policy) if kind == "hybrid" else policy
     if name == "pd":
         return make_proportional_derivative(scenario)
     if name == "zero":
@@ -54,7 +56,7 @@ def named_controller(name: str, scenario: Scenario, body: Body) -> System:
     if not colon:
         raise InputError(
             f"controller {name!r} is not known: use mpc, policy, hybrid, pd, zero, one of "
-            "policy:FOLDER, hybrid:FOLDER and pd:FOLDER, or MODULE:FACTORY"
+            "policy:FOLDER, hybrid:FOLDER, mpc:FOLDER and pd:FOLDER, or MODULE:FACTORY"
         )
     try:
         with _working_directory_importable():

@@ -65,22 +65,23 @@ def make_mpc(scenario: Scenario, body: Body) -> ModelPredictiveController:
     )
 
 
-WITH_BUNDLE = ("policy", "hybrid", "pd")
-"""Controllers that fly a policy, or may, and may be told its bundle's folder: `policy:out/bundle`.
-"""
+WITH_BUNDLE = ("policy", "hybrid", "pd", "mpc")
+"""Kinds of controllers that fly the policy of a bundle if it is named: `policy:out/bundle`."""
+_WITHOUT_BUNDLE = ("pd", "mpc")
+"""Those of them that fly without a policy if no folder is named."""
 
 
 def bundle_of(name: str, scenario: Scenario) -> Path | None:
     """Folder of the policy's bundle that the controller of a name flies; None: it flies none.
 
-    `policy` and `hybrid` fly the scenario's, `pd` none. A path after a colon is relative to the
-    working directory.
+    `policy` and `hybrid` fly the scenario's, `pd` and `mpc` none. A path after a colon is relative
+    to the working directory.
 
     Raises:
       InputError: no policy is named, and none ships.
     """
     kind, colon, path = name.partition(":")
-    if kind not in WITH_BUNDLE or name == "pd":
+    if kind not in WITH_BUNDLE or name in _WITHOUT_BUNDLE:
         return None
     return Path(path) if colon else _scenario_bundle(scenario)
 
@@ -119,13 +120,20 @@ def make_proportional_derivative(scenario: Scenario) -> ProportionalDerivative:
     )
 
 
-def make_estimate_feedback(bundle: Path, scenario: Scenario, body: Body) -> EstimateFeedback:
-    """The PD controller on the state that a bundle's policy estimates.
+def make_estimate_feedback(
+    kind: str, bundle: Path, scenario: Scenario, body: Body
+) -> EstimateFeedback:
+    """The MPC or the PD controller on the state that a bundle's policy estimates.
+
+    Args:
+      kind: `mpc` or `pd`.
 
     Raises:
       InputError: as `make_policy`, or the policy makes no estimate.
     """
     policy = make_policy(bundle, scenario, body)
+    if kind == "mpc":
+        return EstimateFeedback(policy, make_mpc(scenario, body))
     return EstimateFeedback(policy, make_proportional_derivative(scenario))
 
 

@@ -1,45 +1,34 @@
-"""The wiring: world, sensor, controller, disturbance, hold and plant as one Drake Diagram."""
+"""The wiring: world, sensor, controller, chain of command and monitor as one Drake Diagram."""
 
 from __future__ import annotations
 
 import numpy as np
 from pydrake.geometry import Meshcat
-from pydrake.systems.framework import Diagram, DiagramBuilder, PortDataType, System
-from pydrake.systems.primitives import (
-    Adder,
-    ConstantVectorSource,
-    LogVectorOutput,
-    MatrixGain,
-    ZeroOrderHold,
+from pydrake.systems.framework import (
+    Diagram,
+    DiagramBuilder,
+    LeafSystem,
+    OutputPort,
+    PortDataType,
+    System,
 )
+from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput, ZeroOrderHold
 
-from proxops.diagrams.flight.estimate_feedback import EstimateFeedback
-from proxops.diagrams.flight.hybrid_controller import HybridController
-from proxops.diagrams.flight.scenario_systems import make_backup, make_lidar, make_mpc
-from proxops.diagrams.logs import KEEP_OUT_TOLERANCE
+from proxops.diagrams.flight.command_chain import add_assurance, add_thrusters
+from proxops.diagrams.flight.scenario_systems import make_lidar, make_mpc
+from proxops.diagrams.flight.wiring import LIDAR_STREAM, Wiring
+from proxops.diagrams.flight.world import add_gravity, add_spacecraft, add_thrust
+from proxops.diagrams.logs import CONTROLLER_COLUMNS, KEEP_OUT_TOLERANCE, RESERVED_COLUMNS
 from proxops.diagrams.meshcat import LiveView, Scene, add_live_view
 from proxops.diagrams.scenario import Body, Scenario, load_body, scenario_transit
-from proxops.systems import (
-    DelayedHold,
-    FlightMonitor,
-    ForceNoise,
-    GravityField,
-    InputError,
-    ModelPredictiveController,
-    NeuralPolicy,
-    PolyhedralGravity,
-    RandomWalkDisturbance,
-    RuntimeAssurance,
-    Spacecraft,
-    VelocityKicks,
-)
-from proxops.systems.common import derived_seed
-from proxops.systems.vehicle import Thrusters
+from proxops.systems import DelayedHold, FlightMonitor, InputError, PlanarLidar
+from proxops.systems.common import LoggedPort
 
-# Streams of derived seeds.
-_LIDAR_STREAM, _DISTURBANCE_STREAM, _NOISE_STREAM, _KICKS_STREAM = range(4)
 # Input ports of a controller that may stay unconnected.
 _OPTIONAL_PORTS = {"enable"}
+
+Signals = dict[str, OutputPort]
+"""Ports that a controller may be fed from, by the names of its input ports."""
 
 
 def make_transit_diagram(
@@ -48,7 +37,7 @@ def make_transit_diagram(
     meshcat: Meshcat | None = None,
     body: Body | None = None,
 ) -> Diagram:
-    """Everything that a flight needs, wired: set nothing, simulate.
+    """Wires everything that a flight needs: the Diagram can be simulated as it is.
 
     ```
     target ──► controller ─► disturbance ─► thrusters ─► hold ─► spacecraft ◄─► gravity, kicks
@@ -64,7 +53,7 @@ def make_transit_diagram(
       scenario: what is flown; its transit sets the start and the target.
       controller: any system with an output port `force` (3), in N in K, and any of the input
         ports `state` (6), `target` (6), `position` (3), `velocity` (3), `ranges` and
-        `applied_force` (3). None: the expert.
+        `applied_force` (3). It may offer more: see `fly`. None: the expert.
       meshcat: draws the flight live, with the controller's plan if it has an output port `plan`
         (abstract Plan).
       body: None: the one that the scenario names.
@@ -74,185 +63,82 @@ def make_transit_diagram(
       assurance, disturbance, force_noise and kicks (those there are), thrusters, hold, monitor, and
       log_NAME for every logged port.
       The Context that it makes by default starts the scenario's transit. The hold is a
-      `DelayedHold` where the expert flies with a delay.
+      `DelayedHold` where the controller flies with a delay.
 
     Raises:
       InputError: the controller's ports do not fit, or the scenario cannot be flown.
     """
     body = body or load_body(scenario.body)
-    transit = scenario_transit(scenario, body)
-    pilot: System = make_mpc(scenario, body) if controller is None else controller
-    if not pilot.get_name():
-        pilot.set_name("controller")
-    period = scenario.control_period_s
-    seeds = (scenario.noise_seed, transit.seed, transit.index)
-    builder = DiagramBuilder()
+    wiring = Wiring(DiagramBuilder(), scenario, body, scenario_transit(scenario, body))
+    builder = wiring.builder
+    controller = make_mpc(scenario, body) if controller is None else controller
+    delay = float(getattr(controller, "delay", 0.0))
 
-    def add(name: str, system: System):
-        return builder.AddNamedSystem(name, system)
-
-    true = scenario.mismatch
-    true_field = body.gravity_field
-    if true.gravity != 1.0:
-        true_field = GravityField(body.shape, mass=true.gravity * true_field.mass)
-    gravity = add("gravity", PolyhedralGravity(true_field))
-    start = np.concatenate([transit.start, transit.start_velocity])
-    mass = true.mass * scenario.spacecraft.mass_kg
-    craft = add("spacecraft", Spacecraft(mass, body.spin_rate, start))
-    craft_ports = {port: craft.GetOutputPort(port) for port in ("state", "position", "velocity")}
-    lidar = add("lidar", make_lidar(scenario, body, derived_seed(*seeds, _LIDAR_STREAM)))
-    target = add("target", ConstantVectorSource(np.concatenate([transit.goal, np.zeros(3)])))
-    delay = pilot.delay if isinstance(pilot, ModelPredictiveController) else 0.0
-    hold = add("hold", DelayedHold(period, delay, 3) if delay > 0.0 else ZeroOrderHold(period, 3))
-    builder.AddSystem(pilot)
-
-    builder.Connect(craft_ports["position"], gravity.GetInputPort("position"))
-    pull = gravity.GetOutputPort("acceleration")
-    kicks = None
-    if scenario.kicks is not None:
-        kicks = add(
-            "kicks",
-            VelocityKicks(
-                velocity_std=scenario.kicks.velocity_std_m_s,
-                mean_interval=scenario.kicks.mean_interval_s,
-                period=period,
-                seed=derived_seed(*seeds, _KICKS_STREAM),
-            ),
-        )
-        kicked = add("gravity_and_kicks", Adder(2, 3))
-        builder.Connect(pull, kicked.get_input_port(0))
-        builder.Connect(kicks.GetOutputPort("acceleration"), kicked.get_input_port(1))
-        pull = kicked.get_output_port()
-    builder.Connect(pull, craft.GetInputPort("gravity"))
-    thrust = hold
-    if true.thrust != 1.0:
-        thrust = add("thrust_mismatch", MatrixGain(true.thrust * np.eye(3)))
-        builder.Connect(hold.get_output_port(), thrust.get_input_port())
-    builder.Connect(thrust.get_output_port(), craft.GetInputPort("force"))
-    builder.Connect(craft_ports["position"], lidar.GetInputPort("position"))
-
-    sources = {
-        **craft_ports,
+    craft = add_spacecraft(wiring)
+    add_gravity(wiring, craft)
+    lidar = wiring.add("lidar", make_lidar(scenario, body, wiring.seed(LIDAR_STREAM)))
+    builder.Connect(craft.GetOutputPort("position"), lidar.GetInputPort("position"))
+    goal = np.concatenate([wiring.transit.goal, np.zeros(3)])
+    target = wiring.add("target", ConstantVectorSource(goal))
+    hold = wiring.add("hold", _make_hold(scenario.control_period_s, delay))
+    add_thrust(wiring, hold.get_output_port(), craft)
+    signals = {
+        **{name: craft.GetOutputPort(name) for name in ("state", "position", "velocity")},
         "target": target.get_output_port(),
         "ranges": lidar.GetOutputPort("ranges"),
         "applied_force": hold.get_output_port(),
     }
-    _connect_controller(builder, pilot, sources)
-    command = assured = pilot.GetOutputPort("force")
-    assurance = None
-    if scenario.assurance is not None:
-        if delay > 0.0:
-            raise InputError(
-                "runtime assurance can't fly with mpc.solve_delay_s: it changes a command for the "
-                "period from now on, and this one would act later; set either to its default"
-            )
-        backup = make_backup(scenario, body, scenario.assurance)
-        assurance = add("assurance", RuntimeAssurance(backup))
-        builder.Connect(craft_ports["state"], assurance.GetInputPort("state"))
-        builder.Connect(command, assurance.GetInputPort("force"))
-        assured = assurance.GetOutputPort("force")
-    applied = assured
-    if scenario.disturbance is not None:
-        settings = scenario.disturbance
-        disturbance = add(
-            "disturbance",
-            RandomWalkDisturbance(
-                thrust_limit=scenario.spacecraft.thrust_limit_n,
-                reset_period=settings.reset_period_s,
-                max_relative_magnitude=settings.max_relative_magnitude,
-                increment_std=settings.increment_std_n,
-                period=period,
-                seed=derived_seed(*seeds, _DISTURBANCE_STREAM),
-            ),
-        )
-        builder.Connect(assured, disturbance.GetInputPort("force"))
-        applied = disturbance.GetOutputPort("force")
-    if scenario.force_noise is not None:
-        noise = add(
-            "force_noise",
-            ForceNoise(
-                thrust_limit=scenario.spacecraft.thrust_limit_n,
-                std=scenario.force_noise.std_n,
-                correlation_time=scenario.force_noise.correlation_time_s,
-                period=period,
-                seed=derived_seed(*seeds, _NOISE_STREAM),
-            ),
-        )
-        builder.Connect(applied, noise.GetInputPort("force"))
-        applied = noise.GetOutputPort("force")
-    thrusters = add("thrusters", Thrusters(scenario.spacecraft.thrust_limit_n))
-    builder.Connect(applied, thrusters.GetInputPort("force"))
-    applied = thrusters.GetOutputPort("force")
+    command = _add_controller(wiring, controller, signals)
+    assured = add_assurance(wiring, command, signals["state"], delay)
+    applied = add_thrusters(wiring, assured)
     builder.Connect(applied, hold.get_input_port())
-
-    monitor = add(
-        "monitor",
-        FlightMonitor(
-            body.gravity_field,
-            body.keep_out_semi_axes,
-            radius=scenario.arrival.radius_m,
-            speed=scenario.arrival.speed_m_s,
-            dwell=scenario.arrival.dwell_s,
-            tolerance=KEEP_OUT_TOLERANCE,
-            period=period,
-        ),
-    )
-    builder.Connect(craft_ports["state"], monitor.GetInputPort("state"))
-    builder.Connect(target.get_output_port(), monitor.GetInputPort("target"))
-
-    # The lidar is not logged: its frames are a function of time and position, so they are made
-    # from the log when the flight is over. At a control step the hold has not yet taken the new
-    # command: what is logged as `force` is what it is about to hold.
-    logged = {
-        "state": craft_ports["state"],
-        "target": target.get_output_port(),
-        "force": applied,
-        "command": assured,
-    }
-    if assurance is not None:
-        logged["intervention_record"] = assurance.GetOutputPort("intervention")
-    if kicks is not None:
-        logged["kick"] = kicks.GetOutputPort("next_acceleration")
-    if isinstance(pilot, ModelPredictiveController):
-        logged["mpc_force"] = command
-        logged["mpc_record"] = pilot.GetOutputPort("record")
-    if isinstance(pilot, NeuralPolicy):
-        logged["policy_force"] = command
-        logged["policy_record"] = pilot.GetOutputPort("record")
-        if pilot.bundle.estimates:
-            logged["estimate"] = pilot.GetOutputPort("estimate")
-    if isinstance(pilot, EstimateFeedback):
-        logged["policy_record"] = pilot.GetOutputPort("record")
-        logged["estimate"] = pilot.GetOutputPort("estimate")
-    if isinstance(pilot, HybridController):
-        logged |= pilot.logged_ports()
-    for name, port in logged.items():
-        LogVectorOutput(port, builder, publish_period=period).set_name(f"log_{name}")
+    _add_monitor(wiring, signals)
+    _add_logs(wiring, controller, signals, {"force": applied, "command": assured})
     if meshcat is not None:
-        seen = {name: sources[name] for name in ("position", "ranges")}
-        seen["force"] = applied
-        if _has_plan(pilot):
-            seen["plan"] = pilot.GetOutputPort("plan")
-        limit = scenario.spacecraft.thrust_limit_n
-        view = LiveView(Scene(meshcat, body), lidar, limit, period, with_plan="plan" in seen)
-        add_live_view(builder, transit, view, seen)
+        _add_view(wiring, meshcat, lidar, controller, {**signals, "force": applied})
     diagram = builder.Build()
     diagram.set_name("transit")
     return diagram
 
 
-def _has_plan(controller: System) -> bool:
-    """Whether it has an abstract output port `plan`."""
-    ports = [controller.get_output_port(i) for i in range(controller.num_output_ports())]
-    return any(
-        port.get_name() == "plan" and port.get_data_type() == PortDataType.kAbstractValued
-        for port in ports
-    )
+def logged_ports(controller: System) -> dict[str, LoggedPort]:
+    """The ports that a controller offers to the log, by the names of their columns.
+
+    Raises:
+      InputError: a name cannot be that of a column, or a port has not the size of the log's column.
+    """
+    offered = getattr(controller, "logged_ports", None)
+    ports: dict[str, LoggedPort] = {} if offered is None else offered()
+    for name, logged in ports.items():
+        size = CONTROLLER_COLUMNS.get(name)
+        if not name.isidentifier() or (size is None and name in RESERVED_COLUMNS):
+            raise InputError(
+                f"controller {controller.get_name()!r}: no port can be logged as {name!r}; give "
+                "another name, of letters, digits and underscores"
+            )
+        if size is not None and size != logged.port.size():
+            raise InputError(
+                f"controller {controller.get_name()!r} logs {name!r} with {logged.port.size()} "
+                f"components, but the log's column of this name has {size}"
+            )
+    return ports
 
 
-def _connect_controller(builder: DiagramBuilder, controller: System, sources: dict) -> None:
-    """Connects the controller's input ports by name; refuses ports that nothing feeds."""
-    names = [controller.get_output_port(i).get_name() for i in range(controller.num_output_ports())]
+def _make_hold(period: float, delay: float) -> LeafSystem:
+    return DelayedHold(period, delay, 3) if delay > 0.0 else ZeroOrderHold(period, 3)
+
+
+def _add_controller(wiring: Wiring, controller: System, signals: Signals) -> OutputPort:
+    """Adds the controller and connects its input ports by name; returns its force.
+
+    Raises:
+      InputError: it has no force, or an input port that nothing feeds.
+    """
+    if not controller.get_name():
+        controller.set_name("controller")
+    wiring.builder.AddSystem(controller)
+    outputs = [controller.get_output_port(i) for i in range(controller.num_output_ports())]
+    names = [port.get_name() for port in outputs]
     if "force" not in names or controller.GetOutputPort("force").size() != 3:
         raise InputError(
             f"controller {controller.get_name()!r} needs an output port 'force' of size 3; "
@@ -261,15 +147,71 @@ def _connect_controller(builder: DiagramBuilder, controller: System, sources: di
     for i in range(controller.num_input_ports()):
         port = controller.get_input_port(i)
         name = port.get_name()
-        if name in sources:
-            if port.size() != sources[name].size():
+        if name in signals:
+            if port.size() != signals[name].size():
                 raise InputError(
                     f"controller {controller.get_name()!r}: input port {name!r} has size "
-                    f"{port.size()}, but {sources[name].size()} is what feeds it"
+                    f"{port.size()}, but {signals[name].size()} is what feeds it"
                 )
-            builder.Connect(sources[name], port)
+            wiring.builder.Connect(signals[name], port)
         elif name not in _OPTIONAL_PORTS:
             raise InputError(
                 f"controller {controller.get_name()!r}: nothing feeds input port {name!r}; "
-                f"what there is: {', '.join(sources)}"
+                f"what there is: {', '.join(signals)}"
             )
+    return controller.GetOutputPort("force")
+
+
+def _add_monitor(wiring: Wiring, signals: Signals) -> None:
+    """Adds what watches for arrival, collision and violations of the keep-out ellipsoid."""
+    arrival = wiring.scenario.arrival
+    monitor = wiring.add(
+        "monitor",
+        FlightMonitor(
+            wiring.body.gravity_field,
+            wiring.body.keep_out_semi_axes,
+            radius=arrival.radius_m,
+            speed=arrival.speed_m_s,
+            dwell=arrival.dwell_s,
+            tolerance=KEEP_OUT_TOLERANCE,
+            period=wiring.scenario.control_period_s,
+        ),
+    )
+    for name in ("state", "target"):
+        wiring.builder.Connect(signals[name], monitor.GetInputPort(name))
+
+
+def _add_logs(wiring: Wiring, controller: System, signals: Signals, forces: Signals) -> None:
+    """Logs what a flight is made of, and what the controller offers, once a control step.
+
+    The lidar is not logged: its frames are a function of time and position, so they are made
+    from the log when the flight is over. At a control step the hold has not yet taken the new
+    command: what is logged as `force` is what it is about to hold.
+    """
+    builder, period = wiring.builder, wiring.scenario.control_period_s
+    logged = {"state": signals["state"], "target": signals["target"], **forces}
+    for system, port, name in (
+        ("assurance", "intervention", "intervention_record"),
+        ("kicks", "next_acceleration", "kick"),
+    ):
+        if builder.HasSubsystemNamed(system):
+            logged[name] = builder.GetSubsystemByName(system).GetOutputPort(port)
+    logged |= {name: each.port for name, each in logged_ports(controller).items()}
+    for name, port in logged.items():
+        LogVectorOutput(port, builder, publish_period=period).set_name(f"log_{name}")
+
+
+def _add_view(
+    wiring: Wiring, meshcat: Meshcat, lidar: PlanarLidar, controller: System, signals: Signals
+) -> None:
+    """Draws the flight live, with the controller's plan if it has one."""
+    seen = {name: signals[name] for name in ("position", "ranges", "force")}
+    for i in range(controller.num_output_ports()):
+        port = controller.get_output_port(i)
+        abstract = port.get_data_type() == PortDataType.kAbstractValued
+        if port.get_name() == "plan" and abstract:
+            seen["plan"] = port
+    scenario = wiring.scenario
+    scene, limit = Scene(meshcat, wiring.body), scenario.spacecraft.thrust_limit_n
+    view = LiveView(scene, lidar, limit, scenario.control_period_s, with_plan="plan" in seen)
+    add_live_view(wiring.builder, wiring.transit, view, seen)

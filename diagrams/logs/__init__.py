@@ -1,12 +1,14 @@
 """The record of a flight and its figures of merit.
 
 Start with `FlightLog`: an xarray dataset that is enough to repeat the flight, kept as NetCDF-4.
-`flight_summary` computes the figures of merit from it, `who_flew` says which controller flew each
-step. A new column of the log is a line in `VARIABLES`.
+`flight_summary` computes the figures of merit from it, `legend` says by whom each step was flown.
+A new column of the log is a line in `VARIABLES`.
 """
 
 from proxops.diagrams.logs.flight_log import (
-    DECISION_VARIABLES,
+    CONTROLLER_COLUMNS,
+    RECORDS,
+    RESERVED_COLUMNS,
     VARIABLES,
     FlightLog,
     differences,
@@ -20,22 +22,25 @@ from proxops.diagrams.logs.flight_summary import (
     fallback_steps,
     length_text,
 )
-from proxops.diagrams.logs.who_flew import colour_of, name_of, those_who_fly, who_flies
+from proxops.diagrams.logs.legend import LEGEND, all_flown_by, flown_by, legend_of, legend_text
 
 __all__ = [
-    "DECISION_VARIABLES",
+    "CONTROLLER_COLUMNS",
     "INTERVENTION_TOLERANCE",
     "KEEP_OUT_TOLERANCE",
+    "LEGEND",
+    "RECORDS",
+    "RESERVED_COLUMNS",
     "VARIABLES",
     "WIDE_ARRIVAL",
     "FlightLog",
-    "colour_of",
+    "all_flown_by",
     "dense_positions",
     "differences",
     "fallback_steps",
+    "flown_by",
+    "legend_of",
+    "legend_text",
     "length_text",
     "make_dataset",
-    "name_of",
-    "those_who_fly",
-    "who_flies",
 ]

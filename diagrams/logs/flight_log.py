@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import typing
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import IntEnum
 from pathlib import Path
@@ -42,8 +43,8 @@ VARIABLES: dict[str, tuple[tuple[str, ...], str, str]] = {
     "intervention": ((), "N", "size of what runtime assurance changed the command by"),
     "intervention_reason": ((), "1", "why it did: see flag_meanings; NaN: the flight was over"),
     "kick": (("axis",), "m/s^2", "acceleration by a kick from this time on, until the next, in K"),
-    "decision": ((), "1", "who flies: 0 the controller named, 1 the MPC, 2 the policy"),
-    "decision_reason": ((), "1", "why they fly: see flag_meanings; NaN: none decided"),
+    "decision": ((), "1", "flown by: 0 the controller named, 1 the MPC, 2 the policy"),
+    "decision_reason": ((), "1", "why it is flown so: see flag_meanings; NaN: nothing was decided"),
     "agreement": ((), "1", "1 if the policy's force agrees with the MPC's; NaN: not compared"),
     "force_difference": ((), "N", "size of the difference of both forces; NaN: not compared"),
     "force_angle": ((), "rad", "angle that the gate compares; NaN: not compared, or a zero force"),
@@ -71,6 +72,18 @@ DECISION_VARIABLES = (
     "steps_to_check", "decision_time",
 )  # fmt: skip
 """Columns of `HybridSelector`'s record."""
+RECORDS = {
+    "mpc_record": ("solve_time", "solve_status", "solve_reason"),
+    "policy_record": ("policy_time", "policy_status"),
+    "decision_record": DECISION_VARIABLES,
+    "intervention_record": ("intervention", "intervention_reason"),
+}
+"""Columns of the components of a system's record, by the name under which it is logged."""
+CONTROLLER_COLUMNS = {
+    "mpc_force": 3, "mpc_record": 3, "policy_force": 3, "policy_record": 2, "estimate": 6,
+    "decision": 1, "decision_record": len(DECISION_VARIABLES),
+}  # fmt: skip
+"""Sizes of the ports that the log knows of controllers, by the names under which it logs them."""
 # Without these a file is no log; frames may be left out, the oldest logs have no reasons, and not
 # every flight has kicks, a policy, a hybrid's decisions or runtime assurance, and not every policy
 # an estimate.
@@ -89,6 +102,12 @@ _NETWORKS = ("policy_sha256", "lidar_sha256")
 # Attributes that say how a flight ended.
 _OUTCOMES = ("arrival_time_s", "collided", "keep_out_violations")
 _WALL_TIMES = {"solve_time", "policy_time", "decision_time"}
+RESERVED_COLUMNS = {
+    *VARIABLES, *RECORDS, "time", "command", "position_inertial", "velocity_inertial",
+    "mesh_vertices", "mesh_facets", "component", "axis", "plane", "ray", "vertex", "facet",
+    "corner",
+}  # fmt: skip
+"""Names that no port of a controller of one's own may be logged under."""
 COORDINATES = {
     "component": ["x", "y", "z", "vx", "vy", "vz"],
     "axis": ["x", "y", "z"],
@@ -169,8 +188,16 @@ def make_dataset(
     scenario: Scenario,
     body: Body,
     attributes: dict[str, typing.Any],
+    own: Mapping[str, tuple[str, str]] | None = None,
 ) -> xr.Dataset:
-    """The dataset of a log from its columns, arrays whose first axis is time."""
+    """Makes the dataset of a log.
+
+    Args:
+      columns: arrays whose first axis is time, by their names.
+      times: (N,) in s.
+      attributes: of the flight; the scenario and the body add theirs.
+      own: units and descriptions of columns that `VARIABLES` does not know.
+    """
     data: dict[str, typing.Any] = {}
     for name, (dimensions, units, long_name) in VARIABLES.items():
         if name in columns:
@@ -179,6 +206,10 @@ def make_dataset(
                 notes["flag_values"] = np.array([*_FLAGS[name]], dtype=columns[name].dtype)
                 notes["flag_meanings"] = " ".join(flag.name.lower() for flag in _FLAGS[name])
             data[name] = (("time", *dimensions), columns[name], notes)
+    for name, (units, description) in (own or {}).items():
+        values = columns[name]
+        dimensions = ("time",) if values.ndim == 1 else ("time", f"{name}_component")
+        data[name] = (dimensions, values, {"units": units, "long_name": description})
     position, velocity = inertial_motion(times, columns["state"], body.spin_rate)
     note = "in the non-turning frame that is K at time 0"
     data["position_inertial"] = (

@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import html
 import typing
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import xarray as xr
 from pydrake.geometry import Meshcat, Rgba
 
-from proxops.diagrams.logs import FlightLog, colour_of, who_flies
+from proxops.diagrams.logs import FlightLog, flown_by, legend_of
 from proxops.diagrams.meshcat.camera_views import look_at_flight, viewpoints
 from proxops.diagrams.meshcat.meshcat_scene import (
     Scene,
@@ -37,7 +38,7 @@ PLAYBACK_SPEED = 160.0
 FRAMES_PER_SECOND = 16.0
 # The lidar is shown this many times a flight at most.
 LIDAR_FRAMES = 40
-# The path is made of this many pieces at most, besides those that changes of who flies add.
+# The path is made of this many pieces at most, besides those that changes of colour add.
 PATH_PIECES = 240
 
 _ROUTE = Rgba(0.45, 0.45, 0.50)
@@ -77,7 +78,9 @@ def add_flight(meshcat: Meshcat, log: FlightLog) -> None:
     add_keep_out(scene)
     add_goal(scene, goal)
     add_spacecraft(scene)
-    pieces = add_path(scene, positions, who_flies(data))
+    legend = legend_of(data)
+    colours = [legend[who].colour for who in flown_by(data).tolist()]
+    pieces = add_path(scene, positions, colours)
     frames = _add_returns(scene, data) if "ranges" in data else []
     look_at_flight(scene, _shown(log))
 
@@ -102,11 +105,17 @@ def add_flight(meshcat: Meshcat, log: FlightLog) -> None:
     meshcat.PublishRecording()
 
 
-def add_path(scene: Scene, positions: np.ndarray, who_flies: np.ndarray) -> list[tuple[str, int]]:
-    """The path as pieces of tube in the colour of who flies, over a thin line of the whole.
+def add_path(
+    scene: Scene, positions: np.ndarray, colours: Sequence[tuple[float, float, float]]
+) -> list[tuple[str, int]]:
+    """Draws the path as pieces of tube over a thin line of the whole.
 
-    Takes positions (N, 3) in m in K, and who flies from each row (N,) to the next.
-    Returns for each piece its name and the row at which the spacecraft has flown it.
+    Args:
+      positions: (N, 3) in m in K.
+      colours: N, of the path from each position to the next.
+
+    Returns:
+      For each piece its name and the row at which the spacecraft has flown it.
     """
     meshcat, points = scene.meshcat, positions / scene.unit
     if len(points) > 1:
@@ -121,13 +130,13 @@ def add_path(scene: Scene, positions: np.ndarray, who_flies: np.ndarray) -> list
     pieces: list[tuple[str, int]] = []
     begin = 0
     for end in range(1, len(rows)):
-        who = int(who_flies[rows[begin]])
+        colour = colours[rows[begin]]
         last = end == len(rows) - 1
-        if end - begin < longest and not last and int(who_flies[rows[end]]) == who:
+        if end - begin < longest and not last and colours[rows[end]] == colour:
             continue
         name = f"/path/piece_{len(pieces):03d}"
         points_of_tube, facets = tube(points[rows[begin : end + 1]])
-        set_mesh(meshcat, name, points_of_tube, facets, Rgba(*colour_of(who)))
+        set_mesh(meshcat, name, points_of_tube, facets, Rgba(*colour))
         pieces.append((name, rows[end]))
         begin = end
     return pieces

@@ -1,4 +1,4 @@
-"""What a replay page has below the picture: numbers of now, who flies when, a legend, cameras."""
+"""The panel below a replay's picture: numbers, a strip of who flew when, a legend, cameras."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from pydrake.geometry import Rgba
 
-from proxops.diagrams.logs import FlightLog, colour_of, name_of, those_who_fly, who_flies
+from proxops.diagrams.logs import FlightLog, all_flown_by, flown_by, legend_of
 from proxops.diagrams.meshcat.camera_views import View
 from proxops.diagrams.meshcat.meshcat_scene import GOAL, RETURNS, THRUST
 from proxops.systems.shapes import clearances
@@ -133,7 +133,7 @@ _NUMBERS = {
     "speed": "speed",
     "thrust": "thrust",
     "clearance": "keep-out",
-    "who": "flies",
+    "who": "flown by",
 }
 
 
@@ -145,8 +145,9 @@ def panel(
     Args:
       views: cameras to choose from, in m in K. unit: m per Meshcat unit.
     """
-    controller = log.dataset.attrs["controller"]
-    entries = [(colour_of(who), f"{name_of(who, controller)} flies") for who in _legend_of(log)]
+    known = legend_of(log.dataset)
+    shown = all_flown_by(log.dataset) or flown_by(log.dataset)[:1].tolist()
+    entries = [(known[who].colour, f"flown by {known[who].name}") for who in shown]
     for colour, text in (
         (THRUST, "thrust"),
         (RETURNS, "lidar returns"),
@@ -176,7 +177,7 @@ def _flight(
     log: FlightLog, playback_speed: float, views: dict[str, View], unit: float
 ) -> dict[str, Any]:
     """What the page's script knows: columns with an entry for each row, and what to call whom."""
-    data, controller = log.dataset, log.dataset.attrs["controller"]
+    data, legend = log.dataset, legend_of(log.dataset)
     state, times = data["state"].values, data["time"].values
     away = (data["state"] - data["target"]).values[:, :3]
     force = np.nan_to_num(data["force"].values)
@@ -196,32 +197,29 @@ def _flight(
         "clearance": clearances(log.body.keep_out_semi_axes, state[:, :3]).round(1).tolist(),
         "who": who.tolist(),
         "names": {
-            int(each): [name_of(int(each), controller), _code(colour_of(int(each)))]
-            for each in np.unique(who)
+            each: [legend[each].name, _code(legend[each].colour)]
+            for each in np.unique(who).tolist()
         },
         "views": {name: [turned(view.eye), turned(view.target)] for name, view in views.items()},
     }
 
 
 def _steps(log: FlightLog) -> np.ndarray:
-    """Who flies, for each row; at the end whoever flew last."""
-    who = who_flies(log.dataset)
+    """Who flies from each row (N,) to the next; at the last row, who flew last."""
+    who = flown_by(log.dataset)
     return np.concatenate([who[:-1], who[-2:-1]]) if len(who) > 1 else who
 
 
-def _legend_of(log: FlightLog) -> list[int]:
-    return those_who_fly(log.dataset) or [int(who_flies(log.dataset)[0])]
-
-
 def _strip(log: FlightLog) -> str:
-    """CSS of a strip over the flight's time in the colours of who flies."""
+    """CSS of a strip over the flight's time, in the colours of those that fly."""
+    legend = legend_of(log.dataset)
     who, times = _steps(log), log.dataset["time"].values
     length = max(float(times[-1] - times[0]), 1e-9)
     changes = [0, *(np.flatnonzero(np.diff(who)) + 1).tolist(), len(who) - 1]
     pieces = []
     for begin, end in itertools.pairwise(changes):
         first, last = (100.0 * (times[row] - times[0]) / length for row in (begin, end))
-        pieces.append(f"{_code(colour_of(int(who[begin])))} {first:.2f}% {last:.2f}%")
+        pieces.append(f"{_code(legend[int(who[begin])].colour)} {first:.2f}% {last:.2f}%")
     return f"linear-gradient(to right, {', '.join(pieces)})"
 
 

@@ -1,4 +1,4 @@
-"""Why who flew: the hybrid's checks and the changes by runtime assurance over time, as a figure."""
+"""A hybrid's decisions and the changes by runtime assurance over time, as a figure."""
 
 from __future__ import annotations
 
@@ -7,15 +7,16 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from proxops.diagrams.logs import FlightLog, colour_of, name_of, those_who_fly, who_flies
+from proxops.diagrams.logs import FlightLog, all_flown_by, flown_by, legend_of
+from proxops.systems.hybrid import FlownBy
 
 _AGREE, _DIFFER, _LIMIT = "#128a3a", "#b03030", "#33415c"
 
 
 def plot_decisions(log: FlightLog) -> Figure:
-    """Who flew, and what for.
+    """Draws who flew each step, and why.
 
-    From the top: who flies from each step to the next; where policy and MPC were compared, the size
+    From the top: by whom each step is flown; where policy and MPC were compared, the size
     of the difference of their forces and the angle between them, with the gate's limits; the size
     of what runtime assurance changed the command by. What a log does not have is left out.
     """
@@ -36,7 +37,11 @@ def plot_decisions(log: FlightLog) -> Figure:
         angle.set_ylabel("angle (degrees)")
     if assured:
         change = rest.pop(0)
-        change.stairs(data["intervention"].values[:-1], _minutes(log), color=colour_of(3))
+        change.stairs(
+            data["intervention"].values[:-1],
+            _minutes(log),
+            color=legend_of(data)[FlownBy.SAFETY_FILTER].colour,
+        )
         change.set_ylabel("change of the\ncommand (N)")
         change.set_ylim(bottom=0.0)
     for ax in axes[1:, 0]:
@@ -49,12 +54,13 @@ def plot_decisions(log: FlightLog) -> Figure:
 
 
 def _plot_who(ax: Axes, log: FlightLog) -> None:
-    who, minutes = who_flies(log.dataset)[:-1], _minutes(log)
-    for each in those_who_fly(log.dataset):
+    who, minutes = flown_by(log.dataset)[:-1], _minutes(log)
+    legend = legend_of(log.dataset)
+    for each in all_flown_by(log.dataset):
         spans = [
             (minutes[row], minutes[row + 1] - minutes[row]) for row in np.nonzero(who == each)[0]
         ]
-        ax.broken_barh(spans, (0.0, 1.0), facecolors=colour_of(each))
+        ax.broken_barh(spans, (0.0, 1.0), facecolors=legend[each].colour)
     ax.set_yticks([])
     ax.set_ylim(0.0, 1.0)
     ax.margins(x=0.0)
@@ -69,12 +75,11 @@ def _plot_checks(ax: Axes, log: FlightLog, values: np.ndarray) -> None:
 
 
 def _legend(log: FlightLog, compared: bool) -> list[Line2D]:
-    controller = log.dataset.attrs["controller"]
+    legend = legend_of(log.dataset)
+    entries = [legend[each] for each in all_flown_by(log.dataset)]
     handles = [
-        Line2D(
-            [], [], color=colour_of(who), linewidth=5.0, label=f"{name_of(who, controller)} flies"
-        )
-        for who in those_who_fly(log.dataset)
+        Line2D([], [], color=entry.colour, linewidth=5.0, label=f"flown by {entry.name}")
+        for entry in entries
     ]
     if compared:
         handles += [

@@ -16,11 +16,10 @@ from matplotlib.patches import Ellipse
 
 from proxops.diagrams.logs import (
     FlightLog,
-    colour_of,
+    all_flown_by,
     dense_positions,
-    name_of,
-    those_who_fly,
-    who_flies,
+    flown_by,
+    legend_of,
 )
 from proxops.diagrams.scenario import Body
 from proxops.systems.shapes import clearances
@@ -61,7 +60,7 @@ def plot_flight(log: FlightLog) -> Figure:
 
 
 def plot_path(ax: Axes, log: FlightLog, plane: str = "xy") -> None:
-    """The path in K projected on the plane "xy", "xz" or "yz", in the colours of who flies.
+    """The path in K projected on the plane "xy", "xz" or "yz", in the colours of those that fly.
 
     With it the body's silhouette, the outline of the keep-out ellipsoid, start and goal.
     """
@@ -72,7 +71,8 @@ def plot_path(ax: Axes, log: FlightLog, plane: str = "xy") -> None:
     draw_body(ax, log.body, plane)
     flat = positions[:, [across, up]]
     segments = np.stack([flat[:-1], flat[1:]], axis=1)
-    colours = [colour_of(int(who)) for who in who_flies(log.dataset)[:-1]]
+    legend = legend_of(log.dataset)
+    colours = [legend[who].colour for who in flown_by(log.dataset)[:-1].tolist()]
     ax.add_collection(LineCollection(list(segments), colors=colours, linewidths=2.0, zorder=3))
     ax.plot(*flat[0], "o", color="black", markersize=5, zorder=4)
     ax.plot(goal[across], goal[up], "*", color=_GOAL, markersize=13, zorder=4)
@@ -202,13 +202,14 @@ def _over_time(ax: Axes, log: FlightLog, label: str) -> None:
 
 
 def _legend(log: FlightLog) -> list[Line2D]:
-    """What the colours and dashes mean, those that fly in this log only."""
-    handles = []
-    for who in those_who_fly(log.dataset):
-        name = name_of(who, log.dataset.attrs["controller"])
-        handles.append(Line2D([], [], color=colour_of(who), linewidth=2.0, label=f"{name} flies"))
+    """What the colours and dashes mean, for those that fly in this log."""
+    legend = legend_of(log.dataset)
+    entries = [legend[each] for each in all_flown_by(log.dataset)]
     return [
-        *handles,
+        *(
+            Line2D([], [], color=entry.colour, linewidth=2.0, label=f"flown by {entry.name}")
+            for entry in entries
+        ),
         Line2D([], [], color="black", marker="o", linestyle="", label="start"),
         Line2D([], [], color=_GOAL, marker="*", markersize=11, linestyle="", label="goal"),
         Line2D([], [], color=_GOAL, linewidth=1.0, label="arrival"),

@@ -9,6 +9,7 @@ room imports nothing else of proxops, and every other room depends on it.
 """
 
 from proxops.systems.common.checks import LARGEST, check_not_negative, check_positive
+from proxops.systems.common.controller_offers import LegendEntry, LoggedPort
 from proxops.systems.common.counter_noise import derived_seed, generator
 from proxops.systems.common.errors import InputError, SolverFailure
 from proxops.systems.common.files import file_sha256, make_folder, write_whole
@@ -21,6 +22,8 @@ __all__ = [
     "MODEL_FILE",
     "BundleKind",
     "InputError",
+    "LegendEntry",
+    "LoggedPort",
     "Progress",
     "SeededSystem",
     "SolverFailure",

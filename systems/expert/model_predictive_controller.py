@@ -10,7 +10,7 @@ from pydrake.common.value import AbstractValue
 from pydrake.solvers import SolutionResult
 from pydrake.systems.framework import LeafSystem
 
-from proxops.systems.common import InputError, SolverFailure
+from proxops.systems.common import InputError, LegendEntry, LoggedPort, SolverFailure
 from proxops.systems.expert.fallback_plans import braking, continued_plan
 from proxops.systems.expert.plan import Plan, PlanProgram, PlanReason, PlanStatus, empty_plan
 from proxops.systems.expert.plan_memory import memory_size, packed, unpacked
@@ -62,6 +62,8 @@ class ModelPredictiveController(LeafSystem):
     If the solver fails the flight goes on: the last plan is continued by the clock (status 1), and
     without one the spacecraft brakes (status 2). `Plan.reason` says why.
     """
+
+    legend_entry = LegendEntry("MPC", (0.22, 0.55, 0.95))
 
     def __init__(
         self,
@@ -129,6 +131,13 @@ class ModelPredictiveController(LeafSystem):
         self.DeclarePeriodicDiscreteUpdateEvent(
             period_sec=period, offset_sec=0.0, update=self._remember_plan
         )
+
+    def logged_ports(self) -> dict[str, LoggedPort]:
+        """The ports whose values a log keeps, by the names of their columns."""
+        return {
+            "mpc_force": LoggedPort(self._force_port),
+            "mpc_record": LoggedPort(self._record_port),
+        }
 
     def _calc_plan(self, context, output):
         state = self._state_port.Eval(context)

@@ -11,7 +11,7 @@ import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import LeafSystem, ValueProducer
 
-from proxops.systems.common import InputError, check_positive
+from proxops.systems.common import InputError, LegendEntry, LoggedPort, check_positive
 from proxops.systems.lidar import DEFAULT_GEOMETRY, LidarGeometry
 from proxops.systems.policy.policy_bundle import PolicyBundle, run_network
 
@@ -55,6 +55,8 @@ class NeuralPolicy(LeafSystem):
     `period`. The command is clipped to the thrust limit. A policy must not end a flight: if its
     force or memory is not finite, it commands no force, and its memory at the next step is zero.
     """
+
+    legend_entry = LegendEntry("policy", (0.96, 0.55, 0.13))
 
     def __init__(
         self,
@@ -119,6 +121,13 @@ class NeuralPolicy(LeafSystem):
         self.DeclarePeriodicDiscreteUpdateEvent(
             period_sec=period, offset_sec=0.0, update=self._remember
         )
+
+    def logged_ports(self) -> dict[str, LoggedPort]:
+        """The ports whose values a log keeps, by the names of their columns."""
+        ports = {"policy_force": self._force_port, "policy_record": self._record_port}
+        if self.bundle.estimates:
+            ports["estimate"] = self._estimate_port
+        return {name: LoggedPort(port) for name, port in ports.items()}
 
     def _calc_answer(self, context, value):
         ranges = self._ranges_port.Eval(context)

@@ -1,0 +1,67 @@
+"""The chain of command: what stands between a controller's force and the thrusters."""
+
+from __future__ import annotations
+
+from pydrake.systems.framework import OutputPort, System
+
+from proxops.diagrams.flight.scenario_systems import make_backup
+from proxops.diagrams.flight.wiring import DISTURBANCE_STREAM, NOISE_STREAM, Wiring
+from proxops.systems import ForceNoise, InputError, RandomWalkDisturbance, RuntimeAssurance
+from proxops.systems.vehicle import Thrusters
+
+
+def add_assurance(
+    wiring: Wiring, command: OutputPort, state: OutputPort, delay: float
+) -> OutputPort:
+    """Adds runtime assurance, if the scenario has it; returns the force that it lets pass.
+
+    Raises:
+      InputError: the controller flies with a delay in s.
+    """
+    settings = wiring.scenario.assurance
+    if settings is None:
+        return command
+    if delay > 0.0:
+        raise InputError(
+            "runtime assurance can't fly with mpc.solve_delay_s: it changes a command for the "
+            "period from now on, and this one would act later; set either to its default"
+        )
+    backup = make_backup(wiring.scenario, wiring.body, settings)
+    return _inserted(wiring, "assurance", RuntimeAssurance(backup), command, state=state)
+
+
+def add_thrusters(wiring: Wiring, force: OutputPort) -> OutputPort:
+    """Adds disturbance and noise, if the scenario has them, and the limit; returns the force."""
+    scenario = wiring.scenario
+    limit, period = scenario.spacecraft.thrust_limit_n, scenario.control_period_s
+    if scenario.disturbance is not None:
+        settings = scenario.disturbance
+        disturbance = RandomWalkDisturbance(
+            thrust_limit=limit,
+            reset_period=settings.reset_period_s,
+            max_relative_magnitude=settings.max_relative_magnitude,
+            increment_std=settings.increment_std_n,
+            period=period,
+            seed=wiring.seed(DISTURBANCE_STREAM),
+        )
+        force = _inserted(wiring, "disturbance", disturbance, force)
+    if scenario.force_noise is not None:
+        noise = ForceNoise(
+            thrust_limit=limit,
+            std=scenario.force_noise.std_n,
+            correlation_time=scenario.force_noise.correlation_time_s,
+            period=period,
+            seed=wiring.seed(NOISE_STREAM),
+        )
+        force = _inserted(wiring, "force_noise", noise, force)
+    return _inserted(wiring, "thrusters", Thrusters(limit), force)
+
+
+def _inserted(
+    wiring: Wiring, name: str, system: System, force: OutputPort, **others: OutputPort
+) -> OutputPort:
+    """Adds a system that takes a force, and maybe more by the names of its ports, to a force."""
+    wiring.add(name, system)
+    for port, source in {"force": force, **others}.items():
+        wiring.builder.Connect(source, system.GetInputPort(port))
+    return system.GetOutputPort("force")

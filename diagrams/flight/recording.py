@@ -1,0 +1,149 @@
+"""From a diagram that has flown to the log of its flight."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from importlib import metadata
+from typing import Any
+
+import numpy as np
+from pydrake.systems.framework import Context, Diagram, System
+from pydrake.systems.primitives import VectorLogSink
+
+from proxops.diagrams.flight.transit_diagram import logged_ports
+from proxops.diagrams.logs import (
+    CONTROLLER_COLUMNS,
+    LEGEND,
+    RECORDS,
+    FlightLog,
+    legend_text,
+    make_dataset,
+)
+from proxops.diagrams.scenario import Body, Scenario, dump_scenario
+from proxops.systems.hybrid import FlownBy
+from proxops.systems.lidar import LearnedLidar, PlanarLidar
+from proxops.systems.vehicle import COLLIDED, ENTERED_GOAL, NEVER, VIOLATIONS, DelayedHold
+
+Columns = dict[str, np.ndarray]
+
+
+@dataclass(frozen=True)
+class Flown:
+    """A transit diagram that has flown, the Context at its end, and what it flew."""
+
+    diagram: Diagram
+    context: Context
+    scenario: Scenario
+    body: Body
+    controller: System
+    name: str
+    """The controller's, as the log is to call it."""
+
+    def value(self, system: str, port: str) -> np.ndarray:
+        """The value of a subsystem's output port at the end."""
+        found = self.diagram.GetSubsystemByName(system)
+        return found.GetOutputPort(port).Eval(found.GetMyContextFromRoot(self.context))
+
+
+def make_log(flown: Flown, wall_time: float) -> FlightLog:
+    """Makes the log of a flight from the diagram's log sinks; its last row is the flight's end.
+
+    Args:
+      wall_time: in s, of the whole flight.
+    """
+    times, columns = _sampled(flown)
+    times, columns = _with_end(flown, times, columns)
+    columns = _split_records(columns, len(times))
+    lidar = flown.diagram.GetSubsystemByName("lidar")
+    assert isinstance(lidar, PlanarLidar)
+    if flown.scenario.log_ranges:
+        columns["ranges"] = lidar.frames(times, columns["state"][:, :3], lidar.seed)
+    own = {
+        name: (logged.units, logged.description)
+        for name, logged in logged_ports(flown.controller).items()
+        if name not in CONTROLLER_COLUMNS
+    }
+    attributes = _attributes(flown, wall_time)
+    return FlightLog(
+        make_dataset(columns, times, flown.scenario, flown.body, attributes, own), flown.body
+    )
+
+
+def _sampled(flown: Flown) -> tuple[np.ndarray, Columns]:
+    """Times (N,) in s and columns of all log sinks."""
+    sinks = {
+        system.get_name().removeprefix("log_"): system.FindLog(flown.context)
+        for system in flown.diagram.GetSystems()
+        if isinstance(system, VectorLogSink)
+    }
+    columns = {name: log.data().T for name, log in sinks.items()}
+    return sinks["state"].sample_times(), columns
+
+
+def _with_end(flown: Flown, times: np.ndarray, columns: Columns) -> tuple[np.ndarray, Columns]:
+    """Adds the end of a flight that ended between two control steps, with what was held then."""
+    end = flown.context.get_time()
+    if end <= times[-1]:
+        return times, columns
+    columns = {name: np.concatenate([rows, rows[-1:]]) for name, rows in columns.items()}
+    columns["state"][-1] = flown.value("spacecraft", "state")
+    # Controller and assurance are asked at control steps alone.
+    for name in ("intervention_record", *logged_ports(flown.controller)):
+        if name in columns and name != "decision":
+            columns[name][-1] = np.nan
+    return np.append(times, end), columns
+
+
+def _split_records(columns: Columns, rows: int) -> Columns:
+    """Gives each component of a record, and what follows from others, a column of its own."""
+    blank = np.full((rows, 3), np.nan)
+    columns = {"mpc_record": blank.copy(), **columns}
+    columns["disturbance"] = columns["force"] - columns.pop("command")
+    if "decision" in columns:
+        columns["decision"] = columns["decision"][:, 0].astype(np.int8)
+    else:
+        by = FlownBy.CONTROLLER
+        by = FlownBy.POLICY if "policy_force" in columns else by
+        by = FlownBy.MPC if "mpc_force" in columns else by
+        columns["decision"] = np.full(rows, by, dtype=np.int8)
+    for record, names in RECORDS.items():
+        if record in columns:
+            columns |= dict(zip(names, columns.pop(record).T, strict=True))
+    for name, values in columns.items():
+        if values.ndim == 2 and values.shape[1] == 1:
+            columns[name] = values[:, 0]
+    return {"mpc_force": blank, "policy_force": blank.copy(), **columns}
+
+
+def _attributes(flown: Flown, wall_time: float) -> dict[str, Any]:
+    """What a log says of the flight besides its columns."""
+    scenario, end = flown.scenario, flown.context.get_time()
+    outcome = flown.value("monitor", "outcome")
+    # In the goal region at the end, but not for long enough, is no arrival.
+    entered = outcome[ENTERED_GOAL]
+    dwelt = entered < NEVER and end - entered >= scenario.arrival.dwell_s * (1.0 - 1e-9)
+    hold = flown.diagram.GetSubsystemByName("hold")
+    attributes = {
+        "proxops_version": metadata.version("proxops"),
+        "controller": flown.name,
+        "scenario_sha256": hashlib.sha256(dump_scenario(scenario).encode()).hexdigest(),
+        "seed": scenario.transit.seed,
+        "transit": scenario.transit.index,
+        "noise_seed": scenario.noise_seed,
+        "force_delay_s": hold.delay if isinstance(hold, DelayedHold) else 0.0,
+        "arrival_time_s": float(entered) if dwelt else np.nan,
+        "collided": int(outcome[COLLIDED]),
+        "keep_out_violations": int(outcome[VIOLATIONS]),
+        "wall_s": wall_time,
+    }
+    lidar = flown.diagram.GetSubsystemByName("lidar")
+    if isinstance(lidar, LearnedLidar):
+        attributes["lidar_sha256"] = lidar.bundle.sha256
+    bundle = getattr(flown.controller, "bundle", None)
+    if bundle is not None:
+        attributes["policy_sha256"] = bundle.sha256
+    entry = getattr(flown.controller, "legend_entry", None)
+    if entry is not None:
+        attributes[LEGEND] = legend_text(entry)
+    return attributes

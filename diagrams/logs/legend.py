@@ -1,0 +1,79 @@
+"""By whom each step of a flight was flown: names and colours that plots and replays share."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import xarray as xr
+
+from proxops.diagrams.logs.flight_summary import INTERVENTION_TOLERANCE
+from proxops.systems.common import InputError, LegendEntry
+from proxops.systems.expert import ModelPredictiveController
+from proxops.systems.hybrid import FlownBy
+from proxops.systems.policy import NeuralPolicy
+
+LEGEND = "legend"
+"""Attribute of a log that holds the legend entry that its one controller offers, as JSON."""
+_PLAIN_COLOUR = (0.25, 0.70, 0.45)
+_SAFETY_FILTER = LegendEntry("safety filter", (0.93, 0.35, 0.95))
+_LONGEST_NAME = 200
+
+
+def flown_by(dataset: xr.Dataset) -> np.ndarray:
+    """Gives the `FlownBy` of each row (N,) of a log: its `decision`, or the safety filter."""
+    codes = dataset["decision"].values.astype(int)
+    codes = np.where(np.isin(codes, list(FlownBy)), codes, FlownBy.CONTROLLER)
+    if "intervention" not in dataset:
+        return codes
+    intervened = dataset["intervention"].values > INTERVENTION_TOLERANCE
+    return np.where(intervened, FlownBy.SAFETY_FILTER, codes)
+
+
+def all_flown_by(dataset: xr.Dataset) -> list[FlownBy]:
+    """Lists all that fly in a log; the last row is the flight's end, and does not count."""
+    return [FlownBy(code) for code in np.unique(flown_by(dataset)[:-1])]
+
+
+def legend_of(dataset: xr.Dataset) -> dict[int, LegendEntry]:
+    """Gives the name and the colour of each `FlownBy` in a log.
+
+    Raises:
+      InputError: the log's legend is damaged.
+    """
+    entries: dict[int, LegendEntry] = {
+        FlownBy.CONTROLLER: LegendEntry(str(dataset.attrs["controller"]), _PLAIN_COLOUR),
+        FlownBy.MPC: ModelPredictiveController.legend_entry,
+        FlownBy.POLICY: NeuralPolicy.legend_entry,
+    }
+    own = _read_entry(dataset.attrs.get(LEGEND))
+    if own is not None:
+        entries = dict.fromkeys(entries, own)
+    return {**entries, FlownBy.SAFETY_FILTER: _SAFETY_FILTER}
+
+
+def legend_text(entry: LegendEntry) -> str:
+    """The entry as the attribute `LEGEND` of a log holds it.
+
+    Raises:
+      InputError: the name is empty or long, or the colour is not three numbers from 0 to 1.
+    """
+    text = json.dumps([entry.name, [float(level) for level in entry.colour]])
+    _read_entry(text)
+    return text
+
+
+def _read_entry(text: object) -> LegendEntry | None:
+    if text is None:
+        return None
+    try:
+        name, colour = json.loads(text)  # pyright: ignore[reportArgumentType]
+        red, green, blue = (float(level) for level in colour)
+        good = isinstance(name, str) and 0 < len(name) <= _LONGEST_NAME
+        if not good or not all(0.0 <= level <= 1.0 for level in (red, green, blue)):
+            raise ValueError(text)
+    except (TypeError, ValueError, RecursionError) as error:
+        raise InputError(
+            "a legend entry is a name of 1 to 200 letters and red, green and blue from 0 to 1"
+        ) from error
+    return LegendEntry(name, (red, green, blue))
