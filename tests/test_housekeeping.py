@@ -31,8 +31,6 @@ IN_NOTEBOOKS_ONLY = {"IPython"}
 LONGEST_FUNCTION = 80
 # Longer functions, as `path: name`, and why each is allowed to be. At most ten.
 LONGER_FUNCTIONS: dict[str, str] = {
-    "diagrams/flight/simulation.py: _collect_log": "is being split",
-    "diagrams/flight/transit_diagram.py: make_transit_diagram": "is being split",
     "diagrams/scenario/scenario_checks.py: check_scenario": "is being split",
 }
 
