@@ -79,7 +79,7 @@ def test_is_computed_once_and_alike(tmp_path: Path):
 def test_files_that_are_not_theirs_are_refused(tmp_path: Path):
     expert_plans(load_scenario(), 5, 1, tmp_path, workers=Workers(1))
     path = tmp_path / "plans-5-000000.npz"
-    with pytest.raises(InputError, match="something else"):
+    with pytest.raises(InputError, match="labels of other flights"):
         expert_plans(
             load_scenario(None, ["spacecraft.mass_kg=90"]), 5, 1, tmp_path, workers=Workers(1)
         )

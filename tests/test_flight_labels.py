@@ -45,7 +45,7 @@ def test_labels_are_kept_and_belong_to_their_flight(tmp_path: Path, monkeypatch)
         np.testing.assert_array_equal(values, again[name])
     with monkeypatch.context() as other_way:
         other_way.setattr("proxops.training.data.flight_labels._WHOLE_PLAN_EVERY", 4)
-        with pytest.raises(InputError, match="something else"):
+        with pytest.raises(InputError, match="labels of other flights"):
             label_flights(logs, tmp_path / "labels", Workers(1))
     logs[0].write_bytes(logs[1].read_bytes())
     with pytest.raises(InputError, match="another"):

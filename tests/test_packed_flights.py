@@ -1,5 +1,6 @@
 """Packed flights hold what the logs hold, follow the logs' changes, and say what is damaged."""
 
+import hashlib
 import json
 import pickle
 import signal
@@ -369,6 +370,68 @@ def test_damaged_frames(logs: Path) -> None:
     path.write_bytes(content)
     with pytest.raises(InputError, match=r"a-1\.nc: ranges cannot be read"):
         pack_flights(logs)
+
+
+def forge(folder: Path, name: str, values: np.ndarray) -> None:
+    """Replaces a column, and its hash in the index, as a stranger could."""
+    np.save(folder / f"{name}.npy", values)
+    path = folder / "packed_flights.json"
+    index = json.loads(path.read_text())
+    digest = hashlib.sha256(np.ascontiguousarray(values).data).hexdigest()
+    index["columns"][name] |= {"sha256": digest, "shape": list(values.shape)}
+    path.write_text(json.dumps(index))
+
+
+def falling(values: np.ndarray) -> np.ndarray:
+    values[3] = -1
+    return values
+
+
+@pytest.mark.parametrize(
+    ("name", "change"),
+    [
+        ("ray", lambda values: np.full_like(values, 60_000)),
+        ("offset", falling),
+        ("offset", lambda values: values + 1),
+    ],
+)
+def test_a_forged_column_is_refused(
+    logs: Path, name: str, change: Callable[[np.ndarray], np.ndarray]
+) -> None:
+    """Its hash fits, but its contents would point outside the other columns."""
+    folder = pack_flights(logs).folder
+    forge(folder, name, change(np.load(folder / f"{name}.npy")))
+    with pytest.raises(InputError, match="is damaged"):
+        PackedFlights(folder)
+
+
+def test_a_pickled_column_is_refused(logs: Path) -> None:
+    folder = pack_flights(logs).folder
+    np.save(folder / "time.npy", np.array([print], dtype=object), allow_pickle=True)
+    with pytest.raises(InputError, match=r"time\.npy cannot be read"):
+        PackedFlights(folder)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"planes": "12"},
+        {"rays": 0},
+        {"mass_kg": None},
+        {"thrust_limit_n": float("nan")},
+        {"body": "name: Eros\n"},
+        {"body": "{"},
+        {"body": "{name: Eros, keep_out_semi_axes_m: [1, 2]}"},
+    ],
+)
+def test_a_forged_setting_is_refused(logs: Path, change: dict[str, object]) -> None:
+    folder = pack_flights(logs).folder
+    path = folder / "packed_flights.json"
+    index = json.loads(path.read_text())
+    index["setting"] |= change
+    path.write_text(json.dumps(index))
+    with pytest.raises(InputError, match="is damaged"):
+        PackedFlights(folder)
 
 
 # --- a damaged cache ------------------------------------------------------------------------------

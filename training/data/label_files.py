@@ -1,4 +1,4 @@
-"""Files of labels: states, goals, and what the expert commands there."""
+"""Files of labels: states, goals, and the expert's forces there."""
 
 from __future__ import annotations
 
@@ -13,19 +13,23 @@ Labels = dict[str, np.ndarray]
 """`state` (N, 6), `goal` (N, 3) and `force` (N, 3), in K and SI."""
 
 _NAMES = ("state", "goal", "force")
-# A plan with more slack breaks a limit or misses the target: its later knots are no example.
+# A plan with more slack breaks a limit or misses the target: its later knots are no examples.
 _SLACK = 1e-3
-# Where less than so many least horizons is left of a plan, or an interval is more than this share
-# of what is left, forces are off what the expert commands there by 1 to 3 N, else by 0.1 to 0.3.
+# If less than this many least horizons is left of a plan, or an interval is more than this share of
+# what is left, a knot's force is 1 to 3 N off the expert's command there; elsewhere 0.1 to 0.3 N.
 _LEAST_LEFT, _COARSEST = 2.0, 0.2
 
 
 def labels_of(plans: list[Plan], least_horizon: float | None = None) -> Labels:
-    """States, goals and forces of the knots of plans; of one with slack, of its start alone.
+    """States, goals and forces at the knots of plans.
 
-    A knot says what the expert would command there only while what is left of the plan is well
-    above the expert's least horizon (s), which a plan from there would not go below, and not much
-    coarser than such a plan. None: starts alone.
+    A knot is an example of the expert's command only if the rest of the plan is well above the
+    least horizon, which a new plan from there would not go below, and if its interval is not much
+    longer than those of such a plan. A plan with slack gives only its start.
+
+    Args:
+      plans: the expert's plans.
+      least_horizon: the expert's least horizon in s; None: only the starts.
     """
     states, goals, forces = [np.zeros((0, 6))], [np.zeros((0, 3))], [np.zeros((0, 3))]
     for plan in plans:
@@ -43,12 +47,12 @@ def labels_of(plans: list[Plan], least_horizon: float | None = None) -> Labels:
 
 
 def joined_labels(parts: list[Labels]) -> Labels:
-    """All of them in one."""
+    """Joins labels."""
     return {name: np.concatenate([part[name] for part in parts]) for name in _NAMES}
 
 
 def save_labels(path: Path, labels: Labels, origin: str) -> None:
-    """Writes labels and what they come from, whole or not at all."""
+    """Writes labels and their origin; the file is complete or not there."""
     content = labels | {"origin": np.array(origin)}
 
     def write(name: Path) -> None:
@@ -59,19 +63,29 @@ def save_labels(path: Path, labels: Labels, origin: str) -> None:
 
 
 def load_labels(path: Path, origin: str) -> Labels:
-    """What `save_labels` wrote.
+    """Reads what `save_labels` wrote.
 
     Raises:
-      InputError: the file is damaged, or its labels come from something else.
+      InputError: the file is damaged, or its labels have another origin.
     """
     try:
         # Opened here, so that it is closed even if numpy finds it damaged.
         with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
             content = {key: file[key] for key in (*_NAMES, "origin")}
-    except Exception as error:  # A damaged file makes numpy raise all sorts.
+        known = str(content.pop("origin"))
+        count = len(content["state"])
+        shapes = {"state": (count, 6), "goal": (count, 3), "force": (count, 3)}
+        sound = all(
+            content[key].shape == shape and content[key].dtype == np.float64
+            for key, shape in shapes.items()
+        )
+    except Exception as error:  # A damaged file makes numpy raise all sorts of errors.
         raise InputError(f"{path} holds no labels: remove it") from error
-    if str(content.pop("origin")) != origin:
+    if not sound:
+        raise InputError(f"{path} holds no labels: remove it")
+    if known != origin:
         raise InputError(
-            f"{path} holds labels of something else: remove it, or name another folder"
+            f"{path} holds labels of other flights, plans or another version of proxops: "
+            "remove it, or name another folder"
         )
     return content

@@ -1,4 +1,4 @@
-"""Flight logs packed for training: one folder of memory maps, lidar frames as hits only."""
+"""Flight logs packed for training: a folder of memory maps with the returns of lidar frames."""
 
 from __future__ import annotations
 
@@ -9,11 +9,13 @@ import typing
 from pathlib import Path
 
 import numpy as np
+from pydrake.common.yaml import yaml_load
 
 from proxops.systems.common import InputError
 from proxops.training.data.column_file import open_column
 from proxops.training.data.flight_columns import HITS, ROWS, Setting
 from proxops.training.data.normalisation import Normalisation
+from proxops.training.data.transit_split import PARTS
 
 SCHEMA = 1
 INDEX = "packed_flights.json"
@@ -26,7 +28,7 @@ class PackedFlight:
     """One flight's entry in the index."""
 
     name: str
-    """Of its log, a file."""
+    """Name of its log file."""
     size: int
     mtime_ns: int
     sha256: str
@@ -36,22 +38,23 @@ class PackedFlight:
     controller: str
     scenario_sha256: str
     start: int
-    """First of its rows."""
+    """Its first row."""
     steps: int
     """Number of its rows."""
 
 
 class PackedFlights:
-    """The steps of many flights, one row each, flight by flight; vectors in K.
+    """The steps of many flights: one row for each step, flight by flight; vectors in K.
 
-    `time` (N,) s; `state`, `target` (N, 6) m, m/s; `applied_force` (N, 3) N, the force applied
-    before the step, which is what the hold gives at the step, 0 at a flight's first;
-    `mpc_force` (N, 3) N, the label, NaN where the MPC was not asked; `kick` (N, 3) m/s^2, a push
-    from outside from this step to the next. Hits of row k are `ray` and `range` (m) from
-    `offset[k]` up to `offset[k + 1]`; ray r is ray r mod `rays` of plane r // `rays`.
+    - `time` (N,) in s; `state` and `target` (N, 6) in m and m/s.
+    - `applied_force` (N, 3) in N: the force over the period before the step, 0 at the first step.
+    - `mpc_force` (N, 3) in N: the label; NaN where the MPC was not asked.
+    - `kick` (N, 3) in m/s^2: the acceleration by a velocity kick from this step to the next.
+    - `ray`, `range` (m) and `offset`: the returns of row k are those from `offset[k]` up to
+      `offset[k + 1]`. Ray r is ray r mod `rays` of plane r // `rays`.
 
-    All are read-only memory maps. Pickled, it is the folder's name alone: a worker opens the maps
-    itself, and refuses if the folder has been packed anew meanwhile.
+    All are read-only memory maps. Only the folder's name is pickled: a worker process opens the
+    maps itself, and refuses a folder that was packed again in the meantime.
     """
 
     time: np.ndarray
@@ -68,11 +71,12 @@ class PackedFlights:
         """Opens what `pack_flights` wrote.
 
         Args:
-          verify: reads every file, to see that no bit has changed.
+          verify: reads every file to check that no bit has changed and that the contents make
+            sense.
 
         Raises:
-          InputError: the folder is no packed set, is of another version, or is damaged; names the
-            file at fault.
+          InputError: the folder holds no packed set, or one of another version, or it is damaged;
+            the message names the file.
         """
         self.folder = Path(folder).resolve()
         path = self.folder / INDEX
@@ -102,6 +106,26 @@ class PackedFlights:
         wrong += [name for name in HITS if len(getattr(self, name)) != self.offset[-1]]
         if wrong or logs_sha256(self.flights) != self.logs_sha256:
             raise InputError(f"{path} is damaged: it does not fit {', '.join(wrong) or 'itself'}")
+        if verify:
+            self._check_contents(path)
+
+    def _check_contents(self, path: Path) -> None:
+        """Raises `InputError` for a set that no packing gives, though its hashes fit."""
+        if not _is_sound(self.setting):
+            raise InputError(f"{path} is damaged: its setting cannot be; pack the logs again")
+        ends = np.cumsum([0, *(flight.steps for flight in self.flights)])
+        starts = [flight.start for flight in self.flights]
+        sound = {
+            "flights": starts == ends[:-1].tolist() and (np.diff(ends) >= 0).all(),
+            "parts": all(flight.part in PARTS for flight in self.flights),
+            "offset": self.offset[0] == 0 and (np.diff(self.offset) >= 0).all(),
+            "ray": self.ray.max(initial=0) < self.setting.planes * self.setting.rays,
+        }
+        wrong = [name for name, good in sound.items() if not good]
+        if wrong:
+            raise InputError(
+                f"{path} is damaged: {', '.join(wrong)} cannot be; pack the logs again"
+            )
 
     def __len__(self) -> int:
         """Number of steps."""
@@ -112,7 +136,7 @@ class PackedFlights:
         return [flight for flight in self.flights if flight.part == name]
 
     def frames(self, rows: np.ndarray) -> np.ndarray:
-        """Lidar frames (N, planes, rays) float32 of rows, as in the logs; +inf: no return."""
+        """Lidar frames (N, planes, rays), float32, of rows (N,) as in the logs; +inf: no return."""
         shape = len(rows), self.setting.planes * self.setting.rays
         frames = np.full(shape, np.inf, dtype=np.float32)
         first = self.offset[rows]
@@ -129,6 +153,26 @@ class PackedFlights:
         self.__init__(state["folder"], verify=False)
         if self.logs_sha256 != state["logs_sha256"]:
             raise InputError(f"{self.folder} has been packed anew since it was opened; start again")
+
+
+def _is_sound(setting: Setting) -> bool:
+    """Whether a setting has numbers that can be, and a body with a keep-out ellipsoid."""
+    counts = setting.planes, setting.rays
+    sizes = (
+        setting.max_range_m, setting.control_period_s, setting.mass_kg, setting.thrust_limit_n
+    )  # fmt: skip
+    try:
+        body = yaml_load(data=setting.body)
+        axes = np.array(body["keep_out_semi_axes_m"], dtype=float)
+        return (
+            all(isinstance(count, int) and count >= 1 for count in counts)
+            and all(isinstance(size, float | int) and size > 0.0 for size in sizes)
+            and isinstance(body["name"], str)
+            and axes.shape == (3,)
+            and bool((np.isfinite(axes) & (axes > 0.0)).all())
+        )
+    except Exception:  # YAML from a stranger makes its reader raise all sorts of errors.
+        return False
 
 
 def logs_sha256(flights: typing.Iterable[PackedFlight]) -> str:
