@@ -9,9 +9,9 @@ from proxops.diagrams.flight import named_controller
 from proxops.diagrams.scenario import Body, Scenario
 from proxops.systems.expert import Horizon
 
-# The law of an untrained policy: it plans with this share of the thrusters' acceleration, and for
-# this many control periods at least.
-NOMINAL_SHARE, LEAST_PERIODS = 0.43, 30.0
+# What the shipped policy has learned of the time T: the acceleration in m/s^2 that T is planned
+# with, and the least time in s. In its ONNX file they are `exp_5` and the root of `exp_6`.
+ACCELERATION, LEAST_TIME = 0.024823, 207.0
 
 
 class LeastEffort(LeafSystem):
@@ -27,8 +27,10 @@ class LeastEffort(LeafSystem):
 
         force = clip(m (6 e / T^2 - 4 v / T - natural acceleration), ±F)
 
-    The natural acceleration is that of the polyhedron's gravity and of the rotating frame. T is
-    `Horizon.time_to_go`. The law does not know the keep-out ellipsoid: it flies straight on.
+    The natural acceleration is that of the polyhedron's gravity and of the rotating frame. T^2 is
+    the sum of the squares of `Horizon.time_to_go` and of the least time. The network that corrects
+    T, both gains and the force is left out. Only that network knows the keep-out ellipsoid: this
+    law flies straight on.
     """
 
     def __init__(self, scenario: Scenario, body: Body):
@@ -36,10 +38,7 @@ class LeastEffort(LeafSystem):
         craft = scenario.spacecraft
         self.mass, self.limit = craft.mass_kg, craft.thrust_limit_n
         self.field, self.spin = body.gravity_field, body.spin_rate
-        self.horizon = Horizon(
-            minimum=LEAST_PERIODS * scenario.control_period_s,
-            nominal_acceleration=NOMINAL_SHARE * self.limit / self.mass,
-        )
+        self.horizon = Horizon(minimum=0.0, nominal_acceleration=ACCELERATION)
         self._state_port = self.DeclareVectorInputPort("state", 6)
         self._target_port = self.DeclareVectorInputPort("target", 6)
         inputs = {self._state_port.ticket(), self._target_port.ticket()}
@@ -50,7 +49,7 @@ class LeastEffort(LeafSystem):
         if not np.isfinite(state).all():
             output.SetFromVector(np.zeros(3))
             return
-        time = self.horizon.time_to_go(state, target)
+        time = np.hypot(self.horizon.time_to_go(state, target), LEAST_TIME)
         way, velocity = (target - state)[:3], state[3:]
         wanted = 6.0 * way / time**2 - 4.0 * velocity / time - self.natural(state)
         output.SetFromVector(np.clip(self.mass * wanted, -self.limit, self.limit))

@@ -23,7 +23,7 @@ _ESTIMATE_ERRORS = (
 
 
 def success_interval(successes: int, trials: int) -> tuple[float, float]:
-    """Wilson's score interval of 95 % for a share; (0, 1) without trials."""
+    """Returns Wilson's score interval of 95 % for a share of successes; (0, 1) without trials."""
     if trials == 0:
         return 0.0, 1.0
     interval = binomtest(successes, trials).proportion_ci(0.95, method="wilson")
@@ -31,15 +31,16 @@ def success_interval(successes: int, trials: int) -> tuple[float, float]:
 
 
 def aggregate(rows: Sequence[Row], expert: Sequence[Row] | None = None) -> dict[str, typing.Any]:
-    """One controller's entry of `results.json` from its flights' summaries.
+    """Makes one controller's entry of `results.json` from the summaries of its flights.
 
-    Terminal figures are over all flights, delta-v and arrival time over those that arrived. Errors
-    of the policy's estimates are medians over flights of the median and p95 of each.
+    Terminal figures count all flights; delta-v and arrival time count those that succeeded. Errors
+    of the policy's estimates are medians over flights of each flight's median and p95.
 
     Args:
-      expert: the MPC's rows of the same transits in the same order. With them there is its
-        delta-v to compare with, over the transits in which both succeeded: how many these are,
-        the median of the ratios, and the ratio of the sums.
+      rows: one for each flight.
+      expert: the MPC's rows of the same transits in the same order. With them the entry compares
+        delta-v on the transits in which both succeeded: it has the number of these transits, the
+        median of the ratios, and the ratio of the sums.
     """
     successes = sum(row["success"] for row in rows)
     wide_successes = sum(row["success_2km"] for row in rows)
@@ -80,7 +81,7 @@ def aggregate(rows: Sequence[Row], expert: Sequence[Row] | None = None) -> dict[
 def aggregate_all(
     groups: Mapping[str, Sequence[Row]],
 ) -> dict[str, dict[str, typing.Any]]:
-    """`aggregate` of each controller; with the expert among them, all others are compared with it.
+    """Aggregates each controller's rows; if the expert is there, compares all others with it.
 
     Args:
       groups: the rows of each controller in the order of the transits, by its name.
@@ -102,7 +103,7 @@ def _against_expert(rows: Sequence[Row], expert: Sequence[Row]) -> dict[str, typ
 
 
 def _small_commands(rows: Sequence[Row]) -> dict[str, float]:
-    """The share of all steps with a small command; nothing if a flight's row does not have it."""
+    """The share of all steps with a small command; empty if a row does not have its own share."""
     if not all("small_command_share" in row for row in rows):
         return {}
     shares, steps = ([row[name] for row in rows] for name in ("small_command_share", "steps"))
@@ -110,9 +111,9 @@ def _small_commands(rows: Sequence[Row]) -> dict[str, float]:
 
 
 def delta_v_pairs(rows: Sequence[Row], expert: Sequence[Row]) -> np.ndarray:
-    """Delta-v (N, 2) in m/s of a controller and of the MPC, where both succeeded.
+    """Returns the delta-v (N, 2) in m/s of a controller and of the MPC, where both succeeded.
 
-    A flight that starts in the goal region takes none, and is left out.
+    A flight that starts in the goal region needs no delta-v, and is left out.
 
     Raises:
       ValueError: the rows are not of the same transits.
@@ -132,7 +133,7 @@ def _percentile(rows: Sequence[Row], name: str, percent: float) -> float | None:
 
 
 def _mean(rows: Sequence[Row], name: str) -> float | None:
-    """Over the flights that have the figure."""
+    """The mean over the flights that have the figure."""
     values = [row[name] for row in rows if row[name] is not None]
     return float(np.mean(values)) if values else None
 

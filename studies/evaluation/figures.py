@@ -1,4 +1,4 @@
-"""Figures of an evaluation: how flights end, what they take, where they go, and why they fail."""
+"""Figures of an evaluation: end errors, Δv, paths, and single flights in detail."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#
 _BLACK = "#1d2430"
 _STYLES = ("--", "-.", "-")
 _GOAL = "#128a3a"
-# Room round starts, goals and keep-out: paths that leave it are cut off.
+# The drawing ends at this multiple of starts, goals and keep-out; paths beyond it are cut off.
 _ROOM = 1.25
 
 
@@ -28,15 +28,15 @@ class Look(typing.NamedTuple):
 
     colour: str
     style: str
-    """Of lines; they take turns, so that curves that lie on each other both show."""
+    """Style of lines; styles differ, so that both of two curves on the same place can be seen."""
 
 
 Looks = Mapping[str, Look]
-"""Of each controller."""
+"""The look of each controller, by its name."""
 
 
 def controller_looks(names: Sequence[str]) -> Looks:
-    """A look for each controller: the expert's line is black and whole."""
+    """Chooses a look for each controller; the expert's line is black and solid."""
     others = [name for name in names if name != EXPERT]
     looks = {
         name: Look(_COLOURS[k % len(_COLOURS)], _STYLES[k % len(_STYLES)])
@@ -46,15 +46,16 @@ def controller_looks(names: Sequence[str]) -> Looks:
 
 
 def plot_end_errors(errors: Mapping[str, np.ndarray], radius: float, looks: Looks) -> Figure:
-    """Share of flights that end within a distance of the goal, on a logarithmic scale.
+    """Draws the share of flights that end within a distance of the goal, on a logarithmic scale.
 
     Args:
-      errors: of each controller, (N,) in m. radius: of arrival, in m; marked, as is twice that.
+      errors: distances (N,) in m from the goal at the end, by controller.
+      radius: of the goal region, in m; it is marked, and twice the radius too.
     """
     figure = Figure(figsize=(8.5, 4.4), layout="constrained")
     axis = figure.subplots()
     length, unit = length_unit(100.0 * radius)
-    least = 1e-3 * radius  # A log scale has no zero, and nobody asks for less.
+    least = 1e-3 * radius  # A logarithmic scale has no zero, and smaller errors do not matter.
     greatest = max((values.max() for values in errors.values() if values.size), default=radius)
     greatest = max(2.0 * greatest, 4.0 * radius)
     for name, values in errors.items():
@@ -77,10 +78,10 @@ def plot_end_errors(errors: Mapping[str, np.ndarray], radius: float, looks: Look
 
 
 def plot_delta_v(pairs: Mapping[str, np.ndarray], looks: Looks) -> Figure:
-    """Each flight's Δv against the expert's on the same transit.
+    """Draws each flight's Δv against the expert's on the same transit.
 
     Args:
-      pairs: of each controller, (N, 2) in m/s: its own and the expert's.
+      pairs: (N, 2) in m/s by controller: its own Δv and the expert's.
     """
     figure = Figure(figsize=(6.2, 5.8), layout="constrained")
     axis = figure.subplots()
@@ -104,10 +105,10 @@ def plot_delta_v(pairs: Mapping[str, np.ndarray], looks: Looks) -> Figure:
 
 
 def plot_paths(logs: Mapping[str, Sequence[FlightLog]], looks: Looks) -> Figure:
-    """Paths of the same transits by each controller, seen along z and along y.
+    """Draws the paths of the same transits by each controller, seen along z and along y.
 
     Args:
-      logs: of each controller, as many as of the others and of the same transits.
+      logs: by controller; all controllers have the same transits.
     """
     count = len(next(iter(logs.values())))
     figure = Figure(figsize=(3.4 * count + 0.4, 7.4), layout="constrained")
@@ -131,7 +132,7 @@ def plot_paths(logs: Mapping[str, Sequence[FlightLog]], looks: Looks) -> Figure:
 
 
 def draw_paths(axis: Axes, flights: Mapping[str, FlightLog], plane: str, looks: Looks) -> None:
-    """Flights of one transit on the plane "xy", "xz" or "yz", with body, keep-out and goal."""
+    """Draws flights of one transit on a plane ("xy", "xz", "yz") with body, keep-out and goal."""
     across, up = ("xyz".index(letter) for letter in plane)
     first = next(iter(flights.values()))
     length, unit = length_unit(float(first.body.shape.extents.max()))
@@ -157,10 +158,11 @@ def draw_paths(axis: Axes, flights: Mapping[str, FlightLog], plane: str, looks: 
 
 
 def plot_flights(logs: Sequence[FlightLog], titles: Sequence[str]) -> Figure:
-    """What each flight did, a row each: whether it went wrong in knowing or in doing.
+    """Draws each flight in a row of plots, which tell errors of navigation from those of guidance.
 
-    Distance to the goal, as it was and, dashed, as it was estimated; errors of the estimate of
-    position and velocity; clearance of the keep-out. Without estimates, the first and the last.
+    The plots are: distance to the goal, true and (dashed) estimated; errors of the estimates of
+    position and of velocity; clearance of the keep-out. Without estimates there are only the first
+    and the last.
     """
     estimated = all("estimate" in log.dataset for log in logs)
     columns = 4 if estimated else 2

@@ -22,10 +22,10 @@ _WORST = 3
 
 
 def describe_flight(log: FlightLog, path: Path | None = None) -> Row:
-    """A flight's summary and `small_command_share`.
+    """Returns a flight's summary and its `small_command_share`.
 
-    The latter is the share of steps at which the commanded force is below 0.2 N in magnitude.
-    `path` is not used; `run_campaign` gives it.
+    This is the share of steps at which the commanded force is below 0.2 N in magnitude. `path` is
+    not used; `run_campaign` gives it.
     """
     data = log.dataset
     commands = (data["force"] - data["disturbance"]).values[:-1]
@@ -34,12 +34,12 @@ def describe_flight(log: FlightLog, path: Path | None = None) -> Row:
 
 
 def worst_flights(rows: Sequence[Row], count: int = _WORST) -> list[Row]:
-    """Rows of the worst flights: those without success first, then by the error at the end."""
+    """Returns the rows of the worst flights: first those that failed, then by the end error."""
     return sorted(rows, key=lambda row: (row["success"], -row["terminal_position_error_m"]))[:count]
 
 
 def shown_transits(results: Results) -> dict[str, list[int]]:
-    """Numbers of the transits of each controller whose logs a report needs, in rising order."""
+    """Returns, for each controller, the transits whose logs a report needs, in rising order."""
     shown = {}
     for name, result in results.items():
         rows = result["flights"]
@@ -59,13 +59,13 @@ def shown_logs(
     frames: bool = False,
     **options: typing.Any,
 ) -> Logs:
-    """Logs of the flights that `shown_transits` names.
+    """Returns the logs of the flights that `shown_transits` names, flown again if need be.
 
     Args:
       results: by the controller's name.
-      folder: of these flights alone; or, if all logs were kept, of all flights.
-      frames: with lidar frames, as in the folder of all flights; the report does not need them,
-        and they take most of the room.
+      folder: a folder for these flights alone; or, if all logs were kept, that of all flights.
+      frames: keeps lidar frames, as the logs in the folder of all flights do. The report does not
+        need them, and they take most of the space.
       options: those of `run_campaign`.
     """
     flown = dc.replace(scenario, log_ranges=scenario.log_ranges and frames)
@@ -74,5 +74,5 @@ def shown_logs(
 
 
 def flew_a_policy(rows: Sequence[Row]) -> bool:
-    """Whether a controller flew a policy, or what it estimates."""
+    """Whether a controller flew a policy, or used a policy's estimates."""
     return any(row["policy_sha256"] is not None for row in rows)

@@ -29,20 +29,20 @@ _MOST_FAILURES_TOLD = 30
 
 @dataclass(frozen=True)
 class Evaluation:
-    """All that is told of an evaluation."""
+    """Everything that the report of an evaluation is made from."""
 
     command: str
-    """As it was typed."""
+    """The command as it was typed."""
     body: str
     seed: int
     scenario: Scenario
     results: Results
     logs: Logs
-    """At least those that `shown_transits` asks for."""
+    """They include those of the flights that `shown_transits` names."""
 
 
 def evaluation_sections(evaluation: Evaluation) -> list[Section]:
-    """The report, to be rendered by `html_report`."""
+    """Makes the report, which `write_report` writes."""
     results, logs = evaluation.results, evaluation.logs
     looks = controller_looks(list(results))
     sections = [_head(evaluation), Section("How flights end", [_end_errors(evaluation, looks)])]
@@ -73,9 +73,9 @@ def _head(evaluation: Evaluation) -> Section:
                 f"{evaluation.body}, proxops {metadata.version('proxops')}. Success is arrival "
                 f"within {arrival_text(arrival)} of the goal by {arrival.deadline_s:g} s, to stay "
                 f"there for {arrival.dwell_s:g} s, with no collision and no keep-out violation. "
-                "Intervals are Wilson's. Δv and arrival are of the flights that succeeded, and Δv "
-                "over the expert's of the transits in which both did. How far off position and "
-                "velocity are is a policy's estimate of them: medians over flights of each "
+                "Intervals are Wilson's. Δv and arrival count the flights that succeeded; Δv over "
+                "the expert's counts the transits in which both succeeded. Position off and "
+                "velocity off are errors of a policy's estimates: medians over flights of each "
                 "flight's median and p95."
             ),
             Table(["", *results], lines),
@@ -88,7 +88,7 @@ def _end_errors(evaluation: Evaluation, looks: Looks) -> Picture:
         name: np.array([row["terminal_position_error_m"] for row in result["flights"]])
         for name, result in evaluation.results.items()
     }
-    caption = "Share of flights that end within a distance of the goal; arrival's radius is dashed."
+    caption = "Share of flights that end within a distance of the goal; dashed: arrival's radius."
     radius = evaluation.scenario.arrival.radius_m
     return picture("end-errors", plot_end_errors(errors, radius, looks), caption)
 
@@ -105,7 +105,7 @@ def _delta_v(results: Results, looks: Looks) -> Picture | None:
     pairs = {name: found for name, found in pairs.items() if len(found)}
     if not pairs:
         return None
-    caption = "Each dot is a transit in which both succeeded; how many these are is in brackets."
+    caption = "Each dot is a transit in which both succeeded; their number is in brackets."
     return picture("delta-v", plot_delta_v(pairs, looks), caption)
 
 
@@ -126,9 +126,9 @@ def _worst(figure: str, name: str, rows: Sequence[Row], logs: Logs) -> list[Text
         f"{length_text(row['terminal_position_error_m'])} off at the end"
         for row in worst
     ]
-    caption = "Green: what arrival allows, and when it was; blue: the keep-out ellipsoid."
+    caption = "Green: the limits and the time of arrival; blue: the keep-out ellipsoid."
     if all("estimate" in log.dataset for log in flights):
-        caption = f"Distance to the goal as it was, and dashed as it was estimated. {caption}"
+        caption = f"Distance to the goal, true (solid) and estimated (dashed). {caption}"
     return [picture(figure, plot_flights(flights, titles), caption)]
 
 

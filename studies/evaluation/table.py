@@ -1,4 +1,4 @@
-"""An evaluation in words and numbers: the table of all controllers, and how a flight ended."""
+"""The table of an evaluation's figures, and how a flight ended in words."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from proxops.studies.evaluation.evaluation import Row
 
 Result = Mapping[str, typing.Any]
 Results = Mapping[str, Result]
-"""Of each controller, as in `results.json`."""
+"""The figures of each controller by its name, as in `results.json`."""
 
 
 def figure_rows(results: Results, arrival: ArrivalConfig) -> list[tuple[str, list[str]]]:
-    """The table's lines: a label, and each controller's figure; those that nobody has are left out.
+    """Makes the table's lines: a label, and each controller's figure.
 
-    Delta-v and arrival are of the flights that succeeded, and delta-v over the expert's of the
-    transits in which both did. What a position and velocity are off is a policy's estimate of them:
-    medians over flights of each flight's median and p95. Steps are timed where the MPC or a network
-    is asked, and the greatest p99 is of a flight.
+    Lines without a figure are left out. Delta-v and arrival count the flights that succeeded, and
+    delta-v over the expert's the transits in which both succeeded. Position off and velocity off
+    are errors of a policy's estimates: medians over flights of each flight's median and p95. Steps
+    are timed where the MPC or a network computes; the greatest p99 is that of one flight.
     """
     near, wide = (arrival_text(arrival, scale) for scale in (1.0, WIDE_ARRIVAL))
     rows = [
@@ -31,7 +31,7 @@ def figure_rows(results: Results, arrival: ArrivalConfig) -> list[tuple[str, lis
 
 
 def arrival_text(arrival: ArrivalConfig, multiple: float = 1.0) -> str:
-    """What arrival allows, times a multiple, for instance "1 km, 1 m/s"."""
+    """The limits of arrival times a multiple, for instance "1 km, 1 m/s"."""
     radius = multiple * arrival.radius_m
     place = f"{radius:g} m" if radius < 1e3 else f"{radius / 1e3:g} km"
     return f"{place}, {multiple * arrival.speed_m_s:g} m/s"

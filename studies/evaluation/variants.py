@@ -37,16 +37,16 @@ Logs = Mapping[str, Mapping[int, FlightLog]]
 
 @dc.dataclass(frozen=True)
 class Variant:
-    """A controller, and what its scenario changes in the scenario that all variants share."""
+    """A controller, and its changes to the scenario that all variants share."""
 
     name: str
     """Unique among the variants that are flown together."""
     controller: str
-    """As `named_controller` knows it."""
+    """A name that `named_controller` takes."""
     changes: Mapping[str, typing.Any] = dc.field(default_factory=dict)
-    """Values of the scenario by key, as `change_scenario` takes them."""
+    """Keys and values of the scenario that `change_scenario` changes."""
     start: Start | None = None
-    """Where each flight starts; None: where the transit does."""
+    """Gives the start of each flight; None: flights start where the transit does."""
 
     def applied_to(self, scenario: Scenario) -> Scenario:
         """The scenario that this variant flies, made from the one that all share."""
@@ -86,14 +86,14 @@ def fly_logs(
     folder: Path,
     **options: typing.Any,
 ) -> dict[str, dict[int, FlightLog]]:
-    """Flies a few transits again and returns their logs.
+    """Flies some transits with their logs kept, and returns the logs.
 
     Flights repeat bit for bit, so the logs of a large campaign need not be kept.
 
     Args:
       transits: numbers of the transits by the variant's name; a variant that is not named here is
         not flown.
-      folder: it must hold no summaries of the same flights without their logs.
+      folder: should be another one than that of flights whose logs are not kept.
       options: those of `run_campaign`.
 
     Raises:

@@ -1,7 +1,8 @@
-"""The paper's experiments, run again from data to report.
+"""Runs the paper's experiments again, from data to report.
 
-Start with `reproduce`, a list of stages that resumes. PyTorch is needed for the training stages
-alone, so `TrainingSettings` is imported when it is first asked for.
+Start with `reproduce`, a sequence of stages that resumes after an interruption. A new variant goes
+into `flights`, and a new number of the paper into `numbers` and `tables`. Only the training stages
+need PyTorch, so `TrainingSettings` is imported when it is first used.
 """
 
 import typing

@@ -20,11 +20,11 @@ _TRAINING, _VALIDATION = "#0072b2", "#d55e00"
 _HYBRID, _EXPERT, _DIFFERENCE = "#d55e00", "#1d2430", "#0072b2"
 
 Curve = list[dict[str, float]]
-"""One row an epoch, as `write_curves` writes them."""
+"""One row for each epoch, as `write_curves` writes them."""
 
 
 def read_curves(folder: Path) -> dict[str, Curve]:
-    """The curves of a training, and of its rounds if it has any, by name."""
+    """Reads the curves of a training, and of its rounds if it has any, by name."""
     curves = {}
     for path in sorted(folder.glob("**/curves/*.csv")):
         places = path.parent.parent.relative_to(folder).parts
@@ -36,7 +36,7 @@ def read_curves(folder: Path) -> dict[str, Curve]:
 
 
 def plot_curves(curves: Mapping[str, Curve]) -> Figure:
-    """Loss on the training and the validation part over epochs, one picture each."""
+    """Draws the loss on the training and validation parts over epochs, one plot for each curve."""
     rows = -(-len(curves) // _ACROSS)
     figure = Figure(figsize=(4.0 * _ACROSS, 2.9 * rows), layout="constrained")
     axes = figure.subplots(rows, _ACROSS, squeeze=False).ravel()
@@ -56,7 +56,7 @@ def plot_curves(curves: Mapping[str, Curve]) -> Figure:
 
 
 def plot_views(logs: Mapping[str, FlightLog], looks: Looks) -> Figure:
-    """Paths of one transit in the frame of the body, seen along its three axes."""
+    """Draws the paths of one transit in the frame of the body, seen along its three axes."""
     figure = Figure(figsize=(12.0, 4.9), layout="constrained")
     for axis, plane in zip(figure.subplots(1, 3), ("xy", "xz", "yz"), strict=True):
         draw_paths(axis, logs, plane, looks)
@@ -69,9 +69,9 @@ def plot_views(logs: Mapping[str, FlightLog], looks: Looks) -> Figure:
 
 
 def path_errors(expert: FlightLog, log: FlightLog) -> tuple[np.ndarray, np.ndarray]:
-    """Times (N,) in s, and the distances (N,) in m from where the expert is at those times.
+    """Returns times (N,) in s and distances (N,) in m from the expert's position at those times.
 
-    Who has arrived stays: past the end of the expert's flight its last position counts.
+    After the end of the expert's flight its last position counts.
     """
     times, best = log.dataset["time"].values, expert.dataset
     where = np.stack(
@@ -81,7 +81,7 @@ def path_errors(expert: FlightLog, log: FlightLog) -> tuple[np.ndarray, np.ndarr
 
 
 def plot_path_errors(expert: FlightLog, logs: Mapping[str, FlightLog], looks: Looks) -> Figure:
-    """Position error over time against the MPC's path, on a logarithmic scale."""
+    """Draws the position error over time against the MPC's path, on a logarithmic scale."""
     figure = Figure(figsize=(9.0, 4.4), layout="constrained")
     axis = figure.subplots()
     length, unit = length_unit(float(expert.body.shape.extents.max()))
@@ -100,7 +100,7 @@ def plot_path_errors(expert: FlightLog, logs: Mapping[str, FlightLog], looks: Lo
 
 
 def plot_effort(log: FlightLog, expert: np.ndarray) -> Figure:
-    """Force of a flight by axis, with what the MPC would command there, (N, 3) in N."""
+    """Draws a flight's force by axis; `expert` (N, 3) is the MPC's at the same states, in N."""
     figure = Figure(figsize=(10.0, 8.0), layout="constrained")
     axes = figure.subplots(4, 1, sharex=True)
     minutes = log.dataset["time"].values[:-1] / _MINUTE
@@ -119,11 +119,11 @@ def plot_effort(log: FlightLog, expert: np.ndarray) -> Figure:
 
 
 def plot_gates(points: Mapping[str, tuple[float, float, float]]) -> Figure:
-    """The gates' trade: what is saved against fuel and clearance.
+    """Draws what the gates trade: solves saved against fuel and clearance.
 
     Args:
-      points: by name: share of solves saved, Δv over the MPC's (NaN: none compared), and the
-        least clearance in m.
+      points: for each name the share of solves saved, Δv over the MPC's (NaN where no transit is
+        compared), and the least clearance in m.
     """
     figure = Figure(figsize=(10.0, 4.4), layout="constrained")
     left, right = figure.subplots(1, 2, sharex=True)

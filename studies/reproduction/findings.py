@@ -1,4 +1,4 @@
-"""What the paper's reproduction found, from which its report is made."""
+"""The findings of the paper's reproduction, from which its report is made."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ SHOWN = (
     EXPERT, flights.POLICY, flights.PAPER_POLICY, flights.STRICT, flights.PAPER_GATE,
     flights.ADAPTIVE, flights.PAPER_HYBRID, flights.ZERO_STRICT,
 )  # fmt: skip
-"""Who is drawn, of those that fly."""
+"""The variants that are drawn."""
 HYBRIDS = (flights.STRICT, flights.PAPER_GATE, flights.ADAPTIVE, flights.PAPER_HYBRID,
             flights.ZERO_STRICT)  # fmt: skip
-"""Whose effort is compared."""
+"""The hybrids whose control effort is compared with the MPC's."""
 STAGE_NAMES = {
     "lidar": "the learned lidar",
     "data-paper": "the paper's 400 flights",
@@ -36,36 +36,36 @@ STAGE_NAMES = {
 
 @dataclass(frozen=True)
 class Findings:
-    """All that the report is made from."""
+    """Everything that the report is made from."""
 
     command: str
     scenario: Scenario
     body: Body
     seed: int
     transit: int
-    """The one that is drawn."""
+    """Number of the transit that is drawn."""
     stages: Sequence[Stage]
     trained: Mapping[str, Stage]
     missing: Sequence[str]
-    """Stages of training that neither ran nor had run."""
+    """Stages of training without a result, from this run or an earlier one."""
     policy: PolicyBundle
     results: Mapping[str, Mapping[str, Any]]
-    """As `evaluate` gives them."""
+    """Entries of `results.json` by variant."""
     logs: Mapping[str, Mapping[int, FlightLog]]
-    """As `fly_shown` gives them."""
+    """Logs of the flights that are drawn, by variant and transit."""
     forces: Mapping[str, tuple[np.ndarray, np.ndarray]]
-    """Of each policy along the MPC's flights: the MPC's (N, 3) and its own, in N."""
+    """For each policy, forces along the MPC's flights: the MPC's and the policy's, (N, 3) in N."""
     efforts: Mapping[str, np.ndarray]
-    """Of each hybrid that is drawn: what the MPC would command (N, 3) along its flight, in N."""
+    """For each hybrid that is drawn, the MPC's command (N, 3) in N at the states of its flight."""
 
     @property
     def drawn(self) -> dict[str, FlightLog]:
-        """The logs of the transit that is drawn."""
+        """The logs of the transit that is drawn, by variant."""
         return {name: self.logs[name][self.transit] for name in SHOWN if name in self.logs}
 
 
 def error_figures(findings: Findings) -> dict[str, dict[str, float]]:
-    """Distances in m from where the MPC is at the same time, of those that are drawn."""
+    """Figures of the distance in m from the MPC's position at the same time, by variant."""
     drawn = findings.drawn
     figures = {}
     for name, log in drawn.items():
@@ -80,7 +80,7 @@ def error_figures(findings: Findings) -> dict[str, dict[str, float]]:
 
 
 def effort_figures(findings: Findings) -> dict[str, dict[str, float]]:
-    """Differences in N from what the MPC would command along the hybrids' own flights."""
+    """Figures of the difference in N from the MPC's command along the hybrids' own flights."""
     figures = {}
     for name, expert in findings.efforts.items():
         force = findings.drawn[name].dataset["force"].values[:-1]

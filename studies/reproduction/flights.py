@@ -29,7 +29,7 @@ _ZERO_HYBRID = "proxops.diagrams.flight.hybrid_controller:zero_hybrid"
 
 
 def variants(policy: Path, paper_policy: Path | None, scenario: Scenario) -> list[Variant]:
-    """All variants that are compared, the expert first.
+    """Makes all variants that are compared, the expert first.
 
     Args:
       policy, paper_policy: folders of the bundles of our policy and of the paper's, if there is
@@ -68,12 +68,12 @@ def variants(policy: Path, paper_policy: Path | None, scenario: Scenario) -> lis
 
 
 def describe_flight(log: FlightLog, path: Path | None) -> Row:
-    """What an evaluation keeps of a flight, and its blind steps, checks and times of computing.
+    """Returns the row that an evaluation keeps of a flight, with more figures.
 
-    `blind_steps` counts the steps at which no ray returned; None if the log has no frames. `checks`
-    counts those of a hybrid, `agreed` those that passed. Wall times in s of the MPC's solves,
-    of the network and of deciding between them: `solve_s`, `policy_s`, `decision_s` of all, and
-    `solve_s_median`, … of one, None if there is none.
+    `blind_steps` counts the steps at which no ray returned; it is None if the log has no frames.
+    `checks` counts the checks of a hybrid, `agreed` those that passed. `solve_s`, `policy_s` and
+    `decision_s` are the wall times in s of all solves of the MPC, of the network, and of deciding
+    between them; `solve_s_median` and so on are the medians of one, None if there is none.
     """
     data = log.dataset
     blind = None
@@ -100,9 +100,9 @@ def label(name: str) -> str:
 
 
 def expert_forces(log: FlightLog) -> np.ndarray:
-    """What the MPC would command (N, 3), in N, at every step of a flight of somebody else.
+    """Returns the MPC's commands (N, 3) in N at the states of another controller's flight.
 
-    Solved after the flight, at its true states; NaN where the solver finds nothing.
+    They are solved after the flight, at its true states; NaN where the solver finds no plan.
     """
     scenario = log.scenario
     program = make_mpc(scenario, log.body).program
@@ -114,9 +114,10 @@ def expert_forces(log: FlightLog) -> np.ndarray:
 
 
 def policy_forces(bundle: PolicyBundle, log: FlightLog) -> np.ndarray:
-    """What a policy says (N, 3), in N, along a flight of somebody else whose log has its frames.
+    """Returns a policy's forces (N, 3) in N along another controller's flight.
 
-    It sees the flight from its start, and remembers, as if it flew along.
+    The log must hold the lidar's frames. The policy sees the flight from its start and keeps its
+    memory from step to step, as if it flew.
     """
     data = log.dataset
     ranges = data["ranges"].values[:-1].reshape(len(data["time"]) - 1, -1)
@@ -132,7 +133,7 @@ def policy_forces(bundle: PolicyBundle, log: FlightLog) -> np.ndarray:
 
 
 def forces_along(bundle: PolicyBundle, logs: Sequence[FlightLog]) -> tuple[np.ndarray, np.ndarray]:
-    """The MPC's forces (K, 3) along its flights, where it was asked, and the policy's, in N."""
+    """Returns the MPC's forces along its own flights and the policy's there, (K, 3) in N each."""
     wanted = np.concatenate([log.dataset["mpc_force"].values[:-1] for log in logs])
     said = np.concatenate([policy_forces(bundle, log) for log in logs])
     asked = np.isfinite(wanted).all(axis=1)

@@ -1,4 +1,4 @@
-"""The paper's numbers, and the arithmetic that makes ours comparable with them."""
+"""The paper's numbers, and the arithmetic that makes our numbers comparable with them."""
 
 from __future__ import annotations
 
@@ -21,28 +21,29 @@ Costs = dict[str, float | None]
 
 
 def energy_share(policy_s: float, policy_w: float, mpc_s: float, mpc_w: float) -> float:
-    """The paper's arithmetic: time times TDP of a step of the policy over one of the MPC."""
+    """The energy of a policy's step over that of an MPC's step, each time multiplied by TDP."""
     return policy_s * policy_w / (mpc_s * mpc_w)
 
 
 def gain(saved: float, policy_s: float, mpc_s: float) -> float:
-    """How many times less a hybrid takes than the MPC alone: 1 / ((1 - saved) + t_policy / t_mpc).
+    """The factor by which a hybrid computes less than the MPC alone.
 
-    The policy runs at every step, and the MPC at those that are not saved.
+    It is 1 / ((1 - saved) + t_policy / t_mpc): the policy runs at every step, and the MPC at the
+    steps that are not saved.
     """
     return 1.0 / ((1.0 - saved) + policy_s / mpc_s)
 
 
 def costs(results: Mapping[str, Mapping[str, Any]], name: str) -> Costs:
-    """What a controller's steps cost, against the expert's on the same transits.
+    """Returns the times of a controller's steps beside the expert's on the same transits.
 
     Returns:
-      saved: share of steps at which the MPC was not asked. mpc_s, policy_s: of a solve in the
-      expert's own flights, and of this controller's network; medians. solve_s: mean time of this
-      controller's solves; those of a hybrid come after pauses, and take longer. step_s: mean time
-      of a step, with its solves, its network and its decisions. gain_arithmetic: by `gain`, from
-      the medians. gain_measured: the expert's mean time of a step over step_s. What it does not do
-      is None, and what never happens costs nothing.
+      `saved` is the share of steps without a solve of the MPC. `mpc_s` and `policy_s` are median
+      times of a solve in the expert's own flights and of this controller's network. `solve_s` is
+      the mean time of this controller's solves; a hybrid's solves come after pauses and take
+      longer. `step_s` is the mean time of a step with its solves, network and decisions.
+      `gain_arithmetic` is `gain` of the medians; `gain_measured` is the expert's mean time of a
+      step over `step_s`. A figure that a controller does not have is None.
     """
     flights, best = results[name]["flights"], results[EXPERT]["flights"]
     steps, solves = _total(flights, "steps"), _total(flights, "mpc_solves")
@@ -74,11 +75,11 @@ def _median(rows: Sequence[Mapping[str, Any]], key: str) -> float | None:
 
 
 def blind_flights(result: Mapping[str, Any]) -> int:
-    """Flights with a step at which no ray returned: they have lost the body from lidar range."""
+    """Counts flights with a step at which no ray returned: the body was out of lidar range."""
     return sum(bool(row["blind_steps"]) for row in result["flights"])
 
 
 def checks_passed(result: Mapping[str, Any]) -> float | None:
-    """Share of a hybrid's checks at which both forces agreed."""
+    """The share of a hybrid's checks at which both forces agreed; None without checks."""
     checks = sum(row["checks"] for row in result["flights"])
     return sum(row["agreed"] for row in result["flights"]) / checks if checks else None

@@ -1,4 +1,4 @@
-"""The paper's figures, with ours: the later sections of the report of its reproduction."""
+"""The sections of the report that show the paper's figures with ours."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ from proxops.training.reports import (
 
 
 def figure_sections(findings: Findings) -> list[Section]:
-    """A section for each of the paper's figures."""
+    """Makes a section for each of the paper's figures."""
     looks = controller_looks(list(findings.drawn))
     return [
         Section("Figure 1: what the lidar sees", [_frame(findings)]),
@@ -170,8 +170,8 @@ def _errors(findings: Findings, looks: Looks) -> list[Block]:
 def _efforts(findings: Findings) -> list[Block]:
     blocks: list[Block] = [
         Text(
-            "What the MPC would command at every state of the hybrid's own flight, solved after it "
-            "was over, beside what was flown."
+            "The force that the hybrid flew, beside the force that the MPC commands at the same "
+            "states, which was solved after the flight."
         )
     ]
     lines = [
@@ -193,5 +193,5 @@ def _outcome(log: FlightLog) -> str:
 
 
 def _file(name: str, path: Path, caption: str) -> Picture:
-    """A picture that a stage has made."""
+    """Reads a picture that a stage has made."""
     return Picture(name, path.read_bytes(), caption)

@@ -1,4 +1,4 @@
-"""The report of the paper's reproduction: each of its figures and numbers, with ours beside it."""
+"""The report of the paper's reproduction: each figure and number of the paper beside ours."""
 
 from __future__ import annotations
 
@@ -27,19 +27,19 @@ from proxops.training.reports import Block, Section, Table, Text, force_figures,
 
 
 def reproduction_sections(findings: Findings) -> list[Section]:
-    """The report, to be written by `write_report`."""
+    """Makes the report, which `write_report` writes."""
     return [
         _head(findings),
         Section("The paper's numbers, and ours", _comparison(findings)),
-        Section("Who flies how", _controllers(findings)),
+        Section("The controllers on the same transits", _controllers(findings)),
         Section("Gates compared", _gates(findings)),
-        Section("What a step costs", _costs(findings)),
+        Section("Time and energy of a step", _costs(findings)),
         *figure_sections(findings),
     ]
 
 
 def findings_json(findings: Findings) -> dict[str, Any]:
-    """What report.json holds; the flights' rows are in the record of their stage."""
+    """Makes the content of report.json; the flights' rows are in the record of their stage."""
     return {
         "proxops_version": metadata.version("proxops"),
         "command": findings.command,
@@ -87,8 +87,8 @@ def _head(findings: Findings) -> Section:
         names = ", ".join(STAGE_NAMES[name] for name in findings.missing)
         blocks.append(
             Text(
-                f"Not run, and not there from an earlier run: {names}. What depends on them is "
-                "missing below, or marked so; without --quick all of it is run."
+                f"Not run, now or earlier: {names}. Figures that "
+                "need them are missing below or marked so. Without --quick all stages are run."
             )
         )
     return Section("What was run", blocks)
@@ -99,11 +99,11 @@ def _comparison(findings: Findings) -> list[Block]:
     return [
         Table(["", "paper", "ours"], lines),
         Text(
-            "Times are this machine's, several flights at once, so compare them with each other "
-            "rather than with the paper's. The paper's 21.6 % is 0.053 s × 300 W over 0.473 s × "
-            "155 W: of one step, and of a policy that flies alone. The hybrid asks the MPC as "
-            "well, and the policy at every step, so that its gain is 1 / ((1 − saved) + policy "
-            "time / MPC time). Our policy runs on the CPU that the MPC runs on: TDP cancels."
+            "Times were measured on this machine with several flights at once; compare them with "
+            "each other rather than with the paper's. The paper's 21.6 % is 0.053 s × 300 W over "
+            "0.473 s × 155 W, for one step of a policy that flies alone. A hybrid runs the policy "
+            "at every step and the MPC at some, so its gain is 1 / ((1 − saved) + policy time / "
+            "MPC time). Our policy and our MPC run on the same CPU, so TDP cancels."
         ),
     ]
 
@@ -112,17 +112,18 @@ def _controllers(findings: Findings) -> list[Block]:
     return [
         controller_table(findings.results),
         Text(
-            "Lost: flights with a step at which no ray of the lidar returns. Δv is over the "
-            "MPC's, of the transits in which both succeed. Assured: with runtime assurance "
-            "between policy and thrusters; it is off in all other rows. Zero commands nothing at "
-            "all; the PD controllers know the true state, or what the policy takes it to be."
+            "Lost counts flights with a step at which no ray of the lidar returns. Δv / MPC's is "
+            "over the transits in which both succeed. The MPC, the hybrid's check and runtime "
+            "assurance use the true state. Assured means with runtime assurance between policy "
+            "and thrusters; it is off in all other rows. Zero commands no force. The PD "
+            "controllers use the true state, or the state that the policy estimates."
         ),
     ]
 
 
 def _gates(findings: Findings) -> list[Block]:
     results = findings.results
-    # Of those that fly, the hybrids are the ones that compare forces.
+    # Only hybrids compare forces.
     shown = [name for name in results if checks_passed(results[name]) is not None]
     points = {
         name: (
@@ -135,8 +136,8 @@ def _gates(findings: Findings) -> list[Block]:
     blocks: list[Block] = [
         gate_table(results, shown),
         Text(
-            "Always zero is the hybrid with a policy that never thrusts: the share that a policy "
-            "gets for having learned nothing. What a gate lets pass of it is no merit."
+            "Always zero is the hybrid with a policy that never thrusts. Its share is what a "
+            "policy gets that has learned nothing."
         ),
     ]
     if points:
@@ -149,9 +150,10 @@ def _costs(findings: Findings) -> list[Block]:
     return [
         cost_table(findings.results),
         Text(
-            "By arithmetic: 1 / ((1 − saved) + policy time / MPC time), from medians, the MPC's of "
-            "its own flights. Measured: the MPC's mean time of a step over the whole controller's, "
-            "with what all its solves (after a pause a solve takes longer), its network and its "
-            "decisions really took. Energy is time times the TDP of the paper's CPU."
+            "Gain by arithmetic is 1 / ((1 − saved) + policy time / MPC time), from medians; the "
+            "MPC's time is that of its own flights. Gain measured is the MPC's mean time of a step "
+            "over that of the whole controller, with all solves (a solve takes longer after a "
+            "pause), the network and the decisions. Energy is time times the TDP of the paper's "
+            "CPU."
         ),
     ]

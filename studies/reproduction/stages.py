@@ -1,4 +1,4 @@
-"""Stages of a long piece of work: what each was made from, what came of it, and what is done."""
+"""Stages of a long piece of work, with records of their inputs and results."""
 
 from __future__ import annotations
 
@@ -19,28 +19,28 @@ _DIGITS = 8
 
 @dc.dataclass(frozen=True)
 class Stage:
-    """A stage that is over."""
+    """A stage that has ended."""
 
     name: str
     folder: Path
     result: dict[str, Any]
-    """As JSON holds it."""
+    """The result as JSON holds it."""
     wall_s: float
-    """Of the run that ended it."""
+    """Wall time in s of the run in which it ended."""
     skipped: bool
-    """Whether it was over before, with the same inputs."""
+    """Whether it had ended before, with the same inputs."""
 
 
 class Stages:
-    """Runs stages once: one whose inputs have not changed since it ended is not run again.
+    """Runs each stage once; a stage that has ended with the same inputs is not run again.
 
-    A stage has the folder `out`/NAME-HASH, with a hash of its inputs and of the version of proxops,
-    so that one that was interrupted finds what it had, and one with other inputs begins anew beside
-    it. When it is over, `out`/stages/NAME-HASH.json holds its inputs and what came of it.
+    A stage has the folder `out`/NAME-HASH. The hash is that of its inputs and of the version of
+    proxops: a stage that was interrupted finds its files again, and a stage with other inputs gets
+    another folder. When it ends, `out`/stages/NAME-HASH.json holds its inputs and its result.
     """
 
     def __init__(self, out: Path, tell: Callable[[str, float, str], Any] | None = None):
-        """`tell` is called with the stage, the share of it that is done, and a text."""
+        """Takes the folder, and `tell`, which gets a stage's name, the share done and a text."""
         self.over: list[Stage] = []
         self._out = out
         self._records = out / "stages"
@@ -52,11 +52,11 @@ class Stages:
         inputs: Mapping[str, Any],
         work: Callable[[Path, Progress], dict[str, Any]],
     ) -> Stage:
-        """What came of a stage, which is worked on only if that is not known.
+        """Returns a stage, which is run only if its result is not known.
 
         Args:
-          inputs: all that the result depends on, as JSON: settings, and results of other stages.
-          work: is given the stage's folder, and gives a result that JSON holds.
+          inputs: everything that the result depends on, as JSON: settings, results of other stages.
+          work: takes the stage's folder and its progress, and returns a result that JSON can hold.
 
         Raises:
           InputError: the record of the stage is damaged, or cannot be written; or what `work`
@@ -84,7 +84,7 @@ class Stages:
         return stage
 
     def latest(self, name: str) -> Stage | None:
-        """The stage of a name that ended last, whatever its inputs were; None if there is none."""
+        """Returns the stage of a name that ended last, with any inputs; None if there is none."""
         records = [
             record
             for record in self._records.glob(f"{name}-{'[0-9a-f]' * _DIGITS}.json")

@@ -20,13 +20,13 @@ _NOT_RUN = "not run"
 
 
 def number(figures: Mapping[str, Any], key: str, form: str = ".0f", scale: float = 1.0) -> str:
-    """A figure as text; a dash if there is none."""
+    """Formats a figure; a dash stands for one that there is not."""
     value = figures.get(key)
     return _NONE if value is None else format(scale * value, form)
 
 
 def stage_table(stages: Sequence[Stage]) -> Table:
-    """What ran, where its files are, and how long it took."""
+    """Makes the table of the stages, with their folders and wall times."""
     lines = [
         [each.name, each.folder.name, f"{each.wall_s:.0f}", "before" if each.skipped else "now"]
         for each in stages
@@ -35,7 +35,7 @@ def stage_table(stages: Sequence[Stage]) -> Table:
 
 
 def controller_table(results: Results) -> Table:
-    """Every controller's flights, a line each."""
+    """Makes the table of the controllers' flights, one line each."""
     lines = []
     for name, result in results.items():
         low, high = result["success_rate_interval"]
@@ -66,7 +66,7 @@ def controller_table(results: Results) -> Table:
 
 
 def gate_table(results: Results, names: Sequence[str]) -> Table:
-    """Hybrids beside each other."""
+    """Makes the table that compares the hybrids."""
     lines = []
     for name in names:
         result, cost = results[name], numbers.costs(results, name)
@@ -91,7 +91,7 @@ def gate_table(results: Results, names: Sequence[str]) -> Table:
 
 
 def cost_table(results: Results) -> Table:
-    """Times of steps, energy by TDP, and what is gained."""
+    """Makes the table of the times of steps, energy by TDP, and gains."""
     lines = []
     for name in results:
         cost = numbers.costs(results, name)
@@ -118,7 +118,7 @@ def cost_table(results: Results) -> Table:
 
 
 def controller_figures(results: Results) -> dict[str, dict[str, Any]]:
-    """Each controller's figures without its flights' rows, with what its steps cost."""
+    """Returns each controller's figures with its costs, without its flights' rows."""
     return {
         name: {key: value for key, value in result.items() if key != "flights"}
         | {
@@ -133,7 +133,7 @@ def controller_figures(results: Results) -> dict[str, dict[str, Any]]:
 def comparison_lines(
     results: Results, scenario: Scenario, trained: Mapping[str, Stage]
 ) -> list[list[str]]:
-    """Each number of the paper: what it is, the paper's, and ours."""
+    """Returns a line for each number of the paper: its name, the paper's value, and ours."""
     lidar, craft = scenario.lidar, scenario.spacecraft
     mpc, policy = numbers.costs(results, EXPERT), numbers.costs(results, flights.POLICY)
     mpc_s, policy_s = mpc["mpc_s"], policy["policy_s"]

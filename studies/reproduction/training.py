@@ -25,7 +25,7 @@ LIDAR_BUNDLES = {"learned": "bundle", "paper": "paper_bundle"}
 
 @dc.dataclass(frozen=True)
 class TrainingSettings:
-    """How much is flown and learned."""
+    """How much is flown and trained."""
 
     lidar: LidarSettings = dc.field(default_factory=LidarSettings)
     lidar_network: str = "learned"

@@ -1,4 +1,4 @@
-"""What a training set is like, in figures: counts, fuel, clearances, commands, distances, disk."""
+"""The report on a training set: counts, fuel, clearances, commands, distances, size on disk."""
 
 from __future__ import annotations
 

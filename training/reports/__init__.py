@@ -1,8 +1,8 @@
 """Reports: one writer for HTML and Markdown, and the figures that reports share. No PyTorch.
 
 Start with `write_report`, which writes sections of text, tables and pictures as one HTML page and
-as Markdown. A new report is a function that returns such sections; it stands beside what it reports
-on. `force_figures` compares forces with the expert's, and `plot_frames` draws lidar frames.
+as Markdown. To add a report, write a function that returns such sections, beside the code that it
+reports on. `force_figures` compares forces with the expert's, and `plot_frames` draws lidar frames.
 """
 
 from proxops.training.reports.force_errors import (

@@ -1,4 +1,4 @@
-"""How near a policy's forces are to the MPC's on logged flights: figures, picture, report."""
+"""Compares a policy's forces with the MPC's on logged flights: figures, picture, report."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from proxops.training.reports.report_writer import Block, Picture, Section, Tabl
 
 SMALL_COMMAND_N = 0.2
 """Below this a command counts as none."""
-# As in the paper: most commands are near nought, and without a cap nothing else could be seen.
+# The paper's cap of the colours: most commands are near zero and would hide all others.
 _MOST_SHOWN = 1000
 _BINS = 71
 
@@ -20,13 +20,13 @@ Figures = dict[str, typing.Any]
 
 
 def force_figures(wanted: np.ndarray, said: np.ndarray) -> Figures:
-    """Figures of the forces that a policy said (N, 3) against the MPC's (N, 3), N in K.
+    """Compares a policy's forces `said` (N, 3) with the MPC's `wanted` (N, 3), in N in K.
 
     Returns:
-      steps: N. rmse_n: over all axes; rmse_axes_n: of each. zero_rmse_n, zero_rmse_axes_n: of a
-      policy that always says nought, on the same steps. correlation: of each axis. small_mpc,
-      small_policy: share of steps whose force is below 0.2 N in magnitude. Figures of no steps,
-      and correlations with what never changes, are None.
+      `steps` is N. `rmse_n` is over all axes, `rmse_axes_n` over each axis. `zero_rmse_n` and
+      `zero_rmse_axes_n` are those of a policy that is always zero. `correlation` has a figure for
+      each axis. `small_mpc` and `small_policy` are the shares of steps whose force is below 0.2 N
+      in magnitude. Figures of no steps, and correlations with a constant, are None.
     """
     if len(wanted) == 0:
         names = (
@@ -48,11 +48,11 @@ def force_figures(wanted: np.ndarray, said: np.ndarray) -> Figures:
 
 
 def plot_forces(wanted: np.ndarray, said: np.ndarray, limit: float) -> Figure:
-    """The paper's 2D histograms, one for each axis: the MPC's force against the policy's.
+    """Draws the paper's 2D histograms, one for each axis: the policy's force against the MPC's.
 
     Args:
-      wanted, said: (N, 3) in N. limit: of the thrusters, N; forces beyond it are shown at it, as
-        they would be flown.
+      wanted, said: the MPC's forces and the policy's, (N, 3) in N.
+      limit: of the thrusters, in N; forces beyond it are drawn at the limit, where they would fly.
     """
     figure = Figure(figsize=(13.0, 4.2), layout="constrained")
     axes = figure.subplots(1, 3, sharex=True, sharey=True)
@@ -61,7 +61,7 @@ def plot_forces(wanted: np.ndarray, said: np.ndarray, limit: float) -> Figure:
     for k, axis in enumerate(axes):
         columns = (np.clip(forces[:, k], -limit, limit) for forces in (wanted, said))
         counts, _, _ = np.histogram2d(*columns, bins=(edges, edges))
-        shown = np.ma.masked_equal(counts.T, 0.0)  # Where nothing is, the paper stays white.
+        shown = np.ma.masked_equal(counts.T, 0.0)  # Empty bins stay white.
         image = axis.pcolormesh(edges, edges, shown, vmin=0, vmax=_MOST_SHOWN, cmap="viridis")
         axis.plot([-limit, limit], [-limit, limit], color="0.6", linewidth=0.5)
         axis.set_aspect("equal")
@@ -74,12 +74,12 @@ def plot_forces(wanted: np.ndarray, said: np.ndarray, limit: float) -> Figure:
 
 
 def policy_sections(report: Figures, histograms: Picture | None = None) -> list[Section]:
-    """The report of a policy's training.
+    """Makes the report of a policy's training.
 
     Args:
-      report: with `parameters` (number of weights), `training` and `parts`; with `rounds` after
-        DAgger.
-      histograms: what `plot_forces` drew for the test part.
+      report: has `parameters` (the number of weights), `training` and `parts`, and after DAgger
+        `rounds`.
+      histograms: the figure that `plot_forces` drew of the test part.
     """
     sections = [Section("Training", [Text(_training_text(report))])]
     if "rounds" in report:

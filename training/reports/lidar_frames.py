@@ -1,4 +1,4 @@
-"""Real and generated frames beside each other, as in the paper's figure."""
+"""Draws real and generated frames beside each other, as the paper's figure does."""
 
 from __future__ import annotations
 
@@ -11,12 +11,15 @@ _INCHES_WIDE = 11.0
 def plot_frames(
     positions: np.ndarray, frames: dict[str, np.ndarray], planes: int, reshaped: tuple[int, int]
 ) -> Figure:
-    """One row of pictures a position, one column a source of frames: whole, then reshaped.
+    """Draws a row of pictures for each position, with a column for each source of frames.
+
+    Each frame is drawn twice: as planes by rays, and reshaped.
 
     Args:
-      positions: (N, 3) in m in K. frames: by source, (N, R) in m, +inf where nothing returns.
-      reshaped: rows and columns of the second picture, filled ray by ray with all planes of each,
-        for instance the paper's (60, 72).
+      positions: (N, 3) in m in K.
+      frames: by source, (N, R) in m, +inf where nothing returns.
+      reshaped: rows and columns of the second picture, which is filled ray by ray with all planes
+        of each ray; the paper's is (60, 72).
     """
     count, sources = len(positions), len(frames)
     figure = Figure(figsize=(_INCHES_WIDE, 3.0 * count), layout="constrained")

@@ -41,7 +41,7 @@ class Picture:
     """A figure as PNG."""
 
     name: str
-    """Of the file that a Markdown page shows, without ending."""
+    """Name, without ending, of the file that a Markdown page shows."""
     png: bytes
     caption: str
 
@@ -51,7 +51,7 @@ class Page:
     """A page with scripts: inside the HTML page, or a file that a Markdown page links to."""
 
     name: str
-    """Of that file, without ending."""
+    """Name of that file, without ending."""
     html: str
     """The whole page; it needs no network."""
     caption: str
@@ -69,14 +69,14 @@ class Section:
 
 
 def picture(name: str, figure: Figure, caption: str) -> Picture:
-    """A matplotlib figure as it stands in a report."""
+    """Makes a report's picture from a matplotlib figure."""
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", dpi=_DOTS_PER_INCH)
     return Picture(name, buffer.getvalue(), caption)
 
 
 def html_page(title: str, sections: Sequence[Section]) -> str:
-    """The report as one HTML file; all text is escaped."""
+    """Renders the report as one HTML page; all text is escaped."""
     parts = [
         "<!DOCTYPE html>",
         '<html lang="en"><head><meta charset="utf-8">',
@@ -122,7 +122,7 @@ def _html_block(block: Block) -> str:
 
 
 def markdown_page(title: str, sections: Sequence[Section], folder: str = "figures") -> str:
-    """The report as Markdown.
+    """Renders the report as Markdown.
 
     Args:
       folder: of the pictures, relative to the page; empty if they lie beside it.
@@ -148,7 +148,7 @@ def _markdown_block(block: Block, prefix: str) -> list[str]:
 
 
 def markdown_table(table: Table) -> list[str]:
-    """The lines of a table in Markdown."""
+    """Renders a table as lines of Markdown."""
     rows = [[_cell(cell) for cell in row] for row in (table.head, *table.lines)]
     rows.insert(1, ["---"] + ["---:"] * (len(table.head) - 1))
     return ["| " + " | ".join(row) + " |" for row in rows]
@@ -159,7 +159,7 @@ _MARKUP = re.compile(r"[\\`*\[\]<]|(?<!\w)_|_(?!\w)")
 
 
 def _inline(text: str) -> str:
-    """Text with a backslash before all that Markdown would take for markup."""
+    """Puts a backslash before everything that Markdown would take for markup."""
     return _MARKUP.sub(r"\\\g<0>", text)
 
 
