@@ -146,7 +146,8 @@ def test_commands_in_sentences_are_understood(page: str, line: str) -> None:
         return
     if script == "-m":
         return
-    source = (ROOT / script).read_text()
+    shared = [path.read_text() for path in (ROOT / "benchmarks").glob("_*.py")]
+    source = "\n".join([(ROOT / script).read_text(), *shared])
     for option in (word for word in arguments if word.startswith("--")):
         assert f'"{option}"' in source or f'"{option[2:]}"' in source, (page, line)
 
