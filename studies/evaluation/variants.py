@@ -28,6 +28,7 @@ from proxops.diagrams.scenario import (
     load_body,
     parse_scenario,
 )
+from proxops.systems.common import InputError
 
 Start = Callable[[Transit, Scenario, Body], tuple[np.ndarray, np.ndarray]]
 """Gives the position (3,) in m and the velocity (3,) in m/s in K at which a flight starts."""
@@ -72,8 +73,9 @@ def fly_variants(
       The rows of each variant in the order of the transits, by the variant's name.
 
     Raises:
-      InputError: see `run_campaign`.
+      InputError: two variants have names that are one in file names; or see `run_campaign`.
     """
+    _check_names(variants)
     flights = {each.name: variant_flights(each, scenario, seed, range(count)) for each in variants}
     return run_groups(flights, folder, **options)
 
@@ -97,8 +99,9 @@ def fly_logs(
       options: those of `run_campaign`.
 
     Raises:
-      InputError: see `run_campaign`.
+      InputError: as `fly_variants`.
     """
+    _check_names(variants)
     flights = [
         flight
         for each in variants
@@ -134,6 +137,17 @@ def variant_flights(
         dc.replace(flights[number], name=_flight_name(variant.name, seed, number))
         for number in numbers
     ]
+
+
+def _check_names(variants: Sequence[Variant]) -> None:
+    by_label: dict[str, str] = {}
+    for each in variants:
+        label = controller_label(each.name)
+        if label in by_label:
+            raise InputError(
+                f"variants {by_label[label]!r} and {each.name!r} would write the same files"
+            )
+        by_label[label] = each.name
 
 
 def _moved(flight: Flight, start: Start, body: Body) -> Flight:

@@ -1,0 +1,91 @@
+"""Variants: each changes what it says, and nothing is mixed up."""
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+from short_flights import BRIEF, kleopatra, short_scenario
+from synthetic_log import synthetic_log
+
+from proxops.diagrams.flight.parallel import Workers
+from proxops.diagrams.scenario.body import Body
+from proxops.diagrams.scenario.scenario import Scenario, load_scenario, parse_scenario
+from proxops.diagrams.scenario.transits import Transit, draw_transit, scenario_transit
+from proxops.studies.evaluation.flights import describe_flight
+from proxops.studies.evaluation.variants import (
+    Variant,
+    fly_logs,
+    fly_variants,
+    load_logs,
+    variant_flights,
+)
+from proxops.systems import InputError
+
+
+def test_a_variant_changes_its_keys_alone() -> None:
+    shared = load_scenario(None, {"noise_seed": 7, "hybrid.check_period": 20})
+    [flight] = variant_flights(Variant("paper", "zero", {"hybrid.gate": "paper"}), shared, 5, [3])
+    wanted = {
+        "noise_seed": 7, "hybrid.check_period": 20, "hybrid.gate": "paper", "transit.seed": 5,
+        "transit.index": 3,
+    }  # fmt: skip
+    assert parse_scenario(flight.scenario) == load_scenario(None, wanted)
+    assert shared.hybrid.gate == "strict"
+
+
+def test_a_key_that_is_not_there_is_refused() -> None:
+    with pytest.raises(InputError, match=r"hybrid: there is no key 'gat'"):
+        variant_flights(Variant("wrong", "zero", {"hybrid.gat": "paper"}), load_scenario(), 5, [0])
+
+
+def test_flights_start_where_the_variant_says() -> None:
+    def above(transit: Transit, scenario: Scenario, body: Body) -> tuple[np.ndarray, np.ndarray]:
+        return np.array([0.0, 0.0, 1e5 + transit.index]), np.array([1.0, 2.0, 3.0])
+
+    variant = Variant("above", "zero", start=above)
+    flights = variant_flights(variant, load_scenario(), 5, [4, 2])
+    for flight, number in zip(flights, (4, 2), strict=True):
+        flown = scenario_transit(parse_scenario(flight.scenario), kleopatra())
+        drawn = draw_transit(5, number, load_scenario(), kleopatra())
+        np.testing.assert_array_equal(flown.start, [0.0, 0.0, 1e5 + number])
+        np.testing.assert_array_equal(flown.start_velocity, [1.0, 2.0, 3.0])
+        np.testing.assert_array_equal(flown.goal, drawn.goal)
+
+
+@pytest.mark.parametrize("names", [("a", "a"), ("a b", "a-b")])
+def test_names_of_the_same_files_are_refused(names: tuple[str, str], tmp_path: Path) -> None:
+    variants = [Variant(name, "zero") for name in names]
+    for fly in (fly_variants, lambda *given: fly_logs(*given[:3], {}, given[4])):
+        with pytest.raises(InputError, match="would write the same files"):
+            fly(variants, load_scenario(), 5, 1, tmp_path)
+
+
+def test_rows_and_logs_are_those_of_their_variant(tmp_path: Path) -> None:
+    variants = [Variant("idle", "zero"), Variant("pushed", "zero", {"disturbance": {}})]
+    shared, alone = short_scenario(**BRIEF), Workers(1)
+    rows = fly_variants(variants, shared, 5, 2, tmp_path / "rows", workers=alone)
+    assert {name: [row["transit"] for row in each] for name, each in rows.items()} == {
+        "idle": [0, 1], "pushed": [0, 1],
+    }  # fmt: skip
+    wanted = {"pushed": [1], "idle": [0]}
+    logs = fly_logs(variants, shared, 5, wanted, tmp_path / "logs", workers=alone)
+    assert {name: list(each) for name, each in logs.items()} == wanted
+    assert logs["pushed"][1].scenario.disturbance is not None
+    assert logs["idle"][0].scenario.disturbance is None
+    again = load_logs(tmp_path / "logs", 5, wanted)
+    assert again["pushed"][1].dataset.identical(logs["pushed"][1].dataset)
+    ends = {row["terminal_position_error_m"] for each in rows.values() for row in each}
+    assert logs["idle"][0].summary["terminal_position_error_m"] in ends
+
+
+def test_share_of_small_commands_is_of_what_was_commanded() -> None:
+    log = synthetic_log()
+    data = log.dataset.copy(deep=True)
+    data["force"][:] = 5.0
+    data["disturbance"][:] = 5.0
+    data["disturbance"][1] = [4.9, 5.0, 5.0]
+    data["disturbance"][2] = [4.7, 5.0, 5.0]
+    steps = len(data["time"]) - 1
+    changed = dataclasses.replace(log, dataset=data)
+    assert describe_flight(changed)["small_command_share"] == pytest.approx((steps - 1) / steps)
