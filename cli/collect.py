@@ -1,4 +1,4 @@
-"""`proxops collect`: expert flights for training, one log each."""
+"""`proxops collect`: flies expert transits for training and writes a log of each."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def collect_command(
     scenario: Annotated[
         Path | None, typer.Argument(help="Scenario file (YAML). Default: Kleopatra.")
     ] = None,
-    transits: Annotated[int, typer.Option(min=1, help="How many flights.")] = 400,
+    transits: Annotated[int, typer.Option(min=1, help="Number of flights.")] = 400,
     seed: Annotated[
         int, typer.Option(min=0, help="Seed of the set; below 10,000 they are for training.")
     ] = 0,

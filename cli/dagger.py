@@ -1,4 +1,4 @@
-"""`proxops dagger`: the pilot learns from its own flights."""
+"""`proxops dagger`: trains the pilot on its own flights."""
 
 from __future__ import annotations
 
@@ -28,13 +28,16 @@ def dagger_command(
     pilot: Annotated[
         Path, typer.Option(help="What `proxops train` wrote, from the same data.")
     ] = Path("out/pilot"),
-    rounds: Annotated[int, typer.Option(min=1, help="How many.")] = 2,
-    flights: Annotated[int, typer.Option(min=1, help="In each round.")] = 240,
+    rounds: Annotated[int, typer.Option(min=1, help="Number of rounds.")] = 2,
+    flights: Annotated[int, typer.Option(min=1, help="Flights of each round.")] = 240,
     seed: Annotated[
-        int, typer.Option(min=0, help="Of the first round's transits; the next has the next.")
+        int,
+        typer.Option(
+            min=0, help="Seed of the first round's transits; each further round uses the next."
+        ),
     ] = 100,
     minutes: Annotated[
-        float, typer.Option(min=0.0, help="No further round is begun after these.")
+        float, typer.Option(min=0.0, help="No further round begins after this time.")
     ] = math.inf,
     out: Annotated[Path, typer.Option(help="Folder for the rounds and the pilot.")] = Path(
         "out/dagger"
@@ -43,11 +46,11 @@ def dagger_command(
     scheduler: SchedulerAddress = None,
     as_json: AsJson = False,
 ) -> None:
-    """Let the pilot fly, have the MPC say what it would have done, and learn that: DAgger.
+    """Let the pilot fly, label its flights with the MPC's forces, and train on them: DAgger.
 
-    Each round leaves its flights, their labels and its pilot in OUT/round-N; the last pilot's
-    bundle, report and weights are in OUT. Run it again to go on after an interruption, or with
-    more --rounds to add some.
+    Each round leaves its flights, their labels and its pilot in OUT/round-N. The bundle, the report
+    and the weights of the last pilot are in OUT. Run it again to continue after an interruption, or
+    with more --rounds to add rounds.
 
     Example:
 

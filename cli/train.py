@@ -1,4 +1,4 @@
-"""`proxops train`: a policy from expert flights."""
+"""`proxops train`: trains a policy from expert flights."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ from proxops.systems.common import InputError
 
 
 class Recipe(enum.StrEnum):
-    """What is trained, and how."""
+    """The policy and its recipe."""
 
     PROXOPS = "proxops"
     PAPER = "paper"
 
 
 class Precision(enum.StrEnum):
-    """Of the network's arithmetic while it is trained."""
+    """Precision of the network's arithmetic in training."""
 
     FULL = "32-true"
     BFLOAT16 = "bf16-mixed"
@@ -46,28 +46,37 @@ def train_command(
         ),
     ] = Recipe.PROXOPS,
     epochs: Annotated[
-        int | None, typer.Option(min=1, help="At most; of the guidance. Default: 20; paper: 12.")
+        int | None,
+        typer.Option(
+            min=1,
+            help="Greatest number of epochs; for proxops, of the guidance. Default: 20; paper: 12.",
+        ),
     ] = None,
     minutes: Annotated[
-        float | None, typer.Option(min=0.0, help="Budget of time; paper only.")
+        float | None, typer.Option(min=0.0, help="Greatest time of the training; paper only.")
     ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Of weights and order.")] = 0,
+    seed: Annotated[
+        int, typer.Option(min=0, help="Seed of the first weights and of the order of examples.")
+    ] = 0,
     device: Annotated[
-        str, typer.Option(help="cpu, cuda, mps, or auto: the best, for proxops the cpu.")
+        str, typer.Option(help="cpu, cuda, mps, or auto: the fastest; for proxops, the cpu.")
     ] = "auto",
-    precision: Annotated[Precision, typer.Option(help="Of the arithmetic.")] = Precision.FULL,
+    precision: Annotated[
+        Precision, typer.Option(help="Precision of the arithmetic.")
+    ] = Precision.FULL,
     out: Annotated[Path, typer.Option(help="Folder for the policy and its report.")] = Path(
         "out/pilot"
     ),
     workers: Annotated[
-        int | None, typer.Option(min=1, help="Processes for plans. Default: one for each core.")
+        int | None,
+        typer.Option(min=1, help="Processes that compute plans. Default: one for each core."),
     ] = None,
     quick: Annotated[
-        bool, typer.Option(help="A small network, little data: soon done, of no great use.")
+        bool, typer.Option(help="Train a small network on few data: for a first try, not for use.")
     ] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Train a policy to say what the MPC says, from lidar frames and the goal.
+    """Train a policy to give the MPC's force, from lidar frames and the goal.
 
     Writes the trained policy, the curves of training as CSV and for TensorBoard, report.md,
     report.json, forces.png, and bundle, which `proxops fly --controller policy:OUT/bundle` flies.
@@ -94,8 +103,8 @@ def train_command(
             report = train_paper_policy(data, out, settings, tell)
         else:
             if minutes is not None:
-                raise InputError("--minutes is of the paper's recipe: give --epochs, or --quick")
-            # Its networks are small: a CPU is as fast as anything.
+                raise InputError("--minutes is for the paper's recipe: give --epochs or --quick")
+            # Its networks are small, so a CPU is as fast as any other device.
             device = "cpu" if device == "auto" else device
             settings = PilotSettings(seed=seed, device=device, precision=precision.value)
             settings = settings.quick() if quick else settings
@@ -111,7 +120,7 @@ def train_command(
 
 
 def print_report(report: dict[str, Any]) -> None:
-    """Prints what a training came to."""
+    """Prints the results of a training."""
     run, test = report["training"], report["parts"]["test"]
     rows = [
         ("epochs, kept", f"{run['epochs']}, {run['best_epoch'] + 1}"),

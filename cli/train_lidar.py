@@ -1,4 +1,4 @@
-"""`proxops train-lidar`: the learned lidar."""
+"""`proxops train-lidar`: trains the learned lidar."""
 
 from __future__ import annotations
 
@@ -27,26 +27,29 @@ def train_lidar_command(
         Path | None, typer.Argument(help="Scenario file (YAML). Default: Kleopatra.")
     ] = None,
     spacing: Annotated[
-        float, typer.Option(help="Of the grid of positions that is learned from, in km.")
+        float, typer.Option(help="Spacing in km of the grid of training positions.")
     ] = 20.0,
     epochs: Annotated[
-        int | None, typer.Option(min=1, help="Of the ray network. Default: 24.")
+        int | None, typer.Option(min=1, help="Epochs of the ray network. Default: 24.")
     ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Of weights, order and test positions.")] = 0,
+    seed: Annotated[
+        int, typer.Option(min=0, help="Seed of weights, order and test positions.")
+    ] = 0,
     settings: ScenarioChanges = None,
-    out: Annotated[Path, typer.Option(help="Folder for the bundle and the report.")] = Path(
+    out: Annotated[Path, typer.Option(help="Folder for the bundles and the report.")] = Path(
         "out/lidar"
     ),
     quick: Annotated[
-        bool, typer.Option(help="Twice the spacing, few steps: in seconds, of no great use.")
+        bool,
+        typer.Option(help="Double the spacing and take few steps: for a first try, not for use."),
     ] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Train a network that gives lidar frames; compare it with the ray-caster and with others.
+    """Train two networks that give lidar frames, ours and the paper's; compare them with others.
 
-    Writes the bundle that `lidar: !LearnedLidar {bundle: out/lidar/bundle}` flies, report.md,
-    report.json, frames.png, and the curves of training as CSV and for TensorBoard. Run it again to
-    go on after an interruption.
+    Writes the bundles that `lidar: !LearnedLidar {bundle: out/lidar/bundle}` flies, bundle (ours)
+    and paper_bundle (the paper's), report.md, report.json, figures, and the curves of training as
+    CSV and for TensorBoard. Run it again to continue after an interruption.
 
     Example:
 

@@ -30,10 +30,10 @@ def collect(
     learned_lidar: LearnedLidarConfig | None = None,
     workers: Workers = Workers(),
 ) -> tuple[dict[str, typing.Any], dict[str, typing.Any]]:
-    """Flies expert flights 0 … count - 1 of a seed; returns their manifest and report.
+    """Flies the expert flights 0 … count - 1 of a seed; returns their manifest and report.
 
-    Writes a log each in `out`/flights, manifest.json, report.json and report.md. What was flown
-    before is not flown again: see `run_campaign`, also for `workers`.
+    Writes a log of each to `out`/flights, and manifest.json, report.json and report.md to `out`.
+    Flights that are there already are not flown again: see `run_campaign`, also for `workers`.
 
     Args:
       learned_lidar: as of `collection_flights`.

@@ -1,4 +1,4 @@
-"""A training set: which expert flights it is made of, what is kept of each, and its manifest."""
+"""A training set: its expert flights, what the manifest keeps of each, and the manifest."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from proxops.systems.lidar import LidarBundle
 from proxops.systems.shapes import clearances
 from proxops.training.data.recovery import flight_scenario, kind_of
 
-# A command of less than this, per axis, counts as none (N).
+# A command below this, per axis, counts as zero (N).
 ZERO_COMMAND = 0.2
 # Edges of the distance histograms, as multiples of the radius of arrival (1 km).
 GOAL_EDGES = (0.0, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)
@@ -33,13 +33,13 @@ def collection_flights(
     count: int,
     learned_lidar: LearnedLidarConfig | None = None,
 ) -> list[Flight]:
-    """Expert flights 0 … count - 1 of a seed; a longer set begins with the shorter.
+    """The expert flights 0 … count - 1 of a seed; a longer set begins with a shorter one.
 
     Args:
-      learned_lidar: gives the frames of all flights but the nominal ones, as in the paper.
+      learned_lidar: gives the frames of all flights except the nominal ones, as in the paper.
 
     Raises:
-      InputError: a flight's transit or start is not found, or the learned lidar cannot be used.
+      InputError: no transit or start is found for a flight, or the learned lidar cannot be used.
     """
     disturbed = scenario if learned_lidar is None else dc.replace(scenario, lidar=learned_lidar)
     origins = [provenance(wanted, body, "mpc") for wanted in (scenario, disturbed)]
@@ -75,12 +75,11 @@ def learned_lidar_of(
 
 
 def describe_flight(log: FlightLog, path: Path | None) -> Row:
-    """What the manifest says of a flight: its summary, its file, and what its commands are like.
+    """The manifest's row of a flight: its summary, its file, and statistics of its commands.
 
-    `zero_commands` holds for x, y, z, and all three together, how many of the `commands` were
-    smaller than `ZERO_COMMAND` per axis; `goal_distances` and `clearances` count the rows between
-    the edges of `GOAL_EDGES` and `CLEARANCE_EDGES`, what lies below and above them included at
-    the ends.
+    `zero_commands` counts the `commands` below `ZERO_COMMAND` on x, on y, on z, and on all three.
+    `goal_distances` and `clearances` are histograms of the rows over `GOAL_EDGES` and
+    `CLEARANCE_EDGES`, with one more bin at either end.
     """
     data, unit = log.dataset, log.scenario.arrival.radius_m
     states = data["state"].values
@@ -102,7 +101,7 @@ def describe_flight(log: FlightLog, path: Path | None) -> Row:
 
 
 def _counts(values: np.ndarray, edges: Sequence[float]) -> list[int]:
-    """How many values lie below the first edge, between each two, and above the last."""
+    """Numbers of values below the first edge, between neighbouring edges, and above the last."""
     return np.bincount(
         np.searchsorted(edges, values, side="right"), minlength=len(edges) + 1
     ).tolist()
@@ -111,10 +110,11 @@ def _counts(values: np.ndarray, edges: Sequence[float]) -> list[int]:
 def make_manifest(
     scenario: Scenario, body: Body, mix: Mapping[str, int], seed: int, rows: Sequence[Row]
 ) -> dict[str, typing.Any]:
-    """What `manifest.json` holds: how the set came about, and a row for each flight.
+    """The content of `manifest.json`: how the set was made, and a row for each flight.
 
-    `rows` are those of `describe_flight`, flight by flight; files are relative to the manifest's
-    `folder`.
+    Args:
+      rows: rows of `describe_flight`, in the order of the flights. Their files are relative to the
+        manifest's `folder`.
     """
     flights = [
         {"index": index, "kind": kind_of(mix, index), **row} for index, row in enumerate(rows)
@@ -131,7 +131,7 @@ def make_manifest(
 
 
 def check_files(folder: Path, rows: Sequence[Row]) -> None:
-    """Raises `InputError` for the first flight whose log is gone or not as long as it was."""
+    """Raises `InputError` for the first log that is missing or has another length than before."""
     for row in rows:
         path = folder / row["file"]
         length = path.stat().st_size if path.is_file() else None

@@ -1,4 +1,4 @@
-"""A .npy file that is written portion by portion, and read back as a memory map."""
+"""A .npy file that is written in portions and read as a memory map."""
 
 from __future__ import annotations
 
@@ -13,10 +13,15 @@ from proxops.systems.common import InputError
 
 
 class ColumnWriter:
-    """Appends rows of one type and length to a .npy file; memory does not grow with the file."""
+    """Appends rows of one type and length to a .npy file, without holding them in memory."""
 
     def __init__(self, path: Path, dtype: str, width: int | None):
-        """Starts the file. dtype: numpy's, with byte order. width: None for rows of one number."""
+        """Begins the file.
+
+        Args:
+          dtype: numpy's name of the type, with the byte order.
+          width: numbers in a row; None: rows are single numbers.
+        """
         self._dtype, self._width, self._count = np.dtype(dtype), width, 0
         self._digest = hashlib.sha256()
         self._file = path.open("wb")
@@ -30,7 +35,7 @@ class ColumnWriter:
         self._count += len(values)
 
     def close(self) -> dict[str, typing.Any]:
-        """Ends the file; what it returns is for `open_column`."""
+        """Completes the file; returns its description, which `open_column` takes."""
         with self._file:
             self._file.seek(0)
             # numpy leaves room in the header for the count to grow.
@@ -45,7 +50,7 @@ class ColumnWriter:
         }
 
     def abandon(self) -> None:
-        """Closes the file as it is."""
+        """Closes the file without completing it."""
         self._file.close()
 
     def _shape(self) -> tuple[int, ...]:
@@ -58,14 +63,14 @@ class ColumnWriter:
 
 
 def open_column(path: Path, described: dict[str, typing.Any], verify: bool) -> np.ndarray:
-    """The column as a read-only memory map.
+    """Opens a column as a read-only memory map.
 
     Args:
-      described: what `ColumnWriter.close` returned.
-      verify: reads it all, to see that no bit has changed.
+      described: the description that `ColumnWriter.close` returned.
+      verify: reads all of it to check that no bit has changed.
 
     Raises:
-      InputError: the file is missing, cut off or changed.
+      InputError: the file is missing, truncated or changed.
     """
     try:
         column = np.load(path, mmap_mode="r", allow_pickle=False)
@@ -75,7 +80,7 @@ def open_column(path: Path, described: dict[str, typing.Any], verify: bool) -> n
     wanted = {name: described[name] for name in found}
     if found != wanted:
         raise InputError(f"{path} is damaged: it holds {found}, not {wanted}")
-    # numba and pickle know plain arrays best.
+    # A plain array on the same memory: numpy is faster with it than with its own memmap class.
     plain = np.asarray(column)
     if verify and hashlib.sha256(plain.data).hexdigest() != described["sha256"]:
         raise InputError(f"{path} is damaged: its contents do not match their hash")

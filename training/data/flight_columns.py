@@ -1,4 +1,4 @@
-"""What training needs of one flight log, read straight from its file and checked."""
+"""Reads from a flight log the arrays that training needs, and checks them."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _SIZES = {"component": 6, "axis": 3}
 
 @dc.dataclass(frozen=True)
 class Setting:
-    """What flights must have in common to be learned from together."""
+    """Properties that all flights of a training set must share."""
 
     body: str
     """YAML of the body's constants."""
@@ -38,7 +38,7 @@ class Setting:
 class FlightColumns:
     """One flight of N steps; all vectors in K.
 
-    The last row of a log is the end of the flight, at which nothing was commanded: it is no step.
+    The last row of a log is the end of the flight. Nothing was commanded there, so it is no step.
     """
 
     setting: Setting
@@ -47,11 +47,11 @@ class FlightColumns:
     controller: str
     scenario_sha256: str
     rows: dict[str, np.ndarray]
-    """By the names of `ROWS`, one row for each step."""
+    """Arrays by the names of `ROWS`, with one row for each step."""
     hit_counts: np.ndarray
-    """(N,) int64: rays that returned at each step."""
+    """(N,) int64: number of returns at each step."""
     hits: dict[str, np.ndarray]
-    """By the names of `HITS`: all that returned, step by step, rays rising in each."""
+    """Arrays by the names of `HITS`: all returns, step by step, in rising order of rays."""
 
 
 # name: (length of a row, None for a number; type)
@@ -59,9 +59,9 @@ ROWS: dict[str, tuple[int | None, str]] = {
     "time": (None, "<f8"),  # s since the start of the flight
     "state": (6, "<f8"),  # m, m/s
     "target": (6, "<f8"),  # m, m/s
-    "applied_force": (3, "<f8"),  # N, what the hold gives at the step: the force before it
+    "applied_force": (3, "<f8"),  # N, the force over the period before the step
     "mpc_force": (3, "<f8"),  # N, the label; NaN where the MPC was not asked
-    "kick": (3, "<f8"),  # m/s^2, a push from outside from this step to the next
+    "kick": (3, "<f8"),  # m/s^2, acceleration by a velocity kick up to the next step
 }
 HITS = {"ray": "<u2", "range": "<f4"}  # plane * rays + ray in it; m
 
@@ -70,8 +70,9 @@ def read_columns(path: Path) -> FlightColumns:
     """Reads and checks one log.
 
     Raises:
-      InputError: the file is no flight log, or a field of it is missing, has another shape than
-        the schema or its own scenario says, or holds what no flight can; names file and field.
+      InputError: the file is no flight log; or a field is missing, has another shape than the
+        schema and the log's scenario require, or has impossible values. The message names the file
+        and the field.
     """
     try:
         with h5py.File(path, "r") as file:
@@ -79,7 +80,7 @@ def read_columns(path: Path) -> FlightColumns:
             raw = {name: _read(file, path, name) for name in (*_NEEDED, "kick") if name in file}
     except InputError:
         raise
-    except Exception as error:  # A damaged file makes h5py raise all sorts.
+    except Exception as error:  # A damaged file makes h5py raise all sorts of errors.
         raise InputError(f"{path} is not a flight log: {error}") from error
     wanted = ("scenario", "body", "shape_sha256", "seed", "transit", "controller")
     missing = [name for name in (*wanted, "scenario_sha256") if name not in attributes]
@@ -87,7 +88,7 @@ def read_columns(path: Path) -> FlightColumns:
     if missing == ["ranges"]:
         raise InputError(f"{path} has no ranges: fly it again with the lidar's frames in the log")
     if missing:
-        raise InputError(f"{path} is not a whole flight log: it has no {', '.join(missing)}")
+        raise InputError(f"{path} is not a complete flight log: it has no {', '.join(missing)}")
     setting = _setting(path, attributes)
     _check(path, raw, setting)
     steps = len(raw["time"]) - 1
@@ -109,7 +110,7 @@ def read_columns(path: Path) -> FlightColumns:
 
 
 def _plain(value: typing.Any) -> typing.Any:
-    """An attribute without the arrays of one element that NetCDF makes of numbers."""
+    """The value of an attribute; NetCDF stores a number as an array of one element."""
     return value.reshape(-1)[0] if isinstance(value, np.ndarray) and value.size == 1 else value
 
 
@@ -141,7 +142,7 @@ def _setting(path: Path, attributes: dict[str, typing.Any]) -> Setting:
 
 
 def _check(path: Path, raw: dict[str, np.ndarray], setting: Setting) -> None:
-    """Raises `InputError` for the first array that is not as the schema says."""
+    """Raises `InputError` for the first array that does not follow the schema."""
     times = raw["time"]
     if times.ndim != 1 or times.size == 0:
         raise InputError(f"{path}: time has the shape {times.shape}, not that of a flight")

@@ -1,4 +1,4 @@
-"""What the expert would have done on a flight of somebody else: labels for DAgger."""
+"""The expert's commands along flights of another controller: labels for DAgger."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ from proxops.training.data.label_files import (
     save_labels,
 )
 
-# For one state in so many the later knots of the plan are labels too: where the flight would come
-# if the expert took over.
+# At every eighth state the later knots of the plan are labels too: the states that follow if the
+# expert takes over.
 _WHOLE_PLAN_EVERY = 8
 
 
@@ -40,11 +40,10 @@ def label_flights(
     folder: Path,
     workers: Workers = Workers(),
 ) -> Labels:
-    """Labels of every state of flights, and of the later knots of some plans from there.
+    """Labels every state of flights, and the later knots of some plans from these states.
 
-    The expert is that of each log's own scenario.
-
-    A flight's labels are kept in `folder`, and not computed again.
+    The expert is the one of each log's own scenario. The labels of a flight are kept in `folder`
+    and not computed again.
 
     Args:
       workers: compute the labels, and report how many flights are ready.
@@ -73,7 +72,7 @@ def labels_along(
     cold_iterations: int,
     least_horizon: float,
 ) -> Labels:
-    """Labels along a path: of every state (N, 6), and of the later knots of some plans.
+    """Labels every state (N, 6) of a path, and the later knots of some plans.
 
     Args:
       target: (6,) in m and m/s. period: s from state to state. least_horizon: see `labels_of`.
@@ -93,9 +92,9 @@ def plans_along(
     period: float,
     cold_iterations: int,
 ) -> Iterator[Plan | None]:
-    """The expert's plan from every state (N, 6) of a path; None where the solver found none.
+    """Gives the expert's plan from every state (N, 6) of a path; None where the solver fails.
 
-    Each is linearised about the one before it, once, as the expert does in flight.
+    Each plan is linearised once, about the plan before it, as the expert does in flight.
     """
     last: Plan | None = None
     for state in states:
@@ -126,7 +125,7 @@ def _label(piece: _Piece, folder: Path) -> int:
 
 
 def _origin(log: Path) -> str:
-    """What labels of a flight come from: its log, whose plans they are, and which are labelled."""
+    """Names all that the labels of a flight depend on."""
     made = f"proxops {metadata.version('proxops')}, flight {file_sha256(log)}"
     return f"{made}, every state, whole plans every {_WHOLE_PLAN_EVERY}"
 

@@ -1,4 +1,4 @@
-"""Constants that bring positions, velocities, forces and ranges to zero mean and unit spread."""
+"""Means and standard deviations of positions, velocities, forces and ranges."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ QUANTITIES = {"position": 3, "velocity": 3, "force": 3, "range": 1}
 class Scale:
     """Mean and standard deviation of each component of a quantity, in its SI unit.
 
-    A component that never varies has the deviation 1, so that it can be divided by.
+    A component that never varies gets the standard deviation 1, so that one can divide by it.
     """
 
     mean: tuple[float, ...]
@@ -27,9 +27,9 @@ class Scale:
 
 @dc.dataclass(frozen=True)
 class Normalisation:
-    """Constants of the training part: of states in K, of the MPC's forces in K, of lidar hits.
+    """Scales of the training part: of states in K, of the MPC's forces in K, of lidar ranges.
 
-    Targets are normalised as states are, and applied forces as the MPC's: they can be compared.
+    Targets use the scales of states, and applied forces those of the MPC's forces.
     """
 
     position: Scale
@@ -39,10 +39,10 @@ class Normalisation:
     force: Scale
     """N"""
     range: Scale
-    """m, one component; of rays that returned"""
+    """m, one component; only rays that returned"""
 
     def to_json(self) -> dict[str, typing.Any]:
-        """As plain lists and numbers; `from_json` gives an equal one back."""
+        """The scales as plain lists and numbers, which `from_json` reads."""
         return {
             name: {"mean": list(scale.mean), "std": list(scale.std)}
             for name, scale in ((name, getattr(self, name)) for name in QUANTITIES)
@@ -52,8 +52,12 @@ class Normalisation:
     def from_json(cls, tree: typing.Any, source: str) -> Normalisation:
         """Reads what `to_json` gave.
 
+        Args:
+          tree: lists and numbers.
+          source: where they come from, for messages.
+
         Raises:
-          InputError: a quantity is missing or has constants that cannot be; `source` names it.
+          InputError: a quantity is missing, or its numbers make no sense.
         """
         scales = {}
         for name, components in QUANTITIES.items():
@@ -77,10 +81,10 @@ class Normalisation:
 
 
 class Moments:
-    """Mean and standard deviation of rows that come in portions, at constant memory.
+    """Mean and standard deviation of rows that come in portions, in constant memory.
 
-    Portions are joined as in T. F. Chan, G. H. Golub, R. J. LeVeque, Am. Stat. 37 (1983) 242:
-    no digits are lost when the mean is large.
+    Portions are combined by the formula of T. F. Chan, G. H. Golub and R. J. LeVeque, Am. Stat. 37
+    (1983) 242, which loses no digits when the mean is large.
     """
 
     def __init__(self, components: int):
@@ -89,7 +93,7 @@ class Moments:
         self._squares = np.zeros(components)
 
     def add(self, values: np.ndarray) -> None:
-        """Joins rows (N, components)."""
+        """Adds rows (N, components)."""
         added = len(values)
         if added == 0:
             return
@@ -103,9 +107,9 @@ class Moments:
         self._count = total
 
     def scale(self) -> Scale:
-        """Of all rows so far; mean 0 and deviation 1 where there were none."""
+        """The scale of all rows so far; mean 0 and deviation 1 if there were none."""
         std = np.sqrt(self._squares / max(1, self._count))
-        # Rounding gives a constant component a tiny spread, which must not blow it up.
+        # Rounding gives a constant component a tiny spread, and dividing by it would amplify noise.
         constant = std <= 1e-12 * np.abs(self._mean)
         std[constant] = 1.0
         return Scale(tuple(self._mean.tolist()), tuple(std.tolist()))

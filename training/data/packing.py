@@ -1,4 +1,4 @@
-"""Packing a folder of flight logs: whole or not at all, and anew when the logs have changed."""
+"""Packs a folder of flight logs, completely or not at all, and again when the logs change."""
 
 from __future__ import annotations
 
@@ -36,20 +36,20 @@ def pack_flights(
     split_seed: int = 0,
     progress: Progress = silent,
 ) -> PackedFlights:
-    """The logs of a folder, packed; from the cache if it is of these very logs.
+    """Packs the logs of a folder, or opens the cache if it was packed from these logs.
 
-    One log is in memory at a time. Processes that ask at the same time wait for the one that
-    packs, and take what it wrote.
+    One log is in memory at a time. If several processes ask at once, one packs and the others wait
+    for its result.
 
     Args:
-      folder: with one *.nc file a flight.
-      cache: the folder to keep them in; None: `packed` in `folder`.
-      split_seed: of `part_of_transit`.
+      folder: folder with one *.nc file for each flight.
+      cache: folder for the packed set; None: `packed` in `folder`.
+      split_seed: seed for `part_of_transit`.
       progress: is told how far the packing is.
 
     Raises:
-      InputError: there are no logs, one is damaged, they do not go together, none is of the
-        training part, or the cache cannot be written.
+      InputError: there are no logs, one is damaged, they differ in a property that must be shared,
+        none is in the training part, or the cache cannot be written.
     """
     folder = Path(folder)
     cache = folder / "packed" if cache is None else Path(cache)
@@ -69,7 +69,7 @@ def pack_flights(
 
 
 def _unchanged(packed: PackedFlights, logs: Sequence[Path]) -> bool:
-    """Whether these are the logs that the set was packed from; reads those with a newer date."""
+    """Whether the set was packed from these logs; reads only logs with another date."""
     if [flight.name for flight in packed.flights] != [path.name for path in logs]:
         return False
     for flight, path in zip(packed.flights, logs, strict=True):
@@ -82,10 +82,10 @@ def _unchanged(packed: PackedFlights, logs: Sequence[Path]) -> bool:
 
 
 def _build(logs: Sequence[Path], cache: Path, split_seed: int, progress: Progress) -> None:
-    """Writes the set under another name, then renames it."""
+    """Writes the set under a temporary name, then renames it."""
     part, old = (cache.with_name(f".{cache.name}.{suffix}") for suffix in ("part", "old"))
     try:
-        for leftover in (part, old):  # Of a process that was killed.
+        for leftover in (part, old):  # Left by a process that was killed.
             shutil.rmtree(leftover, ignore_errors=True)
         part.mkdir()
         index = _write_columns(logs, part, split_seed, progress)
@@ -182,14 +182,14 @@ def _check_together(path: Path, setting: Setting, first: Path, wanted: Setting) 
         if here != there:
             values = "" if field.name == "body" else f" ({here} and {there})"
             raise InputError(
-                f"{path} and {first.name} differ in {field.name}{values}: flights that are learned "
-                "from together must be alike in it; move one kind to a folder of its own"
+                f"{path} and {first.name} differ in {field.name}{values}: the flights of a "
+                "training set must share it; move one kind to a folder of its own"
             )
 
 
 @contextlib.contextmanager
 def _locked(cache: Path) -> Generator[None]:
-    """One process packs at a time; the system frees the locks of the dead."""
+    """Lets one process pack at a time; the system frees the lock of a process that dies."""
     try:
         file = cache.with_name(f".{cache.name}.lock").open("ab")
     except OSError as error:

@@ -1,9 +1,8 @@
-"""The expert's plans as labels: a plan says what to do at its knots, at no more cost.
+"""The expert's plans as labels: one solution labels the states at all knots of the plan.
 
-What is left of a plan of the expert is its plan from there (see `TransitProgram`), so the force
-that begins at a knot is its command in the knot's state, but for those close to the goal: see
-`labels_of`. One solution labels many states, and those it was not asked about are where flights
-that go well will come.
+The rest of an expert's plan is its plan from there (see `TransitProgram`). So the force that begins
+at a knot is the expert's command in the knot's state, except close to the goal: see `labels_of`.
+The later knots are states that successful flights pass through.
 """
 
 from __future__ import annotations
@@ -28,28 +27,28 @@ from proxops.training.data.label_files import (
 )
 from proxops.training.data.scaling import body_length, scaling_for
 
-# Transits whose plans are computed, and kept, together.
+# Transits whose plans are computed, and kept in one file, together.
 _PORTION = 50
 # Solutions for one transit: from its start, and from states off its plan.
 _SOLUTIONS = 6
-# Share of the solutions that start in the last time of the plan, of so many least horizons, where
-# precision counts and knots are no labels.
+# Share of the solutions that start near the end of the plan, within this many least horizons of it:
+# precision counts there, and knots are no labels.
 _LATE, _LATE_HORIZONS = 0.3, 3.0
-# How far off the plan they start: log-uniform standard deviations, at Kleopatra in m and m/s (see
-# `Scaling`); and how often the program is linearised from there: after four times it has settled
-# in all but one case of ten.
+# Solutions start this far from the plan: limits of log-uniform standard deviations, at Kleopatra in
+# m and m/s (see `Scaling`). How often the program is linearised from there: after four times it has
+# converged in nine cases of ten.
 _POSITION_OFF, _SPEED_OFF = (30.0, 6e3), (0.03, 4.0)
 _ITERATIONS = 4
 # Share of transits that the ellipsoid blocks: few random ones are, and those are hard.
 _BLOCKED_SHARE = 0.65
-# Draws after which a transit may be either: near a body of another shape there may be none.
+# After this many draws a transit may be of either kind: a body of another shape may have only one.
 _DRAWS = 500
 _STREAM = 5
 
 
 @dc.dataclass(frozen=True)
 class Portion:
-    """Some transits whose plans are computed together, as text, so that any worker can."""
+    """Transits whose plans are computed together; plain values that any worker can receive."""
 
     name: str
     scenario: str
@@ -67,15 +66,14 @@ def expert_plans(
 ) -> Labels:
     """States (N, 6), goals (N, 3) and the expert's forces (N, 3) there, in K and SI.
 
-    Transits are random, two in three of them blocked by the ellipsoid; each is a function of
-    (scenario, seed, number). What has been computed is kept in `folder`, by portions, and not
-    computed again.
+    Transits are random, and the ellipsoid blocks two in three of them. Each is a function of
+    (scenario, seed, number). Plans are kept in `folder`, in portions, and are not computed again.
 
     Args:
       workers: compute the plans, and report how many transits are ready.
 
     Raises:
-      InputError: a file in the folder is damaged or of other plans.
+      InputError: a file in the folder is damaged or holds other plans.
     """
     make_folder(folder)
     text = dump_scenario(scenario)
@@ -99,7 +97,7 @@ def expert_plans(
 def transit_plans(
     program: PlanProgram, scenario: Scenario, body: Body, seed: int, index: int
 ) -> list[Plan]:
-    """Plans of one random transit: from its start, and from states off that plan."""
+    """Plans of one random transit: from its start, and from states near that plan."""
     random = generator(derived_seed(seed, _STREAM), index)
     start, goal = _ends(random, scenario, body)
     target = np.append(goal, np.zeros(3))
@@ -170,7 +168,7 @@ def _compute(portion: Portion, folder: Path) -> int:
 
 
 def _origin(portion: Portion) -> str:
-    """All that the plans depend on."""
+    """Names all that the plans depend on."""
     scenario = parse_scenario(portion.scenario)
     parts = scenario.body, scenario.spacecraft, scenario.mpc, scenario.transit
     made = version_and_body(_body(scenario.body))
@@ -178,5 +176,5 @@ def _origin(portion: Portion) -> str:
     return f"{made}, share {_BLOCKED_SHARE} blocked, of {count}, {parts}"
 
 
-# One large thing, loaded once in each worker.
+# Bodies are large, so each worker loads them once.
 _body = functools.lru_cache(maxsize=1)(load_body)

@@ -1,8 +1,8 @@
-"""The kinds of expert flights that a training set is made of, and the mixes of them.
+"""The kinds of expert flights in a training set, and mixes of kinds.
 
-A policy that has only seen an expert fly well does not know what to do where the expert never is.
-So most flights are disturbed, or start where something has gone wrong already; the label stays
-what the expert commands there.
+A policy that has only seen an expert fly well does not know what to do in states that the expert
+avoids. So most flights are disturbed, or start after something has gone wrong. The label is always
+the expert's command.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ MIXES = {
         "holding": 3,
     },
 }  # fmt: skip
-"""Named mixes: shares of the kinds."""
+"""Named mixes: weights of the kinds."""
 
 # Share of the thrust limit that a start leaves for braking before the keep-out ellipsoid.
 _BRAKING_SHARE = 0.35
@@ -42,10 +42,10 @@ _ATTEMPTS = 10_000
 
 
 def parse_mix(text: str) -> dict[str, int]:
-    """A mix by its name, or from `kind=weight,kind=weight` with whole weights.
+    """Reads a mix: its name, or `kind=weight,kind=weight` with whole numbers as weights.
 
     Raises:
-      InputError: an unknown name or kind, or weights that are none.
+      InputError: there is no such name or kind, or a weight is no whole number.
     """
     if text in MIXES:
         return dict(MIXES[text])
@@ -70,30 +70,31 @@ def parse_mix(text: str) -> dict[str, int]:
 
 
 def kind_of(mix: Mapping[str, int], index: int) -> str:
-    """The kind of flight number `index`: a function of mix and index alone.
+    """The kind of flight number `index`; it depends on the mix and the index alone.
 
-    The kinds follow each other in a cycle as long as the sum of the weights, in which each is as
-    evenly spread as can be. As transits repeat a pattern every ten, the cycle is shifted by one
-    each time that both begin together: in the long run each kind meets each sort of transit alike.
+    The kinds repeat in a cycle whose length is the sum of the weights. In the cycle each kind is
+    spread as evenly as possible. Blocked and clear transits repeat every ten, so the cycle shifts
+    by one whenever both begin together: in the long run each kind gets each sort of transit equally
+    often.
     """
     length = sum(mix.values())
     cycle: list[str] = []
     for place in range(1, length + 1):
-        # The one that is furthest behind its share, the first of them if several are.
+        # The kind that is furthest behind its share; of several such kinds the first.
         behind = {kind: place * weight - length * cycle.count(kind) for kind, weight in mix.items()}
         cycle.append(max(behind, key=lambda kind: behind[kind]))
     return cycle[(index + index // math.lcm(length, 10)) % length]
 
 
 def flight_scenario(kind: str, scenario: Scenario, body: Body, seed: int, index: int) -> Scenario:
-    """The scenario of an expert flight of a kind: a function of its arguments alone.
+    """The scenario of an expert flight of a kind; it depends on the arguments alone.
 
-    Goals are those of `transit_set(seed)`. What disturbs a flight has the settings that `scenario`
-    has for it, or the usual ones: for the default spacecraft the defaults, for others in proportion
-    to its thrust, speed limit and control period. What belongs to other kinds is left out.
+    Goals are those of `transit_set(seed)`. A disturbance has the settings in `scenario`. Without
+    any, it has the default ones, in proportion to the spacecraft's thrust, speed limit and control
+    period. Disturbances that belong to other kinds are left out.
 
     Raises:
-      InputError: the scenario has no such transit or start.
+      InputError: no such transit or start is found in the scenario.
     """
     plain = dc.replace(
         at_rest(of_transit(scenario, seed, index)), disturbance=None, force_noise=None, kicks=None
@@ -102,41 +103,41 @@ def flight_scenario(kind: str, scenario: Scenario, body: Body, seed: int, index:
 
 
 def at_rest(scenario: Scenario) -> Scenario:
-    """The scenario, its flight begun at rest in K."""
+    """The scenario with a flight that begins at rest in K."""
     return dc.replace(scenario, transit=dc.replace(scenario.transit, start_velocity_m_s=None))
 
 
 def _nominal(plain: Scenario, wanted: Scenario, body: Body) -> Scenario:
-    """As the expert flies it."""
+    """A flight without disturbance."""
     return plain
 
 
 def _random_walk(plain: Scenario, wanted: Scenario, body: Body) -> Scenario:
-    """With the paper's disturbance, which scales with the command."""
+    """A flight with the paper's disturbance, which scales with the command."""
     thrust, period = plain.spacecraft.thrust_limit_n, plain.control_period_s
     usual = RandomWalkDisturbanceConfig(reset_period_s=10.0 * period, increment_std_n=thrust / 14.0)
     return dc.replace(plain, disturbance=wanted.disturbance or usual)
 
 
 def _noise(plain: Scenario, wanted: Scenario, body: Body) -> Scenario:
-    """With noise of its own size on the command."""
+    """A flight with noise on the command that does not depend on the command."""
     thrust, period = plain.spacecraft.thrust_limit_n, plain.control_period_s
     usual = ForceNoiseConfig(std_n=thrust / 10.0, correlation_time_s=10.0 * period)
     return dc.replace(plain, force_noise=wanted.force_noise or usual)
 
 
 def _kicks(plain: Scenario, wanted: Scenario, body: Body) -> Scenario:
-    """With pushes from outside."""
+    """A flight with velocity kicks."""
     speed, period = plain.spacecraft.speed_limit_m_s, plain.control_period_s
     usual = KicksConfig(velocity_std_m_s=speed / 20.0, mean_interval_s=90.0 * period)
     return dc.replace(plain, kicks=wanted.kicks or usual)
 
 
 def _overshoot(plain: Scenario, wanted: Scenario, body: Body) -> Scenario:
-    """As if the goal had been flown past: beyond it on the line of flight, moving away.
+    """A flight that begins behind the goal, as seen from the start, and moves away from it.
 
-    The distance is uniform up to `transit.end_clearance_m` (8 km), the speed up to 8 times
-    `arrival.speed_m_s`; both turn from the line by some 15 degrees.
+    The distance is uniform up to `transit.end_clearance_m` (8 km), and the speed up to 8 times
+    `arrival.speed_m_s`. Both directions are some 15 degrees off the line from start to goal.
     """
     drawn, random = _draw(plain, body, "overshoot")
     line = (drawn.goal - drawn.start) / np.linalg.norm(drawn.goal - drawn.start)
@@ -151,12 +152,12 @@ def _overshoot(plain: Scenario, wanted: Scenario, body: Body) -> Scenario:
 
 
 def _keep_out(plain: Scenario, wanted: Scenario, body: Body) -> Scenario:
-    """Near the keep-out ellipsoid, at a clearance uniform up to `transit.end_clearance_m` (8 km).
+    """A flight that begins near the keep-out ellipsoid, at up to `transit.end_clearance_m` (8 km).
 
-    The velocity per axis is normal with an eighth of the speed limit (5 m/s), but never so much
-    towards the ellipsoid that a third of the thrust could not stop it outside. It is no nearer the
-    goal than `transit.min_distance_m`, nor further than `transit.max_distance_m`, unless the goal
-    is nearly as far from all of the ellipsoid.
+    The clearance is uniform. The velocity per axis is normal, with an eighth of the speed limit
+    (5 m/s) as standard deviation; a third of the thrust can always stop the spacecraft outside the
+    ellipsoid. The start is between `transit.min_distance_m` and `transit.max_distance_m` from the
+    goal, or farther if the goal is that far from the whole ellipsoid.
     """
     drawn, random = _draw(plain, body, "keep_out")
     axes, rules = body.keep_out_semi_axes, plain.transit
@@ -166,7 +167,7 @@ def _keep_out(plain: Scenario, wanted: Scenario, body: Body) -> Scenario:
         way = random.standard_normal(3)
         surface = axes * way / np.linalg.norm(way)
         normal = surface / axes**2 / np.linalg.norm(surface / axes**2)
-        # Along the normal of a convex surface the clearance is the distance gone.
+        # Along the normal of a convex surface the clearance is the distance from it.
         place = surface + rules.end_clearance_m * random.random() * normal
         velocity = plain.spacecraft.speed_limit_m_s / 8.0 * random.standard_normal(3)
         distance = float(np.linalg.norm(place - drawn.goal))
@@ -177,7 +178,7 @@ def _keep_out(plain: Scenario, wanted: Scenario, body: Body) -> Scenario:
 
 
 def _holding(plain: Scenario, wanted: Scenario, body: Body) -> Scenario:
-    """At the goal, uniform in place and velocity within the radius and speed of arrival."""
+    """A flight that begins at the goal: uniform within the radius and the speed of arrival."""
     drawn, random = _draw(plain, body, "holding")
     ways = random.standard_normal((2, 3))
     ways /= np.linalg.norm(ways, axis=1, keepdims=True)
@@ -195,18 +196,18 @@ KINDS: dict[str, Callable[[Scenario, Scenario, Body], Scenario]] = {
     "keep_out": _keep_out,
     "holding": _holding,
 }
-"""Each makes the scenario of a flight from the plain transit, the scenario wanted, and the body."""
+"""Each function takes the plain transit, the scenario asked for and the body."""
 
 
 def _draw(plain: Scenario, body: Body, kind: str) -> tuple[Transit, np.random.Generator]:
-    """The transit whose goal is flown to, and the numbers that the start is drawn from."""
+    """The transit with the goal, and the generator from which the start is drawn."""
     seed, index = plain.transit.seed, plain.transit.index
     stream = list(KINDS).index(kind)
     return draw_transit(seed, index, plain, body), generator(derived_seed(seed, stream), index)
 
 
 def _can_start(place: np.ndarray, velocity: np.ndarray, plain: Scenario, body: Body) -> bool:
-    """Whether a flight may start so: it can hover there, and stop before the keep-out ellipsoid."""
+    """Whether the spacecraft can hover there, and stop before the keep-out ellipsoid."""
     craft = plain.spacecraft
     if np.abs(velocity).max() > craft.speed_limit_m_s:
         return False

@@ -1,4 +1,4 @@
-"""How a body and a spacecraft compare with those at which the pilot's recipe was made."""
+"""Factors between a body and a spacecraft and those for which the pilot's recipe was made."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _LENGTH, _FORCE, _ACCELERATION = _LENGTH_SHARE * 140e3, 7.0, 0.07
 
 @dc.dataclass(frozen=True)
 class Scaling:
-    """What numbers that were chosen at Kleopatra are multiplied by: 1 there."""
+    """Factors for numbers that were chosen at Kleopatra; all are 1 there."""
 
     length: float = 1.0
     speed: float = 1.0
@@ -26,14 +26,19 @@ class Scaling:
 
 
 def body_length(keep_out_semi_axes: np.ndarray) -> float:
-    """About a body's size, in m, from the semi-axes (3,) of its keep-out ellipsoid."""
+    """A body's size in m, roughly, from the semi-axes (3,) of its keep-out ellipsoid."""
     return _LENGTH_SHARE * float(np.max(keep_out_semi_axes))
 
 
 def scaling_for(length: float, mass: float, thrust_limit: float) -> Scaling:
-    """That of a body of a `body_length` in m and a spacecraft of so many kg and N.
+    """The factors for a body and a spacecraft.
 
-    Speeds are alike that these accelerations reach over these lengths.
+    The factor of speeds is that of the speeds which these accelerations reach over these lengths.
+
+    Args:
+      length: the body's size in m, see `body_length`.
+      mass: of the spacecraft in kg.
+      thrust_limit: per axis in N.
     """
     ratio, acceleration = length / _LENGTH, thrust_limit / mass / _ACCELERATION
     speed = float(np.sqrt(ratio * acceleration))
@@ -41,11 +46,11 @@ def scaling_for(length: float, mass: float, thrust_limit: float) -> Scaling:
 
 
 def keep_out_of(setting: Setting) -> np.ndarray:
-    """Semi-axes (3,) in m of the keep-out ellipsoid of the body that was flown at."""
+    """Semi-axes (3,) in m of the keep-out ellipsoid of the flights' body."""
     return np.array(yaml_load(data=setting.body)["keep_out_semi_axes_m"], dtype=float)
 
 
 def scaling_of(setting: Setting) -> Scaling:
-    """That of flights."""
+    """The factors for the body and the spacecraft of flights."""
     length = body_length(keep_out_of(setting))
     return scaling_for(length, setting.mass_kg, setting.thrust_limit_n)

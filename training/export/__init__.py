@@ -1,7 +1,7 @@
-"""From PyTorch to a bundle that flies, with the report that goes with it.
+"""Export of PyTorch networks to bundles that fly, with a report on the policy.
 
-Start with `export_policy` for any module of your own. ONNX Runtime is compared with PyTorch before
-anything is written.
+Start with `export_policy`, which takes any module with the interface of a policy. Every export runs
+ONNX Runtime against PyTorch before it writes anything.
 """
 
 from proxops.training.export.onnx_export import (

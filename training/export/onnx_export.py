@@ -1,4 +1,4 @@
-"""From a torch module to a bundle's folder: what every kind of bundle shares."""
+"""From a torch module to a bundle's folder; all kinds of bundles use this."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from torch import Tensor, nn
 
 from proxops.systems.common import MODEL_FILE, InputError, make_folder
 
-# An output of the exported network may differ from torch's by this much, relative to the output's
-# greatest magnitude. Not value by value: logits near 0 are differences of numbers around 100, and
-# single precision itself leaves them uncertain by some 4e-5.
+# Greatest difference of an output between the exported network and torch, relative to the greatest
+# magnitude of the output. It is not taken value by value: logits near 0 are differences of numbers
+# around 100, and in single precision they are uncertain by some 4e-5.
 _TOLERANCE = 1e-5
 
 
@@ -33,9 +33,9 @@ def onnx_bytes(
     outputs: Sequence[str],
     dynamic_shapes: tuple[dict, ...] | None = None,
 ) -> bytes:
-    """The network as an ONNX file; `dynamic_shapes` as torch.onnx.export takes them."""
-    # They say that torchvision, which nothing here needs, is not installed, and that a constant
-    # that is also an output is not merged with its like.
+    """Exports a network to an ONNX file; torch.onnx.export explains `dynamic_shapes`."""
+    # These modules warn that torchvision is missing, which nothing here needs, and that a constant
+    # that is also an output is not merged with equal ones.
     for name in (
         "torch.onnx._internal.exporter._registration",
         "onnx_ir.passes.common.initializer_deduplication",
@@ -60,10 +60,10 @@ def onnx_bytes(
 
 
 def _tidy(graph: onnx.GraphProto) -> None:
-    """Removes where in the sources each node comes from, which differs from run to run.
+    """Removes the places in the source of each node, which differ from run to run.
 
-    It also names grid_sample's linear mode as ONNX has it since opset 20. The exporter does so
-    itself, but for the branches of conditions.
+    It also gives grid_sample's linear mode the name that ONNX uses since opset 20. The exporter
+    does so itself, except in the branches of conditions.
     """
     for item in (graph, *graph.node, *graph.value_info, *graph.input, *graph.output):
         del item.metadata_props[:]
@@ -76,9 +76,9 @@ def _tidy(graph: onnx.GraphProto) -> None:
 
 
 def accepted_difference(wanted: np.ndarray, got: np.ndarray) -> float:
-    """The greatest difference of an output of torch and of ONNX Runtime, relative to its size.
+    """The greatest difference between outputs of torch and ONNX Runtime, relative to their size.
 
-    NaN and infinities must stand at the same places in both.
+    NaN and infinities must be at the same places in both.
 
     Raises:
       InputError: it is above 1e-5.
@@ -97,7 +97,7 @@ def accepted_difference(wanted: np.ndarray, got: np.ndarray) -> float:
 
 
 def describing(content: dict[str, typing.Any], model: bytes) -> str:
-    """A bundle's JSON file: its content, and the model's hash and the versions that made it."""
+    """The text of a bundle's JSON file: content, hash of the model, and versions of libraries."""
     origin = {
         "model_sha256": hashlib.sha256(model).hexdigest(),
         "versions": {
@@ -114,12 +114,12 @@ def write_bundle_folder(folder: Path, model: bytes, texts: dict[str, str]) -> No
 
 
 def write_folder(folder: Path, files: dict[str, bytes]) -> None:
-    """Writes a folder of files by their names; an older one is replaced.
+    """Writes a folder of files by their names; an older folder is replaced.
 
-    It appears under its name only when it is whole.
+    The folder appears under its name only when it is complete.
 
     Raises:
-      InputError: it can't be written.
+      InputError: the folder cannot be written.
     """
     make_folder(folder.parent)
     try:

@@ -1,4 +1,4 @@
-"""From a trained policy to the bundle that flies."""
+"""From a trained policy to its bundle, which flies."""
 
 from __future__ import annotations
 
@@ -37,10 +37,10 @@ returned; target (T, 6) in m and m/s; the force applied before each step (T, 3) 
 
 @dataclass(frozen=True)
 class PolicyFacts:
-    """What a bundle says besides its network."""
+    """The facts in a bundle beside its network."""
 
     recipe: str
-    """How it was trained."""
+    """Name of the recipe."""
     planes: int
     rays: int
     period: float
@@ -48,16 +48,16 @@ class PolicyFacts:
     thrust_limit: float
     """Greatest force per axis in N in the data."""
     memory: int
-    """Length of what it remembers from step to step; at least 1."""
+    """Length of the memory from step to step; at least 1."""
     estimates: bool
     """Whether it estimates position and velocity."""
     body: str
     """Name of the body."""
     shape_sha256: str
     data_sha256: str
-    """Of the data that it was trained on."""
+    """Hash of the training data."""
     metrics: dict[str, typing.Any] = field(default_factory=dict)
-    """Whatever is worth telling of its training, as JSON takes it."""
+    """Further figures of the training, as JSON takes them."""
 
 
 def export_policy(
@@ -67,19 +67,20 @@ def export_policy(
     examples: Sequence[Example],
     report: str | None = None,
 ) -> None:
-    """Exports a policy, checks it, and writes its bundle; an older one is replaced.
+    """Exports a policy, checks it, and writes its bundle; an older bundle is replaced.
 
-    The folder appears under its name only when it is whole. The module itself stays as it is.
+    The folder appears under its name only when it is complete. The module is not changed.
 
     Args:
       module: its `forward(ranges, target, applied_force, memory)` gives force, estimate and next
         memory, all of one row: see `proxops.systems.policy.policy_bundle`.
-      examples: ONNX Runtime is run against torch on these.
-      report: becomes `report.md`.
+      facts: are written to the bundle.
+      examples: steps on which ONNX Runtime is run against torch.
+      report: content of `report.md`.
 
     Raises:
-      InputError: it is no such module, ONNX Runtime's outputs differ from torch's by more than
-        1e-5 of their size, it is not as the facts say, or the folder can't be written.
+      InputError: the module has another interface or does not fit the facts; ONNX Runtime's outputs
+        differ from torch's by more than 1e-5 of their size; or the folder cannot be written.
     """
     module = copy.deepcopy(module).cpu().eval()
     rays = facts.planes * facts.rays
@@ -111,13 +112,14 @@ def export_policy(
 def check_policy(
     model: bytes, module: nn.Module, facts: PolicyFacts, examples: Sequence[Example]
 ) -> float:
-    """The greatest difference of ONNX Runtime and torch, relative to each output's size.
+    """The greatest difference between ONNX Runtime and torch, relative to each output's size.
 
-    At every step of the examples both are given the memory that torch has made.
+    At every step of the examples both get the memory that torch computed.
 
     Raises:
-      InputError: it is above 1e-5, there is nothing to compare, a force or memory is not finite,
-        or there are estimates where the facts say that there are none, or none where some.
+      InputError: the difference is above 1e-5; there are no examples; a force or memory is not
+        finite; or the policy estimates the state although the facts say that it does not, or the
+        reverse.
     """
     session = open_session(model)
 
@@ -146,6 +148,6 @@ def check_policy(
 
 
 def _parts(answers: np.ndarray) -> dict[str, np.ndarray]:
-    """Outputs (steps, size) by name; position and velocity apart, for they differ in size."""
+    """Outputs (steps, size) by name; position and velocity apart, because their sizes differ."""
     names = ("force", "position", "velocity", "memory")
     return dict(zip(names, np.split(answers, [3, 6, 9], axis=1), strict=True))

@@ -1,4 +1,4 @@
-"""What every recipe leaves behind: the policy against the MPC on logged flights, and its bundle."""
+"""The report of a recipe, with the policy's forces against the MPC's, and the policy's bundle."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ from proxops.training.reports import (
     write_markdown,
 )
 
-# Flights that are replayed together, of like length.
+# Number of flights, of similar length, that are replayed together.
 _TOGETHER = 16
-# Steps of a flight on which the exported policy is compared with the trained one.
+# Number of steps on which the exported policy is compared with the trained one.
 _CHECKED_STEPS = 20
 
 
 @torch.no_grad()
 def replay_flights(policy: Any, flights: PackedFlights, part: str) -> tuple[np.ndarray, np.ndarray]:
-    """What the MPC and the policy say at every labelled step of a part's flights, N (K, 3) each.
+    """Forces (K, 3) in N of the MPC and of the policy at every labelled step of a part's flights.
 
-    The policy sees each flight from its start, remembering, as if it flew along.
+    The policy gets each flight from its start and keeps its memory, as in flight.
 
     Args:
       policy: a module with `sequence(frames, target, applied_force)`, which gives forces first.
@@ -43,7 +43,7 @@ def replay_flights(policy: Any, flights: PackedFlights, part: str) -> tuple[np.n
     ordered = sorted(flights.part(part), key=lambda flight: flight.steps)
     for first in range(0, len(ordered), _TOGETHER):
         group = ordered[first : first + _TOGETHER]
-        # A flight's last row is repeated until the longest is over.
+        # The last row of a flight is repeated up to the length of the longest flight.
         steps = np.arange(group[-1].steps)
         rows = np.array([each.start + np.minimum(steps, each.steps - 1) for each in group])
         frames = flights.frames(rows.ravel()).reshape(*rows.shape, *_geometry(flights))

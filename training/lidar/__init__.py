@@ -1,6 +1,7 @@
-"""Training the learned lidar: noiseless frames on a grid, and two networks that learn them.
+"""Training of the learned lidar: two networks learn noiseless frames on a grid of positions.
 
-Start with `train_lidar`, which `proxops train-lidar` calls.
+Start with `train_lidar` in `synthesis`, which `proxops train-lidar` calls. `networks` has the two
+networks: ours answers for each ray, and the paper's gives whole frames. `bundle` exports both.
 """
 
 from proxops.training.lidar.synthesis import LidarSettings, train_lidar

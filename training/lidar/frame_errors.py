@@ -1,4 +1,4 @@
-"""How good a synthetic lidar is: figures against the ray-caster's frames, and a report."""
+"""Errors of a learned lidar against the ray caster's frames, and the report on them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from proxops.training.lidar.frames import GridFrames, near_silhouette
 from proxops.training.reports import Picture, Section, Table, Text
 
 _NEIGHBOURS = 8
-# Distance from the body's centre, in half edges of the cube, at which one band ends.
+# Limits of bands of distance from the body's centre, over half of the cube's edge.
 _BANDS = (0.0, 0.5, 0.75, 1.0, 1.25, 3.0**0.5)
 TARGET_IOU = 0.97
 TARGET_MEDIAN_M = 500.0
@@ -26,15 +26,16 @@ Figures = dict[str, typing.Any]
 
 
 def nearest_frames(grid: GridFrames) -> Frames:
-    """The frame of the nearest grid position, as it is."""
+    """Takes the frame of the nearest grid position."""
     tree = KDTree(grid.positions)
     return lambda positions: grid.frames[tree.query(positions)[1]]
 
 
 def weighted_frames(grid: GridFrames) -> Frames:
-    """Inverse-distance weighting (Shepard) of the 8 nearest grid frames.
+    """Weights the 8 nearest grid frames by the inverse of their distance (Shepard).
 
-    A ray returns if at least half of the weight does; its range is the weighted mean of those.
+    A ray returns if frames with at least half of the weight return; its range is their weighted
+    mean.
     """
     tree = KDTree(grid.positions)
 

@@ -1,7 +1,7 @@
-"""What the lidar's networks learn from: noiseless frames on a grid of positions.
+"""Examples for the lidar's networks: noiseless frames on a grid of positions.
 
-Noise is a property of the sensor that flies, not of the body: it is added in flight, so that one
-network serves every noise, and dropout and false returns too.
+Noise belongs to the sensor, not to the body. It is added in flight, as are dropout and false
+returns, so one network serves every sensor.
 """
 
 from __future__ import annotations
@@ -19,19 +19,20 @@ from proxops.systems.shapes import RayFan, smallest_ellipsoid
 from proxops.training.lidar.networks import NO_RETURN
 
 LENGTH_UNITS_PER_CUBE = 340.0
-"""The paper's network thinks in the unit that makes the cube this long: km, for its 340 km."""
-# The ellipsoid that cuts rays to chords is this much larger than one that just holds all returns.
+"""Edge of the cube in the unit of length of the paper's network: km, for the paper's 340 km."""
+# The ellipsoid that cuts rays to chords is this share larger than the smallest one around all
+# returns.
 _MARGIN = 0.02
-# Rays less than this many rays, in their plane, from one that returns where they don't, or the
-# reverse, are near the silhouette.
+# A ray is near the silhouette if, within this many rays of its plane, another ray returns and it
+# does not, or the reverse.
 _SILHOUETTE_REACH = 2
-# Positions whose chords are computed together.
+# Number of positions whose chords are computed together.
 _BLOCK = 64
 _FEWEST_POSITIONS = 64
 
 
 def grid_positions(body: Body, cube: float, spacing: float) -> np.ndarray:
-    """Positions (N, 3) in m in K on a cubic grid about the origin, without those in the body.
+    """Positions (N, 3) in m in K on a cubic grid about the origin, outside the body.
 
     Args:
       cube: edge in m that the grid fills. spacing: in m between neighbours.
@@ -64,12 +65,12 @@ def random_positions(body: Body, cube: float, count: int, seed: int) -> np.ndarr
 
 
 def outside(body: Body, positions: np.ndarray) -> np.ndarray:
-    """Those of the positions (N, 3) that are not inside the body."""
+    """The positions of (N, 3) that are outside the body."""
     return positions[~body.gravity_field.evaluate(positions).inside]
 
 
 def near_silhouette(frames: np.ndarray, planes: int) -> np.ndarray:
-    """Which rays of frames (N, R) in m are near the body's outline: (N, R) bool."""
+    """Marks the rays of frames (N, R) in m that are near the body's outline: (N, R) bool."""
     hits = np.isfinite(frames).reshape(len(frames), planes, -1)
     near = np.zeros_like(hits)
     for shift in range(1, _SILHOUETTE_REACH + 1):
@@ -94,7 +95,7 @@ def enclosing_ellipsoid(
 
 @dataclass(frozen=True)
 class GridFrames:
-    """Frames without noise on the grid, and how the positions are split."""
+    """Noiseless frames on the grid, and which positions are for validation."""
 
     positions: np.ndarray
     """(N, 3) in m in K."""
@@ -105,7 +106,7 @@ class GridFrames:
 
 
 def cast_grid(body: Body, fan: RayFan, cube: float, spacing: float, seed: int) -> GridFrames:
-    """Casts the frames of the grid and draws one position in twenty for validation."""
+    """Casts the frames on the grid, and draws one position in twenty for validation."""
     positions = grid_positions(body, cube, spacing)
     held_out = np.zeros(len(positions), dtype=bool)
     held_out[np.random.default_rng(seed).permutation(len(positions))[: len(positions) // 20]] = True

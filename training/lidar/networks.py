@@ -1,4 +1,4 @@
-"""The two networks that stand for the lidar: the paper's, frame-wise, and ours, ray-wise."""
+"""The two networks that replace the ray caster: the paper's for frames, and ours for rays."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ import torch
 from torch import Tensor, nn
 
 NO_RETURN = -100.0
-"""What the paper's network is to say for a ray without a return, in its unit of length."""
+"""The label of the paper's network for a ray without a return, in its unit of length."""
 
 
 class RayNetwork(nn.Module):
     """Hit probability and depth of one ray, from its chord through an ellipsoid round the body.
 
-    The chord's two ends, in the coordinates that make the ellipsoid the unit ball,
-    are lifted by sines and cosines of rising frequency (Tancik et al., NeurIPS 2020), since a
-    plain network learns edges slowly; a multilayer perceptron follows. The depth is a share of
-    the chord, so that no answer lies outside the ellipsoid.
+    The inputs are the chord's two ends, in coordinates in which the ellipsoid is the unit ball.
+    Sines and cosines of rising frequency come first (Tancik et al., NeurIPS 2020), because a plain
+    network learns edges slowly. A multilayer perceptron follows. The depth is a share of the chord,
+    so that no answer lies outside the ellipsoid.
     """
 
     def __init__(self, width: int = 128, layers: int = 4, frequencies: int = 4):
@@ -45,9 +45,9 @@ class RayNetwork(nn.Module):
 
 
 class FrameNetwork(nn.Module):
-    """The paper's: a multilayer perceptron from the state to the whole frame.
+    """The paper's network: a multilayer perceptron from the state to the whole frame.
 
-    The attitude is held to K and a frame doesn't depend on velocity, so the state is the position.
+    The attitude is held to K and a frame does not depend on velocity, so the position suffices.
     """
 
     def __init__(self, rays: int, width: int = 512):
@@ -63,7 +63,7 @@ class FrameNetwork(nn.Module):
         )
 
     def forward(self, positions: Tensor) -> Tensor:
-        """Frames (N, rays) in the unit of length, near `NO_RETURN` where nothing returns.
+        """Frames (N, rays) in the unit of length, near `NO_RETURN` where no ray returns.
 
         Args:
           positions: (N, 3) in K, in half edges of the cube.
@@ -71,12 +71,16 @@ class FrameNetwork(nn.Module):
         return 100.0 * self.layers(positions)
 
 
-def ray_loss(network: RayNetwork, chords: Tensor, hit: Tensor, depth: Tensor, length: Tensor):
-    """Cross-entropy of the hit plus the absolute error of the depth where there is one.
+def ray_loss(
+    network: RayNetwork, chords: Tensor, hit: Tensor, depth: Tensor, length: Tensor
+) -> Tensor:
+    """Cross-entropy of the hit, plus the absolute error of the depth where the ray hits.
 
     Args:
-      chords: (K, 6). hit: (K,) 1 or 0. depth: (K,) share of the chord, any where nothing is hit.
-      length: (K,) of the chord, in units in which an error of 1 weighs as much as a nat.
+      chords: (K, 6).
+      hit: (K,) 1 or 0.
+      depth: (K,) share of the chord; any number where the ray hits nothing.
+      length: (K,) length of the chord, in units in which an error of 1 weighs as much as a nat.
     """
     logit, guess = network(chords)
     entropy = nn.functional.binary_cross_entropy_with_logits(logit, hit)
@@ -85,5 +89,5 @@ def ray_loss(network: RayNetwork, chords: Tensor, hit: Tensor, depth: Tensor, le
 
 
 def frame_loss(network: FrameNetwork, positions: Tensor, frames: Tensor) -> Tensor:
-    """The paper's: root mean square error over all rays, returned or not."""
+    """The paper's loss: root mean square error over all rays, with or without a return."""
     return nn.functional.mse_loss(network(positions), frames).sqrt()

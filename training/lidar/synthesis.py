@@ -1,4 +1,4 @@
-"""The learned lidar from end to end: grid, both networks, bundle, report, pictures."""
+"""Trains the learned lidar: casts the grid, trains both networks, exports them and reports."""
 
 from __future__ import annotations
 
@@ -36,11 +36,11 @@ from proxops.training.lidar.networks import FrameNetwork, RayNetwork, frame_loss
 from proxops.training.loop import Schedule, TensorBatches, Trained, TrainingTask, seeded, train
 from proxops.training.reports import Picture, picture, plot_frames, write_markdown
 
-# An error of depth as long as the ellipsoid's mean semi-axis weighs as much as this many nats.
+# A depth error as long as the ellipsoid's mean semi-axis weighs as much as this many nats.
 _LENGTH_WEIGHT = 8.0
 _RAY_SCHEDULE = Schedule(epochs=24, batch=8192, learning_rate=4e-3, patience=8)
 _FRAME_SCHEDULE = Schedule(epochs=60, batch=64, learning_rate=1e-3, patience=15)
-# Keeps the test positions' stream of random numbers apart from what a seed draws elsewhere.
+# Added to the seed for the test positions, so that no other numbers come from the same seed.
 _TEST_STREAM = 1_000_003
 OURS, PAPERS = "ray network (ours)", "frame network (paper)"
 _TIMED_FRAMES = 200
@@ -52,19 +52,19 @@ _CHECKED_FRAMES = 32
 
 @dataclass(frozen=True)
 class LidarSettings:
-    """How the networks are trained and judged."""
+    """Settings of the training of both networks, and of the test."""
 
     spacing: float = 20e3
-    """Of the grid, in m."""
+    """Spacing of the grid in m."""
     seed: int = 0
     width: int = 128
-    """Of the ray network's layers."""
+    """Width of the ray network's layers."""
     ray: Schedule = _RAY_SCHEDULE
     frame: Schedule = _FRAME_SCHEDULE
     test_positions: int = 1000
 
     def quick(self) -> LidarSettings:
-        """The same in seconds, for trying out: a coarse grid and few steps."""
+        """Settings for a first try in seconds: a coarse grid and few steps."""
         return replace(
             self,
             spacing=2.0 * self.spacing,
@@ -145,7 +145,7 @@ def train_lidar(
 
 @dataclass(frozen=True)
 class _Examples:
-    """What both networks learn from, and how."""
+    """The examples and settings that both networks share."""
 
     body: Body
     lidar: LidarConfig
@@ -209,7 +209,7 @@ def _judge(
     lidar: LidarConfig,
     cube: float,
 ) -> tuple[dict[str, Any], Picture]:
-    """Figures of the methods' frames from the test positions (N, 3), and some of these frames."""
+    """Errors of the methods at the test positions (N, 3), and pictures of some frames."""
     truth = fan.frames(positions)
     guesses = {name: frames(positions) for name, frames in methods.items()}
     times = frame_errors.frame_milliseconds(
@@ -297,7 +297,7 @@ def _task(
 
 
 def _true_frames(lidar: LearnedLidar, positions: np.ndarray) -> np.ndarray:
-    """Noiseless frames (N, R) in m, one position after the other, as in flight."""
+    """Noiseless frames (N, R) in m of a learned lidar, position by position as in flight."""
     frames = np.full((len(positions), len(lidar.directions)), np.inf, dtype=np.float32)
     for frame, position in zip(frames, positions, strict=True):
         returns = lidar.true_returns(position)
@@ -316,5 +316,5 @@ def _training_figures(trained: Trained) -> dict[str, float]:
 
 
 def _reshaped(planes: int, rays: int) -> tuple[int, int]:
-    """The paper's 60 × 72 for 360 × 12: six rays of all planes in a row, if that divides them."""
+    """Shape of a picture: six rays of all planes in a row if possible, the paper's 60 × 72."""
     return (rays // 6, 6 * planes) if rays % 6 == 0 else (rays, planes)

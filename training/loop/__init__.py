@@ -1,7 +1,8 @@
-"""The one training loop, its batches, checkpoints and curves.
+"""The one training loop, with its batches, checkpoints and curves.
 
-Start with `train`. Every network of proxops is trained by it; a run that was killed goes on behind
-its last whole epoch.
+Start with `train`, which trains every network of proxops: it takes a `TrainingTask` (network, loss,
+batches, schedule) and continues after a kill behind the last complete epoch. A new network needs a
+new task, not a new loop. The batches come from `TensorBatches` or `WindowBatches`.
 """
 
 from proxops.training.loop.random_weights import seeded

@@ -1,4 +1,4 @@
-"""Examples that are tensors in memory, in batches: indexing them is faster than any loader."""
+"""Batches of examples that are tensors in memory; indexing them is faster than any loader."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from proxops.systems.common import derived_seed
 
 
 class TensorBatches:
-    """Batches of N examples that lie along the first axis of tensors, as tuples of tensors.
+    """Batches of N examples along the first axis of tensors; a batch is a tuple of tensors.
 
-    Shuffled, the order is a function of (seed, epoch), and what is left over after the last full
-    batch is left out of that epoch.
+    With `shuffle` the order is a function of the seed and of `epoch`, and each epoch leaves out the
+    examples that do not fill a batch.
     """
 
     def __init__(
@@ -26,7 +26,11 @@ class TensorBatches:
         seed: int = 0,
         often: Tensor | None = None,
     ):
-        """Takes tensors (N, ...), the size of a batch, and indices of what is shown twice."""
+        """Takes the tensors (N, ...), the size of a batch, and the seed of the order.
+
+        Args:
+          often: (K,) indices of examples that each epoch shows twice.
+        """
         self.columns, self.epoch = tuple(columns), 0
         self._shuffle, self._seed = shuffle, seed
         everything = torch.arange(len(self.columns[0]))

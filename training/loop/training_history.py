@@ -1,4 +1,4 @@
-"""What every training loop keeps and decides by: rows of an epoch each, the best, the end."""
+"""The history of a training: one row an epoch, the best epoch, the end, the learning rate."""
 
 from __future__ import annotations
 
@@ -10,32 +10,32 @@ from pathlib import Path
 
 from proxops.systems.common import write_whole
 
-# Share of all steps in which the learning rate rises; it falls as a cosine afterwards.
+# Share of all steps in which the learning rate rises; afterwards it falls as a cosine.
 _WARM_UP = 0.1
 
 History = list[dict[str, float]]
-"""One row an epoch; `validation_loss` is among its columns."""
+"""One row for each epoch; `validation_loss` is among its columns."""
 
 
 @dataclass(frozen=True)
 class Trained:
-    """What came of a training. The network that was given holds the weights that are kept."""
+    """The result of a training; the network itself holds the weights that are kept."""
 
     history: History
-    """One row an epoch: its number, losses, learning rate, CPU time so far."""
+    """One row for each epoch: its number, losses, learning rate, and times so far."""
     best_epoch: int
-    """That whose weights are kept."""
+    """The epoch whose weights are kept."""
     cpu_s: float
-    """CPU time of this process while training, all runs of it together."""
+    """CPU time of the training in s, summed over all its runs."""
 
 
 def best_epoch(history: History) -> int:
-    """The epoch of the least validation loss, the first if several have it."""
+    """The first epoch with the least validation loss."""
     return min(range(len(history)), key=lambda epoch: history[epoch]["validation_loss"])
 
 
 def finished(history: History, epochs: int, patience: int) -> bool:
-    """Whether there were `epochs`, or `patience` in a row without a better validation loss."""
+    """Whether the epochs are used up, or the last `patience` of them brought no better loss."""
     if not history:
         return False
     idle = len(history) - 1 - best_epoch(history)
@@ -43,7 +43,7 @@ def finished(history: History, epochs: int, patience: int) -> bool:
 
 
 def learning_rate(greatest: float, done: float) -> float:
-    """The learning rate when a share `done`, from 0 to 1, of all steps is over."""
+    """The learning rate after a share `done` of all steps, from 0 to 1."""
     if done < _WARM_UP:
         return greatest * (0.04 + 0.96 * done / _WARM_UP)
     cosine = math.cos(math.pi * (done - _WARM_UP) / (1.0 - _WARM_UP))
@@ -51,7 +51,7 @@ def learning_rate(greatest: float, done: float) -> float:
 
 
 def write_curves(path: Path, history: History) -> None:
-    """The history as CSV, whole or not at all."""
+    """Writes the history as CSV; the file is complete or not there."""
     text = io.StringIO()
     writer = csv.DictWriter(text, history[0].keys(), lineterminator="\n")
     writer.writeheader()

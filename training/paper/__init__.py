@@ -1,6 +1,7 @@
-"""The paper's own recipe: a CNN and an LSTM on frames, imitating the expert's force.
+"""The paper's own recipe: a CNN and an LSTM on lidar frames imitate the expert's force.
 
-Start with `train_paper_policy`, which `proxops train --recipe paper` calls.
+Start with `train_paper_policy` in `recipe`, which `proxops train --recipe paper` calls. `policy`
+has the network. Sizes that the paper does not give are fields of `PaperSettings`.
 """
 
 from proxops.training.paper.policy import PaperPolicy

@@ -1,4 +1,4 @@
-"""The paper's policy: convolutions over lidar frames, an LSTM, a perceptron that gives a force."""
+"""The paper's policy: convolutions over lidar frames, an LSTM, and a perceptron for the force."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from proxops.systems.common import InputError
 from proxops.training.data import Normalisation
 
 NO_RETURN = -100.0
-"""What the network is shown for a ray without a return; ranges beside it are in km."""
+"""The network's input for a ray without a return; other ranges are in km."""
 
 _KERNEL, _STRIDE = 7, 4
-# Places at either end of a plane that a convolution sees again at the other.
+# A convolution goes round: so many places at each end of a plane are joined to the other end.
 _BORROWED = _KERNEL // 2
 
 
@@ -24,12 +24,12 @@ class PaperPolicy(nn.Module):
     """Frames with -100 for no return → CNN → LSTM; joined with the goal → MLP → force per axis.
 
     The paper (Quinn, Nehma, Tiwari, IEEE Aerospace 2025) gives the kinds of layers and their
-    order, not their sizes. Here each plane of the lidar is a channel and convolutions go round
-    along its rays, whose two ends meet; the strides bring a frame down to a few numbers, which
-    keeps it fast on a CPU.
+    order, not their sizes. Here each plane of the lidar is a channel. Convolutions go round along
+    its rays, because the first and the last ray are neighbours. Their strides reduce a frame to a
+    few numbers, so that the network is fast on a CPU.
 
-    What it remembers, the LSTM's h and c of all layers, is one row `memory` (M,): zeros at the
-    start of a flight. Normalisation is part of the module.
+    The memory (M,) is the LSTM's h and c of all layers, zeros at the start of a flight.
+    Normalisation is part of the module.
     """
 
     mean_range: Tensor
@@ -48,10 +48,11 @@ class PaperPolicy(nn.Module):
         """Makes a policy with random weights.
 
         Args:
-          normalisation: constants of the flights that are learned from.
-          planes, rays: the lidar's, in a frame.
-          channels: of each convolution. width: of the LSTM and the perceptron.
-          layers: of the LSTM.
+          normalisation: scales of the training flights.
+          planes, rays: number of planes, and of rays in a plane, of the lidar.
+          channels: output channels of each convolution.
+          width: width of the LSTM and of the perceptron.
+          layers: number of the LSTM's layers.
 
         Raises:
           InputError: a plane has too few rays for that many convolutions.
@@ -102,11 +103,11 @@ class PaperPolicy(nn.Module):
         Args:
           ranges: (B, planes * rays) m, plane by plane; +inf where nothing returned.
           target: (B, 6) m and m/s in K.
-          applied_force: (B, 3) N; the paper's policy does not look at it.
-          memory: (B, M) what the step before gave, zeros at the first.
+          applied_force: (B, 3) N; the paper's policy does not use it.
+          memory: (B, M) from the step before, zeros at the first step.
 
         Returns:
-          force: (B, 3) N in K. estimate: (B, 6) of the state, NaN: this policy has none.
+          force: (B, 3) N in K. estimate: (B, 6) of the state: NaN, because this policy has none.
           memory: (B, M) for the next step.
         """
         force, estimate, memory = self.sequence(
@@ -117,7 +118,7 @@ class PaperPolicy(nn.Module):
     def sequence(
         self, ranges: Tensor, target: Tensor, applied_force: Tensor, memory: Tensor | None = None
     ) -> tuple[Tensor, Tensor, Tensor]:
-        """T steps in a row, as `forward` would take them one by one.
+        """T consecutive steps, with the same result as T calls of `forward`.
 
         Args:
           ranges: (B, T, planes * rays) or (B, T, planes, rays). target: (B, T, 6).
@@ -142,10 +143,10 @@ class PaperPolicy(nn.Module):
         return force, torch.full_like(target, math.nan), memory
 
     def network_frames(self, ranges: Tensor) -> Tensor:
-        """Frames as the network takes them: ranges in km, -100 for no return, then scaled.
+        """The network's input: ranges in km and -100 for no return, shifted and scaled.
 
-        One shift and one factor for all: -100 comes to 0 and the mean of the ranges that returned
-        to 1. Most of a frame is -100, and a network learns slowly on top of a large constant.
+        The value -100 becomes 0, and the mean of the ranges that returned becomes 1. Most of a
+        frame is -100, and a network learns slowly if most of its inputs are a large constant.
         """
         filled = torch.where(torch.isfinite(ranges), 1e-3 * ranges, NO_RETURN)
         return (filled - NO_RETURN) / (1e-3 * self.mean_range - NO_RETURN)

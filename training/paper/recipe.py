@@ -1,4 +1,4 @@
-"""The paper's recipe, from flight logs to a trained policy and its report."""
+"""The paper's recipe: from flight logs to a trained policy, its bundle and its report."""
 
 from __future__ import annotations
 
@@ -22,32 +22,32 @@ from proxops.training.loop import (
 )
 from proxops.training.paper.policy import PaperPolicy
 
-# Shares of the bar; the rest, to 1, is for the report.
+# Shares of the whole work at which packing and training end; the report follows.
 _PACKED, _TRAINED = 0.05, 0.95
 
 
 @dc.dataclass(frozen=True)
 class PaperSettings:
-    """Of a training by the paper's recipe; its figures where it gives any."""
+    """Settings of a training by the paper's recipe, with the paper's values where it gives any."""
 
     schedule: Schedule = dc.field(
         default_factory=lambda: Schedule(epochs=12, batch=8, learning_rate=1e-3, patience=10)
     )
     window: int = 64
-    """Steps of a window, through which gradients run; in flight the LSTM remembers for longer."""
+    """Steps of a window, through which gradients run; in flight the memory lasts longer."""
     stride: int | None = None
-    """Steps from window to window; None: as long as a window."""
+    """Steps from the start of one window to that of the next; None: the length of a window."""
     channels: tuple[int, ...] = (32, 64, 64)
     width: int = 128
     layers: int = 2
-    """Of the LSTM."""
+    """Layers of the LSTM."""
     seed: int = 0
-    """Of weights and order."""
+    """Seed of the first weights and of the order of the examples."""
     device: str = "auto"
     precision: str = "32-true"
 
     def quick(self) -> PaperSettings:
-        """A small network for two epochs of some of the data: to see that all works."""
+        """Settings for a first try: a small network, two epochs, few of the data."""
         return dc.replace(
             self,
             schedule=dc.replace(self.schedule, epochs=2),
@@ -59,10 +59,10 @@ class PaperSettings:
 
 
 def force_loss(policy: PaperPolicy, batch: Batch) -> Tensor:
-    """The paper's: root mean square difference from the MPC's force in N, of all three axes."""
+    """The paper's loss: root mean square difference from the MPC's force in N, over all axes."""
     force, _, _ = policy.sequence(batch["frames"], batch["target"], batch["applied_force"])
     squares = ((force - batch["mpc_force"]) ** 2).mean(dim=-1) * batch["labelled"]
-    # A slope at nought would be infinite.
+    # Without this, the slope of the root at 0 would be infinite.
     return (squares.sum() / batch["labelled"].sum().clamp(min=1) + 1e-12).sqrt()
 
 

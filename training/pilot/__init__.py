@@ -1,7 +1,9 @@
 """The pilot: our end-to-end network, from lidar frames to force, trained part by part.
 
-Start with `train_pilot` in `recipe`, which reads from top to bottom, then `network`. `run_dagger`
-lets the pilot fly, asks the expert at every state, and trains the guidance again.
+Start with `train_pilot` in `recipe`, which reads from top to bottom, then read `network`. The parts
+are `lidar_hits`, `coarse_position`, `geometry_layer`, `state_filter` and `guidance`; `tasks` has
+their losses and `settings` their sizes. `run_dagger` lets the pilot fly, labels every state with
+the expert's force, and trains the guidance again.
 """
 
 from proxops.training.pilot.dagger import DaggerSettings, run_dagger

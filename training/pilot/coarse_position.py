@@ -1,4 +1,4 @@
-"""Where the spacecraft is, from one frame alone, to about a kilometre: for acquisition."""
+"""The position to about a kilometre, from one frame alone; for acquisition."""
 
 from __future__ import annotations
 
@@ -8,22 +8,22 @@ import torch
 from torch import Tensor, nn
 
 _PAIRS = list(itertools.combinations_with_replacement(range(3), 2))
-# The third and fourth moments are products of a pair with another coordinate, or pair; each of a
-# kind counts once.
+# Third and fourth moments are products of a pair of coordinates with a third coordinate or another
+# pair. Equal products count once.
 _KINDS = [tuple(sorted(pair + more)) for pair in _PAIRS for more in [(0,), (1,), (2,), *_PAIRS]]
 _DIFFERENT = [_KINDS.index(kind) for kind in sorted(set(_KINDS))]
 _WAYS = [way for way in itertools.product((-1.0, 0.0, 1.0), repeat=3) if any(way)]
 
-# The unit of what the network gives, as a share of the length.
+# The unit of the network's output, as a share of the length.
 _CORRECTION = 0.14
 
 
 class CoarsePosition(nn.Module):
-    """A perceptron on features of the returns; predicts what to add to minus their centroid.
+    """A perceptron on features of the returns; it corrects the guess that is minus their centroid.
 
-    The features are the centroid, moments of the returns about it to the fourth order, by area
-    and by solid angle, how far they reach in 26 directions, from the centroid and as seen, and
-    their number and solid angle.
+    The features are the centroid; moments of the returns about it to the fourth order, weighted by
+    area and by solid angle; the greatest extent of the returns in 26 directions, from the centroid
+    and from the spacecraft; and the number and the solid angle of the returns.
     """
 
     first: Tensor
@@ -34,7 +34,7 @@ class CoarsePosition(nn.Module):
     scale: Tensor
 
     def __init__(self, length: float, width: int = 256):
-        """Takes the length in m to scale positions by, about the body's size, and a width."""
+        """Takes the unit of length in m, about the body's size, and the width of the layers."""
         super().__init__()
         self.length = length
         ways = torch.tensor(_WAYS)
@@ -45,7 +45,7 @@ class CoarsePosition(nn.Module):
         ):  # fmt: skip
             self.register_buffer(name, index.clone())
         size = 9 + 3 + 2 * (len(_PAIRS) + len(_DIFFERENT)) + 2 * len(_WAYS)
-        # Of the features, set by `fit_scale` from data.
+        # Mean and scale of the features; `fit_scale` sets them from data.
         self.register_buffer("mean", torch.zeros(size))
         self.register_buffer("scale", torch.ones(size))
         self.network = nn.Sequential(
@@ -57,7 +57,7 @@ class CoarsePosition(nn.Module):
     def features(
         self, points: Tensor, solid: Tensor, valid: Tensor, count: Tensor
     ) -> tuple[Tensor, Tensor]:
-        """Features (B, F) and centroids (B, 3), over the length, of what `HitSelection` gives."""
+        """Features (B, F) and centroids (B, 3) over the length, of `HitSelection`'s returns."""
         x = points / self.length
         share = count / valid.sum(1, keepdim=True).clamp(min=1.0)
         weights = torch.stack([solid * (x * x).sum(2), solid], dim=1)  # Area, solid angle.
@@ -87,15 +87,15 @@ class CoarsePosition(nn.Module):
         self.scale.copy_(features.std(0) + 1e-6)
 
     def forward(self, points: Tensor, solid: Tensor, valid: Tensor, count: Tensor) -> Tensor:
-        """Position (B, 3) in m in K from what `HitSelection` gives."""
+        """Positions (B, 3) in m in K from the output of `HitSelection`."""
         features, centre = self.features(points, solid, valid, count)
         correction = self.network(self.normalised(features))
         return self.length * (correction * _CORRECTION - centre)
 
     def normalised(self, features: Tensor) -> Tensor:
-        """What the network sees of features (N, F)."""
+        """The network's inputs (N, F) for features (N, F)."""
         return ((features - self.mean) / self.scale).clamp(-6.0, 6.0)
 
     def wanted(self, position: Tensor, centre: Tensor) -> Tensor:
-        """What the network has to give (N, 3) at positions (N, 3) in m with centroids (N, 3)."""
+        """The network's labels (N, 3) at positions (N, 3) in m with centroids (N, 3)."""
         return (position / self.length + centre) / _CORRECTION

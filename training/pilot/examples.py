@@ -1,4 +1,4 @@
-"""What the parts of the pilot learn from, out of packed flights: frames, motion, commands."""
+"""Examples for the parts of the pilot from packed flights: frames, motion, commands."""
 
 from __future__ import annotations
 
@@ -12,34 +12,34 @@ from proxops.systems.common import derived_seed, generator
 from proxops.training.data import PARTS, Labels, PackedFlights, part_rows, scaling_of
 from proxops.training.pilot.lidar_hits import HitSelection
 
-# Along a flight, positions nearer to each other than this (m, at Kleopatra) count as one.
+# Of positions of a flight that are closer together than this (m, at Kleopatra) one is used.
 _SPREAD = 300.0
-# Of derived seeds.
+# Stream of derived seeds.
 _FRAMES_STREAM = 6
-# Frames that are made into returns together.
+# Number of frames that are processed together.
 _BLOCK = 256
-# How frames are spoiled, one quarter each: share of returns lost, of false returns among all rays,
-# and standard deviation in m, at Kleopatra, of noise on top of the sensor's own.
+# Errors that are added to frames, each line to one quarter: share of lost returns, share of false
+# returns among all rays, and standard deviation in m, at Kleopatra, of additional noise.
 _SPOILED = ((0.0, 0.0, 0.0), (0.2, 0.0, 0.0), (0.0, 0.01, 0.0), (0.05, 0.0, 150.0))
 
 
 class Hits(NamedTuple):
-    """Returns of frames, as `HitSelection` gives them, and where the frames were taken."""
+    """Returns of frames from `HitSelection`, and the positions at which the frames were taken."""
 
     points: Tensor
-    """(N, K, 3) in m, from the spacecraft, along K's axes."""
+    """(N, K, 3) in m, relative to the spacecraft, in K's axes."""
     solid: Tensor
-    """(N, K)"""
+    """(N, K) solid angles, relative to each other."""
     valid: Tensor
-    """(N, K)"""
+    """(N, K): 1 for a return, 0 for none."""
     returned: Tensor
-    """(N, 1)"""
+    """(N, 1) number of rays that returned."""
     position: Tensor
     """(N, 3) in m in K."""
 
 
 class Transitions(NamedTuple):
-    """Steps of flights."""
+    """Control steps of flights, all (N, 3) in SI in K."""
 
     position: Tensor
     velocity: Tensor
@@ -50,7 +50,7 @@ class Transitions(NamedTuple):
 
 
 class Commands(NamedTuple):
-    """What the expert commands where: (N, 3) each, in SI in K."""
+    """States, goals and the expert's forces there, all (N, 3) in SI in K."""
 
     position: Tensor
     velocity: Tensor
@@ -59,7 +59,7 @@ class Commands(NamedTuple):
 
 
 def spread_rows(flights: PackedFlights, part: str) -> np.ndarray:
-    """Rows of a part, without those taken where the flight just was: holding would fill all."""
+    """Rows of a part at positions that are some way apart; otherwise most frames show the goal."""
     kept, spread = [], _SPREAD * scaling_of(flights.setting).length
     for flight in flights.part(part):
         rows = np.arange(flight.start, flight.start + flight.steps)
@@ -72,9 +72,9 @@ def spread_rows(flights: PackedFlights, part: str) -> np.ndarray:
 def hits_of(
     flights: PackedFlights, selection: HitSelection, part: str, count: int, seed: int
 ) -> Hits:
-    """Returns of `count` frames, random ones of the part, or of all if there are fewer.
+    """Returns of `count` random frames of a part, or of all frames if there are fewer.
 
-    Three quarters are spoiled: by lost returns, false returns, and more noise.
+    Three quarters get additional errors: lost returns, false returns, more noise.
     """
     random = generator(derived_seed(seed, _FRAMES_STREAM), PARTS.index(part))
     length = scaling_of(flights.setting).length
@@ -93,7 +93,7 @@ def hits_of(
 def _spoil(
     frames: np.ndarray, max_range: float, length: float, random: np.random.Generator
 ) -> np.ndarray:
-    """The frames (N, R), each spoiled as its turn comes."""
+    """Adds errors to frames (N, R), in turn those of each line of `_SPOILED`."""
     turns = np.arange(len(frames)) % len(_SPOILED)
     lost, false, noise = (np.array(_SPOILED) * [1.0, 1.0, length])[turns].T
     chance = random.random(frames.shape, dtype=np.float32)
@@ -105,7 +105,7 @@ def _spoil(
 
 
 def box_of(hits: Hits) -> tuple[np.ndarray, np.ndarray]:
-    """Corners (3,) in m in K of the box that holds all but a few of the returns."""
+    """Corners (3,) in m in K of the box around all but a few of the returns."""
     valid = hits.valid.numpy() > 0.0
     places = (hits.points + hits.position[:, None]).numpy()[valid]
     low, high = np.percentile(places, [0.1, 99.9], axis=0)
@@ -119,14 +119,14 @@ def transitions_of(flights: PackedFlights, part: str) -> Transitions:
     rows = rows[~np.isin(rows, last)]
     rows = rows[~flights.kick[rows].any(axis=1)]
     before, after = flights.state[rows], flights.state[rows + 1]
-    # In double precision: single rounds velocities too coarsely for differences.
+    # In double precision, because single precision rounds velocities too coarsely for differences.
     mean = (after[:, 3:] - before[:, 3:]) / flights.setting.control_period_s
     given = before[:, :3], before[:, 3:], flights.applied_force[rows + 1], mean
     return Transitions(*(_tensor(column) for column in given))
 
 
 def commands_of(flights: PackedFlights, part: str) -> Commands:
-    """The steps of a part's flights at which the expert was asked."""
+    """The commands of the expert along a part's flights."""
     rows = part_rows(flights, part)
     rows = rows[np.isfinite(flights.mpc_force[rows]).all(axis=1)]
     state = flights.state[rows]
@@ -135,14 +135,14 @@ def commands_of(flights: PackedFlights, part: str) -> Commands:
 
 
 def labelled_commands(labels: Labels) -> Commands:
-    """The same from the files of labels."""
+    """The commands of the expert from files of labels."""
     state = labels["state"]
     given = state[:, :3], state[:, 3:], labels["goal"], labels["force"]
     return Commands(*(_tensor(column) for column in given))
 
 
 def joined(parts: list[Commands]) -> Commands:
-    """All of them in one."""
+    """Joins commands."""
     return Commands(*(torch.cat(column) for column in zip(*parts, strict=True)))
 
 

@@ -1,4 +1,4 @@
-"""Where the spacecraft is, to some 30 m: returns fitted to a learned field of the surface."""
+"""The position to some 30 m: the returns are fitted to a learned map of the surface."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-# Of the residual, over the distance from which on returns count less, so that it has a slope at 0.
+# Least residual over the outlier distance, so that the root has a finite slope at 0.
 _LEAST_RESIDUAL = 3e-5
 # Added to the normal equations, whose trace is about 1.
 _DAMPING = 1e-2
-# Of a matrix's nine entries, row by row, those of which its nine cofactors are made: products of
-# the first two kinds less products of the last two. Rows of the adjugate of a symmetric matrix are
-# cross products of the other two rows.
+# Indices of the entries, row by row, whose products are the cofactors of a symmetric 3 by 3 matrix:
+# the product of the first two groups less that of the last two. Each row of the adjugate is the
+# cross product of the other two rows.
 _AHEAD, _BEHIND = np.array([1, 2, 0]), np.array([2, 0, 1])
 _FACTORS = np.concatenate(
     [
@@ -25,9 +25,9 @@ _FACTORS = np.concatenate(
 
 
 class SurfaceField(nn.Module):
-    """Signed distance and normal of the body's surface as a grid of four learned channels.
+    """A learned grid of four channels: signed distance and normal of the body's surface.
 
-    Between grid points it is trilinear, beyond the grid constant.
+    Between grid points the field is trilinear, and beyond the grid it is constant.
     """
 
     units: Tensor
@@ -35,9 +35,9 @@ class SurfaceField(nn.Module):
     reach: Tensor
 
     def __init__(self, low: np.ndarray, high: np.ndarray, spacing: float):
-        """Takes the corners (3,) of a box round the body and the grid's spacing, all in m.
+        """Takes the corners (3,) of a box around the body and the grid's spacing, all in m.
 
-        It starts as that of an ellipsoid in the box.
+        The field starts as that of an ellipsoid in the box.
         """
         super().__init__()
         axes = [
@@ -70,31 +70,33 @@ class SurfaceField(nn.Module):
 
 
 class GeometryLayer(nn.Module):
-    """Gauss-Newton steps of a position towards where the returns lie on the learned surface."""
+    """Gauss-Newton steps that move a position until the returns lie on the learned surface."""
 
     def __init__(self, field: SurfaceField, outlier: float):
-        """`outlier`: returns farther than this from the surface, in m, count less (Huber)."""
+        """Takes the field, and the distance from it in m above which returns count less."""
         super().__init__()
         self.field, self.outlier = field, outlier
 
     def forward(self, position: Tensor, points: Tensor, valid: Tensor) -> tuple[Tensor, Tensor]:
-        """One step from positions (B, 3), in m in K, with returns (B, K, 3) relative to them.
+        """Takes one step from positions (B, 3) in m in K, with returns (B, K, 3) relative to them.
 
-        Returns the new positions, and the residual as `step` does.
+        Returns:
+          The new positions (B, 3), and the residual of `step`.
         """
         step, residual = self.step(position, points, valid)
         return position + step, residual
 
     def step(self, position: Tensor, points: Tensor, valid: Tensor) -> tuple[Tensor, Tensor]:
-        """The step (B, 3) alone, in m, which positions would round.
+        """Computes one step; adding it to a position in single precision would round it.
 
-        Beside it the root mean square (B, 1) of the distances, in m, that the returns had from the
-        surface before the step, large ones counted less.
+        Returns:
+          The step (B, 3) in m, and the root mean square (B, 1) in m of the returns' distances from
+          the surface before the step, in which large distances count less.
         """
         values = self.field(position[:, None] + points)
         distance = values[..., :1]
         weight = valid[..., None] * self.outlier / (self.outlier + distance.abs())
-        # Of distance and normal: squares and products, each a weighted mean.
+        # Weighted means of the squares and products of distance and normal.
         total = weight.sum(1, keepdim=True).clamp(min=1.0)
         moments = (weight * values).transpose(1, 2) @ values / total
         residual = torch.sqrt(moments[:, 0, :1] + (_LEAST_RESIDUAL * self.outlier) ** 2)
@@ -102,7 +104,7 @@ class GeometryLayer(nn.Module):
 
 
 def _solve(matrix: Tensor, right: Tensor) -> Tensor:
-    """x (B, 3) of (A + damping) x = b for symmetric A (B, 3, 3), by cofactors."""
+    """Solves (A + damping) x = b for x (B, 3) with symmetric A (B, 3, 3), by cofactors."""
     a = (matrix + _DAMPING * torch.eye(3, dtype=matrix.dtype)).flatten(1)
     factors = a.index_select(1, torch.tensor(_FACTORS, device=a.device))
     first, second, third, fourth = factors.split(9, dim=1)

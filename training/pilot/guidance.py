@@ -1,32 +1,32 @@
-"""From state and goal to force: least-effort guidance that a network corrects."""
+"""Guidance from state and goal to force: a law of least effort that a network corrects."""
 
 from __future__ import annotations
 
 import torch
 from torch import Tensor, nn
 
-# Scales on which errors are shown to the network: far, middle and near, over `length`, and
-# velocities over `speed`.
+# Scales of the network's inputs: position errors over `length`, for the middle and the near range,
+# and velocities over `speed`.
 _NEAR_SCALES = (0.05, 0.003)
 _SLOW_SCALE = 0.05
-# Added to the distance over the length, so that it is never 0.
+# Added to the distance over the length, so that the distance is never 0.
 _LEAST_DISTANCE = 1e-5
-# The corrections of time and gains are at most a factor e either way.
+# The corrections of time and gains lie between 1/e and e.
 _GREATEST_LOG = 1.0
 
 
 class Guidance(nn.Module):
-    """The law of least quadratic effort from here to rest at the goal in a time T, corrected.
+    """The law of least quadratic effort to rest at the goal in a time T, with learned corrections.
 
-    Without gravity it is::
+    The law is::
 
         F = m (6 e / T^2 - 4 v / T - natural acceleration) + correction
 
-    e the way to go and v the velocity. The natural acceleration is given, for instance as `Motion`
-    has it. T starts as that of rest-to-rest motion at the acceleration
-    a (see `Horizon.time_to_go`). The network sees state, goal and where the straight line passes a
-    learned ellipsoid, and corrects T, both gains, and the force, for all that the law leaves out:
-    gravity along the way, the way round the body, fuel, limits.
+    with e the vector to the goal and v the velocity. The natural acceleration is an input, for
+    instance from `Motion`. T is the time of rest-to-rest motion at an acceleration a that is
+    learned (see `Horizon.time_to_go`). The network gets the state, the goal and the point where the
+    straight line comes closest to a learned ellipsoid. It corrects T, both gains and the force for
+    all that the law leaves out: gravity along the way, the way around the body, fuel and limits.
     """
 
     bends: Tensor
@@ -42,15 +42,16 @@ class Guidance(nn.Module):
         nominal_acceleration: float,
         width: int = 256,
     ):
-        """Takes units, and what the ellipsoid, law and correction start from.
+        """Takes units, and initial values of the ellipsoid and of the law.
 
         Args:
-          length, speed: in m and m/s, in which numbers come to about one.
-          keep_out: (3,) semi-axes in m.
-          force_per_acceleration: kg, the spacecraft's mass.
+          length, speed: units in m and m/s, in which numbers are about one.
+          keep_out: (3,) initial semi-axes of the ellipsoid in m.
+          force_per_acceleration: the spacecraft's mass in kg.
           thrust_limit: N per axis, the unit of the correction.
-          least_time: s, no T is shorter at the start.
-          nominal_acceleration: m/s^2, a.
+          least_time: initial value of the least T in s.
+          nominal_acceleration: initial value of a in m/s^2.
+          width: width of the network's layers.
         """
         super().__init__()
         self.length, self.speed = length, speed
@@ -73,9 +74,11 @@ class Guidance(nn.Module):
             last.bias.zero_()
 
     def forward(self, position: Tensor, velocity: Tensor, goal: Tensor, natural: Tensor) -> Tensor:
-        """Forces (B, 3) in N, not limited.
+        """Forces (B, 3) in N, without limits.
 
-        Args: positions, velocities, goals, and accelerations without thrust, (B, 3), in SI in K.
+        Args:
+          position, velocity, goal: (B, 3) in SI in K.
+          natural: (B, 3) acceleration without thrust in m/s^2.
         """
         inputs, distance = self._inputs(position, velocity, goal)
         thrust, logs = self.network(inputs).split(3, dim=1)
@@ -92,13 +95,14 @@ class Guidance(nn.Module):
         return self.mass * (law - natural) + self.thrust_limit * thrust
 
     def _inputs(self, position: Tensor, velocity: Tensor, goal: Tensor) -> tuple[Tensor, Tensor]:
-        """What the network sees (B, 43), and the distance (B, 1) over the length."""
+        """The network's inputs (B, 43), and the distance (B, 1) over the length."""
         p, g = position / self.length, goal / self.length
         v, e = velocity / self.speed, g - p
         distance, speed = e.norm(dim=1, keepdim=True), v.norm(dim=1, keepdim=True)
         bent = torch.asinh(torch.cat([e, e, v], dim=1) / self.bends)
         unit = [e / (distance + 1e-3), v / (speed + 5e-3)]
-        # In coordinates that make the ellipsoid a ball: where the straight line comes closest.
+        # The point where the straight line comes closest, in coordinates in which the ellipsoid is
+        # a ball.
         axes = torch.exp(self.log_axes)
         here, way = p / axes, e / axes
         share = -(here * way).sum(1, keepdim=True) / ((way * way).sum(1, keepdim=True) + 1e-4)

@@ -1,4 +1,4 @@
-"""The returns of a frame that a network looks at: a fixed number, isolated ones left out."""
+"""Selects a fixed number of returns from a frame and leaves out isolated ones."""
 
 from __future__ import annotations
 
@@ -9,21 +9,21 @@ from torch.nn.functional import embedding
 
 from proxops.systems.lidar import ray_directions
 
-# Neighbours in the plane, and how many of them must agree with a return.
+# Neighbours of a ray in its plane, and how many of them must agree with its return.
 _BESIDE = (-2, -1, 1, 2)
 _SUPPORTERS = 2
-# They agree if their ranges differ by less than this share of the range, and a length in m, which
-# is this one at Kleopatra.
+# Neighbours agree if their ranges differ by less than this share of the range plus this length in m
+# at Kleopatra.
 _AGREEMENT, _LEAST_AGREEMENT = 0.15, 5e3
-# Stands for no return, in m.
+# Range in m that replaces no return.
 _FAR = 1e9
 
 
 class HitSelection(nn.Module):
-    """Picks up to `count` returns of each frame and places them relative to the spacecraft.
+    """Selects up to `count` returns of each frame and gives their points from the spacecraft.
 
-    A return is one of a surface if two of the four rays beside it in its plane have returned from
-    about as far; isolated ones, for instance false returns, would pull every fit.
+    A return counts as one of the surface if two of the four rays beside it in its plane returned
+    from about the same range. Isolated returns, for instance false ones, would spoil every fit.
     """
 
     toward: Tensor
@@ -31,13 +31,13 @@ class HitSelection(nn.Module):
     beside: Tensor
 
     def __init__(self, planes: int, rays: int, count: int, length: float = 1.0):
-        """`length`: see `Scaling`."""
+        """Takes the lidar's planes and rays, the number of returns, and `Scaling.length`."""
         super().__init__()
         self.count, self.least_agreement = count, _LEAST_AGREEMENT * length
         directions = ray_directions(planes, rays)
-        # The planes meet at their common axis, z: rays crowd together towards it.
+        # The planes share the z axis, so rays lie closer together towards it.
         solid = np.sqrt(np.maximum(1.0 - directions[:, 2] ** 2, 0.0)) + 1.0 / rays
-        # A fixed order in which rays are preferred, spread over the sphere by the golden ratio.
+        # Rays are preferred in a fixed order that the golden ratio spreads over the sphere.
         order = (np.arange(planes * rays) * 0.6180339887498949) % 1.0 + 0.1
         toward = np.hstack([directions, solid[:, None]])
         for name, values in (("toward", toward), ("order", order)):
@@ -48,15 +48,17 @@ class HitSelection(nn.Module):
         self.register_buffer("beside", torch.tensor(beside.reshape(-1, len(_BESIDE))))
 
     def forward(self, ranges: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-        """Returns of frames (B, planes * rays) in m, +inf where nothing came back.
+        """Selects returns of frames (B, planes * rays) in m, +inf where no ray returned.
 
-        Returns points (B, K, 3) in m from the spacecraft, their solid angles (B, K) relative to
-        each other and 0 where there is no return, whether (B, K) they are returns, as 0 or 1, and
-        how many rays (B, 1) returned in all.
+        Returns:
+          points: (B, K, 3) in m, relative to the spacecraft.
+          solid: (B, K) solid angles, relative to each other; 0 where there is no return.
+          valid: (B, K) 1 for a return, 0 for none.
+          returned: (B, 1) number of rays that returned.
         """
         found = (ranges < _FAR).to(ranges.dtype)
         value, index = torch.topk(found * self.order, self.count, dim=1)
-        # Of rays that are neighbours, whether or not they were picked themselves.
+        # Ranges of the neighbours, whether or not they were selected themselves.
         beside = torch.gather(ranges, 1, embedding(index, self.beside).flatten(1)).clamp(max=_FAR)
         distance = torch.gather(ranges, 1, index).clamp(max=_FAR)
         apart = (beside.unflatten(1, (self.count, -1)) - distance[..., None]).abs()

@@ -1,4 +1,4 @@
-"""The learned pilot: one network from lidar frame, goal and applied force to force."""
+"""The pilot: one exported network from lidar frame, goal and applied force to force."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ from proxops.training.pilot.state_filter import (
     measurement_noise,
 )
 
-# With fewer returns than this a frame says nothing of where it was taken.
+# A frame with fewer returns than this does not determine the position.
 _LEAST_RETURNS = 8
-# The fit starts from the coarse position if the returns then lie this much nearer to the surface.
+# The fit starts from the coarse position if the residual is then less than this share of the other.
 _CLEARLY_BETTER = 0.5
 # Measurement noise of a fix, over the usual one, from hardly any returns.
 _HOPELESS = 100.0
 
 
 class Pilot(nn.Module):
-    """Five parts in a row; each but the first can be trained by itself.
+    """Navigation and guidance of prescribed structure, in five parts; all but the first learn.
 
     ```
     ranges ─► hits ─► coarse ─────► geometry ─► filter ─► guidance ─► force
@@ -39,9 +39,10 @@ class Pilot(nn.Module):
                                               next memory
     ```
 
-    The geometry layer starts from where the filter expects to be. Where there is no such place yet,
-    or the returns don't fit the surface from there, it starts from the coarse position too, and
-    keeps what fits better. What the filter finds to push besides the learned motion is countered.
+    The geometry layer starts from the position that the filter predicts. At the first step, or if
+    the returns do not fit the surface from there, it starts from the coarse position too and keeps
+    the better fit. The guidance also counters the acceleration that the learned motion does not
+    explain.
     """
 
     usual_residual: Tensor
@@ -57,11 +58,11 @@ class Pilot(nn.Module):
         super().__init__()
         self.hits, self.coarse, self.geometry = hits, coarse, geometry
         self.filter, self.guidance = filter_, guidance
-        # Of returns from the learned surface at a good fix, in m; set by `fit_residual`.
+        # Residual in m of the returns at a good fix; `fit_residual` sets it.
         self.register_buffer("usual_residual", torch.ones(()))
 
     def fit_residual(self, residuals: Tensor) -> None:
-        """Sets the usual residual from those of good fixes."""
+        """Sets the usual residual to the median of those of good fixes."""
         self.usual_residual.copy_(residuals.median())
 
     def forward(
@@ -70,8 +71,9 @@ class Pilot(nn.Module):
         """One control step of B flights; SI, in K.
 
         Args:
-          ranges: (B, planes * rays), +inf where nothing returned.
-          target: (B, 6). applied_force: (B, 3), over the period before.
+          ranges: (B, planes * rays), +inf where no ray returned.
+          target: (B, 6).
+          applied_force: (B, 3), over the period before the step.
           memory: (B, MEMORY), zeros before a flight's first step.
 
         Returns:
@@ -86,7 +88,7 @@ class Pilot(nn.Module):
         return force.clamp(-limit, limit), memory[:, :6], memory
 
     def see(self, ranges: Tensor, applied_force: Tensor, memory: Tensor) -> Tensor:
-        """The memory after a frame and the force over the period before it."""
+        """Updates the memory with a frame and the force over the period before it."""
         hits = self.hits(ranges)
         points, _, valid, _ = hits
         memory = self.filter.predict(memory, applied_force)
@@ -110,7 +112,7 @@ class Pilot(nn.Module):
         expected: Tensor,
         *hits: Tensor,
     ) -> Tensor:
-        """The steps (B, 3), where `lost` (B, 1) those to where the coarse position leads."""
+        """The steps (B, 3); where `lost` (B, 1), from the coarse position if that fits better."""
         points, _, valid, _ = hits
         other, other_off = self.geometry(self.coarse(*hits), points, valid)
         better = fresh | (other_off < _CLEARLY_BETTER * off)
@@ -119,10 +121,16 @@ class Pilot(nn.Module):
     def sequence(
         self, ranges: Tensor, target: Tensor, applied_force: Tensor, memory: Tensor | None = None
     ) -> tuple[Tensor, Tensor, Tensor]:
-        """T control steps of B flights in a row: `forward`, with time as the second axis.
+        """T consecutive control steps of B flights, with time as the second axis.
 
         Args:
-          ranges: (B, T, ...), whatever axes a frame has. memory: None: as at a flight's start.
+          ranges: (B, T, planes * rays) or (B, T, planes, rays).
+          target: (B, T, 6).
+          applied_force: (B, T, 3).
+          memory: (B, MEMORY); None: that of a flight's start.
+
+        Returns:
+          Forces (B, T, 3), estimates (B, T, 6) and the memory after the last step.
         """
         remembered = target.new_zeros(len(target), MEMORY) if memory is None else memory
         forces, estimates = [], []
@@ -136,9 +144,9 @@ class Pilot(nn.Module):
 
 
 def _if_any(flags: Tensor, function: Callable[..., Tensor], given: tuple[Tensor, ...]) -> Tensor:
-    """The function of what is given if any of the flags is set, else the first of what is given.
+    """Calls the function if any flag is set; otherwise gives the first argument.
 
-    An exported network runs the function only then, too.
+    The exported network too runs the function only if a flag is set.
     """
     if torch.compiler.is_exporting():
         return torch.cond(flags.any(), function, lambda first, *_: first.clone(), given)

@@ -21,12 +21,12 @@ PILOT_FILE = "pilot.ckpt"
 # Rays of a frame, and the widths of all layers together, in a file that is read.
 _GREATEST_SIZE = 2**16
 
-# Returns farther than this from the learned surface, as a share of its grid's spacing, count less.
+# Returns farther from the learned surface than this share of its spacing count less.
 _OUTLIER_SHARE = 1.0 / 6.0
-# Before anything is learned the guidance plans with this share of the thrusters' acceleration, and
-# with times as of that many control periods at least.
+# Initial values of the guidance: this share of the thrusters' acceleration, and a least time of
+# this many control periods.
 _NOMINAL_SHARE, _LEAST_PERIODS = 0.43, 30.0
-# Units of motion: speed and acceleration, as shares of what the thrusters reach over the length.
+# Units of speed and acceleration, as shares of those that the thrusters reach over the length.
 _SPEED_UNIT, _ACCELERATION_UNIT = 0.24, 0.14
 
 

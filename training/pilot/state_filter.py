@@ -1,4 +1,4 @@
-"""Position, velocity and what pushes, from fixes and the force applied: a learned Kalman filter."""
+"""A Kalman filter with learned motion and noise: from fixes and forces to a state estimate."""
 
 from __future__ import annotations
 
@@ -10,22 +10,22 @@ from torch import Tensor, nn
 
 from proxops.training.data import Scaling
 
-# Of the filter's memory: position, velocity and unexplained acceleration; the upper triangle of the
-# covariance (3 by 3) that all axes share; the natural acceleration over the period that begins; and
-# whether there has been a frame yet.
+# Sizes of the filter's memory: position, velocity and unexplained acceleration; the upper triangle
+# of the covariance (3 by 3) that all axes share; the natural acceleration over the period that
+# begins; and a flag that is 1 after the first frame.
 _SIZES = [9, 6, 3, 1]
 MEMORY = sum(_SIZES)
 NATURAL = slice(15, 18)
-# Entries of the covariance: rounding would let the two halves of a whole one drift apart.
+# Entries of the upper triangle: in a full covariance rounding makes the two halves differ.
 _ROWS, _COLUMNS = [0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]
-# Residual of a fix, over the usual one, from which on it is trusted less; a lost fix has fifty.
+# A fix with a residual above this many times the usual one gets more noise; a lost one has 50.
 TRUSTED = 2.0
-# A squared innovation of more than this many times its variance is no accident.
+# A squared innovation above this many times its variance is no chance.
 _SURPRISING = 9.0
 
 
 class Motion(nn.Module):
-    """Mean acceleration in K over the control period that begins, learned."""
+    """A learned model of the mean acceleration in K over the control period that begins."""
 
     def __init__(
         self,
@@ -36,7 +36,7 @@ class Motion(nn.Module):
         width: int = 128,
         force: float = 1.0,
     ):
-        """Takes units (m, m/s, m/s^2, N) in which numbers come to about one, and the period."""
+        """Takes units (m, m/s, m/s^2, N) in which numbers are about one, the period and a width."""
         super().__init__()
         self.length, self.speed, self.acceleration = length, speed, acceleration
         self.force = force
@@ -46,12 +46,13 @@ class Motion(nn.Module):
             nn.Linear(width, width), nn.SiLU(),
             nn.Linear(width, 3),
         )  # fmt: skip
-        # Centrifugal and Coriolis; and of the force, which Coriolis turns within the period.
+        # Centrifugal and Coriolis acceleration; and that of the force, which Coriolis turns within
+        # the period.
         self.turning = nn.Parameter(torch.zeros(6, 3))
         self.per_newton = nn.Parameter(torch.zeros(3, 3))
 
     def natural(self, position: Tensor, velocity: Tensor) -> Tensor:
-        """Acceleration (B, 3) in m/s^2 from positions and velocities (B, 3) on, without thrust."""
+        """Acceleration (B, 3) in m/s^2 without thrust, at positions and velocities (B, 3)."""
         p = (position + 0.5 * self.period * velocity) / self.length
         squared = (p * p).sum(1, keepdim=True) + 0.01
         fall = self.network(torch.cat([p, p / squared], 1)) / squared
@@ -59,14 +60,14 @@ class Motion(nn.Module):
         return self.acceleration * (fall + turning)
 
     def thrust(self, force: Tensor) -> Tensor:
-        """Acceleration (B, 3) in m/s^2 that forces (B, 3) in N give."""
+        """Acceleration (B, 3) in m/s^2 by forces (B, 3) in N."""
         return self.acceleration / self.force * (force @ self.per_newton)
 
 
 class StateFilter(nn.Module):
-    """One Kalman step of three states an axis, with learned noise and one covariance for all axes.
+    """A Kalman filter of three states an axis, with learned noise and one covariance for all axes.
 
-    The third state is the acceleration that the learned motion does not explain, a random walk.
+    The third state is the acceleration that the learned motion does not explain: a random walk.
     """
 
     step: Tensor
@@ -75,38 +76,39 @@ class StateFilter(nn.Module):
     columns: Tensor
 
     def __init__(self, motion: Motion, scaling: Scaling | None = None):
-        """Takes the motion, and what its noise starts from is multiplied by."""
+        """Takes the motion, and the factors for the initial values of the noise."""
         super().__init__()
         self.motion = motion
         scaling = scaling or Scaling()
-        # Standard deviations in m, m/s, m/s^2: of a good fix, of what a step adds to position,
-        # velocity and push, and of all three before the first frame.
+        # Standard deviations in m, m/s, m/s^2: of a good fix; of the noise that a step adds to
+        # position, velocity and unexplained acceleration; and of these three before the first
+        # frame.
         units = [scaling.length, scaling.speed, scaling.acceleration]
         start = np.array([30.0, 1.0, 0.01, 1e-5, 1e3, 3.0, 1e-3]) * (units[:1] + 2 * units)
         self.logs = nn.Parameter(torch.tensor([math.log(x) for x in start]))
         h, k = motion.period, 0.5 * motion.period**2
         step = torch.tensor([[1.0, h, k], [0.0, 1.0, h], [0.0, 0.0, 1.0]])
-        # To be multiplied from the right by rows of covariances and positions.
+        # Rows of covariances and positions are multiplied by these from the right.
         for name, matrix in (("step", _moved_covariance(step)), ("seen", torch.eye(9)[:, :3])):
             self.register_buffer(name, matrix.T.contiguous())
         self.register_buffer("rows", torch.tensor(_ROWS))
         self.register_buffer("columns", torch.tensor(_COLUMNS))
 
     def predict(self, memory: Tensor, force: Tensor) -> Tensor:
-        """The memory (B, MEMORY) a period later, under forces (B, 3) in N."""
+        """Predicts the memory (B, MEMORY) one period later, under forces (B, 3) in N."""
         states, covariance, natural, started = memory.split(_SIZES, dim=1)
         position, velocity, push = states.split(3, dim=1)
         mean = natural + self.motion.thrust(force) + push
         noise = self._diagonal(self.logs[1:4])
-        # Not by a matrix: products of matrices round as whoever computes them likes, and of a
-        # position in single precision that is a centimetre, which the first velocities feel.
+        # Not a matrix product: its rounding differs between libraries. For a position in single
+        # precision that is a centimetre, which changes the first velocities.
         h = self.motion.period
         position = position + (h * velocity + 0.5 * h**2 * mean)
         moved = [position, velocity + h * mean, push]
         return torch.cat([*moved, covariance @ self.step + noise, natural, started], dim=1)
 
     def correct(self, memory: Tensor, innovation: Tensor, measurement_noise: Tensor) -> Tensor:
-        """The memory after fixes that lie `innovation` (B, 3) from the position in it, in m.
+        """Corrects the memory by fixes that lie `innovation` (B, 3) in m from its position.
 
         The standard deviation of each fix is `measurement_noise` (B, 1) times that of a good one.
         The filter takes differences because single precision rounds positions to a centimetre. A

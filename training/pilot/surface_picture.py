@@ -1,4 +1,4 @@
-"""The surface that the pilot has learned from returns, beside the mesh that gave them."""
+"""Pictures of the surface that the pilot has learned, over the true mesh."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from proxops.diagrams.scenario import Body
 from proxops.training.pilot.geometry_layer import SurfaceField
 
 _MESH, _LEARNED = "#b5aea4", "#d55e00"
-# Points along the longer side of a cut.
+# Number of points along the longer side of a cut.
 _POINTS = 240
 
 
 def plot_surface(field: SurfaceField, body: Body) -> Figure:
-    """The field's zero level and the mesh, cut by the planes through the origin along K's axes."""
+    """Plots the field's zero level and the mesh in three planes through the origin of K."""
     figure = Figure(figsize=(13.0, 4.0), layout="constrained")
     for ax, plane in zip(figure.subplots(1, 3), ("xy", "xz", "yz"), strict=True):
         plot_cut(ax, field, body, plane)
@@ -36,7 +36,7 @@ def plot_surface(field: SurfaceField, body: Body) -> Figure:
 
 @torch.no_grad()
 def plot_cut(ax: Axes, field: SurfaceField, body: Body, plane: str) -> None:
-    """The same in one plane: "xy", "xz" or "yz"."""
+    """Plots the field's zero level and the mesh in one plane: "xy", "xz" or "yz"."""
     across, up = ("xyz".index(letter) for letter in plane)
     length, unit = length_unit(float(body.shape.extents.max()))
     normal = np.ones(3)

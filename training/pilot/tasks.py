@@ -25,32 +25,32 @@ from proxops.training.pilot.network import Pilot
 from proxops.training.pilot.settings import PilotSettings
 from proxops.training.pilot.state_filter import MEMORY, Motion, StateFilter, measurement_noise
 
-# Returns of a frame that one step of learning the surface sees: others each time.
+# Number of a frame's returns in one step of learning the surface; each step draws others.
 _HITS_A_STEP = 96
 # Lengths and speeds here are those at Kleopatra, in m and m/s; see `Scaling`.
-# The layer starts this far off: log-uniform.
+# Limits of the log-uniform distance from the true position at which the layer starts.
 _START_ERRORS = (100.0, 5e3)
-# Errors below which a square takes the place of the absolute value, after two steps and one.
+# Errors below which the loss is quadratic, after two steps and after one.
 _ROUNDED = (10.0, 100.0)
-# What errors of the layer are counted in.
+# Unit of the layer's errors in m.
 _LAYER_UNIT = 1e3
 _FIRST_STEP_WEIGHT, _SURFACE_WEIGHT, _NORMAL_WEIGHT = 0.3, 0.1, 0.1
-# Errors of force over the thrust limit: below the first they count squared; beyond the second,
-# which a hybrid's gate would not take, being farther off costs little more, for it is mostly a
-# matter of which way round.
+# Errors of force over the thrust limit. Below the first, the loss is quadratic. Beyond the second,
+# which a hybrid's gate refuses, a greater error costs little more: it mostly shows that the expert
+# goes the other way around the body.
 _SMALL_FORCE, _TAKEN_FORCE = 0.1 / 7.0, 0.8 / 7.0
-# Share of the error's length beside that.
+# Weight of the error's length in the loss.
 _LENGTH_SHARE = 1.4
-# Errors of the filter that count as one, and how far off the fixes that it learns from start.
+# Units of the filter's errors in m and m/s, and the distance at which its fixes start in m.
 _FILTER_POSITION, _FILTER_SPEED = 20.0, 0.1
 _FIX_START = 30.0
 # Weight of the error of the estimate beside that of the force, which keeps the parts what they are.
 _ESTIMATE_WEIGHT = 0.1
-# Steps after which they count: the windows begin in flight, at a speed that it must find first.
+# Steps after which errors count: windows begin in flight, at a velocity that is found first.
 _FILTER_SETTLES = 12
-# Frames whose returns are fitted together.
+# Number of frames whose returns are fitted together.
 _BLOCK = 512
-# Rows whose natural acceleration is computed together.
+# Number of rows whose natural acceleration is computed together.
 _ROWS = 65536
 
 
@@ -136,7 +136,7 @@ def geometry_task(
 
 
 def _rounded(error: Tensor, small: float) -> Tensor:
-    """Mean length of errors (B, 3) in their unit; below `small`, in m, it grows as a square."""
+    """Mean length of errors (B, 3) in the layer's unit; quadratic below `small` in m."""
     return (error.square().sum(1) + (small / _LAYER_UNIT) ** 2).sqrt().mean()
 
 
@@ -189,10 +189,10 @@ def guidance_task(
 
 
 def force_loss(force: Tensor, wanted: Tensor, thrust_limit: float) -> Tensor:
-    """Mean loss of forces (N, 3): their errors' length, and a square of it that saturates.
+    """Mean loss of forces (N, 3): the length of their errors, and a square of it that saturates.
 
-    The latter is that of S. Geman and D. E. McClure, Statistical methods for tomographic image
-    reconstruction, Bulletin of the International Statistical Institute 52, 1987.
+    The saturating square is that of S. Geman and D. E. McClure, Statistical methods for tomographic
+    image reconstruction, Bulletin of the International Statistical Institute 52, 1987.
     """
     squared = ((force - wanted) / thrust_limit).square().sum(1)
     length = (squared + _SMALL_FORCE**2).sqrt()
@@ -279,7 +279,7 @@ def end_to_end_task(
 
 
 def estimate_error(estimate: Tensor, state: Tensor, scaling: Scaling) -> Tensor:
-    """Errors (..., 2) of positions and velocities (..., 6), each in what counts as one."""
+    """Errors (..., 2) of positions and velocities (..., 6), each in its unit."""
     error = (estimate - state).unflatten(-1, (2, 3)).norm(dim=-1)
     return error / error.new_tensor(
         [_FILTER_POSITION * scaling.length, _FILTER_SPEED * scaling.speed]
