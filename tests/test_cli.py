@@ -10,14 +10,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+import short_flights
 import trimesh
+from commands import proxops, settings
 from short_flights import blob, kleopatra, kleopatra_flight, short_scenario, write_blob
 from synthetic_log import synthetic_log
 from test_flight_log import SUMMARY
 
 from proxops.cli.common import console
 from proxops.cli.fly import _table
-from proxops.cli.main import main
 from proxops.diagrams.flight.transit_diagram import make_transit_diagram
 from proxops.diagrams.logs.flight_log import FlightLog, differences
 from proxops.diagrams.logs.flight_summary import length_text
@@ -25,18 +26,10 @@ from proxops.diagrams.scenario.body import load_body
 from proxops.diagrams.scenario.scenario import load_scenario
 from proxops.systems import InputError
 
-BRIEF = [
-    "--set",
-    "arrival.deadline_s=100",
-    "--set",
-    "arrival.dwell_s=50",
-    "--set",
-    "mpc.intervals=10",
-]
-SHORT = [
-    "--set", "transit.start_m=[160e3, 0, 0]", "--set", "transit.goal_m=[160e3, 8e3, 0]",
-    "--set", "arrival.dwell_s=100", "--set", "mpc.intervals=10",
-]  # fmt: skip
+BRIEF = settings(
+    {"arrival.deadline_s": 100, "arrival.dwell_s": 50, "mpc.intervals": 10},
+)
+SHORT = settings(short_flights.SHORT)
 
 
 class Ran:
@@ -53,18 +46,13 @@ def run(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], tmp_
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(console, "width", 200)
 
-    def proxops(*arguments: object) -> Ran:
-        monkeypatch.setattr(sys, "argv", ["proxops", *map(str, arguments)])
+    def ran(*arguments: object) -> Ran:
         capfd.readouterr()
-        code = 0
-        try:
-            main()
-        except SystemExit as end:
-            code = end.code if isinstance(end.code, int) else 0 if end.code is None else 1
+        code = proxops(*arguments)
         caught = capfd.readouterr()
         return Ran(code, str(caught.out), str(caught.err))
 
-    return proxops
+    return ran
 
 
 def entries(folder: Path) -> set[str]:
@@ -221,7 +209,7 @@ def test_evaluate(run, tmp_path: Path) -> None:
                     "policy_share", "flights"):  # fmt: skip
             assert key in result
         assert result["success_rate"] == 0.0
-        assert [list(row) for row in result["flights"]] == [SUMMARY] * 2
+        assert [list(row) for row in result["flights"]] == [[*SUMMARY, "small_command_share"]] * 2
         assert [row["transit"] for row in result["flights"]] == [0, 1]
         assert {row["controller"] for row in result["flights"]} == {name}
         assert {row["seed"] for row in result["flights"]} == {31}

@@ -3,19 +3,18 @@
 import dataclasses as dc
 import json
 import re
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
+from commands import proxops
 from contact_binary import contact_binary, together
 from plain_polyhedral_gravity import star_shaped
 from short_flights import kleopatra, obj_text
 
 from proxops.assets import asset_path
 from proxops.cli.common import console
-from proxops.cli.main import main
 from proxops.diagrams.new_body.body_setup import body_yaml, scaled_scenario
 from proxops.diagrams.new_body.shape_examination import examine
 from proxops.diagrams.new_body.shape_picture import plot_shape
@@ -35,13 +34,8 @@ def shape(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], tm
     monkeypatch.setattr(console, "width", 80)
 
     def run(*arguments: object, command: str = "shape") -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["proxops", command, *map(str, arguments)])
         capfd.readouterr()
-        code = 0
-        try:
-            main()
-        except SystemExit as end:
-            code = end.code if isinstance(end.code, int) else 0
+        code = proxops(command, *arguments)
         out, err = capfd.readouterr()
         return code, str(out), str(err)
 

@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 import pytest
 from ball_lidar import write_ball_bundle, write_ball_frame_bundle
+from commands import proxops, settings
 from short_flights import kleopatra
 
-from proxops.cli.main import main
 from proxops.diagrams.flight.simulation import fly
 from proxops.diagrams.logs.flight_log import FlightLog, differences
 from proxops.diagrams.scenario.body import load_body
@@ -28,7 +28,7 @@ from proxops.training.data.recovery import flight_scenario, kind_of
 
 # Over after 15 steps, wherever it is then.
 BRIEF = {"arrival.deadline_s": 100.0, "arrival.dwell_s": 50.0, "mpc.intervals": 10}
-SETTINGS = [word for key, value in BRIEF.items() for word in ("--set", f"{key}={value}")]
+SETTINGS = settings(BRIEF)
 FULL = {
     "nominal": 3, "random_walk": 3, "noise": 4, "kicks": 2, "overshoot": 3, "keep_out": 2,
     "holding": 3,
@@ -43,13 +43,7 @@ def collect(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Collect:
     monkeypatch.chdir(tmp_path)
 
     def collect(*arguments: object) -> int:
-        command = ["proxops", "collect", *map(str, arguments), *SETTINGS, "--workers", "1"]
-        monkeypatch.setattr(sys, "argv", command)
-        try:
-            main()
-        except SystemExit as end:
-            return int(end.code or 0)
-        return 0
+        return proxops("collect", *arguments, *SETTINGS, "--workers", 1)
 
     return collect
 
@@ -83,7 +77,8 @@ def times_of(folder: Path) -> dict[str, int]:
 def full_set(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Seven flights of the full mix."""
     out = tmp_path_factory.mktemp("collection") / "full"
-    run_command(out, 7, "--recovery", "full", "--seed", "5")
+    options = ("--recovery", "full", "--seed", 5, "--workers", 1, *SETTINGS)
+    assert proxops("collect", "--transits", 7, *options, "--out", out) == 0
     return out
 
 

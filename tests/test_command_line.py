@@ -14,18 +14,19 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from commands import proxops, settings
 from short_flights import SHORT
 from typer.main import get_command
 
 from proxops.assets import asset_path
-from proxops.cli.main import app, main
+from proxops.cli.main import app
 
 COMMANDS = sorted(str(command.name) for command in app.registered_commands)
 # As the script that pip installs: that makes `proxops` the name that completion goes by.
 SCRIPT = "import sys; sys.argv[0] = 'proxops'; from proxops.cli.entry import main; main()"
 PROXOPS = [sys.executable, "-c", SCRIPT]
 COLOUR = re.compile(r"\x1b\[(?:[\d;]*;)?(?:3[0-8]|4[0-8]|9[0-7])[\d;]*m")
-FAST = [part for key, value in SHORT.items() for part in ("--set", f"{key}={value}")]
+FAST = settings(SHORT)
 
 
 def environment(**changes: str) -> dict[str, str]:
@@ -98,11 +99,8 @@ def test_fly_as_json(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     arguments = ["fly", *FAST, "--controller", "zero", "--set", "arrival.deadline_s=100"]
-    monkeypatch.setattr(sys, "argv", ["proxops", *arguments, "--out", "out", "--json"])
     capfd.readouterr()
-    with pytest.raises(SystemExit) as end:
-        main()
-    assert end.value.code == 0
+    assert proxops(*arguments, "--out", "out", "--json") == 0
     printed = json.loads(capfd.readouterr().out)
     assert printed == json.loads((tmp_path / "out" / "summary.json").read_text())
 

@@ -3,18 +3,17 @@
 import itertools
 import json
 import re
-import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from commands import proxops, settings
 from hypothesis import given
 from hypothesis import strategies as st
 from known_policies import Counting, DeadReckoning, write_policy
 from test_evaluation import ESTIMATE_ERRORS, row
 
-from proxops.cli.main import main
 from proxops.diagrams.logs.flight_log import FlightLog
 from proxops.diagrams.scenario.scenario import ArrivalConfig
 from proxops.studies.evaluation.evaluation import aggregate
@@ -162,12 +161,8 @@ def evaluate(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
     monkeypatch.chdir(tmp_path)
 
     def run(*arguments: object) -> Path:
-        brief = ["--set", "arrival.deadline_s=100", "--set", "arrival.dwell_s=50"]
-        line = ["proxops", "evaluate", *map(str, arguments), *brief, "--workers", "1"]
-        monkeypatch.setattr(sys, "argv", [*line, "--out", "out"])
-        with pytest.raises(SystemExit) as end:
-            main()
-        assert not end.value.code
+        brief = settings({"arrival.deadline_s": 100, "arrival.dwell_s": 50})
+        assert proxops("evaluate", *arguments, *brief, "--workers", 1, "--out", "out") == 0
         return tmp_path / "out"
 
     return run

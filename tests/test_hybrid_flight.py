@@ -1,11 +1,11 @@
 """The hybrid flown: how often the MPC solves, what the log says, and the commands that fly it."""
 
 import json
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from commands import proxops
 from known_policies import Counting, DeadReckoning, write_policy
 from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
 from pydrake.systems.framework import Context, DiagramBuilder, LeafSystem
@@ -13,7 +13,6 @@ from short_flights import PdController, kleopatra, short_scenario
 
 from proxops.cli.common import console
 from proxops.cli.fly import _table
-from proxops.cli.main import main
 from proxops.diagrams.flight.campaign import provenance, transit_flights
 from proxops.diagrams.flight.hybrid_controller import make_hybrid
 from proxops.diagrams.flight.named_controllers import named_controller
@@ -336,19 +335,11 @@ def test_commands(bundle: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
         "--set", "hybrid.period_rule=adaptive",
     )  # fmt: skip
 
-    def run(*arguments: object) -> int:
-        monkeypatch.setattr(sys, "argv", ["proxops", *map(str, arguments)])
-        try:
-            main()
-        except SystemExit as end:
-            return int(end.code or 0)
-        return 0
-
-    assert run("fly", "--controller", f"hybrid:{bundle}", *short, "--out", "one") == 0
+    assert proxops("fly", "--controller", f"hybrid:{bundle}", *short, "--out", "one") == 0
     assert "flown by MPC" in (tmp_path / "one" / "replay.html").read_text()
-    assert run("fly", "--from", "one/flight.nc", "--out", "two") == 0
+    assert proxops("fly", "--from", "one/flight.nc", "--out", "two") == 0
     assert "bit for bit" in capsys.readouterr().err
-    code = run(
+    code = proxops(
         "evaluate", "--controllers", "hybrid,mpc", "--transits", 1, "--workers", 1,
         "--set", f"policy.bundle={bundle}", *short[4:8], "--out", "results",
     )  # fmt: skip

@@ -1,19 +1,18 @@
 """A policy flown: what the log says of it, that it repeats, and the commands that fly it."""
 
 import json
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+from commands import proxops
 from known_policies import Counting, DeadReckoning, NotANumber, write_policy
 from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
 from short_flights import BRIEF, kleopatra, short_scenario
 
 from proxops.cli.common import console
 from proxops.cli.fly import _table
-from proxops.cli.main import main
 from proxops.diagrams.flight import Workers, campaign, scenario_systems
 from proxops.diagrams.flight.campaign import run_campaign, transit_flights
 from proxops.diagrams.flight.named_controllers import named_controller
@@ -207,15 +206,6 @@ def run(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Callable[..., int]:
     """`proxops ARGUMENTS` in this process, in a folder of its own; returns the exit code."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(console, "width", 200)
-
-    def proxops(*arguments: object) -> int:
-        monkeypatch.setattr(sys, "argv", ["proxops", *map(str, arguments)])
-        try:
-            main()
-        except SystemExit as end:
-            return int(end.code or 0)
-        return 0
-
     return proxops
 
 

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from commands import proxops
 from flight_folders import copy_flights
 from short_flights import BRIEF, short_scenario
 
-from proxops.cli.main import main
 from proxops.diagrams.flight.simulation import fly
 from proxops.training.data import PackedFlights, pack_flights
 from proxops.training.export.policy_report import replay_flights
@@ -29,17 +29,6 @@ SMALL = PaperSettings(
     schedule=Schedule(epochs=20, batch=4, learning_rate=3e-3, patience=20),
     window=8, stride=2, channels=(8, 8, 8), width=32, device="cpu",
 )  # fmt: skip
-
-
-def proxops(*arguments: object) -> int:
-    old, sys.argv = sys.argv, ["proxops", *map(str, arguments)]
-    try:
-        main()
-    except SystemExit as end:
-        return end.code if isinstance(end.code, int) else 0 if end.code is None else 1
-    finally:
-        sys.argv = old
-    return 0
 
 
 @pytest.fixture(scope="module")

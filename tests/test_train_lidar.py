@@ -1,14 +1,13 @@
 """`proxops train-lidar --quick`, and flights with the lidar that it makes."""
 
 import json
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from commands import proxops
 from short_flights import SHORT, kleopatra
 
-from proxops.cli.main import main
 from proxops.diagrams.flight.campaign import transit_flights
 from proxops.diagrams.flight.simulation import fly
 from proxops.diagrams.logs.flight_log import FlightLog, differences
@@ -20,17 +19,6 @@ from proxops.diagrams.scenario.scenario import (
 )
 from proxops.systems import InputError
 from proxops.systems.lidar.lidar_bundle import LidarBundle
-
-
-def proxops(*arguments: object) -> int:
-    old, sys.argv = sys.argv, ["proxops", *map(str, arguments)]
-    try:
-        main()
-    except SystemExit as end:
-        return end.code if isinstance(end.code, int) else 0 if end.code is None else 1
-    finally:
-        sys.argv = old
-    return 0
 
 
 @pytest.fixture(scope="module")
