@@ -55,8 +55,8 @@ class GravityField:
 
     From 10 radii on, where those sums lose digits, the field is that of point masses fitted to it
     (`fit_masses`). Relative errors on Kleopatra's mesh: below 1e-12 for potential and acceleration
-    anywhere outside, below 2e-12 for the gradient but beside edges, where it follows the rounding
-    of the position.
+    anywhere outside; a few 1e-12 at most for the gradient, except beside edges, where it follows
+    the rounding of the position.
     """
 
     def __init__(
