@@ -127,7 +127,7 @@ def test_printed_accepts_opposite_and_rejects_equal_directions(force: np.ndarray
 
 def test_limits_are_checked() -> None:
     for wrong in ({"magnitude": -1.0}, {"angle": math.nan}, {"dead_band": math.inf}):
-        with pytest.raises(InputError, match="finite and not negative"):
+        with pytest.raises(InputError, match="a gate needs"):
             AgreementGate(GateKind.STRICT, **wrong)
     with pytest.raises(InputError, match="printed, paper, strict"):
         AgreementGate("loose")  # type: ignore[arg-type]

@@ -205,5 +205,5 @@ def test_senseless_scenario_is_refused(override, message):
 
 
 def test_senseless_program_is_refused():
-    with pytest.raises(InputError, match="must be positive"):
+    with pytest.raises(InputError, match="ErrorWeights needs speed above 0"):
         unlimited(dataclasses.replace(WEIGHTS, speed=0.0))

@@ -1,8 +1,10 @@
-"""Runtime assurance: a filter that changes any controller's force only where it must.
+"""Runtime assurance: a filter that changes any controller's force only where safety needs it.
 
-Start with `RuntimeAssurance`, the system, and `BackupBraking`, which decides whether a state still
-has a way out. The compiled kernel in `_braking_kernel` follows the backup step by step. A change to
-the backup's law is a change to the safety argument in docs/method/hybrid.md.
+Start with `RuntimeAssurance`, the system. `BackupBraking` decides whether a command is safe:
+whether a backup law could still keep the spacecraft out of the keep-out ellipsoid after it.
+`least_change` searches the safe command that is nearest to the given one. `_braking_kernel` is the
+compiled part; it predicts the backup's flight step by step, with gravity from a `GravityTable`.
+Whoever changes the backup's law changes the safety argument in docs/method/hybrid.md, too.
 """
 
 from proxops.systems.assurance.backup_braking import (

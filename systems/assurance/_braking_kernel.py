@@ -1,14 +1,14 @@
 """Compiled kernel of backup braking: gravity from a table, the backup's law, margins, speed limit.
 
-Arguments that most functions share:
+Most functions share these arguments:
 
-* ``scales`` (5,), ``nodes`` (2 n + 1, 2 n + 1, 2 n + 1, 4): a `GravityTable`'s.
+* ``scales`` (5,), ``nodes`` (2 n + 1, 2 n + 1, 2 n + 1, 4): those of a `GravityTable`.
 * ``world`` (9,): see the indices below.
 * ``r``, ``v``: position (3,) in m and velocity (3,) in m/s in K; ``u``: thrust acceleration (3,).
 
-All of it is in one file: numba's cache on disk looks at no other file than a function's own, and
-what is compiled holds what it calls, inlined or not. After a change in another file the old would
-fly on.
+All functions are in one file, because a compiled function contains the functions that it calls, and
+numba's cache on disk checks only the function's own file. After a change in another file the old
+code would still run.
 """
 
 import math
@@ -16,19 +16,19 @@ import math
 import numba
 import numpy as np
 
-# Of ``world``: semi-axes of the ellipsoid to stay out of, spin, greatest thrust acceleration per
-# axis, control period, outward speed that the backup seeks, speed per axis up to which thrust is
-# sure to hold against gravity and Coriolis, and speed limit per axis.
+# Indices of ``world``: semi-axes of the ellipsoid with its margin, spin, greatest thrust
+# acceleration per axis, control period, outward speed that the backup seeks, speed per axis up to
+# which thrust can hold against gravity and Coriolis, and speed limit per axis.
 AXIS_X, AXIS_Y, AXIS_Z, SPIN, THRUST, PERIOD, CRUISE, SETTLED, SPEED = range(9)
 
-# Level, |(x/a, y/b, z/c)|, down to which the table reaches; below, gravity of that level serves.
+# Least level, |(x/a, y/b, z/c)|, of the table. Below it, gravity at that level is used.
 LOWEST_LEVEL = 0.95
-# Steps after which a backup that has not settled on its way out counts as failed.
+# A backup that has not settled after so many steps counts as failed.
 _LONGEST_BACKUP = 300
-# Outward speed, in cruises, from which the law can't fall back inwards: far more than Coriolis and
-# gravity change it in a step.
+# Outward speed, as a share of the cruise speed, from which the law does not turn inwards again:
+# Coriolis and gravity change it by far less in one step.
 _OUTWARD = 0.05
-# Up to this share of the normal an axis is braked even if it moves outwards.
+# An axis with at most this share of the normal is braked even if it moves outwards.
 _SIDEWAYS = 0.2
 
 _compiled = numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
@@ -48,11 +48,11 @@ def _weights(t):
 
 @_compiled
 def interpolate(x, y, z, scales, nodes, out):
-    """Fills gravity (3,) at a point: a point mass's, and what is left, by cubics between nodes."""
+    """Fills gravity (3,) at a point: a point mass, and the table's difference by cubics."""
     wx, wy, wz = x / scales[0], y / scales[1], z / scales[2]
     level2 = wx * wx + wy * wy + wz * wz
     out[0] = out[1] = out[2] = 0.0
-    # At the centre, and where a path has left all bounds.
+    # The point is the centre, or it is not finite.
     if not 0.0 < level2 < math.inf:
         return
     shrink = 1.0 / (scales[4] * max(level2, LOWEST_LEVEL * math.sqrt(level2)))
@@ -82,7 +82,7 @@ def _within(value, low, high):
 
 @_inlined
 def _gravity_ahead(r, v, scales, nodes, world, gravity):
-    """Gravity (3,) half a period ahead, where it is near its mean over the period."""
+    """Fills gravity (3,) half a period ahead, which is near the mean over the period."""
     half = 0.5 * world[PERIOD]
     interpolate(r[0] + half * v[0], r[1] + half * v[1], r[2] + half * v[2], scales, nodes, gravity)
 
@@ -114,8 +114,8 @@ def _law(r, v, gravity, world, u):
 def _advance(r, v, gravity, u, world, r_end, v_end):
     """Moves by one period; returns the least clearance on the way (m, a lower bound).
 
-    Gravity and thrust are constant; Coriolis and centrifugal terms by Taylor's series. The path
-    leaves its chord by no more than the greatest acceleration times the period squared over 8.
+    Gravity and thrust are constant. Coriolis and centrifugal terms are expanded in Taylor's series.
+    The path leaves its chord by at most the greatest acceleration times the period squared over 8.
     """
     spin, period = world[SPIN], world[PERIOD]
     ax = gravity[0] + u[0] + 2.0 * spin * v[1] + spin**2 * r[0]
@@ -148,15 +148,15 @@ def _advance(r, v, gravity, u, world, r_end, v_end):
 
 @_inlined
 def _clearance(level, world):
-    """A lower bound of the distance (m) to the ellipsoid from a level, |(x/a, y/b, z/c)|."""
+    """A lower bound of the distance (m) to the ellipsoid, from the level |(x/a, y/b, z/c)|."""
     return (level - 1.0) * min(world[0], world[1], world[2])
 
 
 @_compiled
 def backup_margin(r_start, v_start, scales, nodes, world):
-    """The least clearance (m) for ever if the backup flies from here; -inf if it never settles.
+    """The least clearance (m) if the backup flies from here on; -inf if it does not settle.
 
-    The clearance is a lower bound between the steps, too, and its sign is exact to that.
+    It is a lower bound at and between the steps.
     """
     r, v, gravity, u = r_start.copy(), v_start.copy(), np.empty(3), np.empty(3)
     level2 = 0.0
@@ -182,7 +182,7 @@ def backup(r, v, scales, nodes, world, u):
 
 @_compiled
 def margin(r, v, scales, nodes, world, u):
-    """The least clearance (m) if u (3,) flies for one period and the backup after it."""
+    """The least clearance (m) if u (3,) acts for one period and the backup flies after it."""
     gravity, r_end, v_end = np.empty(3), np.empty(3), np.empty(3)
     _gravity_ahead(r, v, scales, nodes, world, gravity)
     least = _advance(r, v, gravity, u, world, r_end, v_end)
@@ -191,9 +191,9 @@ def margin(r, v, scales, nodes, world, u):
 
 @_compiled
 def bound_speed(r, v, scales, nodes, world, u, low, high):
-    """Moves u by the least that ends the period below the speed limit, as far as thrust can.
+    """Changes u by the least that ends the period below the speed limit, as far as thrust allows.
 
-    Fills the bounds of u (3,) that thrust and speed set, and returns whether u was moved for speed.
+    Fills the bounds of u (3,) by thrust and speed. Returns whether u was changed for speed.
     """
     gravity, r_end, v_end = np.empty(3), np.empty(3), np.empty(3)
     limit, period = world[THRUST], world[PERIOD]
@@ -202,8 +202,9 @@ def bound_speed(r, v, scales, nodes, world, u, low, high):
         u[i] = _within(u[i], -limit, limit)
     _advance(r, v, gravity, u, world, r_end, v_end)
     moved = max(abs(v_end[0]), abs(v_end[1]), abs(v_end[2])) > world[SPEED]
-    # Coriolis couples the axes by spin period, some 0.003: three rounds leave its cube. What it
-    # does within a period, and to a force that is changed once more, has that room.
+    # Coriolis couples the axes by spin times period, about 0.003: after three rounds the error is
+    # the cube of that. The reduced speed leaves room for Coriolis within a period, and for a force
+    # that is changed again later.
     speed = world[SPEED] - 2.0 * abs(world[SPIN]) * limit * period**2
     for _ in range(3):
         _advance(r, v, gravity, u, world, r_end, v_end)

@@ -1,4 +1,4 @@
-"""Gravity outside an ellipsoid as a table: a quarter of a microsecond for what takes 30 exactly."""
+"""`GravityTable`: gravity outside an ellipsoid by interpolation, in 0.25 instead of 30 µs."""
 
 from __future__ import annotations
 
@@ -11,24 +11,25 @@ import numpy as np
 from proxops.systems.assurance import _braking_kernel as kernel
 from proxops.systems.gravity import Field, GravityField
 
-# Of the nodes, where the ellipsoid is the unit ball. Kleopatra's table is then within 5e-5 m/s^2 of
-# the polyhedron outside her keep-out ellipsoid, and within 5e-6 on average.
+# Spacing of the nodes, where the ellipsoid is the unit ball. The error of Kleopatra's table is then
+# below 5e-5 m/s^2 outside the keep-out ellipsoid, and 5e-6 on average.
 _SPACING = 0.05
-# From here, in greatest semi-axes, the field is as good as a point mass's.
+# At this distance, in greatest semi-axes, the field is that of a point mass.
 _FAR = 1e4
 
 
 class GravityTable:
     """A field's acceleration everywhere outside an ellipsoid, by cubic interpolation.
 
-    The whole of space outside is mapped to the unit ball by inversion: with w = (x/a, y/b, z/c),
-    a point's place in the table is w / |w|^2. Far away is near the middle, where what is tabulated,
-    the field less that of a point mass, vanishes as the fourth power of the distance from it. So
-    nodes stand close where gravity is rough, and there is no end to the table.
+    The space outside is mapped to the unit ball by inversion: with w = (x/a, y/b, z/c), a point's
+    place in the table is w / |w|^2. The table holds the difference between the field and that of a
+    point mass. Far away is near the table's centre, where that difference vanishes as the fourth
+    power of the distance from the centre. So the nodes are dense where gravity varies most, and the
+    table has no outer end.
     """
 
     def __init__(self, field: Field, semi_axes: np.ndarray):
-        """Takes the field and the ellipsoid's semi-axes (3,) in m; all of the body lies within."""
+        """Takes the field and the semi-axes (3,) in m of an ellipsoid that contains the body."""
         axes = np.asarray(semi_axes, dtype=np.float64)
         far = _FAR * axes.max() * np.array([[0.0, 0.0, 1.0]])
         gravity = float(field.evaluate(far).potential[0]) * far[0, 2]
@@ -36,22 +37,22 @@ class GravityTable:
         line = _SPACING * np.arange(-count, count + 1)
         places = np.stack(np.meshgrid(line, line, line, indexing="ij"), axis=-1)
         square = np.sum(places**2, axis=-1)
-        # Those that a place in the ball has among its 64.
+        # Only the nodes that interpolation in the ball uses: 64 about each place.
         reach = 1.0 / kernel.LOWEST_LEVEL + 2.0 * np.sqrt(3.0) * _SPACING
         needed = (square > 0.0) & (square < reach**2)
         points = places[needed] / square[needed][:, None] * axes
         pull = field.evaluate(points).acceleration
         central = -gravity * points / np.linalg.norm(points, axis=1)[:, None] ** 3
         self.nodes = np.zeros((*square.shape, 4))
-        """(2 n + 1, 2 n + 1, 2 n + 1, 4) in m/s^2; a column of zeros keeps rows aligned."""
+        """(2 n + 1, 2 n + 1, 2 n + 1, 4) in m/s^2; the fourth column is 0, for alignment."""
         self.nodes[needed, :3] = pull - central
         self.scales = np.array([*axes, gravity, _SPACING])
         """(5,): semi-axes in m, G m in m^3/s^2, spacing of the nodes."""
-        # Components of gravity are harmonic: none is greater outside than on the surface.
+        # The components of gravity are harmonic, so each is greatest on the surface.
         near = np.abs(np.sqrt(square) - 1.0) < 0.5 * _SPACING
         surface = places[near] / np.sqrt(square[near])[:, None] * axes
         self.greatest = np.abs(field.evaluate(surface).acceleration).max(axis=0)
-        """(3,) in m/s^2: the greatest of each component of the field outside the ellipsoid."""
+        """(3,) in m/s^2: the greatest size of each component of the field outside the ellipsoid."""
 
     def acceleration(self, points: np.ndarray) -> np.ndarray:
         """The field (N, 3) in m/s^2 at points (N, 3) in m outside the ellipsoid."""
@@ -62,16 +63,16 @@ class GravityTable:
 
 
 def gravity_table(field: Field, semi_axes: np.ndarray) -> GravityTable:
-    """The table of a field, made once a process (Kleopatra's takes about a second)."""
-    same = (field.shape.sha256, field.mass) if isinstance(field, GravityField) else (id(field),)
-    return _table(_Source(same, tuple(map(float, semi_axes)), field))
+    """The table of a field; a process makes each table once (about a second for Kleopatra)."""
+    identity = (field.shape.sha256, field.mass) if isinstance(field, GravityField) else (id(field),)
+    return _table(_Source(identity, tuple(map(float, semi_axes)), field))
 
 
 @dataclass(frozen=True)
 class _Source:
-    """What a table is made of; equal for fields of the same shape and mass."""
+    """The key of a table; it is equal for fields of the same shape and mass."""
 
-    same: tuple
+    identity: tuple
     semi_axes: tuple[float, ...]
     field: Field = dc_field(compare=False)
 

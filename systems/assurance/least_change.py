@@ -8,34 +8,38 @@ from collections.abc import Callable
 import numpy as np
 
 Margin = Callable[[np.ndarray], float]
-"""How safe a command (3,) is: safe from 0 on; -inf if nothing is known."""
+"""Gives the margin of a command (3,), which is safe if that is not negative. -inf means that the
+distance to safety is not known."""
 Box = tuple[np.ndarray, np.ndarray]
 """Least and greatest command, (3,) each."""
 
-# The search may end at this share of the shortfall; how many commands a search along
-# a path tries at most; and how many gradients are followed.
+# The search ends at a margin below this share of the shortfall.
 _NEAR_ENOUGH = 0.03
+# Greatest number of commands that a search along a path tries.
 _TRIES = 6
+# Number of gradients that are followed.
 _ROUNDS = 2
-# Share of the box's half width by which it is tried how the margin changes.
+# Step of the differences for the gradient, as a share of the box's half width.
 _PROBE = 0.05
-# A path ends where an axis that counts for a tenth has gone through the box.
+# A path ends where an axis that has a tenth of the gradient has passed through the whole box.
 _FAR = 20.0
 
 
 def least_change(
     margin: Margin, start: np.ndarray, shortfall: float, box: Box, limit: float, enough: float
 ) -> np.ndarray | None:
-    """The safe command nearest to one that is not, to first order; None if none was found.
+    """Finds the safe command nearest to an unsafe one, to first order; None if the search fails.
 
-    Up the gradient of the margin: there, to first order, lies the least change. First that at the
-    start, then that at what was found.
+    To first order the least change is up the gradient of the margin. The search follows the
+    gradient at the start, then the gradient at the result.
 
     Args:
-      start: (3,), within the box.
-      shortfall: how far its margin is below 0; inf if nothing is known of it.
-      limit: the box is within these, either way.
-      enough: a margin this far above 0 is as good as 0.
+      margin: how safe a command is.
+      start: (3,) the unsafe command, within the box.
+      shortfall: how far its margin is below 0; inf if that is not known.
+      box: bounds of the command.
+      limit: the box lies within ± limit.
+      enough: a margin up to this above 0 counts as 0.
     """
     found: np.ndarray | None = None
     at, margin_at, least = start, -shortfall, math.inf
@@ -67,10 +71,18 @@ def along_path(
     far: float,
     enough: float,
 ) -> tuple[np.ndarray, float]:
-    """The nearest point of a path that is safe, and its margin; -inf where none was found.
+    """Finds the nearest safe point of a path, by false position (the Illinois rule).
 
-    The path is start + share toward, kept within the box, for a share of up to `far`; its start has
-    a margin of `-shortfall`, below 0. By false position (the Illinois rule), from `first` on.
+    The path is start + share * toward, clipped to the box, with a share from 0 to `far`.
+
+    Args:
+      margin, start, shortfall, box, enough: as in `least_change`.
+      toward: (3,) direction of the path.
+      first: the share to try first.
+      far: the greatest share.
+
+    Returns:
+      The point and its margin; the margin is -inf if no safe point was found.
     """
     if shortfall < math.inf:
         enough = max(enough, _NEAR_ENOUGH * shortfall)
@@ -109,7 +121,7 @@ def along_path(
 def _gradient(
     margin: Margin, at: np.ndarray, margin_at: float, high: np.ndarray, probe: float
 ) -> np.ndarray:
-    """Of the margin, by differences within the box; 0 along an axis where it is not known."""
+    """The margin's gradient, by differences within the box; 0 along an axis where it is unknown."""
     gradient = np.zeros(3)
     for i in range(3):
         step = probe if at[i] + probe <= high[i] else -probe

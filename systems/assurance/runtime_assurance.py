@@ -1,4 +1,4 @@
-"""`RuntimeAssurance`: the filter that keeps whatever is commanded out of the keep-out ellipsoid."""
+"""`RuntimeAssurance`: a filter on commanded forces that keeps out of the keep-out ellipsoid."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from proxops.systems.assurance.backup_braking import Assured, BackupBraking, Int
 
 
 class RuntimeAssurance(LeafSystem):
-    """Changes a force by the least that keeps the spacecraft safe, whoever commands it.
+    """Changes a commanded force by the least that keeps the spacecraft safe.
 
     ```
     state (6) ──►┌──────────────────┐
@@ -19,25 +19,29 @@ class RuntimeAssurance(LeafSystem):
                  └──────────────────┘                     InterventionReason
     ```
 
-    All vectors are in K, in m, m/s and N. First comes keeping out of the ellipsoid, then the speed
-    limit; thrust limits are kept in any case. What is safe passes bit for bit. How that is decided,
-    and why it is enough, `BackupBraking` says. From a state that it admits, the flight stays out
-    whatever is commanded, as long as its outputs are what acts, from each control step to the next,
-    on a spacecraft of that mass near that body; from one that it doesn't, the backup flies and
-    brakes as hard as it can, unless a force is found that leads back to one that it admits.
+    All vectors are in K, in m, m/s and N. Keeping out of the ellipsoid has priority over the speed
+    limit; the thrust limit always holds. A safe command passes bit for bit. `BackupBraking`
+    explains how this is decided, and why it is enough.
 
-    The outputs depend on the inputs alone. A command that is not finite passes as it is, for the
-    thrusters to refuse.
+    From a state that `BackupBraking` admits, the flight stays out whatever is commanded, under
+    these
+    conditions: the true state is known, the output force acts unchanged from each control step to
+    the next, and mass, gravity and spin are the assumed ones, up to what the margin covers. From
+    any other state the backup brakes as hard as it can, unless a force is found that leads to an
+    admitted state.
+
+    The outputs depend on the inputs alone. A command that is not finite passes unchanged; the
+    thrusters refuse it.
     """
 
     def __init__(self, backup: BackupBraking):
-        """Takes the backup, which knows body, spacecraft, limits and control period."""
+        """Takes the backup, which holds body, spacecraft, limits and control period."""
         super().__init__()
         self.backup = backup
         self._state_port = self.DeclareVectorInputPort(name="state", size=6)
         self._command_port = self.DeclareVectorInputPort(name="force", size=3)
         nothing = Assured(np.zeros(3), InterventionReason.NONE)
-        # One entry, so that both outputs share the work.
+        # One cache entry, so that both outputs share one computation.
         self._assured = self.DeclareCacheEntry(
             "assured",
             ValueProducer(allocate=lambda: AbstractValue.Make(nothing), calc=self._calc_assured),

@@ -1,4 +1,4 @@
-"""Counter-based random numbers: noise as a pure function of (seed, step), with nothing to store."""
+"""Counter-based random numbers: a pure function of (seed, step), with nothing to store."""
 
 import numpy as np
 
@@ -6,14 +6,14 @@ import numpy as np
 def generator(seed: int, step: int, stream: int = 0) -> np.random.Generator:
     """A generator for one step: numpy's Philox, keyed by seed and step.
 
-    Two different (seed, step) give independent numbers; the same give the same numbers. Streams
-    of one key are 2^192 numbers apart, so that several effects may draw at the same step and each
-    gets the same numbers whether or not the others draw.
+    Equal (seed, step) give equal numbers, and different ones independent numbers. The streams of
+    one key are 2^192 numbers apart. So several effects can draw at the same step, and each gets the
+    same numbers whether or not the others draw.
     """
     key = np.array([seed, step], dtype=np.uint64)
     return np.random.Generator(np.random.Philox(key=key, counter=[0, 0, 0, stream]))
 
 
 def derived_seed(*parts: int) -> int:
-    """One 32-bit seed from several numbers, for instance (user's seed, transit, sensor)."""
+    """A 32-bit seed derived from several numbers, for instance (user's seed, transit, sensor)."""
     return int(np.random.SeedSequence(parts).generate_state(1)[0])

@@ -1,4 +1,4 @@
-"""The exceptions: of input that is at fault, and of a solver that finds nothing."""
+"""The exceptions: `InputError` for bad input, `SolverFailure` for a solver without a solution."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ class InputError(ValueError):
     """
 
 
-class SolverFailure(Exception):  # noqa: N818 (nobody's error: the flight goes on without)
+class SolverFailure(Exception):  # noqa: N818 (not an error: the flight goes on)
     """A solver found no solution; `result` says why."""
 
     def __init__(self, result: SolutionResult):
-        """Takes Drake's account of it."""
+        """Takes Drake's result of the solve."""
         super().__init__(result.name)
         self.result = result

@@ -1,4 +1,4 @@
-"""Files and folders: written whole or not at all, and told apart by their hashes."""
+"""Files and folders: written completely or not at all, and identified by their hashes."""
 
 from __future__ import annotations
 
@@ -25,7 +25,9 @@ def make_folder(folder: Path) -> None:
 
 
 def write_whole(path: Path, write: Callable[[Path], typing.Any]) -> None:
-    """Calls `write` with a temporary name beside `path`, then renames: never a half file.
+    """Writes a file completely or not at all.
+
+    Calls `write` with a temporary path in the same folder, then renames that file to `path`.
 
     Raises:
       InputError: the folder does not exist or cannot be written, or the disk is full.
@@ -49,10 +51,10 @@ def write_whole(path: Path, write: Callable[[Path], typing.Any]) -> None:
 
 
 def file_sha256(path: Path) -> str:
-    """Hash of a file's bytes.
+    """SHA-256 of a file's bytes, as hexadecimal digits.
 
     Raises:
-      InputError: it can't be read.
+      InputError: the file cannot be read.
     """
     try:
         with path.open("rb") as file:

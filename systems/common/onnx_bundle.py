@@ -18,29 +18,32 @@ MODEL_FILE = "model.onnx"
 
 @dataclass(frozen=True)
 class BundleKind:
-    """What a bundle of one kind has to hold."""
+    """What a bundle of one kind must contain."""
 
     noun: str
-    """Of what it is a bundle, for messages."""
+    """What the bundle holds, for messages: for instance "policy"."""
     file: str
     """Name of the JSON file."""
     format: str
-    """What the file's `format` says."""
+    """Value of the key `format` in that file."""
     keys: dict[str, type]
-    """The file's keys and the types of their values; `model_sha256` among them."""
+    """The file's keys, `model_sha256` among them, and the types of their values."""
     command: str
-    """What makes one."""
+    """The command that makes such a bundle."""
 
 
 def read_bundle(
     folder: Path, kind: BundleKind
 ) -> tuple[dict[str, typing.Any], str, ort.InferenceSession]:
-    """What a bundle's JSON file says, that file's SHA-256, and the network, ready to run.
+    """Reads and checks a bundle.
 
-    The file holds the network's hash, so its own hash names the bundle.
+    Returns:
+      The content of its JSON file, that file's SHA-256, and the network, ready to run. The file
+      holds the network's hash, so the file's own hash identifies the bundle.
 
     Raises:
-      InputError: no bundle of this kind, of another format, or damaged; the message says which.
+      InputError: there is no bundle of this kind, it has another format, or it is damaged; the
+        message says which.
     """
     text = _read(folder / kind.file, folder, kind)
     model = _read(folder / MODEL_FILE, folder, kind)
@@ -67,12 +70,12 @@ def read_bundle(
 
 
 def open_session(model: bytes) -> ort.InferenceSession:
-    """The network of an ONNX file, run by one thread, so that it repeats bit for bit.
+    """The network of an ONNX file. It runs on one thread, so that results repeat bit for bit.
 
     Raises:
-      InputError: ONNX Runtime can't take it.
+      InputError: ONNX Runtime refuses the file.
     """
-    import onnxruntime as ort  # Slow to import: only when it is needed.
+    import onnxruntime as ort  # It is slow to import, so only when it is needed.
 
     options = ort.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1

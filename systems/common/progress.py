@@ -1,4 +1,4 @@
-"""How long work reports how far it is."""
+"""`Progress`: how long-running work reports its progress."""
 
 from collections.abc import Callable
 from typing import Any

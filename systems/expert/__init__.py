@@ -1,8 +1,10 @@
 """The expert: a model predictive controller built on Drake's MathematicalProgram.
 
-Start with `ModelPredictiveController`, the system, then `TransitProgram`, the convex program that
-it solves at each step, and `Plan`, what comes out. `linearised_transit` and `condensed_motion` are
-the arithmetic in between; `WeightedProgram` is the paper's cost. A new cost is a new `PlanProgram`.
+Start with `ModelPredictiveController`, the system. At each step it solves a convex program,
+`TransitProgram`, whose solution is a `Plan`. Both programs are built on `LinearisedTransit`: the
+linearised motion (`condensed_motion`), the limits along the path (`path_limits`) and the solver.
+`WeightedProgram` has the paper's cost. A new cost is a new `PlanProgram`. Changes here change every
+recorded flight and the policy's training data: they raise the version.
 """
 
 from proxops.systems.expert.linearised_transit import KEEP_OUT_PRICE, SLACK_PRICE

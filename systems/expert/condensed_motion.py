@@ -1,17 +1,18 @@
-"""Condensing: the states along a plan as affine functions of its controls.
+"""Condensing: writes the states along a plan as affine functions of its controls.
 
 On interval k gravity is linearised about its middle, r_k, and the control u_k is constant. In K,
 with C the Coriolis and centrifugal terms of the spin::
 
     d/dt (r, v) = (v, G_k r + C (r, v) + b u_k + c_k)        c_k = g(r_k) - G_k r_k + push
 
-an affine motion, of which one interval is x_{k+1} = E_k x_k + B_k u_k + d_k, exactly, by the
-exponential's series. Put into one another from the given x_0 on, the steps leave no state free::
+This motion is affine. Over one interval it is exactly x_{k+1} = E_k x_k + B_k u_k + d_k, by the
+series of the matrix exponential. Substituted into one another from the given x_0 on, these steps
+eliminate the states::
 
     x_k = sum over j < k of  E_{k-1} ... E_{j+1} (B_j u_j + d_j)  +  E_{k-1} ... E_0 x_0
 
-A program over the controls alone is small and dense, where one with the states as variables too is
-large and sparse.
+A program over the controls alone is small and dense. With the states as variables it would be large
+and sparse.
 """
 
 from __future__ import annotations
@@ -35,17 +36,18 @@ def condensed_motion(
     acceleration: float,
     push: np.ndarray,
 ) -> np.ndarray:
-    """Rows (N, 6, 3 N + 2): the states at the ends of N intervals, linear in (u, stretch, 1).
+    """Coefficients (N, 6, 3 N + 2) of the states at the ends of N intervals in (u, stretch, 1).
 
-    The stretch is a relative change of all lengths; it counts to first order about the given
+    The stretch is a relative change of all lengths. Its effect is of first order about the given
     states and controls.
 
     Args:
+      field: the assumed gravity.
       spin: rad/s about z.
-      start: (6,), where the motion begins, in m and m/s, in K.
+      start: (6,), the first state, in m and m/s, in K.
       states, controls: (N + 1, 6) at the knots and (N, 3) between them, to linearise about.
       lengths: (N,) of the intervals, in s.
-      acceleration: what a control of 1 gives along an axis, in m/s^2.
+      acceleration: by a control of 1 along an axis, in m/s^2.
       push: (3,) in m/s^2, an acceleration that the field does not explain.
     """
     middle = 0.5 * (states[1:, :3] + states[:-1, :3])
@@ -55,7 +57,7 @@ def condensed_motion(
     return _affine_states(gradient, constant, spin, acceleration, lengths, start, states, controls)
 
 
-# Loops over numbers: compiled in a fraction of the time that expressions of arrays take.
+# Explicit loops compile in a fraction of the time that array expressions take.
 @numba.njit(cache=True, error_model="numpy", forceinline=True)
 def _add_product(left, right, share, out):
     """Adds share times left[:, :6] (6, 6) times right (6, M) to out (6, M)."""
@@ -69,7 +71,7 @@ def _add_product(left, right, share, out):
 
 @numba.njit(cache=True, error_model="numpy")
 def _affine_states(gradient, constant, spin, acceleration, lengths, start, states, controls):
-    """Rows of `condensed_motion`, from G (N, 3, 3) and c (N, 3)."""
+    """The coefficients of `condensed_motion`, from G (N, 3, 3) and c (N, 3)."""
     n = lengths.size
     rows = np.zeros((n, 6, 3 * n + 2))
     before = np.zeros((6, 3 * n + 2))
@@ -108,7 +110,7 @@ def _affine_states(gradient, constant, spin, acceleration, lengths, start, state
             for j in range(3):
                 now[i, 3 * k + j] += step[i, 6 + j]
             now[i, 3 * n + 1] += step[i, 9]
-        # A longer interval: the rates at its end, times its length.
+        # The column of the stretch: the rates at the interval's end, times its length.
         for j in range(3):
             flown[6 + j] = controls[k, j]
         for i in range(6):

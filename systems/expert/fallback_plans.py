@@ -1,4 +1,4 @@
-"""What is flown when no fresh plan could be solved: the last plan shifted, or braking."""
+"""Fallbacks when no plan could be solved: the last plan is continued, or the spacecraft brakes."""
 
 from __future__ import annotations
 
@@ -11,13 +11,17 @@ from proxops.systems.gravity import Field
 
 
 def continued_plan(last: Plan, age: float, horizon: Horizon, least: float) -> Plan:
-    """What is left of the last plan after `age` s, on the same knots; past its end its last force.
+    """The rest of the last plan after `age` s, divided in the same proportions.
 
-    It is `least` s long or longer.
+    Args:
+      last: the last plan that was solved.
+      age: time in s since its start.
+      horizon: gives the proportions of the intervals.
+      least: the least length of the result in s. Past the last plan's end its last force is kept.
     """
     times = horizon.fractions() * max(last.times[-1] - age, least)
     forces = last.forces_at(age + 0.5 * (times[1:] + times[:-1]))
-    # The force that is due now, not the mean over the first of the new intervals.
+    # The first force is the one that is due now, not the one at the middle of the new interval.
     forces[0] = last.forces_at(np.array([age]))[0]
     states = last.states_at(age + times)
     return dataclasses.replace(
@@ -33,9 +37,9 @@ def braking(
     horizon: Horizon,
     period: float,
 ) -> Plan:
-    """Hover thrust, and as much as takes the velocity in K away in `period` s, within limits.
+    """A plan of hover thrust and of braking to rest in K within `period` s, as far as limits allow.
 
-    Of no known state, no thrust.
+    If the state (6,) is not finite, the plan has no thrust.
     """
     intervals = horizon.intervals
     if not np.isfinite(state).all():

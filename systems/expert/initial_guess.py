@@ -1,31 +1,33 @@
-"""Where to linearise when there is no plan yet: paths that are a fixed rule of their ends."""
+"""Initial paths: where to linearise when there is no plan yet. They depend on their ends alone."""
 
 import numpy as np
 
 from proxops.systems.shapes import blocks_segment
 
-# Ends whose directions add up to less than this are so nearly opposite that an axis says which way
-# round is the first.
+# If the ends' unit vectors add up to less than this, they are nearly opposite. A fixed axis then
+# decides which way round the body comes first.
 _OPPOSITE = 0.2
-# Ends whose directions add up to more than this, 60 degrees apart, have one way round: the other
-# would be five times as far.
+# If the ends' unit vectors add up to more than this (they are within 60 degrees), only the short
+# way round is tried: the other would be five times as long.
 _ONE_SIDED = 3.0**0.5
 
 
 def initial_paths(
     fractions: np.ndarray, start: np.ndarray, end: np.ndarray, axes: np.ndarray
 ) -> list[np.ndarray]:
-    """Positions (N + 1, 3) at the knots of plans from start (3,) to end (3,), before any plan.
+    """Positions (N + 1, 3) at the knots of one or two initial paths from start (3,) to end (3,).
+
+    If the straight line does not pass through the keep-out ellipsoid, it is the only path.
+    Otherwise the paths are arcs over the ellipsoid, in coordinates that make it a sphere: the
+    shorter way from start to end, near the great circle, and the longer way on the other side,
+    unless that is much longer. The radius is interpolated between the ends' radii and is at least
+    the sphere's. Either way may be better, because the rotation of K and the ellipsoid's axes
+    distinguish them.
 
     Args:
       fractions: (N + 1,) knots as shares of the whole time.
-      axes: (3,) semi-axes of the keep-out ellipsoid.
-
-    A straight line; where the keep-out ellipsoid is in the way, arcs over it instead: in
-    coordinates that make it a sphere, the shorter way from start to end, near the great circle, and
-    the longer way on the other side, unless that is much longer. Both are at the radius
-    interpolated between the ends' and no less than the sphere's. The motion in K is not the same
-    both ways, nor are the ellipsoid's axes: either may be the better.
+      start, end: (3,) in m in K.
+      axes: (3,) semi-axes of the keep-out ellipsoid in m.
     """
     share = (fractions**2 * (3.0 - 2.0 * fractions))[:, None]
     if not blocks_segment(axes, start, end):
@@ -36,15 +38,15 @@ def initial_paths(
     unit_a = a / radius_a if radius_a > 1e-9 else over
     unit_b = b / radius_b if radius_b > 1e-9 else over
     middle = unit_a + unit_b
-    alike = float(np.linalg.norm(middle))
-    # The less the ends' directions say which way round, the more the fixed axis says.
-    middle = middle + over * max(0.0, _OPPOSITE - alike)
-    if np.linalg.norm(middle) < 1e-9:  # What the ends say and what the axis says, to the last bit.
+    sum_length = float(np.linalg.norm(middle))
+    # The closer the ends are to opposite directions, the more the fixed axis counts.
+    middle = middle + over * max(0.0, _OPPOSITE - sum_length)
+    if np.linalg.norm(middle) < 1e-9:  # The two contributions cancel.
         middle = over
     middle /= np.linalg.norm(middle)
     arc = (1.0 - share) ** 2 * unit_a + 2.0 * share * (1.0 - share) * middle + share**2 * unit_b
     arcs = [arc / np.linalg.norm(arc, axis=1, keepdims=True)]
-    if alike < _ONE_SIDED:
+    if sum_length < _ONE_SIDED:
         first, second = _arc(unit_a, -middle, 2.0 * share), _arc(-middle, unit_b, 2.0 * share - 1.0)
         arcs.append(np.where(share < 0.5, first, second))
     radius = np.maximum((1.0 - share) * radius_a + share * radius_b, 1.0)
@@ -52,9 +54,9 @@ def initial_paths(
 
 
 def _shortest_axis_across(axes: np.ndarray, way: np.ndarray) -> np.ndarray:
-    """The part (3,) across `way` (3,) of the shortest axis that has more of it across than along.
+    """A unit vector (3,) across `way` (3,), towards a short axis of the ellipsoid.
 
-    Of unit length.
+    It is the component across `way` of the shortest axis that is more across than along it.
     """
     along = way / max(float(np.linalg.norm(way)), 1e-9)
     across = np.eye(3) - np.outer(along, along)

@@ -1,17 +1,18 @@
-"""What every convex program of a plan has: motion, limits and keep-out about an earlier plan.
+"""`LinearisedTransit`: what all convex programs of a plan share: motion, limits and keep-out.
 
-The variables are z and slacks s: z is u, the forces over the thrust limit, and the change of the
-plan's length over its length, if that is free. The states are no variables; they are affine in z
-(`condensed_motion`), and so are a cost and the limits of the path (`path_limits`) on them::
+The program is linearised about an earlier plan. Its variables are z and slacks s. z holds u, the
+forces over the thrust limit, and the stretch, the relative change of the plan's length, if that is
+free. The states are not variables: they are affine in z (`condensed_motion`), and so are the limits
+along the path (`path_limits`)::
 
-    minimise    mean of |u|_2^2  +  price . s  +  what is added, a cost of z
+    minimise    mean of |u|_2^2  +  price . s  +  an added cost of z
     subject to  |u| <= 1,  s >= 0,  rows (z, s) >= bounds
                 with x_k / units = motion_k z + drift_k,  k = 1 ... N
 
-Each limit but that of thrust has an exactly penalised slack, so that no state is infeasible.
-Limits of the path that the last plan is far from are left out at first; a solution that breaks one
-of them is solved for again with it (constraint generation). So the answer is always that of the
-whole program.
+Every limit except that of thrust has an exactly penalised slack, so that every state is feasible.
+The limits that the last plan is far from are left out at first. If the solution breaks one of them,
+the program is solved again with it (constraint generation). So the result is always the solution of
+the whole program.
 """
 
 from __future__ import annotations
@@ -22,22 +23,22 @@ from dataclasses import dataclass
 import numpy as np
 from pydrake.solvers import ClarabelSolver, MathematicalProgram, SolverOptions
 
-from proxops.systems.common import InputError, SolverFailure
+from proxops.systems.common import SolverFailure
 from proxops.systems.expert.condensed_motion import condensed_motion
 from proxops.systems.expert.initial_guess import initial_paths
 from proxops.systems.expert.path_limits import PathLimits, path_limits
 from proxops.systems.expert.plan import Horizon, Plan, TransitLimits
 from proxops.systems.gravity import Field
 
-# Prices of one scaled unit of slack, against an effort of 0 to 3: above every multiplier, so that
-# slack is used only where there is no other way (an exact penalty). Staying out of the keep-out
-# ellipsoid goes before all else.
+# Prices of one scaled unit of slack, against an effort of 0 to 3. They are above every multiplier,
+# so that slack is used only where nothing else is feasible (an exact penalty). Staying out of the
+# keep-out ellipsoid has priority over everything else.
 KEEP_OUT_PRICE, SLACK_PRICE = 1000.0, 100.0
-# A plan is close whose state now and target are within this many units: 0.5 km and 0.5 m/s.
+# A plan is close if its state now and its target are within this many units: 0.5 km and 0.5 m/s.
 _CLOSE = 0.05
-# Limits that the last plan is this near to, in units (1 km, 1 m/s), are in the program at once.
+# Limits that the last plan is this near to, in units (1 km, 1 m/s), are in the program at first.
 _NEAR = 0.1
-# The others join it if its solution breaks them by more than this, in units (0.1 mm, 0.1 um/s).
+# The others are added if the solution breaks them by more than this, in units (0.1 mm, 0.1 um/s).
 _TOLERANCE = 1e-8
 
 
@@ -50,19 +51,19 @@ class TransitSolution:
     controls: np.ndarray
     """(N, 3), forces over the limit."""
     stretch: float
-    """Change of the plan's length over its length."""
+    """Relative change of the plan's length."""
     slack: float
     """Sum of all slacks, in scaled units."""
 
 
 class LinearisedTransit:
-    """A MathematicalProgram over the controls of a plan, to which costs are added.
+    """A MathematicalProgram over the controls of a plan; other classes add their costs.
 
     Attributes:
       program: has the mean square of u over the plan and the price of slack as costs already.
-      u (3 N,), stretch (1,) or (), moved: variables; `moved` is z, both of them.
-      size: (3 N,) no less than |u|, for costs of the 1-norm, or ().
-      end_slacks: variables that are not negative and have a price.
+      u (3 N,), stretch (1,) or (), moved: variables; `moved` is z, that is u and the stretch.
+      size: (3 N,) variables that are at least |u|, for costs of the 1-norm, or ().
+      end_slacks: further slacks, not negative and with a price.
       stretch_bounds: the constraint that bounds the stretch, if it is free.
       fractions: (N + 1,) knots as shares of the plan's length; shares: (N,) of the intervals.
       units: (6,) in m and m/s.
@@ -79,18 +80,17 @@ class LinearisedTransit:
         one_norm: bool = False,
         end_slacks: int = 0,
     ):
-        """Takes the field and spin (rad/s about z) that the plan believes in.
+        """Builds the program.
 
         Args:
+          field: the assumed gravity.
+          spin: the assumed spin in rad/s about z.
+          limits: of the spacecraft and its path.
+          horizon: how a plan is divided into intervals.
           free_time: whether `stretch` is a variable.
-          one_norm: whether to make `size`.
-          end_slacks: how many further slacks to make.
-
-        Raises:
-          InputError: the horizon has no length or fewer than two intervals.
+          one_norm: whether `size` exists.
+          end_slacks: number of further slacks.
         """
-        if horizon.intervals < 2 or not horizon.minimum > 0.0:
-            raise InputError("a plan needs at least 2 intervals and a horizon of positive length")
         self.field, self.spin, self.limits, self.horizon = field, spin, limits, horizon
         self.fractions = horizon.fractions()
         self.shares = np.diff(self.fractions)
@@ -105,7 +105,8 @@ class LinearisedTransit:
 
     def _build(self, free_time: int, one_norm: int, end_slacks: int) -> None:
         n, program = self.horizon.intervals, self.program
-        # One block with few bindings: Drake looks up each variable of each binding at each solve.
+        # One block of variables and few bindings are fast: at each solve Drake looks up each
+        # variable of each binding.
         sizes = [3 * n, free_time, n, n, end_slacks, 3 * n * one_norm]
         variables = program.NewContinuousVariables(sum(sizes), "z")
         parts = np.split(variables, np.cumsum(sizes)[:-1])
@@ -128,7 +129,7 @@ class LinearisedTransit:
         if free_time:
             self.stretch_bounds = program.AddBoundingBoxConstraint(0.0, 0.0, self.stretch)
         program.AddBoundingBoxConstraint(0.0, np.inf, slacks)
-        # How many rows there are, changes from solve to solve.
+        # The number of rows changes from solve to solve.
         limited = variables[self._limited]
         self._path = program.AddLinearConstraint(
             np.zeros((1, limited.size)), np.zeros(1), np.full(1, np.inf), limited
@@ -142,13 +143,14 @@ class LinearisedTransit:
     def initial_plans(
         self, state: np.ndarray, target: np.ndarray, duration: float, free_time: bool
     ) -> list[Plan]:
-        """Plans to linearise about that depend on state and target alone, the likeliest first.
+        """Plans to linearise about, which depend on state and target alone; the likeliest is first.
 
         Args:
-          duration: of a plan, in s.
-          free_time: whether it is of one straight to the target, and those that go round take
-            longer, by the root of how much longer their paths are (but never thrice as long): so it
-            is from rest to rest at one acceleration.
+          state, target: (6,) in K, in m and m/s.
+          duration: length in s of a plan straight to the target.
+          free_time: whether plans round the body take longer than that: by the square root of the
+            ratio of the paths' lengths, as from rest to rest at one acceleration, and at most three
+            times as long.
         """
         plans, axes = [], self.limits.keep_out_semi_axes
         for positions in initial_paths(self.fractions, state[:3], target[:3], axes):
@@ -164,7 +166,11 @@ class LinearisedTransit:
     def remaining_plan(
         self, last: Plan, age: float, duration: float
     ) -> tuple[np.ndarray, np.ndarray]:
-        """States (N + 1, 6) and controls (N, 3) of a plan `age` s old, on knots over `duration`."""
+        """The rest of a plan `age` s old, over the next `duration` s.
+
+        Returns:
+          States (N + 1, 6) at the knots and controls (N, 3) of the intervals.
+        """
         times = age + duration * self.fractions
         controls = last.forces_at(0.5 * (times[1:] + times[:-1])) / self.limits.thrust
         return last.states_at(times), controls
@@ -177,7 +183,14 @@ class LinearisedTransit:
         duration: float,
         push: np.ndarray,
     ) -> None:
-        """Motion from `start` (6,) about states (N + 1, 6) and controls (N, 3), and its limits."""
+        """Linearises the motion and its limits about a plan.
+
+        Args:
+          start: (6,) the first state, in K, in m and m/s.
+          states, controls: (N + 1, 6) and (N, 3) of the plan to linearise about.
+          duration: its length in s.
+          push: (3,) in m/s^2, an acceleration that the field does not explain.
+        """
         rows = condensed_motion(
             self.field, self.spin, start, states, controls, duration * self.shares,
             self.limits.thrust / self.limits.mass, push,
@@ -190,10 +203,10 @@ class LinearisedTransit:
         )
 
     def solve(self) -> TransitSolution:
-        """Solves the program as it is linearised.
+        """Solves the program about the plan that was linearised last.
 
         Raises:
-          SolverFailure: the solver fails.
+          SolverFailure: the solver finds no solution.
         """
         rows, bounds, room = self._limits
         included = room < _NEAR
@@ -216,9 +229,9 @@ class LinearisedTransit:
         )
 
     def _minimum(self) -> np.ndarray:
-        """All variables at the optimum, or SolverFailure."""
-        # Refinement of the linear solves takes a third of the time, for digits beyond the
-        # tolerance; a solve that fails without it gets it.
+        """The values of all variables at the optimum; raises `SolverFailure` if there is none."""
+        # Iterative refinement of the linear solves takes a third of the time and gives digits
+        # beyond the tolerance. So it is used only if the solve fails without it.
         for refined in (False, True):
             self.options.SetOption(ClarabelSolver.id(), "iterative_refinement_enable", refined)
             result = self.solver.Solve(self.program, None, self.options)
@@ -235,7 +248,7 @@ class LinearisedTransit:
         iterations: int,
         started: float,
     ) -> Plan:
-        """The plan that a solution is; `started` is of `time.perf_counter`."""
+        """The plan of a solution; `started` is the value of `time.perf_counter` at its start."""
         return Plan(
             times=duration * self.fractions,
             states=solution.states,
@@ -249,6 +262,6 @@ class LinearisedTransit:
         )
 
     def fits(self, plan: Plan, age: float, state: np.ndarray, target: np.ndarray) -> bool:
-        """Whether a plan made `age` s ago is so close that one linearisation about it will do."""
+        """Whether a plan made `age` s ago is so close that one linearisation about it is enough."""
         away = np.abs(np.stack([plan.states_at(np.array([age]))[0] - state, plan.target - target]))
         return bool((away < _CLOSE * self.units).all())

@@ -1,4 +1,4 @@
-"""`ModelPredictiveController`: the expert, which knows its state exactly."""
+"""`ModelPredictiveController`: plans at every step and commands the plan's first force."""
 
 from __future__ import annotations
 
@@ -10,16 +10,23 @@ from pydrake.common.value import AbstractValue
 from pydrake.solvers import SolutionResult
 from pydrake.systems.framework import LeafSystem
 
-from proxops.systems.common import InputError, LegendEntry, LoggedPort, SolverFailure
+from proxops.systems.common import (
+    InputError,
+    LegendEntry,
+    LoggedPort,
+    SolverFailure,
+    check_positive,
+)
 from proxops.systems.expert.fallback_plans import braking, continued_plan
 from proxops.systems.expert.plan import Plan, PlanProgram, PlanReason, PlanStatus, empty_plan
 from proxops.systems.expert.plan_memory import memory_size, packed, unpacked
 from proxops.systems.vehicle import moved_by, predicted_state, unexplained_acceleration
 
-# An old plan is linearised about again, up to so many times, until the first force changes by less
-# than this share of the thrust limit. Two or three times do, 1e-3 of the limit from the end of it.
+# About an old plan, the program is linearised up to so many times, until the first force changes by
+# less than this share of the thrust limit. Two or three times are usual.
 _MOST_FOR_OLD_PLAN, _SETTLED = 5, 1e-3
-# What the solver's result means for the log; whatever is not here is SOLVER_ERROR.
+_MOST_ITERATIONS = 1000
+# The reasons in the log for the solver's results. All others are SOLVER_ERROR.
 _FAILURES = {
     SolutionResult.kInvalidInput: PlanReason.INPUT_NOT_FINITE,
     SolutionResult.kInfeasibleConstraints: PlanReason.SOLVER_INFEASIBLE,
@@ -40,27 +47,32 @@ class ModelPredictiveController(LeafSystem):
                      └───────────────────────────┴─► planned_force (3), N
     ```
 
-    All vectors are in K, in m, m/s and N. The command depends on the state and the target alone:
-    the last plan, kept in the Context as discrete state and replaced every `period`, only says
-    where to linearise first. It is linearised about once if it is one period old
-    and fits the state and target, and `cold_iterations` times if not, or if there is none. A plan
-    that is older, for the MPC was not asked in between, is shifted by its age and linearised about
-    up to five times, until the first force settles; if it doesn't, it counts as none.
+    All vectors are in K, in m, m/s and N. The command depends on the state and the target alone.
+    The last plan, which is discrete state in the Context and is replaced every `period`, only says
+    where to linearise first:
 
-    `enable`, if connected, gates the periodic update: while it is 0, nothing is solved unless an
-    output is asked for but `planned_force`: what the last plan has for now, flown by the clock, or
-    without one braking; it never solves.
+    * If it is one period old and fits the state and the target, the program is linearised once.
+    * If it does not fit, or if there is none, the program is linearised `cold_iterations` times.
+    * If it is older, because the MPC was not asked in between, it is shifted by its age and the
+      program is linearised up to five times, until the first force settles. If the force does not
+      settle, the plan is discarded.
 
-    With `estimator_gain` above 0 it is offset-free: the acceleration that gravity and its own last
-    force do not explain is estimated from the motion over the last period, smoothed by that gain,
-    and planned for. The estimate is kept with the plan; the command then depends on it too.
+    `enable`, if connected, gates the periodic update. While it is 0, the controller solves only if
+    one of the outputs `force`, `plan` and `record` is evaluated. `planned_force` never solves: it
+    is the force that the last plan has for the present time, or the braking force if there is no
+    last plan.
 
-    With `delay` above 0 its command is taken to act that much after it was asked for, as a
-    `DelayedHold` makes it. It then plans from where it will be by then, under its own last command
-    and the gravity it believes in; the last command is kept too, and the command depends on it.
+    With `estimator_gain` above 0 the control is offset-free. The acceleration that gravity and the
+    last force do not explain is estimated from the motion over the last period, smoothed by that
+    gain, and included in the plan's motion. The estimate is kept with the plan, and the command
+    depends on it.
 
-    If the solver fails the flight goes on: the last plan is continued by the clock (status 1), and
-    without one the spacecraft brakes (status 2). `Plan.reason` says why.
+    With `delay` above 0 the command is assumed to act that much later, as through a `DelayedHold`.
+    The plan then begins at the predicted state at that time, under the last command and the assumed
+    gravity. The last command is kept as well, and the command depends on it.
+
+    If the solver fails, the flight goes on: the last plan is continued (status 1), or the
+    spacecraft brakes if there is none (status 2). `Plan.reason` says why.
     """
 
     legend_entry = LegendEntry("MPC", (0.22, 0.55, 0.95))
@@ -73,17 +85,24 @@ class ModelPredictiveController(LeafSystem):
         estimator_gain: float = 0.0,
         delay: float = 0.0,
     ):
-        """Takes the program, the control period in s, the estimator's gain and the delay in s.
+        """Takes the program to solve and how to use it.
+
+        Args:
+          program: the optimal control problem.
+          period: control period in s.
+          cold_iterations: number of linearisations without a recent plan.
+          estimator_gain: from 0 to 1; 0: no estimate of an unexplained acceleration.
+          delay: time in s from a command's evaluation until it acts.
 
         Raises:
           InputError: the period or the number of iterations is not positive, the gain is not from
             0 to 1, or the delay not from 0 to the period.
         """
         super().__init__()
-        if not (period > 0.0 and cold_iterations >= 1):
+        check_positive("ModelPredictiveController", period=period)
+        if not 1 <= cold_iterations <= _MOST_ITERATIONS:
             raise InputError(
-                "the MPC needs a positive period and at least one cold iteration, "
-                f"got {period} and {cold_iterations}"
+                f"the MPC needs from 1 to {_MOST_ITERATIONS} cold_iterations, got {cold_iterations}"
             )
         if not 0.0 <= estimator_gain <= 1.0:
             raise InputError(f"the MPC's estimator gain must be from 0 to 1, got {estimator_gain}")
@@ -96,7 +115,7 @@ class ModelPredictiveController(LeafSystem):
         self._enable_port = self.DeclareVectorInputPort(name="enable", size=1)
         intervals = program.horizon.intervals
         self._memory = self.DeclareDiscreteState(memory_size(intervals))
-        # With a delay, the last command; until there is one, no force acts.
+        # The last command, which is needed with a delay only. It is zero at first.
         self._command = self.DeclareDiscreteState(3) if delay > 0.0 else None
         depends = {
             self._state_port.ticket(),
@@ -126,8 +145,8 @@ class ModelPredictiveController(LeafSystem):
                 self.time_ticket(),
             },
         )
-        # Discrete, not unrestricted: at one time all discrete updates see the same state before
-        # it, so that the hold downstream reads the plan that is cached and nothing is solved twice.
+        # The update is discrete, not unrestricted: all discrete updates at one time see the state
+        # before it. So the hold downstream reads the cached plan, and nothing is solved twice.
         self.DeclarePeriodicDiscreteUpdateEvent(
             period_sec=period, offset_sec=0.0, update=self._remember_plan
         )
@@ -178,20 +197,20 @@ class ModelPredictiveController(LeafSystem):
             discrete_state.set_value(self._command, self._first_force(plan))
         if plan.status == PlanStatus.SOLVED:
             discrete_state.set_value(self._memory, packed(plan, context.get_time() + self.delay))
-        # Else the last plan that was solved stays, to be continued by its own clock.
+        # Otherwise the last plan that was solved stays, to be continued.
 
     def _first_force(self, plan: Plan) -> np.ndarray:
         limit = self.program.limits.thrust
         return np.clip(plan.forces[0], -limit, limit)
 
     def _recall(self, context) -> tuple[Plan | None, float]:
-        """The last plan, if any, and its age in s when the next force takes effect."""
+        """The last plan or None, and its age in s when the next force takes effect."""
         memory = context.get_discrete_state(self._memory).value()
         last, start = unpacked(memory, self.program.horizon)
         return last, 0.0 if last is None else context.get_time() + self.delay - start
 
     def _predict(self, context, state: np.ndarray) -> np.ndarray:
-        """The state when the next force takes effect, if nothing pushes but what is known."""
+        """The state when the next force takes effect, without unexplained acceleration."""
         if self._command is None:
             return state
         program, force = self.program, context.get_discrete_state(self._command).value()
@@ -200,10 +219,12 @@ class ModelPredictiveController(LeafSystem):
         )
 
     def _estimate(self, last: Plan | None, age: float, state: np.ndarray) -> np.ndarray:
-        """What pushes besides gravity and the force commanded `age` s ago: (3,) in m/s^2.
+        """The acceleration (3,) in m/s^2 besides gravity and the force commanded `age` s ago.
 
         Args:
-          state: (6,), predicted without a push.
+          last: the last plan, which begins with that force.
+          age: in s.
+          state: (6,), predicted without an unexplained acceleration.
         """
         if last is None:
             return np.zeros(3)
@@ -211,7 +232,7 @@ class ModelPredictiveController(LeafSystem):
         if self.estimator_gain == 0.0 or not 0.0 < age <= 1.5 * self.period:
             return known
         program = self.program
-        # Like is compared with like: both predictions over the delay without a push.
+        # Both states must be predictions over the delay without an unexplained acceleration.
         before = last.states[0] - moved_by(known, self.delay)
         force = self._first_force(last)
         found = unexplained_acceleration(
@@ -222,7 +243,7 @@ class ModelPredictiveController(LeafSystem):
     def _solve(
         self, state: np.ndarray, target: np.ndarray, last: Plan | None, age: float, push: np.ndarray
     ) -> tuple[Plan | None, PlanReason]:
-        """A fresh plan, or None, and the reason for what was done."""
+        """A new plan, or None if the solver fails, and the reason."""
         solve, iterations = self.program.solve, self.cold_iterations
         if last is None:
             reason = PlanReason.SOLVED_ANEW_NO_PLAN
@@ -240,7 +261,7 @@ class ModelPredictiveController(LeafSystem):
             except SolverFailure:
                 if last is None:
                     raise
-                # A plan that leads nowhere may be what the solver choked on: again from nothing.
+                # The last plan may be the cause of the failure: try again without it.
                 plan = solve(state, target, None, 0.0, self.cold_iterations, push)
                 return plan, PlanReason.SOLVED_ANEW_AFTER_FAILURE
         except SolverFailure as failure:
@@ -249,7 +270,7 @@ class ModelPredictiveController(LeafSystem):
     def _solve_about_old_plan(
         self, state: np.ndarray, target: np.ndarray, last: Plan, age: float, push: np.ndarray
     ) -> Plan:
-        """A plan in few iterations if the last one, shifted, leads there; else as without one."""
+        """A plan about the last one, shifted by its age; without it if that does not settle."""
         iterations = self.cold_iterations
         plan, due = last, last.forces_at(np.array([age]))[0]
         for count in range(1, min(_MOST_FOR_OLD_PLAN, iterations) + 1):
@@ -261,7 +282,7 @@ class ModelPredictiveController(LeafSystem):
         return self.program.solve(state, target, None, 0.0, iterations, push)
 
     def _fallback(self, state: np.ndarray, last: Plan | None, age: float) -> Plan:
-        """The last plan shifted, or without one, braking."""
+        """The rest of the last plan, or braking if there is none."""
         program = self.program
         if last is not None:
             return continued_plan(last, age, program.horizon, self.period)

@@ -1,11 +1,12 @@
-"""Speed limit and keep-out along a plan, as rows of a program whose states are condensed.
+"""Speed limit and keep-out along a plan, as linear rows of a condensed program.
 
-At each knot after the first, with s its slacks, none negative, and n.r >= b the half-space that
-touches the keep-out ellipsoid below the knot of the last plan::
+At each knot after the first, the half-space n.r >= b touches the keep-out ellipsoid below the knot
+of the last plan. With slacks s, which are not negative::
 
     n.r + s_keep_out >= b        -v_limit - s_speed <= v <= v_limit + s_speed, per axis
 
-With x = R z + d, affine in the controls and the stretch z, each is a row over (z, s).
+The states x = R z + d are affine in z, the controls and the stretch. So each limit is a row over
+(z, s).
 """
 
 from __future__ import annotations
@@ -19,9 +20,10 @@ from proxops.systems.shapes import tangent_half_spaces
 
 
 class PathLimits(NamedTuple):
-    """rows @ (z, keep-out slacks, speed slacks) >= bounds, in scaled units.
+    """The limits rows @ (z, keep-out slacks, speed slacks) >= bounds, in scaled units.
 
-    Of N knots: N rows of the keep-out, 3 N of the speed upwards, 3 N of the speed downwards.
+    For N knots there are N rows of the keep-out, then 3 N of the greatest and 3 N of the least
+    velocity.
     """
 
     rows: np.ndarray
@@ -29,7 +31,7 @@ class PathLimits(NamedTuple):
     bounds: np.ndarray
     """(7 N,)."""
     room: np.ndarray
-    """(7 N,), what the last plan leaves to each."""
+    """(7 N,): distance of the last plan to each limit."""
 
 
 def path_limits(
@@ -39,9 +41,10 @@ def path_limits(
     drift: np.ndarray,
     states: np.ndarray,
 ) -> PathLimits:
-    """The limits at the knots whose scaled states are motion @ z + drift.
+    """The limits at the N knots whose scaled states are motion @ z + drift.
 
     Args:
+      limits: of the spacecraft and its path.
       units: (6,) in m and m/s that states are scaled by, the same along each axis.
       motion, drift: (N, 6, M) and (N, 6).
       states: (N, 6) of the last plan at those knots, in m and m/s.

@@ -1,4 +1,4 @@
-"""A plan of the expert, what bounds it, and how long it is."""
+"""`Plan`, the result of the MPC, with the `TransitLimits` and the `Horizon` it is made for."""
 
 from __future__ import annotations
 
@@ -8,33 +8,37 @@ from typing import Protocol
 
 import numpy as np
 
+from proxops.systems.common import InputError, check_not_negative, check_positive
 from proxops.systems.gravity import Field
+
+_MOST_INTERVALS = 1000
 
 
 class PlanStatus(IntEnum):
-    """Which of the three a plan is, in the order of fallback."""
+    """How a plan was made. Higher numbers are fallbacks."""
 
     SOLVED = 0
-    """A fresh solution."""
+    """The program was solved."""
     LAST_PLAN_CONTINUED = 1
-    """The last plan that was solved, shifted to now."""
+    """The solver failed: the rest of the last plan that was solved."""
     BRAKING = 2
-    """For want of any plan."""
+    """The solver failed and there is no last plan: braking to rest."""
 
 
 class PlanReason(IntEnum):
-    """Why a plan was solved the way it was; of a fallback, why nothing could be solved."""
+    """How a plan was solved, and why in that way; for a fallback, why the solver failed."""
 
     SOLVED_ABOUT_LAST_PLAN = 0
-    """Linearised once, about the last plan."""
+    """The program was linearised once, about the last plan."""
     SOLVED_ANEW_NO_PLAN = 1
-    """As often as without a recent plan: there is none."""
+    """There is no last plan. The program was linearised `cold_iterations` times."""
     SOLVED_ANEW_PLAN_TOO_OLD = 2
-    """The last plan is more than a step old: as often as it takes to settle."""
+    """The last plan is more than one step old. The program was linearised until it settled."""
     SOLVED_ANEW_PLAN_ELSEWHERE = 3
-    """The state or the target is not where the last plan has it."""
+    """The last plan does not fit the state or the target. The program was linearised
+    `cold_iterations` times."""
     SOLVED_ANEW_AFTER_FAILURE = 4
-    """The solver failed about the last plan, and succeeded from nothing."""
+    """The solver failed about the last plan and succeeded without it."""
     INPUT_NOT_FINITE = 5
     """The state or the target has infinities or NaN."""
     SOLVER_INFEASIBLE = 6
@@ -47,7 +51,7 @@ class PlanReason(IntEnum):
 
 @dataclass(frozen=True)
 class Plan:
-    """A plan to the target, in K, from where its first force takes effect."""
+    """A plan to the target, in K. It begins when its first force takes effect."""
 
     times: np.ndarray
     """(N + 1,) knots in s from the plan's own start."""
@@ -56,34 +60,34 @@ class Plan:
     forces: np.ndarray
     """(N, 3) in N, constant between knots."""
     target: np.ndarray
-    """(6,) in m and m/s, what the plan aims at; it ends there if `slack` is 0."""
+    """(6,) in m and m/s: where the plan should end; it does so if `slack` is 0."""
     cost: float
-    """In s: the integral that the program minimises, without the price of slack."""
+    """The integral that the program minimises, in s, without the price of slack."""
     slack: float
     """Sum of all slacks in scaled units; 0 if the plan keeps every limit and reaches the target."""
     status: int
     """A `PlanStatus`. 0: solved; 1: the last plan, continued; 2: braking, for there is no plan."""
     iterations: int
-    """Linearisations this plan took."""
+    """Number of linearisations."""
     solve_time: float
     """Wall time in s."""
     reason: int = PlanReason.SOLVED_ANEW_NO_PLAN
-    """A `PlanReason`: why this status, and why anew if it was solved anew. Who asks sets it."""
+    """A `PlanReason`; the controller sets it."""
     push: np.ndarray = field(default_factory=lambda: np.zeros(3))
-    """(3,) in m/s^2, the acceleration assumed besides gravity and thrust."""
+    """(3,) in m/s^2: the assumed acceleration besides gravity and thrust."""
 
     def states_at(self, times: np.ndarray) -> np.ndarray:
-        """States (M, 6) at times (M,), straight between knots, held past the last."""
+        """States (M, 6) at times (M,): linear between knots, constant past the last knot."""
         return np.stack([np.interp(times, self.times, x) for x in self.states.T], axis=1)
 
     def forces_at(self, times: np.ndarray) -> np.ndarray:
-        """Forces (M, 3) at times (M,); past the plan's ends those of its first or last interval."""
+        """Forces (M, 3) at times (M,); outside the plan those of its first or last interval."""
         at = np.searchsorted(self.times, times, side="right") - 1
         return self.forces[np.clip(at, 0, len(self.forces) - 1)]
 
 
 def empty_plan(intervals: int) -> Plan:
-    """Of so many intervals, nowhere, without thrust."""
+    """A plan of so many intervals without thrust: a blank to fill in."""
     return Plan(
         times=np.zeros(intervals + 1),
         states=np.zeros((intervals + 1, 6)),
@@ -99,7 +103,7 @@ def empty_plan(intervals: int) -> Plan:
 
 @dataclass(frozen=True)
 class TransitLimits:
-    """What the spacecraft can do and where it may be."""
+    """Limits of the spacecraft and its path."""
 
     mass: float
     """kg."""
@@ -108,38 +112,60 @@ class TransitLimits:
     speed: float
     """m/s per axis, in K."""
     keep_out_semi_axes: np.ndarray
-    """(3,) in m, any margin included."""
+    """(3,) in m, of the ellipsoid to stay out of, with its margin."""
+
+    def __post_init__(self) -> None:
+        """Raises `InputError` unless all limits are positive."""
+        check_positive("TransitLimits", mass=self.mass, thrust=self.thrust, speed=self.speed)
+        axes = dict(zip(("x", "y", "z"), self.keep_out_semi_axes, strict=True))
+        check_positive("the keep-out ellipsoid", **axes)
 
 
 @dataclass(frozen=True)
 class Horizon:
-    """How long a plan is, by what it trades time for effort, and how it is divided."""
+    """Length of a plan, its trade of time against effort, and its division into intervals."""
 
     intervals: int = 16
     """Number of intervals of constant force."""
     interval_growth: float = 4.0
     """Length of the last interval over that of the first."""
     nominal_acceleration: float = 0.03
-    """m/s^2, a: sets the price of time. Without gravity and fuel weight, transits from rest to rest
-    then take as long as with an acceleration a, one way and then the other."""
+    """a in m/s^2: sets the price of time. Without gravity and fuel weight, a transit from rest to
+    rest takes as long as with the acceleration a, first forwards and then backwards."""
     fuel_weight: float = 0.8
-    """Of the thrust's 1-norm, which fuel goes by, against its square, both over the limit."""
+    """Weight of the thrust's 1-norm, which fuel is proportional to, against its square; both are
+    relative to the limit."""
     minimum: float = 300.0
-    """s; no plan is shorter."""
+    """Least length of a plan in s."""
+
+    def __post_init__(self) -> None:
+        """Raises `InputError` for a horizon that has no length or fewer than two intervals."""
+        if not 2 <= self.intervals <= _MOST_INTERVALS:
+            raise InputError(
+                f"a plan needs at least 2 intervals and at most {_MOST_INTERVALS}, "
+                f"got {self.intervals}"
+            )
+        check_positive(
+            "Horizon",
+            interval_growth=self.interval_growth,
+            nominal_acceleration=self.nominal_acceleration,
+            minimum=self.minimum,
+        )
+        check_not_negative("Horizon", fuel_weight=self.fuel_weight)
 
     def time_to_go(self, state: np.ndarray, target: np.ndarray) -> float:
-        """A first guess of T, in s, from state (6,) and target (6,) alone.
+        """An initial guess of the plan's length T, in s, from state (6,) and target (6,) alone.
 
-        Without gravity, least quadratic effort from rest to rest over D in the time
-        T_0 = sqrt(4 D / a) passes, at the share s of T_0, the distance to go
-        d = D (1 - s)^2 (1 + 2 s) with the closing speed v = 6 D s (1 - s) / T_0. Solved for s,
+        Without gravity, the motion of least quadratic effort from rest to rest over the distance D
+        takes T_0 = sqrt(4 D / a). At the share s of T_0 the distance to go is
+        d = D (1 - s)^2 (1 + 2 s) and the closing speed is v = 6 D s (1 - s) / T_0. Solved for s,
         with q = v^2 / (a d), this gives the time left on that motion::
 
             s = (q + sqrt(q^2 + 9 q)) / 9        T = (1 - s) T_0 = sqrt(4 d / (a (1 + 2 s)))
 
-        It falls by one second a second along that motion. For fast arrivals T goes to 3 d / v,
-        which braking alone takes; for a speed away from the target it is that from rest. It is
-        never less than `minimum`.
+        Along that motion T falls by one second a second. For fast arrivals it tends to 3 d / v, the
+        time that braking takes. For a speed away from the target it is the time from rest. It is
+        at least `minimum`.
         """
         away = target[:3] - state[:3]
         distance = float(np.linalg.norm(away))
@@ -158,7 +184,7 @@ class Horizon:
 
 
 class PlanProgram(Protocol):
-    """What the MPC solves at every step."""
+    """The interface of the programs that the MPC can solve."""
 
     field: Field
     spin: float
@@ -174,9 +200,9 @@ class PlanProgram(Protocol):
         iterations: int = 1,
         push: np.ndarray | None = None,
     ) -> Plan:
-        """As `TransitProgram.solve`."""
+        """Solves for a plan: see `TransitProgram.solve`."""
         ...
 
     def fits(self, plan: Plan, age: float, state: np.ndarray, target: np.ndarray) -> bool:
-        """As `TransitProgram.fits`."""
+        """Whether one linearisation is enough: see `TransitProgram.fits`."""
         ...

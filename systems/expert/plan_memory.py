@@ -8,7 +8,8 @@ import numpy as np
 
 from proxops.systems.expert.plan import Horizon, Plan, empty_plan
 
-# Whether there is a plan, when it begins, its length, its target; then states, forces, push.
+# The first nine numbers: whether there is a plan, when it begins, its length, its target (6). Then
+# come states, forces and push.
 _HEAD = 9
 
 
@@ -18,16 +19,16 @@ def memory_size(intervals: int) -> int:
 
 
 def packed(plan: Plan, start: float) -> np.ndarray:
-    """A plan that begins at the time `start`, in s, as a vector; zeros mean that there is none."""
+    """The vector of a plan that begins at the time `start` in s; zeros mean that there is none."""
     head = [1.0, start, plan.times[-1], *plan.target]
     return np.concatenate([head, plan.states.ravel(), plan.forces.ravel(), plan.push])
 
 
 def unpacked(memory: np.ndarray, horizon: Horizon) -> tuple[Plan | None, float]:
-    """The plan in a vector, if any, as solved, and the time in s at which it begins."""
+    """The plan in a vector, or None, and the time in s at which it begins."""
     if memory[0] == 0.0:
         return None, 0.0
-    memory = memory.copy()  # A view of a Context's state changes with it, and may outlive it.
+    memory = memory.copy()  # The vector may be a view of a Context's state, which changes.
     intervals = horizon.intervals
     split = _HEAD + 6 * (intervals + 1)
     plan = dataclasses.replace(

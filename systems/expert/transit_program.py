@@ -1,7 +1,7 @@
-"""The expert's optimal control problem as one MathematicalProgram, convexified step by step.
+"""The expert's optimal control problem, solved by successive convexification.
 
-A plan takes the time T, which is free, in intervals of constant force whose lengths keep their
-ratio. With u the force over the thrust limit, minimise::
+A plan takes a free time T, in intervals of constant force whose lengths keep their ratio. With u
+the force over the thrust limit, the program minimises::
 
     integral over T of  w + |u|_2^2 + c |u|_1
 
@@ -9,17 +9,17 @@ subject to
 
 * the motion in K, with gravity linearised about the previous plan and the step linear in T,
 * the thrust limit per axis,
-* and, each with an exactly penalised slack so that no state is infeasible: the speed limit per
-  axis, the half-space that touches the keep-out ellipsoid below each knot, and the target at the
-  last knot.
+* the speed limit per axis, the half-space that touches the keep-out ellipsoid below each knot, and
+  the target at the last knot. Each of these has an exactly penalised slack, so that every state is
+  feasible.
 
-As T is chosen by the same cost, what is left of an optimal plan is the optimal plan of what is
-left (Bellman): no clock is needed for the end of the plan to stay where it is while it is flown.
-w is set by `Horizon.nominal_acceleration`; c, `Horizon.fuel_weight`, trades smoothness for fuel.
-Close to the target T comes to its least value; it is then a receding horizon, and c falls to zero
-there, for 1-norm effort over a receding horizon puts thrust off for ever.
+T is chosen by the same cost. So the rest of an optimal plan is the optimal plan from there on
+(Bellman): no clock is needed to keep the plan's end where it is during the flight.
+`Horizon.nominal_acceleration` sets w. `Horizon.fuel_weight`, c, trades smoothness for fuel. Close
+to the target T reaches its least value, and from then on the horizon recedes. There c falls to
+zero, because 1-norm effort over a receding horizon postpones thrust for ever.
 
-It knows nothing of a particular body, and nothing of Drake's systems.
+The program knows no particular body and no Drake system.
 """
 
 from __future__ import annotations
@@ -34,13 +34,13 @@ from proxops.systems.expert.linearised_transit import KEEP_OUT_PRICE, Linearised
 from proxops.systems.expert.plan import Horizon, Plan, TransitLimits
 from proxops.systems.gravity import Field
 
-# T changes by no more than this share in one linearisation.
+# T changes by at most this share in one linearisation.
 _TRUSTED_STRETCH = 0.1
-# Curvature of the cost in T over its slope; the program sees only two thirds of it by itself, and
-# would jump to and fro across the best T without the rest.
+# Curvature of the cost in T over its slope. The linearised program has only two thirds of it by
+# itself; without the rest T would jump to and fro across its best value.
 _STRETCH_CURVATURE = 1.0
-# Without a plan, all first guesses are followed for so many linearisations, then the best alone. A
-# guess is better than one before it if its plan costs less than this share of the other's.
+# Without a plan, all initial guesses are improved for so many linearisations, then only the best. A
+# guess is better than an earlier one if its plan costs less than this share of the other's.
 _TRIED, _CLEARLY_LESS = 5, 0.999
 
 
@@ -48,17 +48,13 @@ class TransitProgram:
     """The convex program of one linearisation, built once and updated at every call."""
 
     def __init__(self, field: Field, spin: float, limits: TransitLimits, horizon: Horizon):
-        """Takes the field and spin (rad/s about z) that the plan believes in.
-
-        Raises:
-          InputError: the horizon has no length or fewer than two intervals.
-        """
+        """Takes the assumed field and spin (rad/s about z), the limits and the horizon."""
         self.transit = LinearisedTransit(
             field, spin, limits, horizon, free_time=True, one_norm=True, end_slacks=12
         )
         self.field, self.spin, self.limits, self.horizon = field, spin, limits, horizon
-        # Without gravity, the best time from rest to rest over d is sqrt(4 d / a) for this w and
-        # quadratic effort: the mean of |u|^2 is then 12 (m d / F)^2 / T^4.
+        # Without gravity, and with quadratic effort, the mean of |u|^2 from rest to rest over d is
+        # 12 (m d / F)^2 / T^4. With this w the best time is then sqrt(4 d / a).
         share = limits.mass * horizon.nominal_acceleration / limits.thrust
         self.time_price = 2.25 * share**2
         program, transit = self.transit.program, self.transit
@@ -84,9 +80,11 @@ class TransitProgram:
         """The plan from `state` (6,) to `target` (6,).
 
         Args:
-          previous: the plan to linearise about first, made `age` seconds ago; None: guesses that
-            depend on state and target alone, either way round the keep-out ellipsoid.
-          iterations: how often to linearise and solve.
+          state, target: in K, in m and m/s.
+          previous: the plan to linearise about first, made `age` seconds ago; None: initial guesses
+            that depend on state and target alone, either way round the keep-out ellipsoid.
+          age: in s.
+          iterations: number of linearisations.
           push: (3,) in m/s^2, an acceleration that the field does not explain; None: none.
 
         Raises:
@@ -99,13 +97,13 @@ class TransitProgram:
         last, done = previous, 0
         if last is None:
             done = min(iterations, _TRIED)
-            last, age = self._begun(state, target, done, push, started), 0.0
+            last, age = self._best_start(state, target, done, push, started), 0.0
         for iteration in range(done + 1, iterations + 1):
             last = self._improved(state, target, last, age, push, iteration, started)
             age = 0.0
         return last
 
-    def _begun(
+    def _best_start(
         self,
         state: np.ndarray,
         target: np.ndarray,
@@ -113,10 +111,10 @@ class TransitProgram:
         push: np.ndarray,
         started: float,
     ) -> Plan:
-        """The best plan that so many iterations make of the first guesses.
+        """The best of the plans that so many iterations make of the initial guesses.
 
         Raises:
-          SolverFailure: of the last guess, if none leads to a plan.
+          SolverFailure: no guess leads to a plan; the failure is that of the last guess.
         """
         best, failure = None, None
         duration = self.horizon.time_to_go(state, target)
@@ -135,7 +133,7 @@ class TransitProgram:
         return best
 
     def fits(self, plan: Plan, age: float, state: np.ndarray, target: np.ndarray) -> bool:
-        """Whether a plan made `age` s ago is so close that one linearisation about it will do."""
+        """Whether a plan made `age` s ago is so close that one linearisation about it is enough."""
         return self.transit.fits(plan, age, state, target)
 
     def _improved(
@@ -172,7 +170,7 @@ class TransitProgram:
         return transit.plan_of(found, target, duration, cost, iteration, started)
 
     def fuel_weight(self, duration: float) -> float:
-        """c for a plan of this length: none at the shortest, all from three times that on."""
+        """The weight c for a plan of this length: 0 for the shortest, full from 3 times that on."""
         beyond = 0.5 * (duration / self.horizon.minimum - 1.0)
         return self.horizon.fuel_weight * min(max(beyond, 0.0), 1.0)
 
@@ -183,5 +181,5 @@ class TransitProgram:
 
 
 def _total_cost(plan: Plan) -> float:
-    """What a plan costs, with the highest price for any slack."""
+    """The cost of a plan, with the highest price for its slack."""
     return plan.cost + KEEP_OUT_PRICE * plan.slack * float(plan.times[-1])

@@ -1,16 +1,17 @@
 """The paper's optimal control problem: weighted state error against weighted effort.
 
 A plan always takes the same time, in intervals of constant force whose lengths keep their ratio.
-With e the state less the target, in units of `ErrorWeights`, and u the force over the thrust
-limit, minimise the means over the plan::
+With e the difference of state and target, in units of `ErrorWeights`, and u the force over the
+thrust limit, the program minimises::
 
-    mean of  |e_position|_2^2 + |e_velocity|_2^2 + |u|_2^2
+    mean over the plan of  |e_position|_2^2 + |e_velocity|_2^2 + |u|_2^2
 
-the errors taken at the end of each interval, the last included, under the motion and limits of
+The errors are those at the end of each interval. Motion and limits are those of
 `LinearisedTransit`. There is no terminal constraint: the spacecraft comes to rest beside the
-target, where error and hover thrust together cost least, and further off the shorter the horizon.
+target, where error and hover thrust together cost least. The shorter the horizon is, the greater is
+that distance.
 
-It has the interface of `TransitProgram`, which does better; it is there to be compared with.
+The interface is that of `TransitProgram`, which flies better. This program is for comparison.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 from pydrake.solvers import SolutionResult
 
-from proxops.systems.common import InputError, SolverFailure
+from proxops.systems.common import SolverFailure, check_positive
 from proxops.systems.expert.linearised_transit import LinearisedTransit, TransitSolution
 from proxops.systems.expert.plan import Horizon, Plan, TransitLimits
 from proxops.systems.gravity import Field
@@ -29,7 +30,7 @@ from proxops.systems.gravity import Field
 
 @dataclass(frozen=True)
 class ErrorWeights:
-    """Errors that weigh as much as full thrust along one axis (Bryson's rule)."""
+    """Errors that cost as much as full thrust along one axis (Bryson's rule)."""
 
     position: float
     """m."""
@@ -48,21 +49,19 @@ class WeightedProgram:
         horizon: Horizon,
         weights: ErrorWeights,
     ):
-        """Takes the field and spin (rad/s about z) that the plan believes in.
+        """Takes the assumed field and spin (rad/s about z), limits, horizon and weights.
 
-        Every plan is `horizon.minimum` long; of the horizon's other values only those of the knots
-        matter.
+        Every plan is `horizon.minimum` long. Of the horizon's other values only `intervals` and
+        `interval_growth` are used.
 
         Raises:
-          InputError: the horizon has no length or fewer than two intervals, or a weight is not
-            positive.
+          InputError: a weight is not positive.
         """
-        if not (weights.position > 0.0 and weights.speed > 0.0):
-            raise InputError(f"the errors to weigh must be positive, got {weights}")
+        check_positive("ErrorWeights", position=weights.position, speed=weights.speed)
         self.transit = LinearisedTransit(field, spin, limits, horizon, free_time=False)
         self.field, self.spin, self.limits, self.horizon = field, spin, limits, horizon
         units = self.transit.units
-        # Of the scaled states' errors, squared.
+        # Weights of the squared errors of the scaled states.
         self._weights = (units / np.repeat([weights.position, weights.speed], 3)) ** 2
         u = self.transit.u
         self._error = self.transit.program.AddQuadraticCost(
@@ -78,7 +77,10 @@ class WeightedProgram:
         iterations: int = 1,
         push: np.ndarray | None = None,
     ) -> Plan:
-        """As `TransitProgram.solve`; `Plan.cost` is the mean that is minimised times the length."""
+        """Solves for a plan: see `TransitProgram.solve`.
+
+        `Plan.cost` is the minimised mean times the plan's length.
+        """
         started = time.perf_counter()
         if not (np.isfinite(state).all() and np.isfinite(target).all()):
             raise SolverFailure(SolutionResult.kInvalidInput)  # Drake would end the process.
@@ -96,11 +98,11 @@ class WeightedProgram:
         return last
 
     def fits(self, plan: Plan, age: float, state: np.ndarray, target: np.ndarray) -> bool:
-        """Whether a plan made `age` s ago is so close that one linearisation about it will do."""
+        """Whether a plan made `age` s ago is so close that one linearisation about it is enough."""
         return self.transit.fits(plan, age, state, target)
 
     def _weigh_errors(self, target: np.ndarray) -> None:
-        """The mean of |e|^2 as a cost of u, without its constant, which moves no optimum."""
+        """Sets the cost of u to the mean of |e|^2, without its constant term."""
         motion, wanted = self.transit.motion, target / self.transit.units - self.transit.drift
         weighted = motion * (self.transit.shares[:, None] * self._weights)[:, :, None]
         curvature = 2.0 * np.sum(weighted.transpose(0, 2, 1) @ motion, axis=0)

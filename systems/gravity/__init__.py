@@ -1,9 +1,10 @@
 """The gravity of a body of uniform density, from its polyhedron.
 
 Start with `GravityField.evaluate`: potential, acceleration and gradient at any number of positions.
-`PolyhedralGravity` is the Drake system over it, `PointMassField` the same interface for a point
-mass; `surface_maps` and `equilibria` look at the field. The kernel in `_polyhedral_kernel` is
-compiled and its last bits are part of every recorded flight: a change there raises the version.
+`PolyhedralGravity` is the Drake system that wraps it, and `PointMassField` has the same interface
+for a point mass. `surface_maps` and `equilibria` analyse the field. The kernel in
+`_polyhedral_kernel` is compiled. Its last bits are part of every recorded flight, so a change there
+raises the version.
 """
 
 from proxops.systems.gravity.equilibria import Equilibrium, find_equilibria, synchronous_radius

@@ -1,9 +1,9 @@
-"""Gravity far from a body: point masses on a sphere about it that have the same field out there.
+"""Gravity far from a body: point masses on a sphere about it that have the same field far away.
 
-The sums of polyhedral gravity cancel ever more with distance: the relative error grows as its
-square, to 1e-6 at 10,000 radii. A sum over point masses does not. The masses are fitted to the
-polyhedral potential on the sphere from which on they are used; the misfit is harmonic outside, so
-it falls at least as fast as the potential itself.
+The sums of polyhedral gravity lose digits with distance: the relative error grows as its square, to
+1e-6 at 10,000 radii. A sum over point masses loses none. The masses are fitted to the polyhedral
+potential on the sphere where they take over. The misfit is harmonic outside that sphere, so it
+falls at least as fast as the potential.
 """
 
 from collections.abc import Callable
@@ -12,24 +12,25 @@ from functools import cache
 import numpy as np
 
 SWITCH = 10.0
-"""Distance, in radii of the body about its centre of mass, from which the masses are used."""
+"""Distance from the centre of mass, in radii of the body, from which the masses are used."""
 
-# They match the field to a degree of about sqrt(_MASSES). With 200, what is left is below rounding
-# at 10 radii; on the sphere that holds the body all come out positive, so that nothing cancels.
+# The masses match the field's harmonics up to a degree of about sqrt(_MASSES). With 200, the rest
+# is below rounding at 10 radii. On the sphere that contains the body all masses come out positive,
+# so that nothing cancels.
 _MASSES = 200
 
 
 def fit_masses(
     potential: Callable[[np.ndarray], np.ndarray], radius: float
 ) -> tuple[np.ndarray, float]:
-    """Point masses (4, K), each x, y, z and G m, of a body within `radius` of the origin.
+    """Fits point masses to the potential of a body within `radius` of the origin.
 
     Args:
-      potential: the body's, (N,) at points (N, 3).
-      radius: of the sphere about the origin that holds the body, in m.
+      potential: gives the body's potential (N,) at points (N, 3).
+      radius: radius in m of a sphere about the origin that contains the body.
 
     Returns:
-      the masses, and the distance from the origin from which on they may be used.
+      The masses (4, K), each x, y, z and G m, and the distance in m from which they may be used.
     """
     switch = SWITCH * radius
     places, checks, u, s, vt = _unit_fit()
@@ -39,11 +40,11 @@ def fit_masses(
 
 @cache
 def _unit_fit() -> tuple[np.ndarray, ...]:
-    """Places (K, 3), directions to fit in, and singular value decomposition of the fit."""
+    """Places (K, 3), directions of the fit's points, and the fit's singular value decomposition."""
     places, checks = _directions(_MASSES), _directions(2 * _MASSES)
     unit_potentials = SWITCH / np.linalg.norm(SWITCH * checks[:, None] - places, axis=2)
     u, s, vt = np.linalg.svd(unit_potentials, full_matrices=False)
-    # Singular values below the cut-off stand for degrees that do not reach this far.
+    # Singular values below the cut-off belong to degrees whose field has decayed at this distance.
     kept = s > 1e-13 * s[0]
     return places, checks, u[:, kept], s[kept], vt[kept]
 

@@ -1,18 +1,18 @@
 """Compiled kernel of polyhedral gravity (Werner & Scheeres 1997): sums over edges and facets.
 
-With ``L`` an edge's potential and ``w`` a facet's solid angle as seen from the field point p, every
-quantity is a sum that is linear in ``L`` and ``w`` once p is split off, over edges with their dyads
-E at a point a of each, and over facets with F = n n^T::
+``L`` is an edge's potential and ``w`` a facet's solid angle, both seen from the field point p.
+Every quantity follows from p and from sums that are linear in ``L`` and ``w``: over the edges, with
+the dyad E and a point a of each, and over the facets, with F = n n^T::
 
     sum L E   (6 numbers)        sum L E a   (3)        sum L a.E a   (1)
 
-E is traceless and F has trace 1, so five of the first six do. ``L = 2 atanh(x)`` with
-``x = l / (r_a + r_b)``, and ``w = 2 atan(t)``, have small arguments for all but the nearest edges
-and facets. So distances are gathered first, then short odd series are summed without a branch on
-structure-of-arrays, which LLVM vectorises; a second loop, entered only if there are near ones,
-replaces those by the exact logarithm and arctangent.
+E has trace 0 and F has trace 1, so five of the first six numbers are enough. The arguments of
+``L = 2 atanh(x)`` with ``x = l / (r_a + r_b)`` and of ``w = 2 atan(t)`` are small for all but the
+nearest edges and facets. So distances are gathered first. Then short odd series are summed without
+a branch over arrays, which LLVM vectorises. If there are near edges or facets, a second loop
+replaces their values by the exact logarithm and arctangent.
 
-All of it is in one file: numba's cache on disk looks at no other file than a function's own.
+All functions are in one file, because numba's cache on disk checks only the function's own file.
 """
 
 import math
@@ -20,23 +20,24 @@ import math
 import numba
 import numpy as np
 
-# Largest argument that the series below are used for: the first omitted term is then under
-# 1e-17 of the sum.
+# Largest argument for the series below: the first omitted term is then below 1e-17 of the sum.
 _SERIES_LIMIT = 0.1
-# Facets whose vertices are seen under wide angles: there the denominator from squared distances
-# would lose digits. It is 4 r_1 r_2 r_3 far away.
+# A facet is near if its denominator is at most this many r_1 r_2 r_3 (far away it is 4): its
+# vertices are then seen under wide angles, and the denominator from squared distances would lose
+# digits.
 _WIDE_FACET = 3.5
-# r_a + r_b - l is kept above this share of l, so that the logarithm stays finite on an edge
-# (where E r vanishes and with it the edge's share of potential and acceleration). It is reached
-# at 1e-15 l from the edge.
+# r_a + r_b - l is kept above this share of l, so that the logarithm is finite on an edge. There E r
+# vanishes, and with it the edge's share of potential and acceleration. The share is reached at
+# 1e-15 l from the edge.
 _EDGE_FLOOR = 1e-30
-# Stands for the argument of a facet that is near.
+# Marks a near facet in place of its solid angle.
 _NEAR = 2.0
 
-# Not `nnan`: a NaN position must come out as NaN.
+# `nnan` is left out, so that a NaN position gives NaN.
 _FAST = {"reassoc", "nsz", "arcp", "contract"}
-# Inlined by force: of helpers compiled into both entry points, which copy a process runs would
-# depend on what it loaded first, and with reordered sums so would the last bit.
+# The helpers are always inlined. Otherwise each entry point would have its own compiled copy, which
+# copy a process runs would depend on what it loaded first, and with reordered sums the copies
+# differ in the last bit.
 _fast = numba.njit(cache=True, fastmath=_FAST, error_model="numpy", forceinline=True)
 _exact = numba.njit(cache=True, error_model="numpy", forceinline=True)
 
@@ -59,7 +60,7 @@ def _gather_edges(ends, r, s):
 
 @_fast
 def _edge_potentials(edges, s, potential):
-    """2 atanh(l / s) of every edge by series; returns how many edges are too near for that."""
+    """Fills 2 atanh(l / s) of every edge by series; returns the number of edges too near for it."""
     near = 0
     for e in range(s.size):
         x = edges[9, e] / s[e]
@@ -90,7 +91,7 @@ def _edge_gap(px, py, pz, vertices, a, b, length, r):
     ux = (vertices[0, b] - vertices[0, a]) / length
     uy = (vertices[1, b] - vertices[1, a]) / length
     uz = (vertices[2, b] - vertices[2, a]) / length
-    # Lengths along the edge from its ends to the foot of the perpendicular; they add up to l.
+    # Lengths along the edge from its ends to the foot of the perpendicular; their sum is l.
     from_a = -(ax * ux + ay * uy + az * uz)
     from_b = bx * ux + by * uy + bz * uz
     # The nearer end loses fewest digits.
@@ -105,7 +106,7 @@ def _edge_gap(px, py, pz, vertices, a, b, length, r):
 
 @_fast
 def _weigh_edges(edges, potential, sums):
-    """The nine sums over edges: rows 0 to 8 of ``edges`` times the potentials."""
+    """Fills the nine sums over edges: rows 0 to 8 of ``edges`` times the potentials."""
     for k in range(0, 9, 3):
         s0 = s1 = s2 = 0.0
         for e in range(potential.size):
@@ -124,7 +125,7 @@ def _gather_facets(corners, r, ra, rb, rc):
 
 @_fast
 def _solid_angles(px, py, pz, facets, a, b, c, angle):
-    """2 atan(t) of every facet by series; _NEAR in ``angle`` and counted where it does not serve.
+    """Fills 2 atan(t) of every facet by series, or _NEAR; returns the number of near facets.
 
     t is r_a . (r_b x r_c), the height over the facet's plane times twice its area, over
     r_a r_b r_c + sum r_a (r_b . r_c), where r_b . r_c = (r_b^2 + r_c^2 - l_bc^2) / 2.
@@ -179,7 +180,7 @@ def _redo_near_facets(px, py, pz, vertices, corners, facets, r, scale, angle):
 
 @_fast
 def _weigh_facets(facets, angle, sums):
-    """The nine sums over facets, from their normals and heights, and the total solid angle."""
+    """Fills the nine sums over facets, from normals and heights; returns the total solid angle."""
     xx = yy = xy = xz = yz = bx = by = bz = c = total = 0.0
     for f in range(angle.size):
         w, h = angle[f], facets[3, f]
@@ -277,8 +278,8 @@ def evaluate_serial(points, ends, corners, vertices, edges, facets, masses, fact
       ends, corners: (2, E) and (3, F), indices of vertices.
       vertices: (3, V). edges: (10, E), nine moments and the length. facets: (8, F), normal, height
         of the plane over the origin, twice the area, squares of the edges opposite to the corners.
-      masses: (4, K), point masses that serve for the field from the distance limits[1] on.
-      factor: G rho. limits: size of the body, and where the point masses take over.
+      masses: (4, K), point masses that have the field from the distance limits[1] on.
+      factor: G rho. limits: radius of the body, and distance from which the point masses are used.
     """
     for i in range(points.shape[0]):
         _evaluate_point(
@@ -288,7 +289,7 @@ def evaluate_serial(points, ends, corners, vertices, edges, facets, masses, fact
 
 @numba.njit(cache=True, error_model="numpy", nogil=True, parallel=True)
 def evaluate_parallel(points, ends, corners, vertices, edges, facets, masses, factor, limits, out):
-    """As `evaluate_serial`, the points shared out among threads."""
+    """Does the same as `evaluate_serial`, with the points divided among threads."""
     for i in numba.prange(points.shape[0]):
         _evaluate_point(
             points[i], ends, corners, vertices, edges, facets, masses, factor, limits, out[i]

@@ -1,4 +1,4 @@
-"""Equilibrium points of a spinning body: where a spacecraft at rest in K stays, if undisturbed."""
+"""Equilibrium points of a spinning body: an undisturbed spacecraft stays at rest there in K."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from proxops.systems.common import InputError
 from proxops.systems.gravity.gravity_field import GRAVITATIONAL_CONSTANT, GravityField
 from proxops.systems.gravity.surface_maps import effective_field
 
-# All lengths of the search, as shares of the body's reach.
+# Lengths of the search, as shares of the body's greatest radius.
 _LONGEST_STEP = 0.1
 _CONVERGED = 1e-9
 _SAME = 1e-5
 _ITERATIONS = 100
-# Curvatures below this share of the greatest are taken for none: a sphere's ring of equilibria is
-# flat along itself, and a step there would lead anywhere.
+# Curvatures below this share of the greatest count as 0. A sphere has a ring of equilibria: the
+# field is flat along the ring, and a Newton step along it would be arbitrary.
 _FLAT = 1e-9
 # Growth below this share of the fastest mode's rate is rounding.
 _NO_GROWTH = 1e-6
@@ -30,15 +30,15 @@ class Equilibrium(NamedTuple):
     potential: float
     """The effective potential there, in m^2/s^2: see `EffectiveField`."""
     inside: bool
-    """Within the body: of use to its theory only."""
+    """Whether the point is within the body."""
     eigenvalues: np.ndarray
-    """(6,) complex, in 1/s: of the linearised motion about it, see `linear_modes`."""
+    """(6,) complex, in 1/s, of the linearised motion about the point: see `linear_modes`."""
     growing: int
-    """How many of them grow, that is how many ways lead away: 0 is linear stability."""
+    """Number of eigenvalues with a positive real part; 0 means linear stability."""
 
 
 def synchronous_radius(mass: float, spin: float) -> float:
-    """Radius (GM / w^2)^(1/3) in m of the orbit that turns with a body; +inf if it doesn't spin.
+    """Radius (GM / w^2)^(1/3) in m of the orbit that turns with a body; +inf without spin.
 
     Args:
       mass: kg. spin: rad/s.
@@ -50,10 +50,10 @@ def linear_modes(gradient: np.ndarray, spin: float) -> np.ndarray:
     """Eigenvalues (6,), complex, in 1/s, of the motion r'' = H r - 2 w x r' near a point of rest.
 
     They come in pairs of opposite sign. Jiang, Baoyin, Li & Li, Astrophys. Space Sci. 349 (2014)
-    83, sort equilibria by them.
+    83, classify equilibria by them.
 
     Args:
-      gradient: H (3, 3), of the effective acceleration, in 1/s^2. spin: w in rad/s about z.
+      gradient: H (3, 3) of the effective acceleration, in 1/s^2. spin: w in rad/s about z.
     """
     coriolis = np.array([[0.0, 2.0 * spin, 0.0], [-2.0 * spin, 0.0, 0.0], [0.0, 0.0, 0.0]])
     return np.linalg.eigvals(np.block([[np.zeros((3, 3)), np.eye(3)], [gradient, coriolis]]))
@@ -64,9 +64,9 @@ def find_equilibria(
 ) -> list[Equilibrium]:
     """Equilibria of a body, outside and inside it, by Newton's method from many starts.
 
-    The zeros of the effective acceleration are refined with its own gradient, from every start at
-    once; those that are found twice are listed once. A body of uniform density has an odd number,
-    but nothing proves that the starts lead to all.
+    Newton's method finds zeros of the effective acceleration with its own gradient, from all starts
+    at once. Equal results are listed once. A body of uniform density has an odd number of
+    equilibria, but there is no proof that the starts lead to all of them.
 
     Args:
       field: of a shape in K.
@@ -74,8 +74,8 @@ def find_equilibria(
       starts: (N, 3) in m in K; None: a grid over the body, and rings about the synchronous orbit.
 
     Returns:
-      First those outside, by longitude from x over y (as from -45 degrees on); then those inside,
-      from the farthest out to the innermost. This is the order of the literature.
+      First the equilibria outside the body, by longitude from -45 degrees on; then those inside,
+      from the outermost to the innermost. This is the order of the literature.
 
     Raises:
       InputError: the starts are not an (N, 3) array or the spin is not finite.
@@ -91,10 +91,10 @@ def find_equilibria(
             different.append(point)
     if not different:
         return []
-    felt = effective_field(field, spin, np.array(different))
-    modes = [linear_modes(gradient, spin) for gradient in felt.gradient]
+    effective = effective_field(field, spin, np.array(different))
+    modes = [linear_modes(gradient, spin) for gradient in effective.gradient]
     growing = [int((np.real(mode) > _NO_GROWTH * np.abs(mode).max()).sum()) for mode in modes]
-    columns = zip(different, felt.potential, felt.inside, modes, growing, strict=True)
+    columns = zip(different, effective.potential, effective.inside, modes, growing, strict=True)
     equilibria = [
         Equilibrium(point, float(potential), bool(inside), mode, count)
         for point, potential, inside, mode, count in columns
@@ -110,12 +110,15 @@ def _place_in_list(equilibrium: Equilibrium) -> tuple[bool, float]:
 
 
 def _default_starts(field: GravityField, spin: float, reach: float) -> np.ndarray:
-    """In the equator's plane: 25 x 25 over the body, 8 rings of 36 at 0.7 to 1.5 radii."""
+    """Starts in the equatorial plane: 25 x 25 over the body, and 8 rings of 36 points.
+
+    The rings are about the synchronous orbit, from 0.7 of its radius on.
+    """
     low, high = 1.05 * field.shape.vertices.min(axis=0), 1.05 * field.shape.vertices.max(axis=0)
     x, y = np.meshgrid(np.linspace(low[0], high[0], 25), np.linspace(low[1], high[1], 25))
     radius = synchronous_radius(field.mass, spin)
     if np.isfinite(radius):
-        # A long body pushes the points over its tips outwards: as far as it reaches, and more.
+        # A long body pushes the equilibria over its tips outwards, to beyond its greatest radius.
         radii = radius * np.linspace(0.7, 1.1 + 0.4 * max(1.0, reach / radius), 8)
         angles = np.linspace(0.0, 2.0 * np.pi, 36, endpoint=False)
         x = np.append(x, np.outer(radii, np.cos(angles)))
@@ -124,16 +127,16 @@ def _default_starts(field: GravityField, spin: float, reach: float) -> np.ndarra
 
 
 def _newton(field: GravityField, spin: float, points: np.ndarray, reach: float) -> np.ndarray:
-    """Zeros (K, 3) of the effective acceleration from starts (N, 3); none from some of them."""
+    """Zeros (K, 3) of the effective acceleration from starts (N, 3); some starts may find none."""
     found = []
     for _ in range(_ITERATIONS):
         if not len(points):
             break
-        felt = effective_field(field, spin, points)
-        curvature, axes = np.linalg.eigh(felt.gradient)
+        effective = effective_field(field, spin, points)
+        curvature, axes = np.linalg.eigh(effective.gradient)
         flat = np.abs(curvature) < _FLAT * np.abs(curvature).max(axis=1, keepdims=True)
         inverse = np.where(flat, 0.0, 1.0 / np.where(flat, 1.0, curvature))
-        step = -np.einsum("nij,nj,nkj,nk->ni", axes, inverse, axes, felt.acceleration)
+        step = -np.einsum("nij,nj,nkj,nk->ni", axes, inverse, axes, effective.acceleration)
         length = np.linalg.norm(step, axis=1)
         longest = _LONGEST_STEP * np.maximum(reach, np.linalg.norm(points, axis=1))
         points = points + step * np.minimum(1.0, longest / np.maximum(length, 1e-300))[:, None]

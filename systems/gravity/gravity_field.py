@@ -17,15 +17,15 @@ from proxops.systems.shapes import Polyhedron
 GRAVITATIONAL_CONSTANT = 6.67430e-11
 """G in m^3 kg^-1 s^-2 (CODATA 2018)."""
 
-# Lighter than any rubble pile and heavier than iridium: outside, the mesh's unit is wrong.
+# Densities in kg/m^3 between a light rubble pile and iridium. Outside, the mesh's unit is wrong.
 PLAUSIBLE_DENSITY = (100.0, 23_000.0)
 
-# Below this many points a thread pool costs more than it gives.
+# Below this many points one thread is faster than many.
 _PARALLEL_FROM = 256
 
 
 class Gravity(NamedTuple):
-    """What `GravityField.evaluate` returns for N points."""
+    """The result of `GravityField.evaluate` for N points."""
 
     potential: np.ndarray
     """(N,) in m^2/s^2, positive and falling to 0 far away (Werner & Scheeres's sign)."""
@@ -34,11 +34,11 @@ class Gravity(NamedTuple):
     gradient: np.ndarray
     """(N, 3, 3) in 1/s^2: the derivative of the acceleration by position, symmetric."""
     inside: np.ndarray
-    """(N,) bool: within the surface (a solid angle above 2 pi)."""
+    """(N,) bool: whether the point is within the surface (a solid angle above 2 pi)."""
 
 
 class Field(Protocol):
-    """Whatever has gravity: what the expert asks of a field."""
+    """The interface of all gravity fields."""
 
     def evaluate(self, points: np.ndarray) -> Gravity:
         """The field at points (N, 3) in m."""
@@ -48,10 +48,11 @@ class Field(Protocol):
 class GravityField:
     """The field of a `Polyhedron`, in the mesh's own frame.
 
-    Werner & Scheeres, Celest. Mech. Dyn. Astron. 65 (1997) 313, eqs. 10, 15, 16 and 19. The
-    potential and the acceleration are finite and continuous everywhere. The gradient jumps across
-    a facet, where it is the mean of both sides (trace -2 pi G rho), and diverges as a logarithm at
-    an edge, where it is capped: on an edge it is what it is 1e-15 of the edge's length away.
+    The formulas are eqs. 10, 15, 16 and 19 of Werner & Scheeres, Celest. Mech. Dyn. Astron. 65
+    (1997) 313. The potential and the acceleration are finite and continuous everywhere. The
+    gradient jumps across a facet; on the facet it is the mean of both sides (trace -2 pi G rho). It
+    diverges as a logarithm at an edge; on the edge it is limited to its value at a distance of
+    1e-15 of the edge's length.
 
     From 10 radii on, where those sums lose digits, the field is that of point masses fitted to it
     (`fit_masses`). Relative errors on Kleopatra's mesh: below 1e-12 for potential and acceleration
@@ -69,8 +70,8 @@ class GravityField:
         """Takes the shape and exactly one of `mass` in kg and `density` in kg/m^3.
 
         Raises:
-          InputError: neither or both are given, not positive, or together with the shape's
-            volume they make a density that no body has (as metres read for kilometres do).
+          InputError: neither or both are given, the value is not positive, or the density is one
+            that no body has (for instance because kilometres were read as metres).
         """
         if (mass is None) == (density is None):
             raise InputError("give exactly one of mass (kg) and density (kg/m^3)")
@@ -89,7 +90,7 @@ class GravityField:
                 "is the mesh in the unit that was said (km or m)?"
             )
         _announce_compilation()
-        # The tables are relative to the centre of mass: far away the sums then cancel least.
+        # The tables are relative to the centre of mass, where the sums far away cancel least.
         self._origin = shape.centre_of_mass
         self._tables = _tables(shape, self._origin)
         self._factor = GRAVITATIONAL_CONSTANT * self.density
@@ -99,7 +100,7 @@ class GravityField:
         self._limits = (size, switch)
 
     def evaluate(self, points: np.ndarray) -> Gravity:
-        """The field at points (N, 3) in m. Large batches use all threads that numba may use.
+        """The field at points (N, 3) in m; large batches are computed by all of numba's threads.
 
         Raises:
           InputError: the points are not an (N, 3) array.
@@ -123,16 +124,17 @@ class GravityField:
 
 @functools.cache
 def _announce_compilation() -> None:
-    """Says, once, that the first use on a machine takes a while."""
+    """Prints once that the first use on a machine takes a few seconds."""
     stats = kernel.evaluate_serial.stats
     if not stats.cache_hits and not list(Path(str(stats.cache_path)).glob("*evaluate_serial*.nbi")):
         sys.stderr.write("proxops: compiling gravity for this machine (once, about 5 s)\n")
 
 
 def _tables(shape: Polyhedron, origin: np.ndarray) -> tuple[np.ndarray, ...]:
-    """The kernel's structure-of-arrays, from the shape relative to `origin`.
+    """The kernel's arrays of the shape relative to `origin`.
 
-    Returns ends, corners, vertices, edges and facets as `kernel.evaluate_serial` takes them.
+    Returns:
+      The arguments ends, corners, vertices, edges and facets of `kernel.evaluate_serial`.
     """
     vertices = shape.vertices - origin
     normals = shape.normals
@@ -142,7 +144,7 @@ def _tables(shape: Polyhedron, origin: np.ndarray) -> tuple[np.ndarray, ...]:
     length = np.linalg.norm(along, axis=1)
     along = along / length[:, None]
     n_a, n_b = normals[neighbours[:, 0]], normals[neighbours[:, 1]]
-    # Outward normals of the edge in the planes of its facets; facet b runs along it backwards.
+    # The edge's outward normals in the planes of its facets. Facet b runs along it backwards.
     dyad = n_a[:, :, None] * np.cross(along, n_a)[:, None, :]
     dyad -= n_b[:, :, None] * np.cross(along, n_b)[:, None, :]
     dyad = 0.5 * (dyad + dyad.transpose(0, 2, 1))

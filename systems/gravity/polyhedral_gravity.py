@@ -41,8 +41,8 @@ def PolyhedralGravity_(T):  # noqa: N802 (Drake's own naming of templates)
         ```
 
         Each output depends on the position alone and is computed when it is asked for. In
-        AutoDiffXd, acceleration and potential carry derivatives; the gradient port does not
-        exist, for its derivative would need the field's third derivatives.
+        AutoDiffXd, acceleration and potential carry derivatives; there is no gradient port, because
+        its derivative would need the third derivatives of the potential.
         """
 
         def _construct(self, field: GravityField, *, converter=None):

@@ -1,7 +1,8 @@
-"""The field that a thing at rest on a spinning body feels: over its surface and on a plane.
+"""The effective field of a spinning body, at rest in K: over its surface and on a plane.
 
-Everything is in the body-fixed frame K: origin at the centre of mass, z the spin axis. The shape of
-the `GravityField` must be in K (`Polyhedron.recentred`).
+The effective field is gravity plus the centrifugal acceleration. Everything is in the body-fixed
+frame K: its origin is the centre of mass and z is the spin axis. The shape of the `GravityField`
+must be in K (`Polyhedron.recentred`).
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ AXES = {"x": 0, "y": 1, "z": 2}
 
 
 class EffectiveField(NamedTuple):
-    """Gravity and centrifugal force together, at N points at rest in K."""
+    """Gravity and centrifugal acceleration together, at N points at rest in K."""
 
     potential: np.ndarray
     """(N,) in m^2/s^2: V = -U - w^2 (x^2 + y^2) / 2, so that v^2/2 + V is Jacobi's constant."""
@@ -30,27 +31,27 @@ class EffectiveField(NamedTuple):
 
 
 class SurfaceMap(NamedTuple):
-    """What is felt at the centroids of the F facets."""
+    """The effective field at the centroids of the F facets."""
 
     centroids: np.ndarray
     """(F, 3) in m."""
     gravity: np.ndarray
     """(F,) in m/s^2: magnitude of the body's attraction alone."""
     acceleration: np.ndarray
-    """(F, 3) in m/s^2: with the centrifugal acceleration, what a plumb line shows."""
+    """(F, 3) in m/s^2: attraction and centrifugal acceleration, the direction of a plumb line."""
     slope: np.ndarray
-    """(F,) in rad, from 0 to pi: between the plumb line and the inward normal of the facet.
+    """(F,) in rad, from 0 to pi: angle between the plumb line and the facet's inward normal.
 
-    A stone slides where it exceeds its angle of friction, and lifts off above pi / 2."""
+    A stone slides where the slope exceeds its angle of friction, and lifts off above pi / 2."""
     potential: np.ndarray
-    """(F,) in m^2/s^2: the effective potential V of `EffectiveField`; loose matter flows down."""
+    """(F,) in m^2/s^2: the effective potential V of `EffectiveField`."""
 
 
 class PlaneCut(NamedTuple):
     """The effective field on a grid of M x N points of a coordinate plane of K."""
 
     plane: str
-    """The axes that the columns and the rows count along, for instance "xy"."""
+    """The axes of the columns and of the rows, for instance "xy"."""
     offset: float
     """Coordinate in m along the third axis."""
     across: np.ndarray
@@ -94,16 +95,16 @@ def surface_map(field: GravityField, spin: float) -> SurfaceMap:
     shape = field.shape
     centroids = shape.vertices[shape.facets].mean(axis=1)
     attraction = field.evaluate(centroids).acceleration
-    felt = effective_field(field, spin, centroids)
-    # Both products: an arc cosine would lose the digits of small slopes.
-    along = -np.einsum("fi,fi->f", felt.acceleration, shape.normals)
-    across = np.linalg.norm(np.cross(felt.acceleration, shape.normals), axis=1)
+    effective = effective_field(field, spin, centroids)
+    # The angle from both products, because an arc cosine would lose the digits of small slopes.
+    along = -np.einsum("fi,fi->f", effective.acceleration, shape.normals)
+    across = np.linalg.norm(np.cross(effective.acceleration, shape.normals), axis=1)
     return SurfaceMap(
         centroids=centroids,
         gravity=np.linalg.norm(attraction, axis=1),
-        acceleration=felt.acceleration,
+        acceleration=effective.acceleration,
         slope=np.arctan2(across, along),
-        potential=felt.potential,
+        potential=effective.potential,
     )
 
 
@@ -119,13 +120,13 @@ def plane_cut(
 
     Args:
       spin: of the body in rad/s about z.
-      half_width: of the square about the third axis, in m.
+      half_width: half the width of the square about the third axis, in m.
       plane: the two axes, for instance "xy": the first across, the second up.
-      count: points a side.
+      count: number of points on each side.
       offset: coordinate of the plane along the third axis, in m.
 
     Raises:
-      InputError: no such plane.
+      InputError: the plane is not two different axes.
     """
     if len(plane) != 2 or len(set(plane)) != 2 or not set(plane) <= set(AXES):
         raise InputError(f"a plane is two of x, y and z, for instance xy; got {plane!r}")
@@ -133,14 +134,14 @@ def plane_cut(
     points = np.full((count, count, 3), float(offset))
     points[..., AXES[plane[0]]] = line[None, :]
     points[..., AXES[plane[1]]] = line[:, None]
-    felt = effective_field(field, spin, points.reshape(-1, 3))
+    effective = effective_field(field, spin, points.reshape(-1, 3))
     square = (count, count)
     return PlaneCut(
         plane=plane,
         offset=float(offset),
         across=line,
         up=line.copy(),
-        potential=felt.potential.reshape(square),
-        acceleration=felt.acceleration.reshape(*square, 3),
-        inside=felt.inside.reshape(square),
+        potential=effective.potential.reshape(square),
+        acceleration=effective.acceleration.reshape(*square, 3),
+        inside=effective.inside.reshape(square),
     )

@@ -1,8 +1,11 @@
-"""The hybrid's decision: who flies this step, and when the expert is asked again.
+"""The hybrid: the policy flies, and the MPC checks it now and then.
 
-Start with `HybridSelector`. `AgreementGate` compares two forces, `CheckSchedule` says when the next
-check is due, and `ReachModel` bounds how long the spacecraft stays out of reach of the keep-out
-ellipsoid whatever the thrusters do. Each is a plain object that can be tried alone.
+Start with `HybridSelector`, the system that decides by whom a step is flown (`FlownBy`).
+`AgreementGate` compares the two forces, `CheckSchedule` chooses the step of the next check, and
+`ReachModel` bounds the time until the spacecraft could reach the keep-out ellipsoid, whatever its
+thrusters do. These three are plain objects that can be tried alone. A new gate is a new `GateKind`,
+a new schedule a new `PeriodRule`; the numbers in `FlownBy` and `DecisionReason` are in logs and
+stay.
 """
 
 from proxops.systems.hybrid.agreement_gates import AgreementGate, GateKind

@@ -1,20 +1,20 @@
-"""Agreement of two forces: the tests by which a hybrid takes the policy's force for the MPC's.
+"""`AgreementGate`: tests whether two forces agree.
 
-With u and v the two forces, there are three gates::
+With u and v the two forces, there are three kinds of gates::
 
     printed   |u - v| < e_magnitude   or   arctan(u.v / |u x v|) < e_angle
     paper     |u - v| < e_magnitude   or   atan2(|u x v|, u.v) < e_angle
     strict    |u - v| < e_magnitude   or   (atan2(|u x v|, u.v) < e_angle
                                             and ||u| - |v|| < e_magnitude)
 
-`printed` is the formula as it stands in Quinn, Nehma, Tiwari (IEEE Aerospace 2025). Its angle is 90
-degrees less the angle between the forces: it accepts opposite forces and rejects equal directions,
-and the first test alone makes it accept equal ones. `paper` puts the angle right. It still takes
-0.1 N for 7 N of the same direction, so `strict` bounds the difference of the sizes too. In `strict`
-a force below the dead band has no direction worth comparing: if both are below it, they agree, and
-if one is, the first test alone decides.
+`printed` is the formula as printed in Quinn, Nehma, Tiwari (IEEE Aerospace 2025). Its angle is 90
+degrees minus the angle between the forces, so its second test accepts opposite forces and rejects
+equal directions. Only the first test makes it accept equal forces. `paper` corrects the angle. It
+still accepts 0.1 N for 7 N in the same direction, so `strict` bounds the difference of the sizes,
+too. In `strict` the direction of a force below the dead band does not count: if both forces are
+below it, they agree; if one is, the first test alone decides.
 
-The angle of a force that is exactly zero is 0/0; it is NaN in all gates, and passes no test.
+The angle to a force of exactly zero is NaN, and passes no test.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from proxops.systems.common import InputError
+from proxops.systems.common import InputError, check_not_negative
 
 
 class GateKind(StrEnum):
-    """Which tests a gate makes; see the module."""
+    """Which tests a gate makes: see the module's description."""
 
     PRINTED = "printed"
     PAPER = "paper"
@@ -38,14 +38,14 @@ class GateKind(StrEnum):
 
 
 class Agreement(NamedTuple):
-    """What a gate found."""
+    """The result of a comparison."""
 
     agrees: bool
     difference: float
     """|u - v| in N."""
     angle: float
-    """That which the gate compares, in rad: between the forces from 0 to pi, in `printed` 90
-    degrees less that; NaN if a force is zero."""
+    """The angle that the gate compares, in rad: between the forces, from 0 to pi, or in `printed`
+    90 degrees minus that. NaN if a force is zero."""
 
 
 @dataclass(frozen=True)
@@ -58,19 +58,18 @@ class AgreementGate:
     angle: float = math.radians(10.0)
     """e_angle in rad."""
     dead_band: float = 0.2
-    """In N, of `strict`."""
+    """In N, for `strict` alone."""
 
     def __post_init__(self) -> None:
-        """Raises `InputError` for limits that are negative or not finite, or an unknown kind."""
+        """Raises `InputError` for an unknown kind, or limits that are negative or not finite."""
         if self.kind not in list(GateKind):
             raise InputError(f"a gate is {', '.join(GateKind)}; got {self.kind!r}")
-        for name in ("magnitude", "angle", "dead_band"):
-            value = getattr(self, name)
-            if not 0.0 <= value < math.inf:
-                raise InputError(f"a gate's {name} must be finite and not negative, got {value}")
+        check_not_negative(
+            "a gate", magnitude=self.magnitude, angle=self.angle, dead_band=self.dead_band
+        )
 
     def compare(self, one: np.ndarray, other: np.ndarray) -> Agreement:
-        """Compares two forces (3,) in N, in either order. What isn't finite agrees with nothing."""
+        """Compares two forces (3,) in N, in any order; forces that are not finite never agree."""
         difference = float(np.linalg.norm(one - other))
         angle = angle_between(one, other)
         if self.kind == GateKind.PRINTED:

@@ -1,4 +1,4 @@
-"""When a hybrid asks its MPC next."""
+"""`CheckSchedule`: when a hybrid checks its policy next."""
 
 from __future__ import annotations
 
@@ -8,9 +8,11 @@ from enum import StrEnum
 from proxops.systems.common import InputError
 from proxops.systems.hybrid.agreement_gates import Agreement
 
+_MOST_STEPS = 1_000_000
+
 
 class PeriodRule(StrEnum):
-    """How the period from check to check is chosen."""
+    """Rule that chooses the period from one check to the next."""
 
     FIXED = "fixed"
     ADAPTIVE = "adaptive"
@@ -27,13 +29,13 @@ class CheckSchedule:
 
         check_period + (1 - d^2) (longest - check_period)
 
-    so that forces that only just agree are checked as often as by the fixed period, and equal ones
-    as seldom as may be. Forces may agree by chance, where one crosses the other, so trust is
-    earned: no period is more than twice the last one or `check_period`, whichever is longer. After
-    a disagreement too it is `check_period`: what the MPC has planned at the check flies. It is
-    never longer than `longest`, nor than the steps after which the spacecraft, whatever its
-    thrusters do, can still be braked before the keep-out ellipsoid (`reach_time`); only a period of
-    one step, the next, is never refused.
+    So forces that barely agree are checked as often as by the fixed rule, and equal forces after
+    the longest period. Forces may agree by chance, where one crosses the other, so the period grows
+    slowly: it is at most twice the last period or twice `check_period`, whichever is longer. After
+    a disagreement it is `check_period`, and until then the MPC's plan of the check is continued.
+    The period never exceeds `longest`, nor the number of steps after which the spacecraft, whatever
+    its thrusters do, could still be braked before the keep-out ellipsoid (`ReachModel`). It is at
+    least one step.
     """
 
     rule: PeriodRule = PeriodRule.FIXED
@@ -41,12 +43,12 @@ class CheckSchedule:
     longest: int = 100
 
     def __post_init__(self) -> None:
-        """Raises `InputError` for an unknown rule, or periods below 1."""
+        """Raises `InputError` for an unknown rule, or periods outside 1 to a million steps."""
         if self.rule not in list(PeriodRule):
             raise InputError(f"a period rule is {', '.join(PeriodRule)}; got {self.rule!r}")
-        if not (self.check_period >= 1 and self.longest >= 1):
+        if not (1 <= self.check_period <= _MOST_STEPS and 1 <= self.longest <= _MOST_STEPS):
             raise InputError(
-                "checks need check_period and longest to be at least 1, got "
+                "checks need check_period and longest to be at least 1 and at most a million, got "
                 f"{self.check_period} and {self.longest} steps"
             )
 
@@ -54,8 +56,11 @@ class CheckSchedule:
         """The period after a check, in steps: at least 1.
 
         Args:
-          last: the period before. limit: of the forces' difference, in N.
-          steps_in_hand: after which, whatever the thrusters do, braking is still possible.
+          last: the period before, in steps.
+          agreement: the result of the check.
+          limit: the gate's limit of the forces' difference, in N.
+          steps_in_hand: number of steps after which braking is still possible, whatever the
+            thrusters do.
         """
         if self.rule == PeriodRule.FIXED:
             return self.check_period

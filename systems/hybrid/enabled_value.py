@@ -1,4 +1,4 @@
-"""`EnabledValue`: a vector that may be looked at without asking for it."""
+"""`EnabledValue`: a vector that is evaluated only while it is enabled."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pydrake.systems.framework import LeafSystem
 
 
 class EnabledValue(LeafSystem):
-    """Passes a vector on while it is enabled; otherwise gives NaN, and does not evaluate it.
+    """Passes a vector on while it is enabled; otherwise gives NaN without evaluating it.
 
     ```
     enable (1) ───►┌──────────────┐
@@ -15,7 +15,7 @@ class EnabledValue(LeafSystem):
                    └──────────────┘
     ```
 
-    A log of the output makes what feeds `value` compute only where `enable` is not 0.
+    A logger at the output then causes computations upstream only where `enable` is not 0.
     """
 
     def __init__(self, size: int):

@@ -1,4 +1,4 @@
-"""`HybridSelector`: flies a policy, and asks the MPC now and then whether it agrees."""
+"""`HybridSelector`: flies a policy and checks it against the MPC now and then."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, LeafSystem, ValueProducer
 
+from proxops.systems.common import check_not_negative, check_positive
 from proxops.systems.hybrid.agreement_gates import Agreement, AgreementGate
 from proxops.systems.hybrid.check_schedule import CheckSchedule, PeriodRule
 from proxops.systems.hybrid.flown_by import FlownBy
@@ -57,7 +58,7 @@ class Decision(NamedTuple):
 
 
 class HybridSelector(LeafSystem):
-    """Takes the policy's force while it agrees with the MPC's, and asks the MPC seldom.
+    """Passes the policy's force on while it agrees with the MPC's, and asks the MPC seldom.
 
     ```
                         ┌────────────────┐
@@ -68,21 +69,21 @@ class HybridSelector(LeafSystem):
                         └────────────────┘
     ```
 
-    Vectors are in K, in m, m/s and N. At a check, the first step among them, both forces are
-    compared by the `AgreementGate`, and the MPC's flies. If they agree the policy flies until the
-    next check, else the MPC flies until then: by the fixed period it is asked at every step; by the
-    adaptive one it is not, and `planned_force`, what its last plan has for now, flies. When the
-    next check is, says the `CheckSchedule`.
+    Vectors are in K, in m, m/s and N. The first step is a check; the `CheckSchedule` chooses the
+    next one. At a check the `AgreementGate` compares both forces, and the MPC's force acts. If they
+    agree, the policy flies until the next check. If not, the MPC flies until then: by the fixed
+    rule it is asked at every step; by the adaptive rule it is not asked, and `planned_force`, the
+    force of its last plan for the present time, acts.
 
-    `mpc_wanted` depends on this system's own discrete state only: steps left to the next check,
-    who flies until then, and the period. It is to drive the MPC's `enable`. `mpc_force` is
-    evaluated only at steps where it is 1, `state` only at checks: whatever reads the outputs, the
-    MPC solves no more than that.
+    `mpc_wanted` depends on this system's own discrete state alone: the steps left to the next
+    check, by whom they are flown, and the period. Connect it to the MPC's `enable`. `mpc_force` is
+    evaluated only at steps where `mpc_wanted` is 1, and `state` only at checks. So the MPC solves
+    at no other step, whatever reads the outputs.
 
-    `record` is of each step: `DecisionReason`; 1 if the forces agree by the gate, 0 if not; their
-    difference in N and angle in rad, as the gate takes it; at checks the clearance of the keep-out
-    ellipsoid in m; steps to the next check; wall time in s. What isn't known without asking the MPC
-    is NaN.
+    `record` holds, for each step: the `DecisionReason`; 1 if the forces agree, 0 if not; their
+    difference in N; the gate's angle in rad; the distance to the keep-out ellipsoid in m at a
+    check; the steps to the next check; the wall time of the decision in s. What is unknown without
+    asking the MPC is NaN.
     """
 
     def __init__(
@@ -94,23 +95,33 @@ class HybridSelector(LeafSystem):
         position_error: float = 0.0,
         velocity_error: float = 0.0,
     ):
-        """Takes the gate, the schedule, and the keep-out ellipsoid with what bounds motion near it.
+        """Takes the parts of the decision.
 
         Args:
+          gate: compares the two forces.
+          schedule: chooses the steps of the checks.
+          reach: bounds the motion near the keep-out ellipsoid.
           period: control period in s.
-          position_error, velocity_error: how far, in m and m/s, the state may be from the truth.
+          position_error, velocity_error: bounds, in m and m/s, of the errors of `state`.
+
+        Raises:
+          InputError: the period is not positive, or an error is negative or not finite.
         """
         super().__init__()
+        check_positive("HybridSelector", period=period)
+        check_not_negative(
+            "HybridSelector", position_error=position_error, velocity_error=velocity_error
+        )
         self.gate, self.schedule, self.reach, self.period = gate, schedule, reach, period
         self.position_error, self.velocity_error = position_error, velocity_error
         self._mpc_port = self.DeclareVectorInputPort(name="mpc_force", size=3)
         self._planned_port = self.DeclareVectorInputPort(name="planned_force", size=3)
         self._policy_port = self.DeclareVectorInputPort(name="policy_force", size=3)
         self._state_port = self.DeclareVectorInputPort(name="state", size=6)
-        # Steps to the next check, who flies until then, and the period.
+        # Steps to the next check, by whom they are flown, and the period.
         self._memory = self.DeclareDiscreteState(BasicVector([0.0, FlownBy.MPC, 0.0]))
         blank = Decision(np.zeros(3), FlownBy.MPC, DecisionReason.CHECK_AGREED, 0, FlownBy.MPC, 0)
-        # One entry for all outputs and the update, so that one step is decided once.
+        # One cache entry for all outputs and the update, so that each step is decided once.
         self._choice = self.DeclareCacheEntry(
             "decision",
             ValueProducer(allocate=lambda: AbstractValue.Make(blank), calc=self._calc_choice),
@@ -133,8 +144,8 @@ class HybridSelector(LeafSystem):
             self.DeclareVectorOutputPort(
                 name=name, size=size, calc=calc, prerequisites_of_calc=prerequisites
             )
-        # Discrete, not unrestricted: at one time all discrete updates see the same state before
-        # it, so that the MPC, the policy and the hold read the decision that is cached.
+        # The update is discrete, not unrestricted: all discrete updates at one time see the state
+        # before it. So the MPC, the policy and the hold read the cached decision.
         self.DeclarePeriodicDiscreteUpdateEvent(
             period_sec=period, offset_sec=0.0, update=self._remember
         )

@@ -1,22 +1,22 @@
-"""How soon a spacecraft could be at the keep-out ellipsoid, whatever its thrusters do.
+"""`ReachModel`: how soon a spacecraft could reach the keep-out ellipsoid, by any use of thrust.
 
-Seen from the frame that does not turn and coincides with K now, there is no Coriolis force. With
-Q(t) the turn of K over t, where the spacecraft is in K at the time t is then exactly::
+In the inertial frame that coincides with K now, there is no Coriolis force. With Q(t) the rotation
+of K over the time t, the position in K at the time t is exactly::
 
     r(t) = c(t) + integral over s of (t - s) Q(t - s)^T (f(s) / m + g(s)),
     c(t) = Q(t)^T (r_0 + (v_0 + w x r_0) t)
 
-with the thrust f and the gravity g in K at the time s. For any unit vector n, with every thruster
-between plus and minus its limit and the gravity no greater than G(s), n . r(t) is at least::
+with the thrust f and the gravity g in K at the time s. If every thruster is between plus and minus
+its limit and the gravity is at most G(s), then for any unit vector n, n . r(t) is at least::
 
     n . c(t)  -  t^2 / 2 a max |Q(tau) n|_1  -  integral over s of (t - s) G(s)
 
-The spacecraft is outside while this exceeds the greatest n . x of the ellipsoid, |A n|_2; n is the
-ellipsoid's normal below c(t). Between two times that are looked at, the clearance changes by no
-more than the speed in K allows, and Coriolis force changes no speed.
+The spacecraft is outside while this exceeds the greatest n . x of the ellipsoid, |A n|_2. Here n is
+the ellipsoid's normal below c(t). Between two evaluated times the clearance changes by at most what
+the speed in K allows, and the Coriolis force does not change the speed.
 
 |g|^2 is subharmonic where there is no mass, so its greatest value outside a closed surface about
-the body is on that surface: G is tabulated on ellipsoids round the keep-out.
+the body is on that surface. G is tabulated on ellipsoids around the keep-out ellipsoid.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ import numpy as np
 from proxops.systems.gravity import Field
 from proxops.systems.shapes import closest_point
 
-# Heights of the table over the keep-out's shortest semi-axis, points on each, and what is added
-# for the gaps between them.
+# Heights of the table relative to the keep-out ellipsoid's shortest semi-axis, number of points at
+# each height, and the factor that covers the gaps between the points.
 _HEIGHTS = np.array([0.0, 0.1, 0.2, 0.4, 0.8, 1.6])
 _POINTS = 500
 _GAPS = 1.05
@@ -39,24 +39,31 @@ _GAPS = 1.05
 
 @dataclass(frozen=True)
 class ReachModel:
-    """What bounds the motion near a keep-out ellipsoid."""
+    """Bounds of the motion near a keep-out ellipsoid."""
 
     semi_axes: np.ndarray
     """(3,) of the keep-out ellipsoid in m."""
     spin: float
     """rad/s about z."""
     acceleration: float
-    """Greatest of the thrusters along each axis of K, in m/s^2."""
+    """Greatest acceleration by the thrusters along each axis of K, in m/s^2."""
     heights: np.ndarray
     """(L,) in m, rising from 0."""
     pulls: np.ndarray
-    """(L,) greatest gravity in m/s^2 further than that from the ellipsoid."""
+    """(L,) greatest gravity in m/s^2 beyond each height."""
 
     @classmethod
     def of(
         cls, field: Field, semi_axes: np.ndarray, spin: float, acceleration: float
     ) -> ReachModel:
-        """The model of a body's field; gravity is looked up on `_POINTS` points a height."""
+        """Makes the model from a body's field.
+
+        Args:
+          field: the assumed gravity.
+          semi_axes: (3,) of the keep-out ellipsoid in m.
+          spin: rad/s about z.
+          acceleration: greatest acceleration by the thrusters along each axis, in m/s^2.
+        """
         heights = _HEIGHTS * float(semi_axes.min())
         model = cls(
             np.asarray(semi_axes, dtype=np.float64),
@@ -77,13 +84,15 @@ class ReachModel:
         velocity_error: float = 0.0,
         stopping: bool = False,
     ) -> int:
-        """For how many steps, at most `longest`, the spacecraft can't reach the ellipsoid.
+        """The number of steps, at most `longest`, in which the ellipsoid cannot be reached.
 
         Args:
           state: (6,) in K, in m and m/s.
           step: length of a step in s.
-          position_error, velocity_error: how far, in m and m/s, the state may be from the truth.
-          stopping: and could be stopped before it then.
+          longest: greatest number of steps to look at.
+          position_error, velocity_error: bounds, in m and m/s, of the errors of the state.
+          stopping: whether the spacecraft must also be able to stop before the ellipsoid after
+          them.
         """
         return int(
             _steps_out_of_reach(
@@ -95,10 +104,11 @@ class ReachModel:
 
 
 def greatest_pulls(field: Field, semi_axes: np.ndarray, heights: np.ndarray) -> np.ndarray:
-    """Bounds (L,) in m/s^2 of gravity further than heights (L,), in m, from an ellipsoid.
+    """Bounds (L,) in m/s^2 of gravity farther than heights (L,), in m, from an ellipsoid.
 
-    All that is as far away is outside the ellipsoid with that added to each semi-axis, for the
-    support function of the latter is the lesser (Minkowski); the body is inside it.
+    A point farther away than a height is outside the ellipsoid whose semi-axes are longer by that
+    height: by Minkowski's inequality the support function of that ellipsoid is at most the sum of
+    the first ellipsoid's and the height. The body is inside.
     """
     k = np.arange(_POINTS) + 0.5
     z, turn = 1.0 - 2.0 * k / _POINTS, math.pi * (1.0 + math.sqrt(5.0)) * k  # A spiral, evenly.
@@ -120,21 +130,21 @@ def _steps_out_of_reach(
     velocity[0] -= spin * position[1]
     velocity[1] += spin * position[0]
     drift_error = velocity_error + abs(spin) * position_error
-    # What gravity may have done to velocity and position so far.
+    # The greatest change of speed and of position by gravity so far.
     pulled_speed, pulled = 0.0, 0.0
-    # Bounds of speed in K and of the distance from the spin axis.
+    # Upper bounds of the speed in K and of the distance from the spin axis.
     speed = np.sqrt(np.sum(state[3:] ** 2)) + velocity_error
     radius = np.sqrt(position[0] ** 2 + position[1] ** 2) + position_error
     thrust = np.sqrt(3.0) * acceleration
-    # Over a step the bounds of speed and radius feed each other; this solves for both.
+    # Over a step the bounds of speed and radius depend on each other; this factor solves for both.
     slack = 1.0 - (spin * step) ** 2
     if not slack > 0.0:
         return 0
     before = _gap(position, semi_axes, _normal(position, semi_axes), 0.0) - position_error
     for k in range(longest):
-        if not before > 0.0:  # NaN too.
+        if not before > 0.0:  # True for NaN, too.
             return k
-        # Gravity is at most what it is at the least height of this step.
+        # The bound of gravity is that at the least height of this step.
         fastest = (speed + step * (thrust + pulls[0] + spin**2 * radius)) / slack
         lowest = before - step * fastest
         pull = pulls[0]
@@ -167,7 +177,7 @@ def _steps_out_of_reach(
                 ]
             )
             inward = box * time + pulled_speed + drift_error - np.sum(normal * drift)
-            # From what turns K: centrifugal, and Coriolis -2 w x v.
+            # The terms of the rotating frame: centrifugal, and Coriolis -2 w x v.
             outward = acceleration * np.sum(np.abs(normal)) - pull
             outward += spin**2 * (normal[0] * centre[0] + normal[1] * centre[1])
             outward += 2.0 * spin * (normal[0] * drift[1] - normal[1] * drift[0])
@@ -179,7 +189,7 @@ def _steps_out_of_reach(
 
 @numba.njit(cache=True, error_model="numpy")
 def _normal(point, semi_axes):
-    """The ellipsoid's unit normal below a point outside it; towards the point, if it is inside."""
+    """The ellipsoid's unit normal below an outside point; for an inside point, its direction."""
     if not np.sum((point / semi_axes) ** 2) > 1.0:
         return point / np.sqrt(np.sum(point**2))
     normal = closest_point(semi_axes, point) / semi_axes**2
@@ -188,15 +198,15 @@ def _normal(point, semi_axes):
 
 @numba.njit(cache=True, error_model="numpy")
 def _gap(centre, semi_axes, normal, moved):
-    """A lower bound of the distance to the ellipsoid of all that is up to `moved` from `centre`."""
+    """A lower bound of the distance to the ellipsoid from points within `moved` of `centre`."""
     return np.sum(normal * centre) - np.sqrt(np.sum((semi_axes * normal) ** 2)) - moved
 
 
 @numba.njit(cache=True, error_model="numpy")
 def _greatest_box_support(normal, turned):
-    """The greatest |n|_1 while n turns about z by up to `turned`, in rad of either sign."""
+    """The greatest |n|_1 while n turns about z by up to `turned`, in rad, in either direction."""
     across = np.sqrt(normal[0] ** 2 + normal[1] ** 2)
-    # |cos| + |sin| repeats each quarter turn, and is greatest in the middle of each.
+    # |cos| + |sin| has a period of a quarter turn and is greatest in the middle of it.
     quarter = 0.5 * np.pi
     first = np.arctan2(normal[1], normal[0])
     last = first + turned

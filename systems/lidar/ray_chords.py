@@ -1,4 +1,4 @@
-"""Rays as chords of an ellipsoid that holds the body: what a learned lidar knows of a ray."""
+"""Rays as chords of an ellipsoid that contains the body: the inputs of a learned lidar."""
 
 from __future__ import annotations
 
@@ -17,25 +17,26 @@ class Chords(NamedTuple):
     rays: np.ndarray
     """(K,) int: index of the ray's direction, ascending within a position."""
     ends: np.ndarray
-    """(K, 6) float32: where the ray enters and leaves, the ellipsoid being the unit ball."""
+    """(K, 6) float32: points where the ray enters and leaves, scaled to the unit ball."""
     starts: np.ndarray
-    """(K,) float64: distance in m from the position to where the ray enters."""
+    """(K,) float64: distance in m from the position to the point where the ray enters."""
     lengths: np.ndarray
-    """(K,) float64: length in m of the way inside."""
+    """(K,) float64: length in m of the chord."""
 
 
 class ChordFan:
     """Rays in fixed directions, cut to their chords through an ellipsoid.
 
-    From outside the ellipsoid all that a ray can meet depends on its line alone: two points on the
-    surface. From a position inside, the chord begins there: then what lies behind can't be seen.
+    What a ray from outside the ellipsoid meets depends on its line alone, so two points on the
+    surface describe it. For a position inside the ellipsoid the chord begins at the position.
     """
 
     def __init__(self, centre: np.ndarray, semi_axes: np.ndarray, directions: np.ndarray):
         """Takes the ellipsoid's centre and semi-axes (3,) in m and unit directions (R, 3), in K.
 
         Raises:
-          InputError: no ellipsoid, or the directions are not an (R, 3) array.
+          InputError: centre or semi-axes make no ellipsoid, or the directions are not an (R, 3)
+            array.
         """
         self.centre, self.semi_axes = np.array(centre, float), np.array(semi_axes, float)
         sound = self.centre.shape == self.semi_axes.shape == (3,)
@@ -50,7 +51,7 @@ class ChordFan:
         self._squared = np.einsum("ri,ri->r", self._scaled, self._scaled)
 
     def chords(self, positions: np.ndarray) -> Chords:
-        """The chords of the rays from positions (N, 3) in m; memory grows with N R.
+        """The chords of the rays from positions (N, 3) in m; the memory needed grows with N R.
 
         With q and e the position and the direction in the unit ball's coordinates, |q + t e|² = 1
         is a quadratic in the distance t.
@@ -59,7 +60,8 @@ class ChordFan:
         half = q @ self._scaled.T
         rest = np.einsum("ni,ni->n", q, q)[:, None] - 1.0
         discriminant = half * half - self._squared * rest
-        # Ahead of the position: it is inside (rest < 0), or the ray points inwards (half < 0).
+        # The chord is ahead if the position is inside (rest < 0) or the ray points inwards (half <
+        # 0).
         met = np.flatnonzero((discriminant > 0.0) & ((rest < 0.0) | (half < 0.0)))
         places, rays = np.divmod(met, half.shape[1])
         root = np.sqrt(discriminant.ravel()[met])
