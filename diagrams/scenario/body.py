@@ -7,10 +7,14 @@ from pathlib import Path
 import numpy as np
 
 from proxops.assets import ASSETS
+from proxops.diagrams.scenario.limits import check_limits, number
 from proxops.diagrams.scenario.typed_yaml import load_typed, read_mapping
 from proxops.systems.common import InputError
 from proxops.systems.gravity import GravityField
 from proxops.systems.shapes import Polyhedron
+
+# Semi-axes of a keep-out ellipsoid are from so many metres to so many.
+_AXES = (1e-3, 1e9)
 
 
 @dc.dataclass
@@ -22,8 +26,8 @@ class BodyConfig:
     mesh: str = ""
     # Unit of the numbers in the mesh file: "km" or "m".
     mesh_unit: str = ""
-    mass_kg: float = 0.0
-    rotation_period_h: float = 0.0
+    mass_kg: float = number(0.0, at_least=1e-3, at_most=1e25, unit="kg")
+    rotation_period_h: float = number(0.0, at_least=1e-3, at_most=1e7, unit="h")
     # Semi-axes along x, y, z of the ellipsoid, about the centre of mass, that is kept clear of.
     keep_out_semi_axes_m: list[float] = dc.field(default_factory=list)
 
@@ -88,12 +92,10 @@ def load_body(name_or_path: str) -> Body:
 def check_body(body: Body, source: str) -> None:
     """Raises `InputError` for constants that no body has or that do not fit its shape."""
     config = body.config
-    for name in ("mass_kg", "rotation_period_h"):
-        value = getattr(config, name)
-        if not (np.isfinite(value) and value > 0):
-            raise InputError(f"{source}: {name} must be positive, got {value}")
+    check_limits(config, source)
     axes = config.keep_out_semi_axes_m
-    if len(axes) != 3 or not all(np.isfinite(axis) and axis > 0 for axis in axes):
+    low, high = _AXES
+    if len(axes) != 3 or not all(low <= axis <= high for axis in axes):
         raise InputError(
             f"{source}: keep_out_semi_axes_m must be three positive lengths, got {axes}"
         )

@@ -21,7 +21,9 @@ def load_typed(schema: type, tree: dict[str, typing.Any], source: str) -> typing
     _check_tree(schema, tree, source)
     try:
         return yaml_load_typed(schema=schema, data=yaml_dump(tree), defaults=schema())
-    except (yaml.YAMLError, RuntimeError, ValueError, TypeError, AssertionError) as error:
+    except (
+        yaml.YAMLError, RuntimeError, ValueError, TypeError, AssertionError, OverflowError
+    ) as error:  # fmt: skip
         raise InputError(f"{source}: {error}") from error
 
 

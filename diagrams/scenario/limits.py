@@ -1,0 +1,106 @@
+"""Limits of the values in a file, written beside the fields that they are for."""
+
+from __future__ import annotations
+
+import dataclasses as dc
+import math
+import typing
+from collections.abc import Sequence
+
+from proxops.systems.common import InputError
+
+_KEY = "limits"
+
+
+@dc.dataclass(frozen=True)
+class _Range:
+    """What a number may be."""
+
+    at_least: float | None
+    above: float | None
+    at_most: float | None
+    below: float | None
+    unit: str
+
+    def complaint(self, value: float) -> str | None:
+        """What is wrong with a value; None: nothing."""
+        low, finite = self.at_least, isinstance(value, int) or math.isfinite(value)
+        if low is not None and low >= 0.0 and not (finite and (value > 0.0 or value == low)):
+            return "must be positive" if low > 0.0 else "must not be negative"
+        if not finite:
+            return "must be finite"
+        for bound, good, words in (
+            (low, low is None or value >= low, "at least"),
+            (self.above, self.above is None or value > self.above, "above"),
+            (self.at_most, self.at_most is None or value <= self.at_most, "at most"),
+            (self.below, self.below is None or value < self.below, "below"),
+        ):
+            if not good:
+                return f"must be {words} {bound:g}{self.unit and ' '}{self.unit}"
+        return None
+
+
+@dc.dataclass(frozen=True)
+class _Choice:
+    """What a text may be."""
+
+    options: tuple[str, ...]
+
+    def complaint(self, value: str) -> str | None:
+        """What is wrong with a value; None: nothing."""
+        return None if value in self.options else f"must be {' or '.join(self.options)}"
+
+
+def number(
+    default: float,
+    *,
+    at_least: float | None = None,
+    above: float | None = None,
+    at_most: float | None = None,
+    below: float | None = None,
+    unit: str = "",
+) -> typing.Any:
+    """A dataclass field that holds a finite number within limits.
+
+    Args:
+      unit: for the message that a value beyond the limits gets.
+    """
+    limits = _Range(at_least, above, at_most, below, unit)
+    return dc.field(default=default, metadata={_KEY: limits})
+
+
+def one_of(default: str, options: Sequence[str]) -> typing.Any:
+    """A dataclass field that holds one of some texts."""
+    return dc.field(default=default, metadata={_KEY: _Choice(tuple(options))})
+
+
+def limits_of(field: dc.Field) -> tuple[float, float] | None:
+    """The least and the greatest number that a field may hold; None: it is no number."""
+    limits = field.metadata.get(_KEY)
+    if not isinstance(limits, _Range):
+        return None
+    low = limits.at_least if limits.at_least is not None else limits.above
+    high = limits.at_most if limits.at_most is not None else limits.below
+    return (-math.inf if low is None else low, math.inf if high is None else high)
+
+
+def check_limits(config: typing.Any, source: str, key: str = "") -> None:
+    """Checks all fields of a dataclass, and of those in it, against their limits.
+
+    Args:
+      source: what the values come from; it begins the message.
+      key: of the dataclass in the source, with dots.
+
+    Raises:
+      InputError: a value is beyond its limits; the message names its key.
+    """
+    for field in dc.fields(config):
+        value = getattr(config, field.name)
+        path = f"{key}.{field.name}" if key else field.name
+        if dc.is_dataclass(value):
+            check_limits(value, source, path)
+            continue
+        limits = field.metadata.get(_KEY)
+        complaint = None if limits is None else limits.complaint(value)
+        if complaint is not None:
+            raise InputError(f"{source}: {path} {complaint}, got {value!r}")
