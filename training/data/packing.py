@@ -182,7 +182,7 @@ def _check_together(path: Path, setting: Setting, first: Path, wanted: Setting) 
         if here != there:
             values = "" if field.name == "body" else f" ({here} and {there})"
             raise InputError(
-                f"{path} and {first.name} differ in {field.name}{values}: the flights of a "
+                f"{path} and {first.name} differ in {field.name}{values}: flights of a "
                 "training set must share it; move one kind to a folder of its own"
             )
 
