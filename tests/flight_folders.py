@@ -25,7 +25,7 @@ FLIGHTS: dict[str, tuple[int, dict[str, object]]] = {
 
 @cache
 def flight(name: str) -> FlightLog:
-    """One of `FLIGHTS`, each from another start; look, don't touch."""
+    """One of `FLIGHTS`, each from another start; do not change it."""
     transit, changes = FLIGHTS[name]
     start = [160e3, 100.0 * list(FLIGHTS).index(name), 0.0]
     own = {"transit__seed": 3, "transit__index": transit, "transit__start_m": start}

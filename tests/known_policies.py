@@ -36,8 +36,9 @@ class Counting(nn.Module):
 
 
 class NotANumber(Counting):
-    """As `Counting`, but each third step divides 0 by 0: the force's, the memory's, or for an
-    index, which ONNX Runtime then refuses.
+    """Works like `Counting`, but each third step divides 0 by 0.
+
+    It does so in the force, in the memory, or in an index, which ONNX Runtime then refuses.
     """
 
     def __init__(self, spoiled: str):

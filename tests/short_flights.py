@@ -30,7 +30,7 @@ def short_scenario(**changes: object) -> Scenario:
 
 @cache
 def kleopatra_flight() -> FlightLog:
-    """Transit 0 of seed 10000 by the MPC, flown once a session; look, don't touch."""
+    """Transit 0 of seed 10000 by the MPC, flown once a session; do not change it."""
     return fly(load_scenario())
 
 

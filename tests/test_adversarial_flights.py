@@ -1,4 +1,4 @@
-"""Whole flights of pilots that mean harm: in with no assurance, out with it."""
+"""Whole flights of adversaries: without assurance they enter the keep-out, with it they do not."""
 
 import numpy as np
 import pytest

@@ -110,7 +110,7 @@ def test_rotation_changes_nothing(kind, one, other, axis, angle) -> None:
 
 @given(forces, forces)
 def test_strict_is_the_strictest_of_the_right_ones(one: np.ndarray, other: np.ndarray) -> None:
-    """But for two forces in the dead band, which are 0.4 N apart at most: within the limit."""
+    """Two forces in the dead band are 0.4 N apart at most, which is within the limit."""
     if agrees("strict", one, other):
         assert agrees("paper", one, other)
         assert np.linalg.norm(one - other) < 2.4  # 12 N, 10 degrees and 1 N apart.

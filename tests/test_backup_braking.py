@@ -144,7 +144,7 @@ def test_what_is_assured_keeps_the_state_admitted(state: np.ndarray, command: np
 
 
 def test_the_change_is_nearly_the_least() -> None:
-    """Of thousands of nearer forces next to none is safe, and none is much nearer."""
+    """Among thousands of nearer forces almost none is safe, and none is much nearer."""
     backup, random = kleopatras(), np.random.default_rng(3)
     ratios = []
     while len(ratios) < 15:

@@ -104,7 +104,7 @@ def shown(tmp_path_factory: pytest.TempPathFactory) -> tuple[np.ndarray, np.ndar
 
 @pytest.fixture(scope="module")
 def small(tmp_path_factory: pytest.TempPathFactory) -> np.ndarray:
-    """As the first picture of `shown`, all lengths but the icons' 1/437: a body of 500 m."""
+    """Shows `shown`'s first picture at a body of 500 m: all lengths but the icons' are 1/437."""
     folder = tmp_path_factory.mktemp("browser")
     page, picture = folder / "replay.html", folder / "small.png"
     write_replay(similar_log(synthetic_log(), 1.0 / 437.0), page)
@@ -113,7 +113,7 @@ def small(tmp_path_factory: pytest.TempPathFactory) -> np.ndarray:
 
 
 def complaints(log: str) -> list[str]:
-    """What the page said on its console, whatever the level, less the graphics driver's notes.
+    """Returns what the page wrote on its console at any level, without the graphics driver's notes.
 
     Chromium logs each as `[…:INFO:CONSOLE:12] "message", source: …`, errors too.
     """

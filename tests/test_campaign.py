@@ -80,15 +80,15 @@ def test_a_controller_that_was_edited_is_another(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     text = "def make(scenario, body):\n    return None\n"
-    Path("edited_pilot.py").write_text(text)
-    [first] = transit_flights(brief(), "edited_pilot:make", 1, 1)
-    assert transit_flights(brief(), "edited_pilot:make", 1, 1) == [first]
-    Path("edited_pilot.py").write_text(text.replace("None", "body"))
-    [second] = transit_flights(brief(), "edited_pilot:make", 1, 1)
+    Path("edited_controller.py").write_text(text)
+    [first] = transit_flights(brief(), "edited_controller:make", 1, 1)
+    assert transit_flights(brief(), "edited_controller:make", 1, 1) == [first]
+    Path("edited_controller.py").write_text(text.replace("None", "body"))
+    [second] = transit_flights(brief(), "edited_controller:make", 1, 1)
     assert dc.replace(second, provenance=first.provenance) == first
     assert second.provenance != first.provenance
-    with pytest.raises(InputError, match="No module named 'no_such_pilot'"):
-        transit_flights(brief(), "no_such_pilot:make", 1, 1)
+    with pytest.raises(InputError, match="No module named 'no_such_controller'"):
+        transit_flights(brief(), "no_such_controller:make", 1, 1)
 
 
 def test_one_worker(tmp_path: Path, flown: list[str]) -> None:

@@ -439,7 +439,7 @@ def test_out_under_a_file(run, tmp_path: Path, command: str) -> None:
 @pytest.mark.parametrize("command", ["fly", "evaluate"])
 @pytest.mark.skipif(not Path("/proc/self").is_dir(), reason="needs Linux's /proc")
 def test_out_where_nobody_may_write(run, command: str) -> None:
-    """Not even the superuser: said when it is tried, after the flight, if not before."""
+    """Not even the superuser may write there; the command says so, before or after the flight."""
     transits = ["--transits", "1", "--workers", "1"] if command == "evaluate" else []
     for out in ("/proc/proxops", "/proc"):
         ran = run(command, *BRIEF, *transits, "--out", out)
@@ -530,7 +530,7 @@ def test_unknown_arguments(run, arguments: list[str]) -> None:
 
 
 def test_as_a_process(tmp_path: Path) -> None:
-    """Nothing but what it says reaches the streams, and no traceback."""
+    """The streams get only what the command prints, and no traceback."""
     command = [sys.executable, "-m", "proxops.cli.main", "fly"]
     ran = subprocess.run(
         [*command, "--set", "spacecraft.mass_kg=-1", "--out", "out"],

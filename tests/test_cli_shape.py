@@ -307,7 +307,7 @@ def dimensional(tree: object, name: str = "") -> dict[str, float]:
 
 
 def test_every_number_of_a_scenario_is_made_similar(tmp_path: Path) -> None:
-    """Of a Kleopatra a hundredth as large and as dense, lengths and forces are a hundredth."""
+    """At a Kleopatra a hundredth as large and as dense, lengths and forces are a hundredth."""
     large = kleopatra()
     mesh = trimesh.Trimesh(0.01 * large.shape.vertices, large.shape.facets, process=False)
     write(tmp_path / "small.obj", mesh)

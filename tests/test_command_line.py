@@ -1,4 +1,4 @@
-"""What all commands share: help with examples, plain streams, completion, Ctrl-C."""
+"""All commands have help with examples, plain streams, completion and an answer to Ctrl-C."""
 
 import json
 import os
@@ -42,7 +42,7 @@ def run(*arguments: object, folder: Path, **changes: str) -> subprocess.Complete
 
 
 def on_terminal(*arguments: object, folder: Path, **changes: str) -> str:
-    """What a terminal is sent."""
+    """Returns what the command sends to a terminal."""
     mine, its = pty.openpty()
     process = subprocess.Popen(
         [*PROXOPS, *map(str, arguments)], cwd=folder,
@@ -106,7 +106,7 @@ def test_fly_as_json(
 
 
 def test_pipes_get_plain_text(tmp_path: Path) -> None:
-    """No colours, no bars, results and remarks apart."""
+    """There are no colours and no bars; results and remarks go to different streams."""
     ran = run("shape", asset_path("kleopatra/kleopatra.obj"), folder=tmp_path)
     assert ran.returncode == 0, ran.stderr
     assert "\x1b" not in ran.stdout + ran.stderr
@@ -137,7 +137,7 @@ def test_completion(tmp_path: Path, typed: str, offered: str) -> None:
 
 
 def interrupt_when(process: subprocess.Popen[str], begun: Path) -> None:
-    """As Ctrl-C does, as soon as the file is there."""
+    """Sends what Ctrl-C sends, as soon as the file is there."""
     until = time.monotonic() + 60.0
     while not begun.exists():
         assert time.monotonic() < until
@@ -159,8 +159,8 @@ def interrupt_when(process: subprocess.Popen[str], begun: Path) -> None:
 )
 def test_interrupted(tmp_path: Path, arguments: list[str], says: str) -> None:
     """By Ctrl-C while it flies: one line, the code shells expect, and no half file."""
-    # A pilot that says when it is asked first: from then on there is something to interrupt.
-    (tmp_path / "slow_pilot.py").write_text(
+    # This controller writes a file when it is first asked: from then on there is a flight to stop.
+    (tmp_path / "slow_controller.py").write_text(
         "import time\nfrom pathlib import Path\n"
         "from pydrake.systems.framework import LeafSystem\n"
         "class Slow(LeafSystem):\n"
@@ -176,7 +176,7 @@ def test_interrupted(tmp_path: Path, arguments: list[str], says: str) -> None:
     )
     name = "--controllers" if arguments[0] == "evaluate" else "--controller"
     process = subprocess.Popen(
-        [*PROXOPS, *arguments, name, "slow_pilot:make"], cwd=tmp_path, env=environment(),
+        [*PROXOPS, *arguments, name, "slow_controller:make"], cwd=tmp_path, env=environment(),
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
     )  # fmt: skip
     interrupt_when(process, tmp_path / "flying")

@@ -52,7 +52,7 @@ def test_samples_take_effect_a_delay_later(period: float, share: float) -> None:
 
 
 def test_clone_goes_on_alike() -> None:
-    """What waits is in the Context too."""
+    """The command that waits is in the Context too."""
     simulator, hold = simulator_of(10.0, 4.0)
     simulator.AdvanceTo(32.0)
     clone = simulator.get_context().Clone()

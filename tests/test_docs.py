@@ -178,7 +178,7 @@ def in_brief(words: list[str]) -> list[str]:
 
 @pytest.fixture
 def working_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Where code and commands of the pages find what they name."""
+    """A folder in which the code and commands of the pages find what they name."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "out" / "flight").mkdir(parents=True)
     synthetic_log().to_netcdf(tmp_path / "out" / "flight" / "flight.nc")  # `make fly` leaves it.
@@ -357,7 +357,7 @@ def test_the_test_to_copy_passes_and_can_fail(monkeypatch: pytest.MonkeyPatch) -
 
 
 def test_errata_table_of_angles() -> None:
-    """What the page says of the printed angle and the right one, computed."""
+    """Computes what the page says about the printed angle and the right one."""
     u = np.array([7.0, 0.0, 0.0])
     for degrees, printed, right in ((0.0, 90.0, 0.0), (90.0, 0.0, 90.0), (180.0, -90.0, 180.0)):
         v = 3.0 * np.array([np.cos(np.radians(degrees)), np.sin(np.radians(degrees)), 0.0])

@@ -79,7 +79,7 @@ def test_against_search(semi_axes: np.ndarray) -> None:
 
 @each
 def test_centre(semi_axes: np.ndarray) -> None:
-    """As far from the surface as the shortest semi-axis is long."""
+    """The points are as far from the surface as the shortest semi-axis is long."""
     centre = clearances(semi_axes, np.zeros((1, 3)))
     np.testing.assert_allclose(centre, -semi_axes.min(), rtol=1e-13)
 

@@ -19,7 +19,7 @@ from proxops.training.data import plans_along
 
 
 class Blinking(NotANumber):
-    """As `NotANumber`, but it claims to make an estimate: the target's, where it is finite."""
+    """Works like `NotANumber`, but claims to estimate: it gives the target, where it is finite."""
 
     ESTIMATES = True
 

@@ -135,7 +135,7 @@ def test_scenario_of_the_log() -> None:
     ],
 )
 def test_codes_say_what_they_mean(file: Path, name: str, first: str, last: str, count: int) -> None:
-    """As the CF conventions ask: as many words as values, of the variable's own type."""
+    """The CF conventions ask for as many words as values, of the variable's own type."""
     with xr.open_dataset(file, engine="h5netcdf") as opened:
         values, words = (opened[name].attrs[f"flag_{kind}"] for kind in ("values", "meanings"))
         assert values.dtype == opened[name].dtype

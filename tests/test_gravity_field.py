@@ -189,7 +189,7 @@ def test_far_field_of_a_box(box_gravity: GravityField) -> None:
 
 @pytest.mark.parametrize("distance", [12.0, 1e2, 1e3, 1e4, 1e6])
 def test_icosahedral_symmetry_far_away(distance: float) -> None:
-    """Of an icosphere's field all that is not a point mass's is of the sixth degree."""
+    """An icosphere's field differs from a point mass's only from the sixth degree on."""
     field = field_of(trimesh.creation.icosphere(1))
     points = distance * trimesh.creation.icosphere(2).vertices[:30]
     result = field.evaluate(points)

@@ -1,4 +1,4 @@
-"""Where other packages fail, ours does not: shown on both where the peer is installed.
+"""Our gravity is right where other packages fail: both are shown where the other is installed.
 
 The peers come with the `bench` extra; without one its half of a test is skipped.
 """

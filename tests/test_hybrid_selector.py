@@ -1,4 +1,4 @@
-"""The selector alone, with forces of known size: who flies, who is asked, and what is recorded."""
+"""The selector alone, with forces of known size: whose force it takes, whom it asks, its record."""
 
 from functools import cache
 

@@ -94,7 +94,7 @@ def plan_by(program: TransitProgram, ends: tuple[np.ndarray, np.ndarray], side: 
 
 @pytest.mark.parametrize("index", [77, 87, 501, 81, 191])
 def test_the_cheaper_way_round_is_taken(index):
-    """Of these transits the first three are cheaper by the longer of the two first guesses.
+    """The first three of these transits are cheaper by the longer of the two initial guesses.
 
     By the other, the first of them, from pole to pole, would take longer than a success may.
     """

@@ -49,7 +49,7 @@ def test_follows_a_curved_border() -> None:
 
 
 def test_stays_within_the_box() -> None:
-    """What is safe lies beyond the box along the gradient, and inside it to the side."""
+    """Safe forces lie beyond the box along the gradient, and inside it to the side."""
     normal = np.array([1.0, 0.3, 0.0])
     found = nearest(lambda u: float(normal @ u) - 1.2, np.zeros(3))
     assert found is not None
@@ -80,7 +80,7 @@ def test_path_ends_where_it_becomes_safe(border: float) -> None:
 
 
 def test_path_without_a_known_start_is_halved() -> None:
-    """Where nothing is known of its start, only that its end is safe."""
+    """Nothing is known about the start of the line, only that its end is safe."""
     point, margin = along_path(
         lambda u: 1.0 if u[0] > 0.3 else -math.inf,
         np.zeros(3), np.array([0.8, 0.0, 0.0]), math.inf, BOX, 1.0, 1.0, ENOUGH,

@@ -1,4 +1,4 @@
-"""What the lidar's networks learn from, and how fast."""
+"""The lidar networks' training examples, and how fast the networks learn."""
 
 import numpy as np
 import pytest

@@ -133,7 +133,7 @@ def expert() -> TransitProgram:
 
 
 def ends(index: int) -> tuple[np.ndarray, np.ndarray]:
-    """Of a transit, at rest; 1 and 4 have the body in the way."""
+    """The ends of a transit, at rest; at 1 and 4 the body is in the way."""
     transit = transit_set(77, 5)[index]
     return np.append(transit.start, np.zeros(3)), np.append(transit.goal, np.zeros(3))
 

@@ -119,7 +119,7 @@ def test_smallest_angles() -> None:
 
 
 def _pair(second: list[list[float]], share: int = 0) -> int:
-    """How many intersections a triangle in z = 0 and a second one have; they share corners."""
+    """Counts the intersections of a triangle in z = 0 and a second one; they may share corners."""
     first = np.array([[0, 0, 0], [4, 0, 0], [0, 4, 0.0]])
     vertices = np.vstack([first, second])
     facets = np.array([[0, 1, 2], [*range(share), *range(3, 6 - share)]])

@@ -27,7 +27,7 @@ def body(size: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
 
 
 def sound(mesh: Repair, volume: float | None = None, rel: float = 1e-12) -> list[str]:
-    """What was done, after a look with our eyes and trimesh's; moves aside."""
+    """Checks a repair by our code and by trimesh; returns what was done, moves left out."""
     shape = Polyhedron(mesh.vertices, mesh.facets)
     size = shape.extents.max()
     scaled = trimesh.Trimesh(mesh.vertices / size, mesh.facets, process=False)

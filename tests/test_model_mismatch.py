@@ -53,7 +53,7 @@ def test_plant_has_the_mass_and_thrust_it_is_given(quantity, scale):
 
 @pytest.mark.parametrize("mismatch", ["mismatch.mass=1.1", "mismatch.thrust=0.9"])
 def test_delta_v_of_holding_is_that_of_any_plant(mismatch):
-    """What pulls has to be made up for, whatever the mass and however strong the thrusters."""
+    """Holding costs what gravity pulls, whatever the mass and however strong the thrusters."""
 
     def of(*overrides: str) -> float:
         summary = fly(holding(0.3, *overrides)).summary

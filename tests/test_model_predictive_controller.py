@@ -81,7 +81,7 @@ def plan_of(context, controller) -> Plan:
 
 
 def remember(controller, context) -> None:
-    """What the periodic event does."""
+    """Does what the periodic event does."""
     updated = controller.EvalUniquePeriodicDiscreteUpdate(context)
     context.get_mutable_discrete_state().SetFrom(updated)
 
@@ -182,7 +182,7 @@ def test_time_alone_changes_nothing():
 
 
 def test_old_plan_is_relinearised_until_it_settles():
-    """Where it has the state, near there, and where a minute's coasting would have taken it."""
+    """States at the plan's point, near it, and where a minute's coasting would have taken it."""
     controller, program = counting_expert()
     plan = plan_of(alone(START, controller=controller), controller)
     for age in (2 * PERIOD, 10 * PERIOD, 60 * PERIOD):

@@ -29,7 +29,7 @@ POSITION = np.array([150e3, 40e3, 60e3])
 
 
 class Notebook:
-    """What stands under a cell, as IPython would have it; may open the page as a browser does."""
+    """Collects what IPython shows under a cell; it may open the page as a browser does."""
 
     def __init__(self) -> None:
         self.address = self.page = ""

@@ -1,4 +1,4 @@
-"""What the pilot's parts learn from, against the flights it is taken from."""
+"""The examples that the pilot's parts learn from, compared with the flights they come from."""
 
 import numpy as np
 import pytest

@@ -22,7 +22,7 @@ def shown():
 
 
 def levels(ax: Axes) -> list[float]:
-    """Of the dashed lines."""
+    """Returns the heights of the dashed lines."""
     return [
         float(np.asarray(line.get_ydata())[0]) for line in ax.lines if line.get_linestyle() == "--"
     ]

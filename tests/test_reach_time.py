@@ -1,4 +1,4 @@
-"""How soon the keep-out can be reached: against flights with every thruster at its limit."""
+"""The least time to the keep-out, compared with flights with every thruster at its limit."""
 
 import numpy as np
 import pytest
@@ -146,7 +146,7 @@ def test_moving_away_is_safer_and_towards_less(model: ReachModel) -> None:
 
 @given(st.integers(0, 10**6), st.floats(0.0, 3e3), st.floats(0.0, 3.0))
 def test_errors_shorten_it(seed: int, position_error: float, velocity_error: float) -> None:
-    """As far as every state within the errors allows."""
+    """The answer holds for every state within the errors."""
     model = ReachModel(AXES, 3.2e-4, 0.07, np.array([0.0]), np.array([0.04]))
     [state] = random_starts(1, seed)
     way = np.random.default_rng(seed).normal(size=(2, 3))

@@ -148,7 +148,7 @@ def test_overshoot_starts_beyond_the_goal_and_moves_away() -> None:
 
 
 def clearance(point: np.ndarray) -> float:
-    """Of the keep-out, found by a general minimiser over the two angles of its surface."""
+    """Clearance from the keep-out, by a general minimiser over the two angles of its surface."""
 
     def surface(angles: np.ndarray) -> np.ndarray:
         cos = np.cos(angles[0])

@@ -66,7 +66,7 @@ def body_of_extent(extent: float) -> Body:
 
 
 def messages(html: str) -> list[bytes]:
-    """What the page tells the viewer, as Meshcat's binary messages."""
+    """Returns Meshcat's binary messages, which the page sends to the viewer."""
     return [base64.b64decode(text) for text in re.findall(r"base64,([A-Za-z0-9+/=]{20,})", html)]
 
 
@@ -92,7 +92,7 @@ def test_page_says_what_it_shows(page: str) -> None:
 
 
 def known(page: str) -> dict[str, Any]:
-    """What the panel's script knows of the flight."""
+    """Returns the data of the flight in the panel's script."""
     (content,) = re.findall(r"const flight = (\{.*\});", page)
     return json.loads(content)
 
@@ -124,7 +124,7 @@ def test_strip_shows_each_stretch(page: str) -> None:
 
 
 def test_filter_has_a_colour_of_its_own(log: FlightLog, tmp_path: Path) -> None:
-    """Where runtime assurance changed the command by more than a thousandth of a newton."""
+    """The page marks where runtime assurance changed the command by more than 0.001 N."""
     changes = np.zeros(len(log.dataset["time"]))
     changes[100:140], changes[200:240] = 0.5, 0.0005
     filtered = FlightLog(log.dataset.assign(intervention=("time", changes)), log.body)

@@ -23,7 +23,7 @@ def backup() -> BackupBraking:
 
 @pytest.fixture(scope="module")
 def held_flight() -> FlightLog:
-    """As `falling_flight`, but for the assurance."""
+    """The same as `falling_flight`, but with assurance."""
     return fly(short_scenario(**ABOVE_THE_POLE, assurance={}), "zero")
 
 
@@ -117,7 +117,7 @@ def test_the_expert_is_left_alone() -> None:
 
 
 def test_stands_before_the_disturbance() -> None:
-    """What is logged as disturbance is none of the assurance's doing."""
+    """The logged disturbance holds nothing that the assurance changed."""
     settings = {"assurance": {}, "force_noise": {"std_n": 0.5}, **BRIEF}
     log = fly(short_scenario(**settings), Scripted(lambda time: np.array([-7.0, 0.0, 0.0])))
     bare = fly(short_scenario(**settings | {"assurance": None}), Scripted())

@@ -1,4 +1,4 @@
-"""A pilot of a small body is the large one's, in smaller units, and so is what it learns from."""
+"""A small body's pilot and its examples are those of a large body in smaller units."""
 
 import dataclasses as dc
 from pathlib import Path
@@ -26,7 +26,7 @@ SHAPE = PilotShape(
 
 
 def scaled(shape: PilotShape, size: float) -> PilotShape:
-    """Of a body so much larger with the same density and spin: forces go with its size."""
+    """The shape for a body `size` times as large, of the same density and spin."""
 
     def times(values: tuple[float, float, float]) -> tuple[float, float, float]:
         x, y, z = (size * value for value in values)

@@ -1,4 +1,4 @@
-"""What is flown is physics: the log's motion, events and outcomes, each computed a second way."""
+"""Flights obey physics: the log's motion, events and outcomes are each computed a second way."""
 
 import os
 import subprocess

@@ -97,7 +97,7 @@ def test_learns_and_keeps_curves(packed: PackedFlights, tmp_path: Path):
 
 
 def test_validation_loss_is_the_mean_over_windows(packed: PackedFlights, tmp_path: Path):
-    """Of the last epoch's weights, without dropout, whatever the batches."""
+    """The loss of the last epoch's weights, without dropout, whatever the batches."""
     learned = task(packed, batch=7)
     trained = run(learned, Schedule(epochs=1, batch=7, learning_rate=1e-2, patience=1), tmp_path)
     held = WindowDataset(packed, "validation", 4, 1)

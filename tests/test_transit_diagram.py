@@ -295,7 +295,7 @@ def test_disturbed_sum_is_clipped() -> None:
     assert counts[-1.0] > 0
 
 
-def test_make_controller_is_of_the_scenario() -> None:
+def test_make_mpc_follows_the_scenario() -> None:
     scenario = short_scenario(control_period_s=5.0, spacecraft__thrust_limit_n=3.0)
     controller = make_mpc(scenario, kleopatra())
     assert controller.period == 5.0

@@ -244,7 +244,7 @@ def test_fuel_weight_buys_fuel():
 
 
 @pytest.mark.parametrize("index", [0, 1, 2, 3])
-def test_what_is_left_of_a_plan_is_the_plan_of_what_is_left(index):
+def test_the_remaining_plan_is_the_plan_of_the_remaining_transit(index):
     """Bellman: the end of the plan stays where it is while the plan is flown."""
     plan = converged(index)
     target = transits()[index][1]
