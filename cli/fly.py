@@ -21,7 +21,7 @@ from proxops.cli.common import (
     status,
     write_json,
 )
-from proxops.diagrams.flight import fly
+from proxops.diagrams.flight import WITH_BUNDLE, fly
 from proxops.diagrams.logs import FlightLog, differences, fallback_steps, length_text
 from proxops.diagrams.meshcat import write_replay
 from proxops.diagrams.scenario import load_scenario
@@ -69,12 +69,11 @@ def fly_command(
         server = start_server()
         status.print(f"Meshcat is at {server.web_url()}")
     if log_file is not None:
-        given = (scenario, settings or None, seed, transit, controller)
+        given = (scenario, settings or None, seed, transit)
         if any(value is not None for value in given):
-            raise InputError(
-                "--from repeats a flight as it was: give no scenario, controller or settings"
-            )
+            raise InputError("--from repeats a flight as it was: give no scenario or settings")
         original = FlightLog.load(log_file)
+        _check_controller(original, controller)
         with _progress_bar() as progress:
             log = fly(
                 original.scenario,
@@ -108,6 +107,27 @@ def fly_command(
         status.print("Press Ctrl-C to end.")
         with contextlib.suppress(KeyboardInterrupt):
             _wait_for_ever()
+
+
+def _check_controller(log: FlightLog, named: str | None) -> None:
+    """Checks that code of the user's own flies again only if the user names it.
+
+    A log may be a stranger's, and flying MODULE:FACTORY imports and runs a module.
+
+    Raises:
+      InputError: another controller is named than the log's, or none and the log's is such a one.
+    """
+    flown = str(log.dataset.attrs["controller"])
+    if named is not None and named != flown:
+        raise InputError(
+            f"--from repeats the flight of controller {flown!r}: give no other --controller"
+        )
+    kind, colon, _ = flown.partition(":")
+    if named is None and colon and kind not in WITH_BUNDLE:
+        raise InputError(
+            f"the log names a controller of one's own, {flown!r}, which would be imported and run: "
+            f"if you trust it, give --controller {flown} too"
+        )
 
 
 def _save(log: FlightLog, out: Path, as_json: bool) -> None:

@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -486,18 +487,17 @@ def test_controller_with_wrong_ports(run, tmp_path: Path) -> None:
 def test_from_what_is_no_log(run, tmp_path: Path) -> None:
     (tmp_path / "notes.nc").write_text("not a log")
     refused(run("fly", "--from", "notes.nc", "--out", "out"), "notes.nc is not a flight log")
-    refused(run("fly", "--from", "absent.nc", "--out", "out"), "absent.nc is not a flight log")
+    refused(run("fly", "--from", "absent.nc", "--out", "out"), "there is no file absent.nc")
     refused(run("fly", "--from", ".", "--out", "out"), "is not a flight log")
     refused(run("replay", "notes.nc"), "notes.nc is not a flight log")
-    refused(run("replay", "absent.nc"), "absent.nc is not a flight log")
+    refused(run("replay", "absent.nc"), "there is no file absent.nc")
     assert entries(tmp_path) == {"notes.nc"}
 
 
 @pytest.mark.parametrize(
     "extra",
-    [["--set", "noise_seed=1"], ["--seed", "3"], ["--transit", "3"], ["short.yaml"],
-     ["--controller", "zero"]],
-)  # fmt: skip
+    [["--set", "noise_seed=1"], ["--seed", "3"], ["--transit", "3"], ["short.yaml"]],
+)
 def test_from_with_settings(run, tmp_path: Path, extra: list[str]) -> None:
     kleopatra_flight().to_netcdf(tmp_path / "flight.nc")
     refused(run("fly", "--from", "flight.nc", *extra), "--from repeats a flight as it was")
@@ -542,3 +542,37 @@ def test_as_a_process(tmp_path: Path) -> None:
         "proxops: error: scenario: spacecraft.mass_kg must be positive, got -1.0\n"
     )
     assert entries(tmp_path) == set()
+
+
+# --- version, missing files, strangers' logs ------------------------------------------------------
+
+
+def test_version(run) -> None:
+    ran = run("--version")
+    assert ran.code == 0
+    assert ran.out == f"proxops {metadata.version('proxops')}\n"
+
+
+def test_replay_of_a_missing_file(run) -> None:
+    ran = run("replay", "missing.nc")
+    assert ran.code == 2
+    assert ran.err == "proxops: error: there is no file missing.nc\n"
+
+
+def test_a_log_runs_no_code_of_its_own(run, tmp_path: Path) -> None:
+    """A stranger's log may name any module; it flies only if the user names it too."""
+    (tmp_path / "stranger.py").write_text("open('ran', 'w').close()\n")
+    assert run("fly", "--controller", "zero", *BRIEF, "--out", "out").code == 0
+    log = FlightLog.load(tmp_path / "out" / "flight.nc")
+    log.dataset.attrs["controller"] = "stranger:make"
+    log.to_netcdf(tmp_path / "theirs.nc")
+    refused = run("fly", "--from", "theirs.nc", "--out", "again")
+    assert refused.code == 2
+    assert "give --controller stranger:make too" in refused.err
+    other = run("fly", "--from", "theirs.nc", "--controller", "zero", "--out", "again")
+    assert other.code == 2
+    assert "give no other --controller" in other.err
+    assert not (tmp_path / "ran").exists()
+    named = run("fly", "--from", "theirs.nc", "--controller", "stranger:make", "--out", "again")
+    assert named.code == 2  # The module has no such factory, but it was imported.
+    assert (tmp_path / "ran").exists()

@@ -161,6 +161,8 @@ class FlightLog:
         Raises:
           InputError: not a flight log, or the mesh in it is not the one its hash names.
         """
+        if not Path(path).exists():
+            raise InputError(f"there is no file {path}")
         try:
             dataset = xr.load_dataset(path, engine="h5netcdf")
         except Exception as error:  # A damaged file makes h5py and xarray raise all sorts.

@@ -5,7 +5,7 @@ and returns a Figure; none writes files.
 """
 
 from proxops.diagrams.plots.decision_plot import plot_decisions
-from proxops.diagrams.plots.graphviz_picture import graphviz_svg
+from proxops.diagrams.plots.diagram_drawing import DiagramPicture, diagram_picture
 from proxops.diagrams.plots.hover_plot import plot_hover
 from proxops.diagrams.plots.plan_plot import plot_plan
 from proxops.diagrams.plots.plots import (
@@ -20,8 +20,9 @@ from proxops.diagrams.plots.plots import (
 from proxops.diagrams.plots.surface_plots import plot_equilibria, plot_surface_maps
 
 __all__ = [
+    "DiagramPicture",
+    "diagram_picture",
     "draw_body",
-    "graphviz_svg",
     "length_unit",
     "plot_clearance",
     "plot_decisions",

@@ -1,0 +1,71 @@
+"""A picture of a Diagram's systems and wiring: Graphviz's, or Mermaid's where `dot` is missing."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from dataclasses import dataclass
+
+from pydrake.systems.framework import Diagram, System
+from pydrake.systems.primitives import VectorLogSink
+
+
+@dataclass(frozen=True)
+class DiagramPicture:
+    """A picture that notebooks show: as SVG, or as Mermaid, which JupyterLab and GitHub draw."""
+
+    svg: str | None
+    """None: the program `dot` is not installed."""
+    mermaid: str
+
+    def _repr_mimebundle_(self, include=None, exclude=None) -> dict[str, str]:
+        """What IPython shows; it asks for this by this name."""
+        if self.svg is not None:
+            return {"image/svg+xml": self.svg}
+        return {
+            "text/markdown": f"```mermaid\n{self.mermaid}```\n",
+            "text/vnd.mermaid": self.mermaid,
+            "text/plain": self.mermaid,
+        }
+
+
+def diagram_picture(diagram: Diagram, max_depth: int = 1) -> DiagramPicture:
+    """Draws the systems of a Diagram and what connects them.
+
+    Args:
+      max_depth: how many levels of subsystems Graphviz draws; Mermaid draws one.
+    """
+    return DiagramPicture(_graphviz_svg(diagram, max_depth), mermaid_text(diagram))
+
+
+def mermaid_text(diagram: Diagram) -> str:
+    """A Mermaid flowchart of the systems and connections; what only logs is left out."""
+    systems = [each for each in diagram.GetSystems() if not isinstance(each, VectorLogSink)]
+    names = {system.get_name(): f"s{number}" for number, system in enumerate(systems)}
+    lines = ["flowchart LR"]
+    lines += [f'  {node}["{_label(name)}"]' for name, node in names.items()]
+    wires = []
+    for (reader, taken), (writer, given) in diagram.connection_map().items():
+        if reader.get_name() in names and writer.get_name() in names:
+            port = reader.get_input_port(taken).get_name()
+            source = writer.get_output_port(given).get_name()
+            text = port if port == source else f"{source} to {port}"
+            wires.append(
+                f'  {names[writer.get_name()]} -->|"{_label(text)}"| {names[reader.get_name()]}'
+            )
+    return "\n".join([*lines, *sorted(wires)]) + "\n"
+
+
+def _label(text: str) -> str:
+    """A text as it may stand between quotation marks in Mermaid."""
+    return "".join(
+        letter if letter.isalnum() or letter in " _-:/.+" else f"#{ord(letter)};" for letter in text
+    )
+
+
+def _graphviz_svg(system: System, max_depth: int) -> str | None:
+    if shutil.which("dot") is None:
+        return None
+    text = system.GetGraphvizString(max_depth=max_depth)
+    drawn = subprocess.run(["dot", "-Tsvg"], input=text, capture_output=True, text=True, check=True)
+    return drawn.stdout
