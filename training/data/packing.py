@@ -45,7 +45,7 @@ def pack_flights(
       folder: folder with one *.nc file for each flight.
       cache: folder for the packed set; None: `packed` in `folder`.
       split_seed: seed for `part_of_transit`.
-      progress: is told how far the packing is.
+      progress: is called with the share of the logs that are packed.
 
     Raises:
       InputError: there are no logs, one is damaged, they differ in a property that must be shared,

@@ -162,7 +162,7 @@ class _Examples:
         )
 
     def facts(self, trained: Trained) -> BundleFacts:
-        """What a bundle says of itself."""
+        """The facts in a bundle of this training."""
         return BundleFacts(
             planes=self.lidar.planes,
             rays=self.lidar.rays,

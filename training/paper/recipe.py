@@ -71,8 +71,8 @@ def train_paper_policy(
 ) -> dict[str, Any]:
     """Trains the paper's policy on expert flights; writes and returns the report.
 
-    Writes policy.ckpt, curves/, report.json, report.md, forces.png, and bundle/, which flies, in
-    `out`. Run again after a kill, it goes on behind the last whole epoch.
+    Writes policy.ckpt, curves/, report.json, report.md, forces.png, and bundle/, which flies, to
+    `out`. After a kill it continues behind the last complete epoch.
 
     Args:
       data: what `proxops collect` wrote, or a folder of logs.

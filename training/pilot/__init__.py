@@ -10,7 +10,7 @@ from proxops.training.pilot.dagger import DaggerSettings, run_dagger
 from proxops.training.pilot.examples import Hits, hits_of
 from proxops.training.pilot.lidar_hits import HitSelection
 from proxops.training.pilot.network import Pilot
-from proxops.training.pilot.recipe import collected_scenario, train_pilot
+from proxops.training.pilot.recipe import train_pilot
 from proxops.training.pilot.settings import PilotSettings, shape_of
 from proxops.training.pilot.shape import load_pilot
 from proxops.training.pilot.state_filter import MEMORY, measurement_noise
@@ -24,7 +24,6 @@ __all__ = [
     "Hits",
     "Pilot",
     "PilotSettings",
-    "collected_scenario",
     "geometry_task",
     "hits_of",
     "load_pilot",

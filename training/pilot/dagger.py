@@ -178,7 +178,7 @@ def _train_round(
 
     Args:
       commands: all that is known of the expert by now.
-      share: of the epochs of the first training.
+      share: number of epochs over that of the first training.
       told: `identity` and `rounds`, for the report.
     """
     settings, flights = first.settings, first.flights
