@@ -117,6 +117,14 @@ class ModelPredictiveController(LeafSystem):
         self._memory = self.DeclareDiscreteState(memory_size(intervals))
         # The last command, which is needed with a delay only. It is zero at first.
         self._command = self.DeclareDiscreteState(3) if delay > 0.0 else None
+        self._declare_outputs(intervals)
+        # The update is discrete, not unrestricted: all discrete updates at one time see the state
+        # before it. So the hold downstream reads the cached plan, and nothing is solved twice.
+        self.DeclarePeriodicDiscreteUpdateEvent(
+            period_sec=period, offset_sec=0.0, update=self._remember_plan
+        )
+
+    def _declare_outputs(self, intervals: int) -> None:
         depends = {
             self._state_port.ticket(),
             self._target_port.ticket(),
@@ -144,11 +152,6 @@ class ModelPredictiveController(LeafSystem):
                 self.xd_ticket(),
                 self.time_ticket(),
             },
-        )
-        # The update is discrete, not unrestricted: all discrete updates at one time see the state
-        # before it. So the hold downstream reads the cached plan, and nothing is solved twice.
-        self.DeclarePeriodicDiscreteUpdateEvent(
-            period_sec=period, offset_sec=0.0, update=self._remember_plan
         )
 
     def logged_ports(self) -> dict[str, LoggedPort]:

@@ -21,14 +21,13 @@ from proxops.systems.lidar.lidar_bundle import (
     RAY_NETWORK,
     LidarBundle,
 )
-from proxops.systems.lidar.lidar_errors import DEFAULT_ERRORS, LidarErrors
+from proxops.systems.lidar.lidar_errors import LidarErrors
 from proxops.systems.lidar.lidar_geometry import DEFAULT_GEOMETRY, LidarGeometry, ray_directions
-from proxops.systems.lidar.planar_lidar import Caster, PlanarLidar, TrueReturns
+from proxops.systems.lidar.planar_lidar import PlanarLidar, TrueReturns
 from proxops.systems.lidar.ray_chords import ChordFan
 
 __all__ = [
     "CHORDS_INPUT",
-    "DEFAULT_ERRORS",
     "DEFAULT_GEOMETRY",
     "DEPTH_OUTPUT",
     "FRAME_NETWORK",
@@ -38,7 +37,6 @@ __all__ = [
     "POSITION_INPUT",
     "RANGES_OUTPUT",
     "RAY_NETWORK",
-    "Caster",
     "ChordFan",
     "LearnedLidar",
     "Lidar",

@@ -1,9 +1,10 @@
-"""The shape of a body: closed triangle meshes, ellipsoids round them, rays cast at them.
+"""The shape of a body: closed triangle meshes, ellipsoids around them, and rays cast at them.
 
-Start with `Polyhedron`, the mesh that gravity, lidar and flight monitor share, and `read_mesh`. The
-other modules examine and repair meshes as they are found, hold the keep-out ellipsoid's geometry,
-and cast rays. All are plain functions on arrays; nothing here knows gravity, spacecraft or Drake. A
-new check of meshes goes into `mesh_checks`, a new repair into `mesh_repair`.
+Start with `Polyhedron`, the mesh that gravity, lidar and flight monitor share, and `read_mesh`,
+which reads mesh files. `mesh_checks` finds what is wrong with a mesh and `mesh_repair` repairs it.
+`ellipsoid` has the geometry of the keep-out ellipsoid, and `RayCaster` casts rays. Almost
+everything is a plain function on arrays; nothing here knows gravity, spacecraft or Drake's systems.
+A new check of meshes belongs in `mesh_checks`, a new repair in `mesh_repair`.
 """
 
 from proxops.systems.shapes.ellipsoid import (

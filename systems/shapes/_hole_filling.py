@@ -13,11 +13,11 @@ LONGEST_RIM = 200
 def boundary_loops(facets: np.ndarray, vertex_count: int) -> list[np.ndarray]:
     """The rims of the holes of consistently wound facets (F, 3), each as vertex indices (n,).
 
-    In the direction in which the facets of a patch run along them. Rims that touch at a vertex are
-    rims of their own.
+    A rim has the direction in which the facets of a patch run along it. Rims that touch at a vertex
+    are separate rims.
 
     Raises:
-      InputError: rims cannot be followed, since some edge has more than two facets.
+      InputError: some edge has more than two facets, so that rims cannot be followed.
     """
     directed, owner, order = directed_edges(facets, vertex_count)
     low = np.sort(directed[order], axis=1)
@@ -29,7 +29,7 @@ def boundary_loops(facets: np.ndarray, vertex_count: int) -> list[np.ndarray]:
             f"the mesh cannot be mended: {np.sum(counts > 2)} edges belong to more than two "
             f"facets, the first at facet {at}; which of them bound the body is not said"
         )
-    # A patch runs along the rim the other way.
+    # A patch runs along the rim in the opposite direction.
     following: dict[int, list[int]] = {}
     for b, a in directed[order[starts[counts == 1]]].tolist():
         following.setdefault(a, []).append(b)
@@ -42,7 +42,7 @@ def boundary_loops(facets: np.ndarray, vertex_count: int) -> list[np.ndarray]:
             end = ends.pop()
             if not ends:
                 del following[walk[-1]]
-            if end in place:  # Here a rim closes; where rims touch, the walk goes on before it.
+            if end in place:  # A rim closes here. Where rims touch, the walk goes on before it.
                 loops.append(np.array(walk[place[end] :]))
                 for vertex in walk[place[end] + 1 :]:
                     del place[vertex]
@@ -54,12 +54,12 @@ def boundary_loops(facets: np.ndarray, vertex_count: int) -> list[np.ndarray]:
 
 
 def triangulate_loop(vertices: np.ndarray, facets: np.ndarray, loop: np.ndarray) -> np.ndarray:
-    """The patch (n - 2, 3) of facets over the rim `loop` (n,), wound as the rim says.
+    """The patch (n - 2, 3) of facets over the rim `loop` (n,), wound in the rim's direction.
 
-    Of all triangulations without new vertices the one with the least sum over facets of
-    (sum of squared sides)^2 / area: small, and no slivers where they can be helped. By dynamic
-    programming over the rim's stretches (Klincsek, Annals of Discrete Math. 9 (1980) 121). A
-    diagonal that is an edge of the mesh already is not used.
+    Among all triangulations without new vertices, this one has the least sum over its facets of
+    (sum of squared sides)^2 / area, which avoids large and thin facets. Dynamic programming over
+    the parts of the rim finds it (Klincsek, Annals of Discrete Math. 9 (1980) 121). A diagonal that
+    is an edge of the mesh already is not used.
 
     Raises:
       InputError: the rim is longer than `LONGEST_RIM`, or has no such patch.
@@ -104,5 +104,5 @@ def _costs(points: np.ndarray, i: int, middle: np.ndarray, k: int) -> np.ndarray
     a, b, c = points[i], points[middle], points[k]
     area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
     squares = np.sum((b - a) ** 2, axis=1) + np.sum((c - b) ** 2, axis=1) + np.sum((a - c) ** 2)
-    # A facet without area is dear, but possible: it closes a crack, and is flipped away later.
+    # A facet without area is expensive but possible: it closes a crack and is removed later.
     return squares**2 / (area + 1e-9 * squares)

@@ -12,9 +12,9 @@ def closest_point(semi_axes, point):
 
     Eberly, "Distance from a Point to an Ellipse, an Ellipsoid, or a Hyperellipsoid" (2013): the
     nearest point is a_i^2 y_i / (s + a_i^2) with s the greatest root of a function that is convex
-    and falling to the right of its last pole, found by bisection to the last bit. On the planes of
-    symmetry, inside, where that form degenerates, the coordinate along the shortest axis is moved
-    off the plane by rounding's worth.
+    and falling to the right of its last pole. Bisection finds it to the last bit. Inside the
+    ellipsoid, on the planes of symmetry, that form degenerates: there the coordinate along the
+    shortest axis is moved off the plane by a rounding error.
     """
     shortest = np.argmin(semi_axes)
     scale = semi_axes[shortest]
@@ -23,8 +23,8 @@ def closest_point(semi_axes, point):
         y[shortest] = 1e-14 * scale
     z = y / semi_axes
     ratio = (semi_axes / scale) ** 2
-    # Its pole for the shortest axis is the greatest; s is counted from there, so that it keeps its
-    # digits close to it.
+    # The pole of the shortest axis is the greatest. s is measured from there, so that it keeps its
+    # digits close to the pole.
     beyond = (semi_axes - scale) * (semi_axes + scale) / scale**2
     # g(s) = sum (ratio z / (s + beyond))^2 - 1 changes sign in [low, high].
     low = z[shortest]
@@ -57,11 +57,16 @@ def clearances(semi_axes, points):
 
 
 def tangent_half_spaces(semi_axes: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Half-spaces n.r >= b that hold no point of the ellipsoid's inside, one for each point.
+    """Half-spaces n.r >= b, one for each point, that touch the ellipsoid and lie outside it.
 
-    For a point outside it touches the ellipsoid where the ray to it from the origin leaves; for
-    one inside, at the nearest point of the surface: the shortest way out. Returns unit normals
-    (N, 3) and offsets (N,).
+    For a point outside, the half-space touches the ellipsoid where the line from the origin to the
+    point leaves it; for a point inside, at the nearest point of the surface.
+
+    Args:
+      semi_axes: (3,) in any unit of length. points: (N, 3) in the same unit.
+
+    Returns:
+      Unit normals (N, 3) and offsets (N,).
     """
     level = np.linalg.norm(points / semi_axes, axis=1)
     touching = points / np.maximum(level, 1.0)[:, None]
@@ -73,7 +78,7 @@ def tangent_half_spaces(semi_axes: np.ndarray, points: np.ndarray) -> tuple[np.n
 
 
 def blocks_segment(semi_axes: np.ndarray, start: np.ndarray, end: np.ndarray) -> bool:
-    """Whether the straight line from start (3,) to end (3,) passes through the inside."""
+    """Whether the segment from start (3,) to end (3,) passes through the ellipsoid's inside."""
     a, d = start / semi_axes, (end - start) / semi_axes
     t = np.clip(-(a @ d) / (d @ d), 0.0, 1.0) if d @ d > 0 else 0.0
     return bool(np.sum((a + t * d) ** 2) < 1.0)

@@ -1,4 +1,4 @@
-"""The smallest axis-aligned ellipsoid about the origin that holds a body."""
+"""`EnclosingEllipsoid`: the smallest axis-aligned ellipsoid about the origin around a body."""
 
 from __future__ import annotations
 
@@ -13,32 +13,37 @@ from proxops.systems.common import InputError
 
 @dataclass(frozen=True)
 class EnclosingEllipsoid:
-    """An ellipsoid about the origin, and the proof that it holds every point and is small."""
+    """An ellipsoid about the origin, with proof that it contains all points and is small."""
 
     semi_axes: np.ndarray
     """(3,) in m along x, y, z, the margin included."""
     margin: float
     """Share by which each semi-axis is longer than that of the smallest ellipsoid."""
     level: float
-    """The largest (x/a)^2 + (y/b)^2 + (z/c)^2 over all points: below 1, so all are inside."""
+    """The largest (x/a)^2 + (y/b)^2 + (z/c)^2 of all points. It is below 1: all are inside."""
     farthest: int
-    """The index of that point."""
+    """Index of the point with that value."""
     volume_bound: float
-    """m^3: no such ellipsoid without margin that holds the points has a smaller volume."""
+    """Lower bound in m^3 of the volume of any such ellipsoid that contains the points."""
 
     @property
     def volume(self) -> float:
-        """m^3."""
+        """Volume in m^3."""
         return float(4.0 / 3.0 * np.pi * self.semi_axes.prod())
 
 
 def smallest_ellipsoid(points: np.ndarray, margin: float = 0.0) -> EnclosingEllipsoid:
-    """The ellipsoid of least volume that holds points (N, 3) in m, with every semi-axis lengthened.
+    """The ellipsoid of least volume that contains points (N, 3) in m, with a margin.
 
-    In w = 1/a^2 the points' levels are linear and the volume is the product of w^(-1/2): maximise
-    the geometric mean of w subject to Q w <= 1, Q the squared coordinates. The multipliers u >= 0
-    of any solution, scaled to a sum of 3, bound every holding ellipsoid's volume from below: by
-    the inequality of the means prod (w) <= prod (1 / (Q' u)).
+    In w = 1/a^2 the points' levels are linear, and the volume is proportional to the product of
+    w^(-1/2). So the program maximises the geometric mean of w subject to Q w <= 1, with Q the
+    squared coordinates. The multipliers u >= 0 of a solution, scaled to a sum of 3, give a lower
+    bound of every such ellipsoid's volume: by the inequality of the means,
+    prod (w) <= prod (1 / (Q' u)).
+
+    Args:
+      points: (N, 3) in m.
+      margin: share by which each semi-axis is made longer.
 
     Raises:
       InputError: the margin is negative, or the points lie in a plane through the origin.
@@ -47,8 +52,9 @@ def smallest_ellipsoid(points: np.ndarray, margin: float = 0.0) -> EnclosingElli
         raise InputError(f"the margin must be a share that is not negative, got {margin}")
     reach = np.abs(points).max(axis=0)
     if not (np.isfinite(reach).all() and reach.min() > 1e-9 * reach.max()):
-        raise InputError("the points lie in a plane: no smallest ellipsoid holds them")
-    # An ellipsoid that holds the corners of the convex hull, with their mirror images, holds all.
+        raise InputError("the points lie in a plane: no smallest ellipsoid contains them")
+    # An ellipsoid that contains the corners of the convex hull of the points and their mirror
+    # images contains all points.
     folded = np.abs(points / reach)
     signs = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)])
     hull = ConvexHull((folded[:, None] * signs).reshape(-1, 3)).vertices
@@ -61,7 +67,7 @@ def smallest_ellipsoid(points: np.ndarray, margin: float = 0.0) -> EnclosingElli
     result = ClarabelSolver().Solve(program)
     if not result.is_success():
         raise InputError("no smallest ellipsoid was found")
-    # Whatever the solver's rounding, all points are inside now.
+    # Scaled so that all points are inside, whatever the solver's rounding.
     weights = result.GetSolution(w)
     weights /= (squares @ weights).max()
     semi_axes = (1.0 + margin) * (1.0 + 1e-12) * reach / np.sqrt(weights)

@@ -11,7 +11,7 @@ from proxops.systems.shapes.mesh_checks import areas, six_volumes
 
 @dataclass(frozen=True)
 class MassProperties:
-    """Of a body of density 1 kg/m^3: for another, multiply the moments by it."""
+    """Mass properties for a density of 1 kg/m^3. For another, multiply the moments."""
 
     volume: float
     """m^3."""
@@ -22,21 +22,21 @@ class MassProperties:
     inertia: np.ndarray
     """(3, 3) in kg m^2 per kg/m^3, about the centre of mass, in the mesh's axes."""
     principal_moments: np.ndarray
-    """(3,), ascending, as `inertia`."""
+    """(3,), ascending, in the units of `inertia`."""
     principal_axes: np.ndarray
-    """(3, 3): unit row vectors that belong to the moments, right-handed.
+    """(3, 3): the unit vectors of the moments, in rows, right-handed.
 
-    They point as close to +x, +y and +z as their order allows; so for a body whose long axis is x
-    and that spins about z they are close to the unit matrix.
+    They point as close to +x, +y and +z as their order allows. For a body whose long axis is x and
+    that spins about z they are close to the unit matrix.
     """
 
 
 def mass_properties(vertices: np.ndarray, facets: np.ndarray) -> MassProperties:
-    """Of vertices (V, 3) in m and facets (F, 3) that bound a body: exact for the polyhedron.
+    """The exact mass properties of the body bounded by vertices (V, 3) in m and facets (F, 3).
 
-    A tetrahedron with a corner at the origin and the others at a, b, c, of volume V, has the
-    second moments (V / 20) (a a' + b b' + c c' + s s') with s = a + b + c (Tonon, J. Math. Stat. 1
-    (2005) 8); signed tetrahedra over all facets add up to the body.
+    A tetrahedron of volume V with one corner at the origin and the others at a, b, c has the second
+    moments (V / 20) (a a' + b b' + c c' + s s') with s = a + b + c (Tonon, J. Math. Stat. 1 (2005)
+    8). Signed tetrahedra over all facets add up to the body.
     """
     origin = vertices.mean(axis=0)
     weights = six_volumes(vertices, facets) / 6.0
@@ -60,6 +60,6 @@ def mass_properties(vertices: np.ndarray, facets: np.ndarray) -> MassProperties:
 
 
 def _right_handed(axes: np.ndarray) -> np.ndarray:
-    """The same axes (3, 3) in rows, signs chosen: x and z as they are named, y to fit."""
+    """The axes (3, 3) in rows with signs: x and z point along +x and +z, and y completes them."""
     x, z = (np.copysign(1.0, axes[k, k]) * axes[k] for k in (0, 2))
     return np.stack([x, np.cross(z, x), z])

@@ -1,6 +1,6 @@
-"""What can be wrong with a triangle mesh that should enclose a body, as findings.
+"""Checks of a triangle mesh that should enclose a body; each defect is reported as a `Defect`.
 
-Everything is relative to the mesh's own size, so that a pebble and a planet are judged alike.
+All tolerances are relative to the mesh's size.
 """
 
 from __future__ import annotations
@@ -11,9 +11,9 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-# A facet whose height is less than about this share of the body's length has no area.
+# A facet with a height below about this share of the body's length has no area.
 FLAT = 1e-12
-# Share of the cube of the body's length below which nothing is enclosed.
+# A volume below this share of the cube of the body's length is none.
 _NO_VOLUME = 1e-9
 
 
@@ -24,19 +24,19 @@ class Defect:
     kind: str
     """A short name, the same for every mesh."""
     text: str
-    """What follows the mesh's name in a sentence that says it."""
+    """The description: the rest of a sentence that begins with the mesh's name."""
     facets: np.ndarray
-    """Indices of the facets (or, for vertices' defects, the vertices) concerned, ascending."""
+    """Ascending indices of the facets concerned, or of the vertices for a defect of vertices."""
 
     def about(self, name: str = "the mesh") -> str:
-        """The sentence."""
+        """The whole sentence."""
         return name + self.text
 
 
 def directed_edges(
     facets: np.ndarray, vertex_count: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Directed edges (3F, 2), the facets they belong to, and an order that puts equals together."""
+    """Directed edges (3F, 2), their facets (3F,), and an order (3F,) that groups equal edges."""
     directed = np.concatenate([facets[:, [0, 1]], facets[:, [1, 2]], facets[:, [2, 0]]])
     owner = np.tile(np.arange(len(facets)), 3)
     key = directed.min(axis=1) * vertex_count + directed.max(axis=1)
@@ -56,7 +56,7 @@ def areas(vertices: np.ndarray, facets: np.ndarray) -> np.ndarray:
 
 
 def flat_facets(vertices: np.ndarray, facets: np.ndarray) -> np.ndarray:
-    """Indices of the facets that have no area, for the size of the mesh."""
+    """Indices of the facets that have no area, relative to the size of the mesh."""
     scale = np.ptp(vertices, axis=0).max()
     return np.flatnonzero(2.0 * areas(vertices, facets) <= FLAT * scale**2)
 
@@ -65,14 +65,14 @@ def smallest_angles(vertices: np.ndarray, facets: np.ndarray) -> np.ndarray:
     """The smallest angle (F,) of each facet in degrees; 0 for one without area."""
     corners = vertices[facets]
     sides = np.roll(corners, -1, axis=1) - corners
-    # Between two sides, by both products: acos would lose the digits of small angles.
+    # The angles from both products, because an arc cosine would lose the digits of small angles.
     into, out = -np.roll(sides, 1, axis=1), sides
     across = np.linalg.norm(np.cross(out, into), axis=2)
     return np.degrees(np.arctan2(across, np.einsum("fki,fki->fk", out, into)).min(axis=1))
 
 
 def shell_labels(facets: np.ndarray, vertex_count: int) -> tuple[int, np.ndarray]:
-    """How many shells there are, and the shell (F,) of each facet: facets that share edges."""
+    """The number of shells (sets of facets connected by edges) and the shell (F,) of each facet."""
     _, owner, order = directed_edges(facets, vertex_count)
     low = np.sort(facets[:, [[0, 1], [1, 2], [2, 0]]], axis=2).transpose(1, 0, 2).reshape(-1, 2)
     same = (low[order[1:]] == low[order[:-1]]).all(axis=1)
@@ -82,7 +82,7 @@ def shell_labels(facets: np.ndarray, vertex_count: int) -> tuple[int, np.ndarray
 
 
 def winding_number(vertices: np.ndarray, facets: np.ndarray, point: np.ndarray) -> float:
-    """How often the facets wind round a point (3,): 1 inside a closed shell wound outwards.
+    """How often the facets wind around a point (3,): 1 inside a closed shell wound outwards.
 
     van Oosterom & Strackee, IEEE Trans. Biomed. Eng. 30 (1983) 125.
     """
@@ -98,19 +98,19 @@ def winding_number(vertices: np.ndarray, facets: np.ndarray, point: np.ndarray) 
 def inside_out_shells(
     vertices: np.ndarray, facets: np.ndarray, count: int, labels: np.ndarray
 ) -> list[int]:
-    """The closed shells that wind the wrong way: outwards in a void's wall, inwards elsewhere."""
+    """The closed shells that wind the wrong way: a void's wall outwards, or another inwards."""
     parts = [facets[labels == k] for k in range(count)]
     wrong = []
     for k, part in enumerate(parts):
         others = (other for j, other in enumerate(parts) if j != k)
-        depth = sum(_holds(vertices, other, part) for other in others)
+        depth = sum(_contains(vertices, other, part) for other in others)
         if (six_volumes(vertices, part).sum() > 0) != (depth % 2 == 0):
             wrong.append(k)
     return wrong
 
 
-def _holds(vertices: np.ndarray, outer: np.ndarray, inner: np.ndarray) -> bool:
-    """Whether one closed shell lies inside another, by its outermost vertices and some more."""
+def _contains(vertices: np.ndarray, outer: np.ndarray, inner: np.ndarray) -> bool:
+    """Whether one closed shell contains another, by the outermost and some vertices of that."""
     used = np.unique(inner)
     points = vertices[used]
     outermost = np.concatenate([points.argmin(axis=0), points.argmax(axis=0)])
@@ -122,13 +122,14 @@ def _holds(vertices: np.ndarray, outer: np.ndarray, inner: np.ndarray) -> bool:
 
 
 def find_defects(vertices: np.ndarray, facets: np.ndarray) -> list[Defect]:
-    """Every defect that keeps vertices (V, 3) and facets (F, 3) from bounding a body.
+    """All defects because of which vertices (V, 3) and facets (F, 3) do not bound a body.
 
-    The mesh must be closed, every edge shared by two facets that run along it in opposite
-    directions; no facet without area; each shell must wind outwards (the wall of a void: inwards)
-    and something must be enclosed. Defects after which the others mean nothing come alone.
+    The mesh must be closed: every edge is shared by two facets that run along it in opposite
+    directions. No facet may be without area. Each shell must wind outwards (the wall of a void:
+    inwards), and the volume must not be zero. If a defect makes the other checks meaningless, it
+    is the only one reported.
 
-    Facets that cut each other take longer to find: see `self_intersection`.
+    `self_intersections` finds facets that cut each other, which takes longer.
     """
     if vertices.ndim != 2 or vertices.shape[1] != 3 or facets.ndim != 2 or facets.shape[1] != 3:
         shapes = f"{vertices.shape} and {facets.shape}"
@@ -195,7 +196,7 @@ def _edge_defects(vertices: np.ndarray, facets: np.ndarray) -> list[Defect]:
 
 
 def _volume_defects(vertices: np.ndarray, facets: np.ndarray) -> list[Defect]:
-    """Of a closed, consistently wound mesh."""
+    """The defects of a closed, consistently wound mesh."""
     scale = float(np.ptp(vertices, axis=0).max())
     volume = float(six_volumes(vertices, facets).sum()) / 6.0
     if abs(volume) <= _NO_VOLUME * scale**3:

@@ -1,4 +1,4 @@
-"""Mending a mesh so that it bounds a body, saying what was done, or why it cannot be."""
+"""Repair of a mesh so that it bounds a body, with a report of what was done."""
 
 from __future__ import annotations
 
@@ -22,7 +22,8 @@ from proxops.systems.shapes.mesh_checks import (
 )
 from proxops.systems.shapes.self_intersection import self_intersections
 
-# Vertices nearer to each other than this share of the body's length are one: single precision.
+# Vertices nearer to each other than this share of the body's length, about the resolution of single
+# precision, are one vertex.
 WELD = 1e-6
 # The patch over a hole may have this share of the mesh's area.
 LARGEST_HOLE = 0.1
@@ -30,28 +31,36 @@ LARGEST_HOLE = 0.1
 
 @dataclass
 class Repair:
-    """A mesh under repair, and what has been done to it."""
+    """A mesh under repair and the actions so far."""
 
     vertices: np.ndarray
     """(V, 3) in m."""
     facets: np.ndarray
     """(F, 3)."""
     actions: list[str] = field(default_factory=list)
-    """What was done, one sentence each; empty if there was nothing to do."""
+    """One sentence for each action; empty if nothing had to be done."""
 
 
 def repair_mesh(vertices: np.ndarray, facets: np.ndarray, *, align: bool = False) -> Repair:
-    """Welds, drops, reorients and fills until vertices (V, 3) and facets (F, 3) bound a body.
+    """Repairs vertices (V, 3) and facets (F, 3) so that they bound a body.
 
-    In this order: vertices that coincide are welded; facets that name a vertex twice, copies of
-    facets and pairs of facets back to back are dropped; neighbours are made to wind the same way;
-    facets without neighbours are dropped; small holes are filled; facets without area are flipped
-    away; shells are turned outwards (the walls of voids inwards); vertices that nothing uses are
-    dropped; the centre of mass is put at the origin; and, if `align` is said, the axes of least
-    and greatest moment of inertia along x and z.
+    The steps, in this order:
+
+    1. Vertices that coincide are welded.
+    2. Facets that name a vertex twice, copies of facets, and pairs of facets back to back are
+       dropped.
+    3. Neighbouring facets are made to wind the same way.
+    4. Facets without neighbours are dropped.
+    5. Small holes are filled.
+    6. Facets without area are removed by flipping their long edge.
+    7. Shells are turned outwards, and the walls of voids inwards.
+    8. Unused vertices are dropped.
+    9. The centre of mass is moved to the origin. With `align`, the axes of least and greatest
+    moment
+       of inertia are turned onto x and z.
 
     Raises:
-      InputError: with the reason, if after all that the mesh still bounds no body.
+      InputError: the repaired mesh still bounds no body; the message gives the reason.
     """
     broken = find_defects(vertices, facets)[:1]
     if broken and broken[0].kind in ("shape", "too few facets", "not finite", "no such vertex"):
@@ -103,7 +112,8 @@ def _drop_facets(mesh: Repair) -> None:
     if not thrice.all():
         mesh.facets = mesh.facets[thrice]
         mesh.actions.append(f"dropped {np.sum(~thrice)} facets that named a vertex twice")
-    # Turned so that the least vertex is first: equal rows wind alike, mirrored ones back to back.
+    # With the least vertex first, equal rows are copies, and rows with equal vertices in the other
+    # order are back to back.
     start = np.argmin(mesh.facets, axis=1)[:, None]
     turned = np.take_along_axis(mesh.facets, (start + np.arange(3)) % 3, axis=1)
     _, first = np.unique(turned, axis=0, return_index=True)
@@ -120,7 +130,7 @@ def _drop_facets(mesh: Repair) -> None:
 
 
 def _wind_alike(mesh: Repair) -> None:
-    """Turns facets, shell by shell, to agree with the shell's majority."""
+    """Reverses facets that wind against the majority of their shell."""
     facets, count = mesh.facets, len(mesh.facets)
     directed, owner, order = directed_edges(facets, len(mesh.vertices))
     low = np.sort(directed, axis=1)[order]
@@ -130,8 +140,9 @@ def _wind_alike(mesh: Repair) -> None:
     differ = (directed[first] == directed[second]).all(axis=1)
     if not differ.any():
         return
-    # Two copies of each facet, one turned: neighbours link the copies that agree. A facet's copies
-    # are in one component exactly if a walk over the surface comes back turned.
+    # A graph of two copies of each facet, one of them reversed; links join neighbours' copies that
+    # agree. Both copies of a facet are in one component exactly if a walk over the surface returns
+    # reversed.
     one, other = owner[first], owner[second]
     rows = np.r_[one, one + count]
     columns = np.r_[np.where(differ, other + count, other), np.where(differ, other, other + count)]
@@ -139,7 +150,7 @@ def _wind_alike(mesh: Repair) -> None:
     _, label = connected_components(links, directed=False)
     if (label[:count] == label[count:]).any():
         raise InputError("the mesh cannot be mended: it is one-sided, like a Möbius strip")
-    # Of a shell's two sets of copies, the one with more facets as they are.
+    # Each shell has two sets of copies. The one with fewer reversed facets is kept.
     kept = np.bincount(label[:count], minlength=label.max() + 1)
     turn = kept[label[:count]] < kept[label[count:]]
     tied = kept[label[:count]] == kept[label[count:]]
@@ -149,7 +160,7 @@ def _wind_alike(mesh: Repair) -> None:
 
 
 def _drop_loose_facets(mesh: Repair) -> None:
-    """Facets alone amid holes: their own rims could not be told from those of the holes."""
+    """Drops facets without neighbours: their rims look like those of holes."""
     shells, label = shell_labels(mesh.facets, len(mesh.vertices))
     loose = np.bincount(label, minlength=shells)[label] == 1
     if loose.any():
@@ -180,7 +191,7 @@ def _fill_holes(mesh: Repair) -> None:
 
 
 def _flip_flat_facets(mesh: Repair) -> None:
-    """Gives the long edge of each facet without area to its middle vertex instead."""
+    """Removes facets without area: flips the long edge of each to its middle vertex."""
     flipped = 0
     for _ in range(100):
         before = flipped
@@ -196,7 +207,7 @@ def _flip(mesh: Repair, facet: int) -> bool:
     """Whether the facet, m a b with m on the edge a b, and its neighbour b a p could be flipped."""
     corners = mesh.facets[facet]
     if not np.isin(facet, flat_facets(mesh.vertices, mesh.facets)):
-        return False  # Mended by the flip of another.
+        return False  # The flip of another facet has repaired it.
     sides = np.linalg.norm(mesh.vertices[np.roll(corners, -1)] - mesh.vertices[corners], axis=1)
     long = int(np.argmax(sides))
     a, b, m = np.roll(corners, -long)
@@ -207,7 +218,7 @@ def _flip(mesh: Repair, facet: int) -> bool:
     neighbour, k = found[0]
     p = mesh.facets[neighbour, (k + 2) % 3]
     if (np.isin(mesh.facets, (m, p)).sum(axis=1) == 2).any():
-        return False  # The new edge is there already.
+        return False  # The new edge exists already.
     mesh.facets[facet], mesh.facets[neighbour] = (m, a, p), (b, m, p)
     return True
 

@@ -17,11 +17,11 @@ from proxops.systems.shapes.shape_files import metres_per, read_mesh
 class Polyhedron:
     """The shape of a body: vertices (V, 3) in metres and facets (F, 3) wound outwards.
 
-    A `Polyhedron` that exists is sound: every edge is shared by exactly two facets that run along
-    it in opposite directions, no facet is degenerate, and the enclosed volume is positive. All
-    checks are relative to the body's size, so that a pebble and a planet are judged alike.
+    Every `Polyhedron` is sound: each edge is shared by exactly two facets that run along it in
+    opposite directions, no facet is degenerate, and the enclosed volume is positive. All checks are
+    relative to the body's size.
 
-    The body-fixed frame K of the other systems has its origin at the centre of mass: see
+    The origin of the body-fixed frame K of the other systems is the centre of mass: see
     `recentred`.
     """
 
@@ -29,7 +29,8 @@ class Polyhedron:
         """Takes vertices (V, 3) in metres and facets (F, 3) of indices into them.
 
         Args:
-          name: what error messages call the mesh, for instance its file name.
+          vertices, facets: the mesh.
+          name: name of the mesh in error messages, for instance its file name.
 
         Raises:
           InputError: the mesh is not sound; the message names the defect and where it is.
@@ -48,7 +49,8 @@ class Polyhedron:
         """Reads an OBJ, PLY, STL or PDS `.tab` file whose numbers are in `unit` ("km" or "m").
 
         Raises:
-          InputError: no such file, not a mesh, an unknown unit, or an unsound mesh.
+          InputError: the file does not exist or is no mesh, the unit is not known, or the mesh is
+            not sound.
         """
         mesh = read_mesh(path, unit)
         return cls(mesh.vertices, mesh.facets, mesh.name)
@@ -75,7 +77,7 @@ class Polyhedron:
 
     @cached_property
     def volume(self) -> float:
-        """Enclosed volume in m^3, signed sum of tetrahedra: right for bent bodies too."""
+        """Enclosed volume in m^3: the sum of signed tetrahedra, for bodies of any form."""
         return float(six_volumes(self.vertices, self.facets).sum() / 6.0)
 
     @cached_property
@@ -102,15 +104,15 @@ class Polyhedron:
     def edges(self) -> tuple[np.ndarray, np.ndarray]:
         """Edges (E, 2) as vertex indices and, per edge, the facets (E, 2) on its two sides.
 
-        The first facet runs along the edge from its first vertex to its second, the other facet
-        runs back.
+        The first facet runs along the edge from its first vertex to its second, the other facet in
+        the opposite direction.
         """
         directed, owner, order = directed_edges(self.facets, len(self.vertices))
         return directed[order[::2]], owner[order].reshape(-1, 2)
 
     @cached_property
     def sha256(self) -> str:
-        """Hash of vertices and facets, by which logs name the shape."""
+        """SHA-256 of vertices and facets; it identifies the shape in logs."""
         digest = hashlib.sha256(self.vertices.astype("<f8").tobytes())
         digest.update(self.facets.astype("<i8").tobytes())
         return digest.hexdigest()

@@ -1,4 +1,4 @@
-"""Ray casting against a mesh, by Embree: rays one by one, and fans of rays from many places."""
+"""Ray casting against a mesh with Embree: single rays, and fans of rays from many positions."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from embreex.rtcore_scene import EmbreeScene
 from proxops.systems.common import InputError
 from proxops.systems.shapes.polyhedron import Polyhedron
 
-# Rays looked at together in a batch: enough to hide Python, few enough to stay in the cache.
+# Rays in a batch: enough to hide Python's overhead, few enough to stay in the processor's cache.
 _BLOCK = 2**17
-# The ellipsoid that decides which rays are cast is larger than one that just holds the mesh, and
-# its cone of tangents wider, by far more than single precision may be wrong.
+# Margins of the ellipsoid that selects the rays to cast, and of its cone of tangents. They are far
+# greater than the errors of single precision.
 _INFLATION = 1e-3
 _COSINE_MARGIN = 1e-5
 
@@ -35,7 +35,7 @@ class Hits(NamedTuple):
 
 
 class RayCaster:
-    """Rays against a mesh, in the mesh's frame. Single precision: 0.02 m at 350 km."""
+    """Casts rays against a mesh, in the mesh's frame, in single precision (0.02 m at 350 km)."""
 
     def __init__(self, shape: Polyhedron):
         # The robust flag makes rays watertight across the edges of facets.
@@ -59,26 +59,26 @@ class RayCaster:
         return found
 
     def fan(self, directions: np.ndarray) -> RayFan:
-        """The rays along unit directions (R, 3), to be cast from one place after another."""
+        """A fan of rays along unit directions (R, 3), to cast from many positions."""
         return RayFan(self, directions)
 
     def frames(self, positions: np.ndarray, directions: np.ndarray) -> np.ndarray:
         """Distances (N, R) in m, float32, from positions (N, 3) along unit directions (R, 3).
 
-        +inf where a ray meets nothing. Beside the result it takes a few MB, however many
-        positions there are. Equal to `distances`, ray by ray, but three times as fast from afar.
+        +inf where a ray meets nothing. The result is that of `distances`, ray by ray, but three
+        times as fast from far away. Besides the result it needs a few MB for any N.
         """
         return self.fan(directions).frames(positions)
 
 
 class RayFan:
-    """Rays in fixed directions, cast from any place.
+    """Rays in fixed directions, cast from any position.
 
-    From outside, most rays point away from the body. Only those that meet an ellipsoid round the
+    From outside, most rays point away from the body. Only rays that meet an ellipsoid around the
     mesh are cast: in coordinates that make it the unit ball, a ray from q along the unit vector e
-    meets it when -q·e is at least √(q² - 1), the length of a tangent from q.
+    meets it if -q·e is at least √(q² - 1), the length of a tangent from q.
 
-    One thread does it all: Embree's Python binding holds the interpreter's lock.
+    It runs on one thread, because Embree's Python binding holds the interpreter's lock.
     """
 
     def __init__(self, caster: RayCaster, directions: np.ndarray):
@@ -102,11 +102,11 @@ class RayFan:
         self._scaled = np.ascontiguousarray(scaled.T, dtype=np.float32)
 
     def hits(self, positions: np.ndarray) -> Hits:
-        """What the rays from positions (N, 3) in m meet; memory grows with N R."""
+        """The hits of the rays from positions (N, 3) in m; the memory needed grows with N R."""
         q = (positions - self._centre) / self._axes
         squared = np.einsum("ni,ni->n", q, q)
         tangent = np.sqrt(np.maximum(squared - 1.0, 0.0)) - _COSINE_MARGIN * np.sqrt(squared)
-        tangent[squared <= 1.0] = -np.inf  # From within, every ray may meet the mesh.
+        tangent[squared <= 1.0] = -np.inf  # From inside, every ray may meet the mesh.
         aimed = (-q).astype(np.float32) @ self._scaled >= tangent.astype(np.float32)[:, None]
         places, rays = np.divmod(np.flatnonzero(aimed), aimed.shape[1])
         found = self._scene.run(
@@ -118,7 +118,7 @@ class RayFan:
         return Hits(places[met], rays[met], found["tfar"][met], found["primID"][met])
 
     def frames(self, positions: np.ndarray) -> np.ndarray:
-        """As `RayCaster.frames`, along the directions of this fan."""
+        """Distances (N, R) in m from positions (N, 3): see `RayCaster.frames`."""
         positions = np.asarray(positions, dtype=np.float64)
         if positions.ndim != 2 or positions.shape[1] != 3:
             raise InputError(f"positions must have shape (N, 3), got {positions.shape}")
@@ -132,5 +132,5 @@ class RayFan:
 
 @functools.lru_cache(maxsize=4)
 def ray_caster(shape: Polyhedron) -> RayCaster:
-    """The ray caster of a mesh, built once for all that cast rays against it."""
+    """The ray caster of a mesh; a process builds each once."""
     return RayCaster(shape)

@@ -1,7 +1,8 @@
-"""Facets of a mesh that cut, touch or cover each other without sharing what they have in common.
+"""Self-intersection of a mesh: facets that meet elsewhere than at their common vertices and edges.
 
-Decided exactly: signs of determinants by float64 where its error bound vouches for them, otherwise
-by whole numbers of any length, since every float64 is a whole number of some power of two.
+The decisions are exact. Signs of determinants come from float64 arithmetic where its error bound is
+small enough, otherwise from integers of any length: every float64 is an integer times a power of
+two.
 """
 
 from __future__ import annotations
@@ -19,17 +20,17 @@ _MOST_PAIRS = 20_000_000
 
 
 def self_intersections(vertices: np.ndarray, facets: np.ndarray) -> np.ndarray:
-    """Pairs (N, 2) of facets, first below second, that meet where they should not.
+    """Pairs (N, 2) of facets, the lesser index first, that meet where they should not.
 
-    Facets without a common vertex must not meet at all; those with one, only there; those with
-    two, only along that edge. Facets with the same three vertices count as meeting. Facets without
-    area must not be among them.
+    Facets without a common vertex must not meet at all. Facets with one common vertex may meet only
+    there; with two, only along that edge. Facets with the same three vertices count as meeting. The
+    mesh must have no facets without area.
 
     Args:
       vertices: (V, 3), all finite. facets: (F, 3).
 
     Raises:
-      InputError: so many facets lie over each other that this would not end.
+      InputError: over 20 million pairs of facets are close together.
     """
     corners = vertices[facets]
     low, high = corners.min(axis=1), corners.max(axis=1)
@@ -40,7 +41,7 @@ def self_intersections(vertices: np.ndarray, facets: np.ndarray) -> np.ndarray:
     if len(boxes) == _MOST_PAIRS:
         raise InputError("the mesh is a tangle: over 20 million pairs of facets are close together")
     pairs = np.sort(order[boxes])
-    # Common vertices of each pair: which corner of the one is which of the other.
+    # For each pair, which corners of the two facets are the same vertex.
     equal = facets[pairs[:, 0], :, None] == facets[pairs[:, 1], None, :]
     common = equal.sum(axis=(1, 2))
     numbers = _Numbers(vertices)
@@ -84,14 +85,14 @@ def _overlaps(low, high, most):
 
 
 def _put_last(facets: np.ndarray, shared: np.ndarray, count: int) -> np.ndarray:
-    """Facets (N, 3) turned, keeping their winding, so that the `count` shared corners are last."""
+    """Rotates the corners of facets (N, 3) so that the `count` shared corners are last."""
     start = np.argmax(shared, axis=1) if count == 1 else np.argmin(shared, axis=1) + 1
     shift = (start + count) % 3
     return np.take_along_axis(facets, (shift[:, None] + np.arange(3)) % 3, axis=1)
 
 
 class _Numbers:
-    """Signs of the orientation of vertices, by their indices."""
+    """Exact signs of the orientation of vertices, which are given by their indices."""
 
     def __init__(self, vertices: np.ndarray):
         self.floats = vertices
@@ -102,9 +103,13 @@ class _Numbers:
         self._wholes = whole << np.where(mantissa != 0.0, exponent - lowest, 0).astype(object)
 
     def side(self, a, b, c, d) -> np.ndarray:
-        """Signs (N,) int of det(a - d, b - d, c - d): which side of the plane of a, b, c is d on.
+        """On which side of the plane of a, b, c the vertex d is.
 
-        Args are indices of vertices (N,).
+        Args:
+          a, b, c, d: indices of vertices (N,).
+
+        Returns:
+          Signs (N,) int of det(a - d, b - d, c - d).
         """
         corners = [self.floats[k] for k in (a, b, c, d)]
         value, size = _determinant_3(*corners)
@@ -116,7 +121,7 @@ class _Numbers:
         return signs
 
     def turn(self, drop: np.ndarray, a, b, c) -> np.ndarray:
-        """Signs (N,) int of the turn a, b, c seen along the axis `drop` (N,)."""
+        """Signs (N,) int of the turn from a over b to c, seen along the axis `drop` (N,)."""
         keep = np.stack([(drop + 1) % 3, (drop + 2) % 3], axis=1)
         flat = [np.take_along_axis(self.floats[k], keep, axis=1) for k in (a, b, c)]
         value, size = _determinant_2(*flat)
@@ -151,7 +156,7 @@ def _signs(wholes: np.ndarray) -> np.ndarray:
 def _meet(numbers: _Numbers, first: np.ndarray, second: np.ndarray) -> np.ndarray:
     """Whether triangles (N, 3) that share no vertex have a point in common.
 
-    If they are not in one plane, some edge of one then meets the other.
+    If two triangles in different planes do, an edge of one meets the other.
     """
     meet = np.zeros(len(first), dtype=bool)
     for one, other in ((first, second), (second, first)):
@@ -167,9 +172,9 @@ def _meet(numbers: _Numbers, first: np.ndarray, second: np.ndarray) -> np.ndarra
 
 
 def _meet_beyond_vertex(numbers: _Numbers, first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Whether triangles (N, 3) whose last vertex is common meet elsewhere too.
+    """Whether triangles (N, 3) whose last vertex is common meet elsewhere, too.
 
-    The edge opposite that vertex, of one of them, then meets the other triangle.
+    If they do, the edge of one that is opposite to that vertex meets the other triangle.
     """
     meet = np.zeros(len(first), dtype=bool)
     for one, other in ((first, second), (second, first)):
@@ -184,7 +189,7 @@ def _meet_beyond_vertex(numbers: _Numbers, first: np.ndarray, second: np.ndarray
 
 
 def _fold_onto(numbers: _Numbers, first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Whether triangles (N, 3) whose last two vertices are common cover each other in part."""
+    """Whether triangles (N, 3) whose last two vertices are common overlap."""
     meet = numbers.side(first[:, 0], first[:, 1], first[:, 2], second[:, 0]) == 0
     some = np.flatnonzero(meet)
     drop = _thin_axis(numbers, first[some])
@@ -213,7 +218,7 @@ def _in_plane(numbers: _Numbers, first: np.ndarray, second: np.ndarray) -> np.nd
 
 
 def _thin_axis(numbers: _Numbers, facets: np.ndarray) -> np.ndarray:
-    """The axis (N,) along which triangles look largest."""
+    """The axis (N,) along which the projection of each triangle is largest."""
     a, b, c = (numbers.floats[corner] for corner in facets.T)
     return np.argmax(np.abs(np.cross(b - a, c - a)), axis=1)
 

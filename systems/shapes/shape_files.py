@@ -1,7 +1,7 @@
-"""Triangle meshes from the files that shape models come in, just as the files say, and back.
+"""Reads and writes the mesh files in which shape models are published.
 
-Nothing is welded, split, reordered or mended on the way, but for STL, which has no shared vertices
-to begin with: equal corners become one vertex.
+Meshes are read as they are in the file: nothing is welded, split, reordered or repaired. The only
+exception is STL, which has no shared vertices: equal corners become one vertex.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ MESH_FORMATS = (".obj", ".ply", ".stl", ".tab")
 
 @dataclass(frozen=True)
 class MeshFile:
-    """What a file holds."""
+    """The content of a mesh file."""
 
     vertices: np.ndarray
     """(V, 3) in m."""
@@ -32,9 +32,9 @@ class MeshFile:
     name: str
     """The file's name, for messages."""
     unit: str
-    """Of the numbers in the file: "km" or "m"."""
+    """Unit of the numbers in the file: "km" or "m"."""
     format: str
-    """What was found, in words."""
+    """Description of the format that was found."""
 
 
 def metres_per(unit: str) -> float:
@@ -51,23 +51,23 @@ def metres_per(unit: str) -> float:
 def read_mesh(path: str | Path, unit: str = "km") -> MeshFile:
     """Reads an OBJ, PLY, STL or PDS `.tab` file whose numbers are in `unit` ("km" or "m").
 
-    Polygons of an OBJ file become fans of triangles. Of `.tab` files, the forms in which NASA's
-    Planetary Data System keeps plate models are known, with an attached label or without:
+    Polygons of an OBJ file become fans of triangles. `.tab` files may have these forms, in which
+    NASA's Planetary Data System keeps plate models, with or without an attached label:
 
     * `v x y z` and `f i j k` lines (Ostro, Hudson and others' radar models, EAR-A-5-DDR);
-    * a line with both counts, or a line with each before its table; then vertices `x y z` and
-      plates `i j k`, both perhaps preceded by their number (Eros by NEAR; Gaskell's `ver*q.tab`);
-      plates perhaps preceded by a line that counts their corners (Rosetta's `.ver`);
-    * the same two tables without counts, told apart by whole numbers.
+    * one line with both counts, or one count before each table; then vertices `x y z` and plates
+      `i j k`. Rows may begin with their number (Eros by NEAR; Gaskell's `ver*q.tab`). A line with
+      the number of corners may precede each plate (Rosetta's `.ver`);
+    * the same two tables without counts; the rows of integers are the plates.
 
-    Plates count vertices from 1, or from 0 where some plate names vertex 0 or the vertices'
-    own numbers begin with it.
+    Plates number the vertices from 1, or from 0 if a plate names vertex 0 or the vertices' own
+    numbers begin with 0.
 
     Raises:
-      InputError: no such file, no such format, an unknown unit, or the file holds no triangles.
+      InputError: the file does not exist, its format or unit is not known, or it has no triangles.
     """
     path = Path(path)
-    scale = metres_per(unit)  # A wrong unit is said before the file is looked for.
+    scale = metres_per(unit)  # A wrong unit is reported before a missing file.
     if not path.is_file():
         raise InputError(f"mesh file {path} does not exist or is not a file")
     suffix = path.suffix.lower()
@@ -81,7 +81,7 @@ def read_mesh(path: str | Path, unit: str = "km") -> MeshFile:
             vertices, facets, found = (_read_obj if suffix == ".obj" else _read_tab)(text)
         else:
             vertices, facets, found = _read_binary(path)
-    except Exception as error:  # Whatever a damaged file makes the readers stumble over.
+    except Exception as error:  # A damaged file can make the readers raise anything.
         raise InputError(f"{path} could not be read as a mesh: {error}") from error
     if len(facets) == 0:
         raise InputError(f"{path} holds no triangles")
@@ -89,12 +89,13 @@ def read_mesh(path: str | Path, unit: str = "km") -> MeshFile:
 
 
 def mesh_bytes(vertices: np.ndarray, facets: np.ndarray, suffix: str, comment: str = "") -> bytes:
-    """The content of a mesh file of vertices (V, 3), in the unit wanted there, and facets (F, 3).
+    """The content of a mesh file of vertices (V, 3), in the file's unit, and facets (F, 3).
 
-    `.obj` and `.tab` keep every digit and the comment; `.ply` and `.stl` hold single precision.
+    `.obj` and `.tab` keep every digit; `.obj` keeps the comment; `.ply` and `.stl` have single
+    precision.
 
     Raises:
-      InputError: another suffix.
+      InputError: the suffix is not one of `MESH_FORMATS`.
     """
     suffix = suffix.lower()
     if suffix in (".obj", ".tab"):
@@ -118,7 +119,7 @@ def _read_binary(path: Path) -> tuple[np.ndarray, np.ndarray, str]:
     vertices, facets = np.array(mesh.vertices, dtype=float), np.array(mesh.faces, dtype=np.int64)
     if kind == "stl":
         _, first, place = np.unique(vertices, axis=0, return_index=True, return_inverse=True)
-        # Numbered in the order of their first appearance, not by their coordinates.
+        # Vertices are numbered in the order of their first appearance.
         rank = np.empty(len(first), dtype=np.int64)
         order = np.argsort(first)
         rank[order] = np.arange(len(first))
@@ -127,7 +128,7 @@ def _read_binary(path: Path) -> tuple[np.ndarray, np.ndarray, str]:
 
 
 def _read_obj(text: str) -> tuple[np.ndarray, np.ndarray, str]:
-    """Lines `v x y z` and `f i/… j/… k/… …`; the rest (normals, textures, groups) is left."""
+    """Reads lines `v x y z` and `f i/… j/… k/… …`; ignores normals, textures and groups."""
     vertices, facets = [], []
     for line in text.replace("\\\n", " ").splitlines():
         kind, *words = line.split() or [""]
@@ -158,13 +159,13 @@ def _read_tab(text: str) -> tuple[np.ndarray, np.ndarray, str]:
 
 
 def _read_tables(rows: list[list[str]]) -> tuple[np.ndarray, np.ndarray, int | None, str]:
-    """Vertices, plates, the number of the first vertex if there is one, and the form in words."""
+    """Vertices, plates, the first vertex's number or None, and a description of the form."""
     if len(rows[0]) <= 2:
         vertex_count = int(rows[0][0])
         header = "counts first" if len(rows[0]) == 2 else "each table after its count"
         table, rest = rows[1 : 1 + vertex_count], rows[1 + vertex_count :]
         plate_count = int(rows[0][1]) if len(rows[0]) == 2 else int(rest.pop(0)[0])
-        rest = [row for row in rest if len(row) > 1]  # `3`: how many corners the next plate has.
+        rest = [row for row in rest if len(row) > 1]  # A row `3` is the next plate's corner count.
         if len(table) != vertex_count or len(rest) != plate_count:
             raise ValueError(
                 f"its header counts {vertex_count} vertices and {plate_count} plates, "
