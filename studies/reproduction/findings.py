@@ -11,7 +11,7 @@ import numpy as np
 from proxops.diagrams.logs import FlightLog
 from proxops.diagrams.scenario import Body, Scenario
 from proxops.studies.evaluation import EXPERT
-from proxops.studies.reproduction import flights as flights
+from proxops.studies.reproduction import flights
 from proxops.studies.reproduction.figures import path_errors
 from proxops.studies.reproduction.stages import Stage
 from proxops.systems.policy import PolicyBundle

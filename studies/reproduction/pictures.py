@@ -9,7 +9,7 @@ import numpy as np
 from proxops.diagrams.logs import FlightLog
 from proxops.diagrams.meshcat import paths_page
 from proxops.studies.evaluation import EXPERT, Looks, controller_looks, outcome
-from proxops.studies.reproduction import flights as flights
+from proxops.studies.reproduction import flights
 from proxops.studies.reproduction.figures import (
     plot_curves,
     plot_effort,

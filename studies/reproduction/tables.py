@@ -8,8 +8,7 @@ from typing import Any
 from proxops.diagrams.logs import length_text
 from proxops.diagrams.scenario import Scenario
 from proxops.studies.evaluation import EXPERT
-from proxops.studies.reproduction import flights as flights
-from proxops.studies.reproduction import numbers as numbers
+from proxops.studies.reproduction import flights, numbers
 from proxops.studies.reproduction.stages import Stage
 from proxops.training.reports import Table
 
