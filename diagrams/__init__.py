@@ -1,1 +1,1 @@
-"""Scenarios, wiring, flights, logs and pictures: everything between the blocks and the commands."""
+"""Scenarios, wiring, flights, logs and pictures, made of the systems in `proxops.systems`."""

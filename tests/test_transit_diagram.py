@@ -167,9 +167,12 @@ def test_a_column_of_the_log_s_own_is_refused(column: str) -> None:
     [
         (Scripted(output="thrust"), "needs an output port 'force' of size 3; it has thrust"),
         (Scripted(force=lambda time: np.zeros(2), size=2), "needs an output port 'force' of size"),
-        (Scripted(ports=[("state", 3)]), "input port 'state' has size 3, but 6 is what feeds it"),
+        (
+            Scripted(ports=[("state", 3)]),
+            "input port 'state' has size 3, but the signal of this name has size 6",
+        ),
         (Scripted(ports=[("velocity", 6)]), "input port 'velocity' has size 6, but 3 is what"),
-        (Scripted(ports=[("sate", 6)]), "nothing feeds input port 'sate'; what there is: state"),
+        (Scripted(ports=[("sate", 6)]), "nothing feeds input port 'sate'; the signals are state"),
     ],
 )
 def test_wrong_ports_refused(controller: System, complaint: str) -> None:

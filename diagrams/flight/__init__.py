@@ -1,8 +1,8 @@
-"""Flying: a scenario and a controller in, a log out; one flight or many.
+"""Flights: a scenario and a controller go in, a log comes out, for one flight or many.
 
 Start with `fly` for one flight, `make_transit_diagram` for its wiring, `named_controller` for the
 controllers that have a name, and `run_campaign` for many flights on many processes. A new
-controller needs nothing here: it says itself what it logs and draws (see
+controller needs no change here: it offers its own columns of the log and its own legend entry (see
 docs/how_to/own_controller.md).
 """
 

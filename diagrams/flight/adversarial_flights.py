@@ -1,9 +1,7 @@
-"""Flights by adversaries: controllers that try to do harm, with runtime assurance or without it.
+"""Flights by adversaries: controllers that try to hit the body, with or without runtime assurance.
 
-These are plain functions; no Diagram is made.
-
-The motion is integrated by `predicted_state` with polyhedral gravity, which shares nothing with the
-assurance's own prediction.
+These are plain functions; they make no Diagram. `predicted_state` integrates the motion with
+polyhedral gravity. It shares no code with the prediction that runtime assurance makes.
 """
 
 from __future__ import annotations
@@ -21,9 +19,9 @@ from proxops.systems.assurance import BackupBraking
 from proxops.systems.shapes import clearances
 from proxops.systems.vehicle import predicted_state
 
-# The adversary along the surface holds its course for so many steps at most.
+# The adversary along the surface keeps its course for at most this many steps.
 _LONGEST_COURSE = 60
-# Share of the sets' starts that are this near to the ellipsoid (m).
+# This share of the starts is within this distance (m) of the keep-out ellipsoid.
 _NEAR_SHARE, _NEAR = 0.5, 8e3
 
 Adversary = Callable[[np.ndarray], np.ndarray]
@@ -31,19 +29,19 @@ Adversary = Callable[[np.ndarray], np.ndarray]
 
 
 def _at_the_body(backup: BackupBraking, random: np.random.Generator) -> Adversary:
-    """Full thrust towards the body's centre."""
+    """Thrusts fully towards the body's centre."""
     limit = backup.limits.thrust
     return lambda state: -limit * state[:3] / np.abs(state[:3]).max()
 
 
 def _random(backup: BackupBraking, random: np.random.Generator) -> Adversary:
-    """Any force at each step."""
+    """Draws any force within the limits at each step."""
     limit = backup.limits.thrust
     return lambda state: random.uniform(-limit, limit, 3)
 
 
 def _sign_flipped(backup: BackupBraking, random: np.random.Generator) -> Adversary:
-    """A controller that would leave the body at the speed limit, its force with the wrong sign."""
+    """Commands the opposite of the force that would leave the body at the speed limit."""
     limits = backup.limits
 
     def force(state: np.ndarray) -> np.ndarray:
@@ -55,7 +53,7 @@ def _sign_flipped(backup: BackupBraking, random: np.random.Generator) -> Adversa
 
 
 def _along_the_surface(backup: BackupBraking, random: np.random.Generator) -> Adversary:
-    """Full thrust on all axes along the surface and a little inwards, now this way, now that."""
+    """Thrusts fully along the surface and slightly inwards, and changes its course at random."""
     limit, left, course = backup.limits.thrust, 0, np.zeros(3)
 
     def force(state: np.ndarray) -> np.ndarray:
@@ -81,26 +79,32 @@ ADVERSARIES: dict[str, Callable[[BackupBraking, np.random.Generator], Adversary]
 
 @dataclass(frozen=True)
 class AdversarialFlight:
-    """What became of one flight."""
+    """The record of one flight; all vectors are in K."""
 
     states: np.ndarray
-    """(N + 1, 6) at the steps."""
+    """States (N + 1, 6) at the steps, in m and m/s."""
     forces: np.ndarray
-    """(N, 3) in N, as flown."""
+    """Forces (N, 3) that acted, in N."""
     commands: np.ndarray
-    """(N, 3) in N, as the adversary commanded."""
+    """Forces (N, 3) that the adversary commanded, in N."""
     clearance: float
-    """The least, in m, along the whole path."""
+    """Least clearance along the whole path, in m."""
     speed: float
-    """The greatest along an axis, in m/s."""
+    """Greatest speed along an axis, in m/s."""
     step_seconds: np.ndarray
-    """(N,) of processor time that the assurance took; zeros without it."""
+    """Processor time (N,) of runtime assurance at each step, in s; zeros without it."""
 
 
 def random_admitted_state(
     backup: BackupBraking, cube: float, random: np.random.Generator
 ) -> np.ndarray:
-    """A state (6,) in a cube of that edge, half of the time close to the ellipsoid."""
+    """Draws an admitted state (6,) in a cube, half of the time close to the keep-out ellipsoid.
+
+    Args:
+      backup: decides which states are admitted.
+      cube: edge of the cube in m.
+      random: source of the draws.
+    """
     axes, speed = backup.limits.keep_out_semi_axes, backup.limits.speed
     while True:
         position = random.uniform(-0.5 * cube, 0.5 * cube, 3)
@@ -121,11 +125,15 @@ def adversarial_flight(
     steps: int = 600,
     assured: bool = True,
 ) -> AdversarialFlight:
-    """Flies one adversary from a random admitted state; a function of its arguments.
+    """Flies one adversary from a random admitted state; the result depends on the arguments alone.
 
     Args:
+      scenario: gives the spacecraft, the control period and the settings of runtime assurance.
+      body: the body.
       name: one of `ADVERSARIES`.
-      seed: of the start and of what the adversary draws.
+      seed: seed of the start and of the adversary's draws.
+      steps: number of control steps.
+      assured: whether runtime assurance filters the commands.
     """
     backup = make_backup(scenario, body, scenario.assurance or AssuranceConfig())
     random = np.random.default_rng(seed)
@@ -141,7 +149,7 @@ def adversarial_flight(
             started = time.thread_time()
             force = backup.assure(state, command).force
             seconds[step] = time.thread_time() - started
-        # In two halves, for the speed in between.
+        # Two half steps, so that the speed between the steps is seen too.
         for _ in range(2):
             state = predicted_state(
                 state, force, 0.5 * period, body.gravity_field, limits.mass, body.spin_rate

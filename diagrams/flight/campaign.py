@@ -1,4 +1,4 @@
-"""Many flights: in parallel with Dask, durable one by one, resumable at any point."""
+"""Campaigns: many flights in parallel. Each is stored when it ends, so a campaign can resume."""
 
 from __future__ import annotations
 
@@ -34,13 +34,13 @@ from proxops.systems.common import InputError, make_folder, write_whole
 from proxops.systems.lidar import LidarBundle
 from proxops.systems.policy import PolicyBundle
 
-# Letters of a controller's name that are taken into that of a file.
+# Greatest number of letters of a controller's name that a file's name contains.
 _LONGEST_LABEL = 60
 
 Row = dict[str, typing.Any]
 Describe = Callable[[FlightLog, Path | None], Row]
-"""What is kept of a flight, from its log and, if it is kept, the log's file. It is sent to the
-workers, so it must be a function of a module."""
+"""Makes the row that a campaign stores for a flight, from its log and the path of the log's file
+(None if logs are not kept). It is sent to the workers, so it must be a function of a module."""
 
 
 @dc.dataclass(frozen=True)
@@ -48,33 +48,33 @@ class Flight:
     """One flight of a campaign, as text, so that it can be sent to any worker."""
 
     name: str
-    """Of its files, unique in the campaign."""
+    """Name of the flight's files; it is unique in the campaign."""
     scenario: str
     """YAML of the whole scenario."""
     controller: str
-    """As `named_controller` knows it."""
+    """Name of the controller, as `named_controller` takes it."""
     provenance: str
-    """Version of proxops, hash of the body, and of the bundles of a learned lidar and of the
-    policy, or of the file of a controller of one's own, if they fly: flights made with others are
-    not mixed in."""
+    """The version of proxops and the hash of the body; also the hashes of the bundles of a learned
+    lidar and of a policy, and of the file of a controller MODULE:FACTORY, where the flight uses
+    them. A campaign uses a stored flight again only if its provenance is the same."""
 
 
 def body_sha256(body: Body) -> str:
-    """Hash of a body's constants and shape."""
+    """Gives the SHA-256 hash of a body's constants and shape."""
     constants = yaml_dump_typed(body.config, schema=BodyConfig) or ""
     return hashlib.sha256((constants + body.shape.sha256).encode()).hexdigest()
 
 
 def version_and_body(body: Body) -> str:
-    """What every flight, and every plan of the expert, is made with."""
+    """Gives the part of a provenance that all flights and plans have: version and body."""
     return f"proxops {metadata.version('proxops')}, body {body_sha256(body)}"
 
 
 def provenance(scenario: Scenario, body: Body, controller: str) -> str:
-    """What a flight's `provenance` says of flights of this scenario by this version.
+    """Gives the `Flight.provenance` of flights of a scenario by a controller and this version.
 
     Raises:
-      InputError: no such bundle, or no such module.
+      InputError: a bundle or a module that the flights need does not exist.
     """
     origin = version_and_body(body)
     if isinstance(scenario.lidar, LearnedLidarConfig):
@@ -89,9 +89,10 @@ def provenance(scenario: Scenario, body: Body, controller: str) -> str:
 
 
 def transit_flights(scenario: Scenario, controller: str, seed: int, count: int) -> list[Flight]:
-    """Flights of transits 0 … count - 1 of a seed by one controller.
+    """Gives the flights of transits 0 … count - 1 of a seed by one controller.
 
-    A start and a goal of the scenario's own are left out; its start velocity is every flight's.
+    If the scenario gives a start and a goal, they are ignored. Its start velocity is that of every
+    flight.
 
     Raises:
       InputError: see `provenance`.
@@ -106,14 +107,15 @@ def transit_flights(scenario: Scenario, controller: str, seed: int, count: int) 
 
 
 def file_label(text: str) -> str:
-    """A text as it may stand in a file's name."""
+    """Makes a text fit for a file's name: every other character becomes a hyphen."""
     return "".join(letter if letter.isalnum() else "-" for letter in text)
 
 
 def controller_label(controller: str) -> str:
-    """A controller's name as it may stand in a file's.
+    """Makes a controller's name fit for a file's name.
 
-    Paths that differ may look alike there, or be long: they end in a hash of the name.
+    A name with a bundle's path is cut, and a hash of the whole name is added, so that different
+    paths give different labels.
     """
     plain = file_label(controller)
     kind, colon, _ = controller.partition(":")
@@ -134,22 +136,27 @@ def run_campaign(
     describe: Describe = _summary,
     workers: Workers = Workers(),
 ) -> list[Row]:
-    """Flies what has not been flown yet and returns every flight's summary, in order.
+    """Flies the flights that are not stored yet and returns the row of every flight, in order.
 
-    A flight's summary is written to `folder`/NAME.json, and its log to NAME.nc before, when it is
-    over; a file that exists is whole. A campaign that was interrupted, by Ctrl-C or `kill -9`,
-    goes on where it stopped when it is run again. A flight is locked while it is flown, so that
-    two campaigns in one folder, or what a killed one left running, share the work.
+    When a flight ends, its log is written to `folder`/NAME.nc, if logs are kept, and then its row
+    to `folder`/NAME.json. A file that exists is complete. If a campaign is interrupted, by Ctrl-C
+    or `kill -9`, it continues where it stopped when it is run again. A flight is locked while it
+    is flown, so two campaigns in one folder, or the processes that a killed campaign left behind,
+    share the work.
 
     Args:
-      folder: made if it does not exist.
-      keep_logs: writes the logs too.
-      describe: makes the row that is kept of a flight; by default its log's summary.
-      workers: fly, and report how many flights are over.
+      flights: the flights of the campaign.
+      folder: is created if it does not exist.
+      keep_logs: whether to write the logs too.
+      describe: makes the row of a flight; by default, the row is the log's summary.
+      workers: fly, and report how many flights have ended.
+
+    Returns:
+      One row for each flight, in the order of `flights`.
 
     Raises:
-      InputError: the folder cannot be written, or holds other flights under the same names, or a
-        flight ended the process that flew it again and again.
+      InputError: the folder cannot be written; it holds other flights under the same names; or a
+        flight repeatedly ended the process that flew it.
     """
     make_folder(folder)
     rows: dict[str, Row] = {}
@@ -172,7 +179,7 @@ def run_campaign(
 
 
 def _progress(rows: Mapping[str, Row], count: int) -> tuple[float, str]:
-    """The share of the flights that are over, and a text, for a `Progress`."""
+    """Gives the share of the flights that have ended, and a text, for a `Progress`."""
     failures = sum(not row["success"] for row in rows.values())
     return len(rows) / max(count, 1), f"{len(rows)} of {count} flights, {failures} without success"
 
@@ -180,10 +187,10 @@ def _progress(rows: Mapping[str, Row], count: int) -> tuple[float, str]:
 def run_groups(
     groups: Mapping[str, Sequence[Flight]], folder: Path, **options: typing.Any
 ) -> dict[str, list[Row]]:
-    """Groups of flights as one campaign; each group's rows, in order.
+    """Flies groups of flights as one campaign and returns each group's rows, in order.
 
-    The first flights of all groups come first, so that a campaign that was interrupted has
-    something of each. `options` are those of `run_campaign`.
+    The first flight of each group is flown before the second flight of any, so that an interrupted
+    campaign has flights of all groups. `options` are those of `run_campaign`.
     """
     places = [(k, name) for name, flights in groups.items() for k in range(len(flights))]
     places.sort(key=lambda place: place[0])
@@ -198,9 +205,9 @@ def _fly_one(flight: Flight, folder: Path, keep_logs: bool, describe: Describe) 
     with _locked(folder, flight.name):
         row = _finished(flight, folder, keep_logs)
         if row is not None:
-            return row  # Somebody else's, by now.
+            return row  # Another process has flown it meanwhile.
         for part in folder.glob(f".{flight.name}.*.part"):
-            part.unlink()  # Of a process that was killed.
+            part.unlink()  # A process that was killed left it.
         scenario = parse_scenario(flight.scenario)
         log = fly(scenario, flight.controller, body=_body(scenario.body))
         path = folder / f"{flight.name}.nc" if keep_logs else None
@@ -214,9 +221,10 @@ def _fly_one(flight: Flight, folder: Path, keep_logs: bool, describe: Describe) 
 
 @contextlib.contextmanager
 def _locked(folder: Path, name: str) -> Generator[None]:
-    """Waits until no other process flies this flight; the system frees the locks of the dead.
+    """Waits until no other process flies this flight, and locks it.
 
-    One file holds all locks: a byte for each flight, at a place that its name gives.
+    The operating system frees the locks of a process that ends. One file holds all locks: a flight
+    locks one byte, at an offset that is computed from its name.
     """
     place = int.from_bytes(hashlib.sha256(name.encode()).digest()[:7])
     try:
@@ -228,12 +236,12 @@ def _locked(folder: Path, name: str) -> Generator[None]:
         yield
 
 
-# A body is a campaign's one large thing: loaded once in each worker.
+# Each worker loads the body only once, because loading it takes long.
 _body = functools.lru_cache(maxsize=1)(load_body)
 
 
 def _finished(flight: Flight, folder: Path, keep_logs: bool) -> Row | None:
-    """The summary of a flight that is over, or None."""
+    """Gives the row of a flight that is stored, or None."""
     path = folder / f"{flight.name}.json"
     if not path.is_file() or (keep_logs and not (folder / f"{flight.name}.nc").is_file()):
         return None
@@ -241,10 +249,10 @@ def _finished(flight: Flight, folder: Path, keep_logs: bool) -> Row | None:
         content = json.loads(path.read_text())
         flown, summary = content["flight"], content["summary"]
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise InputError(f"{path} is not the summary of a flight: remove it") from error
+        raise InputError(f"{path} is not the summary of a flight; remove this file") from error
     if flown != dc.asdict(flight):
         raise InputError(
-            f"{path} is of a flight with another scenario, body, controller or version: "
-            "give another output folder, or remove that one"
+            f"{path} is from a flight with another scenario, body, controller or version: "
+            "give another output folder, or remove this one"
         )
     return summary

@@ -1,4 +1,4 @@
-"""The chain of command: what stands between a controller's force and the thrusters."""
+"""Adds the systems between controller and hold: assurance, disturbances and thrusters."""
 
 from __future__ import annotations
 
@@ -13,25 +13,34 @@ from proxops.systems.vehicle import Thrusters
 def add_assurance(
     wiring: Wiring, command: OutputPort, state: OutputPort, delay: float
 ) -> OutputPort:
-    """Adds runtime assurance, if the scenario has it; returns the force that it lets pass.
+    """Adds runtime assurance, if the scenario has it.
+
+    Args:
+      wiring: the diagram.
+      command: the controller's force (3,) in N in K.
+      state: the true state (6,) in K, in m and m/s.
+      delay: time in s from a control step to the moment at which its force acts.
+
+    Returns:
+      The port of the force that runtime assurance permits.
 
     Raises:
-      InputError: the controller flies with a delay in s.
+      InputError: the scenario has runtime assurance, and the delay is above 0.
     """
     settings = wiring.scenario.assurance
     if settings is None:
         return command
     if delay > 0.0:
         raise InputError(
-            "runtime assurance can't fly with mpc.solve_delay_s: it changes a command for the "
-            "period from now on, and this one would act later; set either to its default"
+            "runtime assurance cannot fly with mpc.solve_delay_s: it checks a command for the "
+            "period that begins now, but a delayed command acts later; leave out one of them"
         )
     backup = make_backup(wiring.scenario, wiring.body, settings)
     return _inserted(wiring, "assurance", RuntimeAssurance(backup), command, state=state)
 
 
 def add_thrusters(wiring: Wiring, force: OutputPort) -> OutputPort:
-    """Adds disturbance and noise, if the scenario has them, and the limit; returns the force."""
+    """Adds the scenario's disturbance and noise, and the thrust limit; returns the force."""
     scenario = wiring.scenario
     limit, period = scenario.spacecraft.thrust_limit_n, scenario.control_period_s
     if scenario.disturbance is not None:
@@ -60,7 +69,7 @@ def add_thrusters(wiring: Wiring, force: OutputPort) -> OutputPort:
 def _inserted(
     wiring: Wiring, name: str, system: System, force: OutputPort, **others: OutputPort
 ) -> OutputPort:
-    """Adds a system that takes a force, and maybe more by the names of its ports, to a force."""
+    """Adds a system that reads a force, and `others` by port name; returns its output `force`."""
     wiring.add(name, system)
     for port, source in {"force": force, **others}.items():
         wiring.builder.Connect(source, system.GetInputPort(port))

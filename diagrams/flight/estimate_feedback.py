@@ -1,4 +1,4 @@
-"""`EstimateFeedback`: another controller on the state that a policy estimates."""
+"""`EstimateFeedback`: flies the MPC or the PD controller on the state that a policy estimates."""
 
 from __future__ import annotations
 
@@ -22,15 +22,14 @@ class EstimateFeedback(Diagram):
                                      └─────► policy_record (2)
     ```
 
-    It shows how much of a policy's success comes from knowing where it is, and how much from what
-    it does there. The policy's estimate at a step that gave none is not a number; what the
-    controller does then is its own affair.
+    It shows how much of a policy's success comes from its navigation and how much from its
+    guidance. At a step without an estimate the state is NaN, and the controller must cope with it.
     """
 
     def __init__(
         self, policy: NeuralPolicy, controller: ProportionalDerivative | ModelPredictiveController
     ):
-        """Takes the two systems.
+        """Wires the policy to the controller.
 
         Raises:
           InputError: the policy makes no estimate.
@@ -38,8 +37,8 @@ class EstimateFeedback(Diagram):
         super().__init__()
         if not policy.bundle.estimates:
             raise InputError(
-                f"{policy.bundle.path} makes no estimate of its state, which the controller "
-                "would need: fly it as a policy"
+                f"{policy.bundle.path} makes no estimate of the state, but the controller needs "
+                "one: fly it as a policy"
             )
         self.bundle = policy.bundle
         self.delay = float(getattr(controller, "delay", 0.0))
@@ -67,7 +66,7 @@ class EstimateFeedback(Diagram):
         builder.BuildInto(self)
 
     def logged_ports(self) -> dict[str, LoggedPort]:
-        """The ports whose values a log keeps, by the names of their columns."""
+        """Gives the ports that a log records, by the names of their columns."""
         return {name: LoggedPort(self.GetOutputPort(name)) for name in self._logged}
 
 

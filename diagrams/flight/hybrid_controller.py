@@ -1,4 +1,4 @@
-"""`HybridController`: MPC, policy and the selector between them, wired to be flown as one."""
+"""`HybridController`: the MPC, a policy and the selector between them, wired as one controller."""
 
 from __future__ import annotations
 
@@ -25,18 +25,18 @@ from proxops.systems import (
 )
 from proxops.systems.common import LoggedPort, derived_seed
 
-# Of derived seeds, apart from those of the transit diagram.
+# Stream of the derived seed; it differs from the streams of the transit diagram.
 _STATE_NOISE_STREAM = 100
-# The true state is taken to be within so many standard deviations of the noisy one; of normal
-# errors in three dimensions, 15 in a million are not.
+# The selector assumes that the true state is within this many standard deviations of the noisy
+# state. For normal errors in three dimensions this fails 15 times in a million.
 _DEVIATIONS = 5.0
 
 
 def make_hybrid(scenario: Scenario, body: Body, policy: System) -> HybridController:
-    """The hybrid that the scenario configures, of its MPC and a policy.
+    """Makes the hybrid that the scenario configures, from its MPC and a policy.
 
     Raises:
-      InputError: as `HybridController`.
+      InputError: see `HybridController`.
     """
     settings, craft, transit = scenario.hybrid, scenario.spacecraft, scenario.transit
     period = scenario.control_period_s
@@ -70,9 +70,10 @@ def make_hybrid(scenario: Scenario, body: Body, policy: System) -> HybridControl
 
 
 def zero_hybrid(scenario: Scenario, body: Body) -> HybridController:
-    """The hybrid with a policy that always says zero: the share that nothing learned earns.
+    """Makes the hybrid with a policy that always commands zero.
 
-    To be flown as `proxops.diagrams.flight.hybrid_controller:zero_hybrid`.
+    It measures the share that a policy gets without having learned anything. Its name for
+    `proxops fly` is `proxops.diagrams.flight.hybrid_controller:zero_hybrid`.
     """
     builder = DiagramBuilder()
     zero = builder.AddNamedSystem("zero", ConstantVectorSource(np.zeros(3)))
@@ -81,7 +82,7 @@ def zero_hybrid(scenario: Scenario, body: Body) -> HybridController:
 
 
 class HybridController(Diagram):
-    """Flies a policy, and asks the MPC now and then whether it agrees.
+    """Flies a policy, and checks its force against the MPC's from time to time.
 
     ```
     state ──► StateNoise ─┬─► MPC ─── mpc_force ───►┌────────────────┐
@@ -92,9 +93,10 @@ class HybridController(Diagram):
     applied_force
     ```
 
-    Besides it has outputs of the MPC, `mpc_force` (3) and `mpc_record` (3), NaN at steps where it
-    is not wanted and never asking it then, and of the policy, `policy_force` (3), `policy_record`
-    (2) and `estimate` (6). The noise is that of the state that MPC and selector know.
+    More outputs come from the parts. `mpc_force` (3) and `mpc_record` (3) are the MPC's; at a step
+    without a check they are NaN, and evaluating them does not make the MPC solve. `policy_force`
+    (3), `policy_record` (2) and `estimate` (6) are the policy's. The MPC and the selector get the
+    state with noise; the policy gets what it senses.
     """
 
     def __init__(
@@ -104,16 +106,23 @@ class HybridController(Diagram):
         selector: HybridSelector,
         noise: StateNoise,
     ):
-        """Takes the parts; another system with an output port `force` may stand for the policy.
+        """Wires the parts.
+
+        Args:
+          expert: the MPC that checks.
+          policy: a `NeuralPolicy`, or any system with an output port `force` (3).
+          selector: decides at each step which force acts.
+          noise: is added to the state that the MPC and the selector get.
 
         Raises:
-          InputError: the MPC flies with a delay, which it would predict by its own last command.
+          InputError: the MPC has a delay. It predicts over the delay with its own last command,
+            but in a hybrid the policy's command may act.
         """
         super().__init__()
         if expert.delay > 0.0:
             raise InputError(
-                "the hybrid flies without mpc.solve_delay_s: the MPC predicts over the delay by "
-                "its own last command, and the policy's may act"
+                "the hybrid cannot fly with mpc.solve_delay_s: the MPC predicts over the delay "
+                "with its own last command, but the policy's command may act"
             )
         self.bundle = getattr(policy, "bundle", None)
         builder = DiagramBuilder()
@@ -160,6 +169,6 @@ class HybridController(Diagram):
         builder.BuildInto(self)
 
     def logged_ports(self) -> dict[str, LoggedPort]:
-        """The ports whose values a log keeps, by the names of their columns."""
+        """Gives the ports that a log records, by the names of their columns."""
         ports = [self.get_output_port(i) for i in range(self.num_output_ports())]
         return {port.get_name(): LoggedPort(port) for port in ports if port.get_name() != "force"}

@@ -1,4 +1,4 @@
-"""Controllers by name: those that come with proxops, and one's own."""
+"""Makes controllers by name: those of proxops, and those of the user, as MODULE:FACTORY."""
 
 from __future__ import annotations
 
@@ -26,18 +26,17 @@ from proxops.systems.common import InputError
 
 
 def named_controller(name: str, scenario: Scenario, body: Body) -> System:
-    """The controller of a name: `mpc`, `policy`, `hybrid`, `pd`, `zero`, or `MODULE:FACTORY`.
+    """Makes the controller of a name: `mpc`, `policy`, `hybrid`, `pd`, `zero`, or `MODULE:FACTORY`.
 
-    `policy:FOLDER` and `hybrid:FOLDER` fly the policy of that bundle. `mpc:FOLDER` and `pd:FOLDER`
-    fly the MPC and the PD controller on the state that the policy of that bundle estimates; `mpc`
-    and `pd` know the true state.
+    `policy:FOLDER` and `hybrid:FOLDER` fly the policy of the bundle in FOLDER. `mpc:FOLDER` and
+    `pd:FOLDER` fly the MPC and the PD controller on the state that this policy estimates, while
+    `mpc` and `pd` know the true state.
 
-    FACTORY, your own, is called as `factory(scenario, body)` and returns a System with the ports
-    that `make_transit_diagram` asks for. MODULE is looked for in the working directory too.
+    FACTORY is the user's function. It is called as `factory(scenario, body)` and returns a System
+    with the ports that `make_transit_diagram` needs. MODULE may also be in the working directory.
 
     Raises:
-      InputError: an unknown name, no policy that fits, or a factory that cannot be imported or
-        fails.
+      InputError: the name is unknown, no policy fits, or the factory cannot be imported or fails.
     """
     if name == "mpc":
         return make_mpc(scenario, body)
@@ -70,12 +69,15 @@ def named_controller(name: str, scenario: Scenario, body: Body) -> System:
 
 
 def controller_source(name: str) -> Path | None:
-    """The file of a controller MODULE:FACTORY; None: `name` is no such controller, or it has none.
+    """Gives the file of the module of a controller MODULE:FACTORY.
 
-    What that file imports is not looked at.
+    It does not consider the modules that this file imports.
+
+    Returns:
+      The path; None if `name` is another kind of controller, or the module has no file.
 
     Raises:
-      InputError: there is no such module.
+      InputError: the module does not exist.
     """
     module_name, colon, _ = name.partition(":")
     if not colon or module_name in WITH_BUNDLE:
@@ -86,7 +88,7 @@ def controller_source(name: str) -> Path | None:
     try:
         with _working_directory_importable():
             spec = importlib.util.find_spec(module_name)
-    except Exception as error:  # Packages above it are imported.
+    except Exception as error:  # find_spec imports the parent packages.
         raise InputError(f"controller {name!r}: {type(error).__name__}: {error}") from error
     if spec is None:
         raise InputError(f"controller {name!r}: No module named {module_name!r}")

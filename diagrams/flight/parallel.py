@@ -1,4 +1,4 @@
-"""Independent pieces of work, done by processes of this machine or by a Dask cluster."""
+"""Does independent pieces of work with processes of this machine or with a Dask cluster."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ import numba
 
 from proxops.systems.common import InputError, Progress, part_of, silent
 
-# A process that has done this many is replaced: Drake's diagrams of Python systems are never
-# freed, and each leaves some 1.5 MB behind.
+# A process is replaced after this many pieces of work, because the memory of Drake's diagrams with
+# Python systems, about 1.5 MB each, is never freed.
 _PIECES_PER_PROCESS = 150
-# So many workers may be killed over one piece of work.
+# The work is given up when one piece has ended this many workers.
 _LIVES = 4
 _THIS_MACHINE = "127.0.0.1"
 
@@ -27,7 +27,7 @@ class Named(typing.Protocol):
 
     @property
     def name(self) -> str:
-        """Unique among them."""
+        """Name of the piece; no other piece has it."""
         ...
 
 
@@ -37,14 +37,14 @@ Result = typing.TypeVar("Result")
 
 @dc.dataclass(frozen=True)
 class Workers:
-    """Where independent pieces of work are done, and who is told how far they are."""
+    """Where independent pieces of work are done, and where their progress is reported."""
 
     processes: int | None = None
-    """Processes on this machine; None: one for each core. One process does little work itself,
-    without starting another."""
+    """Number of processes on this machine; None: one for each core. With 1, a small amount of work
+    is done in this process, and no other is started."""
     scheduler: str | None = None
-    """Address of a Dask scheduler whose workers do the work instead. They need proxops, and the
-    folders of this machine under the same paths; each should have one thread."""
+    """Address of a Dask scheduler; its workers then do the work. They need proxops, and the folders
+    of this machine under the same paths. Each worker should have one thread."""
     progress: Progress = silent
 
     def results(
@@ -57,7 +57,7 @@ class Workers:
           task: a function of a module.
 
         Raises:
-          InputError: no scheduler answers, or a piece of work ended its process again and again.
+          InputError: no scheduler answers, or a piece of work repeatedly ended its process.
         """
         processes = min(self.processes or os.cpu_count() or 1, len(pieces))
         if self.scheduler is not None:
@@ -71,11 +71,11 @@ class Workers:
                 yield from _distributed(pieces[start : start + batch], task, processes, None)
 
     def part(self, start: float, end: float) -> Workers:
-        """The same workers for a part of the work: from share `start` of the progress to `end`."""
+        """Gives the same workers for a part of the work, from share `start` to share `end`."""
         return dc.replace(self, progress=part_of(self.progress, start, end))
 
     def reporting(self, progress: Progress) -> Workers:
-        """The same workers, which report to `progress`."""
+        """Gives the same workers with another `progress`."""
         return dc.replace(self, progress=progress)
 
 
@@ -88,7 +88,7 @@ def _distributed(
 
     with _client(processes, scheduler) as client:
         futures = [
-            # Keys of their own: others may use the scheduler too, for work of the same names.
+            # The keys are unique, because others may use the scheduler for work of the same names.
             client.submit(
                 _on_one_thread, task, piece, key=f"{piece.name}-{uuid4().hex}", pure=False
             )
@@ -103,7 +103,7 @@ def _distributed(
             except KilledWorker as error:
                 raise InputError(
                     f"{names[future.key]} ended {_LIVES} worker processes one after the "
-                    "other: is there memory enough? Run again to go on, with fewer --workers"
+                    "other: is there enough memory? Run again with fewer --workers to go on"
                 ) from error
             yield names[future.key], result
             future.release()
@@ -124,9 +124,9 @@ def _client(processes: int, scheduler: str | None):
         return
     settings = {
         "distributed.worker.multiprocessing-method": "spawn",
-        # Dask would put these variables into this process's environment too.
+        # Otherwise Dask would set these variables in this process's environment too.
         "distributed.nanny.pre-spawn-environ": {},
-        # A worker that is killed is replaced, and its work done again.
+        # A worker that is killed is replaced, and its work is done again.
         "distributed.scheduler.allowed-failures": _LIVES - 1,
     }
     with (
@@ -135,7 +135,7 @@ def _client(processes: int, scheduler: str | None):
             n_workers=processes,
             threads_per_worker=1,
             processes=True,
-            # This machine alone can reach it. Any free port: several clusters may run.
+            # Only this machine can reach it. It takes any free port, because several may run.
             host=_THIS_MACHINE,
             dashboard_address=f"{_THIS_MACHINE}:0",
             silence_logs=logging.CRITICAL,
@@ -148,10 +148,10 @@ def _client(processes: int, scheduler: str | None):
 
 
 def _on_one_thread(task: Callable[[Work], Result], piece: Work) -> Result:
-    """One piece is one thread's work, in a worker beside others."""
+    """Does a piece of work on one thread, because other workers use the other cores."""
     import dask.config
 
     numba.set_num_threads(1)
-    # Or xarray would write its files under locks that it shares with the other workers.
+    # Otherwise xarray would write its files under locks that all workers share.
     with dask.config.set(scheduler="synchronous"):
         return task(piece)

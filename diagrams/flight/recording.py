@@ -1,4 +1,4 @@
-"""From a diagram that has flown to the log of its flight."""
+"""Makes the log of a flight from its transit diagram after the simulation."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ Columns = dict[str, np.ndarray]
 
 @dataclass(frozen=True)
 class Flown:
-    """A transit diagram that has flown, the Context at its end, and what it flew."""
+    """A transit diagram after its flight: the Context at the end, and what was flown."""
 
     diagram: Diagram
     context: Context
@@ -38,10 +38,10 @@ class Flown:
     body: Body
     controller: System
     name: str
-    """The controller's, as the log is to call it."""
+    """Name of the controller in the log."""
 
     def value(self, system: str, port: str) -> np.ndarray:
-        """The value of a subsystem's output port at the end."""
+        """Gives the value of a subsystem's output port at the end of the flight."""
         found = self.diagram.GetSubsystemByName(system)
         return found.GetOutputPort(port).Eval(found.GetMyContextFromRoot(self.context))
 
@@ -50,7 +50,8 @@ def make_log(flown: Flown, wall_time: float) -> FlightLog:
     """Makes the log of a flight from the diagram's log sinks; its last row is the flight's end.
 
     Args:
-      wall_time: in s, of the whole flight.
+      flown: the diagram after the flight.
+      wall_time: wall time in s of the whole flight.
     """
     times, columns = _sampled(flown)
     times, columns = _with_end(flown, times, columns)
@@ -71,7 +72,7 @@ def make_log(flown: Flown, wall_time: float) -> FlightLog:
 
 
 def _sampled(flown: Flown) -> tuple[np.ndarray, Columns]:
-    """Times (N,) in s and columns of all log sinks."""
+    """Gives the times (N,) in s and the columns of all log sinks."""
     sinks = {
         system.get_name().removeprefix("log_"): system.FindLog(flown.context)
         for system in flown.diagram.GetSystems()
@@ -82,13 +83,13 @@ def _sampled(flown: Flown) -> tuple[np.ndarray, Columns]:
 
 
 def _with_end(flown: Flown, times: np.ndarray, columns: Columns) -> tuple[np.ndarray, Columns]:
-    """Adds the end of a flight that ended between two control steps, with what was held then."""
+    """Adds a last row if the flight ended between two control steps; it repeats the held values."""
     end = flown.context.get_time()
     if end <= times[-1]:
         return times, columns
     columns = {name: np.concatenate([rows, rows[-1:]]) for name, rows in columns.items()}
     columns["state"][-1] = flown.value("spacecraft", "state")
-    # Controller and assurance are asked at control steps alone.
+    # Controller and assurance have outputs only at control steps.
     for name in ("intervention_record", *logged_ports(flown.controller)):
         if name in columns and name != "decision":
             columns[name][-1] = np.nan
@@ -96,7 +97,7 @@ def _with_end(flown: Flown, times: np.ndarray, columns: Columns) -> tuple[np.nda
 
 
 def _split_records(columns: Columns, rows: int) -> Columns:
-    """Gives each component of a record, and what follows from others, a column of its own."""
+    """Splits each record into its columns, and adds the columns that follow from others."""
     blank = np.full((rows, 3), np.nan)
     columns = {"mpc_record": blank.copy(), **columns}
     columns["disturbance"] = columns["force"] - columns.pop("command")
@@ -117,10 +118,10 @@ def _split_records(columns: Columns, rows: int) -> Columns:
 
 
 def _attributes(flown: Flown, wall_time: float) -> dict[str, Any]:
-    """What a log says of the flight besides its columns."""
+    """Gives the attributes of the log: provenance and outcome of the flight."""
     scenario, end = flown.scenario, flown.context.get_time()
     outcome = flown.value("monitor", "outcome")
-    # In the goal region at the end, but not for long enough, is no arrival.
+    # A flight that ends in the goal region before the dwell is over has not arrived.
     entered = outcome[ENTERED_GOAL]
     dwelt = entered < NEVER and end - entered >= scenario.arrival.dwell_s * (1.0 - 1e-9)
     hold = flown.diagram.GetSubsystemByName("hold")

@@ -1,4 +1,4 @@
-"""The systems that a scenario configures: the controllers and the lidar."""
+"""Makes the systems that a scenario configures: controllers, backup braking and lidar."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _SHIPPED_POLICY = ASSETS / "policy"
 
 
 def make_mpc(scenario: Scenario, body: Body) -> ModelPredictiveController:
-    """The expert, as the scenario configures it."""
+    """Makes the MPC that the scenario configures."""
     craft, mpc = scenario.spacecraft, scenario.mpc
     field = PointMassField(body.gravity_field.mass) if mpc.point_mass else body.gravity_field
     limits = TransitLimits(
@@ -66,19 +66,20 @@ def make_mpc(scenario: Scenario, body: Body) -> ModelPredictiveController:
 
 
 WITH_BUNDLE = ("policy", "hybrid", "pd", "mpc")
-"""Kinds of controllers that fly the policy of a bundle if it is named: `policy:out/bundle`."""
+"""Kinds of controllers whose names may contain a policy's bundle, such as `policy:out/bundle`."""
 _WITHOUT_BUNDLE = ("pd", "mpc")
-"""Those of them that fly without a policy if no folder is named."""
+"""The kinds among them that fly without a policy if the name contains no bundle."""
 
 
 def bundle_of(name: str, scenario: Scenario) -> Path | None:
-    """Folder of the policy's bundle that the controller of a name flies; None: it flies none.
+    """Gives the folder of the bundle that a named controller flies; None if it flies none.
 
-    `policy` and `hybrid` fly the scenario's, `pd` and `mpc` none. A path after a colon is relative
-    to the working directory.
+    `policy` and `hybrid` fly the scenario's bundle; `pd` and `mpc` fly none. A path after a colon
+    is relative to the working directory.
 
     Raises:
-      InputError: no policy is named, and none ships.
+      InputError: the controller needs a bundle, but neither the name nor the scenario gives one,
+        and none ships with this proxops.
     """
     kind, colon, path = name.partition(":")
     if kind not in WITH_BUNDLE or name in _WITHOUT_BUNDLE:
@@ -98,10 +99,11 @@ def _scenario_bundle(scenario: Scenario) -> Path:
 
 
 def make_policy(bundle: Path, scenario: Scenario, body: Body) -> NeuralPolicy:
-    """The learned policy of a bundle's folder.
+    """Makes the learned policy of a bundle's folder.
 
     Raises:
-      InputError: there is none, it is damaged, or for another body, lidar or control period.
+      InputError: the bundle does not exist, is damaged, or was made for another body, lidar or
+        control period.
     """
     return NeuralPolicy(
         bundle,
@@ -113,7 +115,7 @@ def make_policy(bundle: Path, scenario: Scenario, body: Body) -> NeuralPolicy:
 
 
 def make_proportional_derivative(scenario: Scenario) -> ProportionalDerivative:
-    """The PD controller, its gains from the scenario's mass, limits and control period."""
+    """Makes the PD controller; its gains follow from mass, limits and control period."""
     craft = scenario.spacecraft
     return ProportionalDerivative(
         craft.mass_kg, craft.thrust_limit_n, craft.speed_limit_m_s, scenario.control_period_s
@@ -123,13 +125,16 @@ def make_proportional_derivative(scenario: Scenario) -> ProportionalDerivative:
 def make_estimate_feedback(
     kind: str, bundle: Path, scenario: Scenario, body: Body
 ) -> EstimateFeedback:
-    """The MPC or the PD controller on the state that a bundle's policy estimates.
+    """Makes the MPC or the PD controller on the state that a bundle's policy estimates.
 
     Args:
       kind: `mpc` or `pd`.
+      bundle: folder of the bundle.
+      scenario: the scenario.
+      body: the body.
 
     Raises:
-      InputError: as `make_policy`, or the policy makes no estimate.
+      InputError: see `make_policy`; or the policy makes no estimate.
     """
     policy = make_policy(bundle, scenario, body)
     if kind == "mpc":
@@ -138,7 +143,7 @@ def make_estimate_feedback(
 
 
 def make_backup(scenario: Scenario, body: Body, assurance: AssuranceConfig) -> BackupBraking:
-    """The backup braking that an assurance with these settings falls back on.
+    """Makes the backup braking of runtime assurance.
 
     Raises:
       InputError: the thrust cannot hold the spacecraft everywhere outside the ellipsoid.
@@ -155,10 +160,11 @@ def make_backup(scenario: Scenario, body: Body, assurance: AssuranceConfig) -> B
 
 
 def make_lidar(scenario: Scenario, body: Body, seed: int) -> PlanarLidar:
-    """The lidar that the scenario names, its noise seeded with `seed`.
+    """Makes the lidar that the scenario configures; `seed` is the seed of its noise.
 
     Raises:
-      InputError: a learned lidar whose bundle is damaged, or for another body or geometry.
+      InputError: the bundle of a learned lidar is damaged, or was made for another body or
+        geometry.
     """
     sensor = scenario.lidar
     errors = LidarErrors(

@@ -1,4 +1,4 @@
-"""Flying: a scenario and a controller in, a `FlightLog` out."""
+"""Simulates one flight: `fly` takes a scenario and a controller and returns a `FlightLog`."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from proxops.diagrams.meshcat import PLAYBACK_SPEED, add_flight
 from proxops.diagrams.scenario import Body, Scenario, load_body
 from proxops.systems.common import Progress, silent
 
-# Relative accuracy to which events are found.
+# Relative accuracy with which the time of an event is found.
 _EVENT_ACCURACY = 1e-6
-# Longest step of the integration (s): gravity changes over some 100 s.
+# Longest step of the integration (s); gravity changes over about 100 s.
 _LONGEST_STEP = 10.0
 
 
@@ -33,21 +33,23 @@ def fly(
     """Flies a scenario's transit from start to arrival, collision or the deadline.
 
     Args:
-      controller: a name that `named_controller` knows, or a System as `make_transit_diagram` takes
-        it. It may have, all optional: a method `logged_ports`, which gives the `LoggedPort` of
-        each column that it adds to the log; `legend_entry`, a `LegendEntry` for plots and replays;
-        `bundle`, the policy bundle that it flies; `delay`, the time in s from a control step to
-        the moment at which its force acts.
-      meshcat: draws the flight live, at the replay's speed, and holds the replay afterwards.
+      scenario: the scenario.
+      controller: a name that `named_controller` takes, or a System that `make_transit_diagram`
+        takes. The System may have, all optional: a method `logged_ports`, which gives the
+        `LoggedPort` of each column that it adds to the log; `legend_entry`, a `LegendEntry` for
+        plots and replays; `bundle`, the policy bundle that it flies; `delay`, the time in s from a
+        control step to the moment at which its force acts.
+      meshcat: shows the flight live, at the replay's speed, and the replay afterwards.
       progress: is called at every step with the share of the longest time that has passed.
-      body: None: the one that the scenario names.
+      body: the body; None: the body that the scenario names.
 
     Returns:
-      The log. The same scenario and controller give the same log, bit for bit, on one machine,
-      but for wall times.
+      The log. On one machine, the same scenario and controller give the same log bit for bit,
+      except for wall times.
 
     Raises:
       InputError: the scenario cannot be flown or the controller does not fit.
+      RuntimeError: an event of the simulation failed.
     """
     body = body or load_body(scenario.body)
     name = controller if isinstance(controller, str) else type(controller).__name__
@@ -56,7 +58,7 @@ def fly(
     diagram = make_transit_diagram(scenario, controller, meshcat, body)
     simulator = make_simulator(diagram, scenario)
     if meshcat is not None:
-        simulator.set_target_realtime_rate(PLAYBACK_SPEED)  # Slow enough to be watched.
+        simulator.set_target_realtime_rate(PLAYBACK_SPEED)  # A person can follow it.
     latest = scenario.arrival.deadline_s + scenario.arrival.dwell_s
     if progress is not silent:
 
@@ -72,12 +74,12 @@ def fly(
     flown = Flown(diagram, simulator.get_context(), scenario, body, controller, name)
     log = make_log(flown, time.perf_counter() - started)
     if meshcat is not None:
-        add_flight(meshcat, log)  # To be played again.
+        add_flight(meshcat, log)  # The replay.
     return log
 
 
 def make_simulator(diagram: Diagram, scenario: Scenario) -> Simulator:
-    """A Simulator of a transit diagram: RK5 in equal steps, ready to advance."""
+    """Makes an initialised Simulator of a transit diagram; it integrates by RK5 in equal steps."""
     simulator = Simulator(diagram)
     # Without an accuracy in the Context, events fire at the end of their step.
     simulator.get_mutable_context().SetAccuracy(_EVENT_ACCURACY)
@@ -85,8 +87,8 @@ def make_simulator(diagram: Diagram, scenario: Scenario) -> Simulator:
     integrator = ResetIntegratorFromFlags(
         simulator, scheme="runge_kutta5", max_step_size=scenario.control_period_s / steps
     )
-    # The choice of an adaptive step is no part of the Context: with it, a flight that is gone on
-    # with from a cloned Context would differ in its last bits.
+    # The Context does not hold the size of an adaptive step. With adaptive steps, a flight that is
+    # continued from a cloned Context would differ in its last bits.
     integrator.set_fixed_step_mode(True)
     simulator.Initialize()
     return simulator

@@ -1,4 +1,4 @@
-"""The wiring: world, sensor, controller, chain of command and monitor as one Drake Diagram."""
+"""The transit diagram: plant, lidar, controller, thrusters and monitor as one Drake Diagram."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ from proxops.diagrams.scenario import Body, Scenario, load_body, scenario_transi
 from proxops.systems import DelayedHold, FlightMonitor, InputError, PlanarLidar
 from proxops.systems.common import LoggedPort
 
-# Input ports of a controller that may stay unconnected.
+# Input ports of a controller that may remain unconnected.
 _OPTIONAL_PORTS = {"enable"}
 
 Signals = dict[str, OutputPort]
-"""Ports that a controller may be fed from, by the names of its input ports."""
+"""Output ports that feed a controller, by the names of its input ports."""
 
 
 def make_transit_diagram(
@@ -37,7 +37,7 @@ def make_transit_diagram(
     meshcat: Meshcat | None = None,
     body: Body | None = None,
 ) -> Diagram:
-    """Wires everything that a flight needs: the Diagram can be simulated as it is.
+    """Wires all systems that a flight needs into one Diagram.
 
     ```
     target ──► controller ─► disturbance ─► thrusters ─► hold ─► spacecraft ◄─► gravity, kicks
@@ -47,23 +47,22 @@ def make_transit_diagram(
                  └────────────── state ◄──────────────────────────────┘
     ```
 
-    Runtime assurance, if the scenario has it, stands between controller and disturbance.
+    Runtime assurance, if the scenario has it, is between controller and disturbance.
 
     Args:
-      scenario: what is flown; its transit sets the start and the target.
+      scenario: the scenario; its transit gives the start and the target.
       controller: any system with an output port `force` (3), in N in K, and any of the input
         ports `state` (6), `target` (6), `position` (3), `velocity` (3), `ranges` and
-        `applied_force` (3). It may offer more: see `fly`. None: the expert.
-      meshcat: draws the flight live, with the controller's plan if it has an output port `plan`
+        `applied_force` (3). It may offer more: see `fly`. None: the MPC.
+      meshcat: shows the flight live, with the controller's plan if it has an output port `plan`
         (abstract Plan).
-      body: None: the one that the scenario names.
+      body: the body; None: the body that the scenario names.
 
     Returns:
-      A Diagram whose subsystems are named gravity, spacecraft, lidar, target, controller,
-      assurance, disturbance, force_noise and kicks (those there are), thrusters, hold, monitor, and
-      log_NAME for every logged port.
-      The Context that it makes by default starts the scenario's transit. The hold is a
-      `DelayedHold` where the controller flies with a delay.
+      A Diagram. Its subsystems are named gravity, spacecraft, lidar, target, controller,
+      thrusters, hold and monitor; assurance, disturbance, force_noise and kicks, if the scenario
+      has them; and log_NAME for every logged port. Its default Context is the start of the
+      transit. The hold is a `DelayedHold` if the controller has a delay.
 
     Raises:
       InputError: the controller's ports do not fit, or the scenario cannot be flown.
@@ -102,10 +101,11 @@ def make_transit_diagram(
 
 
 def logged_ports(controller: System) -> dict[str, LoggedPort]:
-    """The ports that a controller offers to the log, by the names of their columns.
+    """Gives the ports that a controller offers to the log, by the names of their columns.
 
     Raises:
-      InputError: a name cannot be that of a column, or a port has not the size of the log's column.
+      InputError: a name is not fit for a column, or a port does not have the size of the log's
+        column of this name.
     """
     offered = getattr(controller, "logged_ports", None)
     ports: dict[str, LoggedPort] = {} if offered is None else offered()
@@ -132,7 +132,7 @@ def _add_controller(wiring: Wiring, controller: System, signals: Signals) -> Out
     """Adds the controller and connects its input ports by name; returns its force.
 
     Raises:
-      InputError: it has no force, or an input port that nothing feeds.
+      InputError: the controller has no output `force` (3), or an input port that nothing feeds.
     """
     if not controller.get_name():
         controller.set_name("controller")
@@ -151,19 +151,19 @@ def _add_controller(wiring: Wiring, controller: System, signals: Signals) -> Out
             if port.size() != signals[name].size():
                 raise InputError(
                     f"controller {controller.get_name()!r}: input port {name!r} has size "
-                    f"{port.size()}, but {signals[name].size()} is what feeds it"
+                    f"{port.size()}, but the signal of this name has size {signals[name].size()}"
                 )
             wiring.builder.Connect(signals[name], port)
         elif name not in _OPTIONAL_PORTS:
             raise InputError(
                 f"controller {controller.get_name()!r}: nothing feeds input port {name!r}; "
-                f"what there is: {', '.join(signals)}"
+                f"the signals are {', '.join(signals)}"
             )
     return controller.GetOutputPort("force")
 
 
 def _add_monitor(wiring: Wiring, signals: Signals) -> None:
-    """Adds what watches for arrival, collision and violations of the keep-out ellipsoid."""
+    """Adds the monitor of arrival, collision and violations of the keep-out ellipsoid."""
     arrival = wiring.scenario.arrival
     monitor = wiring.add(
         "monitor",
@@ -182,11 +182,11 @@ def _add_monitor(wiring: Wiring, signals: Signals) -> None:
 
 
 def _add_logs(wiring: Wiring, controller: System, signals: Signals, forces: Signals) -> None:
-    """Logs what a flight is made of, and what the controller offers, once a control step.
+    """Adds a log sink for each signal of the log, and for each port that the controller offers.
 
-    The lidar is not logged: its frames are a function of time and position, so they are made
-    from the log when the flight is over. At a control step the hold has not yet taken the new
-    command: what is logged as `force` is what it is about to hold.
+    The sinks record once a control step. The lidar has no sink: its frames are a function of time
+    and position, so they are computed from the log after the flight. The column `force` is the
+    force that the hold takes over at this step and holds until the next.
     """
     builder, period = wiring.builder, wiring.scenario.control_period_s
     logged = {"state": signals["state"], "target": signals["target"], **forces}

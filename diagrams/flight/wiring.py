@@ -1,4 +1,4 @@
-"""`Wiring`: a transit diagram while it is built, and what all of its parts depend on."""
+"""`Wiring`: a transit diagram while it is built, and the values that all its parts need."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from proxops.diagrams.scenario import Body, Scenario, Transit
 from proxops.systems.common import derived_seed
 
 AnySystem = TypeVar("AnySystem", bound=System)
-# Streams of derived seeds.
+# Streams of the derived seeds, one for each random system.
 LIDAR_STREAM, DISTURBANCE_STREAM, NOISE_STREAM, KICKS_STREAM = range(4)
 
 
 @dataclass(frozen=True)
 class Wiring:
-    """A diagram that is being built, and the flight that it is for."""
+    """A diagram that is being built, and the flight for which it is built."""
 
     builder: DiagramBuilder
     scenario: Scenario
@@ -30,6 +30,6 @@ class Wiring:
         return system
 
     def seed(self, stream: int) -> int:
-        """The seed of a random system: each has a stream of its own."""
+        """Gives the seed of a random system from the number of its stream."""
         transit = self.transit
         return derived_seed(self.scenario.noise_seed, transit.seed, transit.index, stream)

@@ -1,4 +1,4 @@
-"""The world of a flight: gravity, kicks and the spacecraft that the true thrust moves."""
+"""Adds the plant of a flight: gravity, kicks, and the spacecraft with its true thrust."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def add_spacecraft(wiring: Wiring) -> Spacecraft:
 
 
 def add_gravity(wiring: Wiring, craft: Spacecraft) -> None:
-    """Adds the true gravity, and the kicks if there are any, and lets them act on the craft."""
+    """Adds the true gravity and the kicks, if any, and connects them to the spacecraft."""
     field, scale = wiring.body.gravity_field, wiring.scenario.mismatch.gravity
     if scale != 1.0:
         field = GravityField(wiring.body.shape, mass=scale * field.mass)
@@ -32,7 +32,7 @@ def add_gravity(wiring: Wiring, craft: Spacecraft) -> None:
 
 
 def add_thrust(wiring: Wiring, commanded: OutputPort, craft: Spacecraft) -> None:
-    """Lets the true thrust, which may differ from the commanded one, act on the craft."""
+    """Connects the commanded force, scaled by `mismatch.thrust`, to the spacecraft."""
     thrust, scale = commanded, wiring.scenario.mismatch.thrust
     if scale != 1.0:
         gain = wiring.add("thrust_mismatch", MatrixGain(scale * np.eye(3)))

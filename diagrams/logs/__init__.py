@@ -1,8 +1,8 @@
 """The record of a flight and its figures of merit.
 
-Start with `FlightLog`: an xarray dataset that is enough to repeat the flight, kept as NetCDF-4.
-`flight_summary` computes the figures of merit from it, `legend` says by whom each step was flown.
-A new column of the log is a line in `VARIABLES`.
+Start with `FlightLog`: an xarray dataset that is enough to repeat the flight, stored as NetCDF-4.
+`flight_summary` computes the figures of merit from it; `legend` tells which controller flew each
+step. To add a column to the log, add a line to `VARIABLES`.
 """
 
 from proxops.diagrams.logs.flight_log import (

@@ -1,7 +1,8 @@
 """Flights in 3D: live in the browser, as a replay page, and in notebooks.
 
-Start with `write_replay` for a page from a log, `show_flight` for a notebook. `meshcat_scene` says
-what stands where in the scene; the others add views, panels, lidar returns and paths to it.
+Start with `write_replay`, which makes a page from a log, or `show_flight`, which draws in a
+notebook. `meshcat_scene` defines the objects of the scene and their places; the other modules add
+views, panels, lidar returns and paths to it.
 """
 
 from proxops.diagrams.meshcat.live_view import LiveView, add_live_view, start_server

@@ -1,7 +1,7 @@
-"""Setting up a new body: examine its mesh, draw what was found, write body and scenario files.
+"""The setup of a new body: examine its mesh, draw the findings, write body and scenario files.
 
-Start with `examine`, which `proxops shape` calls. `scaled_scenario` puts the default scenario into
-the proportions of the new body.
+Start with `examine`, which `proxops shape` calls. `scaled_scenario` scales the default scenario to
+the size, gravity and spin of the new body.
 """
 
 from proxops.diagrams.new_body.body_setup import body_yaml, scaled_scenario

@@ -1,7 +1,7 @@
 """Figures of flights, bodies and plans, drawn with matplotlib.
 
-Start with `plot_flight`, the figure that `proxops fly` writes. Each module draws one kind of thing
-and returns a Figure; none writes files.
+Start with `plot_flight`, an overview of one flight. Each module draws one kind of figure and
+returns it; no module writes files.
 """
 
 from proxops.diagrams.plots.decision_plot import plot_decisions

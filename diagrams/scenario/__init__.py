@@ -1,8 +1,8 @@
-"""What a flight depends on besides its controller: the scenario, the body, the transit.
+"""The scenario, the body and the transit: all that a flight depends on besides its controller.
 
-Start with `load_scenario` and the dataclasses of `scenario_config`, where each value stands with
-its default, unit and limits; then `load_body` and `transit_set`. A new value is a new field there.
-Nothing in this room simulates.
+Start with `load_scenario` and the dataclasses of `scenario_config`, which give each value its
+default, unit and limits; then read `load_body` and `transit_set`. To add a value to the scenario,
+add a field to one of these dataclasses. Nothing in this room simulates.
 """
 
 from proxops.diagrams.scenario.body import Body, BodyConfig, load_body

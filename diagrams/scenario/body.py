@@ -1,4 +1,4 @@
-"""The body that is flown at: its constants, its shape about the centre of mass, its gravity."""
+"""The body: its constants, its shape about the centre of mass, and its gravity."""
 
 import dataclasses as dc
 from functools import cached_property
@@ -13,22 +13,22 @@ from proxops.systems.common import InputError
 from proxops.systems.gravity import GravityField
 from proxops.systems.shapes import Polyhedron
 
-# Semi-axes of a keep-out ellipsoid are from so many metres to so many.
+# The least and the greatest semi-axis (m) of a keep-out ellipsoid.
 _AXES = (1e-3, 1e9)
 
 
 @dc.dataclass
 class BodyConfig:
-    """What a body's YAML file holds; every key is needed."""
+    """The keys of a body's YAML file; all of them are required."""
 
     name: str = ""
-    # Mesh file (OBJ, PLY, STL, PDS .tab); relative to the body's YAML file.
+    # Mesh file (OBJ, PLY, STL or PDS .tab); its path is relative to the body's YAML file.
     mesh: str = ""
     # Unit of the numbers in the mesh file: "km" or "m".
     mesh_unit: str = ""
     mass_kg: float = number(0.0, at_least=1e-3, at_most=1e25, unit="kg")
     rotation_period_h: float = number(0.0, at_least=1e-3, at_most=1e7, unit="h")
-    # Semi-axes along x, y, z of the ellipsoid, about the centre of mass, that is kept clear of.
+    # Semi-axes along x, y, z of the keep-out ellipsoid about the centre of mass.
     keep_out_semi_axes_m: list[float] = dc.field(default_factory=list)
 
 
@@ -36,8 +36,8 @@ class BodyConfig:
 class Body:
     """A rigid body of uniform density that spins uniformly about the body-fixed z axis.
 
-    The frame K of `shape` and of every position is fixed in the body, its origin the centre of
-    mass.
+    `shape` and every position are in the frame K, which is fixed in the body. The origin of K is
+    the centre of mass.
     """
 
     config: BodyConfig
@@ -55,16 +55,17 @@ class Body:
 
     @cached_property
     def gravity_field(self) -> GravityField:
-        """Gravity of the body, built at first use."""
+        """Gravity of the body; it is built at the first use."""
         return GravityField(self.shape, mass=self.config.mass_kg)
 
 
 def load_body(name_or_path: str) -> Body:
-    """The body that ships under a name ("kleopatra") or that a YAML file describes.
+    """Loads the body that ships under a name ("kleopatra") or that a YAML file describes.
 
     Raises:
-      InputError: no such body, a key is missing, unknown or senseless, the mesh is not sound, its
-        mass and volume do not fit each other, or it sticks out of its keep-out ellipsoid.
+      InputError: there is no such body; a key is missing or unknown, or has a value beyond its
+        limits; the mesh is not sound; the mass does not fit the volume; or the mesh sticks out of
+        the keep-out ellipsoid.
     """
     shipped = ASSETS / name_or_path / f"{name_or_path}.yaml"
     path = Path(name_or_path)
@@ -75,14 +76,14 @@ def load_body(name_or_path: str) -> Body:
             )
             raise InputError(
                 f"body {name_or_path!r} does not ship with proxops ({', '.join(known)} does); "
-                "for your own give the path of its .yaml file"
+                "for another body give the path of its .yaml file"
             )
         path = shipped
     tree = read_mapping(path)
     config = load_typed(BodyConfig, tree, str(path))
     missing = [field.name for field in dc.fields(BodyConfig) if field.name not in tree]
     if missing:
-        raise InputError(f"{path}: {', '.join(missing)} missing")
+        raise InputError(f"{path}: these keys are missing: {', '.join(missing)}")
     shape = Polyhedron.load(path.parent / config.mesh, config.mesh_unit)
     body = Body(config, shape.recentred())
     check_body(body, str(path))
@@ -90,7 +91,7 @@ def load_body(name_or_path: str) -> Body:
 
 
 def check_body(body: Body, source: str) -> None:
-    """Raises `InputError` for constants that no body has or that do not fit its shape."""
+    """Raises `InputError` if the constants are beyond their limits or do not fit the shape."""
     config = body.config
     check_limits(config, source)
     axes = config.keep_out_semi_axes_m
@@ -99,10 +100,11 @@ def check_body(body: Body, source: str) -> None:
         raise InputError(
             f"{source}: keep_out_semi_axes_m must be three positive lengths, got {axes}"
         )
-    assert body.gravity_field.mass > 0  # Built here, so that a wrong mass or unit is said now.
+    # The field is built here, so that a wrong mass or unit is reported now.
+    assert body.gravity_field.mass > 0
     level = np.linalg.norm(body.shape.vertices / axes, axis=1)
     if level.max() >= 1.0:
         raise InputError(
             f"{source}: vertex {level.argmax()} of the mesh sticks out of the keep-out ellipsoid; "
-            f"semi-axes {level.max():.3f} times as long would hold it"
+            f"semi-axes that are {level.max():.3f} times as long would contain it"
         )

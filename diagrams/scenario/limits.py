@@ -1,4 +1,4 @@
-"""Limits of the values in a file, written beside the fields that they are for."""
+"""Limits of the values in a YAML file, declared with the fields of its dataclasses."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _KEY = "limits"
 
 @dc.dataclass(frozen=True)
 class _Range:
-    """What a number may be."""
+    """The limits of a number."""
 
     at_least: float | None
     above: float | None
@@ -23,7 +23,7 @@ class _Range:
     unit: str
 
     def complaint(self, value: float) -> str | None:
-        """What is wrong with a value; None: nothing."""
+        """Says what is wrong with a value; None if nothing is."""
         low, finite = self.at_least, isinstance(value, int) or math.isfinite(value)
         if low is not None and low >= 0.0 and not (finite and (value > 0.0 or value == low)):
             return "must be positive" if low > 0.0 else "must not be negative"
@@ -42,12 +42,12 @@ class _Range:
 
 @dc.dataclass(frozen=True)
 class _Choice:
-    """What a text may be."""
+    """The permitted values of a text."""
 
     options: tuple[str, ...]
 
     def complaint(self, value: str) -> str | None:
-        """What is wrong with a value; None: nothing."""
+        """Says what is wrong with a value; None if nothing is."""
         return None if value in self.options else f"must be {' or '.join(self.options)}"
 
 
@@ -60,22 +60,27 @@ def number(
     below: float | None = None,
     unit: str = "",
 ) -> typing.Any:
-    """A dataclass field that holds a finite number within limits.
+    """Makes a dataclass field that holds a finite number within limits.
 
     Args:
-      unit: for the message that a value beyond the limits gets.
+      default: the default of the field.
+      at_least: least permitted value; None: no such limit, as for the others.
+      above: the value must be greater than this.
+      at_most: greatest permitted value.
+      below: the value must be less than this.
+      unit: the unit that the error message gives.
     """
     limits = _Range(at_least, above, at_most, below, unit)
     return dc.field(default=default, metadata={_KEY: limits})
 
 
 def one_of(default: str, options: Sequence[str]) -> typing.Any:
-    """A dataclass field that holds one of some texts."""
+    """Makes a dataclass field that holds one of the texts `options`."""
     return dc.field(default=default, metadata={_KEY: _Choice(tuple(options))})
 
 
 def limits_of(field: dc.Field) -> tuple[float, float] | None:
-    """The least and the greatest number that a field may hold; None: it is no number."""
+    """Gives the least and the greatest number that a field may hold; None if it has no limits."""
     limits = field.metadata.get(_KEY)
     if not isinstance(limits, _Range):
         return None
@@ -85,11 +90,12 @@ def limits_of(field: dc.Field) -> tuple[float, float] | None:
 
 
 def check_limits(config: typing.Any, source: str, key: str = "") -> None:
-    """Checks all fields of a dataclass, and of those in it, against their limits.
+    """Checks all fields of a dataclass, nested dataclasses included, against their limits.
 
     Args:
-      source: what the values come from; it begins the message.
-      key: of the dataclass in the source, with dots.
+      config: the dataclass.
+      source: the origin of the values, such as a file name; the message begins with it.
+      key: the dotted key of the dataclass in the source.
 
     Raises:
       InputError: a value is beyond its limits; the message names its key.

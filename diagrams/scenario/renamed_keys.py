@@ -12,14 +12,14 @@ RENAMED = {
     "mpc.knots": "mpc.intervals",  # 0.3.0
     "mpc.knot_growth": "mpc.interval_growth",  # 0.3.0
 }
-"""The new name of each key, by its old name; the comment says since which version."""
+"""The new name of each key, by its old name. The comments give the version that renamed it."""
 
 
 def refuse_renamed(tree: Tree, source: str) -> None:
-    """Refuses old names, for what a user writes.
+    """Refuses old names in what a user writes.
 
     Raises:
-      InputError: the tree has a key by its old name; the message gives the new one.
+      InputError: the tree has a key by its old name; the message gives the new name.
     """
     for old, new in RENAMED.items():
         section, key = _section(tree, old)
@@ -28,7 +28,7 @@ def refuse_renamed(tree: Tree, source: str) -> None:
 
 
 def translate_renamed(tree: Tree) -> None:
-    """Gives keys their new names, for what an earlier version wrote."""
+    """Renames the old keys of a tree that an earlier version wrote, in place."""
     for old, new in RENAMED.items():
         section, key = _section(tree, old)
         if key in section:
@@ -38,7 +38,7 @@ def translate_renamed(tree: Tree) -> None:
 
 
 def _section(tree: Tree, dotted: str) -> tuple[Tree, str]:
-    """The section that holds a key, and the key's name in it; an empty one if there is none."""
+    """Gives the section that holds a dotted key, and the key's last part; {} if there is none."""
     *parents, last = dotted.split(".")
     for name in parents:
         child = tree.get(name)

@@ -1,4 +1,4 @@
-"""A scenario: everything that a flight depends on besides its controller, as typed YAML."""
+"""Reads, writes and changes scenarios: typed YAML with all that defines a flight."""
 
 import typing
 from pathlib import Path
@@ -59,15 +59,16 @@ def load_scenario(
     path: str | Path | None = None,
     overrides: typing.Sequence[str] | typing.Mapping[str, typing.Any] = (),
 ) -> Scenario:
-    """Reads a scenario file, if any, over the defaults, then applies the overrides.
+    """Reads a scenario: the defaults, changed by a file, if any, and then by the overrides.
 
     Args:
-      path: YAML file; it need only hold what differs from the defaults.
-      overrides: `key.subkey=value` texts with the value in YAML, or such keys and values.
+      path: YAML file with the values that differ from the defaults; None: no file.
+      overrides: texts `key.subkey=value` with the value in YAML, or a mapping of such keys to
+        values.
 
     Raises:
       InputError: the file cannot be read or is not YAML, a key is unknown (the message gives the
-        nearest valid one), or a value has the wrong type or makes no sense.
+        nearest valid one), or a value has the wrong type or is beyond its limits.
     """
     source = "scenario" if path is None else str(path)
     tree = {} if path is None else read_mapping(Path(path))
@@ -88,9 +89,9 @@ def load_scenario(
 
 
 def dump_scenario(scenario: Scenario) -> str:
-    """The whole scenario as YAML that `load_scenario` reads back to an equal one."""
+    """Gives the whole scenario as YAML, from which `load_scenario` reads an equal scenario."""
     text = yaml_dump_typed(scenario, schema=Scenario)
-    assert text is not None  # It is when the text is written to a file instead.
+    assert text is not None  # pydrake returns None only if it writes to a file.
     return text
 
 
@@ -100,7 +101,7 @@ def parse_scenario(text: str, source: str = "scenario") -> Scenario:
     Logs, manifests and campaigns hold such texts. Keys by their old names are translated.
 
     Raises:
-      InputError: the text is no scenario; see `load_scenario`.
+      InputError: the text is not a scenario; see `load_scenario`.
     """
     tree = parse_mapping(text, source)
     translate_renamed(tree)
@@ -110,13 +111,13 @@ def parse_scenario(text: str, source: str = "scenario") -> Scenario:
 
 
 def change_scenario(scenario: Scenario, changes: typing.Mapping[str, typing.Any]) -> Scenario:
-    """A copy of a scenario with other values.
+    """Gives a copy of a scenario in which some values are changed.
 
     Args:
-      changes: keys and values as `load_scenario` takes them, such as `{"hybrid.gate": "paper"}`.
+      changes: dotted keys and their new values, such as `{"hybrid.gate": "paper"}`.
 
     Raises:
-      InputError: a key is unknown, or a value has the wrong type or makes no sense.
+      InputError: a key is unknown, or a value has the wrong type or is beyond its limits.
     """
     tree = parse_mapping(dump_scenario(scenario), "scenario")
     apply_overrides(tree, changes)

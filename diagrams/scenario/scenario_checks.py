@@ -1,4 +1,4 @@
-"""The checks of a scenario's values: each by its limits, and whether they fit each other."""
+"""Checks that a scenario's values are within their limits and fit each other."""
 
 import itertools
 import math
@@ -8,19 +8,21 @@ from proxops.diagrams.scenario.limits import check_limits
 from proxops.diagrams.scenario.scenario_config import LearnedLidarConfig, Scenario, TransitConfig
 from proxops.systems.common import InputError
 
-# A flight has no more control steps than this: they are kept in memory.
+# The greatest number of control steps of a flight; all steps are kept in memory.
 _MOST_STEPS = 1_000_000
+# The greatest coordinate (m) or velocity (m/s) per axis.
 _FAR = 1e9
 
 
 def check_scenario(scenario: Scenario, source: str = "scenario") -> None:
-    """Checks the values of a scenario, each by itself and with the others.
+    """Checks each value of a scenario, and whether the values fit each other.
 
     Args:
-      source: what the scenario comes from; it begins the message.
+      scenario: the scenario.
+      source: the origin of the scenario, such as a file name; the message begins with it.
 
     Raises:
-      InputError: no flight can have a value; the message names its key.
+      InputError: a value is beyond its limits or does not fit another; the message names its key.
     """
     check_limits(scenario, source)
     fastest = scenario.spacecraft.speed_limit_m_s
@@ -31,7 +33,7 @@ def check_scenario(scenario: Scenario, source: str = "scenario") -> None:
 
 
 def _times(scenario: Scenario) -> Iterator[str]:
-    """What is wrong with the times that depend on the control period."""
+    """Yields a message for each time that does not fit the control period."""
     period, arrival = scenario.control_period_s, scenario.arrival
     if scenario.mpc.solve_delay_s > period:
         yield (
@@ -46,13 +48,13 @@ def _times(scenario: Scenario) -> Iterator[str]:
         )
     if (arrival.deadline_s + arrival.dwell_s) / period > _MOST_STEPS:
         yield (
-            f"arrival.deadline_s and arrival.dwell_s must be within {_MOST_STEPS} times "
-            "control_period_s together"
+            f"arrival.deadline_s and arrival.dwell_s must sum to at most {_MOST_STEPS} times "
+            "control_period_s"
         )
 
 
 def _bundles(scenario: Scenario) -> Iterator[str]:
-    """What is wrong with the folders that are named."""
+    """Yields a message for each bundle or body that no path can name."""
     lidar = scenario.lidar
     if isinstance(lidar, LearnedLidarConfig) and not lidar.bundle:
         yield "lidar.bundle must name the bundle's folder"
@@ -66,14 +68,14 @@ def _bundles(scenario: Scenario) -> Iterator[str]:
 
 
 def _transit(transit: TransitConfig, fastest: float) -> Iterator[str]:
-    """What is wrong with the transit; `fastest` is the speed limit in m/s."""
+    """Yields a message for each error in the transit; `fastest` is the speed limit in m/s."""
     if not transit.min_distance_m < transit.max_distance_m:
         yield (
             "transit.min_distance_m must be below transit.max_distance_m, "
             f"got {transit.min_distance_m}"
         )
     if (transit.start_m is None) != (transit.goal_m is None):
-        yield "transit needs start_m and goal_m both or neither"
+        yield "transit needs both start_m and goal_m, or neither"
     for name in ("start_m", "goal_m", "start_velocity_m_s"):
         value = getattr(transit, name)
         if value is None:

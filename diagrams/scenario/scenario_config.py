@@ -1,15 +1,18 @@
-"""The tree of a scenario: every value that it has, its default, its unit and its meaning."""
+"""The dataclasses of a scenario: each value with its default, unit, limits and meaning.
+
+In a YAML file and with `--set`, a key is the path of field names, such as `mpc.fuel_weight`.
+"""
 
 import dataclasses as dc
 
 from proxops.diagrams.scenario.limits import number, one_of
 from proxops.systems.hybrid import GateKind, PeriodRule
 
-# What the expert may minimise.
+# The costs that the MPC may minimise.
 COSTS = ("time_and_fuel", "weighted")
-# Whole numbers up to this fit into a log's attributes.
+# The greatest whole number that an attribute of a log can hold.
 _LARGEST_WHOLE = 2**63 - 1
-# Lengths (m) of what surrounds a body, and times (s) of a flight, are no greater than these.
+# The greatest length (m) and the greatest time (s) that a scenario accepts.
 _FAR, _LONG = 1e9, 1e8
 
 # pydrake's yaml_load_typed takes neither frozen dataclasses, nor tuples, nor postponed annotations.
@@ -17,64 +20,71 @@ _FAR, _LONG = 1e9, 1e8
 
 @dc.dataclass
 class SpacecraftConfig:
-    """A point mass with one thruster pair per axis, its attitude held to the body."""
+    """The spacecraft: a point mass with one thruster pair per axis.
+
+    Its axes S stay parallel to the axes of the body-fixed frame K.
+    """
 
     mass_kg: float = number(100.0, at_least=1e-3, at_most=1e7, unit="kg")
-    # Greatest force per axis.
+    # Greatest force per axis, in both directions.
     thrust_limit_n: float = number(7.0, at_least=1e-6, at_most=1e7, unit="N")
-    # Greatest speed per axis in the body-fixed frame, respected by the expert.
+    # Greatest speed per axis in the body-fixed frame. The MPC respects it; the plant does not
+    # enforce it.
     speed_limit_m_s: float = number(40.0, at_least=1e-6, at_most=1e5, unit="m/s")
 
 
 @dc.dataclass
 class LidarConfig:
-    """The ray-cast lidar: see `proxops.systems.Lidar`."""
+    """The lidar that casts rays against the mesh; see `proxops.systems.Lidar`."""
 
-    # Standard deviation of the range noise; 0 switches it off.
+    # Standard deviation of the range noise; 0 switches the noise off.
     noise_std_m: float = number(50.0, at_least=0.0, at_most=_FAR, unit="m")
-    # Beyond this a ray returns +inf.
+    # A ray that meets nothing within this distance has the range +inf.
     max_range_m: float = number(350.0e3, at_least=1e-3, at_most=_FAR, unit="m")
-    # Planes turned about a common axis by equal angles, and rays in each.
+    # Number of planes, turned by equal angles about a common axis, and of rays in each plane.
     planes: int = number(12, at_least=1, at_most=360)
     rays: int = number(360, at_least=1, at_most=3600)
-    # Added to every range.
+    # This length is added to every range.
     bias_m: float = number(0.0, at_least=-_FAR, at_most=_FAR, unit="m")
-    # Ranges are 1 + this times as long.
+    # Every range is multiplied by 1 + scale_error.
     scale_error: float = number(0.0, above=-1.0, at_most=1e3)
-    # A surface met at a greater angle from its normal returns nothing; 90: all of it returns.
+    # A ray that meets the surface at a greater angle from the normal has no return. With 90, every
+    # ray that meets the surface has a return.
     max_incidence_deg: float = number(90.0, at_least=1e-3, at_most=90.0, unit="degrees")
-    # Chance that a return is lost.
+    # Probability that a return is lost.
     dropout: float = number(0.0, at_least=0.0, at_most=1.0)
-    # Chance that a ray is answered from a random range where there is nothing.
+    # Probability that a ray has a false return, at a random range.
     false_returns: float = number(0.0, at_least=0.0, at_most=1.0)
-    # All rays are turned by this angle, about an axis drawn from noise_seed, and nobody knows.
+    # All rays are turned by this angle about an axis that is drawn from noise_seed. The controller
+    # does not know of it.
     attitude_error_deg: float = number(0.0, at_least=0.0, at_most=180.0, unit="degrees")
 
 
 @dc.dataclass
 class WeightedCostConfig:
-    """The paper's cost: see `proxops.systems.WeightedProgram`."""
+    """The paper's cost; see `proxops.systems.WeightedProgram`."""
 
-    # Length of every plan.
+    # Length of every plan in time.
     horizon_s: float = number(3000.0, at_least=1e-2, at_most=_LONG, unit="s")
-    # Errors that weigh as much as full thrust along one axis.
+    # These errors cost as much as full thrust along one axis.
     position_error_m: float = number(10.0e3, at_least=1e-3, at_most=_FAR, unit="m")
     speed_error_m_s: float = number(20.0, at_least=1e-6, at_most=1e5, unit="m/s")
 
 
 @dc.dataclass
 class LearnedLidarConfig:
-    """A network in the ray-caster's place: see `proxops.systems.LearnedLidar`.
+    """A network that takes the place of the ray-caster; see `proxops.systems.LearnedLidar`.
 
-    Chosen by `lidar: !LearnedLidar {bundle: ...}`; what is not explained is as in `LidarConfig`.
+    A scenario chooses it with `lidar: !LearnedLidar {bundle: ...}`. Keys without a comment mean the
+    same as in `LidarConfig`.
     """
 
-    # The folder `bundle` that `proxops train-lidar` wrote; in a file relative to it, else to where
-    # one is.
+    # The folder `bundle` that `proxops train-lidar` wrote. In a scenario file the path is relative
+    # to the file; elsewhere it is relative to the working directory.
     bundle: str = ""
     noise_std_m: float = number(50.0, at_least=0.0, at_most=_FAR, unit="m")
     max_range_m: float = number(350.0e3, at_least=1e-3, at_most=_FAR, unit="m")
-    # Those that the bundle was trained for.
+    # These must equal the numbers that the bundle was trained for.
     planes: int = number(12, at_least=1, at_most=360)
     rays: int = number(360, at_least=1, at_most=3600)
     bias_m: float = number(0.0, at_least=-_FAR, at_most=_FAR, unit="m")
@@ -82,187 +92,211 @@ class LearnedLidarConfig:
     dropout: float = number(0.0, at_least=0.0, at_most=1.0)
     false_returns: float = number(0.0, at_least=0.0, at_most=1.0)
     attitude_error_deg: float = number(0.0, at_least=0.0, at_most=180.0, unit="degrees")
-    # A ray returns if the network gives its hit at least this probability.
+    # A ray has a return if the network predicts one with at least this probability.
     hit_probability: float = number(0.5, at_least=1e-9, below=1.0)
 
 
 @dc.dataclass
 class MpcConfig:
-    """The expert: see `proxops.systems.ModelPredictiveController`."""
+    """The MPC; see `proxops.systems.ModelPredictiveController`."""
 
-    # Intervals of the plan, each with a constant force.
+    # Number of intervals of a plan; the force is constant over each.
     intervals: int = number(16, at_least=2, at_most=500)
-    # Length of the plan's last interval over that of its first.
+    # Ratio of the length of a plan's last interval to the length of its first.
     interval_growth: float = number(4.0, at_least=1e-3, at_most=1e3)
-    # Sets the price of time: without gravity and fuel weight, transits take as long as with this
-    # acceleration, one way and then the other.
+    # This acceleration sets the price of time. Without gravity and with fuel_weight 0, a transit
+    # takes as long as if the spacecraft accelerated by it halfway and then braked by it.
     nominal_acceleration_m_s2: float = number(0.03, at_least=1e-9, at_most=1e6, unit="m/s^2")
-    # Weight of thrust's 1-norm (fuel) against its square in the cost, both over the limit: at 0
-    # thrust is smoothest, at 1 the fuel is nearly least.
+    # Weight of the thrust's 1-norm (fuel) against its square in the cost; both are relative to the
+    # limit. 0 gives the smoothest thrust, 1 gives nearly the least fuel.
     fuel_weight: float = number(0.8, at_least=0.0, at_most=1e6)
-    # A plan is never shorter than this.
+    # No plan is shorter than this time.
     min_horizon_s: float = number(300.0, at_least=1e-2, at_most=_LONG, unit="s")
-    # Added to every semi-axis of the keep-out ellipsoid in the plan.
+    # For its plans the MPC adds this length to every semi-axis of the keep-out ellipsoid.
     keep_out_margin_m: float = number(3.0e3, at_least=0.0, at_most=_FAR, unit="m")
-    # Believe in a point mass instead of the polyhedron.
+    # If true, the MPC computes gravity from a point mass, not from the polyhedron.
     point_mass: bool = False
-    # Above 0: estimate, with this gain a step, what pushes besides gravity, and plan for it.
+    # If above 0, the MPC estimates the disturbing acceleration, with this gain at each step, and
+    # plans with it.
     estimator_gain: float = number(0.0, at_least=0.0, at_most=1.0)
-    # Relinearisations when there is no recent plan to start from; otherwise one a step.
+    # Number of linearisations at a step that has no recent plan to start from. A step that
+    # continues the plan of the step before needs one.
     cold_iterations: int = number(10, at_least=1, at_most=1000)
-    # What a plan minimises: `time_and_fuel`, as the values above say, or `weighted`, the paper's.
+    # The cost that a plan minimises: `time_and_fuel`, set by the keys above, or `weighted`, the
+    # paper's cost, set by the keys under `weighted`.
     cost: str = one_of("time_and_fuel", COSTS)
     weighted: WeightedCostConfig = dc.field(default_factory=WeightedCostConfig)
-    # A command takes effect this long after the state it was computed from, and the expert plans
-    # from where it will be by then: solve time, in simulated time. At most control_period_s.
+    # Simulated time that the MPC takes to solve, at most control_period_s. A command acts this long
+    # after the state from which it was computed; the MPC predicts the state at that time and plans
+    # from there.
     solve_delay_s: float = number(0.0, at_least=0.0, at_most=1e6, unit="s")
 
 
 @dc.dataclass
 class PolicyConfig:
-    """The learned policy: see `proxops.systems.NeuralPolicy`."""
+    """The learned policy; see `proxops.systems.NeuralPolicy`."""
 
-    # The folder `bundle` that `proxops train` wrote; in a file relative to it, else to where one
-    # is. null: the policy that ships with proxops.
+    # The folder `bundle` that `proxops train` wrote. In a scenario file the path is relative to the
+    # file; elsewhere it is relative to the working directory. null means the policy that ships
+    # with proxops.
     bundle: str | None = None
 
 
 @dc.dataclass
 class HybridConfig:
-    """The policy, watched over by the MPC: see `proxops.systems.HybridSelector`."""
+    """The hybrid: the policy flies, and the MPC checks it; see `proxops.systems.HybridSelector`."""
 
-    # How both forces are compared: strict, paper or printed (`proxops.systems.AgreementGate`).
+    # The rule by which the two forces are compared: strict, paper or printed; see
+    # `proxops.systems.AgreementGate`.
     gate: str = one_of("strict", list(GateKind))
-    # They agree if they are nearer to each other than this, or, as the gate has it, if their
-    # directions are.
+    # The forces agree if their difference is below epsilon_magnitude_n, or if the angle between
+    # them is below epsilon_angle_deg. With `strict` the second test also needs sizes that differ
+    # by less than epsilon_magnitude_n.
     epsilon_magnitude_n: float = number(1.0, at_least=0.0, at_most=1e7, unit="N")
     epsilon_angle_deg: float = number(10.0, at_least=0.0, at_most=1e3, unit="degrees")
-    # strict: a smaller force has no direction.
+    # For the gate `strict`: two forces below this size agree, and the direction of a force below it
+    # is not compared.
     dead_band_n: float = number(0.2, at_least=0.0, at_most=1e7, unit="N")
-    # From check to check: fixed, or adaptive (`proxops.systems.CheckSchedule`).
+    # Whether the time between two checks is fixed or adaptive; see `proxops.systems.CheckSchedule`.
     period_rule: str = one_of("fixed", list(PeriodRule))
-    # Control steps from one check to the next; adaptive: of forces that only just agree,
-    # or don't.
+    # Control steps from one check to the next. With the adaptive rule, this is the period
+    # after two forces that disagree or that barely agree.
     check_period: int = number(10, at_least=1, at_most=1000000)
-    # adaptive: of equal forces. Each period ends while the spacecraft can still be stopped before
-    # the keep-out ellipsoid, whatever the thrusters did.
+    # The longest period of the adaptive rule, after equal forces. Every period ends early enough
+    # that the spacecraft can still stop before the keep-out ellipsoid, whatever force acted.
     longest_period: int = number(100, at_least=1, at_most=1000000)
-    # Standard deviations per axis of errors in the state that the MPC is given.
+    # Standard deviations, per axis, of the errors of the state that the MPC gets.
     state_noise_position_m: float = number(0.0, at_least=0.0, at_most=_FAR, unit="m")
     state_noise_velocity_m_s: float = number(0.0, at_least=0.0, at_most=1e5, unit="m/s")
 
 
 @dc.dataclass
 class MismatchConfig:
-    """What the plant truly is, as multiples of what the expert believes."""
+    """Ratios of the plant's true values to the values that controllers believe."""
 
-    # Of the body's density.
+    # True density of the body, over the believed one.
     gravity: float = number(1.0, at_least=1e-3, at_most=1e3)
-    # Of the spacecraft's mass.
+    # True mass of the spacecraft, over the believed one.
     mass: float = number(1.0, at_least=1e-3, at_most=1e3)
-    # Of the force for a command.
+    # True force for a command, over the commanded force.
     thrust: float = number(1.0, at_least=1e-3, at_most=1e3)
 
 
 @dc.dataclass
 class RandomWalkDisturbanceConfig:
-    """The paper's disturbance of the commanded force: a slow random walk."""
+    """The paper's disturbance: a slow random walk that is added to the commanded force."""
 
-    # The walk starts anew, with a new limit, this often.
+    # After each such period the walk starts again, with a new limit.
     reset_period_s: float = number(100.0, at_least=1e-2, at_most=_LONG, unit="s")
-    # At each reset the limit is drawn from 0 to this multiple of the command's magnitude.
+    # At each start the limit is drawn uniformly between 0 and this multiple of the command's size.
     max_relative_magnitude: float = number(2.0, at_least=0.0, at_most=1e3)
-    # Standard deviation per axis of the walk's increment at each control step.
+    # Standard deviation, per axis, of the walk's increment at each control step.
     increment_std_n: float = number(0.5, at_least=0.0, at_most=1e7, unit="N")
 
 
 @dc.dataclass
 class AssuranceConfig:
-    """The filter that keeps any controller out: see `proxops.systems.RuntimeAssurance`.
+    """The safety filter that keeps any controller out of the keep-out ellipsoid.
 
-    It believes the scenario without its `mismatch`.
+    See `proxops.systems.RuntimeAssurance`. The filter does not know of the scenario's `mismatch`.
     """
 
-    # Added to every semi-axis of the keep-out ellipsoid: for what the filter's prediction errs by,
-    # about a metre, and for disturbances, which act after it.
+    # The filter adds this length to every semi-axis of the keep-out ellipsoid. It covers the error
+    # of the filter's prediction, about a metre, and the disturbances, which act after the filter.
     margin_m: float = number(100.0, at_least=0.0, at_most=_FAR, unit="m")
 
 
 @dc.dataclass
 class ForceNoiseConfig:
-    """Normal noise of its own size on the commanded force: coasting is disturbed too."""
+    """Normal noise that is added to the commanded force.
 
-    # Standard deviation per axis, and the time over which the noise forgets itself; 0: white.
+    Its size does not depend on the command, so it also acts while the spacecraft coasts.
+    """
+
+    # Standard deviation per axis, and the time over which the correlation of the noise decays;
+    # 0 gives white noise.
     std_n: float = number(0.7, at_least=0.0, at_most=1e7, unit="N")
     correlation_time_s: float = number(100.0, at_least=0.0, at_most=_LONG, unit="s")
 
 
 @dc.dataclass
 class KicksConfig:
-    """Pushes from outside at random times, each spread over one control period."""
+    """Pushes from outside at random times; each acts over one control period."""
 
-    # Standard deviation per axis of the change of velocity.
+    # Standard deviation, per axis, of the change of velocity by one push.
     velocity_std_m_s: float = number(2.0, at_least=0.0, at_most=1e5, unit="m/s")
-    # Mean time from one to the next.
+    # Mean time from one push to the next.
     mean_interval_s: float = number(900.0, at_least=1e-2, at_most=_LONG, unit="s")
 
 
 @dc.dataclass
 class TransitConfig:
-    """Which transit is flown: number `index` of the set of `seed`, or the start and goal given."""
+    """The transit to fly: number `index` of the set of `seed`, or a given start and goal."""
 
     seed: int = number(10000, at_least=0, at_most=_LARGEST_WHOLE)
     index: int = number(0, at_least=0, at_most=_LARGEST_WHOLE)
-    # Positions in the body-fixed frame; both or neither. The goal is at rest in it.
+    # Start and goal as positions in the body-fixed frame. Give both or neither. At the goal the
+    # spacecraft is to be at rest in that frame.
     start_m: list[float] | None = None
     goal_m: list[float] | None = None
-    # Velocity at the start in that frame; null: at rest.
+    # Velocity at the start, in the same frame; null means at rest.
     start_velocity_m_s: list[float] | None = None
-    # How the set is drawn: cube edge, distance from start to goal, clearance of both added to
-    # each semi-axis of the keep-out ellipsoid, share of the thrust limit that hovering may take.
+    # The remaining keys say how the set is drawn. Starts and goals lie in a cube of this edge.
     cube_m: float = number(340.0e3, at_least=1e-3, at_most=_FAR, unit="m")
+    # Least and greatest distance from start to goal.
     min_distance_m: float = number(40.0e3, at_least=1e-3, at_most=_FAR, unit="m")
     max_distance_m: float = number(160.0e3, at_least=1e-3, at_most=_FAR, unit="m")
+    # Start and goal lie outside the keep-out ellipsoid with this added to each semi-axis.
     end_clearance_m: float = number(8.0e3, at_least=0.0, at_most=_FAR, unit="m")
+    # Greatest share of the thrust limit that hovering at the start or goal may take.
     max_hover_share: float = number(0.7, at_least=1e-6, at_most=1e3)
 
 
 @dc.dataclass
 class ArrivalConfig:
-    """Arrival is the start of the first `dwell_s` spent wholly within both radii of the goal."""
+    """When a flight counts as arrived.
+
+    Arrival is the start of the first `dwell_s` in which the spacecraft always stays within
+    `radius_m` of the goal and is slower than `speed_m_s`.
+    """
 
     radius_m: float = number(1.0e3, at_least=1e-6, at_most=_FAR, unit="m")
     speed_m_s: float = number(1.0, at_least=1e-9, at_most=1e5, unit="m/s")
     dwell_s: float = number(600.0, at_least=1e-2, at_most=_LONG, unit="s")
-    # Success needs arrival by then; the flight ends `dwell_s` later at the latest.
+    # A flight succeeds only if it arrives by this time. It ends at most `dwell_s` later.
     deadline_s: float = number(7200.0, at_least=1e-2, at_most=_LONG, unit="s")
 
 
 @dc.dataclass
 class Scenario:
-    """A flight near a small body. Every default is the paper's, or ours where it is silent."""
+    """All values that define a flight near a small body.
 
-    # Name of a body that ships with proxops, or path of a body's YAML file.
+    The defaults are the paper's values; where the paper gives none, they are our choice.
+    """
+
+    # Name of a body that ships with proxops, or path of a body's YAML file; a path in a scenario
+    # file is relative to that file.
     body: str = "kleopatra"
     spacecraft: SpacecraftConfig = dc.field(default_factory=SpacecraftConfig)
     lidar: LidarConfig | LearnedLidarConfig = dc.field(default_factory=LidarConfig)
     mpc: MpcConfig = dc.field(default_factory=MpcConfig)
     policy: PolicyConfig = dc.field(default_factory=PolicyConfig)
     hybrid: HybridConfig = dc.field(default_factory=HybridConfig)
-    # None: whatever the controller commands is flown.
+    # null: there is no safety filter.
     assurance: AssuranceConfig | None = None
-    # None: the command is applied as it is.
+    # null: the command is not disturbed.
     disturbance: RandomWalkDisturbanceConfig | None = None
-    # None: no noise is added after that.
+    # null: no noise is added to the command.
     force_noise: ForceNoiseConfig | None = None
-    # None: nothing pushes the spacecraft from outside.
+    # null: nothing pushes the spacecraft from outside.
     kicks: KicksConfig | None = None
     mismatch: MismatchConfig = dc.field(default_factory=MismatchConfig)
     transit: TransitConfig = dc.field(default_factory=TransitConfig)
     arrival: ArrivalConfig = dc.field(default_factory=ArrivalConfig)
-    # The command is computed, and then held, this often.
+    # Time from one command to the next; a command is held for this time.
     control_period_s: float = number(10.0, at_least=1e-2, at_most=3600.0, unit="s")
-    # Whether the log holds the lidar's frame of every step.
+    # If true, the log holds the lidar's frame of every step.
     log_ranges: bool = True
-    # Seeds the lidar's noise and the disturbance.
+    # Seed of all random systems of a flight: lidar noise, disturbance, force noise, kicks, and the
+    # state noise of the hybrid.
     noise_seed: int = number(0, at_least=0, at_most=_LARGEST_WHOLE)

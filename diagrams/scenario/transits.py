@@ -1,4 +1,4 @@
-"""The transits that are flown: random starts and goals, reproducible one by one."""
+"""Transits: random starts and goals; each can be drawn again from its seed and number."""
 
 from __future__ import annotations
 
@@ -11,30 +11,39 @@ from proxops.diagrams.scenario.scenario import Scenario
 from proxops.systems.common import InputError, generator
 from proxops.systems.shapes import blocks_segment, clearances
 
-# Of ten transits, these have the ellipsoid between start and goal.
+# Of every ten transits, the ones with these numbers are blocked by the keep-out ellipsoid.
 _BLOCKED = (1, 4, 7)
+# Draws before the search for a transit is given up.
 _ATTEMPTS = 100_000
 
 
 @dc.dataclass(frozen=True)
 class Transit:
-    """From `start` to rest in K at `goal`, both (3,) in m; at rest in K, unless it says not."""
+    """A transit from `start` to rest in K at `goal`, both positions (3,) in K, in m."""
 
     seed: int
     index: int
     start: np.ndarray
     goal: np.ndarray
     start_velocity: np.ndarray = dc.field(default_factory=lambda: np.zeros(3))
-    """(3,) in m/s."""
+    """Velocity (3,) in K at the start, in m/s; by default the spacecraft is at rest in K."""
 
 
 def transit_set(seed: int, count: int, scenario: Scenario | None = None) -> list[Transit]:
-    """The first `count` transits of a seed; a longer set begins with the shorter.
+    """Draws the first `count` transits of a seed; a longer set begins with the shorter one.
 
     Starts and goals are uniform in the scenario's cube, outside the keep-out ellipsoid with the
-    end clearance added to each semi-axis, within the scenario's distances of each other, and
-    where hovering takes no more than its share of the thrust limit. Three in ten have their
-    straight line blocked by the ellipsoid, the others do not.
+    end clearance added to each semi-axis, and at a distance from each other that the scenario
+    permits. Hovering there takes at most the permitted share of the thrust limit. The ellipsoid
+    blocks the straight line of three transits in ten, and of no other.
+
+    Args:
+      seed: seed of the set.
+      count: number of transits.
+      scenario: None: the default scenario.
+
+    Raises:
+      InputError: see `draw_transit`.
     """
     scenario = scenario or Scenario()
     body = load_body(scenario.body)
@@ -42,21 +51,21 @@ def transit_set(seed: int, count: int, scenario: Scenario | None = None) -> list
 
 
 def of_transit(scenario: Scenario, seed: int, index: int) -> Scenario:
-    """The scenario, to fly transit number `index` of a seed instead of what it flies itself."""
+    """Gives a copy of the scenario that flies transit number `index` of a seed."""
     transit = dc.replace(scenario.transit, seed=seed, index=index, start_m=None, goal_m=None)
     return dc.replace(scenario, transit=transit)
 
 
 def is_blocked(index: int) -> bool:
-    """Whether the keep-out ellipsoid blocks the straight line of transit number `index`."""
+    """Tells whether the keep-out ellipsoid blocks the straight line of transit number `index`."""
     return index % 10 in _BLOCKED
 
 
 def draw_transit(seed: int, index: int, scenario: Scenario, body: Body) -> Transit:
-    """Transit number `index` of a seed: a function of its arguments alone.
+    """Draws transit number `index` of a seed; the result depends on the arguments alone.
 
     Raises:
-      InputError: no such transit was found, so the cube, the distances or the thrust do not fit
+      InputError: no transit was found, because the cube, the distances or the thrust do not fit
         the body.
     """
     rules = scenario.transit
@@ -83,18 +92,24 @@ def draw_transit(seed: int, index: int, scenario: Scenario, body: Body) -> Trans
 
 
 def hover_force(positions: np.ndarray, scenario: Scenario, body: Body) -> np.ndarray:
-    """Greatest force per axis (N,), in N, that hovering in K at positions (N, 3) takes."""
+    """Gives the greatest force per axis (N,), in N, that hovering takes.
+
+    Args:
+      positions: (N, 3) in K, in m.
+      scenario: gives the mass of the spacecraft.
+      body: gives gravity and spin.
+    """
     apparent = body.gravity_field.evaluate(positions).acceleration.copy()
     apparent[:, :2] += body.spin_rate**2 * positions[:, :2]
     return scenario.spacecraft.mass_kg * np.abs(apparent).max(axis=1)
 
 
 def scenario_transit(scenario: Scenario, body: Body) -> Transit:
-    """The transit that a scenario asks for: its own start and goal, or one of a set.
+    """Gives the transit of a scenario: its given start and goal, or one that is drawn.
 
     Raises:
-      InputError: the start or goal is inside the body or the keep-out ellipsoid, or cannot be
-        hovered at.
+      InputError: the start or goal is inside the body or the keep-out ellipsoid, hovering there
+        exceeds the thrust limit, or no transit was found (see `draw_transit`).
     """
     rules = scenario.transit
     velocity = np.array(rules.start_velocity_m_s or [0.0, 0.0, 0.0], dtype=np.float64)
@@ -116,7 +131,7 @@ def scenario_transit(scenario: Scenario, body: Body) -> Transit:
             raise InputError(f"{where} is {depth[k] / 1e3:.3g} km inside the keep-out ellipsoid")
         if force[k] > limit:
             raise InputError(
-                f"{where} cannot be held: hovering there takes {force[k]:.3g} N per axis, the "
-                f"thrusters give {limit:.3g} N"
+                f"{where} cannot be held: hovering there takes {force[k]:.3g} N per axis, but the "
+                f"thrusters give only {limit:.3g} N"
             )
     return Transit(rules.seed, rules.index, start, goal, velocity)

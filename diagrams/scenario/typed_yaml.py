@@ -1,4 +1,4 @@
-"""Dataclasses from YAML by pydrake's typed reader, with errors that say what to mend."""
+"""Reads dataclasses from YAML with pydrake's typed reader; errors say how to correct the file."""
 
 import dataclasses as dc
 import difflib
@@ -13,10 +13,15 @@ from proxops.systems.common import InputError
 
 
 def load_typed(schema: type, tree: dict[str, typing.Any], source: str) -> typing.Any:
-    """An instance of the dataclass `schema` from nested dicts, over its defaults.
+    """Makes an instance of the dataclass `schema` from nested dicts.
+
+    Args:
+      schema: a dataclass whose fields all have defaults.
+      tree: keys and values that differ from the defaults.
+      source: the origin of the tree, such as a file name; error messages begin with it.
 
     Raises:
-      InputError: an unknown key or a value of the wrong type; `source` names the file in it.
+      InputError: a key is unknown, or a value has the wrong type.
     """
     _check_tree(schema, tree, source)
     try:
@@ -28,10 +33,10 @@ def load_typed(schema: type, tree: dict[str, typing.Any], source: str) -> typing
 
 
 def read_mapping(path: Path) -> dict[str, typing.Any]:
-    """The mapping at the root of a YAML file, tags kept under the key `_tag`.
+    """Reads the mapping at the root of a YAML file; tags are kept under the key `_tag`.
 
     Raises:
-      InputError: the file cannot be read, is not YAML, is empty, or holds no mapping.
+      InputError: the file cannot be read, is not YAML, is empty, or does not hold a mapping.
     """
     try:
         text = path.read_text(encoding="utf-8")
@@ -45,14 +50,15 @@ def read_mapping(path: Path) -> dict[str, typing.Any]:
 
 
 def parse_mapping(text: str, source: str) -> dict[str, typing.Any]:
-    """The mapping at the root of a YAML text, tags kept under the key `_tag`.
+    """Reads the mapping at the root of a YAML text; tags are kept under the key `_tag`.
 
     Raises:
-      InputError: the text is not YAML, is empty, or holds no mapping; `source` names it.
+      InputError: the text is not YAML, is empty, or does not hold a mapping; the message begins
+        with `source`.
     """
     try:
         tree = yaml_load(data=text) if text.strip() else None
-    except (yaml.YAMLError, AttributeError) as error:  # AttributeError: a key that is no text.
+    except (yaml.YAMLError, AttributeError) as error:  # AttributeError: a key is not a text.
         raise InputError(f"{source} is not YAML: {' '.join(str(error).split())}") from error
     if tree is None:
         raise InputError(f"{source} is empty; it needs at least one `key: value` line")
@@ -64,10 +70,14 @@ def parse_mapping(text: str, source: str) -> dict[str, typing.Any]:
 def apply_overrides(
     tree: dict[str, typing.Any], overrides: typing.Sequence[str] | typing.Mapping[str, typing.Any]
 ) -> None:
-    """Sets values in nested dicts, from `key.subkey=value` texts or such keys and values.
+    """Sets values in nested dicts, in place.
+
+    Args:
+      tree: the nested dicts.
+      overrides: texts `key.subkey=value`, or a mapping of such keys to values.
 
     Raises:
-      InputError: a text is of another form, or its value is not YAML.
+      InputError: a text has another form, or its value is not YAML.
     """
     if isinstance(overrides, str):
         overrides = [overrides]
@@ -98,9 +108,10 @@ def _assign(tree: dict[str, typing.Any], dotted_key: str, value: typing.Any) -> 
 
 
 def _check_tree(schema: type, tree: dict[str, typing.Any], source: str, key: str = "") -> None:
-    """Raises `InputError` for the first unknown key, wrong tag or value that cannot be the field's.
+    """Raises `InputError` for the first unknown key, wrong tag or value of the wrong type.
 
-    Tags that only say what is known anyway are removed: pydrake takes tags for unions alone.
+    It removes tags from fields that have only one type, because pydrake accepts tags only where a
+    field has several.
     """
     where = f"{source}: {key}" if key else source
     fields = {field.name: field.type for field in dc.fields(schema)}
@@ -125,7 +136,7 @@ def _check_tree(schema: type, tree: dict[str, typing.Any], source: str, key: str
 
 
 def _choose(options: list[type], tree: dict[str, typing.Any], where: str) -> type:
-    """The one of the dataclasses that the mapping's tag says, the first if it has none.
+    """Gives the dataclass that the mapping's tag names; without a tag it gives the first.
 
     A tag may leave out the `Config` at the end of the class's name.
     """
@@ -141,8 +152,8 @@ def _choose(options: list[type], tree: dict[str, typing.Any], where: str) -> typ
 
 
 def _fits(value: typing.Any, schema: typing.Any) -> bool:
-    """Whether a YAML value can become one of type `schema`; pydrake judges types not named here."""
-    if schema is float and isinstance(value, str):  # YAML 1.1 reads 1e3 as a text.
+    """Tells whether a YAML value fits the type `schema`; pydrake judges types not named here."""
+    if schema is float and isinstance(value, str):  # YAML 1.1 reads 1e3 as text.
         try:
             return float(value) is not None
         except ValueError:
