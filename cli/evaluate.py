@@ -22,14 +22,6 @@ from proxops.cli.common import (
 )
 from proxops.diagrams.flight import Workers, named_controller
 from proxops.diagrams.scenario import Scenario, draw_transit, load_body, load_scenario
-from proxops.studies.evaluation import (
-    Variant,
-    aggregate_all,
-    describe_flight,
-    figure_rows,
-    fly_variants,
-    shown_logs,
-)
 from proxops.systems.common import InputError
 
 
@@ -65,6 +57,18 @@ def evaluate_command(
 
       proxops evaluate --controllers mpc,policy:out/paper-policy/bundle,pd,zero --transits 50
     """
+    # matplotlib takes a while to import.
+    from proxops.studies.evaluation import (
+        Evaluation,
+        Variant,
+        aggregate_all,
+        describe_flight,
+        evaluation_sections,
+        fly_variants,
+        shown_logs,
+    )
+    from proxops.training.reports import write_report
+
     names = [name.strip() for name in controllers.split(",") if name.strip()]
     if not names or len(set(names)) != len(names):
         raise InputError(f"--controllers {controllers!r} must name each controller once")
@@ -87,10 +91,6 @@ def evaluate_command(
     results = aggregate_all(rows)
     write_json(out / "results.json", results)
     _print(results, wanted, seed)
-    # matplotlib takes a while to import.
-    from proxops.studies.evaluation import Evaluation, evaluation_sections
-    from proxops.training.reports import write_report
-
     folder = out / ("flights" if keep_logs else "shown")
     fleet = Workers(workers, scheduler)
     logs = shown_logs(results, wanted, seed, folder, frames=keep_logs, workers=fleet)
@@ -102,6 +102,8 @@ def evaluate_command(
 
 
 def _print(results: dict[str, dict], scenario: Scenario, seed: int) -> None:
+    from proxops.studies.evaluation import figure_rows
+
     table = Table(title=f"transits of seed {seed}", title_justify="left")
     table.add_column()
     for name in results:

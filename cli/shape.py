@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
+import typing
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -19,7 +20,6 @@ from proxops.cli.common import (
     status,
     write_json,
 )
-from proxops.diagrams.new_body import Questions, ShapeReport, body_yaml, examine, scaled_scenario
 from proxops.diagrams.scenario import dump_scenario
 from proxops.systems.common import InputError, make_folder, write_whole
 from proxops.systems.shapes import (
@@ -30,6 +30,11 @@ from proxops.systems.shapes import (
     read_mesh,
     repair_mesh,
 )
+
+# The room of new bodies draws: matplotlib takes a while to import, so it is imported where it is
+# used.
+if typing.TYPE_CHECKING:
+    from proxops.diagrams.new_body import ShapeReport
 
 
 def shape_command(
@@ -85,6 +90,8 @@ def shape_command(
             check_folder(path.parent)
             if path.suffix.lower() not in suffixes:
                 raise InputError(f"{path}: its name must end in {' or '.join(suffixes)}")
+    from proxops.diagrams.new_body import Questions, examine
+
     picture = out if out.suffix.lower() == ".png" else out / "shape.png"
     check_folder(picture.parent)
     asked = Questions(mass, density, period, craft_mass, margin)
@@ -115,6 +122,8 @@ def shape_command(
 
 def _mend(report: ShapeReport, fix: Path, align: bool) -> tuple[ShapeReport, dict[str, Any]]:
     """The report on the mended mesh, as it is read back, or the old one and why not."""
+    from proxops.diagrams.new_body import examine
+
     file = report.file
     try:
         repair = repair_mesh(file.vertices, file.facets, align=align)
@@ -130,7 +139,7 @@ def _mend(report: ShapeReport, fix: Path, align: bool) -> tuple[ShapeReport, dic
 
 
 def _draw(report: ShapeReport, path: Path) -> None:
-    from proxops.diagrams.new_body import plot_shape  # matplotlib takes a while to import.
+    from proxops.diagrams.new_body import plot_shape
 
     figure = plot_shape(report)
     write_whole(path, lambda name: figure.savefig(name, dpi=120, format="png"))
@@ -165,6 +174,8 @@ def _print(report: ShapeReport, findings: dict[str, Any], where: Console) -> Non
 def _write_body(
     report: ShapeReport, mesh: Path, path: Path, scenario: Path | None, name: str | None
 ) -> None:
+    from proxops.diagrams.new_body import body_yaml, scaled_scenario
+
     assert report.body is not None
     make_folder(path.parent)
     config = dataclasses.replace(

@@ -55,3 +55,10 @@ def test_no_torch_before_it_is_needed() -> None:
     code = f"import sys, {', '.join(WITHOUT_TORCH)}; print('torch' in sys.modules)"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert run.stdout == "False\n"
+
+
+def test_the_command_line_starts_without_what_is_slow_to_import() -> None:
+    slow = ["matplotlib", "onnxruntime", "scipy.stats", "torch"]
+    code = f"import sys, proxops.cli.main; print([x for x in {slow} if x in sys.modules])"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert run.stdout == "[]\n"

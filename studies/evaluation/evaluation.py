@@ -6,7 +6,6 @@ import typing
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from scipy.stats import binomtest
 
 EXPERT = "mpc"
 """The controller that the others are measured against."""
@@ -26,6 +25,8 @@ def success_interval(successes: int, trials: int) -> tuple[float, float]:
     """Returns Wilson's score interval of 95 % for a share of successes; (0, 1) without trials."""
     if trials == 0:
         return 0.0, 1.0
+    from scipy.stats import binomtest  # It is slow to import, so only when it is needed.
+
     interval = binomtest(successes, trials).proportion_ci(0.95, method="wilson")
     return float(interval.low), float(interval.high)
 

@@ -6,9 +6,11 @@ import typing
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from proxops.training.reports.report_writer import Block, Picture, Section, Table, Text
+
+if typing.TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 SMALL_COMMAND_N = 0.2
 """Below this a command counts as none."""
@@ -54,6 +56,8 @@ def plot_forces(wanted: np.ndarray, said: np.ndarray, limit: float) -> Figure:
       wanted, said: the MPC's forces and the policy's, (N, 3) in N.
       limit: of the thrusters, in N; forces beyond it are drawn at the limit, where they would fly.
     """
+    from matplotlib.figure import Figure  # It is slow to import, so only when it is needed.
+
     figure = Figure(figsize=(13.0, 4.2), layout="constrained")
     axes = figure.subplots(1, 3, sharex=True, sharey=True)
     edges = np.linspace(-limit, limit, _BINS + 1)

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import typing
+
 import numpy as np
-from matplotlib.figure import Figure
+
+if typing.TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _INCHES_WIDE = 11.0
 
@@ -21,6 +25,8 @@ def plot_frames(
       reshaped: rows and columns of the second picture, which is filled ray by ray with all planes
         of each ray; the paper's is (60, 72).
     """
+    from matplotlib.figure import Figure  # It is slow to import, so only when it is needed.
+
     count, sources = len(positions), len(frames)
     figure = Figure(figsize=(_INCHES_WIDE, 3.0 * count), layout="constrained")
     stacks = np.atleast_1d(figure.subfigures(count, 1))

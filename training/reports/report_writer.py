@@ -9,13 +9,15 @@ import base64
 import html
 import io
 import re
+import typing
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from matplotlib.figure import Figure
-
 from proxops.systems.common import make_folder, write_whole
+
+if typing.TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _DOTS_PER_INCH = 110
 
