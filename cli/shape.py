@@ -75,23 +75,17 @@ def shape_command(
 
       proxops shape scan.stl --unit m --density 1900 --period 9 --fix rock.obj --body rock.yaml
     """
+    from proxops.diagrams.new_body import Questions, examine
+
     if scenario is not None and body is None:
         raise InputError("--scenario needs --body: a scenario names its body's YAML file")
     if align and fix is None:
         raise InputError("--align needs --fix: it changes the mesh")
     if body is not None and ((mass is None and density is None) or period is None):
         raise InputError("--body needs --mass or --density, and --period")
-    for path, suffixes in (
-        (fix, MESH_FORMATS),
-        (body, (".yaml", ".yml")),
-        (scenario, (".yaml", ".yml")),
-    ):
-        if path is not None:
-            check_folder(path.parent)
-            if path.suffix.lower() not in suffixes:
-                raise InputError(f"{path}: its name must end in {' or '.join(suffixes)}")
-    from proxops.diagrams.new_body import Questions, examine
-
+    _check_output(fix, MESH_FORMATS)
+    _check_output(body, (".yaml", ".yml"))
+    _check_output(scenario, (".yaml", ".yml"))
     picture = out if out.suffix.lower() == ".png" else out / "shape.png"
     check_folder(picture.parent)
     asked = Questions(mass, density, period, craft_mass, margin)
@@ -118,6 +112,15 @@ def shape_command(
         status.print(f"{body} is not written: the mesh is not sound")
     if refused or not report.sound:
         raise typer.Exit(1)
+
+
+def _check_output(path: Path | None, suffixes: tuple[str, ...]) -> None:
+    """Raises `InputError` if a file, where one is asked for, could not be written or named so."""
+    if path is None:
+        return
+    check_folder(path.parent)
+    if path.suffix.lower() not in suffixes:
+        raise InputError(f"{path}: its name must end in {' or '.join(suffixes)}")
 
 
 def _mend(report: ShapeReport, fix: Path, align: bool) -> tuple[ShapeReport, dict[str, Any]]:
