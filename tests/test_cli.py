@@ -163,7 +163,10 @@ def test_own_controller_from_the_working_directory(run, tmp_path: Path) -> None:
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert summary["success"]
     assert summary["controller"] == "mine_for_the_cli:make"
-    again = run("fly", "--from", "out/flight.nc", "--out", "again")
+    # A log imports no code by itself: who trusts it names the controller again.
+    refused(run("fly", "--from", "out/flight.nc", "--out", "again"), "mine_for_the_cli:make")
+    named = ("--controller", "mine_for_the_cli:make")
+    again = run("fly", "--from", "out/flight.nc", *named, "--out", "again")
     assert again.code == 0, again.err
 
 
