@@ -67,4 +67,4 @@ def test_what_is_not_in_the_log_is_left_out(log: FlightLog) -> None:
     assured = FlightLog(log.dataset.drop_vars("agreement"), log.body)
     figure = plot_decisions(assured)
     assert len(figure.axes) == 2
-    assert "they agree" not in [text.get_text() for text in figure.legends[0].get_texts()]
+    assert "forces agree" not in [text.get_text() for text in figure.legends[0].get_texts()]

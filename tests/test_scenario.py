@@ -346,7 +346,7 @@ def test_zero_where_it_makes_sense(key: str) -> None:
         (["mpc.intervals=1"], "mpc.intervals must be at least 2"),
         (["mpc.cold_iterations=0"], "mpc.cold_iterations must be positive"),
         (["transit.min_distance_m=2e5"], "transit.min_distance_m must be below"),
-        (["transit.start_m=[1, 2, 3]"], "transit needs start_m and goal_m"),
+        (["transit.start_m=[1, 2, 3]"], "transit needs both start_m and goal_m, or neither"),
         (["transit.start_m=[1, 2, 3]", "transit.goal_m=[1, 2]"], "goal_m must be three numbers"),
         (["transit.start_m=[1, 2, .nan]", "transit.goal_m=[1, 2, 3]"], "start_m must be three"),
     ],
@@ -425,7 +425,7 @@ def test_missing_body_file(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("key", list(ROCK))
 def test_body_needs_every_key(rock, key: str) -> None:
-    with pytest.raises(InputError, match=rf"rock\.yaml: {key} missing"):
+    with pytest.raises(InputError, match=rf"rock\.yaml: these keys are missing: {key}"):
         load_body(rock(drop=key))
 
 
@@ -469,7 +469,7 @@ def test_hint_of_the_ellipsoid_suffices(rock) -> None:
     axes = np.array([80.0, 70.0, 60.0])
     with pytest.raises(InputError) as caught:
         load_body(rock(keep_out_semi_axes_m=axes.tolist()))
-    factor = float(str(caught.value).split("semi-axes ")[1].split()[0])
+    factor = float(str(caught.value).split("semi-axes that are ")[1].split()[0])
     load_body(rock(keep_out_semi_axes_m=(axes * (factor + 1e-3)).tolist()))
 
 

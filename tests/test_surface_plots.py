@@ -74,7 +74,7 @@ def test_views_are_not_mirrored() -> None:
 
 
 def test_unknown_view_is_refused(field: GravityField, ax: Axes) -> None:
-    with pytest.raises(InputError, match="a view is one of"):
+    with pytest.raises(InputError, match="a view must be one of"):
         surface_plots.draw_surface(ax, field.shape, np.zeros(320), "z")
 
 

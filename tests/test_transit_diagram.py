@@ -171,7 +171,10 @@ def test_a_column_of_the_log_s_own_is_refused(column: str) -> None:
             Scripted(ports=[("state", 3)]),
             "input port 'state' has size 3, but the signal of this name has size 6",
         ),
-        (Scripted(ports=[("velocity", 6)]), "input port 'velocity' has size 6, but 3 is what"),
+        (
+            Scripted(ports=[("velocity", 6)]),
+            "input port 'velocity' has size 6, but the signal of this name has size 3",
+        ),
         (Scripted(ports=[("sate", 6)]), "nothing feeds input port 'sate'; the signals are state"),
     ],
 )

@@ -1,4 +1,4 @@
-"""The record of one flight: an xarray dataset that is enough to repeat it, kept as NetCDF-4."""
+"""`FlightLog`: one flight as an xarray dataset, stored as NetCDF-4; it suffices to repeat it."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from proxops.systems.hybrid import DecisionReason
 from proxops.systems.policy import PolicyStatus
 from proxops.systems.shapes import Polyhedron
 
-# name: (dimensions after time, units, long name)
+# Each column: its dimensions after time, its units and its long name.
 VARIABLES: dict[str, tuple[tuple[str, ...], str, str]] = {
     "state": (("component",), "m; m/s", "position and velocity of the spacecraft in K"),
     "target": (("component",), "m; m/s", "commanded final position and velocity in K"),
@@ -59,7 +59,7 @@ VARIABLES: dict[str, tuple[tuple[str, ...], str, str]] = {
     "estimate": (("component",), "m; m/s", "the policy's estimate of the state in K; NaN: none"),
     "ranges": (("plane", "ray"), "m", "lidar ranges; +inf where nothing returned"),
 }
-# Meanings of codes, as the CF conventions have them: flag_values and flag_meanings.
+# The codes of a column, written as flag_values and flag_meanings after the CF conventions.
 _FLAGS: dict[str, type[IntEnum]] = {
     "solve_status": PlanStatus,
     "solve_reason": PlanReason,
@@ -78,15 +78,15 @@ RECORDS = {
     "decision_record": DECISION_VARIABLES,
     "intervention_record": ("intervention", "intervention_reason"),
 }
-"""Columns of the components of a system's record, by the name under which it is logged."""
+"""The columns into which a logged record is split, by the name of the record."""
 CONTROLLER_COLUMNS = {
     "mpc_force": 3, "mpc_record": 3, "policy_force": 3, "policy_record": 2, "estimate": 6,
     "decision": 1, "decision_record": len(DECISION_VARIABLES),
 }  # fmt: skip
-"""Sizes of the ports that the log knows of controllers, by the names under which it logs them."""
-# Without these a file is no log; frames may be left out, the oldest logs have no reasons, and not
-# every flight has kicks, a policy, a hybrid's decisions or runtime assurance, and not every policy
-# an estimate.
+"""Sizes of the controllers' ports that the log knows, by the names of their columns."""
+# A file without the needed variables is not a log. The optional ones may be missing: frames need
+# not be logged, the oldest logs have no reasons, and not every flight has kicks, a policy with an
+# estimate, a hybrid's decisions or runtime assurance.
 _POLICY_VARIABLES = ("policy_time", "policy_status", "estimate")
 _ASSURANCE_VARIABLES = ("intervention", "intervention_reason")
 _OPTIONAL_VARIABLES = (
@@ -97,7 +97,7 @@ _NEEDED_VARIABLES = ["time", *(name for name in VARIABLES if name not in _OPTION
 _NEEDED_VARIABLES += ["mesh_vertices", "mesh_facets"]
 _NEEDED_ATTRIBUTES = ["scenario", "body", "controller", "shape_sha256", "arrival_time_s"]
 _NEEDED_ATTRIBUTES += ["collided", "keep_out_violations", "wall_s", "scenario_sha256"]
-# Hashes of the networks that flew.
+# Attributes with the hashes of the networks that flew.
 _NETWORKS = ("policy_sha256", "lidar_sha256")
 # Attributes that say how a flight ended.
 _OUTCOMES = ("arrival_time_s", "collided", "keep_out_violations")
@@ -107,7 +107,7 @@ RESERVED_COLUMNS = {
     "mesh_vertices", "mesh_facets", "component", "axis", "plane", "ray", "vertex", "facet",
     "corner",
 }  # fmt: skip
-"""Names that no port of a controller of one's own may be logged under."""
+"""Names that a user's controller cannot give to its columns."""
 COORDINATES = {
     "component": ["x", "y", "z", "vx", "vy", "vz"],
     "axis": ["x", "y", "z"],
@@ -116,16 +116,18 @@ COORDINATES = {
 
 @dataclass
 class FlightLog:
-    """One flight. `dataset` has the dimension `time` and the variables of `VARIABLES`.
+    """The log of one flight.
 
-    The force of row k acts from `force_delay_s`, a global attribute, after that row's time until as
-    long after the next row's; no force acts before. It is 0 unless the MPC flies with
-    `mpc.solve_delay_s`, and may be missing.
+    `dataset` has the dimension `time` and the variables of `VARIABLES`; its last row is the end of
+    the flight. All vectors are in the body-fixed frame K. `position_inertial` and
+    `velocity_inertial` are the same motion in the inertial frame that coincides with K at time 0.
 
-    All vectors are in the body-fixed frame K; `position_inertial` and `velocity_inertial` are the
-    same motion seen from the frame that coincides with K at time 0 and does not turn. The last
-    row is the end of the flight. Global attributes hold the scenario, the body's constants, the
-    package version and the shape's hash; the body's mesh is in `mesh_vertices`, `mesh_facets`.
+    The force of row k acts from `force_delay_s` after the time of row k until `force_delay_s` after
+    the time of row k + 1. No force acts before the first. This global attribute is 0 unless the MPC
+    flies with `mpc.solve_delay_s`; it may be missing.
+
+    Other global attributes hold the scenario, the body's constants, the package version and the
+    shape's hash. `mesh_vertices` and `mesh_facets` hold the body's mesh.
     """
 
     dataset: xr.Dataset
@@ -133,39 +135,39 @@ class FlightLog:
 
     @property
     def scenario(self) -> Scenario:
-        """The scenario that was flown."""
+        """The scenario of the flight."""
         return parse_scenario(self.dataset.attrs["scenario"], "the log's scenario")
 
     @property
     def summary(self) -> dict[str, typing.Any]:
-        """The figures of merit, as `summary.json` holds them."""
+        """The figures of merit that `summary.json` holds."""
         return summarise(self.dataset, self.scenario, self.body)
 
     def to_netcdf(self, path: str | Path) -> None:
-        """Writes the log; the file appears under its name only when it is whole.
+        """Writes the log; the file appears under its name only when it is complete.
 
         Raises:
           InputError: the folder does not exist or cannot be written.
         """
-        # Shuffled, lightly deflated ranges take a tenth of the room: most rays return nothing.
+        # Shuffled and deflated, ranges take a tenth of the space, because most rays have no return.
         packed = {"zlib": True, "complevel": 1, "shuffle": True}
         encoding = {name: packed for name in ("ranges",) if name in self.dataset}
-        # Made in memory: on a full disk HDF5 does not raise, it ends the process.
+        # The file is made in memory, because on a full disk HDF5 ends the process without an error.
         content = self.dataset.to_netcdf(engine="h5netcdf", encoding=encoding)
         write_whole(Path(path), lambda name: name.write_bytes(content))
 
     @classmethod
     def load(cls, path: str | Path) -> FlightLog:
-        """Reads a log back, into memory.
+        """Reads a log into memory.
 
         Raises:
-          InputError: not a flight log, or the mesh in it is not the one its hash names.
+          InputError: the file does not exist, is not a flight log, or is damaged.
         """
         if not Path(path).exists():
             raise InputError(f"there is no file {path}")
         try:
             dataset = xr.load_dataset(path, engine="h5netcdf")
-        except Exception as error:  # A damaged file makes h5py and xarray raise all sorts.
+        except Exception as error:  # Damaged files raise errors of many types.
             raise InputError(f"{path} is not a flight log: {error}") from error
         missing = [name for name in _NEEDED_VARIABLES if name not in dataset.variables]
         missing += [name for name in _NEEDED_ATTRIBUTES if name not in dataset.attrs]
@@ -195,10 +197,12 @@ def make_dataset(
     """Makes the dataset of a log.
 
     Args:
-      columns: arrays whose first axis is time, by their names.
+      columns: arrays (N, ...) whose first axis is time, by their names.
       times: (N,) in s.
-      attributes: of the flight; the scenario and the body add theirs.
-      own: units and descriptions of columns that `VARIABLES` does not know.
+      scenario: the scenario of the flight.
+      body: the body of the flight.
+      attributes: attributes of the flight; those of the scenario and the body are added.
+      own: units and descriptions of columns that are not in `VARIABLES`, by their names.
     """
     data: dict[str, typing.Any] = {}
     for name, (dimensions, units, long_name) in VARIABLES.items():
@@ -245,10 +249,15 @@ def make_dataset(
 def inertial_motion(
     times: np.ndarray, states: np.ndarray, spin_rate: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Position and velocity (N, 3) in the non-turning frame that is K at time 0.
+    """Computes the motion in the inertial frame that coincides with K at time 0.
 
     Args:
-      times: (N,) in s. states: (N, 6), position and velocity in K. spin_rate: rad/s about z.
+      times: (N,) in s.
+      states: (N, 6), position in m and velocity in m/s in K.
+      spin_rate: angular velocity about z in rad/s.
+
+    Returns:
+      Position (N, 3) in m and velocity (N, 3) in m/s.
     """
     cos, sin = np.cos(spin_rate * times), np.sin(spin_rate * times)
 
@@ -262,7 +271,10 @@ def inertial_motion(
 
 
 def differences(first: FlightLog, second: FlightLog) -> list[str]:
-    """Variables, networks and outcomes in which two logs differ by any bit, wall times aside."""
+    """Lists the variables, networks and outcomes in which two logs differ by any bit.
+
+    Wall times are not compared.
+    """
     one, other = first.dataset, second.dataset
     names = sorted(({*map(str, one.variables)} | {*map(str, other.variables)}) - _WALL_TIMES)
     changed = [

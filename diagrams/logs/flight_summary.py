@@ -1,4 +1,4 @@
-"""The figures of merit of one flight, from its log."""
+"""Computes the figures of merit of one flight from its log."""
 
 from __future__ import annotations
 
@@ -13,25 +13,27 @@ from proxops.diagrams.scenario import Body, Scenario
 from proxops.systems.expert import PlanReason, PlanStatus
 from proxops.systems.shapes import clearances
 
-# A keep-out violation is deeper than this (m).
+# A keep-out violation is deeper inside the ellipsoid than this (m).
 KEEP_OUT_TOLERANCE = 1.0
-# The pure policy, which sees nothing but lidar, is also judged at this many times the scenario's
-# radius and speed of arrival. `success_2km` is named for the defaults, Kleopatra's: 2 km, 2 m/s.
+# A second figure, `success_2km`, accepts arrival within this multiple of the scenario's radius and
+# speed, because a policy that only has lidar knows its state less well. Its name comes from the
+# values with the default scenario, 2 km and 2 m/s.
 WIDE_ARRIVAL = 2.0
-# An intervention of runtime assurance changes the command by more than this (N).
+# A change of the command by runtime assurance counts as an intervention above this size (N).
 INTERVENTION_TOLERANCE = 1e-3
-# Samples between two rows when the least clearance is sought.
+# Number of samples from one row to the next for the least clearance.
 _SUBSTEPS = 10
 
 
 def summarise(data: xr.Dataset, scenario: Scenario, body: Body) -> dict[str, typing.Any]:
-    """The flight's figures of merit, from a log's dataset; see `FlightLog.summary`."""
+    """Computes the figures of merit from a log's dataset; see `FlightLog.summary`."""
     times, states = data["time"].values, data["state"].values
     attrs = data.attrs
     arrival = float(attrs["arrival_time_s"])
     arrived = bool(np.isfinite(arrival))
     least = float(clearances(body.keep_out_semi_axes, dense_positions(times, states)).min())
-    # True acceleration by thrust, and for how long each acts in the flight and before arrival.
+    # The true acceleration by each row's thrust, and the time for which it acts: `lengths` in the
+    # whole flight, `until` before arrival.
     thrust = _true_push(scenario) * np.abs(data["force"].values[:-1]).sum(axis=1)
     starts = times[:-1] + attrs.get("force_delay_s", 0.0)
     lengths = np.clip(times[-1] - starts, 0.0, np.diff(times))
@@ -43,7 +45,8 @@ def summarise(data: xr.Dataset, scenario: Scenario, body: Body) -> dict[str, typ
     collided = bool(attrs["collided"])
     violations = int(attrs["keep_out_violations"])
     in_time = arrived and arrival <= scenario.arrival.deadline_s
-    # Who has arrived by the narrower rule has by the wider one, whatever interpolation says.
+    # A flight that arrives by the scenario's rule also arrives by the wider rule. It is not tested
+    # again, because interpolation between the rows could miss it.
     radius, speed = scenario.arrival.radius_m, scenario.arrival.speed_m_s
     nearly = in_time or _arrives(data, scenario, WIDE_ARRIVAL * radius, WIDE_ARRIVAL * speed)
     return {
@@ -76,9 +79,9 @@ def summarise(data: xr.Dataset, scenario: Scenario, body: Body) -> dict[str, typ
 
 
 def _control_ms(data: xr.Dataset) -> np.ndarray:
-    """Wall times in ms of the steps that have any: of the whole controller.
+    """Gives the controller's wall time in ms at each step that has one.
 
-    That is what the MPC took where it was asked, the policy's network, and deciding between them.
+    It is the sum of the MPC's step, the policy's network and the hybrid's decision.
     """
     names = ("solve_time", "policy_time", "decision_time")
     parts = np.array([data[name].values for name in names if name in data])
@@ -86,7 +89,7 @@ def _control_ms(data: xr.Dataset) -> np.ndarray:
 
 
 def _estimate_errors(data: xr.Dataset) -> dict[str, float]:
-    """Median and 95th percentile of the errors of the policy's estimates, if it made any."""
+    """Gives median and 95th percentile of the errors of the policy's estimates, if it makes any."""
     if "estimate" not in data:
         return {}
     error = data["estimate"].values - data["state"].values
@@ -102,7 +105,7 @@ def _estimate_errors(data: xr.Dataset) -> dict[str, float]:
 
 
 def _interventions(data: xr.Dataset, scenario: Scenario) -> dict[str, float]:
-    """How often runtime assurance changed the command, and by how much in all, if it flew."""
+    """Gives the number of interventions and their total Δv; {} without runtime assurance."""
     if "intervention" not in data:
         return {}
     changes = data["intervention"].values[:-1]
@@ -114,13 +117,17 @@ def _interventions(data: xr.Dataset, scenario: Scenario) -> dict[str, float]:
 
 
 def _true_push(scenario: Scenario) -> float:
-    """Acceleration in m/s^2 for a newton asked of the thrusters, by the plant's thrust and mass."""
+    """Gives the true acceleration in m/s^2 for each newton commanded."""
     mismatch = scenario.mismatch
     return mismatch.thrust / (mismatch.mass * scenario.spacecraft.mass_kg)
 
 
 def fallback_steps(data: xr.Dataset) -> dict[str, int]:
-    """How many steps the MPC or the policy flew without a fresh answer, by "what: why"."""
+    """Counts the steps at which the MPC or the policy had no new answer.
+
+    Returns:
+      The number of steps by a text "what was done: reason".
+    """
     counts = collections.Counter()
     if "policy_status" in data and (bad := int((data["policy_status"] > 0).sum())):
         counts["without force: policy not finite"] = bad
@@ -134,14 +141,21 @@ def fallback_steps(data: xr.Dataset) -> dict[str, int]:
 
 
 def length_text(metres: float) -> str:
-    """In m below 1 km, else in km."""
+    """Writes a length in m if it is below 1 km, otherwise in km."""
     return f"{metres:.2f} m" if abs(metres) < 1e3 else f"{metres / 1e3:.2f} km"
 
 
 def dense_positions(times: np.ndarray, states: np.ndarray) -> np.ndarray:
-    """Positions (M, 3) along the path through states (N, 6), ten a row, by cubic Hermite splines.
+    """Interpolates a path by cubic Hermite splines, with ten positions for each row.
 
-    At 10 s steps it is within a millimetre of the integrated path.
+    With steps of 10 s the result is within a millimetre of the integrated path.
+
+    Args:
+      times: (N,) in s.
+      states: (N, 6), position in m and velocity in m/s in K.
+
+    Returns:
+      Positions (10 (N - 1) + 1, 3) in m in K; for a single row, its position.
     """
     if len(times) < 2:
         return states[:, :3]
@@ -151,9 +165,9 @@ def dense_positions(times: np.ndarray, states: np.ndarray) -> np.ndarray:
 
 
 def _arrives(data: xr.Dataset, scenario: Scenario, radius: float, speed: float) -> bool:
-    """Whether the rows show a dwell within radius (m) and speed (m/s) that begins in time.
+    """Tells whether a dwell within radius (m) and speed (m/s) begins before the deadline.
 
-    The moments of entering and leaving are interpolated between rows.
+    It interpolates the times of entering and leaving between the rows.
     """
     arrival = scenario.arrival
     times = data["time"].values

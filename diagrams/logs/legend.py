@@ -1,4 +1,4 @@
-"""By whom each step of a flight was flown: names and colours that plots and replays share."""
+"""Tells which controller flew each step, and the names and colours for plots and replays."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from proxops.systems.hybrid import FlownBy
 from proxops.systems.policy import NeuralPolicy
 
 LEGEND = "legend"
-"""Attribute of a log that holds the legend entry that its one controller offers, as JSON."""
+"""Name of the log's attribute that holds the controller's own legend entry as JSON."""
 _PLAIN_COLOUR = (0.25, 0.70, 0.45)
 _SAFETY_FILTER = LegendEntry("safety filter", (0.93, 0.35, 0.95))
 _LONGEST_NAME = 200
 
 
 def flown_by(dataset: xr.Dataset) -> np.ndarray:
-    """Gives the `FlownBy` of each row (N,) of a log: its `decision`, or the safety filter."""
+    """Gives the `FlownBy` of each row (N,) of a log: its `decision`, or `SAFETY_FILTER`."""
     codes = dataset["decision"].values.astype(int)
     codes = np.where(np.isin(codes, list(FlownBy)), codes, FlownBy.CONTROLLER)
     if "intervention" not in dataset:
@@ -31,7 +31,7 @@ def flown_by(dataset: xr.Dataset) -> np.ndarray:
 
 
 def all_flown_by(dataset: xr.Dataset) -> list[FlownBy]:
-    """Lists all that fly in a log; the last row is the flight's end, and does not count."""
+    """Lists each `FlownBy` in a log; the last row is the flight's end and does not count."""
     return [FlownBy(code) for code in np.unique(flown_by(dataset)[:-1])]
 
 
@@ -53,7 +53,7 @@ def legend_of(dataset: xr.Dataset) -> dict[int, LegendEntry]:
 
 
 def legend_text(entry: LegendEntry) -> str:
-    """The entry as the attribute `LEGEND` of a log holds it.
+    """Writes an entry as the JSON text that the attribute `LEGEND` of a log holds.
 
     Raises:
       InputError: the name is empty or long, or the colour is not three numbers from 0 to 1.
@@ -74,6 +74,6 @@ def _read_entry(text: object) -> LegendEntry | None:
             raise ValueError(text)
     except (TypeError, ValueError, RecursionError) as error:
         raise InputError(
-            "a legend entry is a name of 1 to 200 letters and red, green and blue from 0 to 1"
+            "a legend entry needs a name of 1 to 200 letters, and red, green and blue from 0 to 1"
         ) from error
     return LegendEntry(name, (red, green, blue))

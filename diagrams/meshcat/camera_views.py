@@ -1,4 +1,4 @@
-"""From where a scene is looked at: what shows a flight, near enough to fill the picture."""
+"""Chooses camera positions that show a whole flight and fill the picture."""
 
 from __future__ import annotations
 
@@ -10,25 +10,25 @@ from proxops.diagrams.meshcat.meshcat_scene import FIELD_OF_VIEW, Scene
 from proxops.diagrams.scenario import Body
 from proxops.systems.shapes import blocks_segment
 
-# Degrees.
+# Elevation of the camera in degrees.
 _ELEVATION = 28.0
-# Straight up leaves no direction for the top of the picture.
+# Elevations of two more views; at 90 degrees the top of the picture would be undefined.
 _ABOVE, _SIDE = 89.0, 3.0
-# Of the picture's height and width, that much is filled; it is 4:3 or wider.
+# Share of the picture's height and width that is filled, for a picture of 4:3 or wider.
 _FILLED, _ASPECT = 0.8, 4.0 / 3.0
 
 
 class View(NamedTuple):
-    """A camera."""
+    """A camera's position and its target."""
 
     eye: np.ndarray
-    """Where it is (3,), in m in K."""
+    """Position (3,) of the camera, in m in K."""
     target: np.ndarray
-    """What it looks at (3,), in m in K."""
+    """The point (3,) at which it looks, in m in K."""
 
 
 def viewpoints(body: Body, points: np.ndarray) -> dict[str, View]:
-    """Views that body and `points` (N, 3), in m in K, fit into: by name, the best one first."""
+    """Gives views that contain the body and `points` (N, 3), in m in K, by name, the best first."""
     azimuth = _best_azimuth(body, points)
     everything = _everything(body, points)
     return {
@@ -39,20 +39,20 @@ def viewpoints(body: Body, points: np.ndarray) -> dict[str, View]:
 
 
 def look_at_flight(scene: Scene, points: np.ndarray) -> None:
-    """Points camera and sun so that body and `points` (N, 3), in m in K, are in view and lit."""
+    """Sets camera and sun so that the body and `points` (N, 3), in m in K, are visible and lit."""
     azimuth = _best_azimuth(scene.body, points)
     view = _view(_everything(scene.body, points), azimuth, _ELEVATION)
     scene.meshcat.SetCameraPose(view.eye / scene.unit, view.target / scene.unit)
-    # From the side and above, so that relief is seen.
+    # The sun stands to the side and above, so that the relief is visible.
     sun = 10.0 * _towards(azimuth + 30.0, 38.0)
     scene.meshcat.SetProperty("/Lights/FillLight/<object>", "position", sun.tolist())
 
 
 def _best_azimuth(body: Body, points: np.ndarray) -> float:
-    """In degrees.
+    """Gives the best azimuth of the camera, in degrees.
 
-    Of a ring of directions it is the one from which the body hides fewest of the points, the points
-    spread widest and most of them are on the near side.
+    It tries a ring of directions. From the best one, the body hides few of the points, the points
+    are spread widely, and most of them are on the near side.
     """
     half = body.shape.extents / 2.0
     everything = _everything(body, points)
@@ -67,7 +67,7 @@ def _best_azimuth(body: Body, points: np.ndarray) -> float:
         across = sample - sample.mean(axis=0)
         across = across - np.outer(across @ direction, direction)
         spread = np.sqrt(np.mean(np.sum(across**2, axis=1))) / radius
-        # Where the lidar's returns are: on the side that the spacecraft sees.
+        # The lidar's returns are on the side of the body that the spacecraft sees.
         before = (sample @ direction).mean() / radius
         return float(seen + spread + before)
 
@@ -75,7 +75,7 @@ def _best_azimuth(body: Body, points: np.ndarray) -> float:
 
 
 def _view(everything: np.ndarray, azimuth: float, elevation: float) -> View:
-    """From a direction, as near as fits points (N, 3) into the picture with a margin around it."""
+    """Gives the closest view from a direction that contains the points (N, 3) with a margin."""
     centre, direction = _middle(everything), _towards(azimuth, elevation)
     right = np.cross([0.0, 0.0, 1.0], direction)
     right /= np.linalg.norm(right)
@@ -95,6 +95,6 @@ def _middle(points: np.ndarray) -> np.ndarray:
 
 
 def _towards(azimuth: float, elevation: float) -> np.ndarray:
-    """Unit vector (3,) in K; angles in degrees."""
+    """Gives the unit vector (3,) in K of two angles in degrees."""
     a, e = np.radians([azimuth, elevation])
     return np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])

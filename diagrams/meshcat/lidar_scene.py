@@ -1,4 +1,4 @@
-"""The lidar's planes in a Meshcat: each a fan that ends where its rays return."""
+"""Draws the lidar's planes in a Meshcat, each as a fan that ends at its returns."""
 
 from __future__ import annotations
 
@@ -17,11 +17,12 @@ _POINT_SIZE = 0.03
 
 
 def plane_edges(position: np.ndarray, ranges: np.ndarray, plane: int) -> np.ndarray:
-    """Where the rays of one plane end (rays, 3), in m in K.
+    """Computes the ends of the rays of one plane, (rays, 3) in m in K.
 
     Args:
-      position: (3,) in m in K.
-      ranges: (planes, rays) in m; +inf, no return, ends short of the body's distance.
+      position: position (3,) of the spacecraft in K, in m.
+      ranges: (planes, rays) in m; a ray without a return (+inf) ends before the body's distance.
+      plane: number of the plane.
     """
     directions = ray_directions(*ranges.shape).reshape(*ranges.shape, 3)[plane]
     reach = _REACH * float(np.linalg.norm(position))
@@ -35,9 +36,10 @@ def add_planes(
     """Draws planes as fans and their returns as points, under /lidar/plane_NN.
 
     Args:
-      position: of the spacecraft, (3,) in m in K.
-      ranges: (planes, rays) in m, +inf where nothing returned.
-      planes: numbers of those to draw.
+      scene: the scene.
+      position: position (3,) of the spacecraft in K, in m.
+      ranges: (planes, rays) in m; +inf for a ray without a return.
+      planes: numbers of the planes to draw.
     """
     rays = np.arange(ranges.shape[1])
     facets = np.stack([np.zeros_like(rays), rays + 1, (rays + 1) % rays.size + 1], axis=1)

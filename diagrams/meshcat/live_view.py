@@ -1,4 +1,4 @@
-"""A flight as it happens, in a browser: Drake's Meshcat fed by the diagram."""
+"""Shows a flight in a browser while it is simulated, with Drake's Meshcat."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from proxops.systems import Plan, PlanarLidar
 
 
 def start_server() -> Meshcat:
-    """A Meshcat that a browser can open, at `web_url()`."""
+    """Starts a Meshcat that a browser can open at its `web_url()`."""
     return StartMeshcat()
 
 
@@ -47,9 +47,14 @@ class LiveView(LeafSystem):
         period: float,
         with_plan: bool = False,
     ):
-        """Takes the lidar that the ranges come from, the limit per axis in N, a period in s.
+        """Declares the input ports.
 
-        `with_plan`: there is an input port `plan`, and its way is drawn.
+        Args:
+          scene: the scene to draw in.
+          lidar: the source of the ranges.
+          thrust_limit: greatest force per axis in N.
+          period: time in s from one picture to the next.
+          with_plan: whether there is an input port `plan`, whose path is drawn.
         """
         super().__init__()
         self.scene, self._thrust_limit = scene, thrust_limit
@@ -71,8 +76,8 @@ class LiveView(LeafSystem):
         move_spacecraft(self.scene, position, force, self._thrust_limit)
         add_returns(self.scene, "/lidar/now", position, ranges)
         if self._plan_port is not None:
-            # A step's publish events come before its updates, at the same time: this is the plan
-            # that the controller is about to remember, solved once and cached.
+            # Publish events run before the updates of the same time. So this is the plan that the
+            # controller will store; it is cached, and not solved again.
             plan: Plan = self._plan_port.Eval(context)
             add_plan(self.scene, plan.states[:, :3])
 
@@ -83,7 +88,14 @@ def add_live_view(
     view: LiveView,
     sources: dict[str, OutputPort],
 ) -> None:
-    """Sets the scene of a transit and feeds `view` from the ports named as its inputs are."""
+    """Draws the scene of a transit, adds `view` and connects its input ports.
+
+    Args:
+      builder: the diagram that is being built.
+      transit: gives the start and the goal.
+      view: the live view.
+      sources: output ports by the names of the view's input ports.
+    """
     scene = view.scene
     prepare_scene(scene)
     add_body(scene)

@@ -1,8 +1,8 @@
-"""What a flight looks like in Drake's Meshcat: the pieces that the replay and a live view share.
+"""Draws the objects of a flight in Drake's Meshcat; replay and live view use these functions.
 
-Everything is in the body-fixed frame K. A Meshcat unit follows from the body, so that one of any
-size fills the picture alike; spacecraft, goal, arrows and points are of fixed sizes in units. About
-Kleopatra a unit is 100 km, and the spacecraft is drawn some thousand times its size.
+The scene is in the body-fixed frame K. The length of a Meshcat unit depends on the body, so that
+a body of any size fills the picture. Spacecraft, goal, arrows and points have fixed sizes in units.
+At Kleopatra a unit is 100 km, and the spacecraft is drawn about a thousand times too large.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from proxops.systems.lidar import ray_directions
 
 _BODY = Rgba(0.62, 0.57, 0.51)
 _KEEP_OUT = Rgba(0.35, 0.55, 0.95, 0.12)
-# Lines are opaque in Meshcat whatever their alpha, so these are dark instead.
+# Meshcat ignores the alpha of lines, so these lines are dark instead of translucent.
 _GRATICULE = Rgba(0.16, 0.23, 0.40)
 GOAL = Rgba(0.30, 1.00, 0.45)
 _HULL = Rgba(0.92, 0.92, 0.95)
@@ -35,12 +35,12 @@ _ARROW_LENGTH = 0.40
 _POINT_SIZE = 0.022
 
 FIELD_OF_VIEW = 40.0
-"""The camera's, vertically, in degrees."""
+"""Vertical field of view of the camera, in degrees."""
 
 
 @dataclass(frozen=True)
 class Scene:
-    """A Meshcat and the body that is shown in it."""
+    """A Meshcat and the body that it shows."""
 
     meshcat: Meshcat
     body: Body
@@ -51,13 +51,13 @@ class Scene:
         return float(f"{self.body.shape.extents.max() / 2.0:.0e}")
 
     def pose(self, position: np.ndarray) -> RigidTransform:
-        """The pose, in Meshcat units, at a position (3,) in m."""
+        """Gives the pose, in Meshcat units, at a position (3,) in m."""
         scaled: typing.Any = position / self.unit
         return RigidTransform(scaled)
 
 
 def quiet_meshcat() -> Meshcat:
-    """A Meshcat for making pages: it listens on whichever port is free and says nothing of it."""
+    """Makes a Meshcat for pages: it listens on a free port and prints no message about it."""
     logger = logging.getLogger("drake")
     level = logger.level
     logger.setLevel(logging.WARNING)
@@ -69,7 +69,10 @@ def quiet_meshcat() -> Meshcat:
 
 
 def prepare_scene(scene: Scene) -> None:
-    """Space: dark, no grid, no axes, one sun, which `look_at_flight` sets, and little else."""
+    """Sets background, lights and camera: dark, without grid or axes, and with one sun.
+
+    `look_at_flight` sets the place of the sun.
+    """
     meshcat = scene.meshcat
     meshcat.SetProperty("/Grid", "visible", False)
     meshcat.SetProperty("/Axes", "visible", False)
@@ -85,13 +88,13 @@ def prepare_scene(scene: Scene) -> None:
 
 
 def add_body(scene: Scene) -> None:
-    """The body's mesh, shaded smoothly."""
+    """Adds the body's mesh with smooth shading."""
     shape = scene.body.shape
     set_mesh(scene.meshcat, "/body", shape.vertices / scene.unit, shape.facets, _BODY)
 
 
 def add_keep_out(scene: Scene) -> None:
-    """The keep-out ellipsoid, translucent, with meridians and parallels every 15 degrees."""
+    """Adds the translucent keep-out ellipsoid, with meridians and parallels every 15 degrees."""
     meshcat = scene.meshcat
     axes = scene.body.keep_out_semi_axes / scene.unit
     turns, rises = np.linspace(0.0, 2.0 * np.pi, 97), np.linspace(-np.pi / 2.0, np.pi / 2.0, 49)
@@ -100,7 +103,7 @@ def add_keep_out(scene: Scene) -> None:
         [np.cos(rise) * np.cos(turn), np.cos(rise) * np.sin(turn), np.sin(rise)], axis=-1
     )
     facets = grid_facets(*turn.shape)
-    # Only what faces the viewer, or the two sheets shade each other in the order of the facets.
+    # Only facets that face the viewer are drawn; otherwise the far side shows through in patches.
     side = Meshcat.SideOfFaceToRender.kFrontSide
     set_mesh(meshcat, "/keep_out/surface", points.reshape(-1, 3), facets, _KEEP_OUT, side)
     meridians, parallels = points[:, ::4], points[4:-4:4]
@@ -112,7 +115,7 @@ def add_keep_out(scene: Scene) -> None:
 
 
 def add_goal(scene: Scene, position: np.ndarray, name: str = "/goal") -> None:
-    """A marker at a position (3,) in m in K: a ball with three long thin bars through it."""
+    """Adds a marker at a position (3,) in m in K: a ball with three long thin bars through it."""
     meshcat = scene.meshcat
     meshcat.SetObject(f"{name}/ball", Sphere(0.022), GOAL)
     for axis in range(3):
@@ -123,7 +126,7 @@ def add_goal(scene: Scene, position: np.ndarray, name: str = "/goal") -> None:
 
 
 def add_spacecraft(scene: Scene) -> None:
-    """A hull with two panels, and an arrow of thrust along each axis; see `move_spacecraft`."""
+    """Adds a hull with two panels and an arrow of thrust along each axis; see `move_spacecraft`."""
     meshcat = scene.meshcat
     meshcat.SetObject("/spacecraft/hull", Box(0.030, 0.030, 0.030), _HULL)
     for side in (-1.0, 1.0):
@@ -131,7 +134,7 @@ def add_spacecraft(scene: Scene) -> None:
         meshcat.SetObject(name, Box(0.022, 0.055, 0.003), _PANELS)
         beside: typing.Any = [0.0, side * 0.045, 0.0]
         meshcat.SetTransform(name, RigidTransform(beside))
-    # An arrow along x, as a surface of revolution; the other two by cyclic permutation.
+    # The arrow along x is a surface of revolution; cyclic permutation gives the other two.
     along = _ARROW_LENGTH * np.array([0.0, 0.0, 0.72, 0.72, 1.0])
     out = np.array([0.0, 0.005, 0.005, 0.016, 0.0])
     turn = np.linspace(0.0, 2.0 * np.pi, 13)
@@ -153,26 +156,37 @@ def move_spacecraft(
     thrust_limit: float,
     time_in_recording: float | None = None,
 ) -> None:
-    """Puts the spacecraft at a position (3,) in m, its arrows to a force (3,) in N, both in K.
+    """Moves the spacecraft, and sets its arrows to a force.
 
-    Each arrow points where the force accelerates. At `thrust_limit` (N) it is 0.4 units long;
-    below, its length goes with the square root of the force, so that the usual tenth of it is seen
-    too.
+    Each arrow points in the direction of its component of the force. At `thrust_limit` it is 0.4
+    units long. Its length is proportional to the square root of the component, so that small forces
+    are visible too.
+
+    Args:
+      scene: the scene.
+      position: (3,) in K, in m.
+      force: (3,) in K, in N.
+      thrust_limit: greatest force per axis in N.
+      time_in_recording: time in s in the animation; None: now.
     """
     meshcat = scene.meshcat
     meshcat.SetTransform("/spacecraft", scene.pose(position), time_in_recording)
     for letter, share in zip("xyz", force / thrust_limit, strict=True):
-        # A negative scale turns the arrow about, through zero and without swinging round. Zero
-        # itself would leave the surface without normals.
+        # A negative scale reverses the arrow without a rotation in the animation. A scale of zero
+        # would leave the surface without normals.
         scale = float(np.sign(share) * np.sqrt(abs(share))) if abs(share) > 1e-4 else 0.01
         name = f"/spacecraft/thrust_{letter}"
         meshcat.SetProperty(name, "scale", [scale] * 3, time_in_recording)
 
 
 def add_returns(scene: Scene, name: str, position: np.ndarray, ranges: np.ndarray) -> None:
-    """What one lidar frame saw from a position (3,) in m in K, as points.
+    """Adds the returns of a lidar frame as points.
 
-    `ranges` (planes, rays) are in m, +inf where nothing returned.
+    Args:
+      scene: the scene.
+      name: path of the points in the Meshcat.
+      position: position (3,) of the spacecraft in K, in m.
+      ranges: (planes, rays) in m; +inf for a ray without a return.
     """
     planes, rays = ranges.shape
     flat = ranges.reshape(-1)
@@ -191,21 +205,21 @@ def set_mesh(
     colour: Rgba,
     side: Meshcat.SideOfFaceToRender = Meshcat.SideOfFaceToRender.kDoubleSide,
 ) -> None:
-    """A mesh of points (N, 3) in Meshcat units and facets (F, 3), shaded smoothly."""
-    vertices: typing.Any = points.T  # Drake's stubs know no numpy shapes.
+    """Adds a mesh of points (N, 3) in Meshcat units and facets (F, 3), with smooth shading."""
+    vertices: typing.Any = points.T  # The type stubs of Drake do not know array shapes.
     faces: typing.Any = facets.astype(np.int32).T
     meshcat.SetTriangleMesh(name, vertices, faces, colour, side=side)
     meshcat.SetProperty(f"{name}/<object>", "material.flatShading", False)
 
 
 def add_plan(scene: Scene, positions: np.ndarray) -> None:
-    """The way that is planned, through positions (N, 3) in m in K, in place of the last one."""
+    """Draws the planned path through positions (N, 3) in m in K; it replaces the last plan."""
     points: typing.Any = (positions / scene.unit).T
     scene.meshcat.SetLine("/plan", points, 1.0, _PLAN)
 
 
 def grid_facets(rows: int, columns: int) -> np.ndarray:
-    """Triangles (2 (rows-1) (columns-1), 3) of a grid of points numbered row by row."""
+    """Gives the triangles (2 (rows-1) (columns-1), 3) of a grid of points numbered row by row."""
     number = np.arange(rows * columns).reshape(rows, columns)
     a, b, c, d = (
         number[:-1, :-1].ravel(),

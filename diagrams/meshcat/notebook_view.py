@@ -1,9 +1,9 @@
-"""Meshcat inline in a notebook: its live server where the browser reaches it, else a saved page.
+"""Shows Meshcat in a notebook: the live server's page if the browser reaches it, else a saved page.
 
-Both have Meshcat's own panel at the top right: under *Animations* a slider for time, under *Scene*
-a box to switch each layer on and off (body, keep_out, path, lidar, spacecraft, goal).
+Both pages have Meshcat's own panel at the top right. Under *Animations* it has a slider for time,
+and under *Scene* a box to show or hide each layer (body, keep_out, path, lidar, spacecraft, goal).
 
-Needs IPython, which every notebook has: the extra `notebook`.
+This module needs IPython, which the extra `notebook` installs.
 """
 
 from __future__ import annotations
@@ -33,19 +33,21 @@ from proxops.diagrams.meshcat.replay import add_flight, write_replay
 from proxops.diagrams.scenario import Body
 
 _HEIGHT = 480
-# How long a browser may take to open the live page before the saved one takes its place, in s.
+# Time in s that a browser has to open the live page before the saved page replaces it.
 _PATIENCE = 2.0
 
 
 def show_meshcat(meshcat: Meshcat, page: str | None = None, patience: float = _PATIENCE) -> None:
     """Displays a Meshcat under the cell.
 
-    It shows the live server's page first. If no browser has connected to that within `patience`
-    seconds (a remote kernel, an exported notebook, a run without a browser), a page that holds
-    everything takes its place, and stays when the notebook is saved.
+    It first shows the live server's page. If no browser has connected to it within `patience`
+    seconds (a remote kernel, an exported notebook, a run without a browser), a self-contained page
+    replaces it. This page is saved with the notebook.
 
     Args:
-      page: HTML to embed in that case; None: what the Meshcat shows now.
+      meshcat: the Meshcat.
+      page: HTML of the self-contained page; None: the present scene of the Meshcat.
+      patience: time in s to wait for a browser.
     """
     from IPython.display import (  # pyright: ignore[reportMissingImports]
         HTML,
@@ -60,21 +62,21 @@ def show_meshcat(meshcat: Meshcat, page: str | None = None, patience: float = _P
         if meshcat.GetNumActiveConnections() > before:
             return
         time.sleep(0.05)
-    if shown is not None:  # None outside of a notebook.
+    if shown is not None:  # It is None outside a notebook.
         shown.update(HTML(embedded(page or meshcat.StaticHtml())))
 
 
 def embedded(page: str) -> str:
-    """HTML of a frame that holds a whole page, for where there is no address to load it from."""
+    """Gives the HTML of a frame that contains a whole page, so that it needs no address."""
     frame = f'width="100%" height="{_HEIGHT}" style="border:0" srcdoc="{html.escape(page)}"'
     return f"<div><iframe {frame}></iframe></div>"
 
 
 def show_flight(log: FlightLog) -> Meshcat:
-    """A flight, to be played again; live or as its replay page.
+    """Shows the replay of a flight in a notebook.
 
     Returns:
-      The Meshcat: it serves the live page for as long as it is kept.
+      The Meshcat. It serves the live page until it is deleted.
     """
     meshcat = quiet_meshcat()
     add_flight(meshcat, log)
@@ -87,10 +89,10 @@ def show_flight(log: FlightLog) -> Meshcat:
 
 
 def show_body(body: Body, positions: np.ndarray | None = None) -> Meshcat:
-    """A body, its keep-out ellipsoid, and markers at positions (N, 3) in m in K.
+    """Shows a body, its keep-out ellipsoid, and markers at positions (N, 3) in m in K.
 
     Returns:
-      The Meshcat: it serves the live page for as long as it is kept.
+      The Meshcat. It serves the live page until it is deleted.
     """
     scene = _scene(body)
     places = np.zeros((0, 3)) if positions is None else positions
@@ -104,14 +106,16 @@ def show_body(body: Body, positions: np.ndarray | None = None) -> Meshcat:
 def show_lidar(
     body: Body, position: np.ndarray, ranges: np.ndarray, planes: tuple[int, ...] = (0, 1, 2)
 ) -> Meshcat:
-    """Some of the lidar's planes at a position (3,) in m in K, as in the paper's first figure.
+    """Shows some of the lidar's planes, as the first figure of the paper does.
 
     Args:
-      ranges: (planes, rays) in m, +inf where nothing returned.
-      planes: numbers of those to show.
+      body: the body.
+      position: position (3,) of the spacecraft in K, in m.
+      ranges: (planes, rays) in m; +inf for a ray without a return.
+      planes: numbers of the planes to show.
 
     Returns:
-      The Meshcat: it serves the live page for as long as it is kept.
+      The Meshcat. It serves the live page until it is deleted.
     """
     scene = _scene(body)
     add_spacecraft(scene)

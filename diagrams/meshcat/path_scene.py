@@ -1,7 +1,7 @@
-"""Paths of several flights of one transit in three dimensions, as one page for any browser.
+"""Makes a page with the paths of several flights of one transit, in three dimensions.
 
-Made with Drake's Meshcat like a replay, and needs no network either. What flies is a ball on each
-path, all at 160 times real time.
+The page is made with Drake's Meshcat and needs no network. On each path a ball moves at 160 times
+real time.
 """
 
 from __future__ import annotations
@@ -26,16 +26,18 @@ from proxops.diagrams.meshcat.meshcat_scene import (
 from proxops.diagrams.meshcat.replay import FRAMES_PER_SECOND, PLAYBACK_SPEED, tube
 
 _BALL = 0.03  # Radius in Meshcat units.
-# Beyond this many times the MPC's farthest point a path is cut off: who is lost flies on for ever.
+# A path is cut off beyond this multiple of the first flight's greatest distance from the body,
+# because a lost spacecraft flies on without end.
 _FARTHEST = 1.5
 
 
 def paths_page(logs: Mapping[str, FlightLog], colours: Mapping[str, str], title: str) -> str:
-    """The page, HTML of some 2 MB.
+    """Makes the page, about 2 MB of HTML.
 
     Args:
-      logs: of one transit, by what each is called; the first is the one that sets the scale.
-      colours: of each, as "#rrggbb".
+      logs: the logs of one transit by the names to show; the first sets the scale.
+      colours: the colour of each log as "#rrggbb", by the same names.
+      title: title of the page.
     """
     first = next(iter(logs.values()))
     meshcat = quiet_meshcat()
@@ -67,14 +69,14 @@ def paths_page(logs: Mapping[str, FlightLog], colours: Mapping[str, str], title:
 
 
 def _positions(log: FlightLog, reach: float) -> np.ndarray:
-    """Positions (N, 3) in m until the path leaves a ball, at least two of them."""
+    """Gives the positions (N, 3) in m until the path leaves a ball; there are at least two."""
     positions = log.dataset["state"].values[:, :3]
     outside = np.linalg.norm(positions, axis=1) > reach
     return positions[: max(2, int(np.argmax(outside)))] if outside.any() else positions
 
 
 def _apart(points: np.ndarray) -> np.ndarray:
-    """Points (N, 3) without those that are too near the one before to make a tube."""
+    """Drops each of the points (N, 3) that is too close to the one before to make a tube."""
     kept = [0]
     for row in range(1, len(points)):
         if np.linalg.norm(points[row] - points[kept[-1]]) > _BALL / 10.0:

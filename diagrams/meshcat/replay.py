@@ -1,8 +1,8 @@
-"""A flight in three dimensions as one HTML page, made with Drake's Meshcat, that needs no network.
+"""Makes the replay of a flight: one HTML page with Drake's Meshcat, which needs no network.
 
-A replay runs at 160 times real time, so that a flight of 80 min takes 30 s; it has 16 frames a
-second, one for each 10 s control step. What it shows is in `meshcat_scene`, and
-below it is the panel of `proxops.diagrams.meshcat.replay_panel`.
+A replay runs at 160 times real time, so a flight of 80 min takes 30 s. It has 16 frames a second,
+one for each control step of 10 s. `meshcat_scene` draws its objects, and `replay_panel` makes the
+panel below them.
 """
 
 from __future__ import annotations
@@ -36,14 +36,14 @@ from proxops.systems.common import write_whole
 
 PLAYBACK_SPEED = 160.0
 FRAMES_PER_SECOND = 16.0
-# The lidar is shown this many times a flight at most.
+# Greatest number of lidar frames that a replay shows.
 LIDAR_FRAMES = 40
-# The path is made of this many pieces at most, besides those that changes of colour add.
+# Greatest number of pieces of the path, not counting those that changes of colour add.
 PATH_PIECES = 240
 
 _ROUTE = Rgba(0.45, 0.45, 0.50)
 _PATH_RADIUS = 0.007  # Meshcat units.
-_TINY = 1e-12  # Keeps the tube finite where a path turns back on itself.
+_TINY = 1e-12  # It avoids a division by zero where a path reverses.
 
 
 def write_replay(log: FlightLog, path: str | Path) -> None:
@@ -65,12 +65,12 @@ def write_replay(log: FlightLog, path: str | Path) -> None:
 
 
 def add_flight(meshcat: Meshcat, log: FlightLog) -> None:
-    """Puts the whole flight into a Meshcat, as an animation that begins to play by itself."""
+    """Adds the whole flight to a Meshcat, as an animation that starts to play by itself."""
     data = log.dataset
     times, positions = data["time"].values, data["state"].values[:, :3]
     goal = data["target"].values[-1, :3]
     limit = log.scenario.spacecraft.thrust_limit_n
-    for leftover in ("/path", "/lidar", "/plan"):  # Of another flight, or of this one seen live.
+    for leftover in ("/path", "/lidar", "/plan"):  # An earlier flight or the live view left it.
         meshcat.Delete(leftover)
     scene = Scene(meshcat, log.body)
     prepare_scene(scene)
@@ -84,7 +84,7 @@ def add_flight(meshcat: Meshcat, log: FlightLog) -> None:
     frames = _add_returns(scene, data) if "ranges" in data else []
     look_at_flight(scene, _shown(log))
 
-    # Where nothing plays, the page shows the end of the flight.
+    # A page that does not play shows the end of the flight.
     move_spacecraft(scene, positions[-1], np.zeros(3), limit)
     for name, _ in frames[:-1]:
         meshcat.SetProperty(name, "visible", False)
@@ -108,20 +108,21 @@ def add_flight(meshcat: Meshcat, log: FlightLog) -> None:
 def add_path(
     scene: Scene, positions: np.ndarray, colours: Sequence[tuple[float, float, float]]
 ) -> list[tuple[str, int]]:
-    """Draws the path as pieces of tube over a thin line of the whole.
+    """Draws the whole path as a thin line, and the flown path as pieces of tube.
 
     Args:
+      scene: the scene.
       positions: (N, 3) in m in K.
-      colours: N, of the path from each position to the next.
+      colours: N colours, each of the path from one position to the next.
 
     Returns:
-      For each piece its name and the row at which the spacecraft has flown it.
+      For each piece its name, and the row at which the spacecraft reaches its end.
     """
     meshcat, points = scene.meshcat, positions / scene.unit
     if len(points) > 1:
-        route: typing.Any = points.T  # Drake's stubs know no numpy shapes.
+        route: typing.Any = points.T  # The type stubs of Drake do not know array shapes.
         meshcat.SetLine("/path/route", route, 1.0, _ROUTE)
-    # Rows that are too near each other to make a tube (holding at the goal) are passed over.
+    # Rows that are too close together to make a tube are skipped, as while holding at the goal.
     rows = [0]
     for row in range(1, len(points)):
         if np.linalg.norm(points[row] - points[rows[-1]]) > _PATH_RADIUS / 4.0:
@@ -143,13 +144,13 @@ def add_path(
 
 
 def _shown(log: FlightLog) -> np.ndarray:
-    """Points (N, 3) in m in K that a camera should see."""
+    """Gives the points (N, 3) in m in K that the camera should see."""
     data = log.dataset
     return np.vstack([data["state"].values[:, :3], data["target"].values[-1, :3]])
 
 
 def _add_returns(scene: Scene, data: xr.Dataset) -> list[tuple[str, int]]:
-    """Some lidar frames of a log's dataset, evenly spread: for each its name and its row."""
+    """Adds evenly spaced lidar frames of a log's dataset; gives the name and row of each."""
     ranges, positions = data["ranges"].values, data["state"].values[:, :3]
     frames = []
     for row in np.unique(np.linspace(0, len(ranges) - 1, LIDAR_FRAMES).astype(int)):
@@ -160,7 +161,15 @@ def _add_returns(scene: Scene, data: xr.Dataset) -> list[tuple[str, int]]:
 
 
 def tube(points: np.ndarray, sides: int = 6) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices and facets of a tube about the polyline through points (N, 3), none repeated."""
+    """Makes a tube about a polyline.
+
+    Args:
+      points: (N, 3) in Meshcat units; successive points must differ.
+      sides: number of sides of the tube.
+
+    Returns:
+      Vertices (N (sides + 1), 3) in Meshcat units, and facets (F, 3).
+    """
     tangents = np.gradient(points, axis=0)
     tangents /= np.linalg.norm(tangents, axis=1, keepdims=True) + _TINY
     aside = np.eye(3)[np.argmin(np.abs(tangents.mean(axis=0)))]

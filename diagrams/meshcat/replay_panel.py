@@ -1,4 +1,4 @@
-"""The panel below a replay's picture: numbers, a strip of who flew when, a legend, cameras."""
+"""Makes the panel below a replay: numbers, a strip of controllers over time, a legend, cameras."""
 
 from __future__ import annotations
 
@@ -140,10 +140,14 @@ _NUMBERS = {
 def panel(
     log: FlightLog, title: str, playback_speed: float, views: dict[str, View], unit: float
 ) -> str:
-    """HTML of the panel, for a page whose Meshcat plays the flight at so many times real time.
+    """Gives the HTML of the panel, for a page whose Meshcat plays the flight.
 
     Args:
-      views: cameras to choose from, in m in K. unit: m per Meshcat unit.
+      log: the log of the flight.
+      title: title of the panel.
+      playback_speed: speed of the replay, in multiples of real time.
+      views: cameras to choose from, in m in K, by name.
+      unit: length of a Meshcat unit in m.
     """
     known = legend_of(log.dataset)
     shown = all_flown_by(log.dataset) or flown_by(log.dataset)[:1].tolist()
@@ -168,7 +172,8 @@ def panel(
         "numbers": numbers,
         "strip": _strip(log),
         "legend": legend,
-        "flight": content.replace("<", "\\u003c"),  # In a script a name must not end it.
+        # Otherwise "</script>" in a name would end the script.
+        "flight": content.replace("<", "\\u003c"),
     }
     return re.sub(r"\{\{(\w+)\}\}", lambda found: parts[found[1]], _PAGE)
 
@@ -176,12 +181,12 @@ def panel(
 def _flight(
     log: FlightLog, playback_speed: float, views: dict[str, View], unit: float
 ) -> dict[str, Any]:
-    """What the page's script knows: columns with an entry for each row, and what to call whom."""
+    """Gives the data of the page's script: columns with one entry for each row, names and views."""
     data, legend = log.dataset, legend_of(log.dataset)
     state, times = data["state"].values, data["time"].values
     away = (data["state"] - data["target"]).values[:, :3]
     force = np.nan_to_num(data["force"].values)
-    force[-1] = 0.0  # The flight is over.
+    force[-1] = 0.0  # The flight has ended.
     who = _steps(log)
 
     def turned(position: np.ndarray) -> list[float]:
@@ -205,13 +210,13 @@ def _flight(
 
 
 def _steps(log: FlightLog) -> np.ndarray:
-    """Who flies from each row (N,) to the next; at the last row, who flew last."""
+    """Gives the `FlownBy` (N,) from each row to the next; the last row repeats the one before."""
     who = flown_by(log.dataset)
     return np.concatenate([who[:-1], who[-2:-1]]) if len(who) > 1 else who
 
 
 def _strip(log: FlightLog) -> str:
-    """CSS of a strip over the flight's time, in the colours of those that fly."""
+    """Gives the CSS of a strip over the flight's time, in the colours of the controllers."""
     legend = legend_of(log.dataset)
     who, times = _steps(log), log.dataset["time"].values
     length = max(float(times[-1] - times[0]), 1e-9)

@@ -1,4 +1,4 @@
-"""The files that set a new body up for flying: its own, and a scenario made to its measure."""
+"""Makes the two files of a new body: the body's YAML file and a scenario scaled to the body."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from proxops.diagrams.scenario import (
 
 
 def body_yaml(config: BodyConfig, remark: str) -> str:
-    """The text of a body's YAML file, the remark (one line) on top."""
+    """Gives the text of a body's YAML file; it begins with a remark of one line as a comment."""
     axes = ", ".join(map(_number, config.keep_out_semi_axes_m))
     rows = [
         f"# {remark}",
@@ -39,14 +39,22 @@ def body_yaml(config: BodyConfig, remark: str) -> str:
 
 
 def scaled_scenario(body: Body, body_path: str, craft_mass_kg: float = 100.0) -> Scenario:
-    """The default scenario, made similar for `body`, which `body_path` names in it.
+    """Scales the default scenario, which is Kleopatra's, to another body.
 
-    Lengths are multiplied by what makes the cube as large for this keep-out ellipsoid as it is for
-    Kleopatra's, in volume or along the longest axis, whichever is more. Times are multiplied so
-    that the spin rate w and the rate of a low orbit n, as w^2 + n^2, are the same numbers as at
-    Kleopatra: then gravity, centrifugal and Coriolis accelerations are in the same proportion to
-    the thrust. That is made larger where it would not hover over the keep-out ellipsoid; the forces
-    that a hybrid takes for equal go with it.
+    Lengths are multiplied by the ratio of the keep-out ellipsoids' sizes: the cube root of the
+    ratio of their volumes, or the ratio of their longest semi-axes, whichever is greater. Times are
+    multiplied by the ratio of sqrt(w^2 + n^2), Kleopatra's over the body's, where w is the spin
+    rate and n the rate of a low orbit. Gravity, centrifugal and Coriolis accelerations then have
+    the same proportion to the thrust as at Kleopatra. If this thrust is too small for hovering over
+    the keep-out ellipsoid, it is made larger. The force limits of the hybrid scale with the thrust.
+
+    Args:
+      body: the body.
+      body_path: path of the body's YAML file, as the scenario is to name it.
+      craft_mass_kg: mass of the spacecraft.
+
+    Raises:
+      InputError: a scaled value is beyond its limits.
     """
     reference, given = load_body("kleopatra"), Scenario()
     volumes = [b.keep_out_semi_axes.prod() for b in (body, reference)]
@@ -107,13 +115,16 @@ def scaled_scenario(body: Body, body_path: str, craft_mass_kg: float = 100.0) ->
 
 
 def _rate(body: Body) -> float:
-    """rad/s: of the spin and a circular orbit at the keep-out ellipsoid's long end, together."""
+    """Gives sqrt(w^2 + n^2) in rad/s: w is the spin rate, n the rate of a low circular orbit.
+
+    The orbit's radius is the keep-out ellipsoid's semi-axis along x.
+    """
     field = body.gravity_field
     orbit = field.evaluate(np.diag(body.keep_out_semi_axes)[:1]).potential[0]
     return float(np.hypot(body.spin_rate, np.sqrt(orbit) / body.keep_out_semi_axes[0]))
 
 
 def _number(value: float) -> str:
-    """As YAML 1.1 reads it back: with a point, and a sign in the exponent."""
+    """Writes a number so that YAML 1.1 reads a number: with a decimal point."""
     text = repr(float(value))
     return text if "." in text else text.replace("e", ".0e")

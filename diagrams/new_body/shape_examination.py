@@ -1,4 +1,4 @@
-"""The mesh doctor: defects, figures of the solid, and what it means to fly there."""
+"""Examines a mesh: its defects, the properties of the solid, and the force to hover there."""
 
 from __future__ import annotations
 
@@ -29,17 +29,25 @@ from proxops.systems.shapes import (
     smallest_ellipsoid,
 )
 
-# No small body is longer, in m, than Pluto or shorter than a boulder.
+# Least and greatest length (m) of a small body: a boulder and Pluto.
 _PLAUSIBLE_LENGTH = (1.0, 2.5e6)
 # Grid of the hover map over the keep-out ellipsoid, in degrees.
 _MAP_STEP = 5.0
 
 
 def examine(file: MeshFile, asked: Questions) -> ShapeReport:
-    """Looks at everything about a mesh that its soundness leaves meaning to.
+    """Examines a mesh as far as its defects permit.
+
+    The solid and its keep-out ellipsoid need a mesh whose only defects, if any, are facets that cut
+    each other. The body and the hover map need a mesh without defects.
+
+    Args:
+      file: the mesh.
+      asked: mass, density, period and margins, as far as they are known.
 
     Raises:
-      InputError: a mass, density, period or margin that makes no sense.
+      InputError: the mass, density, period or margin is not positive, or mass and density are both
+        given.
     """
     _check(asked)
     vertices, facets = file.vertices, file.facets
@@ -51,7 +59,7 @@ def examine(file: MeshFile, asked: Questions) -> ShapeReport:
     report = _look_at_facets(report, "duplicate vertices" in kinds)
     if defects:
         return report
-    # Facets that cut each other leave the volume its meaning.
+    # The volume is defined even if facets cut each other.
     report = _look_at_solid(report)
     if report.defects:
         return report
@@ -65,7 +73,7 @@ def _look_at_facets(report: ShapeReport, unwelded: bool) -> ShapeReport:
     defects, remarks = list(report.defects), list(report.remarks)
     angles = smallest_angles(vertices, facets)
     crossings = None
-    if not unwelded:  # Neighbours that share no vertices would all be found to touch.
+    if not unwelded:  # Otherwise all neighbours would be found to touch each other.
         some = np.setdiff1d(np.arange(len(facets)), flat_facets(vertices, facets))
         crossings = some[self_intersections(vertices, facets[some])]
         if len(crossings):
@@ -99,11 +107,11 @@ def _look_at_solid(report: ShapeReport) -> ShapeReport:
     offset = float(np.linalg.norm(solid.centre_of_mass))
     if offset > 1e-3 * size:
         remarks.append(f"the centre of mass is {offset:.4g} m from the origin")
-    # Where the two greater moments are nearly equal, their axes mean little.
+    # If the two greater moments are nearly equal, their axes are hardly determined.
     distinct = solid.principal_moments[1] < 0.98 * solid.principal_moments[2]
     if distinct and spin_axis_error(solid) > 5.0:
         remarks.append(
-            f"z, which the body spins about, is {spin_axis_error(solid):.3g} degrees off the axis "
+            f"z, the spin axis, is {spin_axis_error(solid):.3g} degrees off the axis "
             "of the greatest moment of inertia"
         )
     report = dataclasses.replace(report, solid=solid, keep_out=keep_out)
@@ -112,14 +120,20 @@ def _look_at_solid(report: ShapeReport) -> ShapeReport:
     if synchronous is not None and synchronous < reach:
         remarks.append(
             f"the synchronous radius, {synchronous:.4g} m, is inside the body ({reach:.4g} m): "
-            "loose material at the ends would leave"
+            "loose material at the ends would fly off"
         )
     defects = report.defects + _unit_defects(report, size)
     return dataclasses.replace(report, defects=defects, remarks=remarks)
 
 
 def hover_map(body: Body, craft_mass_kg: float, grow: float = 0.0) -> HoverMap:
-    """Over the keep-out ellipsoid with `grow` metres added to each semi-axis."""
+    """Computes the force that hovering over the keep-out ellipsoid takes.
+
+    Args:
+      body: the body.
+      craft_mass_kg: mass of the spacecraft.
+      grow: length in m that is added to each semi-axis of the ellipsoid.
+    """
     longitudes = np.arange(-180.0, 180.0 + _MAP_STEP, _MAP_STEP)
     latitudes = np.arange(-90.0, 90.0 + _MAP_STEP, _MAP_STEP)
     a, b = np.meshgrid(np.radians(longitudes), np.radians(latitudes))
@@ -140,7 +154,7 @@ def _check(asked: Questions) -> None:
 
 
 def _unit_defects(report: ShapeReport, size: float) -> list[Defect]:
-    """The mesh's unit does not fit the mass, or a small body's size."""
+    """Finds whether the mesh's unit does not fit the mass or the size of a small body (m)."""
     other, factor = ("m", 1e-3) if report.file.unit == "km" else ("km", 1e3)
     nothing = np.empty(0, dtype=int)
     low, high = PLAUSIBLE_DENSITY
@@ -160,11 +174,11 @@ def _unit_defects(report: ShapeReport, size: float) -> list[Defect]:
 
 
 def _body(report: ShapeReport) -> Body | None:
-    """The body as its YAML file would say it, if mass and period are known."""
+    """Makes the body as its YAML file will define it, or None if mass or period is unknown."""
     mass, period = report.mass, report.questions.rotation_period_h
     if mass is None or period is None or report.keep_out is None:
         return None
-    # Rounded as it will be written, upwards, so that it still holds every vertex.
+    # Semi-axes are rounded up, as they will be written, so that all vertices stay inside.
     steps = 10.0 ** (np.floor(np.log10(report.keep_out.semi_axes)) - 5.0)
     axes = np.ceil(report.keep_out.semi_axes / steps) * steps
     config = BodyConfig(

@@ -1,4 +1,4 @@
-"""The mesh doctor's findings as one picture, with plain matplotlib and no display."""
+"""Draws the findings about a mesh as one figure."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _AXIS = {"x": 0, "y": 1, "z": 2}
 
 
 def plot_shape(report: ShapeReport) -> Figure:
-    """Three views, the hover map, the facets' angles and the figures, on one page."""
+    """Draws three views, the hover map, the facets' angles and a table of figures on one page."""
     figure = Figure(figsize=(13.5, 9.0), layout="constrained")
     grid = figure.subplots(2, 3)
     for ax, plane in zip(grid[0], ("xy", "xz", "yz"), strict=True):
@@ -35,14 +35,19 @@ def plot_shape(report: ShapeReport) -> Figure:
 
 
 def plot_view(ax: Axes, report: ShapeReport, plane: str = "xy") -> None:
-    """The mesh seen along an axis, about its centre of mass; facets with defects are red.
+    """Draws the mesh seen along an axis; facets with defects are red.
 
-    With it the keep-out ellipsoid's outline, the principal axes and, seen along z, the
-    synchronous radius.
+    It adds the outline of the keep-out ellipsoid, the principal axes and, for the plane "xy", the
+    synchronous radius. The origin is the centre of mass.
+
+    Args:
+      ax: the axes to draw on.
+      report: the findings.
+      plane: "xy", "xz" or "yz".
     """
     across, up = (_AXIS[letter] for letter in plane)
     depth = 3 - across - up
-    sign = -1.0 if plane == "xz" else 1.0  # Seen from -y, so that x points to the right.
+    sign = -1.0 if plane == "xz" else 1.0  # The view is from -y, so that x points to the right.
     length, unit = _unit(report)
     facets = _drawable(report)
     centre = np.zeros(3) if report.solid is None else report.solid.centre_of_mass
@@ -87,7 +92,7 @@ def plot_view(ax: Axes, report: ShapeReport, plane: str = "xy") -> None:
 
 
 def plot_hover(ax: Axes, report: ShapeReport) -> None:
-    """The greatest force per axis that hovering over the keep-out ellipsoid takes."""
+    """Draws the greatest force per axis that hovering over the keep-out ellipsoid takes."""
     hover = report.hover
     ax.set_title("hover force per axis, over the keep-out", fontsize="medium")
     if hover is None:
@@ -109,7 +114,7 @@ def plot_hover(ax: Axes, report: ShapeReport) -> None:
 
 
 def plot_angles(ax: Axes, report: ShapeReport) -> None:
-    """How many facets have which smallest angle."""
+    """Draws a histogram of the smallest angle of each facet."""
     ax.set_title("smallest angle of each facet", fontsize="medium")
     if report.angles.size:
         ax.hist(report.angles, bins=60, range=(0.0, 60.0), color="#8899bb")
@@ -121,7 +126,7 @@ def plot_angles(ax: Axes, report: ShapeReport) -> None:
 
 
 def figure_rows(report: ShapeReport) -> list[tuple[str, str]]:
-    """The figures as rows of a table."""
+    """Gives the figures of a report as rows (name, value) of a table."""
     length, unit = _unit(report)
 
     def lengths(values: np.ndarray) -> str:
@@ -177,7 +182,7 @@ def _write_figures(ax: Axes, report: ShapeReport) -> None:
 
 
 def _vector(values: np.ndarray, size: float) -> str:
-    """Three numbers, without the rounding of a sum over a body of that size."""
+    """Writes three numbers; those below the rounding error for a body of this size become 0."""
     return ", ".join(f"{0.0 if abs(value) < 1e-12 * size else value:.4g}" for value in values)
 
 
@@ -188,7 +193,7 @@ def _unit(report: ShapeReport) -> tuple[float, str]:
 
 
 def _drawable(report: ShapeReport) -> np.ndarray:
-    """Indices of the facets whose corners there are."""
+    """Gives the indices of the facets whose three vertices exist and are finite."""
     vertices, facets = report.file.vertices, report.file.facets
     there = np.all((facets >= 0) & (facets < len(vertices)), axis=1)
     finite = np.all(np.isfinite(vertices), axis=1)
@@ -197,7 +202,7 @@ def _drawable(report: ShapeReport) -> np.ndarray:
 
 
 def _marked(report: ShapeReport) -> np.ndarray:
-    """Which facets (F,) to draw red: those with a defect, but for what all of them have."""
+    """Marks the facets (F,) to draw red: those that a defect names and that can be drawn."""
     marked = np.zeros(len(report.file.facets), dtype=bool)
     for defect in report.defects:
         if defect.kind == "duplicate vertices":

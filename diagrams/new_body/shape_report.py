@@ -1,4 +1,4 @@
-"""What the mesh doctor found, as a dataclass and as JSON."""
+"""`ShapeReport`: the findings about a mesh, as a dataclass and as JSON."""
 
 from __future__ import annotations
 
@@ -12,60 +12,66 @@ from proxops.systems.gravity import GRAVITATIONAL_CONSTANT
 from proxops.systems.shapes import Defect, EnclosingEllipsoid, MassProperties, MeshFile
 
 SLIVER_ANGLE = 1.0
-"""Degrees: a facet with a smaller angle is a sliver."""
+"""A facet with an angle below this, in degrees, is a sliver."""
 
 
 @dataclass(frozen=True)
 class Questions:
-    """What a mesh alone does not say; what is None is not looked into."""
+    """What the user says about the body besides its mesh.
+
+    Findings that need a value that is None are left out.
+    """
 
     mass_kg: float | None = None
     density_kg_m3: float | None = None
     rotation_period_h: float | None = None
     craft_mass_kg: float = 100.0
     margin: float = 0.05
+    """Share that is added to each semi-axis of the keep-out ellipsoid."""
 
 
 @dataclass(frozen=True)
 class HoverMap:
-    """The greatest force per axis that hovering takes, over the keep-out ellipsoid."""
+    """A map of the greatest force per axis that hovering over the keep-out ellipsoid takes."""
 
     craft_mass_kg: float
     longitudes: np.ndarray
-    """(M,) in degrees; with `latitudes`, angles of the direction after scaling to a sphere."""
+    """Longitudes (M,) in degrees. They and the latitudes are angles after the ellipsoid is scaled
+    to a sphere."""
     latitudes: np.ndarray
-    """(N,) in degrees."""
+    """Latitudes (N,) in degrees."""
     forces: np.ndarray
-    """(N, M) in N."""
+    """Forces (N, M) in N."""
 
 
 @dataclass(frozen=True)
 class ShapeReport:
-    """The findings. Figures that the mesh's defects leave without meaning are None."""
+    """The findings about a mesh. Figures that defects make meaningless are None."""
 
     file: MeshFile
     questions: Questions
     defects: list[Defect]
     remarks: list[str]
     angles: np.ndarray
-    """The smallest angle (F,) of each facet in degrees; empty if there are no facets to measure."""
+    """The smallest angle (F,) of each facet in degrees; empty if they were not measured."""
     shells: int | None = None
     crossings: np.ndarray | None = None
-    """Pairs (N, 2) of facets that cut or touch each other; None: not looked for."""
+    """Pairs (N, 2) of facets that cut or touch each other; None: they were not searched for."""
     solid: MassProperties | None = None
     keep_out: EnclosingEllipsoid | None = None
     body: Body | None = field(default=None, repr=False)
-    """With mass, period and the keep-out ellipsoid; None unless the mesh is sound."""
+    """The body with mass, period and keep-out ellipsoid; None if the mesh is not sound or mass or
+    period is unknown."""
     hover: HoverMap | None = field(default=None, repr=False)
 
     @property
     def sound(self) -> bool:
-        """Whether there is no defect."""
+        """Whether the mesh has no defect."""
         return not self.defects
 
     @property
     def mass(self) -> float | None:
-        """kg, given or by density and volume."""
+        """Mass in kg, given or from density and volume; None if unknown."""
         asked = self.questions
         if asked.mass_kg is not None or asked.density_kg_m3 is None or self.solid is None:
             return asked.mass_kg
@@ -73,7 +79,7 @@ class ShapeReport:
 
     @property
     def density(self) -> float | None:
-        """kg/m^3, given or by mass and volume."""
+        """Density in kg/m^3, given or from mass and volume; None if unknown."""
         asked = self.questions
         if asked.density_kg_m3 is not None or asked.mass_kg is None or self.solid is None:
             return asked.density_kg_m3
@@ -81,14 +87,14 @@ class ShapeReport:
 
     @property
     def synchronous_radius(self) -> float | None:
-        """m: where a circular orbit in the equator takes one rotation, for a point mass."""
+        """Radius in m of the circular orbit about a point mass that takes one rotation."""
         if self.mass is None or self.questions.rotation_period_h is None:
             return None
         spin = 2.0 * np.pi / (3600.0 * self.questions.rotation_period_h)
         return float(np.cbrt(GRAVITATIONAL_CONSTANT * self.mass / spin**2))
 
     def to_dict(self) -> dict[str, typing.Any]:
-        """Everything, as JSON takes it. Lengths in m."""
+        """Gives all findings as values that JSON can hold; lengths are in m."""
         file, solid, keep_out, hover = self.file, self.solid, self.keep_out, self.hover
         finite = file.vertices[np.isfinite(file.vertices).all(axis=1)]
         figures: dict[str, typing.Any] = {
@@ -150,12 +156,12 @@ class ShapeReport:
 
 
 def spin_axis_error(solid: MassProperties) -> float:
-    """Angle in degrees between z and the axis of the greatest moment of inertia."""
+    """Computes the angle in degrees between z and the axis of the greatest moment of inertia."""
     return float(np.degrees(np.arccos(min(1.0, abs(solid.principal_axes[2, 2])))))
 
 
 def _plain(value: typing.Any) -> typing.Any:
-    """The same with Python's own lists and numbers."""
+    """Converts arrays and numpy numbers to lists and Python numbers."""
     if isinstance(value, dict):
         return {key: _plain(item) for key, item in value.items()}
     if isinstance(value, list):

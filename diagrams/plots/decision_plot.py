@@ -1,4 +1,4 @@
-"""A hybrid's decisions and the changes by runtime assurance over time, as a figure."""
+"""Draws a hybrid's decisions and the interventions of runtime assurance over time."""
 
 from __future__ import annotations
 
@@ -14,11 +14,12 @@ _AGREE, _DIFFER, _LIMIT = "#128a3a", "#b03030", "#33415c"
 
 
 def plot_decisions(log: FlightLog) -> Figure:
-    """Draws who flew each step, and why.
+    """Draws which controller flew each step, and why.
 
-    From the top: by whom each step is flown; where policy and MPC were compared, the size
-    of the difference of their forces and the angle between them, with the gate's limits; the size
-    of what runtime assurance changed the command by. What a log does not have is left out.
+    The panels, from the top, show the controller of each step; the size of the difference between
+    the forces of policy and MPC, with the gate's limit; the angle between these forces, with the
+    gate's limit; and the size of each change by runtime assurance. A panel is left out if the log
+    lacks its data.
     """
     data, settings = log.dataset, log.scenario.hybrid
     compared, assured = "agreement" in data, "intervention" in data
@@ -83,8 +84,8 @@ def _legend(log: FlightLog, compared: bool) -> list[Line2D]:
     ]
     if compared:
         handles += [
-            Line2D([], [], color=_AGREE, marker="o", linestyle="", label="they agree"),
-            Line2D([], [], color=_DIFFER, marker="o", linestyle="", label="they don't"),
+            Line2D([], [], color=_AGREE, marker="o", linestyle="", label="forces agree"),
+            Line2D([], [], color=_DIFFER, marker="o", linestyle="", label="forces disagree"),
             Line2D([], [], color=_LIMIT, linestyle="--", label="limit of the gate"),
         ]
     return handles

@@ -1,4 +1,4 @@
-"""A picture of a Diagram's systems and wiring: Graphviz's, or Mermaid's where `dot` is missing."""
+"""Draws a Diagram's systems and wiring with Graphviz, or with Mermaid if `dot` is missing."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from pydrake.systems.primitives import VectorLogSink
 
 @dataclass(frozen=True)
 class DiagramPicture:
-    """A picture that notebooks show: as SVG, or as Mermaid, which JupyterLab and GitHub draw."""
+    """A picture that notebooks show: as SVG, or as Mermaid text that JupyterLab and GitHub draw."""
 
     svg: str | None
-    """None: the program `dot` is not installed."""
+    """The picture as SVG; None if the program `dot` is not installed."""
     mermaid: str
 
     def _repr_mimebundle_(self, include=None, exclude=None) -> dict[str, str]:
-        """What IPython shows; it asks for this by this name."""
+        """Gives the formats of the picture; IPython calls this method by its name."""
         if self.svg is not None:
             return {"image/svg+xml": self.svg}
         return {
@@ -30,16 +30,17 @@ class DiagramPicture:
 
 
 def diagram_picture(diagram: Diagram, max_depth: int = 1) -> DiagramPicture:
-    """Draws the systems of a Diagram and what connects them.
+    """Draws the systems of a Diagram and their connections.
 
     Args:
-      max_depth: how many levels of subsystems Graphviz draws; Mermaid draws one.
+      diagram: the Diagram.
+      max_depth: number of levels of subsystems that Graphviz draws; Mermaid draws one.
     """
     return DiagramPicture(_graphviz_svg(diagram, max_depth), mermaid_text(diagram))
 
 
 def mermaid_text(diagram: Diagram) -> str:
-    """A Mermaid flowchart of the systems and connections; what only logs is left out."""
+    """Gives a Mermaid flowchart of the systems and connections, without the log sinks."""
     systems = [each for each in diagram.GetSystems() if not isinstance(each, VectorLogSink)]
     names = {system.get_name(): f"s{number}" for number, system in enumerate(systems)}
     lines = ["flowchart LR"]
@@ -57,7 +58,7 @@ def mermaid_text(diagram: Diagram) -> str:
 
 
 def _label(text: str) -> str:
-    """A text as it may stand between quotation marks in Mermaid."""
+    """Escapes a text for use between quotation marks in Mermaid."""
     return "".join(
         letter if letter.isalnum() or letter in " _-:/.+" else f"#{ord(letter)};" for letter in text
     )

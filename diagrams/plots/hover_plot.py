@@ -1,4 +1,4 @@
-"""Where a spacecraft can stand still: the thrust of hovering over planes through the body."""
+"""Draws where a spacecraft can hover: contours of the needed thrust on planes through the body."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _AXES = {"x": 0, "y": 1, "z": 2}
 
 
 def plot_hover(body: Body, scenario: Scenario, count: int = 121) -> Figure:
-    """Thrust of hovering in the planes xy and xz, over the cube that transits are drawn from."""
+    """Draws the thrust of hovering in the planes xy and xz, within the cube of the transits."""
     figure = Figure(figsize=(12.0, 5.4), layout="constrained")
     axes = figure.subplots(1, 2)
     image = draw_hover(axes[0], body, scenario, "xy", count)
@@ -29,13 +29,20 @@ def plot_hover(body: Body, scenario: Scenario, count: int = 121) -> Figure:
 def draw_hover(
     ax: Axes, body: Body, scenario: Scenario, plane: str = "xy", count: int = 121
 ) -> QuadContourSet:
-    """Contours of the greatest force per axis that hovering takes, and the thrust limit's own.
+    """Draws contours of the greatest force per axis that hovering takes.
 
-    Within the body, whose silhouette is drawn over them, there are none.
+    A red contour shows the thrust limit. There are no contours inside the body, whose silhouette is
+    drawn too.
 
     Args:
+      ax: the axes to draw on.
+      body: the body.
+      scenario: gives the spacecraft and the cube of the transits.
       plane: "xy", "xz" or "yz", through the centre of mass.
-      count: points a side.
+      count: number of grid points along each side.
+
+    Returns:
+      The filled contours, for a colour bar.
     """
     half, limit = 0.5 * scenario.transit.cube_m, scenario.spacecraft.thrust_limit_n
     line = np.linspace(-half, half, count)

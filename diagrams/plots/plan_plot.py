@@ -1,4 +1,4 @@
-"""A plan of the expert against its limits, with plain matplotlib and no display."""
+"""Draws a plan of the MPC with its limits."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _COLOURS = {"x": "#33415c", "y": "#c07a1f", "z": "#1f8a9a"}
 
 
 def plot_plan(plan: Plan, body: Body, scenario: Scenario) -> Figure:
-    """Way, force, velocity and clearance of one plan, with the limits that it was made for."""
+    """Draws path, force, velocity and clearance of one plan, with the limits of the scenario."""
     figure = Figure(figsize=(12.0, 8.0), layout="constrained")
     grid = figure.subplots(2, 2)
     minutes = plan.times / _MINUTE
@@ -39,7 +39,7 @@ def plot_plan(plan: Plan, body: Body, scenario: Scenario) -> Figure:
     figure.legend(
         *grid[1, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3, frameon=False
     )
-    figure.suptitle(f"a plan of {len(plan.forces)} intervals, {plan.times[-1]:.0f} s")
+    figure.suptitle(f"plan of {len(plan.forces)} intervals, {plan.times[-1]:.0f} s")
     return figure
 
 

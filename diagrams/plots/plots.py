@@ -1,7 +1,8 @@
-"""Plots of flight logs, in km (m about small bodies), N and minutes, with no display.
+"""Plots of flight logs.
 
-Each `plot_…` draws on the axes given, with plain matplotlib; `plot_flight` puts them together into
-one figure. Whoever wants a file calls the figure's `savefig`.
+`plot_flight` makes a whole figure; the other functions draw on given axes. Lengths are in km, or
+in m for small bodies. The functions use plain matplotlib and need no display. To write a file, call
+the figure's `savefig`.
 """
 
 from __future__ import annotations
@@ -34,15 +35,15 @@ _AXIS = {"x": 0, "y": 1, "z": 2}
 
 
 def length_unit(size: float) -> tuple[float, str]:
-    """The unit, in m and by name, for lengths of up to about `size` (m): km from 5 km up."""
+    """Gives the unit for lengths up to about `size` (m), in m and by name: km from 5 km up."""
     return (1e3, "km") if size >= 5e3 else (1.0, "m")
 
 
 def plot_flight(log: FlightLog) -> Figure:
-    """The whole flight on one page.
+    """Draws the whole flight on one page.
 
-    The path in three projections; distance to the goal, speed and clearance over time; the force
-    along each axis over time, with the limits.
+    The first row shows the path in three projections; the second shows distance to the goal, speed
+    and clearance over time; the third shows the force along each axis over time, with the limits.
     """
     figure = Figure(figsize=(13.0, 10.5), layout="constrained")
     grid = figure.subplots(3, 3, height_ratios=[1.5, 1.0, 1.0])
@@ -60,9 +61,10 @@ def plot_flight(log: FlightLog) -> Figure:
 
 
 def plot_path(ax: Axes, log: FlightLog, plane: str = "xy") -> None:
-    """The path in K projected on the plane "xy", "xz" or "yz", in the colours of those that fly.
+    """Draws the path in K, projected on the plane "xy", "xz" or "yz".
 
-    With it the body's silhouette, the outline of the keep-out ellipsoid, start and goal.
+    The colours tell which controller flew each step. The silhouette of the body, the outline of the
+    keep-out ellipsoid, the start and the goal are drawn too.
     """
     across, up = (_AXIS[letter] for letter in plane)
     length, unit = _unit(log.body)
@@ -87,11 +89,11 @@ def plot_path(ax: Axes, log: FlightLog, plane: str = "xy") -> None:
 
 
 def draw_body(ax: Axes, body: Body, plane: str = "xy") -> None:
-    """The silhouettes of the body and of its keep-out ellipsoid, seen along an axis."""
+    """Draws the silhouettes of the body and of its keep-out ellipsoid on a plane such as "xy"."""
     length, _ = _unit(body)
     across, up = (_AXIS[letter] for letter in plane)
     triangles = body.shape.vertices[body.shape.facets][:, :, [across, up]] / length
-    # The same colour inside and on the edges makes one shape of all facets, bent bodies too.
+    # One colour for facets and edges merges all facets into one silhouette, also of concave bodies.
     ax.add_collection(
         PolyCollection(
             list(triangles), facecolors=_BODY, edgecolors=_BODY, linewidths=0.5, rasterized=True
@@ -107,18 +109,18 @@ def draw_body(ax: Axes, body: Body, plane: str = "xy") -> None:
 
 
 def plot_distance(ax: Axes, log: FlightLog) -> None:
-    """Distance to the goal over time, on a logarithmic scale, with the radius of arrival."""
+    """Draws the distance to the goal over time, on a logarithmic scale, and the arrival radius."""
     data, radius = log.dataset, log.scenario.arrival.radius_m
     length, unit = _unit(log.body)
     distance = np.linalg.norm((data["state"] - data["target"]).values[:, :3], axis=1)
-    # A log scale has no zero, and so near there is nothing to see.
+    # A logarithmic scale has no zero, so distances are cut off below 0.001 of the radius.
     ax.semilogy(_minutes(log), np.maximum(distance, 1e-3 * radius) / length, color=_LINE)
     ax.axhline(radius / length, color=_GOAL, linestyle="--", linewidth=1.0)
     _over_time(ax, log, f"distance to the goal ({unit})")
 
 
 def plot_speed(ax: Axes, log: FlightLog) -> None:
-    """Speed relative to K over time, and its greatest component against the limit per axis."""
+    """Draws the speed in K over time, its greatest component, and the limit per axis."""
     velocity = log.dataset["state"].values[:, 3:]
     minutes = _minutes(log)
     ax.plot(minutes, np.linalg.norm(velocity, axis=1), color=_LINE, label="speed")
@@ -134,7 +136,7 @@ def plot_speed(ax: Axes, log: FlightLog) -> None:
 
 
 def plot_clearance(ax: Axes, log: FlightLog) -> None:
-    """Euclidean distance to the keep-out ellipsoid over time; inside it is negative."""
+    """Draws the Euclidean distance to the keep-out ellipsoid over time; it is negative inside."""
     times, states = log.dataset["time"].values, log.dataset["state"].values
     length, unit = _unit(log.body)
     clearance = clearances(log.body.keep_out_semi_axes, dense_positions(times, states)) / length
@@ -148,8 +150,8 @@ def plot_clearance(ax: Axes, log: FlightLog) -> None:
 
 
 def plot_force(ax: Axes, log: FlightLog, axis: str) -> None:
-    """The force applied along the axis "x", "y" or "z" of K, with its limits."""
-    # The last row is the end of the flight: no force is applied from there on.
+    """Draws the force along the axis "x", "y" or "z" of K over time, and its limits."""
+    # The last row is the end of the flight; no force acts after it.
     force = log.dataset["force"].values[:-1, _AXIS[axis]]
     times, delay = log.dataset["time"].values, log.dataset.attrs.get("force_delay_s", 0.0)
     minutes = np.minimum(times + delay, times[-1]) / _MINUTE
@@ -162,7 +164,7 @@ def plot_force(ax: Axes, log: FlightLog, axis: str) -> None:
 
 
 def plot_ranges(ax: Axes, frame: np.ndarray) -> AxesImage:
-    """One lidar frame (planes, rays) in m as a picture; rays without a return stay blank."""
+    """Draws a lidar frame (planes, rays) in m as a picture; rays without a return stay blank."""
     planes, rays = frame.shape
     step = 360.0 / rays
     finite = frame[np.isfinite(frame)]
@@ -183,7 +185,7 @@ def plot_ranges(ax: Axes, frame: np.ndarray) -> AxesImage:
 
 
 def _unit(body: Body) -> tuple[float, str]:
-    """The unit of all lengths of a flight."""
+    """Gives the unit for all lengths of a flight."""
     return length_unit(float(body.shape.extents.max()))
 
 
@@ -202,7 +204,7 @@ def _over_time(ax: Axes, log: FlightLog, label: str) -> None:
 
 
 def _legend(log: FlightLog) -> list[Line2D]:
-    """What the colours and dashes mean, for those that fly in this log."""
+    """Gives the legend of the colours and line styles for the controllers in this log."""
     legend = legend_of(log.dataset)
     entries = [legend[each] for each in all_flown_by(log.dataset)]
     return [

@@ -1,7 +1,7 @@
-"""Plots of the field over a body's surface and about it, with plain matplotlib and no display.
+"""Plots of the gravity field on a body's surface and around the body.
 
-`draw_surface` and `draw_plane_cut` draw on the axes given; `plot_surface_maps` and
-`plot_equilibria` make whole figures of a body. Whoever wants a file calls the figure's `savefig`.
+`plot_surface_maps` and `plot_equilibria` make whole figures; `draw_surface` and `draw_plane_cut`
+draw on given axes. To write a file, call the figure's `savefig`.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from proxops.systems.gravity import (
 )
 from proxops.systems.shapes import Polyhedron
 
-# Seen from: which axes of K point right and up.
+# For each axis that the viewer is on, the axes of K that point right and up.
 VIEWS = {
     "+z": ("+x", "+y"),
     "-z": ("-x", "+y"),
@@ -43,7 +43,7 @@ VIEWS = {
     "-x": ("-y", "+z"),
 }
 _LABEL_EDGE = [Stroke(linewidth=2.5, foreground="black"), Normal()]
-# Colour of an equilibrium by its number of growing modes, and what the legend says.
+# Colour and legend text of an equilibrium, by its number of growing modes.
 _MODES = {
     0: ("#1a9850", "stable"),
     1: ("#d73027", "unstable, one growing mode"),
@@ -52,12 +52,12 @@ _MODES = {
 
 
 def plot_surface_maps(field: GravityField, spin: float, title: str = "") -> Figure:
-    """Gravity, slope and effective potential over the body, each seen from +z, -y and +x.
+    """Draws gravity, slope and effective potential on the surface, each seen from +z, -y and +x.
 
     Args:
-      field: of a shape in K.
-      spin: rad/s about z.
-      title: of the figure; empty: the shape's name.
+      field: gravity field of a shape in K.
+      spin: angular velocity about z in rad/s.
+      title: title of the figure; if empty, it is the shape's name.
     """
     found = surface_map(field, spin)
     rows = {
@@ -69,7 +69,7 @@ def plot_surface_maps(field: GravityField, spin: float, title: str = "") -> Figu
     extents = {axis: float(field.shape.extents[AXES[axis]]) for axis in "xyz"}
     widths = [extents[VIEWS[view][0][1]] for view in views]
     heights = max(extents[VIEWS[view][1][1]] for view in views)
-    # Panels at one scale; what labels and colour bars take is added.
+    # All panels have one scale; the constants leave room for labels and colour bars.
     scale = 10.0 / sum(widths)
     size = 10.0 + 3.0, len(rows) * (scale * heights + 0.9) + 0.5
     figure = Figure(figsize=size, layout="constrained")
@@ -94,18 +94,24 @@ def draw_surface(
     colours: str = "viridis",
     norm: Normalize | None = None,
 ) -> PolyCollection:
-    """The facets that face the viewer, each in the colour of its value, nearest on top.
+    """Draws the facets that face the viewer, each in the colour of its value.
 
     Args:
-      values: (F,), one a facet.
+      ax: the axes to draw on.
+      shape: the body's shape in K.
+      values: (F,), one value for each facet.
       view: the axis that the viewer is on, one of `VIEWS`.
-      colours: name of a colour map. norm: its range; None: that of all values.
+      colours: name of a colour map.
+      norm: range of the colour map; None: the range of all values.
+
+    Returns:
+      The facets that were drawn.
 
     Raises:
-      InputError: no such view.
+      InputError: there is no such view.
     """
     if view not in VIEWS:
-        raise InputError(f"a view is one of {', '.join(VIEWS)}; got {view!r}")
+        raise InputError(f"a view must be one of {', '.join(VIEWS)}; got {view!r}")
     right, up = (_unit(axis) for axis in VIEWS[view])
     towards = np.cross(right, up)
     centres = shape.vertices[shape.facets].mean(axis=1)
@@ -139,13 +145,15 @@ def plot_equilibria(
     half_width: float | None = None,
     count: int = 241,
 ) -> Figure:
-    """The effective potential in the equator's plane, the equilibria on it, and a table of them.
+    """Draws the effective potential in the equatorial plane and the equilibria near it.
 
     Args:
-      field: of a shape in K. spin: rad/s about z.
-      title: of the figure; empty: the shape's name.
-      half_width: of the square that is drawn, in m; None: holds body and equilibria.
-      count: points a side of the grid.
+      field: gravity field of a shape in K.
+      spin: angular velocity about z in rad/s.
+      title: title of the figure; if empty, it is the shape's name.
+      half_width: half the side of the drawn square in m; None: large enough for the body and the
+        equilibria.
+      count: number of grid points along each side.
     """
     equilibria = find_equilibria(field, spin)
     if half_width is None:
@@ -179,11 +187,20 @@ def plot_equilibria(
 def draw_plane_cut(
     ax: Axes, cut: PlaneCut, equilibria: Sequence[Equilibrium] = (), levels: int = 40
 ) -> QuadContourSet:
-    """Contours of the effective potential on a plane, the body's section, and equilibria.
+    """Draws contours of the effective potential on a plane, the body's section, and equilibria.
 
-    Equilibria are called E1, E2, … in the order given; those farther from the plane than a
-    twentieth of its width are left out. Levels crowd where the field is flat, as about equilibria:
-    they are quantiles of the potential over the plane.
+    The contour levels are quantiles of the potential over the plane, so they are dense where the
+    field is flat, as near equilibria. The equilibria are named E1, E2, … in the given order. Those
+    farther from the plane than a twentieth of its width are left out.
+
+    Args:
+      ax: the axes to draw on.
+      cut: the potential on the plane.
+      equilibria: the equilibria.
+      levels: number of contour levels.
+
+    Returns:
+      The filled contours, for a colour bar.
     """
     length, unit = _plane_unit(cut)
     across, up = cut.across / length, cut.up / length
@@ -192,7 +209,7 @@ def draw_plane_cut(
     filled = ax.contourf(across, up, cut.potential, quantiles, cmap="cividis", norm=norm)
     thin = {"colors": "black", "linewidths": 0.3, "linestyles": "solid", "alpha": 0.5}
     ax.contour(across, up, cut.potential, quantiles, **thin)
-    for point in equilibria:  # The contours through saddles part the basins.
+    for point in equilibria:  # The contours through saddles separate the basins.
         if not point.inside and point.growing == 1:
             level = [point.potential]
             ax.contour(
@@ -220,7 +237,7 @@ def draw_plane_cut(
 
 
 def _unit(axis: str) -> np.ndarray:
-    """The unit vector of "+x", "-y" and so on."""
+    """Gives the unit vector (3,) of an axis such as "+x" or "-y"."""
     vector = np.zeros(3)
     vector[AXES[axis[1]]] = -1.0 if axis[0] == "-" else 1.0
     return vector
