@@ -192,8 +192,9 @@ def test_holding_starts_within_the_goal_region() -> None:
 
 
 def test_where_no_start_is_to_be_found() -> None:
-    """All are faster than the spacecraft may be."""
-    wanted = load_scenario(None, ["arrival.speed_m_s=1e5"])
+    """All starts that are drawn are faster than the spacecraft may be."""
+    slow_craft = ["arrival.speed_m_s=1e5", "spacecraft.speed_limit_m_s=0.01"]
+    wanted = load_scenario(None, slow_craft)
     with pytest.raises(InputError, match="no start was found for flight 0 of seed 3, kind oversh"):
         flown("overshoot", 0, wanted)
 
