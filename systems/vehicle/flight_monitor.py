@@ -156,8 +156,14 @@ class FlightMonitor(LeafSystem):
     def _dips(self, start: np.ndarray, end: np.ndarray, duration: float) -> bool:
         """Whether the path goes too deep between two states (6,) that are not too deep.
 
-        The path is the cubic through both states' positions and velocities.
+        The path is the cubic through both states' positions and velocities. It lies in the convex
+        hull of its Bézier points, so far from the ellipsoid it need not be evaluated.
         """
+        third = duration / 3.0
+        hull = np.stack([start[:3] + third * start[3:], end[:3] - third * end[3:], end[:3]])
+        reach = np.linalg.norm(hull - start[:3], axis=1).max()
+        if clearances(self._keep_out, start[None, :3])[0] + self._tolerance > reach:
+            return False
         states, times = np.stack([start, end]), np.array([0.0, duration])
         path = CubicHermiteSpline(times, states[:, :3], states[:, 3:])
         clearance = clearances(self._keep_out, path(np.linspace(0.0, duration, 11)))
