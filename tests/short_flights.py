@@ -10,7 +10,8 @@ from pydrake.systems.framework import LeafSystem
 from proxops.diagrams.flight.simulation import fly
 from proxops.diagrams.logs.flight_log import FlightLog
 from proxops.diagrams.scenario.body import load_body
-from proxops.diagrams.scenario.scenario import Scenario, load_scenario
+from proxops.diagrams.scenario.scenario import load_scenario
+from proxops.diagrams.scenario.scenario_config import Scenario
 
 # 8 km past the long end of the body, then 100 s in the goal region: 120 steps.
 SHORT = {

@@ -7,7 +7,8 @@ import numpy as np
 
 from proxops.diagrams.logs.flight_log import FlightLog, make_dataset
 from proxops.diagrams.scenario.body import Body, load_body
-from proxops.diagrams.scenario.scenario import Scenario, dump_scenario
+from proxops.diagrams.scenario.scenario import dump_scenario
+from proxops.diagrams.scenario.scenario_config import Scenario
 from proxops.systems.lidar import ray_directions
 from proxops.systems.shapes.polyhedron import Polyhedron
 from proxops.systems.shapes.ray_casting import RayCaster

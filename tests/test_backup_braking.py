@@ -12,7 +12,8 @@ from short_flights import kleopatra
 
 from proxops.diagrams.flight.scenario_systems import make_backup
 from proxops.diagrams.logs.flight_summary import dense_positions
-from proxops.diagrams.scenario.scenario import AssuranceConfig, load_scenario
+from proxops.diagrams.scenario.scenario import load_scenario
+from proxops.diagrams.scenario.scenario_config import AssuranceConfig
 from proxops.systems import (
     AssuranceLimits,
     BackupBraking,

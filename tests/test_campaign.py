@@ -20,7 +20,8 @@ from short_flights import BRIEF, short_scenario
 from proxops.diagrams.flight import Workers, campaign
 from proxops.diagrams.flight.campaign import Flight, run_campaign, transit_flights
 from proxops.diagrams.logs.flight_log import FlightLog
-from proxops.diagrams.scenario.scenario import Scenario, parse_scenario
+from proxops.diagrams.scenario.scenario import parse_scenario
+from proxops.diagrams.scenario.scenario_config import Scenario
 from proxops.diagrams.scenario.transits import transit_set
 from proxops.systems import InputError
 

@@ -20,7 +20,8 @@ from proxops.diagrams.new_body.shape_examination import examine
 from proxops.diagrams.new_body.shape_picture import plot_shape
 from proxops.diagrams.new_body.shape_report import Questions
 from proxops.diagrams.scenario.body import load_body
-from proxops.diagrams.scenario.scenario import Scenario, load_scenario
+from proxops.diagrams.scenario.scenario import load_scenario
+from proxops.diagrams.scenario.scenario_config import Scenario
 from proxops.diagrams.scenario.transits import draw_transit, transit_set
 from proxops.systems.shapes.shape_files import MeshFile, read_mesh
 

@@ -22,7 +22,8 @@ from short_flights import kleopatra
 from proxops.diagrams.flight.simulation import fly
 from proxops.diagrams.logs.flight_log import FlightLog, differences
 from proxops.diagrams.scenario.body import load_body
-from proxops.diagrams.scenario.scenario import LearnedLidarConfig, load_scenario, parse_scenario
+from proxops.diagrams.scenario.scenario import load_scenario, parse_scenario
+from proxops.diagrams.scenario.scenario_config import LearnedLidarConfig
 from proxops.training.data.collection import describe_flight
 from proxops.training.data.recovery import flight_scenario, kind_of
 

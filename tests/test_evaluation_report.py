@@ -15,7 +15,7 @@ from known_policies import Counting, DeadReckoning, write_policy
 from test_evaluation import ESTIMATE_ERRORS, row
 
 from proxops.diagrams.logs.flight_log import FlightLog
-from proxops.diagrams.scenario.scenario import ArrivalConfig
+from proxops.diagrams.scenario.scenario_config import ArrivalConfig
 from proxops.studies.evaluation.evaluation import aggregate
 from proxops.studies.evaluation.figures import controller_looks, plot_delta_v, plot_end_errors
 from proxops.studies.evaluation.flights import shown_transits, worst_flights

@@ -10,7 +10,8 @@ from scipy.linalg import expm
 
 from proxops.diagrams.flight.transit_diagram import make_mpc
 from proxops.diagrams.scenario.body import load_body
-from proxops.diagrams.scenario.scenario import Scenario, load_scenario
+from proxops.diagrams.scenario.scenario import load_scenario
+from proxops.diagrams.scenario.scenario_config import Scenario
 from proxops.diagrams.scenario.transits import transit_set
 from proxops.systems import Gravity, Plan, TransitProgram, WeightedProgram
 from proxops.systems.common.errors import SolverFailure

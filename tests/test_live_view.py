@@ -14,7 +14,7 @@ from proxops.diagrams.flight.transit_diagram import make_transit_diagram
 from proxops.diagrams.meshcat import live_view
 from proxops.diagrams.meshcat.meshcat_scene import Scene, add_plan, quiet_meshcat
 from proxops.diagrams.scenario.body import load_body
-from proxops.diagrams.scenario.scenario import Scenario
+from proxops.diagrams.scenario.scenario_config import Scenario
 from proxops.systems import ModelPredictiveController, Plan, TransitProgram
 
 PERIOD = 10.0

@@ -11,7 +11,7 @@ from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput, Ze
 
 from proxops.diagrams.flight.scenario_systems import make_mpc
 from proxops.diagrams.scenario.body import load_body
-from proxops.diagrams.scenario.scenario import Scenario
+from proxops.diagrams.scenario.scenario_config import Scenario
 from proxops.systems import (
     DelayedHold,
     InputError,

@@ -19,7 +19,8 @@ from proxops.diagrams.flight.named_controllers import named_controller
 from proxops.diagrams.flight.simulation import fly, make_simulator
 from proxops.diagrams.flight.transit_diagram import make_transit_diagram
 from proxops.diagrams.logs.flight_log import FlightLog, differences
-from proxops.diagrams.scenario.scenario import Scenario, load_scenario
+from proxops.diagrams.scenario.scenario import load_scenario
+from proxops.diagrams.scenario.scenario_config import Scenario
 from proxops.systems import InputError, PolicyBundle
 from proxops.systems.policy import neural_policy
 

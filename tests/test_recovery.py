@@ -9,14 +9,14 @@ from scipy import stats
 from scipy.optimize import minimize
 from short_flights import kleopatra
 
-from proxops.diagrams.scenario.scenario import (
+from proxops.diagrams.scenario.scenario import load_scenario
+from proxops.diagrams.scenario.scenario_checks import check_scenario
+from proxops.diagrams.scenario.scenario_config import (
     ForceNoiseConfig,
     KicksConfig,
     RandomWalkDisturbanceConfig,
     Scenario,
     SpacecraftConfig,
-    check_scenario,
-    load_scenario,
 )
 from proxops.diagrams.scenario.transits import scenario_transit, transit_set
 from proxops.systems import InputError

@@ -15,7 +15,7 @@ from short_flights import BRIEF, short_scenario
 
 from proxops.diagrams.flight import Workers
 from proxops.diagrams.flight.campaign import Flight
-from proxops.diagrams.scenario.scenario import Scenario
+from proxops.diagrams.scenario.scenario_config import Scenario
 from proxops.studies.evaluation.variants import Variant, fly_variants
 from proxops.studies.reproduction.flights import variants
 from proxops.studies.reproduction.reproduction import ReproductionSettings, reproduce

@@ -12,7 +12,8 @@ from short_flights import kleopatra
 from test_evaluation import row
 
 from proxops.diagrams.flight.campaign import Flight
-from proxops.diagrams.scenario.scenario import Scenario, load_scenario, parse_scenario
+from proxops.diagrams.scenario.scenario import load_scenario, parse_scenario
+from proxops.diagrams.scenario.scenario_config import Scenario
 from proxops.diagrams.scenario.transits import draw_transit, hover_force, scenario_transit
 from proxops.studies.evaluation.variants import variant_flights
 from proxops.systems.shapes.ellipsoid import clearances

@@ -13,6 +13,14 @@ from plain_polyhedral_gravity import star_shaped
 
 from proxops.diagrams.scenario.body import BodyConfig, load_body
 from proxops.diagrams.scenario.scenario import (
+    change_scenario,
+    dump_scenario,
+    load_scenario,
+    parse_scenario,
+    read_mapping,
+)
+from proxops.diagrams.scenario.scenario_checks import check_scenario
+from proxops.diagrams.scenario.scenario_config import (
     ArrivalConfig,
     AssuranceConfig,
     ForceNoiseConfig,
@@ -26,12 +34,6 @@ from proxops.diagrams.scenario.scenario import (
     Scenario,
     SpacecraftConfig,
     TransitConfig,
-    change_scenario,
-    check_scenario,
-    dump_scenario,
-    load_scenario,
-    parse_scenario,
-    read_mapping,
 )
 from proxops.systems.common.errors import InputError
 

@@ -13,13 +13,8 @@ from short_flights import kleopatra
 from proxops.diagrams.flight.simulation import fly
 from proxops.diagrams.scenario.body import BodyConfig, load_body
 from proxops.diagrams.scenario.limits import limits_of
-from proxops.diagrams.scenario.scenario import (
-    LearnedLidarConfig,
-    Scenario,
-    dump_scenario,
-    load_scenario,
-    parse_scenario,
-)
+from proxops.diagrams.scenario.scenario import dump_scenario, load_scenario, parse_scenario
+from proxops.diagrams.scenario.scenario_config import LearnedLidarConfig, Scenario
 from proxops.systems.common.errors import InputError
 
 VALUES: tuple[typing.Any, ...] = (

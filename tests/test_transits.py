@@ -7,7 +7,8 @@ import pytest
 from plain_polyhedral_gravity import PlainPolyhedralGravity
 from short_flights import kleopatra, write_blob
 
-from proxops.diagrams.scenario.scenario import Scenario, load_scenario
+from proxops.diagrams.scenario.scenario import load_scenario
+from proxops.diagrams.scenario.scenario_config import Scenario
 from proxops.diagrams.scenario.transits import (
     Transit,
     draw_transit,

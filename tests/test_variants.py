@@ -10,7 +10,8 @@ from synthetic_log import synthetic_log
 
 from proxops.diagrams.flight.parallel import Workers
 from proxops.diagrams.scenario.body import Body
-from proxops.diagrams.scenario.scenario import Scenario, load_scenario, parse_scenario
+from proxops.diagrams.scenario.scenario import load_scenario, parse_scenario
+from proxops.diagrams.scenario.scenario_config import Scenario
 from proxops.diagrams.scenario.transits import Transit, draw_transit, scenario_transit
 from proxops.studies.evaluation.flights import describe_flight
 from proxops.studies.evaluation.variants import (

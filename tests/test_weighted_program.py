@@ -11,12 +11,8 @@ from short_flights import short_scenario
 from proxops.diagrams.flight.scenario_systems import make_mpc
 from proxops.diagrams.flight.simulation import fly
 from proxops.diagrams.scenario.body import load_body
-from proxops.diagrams.scenario.scenario import (
-    Scenario,
-    dump_scenario,
-    load_scenario,
-    parse_scenario,
-)
+from proxops.diagrams.scenario.scenario import dump_scenario, load_scenario, parse_scenario
+from proxops.diagrams.scenario.scenario_config import Scenario
 from proxops.diagrams.scenario.transits import transit_set
 from proxops.systems import (
     ErrorWeights,

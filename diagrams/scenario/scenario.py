@@ -7,52 +7,13 @@ from pydrake.common.yaml import yaml_dump_typed
 
 from proxops.diagrams.scenario.renamed_keys import refuse_renamed, translate_renamed
 from proxops.diagrams.scenario.scenario_checks import check_scenario
-from proxops.diagrams.scenario.scenario_config import (
-    ArrivalConfig,
-    AssuranceConfig,
-    ForceNoiseConfig,
-    HybridConfig,
-    KicksConfig,
-    LearnedLidarConfig,
-    LidarConfig,
-    MismatchConfig,
-    MpcConfig,
-    PolicyConfig,
-    RandomWalkDisturbanceConfig,
-    Scenario,
-    SpacecraftConfig,
-    TransitConfig,
-    WeightedCostConfig,
-)
+from proxops.diagrams.scenario.scenario_config import LearnedLidarConfig, Scenario
 from proxops.diagrams.scenario.typed_yaml import (
     apply_overrides,
     load_typed,
     parse_mapping,
     read_mapping,
 )
-
-__all__ = [
-    "ArrivalConfig",
-    "AssuranceConfig",
-    "ForceNoiseConfig",
-    "HybridConfig",
-    "KicksConfig",
-    "LearnedLidarConfig",
-    "LidarConfig",
-    "MismatchConfig",
-    "MpcConfig",
-    "PolicyConfig",
-    "RandomWalkDisturbanceConfig",
-    "Scenario",
-    "SpacecraftConfig",
-    "TransitConfig",
-    "WeightedCostConfig",
-    "change_scenario",
-    "check_scenario",
-    "dump_scenario",
-    "load_scenario",
-    "parse_scenario",
-]
 
 
 def load_scenario(

@@ -7,7 +7,7 @@ import dataclasses as dc
 import numpy as np
 
 from proxops.diagrams.scenario.body import Body, load_body
-from proxops.diagrams.scenario.scenario import Scenario
+from proxops.diagrams.scenario.scenario_config import Scenario
 from proxops.systems.common import InputError, generator
 from proxops.systems.shapes import blocks_segment, clearances
 

@@ -6,10 +6,11 @@ import math
 
 import numpy as np
 
-from proxops.systems.common import SeededSystem, check_not_negative, check_positive, generator
+from proxops.systems.common import check_not_negative, generator
+from proxops.systems.vehicle.force_disturbance import ForceDisturbance
 
 
-class ForceNoise(SeededSystem):
+class ForceNoise(ForceDisturbance):
     """Adds normal noise to a force. Its size does not depend on the force.
 
     ```
@@ -25,7 +26,7 @@ class ForceNoise(SeededSystem):
         n_0 = s w_0,   n_k = r n_(k-1) + s sqrt(1 - r^2) w_k,   r = exp(-period / correlation time)
 
     with standard deviation s and independent standard normal w. It is white if the correlation time
-    is 0. The last value of the sequence is discrete state.
+    is 0.
     """
 
     def __init__(
@@ -42,38 +43,14 @@ class ForceNoise(SeededSystem):
           InputError: the limit or the period is not positive, or another property is negative or
             not finite.
         """
-        super().__init__(period, seed)
-        check_positive("ForceNoise", thrust_limit=thrust_limit)
+        super().__init__(thrust_limit, period, seed)
         check_not_negative("ForceNoise", std=std, correlation_time=correlation_time)
-        self.thrust_limit, self.std = thrust_limit, std
+        self.std = std
         self.kept = math.exp(-period / correlation_time) if correlation_time > 0 else 0.0
-        self._force_in_port = self.DeclareVectorInputPort(name="force", size=3)
-        self._noise_index = self.DeclareDiscreteState(3)
-        self._force_out_port = self.DeclareVectorOutputPort(
-            name="force",
-            size=3,
-            calc=self._calc_force,
-            prerequisites_of_calc={
-                self._force_in_port.ticket(),
-                self.discrete_state_ticket(self._noise_index),
-                *self.seed_tickets(),
-            },
-        )
-        self.DeclarePeriodicDiscreteUpdateEvent(
-            period_sec=period, offset_sec=0.0, update=self._update_noise
-        )
 
-    def _next_noise(self, context) -> np.ndarray:
-        step = self.step_of(context)
-        drawn = self.std * generator(self.seed_of(context), step).standard_normal(3)
+    def next_added(self, command: np.ndarray, last: np.ndarray, seed: int, step: int) -> np.ndarray:
+        """Returns the next value (3,) of the sequence, in N."""
+        drawn = self.std * generator(seed, step).standard_normal(3)
         if step == 0:
             return drawn
-        last = context.get_discrete_state(self._noise_index).value()
         return self.kept * last + math.sqrt(1.0 - self.kept**2) * drawn
-
-    def _calc_force(self, context, output):
-        total = self._force_in_port.Eval(context) + self._next_noise(context)
-        output.SetFromVector(np.clip(total, -self.thrust_limit, self.thrust_limit))
-
-    def _update_noise(self, context, discrete_state):
-        discrete_state.set_value(self._noise_index, self._next_noise(context))

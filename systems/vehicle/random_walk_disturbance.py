@@ -4,13 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from proxops.systems.common import (
-    InputError,
-    SeededSystem,
-    check_not_negative,
-    check_positive,
-    generator,
-)
+from proxops.systems.common import InputError, check_not_negative, check_positive, generator
+from proxops.systems.vehicle.force_disturbance import ForceDisturbance
 
 
 def shortened(vector: np.ndarray, limit: float) -> np.ndarray:
@@ -19,7 +14,7 @@ def shortened(vector: np.ndarray, limit: float) -> np.ndarray:
     return vector * (limit / length) if length > limit else vector
 
 
-class RandomWalkDisturbance(SeededSystem):
+class RandomWalkDisturbance(ForceDisturbance):
     """Adds a random walk to a force, as the paper did for its disturbed transits.
 
     ```
@@ -30,8 +25,8 @@ class RandomWalkDisturbance(SeededSystem):
 
     Each period a normal increment per axis is added to the walk. Every `reset_period` the walk
     starts again from zero and its bound k is drawn from U(0, max_relative_magnitude). The walk's
-    length is limited to k ‖force‖, so it has no effect on a command of zero. The walk is discrete
-    state. The first increment acts from time 0 on.
+    length is limited to k ‖force‖, so it has no effect on a command of zero. The first increment
+    acts from time 0 on.
     """
 
     def __init__(
@@ -49,9 +44,9 @@ class RandomWalkDisturbance(SeededSystem):
           InputError: a limit or period is not positive, the reset period is shorter than the
             period, or another property is negative or not finite.
         """
-        super().__init__(period, seed)
+        super().__init__(thrust_limit, period, seed)
         owner = "RandomWalkDisturbance"
-        check_positive(owner, thrust_limit=thrust_limit, reset_period=reset_period)
+        check_positive(owner, reset_period=reset_period)
         check_not_negative(
             owner, max_relative_magnitude=max_relative_magnitude, increment_std=increment_std
         )
@@ -60,41 +55,16 @@ class RandomWalkDisturbance(SeededSystem):
                 f"{owner} needs a reset_period of at least its period, {period} s, "
                 f"got {reset_period} s"
             )
-        self.thrust_limit = thrust_limit
         self.max_relative_magnitude, self.increment_std = max_relative_magnitude, increment_std
         self._steps_per_reset = round(reset_period / period)
-        self._force_in_port = self.DeclareVectorInputPort(name="force", size=3)
-        self._walk_index = self.DeclareDiscreteState(3)
-        self._force_out_port = self.DeclareVectorOutputPort(
-            name="force",
-            size=3,
-            calc=self._calc_force,
-            prerequisites_of_calc={
-                self._force_in_port.ticket(),
-                self.discrete_state_ticket(self._walk_index),
-                *self.seed_tickets(),
-            },
-        )
-        self.DeclarePeriodicDiscreteUpdateEvent(
-            period_sec=period, offset_sec=0.0, update=self._update_walk
-        )
 
-    def _next_walk(self, context) -> np.ndarray:
-        seed, step = self.seed_of(context), self.step_of(context)
+    def next_added(self, command: np.ndarray, last: np.ndarray, seed: int, step: int) -> np.ndarray:
+        """Returns the next value (3,) of the walk, in N."""
         stretch, since_reset = divmod(step, self._steps_per_reset)
         # Steps count up from 0 and stretches down from the greatest key, so that no two keys are
         # the same.
         drawn = generator(seed, np.iinfo(np.uint64).max - stretch).random()
-        walk = context.get_discrete_state(self._walk_index).value()
-        start = np.zeros(3) if since_reset == 0 else walk
+        start = np.zeros(3) if since_reset == 0 else last
         increment = self.increment_std * generator(seed, step).standard_normal(3)
-        command = self._force_in_port.Eval(context)
         limit = self.max_relative_magnitude * drawn * float(np.linalg.norm(command))
         return shortened(start + increment, limit)
-
-    def _calc_force(self, context, output):
-        total = self._force_in_port.Eval(context) + self._next_walk(context)
-        output.SetFromVector(np.clip(total, -self.thrust_limit, self.thrust_limit))
-
-    def _update_walk(self, context, discrete_state):
-        discrete_state.set_value(self._walk_index, self._next_walk(context))

@@ -1,0 +1,63 @@
+"""`ForceDisturbance`: what all random disturbances of a force share."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from proxops.systems.common import SeededSystem, check_positive
+
+
+class ForceDisturbance(SeededSystem):
+    """Adds a random force to a commanded one, and limits the sum.
+
+    A subclass says in `next_added` what is added over the period that begins. The last force that
+    was added is discrete state.
+    """
+
+    def __init__(self, thrust_limit: float, period: float, seed: int):
+        """Takes the limit of each axis in N, the control period in s, and the default seed.
+
+        Raises:
+          InputError: the limit or the period is not positive, or the seed is negative.
+        """
+        super().__init__(period, seed)
+        check_positive(type(self).__name__, thrust_limit=thrust_limit)
+        self.thrust_limit = thrust_limit
+        self._force_in_port = self.DeclareVectorInputPort(name="force", size=3)
+        self._added_index = self.DeclareDiscreteState(3)
+        self._force_out_port = self.DeclareVectorOutputPort(
+            name="force",
+            size=3,
+            calc=self._calc_force,
+            prerequisites_of_calc={
+                self._force_in_port.ticket(),
+                self.discrete_state_ticket(self._added_index),
+                *self.seed_tickets(),
+            },
+        )
+        self.DeclarePeriodicDiscreteUpdateEvent(
+            period_sec=period, offset_sec=0.0, update=self._update_added
+        )
+
+    def next_added(self, command: np.ndarray, last: np.ndarray, seed: int, step: int) -> np.ndarray:
+        """Returns the force (3,) in N that is added over a period.
+
+        Args:
+          command: (3,) in N, the force that comes in.
+          last: (3,) in N, what was added over the last period; zeros at step 0.
+          seed: the seed in the Context.
+          step: number of the period, from 0.
+        """
+        raise NotImplementedError
+
+    def _added(self, context) -> np.ndarray:
+        last = context.get_discrete_state(self._added_index).value()
+        command = self._force_in_port.Eval(context)
+        return self.next_added(command, last, self.seed_of(context), self.step_of(context))
+
+    def _calc_force(self, context, output):
+        total = self._force_in_port.Eval(context) + self._added(context)
+        output.SetFromVector(np.clip(total, -self.thrust_limit, self.thrust_limit))
+
+    def _update_added(self, context, discrete_state):
+        discrete_state.set_value(self._added_index, self._added(context))
