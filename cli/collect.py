@@ -1,4 +1,4 @@
-"""`proxops collect`: flies expert transits for training and writes a log of each."""
+"""`proxops collect`: flies transits with the MPC for training and writes a log of each."""
 
 from __future__ import annotations
 
@@ -43,23 +43,29 @@ def collect_command(
     ] = None,
     transits: Annotated[int, typer.Option(min=1, help="Number of flights.")] = 400,
     seed: Annotated[
-        int, typer.Option(min=0, help="Seed of the set; below 10,000 they are for training.")
+        int,
+        typer.Option(
+            min=0, help="Seed of the set of transits; seeds below 10,000 are for training."
+        ),
     ] = 0,
     recovery: Annotated[
-        str, typer.Option(help="Mix: paper, full, or kind=weight,kind=weight; see the README.")
+        str,
+        typer.Option(
+            help="Mix of flights: paper, full, or kind=weight,kind=weight; see the documentation."
+        ),
     ] = "paper",
     lidar: Annotated[
         LidarSource,
         typer.Option(
-            help="Frames in the logs: cast against the mesh; learned or paper: from our network or "
-            "the paper's in all flights but the nominal ones, as in the paper; or none."
+            help="Frames in the logs. cast: from rays against the mesh; learned, paper: from our "
+            "or the paper's network, except in nominal flights, as in the paper; none: no frames."
         ),
     ] = LidarSource.CAST,
     lidar_bundle: Annotated[
         Path | None,
         typer.Option(
-            help="The learned lidar's, from `proxops train-lidar`. Default: out/lidar/bundle, or "
-            "for paper out/lidar/paper_bundle."
+            help="Bundle of the learned lidar, from `proxops train-lidar`. Default: "
+            "out/lidar/bundle; with --lidar paper, out/lidar/paper_bundle."
         ),
     ] = None,
     settings: ScenarioChanges = None,
@@ -70,7 +76,7 @@ def collect_command(
     scheduler: SchedulerAddress = None,
     as_json: AsJson = False,
 ) -> None:
-    """Fly expert transits; write a log of each, manifest.json and a report.
+    """Fly transits with the MPC; write a log of each, manifest.json and a report.
 
     Run it again to finish an interrupted set: no flight is flown twice. With more --transits it
     adds to the set.
@@ -114,7 +120,7 @@ def collect_command(
 
 def _print(report: dict[str, Any]) -> None:
     head, lines = report_rows(report)
-    # In two, so that it fits an ordinary terminal.
+    # There are two tables, so that each fits an ordinary terminal.
     for title, columns in (
         (f"expert flights of seed {report['seed']}", range(7)),
         ("their data", [0, *range(7, len(head))]),

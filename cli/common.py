@@ -1,4 +1,4 @@
-"""What the commands share: consoles, output folders, tables."""
+"""Functions and options that several commands use: consoles, output folders, tables."""
 
 from __future__ import annotations
 
@@ -27,26 +27,26 @@ Processes = typing.Annotated[
     int | None, typer.Option(min=1, help="Processes. Default: one for each core.")
 ]
 SchedulerAddress = typing.Annotated[
-    str | None, typer.Option(help="Address of a Dask scheduler to fly on instead.")
+    str | None, typer.Option(help="Address of a Dask scheduler; its workers then do the work.")
 ]
-"""Options of all commands that fly many times."""
+"""Options of all commands that fly many flights."""
 ScenarioChanges = typing.Annotated[
     list[str] | None,
     typer.Option("--set", help="Change a scenario value: key.subkey=value. Repeatable."),
 ]
 AsJson = typing.Annotated[
-    bool, typer.Option("--json", help="Print what was found as JSON, not as a table.")
+    bool, typer.Option("--json", help="Print the results as JSON, not as a table.")
 ]
 """Options of most commands."""
 
 console = Console()
-"""Results go here, to standard output."""
+"""The console for results: standard output."""
 status = Console(stderr=True, soft_wrap=True)
-"""Progress and remarks go here, to standard error."""
+"""The console for progress and remarks: standard error."""
 
 
 def progress_bar(*columns: ProgressColumn) -> rich.progress.Progress:
-    """A bar on a terminal; nothing, not even an empty line, where there is none."""
+    """Makes a progress bar. It prints nothing, not even an empty line, without a terminal."""
     return rich.progress.Progress(
         *columns, console=status, transient=True, disable=not status.is_terminal
     )
@@ -54,10 +54,13 @@ def progress_bar(*columns: ProgressColumn) -> rich.progress.Progress:
 
 @contextlib.contextmanager
 def training_extra(instead: str = "") -> Iterator[None]:
-    """Imports of what needs the extra `train` go in here.
+    """Reports a missing extra `train`; use it around imports that need the extra.
+
+    Args:
+      instead: text at the end of the message, with another way to go on.
 
     Raises:
-      InputError: the extra is not installed; `instead` ends the advice.
+      InputError: the extra is not installed.
     """
     try:
         yield
@@ -77,9 +80,9 @@ def work_bar(text: str = "") -> Iterator[Progress]:
 
 
 def check_folder(folder: Path) -> None:
-    """Raises `InputError` now if `folder` could not be made or written in later."""
+    """Raises `InputError` if `folder` cannot be created or written, before any work is done."""
     nearest = folder.absolute()
-    # Path.exists raises where a parent may not be entered or a name is too long; this does not.
+    # Unlike this, Path.exists raises if a parent is not accessible or a name is too long.
     while not os.path.exists(nearest):  # noqa: PTH110
         nearest = nearest.parent
     if not nearest.is_dir():
@@ -89,13 +92,13 @@ def check_folder(folder: Path) -> None:
 
 
 def write_json(path: Path, content: typing.Any) -> None:
-    """Writes `content` as JSON; the file appears only when it is whole."""
+    """Writes `content` as JSON; the file appears only when it is complete."""
     text = json.dumps(content, indent=2) + "\n"
     write_whole(path, lambda name: name.write_text(text))
 
 
 def print_rows(title: str, rows: list[tuple[str, str]]) -> None:
-    """A table of two columns."""
+    """Prints rows (name, value) as a table with a title."""
     table = Table(title=title, show_header=False, title_justify="left")
     table.add_column(style="bold")
     table.add_column(justify="right")

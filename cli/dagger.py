@@ -24,9 +24,9 @@ from proxops.diagrams.flight import Workers
 
 
 def dagger_command(
-    data: Annotated[Path, typer.Argument(help="What `proxops collect` wrote.")],
+    data: Annotated[Path, typer.Argument(help="Folder that `proxops collect` wrote.")],
     pilot: Annotated[
-        Path, typer.Option(help="What `proxops train` wrote, from the same data.")
+        Path, typer.Option(help="Folder that `proxops train` wrote from the same data.")
     ] = Path("out/pilot"),
     rounds: Annotated[int, typer.Option(min=1, help="Number of rounds.")] = 2,
     flights: Annotated[int, typer.Option(min=1, help="Flights of each round.")] = 240,
@@ -37,7 +37,7 @@ def dagger_command(
         ),
     ] = 100,
     minutes: Annotated[
-        float, typer.Option(min=0.0, help="No further round begins after this time.")
+        float, typer.Option(min=0.0, help="Time in minutes after which no further round begins.")
     ] = math.inf,
     out: Annotated[Path, typer.Option(help="Folder for the rounds and the pilot.")] = Path(
         "out/dagger"

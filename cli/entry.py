@@ -1,4 +1,4 @@
-"""Where `proxops` begins: before the seconds that imports take, so that Ctrl-C ends these too."""
+"""Starts `proxops`. The imports take seconds, so they are made where Ctrl-C is handled."""
 
 import sys
 

@@ -1,4 +1,4 @@
-"""`proxops evaluate`: closed-loop figures over a set of transits."""
+"""`proxops evaluate`: flies controllers on a set of transits and compares them."""
 
 from __future__ import annotations
 
@@ -36,7 +36,9 @@ def evaluate_command(
             "zero, MODULE:FACTORY."
         ),
     ] = "mpc",
-    transits: Annotated[int, typer.Option(min=1, help="How many transits each flies.")] = 50,
+    transits: Annotated[
+        int, typer.Option(min=1, help="Number of transits that each controller flies.")
+    ] = 50,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the set of transits.")] = 10000,
     settings: ScenarioChanges = None,
     out: Annotated[Path, typer.Option(help="Folder for results.json and the report.")] = Path(
@@ -48,8 +50,8 @@ def evaluate_command(
 ) -> None:
     """Fly a set of transits with each controller; write results.json, report.html and report.md.
 
-    policy:BUNDLE flies the policy of that folder, pd:BUNDLE a PD controller on the state that it
-    estimates. Run it again to finish what was interrupted: no flight is flown twice.
+    policy:BUNDLE flies the policy of that folder; pd:BUNDLE flies a PD controller on the state that
+    this policy estimates. Run it again to continue after an interruption: no flight is flown twice.
 
     Examples:
 
@@ -57,7 +59,7 @@ def evaluate_command(
 
       proxops evaluate --controllers mpc,policy:out/paper-policy/bundle,pd,zero --transits 50
     """
-    # matplotlib takes a while to import.
+    # matplotlib is slow to import.
     from proxops.studies.evaluation import (
         Evaluation,
         Variant,
@@ -74,11 +76,11 @@ def evaluate_command(
         raise InputError(f"--controllers {controllers!r} must name each controller once")
     check_folder(out)
     wanted = load_scenario(scenario, settings or [])
-    # Said now, before there are workers and folders.
+    # Errors are reported now, before workers and folders exist.
     body = load_body(wanted.body)
     for name in names:
         named_controller(name, wanted, body)
-    for index in range(min(transits, 2)):  # One of each kind: clear, and blocked by the keep-out.
+    for index in range(min(transits, 2)):  # One clear transit and one blocked transit.
         draw_transit(seed, index, wanted, body)
     variants = [Variant(name, name) for name in names]
     flights = out / "flights"

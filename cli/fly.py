@@ -1,4 +1,4 @@
-"""`proxops fly`: one flight, logged and replayable."""
+"""`proxops fly`: flies one transit and writes its log, its figures of merit and a replay."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def fly_command(
         str | None,
         typer.Option(
             help="mpc[:BUNDLE] (the default is mpc), policy[:BUNDLE], hybrid[:BUNDLE], "
-            "pd[:BUNDLE], zero, or MODULE:FACTORY for your own."
+            "pd[:BUNDLE], zero, or MODULE:FACTORY for your own controller."
         ),
     ] = None,
     seed: Annotated[int | None, typer.Option(help="Seed of the set of transits.")] = None,
@@ -48,7 +48,7 @@ def fly_command(
     log_file: Annotated[
         Path | None, typer.Option("--from", help="Repeat the flight of this flight.nc.")
     ] = None,
-    meshcat: Annotated[bool, typer.Option(help="Serve the flight live in a browser.")] = False,
+    meshcat: Annotated[bool, typer.Option(help="Show the flight live in a browser.")] = False,
     as_json: AsJson = False,
 ) -> None:
     """Fly one transit; write flight.nc, summary.json and replay.html.
@@ -71,7 +71,9 @@ def fly_command(
     if log_file is not None:
         given = (scenario, settings or None, seed, transit)
         if any(value is not None for value in given):
-            raise InputError("--from repeats a flight as it was: give no scenario or settings")
+            raise InputError(
+                "--from repeats a flight as it was: give no scenario, --set, --seed or --transit"
+            )
         original = FlightLog.load(log_file)
         _check_controller(original, controller)
         with _progress_bar() as progress:
@@ -97,8 +99,8 @@ def fly_command(
         wanted = load_scenario(scenario, overrides)
         if wanted.transit.start_m is not None and (seed is not None or transit is not None):
             raise InputError(
-                "the scenario has a start and a goal of its own: give no --seed or --transit, or "
-                "leave out transit.start_m and transit.goal_m"
+                "the scenario gives a start and a goal: leave out either --seed and --transit, or "
+                "transit.start_m and transit.goal_m"
             )
         with _progress_bar() as progress:
             log = fly(wanted, controller or "mpc", meshcat=server, progress=progress)
@@ -110,12 +112,13 @@ def fly_command(
 
 
 def _check_controller(log: FlightLog, named: str | None) -> None:
-    """Checks that code of the user's own flies again only if the user names it.
+    """Checks that a controller MODULE:FACTORY flies again only if the user names it.
 
-    A log may be a stranger's, and flying MODULE:FACTORY imports and runs a module.
+    A log may come from a stranger, and flying MODULE:FACTORY imports and runs a module.
 
     Raises:
-      InputError: another controller is named than the log's, or none and the log's is such a one.
+      InputError: the user names another controller than the log's; or the log's controller is
+        MODULE:FACTORY and the user names none.
     """
     flown = str(log.dataset.attrs["controller"])
     if named is not None and named != flown:
@@ -125,8 +128,8 @@ def _check_controller(log: FlightLog, named: str | None) -> None:
     kind, colon, _ = flown.partition(":")
     if named is None and colon and kind not in WITH_BUNDLE:
         raise InputError(
-            f"the log names a controller of one's own, {flown!r}, which would be imported and run: "
-            f"if you trust it, give --controller {flown} too"
+            f"the log names the controller {flown!r}, a module that would be imported and run: "
+            f"if you trust it, add --controller {flown}"
         )
 
 
@@ -151,7 +154,7 @@ def _table(log: FlightLog, summary: dict[str, Any]) -> list[tuple[str, str]]:
         ("success", "yes" if summary["success"] else "no"),
         ("collision", "yes" if summary["collided"] else "no"),
         ("keep-out violations", str(summary["keep_out_violations"])),
-        ("least clearance of the keep-out", length_text(summary["min_clearance_m"])),
+        ("least keep-out clearance", length_text(summary["min_clearance_m"])),
         ("arrival", "never" if arrival is None else f"{arrival:.0f} s"),
         ("position error at the end", length_text(summary["terminal_position_error_m"])),
         ("speed at the end", f"{summary['terminal_speed_m_s']:.3f} m/s"),
@@ -169,12 +172,15 @@ def _table(log: FlightLog, summary: dict[str, Any]) -> list[tuple[str, str]]:
     if summary["policy_share"] > 0.0 and summary["policy_share_to_arrival"] is not None:
         shares = [100.0 * summary[name] for name in ("policy_share", "policy_share_to_arrival")]
         rows.append(
-            ("steps by the policy, and to arrival", f"{shares[0]:.1f} %, {shares[1]:.1f} %")
+            (
+                "steps flown by the policy, all and to arrival",
+                f"{shares[0]:.1f} %, {shares[1]:.1f} %",
+            )
         )
     if "estimate_position_error_m_median" in summary:
         median, p95 = (summary[f"estimate_position_error_m_{part}"] for part in ("median", "p95"))
         error = f"{length_text(median)}, {length_text(p95)}"
-        rows.append(("error of its position, median and p95", error))
+        rows.append(("position error of the estimate, median and p95", error))
     rows += [(f"steps {what}", str(count)) for what, count in fallback_steps(log.dataset).items()]
     rows.append(("simulated", f"{flown:.0f} s in {summary['wall_s']:.1f} s"))
     rows.append(("speed against real time", f"{flown / summary['wall_s']:.0f} x"))

@@ -1,4 +1,4 @@
-"""`proxops`: entry point of the command line."""
+"""`proxops`: the entry point of the command line."""
 
 from __future__ import annotations
 
@@ -53,11 +53,17 @@ _INTERRUPTED = 130
 
 
 def main() -> None:
-    """Runs the command line. Exit codes: 0 done, 1 not as wished, 2 bad input, 130 interrupted."""
+    """Runs the command line.
+
+    The exit code is 0 if the command succeeded; 1 if its result is negative, such as defects in a
+    mesh or a flight that differs from its log; 2 for bad input; 130 if it was interrupted.
+    """
     try:
         app()
     except InputError as error:
-        message = " ".join(str(error).splitlines())  # What YAML or HDF5 say may have several.
+        message = " ".join(
+            str(error).splitlines()
+        )  # Messages of YAML or HDF5 may have several lines.
         print(f"proxops: error: {message}", file=sys.stderr)
         sys.exit(2)
     except SystemExit as end:
@@ -66,13 +72,13 @@ def main() -> None:
             print(f"proxops: interrupted{hint}", file=sys.stderr)
         raise
     except BrokenPipeError:
-        # Whoever read the output has gone; nothing more to say to anyone.
+        # The reader of the output has ended, so nothing more is printed.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(1)
 
 
 def _goes_on(name: list[str]) -> bool:
-    """Whether a command goes on where it was interrupted: its help says so."""
+    """Tells whether a command can continue after an interruption: its help says so."""
     texts = {
         command.name: " ".join((getattr(command.callback, "__doc__", "") or "").split())
         for command in app.registered_commands

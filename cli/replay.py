@@ -1,4 +1,4 @@
-"""`proxops replay`: a flight log as a page that plays offline."""
+"""`proxops replay`: makes a page from a flight log; the page plays without a network."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from proxops.systems.common import make_folder
 
 
 def replay_command(
-    log_file: Annotated[Path, typer.Argument(help="A flight.nc.")],
+    log_file: Annotated[Path, typer.Argument(help="Flight log, such as flight.nc.")],
     out: Annotated[Path | None, typer.Option(help="HTML file. Default: beside the log.")] = None,
 ) -> None:
     """Make the replay page of a flight log.

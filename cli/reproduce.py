@@ -1,4 +1,4 @@
-"""`proxops reproduce`: the paper, from data to a report, in one command."""
+"""`proxops reproduce`: reproduces the paper, from data to a report, with one command."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from proxops.diagrams.scenario import load_body, load_scenario
 
 
 class LidarNetwork(enum.StrEnum):
-    """The network in the lidar's place, where the paper has one."""
+    """The network that replaces the lidar in the flights in which the paper's network does."""
 
     LEARNED = "learned"
     PAPER = "paper"
@@ -41,14 +41,14 @@ def reproduce_command(
     quick: Annotated[
         bool,
         typer.Option(
-            help="Train nothing, and fly few transits, with the policy that ships or that "
-            "--set policy.bundle=FOLDER names: minutes."
+            help="Train nothing and fly few transits, with the shipped policy or the one that "
+            "--set policy.bundle=FOLDER names. It takes minutes."
         ),
     ] = False,
     transits: Annotated[
         int | None,
         typer.Option(
-            min=2, help="How many each controller flies. Default: 200, or 10 with --quick."
+            min=2, help="Number of transits for each controller. Default: 200, or 10 with --quick."
         ),
     ] = None,
     seed: Annotated[
@@ -61,7 +61,7 @@ def reproduce_command(
         LidarNetwork,
         typer.Option(
             help="Network that makes the frames of the paper's disturbed flights: our ray network "
-            "(learned), or an MLP as the paper's (paper)."
+            "(learned), or an MLP like the paper's (paper)."
         ),
     ] = LidarNetwork.LEARNED,
     settings: ScenarioChanges = None,
@@ -71,10 +71,11 @@ def reproduce_command(
     workers: Processes = None,
     scheduler: SchedulerAddress = None,
 ) -> None:
-    """Collect, train, evaluate, and write a report: each figure and number of the paper, and ours.
+    """Collect, train, evaluate, and write a report with the paper's figures and numbers and ours.
 
-    Writes report.html, report.md and report.json, and a folder for each stage. Run it again to go
-    on after an interruption; what is done and has the same inputs is not done again.
+    The command writes report.html, report.md and report.json, and a folder for each stage. Run it
+    again to continue after an interruption; a stage that is done is repeated only if its inputs
+    have changed.
 
     Examples:
 
@@ -85,7 +86,7 @@ def reproduce_command(
     check_folder(out)
     wanted = load_scenario(scenario, settings or [])
     load_body(wanted.body)
-    # matplotlib and torch take a while to import.
+    # matplotlib and torch are slow to import.
     from proxops.studies.reproduction import ReproductionSettings, reproduce
 
     judged = ReproductionSettings(seed=seed)
@@ -116,7 +117,7 @@ def reproduce_command(
 
 @contextlib.contextmanager
 def _stage_bar() -> Iterator[Callable[[str, float, str], None]]:
-    """A bar that shows the stage, the share of it that is done, and a text."""
+    """Shows a progress bar with the stage, the done share of the stage, and a text."""
     columns = (TextColumn("{task.fields[stage]}"), BarColumn(), TimeElapsedColumn())
     with progress_bar(*columns, TextColumn("{task.description}")) as bar:
         task = bar.add_task("", total=1.0, stage="")

@@ -1,4 +1,4 @@
-"""`proxops shape`: the mesh doctor."""
+"""`proxops shape`: examines and mends a mesh, and sets up its body."""
 
 from __future__ import annotations
 
@@ -31,8 +31,7 @@ from proxops.systems.shapes import (
     repair_mesh,
 )
 
-# The room of new bodies draws: matplotlib takes a while to import, so it is imported where it is
-# used.
+# This room imports matplotlib, which is slow, so the functions import it where they use it.
 if typing.TYPE_CHECKING:
     from proxops.diagrams.new_body import ShapeReport
 
@@ -43,29 +42,34 @@ def shape_command(
     ],
     unit: Annotated[str, typer.Option(help="Unit of the numbers in the file: km or m.")] = "km",
     mass: Annotated[float | None, typer.Option(help="Mass of the body in kg.")] = None,
-    density: Annotated[float | None, typer.Option(help="Or its density in kg/m^3.")] = None,
+    density: Annotated[
+        float | None, typer.Option(help="Density of the body in kg/m^3, in place of --mass.")
+    ] = None,
     period: Annotated[float | None, typer.Option(help="Rotation period about z in h.")] = None,
     margin: Annotated[
         float, typer.Option(help="Share added to each semi-axis of the keep-out ellipsoid.")
     ] = 0.05,
     craft_mass: Annotated[float, typer.Option(help="Mass of the spacecraft in kg.")] = 100.0,
     fix: Annotated[
-        Path | None, typer.Option(help="Write the mended mesh here, in the same unit.")
+        Path | None, typer.Option(help="Write the mended mesh to this file, in the same unit.")
     ] = None,
     align: Annotated[
         bool, typer.Option(help="With --fix: turn the principal axes onto x, y, z.")
     ] = False,
     body: Annotated[Path | None, typer.Option(help="Write the body's YAML file here.")] = None,
     scenario: Annotated[
-        Path | None, typer.Option(help="With --body: write a scenario made to its measure.")
+        Path | None,
+        typer.Option(help="With --body: write a scenario here that is scaled to the body."),
     ] = None,
-    name: Annotated[str | None, typer.Option(help="The body's name. Default: the file's.")] = None,
+    name: Annotated[
+        str | None, typer.Option(help="Name of the body. Default: the name of its YAML file.")
+    ] = None,
     out: Annotated[
         Path, typer.Option(help="Folder for shape.png and shape.json, or a .png file.")
     ] = Path("out/shape"),
     as_json: AsJson = False,
 ) -> None:
-    """Examine a mesh, mend it, and set its body up for flying.
+    """Examine a mesh, mend it, and set up its body for flights.
 
     Exit codes: 0 sound, 1 defects found, 2 bad input.
 
@@ -78,7 +82,7 @@ def shape_command(
     from proxops.diagrams.new_body import Questions, examine
 
     if scenario is not None and body is None:
-        raise InputError("--scenario needs --body: a scenario names its body's YAML file")
+        raise InputError("--scenario needs --body: a scenario names the YAML file of its body")
     if align and fix is None:
         raise InputError("--align needs --fix: it changes the mesh")
     if body is not None and ((mass is None and density is None) or period is None):
@@ -124,7 +128,12 @@ def _check_output(path: Path | None, suffixes: tuple[str, ...]) -> None:
 
 
 def _mend(report: ShapeReport, fix: Path, align: bool) -> tuple[ShapeReport, dict[str, Any]]:
-    """The report on the mended mesh, as it is read back, or the old one and why not."""
+    """Mends the mesh and writes it.
+
+    Returns:
+      The report on the written mesh, or the old report if the mesh cannot be mended; and the
+      actions that mended it, or the reason why it cannot be mended.
+    """
     from proxops.diagrams.new_body import examine
 
     file = report.file
@@ -152,11 +161,11 @@ def _print(report: ShapeReport, findings: dict[str, Any], where: Console) -> Non
     from proxops.diagrams.new_body import figure_rows
 
     def say(text: str) -> None:
-        """Prints one line, however long: whoever reads it from a pipe finds whole sentences."""
+        """Prints a text as one line without wrapping, so that a pipe gets whole sentences."""
         where.print(text, highlight=False, soft_wrap=True)
 
     for defect in findings.get("before", {}).get("defects", []):
-        say(f"was: {defect['text']}")
+        say(f"defect before: {defect['text']}")
     repair = findings.get("repair", {})
     for action in repair.get("actions", []):
         say(f"done: {action}")

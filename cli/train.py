@@ -1,4 +1,4 @@
-"""`proxops train`: trains a policy from expert flights."""
+"""`proxops train`: trains a policy on flights of the MPC."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ from proxops.systems.common import InputError
 
 
 class Recipe(enum.StrEnum):
-    """The policy and its recipe."""
+    """The kind of policy and how it is trained."""
 
     PROXOPS = "proxops"
     PAPER = "paper"
 
 
 class Precision(enum.StrEnum):
-    """Precision of the network's arithmetic in training."""
+    """The precision of the network's arithmetic in training."""
 
     FULL = "32-true"
     BFLOAT16 = "bf16-mixed"
@@ -38,28 +38,35 @@ class Precision(enum.StrEnum):
 
 
 def train_command(
-    data: Annotated[Path, typer.Argument(help="What `proxops collect` wrote.")],
+    data: Annotated[Path, typer.Argument(help="Folder that `proxops collect` wrote.")],
     recipe: Annotated[
         Recipe,
         typer.Option(
-            help="proxops: the pilot that fits returns to a learned surface; paper: CNN, LSTM, MLP."
+            help="proxops: the pilot, which fits returns to a learned surface; paper: CNN, LSTM "
+            "and MLP."
         ),
     ] = Recipe.PROXOPS,
     epochs: Annotated[
         int | None,
         typer.Option(
             min=1,
-            help="Greatest number of epochs; for proxops, of the guidance. Default: 20; paper: 12.",
+            help="Greatest number of epochs (with the recipe proxops, of the guidance). "
+            "Default: 20, or 12 with the recipe paper.",
         ),
     ] = None,
     minutes: Annotated[
-        float | None, typer.Option(min=0.0, help="Greatest time of the training; paper only.")
+        float | None,
+        typer.Option(min=0.0, help="Greatest time in minutes; only with the recipe paper."),
     ] = None,
     seed: Annotated[
         int, typer.Option(min=0, help="Seed of the first weights and of the order of examples.")
     ] = 0,
     device: Annotated[
-        str, typer.Option(help="cpu, cuda, mps, or auto: the fastest; for proxops, the cpu.")
+        str,
+        typer.Option(
+            help="cpu, cuda, mps or auto. auto is the fastest device; with the recipe proxops it "
+            "is the cpu."
+        ),
     ] = "auto",
     precision: Annotated[
         Precision, typer.Option(help="Precision of the arithmetic.")
@@ -76,11 +83,11 @@ def train_command(
     ] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Train a policy to give the MPC's force, from lidar frames and the goal.
+    """Train a policy to predict the MPC's force from lidar frames and the goal.
 
-    Writes the trained policy, the curves of training as CSV and for TensorBoard, report.md,
-    report.json, forces.png, and bundle, which `proxops fly --controller policy:OUT/bundle` flies.
-    Run it again to go on after an interruption.
+    The command writes the trained policy, the training curves as CSV and for TensorBoard,
+    report.md, report.json, forces.png, and the folder bundle. `proxops fly --controller
+    policy:OUT/bundle` flies this bundle. Run it again to continue after an interruption.
 
     Examples:
 
@@ -90,7 +97,7 @@ def train_command(
     """
     check_folder(out)
     with training_extra():
-        # torch takes a while to import.
+        # torch is slow to import.
         from proxops.training.paper import PaperSettings, train_paper_policy
         from proxops.training.pilot import PilotSettings, train_pilot
     with work_bar() as tell:
@@ -103,7 +110,9 @@ def train_command(
             report = train_paper_policy(data, out, settings, tell)
         else:
             if minutes is not None:
-                raise InputError("--minutes is for the paper's recipe: give --epochs or --quick")
+                raise InputError(
+                    "--minutes needs --recipe paper; with this recipe give --epochs or --quick"
+                )
             # Its networks are small, so a CPU is as fast as any other device.
             device = "cpu" if device == "auto" else device
             settings = PilotSettings(seed=seed, device=device, precision=precision.value)

@@ -41,15 +41,18 @@ def train_lidar_command(
     ),
     quick: Annotated[
         bool,
-        typer.Option(help="Double the spacing and take few steps: for a first try, not for use."),
+        typer.Option(
+            help="Double the spacing and train for few steps: for a first try, not for use."
+        ),
     ] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Train two networks that give lidar frames, ours and the paper's; compare them with others.
+    """Train two networks that predict lidar frames, ours and the paper's; compare them with others.
 
-    Writes the bundles that `lidar: !LearnedLidar {bundle: out/lidar/bundle}` flies, bundle (ours)
-    and paper_bundle (the paper's), report.md, report.json, figures, and the curves of training as
-    CSV and for TensorBoard. Run it again to continue after an interruption.
+    The command writes two bundles, bundle (ours) and paper_bundle (the paper's), which a scenario
+    uses with `lidar: !LearnedLidar {bundle: out/lidar/bundle}`. It also writes report.md,
+    report.json, figures, and the training curves as CSV and for TensorBoard. Run it again to
+    continue after an interruption.
 
     Example:
 
@@ -59,7 +62,7 @@ def train_lidar_command(
     wanted = load_scenario(scenario, settings or [])
     body = load_body(wanted.body)
     with training_extra():
-        # torch takes a while to import.
+        # torch is slow to import.
         from proxops.training.lidar import LidarSettings, train_lidar
     chosen = LidarSettings(spacing=1e3 * spacing, seed=seed)
     if quick:

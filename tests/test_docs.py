@@ -347,6 +347,16 @@ def test_own_controller_arrives() -> None:
     assert summary["terminal_position_error_m"] < 1.0
 
 
+def test_own_controller_logs_its_columns() -> None:
+    controller = run(of_page("docs/how_to/own_controller.md", "LoggedPort"))["Attraction"]()
+    brief = {"arrival.deadline_s": 100.0, "arrival.dwell_s": 50.0, "log_ranges": False}
+    data = fly(load_scenario(None, SHORT | brief), controller, body=kleopatra()).dataset
+    error = (data["target"] - data["state"]).values[:-1, :3]
+    np.testing.assert_allclose(data["goal_error"].values[:-1], error, atol=1e-9)
+    assert data["goal_error"].attrs["units"] == "m"
+    assert "attraction" in data.attrs["legend"]
+
+
 def test_the_test_to_copy_passes_and_can_fail(monkeypatch: pytest.MonkeyPatch) -> None:
     code = of_page("docs/quick_start.md", "def test_")
     names = run(code)

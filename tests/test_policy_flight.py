@@ -220,7 +220,7 @@ def test_fly_and_fly_again(run, reckoning: Path, tmp_path: Path, capsys) -> None
     with_policy = (*SHORT, "--set", f"policy.bundle={reckoning}", "--controller", "policy")
     assert run("fly", *with_policy, "--out", "one") == 0
     printed = capsys.readouterr().out
-    for words in ("Kleopatra, policy", "policy step, median", "error of its position"):
+    for words in ("Kleopatra, policy", "policy step, median", "position error of the estimate"):
         assert words in printed
     assert run("fly", "--from", "one/flight.nc", "--out", "two") == 0
     one, two = (FlightLog.load(tmp_path / name / "flight.nc") for name in ("one", "two"))
