@@ -71,9 +71,7 @@ def fly_command(
     if log_file is not None:
         given = (scenario, settings or None, seed, transit)
         if any(value is not None for value in given):
-            raise InputError(
-                "--from repeats a flight as it was: give no scenario, --set, --seed or --transit"
-            )
+            raise InputError("--from repeats a flight as it was: give no scenario or settings")
         original = FlightLog.load(log_file)
         _check_controller(original, controller)
         with _progress_bar() as progress:

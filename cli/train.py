@@ -41,17 +41,13 @@ def train_command(
     data: Annotated[Path, typer.Argument(help="Folder that `proxops collect` wrote.")],
     recipe: Annotated[
         Recipe,
-        typer.Option(
-            help="proxops: the pilot, which fits returns to a learned surface; paper: CNN, LSTM "
-            "and MLP."
-        ),
+        typer.Option(help="proxops: our pilot, for use; paper: the paper's CNN, LSTM and MLP."),
     ] = Recipe.PROXOPS,
     epochs: Annotated[
         int | None,
         typer.Option(
             min=1,
-            help="Greatest number of epochs (with the recipe proxops, of the guidance). "
-            "Default: 20, or 12 with the recipe paper.",
+            help="Greatest number of epochs; 20 by default, or 12 with the recipe paper.",
         ),
     ] = None,
     minutes: Annotated[
@@ -63,10 +59,7 @@ def train_command(
     ] = 0,
     device: Annotated[
         str,
-        typer.Option(
-            help="cpu, cuda, mps or auto. auto is the fastest device; with the recipe proxops it "
-            "is the cpu."
-        ),
+        typer.Option(help="cpu, cuda, mps or auto: the fastest device, or the cpu for our pilot."),
     ] = "auto",
     precision: Annotated[
         Precision, typer.Option(help="Precision of the arithmetic.")
