@@ -41,18 +41,17 @@ def train_command(
     data: Annotated[Path, typer.Argument(help="Folder that `proxops collect` wrote.")],
     recipe: Annotated[
         Recipe,
-        typer.Option(help="proxops: our pilot, for use; paper: the paper's CNN, LSTM and MLP."),
+        typer.Option(help="proxops: our pilot; paper: the paper's CNN, LSTM and MLP."),
     ] = Recipe.PROXOPS,
     epochs: Annotated[
         int | None,
         typer.Option(
             min=1,
-            help="Greatest number of epochs; 20 by default, or 12 with the recipe paper.",
+            help="Greatest number of epochs (of our pilot: of its guidance). Default: 20; paper: 12.",
         ),
     ] = None,
     minutes: Annotated[
-        float | None,
-        typer.Option(min=0.0, help="Greatest time in minutes; only with the recipe paper."),
+        float | None, typer.Option(min=0.0, help="Greatest time in minutes; paper only.")
     ] = None,
     seed: Annotated[
         int, typer.Option(min=0, help="Seed of the first weights and of the order of examples.")
@@ -78,9 +77,9 @@ def train_command(
 ) -> None:
     """Train a policy to predict the MPC's force from lidar frames and the goal.
 
-    The command writes the trained policy, the training curves as CSV and for TensorBoard,
-    report.md, report.json, forces.png, and the folder bundle. `proxops fly --controller
-    policy:OUT/bundle` flies this bundle. Run it again to continue after an interruption.
+    The command writes the policy, training curves, report.md, report.json and forces.png.
+    `proxops fly --controller policy:OUT/bundle` flies the policy. Run it again to continue after
+    an interruption.
 
     Examples:
 
@@ -103,9 +102,7 @@ def train_command(
             report = train_paper_policy(data, out, settings, tell)
         else:
             if minutes is not None:
-                raise InputError(
-                    "--minutes needs --recipe paper; with this recipe give --epochs or --quick"
-                )
+                raise InputError("--minutes needs --recipe paper: give --epochs or --quick")
             # Its networks are small, so a CPU is as fast as any other device.
             device = "cpu" if device == "auto" else device
             settings = PilotSettings(seed=seed, device=device, precision=precision.value)
