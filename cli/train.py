@@ -47,7 +47,7 @@ def train_command(
         int | None,
         typer.Option(
             min=1,
-            help="Greatest number of epochs (of our pilot: of its guidance). Default: 20; paper: 12.",
+            help="Greatest number of epochs (of our pilot's guidance). Default: 20; paper: 12.",
         ),
     ] = None,
     minutes: Annotated[
