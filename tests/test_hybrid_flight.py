@@ -289,7 +289,7 @@ def test_scenario_is_checked() -> None:
 
 
 def test_no_solve_delay(bundle: Path) -> None:
-    with pytest.raises(InputError, match=r"without mpc\.solve_delay_s"):
+    with pytest.raises(InputError, match=r"cannot fly with mpc\.solve_delay_s"):
         fly(brief(bundle, mpc__solve_delay_s=1.0), "hybrid")
 
 
