@@ -50,6 +50,7 @@ app.command("dagger")(dagger.dagger_command)
 app.command("reproduce")(reproduce.reproduce_command)
 
 _INTERRUPTED = 130
+_LONGEST_MESSAGE = 2000
 
 
 def main() -> None:
@@ -61,10 +62,7 @@ def main() -> None:
     try:
         app()
     except InputError as error:
-        message = " ".join(
-            str(error).splitlines()
-        )  # Messages of YAML or HDF5 may have several lines.
-        print(f"proxops: error: {message}", file=sys.stderr)
+        print(f"proxops: error: {_one_line(str(error))}", file=sys.stderr)
         sys.exit(2)
     except SystemExit as end:
         if end.code == _INTERRUPTED:  # Typer has caught the KeyboardInterrupt.
@@ -75,6 +73,13 @@ def main() -> None:
         # The reader of the output has ended, so nothing more is printed.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(1)
+
+
+def _one_line(message: str) -> str:
+    """A message without the line ends and control characters that a file may have put into it."""
+    line = " ".join(message.splitlines())
+    shown = "".join(letter if letter.isprintable() else "?" for letter in line)
+    return shown if len(shown) <= _LONGEST_MESSAGE else f"{shown[:_LONGEST_MESSAGE]} ..."
 
 
 def _goes_on(name: list[str]) -> bool:

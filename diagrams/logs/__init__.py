@@ -11,6 +11,7 @@ from proxops.diagrams.logs.flight_log import (
     RESERVED_COLUMNS,
     VARIABLES,
     FlightLog,
+    check_log_file,
     differences,
     make_dataset,
 )
@@ -35,6 +36,7 @@ __all__ = [
     "WIDE_ARRIVAL",
     "FlightLog",
     "all_flown_by",
+    "check_log_file",
     "dense_positions",
     "differences",
     "fallback_steps",

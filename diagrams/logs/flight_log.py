@@ -8,9 +8,10 @@ from dataclasses import dataclass, field
 from enum import IntEnum
 from pathlib import Path
 
+import h5py
 import numpy as np
 import xarray as xr
-from pydrake.common.yaml import yaml_dump_typed, yaml_load
+from pydrake.common.yaml import yaml_dump_typed
 
 from proxops.diagrams.logs.flight_summary import summarise
 from proxops.diagrams.scenario import (
@@ -19,6 +20,7 @@ from proxops.diagrams.scenario import (
     Scenario,
     dump_scenario,
     load_typed,
+    parse_mapping,
     parse_scenario,
 )
 from proxops.systems.assurance import InterventionReason
@@ -101,6 +103,13 @@ _NEEDED_ATTRIBUTES += ["collided", "keep_out_violations", "wall_s", "scenario_sh
 _NETWORKS = ("policy_sha256", "lidar_sha256")
 # Attributes that say how a flight ended.
 _OUTCOMES = ("arrival_time_s", "collided", "keep_out_violations")
+_TEXTS = ("scenario", "body", "controller", "shape_sha256", "scenario_sha256")
+_NUMBERS = (*_OUTCOMES, "wall_s", "force_delay_s")
+_SIZES = {"component": 6, "axis": 3}
+# Variables that are finite in every row.
+_FINITE = ("time", "state", "target", "force")
+# No flight fills so many bytes.
+_LARGEST_LOG = 2**34
 _WALL_TIMES = {"solve_time", "policy_time", "decision_time"}
 RESERVED_COLUMNS = {
     *VARIABLES, *RECORDS, "time", "command", "position_inertial", "velocity_inertial",
@@ -165,7 +174,10 @@ class FlightLog:
         """
         if not Path(path).exists():
             raise InputError(f"there is no file {path}")
+        if Path(path).is_dir():
+            raise InputError(f"{path} is not a flight log: it is a folder; give its flight.nc")
         try:
+            check_log_file(path)
             dataset = xr.load_dataset(path, engine="h5netcdf")
         except Exception as error:  # Damaged files raise errors of many types.
             raise InputError(f"{path} is not a flight log: {error}") from error
@@ -173,8 +185,13 @@ class FlightLog:
         missing += [name for name in _NEEDED_ATTRIBUTES if name not in dataset.attrs]
         if missing:
             raise InputError(f"{path} is not a flight log: it has no {', '.join(missing)}")
+        wrong = _wrong_entries(dataset)
+        if wrong:
+            raise InputError(f"{path} is not a flight log: it has wrong {', '.join(wrong)}")
         try:
-            config = load_typed(BodyConfig, yaml_load(data=dataset.attrs["body"]), str(path))
+            config = load_typed(
+                BodyConfig, parse_mapping(dataset.attrs["body"], str(path)), str(path)
+            )
             with np.errstate(all="ignore"):  # Damaged numbers may overflow before they are refused.
                 shape = Polyhedron(
                     dataset["mesh_vertices"].values, dataset["mesh_facets"].values, name=config.mesh
@@ -184,6 +201,57 @@ class FlightLog:
         if shape.sha256 != dataset.attrs["shape_sha256"]:
             raise InputError(f"{path}: the mesh does not match its hash; the file is damaged")
         return cls(dataset, Body(config, shape))
+
+
+def check_log_file(path: str | Path) -> None:
+    """Raises `InputError` unless a log holds all its data itself, in a size that fits a flight.
+
+    HDF5 can take data from any other file, and a few bytes of it can stand for an array of any
+    size.
+    """
+    size = 0
+    with h5py.File(path, "r") as file:
+        for name in file:
+            if not isinstance(file.get(name, getlink=True), h5py.HardLink):
+                raise InputError(f"{name} is a link")
+            entry = file[name]
+            if isinstance(entry, h5py.Dataset):
+                if entry.external or entry.is_virtual:
+                    raise InputError(f"{name} is in another file")
+                size += entry.nbytes
+    if size > _LARGEST_LOG:
+        raise InputError(f"it holds {size / 1e9:.0f} GB")
+
+
+def _wrong_entries(data: xr.Dataset) -> list[str]:
+    """Lists the variables and attributes whose types, dimensions or values no flight gives."""
+    schema = {"time": (), **{name: dimensions for name, (dimensions, _, _) in VARIABLES.items()}}
+    wrong = [
+        name
+        for name, dimensions in schema.items()
+        if name in data.variables
+        and (data[name].dims != ("time", *dimensions) or data[name].dtype.kind not in "fiub")
+    ]
+    wrong += [name for name, size in _SIZES.items() if data.sizes.get(name) != size]
+    wrong += [name for name in _TEXTS if not isinstance(data.attrs[name], str)]
+    numbers = [name for name in _NUMBERS if name in data.attrs]
+    wrong += [name for name in numbers if not isinstance(data.attrs[name], float | int | np.number)]
+    if wrong:
+        return wrong
+    wrong = [name for name in _FINITE if not np.isfinite(data[name].values).all()]
+    if not data.sizes["time"] or not (np.diff(data["time"].values) > 0.0).all():
+        wrong.append("time")
+    for name, codes in _FLAGS.items():
+        if name in data:
+            values = data[name].values
+            if not (np.isnan(values) | np.isin(values, list(codes))).all():
+                wrong.append(name)
+    wrong += [name for name in ("collided", "keep_out_violations") if not _counts(data.attrs[name])]
+    return wrong
+
+
+def _counts(value: typing.Any) -> bool:
+    return bool(np.isfinite(value)) and value >= 0
 
 
 def make_dataset(

@@ -39,7 +39,7 @@ from proxops.diagrams.scenario.transits import (
     scenario_transit,
     transit_set,
 )
-from proxops.diagrams.scenario.typed_yaml import load_typed
+from proxops.diagrams.scenario.typed_yaml import load_typed, parse_mapping
 
 __all__ = [
     "ArrivalConfig",
@@ -70,6 +70,7 @@ __all__ = [
     "load_scenario",
     "load_typed",
     "of_transit",
+    "parse_mapping",
     "parse_scenario",
     "scenario_transit",
     "transit_set",

@@ -89,4 +89,4 @@ def change_scenario(scenario: Scenario, changes: typing.Mapping[str, typing.Any]
 
 
 def _is_path(body: typing.Any) -> bool:
-    return isinstance(body, str) and body.endswith((".yaml", ".yml"))
+    return isinstance(body, str) and body.endswith((".yaml", ".yml")) and "\0" not in body

@@ -2,6 +2,7 @@
 
 import dataclasses as dc
 import difflib
+import reprlib
 import typing
 from pathlib import Path
 
@@ -23,9 +24,11 @@ def load_typed(schema: type, tree: dict[str, typing.Any], source: str) -> typing
     Raises:
       InputError: a key is unknown, or a value has the wrong type.
     """
-    _check_tree(schema, tree, source)
     try:
+        _check_tree(schema, tree, source)
         return yaml_load_typed(schema=schema, data=yaml_dump(tree), defaults=schema())
+    except InputError:
+        raise
     except (
         yaml.YAMLError, RuntimeError, ValueError, TypeError, AssertionError, OverflowError
     ) as error:  # fmt: skip
@@ -56,10 +59,7 @@ def parse_mapping(text: str, source: str) -> dict[str, typing.Any]:
       InputError: the text is not YAML, is empty, or does not hold a mapping; the message begins
         with `source`.
     """
-    try:
-        tree = yaml_load(data=text) if text.strip() else None
-    except (yaml.YAMLError, AttributeError) as error:  # AttributeError: a key is not a text.
-        raise InputError(f"{source} is not YAML: {' '.join(str(error).split())}") from error
+    tree = _read_yaml(text, source) if text.strip() else None
     if tree is None:
         raise InputError(f"{source} is empty; it needs at least one `key: value` line")
     if not isinstance(tree, dict):
@@ -91,10 +91,30 @@ def _split_override(text: str) -> tuple[str, typing.Any]:
     key, equals, value = text.partition("=")
     if not equals or not key.strip():
         raise InputError(f"override {text!r} is not of the form key.subkey=value")
+    return key.strip(), _read_yaml(f"value: {value}", f"override {text!r}: the value")["value"]
+
+
+def _read_yaml(text: str, source: str) -> typing.Any:
+    """Reads the plain values in a YAML text; its tags create no objects.
+
+    Raises:
+      InputError: the text is not YAML, or it has aliases: a few lines with aliases can stand for
+        more values than fit into memory.
+    """
     try:
-        return key.strip(), yaml_load(data=f"value: {value}")["value"]
-    except yaml.YAMLError as error:
-        raise InputError(f"override {text!r}: the value is not YAML") from error
+        if any(isinstance(event, yaml.AliasEvent) for event in yaml.parse(text)):
+            raise InputError(
+                f"{source} is not YAML that proxops reads: it has an alias, *name; write the values"
+            )
+        return yaml_load(data=text)
+    except InputError:
+        raise
+    except RecursionError as error:
+        raise InputError(
+            f"{source} is not YAML that proxops reads: it is nested too deeply"
+        ) from error
+    except Exception as error:  # Impossible values make the reader raise errors of many types.
+        raise InputError(f"{source} is not YAML: {' '.join(str(error).split())}") from error
 
 
 def _assign(tree: dict[str, typing.Any], dotted_key: str, value: typing.Any) -> None:
@@ -132,7 +152,7 @@ def _check_tree(schema: type, tree: dict[str, typing.Any], source: str, key: str
             _check_tree(_choose(nested, value, f"{source}: {path}"), value, source, path)
         elif not any(_fits(value, option) for option in options):
             wanted = "`key: value` lines" if nested else " or ".join(map(_in_words, options))
-            raise InputError(f"{source}: {path} needs {wanted}, got {value!r}")
+            raise InputError(f"{source}: {path} needs {wanted}, got {reprlib.repr(value)}")
 
 
 def _choose(options: list[type], tree: dict[str, typing.Any], where: str) -> type:

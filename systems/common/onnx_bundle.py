@@ -49,7 +49,7 @@ def read_bundle(
     model = _read(folder / MODEL_FILE, folder, kind)
     try:
         content = json.loads(text)
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise InputError(f"{folder / kind.file} is damaged: it is not JSON") from error
     if not isinstance(content, dict) or content.get("format") != kind.format:
         raise InputError(
@@ -79,11 +79,16 @@ def open_session(model: bytes) -> ort.InferenceSession:
 
     options = ort.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
-    options.log_severity_level = 3
+    options.log_severity_level = 4  # What goes wrong is in the exception.
+    # ONNX calls a file that holds weights their "location". Such a network could read any file.
+    if b"location" in model:
+        raise InputError("the network takes weights from other files; all must be in model.onnx")
     try:
         return ort.InferenceSession(model, options, providers=["CPUExecutionProvider"])
     except Exception as error:  # ONNX Runtime's exceptions have no common type.
-        raise InputError(f"the network is not one that ONNX Runtime takes: {error}") from error
+        raise InputError(
+            f"the network is not one that ONNX Runtime takes: {_first_line(error)}"
+        ) from error
 
 
 def _read(path: Path, folder: Path, kind: BundleKind) -> bytes:
@@ -94,3 +99,7 @@ def _read(path: Path, folder: Path, kind: BundleKind) -> bytes:
             f"{folder} is not the bundle of a {kind.noun}: {path.name} cannot be read "
             f"({error.strerror}); {kind.command} makes one"
         ) from error
+
+
+def _first_line(error: Exception) -> str:
+    return next(iter(str(error).splitlines()), "")

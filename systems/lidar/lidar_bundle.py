@@ -77,6 +77,8 @@ class LidarBundle:
             centre, semi_axes = (
                 _three(content, key, source) for key in ("centre_m", "semi_axes_m")
             )
+            if not (np.isfinite(centre).all() and ((semi_axes > 0.0) & (semi_axes < np.inf)).all()):
+                raise InputError(f"{source} is damaged: centre_m or semi_axes_m cannot be")
         elif kind == FRAME_NETWORK:
             length_unit = content.get("length_unit_m")
             if not isinstance(length_unit, float) or not 0.0 < length_unit < np.inf:

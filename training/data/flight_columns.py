@@ -9,7 +9,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from proxops.diagrams.logs import VARIABLES
+from proxops.diagrams.logs import VARIABLES, check_log_file
 from proxops.diagrams.scenario import parse_scenario
 from proxops.systems.common import InputError
 
@@ -75,6 +75,7 @@ def read_columns(path: Path) -> FlightColumns:
         and the field.
     """
     try:
+        check_log_file(path)
         with h5py.File(path, "r") as file:
             attributes = {name: _plain(value) for name, value in file.attrs.items()}
             raw = {name: _read(file, path, name) for name in (*_NEEDED, "kick") if name in file}

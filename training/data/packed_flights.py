@@ -9,8 +9,8 @@ import typing
 from pathlib import Path
 
 import numpy as np
-from pydrake.common.yaml import yaml_load
 
+from proxops.diagrams.scenario import parse_mapping
 from proxops.systems.common import InputError
 from proxops.training.data.column_file import open_column
 from proxops.training.data.flight_columns import HITS, ROWS, Setting
@@ -83,7 +83,7 @@ class PackedFlights:
         try:
             index = json.loads(path.read_text())
             schema = index["schema"]
-        except (OSError, ValueError, KeyError, TypeError) as error:
+        except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
             raise InputError(
                 f"{self.folder} is no packed set of flights: {INDEX} in it cannot be read ({error})"
             ) from error
@@ -162,7 +162,7 @@ def _is_sound(setting: Setting) -> bool:
         setting.max_range_m, setting.control_period_s, setting.mass_kg, setting.thrust_limit_n
     )  # fmt: skip
     try:
-        body = yaml_load(data=setting.body)
+        body = parse_mapping(setting.body, "the body")
         axes = np.array(body["keep_out_semi_axes_m"], dtype=float)
         return (
             all(isinstance(count, int) and count >= 1 for count in counts)

@@ -1,0 +1,273 @@
+"""A file from somebody else is used or refused with a message; it runs, reads and fills nothing."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import onnx
+import pytest
+import torch
+from commands import proxops
+from onnx import TensorProto, helper
+
+from proxops.assets import asset_path
+from proxops.diagrams.scenario import load_body, load_scenario, parse_scenario
+from proxops.systems.common import InputError, open_session
+from proxops.systems.lidar import LidarBundle
+from proxops.systems.policy import PolicyBundle
+from proxops.training.data.packed_flights import PackedFlights
+from proxops.training.loop.checkpoints import load_checkpoint
+
+# Nine lines that stand for 9^9 values.
+BOMB = "".join(
+    f"{name}: &{name} [{', '.join(9 * [f'*{before}' if before else '1.0'])}]\n"
+    for before, name in zip(["", *"abcdefgh"], "abcdefghi", strict=True)
+)
+MERGES = "a: &a {x: 1}\n" + "".join(
+    f"{name}: &{name} {{<<: [{', '.join(9 * [f'*{before}'])}]}}\n"
+    for before, name in zip("abcdefgh", "bcdefghi", strict=True)
+)
+INNER = "".join("  " + line + "\n" for line in BOMB.splitlines())
+DEEP = 100_000
+LONGEST = 2500
+
+
+def refused(read: Callable[[], object], *words: str) -> None:
+    with pytest.raises(InputError) as caught:
+        read()
+    message = str(caught.value)
+    assert len(message) < LONGEST
+    assert all(word in message for word in words), message
+
+
+# --- YAML -----------------------------------------------------------------------------------------
+
+YAML = {
+    "alias bomb": (f"transit:\n{INNER}  start_m: *i\n", "alias"),
+    "alias bomb for a whole key": (f"{BOMB}control_period_s: *i\n", "alias"),
+    "bomb of merged keys": (f"{MERGES}mpc: *i\n", "alias"),
+    "list in itself": ("transit: {start_m: &a [*a]}\n", "alias"),
+    "Python function": ("body: !!python/object/apply:os.system ['touch ran']\n", "is not YAML"),
+    "Python name": ("body: !!python/name:os.system\n", "is not YAML"),
+    "Python object": ("mpc: !!python/object:os.Popen {intervals: 3}\n", "cannot be"),
+    "unknown tag": ("lidar: !Lidar2 {rays: 3}\n", "cannot be !Lidar2"),
+    "depth": ("transit: {start_m: " + 1000 * "[" + 1000 * "]" + "}\n", "too deeply"),
+    "long list": (f"body: [{3_000 * '1,'}]\n", "body needs a text"),
+    "long text": (f"control_period_s: {10_000 * 'x'}\n", "control_period_s needs a number"),
+    "number of 5000 digits": (f"control_period_s: {5000 * '1'}\n", "is not YAML"),
+    "number beyond floats": (f"control_period_s: {4000 * '1'}\n", "too large"),
+    "number to the base 60": (f"mpc: {{intervals: {3000 * '59:'}59}}\n", "Exceeds the limit"),
+    "hexadecimal number": (f"body: 0x{5000 * 'f'}\n", "Exceeds the limit"),
+    "impossible date": ("body: 2001-99-99\n", "is not YAML"),
+    "false integer": ("mpc: {intervals: !!int many}\n", "is not YAML"),
+    "false truth": ("log_ranges: !!bool perhaps\n", "is not YAML"),
+    "null byte in a path": ('body: "\\0.yaml"\n', "body must be a path"),
+    "tag as a value": ("lidar: {_tag: [1]}\n", "lidar cannot be"),
+}
+
+
+@pytest.mark.parametrize("what", YAML)
+def test_hostile_scenario(what: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    text, word = YAML[what]
+    refused(lambda: parse_scenario(text, "theirs"), "theirs", word)
+    Path("theirs.yaml").write_text(text)
+    refused(lambda: load_scenario("theirs.yaml"), "theirs.yaml", word)
+    refused(lambda: load_body("theirs.yaml"), "theirs.yaml")
+    assert [path.name for path in tmp_path.iterdir()] == ["theirs.yaml"]
+
+
+def test_a_message_is_one_line_of_plain_letters(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A terminal obeys control characters, so a file must not bring them there."""
+    monkeypatch.chdir(tmp_path)
+    Path("theirs.yaml").write_text('"\\e]0;title\\a\\e[2Jkey": 1\n')
+    assert proxops("fly", "theirs.yaml") == 2
+    said = capsys.readouterr().err
+    assert said.startswith("proxops: error: theirs.yaml: there is no key")
+    assert said.endswith("\n")
+    assert said.removesuffix("\n").isprintable()
+    assert len(said) < LONGEST
+
+
+# --- bundles --------------------------------------------------------------------------------------
+
+
+def network(operator: str, domain: str = "", **attributes: object) -> onnx.ModelProto:
+    node = helper.make_node(operator, ["x"], ["y"], domain=domain, **attributes)
+    sides = [[helper.make_tensor_value_info(name, TensorProto.FLOAT, [1, 3])] for name in "xy"]
+    graph = helper.make_graph([node], "theirs", *sides)
+    domains = [helper.make_opsetid("", 18)]
+    domains += [helper.make_opsetid(domain, 1)] if domain else []
+    return helper.make_model(graph, opset_imports=domains, ir_version=9)
+
+
+def network_with_weights_at(location: str) -> bytes:
+    """Adds to its input three numbers that are in another file."""
+    model = network("Identity")
+    weights = TensorProto(name="w", data_type=TensorProto.FLOAT, dims=[1, 3])
+    weights.data_location = TensorProto.EXTERNAL
+    for key, value in {"location": location, "offset": "0", "length": "12"}.items():
+        entry = weights.external_data.add()
+        entry.key, entry.value = key, value
+    model.graph.initializer.append(weights)
+    model.graph.node[0].CopyFrom(helper.make_node("Add", ["x", "w"], ["y"]))
+    return model.SerializeToString()
+
+
+@pytest.mark.parametrize(
+    "location", ["secret", "/secret", "../secret", "inner/../secret", "*/_ORT_MEM_ADDR_/*"]
+)
+def test_a_network_reads_no_other_file(
+    location: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "inner").mkdir()
+    (tmp_path / "secret").write_bytes(np.ones(3, dtype=np.float32).tobytes())
+    monkeypatch.chdir(tmp_path)
+    named = str(tmp_path / "secret") if location == "/secret" else location
+    refused(lambda: open_session(network_with_weights_at(named)), "weights from other files")
+
+
+@pytest.mark.parametrize(
+    ("operator", "domain"), [("Run", "theirs"), ("PyOp", "ai.onnx.contrib"), ("Nothing", "")]
+)
+def test_a_network_has_built_in_operators_only(
+    operator: str, domain: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    model = network(operator, domain).SerializeToString()
+    refused(lambda: open_session(model), "not one that ONNX Runtime takes")
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("location", ["secret", "../secret"])
+def test_a_policy_with_weights_elsewhere(location: str, tmp_path: Path) -> None:
+    folder = Path(shutil.copytree(asset_path("policy"), tmp_path / "bundle"))
+    (folder / "secret").write_bytes(bytes(12))
+    put_network(folder / "policy.json", network_with_weights_at(location))
+    refused(lambda: PolicyBundle.load(folder), "weights from other files")
+
+
+def put_network(described: Path, model: bytes, **changes: object) -> None:
+    """Puts a network and its hash into a bundle."""
+    (described.parent / "model.onnx").write_bytes(model)
+    content = json.loads(described.read_text()) | changes
+    content["model_sha256"] = hashlib.sha256(model).hexdigest()
+    described.write_text(json.dumps(content))
+
+
+def change(described: Path, **changes: object) -> None:
+    described.write_text(json.dumps(json.loads(described.read_text()) | changes))
+
+
+POLICY_CHANGES = {
+    "absurd sizes": {"planes": 10**9, "rays": 10**9},
+    "numbers of 4000 digits": {"planes": 10**3999, "memory": 10**3999},
+    "period that is not a number": {"period_s": float("nan")},
+    "infinite force": {"thrust_limit_n": float("inf")},
+    "list for a text": {"body": ["../../body"]},
+    "path for a hash": {"model_sha256": "../../model.onnx"},
+    "another format": {"format": {"a": 1}},
+}
+
+
+@pytest.mark.parametrize("what", POLICY_CHANGES)
+def test_hostile_policy(what: str, tmp_path: Path) -> None:
+    folder = Path(shutil.copytree(asset_path("policy"), tmp_path / "bundle"))
+    change(folder / "policy.json", **POLICY_CHANGES[what])
+    with pytest.raises(InputError):
+        PolicyBundle.load(folder)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [DEEP * "[" + DEEP * "]", DEEP * '{"a":' + "1" + DEEP * "}", '{"planes": ' + 5000 * "1" + "}",
+     b"\xff\xfe{}".decode("latin-1"), "[]", "null", "{}"],
+    ids=["lists", "mappings", "digits", "bytes", "list", "null", "empty"],
+)  # fmt: skip
+def test_hostile_json(text: str, tmp_path: Path) -> None:
+    folder = Path(shutil.copytree(asset_path("policy"), tmp_path / "bundle"))
+    for name in ("policy.json", "bundle.json", "packed_flights.json"):
+        (folder / name).write_text(text, encoding="latin-1")
+    refused(lambda: PolicyBundle.load(folder), "policy.json is")
+    refused(lambda: LidarBundle.load(folder), "bundle.json is")
+    with pytest.raises(InputError):
+        PackedFlights(folder)
+
+
+def test_texts_of_a_bundle_name_no_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The body and the recipe of a bundle are names for messages: nothing is opened by them."""
+    monkeypatch.chdir(tmp_path)
+    folder = Path(shutil.copytree(asset_path("policy"), tmp_path / "bundle"))
+    change(folder / "policy.json", body="../../../etc/passwd", recipe="../secret")
+    bundle = PolicyBundle.load(folder)
+    assert (bundle.body, bundle.recipe) == ("../../../etc/passwd", "../secret")
+
+
+LIDAR = {
+    "format": "proxops learned lidar 1", "planes": 12, "rays": 360, "cube_m": 4e5,
+    "body": "Kleopatra", "shape_sha256": "0" * 64, "training": {}, "versions": {},
+    "centre_m": [0.0, 0.0, 0.0], "semi_axes_m": [1e5, 1e5, 1e5], "model_sha256": "",
+}  # fmt: skip
+LIDAR_CHANGES = {
+    "its network is no ray network": {},
+    "there is no kind": {"kind": "../../module"},
+    "semi_axes_m cannot be": {"semi_axes_m": [1e5, 0.0, float("nan")]},
+    "centre_m is not three": {"centre_m": [[1.0], 2.0, 3.0]},
+    "must be positive": {"planes": -(10**30)},
+    "length_unit_m": {"kind": "frame network", "length_unit_m": -1.0},
+    "its network is no frame network": {
+        "kind": "frame network", "length_unit_m": 1.0, "planes": 10**9, "rays": 10**9,
+    },
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("why", LIDAR_CHANGES)
+def test_hostile_lidar(why: str, tmp_path: Path) -> None:
+    described = tmp_path / "bundle.json"
+    described.write_text(json.dumps(LIDAR))
+    put_network(described, network("Identity").SerializeToString(), **LIDAR_CHANGES[why])
+    refused(lambda: LidarBundle.load(tmp_path), why)
+
+
+def test_a_lidar_with_weights_elsewhere(tmp_path: Path) -> None:
+    (tmp_path / "bundle.json").write_text(json.dumps(LIDAR))
+    put_network(tmp_path / "bundle.json", network_with_weights_at("../secret"))
+    refused(lambda: LidarBundle.load(tmp_path), "weights from other files")
+
+
+# --- bundles of earlier versions ------------------------------------------------------------------
+
+
+def test_the_bundle_that_0_2_0_wrote_is_read() -> None:
+    """The shipped policy is as 0.2.0 shipped it, byte for byte."""
+    bundle = PolicyBundle.load(asset_path("policy"))
+    assert bundle.sha256 == "38eb20b1d9873301aa34dabe3d0450f0d486348f8bf14cb50fee7a68b0344f51"
+    assert (bundle.planes, bundle.rays, bundle.period) == (12, 360, 10.0)
+    assert bundle.estimates
+
+
+# --- training -------------------------------------------------------------------------------------
+
+
+class Runs:
+    """Pickles to a call that makes a file."""
+
+    def __init__(self, path: Path):
+        self.path = path
+
+    def __reduce__(self) -> tuple:
+        return Path.touch, (self.path,)
+
+
+def test_a_checkpoint_runs_nothing(tmp_path: Path) -> None:
+    torch.save({"identity": "mine", "network": Runs(tmp_path / "ran")}, tmp_path / "a.ckpt")
+    refused(lambda: load_checkpoint(tmp_path / "a.ckpt", "mine"), "is not a checkpoint")
+    assert not (tmp_path / "ran").exists()
+    torch.load(tmp_path / "a.ckpt", weights_only=False)
+    assert (tmp_path / "ran").exists()  # So the test would have seen it.
