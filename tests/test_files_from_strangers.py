@@ -8,18 +8,24 @@ import shutil
 from collections.abc import Callable
 from pathlib import Path
 
+import h5py
 import numpy as np
 import onnx
 import pytest
 import torch
+import xarray as xr
 from commands import proxops
 from onnx import TensorProto, helper
+from synthetic_log import synthetic_log
 
 from proxops.assets import asset_path
+from proxops.diagrams.logs import FlightLog
+from proxops.diagrams.meshcat import write_replay
 from proxops.diagrams.scenario import load_body, load_scenario, parse_scenario
 from proxops.systems.common import InputError, open_session
 from proxops.systems.lidar import LidarBundle
 from proxops.systems.policy import PolicyBundle
+from proxops.training.data.flight_columns import read_columns
 from proxops.training.data.packed_flights import PackedFlights
 from proxops.training.loop.checkpoints import load_checkpoint
 
@@ -250,6 +256,132 @@ def test_the_bundle_that_0_2_0_wrote_is_read() -> None:
     assert bundle.sha256 == "38eb20b1d9873301aa34dabe3d0450f0d486348f8bf14cb50fee7a68b0344f51"
     assert (bundle.planes, bundle.rays, bundle.period) == (12, 360, 10.0)
     assert bundle.estimates
+
+
+# --- flight logs ----------------------------------------------------------------------------------
+
+
+def written(folder: Path, change: Callable[[xr.Dataset], xr.Dataset | None]) -> Path:
+    """A log that was changed and written without a check."""
+    dataset = synthetic_log(5, ranges=False).dataset.copy(deep=True)
+    changed = change(dataset)
+    path = folder / "flight.nc"
+    (dataset if changed is None else changed).to_netcdf(path, engine="h5netcdf")
+    return path
+
+
+@pytest.mark.parametrize("value", [7, [1.0, 2.0], "word", ["a", "b"], float("nan"), -1.0])
+@pytest.mark.parametrize(
+    "name",
+    ["scenario", "body", "controller", "shape_sha256", "arrival_time_s", "collided",
+     "keep_out_violations", "wall_s", "scenario_sha256", "force_delay_s", "legend"],
+)  # fmt: skip
+def test_attributes_of_wrong_types(name: str, value: object, tmp_path: Path) -> None:
+    """The log is refused, or its summary and its replay can be made."""
+    path = written(tmp_path, lambda data: data.attrs.update({name: value}))
+    use_or_refuse(path)
+
+
+@pytest.mark.parametrize(
+    "value", [np.nan, np.inf, -1.0, 77.0, 1e300], ids=["nan", "inf", "minus", "code", "huge"]
+)
+@pytest.mark.parametrize(
+    "name",
+    ["time", "state", "target", "force", "mpc_force", "policy_force", "decision", "solve_time",
+     "solve_status", "solve_reason", "mesh_vertices", "mesh_facets"],
+)  # fmt: skip
+def test_values_that_cannot_be(name: str, value: float, tmp_path: Path) -> None:
+    def change(data: xr.Dataset) -> None:
+        data[name] = xr.full_like(data[name], value, dtype=float)
+
+    use_or_refuse(written(tmp_path, change))
+
+
+@pytest.mark.parametrize("name", ["time", "state", "target", "force", "decision", "mesh_facets"])
+@pytest.mark.parametrize(
+    "other", [("one", [1.0]), ("word", ["a", "b"]), (("a", "b", "c"), [[[1.0]]])]
+)
+def test_dimensions_that_cannot_be(name: str, other: tuple, tmp_path: Path) -> None:
+    path = written(tmp_path, lambda data: data.drop_vars(name).assign({name: other}))
+    with pytest.raises(InputError, match=r"flight\.nc"):
+        FlightLog.load(path)
+
+
+def use_or_refuse(path: Path) -> None:
+    try:
+        log = FlightLog.load(path)
+        assert isinstance(log.summary, dict)
+        write_replay(log, path.with_name("replay.html"))
+    except InputError as error:
+        assert len(str(error)) < LONGEST  # noqa: PT017 (either outcome is right)
+
+
+@pytest.mark.parametrize("what", YAML)
+def test_a_log_with_a_hostile_scenario_and_body(what: str, tmp_path: Path) -> None:
+    text, word = YAML[what]
+    if "\0" in text:
+        return
+    path = written(tmp_path, lambda data: data.attrs.update(scenario=text))
+    refused(lambda: FlightLog.load(path).scenario, "the log's scenario", word)
+    path = written(tmp_path, lambda data: data.attrs.update(body=text))
+    refused(lambda: FlightLog.load(path), "flight.nc")
+
+
+def test_a_log_brings_its_body_and_reads_none(tmp_path: Path) -> None:
+    """Its scenario may name any path as the body."""
+    (tmp_path / "theirs.yaml").write_text("no body")
+
+    def change(data: xr.Dataset) -> None:
+        text = data.attrs["scenario"]
+        assert "body: kleopatra" in text
+        data.attrs["scenario"] = text.replace("kleopatra", str(tmp_path / "theirs.yaml"))
+
+    log = FlightLog.load(written(tmp_path, change))
+    assert log.scenario.body == str(tmp_path / "theirs.yaml")
+    assert log.summary["steps"] == 5
+    write_replay(log, tmp_path / "replay.html")
+
+
+def in_a_link(file: h5py.File, other: Path) -> None:
+    del file["wall"]
+    file["wall"] = h5py.ExternalLink(str(other), "secret")
+
+
+def in_raw_bytes(file: h5py.File, other: Path) -> None:
+    del file["wall"]
+    file.create_dataset("wall", (8,), "u1", external=[(str(other), 0, 8)])
+
+
+def in_a_virtual_array(file: h5py.File, other: Path) -> None:
+    del file["wall"]
+    layout = h5py.VirtualLayout((8,), "u1")
+    layout[:] = h5py.VirtualSource(str(other), "secret", (8,))
+    file.create_virtual_dataset("wall", layout)
+
+
+def of_any_size(file: h5py.File, other: Path) -> None:
+    """A few bytes that stand for a terabyte of zeros."""
+    del file["wall"]
+    file.create_dataset("wall", (10**12,), "u1", chunks=(10**6,))
+
+
+@pytest.mark.parametrize(
+    ("change", "why"),
+    [
+        (in_a_link, "wall is a link"),
+        (in_raw_bytes, "wall is in another file"),
+        (in_a_virtual_array, "wall is in another file"),
+        (of_any_size, "it holds 1000 GB"),
+    ],
+)
+def test_a_log_holds_its_data_itself(change: Callable, why: str, tmp_path: Path) -> None:
+    path = written(tmp_path, lambda data: data.assign(wall=("wall_row", np.zeros(8))))
+    with h5py.File(tmp_path / "secret.nc", "w") as file:
+        file["secret"] = np.ones(8, dtype="u1")
+    with h5py.File(path, "r+") as file:
+        change(file, tmp_path / "secret.nc")
+    refused(lambda: FlightLog.load(path), "is not a flight log", why)
+    refused(lambda: read_columns(path), "is not a flight log", why)
 
 
 # --- training -------------------------------------------------------------------------------------

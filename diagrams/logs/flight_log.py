@@ -26,7 +26,7 @@ from proxops.diagrams.scenario import (
 from proxops.systems.assurance import InterventionReason
 from proxops.systems.common import InputError, write_whole
 from proxops.systems.expert import PlanReason, PlanStatus
-from proxops.systems.hybrid import DecisionReason
+from proxops.systems.hybrid import DecisionReason, FlownBy
 from proxops.systems.policy import PolicyStatus
 from proxops.systems.shapes import Polyhedron
 
@@ -106,8 +106,9 @@ _OUTCOMES = ("arrival_time_s", "collided", "keep_out_violations")
 _TEXTS = ("scenario", "body", "controller", "shape_sha256", "scenario_sha256")
 _NUMBERS = (*_OUTCOMES, "wall_s", "force_delay_s")
 _SIZES = {"component": 6, "axis": 3}
-# Variables that are finite in every row.
+# Variables that are finite in every row, and the greatest size of their values, in SI.
 _FINITE = ("time", "state", "target", "force")
+_LARGEST = 1e15
 # No flight fills so many bytes.
 _LARGEST_LOG = 2**34
 _WALL_TIMES = {"solve_time", "policy_time", "decision_time"}
@@ -176,8 +177,8 @@ class FlightLog:
             raise InputError(f"there is no file {path}")
         if Path(path).is_dir():
             raise InputError(f"{path} is not a flight log: it is a folder; give its flight.nc")
+        check_log_file(path)
         try:
-            check_log_file(path)
             dataset = xr.load_dataset(path, engine="h5netcdf")
         except Exception as error:  # Damaged files raise errors of many types.
             raise InputError(f"{path} is not a flight log: {error}") from error
@@ -209,18 +210,27 @@ def check_log_file(path: str | Path) -> None:
     HDF5 can take data from any other file, and a few bytes of it can stand for an array of any
     size.
     """
+    try:
+        with h5py.File(path, "r") as file:
+            fault = _foreign_data(file)
+    except Exception as error:  # Damaged files raise errors of many types.
+        raise InputError(f"{path} is not a flight log: {error}") from error
+    if fault is not None:
+        raise InputError(f"{path} is not a flight log: {fault}")
+
+
+def _foreign_data(file: h5py.File) -> str | None:
+    """Says what a file takes from elsewhere, or that it stands for too much; None: neither."""
     size = 0
-    with h5py.File(path, "r") as file:
-        for name in file:
-            if not isinstance(file.get(name, getlink=True), h5py.HardLink):
-                raise InputError(f"{name} is a link")
-            entry = file[name]
-            if isinstance(entry, h5py.Dataset):
-                if entry.external or entry.is_virtual:
-                    raise InputError(f"{name} is in another file")
-                size += entry.nbytes
-    if size > _LARGEST_LOG:
-        raise InputError(f"it holds {size / 1e9:.0f} GB")
+    for name in file:
+        if not isinstance(file.get(name, getlink=True), h5py.HardLink):
+            return f"{name} is a link"
+        entry = file[name]
+        if isinstance(entry, h5py.Dataset):
+            if entry.external or entry.is_virtual:
+                return f"{name} is in another file"
+            size += entry.nbytes
+    return f"it holds {size / 1e9:.0f} GB" if size > _LARGEST_LOG else None
 
 
 def _wrong_entries(data: xr.Dataset) -> list[str]:
@@ -238,9 +248,11 @@ def _wrong_entries(data: xr.Dataset) -> list[str]:
     wrong += [name for name in numbers if not isinstance(data.attrs[name], float | int | np.number)]
     if wrong:
         return wrong
-    wrong = [name for name in _FINITE if not np.isfinite(data[name].values).all()]
-    if not data.sizes["time"] or not (np.diff(data["time"].values) > 0.0).all():
+    wrong = [name for name in _FINITE if not (np.abs(data[name].values) <= _LARGEST).all()]
+    if "time" not in wrong and not (data.sizes["time"] and _increases(data["time"].values)):
         wrong.append("time")
+    if not np.isin(data["decision"].values, list(FlownBy)).all():
+        wrong.append("decision")
     for name, codes in _FLAGS.items():
         if name in data:
             values = data[name].values
@@ -248,6 +260,10 @@ def _wrong_entries(data: xr.Dataset) -> list[str]:
                 wrong.append(name)
     wrong += [name for name in ("collided", "keep_out_violations") if not _counts(data.attrs[name])]
     return wrong
+
+
+def _increases(values: np.ndarray) -> bool:
+    return bool((np.diff(values) > 0.0).all())
 
 
 def _counts(value: typing.Any) -> bool:
