@@ -7,6 +7,7 @@ import json
 import shutil
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -105,10 +106,10 @@ def test_a_message_is_one_line_of_plain_letters(
 # --- bundles --------------------------------------------------------------------------------------
 
 
-def network(operator: str, domain: str = "", **attributes: object) -> onnx.ModelProto:
+def network(operator: str, domain: str = "", **attributes: Any) -> onnx.ModelProto:
     node = helper.make_node(operator, ["x"], ["y"], domain=domain, **attributes)
-    sides = [[helper.make_tensor_value_info(name, TensorProto.FLOAT, [1, 3])] for name in "xy"]
-    graph = helper.make_graph([node], "theirs", *sides)
+    x, y = (helper.make_tensor_value_info(name, TensorProto.FLOAT, [1, 3]) for name in "xy")
+    graph = helper.make_graph([node], "theirs", [x], [y])
     domains = [helper.make_opsetid("", 18)]
     domains += [helper.make_opsetid(domain, 1)] if domain else []
     return helper.make_model(graph, opset_imports=domains, ir_version=9)
