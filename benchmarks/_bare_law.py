@@ -38,7 +38,8 @@ class LeastEffort(LeafSystem):
         craft = scenario.spacecraft
         self.mass, self.limit = craft.mass_kg, craft.thrust_limit_n
         self.field, self.spin = body.gravity_field, body.spin_rate
-        self.horizon = Horizon(minimum=0.0, nominal_acceleration=ACCELERATION)
+        # The least time is added below; a horizon needs a length above 0.
+        self.horizon = Horizon(minimum=1e-9, nominal_acceleration=ACCELERATION)
         self._state_port = self.DeclareVectorInputPort("state", 6)
         self._target_port = self.DeclareVectorInputPort("target", 6)
         inputs = {self._state_port.ticket(), self._target_port.ticket()}

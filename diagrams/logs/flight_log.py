@@ -105,7 +105,6 @@ _NETWORKS = ("policy_sha256", "lidar_sha256")
 _OUTCOMES = ("arrival_time_s", "collided", "keep_out_violations")
 _TEXTS = ("scenario", "body", "controller", "shape_sha256", "scenario_sha256")
 _NUMBERS = (*_OUTCOMES, "wall_s", "force_delay_s")
-_SIZES = {"component": 6, "axis": 3}
 # Variables that are finite in every row, and the greatest size of their values, in SI.
 _FINITE = ("time", "state", "target", "force")
 _LARGEST = 1e15
@@ -122,6 +121,7 @@ COORDINATES = {
     "component": ["x", "y", "z", "vx", "vy", "vz"],
     "axis": ["x", "y", "z"],
 }
+_SIZES = {name: len(labels) for name, labels in COORDINATES.items()}
 
 
 @dataclass
