@@ -77,7 +77,7 @@ def on_estimate(scenario: Scenario, body: Body) -> Diagram:
     builder.AddNamedSystem("policy", policy)
     builder.AddNamedSystem("law", law)
     builder.Connect(policy.GetOutputPort("estimate"), law.GetInputPort("state"))
-    for name in ("ranges", "target", "applied_force"):
+    for name in ("ranges", "target", "commanded_force"):
         builder.ExportInput(policy.GetInputPort(name), name)
     builder.ConnectInput("target", law.GetInputPort("target"))
     builder.ExportOutput(law.GetOutputPort("force"), "force")

@@ -26,7 +26,7 @@ FINER = 2
 class Unfiltered(Pilot):
     """Uses each fix as the position, and its change as the velocity."""
 
-    def see(self, ranges: Tensor, applied_force: Tensor, memory: Tensor) -> Tensor:
+    def see(self, ranges: Tensor, commanded_force: Tensor, memory: Tensor) -> Tensor:
         fix = self.fix(ranges, memory)
         started = memory[:, -1:]
         velocity = started * (fix - memory[:, :3]) / self.filter.motion.period
@@ -52,10 +52,10 @@ class Features(Unfiltered):
 class FilteredFeatures(Pilot):
     """Filters the coarse position; there is no geometry layer."""
 
-    def see(self, ranges: Tensor, applied_force: Tensor, memory: Tensor) -> Tensor:
+    def see(self, ranges: Tensor, commanded_force: Tensor, memory: Tensor) -> Tensor:
         fix = self.coarse(*self.hits(ranges))
         usual = measurement_noise(torch.zeros_like(fix[:, :1]), self.usual_residual)
-        memory = self.filter.predict(memory, applied_force)
+        memory = self.filter.predict(memory, commanded_force)
         return self.filter.correct(memory, fix - memory[:, :3], COARSE_NOISE * usual)
 
 

@@ -26,13 +26,13 @@ from proxops.studies.evaluation import Variant, describe_flight
 
 MATCHED = "time_and_fuel"
 MISMATCHES: dict[str, dict] = {
-    "gravity x 0.8": {"mismatch.gravity": 0.8},
-    "gravity x 1.2": {"mismatch.gravity": 1.2},
+    "gravity x 0.8": {"truth.gravity": 0.8},
+    "gravity x 1.2": {"truth.gravity": 1.2},
     "point mass believed": {"mpc.point_mass": True},
-    "mass x 0.9": {"mismatch.mass": 0.9},
-    "mass x 1.1": {"mismatch.mass": 1.1},
-    "thrust x 0.9": {"mismatch.thrust": 0.9},
-    "thrust x 1.1": {"mismatch.thrust": 1.1},
+    "mass x 0.9": {"truth.mass": 0.9},
+    "mass x 1.1": {"truth.mass": 1.1},
+    "thrust x 0.9": {"truth.thrusters.scale": [0.9] * 3},
+    "thrust x 1.1": {"truth.thrusters.scale": [1.1] * 3},
     "the paper's disturbance": {"disturbance": {}},
 }
 GAIN = 0.3

@@ -1,8 +1,8 @@
 """Shows what a flight costs: time and size of the log by controller, control step, memory, import.
 
 Each controller flies transits of the standard set in this process, on one thread, with the lidar
-logged at every step. The MPC's step stands beside the paper's. Run it on a machine that does
-nothing else:
+logged at every step, and then again in a world that is drawn from `after_survey`. The MPC's step
+stands beside the paper's. Run it on a machine that does nothing else:
 
     python benchmarks/flight.py [--transits 3]
 """
@@ -25,7 +25,14 @@ from rich.console import Console
 from rich.table import Table
 
 from proxops.diagrams.flight import fly
-from proxops.diagrams.scenario import load_scenario
+from proxops.diagrams.scenario import (
+    Body,
+    draw_world,
+    load_body,
+    load_scenario,
+    make_true_body,
+)
+from proxops.systems.shapes import ray_caster
 
 PAPER_MPC_S = 0.473
 CONTROLLERS = ("mpc", "policy", "hybrid")
@@ -44,15 +51,49 @@ def import_time() -> float:
     return statistics.median(full) - statistics.median(bare)
 
 
+def flight_times(controller: str, count: int, body: Body) -> np.ndarray:
+    """Processor time (count, 2) in s of flights: as believed, and in a drawn world.
+
+    Making the true body is a part of it; loading the map is not.
+    """
+    times = np.zeros((count, 2))
+    for index in range(count):
+        for k, dispersions in enumerate((None, "after_survey")):
+            changes = {"transit.index": index, "dispersions": dispersions, "log_ranges": False}
+            started = time.process_time()
+            fly(load_scenario(None, changes), controller, body=body)
+            times[index, k] = time.process_time() - started
+    return times
+
+
+def body_times(count: int, body: Body) -> list[float]:
+    """Wall times in s of making true bodies, with their ray casters."""
+    times = []
+    for index in range(count):
+        wanted = load_scenario(None, {"transit.index": index, "dispersions": "before_survey"})
+        truth = draw_world(wanted, body).truth
+        started = time.perf_counter()
+        ray_caster(make_true_body(body, truth).shape)
+        times.append(time.perf_counter() - started)
+    return times
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--transits", type=int, default=3)
     count = parser.parse_args().transits
     peak = 0.0
     costs = Table(title=f"a transit, mean of {count} of seed 10000")
-    for name in ("controller", "one core (s)", "against real time", "log (MB)"):
+    heads = (
+        "controller",
+        "one core (s)",
+        "against real time",
+        "log (MB)",
+        "drawn world over plain",
+    )
+    for name in heads:
         costs.add_column(name, justify="left" if name == "controller" else "right")
-    step = np.zeros(0)
+    step, body = np.zeros(0), load_body("kleopatra")
     for controller in CONTROLLERS:
         # Warm up.
         fly(load_scenario(None, {"arrival.deadline_s": 100.0, "arrival.dwell_s": 10.0}), controller)
@@ -74,6 +115,7 @@ def main() -> None:
             f"{np.mean(walls):.2f}",
             f"{np.sum(spans) / np.sum(walls):.0f} x",
             f"{np.mean(sizes) / 1e6:.1f}",
+            f"{np.divide(*flight_times(controller, count, body).sum(axis=0)[::-1]):.2f} x",
         )
     Console().print(costs)
     median, p99 = np.nanmedian(step), np.nanpercentile(step, 99)
@@ -84,6 +126,11 @@ def main() -> None:
     table.add_row("MPC control step, 99th percentile", f"{1e3 * p99:.2f} ms")
     table.add_row("the paper's MPC step over ours", f"{PAPER_MPC_S / median:.0f} x")
     table.add_row("peak memory of these flights", f"{peak:.0f} MiB")
+    made = body_times(max(count, 5), body)
+    table.add_row(
+        "making a true body, median and greatest",
+        f"{statistics.median(made):.2f} s, {max(made):.2f} s",
+    )
     table.add_row("import proxops.systems", f"{import_time():.2f} s")
     Console().print(table)
 

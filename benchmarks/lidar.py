@@ -1,7 +1,8 @@
 """Compares lidar frames with trimesh's Embree on the same rays, in one process, on one core.
 
 The mesh is Kleopatra's, with 4,320 rays a frame and positions in the 340 km cube outside the
-keep-out ellipsoid; times are medians, ours and the peer's in turn. Embree comes with the extra
+keep-out ellipsoid; times are medians, ours and the peer's in turn. Frames of turned rays and of
+beams with a width are compared with plain ones in the same way. Embree comes with the extra
 `bench`:
 
     python benchmarks/lidar.py [--poses 300]
@@ -23,11 +24,13 @@ from rich.table import Table
 from trimesh.ray.ray_pyembree import RayMeshIntersector
 
 from proxops.diagrams.scenario import Body, load_body
-from proxops.systems import Lidar, ray_directions
+from proxops.systems import Lidar, LidarErrors, ray_directions
+from proxops.systems.common import rotation_matrix
 from proxops.systems.shapes import RayCaster, ray_caster
 
 CONSOLE = Console()
 KEEP_OUT_MARGIN = 8e3
+WIDTHS = (0.0, 1e-3, 5e-3)
 
 
 def poses_outside(body: Body, count: int) -> np.ndarray:
@@ -97,6 +100,40 @@ def single_frames(body: Body, poses: np.ndarray) -> None:
     CONSOLE.print(f"ranges differ from trimesh's by at most {apart:.3f} m")
 
 
+def turned_and_wide(body: Body) -> None:
+    """Frames with an attitude and with beams against plain ones, in turn, at 200 poses."""
+    random = np.random.default_rng(4)
+    poses = random.normal(size=(200, 3))
+    poses *= random.uniform(100e3, 200e3, (200, 1)) / np.linalg.norm(poses, axis=1, keepdims=True)
+    attitude = np.array([[0.99, 0.1, -0.05, 0.02]])
+    lidars = {width: Lidar(body.shape, LidarErrors(50.0, beam_width=width)) for width in WIDTHS}
+    fan, now = ray_caster(body.shape).fan(ray_directions()), np.zeros(1)
+    rotation = rotation_matrix(attitude[0])
+    calls: dict[str, Callable] = {
+        "RayFan.hits": lambda pose: fan.hits(pose),
+        "RayFan.hits, turned": lambda pose: fan.hits(pose, rotation),
+        "Lidar.frames": lambda pose: lidars[0.0].frames(now, pose, 0),
+        "Lidar.frames, with an attitude": lambda pose: lidars[0.0].frames(now, pose, 0, attitude),
+        "Lidar.frames, beams of 1 mrad": lambda pose: lidars[1e-3].frames(now, pose, 0),
+        "Lidar.frames, beams of 5 mrad": lambda pose: lidars[5e-3].frames(now, pose, 0),
+    }
+    times: dict[str, list[float]] = {name: [] for name in calls}
+    for call in calls.values():
+        call(poses[:1])  # Compiles.
+    for _ in range(5):
+        for pose in poses:
+            for name, call in calls.items():
+                times[name].append(timed(lambda call=call, pose=pose: call(pose[None])))
+    table = Table(title=f"one frame, median over {len(poses)} poses 100 to 200 km out")
+    for heading in ("", "time (ms)", "over plain"):
+        table.add_column(heading, justify="right" if heading else "left")
+    for name in calls:
+        median = statistics.median(times[name])
+        plain = statistics.median(times[name.split(",")[0]])
+        table.add_row(name, f"{1e3 * median:.3f}", f"{median / plain:.2f} x")
+    CONSOLE.print(table)
+
+
 def batches(body: Body, poses: np.ndarray) -> None:
     """All poses at once; the peer gets every ray's origin and direction, as it needs them."""
     directions = ray_directions()
@@ -138,6 +175,7 @@ def main() -> None:
     body = load_body("kleopatra")
     poses = poses_outside(body, parser.parse_args().poses)
     single_frames(body, poses)
+    turned_and_wide(body)
     batches(body, poses)
 
 

@@ -1,17 +1,23 @@
-"""Shows how a policy flies where it was not trained: worse lidar, another plant, other starts.
+"""Shows what a controller withstands: one dispersed quantity at a time, and all of them together.
 
-Every variant flies the transits of one seed to the same goals, with the same noise. In the first
-variants the lidar is worse, or the plant differs from the one that the policy learned from; in the
-last three the flight starts where no transit of the set starts. Flights are kept in the folder of
-`--out`: run the command again to finish what was interrupted, or to add transits.
+Every variant flies the transits of one seed to the same goals, with the same noise. In a line such
+as `truth.gravity x 2`, that quantity alone is off, by twice its three standard deviations, on a
+side that is drawn for each flight; of three axes, the norm is off by that. A value beyond what a
+scenario permits is set to its limit, and the line says so. In the last three lines the flight
+starts where no transit of the set starts. Flights are kept in the folder of `--out`: run the
+command again to finish what was interrupted, or to add transits.
 
-    python benchmarks/robustness.py [--controller policy] [--transits 50] [--seed 10001]
-        [--workers N] [--out out/robustness] [--markdown table.md]
+    python benchmarks/robustness.py [--controller policy] [--dispersions after_survey]
+        [--only truth.gravity "truth.mass x 3" …] [--transits 40] [--seed 10001] [--workers N]
+        [--out out/robustness] [--markdown table.md]
 
 `--controller` takes the names that `proxops evaluate` takes: `policy:out/mine/bundle`, or `mpc` for
-the expert under the same conditions. Give each controller a folder of its own.
+the expert under the same conditions. `--only` takes quantities and whole lines. Give each
+controller and each name of dispersions a folder of its own.
 """
 
+import difflib
+import functools
 import os
 from collections.abc import Callable, Sequence
 
@@ -22,29 +28,34 @@ import numpy as np
 from _campaign import campaign_parser, fly_with_bar, show
 
 from proxops.diagrams.flight import Row
-from proxops.diagrams.scenario import Body, Scenario, Transit, hover_force, load_scenario
+from proxops.diagrams.scenario import (
+    Body,
+    Scenario,
+    Transit,
+    far_out_world,
+    hover_force,
+    load_body,
+    load_dispersions,
+    load_scenario,
+    quantities,
+)
 from proxops.studies.evaluation import Variant
 from proxops.systems.common import InputError, derived_seed, generator
 from proxops.systems.shapes import clearances
 
-SETTINGS: dict[str, dict] = {
-    "nominal": {},
-    "lidar noise x 4": {"lidar.noise_std_m": 200.0},
-    "20 % dropout": {"lidar.dropout": 0.2},
-    "1 % false returns": {"lidar.false_returns": 0.01},
-    "attitude error 0.1°": {"lidar.attitude_error_deg": 0.1},
-    "gravity x 0.8": {"mismatch.gravity": 0.8},
-    "gravity x 1.2": {"mismatch.gravity": 1.2},
-    "mass x 0.9": {"mismatch.mass": 0.9},
-    "mass x 1.1": {"mismatch.mass": 1.1},
-    "thrust x 0.9": {"mismatch.thrust": 0.9},
-    "thrust x 1.1": {"mismatch.thrust": 1.1},
+NOMINAL = "nominal"
+# Multiples of three standard deviations.
+MULTIPLES = (1, 2, 3)
+TOGETHER: dict[str, dict] = {
+    "all of after_survey": {"dispersions": "after_survey"},
+    "all of before_survey": {"dispersions": "before_survey"},
     "the paper's disturbance": {"disturbance": {}},
 }
+CLIPPED = " (at its limit)"
 OUTSIDE, INSIDE_MARGIN, MOVING = "start outside the cube", "start inside the margin", "start moving"
 HEADINGS = (
-    "success", "success (2 km)", "collisions", "keep-out violations", "end error, median (m)",
-    "p95 (m)", "Δv, median (m/s)",
+    "success", "success (2 km)", "collisions", "keep-out violations", "unflyable",
+    "end error, median (m)", "p95 (m)", "Δv, median (m/s)",
 )  # fmt: skip
 
 # Starts outside the cube: from the origin, in m.
@@ -110,10 +121,47 @@ STARTS: dict[str, Callable[[Transit, Scenario, Body], Start]] = {
 }
 
 
-def variants(controller: str) -> list[Variant]:
-    """All lines of the table, in order."""
-    settings = [Variant(name, controller, changes) for name, changes in SETTINGS.items()]
-    return settings + [Variant(name, controller, start=start) for name, start in STARTS.items()]
+def variants(controller: str, dispersions: str, scenario: Scenario) -> dict[str, list[Variant]]:
+    """All lines of the table in order, by the quantity or the conditions that they show.
+
+    Raises:
+      InputError: see `load_dispersions`.
+    """
+    body = load_body(scenario.body)
+    lines = {NOMINAL: [Variant(NOMINAL, controller)]}
+    for quantity in quantities(load_dispersions(dispersions)):
+        key = quantity.main.key
+        lines[key] = []
+        for multiple in MULTIPLES if quantity.has_multiples else MULTIPLES[:1]:
+            clipped = CLIPPED if quantity.is_clipped(scenario, body, multiple) else ""
+            world = functools.partial(far_out_world, quantity=quantity, multiple=multiple)
+            name = f"{key} x {multiple}{clipped}"
+            lines[key].append(Variant(name, controller, world=world))
+    for name, changes in TOGETHER.items():
+        lines[name] = [Variant(name, controller, changes)]
+    for name, start in STARTS.items():
+        lines[name] = [Variant(name, controller, start=start)]
+    return lines
+
+
+def chosen(lines: dict[str, list[Variant]], only: Sequence[str] | None) -> list[Variant]:
+    """The lines that are asked for, in the order of the table; None: all of them.
+
+    Raises:
+      InputError: there is no such quantity or line.
+    """
+    every = [each for group in lines.values() for each in group]
+    names = [*lines, *(each.name for each in every)]
+    for name in only or ():
+        if name not in names:
+            [near] = difflib.get_close_matches(name, names, n=1, cutoff=0.0)
+            raise InputError(f"--only: there is no line {name!r}; the nearest is {near!r}")
+    return [
+        each
+        for key, group in lines.items()
+        for each in group
+        if only is None or key in only or each.name in only
+    ]
 
 
 def _random(variant: str, transit: Transit) -> np.random.Generator:
@@ -123,28 +171,46 @@ def _random(variant: str, transit: Transit) -> np.random.Generator:
 
 
 def figures(rows: Sequence[Row]) -> list[str]:
-    """One line of the table; Δv is of the flights that succeeded."""
-    errors = [row["terminal_position_error_m"] for row in rows]
-    spent = [row["delta_v_m_s"] for row in rows if row["success"]]
+    """One line of the table; Δv is of the flights that succeeded.
+
+    A world that cannot be flown is counted in its column, and in no other.
+    """
+    flown = [row for row in rows if "unflyable" not in row]
+    errors = [row["terminal_position_error_m"] for row in flown]
+    spent = [row["delta_v_m_s"] for row in flown if row["success"]]
     return [
-        f"{sum(row['success'] for row in rows)}/{len(rows)}",
-        f"{sum(row['success_2km'] for row in rows)}/{len(rows)}",
-        str(sum(row["collided"] for row in rows)),
-        str(sum(row["keep_out_violations"] for row in rows)),
-        f"{np.median(errors):.1f}",
-        f"{np.percentile(errors, 95):.1f}",
+        f"{sum(row['success'] for row in flown)}/{len(flown)}",
+        f"{sum(row['success_2km'] for row in flown)}/{len(flown)}",
+        str(sum(row["collided"] for row in flown)),
+        str(sum(row["keep_out_violations"] for row in flown)),
+        str(len(rows) - len(flown)),
+        f"{np.median(errors):.1f}" if errors else "–",
+        f"{np.percentile(errors, 95):.1f}" if errors else "–",
         f"{np.median(spent):.1f}" if spent else "–",
     ]
 
 
 def main() -> None:
-    parser = campaign_parser(__doc__, "out/robustness", transits=50, seed=10001)
+    parser = campaign_parser(__doc__, "out/robustness", transits=40, seed=10001)
     parser.add_argument("--controller", default="policy")
+    parser.add_argument(
+        "--dispersions", default="after_survey", help="a name that ships, or a YAML file"
+    )
+    parser.add_argument(
+        "--only", nargs="+", metavar="LINE", help="quantities or lines; default: all"
+    )
     asked = parser.parse_args()
     scenario = load_scenario(None, {"log_ranges": False})
-    rows = fly_with_bar(variants(asked.controller), scenario, asked)
+    try:
+        wanted = chosen(variants(asked.controller, asked.dispersions, scenario), asked.only)
+    except InputError as error:
+        raise SystemExit(str(error)) from error
+    rows = fly_with_bar(wanted, scenario, asked)
     lines = {name: figures(flown) for name, flown in rows.items()}
-    title = f"{asked.controller}, {asked.transits} transits of seed {asked.seed}"
+    title = (
+        f"{asked.controller}, {asked.transits} transits of seed {asked.seed}, "
+        f"one quantity at a time of {asked.dispersions}"
+    )
     show(title, HEADINGS, lines, asked.markdown)
 
 

@@ -14,12 +14,14 @@ from rich.table import Table
 
 from proxops.cli.common import (
     AsJson,
+    DispersionsName,
     Processes,
     ScenarioChanges,
     SchedulerAddress,
     check_folder,
     console,
     status,
+    with_dispersions,
     work_bar,
 )
 from proxops.diagrams.flight import Workers
@@ -69,6 +71,7 @@ def collect_command(
         ),
     ] = None,
     settings: ScenarioChanges = None,
+    dispersions: DispersionsName = None,
     out: Annotated[Path, typer.Option(help="Folder for the logs and manifest.json.")] = (
         Path("out/collection")
     ),
@@ -91,7 +94,7 @@ def collect_command(
     """
     mix = parse_mix(recovery)
     check_folder(out)
-    wanted = load_scenario(scenario, settings or [])
+    wanted = load_scenario(scenario, with_dispersions(settings, dispersions))
     if lidar == LidarSource.NONE:
         wanted = dc.replace(wanted, log_ranges=False)
     learned = None

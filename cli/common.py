@@ -34,10 +34,24 @@ ScenarioChanges = typing.Annotated[
     list[str] | None,
     typer.Option("--set", help="Change a scenario value: key.subkey=value. Repeatable."),
 ]
+DispersionsName = typing.Annotated[
+    str | None,
+    typer.Option(
+        "--dispersions",
+        help="Draw each flight's world from after_survey, before_survey, first_look or paper, or "
+        "from a YAML file of your own.",
+    ),
+]
 AsJson = typing.Annotated[
     bool, typer.Option("--json", help="Print the results as JSON, not as a table.")
 ]
 """Options of most commands."""
+
+
+def with_dispersions(changes: list[str] | None, name: str | None) -> list[str]:
+    """Gives the changes of a scenario with those that --dispersions asks for."""
+    return [*(changes or []), *([] if name is None else [f"dispersions={name}"])]
+
 
 console = Console()
 """The console for results: standard output."""

@@ -11,12 +11,14 @@ import typer
 from rich.table import Table
 
 from proxops.cli.common import (
+    DispersionsName,
     Processes,
     ScenarioChanges,
     SchedulerAddress,
     check_folder,
     console,
     status,
+    with_dispersions,
     work_bar,
     write_json,
 )
@@ -41,6 +43,7 @@ def evaluate_command(
     ] = 50,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the set of transits.")] = 10000,
     settings: ScenarioChanges = None,
+    dispersions: DispersionsName = None,
     out: Annotated[Path, typer.Option(help="Folder for results.json and the report.")] = Path(
         "out/evaluation"
     ),
@@ -60,22 +63,13 @@ def evaluate_command(
       proxops evaluate --controllers mpc,policy:out/paper-policy/bundle,pd,zero --transits 50
     """
     # matplotlib is slow to import.
-    from proxops.studies.evaluation import (
-        Evaluation,
-        Variant,
-        aggregate_all,
-        describe_flight,
-        evaluation_sections,
-        fly_variants,
-        shown_logs,
-    )
-    from proxops.training.reports import write_report
+    from proxops.studies.evaluation import Variant, aggregate_all, describe_flight, fly_variants
 
     names = [name.strip() for name in controllers.split(",") if name.strip()]
     if not names or len(set(names)) != len(names):
         raise InputError(f"--controllers {controllers!r} must name each controller once")
     check_folder(out)
-    wanted = load_scenario(scenario, settings or [])
+    wanted = load_scenario(scenario, with_dispersions(settings, dispersions))
     # Errors are reported now, before workers and folders exist.
     body = load_body(wanted.body)
     for name in names:
@@ -90,16 +84,12 @@ def evaluate_command(
             variants, wanted, seed, transits, flights, keep_logs=keep_logs,
             describe=describe_flight, workers=fleet,
         )  # fmt: skip
+    if any(row.get("dispersed") for group in rows.values() for row in group):
+        status.print("Ranking what drives failure")  # Some seconds for each controller.
     results = aggregate_all(rows)
     write_json(out / "results.json", results)
     _print(results, wanted, seed)
-    folder = out / ("flights" if keep_logs else "shown")
-    fleet = Workers(workers, scheduler)
-    logs = shown_logs(results, wanted, seed, folder, frames=keep_logs, workers=fleet)
-    title = f"{body.config.name}: {', '.join(names)}"
-    command = shlex.join(["proxops", *sys.argv[1:]])
-    evaluation = Evaluation(command, body.config.name, seed, wanted, results, logs)
-    write_report(out, title, evaluation_sections(evaluation))
+    _write_report(out, results, wanted, seed, keep_logs, Workers(workers, scheduler))
     status.print(f"Wrote results.json, report.html and report.md in {out}")
 
 
@@ -113,3 +103,23 @@ def _print(results: dict[str, dict], scenario: Scenario, seed: int) -> None:
     for label, cells in figure_rows(results, scenario.arrival):
         table.add_row(label, *cells)
     console.print(table)
+
+
+def _write_report(
+    out: Path,
+    results: dict[str, dict],
+    scenario: Scenario,
+    seed: int,
+    keep_logs: bool,
+    workers: Workers,
+) -> None:
+    from proxops.studies.evaluation import Evaluation, evaluation_sections, shown_logs, write_worst
+    from proxops.training.reports import write_report
+
+    folder = out / ("flights" if keep_logs else "shown")
+    logs = shown_logs(results, scenario, seed, folder, frames=keep_logs, workers=workers)
+    write_worst(out, results, logs)
+    name = load_body(scenario.body).config.name
+    command = shlex.join(["proxops", *sys.argv[1:]])
+    evaluation = Evaluation(command, name, seed, scenario, results, logs)
+    write_report(out, f"{name}: {', '.join(results)}", evaluation_sections(evaluation))

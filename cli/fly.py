@@ -10,15 +10,18 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from pydrake.geometry import Meshcat
 from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
 
 from proxops.cli.common import (
     AsJson,
+    DispersionsName,
     ScenarioChanges,
     check_folder,
     print_rows,
     progress_bar,
     status,
+    with_dispersions,
     write_json,
 )
 from proxops.diagrams.flight import WITH_BUNDLE, fly
@@ -42,6 +45,7 @@ def fly_command(
     seed: Annotated[int | None, typer.Option(help="Seed of the set of transits.")] = None,
     transit: Annotated[int | None, typer.Option(help="Number of the transit in the set.")] = None,
     settings: ScenarioChanges = None,
+    dispersions: DispersionsName = None,
     out: Annotated[Path, typer.Option(help="Folder for flight.nc, summary.json, replay.html.")] = (
         Path("out/flight")
     ),
@@ -59,6 +63,8 @@ def fly_command(
 
       proxops fly --transit 1 --set spacecraft.mass_kg=120 --out out/heavy
 
+      proxops fly --dispersions after_survey --controller policy --seed 10000
+
       proxops fly --from out/heavy/flight.nc --out out/again
     """
     check_folder(out)
@@ -69,27 +75,12 @@ def fly_command(
         server = start_server()
         status.print(f"Meshcat is at {server.web_url()}")
     if log_file is not None:
-        given = (scenario, settings or None, seed, transit)
+        given = (scenario, settings or None, seed, transit, dispersions)
         if any(value is not None for value in given):
             raise InputError("--from repeats a flight as it was: give no scenario or settings")
-        original = FlightLog.load(log_file)
-        _check_controller(original, controller)
-        with _progress_bar() as progress:
-            log = fly(
-                original.scenario,
-                original.dataset.attrs["controller"],
-                meshcat=server,
-                progress=progress,
-                body=original.body,
-            )
-        _save(log, out, as_json)
-        changed = differences(original, log)
-        if changed:
-            status.print(f"The flight differs from its log in: {', '.join(changed)}")
-            raise typer.Exit(1)
-        status.print(f"The flight repeats {log_file} bit for bit.")
+        _fly_again(log_file, controller, server, out, as_json)
     else:
-        overrides = list(settings or [])
+        overrides = with_dispersions(settings, dispersions)
         if seed is not None:
             overrides.append(f"transit.seed={seed}")
         if transit is not None:
@@ -107,6 +98,29 @@ def fly_command(
         status.print("Press Ctrl-C to end.")
         with contextlib.suppress(KeyboardInterrupt):
             _wait_for_ever()
+
+
+def _fly_again(
+    log_file: Path, controller: str | None, server: Meshcat | None, out: Path, as_json: bool
+) -> None:
+    """Repeats the flight of a log, in the world that was drawn for it."""
+    original = FlightLog.load(log_file)
+    _check_controller(original, controller)
+    with _progress_bar() as progress:
+        log = fly(
+            original.scenario,
+            original.dataset.attrs["controller"],
+            meshcat=server,
+            progress=progress,
+            body=original.body,
+            true_body=original.true_body,
+        )
+    _save(log, out, as_json)
+    changed = differences(original, log)
+    if changed:
+        status.print(f"The flight differs from its log in: {', '.join(changed)}")
+        raise typer.Exit(1)
+    status.print(f"The flight repeats {log_file} bit for bit.")
 
 
 def _check_controller(log: FlightLog, named: str | None) -> None:
@@ -149,6 +163,7 @@ def _table(log: FlightLog, summary: dict[str, Any]) -> list[tuple[str, str]]:
     arrival = summary["arrival_time_s"]
     rows = [
         ("transit", f"{summary['transit']} of seed {summary['seed']}"),
+        *([("values drawn", str(len(summary["dispersed"])))] if summary["dispersed"] else []),
         ("success", "yes" if summary["success"] else "no"),
         ("collision", "yes" if summary["collided"] else "no"),
         ("keep-out violations", str(summary["keep_out_violations"])),

@@ -7,6 +7,7 @@ A line of a page that starts with one of these is replaced:
 * `!help`: what `proxops --help` prints.
 * `!file PATH`: a file of the repository, as code.
 * `!experiments PATH`: a Markdown file of the repository, without its title, headings a level down.
+* `!dispersions NAME`: a table of dispersions that ship, with the source of each number.
 * `!log_variables`: a table of a flight log's variables.
 * `!modules FOLDER`: the reference of all rooms of a folder and their public modules.
 
@@ -22,6 +23,7 @@ import re
 import tempfile
 from pathlib import Path
 
+import yaml
 from latex2mathml.converter import convert
 from mkdocs.exceptions import PluginError
 from mkdocs.structure.files import File
@@ -32,7 +34,7 @@ from proxops.cli.main import app
 from proxops.diagrams.flight import fly
 from proxops.diagrams.logs import VARIABLES
 from proxops.diagrams.meshcat import write_replay
-from proxops.diagrams.scenario import load_scenario
+from proxops.diagrams.scenario import load_body, load_dispersions, load_scenario
 
 ROOT = Path(__file__).parents[1]
 _EQUATION = re.compile(r'<(span|div) class="arithmatex">\\([(\[])(.*?)\\[)\]]</\1>', re.DOTALL)
@@ -73,6 +75,38 @@ def _log_variables(_: str) -> str:
     return "\n".join(["| variable | dimensions | unit | what it is |", "|---|---|---|---|", *rows])
 
 
+def _dispersions(name: str) -> str:
+    scenario, body = load_scenario(), load_body("kleopatra")
+    tree = yaml.safe_load((ROOT / "assets" / "dispersions" / f"{name}.yaml").read_text())
+    lines = ["| key | distribution | at Kleopatra | source |", "|---|---|---|---|"]
+    for each in load_dispersions(name):
+        entry, bounds = tree[each.key], each.distribution.bounds()
+        times = f" × {entry['times'].replace('_', ' ')}" if "times" in entry else ""
+        at_kleopatra = "–"
+        if times and bounds is not None:
+            ends = dict.fromkeys(f"{each.unit(scenario, body) * end:.3g}" for end in bounds)
+            at_kleopatra = " to ".join(ends)
+        text = _distribution(entry) + times
+        lines.append(f"| `{each.key}` | {text} | {at_kleopatra} | {each.source} |")
+    return "\n".join(lines)
+
+
+def _distribution(entry: dict) -> str:
+    """A distribution of a YAML file, in words."""
+    spread = entry.get("three_sigma", 0.0)
+    if "normal" in entry:
+        return f"normal, {entry['normal']:g} ± {spread:g}"
+    if "half_normal" in entry:
+        return f"half normal, {entry['half_normal']:g} to {entry['half_normal'] + spread:g}"
+    for kind in ("uniform", "log_uniform"):
+        if kind in entry:
+            low, high = entry[kind]
+            return f"{kind.replace('_', ' ')}, {low:.10g} to {high:.10g}"
+    if "choice" in entry:
+        return f"one of {', '.join(f'{value:g}' for value in entry['choice'])}"
+    return f"always {entry['fixed']:.4g}"
+
+
 def _experiments(path: str) -> str:
     _, _, text = (ROOT / path).read_text().partition("\n")
     return re.sub(r"^#", "##", text, flags=re.MULTILINE)
@@ -92,6 +126,7 @@ def _modules(folder: str) -> str:
 
 _MAKERS = {
     "commands": _commands,
+    "dispersions": _dispersions,
     "experiments": _experiments,
     "file": _file,
     "help": _help,

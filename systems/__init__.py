@@ -44,6 +44,7 @@ from proxops.systems.hybrid import (
     ReachModel,
 )
 from proxops.systems.lidar import (
+    FrameDelay,
     LearnedLidar,
     Lidar,
     LidarBundle,
@@ -55,6 +56,8 @@ from proxops.systems.lidar import (
 from proxops.systems.policy import NeuralPolicy, PolicyBundle, PolicyStatus, ProportionalDerivative
 from proxops.systems.shapes import Polyhedron, RayCaster, RayFan
 from proxops.systems.vehicle import (
+    ActualThrust,
+    AttitudeError,
     DelayedHold,
     FlightMonitor,
     ForceNoise,
@@ -62,14 +65,18 @@ from proxops.systems.vehicle import (
     Spacecraft,
     Spacecraft_,
     StateNoise,
+    ThrusterErrors,
     Thrusters,
+    UnexplainedAcceleration,
     VelocityKicks,
     jacobi_integral,
 )
 
 __all__ = [
+    "ActualThrust",
     "AgreementGate",
     "AssuranceLimits",
+    "AttitudeError",
     "BackupBraking",
     "CheckSchedule",
     "DecisionReason",
@@ -79,6 +86,7 @@ __all__ = [
     "FlightMonitor",
     "FlownBy",
     "ForceNoise",
+    "FrameDelay",
     "GateKind",
     "Gravity",
     "GravityField",
@@ -115,9 +123,11 @@ __all__ = [
     "Spacecraft",
     "Spacecraft_",
     "StateNoise",
+    "ThrusterErrors",
     "Thrusters",
     "TransitLimits",
     "TransitProgram",
+    "UnexplainedAcceleration",
     "VelocityKicks",
     "WeightedProgram",
     "effective_field",

@@ -27,9 +27,9 @@ class Counting(nn.Module):
     MEMORY, ESTIMATES = 4, False
 
     def forward(
-        self, ranges: Tensor, target: Tensor, applied_force: Tensor, memory: Tensor
+        self, ranges: Tensor, target: Tensor, commanded_force: Tensor, memory: Tensor
     ) -> tuple[Tensor, Tensor, Tensor]:
-        count, total = memory[:, :1], memory[:, 1:] + applied_force
+        count, total = memory[:, :1], memory[:, 1:] + commanded_force
         nearest = ranges.amin(dim=1, keepdim=True) / 1e5
         force = torch.cat([count, total[:, 1:2], nearest], dim=1)
         return force, torch.full_like(target, torch.nan), torch.cat([count + 1.0, total], dim=1)
@@ -45,8 +45,8 @@ class NotANumber(Counting):
         super().__init__()
         self.spoiled = spoiled
 
-    def forward(self, ranges, target, applied_force, memory):
-        force, estimate, following = super().forward(ranges, target, applied_force, memory)
+    def forward(self, ranges, target, commanded_force, memory):
+        force, estimate, following = super().forward(ranges, target, commanded_force, memory)
         left = 2.0 - memory[:, :1]
         one = left / left
         if self.spoiled == "force":
@@ -73,11 +73,11 @@ class DeadReckoning(nn.Module):
         self.register_buffer("start", torch.tensor([[*START, 0.0, 0.0, 0.0]]))
 
     def forward(
-        self, ranges: Tensor, target: Tensor, applied_force: Tensor, memory: Tensor
+        self, ranges: Tensor, target: Tensor, commanded_force: Tensor, memory: Tensor
     ) -> tuple[Tensor, Tensor, Tensor]:
         under_way = memory[:, :1]
         before = under_way * memory[:, 1:] + (1.0 - under_way) * self.start
-        pushed = applied_force / MASS * PERIOD
+        pushed = commanded_force / MASS * PERIOD
         velocity = before[:, 3:] + pushed
         position = before[:, :3] + PERIOD * (before[:, 3:] + 0.5 * pushed) * under_way
         estimate = torch.cat([position, velocity], dim=1)
@@ -112,9 +112,9 @@ def example_steps(steps: int = 5, rays: int = RAYS) -> Sequence[Example]:
             random.random((steps, rays)) < 0.05, random.uniform(4e4, 2e5, (steps, rays)), np.inf
         )
         target = np.tile([160e3, 8e3, 0.0, 0.0, 0.0, 0.0], (steps, 1))
-        applied_force = random.uniform(-7.0, 7.0, (steps, 3))
-        applied_force[0] = 0.0
-        examples.append((ranges, target, applied_force))
+        commanded_force = random.uniform(-7.0, 7.0, (steps, 3))
+        commanded_force[0] = 0.0
+        examples.append((ranges, target, commanded_force))
     return examples
 
 

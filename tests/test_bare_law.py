@@ -28,4 +28,4 @@ def test_on_the_estimate_it_is_wired() -> None:
     controller = LAW.on_estimate(load_scenario(), load_body("kleopatra"))
     assert isinstance(controller, Diagram)
     inputs = {controller.get_input_port(i).get_name() for i in range(controller.num_input_ports())}
-    assert inputs == {"ranges", "target", "applied_force"}
+    assert inputs == {"ranges", "target", "commanded_force"}

@@ -10,8 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from matplotlib.image import imread
+from short_flights import BRIEF, kleopatra, short_scenario
 from synthetic_log import similar_log, synthetic_log
 
+from proxops.diagrams.flight.simulation import fly
 from proxops.diagrams.logs.flight_log import FlightLog
 from proxops.diagrams.meshcat.replay import PLAYBACK_SPEED, write_replay
 
@@ -269,3 +271,17 @@ def test_views_differ(filtered: tuple[FlightLog, str], tmp_path: Path) -> None:
     assert grey["follow"] > 1.3 * grey["overview"]
     for one, other in itertools.combinations(images.values(), 2):
         assert np.abs(one - other).mean() > 0.02
+
+
+def test_map_is_seen_over_the_true_body(tmp_path: Path) -> None:
+    """Its net has a colour of its own, also where the true surface lies above it."""
+    nets = []
+    for name, size in (("true", 1.002), ("plain", 1.0)):
+        scenario = short_scenario(truth__size=size, **BRIEF)
+        page, picture = tmp_path / f"{name}.html", tmp_path / f"{name}.png"
+        write_replay(fly(scenario, "zero", body=kleopatra()), page)
+        assert complaints(photograph(page, picture, tmp_path / "profile", 6.0)) == []
+        red, green, blue = channels(imread(picture)[:, :, :3])
+        nets.append(np.count_nonzero((blue > 0.7) & (green > 0.6) & (red < 0.65)))
+    assert nets[0] > 3000
+    assert nets[1] < 100

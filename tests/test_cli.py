@@ -218,6 +218,11 @@ def test_evaluate(run, tmp_path: Path) -> None:
         assert {row["controller"] for row in result["flights"]} == {name}
         assert {row["seed"] for row in result["flights"]} == {31}
         assert length_text(result["min_clearance_m"]) in ran.out
+        report = (tmp_path / "out" / "report.md").read_text()
+        for k in (0, 1):  # Nobody arrived, so each flight is among the five worst.
+            assert f"(worst/{name}-0000{k}.html)" in report
+            page = tmp_path / "out" / "worst" / f"{name}-0000{k}.html"
+            assert page.stat().st_size > 1e6
     assert "0 of 2" in ran.out
 
     # Again: nothing is flown twice.

@@ -1,5 +1,6 @@
 """README.md and docs/ tell of what there is: ports, commands, notebooks, and Python that runs."""
 
+import dataclasses
 import re
 import shlex
 import shutil
@@ -55,18 +56,23 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> dict[str, System]:
     assert isinstance(hybrid, Diagram)
     others = [
         *hybrid.GetSystems(),
+        systems.ActualThrust(systems.ThrusterErrors(), 10.0),
+        systems.AttitudeError(believed_spin=0.0, true_spin=(0.0, 0.0, 0.0)),
         systems.EnabledValue(3),
         systems.DelayedHold(10.0, 5.0, 3),
+        systems.FrameDelay(RAYS, 2, 10.0),
         systems.LearnedLidar(write_ball_bundle(folder / "lidar")),
         systems.NeuralPolicy(policy),
         systems.ProportionalDerivative(100.0, 7.0, 40.0),
+        systems.UnexplainedAcceleration(),
     ]
     kinds = {
         systems.PolyhedralGravity: "PolyhedralGravity",
         systems.Spacecraft: "Spacecraft",
     }
     found = [*diagram.GetSystems(), *others]
-    return {kinds.get(type(system), type(system).__name__): system for system in found}
+    by_name = {kinds.get(type(system), type(system).__name__): system for system in found}
+    return by_name | {"Spacecraft": systems.Spacecraft(100.0, 0.0, burns_propellant=True)}
 
 
 def documented(name: str) -> list[tuple[str, str, str]]:
@@ -191,7 +197,7 @@ def test_every_command_in_brief(
     working_folder: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     """Page by page, each command in the folder that the ones before it leave."""
-    for name in ("heavy.yaml", "my_controller.py", "my_pd.py"):
+    for name in ("heavy.yaml", "my_controller.py", "my_pd.py", "my_world.yaml"):
         (working_folder / name).write_text(named_block(name))
     contact_binary(500.0, 2).export(working_folder / "scan.stl")
     shutil.copytree(ROOT / "assets", working_folder / "assets")
@@ -215,7 +221,7 @@ def test_every_command_in_brief(
     assert run_already >= {"fly", "replay", "evaluate", "collect", "shape", "train", "train-lidar"}
     table = PAGES["docs/how_to/evaluate.md"].partition("## Conditions")[0]
     rows = re.findall(r"^\| (`.*?) \|", table, re.MULTILINE)
-    assert len(rows) == 4
+    assert len(rows) == 5
     for name in re.findall("`(.*?)`", " ".join(rows)):
         assert (working_folder / "out" / "evaluation" / name).exists()
 
@@ -232,6 +238,30 @@ def test_notebooks_that_are_told_of() -> None:
     numbers = {path.name.partition("_")[0] for path in (ROOT / "notebooks").glob("*.ipynb")}
     text = PAGES["docs/index.md"].partition("The notebooks in")[2].replace("\n", " ")
     assert set(re.findall(r"(?<=[ ,:])(\d) ", text)) == numbers
+
+
+def keys_of(config: Any, prefix: str) -> set[str]:
+    """The dotted keys of a dataclass."""
+    found = set()
+    for field in dataclasses.fields(config):
+        value, key = getattr(config, field.name), f"{prefix}.{field.name}"
+        found |= keys_of(value, key) if dataclasses.is_dataclass(value) else {key}
+    return found
+
+
+def test_keys_of_the_truth_are_told_and_exist() -> None:
+    keys = keys_of(load_scenario().truth, "truth")
+    sections = {key.rpartition(".")[0] for key in keys}
+    told = {key for text in PAGES.values() for key in re.findall(r"\btruth(?:\.\w+)+", text)}
+    assert told - {"truth.md"} <= keys | sections
+    page = PAGES["docs/method/truth.md"]
+    assert [key for key in sorted(keys) if f"{key.rpartition('.')[2]}`" not in page] == []
+
+
+def test_every_shipped_dispersion_has_a_table() -> None:
+    tables = re.findall(r"^!dispersions (\w+)$", PAGES["docs/method/truth.md"], re.MULTILINE)
+    files = (ROOT / "assets" / "dispersions").glob("*.yaml")
+    assert sorted(tables) == sorted(path.stem for path in files)
 
 
 # --- Python ---------------------------------------------------------------------------------------

@@ -23,8 +23,8 @@ class Blinking(NotANumber):
 
     ESTIMATES = True
 
-    def forward(self, ranges, target, applied_force, memory):
-        force, _, following = super().forward(ranges, target, applied_force, memory)
+    def forward(self, ranges, target, commanded_force, memory):
+        force, _, following = super().forward(ranges, target, commanded_force, memory)
         return force, 0.9 * target, following
 
 

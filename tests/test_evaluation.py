@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from proxops.studies.evaluation.evaluation import aggregate, delta_v_pairs, success_interval
+from proxops.studies.evaluation.evaluation import aggregate, aggregate_all, delta_v_pairs, every_row
+from proxops.studies.evaluation.statistics_of_flights import success_interval
 
 
 def test_interval_of_published_examples() -> None:
@@ -139,6 +140,66 @@ def test_share_of_small_commands_counts_steps() -> None:
 def test_one_row_for_each_flight_is_kept_as_it_is() -> None:
     rows = [row(transit=k, wall_s=float(np.pi * k)) for k in range(3)]
     assert aggregate(rows)["flights"] == rows
+
+
+def test_percentiles_and_worst() -> None:
+    """101 flights whose figures are 0, 1, … 100: then percentile p is p."""
+    rows = [
+        row(transit=k, delta_v_m_s=float(k), terminal_position_error_m=float(k),
+            arrival_time_s=float(k), min_clearance_m=float(k))
+        for k in range(101)
+    ]  # fmt: skip
+    found = aggregate(rows)
+    for name in ("delta_v_m_s_{}", "terminal_position_error_m_{}", "arrival_time_s_{}"):
+        p99 = "delta_v_99_m_s" if name.startswith("delta") else name.format("p99")
+        keys = (name.format("median"), name.format("p90"), p99, name.format("max"))
+        assert [found[key] for key in keys] == pytest.approx([50.0, 90.0, 99.0, 100.0])
+    lows = ("min_clearance_m", "min_clearance_m_p1", "min_clearance_m_p10")
+    assert [found[key] for key in lows] == pytest.approx([0.0, 1.0, 10.0])
+    assert found["delta_v_99_m_s_bound"] is None  # 230 flights are needed.
+    more = aggregate([row(transit=k, delta_v_m_s=float(k)) for k in range(230)])
+    assert more["delta_v_99_m_s_bound"] == 229.0
+    assert found["success_shown_90"] == pytest.approx(0.1 ** (1 / 101))
+    assert found["success_rate_exact_interval"] == pytest.approx((0.025 ** (1 / 101), 1.0))
+
+
+# --- worlds that can't be flown -------------------------------------------------------------------
+
+
+def unflyable(transit: int, reason: str = "the start is inside the true body") -> dict[str, Any]:
+    return {
+        "controller": "mpc", "seed": 1, "transit": transit, "dispersed": {"truth.scale": 1.2},
+        "unflyable": reason,
+    }  # fmt: skip
+
+
+def test_unflyable_worlds_are_counted_apart() -> None:
+    flown = [row(transit=k, delta_v_m_s=100.0 + k) for k in (0, 2, 4)]
+    rows = [flown[0], unflyable(1), flown[1], unflyable(3), flown[2]]
+    found, plain = aggregate(rows), aggregate(flown)
+    assert found.pop("unflyable") == 2
+    assert found.pop("unflyable_worlds") == [rows[1], rows[3]]
+    assert plain.pop("unflyable") == 0
+    assert plain.pop("unflyable_worlds") == []
+    assert found == plain
+    assert every_row(aggregate(rows)) == rows
+
+
+def test_no_world_can_be_flown() -> None:
+    found = aggregate([unflyable(0), unflyable(1)], [row(), row(transit=1)])
+    assert (found["transits"], found["unflyable"], found["expert_pairs"]) == (0, 2, 0)
+    assert found["success_rate"] is found["min_clearance_m"] is found["policy_share"] is None
+    assert found["success_rate_exact_interval"] == (0.0, 1.0)
+    assert found["success_shown_90"] == 0.0
+    assert found["flights"] == []
+
+
+def test_delta_v_is_compared_where_both_flew() -> None:
+    rows = [row(delta_v_m_s=110.0), unflyable(1), row(transit=2, delta_v_m_s=120.0), row(transit=3)]
+    expert = [row(delta_v_m_s=100.0), unflyable(1), row(transit=2, delta_v_m_s=100.0), unflyable(3)]
+    np.testing.assert_array_equal(delta_v_pairs(rows, expert), [[110.0, 100.0], [120.0, 100.0]])
+    assert aggregate(rows, expert)["expert_pairs"] == 2
+    assert aggregate_all({"mpc": expert, "pd": rows})["pd"]["expert_delta_v_ratio"] == 1.15
 
 
 # --- against the expert ---------------------------------------------------------------------------

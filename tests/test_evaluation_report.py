@@ -98,7 +98,7 @@ def test_first_and_worst() -> None:
     ]  # fmt: skip
     first = [0, 1, 2, 3]
     assert shown_transits(results()) == {
-        "mpc": first, "policy:a": [*first, 7, 11, 13], "zero": first,
+        "mpc": first, "policy:a": [*first, 7, 11, 13], "zero": [*first, 4],
     }  # fmt: skip
 
 

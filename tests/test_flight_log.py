@@ -41,14 +41,14 @@ SIZES = {"component": 6, "axis": 3, "plane": 12, "ray": 360}
 SOMETIMES = (
     "kick", "policy_time", "policy_status", "estimate", "decision_reason", "agreement",
     "force_difference", "force_angle", "check_clearance", "steps_to_check", "decision_time",
-    "intervention", "intervention_reason",
+    "intervention", "intervention_reason", "thrust", "mass", "attitude",
 )  # fmt: skip
 SUMMARY = [
     "controller", "seed", "transit", "success", "success_2km", "collided", "keep_out_violations",
     "min_clearance_m", "terminal_position_error_m", "terminal_speed_m_s", "arrival_time_s",
     "delta_v_m_s", "hold_delta_v_m_s", "steps", "mpc_solves", "policy_share",
     "policy_share_to_arrival", "control_ms_median", "control_ms_p99", "control_ms_mean", "wall_s",
-    "scenario_sha256", "policy_sha256",
+    "scenario_sha256", "policy_sha256", "dispersed",
 ]  # fmt: skip
 AXES = np.array([140e3, 70e3, 65e3])
 

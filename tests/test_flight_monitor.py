@@ -20,6 +20,7 @@ from proxops.systems.vehicle.flight_monitor import (
     FINISHED,
     NEVER,
     VIOLATIONS,
+    containing_ellipsoid,
 )
 
 KEEP_OUT = np.array([40e3, 30e3, 25e3])
@@ -383,3 +384,35 @@ def test_free_flight_far_away_meets_nothing():
     assert flown.reason == RAN_OUT
     assert flown.end == 500.0
     assert flown.last.tolist() == [NEVER, 0.0, 0.0, 0.0]
+
+
+# A mesh that sticks out of the keep-out ellipsoid
+
+SMALL = np.array([12e3, 9e3, 8e3])
+"""The cube's corners, edges and most of its facets are outside it."""
+
+
+def test_collision_outside_the_keep_out_is_found():
+    """Down to the facet z = 10 km beside the ellipsoid, with no keep-out violation before."""
+    start = np.array([8e3, 8e3, 10e3 + 35.0 * 123.4])
+    flown = watch(straight(start, [0.0, 0.0, -35.0]), keep_out=SMALL)
+    assert clearances(SMALL, np.array([[8e3, 8e3, 10e3]]))[0] > 1e3
+    assert flown.reason == REACHED
+    assert flown.end == pytest.approx(123.4, abs=1e-3)
+    assert flown.last.tolist() == [NEVER, 0.0, 1.0, 0.0]
+
+
+def test_corner_cut_outside_the_keep_out_is_found():
+    script = across_the_edge(5.0, 40.0)
+    flown = watch(script, until=200.0, keep_out=SMALL)
+    assert flown.last.tolist() == [NEVER, 0.0, 1.0, 0.0]
+    assert 50.0 < flown.end <= 60.0
+
+
+def test_ellipsoid_around_a_mesh():
+    vertices = cube().shape.vertices
+    assert containing_ellipsoid(KEEP_OUT, vertices) is KEEP_OUT  # To the last bit.
+    larger = containing_ellipsoid(SMALL, vertices)
+    assert larger / larger[0] == pytest.approx(SMALL / SMALL[0], rel=1e-14)
+    levels = np.linalg.norm(vertices / larger, axis=1)
+    assert 1.0 - 1e-8 < levels.max() < 1.0

@@ -96,7 +96,7 @@ def test_no_step_solves_that_the_record_does_not_want(
 ) -> None:
     solves = Solves(monkeypatch)
     settings = DOUBTING | {"hybrid__period_rule": rule}
-    log = fly(brief(bundle, **settings, disturbance={}, noise_seed=3), "hybrid")
+    log = fly(brief(bundle, **settings, disturbance={}, noise_seed=4), "hybrid")
     by_mpc = log.dataset["decision"].values == 1
     assert 0 < by_mpc.sum() < len(by_mpc)
     asked = by_mpc & (log.dataset["decision_reason"].values != DecisionReason.PLAN_CONTINUED)

@@ -153,11 +153,6 @@ def test_a_frame_network_flies_with_the_sensor_s_errors(frame_bundle: Path):
     assert 30.0 < np.std(noisy[seen] - quiet[seen]) < 70.0
 
 
-def test_a_frame_network_knows_one_attitude(frame_bundle: Path):
-    with pytest.raises(InputError, match="attitude_error must be 0"):
-        LearnedLidar(frame_bundle, LidarErrors(attitude_error=0.01))
-
-
 @pytest.mark.parametrize(
     ("changes", "why"),
     [

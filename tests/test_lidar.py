@@ -363,7 +363,8 @@ def test_frames_equal_the_port(kleopatra):
 def test_output_depends_on_position_time_and_seed_alone(kleopatra):
     lidar = Lidar(kleopatra)
     assert [lidar.get_input_port(i).get_name() for i in range(lidar.num_input_ports())] == [
-        "position"
+        "position",
+        "attitude",
     ]
     context = lidar.CreateDefaultContext()
     assert context.num_continuous_states() == context.num_discrete_state_groups() == 0

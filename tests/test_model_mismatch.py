@@ -28,7 +28,7 @@ def holding(gain: float, *overrides: str):
 
 
 @pytest.mark.parametrize(
-    "mismatch", ["mismatch.gravity=0.8", "mismatch.gravity=1.2", "mpc.point_mass=true"]
+    "mismatch", ["truth.gravity=0.8", "truth.gravity=1.2", "mpc.point_mass=true"]
 )
 def test_estimator_removes_the_offset(mismatch):
     without = fly(holding(0.0, mismatch)).summary["terminal_position_error_m"]
@@ -39,7 +39,8 @@ def test_estimator_removes_the_offset(mismatch):
 
 @pytest.mark.parametrize(("quantity", "scale"), [("mass", 1.1), ("mass", 0.9), ("thrust", 0.9)])
 def test_plant_has_the_mass_and_thrust_it_is_given(quantity, scale):
-    scenario = holding(0.0, f"mismatch.{quantity}={scale}")
+    key = {"mass": f"truth.mass={scale}", "thrust": f"truth.thrusters.scale={[scale] * 3}"}
+    scenario = holding(0.0, key[quantity])
     state = fly(scenario).dataset
     # From the first two rows: the acceleration that the logged force made.
     field, spin = load_body("kleopatra").gravity_field, load_body("kleopatra").spin_rate
@@ -51,7 +52,7 @@ def test_plant_has_the_mass_and_thrust_it_is_given(quantity, scale):
     assert measured == pytest.approx(expected, rel=2e-3, abs=2e-6)
 
 
-@pytest.mark.parametrize("mismatch", ["mismatch.mass=1.1", "mismatch.thrust=0.9"])
+@pytest.mark.parametrize("mismatch", ["truth.mass=1.1", "truth.thrusters.scale=[0.9, 0.9, 0.9]"])
 def test_delta_v_of_holding_is_that_of_any_plant(mismatch):
     """Holding costs what gravity pulls, whatever the mass and however strong the thrusters."""
 
@@ -63,7 +64,7 @@ def test_delta_v_of_holding_is_that_of_any_plant(mismatch):
 
 
 def test_estimate_is_what_gravity_lacks():
-    scenario = holding(0.3, "mismatch.gravity=0.8")
+    scenario = holding(0.3, "truth.gravity=0.8")
     diagram = make_transit_diagram(scenario)
     simulator = make_simulator(diagram, scenario)
     simulator.AdvanceTo(600.0)

@@ -27,7 +27,7 @@ def flown(policy: NeuralPolicy, applied: np.ndarray, frame: np.ndarray = FRAME) 
     policy.GetInputPort("target").FixValue(context, TARGET)
     rows = []
     for force in applied:
-        policy.GetInputPort("applied_force").FixValue(context, force)
+        policy.GetInputPort("commanded_force").FixValue(context, force)
         rows.append(outputs(policy, context))
         remember(policy, context)
     return rows
@@ -57,7 +57,7 @@ def test_ports(counting: Path) -> None:
     policy = NeuralPolicy(counting)
     inputs = [policy.get_input_port(i) for i in range(policy.num_input_ports())]
     assert {port.get_name(): port.size() for port in inputs} == {
-        "ranges": RAYS, "target": 6, "applied_force": 3,
+        "ranges": RAYS, "target": 6, "commanded_force": 3,
     }  # fmt: skip
     ports = [policy.get_output_port(i) for i in range(policy.num_output_ports())]
     assert {port.get_name(): port.size() for port in ports} == {
@@ -115,7 +115,7 @@ def test_what_is_not_finite_flies_on_without_force(tmp_path: Path, spoiled: str)
 def test_two_contexts_do_not_touch(counting: Path) -> None:
     policy = NeuralPolicy(counting)
     context = policy.CreateDefaultContext()
-    for name, value in (("ranges", FRAME), ("target", TARGET), ("applied_force", np.ones(3))):
+    for name, value in (("ranges", FRAME), ("target", TARGET), ("commanded_force", np.ones(3))):
         policy.GetInputPort(name).FixValue(context, value)
     remember(policy, context)
     copy = context.Clone()

@@ -58,19 +58,22 @@ def test_frames_are_the_logs(packed: PackedFlights, name: str) -> None:
 
 
 @pytest.mark.parametrize("name", list(FLIGHTS))
-def test_applied_force_is_that_before_the_step(packed: PackedFlights, name: str) -> None:
+def test_commanded_force_is_that_before_the_step(packed: PackedFlights, name: str) -> None:
     rows = rows_of(packed, name)
-    force = flight(name).dataset["force"].values
-    np.testing.assert_array_equal(packed.applied_force[rows[1:]], force[: len(rows) - 1])
-    assert not packed.applied_force[rows[0]].any()
+    data = flight(name).dataset
+    force = np.clip(data["force"].values - data["disturbance"].values, -7.0, 7.0)
+    np.testing.assert_array_equal(packed.commanded_force[rows[1:]], force[: len(rows) - 1])
+    assert not packed.commanded_force[rows[0]].any()
 
 
-def test_applied_force_explains_the_motion(packed: PackedFlights) -> None:
-    """Velocity changes by it, gravity and the turning frame's forces aside, which vary slowly."""
+def test_command_and_disturbance_explain_the_motion(packed: PackedFlights) -> None:
+    """Velocity changes by them, gravity and the turning frame's forces aside: these vary slowly."""
     rows = rows_of(packed, "a-4")
     change = np.diff(packed.state[rows, 3:], axis=0) / 10.0
-    rest = change - packed.applied_force[rows[1:]] / 100.0
-    shifted = change[:-1] - packed.applied_force[rows[2:]] / 100.0
+    force = packed.commanded_force[rows].copy()
+    force[1:] += flight("a-4").dataset["disturbance"].values[: len(rows) - 1]
+    rest = change - force[1:] / 100.0
+    shifted = change[:-1] - force[2:] / 100.0
     assert np.abs(np.diff(rest, axis=0)).max() < 1e-3
     assert np.abs(np.diff(shifted, axis=0)).max() > 5e-3
 
@@ -344,6 +347,14 @@ def test_a_label_that_was_not_asked_is_no_fault(logs: Path) -> None:
     assert np.nonzero(np.isnan(label).all(axis=1))[0].tolist() == [3, 4]
 
 
+def test_masses_may_differ_a_little(logs: Path) -> None:
+    """As dispersions draw them; the set has their mean."""
+    with_scenario(spacecraft__mass_kg=97.0)(flight("a-1").dataset).to_netcdf(
+        logs / "a-1.nc", engine="h5netcdf"
+    )
+    assert pack_flights(logs).setting.mass_kg == pytest.approx(100.0 - 3.0 / len(FLIGHTS))
+
+
 def test_another_lidar_is_not_mixed_in(logs: Path) -> None:
     data = with_scenario(lidar__rays=180)(flight("a-1").dataset.isel(ray=slice(180)))
     data.to_netcdf(logs / "a-1.nc", engine="h5netcdf")
@@ -462,7 +473,7 @@ def test_a_damaged_column(logs: Path, damage: Callable[[Path], None], name: str)
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"schema": 2}, "is of version 2, not 1"),
+        ({"schema": 1}, "is of version 1, not 2"),
         ({"flights": []}, "is damaged"),
         ({"setting": {"planes": 12}}, "is damaged"),
         ({"columns": {}}, "is damaged"),

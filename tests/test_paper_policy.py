@@ -119,7 +119,7 @@ def test_forces_and_goals_are_in_si():
 
 
 @torch.no_grad()
-def test_it_does_not_look_at_the_applied_force():
+def test_it_does_not_look_at_the_commanded_force():
     policy = small_policy()
     ranges, target, applied = inputs(1, 4, 120)
     assert torch.equal(

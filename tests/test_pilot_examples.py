@@ -75,7 +75,7 @@ def test_transitions_are_what_flights_did(packed: PackedFlights):
     moved = given.position[0] + period * given.velocity[0] + 0.5 * period**2 * given.acceleration[0]
     np.testing.assert_allclose(moved.numpy(), after[:3], atol=1.0)
     np.testing.assert_allclose(
-        given.force[0].numpy(), packed.applied_force[first.start + 1], atol=1e-6
+        given.force[0].numpy(), packed.commanded_force[first.start + 1], atol=1e-6
     )
 
 

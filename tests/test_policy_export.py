@@ -56,8 +56,8 @@ def test_module_is_left_as_it_was(tmp_path: Path) -> None:
             super().__init__()
             self.dropout = nn.Dropout(0.5)
 
-        def forward(self, ranges, target, applied_force, memory):
-            return super().forward(ranges, target, self.dropout(applied_force), memory)
+        def forward(self, ranges, target, commanded_force, memory):
+            return super().forward(ranges, target, self.dropout(commanded_force), memory)
 
     module = Dropping()
     write_policy(tmp_path / "policy", module)  # Exported without dropout, or it would differ.
@@ -71,8 +71,8 @@ def test_module_is_left_as_it_was(tmp_path: Path) -> None:
 class Drifting(Counting):
     """Its force along y differs from `Counting`'s by 1e-4, growing from step to step."""
 
-    def forward(self, ranges, target, applied_force, memory):
-        force, estimate, following = super().forward(ranges, target, applied_force, memory)
+    def forward(self, ranges, target, commanded_force, memory):
+        force, estimate, following = super().forward(ranges, target, commanded_force, memory)
         return force, estimate, following * (1.0 + 1e-4)
 
 
@@ -97,8 +97,8 @@ def test_difference_that_only_memory_shows_is_found(
     onnx_bytes = policy_export.onnx_bytes
 
     class Late(Counting):
-        def forward(self, ranges, target, applied_force, memory):
-            force, estimate, following = super().forward(ranges, target, applied_force, memory)
+        def forward(self, ranges, target, commanded_force, memory):
+            force, estimate, following = super().forward(ranges, target, commanded_force, memory)
             return force * (1.0 + 1e-3 * memory[:, :1]), estimate, following
 
     monkeypatch.setattr(
@@ -115,8 +115,8 @@ def test_what_is_not_as_the_facts_say_is_refused(tmp_path: Path) -> None:
     refused(tmp_path, "gives an estimate", DeadReckoning(), known)
 
     class Shorter(Counting):
-        def forward(self, ranges, target, applied_force, memory):
-            force, estimate, following = super().forward(ranges, target, applied_force, memory)
+        def forward(self, ranges, target, commanded_force, memory):
+            force, estimate, following = super().forward(ranges, target, commanded_force, memory)
             return force, estimate, following[:, :2]
 
     refused(tmp_path, "the network's outputs are", Shorter(), facts_of(Counting))
@@ -188,9 +188,9 @@ def test_weights_are_torch_s(tmp_path: Path) -> None:
             super().__init__()
             self.cell, self.head = nn.GRUCell(12 + 9, 16), nn.Linear(16, 3)
 
-        def forward(self, ranges, target, applied_force, memory):
+        def forward(self, ranges, target, commanded_force, memory):
             near = torch.where(ranges < torch.inf, 1e5 / ranges, 0.0).view(-1, 12, 360).mean(dim=2)
-            memory = self.cell(torch.cat([near, target / 1e5, applied_force], dim=1), memory)
+            memory = self.cell(torch.cat([near, target / 1e5, commanded_force], dim=1), memory)
             return self.head(memory), torch.full_like(target, torch.nan), memory
 
     torch.manual_seed(5)
@@ -202,7 +202,7 @@ def test_weights_are_torch_s(tmp_path: Path) -> None:
     context = policy.CreateDefaultContext()
     memory = torch.zeros(1, 16)
     for row in zip(*examples[0], strict=True):
-        for name, value in zip(("ranges", "target", "applied_force"), row, strict=True):
+        for name, value in zip(("ranges", "target", "commanded_force"), row, strict=True):
             policy.GetInputPort(name).FixValue(context, value)
         tensors = [torch.tensor(value, dtype=torch.float32)[None] for value in row]
         with torch.no_grad():

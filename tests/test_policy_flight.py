@@ -47,12 +47,13 @@ def log(reckoning: Path) -> FlightLog:
 # --- the log --------------------------------------------------------------------------------------
 
 
-def test_policy_is_fed_what_is_applied(log: FlightLog) -> None:
-    """Dead reckoning again in numpy, with the log's forces: estimates, then commands."""
+def test_policy_is_fed_what_is_commanded(log: FlightLog) -> None:
+    """Dead reckoning again in numpy, with the log's commands: estimates, then commands."""
     forces, target = log.dataset["force"].values, log.dataset["target"].values[0]
+    told = log.dataset["policy_force"].values
     state = np.array([160e3, 0.0, 0.0, 0.0, 0.0, 0.0])
     estimates = [state]
-    for force in forces[:-2]:
+    for force in told[:-2]:
         push = 10.0 * force / 100.0
         state = np.concatenate([state[:3] + 10.0 * (state[3:] + 0.5 * push), state[3:] + push])
         estimates.append(state)
@@ -64,7 +65,7 @@ def test_policy_is_fed_what_is_applied(log: FlightLog) -> None:
     commanded = log.dataset["policy_force"].values[:-1]
     np.testing.assert_allclose(commanded, np.clip(wanted, -7.0, 7.0), atol=1e-3)
     assert np.abs(commanded).max() == 7.0
-    assert np.abs(forces[:-1] - commanded).max() > 0.5  # It was disturbed, and was told.
+    assert np.abs(forces[:-1] - commanded).max() > 0.5  # It was disturbed, and was not told.
 
 
 def test_log_of_a_policy(log: FlightLog, reckoning: Path) -> None:

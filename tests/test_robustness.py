@@ -1,5 +1,8 @@
 """The robustness table: its starts are where they should be, its variants what they are named."""
 
+import dataclasses
+import functools
+import re
 import sys
 from pathlib import Path
 from types import ModuleType
@@ -11,15 +14,24 @@ from known_policies import DeadReckoning, write_policy
 from short_flights import kleopatra
 from test_evaluation import row
 
+from proxops.assets import ASSETS
 from proxops.diagrams.flight.campaign import Flight
+from proxops.diagrams.scenario.dispersions import draw_world
 from proxops.diagrams.scenario.scenario import load_scenario, parse_scenario
 from proxops.diagrams.scenario.scenario_config import Scenario
-from proxops.diagrams.scenario.transits import draw_transit, hover_force, scenario_transit
-from proxops.studies.evaluation.variants import variant_flights
+from proxops.diagrams.scenario.transits import (
+    draw_transit,
+    hover_force,
+    of_transit,
+    scenario_transit,
+)
+from proxops.studies.evaluation.variants import Variant, variant_flights
+from proxops.systems.common.errors import InputError
 from proxops.systems.shapes.ellipsoid import clearances
 
 AXES = np.array([140e3, 70e3, 65e3])
 COUNT = 30
+PLAIN = {"log_ranges": False, "transit.seed": 10001}
 
 
 @pytest.fixture(scope="module")
@@ -27,37 +39,171 @@ def robustness() -> ModuleType:
     return load_script("robustness")
 
 
-def flights_of(robustness: ModuleType, name: str, count: int) -> list[Flight]:
-    [variant] = [each for each in robustness.variants("zero") if each.name == name]
+@functools.cache
+def every_line(robustness: ModuleType, dispersions: str = "after_survey") -> list[Variant]:
+    lines = robustness.variants("zero", dispersions, load_scenario())
+    return robustness.chosen(lines, None)
+
+
+def flights_of(
+    robustness: ModuleType, name: str, count: int, dispersions: str = "after_survey"
+) -> list[Flight]:
+    [variant] = [each for each in every_line(robustness, dispersions) if each.name == name]
     plain = load_scenario(None, {"log_ranges": False})
     return variant_flights(variant, plain, 10001, range(count))
 
 
 def names_of(robustness: ModuleType) -> list[str]:
-    return [each.name for each in robustness.variants("zero")]
+    return [each.name for each in every_line(robustness)]
 
 
-def flown(robustness: ModuleType, variant: str, count: int = COUNT) -> list[Scenario]:
-    return [parse_scenario(each.scenario) for each in flights_of(robustness, variant, count)]
+def flown(
+    robustness: ModuleType, variant: str, count: int = COUNT, dispersions: str = "after_survey"
+) -> list[Scenario]:
+    flights = flights_of(robustness, variant, count, dispersions)
+    return [parse_scenario(each.scenario) for each in flights]
 
 
-def test_every_variant_differs_from_the_first_by_what_it_says(robustness: ModuleType) -> None:
+def worlds(robustness: ModuleType, name: str, count: int) -> list[Scenario]:
+    """As `flown`, but quick: of a line that sets a quantity."""
+    [variant] = [each for each in every_line(robustness) if each.name == name]
+    assert variant.world is not None
+    plain = load_scenario(None, PLAIN)
+    return [variant.world(of_transit(plain, 10001, k), kleopatra()) for k in range(count)]
+
+
+def changed_keys(scenario: Scenario, plain: Scenario) -> set[str]:
+    """The keys in which two scenarios differ, but for the note of what was dispersed."""
+
+    def leaves(value: object, key: str) -> dict[str, object]:
+        if dataclasses.is_dataclass(value):
+            fields = dataclasses.fields(value)
+            found = [leaves(getattr(value, each.name), f"{key}.{each.name}") for each in fields]
+            return {name: each for part in found for name, each in part.items()}
+        return {key[1:]: value}
+
+    one, other = leaves(scenario, ""), leaves(plain, "")
+    return {key for key in one | other if one.get(key) != other.get(key)} - {"dispersed"}
+
+
+def test_every_quantity_of_the_dispersions_has_its_lines(robustness: ModuleType) -> None:
+    text = (ASSETS / "dispersions" / "after_survey.yaml").read_text()
+    keys = re.findall(r"^([a-z][\w.]+):", text, re.MULTILINE)
+    parts = ("surface_correlation_m", "surface_seed", "correlation_time_s")
+    quantities = [key for key in keys if not key.endswith(parts)]
+    assert len(quantities) == len(keys) - 4
+    wanted = ["nominal", *(f"{key} x {multiple}" for key in quantities for multiple in (1, 2, 3))]
+    names = names_of(robustness)
+    assert names == [
+        *wanted, "all of after_survey", "all of before_survey", "the paper's disturbance",
+        "start outside the cube", "start inside the margin", "start moving",
+    ]  # fmt: skip
+
+
+def test_a_line_sets_its_quantity_alone(robustness: ModuleType) -> None:
     [nominal] = flown(robustness, "nominal", 1)
-    assert nominal == load_scenario(None, {"log_ranges": False, "transit.seed": 10001})
-    found = {name: flown(robustness, name, 1)[0] for name in names_of(robustness)}
-    assert len(found) == 15
-    assert found["lidar noise x 4"].lidar.noise_std_m == 4.0 * nominal.lidar.noise_std_m
-    assert found["20 % dropout"].lidar.dropout == 0.2
-    assert found["1 % false returns"].lidar.false_returns == 0.01
-    assert found["attitude error 0.1°"].lidar.attitude_error_deg == 0.1
-    for what in ("gravity", "mass", "thrust"):
-        by = "0.2" if what == "gravity" else "0.1"
-        for factor in (1.0 - float(by), 1.0 + float(by)):
-            assert getattr(found[f"{what} x {factor:g}"].mismatch, what) == factor
-    assert found["the paper's disturbance"].disturbance is not None
-    assert sum(scenario == nominal for scenario in found.values()) == 1
-    names = [flights_of(robustness, name, 1)[0].name for name in names_of(robustness)]
-    assert len(set(names)) == 15
+    assert nominal == load_scenario(None, PLAIN)
+    together = {
+        "truth.surface_rms_m": {
+            "truth.surface_rms_m", "truth.surface_correlation_m", "truth.surface_seed",
+        },
+        # The correlation time that ships is the default.
+        "truth.attitude.varying_std_deg": {"truth.attitude.varying_std_deg"},
+        "spacecraft.mass_kg": {"spacecraft.mass_kg", "transit.start_m", "transit.goal_m"},
+        "lidar.noise_std_m": {"lidar.noise_std_m", "transit.start_m", "transit.goal_m"},
+    }  # fmt: skip
+    for variant in every_line(robustness):
+        if variant.world is not None:
+            key = variant.name.rpartition(" x ")[0]
+            scenario = variant.world(nominal, kleopatra())
+            assert changed_keys(scenario, nominal) == together.get(key, {key})
+    for name in ("after_survey", "before_survey"):
+        drawn = draw_world(dataclasses.replace(nominal, dispersions=name), kleopatra())
+        assert flown(robustness, f"all of {name}", 1) == [drawn]
+    [paper] = flown(robustness, "the paper's disturbance", 1)
+    assert paper == load_scenario(None, {**PLAIN, "disturbance": {}})
+
+
+@pytest.mark.parametrize("multiple", [1, 2, 3])
+def test_deviations_are_multiples_of_three_sigma(robustness: ModuleType, multiple: int) -> None:
+    size = kleopatra().shape.extents.max()
+
+    def found(key: str) -> list:
+        scenarios = worlds(robustness, f"{key} x {multiple}", 8)
+        return [functools.reduce(getattr, key.split("."), each) for each in scenarios]
+
+    gravity = np.array(found("truth.gravity")) - 1.0
+    np.testing.assert_allclose(np.abs(gravity), multiple * 0.0015)
+    assert {*np.sign(gravity)} == {-1.0, 1.0}
+    for key, mean, three_sigma in (
+        ("truth.thrusters.scale", 1.0, 0.05),
+        ("truth.attitude.constant_deg", 0.0, 0.1),
+        ("truth.pole_deg", 0.0, 0.05),
+    ):
+        off = np.array(found(key)) - mean
+        np.testing.assert_allclose(np.linalg.norm(off, axis=1), multiple * three_sigma)
+        assert len({tuple(np.sign(each)) for each in off}) > 2
+    np.testing.assert_allclose(found("truth.surface_rms_m"), multiple * 0.0005 * size)
+    np.testing.assert_allclose(found("truth.lidar.dropout"), multiple * 0.1)
+    np.testing.assert_allclose(found("truth.lidar.beam_width_rad"), multiple * 1e-3)
+    np.testing.assert_allclose(found("truth.specific_impulse_s"), 220.0 / multiple)
+    np.testing.assert_allclose(found("lidar.noise_std_m"), 50.0 * 2.0**multiple)
+    mass = np.array(found("spacecraft.mass_kg"))
+    np.testing.assert_allclose(np.abs(mass - 100.0), multiple * 2.0)
+
+
+def test_the_side_is_that_of_the_draw(robustness: ModuleType) -> None:
+    """Far out on the side where a draw of the same flight is."""
+    sides = [each.truth.gravity > 1.0 for each in flown(robustness, "truth.gravity x 1", 8)]
+    drawn = [each.truth.gravity > 1.0 for each in flown(robustness, "all of after_survey", 8)]
+    assert sides == drawn
+
+
+def test_flights_keep_their_transits(robustness: ModuleType) -> None:
+    """Another mass would permit other transits."""
+    body = kleopatra()
+    for scenario in flown(robustness, "spacecraft.mass_kg x 3", 5):
+        plain = draw_transit(10001, scenario.transit.index, load_scenario(), body)
+        found = scenario_transit(scenario, body)
+        np.testing.assert_array_equal([found.start, found.goal], [plain.start, plain.goal])
+
+
+def test_values_beyond_the_limits_are_said(robustness: ModuleType, tmp_path: Path) -> None:
+    own = tmp_path / "own.yaml"
+    own.write_text(
+        "truth.lidar.dropout: {uniform: [0.0, 0.4]}\n"
+        "truth.density_contrast: {normal: 0.0, three_sigma: 0.4}\n"
+        "truth.thrusters.failed_axis: {choice: [none, x]}\n"
+        "truth.thrusters.failure_time_s: {uniform: [0.0, 100.0]}\n"
+    )
+    names = [each.name for each in every_line(robustness, str(own))][1:-6]
+    assert names == [
+        "truth.lidar.dropout x 1", "truth.lidar.dropout x 2",
+        "truth.lidar.dropout x 3 (at its limit)",
+        "truth.density_contrast x 1", "truth.density_contrast x 2",
+        "truth.density_contrast x 3 (at its limit)",
+        "truth.thrusters.failed_axis x 1",
+    ]  # fmt: skip
+    lossy, uneven = (flown(robustness, name, 4, str(own)) for name in (names[2], names[5]))
+    assert [each.truth.lidar.dropout for each in lossy] == [1.0] * 4
+    contrasts = np.array([each.truth.density_contrast for each in uneven])
+    assert (np.abs(contrasts) < 1.0).all()
+    np.testing.assert_allclose(np.abs(contrasts), 1.0)
+    [failed] = flown(robustness, names[6], 1, str(own))
+    assert failed.truth.thrusters.failed_axis == "x"
+    assert 0.0 < failed.truth.thrusters.failure_time_s < 100.0
+
+
+def test_lines_can_be_chosen(robustness: ModuleType) -> None:
+    lines = robustness.variants("zero", "after_survey", load_scenario())
+    chosen = robustness.chosen(lines, ["truth.size", "nominal"])
+    assert [each.name for each in chosen] == [
+        "nominal", "truth.size x 1", "truth.size x 2", "truth.size x 3",
+    ]  # fmt: skip
+    [one] = robustness.chosen(lines, ["truth.spin x 2"])
+    assert one.name == "truth.spin x 2"
+    with pytest.raises(InputError, match=r"no line 'truth.spn'; the nearest is 'truth.spin'"):
+        robustness.chosen(lines, ["truth.spn"])
 
 
 def test_starts(robustness: ModuleType) -> None:
@@ -111,8 +257,13 @@ def test_figures(robustness: ModuleType) -> None:
         success=False, success_2km=True, keep_out_violations=2, delta_v_m_s=1.0,
         terminal_position_error_m=2.0,
     )]  # fmt: skip
-    assert robustness.figures(rows) == ["2/3", "3/3", "0", "2", "2.0", "2.9", "125.0"]
+    assert robustness.figures(rows) == ["2/3", "3/3", "0", "2", "0", "2.0", "2.9", "125.0"]
+    unflyable = {"transit": 3, "unflyable": "the start is inside the true body"}
+    assert robustness.figures([*rows, unflyable]) == [
+        "2/3", "3/3", "0", "2", "1", "2.0", "2.9", "125.0",
+    ]  # fmt: skip
     assert robustness.figures([row(success=False)])[-1] == "–"
+    assert robustness.figures([unflyable]) == ["0/0", "0/0", "0", "0", "1", "–", "–", "–"]
     assert len(robustness.figures(rows)) == len(robustness.HEADINGS)
 
 
@@ -126,18 +277,26 @@ def test_flies_resumes_and_writes_the_table(
     monkeypatch.setattr(
         robustness, "load_scenario", lambda path, settings: load_scenario(path, settings | brief)
     )
+    worlds = tmp_path / "worlds.yaml"
+    worlds.write_text("truth.mass: {half_normal: 1.0, three_sigma: 10.0}\n")
     words = ["robustness.py", "--controller", f"policy:{bundle}", "--transits", "2",
-             "--workers", "1", "--out", str(tmp_path / "out"),
+             "--dispersions", str(worlds), "--workers", "1", "--out", str(tmp_path / "out"),
              "--markdown", str(tmp_path / "table.md")]  # fmt: skip
     monkeypatch.setattr(sys, "argv", words)
     robustness.main()
-    table = (tmp_path / "table.md").read_text()
-    assert [line.split(" | ")[0].strip("| ") for line in table.splitlines()[2:]] == [
-        *names_of(robustness)
+    table = [
+        [cell.strip() for cell in line.strip("|").split("|")]
+        for line in (tmp_path / "table.md").read_text().splitlines()[2:]
     ]
-    assert table.count("0/2") == 30
+    assert [cells[0] for cells in table] == [
+        "nominal", "truth.mass x 1", "truth.mass x 2", "truth.mass x 3", "all of after_survey",
+        "all of before_survey", "the paper's disturbance", "start outside the cube",
+        "start inside the margin", "start moving",
+    ]  # fmt: skip
+    assert (table[0][1], table[0][5]) == ("0/2", "0")
+    assert (table[3][1], table[3][5]) == ("0/0", "2")
     times = {path: path.stat().st_mtime_ns for path in (tmp_path / "out").glob("*.json")}
-    assert len(times) == 30
+    assert len(times) == 20
     robustness.main()
     assert {path: path.stat().st_mtime_ns for path in times} == times
     assert "start inside the margin" in capsys.readouterr().out

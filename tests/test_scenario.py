@@ -27,7 +27,6 @@ from proxops.diagrams.scenario.scenario_config import (
     KicksConfig,
     LearnedLidarConfig,
     LidarConfig,
-    MismatchConfig,
     MpcConfig,
     PolicyConfig,
     RandomWalkDisturbanceConfig,
@@ -35,6 +34,7 @@ from proxops.diagrams.scenario.scenario_config import (
     SpacecraftConfig,
     TransitConfig,
 )
+from proxops.diagrams.scenario.truth_config import TrueThrustersConfig, TruthConfig
 from proxops.systems.common.errors import InputError
 
 positive = st.floats(0.5, 1e3)
@@ -68,7 +68,12 @@ def scenarios(draw: st.DrawFn) -> Scenario:
                 st.integers(1, 1000),
             )
         ),
-        mismatch=draw(st.builds(MismatchConfig, positive, positive, positive)),
+        truth=TruthConfig(
+            gravity=draw(positive),
+            mass=draw(positive),
+            thrusters=TrueThrustersConfig(scale=[draw(positive) for _ in range(3)]),
+            specific_impulse_s=draw(st.none() | positive),
+        ),
         assurance=draw(st.none() | st.builds(AssuranceConfig, not_negative)),
         disturbance=draw(st.none() | disturbance),
         transit=TransitConfig(
@@ -121,6 +126,8 @@ def test_dump_holds_every_key_and_loads_from_a_file(tmp_path: Path) -> None:
         force_noise=ForceNoiseConfig(),
         kicks=KicksConfig(),
         policy=PolicyConfig("/somewhere/policy"),
+        truth=TruthConfig(mesh="/somewhere/mesh.obj", specific_impulse_s=220.0),
+        dispersions="after_survey",
         transit=ends,
     )
     text = dump_scenario(scenario)
@@ -303,9 +310,10 @@ POSITIVE = [
     "transit.min_distance_m",
     "transit.max_distance_m",
     "transit.max_hover_share",
-    "mismatch.gravity",
-    "mismatch.mass",
-    "mismatch.thrust",
+    "truth.gravity",
+    "truth.mass",
+    "truth.size",
+    "truth.specific_impulse_s",
     "arrival.radius_m",
     "arrival.speed_m_s",
     "arrival.dwell_s",
@@ -313,6 +321,8 @@ POSITIVE = [
 ]
 NOT_NEGATIVE = [
     "lidar.noise_std_m",
+    "truth.surface_rms_m",
+    "truth.lidar.noise",
     "mpc.keep_out_margin_m",
     "mpc.fuel_weight",
     "disturbance.max_relative_magnitude",

@@ -106,7 +106,7 @@ def fly_or_refuse(key: str, value: typing.Any) -> None:
 
 
 # A few at every run, the others with the slow tests.
-OFTEN = ("spacecraft.mass_kg", "mismatch.gravity", "lidar.max_range_m", "transit.start_m")
+OFTEN = ("spacecraft.mass_kg", "truth.gravity", "lidar.max_range_m", "transit.start_m")
 
 
 @pytest.mark.parametrize(

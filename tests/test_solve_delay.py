@@ -151,7 +151,7 @@ def test_estimator_stays_offset_free(gain: float) -> None:
         {
             "transit.start_m": place, "transit.goal_m": place, "arrival.dwell_s": 1500,
             "arrival.deadline_s": 10, "mpc.solve_delay_s": 10.0, "mpc.estimator_gain": gain,
-            "mismatch.gravity": 0.8,
+            "truth.gravity": 0.8,
         },
     )  # fmt: skip
     log = fly(scenario)

@@ -6,9 +6,12 @@ from pydrake.autodiffutils import AutoDiffXd
 from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import ConstantVectorSource, FirstOrderTaylorApproximation
+from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
+from proxops.diagrams.flight.simulation import make_simulator
 from proxops.diagrams.scenario.body import load_body
+from proxops.diagrams.scenario.scenario import load_scenario
 from proxops.systems import (
     InputError,
     PolyhedralGravity,
@@ -17,6 +20,8 @@ from proxops.systems import (
     Spacecraft_,
     jacobi_integral,
 )
+from proxops.systems.vehicle import cross_matrix, spinning_frame_acceleration
+from proxops.systems.vehicle.spacecraft import rotating_frame_acceleration
 
 MU = 1.98227e8
 SPIN = 3.24093e-4
@@ -178,3 +183,166 @@ def test_gravity_outputs_alone():
         gravity.GetOutputPort("gradient").Eval(context).reshape(3, 3), direct.gradient[0]
     )
     assert gravity.GetOutputPort("potential").Eval(context)[0] == direct.potential[0]
+
+
+# A spin axis anywhere, and a mass that is used up
+
+TILTED = SPIN * 1.02 * np.array([0.05, -0.08, 0.99])
+AXIS_POINT = np.array([900.0, -2500.0, 400.0])
+
+
+def no_gravity():
+    class NoGravity(PointMass):
+        def _calc(self, context, output):
+            output.SetFromVector(np.zeros(3))
+
+    return NoGravity()
+
+
+def as_flights_do(craft, gravity, force=(0.0, 0.0, 0.0), mass_flow=None):
+    """A simulator with the integrator of transits: steps of 10 s."""
+    builder = DiagramBuilder()
+    builder.AddSystem(craft)
+    gravity = builder.AddSystem(gravity)
+    builder.Connect(craft.GetOutputPort("position"), gravity.GetInputPort("position"))
+    builder.Connect(gravity.GetOutputPort("acceleration"), craft.GetInputPort("gravity"))
+    inputs = {"force": np.array(force)}
+    if mass_flow is not None:
+        inputs["mass_flow"] = np.array([mass_flow])
+    for name, value in inputs.items():
+        source = builder.AddSystem(ConstantVectorSource(value))
+        builder.Connect(source.get_output_port(), craft.GetInputPort(name))
+    return make_simulator(builder.Build(), load_scenario(None))
+
+
+def test_any_spin_axis_against_the_inertial_frame():
+    """The body turns about an axis through c, at rest in the inertial frame; the force is in K."""
+    body, end = load_body("kleopatra"), 2000.0
+    start = np.array([60e3, 90e3, 45e3, 12.0, 8.0, 5.0])
+    force = np.array([1.5, -0.5, 2.0])
+
+    def rates(time, state):
+        to_k = Rotation.from_rotvec(-time * TILTED)
+        place = AXIS_POINT + to_k.apply(state[:3] - AXIS_POINT)
+        pull = body.gravity_field.evaluate(place[None]).acceleration[0] + force / 100.0
+        return np.concatenate([state[3:], to_k.inv().apply(pull)])
+
+    inertial = start.copy()
+    inertial[3:] += np.cross(TILTED, start[:3] - AXIS_POINT)
+    flown = solve_ivp(rates, (0.0, end), inertial, method="DOP853", rtol=1e-12, atol=1e-9)
+    to_k = Rotation.from_rotvec(-end * TILTED)
+    away = to_k.apply(flown.y[:3, -1] - AXIS_POINT)
+    velocity = to_k.apply(flown.y[3:, -1]) - np.cross(TILTED, away)
+
+    craft = Spacecraft(100.0, TILTED, start, axis_point=AXIS_POINT)
+    simulator = as_flights_do(craft, PolyhedralGravity(body.gravity_field), force)
+    simulator.AdvanceTo(end)
+    found = state_of(simulator, craft)
+    assert np.linalg.norm(found[:3] - AXIS_POINT - away) < 1e-3
+    assert np.linalg.norm(found[3:] - velocity) < 1e-6
+
+
+def test_about_z_both_forms_agree():
+    draws = np.random.default_rng(3)
+    for _ in range(20):
+        position, velocity, gravity, force = draws.normal(size=(4, 3))
+        numbers = (1e5 * position, 10.0 * velocity, 1e-2 * gravity, force, 90.0)
+        plain = rotating_frame_acceleration(*numbers, SPIN)
+        about_z = spinning_frame_acceleration(*numbers, cross_matrix((0.0, 0.0, SPIN)), np.zeros(3))
+        assert about_z == pytest.approx(plain, rel=1e-13)
+
+
+def test_a_number_about_z_through_another_point():
+    """At rest on the axis it stays at rest; elsewhere it is flung away from the axis."""
+    for spin in (SPIN, (0.0, 0.0, SPIN)):
+        start = np.append(AXIS_POINT + [0.0, 0.0, 7e3], np.zeros(3))
+        craft = Spacecraft(100.0, spin, start, axis_point=AXIS_POINT)
+        simulator = as_flights_do(craft, no_gravity())
+        simulator.AdvanceTo(100.0)
+        assert state_of(simulator, craft) == pytest.approx(start, abs=1e-12)
+        context = craft.GetMyMutableContextFromRoot(simulator.get_mutable_context())
+        context.SetContinuousState(np.append(AXIS_POINT + [1e3, 0.0, 0.0], np.zeros(3)))
+        rates = craft.EvalTimeDerivatives(context).CopyToVector()
+        assert rates == pytest.approx([0, 0, 0, SPIN**2 * 1e3, 0, 0], rel=1e-12)
+
+
+def test_propellant_against_tsiolkovsky():
+    """A burn along x without gravity or spin, from 100 kg to 60 kg."""
+    exhaust, thrust, burnt = 220.0 * 9.80665, 7.0, 40.0
+    flow = thrust / exhaust
+    end = burnt / flow
+    craft = Spacecraft(100.0, 0.0, np.zeros(6), burns_propellant=True)
+    simulator = as_flights_do(craft, no_gravity(), (thrust, 0.0, 0.0), flow)
+    simulator.AdvanceTo(end)
+    context = craft.GetMyContextFromRoot(simulator.get_context())
+    left = craft.GetOutputPort("mass").Eval(context)[0]
+    assert left == pytest.approx(100.0 - burnt, rel=1e-12)
+    change = exhaust * np.log(100.0 / left)
+    state = state_of(simulator, craft)
+    assert state[3] == pytest.approx(change, rel=1e-10)
+    # The way: v_e (t - (m / m') ln(m_0 / m)).
+    assert state[0] == pytest.approx(exhaust * end - change * left / flow, rel=1e-10)
+    assert state.size == 6
+    assert craft.GetOutputPort("position").Eval(context).tolist() == state[:3].tolist()
+    assert craft.GetOutputPort("velocity").Eval(context).tolist() == state[3:].tolist()
+
+
+def test_nothing_burnt_is_a_constant_mass():
+    start = np.array([150e3, 20e3, 30e3, -5.0, 18.0, -6.0])
+    ends = []
+    for flow in (None, 0.0):
+        craft = Spacecraft(100.0, SPIN, start, burns_propellant=flow is not None)
+        simulator = as_flights_do(craft, PointMass(), (1.0, 2.0, 3.0), flow)
+        simulator.AdvanceTo(500.0)
+        ends.append(state_of(simulator, craft).tolist())
+    assert ends[0] == ends[1]
+    plain = Spacecraft(100.0, SPIN)
+    assert not plain.HasInputPort("mass_flow")
+    assert not plain.HasOutputPort("mass")
+    assert plain.num_continuous_states() == 6
+
+
+def test_propellant_that_is_used_up_says_so():
+    craft = Spacecraft(100.0, 0.0, np.zeros(6), burns_propellant=True)
+    simulator = as_flights_do(craft, no_gravity(), (7.0, 0.0, 0.0), 0.5)
+    with pytest.raises(InputError, match=r"the propellant is used up: of 100 kg, less than 0\.1"):
+        simulator.AdvanceTo(1000.0)
+
+
+def test_derivatives_of_all_of_it_agree_with_differences():
+    craft = Spacecraft(90.0, TILTED, np.zeros(6), axis_point=AXIS_POINT, burns_propellant=True)
+    twin = craft.ToAutoDiffXd()
+    assert isinstance(twin, Spacecraft_[AutoDiffXd])
+    state = np.array([120e3, 40e3, -30e3, 3.0, -7.0, 2.0, 80.0])
+    inputs = {"force": np.array([1.0, 2.0, -3.0]), "gravity": np.array([1e-3, 2e-3, 3e-3])}
+
+    def rates(system, values, flow):
+        context = system.CreateDefaultContext()
+        context.SetContinuousState(values)
+        for name, value in inputs.items():
+            system.GetInputPort(name).FixValue(context, value.astype(values.dtype))
+        system.GetInputPort("mass_flow").FixValue(context, np.array([flow], dtype=values.dtype))
+        return system.EvalTimeDerivatives(context).CopyToVector()
+
+    flow = AutoDiffXd(2e-3)
+    found = rates(twin, np.array([AutoDiffXd(x, np.eye(7)[k]) for k, x in enumerate(state)]), flow)
+    assert [each.value() for each in found] == pytest.approx(rates(craft, state, 2e-3), rel=1e-15)
+    jacobian = np.array([np.resize(each.derivatives(), 7) for each in found[:6]])
+    for k, step in enumerate([10.0] * 3 + [1e-2] * 4):
+        change = step * np.eye(7)[k]
+        column = rates(craft, state + change, 2e-3) - rates(craft, state - change, 2e-3)
+        assert jacobian[:, k] == pytest.approx(column[:6] / (2 * step), rel=1e-6, abs=1e-11)
+
+
+@pytest.mark.parametrize(
+    ("spin", "point", "complaint"),
+    [
+        ((0.0, SPIN), (0.0, 0.0, 0.0), "spin of three finite numbers"),
+        ((0.0, np.nan, SPIN), (0.0, 0.0, 0.0), "spin of three finite numbers"),
+        (np.inf, (0.0, 0.0, 0.0), "spin must be finite"),
+        (SPIN, (0.0, np.inf, 0.0), "axis_point of three finite numbers"),
+    ],
+)
+def test_senseless_spin_is_refused(spin, point, complaint):
+    with pytest.raises(InputError, match=complaint):
+        Spacecraft(100.0, spin, axis_point=point)

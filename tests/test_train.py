@@ -105,7 +105,7 @@ def test_loss_is_the_root_mean_square_in_newtons_where_there_is_a_label(packed: 
     windows = WindowDataset(packed, "training", 8, frames=True)
     batch = windows.batch([0, 1, 2])
     assert torch.isinf(batch["frames"]).any()
-    said = policy.sequence(batch["frames"], batch["target"], batch["applied_force"])[0]
+    said = policy.sequence(batch["frames"], batch["target"], batch["commanded_force"])[0]
     batch["labelled"][1, 3:] = False
     kept = batch["labelled"].numpy()
     errors = (said - batch["mpc_force"]).numpy()[kept]

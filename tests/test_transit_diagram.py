@@ -40,7 +40,7 @@ def test_subsystem_names() -> None:
     assert logs <= set(names)
     assert {name for name in names if not name.startswith("log_")} == {
         "gravity", "spacecraft", "lidar", "target", "controller", "disturbance", "thrusters",
-        "hold", "monitor",
+        "hold", "monitor", "command_limits", "command_hold",
     }  # fmt: skip
     assert len(names) == len(set(names))
     assert not build().HasSubsystemNamed("disturbance")
@@ -100,7 +100,7 @@ def test_own_controller_keeps_its_name() -> None:
 def test_every_port_there_is() -> None:
     """Each input gets what its name says."""
     ports = [("state", 6), ("target", 6), ("position", 3), ("velocity", 3), ("ranges", 4320)]
-    controller = Scripted(lambda time: np.array([1.0, 2.0, 3.0]), [*ports, ("applied_force", 3)])
+    controller = Scripted(lambda time: np.array([1.0, 2.0, 3.0]), [*ports, ("commanded_force", 3)])
     diagram = build(controller)
     simulator = make_simulator(diagram, short_scenario())
     simulator.AdvanceTo(25.0)
@@ -108,7 +108,9 @@ def test_every_port_there_is() -> None:
     seen = {name: controller.GetInputPort(name).Eval(context) for name, _ in ports}
     np.testing.assert_array_equal(seen["state"], [*seen["position"], *seen["velocity"]])
     np.testing.assert_array_equal(seen["target"], [160e3, 8e3, 0, 0, 0, 0])
-    np.testing.assert_array_equal(controller.GetInputPort("applied_force").Eval(context), [1, 2, 3])
+    np.testing.assert_array_equal(
+        controller.GetInputPort("commanded_force").Eval(context), [1, 2, 3]
+    )
     lidar = diagram.GetSubsystemByName("lidar")
     assert isinstance(lidar, Lidar)
     assert 0 < np.isfinite(seen["ranges"]).sum() < 4320

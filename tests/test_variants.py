@@ -54,6 +54,19 @@ def test_flights_start_where_the_variant_says() -> None:
         np.testing.assert_array_equal(flown.goal, drawn.goal)
 
 
+def test_flights_are_in_the_world_that_the_variant_says() -> None:
+    def heavier(scenario: Scenario, body: Body) -> Scenario:
+        truth = dataclasses.replace(scenario.truth, mass=1.0 + 0.1 * scenario.transit.index)
+        return dataclasses.replace(scenario, truth=truth)
+
+    variant = Variant("heavier", "zero", {"noise_seed": 3}, world=heavier)
+    flights = variant_flights(variant, load_scenario(), 5, [4, 2])
+    for flight, number in zip(flights, (4, 2), strict=True):
+        wanted = {"transit.seed": 5, "transit.index": number, "noise_seed": 3}
+        mass = {"truth.mass": 1.0 + 0.1 * number}
+        assert parse_scenario(flight.scenario) == load_scenario(None, wanted | mass)
+
+
 @pytest.mark.parametrize("names", [("a", "a"), ("a b", "a-b")])
 def test_names_of_the_same_files_are_refused(names: tuple[str, str], tmp_path: Path) -> None:
     variants = [Variant(name, "zero") for name in names]

@@ -103,7 +103,7 @@ def test_columns_in_si(packed: PackedFlights) -> None:
     batch = windows.batch([3, 0])
     for k in range(2):
         rows = [row_of(packed, state) for state in batch["state"][k]]
-        for name in ("time", "state", "target", "applied_force", "mpc_force"):
+        for name in ("time", "state", "target", "commanded_force", "mpc_force"):
             wanted = getattr(packed, name)[rows].astype(np.float32)
             assert batch[name].dtype == torch.float32
             np.testing.assert_array_equal(batch[name][k], wanted)

@@ -25,12 +25,15 @@ from proxops.diagrams.scenario import (
     BodyConfig,
     LearnedLidarConfig,
     Scenario,
+    UnflyableWorldError,
+    dispersed_values,
+    draw_world,
     dump_scenario,
     load_body,
     of_transit,
     parse_scenario,
 )
-from proxops.systems.common import InputError, make_folder, write_whole
+from proxops.systems.common import InputError, file_sha256, make_folder, write_whole
 from proxops.systems.lidar import LidarBundle
 from proxops.systems.policy import PolicyBundle
 
@@ -54,9 +57,10 @@ class Flight:
     controller: str
     """Name of the controller, as `named_controller` takes it."""
     provenance: str
-    """The version of proxops and the hash of the body; also the hashes of the bundles of a learned
-    lidar and of a policy, and of the file of a controller MODULE:FACTORY, where the flight uses
-    them. A campaign uses a stored flight again only if its provenance is the same."""
+    """The version of proxops and the hash of the body; also the hashes of the true mesh's file, of
+    the bundles of a learned lidar and of a policy, and of the file of a controller MODULE:FACTORY,
+    where the flight uses them. A campaign uses a stored flight again only if its provenance is the
+    same."""
 
 
 def body_sha256(body: Body) -> str:
@@ -77,6 +81,8 @@ def provenance(scenario: Scenario, body: Body, controller: str) -> str:
       InputError: a bundle or a module that the flights need does not exist.
     """
     origin = version_and_body(body)
+    if scenario.truth.mesh is not None:
+        origin += f", true mesh {file_sha256(Path(scenario.truth.mesh))}"
     if isinstance(scenario.lidar, LearnedLidarConfig):
         origin += f", lidar {LidarBundle.load(scenario.lidar.bundle).sha256}"
     bundle = bundle_of(controller, scenario)
@@ -92,16 +98,17 @@ def transit_flights(scenario: Scenario, controller: str, seed: int, count: int) 
     """Gives the flights of transits 0 … count - 1 of a seed by one controller.
 
     If the scenario gives a start and a goal, they are ignored. Its start velocity is that of every
-    flight.
+    flight. If it has dispersions, each flight has a world of its own, drawn from them.
 
     Raises:
-      InputError: see `provenance`.
+      InputError: see `provenance` and `draw_world`.
     """
-    origin = provenance(scenario, load_body(scenario.body), controller)
+    body = load_body(scenario.body)
+    origin = provenance(scenario, body, controller)
     label = controller_label(controller)
     flights = []
     for index in range(count):
-        text = dump_scenario(of_transit(scenario, seed, index))
+        text = dump_scenario(draw_world(of_transit(scenario, seed, index), body))
         flights.append(Flight(f"{label}-{seed}-{index:05d}", text, controller, origin))
     return flights
 
@@ -152,7 +159,8 @@ def run_campaign(
       workers: fly, and report how many flights have ended.
 
     Returns:
-      One row for each flight, in the order of `flights`.
+      One row for each flight, in the order of `flights`. If a flight cannot begin in its world, its
+      row has the reason as `unflyable`, and `controller`, `seed`, `transit` and `dispersed` alone.
 
     Raises:
       InputError: the folder cannot be written; it holds other flights under the same names; or a
@@ -180,7 +188,7 @@ def run_campaign(
 
 def _progress(rows: Mapping[str, Row], count: int) -> tuple[float, str]:
     """Gives the share of the flights that have ended, and a text, for a `Progress`."""
-    failures = sum(not row["success"] for row in rows.values())
+    failures = sum(not row.get("success", True) for row in rows.values())
     return len(rows) / max(count, 1), f"{len(rows)} of {count} flights, {failures} without success"
 
 
@@ -209,11 +217,15 @@ def _fly_one(flight: Flight, folder: Path, keep_logs: bool, describe: Describe) 
         for part in folder.glob(f".{flight.name}.*.part"):
             part.unlink()  # A process that was killed left it.
         scenario = parse_scenario(flight.scenario)
-        log = fly(scenario, flight.controller, body=_body(scenario.body))
         path = folder / f"{flight.name}.nc" if keep_logs else None
-        if path is not None:
-            log.to_netcdf(path)
-        row = describe(log, path)
+        try:
+            log = fly(scenario, flight.controller, body=_body(scenario.body))
+        except UnflyableWorldError as error:
+            row = _unflyable(flight, scenario, error)
+        else:
+            if path is not None:
+                log.to_netcdf(path)
+            row = describe(log, path)
         text = json.dumps({"flight": dc.asdict(flight), "summary": row})
         write_whole(folder / f"{flight.name}.json", lambda name: name.write_text(text))
         return row
@@ -243,7 +255,7 @@ _body = functools.lru_cache(maxsize=1)(load_body)
 def _finished(flight: Flight, folder: Path, keep_logs: bool) -> Row | None:
     """Gives the row of a flight that is stored, or None."""
     path = folder / f"{flight.name}.json"
-    if not path.is_file() or (keep_logs and not (folder / f"{flight.name}.nc").is_file()):
+    if not path.is_file():
         return None
     try:
         content = json.loads(path.read_text())
@@ -255,4 +267,16 @@ def _finished(flight: Flight, folder: Path, keep_logs: bool) -> Row | None:
             f"{path} is from a flight with another scenario, body, controller or version: "
             "give another output folder, or remove this one"
         )
+    if keep_logs and "unflyable" not in summary and not (folder / f"{flight.name}.nc").is_file():
+        return None
     return summary
+
+
+def _unflyable(flight: Flight, scenario: Scenario, error: UnflyableWorldError) -> Row:
+    return {
+        "controller": flight.controller,
+        "seed": scenario.transit.seed,
+        "transit": scenario.transit.index,
+        "dispersed": dispersed_values(scenario),
+        "unflyable": str(error),
+    }

@@ -39,8 +39,8 @@ def add_assurance(
     return _inserted(wiring, "assurance", RuntimeAssurance(backup), command, state=state)
 
 
-def add_thrusters(wiring: Wiring, force: OutputPort) -> OutputPort:
-    """Adds the scenario's disturbance and noise, and the thrust limit; returns the force."""
+def add_disturbances(wiring: Wiring, force: OutputPort) -> OutputPort:
+    """Adds the scenario's disturbance and noise of the force, if any; returns the force."""
     scenario = wiring.scenario
     limit, period = scenario.spacecraft.thrust_limit_n, scenario.control_period_s
     if scenario.disturbance is not None:
@@ -63,7 +63,13 @@ def add_thrusters(wiring: Wiring, force: OutputPort) -> OutputPort:
             seed=wiring.seed(NOISE_STREAM),
         )
         force = _inserted(wiring, "force_noise", noise, force)
-    return _inserted(wiring, "thrusters", Thrusters(limit), force)
+    return force
+
+
+def add_thrusters(wiring: Wiring, force: OutputPort, name: str) -> OutputPort:
+    """Adds the thrust limit as a system of this name; returns the limited force."""
+    limit = wiring.scenario.spacecraft.thrust_limit_n
+    return _inserted(wiring, name, Thrusters(limit), force)
 
 
 def _inserted(

@@ -13,13 +13,13 @@ class EstimateFeedback(Diagram):
     """Flies a controller on the state that a policy estimates; the policy's force is not used.
 
     ```
-    ranges ────────►┌──────────────┐ estimate ┌────────────┐
-    applied_force ─►│ NeuralPolicy ├────┬────►│ controller ├─► force (3), N
-    target ──┬─────►│              ├─┐  │ ┌──►│            ├─► other outputs of the controller
-             │      └──────────────┘ │  │ │   └────────────┘
-             └───────────────────────│──│─┘
-                                     │  └──► estimate (6)
-                                     └─────► policy_record (2)
+    ranges ──────────►┌──────────────┐ estimate ┌────────────┐
+    commanded_force ─►│ NeuralPolicy ├────┬────►│ controller ├─► force (3), N
+    target ────┬─────►│              ├─┐  │ ┌──►│            ├─► other outputs of the controller
+               │      └──────────────┘ │  │ │   └────────────┘
+               └───────────────────────│──│─┘
+                                       │  └──► estimate (6)
+                                       └─────► policy_record (2)
     ```
 
     It shows how much of a policy's success comes from its navigation and how much from its
@@ -48,7 +48,7 @@ class EstimateFeedback(Diagram):
         builder.AddNamedSystem("policy", policy)
         builder.AddNamedSystem("controller", controller)
         builder.Connect(policy.GetOutputPort("estimate"), controller.GetInputPort("state"))
-        for name in ("ranges", "target", "applied_force"):
+        for name in ("ranges", "target", "commanded_force"):
             builder.ExportInput(policy.GetInputPort(name), name)
         builder.ConnectInput("target", controller.GetInputPort("target"))
         builder.ExportOutput(controller.GetOutputPort("force"), "force")

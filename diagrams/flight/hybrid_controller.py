@@ -90,7 +90,7 @@ class HybridController(Diagram):
                           │   │ └── mpc_wanted ─────┤ HybridSelector ├─► decision (1)
                           └───│────────────────────►│                ├─► decision_record (7)
     ranges, target, ─────► policy ── policy_force ─►└────────────────┘
-    applied_force
+    commanded_force
     ```
 
     More outputs come from the parts. `mpc_force` (3) and `mpc_record` (3) are the MPC's; at a step

@@ -15,7 +15,7 @@ import numba
 from proxops.systems.common import InputError, Progress, part_of, silent
 
 # A process is replaced after this many pieces of work, because the memory of Drake's diagrams with
-# Python systems, about 1.5 MB each, is never freed.
+# Python systems, about 2 MB each, is never freed.
 _PIECES_PER_PROCESS = 150
 # The work is given up when one piece has ended this many workers.
 _LIVES = 4

@@ -12,6 +12,7 @@ from pydrake.systems.framework import Context, Diagram, System
 from pydrake.systems.primitives import VectorLogSink
 
 from proxops.diagrams.flight.transit_diagram import logged_ports
+from proxops.diagrams.flight.world import has_thruster_errors, thruster_errors
 from proxops.diagrams.logs import (
     CONTROLLER_COLUMNS,
     LEGEND,
@@ -20,10 +21,17 @@ from proxops.diagrams.logs import (
     legend_text,
     make_dataset,
 )
-from proxops.diagrams.scenario import Body, Scenario, dump_scenario
+from proxops.diagrams.scenario import Body, Scenario, TrueBody, dump_scenario
 from proxops.systems.hybrid import FlownBy
-from proxops.systems.lidar import LearnedLidar, PlanarLidar
-from proxops.systems.vehicle import COLLIDED, ENTERED_GOAL, NEVER, VIOLATIONS, DelayedHold
+from proxops.systems.lidar import LearnedLidar, PlanarLidar, delayed_frames
+from proxops.systems.vehicle import (
+    COLLIDED,
+    ENTERED_GOAL,
+    NEVER,
+    VIOLATIONS,
+    DelayedHold,
+    thrust_given,
+)
 
 Columns = dict[str, np.ndarray]
 
@@ -35,7 +43,10 @@ class Flown:
     diagram: Diagram
     context: Context
     scenario: Scenario
+    """The scenario, with the world as drawn."""
     body: Body
+    """The body as believed."""
+    true_body: TrueBody
     controller: System
     name: str
     """Name of the controller in the log."""
@@ -58,17 +69,28 @@ def make_log(flown: Flown, wall_time: float) -> FlightLog:
     columns = _split_records(columns, len(times))
     lidar = flown.diagram.GetSubsystemByName("lidar")
     assert isinstance(lidar, PlanarLidar)
+    truth = flown.scenario.truth
     if flown.scenario.log_ranges:
-        columns["ranges"] = lidar.frames(times, columns["state"][:, :3], lidar.seed)
+        frames = lidar.frames(times, columns["state"][:, :3], lidar.seed, columns.get("attitude"))
+        columns["ranges"] = delayed_frames(frames, truth.lidar.latency_steps)
+    if has_thruster_errors(truth):
+        errors, period = thruster_errors(truth), flown.scenario.control_period_s
+        columns["thrust"] = np.array(
+            [
+                thrust_given(force, errors, period, time)
+                for force, time in zip(columns["force"], times, strict=True)
+            ]
+        )
     own = {
         name: (logged.units, logged.description)
         for name, logged in logged_ports(flown.controller).items()
         if name not in CONTROLLER_COLUMNS
     }
     attributes = _attributes(flown, wall_time)
-    return FlightLog(
-        make_dataset(columns, times, flown.scenario, flown.body, attributes, own), flown.body
+    dataset = make_dataset(
+        columns, times, flown.scenario, flown.body, attributes, own, flown.true_body
     )
+    return FlightLog(dataset, flown.body)
 
 
 def _sampled(flown: Flown) -> tuple[np.ndarray, Columns]:
@@ -88,7 +110,11 @@ def _with_end(flown: Flown, times: np.ndarray, columns: Columns) -> tuple[np.nda
     if end <= times[-1]:
         return times, columns
     columns = {name: np.concatenate([rows, rows[-1:]]) for name, rows in columns.items()}
-    columns["state"][-1] = flown.value("spacecraft", "state")
+    for name, system in (
+        ("state", "spacecraft"), ("mass", "spacecraft"), ("attitude", "attitude"),
+    ):  # fmt: skip
+        if name in columns:
+            columns[name][-1] = flown.value(system, name)
     # Controller and assurance have outputs only at control steps.
     for name in ("intervention_record", *logged_ports(flown.controller)):
         if name in columns and name != "decision":

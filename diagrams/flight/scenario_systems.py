@@ -24,6 +24,7 @@ from proxops.systems import (
     NeuralPolicy,
     PlanarLidar,
     PointMassField,
+    Polyhedron,
     ProportionalDerivative,
     TransitLimits,
     TransitProgram,
@@ -159,26 +160,32 @@ def make_backup(scenario: Scenario, body: Body, assurance: AssuranceConfig) -> B
     return BackupBraking(body.gravity_field, body.spin_rate, limits, scenario.control_period_s)
 
 
-def make_lidar(scenario: Scenario, body: Body, seed: int) -> PlanarLidar:
-    """Makes the lidar that the scenario configures; `seed` is the seed of its noise.
+def make_lidar(scenario: Scenario, shape: Polyhedron, seed: int) -> PlanarLidar:
+    """Makes the true lidar of a scenario.
+
+    Args:
+      scenario: the scenario.
+      shape: the true surface.
+      seed: seed of the lidar's noise.
 
     Raises:
       InputError: the bundle of a learned lidar is damaged, or was made for another body or
         geometry.
     """
-    sensor = scenario.lidar
+    sensor, true = scenario.lidar, scenario.truth.lidar
     errors = LidarErrors(
-        noise_std=sensor.noise_std_m,
-        bias=sensor.bias_m,
-        scale_error=sensor.scale_error,
-        dropout=sensor.dropout,
-        false_returns=sensor.false_returns,
-        attitude_error=np.radians(sensor.attitude_error_deg),
+        noise_std=true.noise * sensor.noise_std_m,
+        bias=true.bias_m,
+        scale_error=true.scale_error,
+        dropout=true.dropout,
+        false_returns=true.false_returns,
+        beam_width=true.beam_width_rad,
+        frame_loss=true.frame_loss,
     )
     geometry, period = _lidar_geometry(scenario), scenario.control_period_s
     if isinstance(sensor, LidarConfig):
         errors = replace(errors, max_incidence=np.radians(sensor.max_incidence_deg))
-        return Lidar(body.shape, errors, geometry, period, seed)
+        return Lidar(shape, errors, geometry, period, seed)
     return LearnedLidar(
         sensor.bundle,
         errors,
@@ -186,7 +193,7 @@ def make_lidar(scenario: Scenario, body: Body, seed: int) -> PlanarLidar:
         period,
         seed,
         hit_probability=sensor.hit_probability,
-        shape_sha256=body.shape.sha256,
+        shape_sha256=shape.sha256,
     )
 
 

@@ -14,7 +14,15 @@ from proxops.diagrams.flight.recording import Flown, make_log
 from proxops.diagrams.flight.transit_diagram import make_transit_diagram
 from proxops.diagrams.logs import FlightLog
 from proxops.diagrams.meshcat import PLAYBACK_SPEED, add_flight
-from proxops.diagrams.scenario import Body, Scenario, load_body
+from proxops.diagrams.scenario import (
+    Body,
+    Scenario,
+    TrueBody,
+    believed,
+    draw_world,
+    load_body,
+    make_true_body,
+)
 from proxops.systems.common import Progress, silent
 
 # Relative accuracy with which the time of an event is found.
@@ -29,11 +37,13 @@ def fly(
     meshcat: Meshcat | None = None,
     progress: Progress = silent,
     body: Body | None = None,
+    true_body: TrueBody | None = None,
 ) -> FlightLog:
     """Flies a scenario's transit from start to arrival, collision or the deadline.
 
     Args:
-      scenario: the scenario.
+      scenario: the scenario. If it has dispersions, the world of its transit is drawn from them,
+        and the log holds the scenario as drawn.
       controller: a name that `named_controller` takes, or a System that `make_transit_diagram`
         takes. The System may have, all optional: a method `logged_ports`, which gives the
         `LoggedPort` of each column that it adds to the log; `legend_entry`, a `LegendEntry` for
@@ -41,21 +51,26 @@ def fly(
         control step to the moment at which its force acts.
       meshcat: shows the flight live, at the replay's speed, and the replay afterwards.
       progress: is called at every step with the share of the longest time that has passed.
-      body: the body; None: the body that the scenario names.
+      body: the body as believed; None: the body that the scenario names.
+      true_body: the body as it is; None: it is made from `scenario.truth`.
 
     Returns:
       The log. On one machine, the same scenario and controller give the same log bit for bit,
       except for wall times.
 
     Raises:
+      UnflyableWorldError: the flight cannot begin in the true world.
       InputError: the scenario cannot be flown or the controller does not fit.
       RuntimeError: an event of the simulation failed.
     """
     body = body or load_body(scenario.body)
     name = controller if isinstance(controller, str) else type(controller).__name__
+    scenario = draw_world(scenario, body)
+    true_body = true_body or make_true_body(body, scenario.truth)
+    own = isinstance(controller, str)
     if isinstance(controller, str):
-        controller = named_controller(controller, scenario, body)
-    diagram = make_transit_diagram(scenario, controller, meshcat, body)
+        controller = named_controller(controller, believed(scenario), body)
+    diagram = make_transit_diagram(scenario, controller, meshcat, body, true_body)
     simulator = make_simulator(diagram, scenario)
     if meshcat is not None:
         simulator.set_target_realtime_rate(PLAYBACK_SPEED)  # A person can follow it.
@@ -71,11 +86,29 @@ def fly(
     status = simulator.AdvanceTo(latest)
     if status.reason() == SimulatorStatus.ReturnReason.kEventHandlerFailed:
         raise RuntimeError(status.FormatMessage())
-    flown = Flown(diagram, simulator.get_context(), scenario, body, controller, name)
+    context = simulator.get_context()
+    flown = Flown(diagram, context, scenario, body, true_body, controller, name)
     log = make_log(flown, time.perf_counter() - started)
     if meshcat is not None:
         add_flight(meshcat, log)  # The replay.
+    _let_go(diagram, None if own else controller)
     return log
+
+
+def _let_go(diagram: Diagram, kept: System | None) -> None:
+    """Empties the systems of a diagram that nobody will use again, all but `kept`.
+
+    Diagrams with systems in Python are never freed (drake#22515). Meshes, tables and networks that
+    their systems hold would fill the memory of a process that flies many flights.
+    """
+    for system in diagram.GetSystems():
+        if system is kept:
+            continue
+        if isinstance(system, Diagram):
+            _let_go(system, kept)
+        held = vars(system)
+        for name in [name for name in held if not name.startswith("_pydrake")]:
+            del held[name]
 
 
 def make_simulator(diagram: Diagram, scenario: Scenario) -> Simulator:

@@ -14,14 +14,29 @@ from pydrake.systems.framework import (
 )
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput, ZeroOrderHold
 
-from proxops.diagrams.flight.command_chain import add_assurance, add_thrusters
+from proxops.diagrams.flight.command_chain import add_assurance, add_disturbances, add_thrusters
 from proxops.diagrams.flight.scenario_systems import make_lidar, make_mpc
 from proxops.diagrams.flight.wiring import LIDAR_STREAM, Wiring
-from proxops.diagrams.flight.world import add_gravity, add_spacecraft, add_thrust
+from proxops.diagrams.flight.world import (
+    add_accelerations,
+    add_attitude,
+    add_spacecraft,
+    add_thrust,
+)
 from proxops.diagrams.logs import CONTROLLER_COLUMNS, KEEP_OUT_TOLERANCE, RESERVED_COLUMNS
 from proxops.diagrams.meshcat import LiveView, Scene, add_live_view
-from proxops.diagrams.scenario import Body, Scenario, load_body, scenario_transit
-from proxops.systems import DelayedHold, FlightMonitor, InputError, PlanarLidar
+from proxops.diagrams.scenario import (
+    Body,
+    Scenario,
+    TrueBody,
+    believed,
+    check_flyable,
+    draw_world,
+    load_body,
+    make_true_body,
+    scenario_transit,
+)
+from proxops.systems import DelayedHold, FlightMonitor, FrameDelay, InputError, PlanarLidar
 from proxops.systems.common import LoggedPort
 
 # Input ports of a controller that may remain unconnected.
@@ -36,65 +51,78 @@ def make_transit_diagram(
     controller: System | None = None,
     meshcat: Meshcat | None = None,
     body: Body | None = None,
+    true_body: TrueBody | None = None,
 ) -> Diagram:
     """Wires all systems that a flight needs into one Diagram.
 
     ```
-    target ──► controller ─► disturbance ─► thrusters ─► hold ─► spacecraft ◄─► gravity, kicks
-                 ▲  ▲  ▲     force noise                  │           │
-                 │  │  └──────── applied_force ◄──────────┘           │
-                 │  └─────────── ranges ◄──── lidar ◄─────────────────┤
-                 └────────────── state ◄──────────────────────────────┘
+    target ─► controller ─► disturbance ─► thrusters ─► hold ─► actual ─► spacecraft ◄─► gravity,
+               ▲  ▲  ▲      force noise                         thrust        │        accelerations
+               │  │  └─ commanded_force                            ▲          │
+               │  └──── ranges ◄─ frame delay ◄─ lidar ◄─ attitude ┘          │
+               │                                   ▲                          │
+               └─────── state ◄────────────────────┴──────────────────────────┘
     ```
 
-    Runtime assurance, if the scenario has it, is between controller and disturbance.
+    Runtime assurance, if the scenario has it, is between controller and disturbance. The controller
+    is told its own command after assurance and thrust limit, not what disturbs it. Delay, attitude,
+    actual thrust and accelerations are there only if `scenario.truth` needs them.
 
     Args:
-      scenario: the scenario; its transit gives the start and the target.
+      scenario: the scenario; its transit gives the start and the target. If it has dispersions, the
+        world of its transit is drawn from them.
       controller: any system with an output port `force` (3), in N in K, and any of the input
         ports `state` (6), `target` (6), `position` (3), `velocity` (3), `ranges` and
-        `applied_force` (3). It may offer more: see `fly`. None: the MPC.
+        `commanded_force` (3). It may offer more: see `fly`. None: the MPC.
       meshcat: shows the flight live, with the controller's plan if it has an output port `plan`
         (abstract Plan).
-      body: the body; None: the body that the scenario names.
+      body: the body as believed; None: the body that the scenario names.
+      true_body: the body as it is; None: it is made from `scenario.truth`.
 
     Returns:
       A Diagram. Its subsystems are named gravity, spacecraft, lidar, target, controller,
-      thrusters, hold and monitor; assurance, disturbance, force_noise and kicks, if the scenario
-      has them; and log_NAME for every logged port. Its default Context is the start of the
+      thrusters, hold and monitor; assurance, disturbance, force_noise, kicks, attitude,
+      actual_thrust, unexplained_acceleration and frame_delay, if the scenario has them; and
+      log_NAME for every logged port. Its default Context is the start of the
       transit. The hold is a `DelayedHold` if the controller has a delay.
 
     Raises:
+      UnflyableWorldError: the flight cannot begin in the true world.
       InputError: the controller's ports do not fit, or the scenario cannot be flown.
     """
-    body = body or load_body(scenario.body)
-    wiring = Wiring(DiagramBuilder(), scenario, body, scenario_transit(scenario, body))
-    builder = wiring.builder
-    controller = make_mpc(scenario, body) if controller is None else controller
+    wiring = _begin(scenario, body, true_body)
+    scenario, builder = wiring.scenario, wiring.builder
+    if controller is None:
+        controller = make_mpc(believed(scenario), wiring.body)
     delay = float(getattr(controller, "delay", 0.0))
 
     craft = add_spacecraft(wiring)
-    add_gravity(wiring, craft)
-    lidar = wiring.add("lidar", make_lidar(scenario, body, wiring.seed(LIDAR_STREAM)))
-    builder.Connect(craft.GetOutputPort("position"), lidar.GetInputPort("position"))
+    add_accelerations(wiring, craft)
+    attitude = add_attitude(wiring)
+    lidar = _add_lidar(wiring, craft.GetOutputPort("position"), attitude)
     goal = np.concatenate([wiring.transit.goal, np.zeros(3)])
     target = wiring.add("target", ConstantVectorSource(goal))
     hold = wiring.add("hold", _make_hold(scenario.control_period_s, delay))
-    add_thrust(wiring, hold.get_output_port(), craft)
+    add_thrust(wiring, hold.get_output_port(), attitude, craft)
+    told = hold
+    if scenario.disturbance is not None or scenario.force_noise is not None:
+        told = wiring.add("command_hold", _make_hold(scenario.control_period_s, delay))
     signals = {
         **{name: craft.GetOutputPort(name) for name in ("state", "position", "velocity")},
         "target": target.get_output_port(),
-        "ranges": lidar.GetOutputPort("ranges"),
-        "applied_force": hold.get_output_port(),
+        "ranges": _received(wiring, lidar),
+        "commanded_force": told.get_output_port(),
     }
     command = _add_controller(wiring, controller, signals)
     assured = add_assurance(wiring, command, signals["state"], delay)
-    applied = add_thrusters(wiring, assured)
-    builder.Connect(applied, hold.get_input_port())
+    forces = {"command": assured, "force": _hold_command(wiring, assured, hold, told)}
     _add_monitor(wiring, signals)
-    _add_logs(wiring, controller, signals, {"force": applied, "command": assured})
+    true = {} if attitude is None else {"attitude": attitude}
+    if craft.HasOutputPort("mass"):
+        true["mass"] = craft.GetOutputPort("mass")
+    _add_logs(wiring, controller, signals, forces | true)
     if meshcat is not None:
-        _add_view(wiring, meshcat, lidar, controller, {**signals, "force": applied})
+        _add_view(wiring, meshcat, lidar, controller, {**signals, **forces})
     diagram = builder.Build()
     diagram.set_name("transit")
     return diagram
@@ -122,6 +150,54 @@ def logged_ports(controller: System) -> dict[str, LoggedPort]:
                 f"components, but the log's column of this name has {size}"
             )
     return ports
+
+
+def _begin(scenario: Scenario, body: Body | None, true_body: TrueBody | None) -> Wiring:
+    """Draws the world, makes the true body, and checks that the flight can begin."""
+    body = body or load_body(scenario.body)
+    scenario = draw_world(scenario, body)
+    true_body = true_body or make_true_body(body, scenario.truth)
+    transit = scenario_transit(scenario, body)
+    check_flyable(true_body, transit, scenario)
+    return Wiring(DiagramBuilder(), scenario, body, true_body, transit)
+
+
+def _hold_command(
+    wiring: Wiring, command: OutputPort, hold: LeafSystem, told: LeafSystem
+) -> OutputPort:
+    """Connects a command to the hold of the thrusters and to that of what the controller is told.
+
+    Returns:
+      The force that the thrusters are to give: the command, disturbed and limited.
+    """
+    force = add_thrusters(wiring, add_disturbances(wiring, command), "thrusters")
+    wiring.builder.Connect(force, hold.get_input_port())
+    if told is not hold:
+        limited = add_thrusters(wiring, command, "command_limits")
+        wiring.builder.Connect(limited, told.get_input_port())
+    return force
+
+
+def _add_lidar(wiring: Wiring, position: OutputPort, attitude: OutputPort | None) -> PlanarLidar:
+    """Adds the true lidar."""
+    seed = wiring.seed(LIDAR_STREAM)
+    lidar = wiring.add("lidar", make_lidar(wiring.scenario, wiring.true_body.shape, seed))
+    wiring.builder.Connect(position, lidar.GetInputPort("position"))
+    if attitude is not None:
+        wiring.builder.Connect(attitude, lidar.GetInputPort("attitude"))
+    return lidar
+
+
+def _received(wiring: Wiring, lidar: PlanarLidar) -> OutputPort:
+    """Gives the ranges as they are received: some steps late, if the lidar has a latency."""
+    ranges, steps = lidar.GetOutputPort("ranges"), wiring.scenario.truth.lidar.latency_steps
+    if steps == 0:
+        return ranges
+    delay = wiring.add(
+        "frame_delay", FrameDelay(ranges.size(), steps, wiring.scenario.control_period_s)
+    )
+    wiring.builder.Connect(ranges, delay.GetInputPort("ranges"))
+    return delay.GetOutputPort("ranges")
 
 
 def _make_hold(period: float, delay: float) -> LeafSystem:
@@ -168,7 +244,7 @@ def _add_monitor(wiring: Wiring, signals: Signals) -> None:
     monitor = wiring.add(
         "monitor",
         FlightMonitor(
-            wiring.body.gravity_field,
+            wiring.true_body.gravity_field,
             wiring.body.keep_out_semi_axes,
             radius=arrival.radius_m,
             speed=arrival.speed_m_s,
@@ -212,6 +288,7 @@ def _add_view(
         if port.get_name() == "plan" and abstract:
             seen["plan"] = port
     scenario = wiring.scenario
-    scene, limit = Scene(meshcat, wiring.body), scenario.spacecraft.thrust_limit_n
+    scene = Scene(meshcat, wiring.body, wiring.true_body)
+    limit = scenario.spacecraft.thrust_limit_n
     view = LiveView(scene, lidar, limit, scenario.control_period_s, with_plan="plan" in seen)
     add_live_view(wiring.builder, wiring.transit, view, seen)

@@ -7,12 +7,13 @@ from typing import TypeVar
 
 from pydrake.systems.framework import DiagramBuilder, System
 
-from proxops.diagrams.scenario import Body, Scenario, Transit
+from proxops.diagrams.scenario import Body, Scenario, Transit, TrueBody
 from proxops.systems.common import derived_seed
 
 AnySystem = TypeVar("AnySystem", bound=System)
 # Streams of the derived seeds, one for each random system.
 LIDAR_STREAM, DISTURBANCE_STREAM, NOISE_STREAM, KICKS_STREAM = range(4)
+ATTITUDE_STREAM, ACCELERATION_STREAM = 4, 5
 
 
 @dataclass(frozen=True)
@@ -22,6 +23,8 @@ class Wiring:
     builder: DiagramBuilder
     scenario: Scenario
     body: Body
+    """The body as believed."""
+    true_body: TrueBody
     transit: Transit
 
     def add(self, name: str, system: AnySystem) -> AnySystem:

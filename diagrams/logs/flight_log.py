@@ -12,14 +12,18 @@ import h5py
 import numpy as np
 import xarray as xr
 from pydrake.common.yaml import yaml_dump_typed
+from scipy.spatial.transform import Rotation
 
 from proxops.diagrams.logs.flight_summary import summarise
 from proxops.diagrams.scenario import (
     Body,
     BodyConfig,
     Scenario,
+    TrueBody,
+    TruthConfig,
     dump_scenario,
     load_typed,
+    make_true_body,
     parse_mapping,
     parse_scenario,
 )
@@ -37,13 +41,16 @@ VARIABLES: dict[str, tuple[tuple[str, ...], str, str]] = {
     "force": (
         ("axis",),
         "N",
-        "force in K, before mismatch.thrust, from force_delay_s after this time on",
+        "force that the thrusters are to give, in S, from force_delay_s after this time on",
     ),
     "mpc_force": (("axis",), "N", "the MPC's force in K; NaN where it was not asked"),
     "policy_force": (("axis",), "N", "the policy's force in K; NaN where there is none"),
     "disturbance": (("axis",), "N", "applied less commanded (or assured) force in K"),
     "intervention": ((), "N", "size of what runtime assurance changed the command by"),
     "intervention_reason": ((), "1", "why it did: see flag_meanings; NaN: the flight was over"),
+    "thrust": (("axis",), "N", "force that the thrusters truly give, along their own axes"),
+    "mass": ((), "kg", "true mass of the spacecraft"),
+    "attitude": (("quaternion",), "1", "true rotation of S against K: unit quaternion w, x, y, z"),
     "kick": (("axis",), "m/s^2", "acceleration by a kick from this time on, until the next, in K"),
     "decision": ((), "1", "flown by: 0 the controller named, 1 the MPC, 2 the policy"),
     "decision_reason": ((), "1", "why it is flown so: see flag_meanings; NaN: nothing was decided"),
@@ -88,11 +95,12 @@ CONTROLLER_COLUMNS = {
 """Sizes of the controllers' ports that the log knows, by the names of their columns."""
 # A file without the needed variables is not a log. The optional ones may be missing: frames need
 # not be logged, the oldest logs have no reasons, and not every flight has kicks, a policy with an
-# estimate, a hybrid's decisions or runtime assurance.
+# estimate, a hybrid's decisions, runtime assurance, or a world that differs from what is believed.
 _POLICY_VARIABLES = ("policy_time", "policy_status", "estimate")
 _ASSURANCE_VARIABLES = ("intervention", "intervention_reason")
+_TRUE_VARIABLES = ("thrust", "mass", "attitude")
 _OPTIONAL_VARIABLES = (
-    "ranges", "solve_reason", "kick", *_POLICY_VARIABLES, *DECISION_VARIABLES,
+    "ranges", "solve_reason", "kick", *_TRUE_VARIABLES, *_POLICY_VARIABLES, *DECISION_VARIABLES,
     *_ASSURANCE_VARIABLES,
 )  # fmt: skip
 _NEEDED_VARIABLES = ["time", *(name for name in VARIABLES if name not in _OPTIONAL_VARIABLES)]
@@ -113,8 +121,8 @@ _LARGEST_LOG = 2**34
 _WALL_TIMES = {"solve_time", "policy_time", "decision_time"}
 RESERVED_COLUMNS = {
     *VARIABLES, *RECORDS, "time", "command", "position_inertial", "velocity_inertial",
-    "mesh_vertices", "mesh_facets", "component", "axis", "plane", "ray", "vertex", "facet",
-    "corner",
+    "mesh_vertices", "mesh_facets", "true_vertices", "true_facets", "component", "axis", "plane",
+    "ray", "quaternion", "vertex", "facet", "true_vertex", "true_facet", "corner",
 }  # fmt: skip
 """Names that a user's controller cannot give to its columns."""
 COORDINATES = {
@@ -137,7 +145,8 @@ class FlightLog:
     flies with `mpc.solve_delay_s`; it may be missing.
 
     Other global attributes hold the scenario, the body's constants, the package version and the
-    shape's hash. `mesh_vertices` and `mesh_facets` hold the body's mesh.
+    shape's hash. `mesh_vertices` and `mesh_facets` hold the body's mesh as believed, the map;
+    `true_vertices` and `true_facets` hold the true one, if it is another.
     """
 
     dataset: xr.Dataset
@@ -147,6 +156,21 @@ class FlightLog:
     def scenario(self) -> Scenario:
         """The scenario of the flight."""
         return parse_scenario(self.dataset.attrs["scenario"], "the log's scenario")
+
+    @property
+    def true_body(self) -> TrueBody:
+        """The body as it was in the flight."""
+        data, shape = self.dataset, self.body.shape
+        if "true_vertices" in data:
+            shape = Polyhedron(data["true_vertices"].values, data["true_facets"].values, "true")
+        return make_true_body(self.body, self.scenario.truth, shape)
+
+    @property
+    def differing_body(self) -> TrueBody | None:
+        """The body as it was, if its surface or its spin axis is not as believed; else None."""
+        truth = self.scenario.truth
+        axis_differs = truth.density_contrast != 0.0 or any(truth.pole_deg)
+        return self.true_body if "true_vertices" in self.dataset or axis_differs else None
 
     @property
     def summary(self) -> dict[str, typing.Any]:
@@ -197,6 +221,8 @@ class FlightLog:
                 shape = Polyhedron(
                     dataset["mesh_vertices"].values, dataset["mesh_facets"].values, name=config.mesh
                 )
+                if "true_vertices" in dataset:
+                    Polyhedron(dataset["true_vertices"].values, dataset["true_facets"].values)
         except Exception as error:
             raise InputError(f"{path} is damaged: {error}") from error
         if shape.sha256 != dataset.attrs["shape_sha256"]:
@@ -277,6 +303,7 @@ def make_dataset(
     body: Body,
     attributes: dict[str, typing.Any],
     own: Mapping[str, tuple[str, str]] | None = None,
+    true_body: TrueBody | None = None,
 ) -> xr.Dataset:
     """Makes the dataset of a log.
 
@@ -284,10 +311,12 @@ def make_dataset(
       columns: arrays (N, ...) whose first axis is time, by their names.
       times: (N,) in s.
       scenario: the scenario of the flight.
-      body: the body of the flight.
+      body: the body of the flight, as believed.
       attributes: attributes of the flight; those of the scenario and the body are added.
       own: units and descriptions of columns that are not in `VARIABLES`, by their names.
+      true_body: the body as it was; None: as believed.
     """
+    true_body = true_body or make_true_body(body, TruthConfig())
     data: dict[str, typing.Any] = {}
     for name, (dimensions, units, long_name) in VARIABLES.items():
         if name in columns:
@@ -300,7 +329,9 @@ def make_dataset(
         values = columns[name]
         dimensions = ("time",) if values.ndim == 1 else ("time", f"{name}_component")
         data[name] = (dimensions, values, {"units": units, "long_name": description})
-    position, velocity = inertial_motion(times, columns["state"], body.spin_rate)
+    position, velocity = inertial_motion(
+        times, columns["state"], true_body.spin, true_body.axis_point
+    )
     note = "in the non-turning frame that is K at time 0"
     data["position_inertial"] = (
         ("time", "axis"), position, {"units": "m", "long_name": f"position {note}"},
@@ -308,14 +339,9 @@ def make_dataset(
     data["velocity_inertial"] = (
         ("time", "axis"), velocity, {"units": "m/s", "long_name": f"velocity {note}"},
     )  # fmt: skip
-    data["mesh_vertices"] = (
-        ("vertex", "axis"), body.shape.vertices,
-        {"units": "m", "long_name": "vertices of the body's mesh in K"},
-    )  # fmt: skip
-    data["mesh_facets"] = (
-        ("facet", "corner"), body.shape.facets.astype(np.int32),
-        {"units": "1", "long_name": "facets as indices into mesh_vertices, wound outwards"},
-    )  # fmt: skip
+    data |= _mesh("mesh", "", body.shape)
+    if true_body.shape is not body.shape:
+        data |= _mesh("true", "true_", true_body.shape)
     time = ("time", times, {"units": "s", "long_name": "time since the start of the flight"})
     return xr.Dataset(
         data,
@@ -330,28 +356,47 @@ def make_dataset(
     )
 
 
+def _mesh(name: str, dimension: str, shape: Polyhedron) -> dict[str, typing.Any]:
+    """Gives the variables of a mesh; `dimension` begins the names of their dimensions."""
+    return {
+        f"{name}_vertices": (
+            (f"{dimension}vertex", "axis"), shape.vertices,
+            {"units": "m", "long_name": f"vertices of the body's {dimension and 'true '}mesh in K"},
+        ),
+        f"{name}_facets": (
+            (f"{dimension}facet", "corner"), shape.facets.astype(np.int32),
+            {"units": "1", "long_name": f"facets as indices into {name}_vertices, wound outwards"},
+        ),
+    }  # fmt: skip
+
+
 def inertial_motion(
-    times: np.ndarray, states: np.ndarray, spin_rate: float
+    times: np.ndarray, states: np.ndarray, spin: np.ndarray, axis_point: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Computes the motion in the inertial frame that coincides with K at time 0.
 
     Args:
       times: (N,) in s.
       states: (N, 6), position in m and velocity in m/s in K.
-      spin_rate: angular velocity about z in rad/s.
+      spin: angular velocity (3,) in K in rad/s.
+      axis_point: (3,) in K in m, a point of the spin axis, which is at rest in the inertial frame.
 
     Returns:
       Position (N, 3) in m and velocity (N, 3) in m/s.
     """
+    arms = states[:, :3] - axis_point
+    velocity = states[:, 3:] + np.cross(spin, arms)
+    if spin[:2].any() or axis_point.any():
+        turn = Rotation.from_rotvec(times[:, None] * spin)
+        return axis_point + turn.apply(arms), turn.apply(velocity)
+    spin_rate = spin[2]
     cos, sin = np.cos(spin_rate * times), np.sin(spin_rate * times)
 
     def turned(vector: np.ndarray) -> np.ndarray:
         x, y, z = vector.T
         return np.stack([cos * x - sin * y, sin * x + cos * y, z], axis=1)
 
-    position = states[:, :3]
-    spin = np.array([0.0, 0.0, spin_rate])
-    return turned(position), turned(states[:, 3:] + np.cross(spin, position))
+    return turned(arms), turned(velocity)
 
 
 def differences(first: FlightLog, second: FlightLog) -> list[str]:

@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 from scipy.interpolate import CubicHermiteSpline
 
-from proxops.diagrams.scenario import Body, Scenario
+from proxops.diagrams.scenario import Body, Scenario, dispersed_values
 from proxops.systems.expert import PlanReason, PlanStatus
 from proxops.systems.shapes import clearances
 
@@ -34,7 +34,7 @@ def summarise(data: xr.Dataset, scenario: Scenario, body: Body) -> dict[str, typ
     least = float(clearances(body.keep_out_semi_axes, dense_positions(times, states)).min())
     # The true acceleration by each row's thrust, and the time for which it acts: `lengths` in the
     # whole flight, `until` before arrival.
-    thrust = _true_push(scenario) * np.abs(data["force"].values[:-1]).sum(axis=1)
+    thrust = _true_acceleration(data, scenario)
     starts = times[:-1] + attrs.get("force_delay_s", 0.0)
     lengths = np.clip(times[-1] - starts, 0.0, np.diff(times))
     until = np.clip((arrival if arrived else np.inf) - starts, 0.0, lengths)
@@ -73,6 +73,7 @@ def summarise(data: xr.Dataset, scenario: Scenario, body: Body) -> dict[str, typ
         "wall_s": float(attrs["wall_s"]),
         "scenario_sha256": attrs["scenario_sha256"],
         "policy_sha256": attrs.get("policy_sha256"),
+        "dispersed": dispersed_values(scenario),
         **_estimate_errors(data),
         **_interventions(data, scenario),
     }
@@ -112,14 +113,20 @@ def _interventions(data: xr.Dataset, scenario: Scenario) -> dict[str, float]:
     pushed = changes @ np.diff(data["time"].values)
     return {
         "interventions": int(np.sum(changes > INTERVENTION_TOLERANCE)),
-        "intervention_delta_v_m_s": float(pushed * _true_push(scenario)),
+        "intervention_delta_v_m_s": float(pushed / _true_mass(scenario)),
     }
 
 
-def _true_push(scenario: Scenario) -> float:
-    """Gives the true acceleration in m/s^2 for each newton commanded."""
-    mismatch = scenario.mismatch
-    return mismatch.thrust / (mismatch.mass * scenario.spacecraft.mass_kg)
+def _true_acceleration(data: xr.Dataset, scenario: Scenario) -> np.ndarray:
+    """Gives the sum over the axes of the true thrust over the true mass, of each step, in m/s^2."""
+    name = "thrust" if "thrust" in data else "force"
+    mass = data["mass"].values[:-1] if "mass" in data else _true_mass(scenario)
+    return np.abs(data[name].values[:-1]).sum(axis=1) / mass
+
+
+def _true_mass(scenario: Scenario) -> float:
+    """Gives the true mass in kg at the start."""
+    return scenario.truth.mass * scenario.spacecraft.mass_kg
 
 
 def fallback_steps(data: xr.Dataset) -> dict[str, int]:

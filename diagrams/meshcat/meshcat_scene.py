@@ -17,7 +17,7 @@ from pydrake.geometry import Box, Meshcat, MeshcatParams, Rgba, Sphere
 from pydrake.math import RigidTransform
 from pydrake.perception import PointCloud
 
-from proxops.diagrams.scenario import Body
+from proxops.diagrams.scenario import Body, TrueBody, spin_axes
 from proxops.systems.lidar import ray_directions
 
 _BODY = Rgba(0.62, 0.57, 0.51)
@@ -30,9 +30,15 @@ _PANELS = Rgba(0.20, 0.32, 0.75)
 THRUST = Rgba(1.00, 0.85, 0.20)
 RETURNS = Rgba(1.00, 0.10, 0.30)
 _PLAN = Rgba(0.55, 0.85, 1.00)
+MAP = Rgba(0.45, 0.80, 0.95)
+TRUE_AXIS = Rgba(1.00, 0.35, 0.70)
+BELIEVED_AXIS = Rgba(0.90, 0.95, 1.00)
 # Lengths in Meshcat units.
 _ARROW_LENGTH = 0.40
 _POINT_SIZE = 0.022
+# How much farther away the true surface is drawn where the map is drawn over it, in steps of the
+# depth buffer.
+_BEHIND = 2000.0
 
 FIELD_OF_VIEW = 40.0
 """Vertical field of view of the camera, in degrees."""
@@ -44,6 +50,9 @@ class Scene:
 
     meshcat: Meshcat
     body: Body
+    """The body as believed."""
+    true_body: TrueBody | None = None
+    """The body as it is; None: as believed."""
 
     @cached_property
     def unit(self) -> float:
@@ -88,9 +97,31 @@ def prepare_scene(scene: Scene) -> None:
 
 
 def add_body(scene: Scene) -> None:
-    """Adds the body's mesh with smooth shading."""
-    shape = scene.body.shape
-    set_mesh(scene.meshcat, "/body", shape.vertices / scene.unit, shape.facets, _BODY)
+    """Adds the true body with smooth shading and, where it differs, what is believed of it.
+
+    The map is then drawn over the true body, as a net of its edges, and so are the true and the
+    believed spin axes.
+    """
+    meshcat, unit = scene.meshcat, scene.unit
+    for leftover in ("/body", "/map", "/spin_axis"):  # Of an earlier flight.
+        meshcat.Delete(leftover)
+    believed = scene.body.shape
+    shape = believed if scene.true_body is None else scene.true_body.shape
+    set_mesh(meshcat, "/body", shape.vertices / unit, shape.facets, _BODY)
+    if shape is not believed:
+        # Lines, because they are not shaded as a wireframe of facets is.
+        ends: typing.Any = believed.vertices[believed.edges[0]] / unit
+        meshcat.SetLineSegments("/map", ends[:, 0].T, ends[:, 1].T, 1.0, MAP)
+        # The true surface is drawn as if it were farther away, so that a net just below it is seen.
+        meshcat.SetProperty("/body/<object>", "material.polygonOffset", True)
+        meshcat.SetProperty("/body/<object>", "material.polygonOffsetUnits", _BEHIND)
+    axes = scene.true_body and spin_axes(scene.body, scene.true_body)
+    if axes:
+        for name, line, colour in zip(
+            ("believed", "true"), axes, (BELIEVED_AXIS, TRUE_AXIS), strict=True
+        ):
+            points: typing.Any = line.T / unit
+            meshcat.SetLine(f"/spin_axis/{name}", points, 2.0, colour)
 
 
 def add_keep_out(scene: Scene) -> None:

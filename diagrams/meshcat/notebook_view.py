@@ -1,7 +1,8 @@
 """Shows Meshcat in a notebook: the live server's page if the browser reaches it, else a saved page.
 
 Both pages have Meshcat's own panel at the top right. Under *Animations* it has a slider for time,
-and under *Scene* a box to show or hide each layer (body, keep_out, path, lidar, spacecraft, goal).
+and under *Scene* a box to show or hide each layer (body, map, spin_axis, keep_out, path, lidar,
+spacecraft, goal).
 
 This module needs IPython, which the extra `notebook` installs.
 """

@@ -72,7 +72,7 @@ def add_flight(meshcat: Meshcat, log: FlightLog) -> None:
     limit = log.scenario.spacecraft.thrust_limit_n
     for leftover in ("/path", "/lidar", "/plan"):  # An earlier flight or the live view left it.
         meshcat.Delete(leftover)
-    scene = Scene(meshcat, log.body)
+    scene = Scene(meshcat, log.body, log.differing_body)
     prepare_scene(scene)
     add_body(scene)
     add_keep_out(scene)

@@ -13,7 +13,15 @@ from pydrake.geometry import Rgba
 
 from proxops.diagrams.logs import FlightLog, all_flown_by, flown_by, legend_of
 from proxops.diagrams.meshcat.camera_views import View
-from proxops.diagrams.meshcat.meshcat_scene import GOAL, RETURNS, THRUST
+from proxops.diagrams.meshcat.meshcat_scene import (
+    BELIEVED_AXIS,
+    GOAL,
+    MAP,
+    RETURNS,
+    THRUST,
+    TRUE_AXIS,
+)
+from proxops.diagrams.scenario import differing_values, spin_axes
 from proxops.systems.shapes import clearances
 
 _PAGE = """
@@ -36,8 +44,12 @@ _PAGE = """
     padding: 1px 10px; cursor: pointer}
   #panel button.on {background: #4a5678; color: #ffffff}
   #play {width: 66px}
+  #world {position: fixed; left: 12px; top: 10px; max-height: 70vh; overflow: auto;
+    color: #c8ccd4; background: #0c0e1899; font: 11px/1.3 system-ui, sans-serif}
+  #world summary {cursor: pointer; color: #ffffff}
+  #world td {padding: 0 10px 0 0; font-variant-numeric: tabular-nums}
 </style>
-<div id="panel">
+{{world}}<div id="panel">
   <div><span><b>{{title}}</b> <small>{{speed}} times real time</small></span>{{numbers}}</div>
   <div><button id="play">pause</button>
     <input id="time" type="range" min="0" max="1" value="0" step="any" aria-label="time"
@@ -127,6 +139,8 @@ _PAGE = """
 })();
 </script>
 """
+# A list of what differs that has more lines is shown when it is asked for.
+_MOST_OPEN = 8
 _NUMBERS = {
     "clock": "time",
     "range": "goal",
@@ -152,12 +166,8 @@ def panel(
     known = legend_of(log.dataset)
     shown = all_flown_by(log.dataset) or flown_by(log.dataset)[:1].tolist()
     entries = [(known[who].colour, f"flown by {known[who].name}") for who in shown]
-    for colour, text in (
-        (THRUST, "thrust"),
-        (RETURNS, "lidar returns"),
-        (GOAL, "goal"),
-    ):
-        entries.append((_rgb(colour), text))
+    marks = [(THRUST, "thrust"), (RETURNS, "lidar returns"), (GOAL, "goal"), *_true_marks(log)]
+    entries += [(_rgb(colour), text) for colour, text in marks]
     legend = "\n".join(
         f'<span><i style="color: {_code(colour)}">&#9679;</i> {html.escape(text)}</span>'
         for colour, text in entries
@@ -171,6 +181,7 @@ def panel(
         "speed": f"{playback_speed:.0f}",
         "numbers": numbers,
         "strip": _strip(log),
+        "world": _world(log),
         "legend": legend,
         # Otherwise "</script>" in a name would end the script.
         "flight": content.replace("<", "\\u003c"),
@@ -207,6 +218,43 @@ def _flight(
         },
         "views": {name: [turned(view.eye), turned(view.target)] for name, view in views.items()},
     }
+
+
+def _true_marks(log: FlightLog) -> list[tuple[Rgba, str]]:
+    """Gives the legend of what is shown only where the true body differs from the believed one."""
+    true_body, marks = log.differing_body, []
+    if true_body is None:
+        return marks
+    if true_body.shape is not log.body.shape:
+        marks.append((MAP, "map, over the true body"))
+    if spin_axes(log.body, true_body) is not None:
+        marks += [(BELIEVED_AXIS, "believed spin axis"), (TRUE_AXIS, "true spin axis")]
+    return marks
+
+
+def _world(log: FlightLog) -> str:
+    """Gives the HTML of the list of what differs from what is believed; "" if nothing does."""
+    values = differing_values(log.scenario)
+    if not values:
+        return ""
+    rows = "\n".join(
+        f"<tr><td>{html.escape(key)}</td><td>{html.escape(_value(value))}</td></tr>"
+        for key, value in values.items()
+    )
+    return (
+        '<details id="world" open><summary>the true world of this flight</summary>\n'
+        f"<table>\n{rows}\n</table></details>\n"
+    )
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, list):
+        return f"({', '.join(_value(part) for part in value)})"
+    if isinstance(value, float) and 0.0 < abs(value - 1.0) < 1e-3:
+        return f"1 {'+' if value > 1.0 else '-'} {abs(value - 1.0):.2g}"
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    return "none" if value is None else str(value)
 
 
 def _steps(log: FlightLog) -> np.ndarray:

@@ -17,6 +17,7 @@ from proxops.diagrams.scenario import (
     Scenario,
     SpacecraftConfig,
     TransitConfig,
+    TruthConfig,
     WeightedCostConfig,
     check_scenario,
     load_body,
@@ -96,6 +97,7 @@ def scaled_scenario(body: Body, body_path: str, craft_mass_kg: float = 100.0) ->
             epsilon_magnitude_n=scaled(given.hybrid.epsilon_magnitude_n, force),
             dead_band_n=scaled(given.hybrid.dead_band_n, force),
         ),
+        truth=TruthConfig(surface_correlation_m=scaled(given.truth.surface_correlation_m, length)),
         transit=TransitConfig(
             cube_m=scaled(given.transit.cube_m, length),
             min_distance_m=scaled(given.transit.min_distance_m, length),

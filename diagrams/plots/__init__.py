@@ -18,6 +18,7 @@ from proxops.diagrams.plots.plots import (
     plot_ranges,
 )
 from proxops.diagrams.plots.surface_plots import plot_equilibria, plot_surface_maps
+from proxops.diagrams.plots.truth_plot import plot_truth
 
 __all__ = [
     "DiagramPicture",
@@ -34,4 +35,5 @@ __all__ = [
     "plot_plan",
     "plot_ranges",
     "plot_surface_maps",
+    "plot_truth",
 ]

@@ -22,7 +22,8 @@ from proxops.diagrams.logs import (
     flown_by,
     legend_of,
 )
-from proxops.diagrams.scenario import Body
+from proxops.diagrams.plots.outlines import outline
+from proxops.diagrams.scenario import Body, TrueBody, spin_axes
 from proxops.systems.shapes import clearances
 
 _MINUTE = 60.0
@@ -31,6 +32,7 @@ _KEEP_OUT = "#5577bb"
 _GOAL = "#128a3a"
 _LIMIT = "#b03030"
 _LINE = "#33415c"
+MAP, BELIEVED_AXIS, TRUE_AXIS = "#0f6f9c", "#0f6f9c", "#c2186b"
 _AXIS = {"x": 0, "y": 1, "z": 2}
 
 
@@ -70,7 +72,7 @@ def plot_path(ax: Axes, log: FlightLog, plane: str = "xy") -> None:
     length, unit = _unit(log.body)
     positions = log.dataset["state"].values[:, :3] / length
     goal = log.dataset["target"].values[-1, :3] / length
-    draw_body(ax, log.body, plane)
+    draw_body(ax, log.body, plane, log.differing_body)
     flat = positions[:, [across, up]]
     segments = np.stack([flat[:-1], flat[1:]], axis=1)
     legend = legend_of(log.dataset)
@@ -88,11 +90,17 @@ def plot_path(ax: Axes, log: FlightLog, plane: str = "xy") -> None:
     ax.grid(alpha=0.25)
 
 
-def draw_body(ax: Axes, body: Body, plane: str = "xy") -> None:
-    """Draws the silhouettes of the body and of its keep-out ellipsoid on a plane such as "xy"."""
+def draw_body(ax: Axes, body: Body, plane: str = "xy", true_body: TrueBody | None = None) -> None:
+    """Draws the silhouettes of the body and of its keep-out ellipsoid on a plane such as "xy".
+
+    Where the true body differs from the body as believed, its silhouette is the filled one, the
+    outline of the map is dashed, and both spin axes are lines; an axis that is seen from its end is
+    a dot.
+    """
     length, _ = _unit(body)
     across, up = (_AXIS[letter] for letter in plane)
-    triangles = body.shape.vertices[body.shape.facets][:, :, [across, up]] / length
+    shape = body.shape if true_body is None else true_body.shape
+    triangles = shape.vertices[shape.facets][:, :, [across, up]] / length
     # One colour for facets and edges merges all facets into one silhouette, also of concave bodies.
     ax.add_collection(
         PolyCollection(
@@ -106,6 +114,14 @@ def draw_body(ax: Axes, body: Body, plane: str = "xy") -> None:
             fill=False, edgecolor=_KEEP_OUT, linestyle="--", linewidth=1.2,
         )
     )  # fmt: skip
+    if shape is not body.shape:
+        for chain in outline(body.shape, across, up):
+            ax.plot(*(chain.T / length), color=MAP, linestyle="--", linewidth=1.0)
+    lines = None if true_body is None else spin_axes(body, true_body)
+    if lines:
+        for line, colour in zip(lines, (BELIEVED_AXIS, TRUE_AXIS), strict=True):
+            flat = line[:, [across, up]] / length
+            ax.plot(*flat.T, "-o", color=colour, linewidth=1.0, markersize=2)
 
 
 def plot_distance(ax: Axes, log: FlightLog) -> None:
@@ -217,4 +233,20 @@ def _legend(log: FlightLog) -> list[Line2D]:
         Line2D([], [], color=_GOAL, linewidth=1.0, label="arrival"),
         Line2D([], [], color=_KEEP_OUT, linestyle="--", label="keep-out ellipsoid"),
         Line2D([], [], color=_LIMIT, linestyle="--", label="limit"),
+        *_true_handles(log),
     ]
+
+
+def _true_handles(log: FlightLog) -> list[Line2D]:
+    """Gives the legend of what is drawn only where the true body differs from what is believed."""
+    true_body, handles = log.differing_body, []
+    if true_body is None:
+        return handles
+    if true_body.shape is not log.body.shape:
+        handles.append(Line2D([], [], color=MAP, linestyle="--", label="map"))
+    if spin_axes(log.body, true_body) is not None:
+        handles += [
+            Line2D([], [], color=BELIEVED_AXIS, marker="o", label="believed spin axis"),
+            Line2D([], [], color=TRUE_AXIS, marker="o", label="true spin axis"),
+        ]
+    return handles

@@ -1,12 +1,24 @@
-"""The scenario, the body and the transit: all that a flight depends on besides its controller.
+"""The scenario, the body, the transit and the true world: what a flight depends on.
 
 Start with `load_scenario` and the dataclasses of `scenario_config`, which give each value its
-default, unit and limits; then read `load_body` and `transit_set`. To add a value to the scenario,
-add a field to one of these dataclasses. Nothing in this room simulates.
+default, unit and limits; then read `load_body` and `transit_set`. `truth_config` says how the world
+may differ from what is believed, `make_true_body` makes the true body, and `draw_world` draws a
+world from dispersions. To add a value to the scenario, add a field to one of these dataclasses.
+Nothing in this room simulates.
 """
 
 from proxops.diagrams.scenario.body import Body, BodyConfig, load_body
+from proxops.diagrams.scenario.dispersions import (
+    KNOWN_ON_THE_DAY,
+    Dispersion,
+    check_dispersions,
+    dispersed_values,
+    draw_world,
+    load_dispersions,
+)
+from proxops.diagrams.scenario.far_out import Quantity, far_out_world, quantities
 from proxops.diagrams.scenario.scenario import (
+    believed,
     change_scenario,
     dump_scenario,
     load_scenario,
@@ -21,7 +33,6 @@ from proxops.diagrams.scenario.scenario_config import (
     KicksConfig,
     LearnedLidarConfig,
     LidarConfig,
-    MismatchConfig,
     MpcConfig,
     PolicyConfig,
     RandomWalkDisturbanceConfig,
@@ -39,39 +50,75 @@ from proxops.diagrams.scenario.transits import (
     scenario_transit,
     transit_set,
 )
+from proxops.diagrams.scenario.true_body import (
+    TrueBody,
+    UnflyableWorldError,
+    check_flyable,
+    make_true_body,
+    turns_the_axes,
+)
+from proxops.diagrams.scenario.truth_config import (
+    TrueAccelerationConfig,
+    TrueAttitudeConfig,
+    TrueLidarConfig,
+    TrueThrustersConfig,
+    TruthConfig,
+)
 from proxops.diagrams.scenario.typed_yaml import load_typed, parse_mapping
+from proxops.diagrams.scenario.world_differences import differing_values, spin_axes
 
 __all__ = [
+    "KNOWN_ON_THE_DAY",
     "ArrivalConfig",
     "AssuranceConfig",
     "Body",
     "BodyConfig",
+    "Dispersion",
     "ForceNoiseConfig",
     "HybridConfig",
     "KicksConfig",
     "LearnedLidarConfig",
     "LidarConfig",
-    "MismatchConfig",
     "MpcConfig",
     "PolicyConfig",
+    "Quantity",
     "RandomWalkDisturbanceConfig",
     "Scenario",
     "SpacecraftConfig",
     "Transit",
     "TransitConfig",
+    "TrueAccelerationConfig",
+    "TrueAttitudeConfig",
+    "TrueBody",
+    "TrueLidarConfig",
+    "TrueThrustersConfig",
+    "TruthConfig",
+    "UnflyableWorldError",
     "WeightedCostConfig",
+    "believed",
     "change_scenario",
+    "check_dispersions",
+    "check_flyable",
     "check_scenario",
+    "differing_values",
+    "dispersed_values",
     "draw_transit",
+    "draw_world",
     "dump_scenario",
+    "far_out_world",
     "hover_force",
     "is_blocked",
     "load_body",
+    "load_dispersions",
     "load_scenario",
     "load_typed",
+    "make_true_body",
     "of_transit",
     "parse_mapping",
     "parse_scenario",
+    "quantities",
     "scenario_transit",
+    "spin_axes",
     "transit_set",
+    "turns_the_axes",
 ]

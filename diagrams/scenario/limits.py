@@ -41,6 +41,21 @@ class _Range:
 
 
 @dc.dataclass(frozen=True)
+class _Vector:
+    """The size of a list, and the limits of each of its numbers."""
+
+    size: int
+    each: _Range
+
+    def complaint(self, value: Sequence[float]) -> str | None:
+        """Says what is wrong with a value; None if nothing is."""
+        if len(value) != self.size:
+            return f"must be {self.size} numbers"
+        found = (self.each.complaint(number) for number in value)
+        return next((f"{text}, each of its numbers" for text in found if text), None)
+
+
+@dc.dataclass(frozen=True)
 class _Choice:
     """The permitted values of a text."""
 
@@ -52,7 +67,7 @@ class _Choice:
 
 
 def number(
-    default: float,
+    default: float | None,
     *,
     at_least: float | None = None,
     above: float | None = None,
@@ -74,19 +89,41 @@ def number(
     return dc.field(default=default, metadata={_KEY: limits})
 
 
+def vector(
+    default: Sequence[float], *, at_least: float, at_most: float, unit: str = ""
+) -> typing.Any:
+    """Makes a dataclass field that holds as many finite numbers as its default, within limits.
+
+    Args:
+      default: the default of the field.
+      at_least: least permitted value of each number.
+      at_most: greatest permitted value of each number.
+      unit: the unit that the error message gives.
+    """
+    limits = _Vector(len(default), _Range(at_least, None, at_most, None, unit))
+    return dc.field(default_factory=lambda: list(default), metadata={_KEY: limits})
+
+
 def one_of(default: str, options: Sequence[str]) -> typing.Any:
     """Makes a dataclass field that holds one of the texts `options`."""
     return dc.field(default=default, metadata={_KEY: _Choice(tuple(options))})
 
 
 def limits_of(field: dc.Field) -> tuple[float, float] | None:
-    """Gives the least and the greatest number that a field may hold; None if it has no limits."""
+    """Gives the least and the greatest number that a field may hold; None if it has no limits.
+
+    For a list, the limits are those of each of its numbers.
+    """
     limits = field.metadata.get(_KEY)
+    limits = limits.each if isinstance(limits, _Vector) else limits
     if not isinstance(limits, _Range):
         return None
-    low = limits.at_least if limits.at_least is not None else limits.above
-    high = limits.at_most if limits.at_most is not None else limits.below
-    return (-math.inf if low is None else low, math.inf if high is None else high)
+    low, high = limits.at_least, limits.at_most
+    if low is None:
+        low = -math.inf if limits.above is None else math.nextafter(limits.above, math.inf)
+    if high is None:
+        high = math.inf if limits.below is None else math.nextafter(limits.below, -math.inf)
+    return low, high
 
 
 def check_limits(config: typing.Any, source: str, key: str = "") -> None:
@@ -107,6 +144,6 @@ def check_limits(config: typing.Any, source: str, key: str = "") -> None:
             check_limits(value, source, path)
             continue
         limits = field.metadata.get(_KEY)
-        complaint = None if limits is None else limits.complaint(value)
+        complaint = None if limits is None or value is None else limits.complaint(value)
         if complaint is not None:
             raise InputError(f"{source}: {path} {complaint}, got {value!r}")

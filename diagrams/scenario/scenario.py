@@ -1,5 +1,6 @@
 """Reads, writes and changes scenarios: typed YAML with all that defines a flight."""
 
+import dataclasses as dc
 import typing
 from pathlib import Path
 
@@ -8,6 +9,7 @@ from pydrake.common.yaml import yaml_dump_typed
 from proxops.diagrams.scenario.renamed_keys import refuse_renamed, translate_renamed
 from proxops.diagrams.scenario.scenario_checks import check_scenario
 from proxops.diagrams.scenario.scenario_config import LearnedLidarConfig, Scenario
+from proxops.diagrams.scenario.truth_config import TruthConfig
 from proxops.diagrams.scenario.typed_yaml import (
     apply_overrides,
     load_typed,
@@ -33,11 +35,8 @@ def load_scenario(
     """
     source = "scenario" if path is None else str(path)
     tree = {} if path is None else read_mapping(Path(path))
-    if path is not None and _is_path(tree.get("body")):
-        tree["body"] = str((Path(path).parent / tree["body"]).resolve())
-    for part in (tree.get("lidar"), tree.get("policy")):
-        if path is not None and isinstance(part, dict) and isinstance(part.get("bundle"), str):
-            part["bundle"] = str((Path(path).parent / part["bundle"]).resolve())
+    if path is not None:
+        _from_file(tree, Path(path).parent)
     apply_overrides(tree, overrides)
     refuse_renamed(tree, source)
     scenario = load_typed(Scenario, tree, source)
@@ -46,6 +45,10 @@ def load_scenario(
         scenario.lidar.bundle = str(Path(scenario.lidar.bundle).resolve())
     if scenario.policy.bundle is not None:
         scenario.policy.bundle = str(Path(scenario.policy.bundle).resolve())
+    if scenario.truth.mesh is not None:
+        scenario.truth.mesh = str(Path(scenario.truth.mesh).resolve())
+    if _is_path(scenario.dispersions):
+        scenario.dispersions = str(Path(scenario.dispersions or "").resolve())
     return scenario
 
 
@@ -86,6 +89,22 @@ def change_scenario(scenario: Scenario, changes: typing.Mapping[str, typing.Any]
     changed = load_typed(Scenario, tree, "scenario")
     check_scenario(changed, "scenario")
     return changed
+
+
+def believed(scenario: Scenario) -> Scenario:
+    """Gives the scenario as the controllers know it: the world is as they are told."""
+    return dc.replace(scenario, truth=TruthConfig(), dispersions=None, dispersed=[])
+
+
+def _from_file(tree: dict[str, typing.Any], folder: Path) -> None:
+    """Makes the paths in a scenario file absolute, in place; they are relative to its folder."""
+    for key in ("body", "dispersions"):
+        if _is_path(tree.get(key)):
+            tree[key] = str((folder / tree[key]).resolve())
+    for section, key in (("lidar", "bundle"), ("policy", "bundle"), ("truth", "mesh")):
+        part = tree.get(section)
+        if isinstance(part, dict) and isinstance(part.get(key), str) and "\0" not in part[key]:
+            part[key] = str((folder / part[key]).resolve())
 
 
 def _is_path(body: typing.Any) -> bool:

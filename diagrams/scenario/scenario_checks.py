@@ -60,7 +60,12 @@ def _bundles(scenario: Scenario) -> Iterator[str]:
         yield "lidar.bundle must name the bundle's folder"
     if scenario.policy.bundle == "":
         yield "policy.bundle must name the bundle's folder, or be null"
-    for key, name in (("lidar.bundle", getattr(lidar, "bundle", "")), ("body", scenario.body)):
+    for key, name in (
+        ("lidar.bundle", getattr(lidar, "bundle", "")),
+        ("body", scenario.body),
+        ("truth.mesh", scenario.truth.mesh or ""),
+        ("dispersions", scenario.dispersions or ""),
+    ):
         if "\0" in name:
             yield f"{key} must be a path, got {name!r}"
     if "\0" in (scenario.policy.bundle or ""):

@@ -6,6 +6,7 @@ In a YAML file and with `--set`, a key is the path of field names, such as `mpc.
 import dataclasses as dc
 
 from proxops.diagrams.scenario.limits import number, one_of
+from proxops.diagrams.scenario.truth_config import TruthConfig
 from proxops.systems.hybrid import GateKind, PeriodRule
 
 # The costs that the MPC may minimise.
@@ -35,7 +36,10 @@ class SpacecraftConfig:
 
 @dc.dataclass
 class LidarConfig:
-    """The lidar that casts rays against the mesh; see `proxops.systems.Lidar`."""
+    """The lidar that casts rays against the mesh; see `proxops.systems.Lidar`.
+
+    These are the values on its data sheet. `truth.lidar` says how the true sensor differs.
+    """
 
     # Standard deviation of the range noise; 0 switches the noise off.
     noise_std_m: float = number(50.0, at_least=0.0, at_most=_FAR, unit="m")
@@ -44,20 +48,9 @@ class LidarConfig:
     # Number of planes, turned by equal angles about a common axis, and of rays in each plane.
     planes: int = number(12, at_least=1, at_most=360)
     rays: int = number(360, at_least=1, at_most=3600)
-    # This length is added to every range.
-    bias_m: float = number(0.0, at_least=-_FAR, at_most=_FAR, unit="m")
-    # Every range is multiplied by 1 + scale_error.
-    scale_error: float = number(0.0, above=-1.0, at_most=1e3)
     # A ray that meets the surface at a greater angle from the normal has no return. With 90, every
     # ray that meets the surface has a return.
     max_incidence_deg: float = number(90.0, at_least=1e-3, at_most=90.0, unit="degrees")
-    # Probability that a return is lost.
-    dropout: float = number(0.0, at_least=0.0, at_most=1.0)
-    # Probability that a ray has a false return, at a random range.
-    false_returns: float = number(0.0, at_least=0.0, at_most=1.0)
-    # All rays are turned by this angle about an axis that is drawn from noise_seed. The controller
-    # does not know of it.
-    attitude_error_deg: float = number(0.0, at_least=0.0, at_most=180.0, unit="degrees")
 
 
 @dc.dataclass
@@ -87,11 +80,6 @@ class LearnedLidarConfig:
     # These must equal the numbers that the bundle was trained for.
     planes: int = number(12, at_least=1, at_most=360)
     rays: int = number(360, at_least=1, at_most=3600)
-    bias_m: float = number(0.0, at_least=-_FAR, at_most=_FAR, unit="m")
-    scale_error: float = number(0.0, above=-1.0, at_most=1e3)
-    dropout: float = number(0.0, at_least=0.0, at_most=1.0)
-    false_returns: float = number(0.0, at_least=0.0, at_most=1.0)
-    attitude_error_deg: float = number(0.0, at_least=0.0, at_most=180.0, unit="degrees")
     # A ray has a return if the network predicts one with at least this probability.
     hit_probability: float = number(0.5, at_least=1e-9, below=1.0)
 
@@ -171,18 +159,6 @@ class HybridConfig:
 
 
 @dc.dataclass
-class MismatchConfig:
-    """Ratios of the plant's true values to the values that controllers believe."""
-
-    # True density of the body, over the believed one.
-    gravity: float = number(1.0, at_least=1e-3, at_most=1e3)
-    # True mass of the spacecraft, over the believed one.
-    mass: float = number(1.0, at_least=1e-3, at_most=1e3)
-    # True force for a command, over the commanded force.
-    thrust: float = number(1.0, at_least=1e-3, at_most=1e3)
-
-
-@dc.dataclass
 class RandomWalkDisturbanceConfig:
     """The paper's disturbance: a slow random walk that is added to the commanded force."""
 
@@ -198,7 +174,7 @@ class RandomWalkDisturbanceConfig:
 class AssuranceConfig:
     """The safety filter that keeps any controller out of the keep-out ellipsoid.
 
-    See `proxops.systems.RuntimeAssurance`. The filter does not know of the scenario's `mismatch`.
+    See `proxops.systems.RuntimeAssurance`. The filter does not know of the scenario's `truth`.
     """
 
     # The filter adds this length to every semi-axis of the keep-out ellipsoid. It covers the error
@@ -290,13 +266,20 @@ class Scenario:
     force_noise: ForceNoiseConfig | None = None
     # null: nothing pushes the spacecraft from outside.
     kicks: KicksConfig | None = None
-    mismatch: MismatchConfig = dc.field(default_factory=MismatchConfig)
+    # How the world differs from what is believed; no controller knows it.
+    truth: TruthConfig = dc.field(default_factory=TruthConfig)
+    # Name of dispersions that ship with proxops, or path of a YAML file of dispersions, from which
+    # every flight draws its own world; a path in a scenario file is relative to that file.
+    # null: nothing is drawn.
+    dispersions: str | None = None
+    # Keys of the values that were drawn. proxops writes them when it draws.
+    dispersed: list[str] = dc.field(default_factory=list)
     transit: TransitConfig = dc.field(default_factory=TransitConfig)
     arrival: ArrivalConfig = dc.field(default_factory=ArrivalConfig)
     # Time from one command to the next; a command is held for this time.
     control_period_s: float = number(10.0, at_least=1e-2, at_most=3600.0, unit="s")
     # If true, the log holds the lidar's frame of every step.
     log_ranges: bool = True
-    # Seed of all random systems of a flight: lidar noise, disturbance, force noise, kicks, and the
-    # state noise of the hybrid.
+    # Seed of all random systems of a flight: lidar noise, disturbance, force noise, kicks, varying
+    # errors of attitude and acceleration, and the state noise of the hybrid.
     noise_seed: int = number(0, at_least=0, at_most=_LARGEST_WHOLE)

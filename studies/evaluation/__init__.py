@@ -2,12 +2,14 @@
 
 Start with `fly_variants`, which flies any number of controllers and settings on one set of
 transits, then read `aggregate_all` for the figures that are reported. A new figure goes into
-`aggregate`, and its line of the table into `table`.
+`aggregate`, and its line of the table into `table`. `statistics_of_flights` has what so many
+flights show, and `sensitivity` ranks what drives failure.
 """
 
 from proxops.studies.evaluation.evaluation import EXPERT, aggregate, aggregate_all, delta_v_pairs
 from proxops.studies.evaluation.figures import Looks, controller_looks, draw_paths, plot_flights
 from proxops.studies.evaluation.flights import describe_flight, shown_logs
+from proxops.studies.evaluation.monte_carlo_report import write_worst
 from proxops.studies.evaluation.report import Evaluation, evaluation_sections
 from proxops.studies.evaluation.table import arrival_text, figure_rows, outcome
 from proxops.studies.evaluation.variants import Variant, fly_logs, fly_variants, load_logs
@@ -32,4 +34,5 @@ __all__ = [
     "outcome",
     "plot_flights",
     "shown_logs",
+    "write_worst",
 ]

@@ -7,6 +7,15 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from proxops.studies.evaluation.sensitivity import rank_drivers
+from proxops.studies.evaluation.statistics_of_flights import (
+    exact_interval,
+    percentile,
+    percentile_bound,
+    shown_success,
+    success_interval,
+)
+
 EXPERT = "mpc"
 """The controller that the others are measured against."""
 
@@ -21,21 +30,14 @@ _ESTIMATE_ERRORS = (
 )
 
 
-def success_interval(successes: int, trials: int) -> tuple[float, float]:
-    """Returns Wilson's score interval of 95 % for a share of successes; (0, 1) without trials."""
-    if trials == 0:
-        return 0.0, 1.0
-    from scipy.stats import binomtest  # It is slow to import, so only when it is needed.
-
-    interval = binomtest(successes, trials).proportion_ci(0.95, method="wilson")
-    return float(interval.low), float(interval.high)
-
-
 def aggregate(rows: Sequence[Row], expert: Sequence[Row] | None = None) -> dict[str, typing.Any]:
     """Makes one controller's entry of `results.json` from the summaries of its flights.
 
-    Terminal figures count all flights; delta-v and arrival time count those that succeeded. Errors
-    of the policy's estimates are medians over flights of each flight's median and p95.
+    Terminal figures and clearances count all flights; delta-v and arrival time count those that
+    succeeded. Errors of the policy's estimates are medians over flights of each flight's median
+    and p95. A world that could not be flown is no flight: `unflyable` counts them,
+    `unflyable_worlds` has their rows, and no other figure counts them. A figure of no flights is
+    None.
 
     Args:
       rows: one for each flight.
@@ -43,39 +45,93 @@ def aggregate(rows: Sequence[Row], expert: Sequence[Row] | None = None) -> dict[
         delta-v on the transits in which both succeeded: it has the number of these transits, the
         median of the ratios, and the ratio of the sums.
     """
-    successes = sum(row["success"] for row in rows)
-    wide_successes = sum(row["success_2km"] for row in rows)
-    arrived = [row for row in rows if row["success"]]
-    timed = [row for row in rows if row["control_ms_median"] is not None]
-    estimated = [row for row in rows if "estimate_position_error_m_median" in row]
+    flown = [row for row in rows if "unflyable" not in row]
+    arrived = [row for row in flown if row["success"]]
+    timed = [row for row in flown if row["control_ms_median"] is not None]
+    estimated = [row for row in flown if "estimate_position_error_m_median" in row]
     return {
-        "transits": len(rows),
-        "success_rate": successes / len(rows),
-        "success_rate_interval": success_interval(successes, len(rows)),
-        "success_rate_2km": wide_successes / len(rows),
-        "success_rate_2km_interval": success_interval(wide_successes, len(rows)),
-        "collisions": sum(row["collided"] for row in rows),
-        "keep_out_violations": sum(row["keep_out_violations"] for row in rows),
-        "min_clearance_m": min(row["min_clearance_m"] for row in rows),
-        "terminal_position_error_m_median": _median(rows, "terminal_position_error_m"),
-        "terminal_position_error_m_p95": _percentile(rows, "terminal_position_error_m", 95),
-        "terminal_position_error_m_max": _percentile(rows, "terminal_position_error_m", 100),
-        "terminal_speed_m_s_max": _percentile(rows, "terminal_speed_m_s", 100),
-        "arrival_time_s_median": _median(arrived, "arrival_time_s"),
-        "delta_v_m_s_median": _median(arrived, "delta_v_m_s"),
-        "delta_v_m_s_mean": float(np.mean([row["delta_v_m_s"] for row in arrived]))
-        if arrived
-        else None,
+        **_successes(flown),
+        "unflyable": len(rows) - len(flown),
+        "collisions": sum(row["collided"] for row in flown),
+        "keep_out_violations": sum(row["keep_out_violations"] for row in flown),
+        **_clearances(flown),
+        **_end_errors(flown),
+        **_arrival_times(arrived),
+        **_delta_v(arrived),
         **(_against_expert(rows, expert) if expert is not None else {}),
-        "policy_share": float(np.mean([row["policy_share"] for row in rows])),
-        "policy_share_to_arrival": _mean(rows, "policy_share_to_arrival"),
-        "mpc_solves": sum(row["mpc_solves"] for row in rows),
+        "policy_share": _mean(flown, "policy_share"),
+        "policy_share_to_arrival": _mean(flown, "policy_share_to_arrival"),
+        "mpc_solves": sum(row["mpc_solves"] for row in flown),
         "control_ms_median": _median(timed, "control_ms_median"),
-        "control_ms_mean": _mean(rows, "control_ms_mean"),
+        "control_ms_mean": _mean(flown, "control_ms_mean"),
         "control_ms_p99": _percentile(timed, "control_ms_p99", 100),
         **{name: _median(estimated, name) for name in _ESTIMATE_ERRORS if estimated},
-        **_small_commands(rows),
-        "flights": list(rows),
+        **_small_commands(flown),
+        "flights": flown,
+        "unflyable_worlds": [row for row in rows if "unflyable" in row],
+    }
+
+
+def every_row(result: Mapping[str, typing.Any]) -> list[Row]:
+    """Returns the rows that `aggregate` made an entry from: flights and unflyable worlds."""
+    rows = [*result["flights"], *result["unflyable_worlds"]]
+    return sorted(rows, key=lambda row: row["transit"])
+
+
+def _successes(flown: Sequence[Row]) -> dict[str, typing.Any]:
+    trials = len(flown)
+    successes = sum(row["success"] for row in flown)
+    wide = sum(row["success_2km"] for row in flown)
+    return {
+        "transits": trials,
+        "success_rate": successes / trials if trials else None,
+        "success_rate_interval": success_interval(successes, trials),
+        "success_rate_exact_interval": exact_interval(successes, trials),
+        "success_shown_90": shown_success(successes, trials),
+        "success_rate_2km": wide / trials if trials else None,
+        "success_rate_2km_interval": success_interval(wide, trials),
+    }
+
+
+def _clearances(flown: Sequence[Row]) -> dict[str, float | None]:
+    name = "min_clearance_m"
+    return {
+        name: _percentile(flown, name, 0),
+        "min_clearance_m_p1": _percentile(flown, name, 1),
+        "min_clearance_m_p10": _percentile(flown, name, 10),
+        "min_clearance_m_median": _median(flown, name),
+    }
+
+
+def _end_errors(flown: Sequence[Row]) -> dict[str, float | None]:
+    name = "terminal_position_error_m"
+    return {
+        "terminal_position_error_m_median": _median(flown, name),
+        "terminal_position_error_m_p90": _percentile(flown, name, 90),
+        "terminal_position_error_m_p95": _percentile(flown, name, 95),
+        "terminal_position_error_m_p99": _percentile(flown, name, 99),
+        "terminal_position_error_m_max": _percentile(flown, name, 100),
+        "terminal_speed_m_s_max": _percentile(flown, "terminal_speed_m_s", 100),
+    }
+
+
+def _arrival_times(arrived: Sequence[Row]) -> dict[str, float | None]:
+    return {
+        "arrival_time_s_median": _median(arrived, "arrival_time_s"),
+        "arrival_time_s_p90": _percentile(arrived, "arrival_time_s", 90),
+        "arrival_time_s_p99": _percentile(arrived, "arrival_time_s", 99),
+        "arrival_time_s_max": _percentile(arrived, "arrival_time_s", 100),
+    }
+
+
+def _delta_v(arrived: Sequence[Row]) -> dict[str, float | None]:
+    return {
+        "delta_v_m_s_median": _median(arrived, "delta_v_m_s"),
+        "delta_v_m_s_mean": _mean(arrived, "delta_v_m_s"),
+        "delta_v_m_s_p90": _percentile(arrived, "delta_v_m_s", 90),
+        "delta_v_99_m_s": _percentile(arrived, "delta_v_m_s", 99),
+        "delta_v_99_m_s_bound": percentile_bound([row["delta_v_m_s"] for row in arrived]),
+        "delta_v_m_s_max": _percentile(arrived, "delta_v_m_s", 100),
     }
 
 
@@ -84,13 +140,19 @@ def aggregate_all(
 ) -> dict[str, dict[str, typing.Any]]:
     """Aggregates each controller's rows; if the expert is there, compares all others with it.
 
+    Where something was dispersed, an entry also has `sensitivity`; see `rank_drivers`.
+
     Args:
       groups: the rows of each controller in the order of the transits, by its name.
     """
     expert = groups.get(EXPERT)
-    return {
+    results = {
         name: aggregate(rows, None if name == EXPERT else expert) for name, rows in groups.items()
     }
+    for result in results.values():
+        if any(row.get("dispersed") for row in result["flights"]):
+            result["sensitivity"] = rank_drivers(result["flights"])
+    return results
 
 
 def _against_expert(rows: Sequence[Row], expert: Sequence[Row]) -> dict[str, typing.Any]:
@@ -105,7 +167,7 @@ def _against_expert(rows: Sequence[Row], expert: Sequence[Row]) -> dict[str, typ
 
 def _small_commands(rows: Sequence[Row]) -> dict[str, float]:
     """The share of all steps with a small command; empty if a row does not have its own share."""
-    if not all("small_command_share" in row for row in rows):
+    if not rows or not all("small_command_share" in row for row in rows):
         return {}
     shares, steps = ([row[name] for row in rows] for name in ("small_command_share", "steps"))
     return {"small_command_share": float(np.average(shares, weights=steps))}
@@ -114,7 +176,8 @@ def _small_commands(rows: Sequence[Row]) -> dict[str, float]:
 def delta_v_pairs(rows: Sequence[Row], expert: Sequence[Row]) -> np.ndarray:
     """Returns the delta-v (N, 2) in m/s of a controller and of the MPC, where both succeeded.
 
-    A flight that starts in the goal region needs no delta-v, and is left out.
+    A flight that starts in the goal region needs no delta-v, and is left out. So is a world that
+    one of them could not fly.
 
     Raises:
       ValueError: the rows are not of the same transits.
@@ -123,14 +186,15 @@ def delta_v_pairs(rows: Sequence[Row], expert: Sequence[Row]) -> np.ndarray:
     for row, best in zip(rows, expert, strict=True):
         if any(row[name] != best[name] for name in ("seed", "transit")):
             raise ValueError("rows of a controller and of the MPC are of other transits")
+        if "unflyable" in row or "unflyable" in best:
+            continue
         if row["success"] and best["success"] and best["delta_v_m_s"] > 0.0:
             pairs.append((row["delta_v_m_s"], best["delta_v_m_s"]))
     return np.array(pairs).reshape(-1, 2)
 
 
 def _percentile(rows: Sequence[Row], name: str, percent: float) -> float | None:
-    values = [row[name] for row in rows]
-    return float(np.percentile(values, percent)) if values else None
+    return percentile([row[name] for row in rows], percent)
 
 
 def _mean(rows: Sequence[Row], name: str) -> float | None:

@@ -12,13 +12,14 @@ import numpy as np
 from proxops.diagrams.logs import FlightLog
 from proxops.diagrams.scenario import Scenario
 from proxops.studies.evaluation.evaluation import Row
-from proxops.studies.evaluation.table import Results
+from proxops.studies.evaluation.table import Result, Results
 from proxops.studies.evaluation.variants import Logs, Variant, fly_logs
 from proxops.training.reports import SMALL_COMMAND_N
 
 PATHS = 4
-"""Number of transits whose paths are drawn: the first ones of the set."""
+"""Greatest number of transits whose paths are drawn."""
 _WORST = 3
+_REPLAYED = 5
 
 
 def describe_flight(log: FlightLog, path: Path | None = None) -> Row:
@@ -38,14 +39,29 @@ def worst_flights(rows: Sequence[Row], count: int = _WORST) -> list[Row]:
     return sorted(rows, key=lambda row: (row["success"], -row["terminal_position_error_m"]))[:count]
 
 
+def replayed_flights(result: Result) -> list[Row]:
+    """Returns the five worst flights of a controller, whose replays belong to a report.
+
+    There are none if all flights succeeded and nothing was dispersed.
+    """
+    rows = result["flights"]
+    wanted = any(not row["success"] or row.get("dispersed") for row in rows)
+    return worst_flights(rows, _REPLAYED) if wanted else []
+
+
+def path_transits(results: Results) -> list[int]:
+    """Returns the transits whose paths are drawn: the first ones that all controllers flew."""
+    flown = [{row["transit"] for row in result["flights"]} for result in results.values()]
+    return sorted(set.intersection(*flown))[:PATHS]
+
+
 def shown_transits(results: Results) -> dict[str, list[int]]:
     """Returns, for each controller, the transits whose logs a report needs, in rising order."""
     shown = {}
     for name, result in results.items():
-        rows = result["flights"]
-        wanted = {row["transit"] for row in rows[:PATHS]}
-        if flew_a_policy(rows):
-            wanted |= {row["transit"] for row in worst_flights(rows)}
+        wanted = {*path_transits(results), *(row["transit"] for row in replayed_flights(result))}
+        if flew_a_policy(result["flights"]):
+            wanted |= {row["transit"] for row in worst_flights(result["flights"])}
         shown[name] = sorted(wanted)
     return shown
 

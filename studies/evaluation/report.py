@@ -10,7 +10,7 @@ import numpy as np
 
 from proxops.diagrams.logs import length_text
 from proxops.diagrams.scenario import Scenario
-from proxops.studies.evaluation.evaluation import EXPERT, Row, delta_v_pairs
+from proxops.studies.evaluation.evaluation import EXPERT, Row, delta_v_pairs, every_row
 from proxops.studies.evaluation.figures import (
     Looks,
     controller_looks,
@@ -19,7 +19,12 @@ from proxops.studies.evaluation.figures import (
     plot_flights,
     plot_paths,
 )
-from proxops.studies.evaluation.flights import PATHS, flew_a_policy, worst_flights
+from proxops.studies.evaluation.flights import flew_a_policy, path_transits, worst_flights
+from proxops.studies.evaluation.monte_carlo_report import (
+    driver_sections,
+    unflyable_sections,
+    worst_tables,
+)
 from proxops.studies.evaluation.table import Results, arrival_text, figure_rows, outcome
 from proxops.studies.evaluation.variants import Logs
 from proxops.training.reports import Picture, Section, Table, Text, picture
@@ -45,13 +50,19 @@ def evaluation_sections(evaluation: Evaluation) -> list[Section]:
     """Makes the report, which `write_report` writes."""
     results, logs = evaluation.results, evaluation.logs
     looks = controller_looks(list(results))
-    sections = [_head(evaluation), Section("How flights end", [_end_errors(evaluation, looks)])]
+    sections = [_head(evaluation), *unflyable_sections(results)]
+    if any(result["flights"] for result in results.values()):
+        sections.append(Section("How flights end", [_end_errors(evaluation, looks)]))
     if (compared := _delta_v(results, looks)) is not None:
         sections.append(Section("Fuel against the expert's", [compared]))
-    sections.append(Section("Paths", [_paths(results, logs, looks)]))
+    if transits := path_transits(results):
+        sections.append(Section("Paths", [_paths(transits, logs, looks)]))
+    sections += driver_sections(results)
     for k, (name, result) in enumerate(results.items()):
+        blocks = worst_tables(name, result)
         if flew_a_policy(result["flights"]):
-            blocks = _worst(f"worst-{k}", name, result["flights"], logs)
+            blocks += _worst(f"worst-{k}", name, result["flights"], logs)
+        if blocks:
             sections.append(Section(f"Worst flights of {name}", blocks))
     failures = [
         row for result in results.values() for row in result["flights"] if not row["success"]
@@ -64,7 +75,7 @@ def evaluation_sections(evaluation: Evaluation) -> list[Section]:
 def _head(evaluation: Evaluation) -> Section:
     arrival, results = evaluation.scenario.arrival, evaluation.results
     lines = [[label, *cells] for label, cells in figure_rows(results, arrival)]
-    count = next(iter(results.values()))["transits"]
+    count = len(every_row(next(iter(results.values()))))
     return Section(
         f"{count} transits of seed {evaluation.seed}",
         [
@@ -73,8 +84,10 @@ def _head(evaluation: Evaluation) -> Section:
                 f"{evaluation.body}, proxops {metadata.version('proxops')}. Success is arrival "
                 f"within {arrival_text(arrival)} of the goal by {arrival.deadline_s:g} s, to stay "
                 f"there for {arrival.dwell_s:g} s, with no collision and no keep-out violation. "
-                "Intervals are Wilson's. Δv and arrival count the flights that succeeded; Δv over "
-                "the expert's counts the transits in which both succeeded. Position off and "
+                "Intervals are Wilson's, unless they are called exact (Clopper and Pearson's). "
+                "Δv and arrival count the flights that succeeded; Δv over the expert's counts the "
+                "transits in which both succeeded. What Δv's p99 is at most is a bound with 90 % "
+                "confidence, which needs 230 flights. Position off and "
                 "velocity off are errors of a policy's estimates: medians over flights of each "
                 "flight's median and p95."
             ),
@@ -87,6 +100,7 @@ def _end_errors(evaluation: Evaluation, looks: Looks) -> Picture:
     errors = {
         name: np.array([row["terminal_position_error_m"] for row in result["flights"]])
         for name, result in evaluation.results.items()
+        if result["flights"]
     }
     caption = "Share of flights that end within a distance of the goal; dashed: arrival's radius."
     radius = evaluation.scenario.arrival.radius_m
@@ -96,9 +110,9 @@ def _end_errors(evaluation: Evaluation, looks: Looks) -> Picture:
 def _delta_v(results: Results, looks: Looks) -> Picture | None:
     if EXPERT not in results:
         return None
-    best = results[EXPERT]["flights"]
+    best = every_row(results[EXPERT])
     pairs = {
-        name: delta_v_pairs(result["flights"], best)
+        name: delta_v_pairs(every_row(result), best)
         for name, result in results.items()
         if name != EXPERT
     }
@@ -109,11 +123,8 @@ def _delta_v(results: Results, looks: Looks) -> Picture | None:
     return picture("delta-v", plot_delta_v(pairs, looks), caption)
 
 
-def _paths(results: Results, logs: Logs, looks: Looks) -> Picture:
-    shown = {
-        name: [logs[name][row["transit"]] for row in result["flights"][:PATHS]]
-        for name, result in results.items()
-    }
+def _paths(transits: Sequence[int], logs: Logs, looks: Looks) -> Picture:
+    shown = {name: [flown[transit] for transit in transits] for name, flown in logs.items()}
     caption = "The first transits in the frame that turns with the body; a cross is a collision."
     return picture("paths", plot_paths(shown, looks), caption)
 

@@ -17,10 +17,12 @@ Results = Mapping[str, Result]
 def figure_rows(results: Results, arrival: ArrivalConfig) -> list[tuple[str, list[str]]]:
     """Makes the table's lines: a label, and each controller's figure.
 
-    Lines without a figure are left out. Delta-v and arrival count the flights that succeeded, and
-    delta-v over the expert's the transits in which both succeeded. Position off and velocity off
-    are errors of a policy's estimates: medians over flights of each flight's median and p95. Steps
-    are timed where the MPC or a network computes; the greatest p99 is that of one flight.
+    Lines without a figure are left out. Worlds that could not be flown are counted apart and in no
+    other figure. Delta-v and arrival count the flights that succeeded, and delta-v over the
+    expert's the transits in which both succeeded. "At most" is a 90 % confidence bound. Position
+    off and velocity off are errors of a policy's estimates: medians over flights of each flight's
+    median and p95. Steps are timed where the MPC or a network computes; the greatest p99 is that of
+    one flight.
     """
     near, wide = (arrival_text(arrival, scale) for scale in (1.0, WIDE_ARRIVAL))
     rows = [
@@ -60,7 +62,9 @@ def _number(key: str, form: str = ".1f", scale: float = 1.0) -> Callable[[Result
 
 
 def _share(key: str) -> Callable[[Result], str]:
-    return lambda result: f"{round(result[key] * result['transits'])} of {result['transits']}"
+    return lambda result: (
+        f"{round((result[key] or 0.0) * result['transits'])} of {result['transits']}"
+    )
 
 
 def _interval(key: str) -> Callable[[Result], str]:
@@ -71,23 +75,46 @@ def _interval(key: str) -> Callable[[Result], str]:
     return tell
 
 
+def _unflyable(result: Result) -> str:
+    return str(result["unflyable"]) if result["unflyable"] else _NONE
+
+
+def _clearance(key: str) -> Callable[[Result], str]:
+    return lambda result: _NONE if result[key] is None else length_text(result[key])
+
+
 _FIGURES: tuple[tuple[str, Callable[[Result], str]], ...] = (
+    ("worlds that can't be flown", _unflyable),
     ("success ({near})", _share("success_rate")),
     ("95 % interval", _interval("success_rate_interval")),
+    ("exact 95 % interval", _interval("success_rate_exact_interval")),
+    ("shown with 90 % confidence (%)", _number("success_shown_90", ".2f", 100.0)),
     ("success ({wide})", _share("success_rate_2km")),
     ("95 % interval", _interval("success_rate_2km_interval")),
     ("collisions", _number("collisions", "d", 1)),
     ("keep-out violations", _number("keep_out_violations", "d", 1)),
-    ("least clearance", lambda result: length_text(result["min_clearance_m"])),
+    ("least clearance", _clearance("min_clearance_m")),
+    ("least clearance, p1", _clearance("min_clearance_m_p1")),
+    ("least clearance, p10", _clearance("min_clearance_m_p10")),
+    ("least clearance, median", _clearance("min_clearance_m_median")),
     ("end error, median (m)", _number("terminal_position_error_m_median")),
+    ("end error, p90 (m)", _number("terminal_position_error_m_p90")),
     ("end error, p95 (m)", _number("terminal_position_error_m_p95")),
+    ("end error, p99 (m)", _number("terminal_position_error_m_p99")),
     ("end error, greatest (m)", _number("terminal_position_error_m_max")),
     ("end speed, greatest (m/s)", _number("terminal_speed_m_s_max", ".3f")),
     ("delta-v, median (m/s)", _number("delta_v_m_s_median")),
+    ("delta-v, p90 (m/s)", _number("delta_v_m_s_p90")),
+    ("delta-v, p99 (m/s)", _number("delta_v_99_m_s")),
+    ("delta-v, p99, at most (m/s)", _number("delta_v_99_m_s_bound")),
+    ("delta-v, greatest (m/s)", _number("delta_v_m_s_max")),
     ("over the expert's, median", _number("expert_delta_v_ratio_median", ".3f")),
     ("over the expert's, of sums", _number("expert_delta_v_ratio", ".3f")),
     ("transits compared", _number("expert_pairs", "d", 1)),
     ("arrival, median (s)", _number("arrival_time_s_median", ".0f")),
+    ("arrival, p90 (s)", _number("arrival_time_s_p90", ".0f")),
+    ("arrival, p99 (s)", _number("arrival_time_s_p99", ".0f")),
+    ("arrival, greatest (s)", _number("arrival_time_s_max", ".0f")),
     ("position off, median (m)", _number("estimate_position_error_m_median")),
     ("position off, p95 (m)", _number("estimate_position_error_m_p95")),
     ("velocity off, median (m/s)", _number("estimate_velocity_error_m_s_median", ".3f")),

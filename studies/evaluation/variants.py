@@ -13,6 +13,7 @@ from proxops.diagrams.flight import (
     Flight,
     Row,
     controller_label,
+    provenance,
     run_campaign,
     run_groups,
     transit_flights,
@@ -32,6 +33,8 @@ from proxops.systems.common import InputError
 
 Start = Callable[[Transit, Scenario, Body], tuple[np.ndarray, np.ndarray]]
 """Gives the position (3,) in m and the velocity (3,) in m/s in K at which a flight starts."""
+World = Callable[[Scenario, Body], Scenario]
+"""Gives the scenario of a flight in its world, from the scenario with the flight's transit."""
 Logs = Mapping[str, Mapping[int, FlightLog]]
 """Logs of flights, by the variant's name and the transit's number."""
 
@@ -48,6 +51,8 @@ class Variant:
     """Keys and values of the scenario that `change_scenario` changes."""
     start: Start | None = None
     """Gives the start of each flight; None: flights start where the transit does."""
+    world: World | None = None
+    """Gives the world of each flight; None: that of the scenario."""
 
     def applied_to(self, scenario: Scenario) -> Scenario:
         """The scenario that this variant flies, made from the one that all share."""
@@ -130,9 +135,12 @@ def variant_flights(
         return []
     changed = variant.applied_to(scenario)
     flights = transit_flights(changed, variant.controller, seed, max(numbers) + 1)
-    if variant.start is not None:
+    if variant.world is not None or variant.start is not None:
         body = load_body(changed.body)
-        flights = [_moved(flight, variant.start, body) for flight in flights]
+        if variant.world is not None:
+            flights = [_in_world(flight, variant.world, body) for flight in flights]
+        if variant.start is not None:
+            flights = [_moved(flight, variant.start, body) for flight in flights]
     return [
         dc.replace(flights[number], name=_flight_name(variant.name, seed, number))
         for number in numbers
@@ -148,6 +156,15 @@ def _check_names(variants: Sequence[Variant]) -> None:
                 f"variants {by_label[label]!r} and {each.name!r} would write the same files"
             )
         by_label[label] = each.name
+
+
+def _in_world(flight: Flight, world: World, body: Body) -> Flight:
+    """The flight in another world."""
+    scenario = world(parse_scenario(flight.scenario), body)
+    origin = flight.provenance
+    if scenario.truth.mesh is not None:
+        origin = provenance(scenario, body, flight.controller)
+    return dc.replace(flight, scenario=dump_scenario(scenario), provenance=origin)
 
 
 def _moved(flight: Flight, start: Start, body: Body) -> Flight:

@@ -64,13 +64,15 @@ class GravityTable:
 
 def gravity_table(field: Field, semi_axes: np.ndarray) -> GravityTable:
     """The table of a field; a process makes each table once (about a second for Kleopatra)."""
-    identity = (field.shape.sha256, field.mass) if isinstance(field, GravityField) else (id(field),)
+    identity: tuple = (id(field),)
+    if isinstance(field, GravityField):
+        identity = (field.shape.sha256, field.mass, field.contrast)
     return _table(_Source(identity, tuple(map(float, semi_axes)), field))
 
 
 @dataclass(frozen=True)
 class _Source:
-    """The key of a table; it is equal for fields of the same shape and mass."""
+    """The key of a table; it is equal for fields of the same shape, mass and contrast."""
 
     identity: tuple
     semi_axes: tuple[float, ...]

@@ -15,6 +15,7 @@ from proxops.systems.common.errors import InputError, SolverFailure
 from proxops.systems.common.files import file_sha256, make_folder, write_whole
 from proxops.systems.common.onnx_bundle import MODEL_FILE, BundleKind, open_session, read_bundle
 from proxops.systems.common.progress import Progress, part_of, silent
+from proxops.systems.common.rotations import rotation_matrix
 from proxops.systems.common.seeded_system import SeededSystem
 
 __all__ = [
@@ -36,6 +37,7 @@ __all__ = [
     "open_session",
     "part_of",
     "read_bundle",
+    "rotation_matrix",
     "silent",
     "write_whole",
 ]

@@ -1,4 +1,4 @@
-"""The gravity of a body of uniform density, from its polyhedron.
+"""The gravity of a body, of uniform density or of two halves that differ, from its polyhedron.
 
 Start with `GravityField.evaluate`: potential, acceleration and gradient at any number of positions.
 `PolyhedralGravity` is the Drake system that wraps it, and `PointMassField` has the same interface

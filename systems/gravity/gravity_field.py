@@ -1,4 +1,7 @@
-"""Gravity of a polyhedron of constant density: potential, acceleration, gradient, inside test."""
+"""Gravity of a polyhedron of one density, or of two halves that differ.
+
+Potential, acceleration, gradient and the inside test.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +15,7 @@ import numpy as np
 from proxops.systems.common import InputError
 from proxops.systems.gravity import _polyhedral_kernel as kernel
 from proxops.systems.gravity._far_field import fit_masses
-from proxops.systems.shapes import Polyhedron
+from proxops.systems.shapes import Polyhedron, halves
 
 GRAVITATIONAL_CONSTANT = 6.67430e-11
 """G in m^3 kg^-1 s^-2 (CODATA 2018)."""
@@ -58,6 +61,9 @@ class GravityField:
     (`fit_masses`). Relative errors on Kleopatra's mesh: below 1e-12 for potential and acceleration
     anywhere outside; a few 1e-12 at most for the gradient, except beside edges, where it follows
     the rounding of the position.
+
+    A body with a density contrast is two polyhedra of one density each, and the field is the sum of
+    theirs. On the cut the gradient is the mean of both sides.
     """
 
     def __init__(
@@ -66,12 +72,20 @@ class GravityField:
         *,
         mass: float | None = None,
         density: float | None = None,
+        contrast: float = 0.0,
     ):
         """Takes the shape and exactly one of `mass` in kg and `density` in kg/m^3.
 
+        Args:
+          shape: the body. mass: of all of it. density: mass over volume.
+          contrast: d, above -1 and below 1. The half of the body on the positive side of the plane
+            through the shape's centre of mass across its longest extent is denser by the factor
+            (1 + d) and the other half by (1 - d), before both are scaled to the mass.
+
         Raises:
-          InputError: neither or both are given, the value is not positive, or the density is one
-            that no body has (for instance because kilometres were read as metres).
+          InputError: neither or both are given, the value is not positive, the contrast is out of
+            range, or the density is one that no body has (for instance because kilometres were
+            read as metres).
         """
         if (mass is None) == (density is None):
             raise InputError("give exactly one of mass (kg) and density (kg/m^3)")
@@ -79,25 +93,25 @@ class GravityField:
         assert value is not None
         if not (np.isfinite(value) and value > 0):
             raise InputError(f"{what} must be positive and finite, got {value}")
+        if not -1.0 < contrast < 1.0:
+            raise InputError(f"the density contrast must be above -1 and below 1, got {contrast}")
         self.shape = shape
+        self.contrast = float(contrast)
         self.density = float(value) if mass is None else float(value) / shape.volume
         self.mass = self.density * shape.volume
-        low, high = PLAUSIBLE_DENSITY
-        if not low <= self.density <= high:
-            raise InputError(
-                f"{shape.name}: {self.mass:.4g} kg in {shape.extents.max():.4g} m of length is "
-                f"{self.density:.3g} kg/m^3, which no body has ({low:g} to {high:g}); "
-                "is the mesh in the unit that was said (km or m)?"
-            )
+        bodies = _uniform_bodies(shape, self.density, self.contrast)
+        for body, own_density in bodies:
+            _check_density(body, own_density)
         _announce_compilation()
-        # The tables are relative to the centre of mass, where the sums far away cancel least.
-        self._origin = shape.centre_of_mass
-        self._tables = _tables(shape, self._origin)
-        self._factor = GRAVITATIONAL_CONSTANT * self.density
-        size = float(np.linalg.norm(shape.vertices - self._origin, axis=1).max())
-        self._masses, self._limits = np.empty((4, 0)), (size, np.inf)
-        self._masses, switch = fit_masses(lambda offsets: self._columns(offsets)[:, 0], size)
-        self._limits = (size, switch)
+        self._parts = [_UniformPart(body, own_density) for body, own_density in bodies]
+
+    @property
+    def centre_of_mass(self) -> np.ndarray:
+        """Centre of mass (3,) in m in the mesh's frame, with the contrast in density."""
+        if len(self._parts) == 1:
+            return self.shape.centre_of_mass
+        masses = np.array([part.mass for part in self._parts])
+        return masses @ np.array([part.centre_of_mass for part in self._parts]) / masses.sum()
 
     def evaluate(self, points: np.ndarray) -> Gravity:
         """The field at points (N, 3) in m; large batches are computed by all of numba's threads.
@@ -108,18 +122,62 @@ class GravityField:
         points = np.asarray(points, dtype=np.float64)
         if points.ndim != 2 or points.shape[1] != 3:
             raise InputError(f"points must have shape (N, 3), got {points.shape}")
-        columns = self._columns(points - self._origin)
+        columns = self._parts[0].columns(points)
+        for part in self._parts[1:]:
+            columns += part.columns(points)
         gradient = columns[:, 4:13].reshape(-1, 3, 3)
         return Gravity(columns[:, 0], columns[:, 1:4], gradient, columns[:, 13] > 2.0 * np.pi)
 
-    def _columns(self, offsets: np.ndarray) -> np.ndarray:
-        """The kernel's columns (N, 14) at points (N, 3) relative to the centre of mass."""
+
+class _UniformPart:
+    """A polyhedron of one density: the kernel's tables and the masses of its far field."""
+
+    def __init__(self, shape: Polyhedron, density: float):
+        self.mass = density * shape.volume
+        # The tables are relative to the centre of mass, where the sums far away cancel least.
+        self.centre_of_mass = shape.centre_of_mass
+        self._tables = _tables(shape, self.centre_of_mass)
+        self._factor = GRAVITATIONAL_CONSTANT * density
+        size = float(np.linalg.norm(shape.vertices - self.centre_of_mass, axis=1).max())
+        self._masses, self._limits = np.empty((4, 0)), (size, np.inf)
+        self._masses, switch = fit_masses(lambda offsets: self._evaluate(offsets)[:, 0], size)
+        self._limits = (size, switch)
+
+    def columns(self, points: np.ndarray) -> np.ndarray:
+        """The kernel's columns (N, 14) at points (N, 3) in m in the mesh's frame."""
+        return self._evaluate(points - self.centre_of_mass)
+
+    def _evaluate(self, offsets: np.ndarray) -> np.ndarray:
         columns = np.empty((len(offsets), 14))
         parallel = len(offsets) >= _PARALLEL_FROM
         run = kernel.evaluate_parallel if parallel else kernel.evaluate_serial
         arguments = (*self._tables, self._masses, self._factor, self._limits, columns)
         run(offsets, *arguments)  # pyright: ignore[reportCallIssue]  (a tuple of known length)
         return columns
+
+
+def _uniform_bodies(
+    shape: Polyhedron, density: float, contrast: float
+) -> list[tuple[Polyhedron, float]]:
+    """The body as polyhedra of one density each, in kg/m^3, whose mean is `density`."""
+    if contrast == 0.0:
+        return [(shape, density)]
+    axis = int(np.argmax(shape.extents))
+    lower, upper = halves(shape, axis, shape.centre_of_mass[axis])
+    relative = (1.0 - contrast, 1.0 + contrast)
+    total = relative[0] * lower.volume + relative[1] * upper.volume
+    scale = density * shape.volume / total
+    return [(lower, relative[0] * scale), (upper, relative[1] * scale)]
+
+
+def _check_density(shape: Polyhedron, density: float) -> None:
+    low, high = PLAUSIBLE_DENSITY
+    if not low <= density <= high:
+        raise InputError(
+            f"{shape.name}: {density * shape.volume:.4g} kg in {shape.extents.max():.4g} m of "
+            f"length is {density:.3g} kg/m^3, which no body has ({low:g} to {high:g}); "
+            "is the mesh in the unit that was said (km or m)?"
+        )
 
 
 @functools.cache

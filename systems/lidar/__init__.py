@@ -2,11 +2,12 @@
 
 Start with `Lidar`, which casts rays at the mesh. `LearnedLidar` asks the trained network of a
 `LidarBundle` instead. Both derive from `PlanarLidar`, which has the ports and applies the
-`LidarErrors`; `LidarGeometry` has the planes and rays. A new kind of lidar is a class derived from
-`PlanarLidar` with its own `caster`. A new error is a field of `LidarErrors` with a random stream of
-its own.
+`LidarErrors`; `LidarGeometry` has the planes and rays, and `FrameDelay` delays whole frames. A new
+kind of lidar is a class derived from `PlanarLidar` with its own `true_returns`. A new error is a
+field of `LidarErrors` with a random stream of its own.
 """
 
+from proxops.systems.lidar.frame_delay import FrameDelay, delayed_frames
 from proxops.systems.lidar.learned_lidar import LearnedLidar
 from proxops.systems.lidar.lidar import Lidar
 from proxops.systems.lidar.lidar_bundle import (
@@ -38,6 +39,7 @@ __all__ = [
     "RANGES_OUTPUT",
     "RAY_NETWORK",
     "ChordFan",
+    "FrameDelay",
     "LearnedLidar",
     "Lidar",
     "LidarBundle",
@@ -45,5 +47,6 @@ __all__ = [
     "LidarGeometry",
     "PlanarLidar",
     "TrueReturns",
+    "delayed_frames",
     "ray_directions",
 ]

@@ -11,8 +11,11 @@ from proxops.systems.common import InputError
 from proxops.systems.lidar.lidar_bundle import FRAME_NETWORK, LidarBundle
 from proxops.systems.lidar.lidar_errors import DEFAULT_ERRORS, LidarErrors
 from proxops.systems.lidar.lidar_geometry import DEFAULT_GEOMETRY, LidarGeometry
-from proxops.systems.lidar.planar_lidar import Caster, PlanarLidar, TrueReturns
+from proxops.systems.lidar.planar_lidar import PlanarLidar, TrueReturns
 from proxops.systems.lidar.ray_chords import ChordFan
+
+# Greatest difference of a rotation matrix from the identity, in any element, that counts as none.
+_SAME_ATTITUDE = 1e-9
 
 
 class LearnedLidar(PlanarLidar):
@@ -22,16 +25,18 @@ class LearnedLidar(PlanarLidar):
                   ┌──────────────┐
     position ────►│ LearnedLidar ├─► ranges (planes * rays), m, plane by plane; +inf: no return
       (3), m, K   │              ├─► point_cloud (abstract PointCloud), m, relative to the
-                  └──────────────┘   spacecraft, in its axes; only rays that returned
+    attitude ────►│              │   spacecraft, in S; only rays that returned
+      (4)         └──────────────┘
     ```
 
     The network replaces the mesh and the ray caster and knows no noise. The sensor's errors are
     added to its ranges as `Lidar` adds them to the true ones: the same (seed, step) and the same
     number of returns give the same random numbers. The network does not know the angle at which a
-    ray meets the surface, so there is no limit on the angle of incidence.
+    ray meets the surface, nor what is beside the ray, so there is no limit on the angle of
+    incidence and no width of beams.
 
     The bundle decides the kind of network: ours answers for each ray; the paper's gives a whole
-    frame for a position, with the axes held to K, so it knows no attitude error.
+    frame for a position, so it refuses an attitude other than the identity.
     """
 
     def __init__(
@@ -49,7 +54,8 @@ class LearnedLidar(PlanarLidar):
 
         Args:
           bundle: the bundle or its folder.
-          errors, geometry, period, seed: as for `Lidar`, without a limit of incidence.
+          errors, geometry, period, seed: as for `Lidar`, without a limit of incidence and without a
+            beam width.
           hit_probability: a ray returns if our network gives its hit at least this probability;
             the paper's network gives ranges, not probabilities.
           shape_sha256: hash of the shape of the body flown at; None: the body of the bundle.
@@ -62,6 +68,11 @@ class LearnedLidar(PlanarLidar):
         if errors.max_incidence < math.pi / 2.0:
             raise InputError(
                 "a learned lidar does not know angles of incidence: leave out the limit"
+            )
+        if errors.beam_width > 0.0:
+            raise InputError(
+                "a learned lidar knows rays, not beams with a width: leave out beam_width, or fly "
+                "the lidar that casts rays"
             )
         if not 0.0 < hit_probability < 1.0:
             raise InputError(f"hit_probability must be between 0 and 1, got {hit_probability}")
@@ -76,30 +87,33 @@ class LearnedLidar(PlanarLidar):
             raise InputError(
                 f"{self.bundle.path} was trained on a body of another shape: train one on this body"
             )
-        if self.bundle.kind == FRAME_NETWORK and errors.attitude_error > 0.0:
-            raise InputError(
-                f"{self.bundle.path} gives whole frames for one attitude: attitude_error must be 0"
-            )
+        self._fan = None
+        if self.bundle.kind != FRAME_NETWORK:
+            self._fan = ChordFan(self.bundle.centre, self.bundle.semi_axes, self.directions)
         self._least_logit = math.log(hit_probability / (1.0 - hit_probability))
 
-    def caster(self, directions: np.ndarray) -> Caster:
-        """Returns a function that asks the network about rays along unit directions (R, 3) in K."""
-        if self.bundle.kind == FRAME_NETWORK:
-            return self._cast_frame
+    def true_returns(self, position: np.ndarray, rotation: np.ndarray | None = None) -> TrueReturns:
+        """The rays from a position (3,) in m in K that return: see `PlanarLidar`.
+
+        Raises:
+          InputError: the bundle is of the paper's kind, and the rotation is not the identity.
+        """
+        if self._fan is None:
+            return self._frame_returns(position, rotation)
         # The network describes a ray by its chord alone, so it answers for any direction.
-        fan = ChordFan(self.bundle.centre, self.bundle.semi_axes, directions)
+        chords = self._fan.chords(position[None], rotation)
+        logits, depths = self.bundle.predict(chords.ends)
+        hits = np.flatnonzero(logits >= self._least_logit)
+        ways = chords.starts[hits] + depths[hits].astype(np.float64) * chords.lengths[hits]
+        return TrueReturns(chords.rays[hits], ways)
 
-        def cast(position: np.ndarray) -> TrueReturns:
-            chords = fan.chords(position[None])
-            logits, depths = self.bundle.predict(chords.ends)
-            hits = np.flatnonzero(logits >= self._least_logit)
-            ways = chords.starts[hits] + depths[hits].astype(np.float64) * chords.lengths[hits]
-            return TrueReturns(chords.rays[hits], ways)
-
-        return cast
-
-    def _cast_frame(self, position: np.ndarray) -> TrueReturns:
-        """What the paper's network sees from a position (3,) in m in K."""
+    def _frame_returns(self, position: np.ndarray, rotation: np.ndarray | None) -> TrueReturns:
+        """What the paper's network sees."""
+        if rotation is not None and np.abs(rotation - np.eye(3)).max() > _SAME_ATTITUDE:
+            raise InputError(
+                f"{self.bundle.path} gives whole frames for the axes of K alone, and the attitude "
+                "differs from them: fly a ray network, or leave the attitude without error"
+            )
         ranges = self.bundle.predict_frame(position)
         hits = np.flatnonzero(ranges > 0.0)
         return TrueReturns(hits, ranges[hits])

@@ -6,21 +6,26 @@ import math
 
 import numpy as np
 
+from proxops.systems.lidar.beams import Beams
 from proxops.systems.lidar.lidar_errors import DEFAULT_ERRORS, LidarErrors, too_grazing
 from proxops.systems.lidar.lidar_geometry import DEFAULT_GEOMETRY, LidarGeometry
-from proxops.systems.lidar.planar_lidar import Caster, PlanarLidar, TrueReturns
+from proxops.systems.lidar.planar_lidar import PlanarLidar, TrueReturns, turned
 from proxops.systems.shapes import Polyhedron, ray_caster
 
 
 class Lidar(PlanarLidar):
-    """Planar lidars on a spacecraft whose axes are held to those of the body-fixed frame K.
+    """Planar lidars on a spacecraft that takes its axes S for those of the body-fixed frame K.
 
     ```
                   ┌───────┐
     position ────►│ Lidar ├─► ranges (planes * rays), m, plane by plane; +inf: no return
       (3), m, K   │       ├─► point_cloud (abstract PointCloud), m, relative to the
-                  └───────┘   spacecraft, in its axes; only rays that returned
+    attitude ────►│       │   spacecraft, in S; only rays that returned
+      (4)         └───────┘
     ```
+
+    `attitude` is R_KS as a unit quaternion (w, x, y, z). It may stay unconnected: then the axes of
+    S are those of K.
 
     `LidarErrors` says what is wrong with the ranges. All random numbers are a pure function of
     (seed, step): the seed is a numeric parameter in the Context, and the step is the number of
@@ -51,17 +56,22 @@ class Lidar(PlanarLidar):
         """
         super().__init__(errors, geometry, period, seed)
         self._normals = shape.normals
-        self._ray_caster = ray_caster(shape)
+        self._fan = ray_caster(shape).fan(self.directions)
+        self._beams = Beams(shape, geometry, errors.beam_width) if errors.beam_width > 0.0 else None
 
-    def caster(self, directions: np.ndarray) -> Caster:
-        """Returns a function that casts rays along unit directions (planes * rays, 3) in K."""
-        fan, max_incidence = self._ray_caster.fan(directions), self.errors.max_incidence
-
-        def cast(position: np.ndarray) -> TrueReturns:
-            _, rays, distances, facets = fan.hits(position[None])
-            grazing = None
-            if max_incidence < math.pi / 2.0:
-                grazing = too_grazing(self._normals[facets], directions[rays], max_incidence)
+    def true_returns(self, position: np.ndarray, rotation: np.ndarray | None = None) -> TrueReturns:
+        """The rays from a position (3,) in m in K that meet the mesh: see `PlanarLidar`."""
+        _, rays, distances, facets = self._fan.hits(position[None], rotation)
+        grazing, max_incidence = None, self.errors.max_incidence
+        if max_incidence < math.pi / 2.0:
+            directions = turned(self.directions[rays], rotation)
+            grazing = too_grazing(self._normals[facets], directions, max_incidence)
+        if self._beams is None:
             return TrueReturns(rays, distances.astype(np.float64), grazing)
-
-        return cast
+        ranges = self._beams.ranges(position, rotation, rays, distances, facets)
+        found = np.flatnonzero(ranges < np.inf)
+        if grazing is not None:
+            of_all = np.zeros(ranges.size, dtype=bool)
+            of_all[rays] = grazing
+            grazing = of_all[found]
+        return TrueReturns(found, ranges[found], grazing)

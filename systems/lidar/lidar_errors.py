@@ -2,8 +2,8 @@
 
 All random numbers are a pure function of (seed, step). Each effect draws from a stream of its own,
 for every ray that truly returns (false returns: for every ray). So switching one effect on or off
-leaves the numbers of the others as they are. The axis of the attitude error depends on the seed
-alone: the mount stays as crooked as it is.
+leaves the numbers of the others as they are. Where an effect changes which rays return, the k-th
+return still gets the k-th number.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 
 from proxops.systems.common import LARGEST, InputError, check_not_negative, generator
 
-NOISE_STREAM, DROPOUT_STREAM, FALSE_RETURN_STREAM, ATTITUDE_STREAM = range(4)
+NOISE_STREAM, DROPOUT_STREAM, FALSE_RETURN_STREAM, FRAME_LOSS_STREAM = range(4)
 """Streams of `counter_noise.generator`."""
 
 
@@ -36,8 +36,11 @@ class LidarErrors:
     """Probability that a return is lost."""
     false_returns: float = 0.0
     """Probability that a ray gives a random range, up to the maximum range, where nothing is."""
-    attitude_error: float = 0.0
-    """Angle in rad by which all rays are turned from their nominal directions."""
+    beam_width: float = 0.0
+    """Full angle in rad of a ray's cone, up to 0.1: the ray reads the nearest surface in the cone.
+    0: the ray is a line. `max_incidence` is about the cone's axis, where that meets a surface."""
+    frame_loss: float = 0.0
+    """Probability that a whole frame is lost: no ray of it returns."""
 
     def __post_init__(self) -> None:
         """Raises `InputError` for errors that no lidar has."""
@@ -52,11 +55,8 @@ class LidarErrors:
             ),
             (0.0 <= self.dropout <= 1.0, "dropout from 0 to 1", self.dropout),
             (0.0 <= self.false_returns <= 1.0, "false_returns from 0 to 1", self.false_returns),
-            (
-                0.0 <= self.attitude_error <= math.pi,
-                "attitude_error from 0 to pi",
-                self.attitude_error,
-            ),
+            (0.0 <= self.beam_width <= 0.1, "beam_width from 0 to 0.1 rad", self.beam_width),
+            (0.0 <= self.frame_loss <= 1.0, "frame_loss from 0 to 1", self.frame_loss),
         ):
             if not good:
                 raise InputError(f"a lidar needs {what}, got {got}")
@@ -106,17 +106,13 @@ def false_ranges(
     at a range that is uniform up to the maximum range. A lidar takes the first return, so it reads
     the lesser of the false and the true range.
     """
-    draws = generator(seed, step, FALSE_RETURN_STREAM).random((2, count))
-    return np.where(draws[0] < probability, max_range * draws[1], np.inf)
+    random = generator(seed, step, FALSE_RETURN_STREAM)
+    ranges = np.full(count, np.inf)
+    false = random.random(count) < probability
+    ranges[false] = max_range * random.random(np.count_nonzero(false))
+    return ranges
 
 
-def misaligned(directions: np.ndarray, angle: float, seed: int) -> np.ndarray:
-    """True directions (R, 3) of rays with nominal unit directions (R, 3): turned by `angle` in rad.
-
-    The axis is drawn from the seed, uniform over the sphere. The formula is Rodrigues'.
-    """
-    axis = generator(seed, 0, ATTITUDE_STREAM).standard_normal(3)
-    axis /= np.linalg.norm(axis)
-    along = (directions @ axis)[:, None] * axis
-    across = np.cross(axis, directions)
-    return along + math.cos(angle) * (directions - along) + math.sin(angle) * across
+def frame_is_lost(probability: float, seed: int, step: int) -> bool:
+    """Whether the whole frame of a step is lost, with the given probability."""
+    return bool(generator(seed, step, FRAME_LOSS_STREAM).random() < probability)

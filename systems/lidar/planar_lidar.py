@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-import functools
 import math
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.perception import PointCloud
 
-from proxops.systems.common import InputError, SeededSystem
+from proxops.systems.common import InputError, SeededSystem, rotation_matrix
 from proxops.systems.lidar.lidar_errors import (
     LidarErrors,
     false_ranges,
+    frame_is_lost,
     lost_by_chance,
     measured_ranges,
-    misaligned,
 )
 from proxops.systems.lidar.lidar_geometry import LidarGeometry
 
@@ -34,21 +32,21 @@ class TrueReturns(NamedTuple):
     does."""
 
 
-Caster = Callable[[np.ndarray], TrueReturns]
-"""Gives the true returns of fixed rays from a position (3,) in m in K, at any range."""
+def turned(directions: np.ndarray, rotation: np.ndarray | None) -> np.ndarray:
+    """Directions (R, 3) in S, turned into K by a matrix R_KS (3, 3); None: the same axes."""
+    return directions if rotation is None else directions @ rotation.T
 
 
 class PlanarLidar(SeededSystem):
-    """Planar lidars on a spacecraft whose axes are held to those of the body-fixed frame K.
+    """Planar lidars on a spacecraft that takes its axes S for those of the body-fixed frame K.
 
-    A derived class defines `caster`, which says what rays meet the body, and how far away. This
-    class adds the ports and the errors that `Lidar` describes.
+    A derived class defines `true_returns`, which says what rays meet the body, and how far away.
+    This class adds the ports and the errors that `Lidar` describes.
 
     Attributes:
       errors: what is wrong with the measured ranges.
       geometry: planes, rays and greatest range.
-      directions: (planes * rays, 3) unit vectors, where the rays nominally point. With an attitude
-        error they point elsewhere.
+      directions: (planes * rays, 3) unit vectors in S, along which the rays point.
     """
 
     def __init__(self, errors: LidarErrors, geometry: LidarGeometry, period: float, seed: int):
@@ -63,11 +61,10 @@ class PlanarLidar(SeededSystem):
             raise InputError("a lidar with false_returns needs a finite max_range")
         self.errors, self.geometry = errors, geometry
         self.directions = geometry.directions
-        # The caster depends on the seed alone. It is kept because making one takes longer than
-        # casting one frame.
-        self._caster_of = functools.lru_cache(maxsize=2)(self._make_caster)
         self._position_port = self.DeclareVectorInputPort(name="position", size=3)
-        depends = {self._position_port.ticket(), *self.seed_tickets()}
+        self._attitude_port = self.DeclareVectorInputPort(name="attitude", size=4)
+        pose = {self._position_port.ticket(), self._attitude_port.ticket()}
+        depends = pose | self.seed_tickets()
         self._ranges_port = self.DeclareVectorOutputPort(
             name="ranges",
             size=geometry.size,
@@ -81,40 +78,50 @@ class PlanarLidar(SeededSystem):
             prerequisites_of_calc=depends,
         )
 
-    def caster(self, directions: np.ndarray) -> Caster:
-        """Returns a function that casts rays along unit directions (planes * rays, 3) in K."""
-        raise NotImplementedError
-
-    def true_returns(self, position: np.ndarray, seed: int | None = None) -> TrueReturns:
-        """The rays from a position (3,) in m in K that meet the body, at any range, without noise.
+    def true_returns(self, position: np.ndarray, rotation: np.ndarray | None = None) -> TrueReturns:
+        """The rays that meet the body, at any range, without the errors of ranges.
 
         Args:
-          seed: gives the axis of the attitude error, if there is one; None: the default seed.
+          position: (3,) in m in K.
+          rotation: R_KS (3, 3): the rays point along it times `directions`. None: the identity.
         """
-        turned = self.errors.attitude_error > 0.0
-        return self._caster_of((self.seed if seed is None else seed) if turned else 0)(position)
+        raise NotImplementedError
 
-    def _make_caster(self, seed: int) -> Caster:
-        angle = self.errors.attitude_error
-        return self.caster(misaligned(self.directions, angle, seed) if angle else self.directions)
-
-    def frames(self, times: np.ndarray, positions: np.ndarray, seed: int) -> np.ndarray:
+    def frames(
+        self,
+        times: np.ndarray,
+        positions: np.ndarray,
+        seed: int,
+        attitudes: np.ndarray | None = None,
+    ) -> np.ndarray:
         """The frames (N, planes, rays), float32, that the port `ranges` gives.
 
         Args:
           times: (N,) in s. positions: (N, 3) in m in K. seed: the seed of the random numbers.
+          attitudes: (N, 4), R_KS as unit quaternions (w, x, y, z); None: as if the port were not
+            connected.
+
+        Raises:
+          InputError: an attitude is no quaternion, or this lidar knows one attitude only.
         """
         geometry = self.geometry
         frames = np.empty((len(times), geometry.planes, geometry.rays), dtype=np.float32)
-        for k, (now, position) in enumerate(zip(times, positions, strict=True)):
+        turns = [None] * len(times) if attitudes is None else map(rotation_matrix, attitudes)
+        rows = zip(frames, times, positions, turns, strict=True)
+        for frame, now, position, rotation in rows:
             step = round(now / self.period)
-            frames[k] = self._ranges(position, seed, step).reshape(frames.shape[1:])
+            frame[:] = self._ranges(position, rotation, seed, step).reshape(frame.shape)
         return frames
 
-    def _ranges(self, position: np.ndarray, seed: int, step: int) -> np.ndarray:
+    def _ranges(
+        self, position: np.ndarray, rotation: np.ndarray | None, seed: int, step: int
+    ) -> np.ndarray:
         """The frame (planes * rays,) in m, float64."""
         errors, max_range = self.errors, self.geometry.max_range
-        rays, distances, grazing = self.true_returns(position, seed)
+        ranges = np.full(self.geometry.size, np.inf)
+        if errors.frame_loss > 0.0 and frame_is_lost(errors.frame_loss, seed, step):
+            return ranges
+        rays, distances, grazing = self.true_returns(position, rotation)
         near = distances <= max_range
         # Noise is drawn for every return in range before any is lost, so that dropout leaves the
         # noise of the others as it is.
@@ -123,7 +130,6 @@ class PlanarLidar(SeededSystem):
             found[grazing[near]] = np.inf
         if errors.dropout > 0.0:
             found[lost_by_chance(found.size, errors.dropout, seed, step)] = np.inf
-        ranges = np.full(self.geometry.size, np.inf)
         ranges[rays[near]] = found
         if errors.false_returns > 0.0:
             false = false_ranges(ranges.size, errors.false_returns, max_range, seed, step)
@@ -131,8 +137,11 @@ class PlanarLidar(SeededSystem):
         return ranges
 
     def _calc_ranges(self, context, output):
-        position = self._position_port.Eval(context)
-        output.SetFromVector(self._ranges(position, self.seed_of(context), self.step_of(context)))
+        position, rotation = self._position_port.Eval(context), None
+        if self._attitude_port.HasValue(context):
+            rotation = rotation_matrix(self._attitude_port.Eval(context))
+        seed, step = self.seed_of(context), self.step_of(context)
+        output.SetFromVector(self._ranges(position, rotation, seed, step))
 
     def _calc_point_cloud(self, context, output):
         ranges = self._ranges_port.Eval(context)

@@ -25,7 +25,7 @@ class Chords(NamedTuple):
 
 
 class ChordFan:
-    """Rays in fixed directions, cut to their chords through an ellipsoid.
+    """Rays in fixed directions, turned as a whole if need be, cut to chords through an ellipsoid.
 
     What a ray from outside the ellipsoid meets depends on its line alone, so two points on the
     surface describe it. For a position inside the ellipsoid the chord begins at the position.
@@ -47,25 +47,35 @@ class ChordFan:
         directions = np.asarray(directions, dtype=np.float64)
         if directions.ndim != 2 or directions.shape[1] != 3:
             raise InputError(f"directions must have shape (R, 3), got {directions.shape}")
-        self._scaled = directions / self.semi_axes
-        self._squared = np.einsum("ri,ri->r", self._scaled, self._scaled)
+        self._directions = directions
+        self._scaled, self._squared = self._in_unit_ball(directions)
 
-    def chords(self, positions: np.ndarray) -> Chords:
+    def _in_unit_ball(self, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Directions (R, 3) in the ball's coordinates, and the squares (R,) of their lengths."""
+        scaled = directions / self.semi_axes
+        return scaled, np.einsum("ri,ri->r", scaled, scaled)
+
+    def chords(self, positions: np.ndarray, rotation: np.ndarray | None = None) -> Chords:
         """The chords of the rays from positions (N, 3) in m; the memory needed grows with N R.
+
+        With a rotation matrix (3, 3), every ray points along it times its direction.
 
         With q and e the position and the direction in the unit ball's coordinates, |q + t e|² = 1
         is a quadratic in the distance t.
         """
         q = (positions - self.centre) / self.semi_axes
-        half = q @ self._scaled.T
+        scaled, squared = self._scaled, self._squared
+        if rotation is not None:
+            scaled, squared = self._in_unit_ball(self._directions @ rotation.T)
+        half = q @ scaled.T
         rest = np.einsum("ni,ni->n", q, q)[:, None] - 1.0
-        discriminant = half * half - self._squared * rest
+        discriminant = half * half - squared * rest
         # The chord is ahead if the position is inside (rest < 0) or the ray points inwards (half <
         # 0).
         met = np.flatnonzero((discriminant > 0.0) & ((rest < 0.0) | (half < 0.0)))
         places, rays = np.divmod(met, half.shape[1])
         root = np.sqrt(discriminant.ravel()[met])
-        middle, squared, scaled = -half.ravel()[met], self._squared[rays], self._scaled[rays]
+        middle, squared, scaled = -half.ravel()[met], squared[rays], scaled[rays]
         starts = np.maximum((middle - root) / squared, 0.0)
         stops = (middle + root) / squared
         first = q[places]

@@ -44,12 +44,13 @@ class NeuralPolicy(LeafSystem):
     ```
     ranges (planes * rays) ──►┌──────────────┐
     target (6) ──────────────►│ NeuralPolicy ├─► force (3), N
-    applied_force (3) ───────►│              ├─► estimate (6): position and velocity, NaN if none
+    commanded_force (3) ─────►│              ├─► estimate (6): position and velocity, NaN if none
                               └──────────────┴─► record (2): wall time in s, PolicyStatus
     ```
 
     Ranges are in m, +inf where nothing returned. The other vectors are in K, in m, m/s and N.
-    `applied_force` is the force that acted over the last period: the output of the thrusters' hold.
+    `commanded_force` is the command that was held over the last period, after runtime assurance and
+    the thrust limit. What truly acted may differ, and the policy is not told.
 
     The network's memory is discrete state in the Context. It is zero at first and is replaced every
     `period`. The command is clipped to the thrust limit. A policy must not end a flight: if its
@@ -88,7 +89,7 @@ class NeuralPolicy(LeafSystem):
         _check_fit(self.bundle, period, geometry, shape_sha256)
         self._ranges_port = self.DeclareVectorInputPort(name="ranges", size=geometry.size)
         self._target_port = self.DeclareVectorInputPort(name="target", size=6)
-        self._applied_port = self.DeclareVectorInputPort(name="applied_force", size=3)
+        self._commanded_port = self.DeclareVectorInputPort(name="commanded_force", size=3)
         self._memory = self.DeclareDiscreteState(self.bundle.memory)
         nothing = PolicyAnswer(
             np.zeros(3), np.full(6, np.nan), np.zeros(self.bundle.memory),
@@ -102,7 +103,7 @@ class NeuralPolicy(LeafSystem):
             {
                 self._ranges_port.ticket(),
                 self._target_port.ticket(),
-                self._applied_port.ticket(),
+                self._commanded_port.ticket(),
                 self.xd_ticket(),
             },
         )
@@ -132,10 +133,10 @@ class NeuralPolicy(LeafSystem):
     def _calc_answer(self, context, value):
         ranges = self._ranges_port.Eval(context)
         target = self._target_port.Eval(context)
-        applied_force = self._applied_port.Eval(context)
+        commanded_force = self._commanded_port.Eval(context)
         memory = context.get_discrete_state(self._memory).value()
         value.set_value(
-            policy_answer(self.bundle, ranges, target, applied_force, memory, self.thrust_limit)
+            policy_answer(self.bundle, ranges, target, commanded_force, memory, self.thrust_limit)
         )
 
     def _calc_force(self, context, output):
@@ -156,7 +157,7 @@ def policy_answer(
     bundle: PolicyBundle,
     ranges: np.ndarray,
     target: np.ndarray,
-    applied_force: np.ndarray,
+    commanded_force: np.ndarray,
     memory: np.ndarray,
     thrust_limit: float,
 ) -> PolicyAnswer:
@@ -164,7 +165,8 @@ def policy_answer(
 
     Args:
       ranges: (planes * rays) in m, +inf where nothing returned. target: (6,) in m and m/s.
-      applied_force: (3,) in N over the last period. memory: of the last answer, at first zeros.
+      commanded_force: (3,) in N, held over the last period.
+      memory: of the last answer, at first zeros.
       thrust_limit: greatest force per axis in N.
 
     Raises:
@@ -172,7 +174,7 @@ def policy_answer(
     """
     started = time.perf_counter()
     try:
-        answer = run_network(bundle.session, ranges, target, applied_force, memory)
+        answer = run_network(bundle.session, ranges, target, commanded_force, memory)
     except Exception as error:  # ONNX Runtime's exceptions have no common type.
         if not _is_index_out_of_range(error):
             raise RuntimeError(f"the network of {bundle.path} failed: {error}") from error

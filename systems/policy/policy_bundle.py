@@ -16,14 +16,17 @@ if typing.TYPE_CHECKING:
 
 POLICY_FORMAT = "proxops policy 1"
 POLICY_FILE = "policy.json"
-POLICY_INPUTS = ("ranges", "target", "applied_force", "memory")
+POLICY_INPUTS = ("ranges", "target", "commanded_force", "memory")
 POLICY_OUTPUTS = ("force", "estimate", "next_memory")
 """Names of the network's inputs and outputs; each is one row of float32.
 
 Inputs: ranges (planes * rays) in m, +inf where nothing returned; target (6) in m and m/s; the force
-(3) in N that was applied over the last period, 0 at the first step; memory, 0 at the start of a
-flight. Outputs: force (3) in N; estimate (6) of position and velocity in m and m/s, NaN if the
-network makes none; the memory for the next step."""
+(3) in N that was commanded over the last period, 0 at the first step; memory, 0 at the start of a
+flight. Networks of 0.2.0 call the third input applied_force. Outputs: force (3) in N; estimate (6)
+of position and velocity in m and m/s, NaN if the network makes none; the memory for the next
+step."""
+# Today's names of the inputs of networks that 0.2.0 exported.
+_OLD_INPUTS = {"applied_force": "commanded_force"}
 _KIND = BundleKind(
     noun="policy",
     file=POLICY_FILE,
@@ -102,7 +105,7 @@ def check_network(session: ort.InferenceSession, rays: int, memory: int) -> None
       rays: number of rays in all planes. memory: length of the memory.
     """
     sizes = {
-        "ranges": rays, "target": 6, "applied_force": 3, "memory": memory,
+        "ranges": rays, "target": 6, "commanded_force": 3, "memory": memory,
         "force": 3, "estimate": 6, "next_memory": memory,
     }  # fmt: skip
     for kind, names, values in (
@@ -110,7 +113,10 @@ def check_network(session: ort.InferenceSession, rays: int, memory: int) -> None
         ("outputs", POLICY_OUTPUTS, session.get_outputs()),
     ):
         wanted = {name: ("tensor(float)", [1, sizes[name]]) for name in names}
-        got = {value.name: (value.type, list(value.shape)) for value in values}
+        got = {
+            _OLD_INPUTS.get(value.name, value.name): (value.type, list(value.shape))
+            for value in values
+        }
         if got != wanted:
             raise InputError(f"the network's {kind} are {got}, not {wanted}")
 
@@ -119,14 +125,20 @@ def run_network(
     session: ort.InferenceSession,
     ranges: np.ndarray,
     target: np.ndarray,
-    applied_force: np.ndarray,
+    commanded_force: np.ndarray,
     memory: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Runs the network once: force (3,), estimate (6,) and next memory, all float32."""
-    vectors = (ranges, target, applied_force, memory)
+    given = {
+        "ranges": ranges,
+        "target": target,
+        "commanded_force": commanded_force,
+        "memory": memory,
+    }
+    names = [value.name or "" for value in session.get_inputs()]
     rows = {
-        name: np.asarray(vector, dtype=np.float32)[None]
-        for name, vector in zip(POLICY_INPUTS, vectors, strict=True)
+        name: np.asarray(given[_OLD_INPUTS.get(name, name)], dtype=np.float32)[None]
+        for name in names
     }
     force, estimate, next_memory = (np.asarray(row)[0] for row in session.run(POLICY_OUTPUTS, rows))
     return force, estimate, next_memory

@@ -2,11 +2,14 @@
 
 Start with `Polyhedron`, the mesh that gravity, lidar and flight monitor share, and `read_mesh`,
 which reads mesh files. `mesh_checks` finds what is wrong with a mesh and `mesh_repair` repairs it.
-`ellipsoid` has the geometry of the keep-out ellipsoid, and `RayCaster` casts rays. Almost
+`ellipsoid` has the geometry of the keep-out ellipsoid, and `RayCaster` casts rays. A true body that
+differs from its map is made by `displaced`, a smooth random displacement of the surface, or
+`registered`, which moves another mesh of the body onto the map; `halves` cuts a body in two. Almost
 everything is a plain function on arrays; nothing here knows gravity, spacecraft or Drake's systems.
 A new check of meshes belongs in `mesh_checks`, a new repair in `mesh_repair`.
 """
 
+from proxops.systems.shapes.displacement import displaced
 from proxops.systems.shapes.ellipsoid import (
     blocks_segment,
     clearances,
@@ -23,8 +26,10 @@ from proxops.systems.shapes.mesh_checks import (
     smallest_angles,
 )
 from proxops.systems.shapes.mesh_repair import repair_mesh
+from proxops.systems.shapes.plane_split import halves
 from proxops.systems.shapes.polyhedron import Polyhedron
 from proxops.systems.shapes.ray_casting import RayCaster, RayFan, ray_caster
+from proxops.systems.shapes.registration import registered
 from proxops.systems.shapes.self_intersection import self_intersections
 from proxops.systems.shapes.shape_files import (
     MESH_FORMATS,
@@ -46,13 +51,16 @@ __all__ = [
     "blocks_segment",
     "clearances",
     "closest_point",
+    "displaced",
     "find_defects",
     "flat_facets",
+    "halves",
     "mass_properties",
     "mesh_bytes",
     "metres_per",
     "ray_caster",
     "read_mesh",
+    "registered",
     "repair_mesh",
     "self_intersections",
     "shell_labels",

@@ -11,6 +11,7 @@ from embreex.rtcore import EmbreeDevice
 from embreex.rtcore_scene import EmbreeScene
 
 from proxops.systems.common import InputError
+from proxops.systems.shapes._turned_rays import turned_rays
 from proxops.systems.shapes.polyhedron import Polyhedron
 
 # Rays in a batch: enough to hide Python's overhead, few enough to stay in the processor's cache.
@@ -72,7 +73,7 @@ class RayCaster:
 
 
 class RayFan:
-    """Rays in fixed directions, cast from any position.
+    """Rays in fixed directions, cast from any position, and turned as a whole if need be.
 
     From outside, most rays point away from the body. Only rays that meet an ellipsoid around the
     mesh are cast: in coordinates that make it the unit ball, a ray from q along the unit vector e
@@ -91,6 +92,7 @@ class RayFan:
         if directions.ndim != 2 or directions.shape[1] != 3:
             raise InputError(f"directions must have shape (R, 3), got {directions.shape}")
         self._scene = caster.scene
+        self._exact = np.array(directions, dtype=np.float64)
         self._directions = np.ascontiguousarray(directions, dtype=np.float32)
         vertices = caster.shape.vertices
         self._centre = 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))
@@ -101,21 +103,34 @@ class RayFan:
         scaled /= np.linalg.norm(scaled, axis=1, keepdims=True)
         self._scaled = np.ascontiguousarray(scaled.T, dtype=np.float32)
 
-    def hits(self, positions: np.ndarray) -> Hits:
-        """The hits of the rays from positions (N, 3) in m; the memory needed grows with N R."""
+    def hits(self, positions: np.ndarray, rotation: np.ndarray | None = None) -> Hits:
+        """The hits of the rays from positions (N, 3) in m; the memory needed grows with N R.
+
+        Args:
+          positions: where the rays begin, in the mesh's frame.
+          rotation: a matrix (3, 3): every ray points along it times its direction. None: along its
+            direction.
+        """
+        if rotation is None:
+            aimed = self._aimed(positions)
+            places, rays = np.divmod(np.flatnonzero(aimed), aimed.shape[1])
+            origins = positions.astype(np.float32).take(places, axis=0)
+            directions = self._directions.take(rays, axis=0)
+        else:
+            places, rays, origins, directions = turned_rays(
+                positions, self._centre, self._axes, _COSINE_MARGIN, rotation, self._exact
+            )
+        found = self._scene.run(origins, directions, output=True)
+        met = np.flatnonzero(found["primID"] >= 0)
+        return Hits(places[met], rays[met], found["tfar"][met], found["primID"][met])
+
+    def _aimed(self, positions: np.ndarray) -> np.ndarray:
+        """Which rays (N, R), bool, meet the ellipsoid from positions (N, 3)."""
         q = (positions - self._centre) / self._axes
         squared = np.einsum("ni,ni->n", q, q)
         tangent = np.sqrt(np.maximum(squared - 1.0, 0.0)) - _COSINE_MARGIN * np.sqrt(squared)
         tangent[squared <= 1.0] = -np.inf  # From inside, every ray may meet the mesh.
-        aimed = (-q).astype(np.float32) @ self._scaled >= tangent.astype(np.float32)[:, None]
-        places, rays = np.divmod(np.flatnonzero(aimed), aimed.shape[1])
-        found = self._scene.run(
-            positions.astype(np.float32).take(places, axis=0),
-            self._directions.take(rays, axis=0),
-            output=True,
-        )
-        met = np.flatnonzero(found["primID"] >= 0)
-        return Hits(places[met], rays[met], found["tfar"][met], found["primID"][met])
+        return (-q).astype(np.float32) @ self._scaled >= tangent.astype(np.float32)[:, None]
 
     def frames(self, positions: np.ndarray) -> np.ndarray:
         """Distances (N, R) in m from positions (N, 3): see `RayCaster.frames`."""

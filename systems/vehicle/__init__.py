@@ -1,13 +1,18 @@
 """The spacecraft, its thrusters, what disturbs it, and the monitor of its flight.
 
 Start with `Spacecraft`, the equations of motion in K. `RandomWalkDisturbance` and `ForceNoise`
-disturb the commanded force, `Thrusters` limits it and `DelayedHold` delays it. `VelocityKicks`
-accelerates the spacecraft at random, and `StateNoise` adds errors to a state. `FlightMonitor` finds
-arrival, collision and keep-out violations as events. `state_prediction` has plain functions that
-predict the motion. A new disturbance is a `SeededSystem` with a force in and a force out. Its
-random numbers must depend on its seed and the control step alone.
+disturb the commanded force, `Thrusters` limits it and `DelayedHold` delays it. `ActualThrust` makes
+of the held command what thrusters with errors give. `AttitudeError` is how the spacecraft's axes S
+are turned against K. `VelocityKicks` and `UnexplainedAcceleration` push the spacecraft from
+outside, and `StateNoise` adds errors to a state. `FlightMonitor` finds arrival, collision and
+keep-out violations as events. `state_prediction` has plain functions that predict the motion, and
+`gauss_markov_at` is the process behind errors that vary slowly. A new disturbance is a
+`SeededSystem` with a force in and a force out. Its random numbers must depend on its seed and on
+time alone.
 """
 
+from proxops.systems.vehicle.actual_thrust import ActualThrust, ThrusterErrors, thrust_given
+from proxops.systems.vehicle.attitude_error import AttitudeError, believed_axes
 from proxops.systems.vehicle.delayed_hold import DelayedHold
 from proxops.systems.vehicle.flight_monitor import (
     COLLIDED,
@@ -17,8 +22,15 @@ from proxops.systems.vehicle.flight_monitor import (
     FlightMonitor,
 )
 from proxops.systems.vehicle.force_noise import ForceNoise
+from proxops.systems.vehicle.gauss_markov import gauss_markov_at
 from proxops.systems.vehicle.random_walk_disturbance import RandomWalkDisturbance
-from proxops.systems.vehicle.spacecraft import Spacecraft, Spacecraft_, jacobi_integral
+from proxops.systems.vehicle.spacecraft import (
+    Spacecraft,
+    Spacecraft_,
+    cross_matrix,
+    jacobi_integral,
+    spinning_frame_acceleration,
+)
 from proxops.systems.vehicle.state_noise import StateNoise
 from proxops.systems.vehicle.state_prediction import (
     moved_by,
@@ -26,6 +38,7 @@ from proxops.systems.vehicle.state_prediction import (
     unexplained_acceleration,
 )
 from proxops.systems.vehicle.thrusters import Thrusters
+from proxops.systems.vehicle.unexplained_push import UnexplainedAcceleration
 from proxops.systems.vehicle.velocity_kicks import VelocityKicks
 
 __all__ = [
@@ -33,6 +46,8 @@ __all__ = [
     "ENTERED_GOAL",
     "NEVER",
     "VIOLATIONS",
+    "ActualThrust",
+    "AttitudeError",
     "DelayedHold",
     "FlightMonitor",
     "ForceNoise",
@@ -40,10 +55,17 @@ __all__ = [
     "Spacecraft",
     "Spacecraft_",
     "StateNoise",
+    "ThrusterErrors",
     "Thrusters",
+    "UnexplainedAcceleration",
     "VelocityKicks",
+    "believed_axes",
+    "cross_matrix",
+    "gauss_markov_at",
     "jacobi_integral",
     "moved_by",
     "predicted_state",
+    "spinning_frame_acceleration",
+    "thrust_given",
     "unexplained_acceleration",
 ]

@@ -22,6 +22,17 @@ NEVER = 1e15
 ENTERED_GOAL, VIOLATIONS, COLLIDED, FINISHED = range(4)
 
 
+def containing_ellipsoid(semi_axes: np.ndarray, vertices: np.ndarray) -> np.ndarray:
+    """Semi-axes (3,) of an ellipsoid that contains a mesh: the given ones, or all longer alike.
+
+    Args:
+      semi_axes: (3,) of an ellipsoid about the origin. vertices: (N, 3) of the mesh, in one unit.
+    """
+    level = float(np.sqrt(np.sum((vertices / semi_axes) ** 2, axis=1).max()))
+    # The margin is for rounding.
+    return semi_axes if level <= 1.0 else (1.0 + 1e-9) * level * semi_axes
+
+
 class FlightMonitor(LeafSystem):
     """Detects arrival, keep-out violations and collision, and ends the flight.
 
@@ -57,8 +68,8 @@ class FlightMonitor(LeafSystem):
         """Takes the true body and what counts as arrival and as violation.
 
         Args:
-          field: the body's field in K, which knows what is inside the body.
-          keep_out_semi_axes: (3,) in m, of an ellipsoid that contains the whole mesh.
+          field: the true body's field in K, which knows what is inside the body.
+          keep_out_semi_axes: (3,) in m, of the keep-out ellipsoid. The true mesh may stick out.
           radius, speed: size of the goal region in m and m/s.
           dwell: time in s in the goal region after which the flight ends.
           tolerance: depth in m from which the keep-out ellipsoid counts as violated.
@@ -73,6 +84,7 @@ class FlightMonitor(LeafSystem):
         check_positive("the keep-out ellipsoid", **axes)
         check_not_negative("FlightMonitor", dwell=dwell, tolerance=tolerance)
         self._field, self._keep_out = field, np.asarray(keep_out_semi_axes, dtype=np.float64)
+        self._around = containing_ellipsoid(self._keep_out, field.shape.vertices)
         self._radius, self._speed, self._dwell = radius, speed, dwell
         self._tolerance = tolerance
         self._caster = ray_caster(field.shape)
@@ -122,7 +134,7 @@ class FlightMonitor(LeafSystem):
 
     def _calc_outside_body(self, context) -> float:
         position = self._state_port.Eval(context)[:3]
-        if np.sum((position / self._keep_out) ** 2) >= 1.0:
+        if np.sum((position / self._around) ** 2) >= 1.0:
             return 1.0
         return -1.0 if self._field.evaluate(position[None]).inside[0] else 1.0
 
@@ -148,7 +160,7 @@ class FlightMonitor(LeafSystem):
             outcome[VIOLATIONS] += 1.0
         self._mark(context, discrete_state, outcome[VIOLATIONS])
         start, end = last[:3], state[:3]
-        if blocks_segment(self._keep_out, start, end) and self._hits_body(start, end):
+        if blocks_segment(self._around, start, end) and self._hits_body(start, end):
             outcome[COLLIDED] = 1.0
             return EventStatus.ReachedTermination(self, "collision: a corner of the body was cut")
         return EventStatus.Succeeded()

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from pydrake.systems.framework import BasicVector_, LeafSystem_
 from pydrake.systems.scalar_conversion import TemplateSystem
 
 from proxops.systems.common import LARGEST, InputError, check_positive
+from proxops.systems.vehicle._vectors import finite_vector
+
+# Below this share of the first mass, all propellant must have been used up long ago.
+_LEAST_MASS = 1e-3
 
 
 def rotating_frame_acceleration(position, velocity, gravity, force, mass: float, spin: float):
@@ -24,6 +30,29 @@ def rotating_frame_acceleration(position, velocity, gravity, force, mass: float,
     return gravity + coriolis + centrifugal + force / mass
 
 
+def cross_matrix(vector) -> np.ndarray:
+    """The matrix (3, 3) W of a vector w (3,), for which W v is w x v."""
+    x, y, z = vector
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
+def spinning_frame_acceleration(position, velocity, gravity, force, mass, turn, axis_point):
+    """The acceleration in K: r'' = g(r) - 2 w x r' - w x (w x (r - c)) + F / m, for any axis.
+
+    It is that of `rotating_frame_acceleration` if the axis is z.
+
+    Args:
+      position, velocity, gravity, force: (3,) in K, in m, m/s, m/s^2 and N.
+      mass: kg.
+      turn: `cross_matrix` of w, (3, 3) in rad/s, constant in K.
+      axis_point: c (3,) in m: a point of the spin axis.
+
+    Returns:
+      (3,) in m/s^2, in K, for any scalar type.
+    """
+    return gravity - turn @ (2.0 * velocity + turn @ (position - axis_point)) + force / mass
+
+
 def jacobi_integral(
     positions: np.ndarray, velocities: np.ndarray, potentials: np.ndarray, spin: float
 ) -> np.ndarray:
@@ -36,75 +65,140 @@ def jacobi_integral(
     return kinetic - 0.5 * spin**2 * np.sum(positions[:, :2] ** 2, axis=1) - potentials
 
 
+def _set_constants(craft, mass: float, spin, axis_point) -> None:
+    """Sets mass, spin and axis of a `Spacecraft`; raises `InputError` if they make no sense."""
+    check_positive("Spacecraft", mass=mass)
+    craft.mass = float(mass)
+    craft.axis_point = finite_vector("Spacecraft", "axis_point", axis_point)
+    craft.centre = np.array(craft.axis_point)
+    if np.ndim(spin) > 0:
+        craft.spin = finite_vector("Spacecraft", "spin", spin)
+        craft.about_z, craft.turn = False, cross_matrix(craft.spin)
+        return
+    if not abs(spin) < LARGEST:
+        raise InputError(f"the spin must be finite, got {spin} rad/s")
+    craft.spin, craft.about_z = float(spin), not any(craft.axis_point)
+    craft.turn = cross_matrix((0.0, 0.0, craft.spin))
+
+
+def _declare_state(craft, basic_vector) -> None:
+    """Declares the state of a `Spacecraft` and the outputs, which are parts of it."""
+    parts = {"position": slice(0, 3), "velocity": slice(3, 6)}
+    start, sizes = craft.initial_state, {"num_q": 3, "num_v": 3, "num_z": 0}
+    if craft.burns_propellant:
+        start, sizes["num_z"] = np.append(start, craft.mass), 1
+        parts = {"state": slice(0, 6), **parts, "mass": slice(6, 7)}
+    state = craft.DeclareContinuousState(model_vector=basic_vector(start), **sizes)
+    if not craft.burns_propellant:
+        craft.DeclareStateOutputPort(name="state", state_index=state)
+    for name, part in parts.items():
+
+        def calc(context, output, part=part):
+            output.SetFromVector(context.get_continuous_state_vector().CopyToVector()[part])
+
+        craft.DeclareVectorOutputPort(
+            name=name,
+            size=part.stop - part.start,
+            calc=calc,
+            prerequisites_of_calc={craft.xc_ticket()},
+        )
+
+
+def _acceleration(craft, state, gravity, force):
+    """The acceleration (3,) of a `Spacecraft` in m/s^2, in K, for any scalar type."""
+    position, velocity = state[:3], state[3:6]
+    mass = _mass_left(craft.mass, state[6]) if craft.burns_propellant else craft.mass
+    if craft.about_z:
+        return rotating_frame_acceleration(position, velocity, gravity, force, mass, craft.spin)
+    return spinning_frame_acceleration(
+        position, velocity, gravity, force, mass, craft.turn, craft.centre
+    )
+
+
+def _mass_left(first: float, mass):
+    """`mass` in kg, of any scalar type; raises `InputError` if next to nothing is left."""
+    if not mass >= _LEAST_MASS * first:
+        raise InputError(
+            f"the propellant is used up: of {first:g} kg, less than {_LEAST_MASS * first:g} kg are "
+            "left; raise the specific impulse or the mass, or fly for a shorter time"
+        )
+    return mass
+
+
 @TemplateSystem.define("Spacecraft_")
 def Spacecraft_(T):  # noqa: N802 (Drake's own naming of templates)
     """`Spacecraft` for the scalar type T, float or AutoDiffXd."""
 
     class Impl(LeafSystem_[T]):
-        """A point mass whose attitude is held to the body-fixed rotating frame K.
+        """A point mass in the body-fixed rotating frame K.
 
         ```
-                       ┌────────────┐
-        force ────────►│            ├─► state (6), m and m/s: p_KS, v_KS
-          (3), N, K    │ Spacecraft ├─► position (3), m: p_KS
-        gravity ──────►│            ├─► velocity (3), m/s: v_KS, as seen in K
-          (3), m/s^2   └────────────┘
+                         ┌────────────┐
+        force ──────────►│            ├─► state (6), m and m/s: p_KS, v_KS
+          (3), N, K      │            ├─► position (3), m: p_KS
+        gravity ────────►│ Spacecraft ├─► velocity (3), m/s: v_KS, as seen in K
+          (3), m/s^2     │            │
+        mass_flow ──────►│            ├─► mass (1), kg
+          (1), kg/s      └────────────┘   (both only if it burns propellant)
         ```
 
-        The motion is that of `rotating_frame_acceleration`. The mass is constant. The state is
+        The motion is that of `rotating_frame_acceleration` if the spin is a number and the axis
+        goes through the origin, otherwise that of `spinning_frame_acceleration`. The mass is
+        constant, unless the spacecraft burns propellant: then m' = -mass_flow. The state is
         continuous, so no output depends directly on an input.
         """
 
-        def _construct(self, mass: float, spin: float, initial_state=None, *, converter=None):
-            """Takes the mass in kg, the body's spin about z in rad/s and the default initial state.
+        def _construct(
+            self,
+            mass: float,
+            spin: float | Sequence[float] | np.ndarray,
+            initial_state=None,
+            *,
+            axis_point: Sequence[float] | np.ndarray = (0.0, 0.0, 0.0),
+            burns_propellant: bool = False,
+            converter=None,
+        ):
+            """Takes the spacecraft's mass, the body's spin, and the default initial state.
 
-            `initial_state` (6) is in m and m/s in K; None: at rest at the origin.
+            Args:
+              mass: kg; the mass at the start if it burns propellant.
+              spin: rad/s in K: a number about z, or a vector (3,).
+              initial_state: (6,) in m and m/s in K; None: at rest at the origin.
+              axis_point: (3,) in m in K: a point of the spin axis.
+              burns_propellant: whether the mass is a state, with the ports `mass_flow` and `mass`.
+              converter: Drake's own.
 
             Raises:
-              InputError: the mass is not positive or the spin is not finite.
+              InputError: the mass is not positive, or the spin or the point is not finite.
             """
             super().__init__(converter=converter)
-            check_positive("Spacecraft", mass=mass)
-            if not abs(spin) < LARGEST:
-                raise InputError(f"the spin must be finite, got {spin} rad/s")
-            self.mass, self.spin = float(mass), float(spin)
             self.initial_state = np.zeros(6) if initial_state is None else np.array(initial_state)
+            _set_constants(self, mass, spin, axis_point)
+            self.burns_propellant = burns_propellant
             self._force_port = self.DeclareVectorInputPort(name="force", size=3)
             self._gravity_port = self.DeclareVectorInputPort(name="gravity", size=3)
-            state = self.DeclareContinuousState(
-                model_vector=BasicVector_[T](self.initial_state), num_q=3, num_v=3, num_z=0
-            )
-            self._state_port = self.DeclareStateOutputPort(name="state", state_index=state)
-            depends = {self.xc_ticket()}
-            self._position_port = self.DeclareVectorOutputPort(
-                name="position", size=3, calc=self._calc_position, prerequisites_of_calc=depends
-            )
-            self._velocity_port = self.DeclareVectorOutputPort(
-                name="velocity", size=3, calc=self._calc_velocity, prerequisites_of_calc=depends
-            )
+            if burns_propellant:
+                self._flow_port = self.DeclareVectorInputPort(name="mass_flow", size=1)
+            _declare_state(self, BasicVector_[T])
 
         def _construct_copy(self, other, converter=None):
-            Impl._construct(self, other.mass, other.spin, other.initial_state, converter=converter)
+            Impl._construct(
+                self,
+                other.mass,
+                other.spin,
+                other.initial_state,
+                axis_point=other.axis_point,
+                burns_propellant=other.burns_propellant,
+                converter=converter,
+            )
 
         def DoCalcTimeDerivatives(self, context, derivatives):  # noqa: N802
             state = context.get_continuous_state_vector().CopyToVector()
-            acceleration = rotating_frame_acceleration(
-                state[:3],
-                state[3:],
-                self._gravity_port.Eval(context),
-                self._force_port.Eval(context),
-                self.mass,
-                self.spin,
-            )
-            derivatives.get_mutable_vector().SetFromVector(
-                np.concatenate([state[3:], acceleration])
-            )
-
-        def _calc_position(self, context, output):
-            output.SetFromVector(context.get_continuous_state_vector().CopyToVector()[:3])
-
-        def _calc_velocity(self, context, output):
-            output.SetFromVector(context.get_continuous_state_vector().CopyToVector()[3:])
+            force, gravity = self._force_port.Eval(context), self._gravity_port.Eval(context)
+            rates = [state[3:6], _acceleration(self, state, gravity, force)]
+            if self.burns_propellant:
+                rates.append(-self._flow_port.Eval(context))
+            derivatives.get_mutable_vector().SetFromVector(np.concatenate(rates))
 
     return Impl
 

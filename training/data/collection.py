@@ -12,7 +12,13 @@ import numpy as np
 
 from proxops.diagrams.flight import Flight, Row, body_sha256, provenance
 from proxops.diagrams.logs import FlightLog
-from proxops.diagrams.scenario import Body, LearnedLidarConfig, Scenario, dump_scenario
+from proxops.diagrams.scenario import (
+    Body,
+    LearnedLidarConfig,
+    Scenario,
+    draw_world,
+    dump_scenario,
+)
 from proxops.systems.common import InputError, file_sha256
 from proxops.systems.lidar import LidarBundle
 from proxops.systems.shapes import clearances
@@ -48,6 +54,7 @@ def collection_flights(
         kind = kind_of(mix, index)
         nominal = kind == "nominal"
         flown = flight_scenario(kind, scenario if nominal else disturbed, body, seed, index)
+        flown = draw_world(flown, body)
         origin = origins[0 if nominal else 1]
         flights.append(Flight(f"{seed}-{index:05d}", dump_scenario(flown), "mpc", origin))
     return flights
@@ -114,11 +121,12 @@ def make_manifest(
 
     Args:
       rows: rows of `describe_flight`, in the order of the flights. Their files are relative to the
-        manifest's `folder`.
+        manifest's `folder`. Flights that could not begin in their worlds are listed apart.
     """
-    flights = [
+    all_flights = [
         {"index": index, "kind": kind_of(mix, index), **row} for index, row in enumerate(rows)
     ]
+    flights = [flight for flight in all_flights if "unflyable" not in flight]
     return {
         "proxops_version": metadata.version("proxops"),
         "body_sha256": body_sha256(body),
@@ -127,12 +135,15 @@ def make_manifest(
         "seed": seed,
         "folder": "flights",
         "flights": flights,
+        "unflyable": [flight for flight in all_flights if "unflyable" in flight],
     }
 
 
 def check_files(folder: Path, rows: Sequence[Row]) -> None:
     """Raises `InputError` for the first log that is missing or has another length than before."""
     for row in rows:
+        if "unflyable" in row:
+            continue
         path = folder / row["file"]
         length = path.stat().st_size if path.is_file() else None
         if length != row["bytes"]:

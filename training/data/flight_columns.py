@@ -15,7 +15,7 @@ from proxops.systems.common import InputError
 
 # Rays are numbered with 16 bits.
 _MAX_RAYS = 2**16
-_NEEDED = ("time", "state", "target", "force", "mpc_force", "ranges")
+_NEEDED = ("time", "state", "target", "force", "disturbance", "mpc_force", "ranges")
 _SIZES = {"component": 6, "axis": 3}
 
 
@@ -59,7 +59,7 @@ ROWS: dict[str, tuple[int | None, str]] = {
     "time": (None, "<f8"),  # s since the start of the flight
     "state": (6, "<f8"),  # m, m/s
     "target": (6, "<f8"),  # m, m/s
-    "applied_force": (3, "<f8"),  # N, the force over the period before the step
+    "commanded_force": (3, "<f8"),  # N, the command held over the period before the step
     "mpc_force": (3, "<f8"),  # N, the label; NaN where the MPC was not asked
     "kick": (3, "<f8"),  # m/s^2, acceleration by a velocity kick up to the next step
 }
@@ -95,9 +95,12 @@ def read_columns(path: Path) -> FlightColumns:
     steps = len(raw["time"]) - 1
     frames = raw["ranges"][:steps].reshape(steps, setting.planes * setting.rays)
     step, ray = np.nonzero(np.isfinite(frames))
-    before = np.concatenate([np.zeros((1, 3)), raw["force"][: max(0, steps - 1)]])[:steps]
+    # What controllers are told: the command, within the limits, without what disturbed it.
+    limit = setting.thrust_limit_n
+    commanded = np.clip(raw["force"] - raw["disturbance"], -limit, limit)
+    before = np.concatenate([np.zeros((1, 3)), commanded[: max(0, steps - 1)]])[:steps]
     rows = {name: raw[name][:steps] for name in ("time", "state", "target", "mpc_force")}
-    rows |= {"applied_force": before, "kick": raw.get("kick", np.zeros((steps + 1, 3)))[:steps]}
+    rows |= {"commanded_force": before, "kick": raw.get("kick", np.zeros((steps + 1, 3)))[:steps]}
     return FlightColumns(
         setting=setting,
         seed=int(attributes["seed"]),

@@ -17,7 +17,7 @@ from proxops.training.data.flight_columns import HITS, ROWS, Setting
 from proxops.training.data.normalisation import Normalisation
 from proxops.training.data.transit_split import PARTS
 
-SCHEMA = 1
+SCHEMA = 2
 INDEX = "packed_flights.json"
 # Where the hits of each step begin; one more at the end.
 OFFSET = "offset"
@@ -47,7 +47,7 @@ class PackedFlights:
     """The steps of many flights: one row for each step, flight by flight; vectors in K.
 
     - `time` (N,) in s; `state` and `target` (N, 6) in m and m/s.
-    - `applied_force` (N, 3) in N: the force over the period before the step, 0 at the first step.
+    - `commanded_force` (N, 3) in N: what was commanded over the period before the step, at first 0.
     - `mpc_force` (N, 3) in N: the label; NaN where the MPC was not asked.
     - `kick` (N, 3) in m/s^2: the acceleration by a velocity kick from this step to the next.
     - `ray`, `range` (m) and `offset`: the returns of row k are those from `offset[k]` up to
@@ -60,7 +60,7 @@ class PackedFlights:
     time: np.ndarray
     state: np.ndarray
     target: np.ndarray
-    applied_force: np.ndarray
+    commanded_force: np.ndarray
     mpc_force: np.ndarray
     kick: np.ndarray
     ray: np.ndarray

@@ -28,6 +28,9 @@ from proxops.training.data.packed_flights import (
 )
 from proxops.training.data.transit_split import part_of_transit
 
+# Flights of a set may differ in mass by this share: the load differs from day to day.
+_MASS_SPREAD = 0.05
+
 
 def pack_flights(
     folder: str | Path,
@@ -115,6 +118,7 @@ def _write_columns(
             stack.callback(writers[name].abandon)
         flights: list[PackedFlight] = []
         setting: Setting | None = None
+        masses: list[float] = []
         moments = {name: Moments(components) for name, components in QUANTITIES.items()}
         row = hit = 0
         writers[OFFSET].append(np.zeros(1))
@@ -122,6 +126,7 @@ def _write_columns(
             columns = read_columns(path)
             setting = setting or columns.setting
             _check_together(path, columns.setting, logs[0], setting)
+            masses.append(columns.setting.mass_kg)
             flight = _entry(path, columns, row, split_seed)
             for name, values in {**columns.rows, **columns.hits}.items():
                 writers[name].append(values)
@@ -144,7 +149,7 @@ def _write_columns(
         "schema": SCHEMA,
         "logs_sha256": logs_sha256(flights),
         "split_seed": split_seed,
-        "setting": dc.asdict(setting),
+        "setting": dc.asdict(dc.replace(setting, mass_kg=float(np.mean(masses)))),
         "normalisation": normalisation.to_json(),
         "columns": described,
         "flights": [dc.asdict(flight) for flight in flights],
@@ -179,6 +184,8 @@ def _add_moments(moments: dict[str, Moments], columns: FlightColumns) -> None:
 def _check_together(path: Path, setting: Setting, first: Path, wanted: Setting) -> None:
     for field in dc.fields(Setting):
         here, there = getattr(setting, field.name), getattr(wanted, field.name)
+        if field.name == "mass_kg" and abs(here - there) <= _MASS_SPREAD * there:
+            continue
         if here != there:
             values = "" if field.name == "body" else f" ({here} and {there})"
             raise InputError(

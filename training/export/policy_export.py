@@ -72,7 +72,7 @@ def export_policy(
     The folder appears under its name only when it is complete. The module is not changed.
 
     Args:
-      module: its `forward(ranges, target, applied_force, memory)` gives force, estimate and next
+      module: its `forward(ranges, target, commanded_force, memory)` gives force, estimate and next
         memory, all of one row: see `proxops.systems.policy.policy_bundle`.
       facts: are written to the bundle.
       examples: steps on which ONNX Runtime is run against torch.
@@ -130,9 +130,9 @@ def check_policy(
         return [output.numpy()[0] for output in outputs]
 
     answers = []
-    for ranges, target, applied_force in examples:
+    for ranges, target, commanded_force in examples:
         remembered = np.zeros(facts.memory, dtype=np.float32)
-        for row in zip(ranges, target, applied_force, strict=True):
+        for row in zip(ranges, target, commanded_force, strict=True):
             both = of_torch(*row, remembered), run_network(session, *row, remembered)
             answers.append([np.concatenate(answer) for answer in both])
             remembered = both[0][2]

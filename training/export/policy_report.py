@@ -36,7 +36,7 @@ def replay_flights(policy: Any, flights: PackedFlights, part: str) -> tuple[np.n
     The policy gets each flight from its start and keeps its memory, as in flight.
 
     Args:
-      policy: a module with `sequence(frames, target, applied_force)`, which gives forces first.
+      policy: a module with `sequence(frames, target, commanded_force)`, which gives forces first.
     """
     said: dict[str, np.ndarray] = {}
     device = next(policy.parameters()).device
@@ -47,7 +47,7 @@ def replay_flights(policy: Any, flights: PackedFlights, part: str) -> tuple[np.n
         steps = np.arange(group[-1].steps)
         rows = np.array([each.start + np.minimum(steps, each.steps - 1) for each in group])
         frames = flights.frames(rows.ravel()).reshape(*rows.shape, *_geometry(flights))
-        given = (frames, flights.target[rows], flights.applied_force[rows])
+        given = (frames, flights.target[rows], flights.commanded_force[rows])
         inputs = (torch.from_numpy(each.astype(np.float32)).to(device) for each in given)
         forces = policy.sequence(*inputs)[0].cpu().numpy()
         for flight, force in zip(group, forces, strict=True):
@@ -121,5 +121,5 @@ def export_recipe(
     first = next(flight for part in reversed(PARTS) for flight in flights.part(part))
     rows = np.arange(first.start, first.start + min(first.steps, _CHECKED_STEPS))
     frames = flights.frames(rows).reshape(len(rows), -1)
-    example = (frames, flights.target[rows], flights.applied_force[rows])
+    example = (frames, flights.target[rows], flights.commanded_force[rows])
     export_policy(policy, folder, facts, [example], report)

@@ -24,7 +24,7 @@ class WindowDataset(Dataset[Batch]):
     time           (T,)       s since the start of the flight
     state          (T, 6)     position and velocity: the truth, which a policy does not see
     target         (T, 6)     position and velocity to reach
-    applied_force  (T, 3)     force over the period before the step
+    commanded_force  (T, 3)     force over the period before the step
     mpc_force      (T, 3)     the label; 0 where the MPC was not asked
     labelled       (T,)       bool: whether the MPC was asked
     kicked         (T,)       bool: whether a velocity kick follows before the next step
@@ -97,7 +97,7 @@ class WindowDataset(Dataset[Batch]):
             "time": packed.time[rows],
             "state": packed.state[rows],
             "target": packed.target[rows],
-            "applied_force": packed.applied_force[rows],
+            "commanded_force": packed.commanded_force[rows],
             "mpc_force": np.where(labelled[:, None], label, 0.0),
         }
         columns = {name: values.astype(np.float32) for name, values in columns.items()}

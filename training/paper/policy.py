@@ -96,14 +96,14 @@ class PaperPolicy(nn.Module):
         )
 
     def forward(
-        self, ranges: Tensor, target: Tensor, applied_force: Tensor, memory: Tensor
+        self, ranges: Tensor, target: Tensor, commanded_force: Tensor, memory: Tensor
     ) -> tuple[Tensor, Tensor, Tensor]:
         """One step of B flights.
 
         Args:
           ranges: (B, planes * rays) m, plane by plane; +inf where nothing returned.
           target: (B, 6) m and m/s in K.
-          applied_force: (B, 3) N; the paper's policy does not use it.
+          commanded_force: (B, 3) N; the paper's policy does not use it.
           memory: (B, M) from the step before, zeros at the first step.
 
         Returns:
@@ -111,18 +111,18 @@ class PaperPolicy(nn.Module):
           memory: (B, M) for the next step.
         """
         force, estimate, memory = self.sequence(
-            ranges[:, None], target[:, None], applied_force[:, None], memory
+            ranges[:, None], target[:, None], commanded_force[:, None], memory
         )
         return force[:, 0], estimate[:, 0], memory
 
     def sequence(
-        self, ranges: Tensor, target: Tensor, applied_force: Tensor, memory: Tensor | None = None
+        self, ranges: Tensor, target: Tensor, commanded_force: Tensor, memory: Tensor | None = None
     ) -> tuple[Tensor, Tensor, Tensor]:
         """T consecutive steps, with the same result as T calls of `forward`.
 
         Args:
           ranges: (B, T, planes * rays) or (B, T, planes, rays). target: (B, T, 6).
-          applied_force: (B, T, 3). memory: (B, M); None: zeros.
+          commanded_force: (B, T, 3). memory: (B, M); None: zeros.
 
         Returns:
           force (B, T, 3), estimate (B, T, 6), memory (B, M) after the last step.

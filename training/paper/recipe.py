@@ -60,7 +60,7 @@ class PaperSettings:
 
 def force_loss(policy: PaperPolicy, batch: Batch) -> Tensor:
     """The paper's loss: root mean square difference from the MPC's force in N, over all axes."""
-    force, _, _ = policy.sequence(batch["frames"], batch["target"], batch["applied_force"])
+    force, _, _ = policy.sequence(batch["frames"], batch["target"], batch["commanded_force"])
     squares = ((force - batch["mpc_force"]) ** 2).mean(dim=-1) * batch["labelled"]
     # Without this, the slope of the root at 0 would be infinite.
     return (squares.sum() / batch["labelled"].sum().clamp(min=1) + 1e-12).sqrt()

@@ -121,7 +121,7 @@ def transitions_of(flights: PackedFlights, part: str) -> Transitions:
     before, after = flights.state[rows], flights.state[rows + 1]
     # In double precision, because single precision rounds velocities too coarsely for differences.
     mean = (after[:, 3:] - before[:, 3:]) / flights.setting.control_period_s
-    given = before[:, :3], before[:, 3:], flights.applied_force[rows + 1], mean
+    given = before[:, :3], before[:, 3:], flights.commanded_force[rows + 1], mean
     return Transitions(*(_tensor(column) for column in given))
 
 

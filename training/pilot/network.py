@@ -34,7 +34,7 @@ class Pilot(nn.Module):
     ranges ─► hits ─► coarse ─────► geometry ─► filter ─► guidance ─► force
                  └──────────────────►  ▲        │ ▲ ▲         ▲
                                        └ memory ┘ │ │         │
-    applied_force ────────────────────────────────┘ │         │
+    commanded_force ────────────────────────────────┘ │         │
     target ─────────────────────────────────────────┼─────────┘
                                               next memory
     ```
@@ -66,32 +66,32 @@ class Pilot(nn.Module):
         self.usual_residual.copy_(residuals.median())
 
     def forward(
-        self, ranges: Tensor, target: Tensor, applied_force: Tensor, memory: Tensor
+        self, ranges: Tensor, target: Tensor, commanded_force: Tensor, memory: Tensor
     ) -> tuple[Tensor, Tensor, Tensor]:
         """One control step of B flights; SI, in K.
 
         Args:
           ranges: (B, planes * rays), +inf where no ray returned.
           target: (B, 6).
-          applied_force: (B, 3), over the period before the step.
+          commanded_force: (B, 3), over the period before the step.
           memory: (B, MEMORY), zeros before a flight's first step.
 
         Returns:
           Forces (B, 3) within the limits, estimates (B, 6) of position and velocity, and the next
           memory.
         """
-        memory = self.see(ranges, applied_force, memory)
+        memory = self.see(ranges, commanded_force, memory)
         position, velocity, push = memory[:, :9].split(3, dim=1)
         natural = memory[:, NATURAL] + push
         force = self.guidance(position, velocity, target[:, :3], natural)
         limit = self.guidance.thrust_limit
         return force.clamp(-limit, limit), memory[:, :6], memory
 
-    def see(self, ranges: Tensor, applied_force: Tensor, memory: Tensor) -> Tensor:
+    def see(self, ranges: Tensor, commanded_force: Tensor, memory: Tensor) -> Tensor:
         """Updates the memory with a frame and the force over the period before it."""
         hits = self.hits(ranges)
         points, _, valid, _ = hits
-        memory = self.filter.predict(memory, applied_force)
+        memory = self.filter.predict(memory, commanded_force)
         fresh = memory[:, -1:] == 0.0
         expected = memory[:, :3]
         step, off = self.geometry.step(expected, points, valid)
@@ -119,14 +119,14 @@ class Pilot(nn.Module):
         return torch.where(lost & better, other - expected, step)
 
     def sequence(
-        self, ranges: Tensor, target: Tensor, applied_force: Tensor, memory: Tensor | None = None
+        self, ranges: Tensor, target: Tensor, commanded_force: Tensor, memory: Tensor | None = None
     ) -> tuple[Tensor, Tensor, Tensor]:
         """T consecutive control steps of B flights, with time as the second axis.
 
         Args:
           ranges: (B, T, planes * rays) or (B, T, planes, rays).
           target: (B, T, 6).
-          applied_force: (B, T, 3).
+          commanded_force: (B, T, 3).
           memory: (B, MEMORY); None: that of a flight's start.
 
         Returns:
@@ -136,7 +136,7 @@ class Pilot(nn.Module):
         forces, estimates = [], []
         for step in range(target.shape[1]):
             frame = ranges[:, step].flatten(1)
-            given = target[:, step], applied_force[:, step], remembered
+            given = target[:, step], commanded_force[:, step], remembered
             force, estimate, remembered = self(frame, *given)
             forces.append(force)
             estimates.append(estimate)

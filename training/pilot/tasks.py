@@ -263,7 +263,7 @@ def end_to_end_task(
 
     def loss(network: Pilot, batch: Batch) -> Tensor:
         forces, estimates, _ = network.sequence(
-            batch["frames"], batch["target"], batch["applied_force"]
+            batch["frames"], batch["target"], batch["commanded_force"]
         )
         settled = slice(_FILTER_SETTLES, None)
         asked = batch["labelled"][:, settled]
@@ -315,7 +315,7 @@ def _fixes(
             place, residual = pilot.geometry(place, points, valid)
         fixes.append(place)
         noises.append(measurement_noise(residual, pilot.usual_residual))
-    force = torch.from_numpy(flights.applied_force[rows].astype(np.float32))
+    force = torch.from_numpy(flights.commanded_force[rows].astype(np.float32))
     state = torch.from_numpy(flights.state[rows].astype(np.float32))
     shape = rows.shape
     return torch.cat(fixes).unflatten(0, shape), torch.cat(noises).unflatten(0, shape), force, state

@@ -15,6 +15,7 @@ from proxops.training.reports.force_errors import (
 from proxops.training.reports.lidar_frames import plot_frames
 from proxops.training.reports.report_writer import (
     Block,
+    Link,
     Page,
     Picture,
     Section,
@@ -31,6 +32,7 @@ __all__ = [
     "HISTOGRAMS_CAPTION",
     "SMALL_COMMAND_N",
     "Block",
+    "Link",
     "Page",
     "Picture",
     "Section",

@@ -10,6 +10,7 @@ import html
 import io
 import re
 import typing
+import urllib.parse
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -31,11 +32,20 @@ class Text:
 
 
 @dataclass(frozen=True)
+class Link:
+    """A cell of a table that leads to a file."""
+
+    text: str
+    path: str
+    """Relative to the folder of the report."""
+
+
+@dataclass(frozen=True)
 class Table:
     """A head, and lines of the same length; the first column holds labels, the others figures."""
 
     head: Sequence[str]
-    lines: Sequence[Sequence[str]]
+    lines: Sequence[Sequence[str | Link]]
 
 
 @dataclass(frozen=True)
@@ -111,8 +121,8 @@ def _html_block(block: Block) -> str:
         return f"<figure>{frame}<figcaption>{caption}</figcaption></figure>"
     head = "".join(f"<th>{html.escape(cell)}</th>" for cell in block.head)
     lines = [
-        f"<tr><th>{html.escape(line[0])}</th>"
-        + "".join(f"<td>{html.escape(cell)}</td>" for cell in line[1:])
+        f"<tr><th>{_html_cell(line[0])}</th>"
+        + "".join(f"<td>{_html_cell(cell)}</td>" for cell in line[1:])
         + "</tr>"
         for line in block.lines
     ]
@@ -121,6 +131,13 @@ def _html_block(block: Block) -> str:
         f'<div class="wide"><table><thead><tr>{head}</tr></thead>\n<tbody>{body}</tbody>'
         "</table></div>"
     )
+
+
+def _html_cell(cell: str | Link) -> str:
+    if isinstance(cell, Link):
+        address = html.escape(urllib.parse.quote(cell.path))
+        return f'<a href="{address}">{html.escape(cell.text)}</a>'
+    return html.escape(cell)
 
 
 def markdown_page(title: str, sections: Sequence[Section], folder: str = "figures") -> str:
@@ -165,8 +182,10 @@ def _inline(text: str) -> str:
     return _MARKUP.sub(r"\\\g<0>", text)
 
 
-def _cell(text: str) -> str:
-    return _inline(text).replace("|", "\\|")
+def _cell(cell: str | Link) -> str:
+    if isinstance(cell, Link):
+        return f"[{_cell(cell.text)}]({urllib.parse.quote(cell.path)})"
+    return _inline(cell).replace("|", "\\|")
 
 
 def write_report(folder: Path, title: str, sections: Sequence[Section]) -> None:

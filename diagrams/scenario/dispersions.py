@@ -1,0 +1,311 @@
+"""Dispersions: the world of each flight, drawn from named distributions."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses as dc
+import difflib
+import functools
+import hashlib
+import math
+import typing
+from collections.abc import Callable
+from pathlib import Path
+
+from proxops.assets import ASSETS
+from proxops.diagrams.scenario.body import Body
+from proxops.diagrams.scenario.distributions import Distribution, Fixed, parse_distribution
+from proxops.diagrams.scenario.limits import limits_of
+from proxops.diagrams.scenario.scenario_checks import check_scenario
+from proxops.diagrams.scenario.scenario_config import Scenario
+from proxops.diagrams.scenario.transits import scenario_transit
+from proxops.diagrams.scenario.typed_yaml import read_mapping
+from proxops.systems.common import InputError, derived_seed, generator
+
+KNOWN_ON_THE_DAY = ("lidar.noise_std_m", "spacecraft.mass_kg")
+"""Keys of belief that may be dispersed: they differ from flight to flight, and the controllers are
+told. Whatever else is dispersed, they never know (Hanson and Beard, NASA/TP-2010-216447)."""
+_WORLD = ("truth.", "disturbance.", "force_noise.", "kicks.")
+_FOLDER = ASSETS / "dispersions"
+# A number that is drawn may be given as a multiple of these.
+_TIMES = ("value", "size", "thrust_acceleration")
+
+
+@dc.dataclass(frozen=True)
+class Dispersion:
+    """How one value of a scenario is dispersed."""
+
+    key: str
+    """Dotted key of the value. Of a list, each number is drawn by itself."""
+    distribution: Distribution
+    times: str | None = None
+    """What the drawn number is multiplied by. `value`: the scenario's own value; `size`: the
+    greatest extent of the map in m; `thrust_acceleration`: thrust limit over mass in m/s^2. None:
+    nothing."""
+    source: str = ""
+    """Where the numbers come from."""
+
+    @property
+    def is_random(self) -> bool:
+        """Whether the value differs from flight to flight."""
+        return not isinstance(self.distribution, Fixed)
+
+    @property
+    def size(self) -> int | None:
+        """How many numbers the value has, if it is a list; None if it is not."""
+        template = _template(self.key)
+        return len(template) if isinstance(template, list) else None
+
+    @property
+    def limits(self) -> tuple[float, float] | None:
+        """The least and the greatest number that the scenario permits; None without limits."""
+        return limits_of(_field(self.key))
+
+    def in_its_unit(self, value: typing.Any, scenario: Scenario, body: Body) -> typing.Any:
+        """Gives a value of the distribution, multiplied by its unit if it is a number."""
+        return self.unit(scenario, body) * value if is_number(value) else value
+
+    def unit(self, scenario: Scenario, body: Body) -> float:
+        """Gives what the drawn number is multiplied by."""
+        if self.times == "size":
+            return float(body.shape.extents.max())
+        if self.times == "thrust_acceleration":
+            return scenario.spacecraft.thrust_limit_n / scenario.spacecraft.mass_kg
+        return float(_get(scenario, self.key)) if self.times == "value" else 1.0
+
+
+def load_dispersions(name_or_path: str) -> list[Dispersion]:
+    """Reads dispersions: a name that ships with proxops, or the path of a YAML file.
+
+    Each key of the file is a dotted key of the scenario. Its value is a distribution, such as
+    `{normal: 1.0, three_sigma: 0.1}`, or a plain value, which every flight has.
+
+    Raises:
+      InputError: there are no such dispersions; a key is unknown, or not of the world; or a
+        distribution is wrong. The message names the file and the key.
+    """
+    path = Path(name_or_path)
+    if not name_or_path.endswith((".yaml", ".yml")):
+        path = _FOLDER / f"{name_or_path}.yaml"
+        if not path.is_file():
+            known = ", ".join(sorted(file.stem for file in _FOLDER.glob("*.yaml")))
+            raise InputError(
+                f"no dispersions {name_or_path!r} ship with proxops ({known} do); for your own, "
+                "give the path of a .yaml file"
+            )
+    tree = read_mapping(path)
+    found = []
+    for key, entry in tree.items():
+        _check_key(key, name_or_path)
+        try:
+            found.append(_parse(key, entry))
+        except InputError as error:
+            raise InputError(f"{name_or_path}: {key} {error}") from error
+    return found
+
+
+def _loaded(name_or_path: str) -> list[Dispersion]:
+    """Gives dispersions, read again only if their file has changed."""
+    path = Path(name_or_path)
+    return _loaded_at(name_or_path, path.stat().st_mtime_ns if path.is_file() else 0)
+
+
+@functools.lru_cache(maxsize=4)
+def _loaded_at(name_or_path: str, changed: int) -> list[Dispersion]:
+    return load_dispersions(name_or_path)
+
+
+def draw_world(scenario: Scenario, body: Body) -> Scenario:
+    """Draws the world of a scenario's flight from the scenario's dispersions.
+
+    Each draw depends on seed and number of the transit and on the dispersed key alone. The transit
+    is the one of the scenario before the draw.
+
+    Args:
+      scenario: the scenario.
+      body: the body of the scenario.
+
+    Returns:
+      The scenario with the drawn values, with their keys in `dispersed`, and without `dispersions`.
+      Without dispersions it is the scenario itself.
+
+    Raises:
+      InputError: see `load_dispersions`; or a value may be drawn that is beyond its limits.
+    """
+    if scenario.dispersions is None:
+        return scenario
+    dispersions = _loaded(scenario.dispersions)
+    check_dispersions(dispersions, scenario, body)
+
+    def drawn(each: Dispersion, uniform: float) -> typing.Any:
+        return each.in_its_unit(each.distribution.value(uniform), scenario, body)
+
+    world = world_of(scenario, body, dispersions, drawn)
+    world.dispersed = [each.key for each in dispersions if each.is_random]
+    check_scenario(world, f"{scenario.dispersions}, transit {scenario.transit.index}")
+    return world
+
+
+def world_of(
+    scenario: Scenario,
+    body: Body,
+    dispersions: typing.Sequence[Dispersion],
+    value: Callable[[Dispersion, float], typing.Any],
+) -> Scenario:
+    """Makes the world of a scenario's flight from random numbers of its transit.
+
+    Args:
+      scenario: the scenario.
+      body: the body of the scenario.
+      dispersions: what is dispersed.
+      value: gives the value of a dispersed quantity, or of one number of a list, from a uniform
+        random number (0 to 1). The number depends on seed and number of the transit, on the key and
+        on the place in the list alone.
+
+    Returns:
+      A copy of the scenario with the values, without `dispersions`. It is not checked.
+    """
+    transit, world = scenario.transit, copy.deepcopy(scenario)
+    if any(each.key in KNOWN_ON_THE_DAY for each in dispersions) and transit.start_m is None:
+        # Another mass would permit other transits.
+        ends = scenario_transit(scenario, body)
+        world.transit.start_m, world.transit.goal_m = ends.start.tolist(), ends.goal.tolist()
+    for each in dispersions:
+        size = each.size
+        values = [
+            value(each, _uniform(transit.seed, transit.index, each.key, k))
+            for k in range(size or 1)
+        ]
+        _set(world, each.key, values[0] if size is None else values)
+    world.dispersions = None
+    return world
+
+
+def dispersed_values(scenario: Scenario) -> dict[str, typing.Any]:
+    """Gives the values that were drawn for a scenario, by their keys."""
+    return {key: _get(scenario, key) for key in scenario.dispersed}
+
+
+def check_dispersions(
+    dispersions: typing.Sequence[Dispersion], scenario: Scenario, body: Body
+) -> None:
+    """Checks that no value can be drawn that is beyond its limits.
+
+    Raises:
+      InputError: one can; the message gives the key, the bound and the limit.
+    """
+    for each in dispersions:
+        bounds, limits = each.distribution.bounds(), each.limits
+        if bounds is None or limits is None:
+            continue
+        unit = each.unit(scenario, body)
+        for bound, beyond in (
+            (unit * bounds[0], unit * bounds[0] < limits[0]),
+            (unit * bounds[1], unit * bounds[1] > limits[1]),
+        ):
+            if beyond:
+                raise InputError(
+                    f"{scenario.dispersions}: {each.key} may be drawn as {bound:g}, but it must be "
+                    f"from {limits[0]:g} to {limits[1]:g}"
+                )
+
+
+def _uniform(seed: int, index: int, key: str, component: int) -> float:
+    """A number from 0 to 1 that depends on the arguments alone."""
+    name = int.from_bytes(hashlib.sha256(key.encode()).digest()[:4])
+    return float(generator(derived_seed(seed, name), index, component).random())
+
+
+def _parse(key: str, entry: typing.Any) -> Dispersion:
+    if not isinstance(entry, dict):
+        return Dispersion(key, Fixed(entry))
+    parameters = {name: value for name, value in entry.items() if name not in ("times", "source")}
+    distribution = parse_distribution(parameters)
+    times = entry.get("times")
+    if times not in (None, *_TIMES):
+        raise InputError(f"has times: {times}, which must be one of {', '.join(_TIMES)}")
+    if times == "value" and Dispersion(key, distribution).size is not None:
+        raise InputError("is a list, which cannot be dispersed as a multiple of its value")
+    return Dispersion(key, distribution, times, str(entry.get("source", "")))
+
+
+def _check_key(key: str, source: str) -> None:
+    keys = list(_leaves(Scenario))
+    allowed = [name for name in keys if name in KNOWN_ON_THE_DAY or name.startswith(_WORLD)]
+    if key not in keys:
+        near = difflib.get_close_matches(str(key), allowed, n=1, cutoff=0.0)[0]
+        raise InputError(f"{source}: there is no key {key!r} in a scenario; the nearest is {near}")
+    if key not in allowed:
+        raise InputError(
+            f"{source}: {key} cannot be dispersed, because it is a setting of what is on board, "
+            "not of the world; disperse keys of truth, disturbance, force_noise and kicks, or "
+            f"what is known on the day: {', '.join(KNOWN_ON_THE_DAY)}"
+        )
+
+
+def _leaves(schema: type, prefix: str = "") -> typing.Iterator[str]:
+    """Yields the dotted keys of all values of a dataclass."""
+    for field in dc.fields(schema):
+        nested = _section(field)
+        if nested is None:
+            yield prefix + field.name
+        else:
+            yield from _leaves(nested, f"{prefix}{field.name}.")
+
+
+def _section(field: dc.Field) -> type | None:
+    """Gives the dataclass of a field that is a section; None for a value."""
+    options = typing.get_args(field.type) or (field.type,)
+    return next(
+        (each for each in options if isinstance(each, type) and dc.is_dataclass(each)), None
+    )
+
+
+def _field(key: str) -> dc.Field:
+    """Gives the field of a dotted key."""
+    schema: typing.Any = Scenario
+    *parents, last = key.split(".")
+    for name in parents:
+        schema = _section(_field_of(schema, name))
+    return _field_of(schema, last)
+
+
+def _field_of(schema: type, name: str) -> dc.Field:
+    return next(each for each in dc.fields(schema) if each.name == name)
+
+
+def _template(key: str) -> typing.Any:
+    """Gives the default of a dotted key."""
+    field = _field(key)
+    if field.default_factory is not dc.MISSING:
+        return field.default_factory()
+    return field.default
+
+
+def _get(scenario: Scenario, key: str) -> typing.Any:
+    value: typing.Any = scenario
+    for name in key.split("."):
+        if value is None:  # A section that the scenario does not have.
+            return _template(key)
+        value = getattr(value, name)
+    return value
+
+
+def _set(scenario: Scenario, key: str, value: typing.Any) -> None:
+    """Sets a value in place; a section that the scenario does not have is made."""
+    *parents, last = key.split(".")
+    section: typing.Any = scenario
+    for name in parents:
+        if getattr(section, name) is None:
+            field = _field_of(type(section), name)
+            setattr(section, name, typing.cast(type, _section(field))())
+        section = getattr(section, name)
+    kind = _field(key).type
+    if kind is int and is_number(value):
+        value = math.floor(value + 0.5)
+    setattr(section, last, value)
+
+
+def is_number(value: typing.Any) -> bool:
+    """Tells whether a value is a number; a truth value is none."""
+    return isinstance(value, int | float) and not isinstance(value, bool)

@@ -1,0 +1,207 @@
+"""Distributions of a dispersed quantity; each maps a uniform number to a value, within bounds."""
+
+from __future__ import annotations
+
+import math
+import typing
+from dataclasses import dataclass
+
+from scipy.special import ndtr, ndtri
+
+from proxops.systems.common import InputError
+
+# Values are cut at this many standard deviations, so that bounds exist.
+_CUT = 3.0
+
+
+@dataclass(frozen=True)
+class Normal:
+    """Normal about `mean`, cut at three standard deviations."""
+
+    mean: float
+    three_sigma: float
+
+    def __post_init__(self) -> None:
+        _check(self.three_sigma >= 0.0, "three_sigma must not be negative", self.three_sigma)
+
+    def value(self, uniform: float) -> float:
+        """Gives the value at a share (0 to 1) of the distribution."""
+        low = ndtr(-_CUT)
+        deviations = ndtri(low + uniform * (1.0 - 2.0 * low))
+        return self.mean + self.three_sigma / _CUT * float(deviations)
+
+    def bounds(self) -> tuple[float, float]:
+        """Gives the least and the greatest value."""
+        return self.mean - self.three_sigma, self.mean + self.three_sigma
+
+    def far_out(self, uniform: float, multiple: float) -> float:
+        """Gives a value that is `multiple` times as far out as a bound, on a random side."""
+        return self.mean + math.copysign(multiple * self.three_sigma, uniform - 0.5)
+
+
+@dataclass(frozen=True)
+class HalfNormal:
+    """`least` plus the size of a normal number, cut at three standard deviations."""
+
+    least: float
+    three_sigma: float
+
+    def __post_init__(self) -> None:
+        _check(self.three_sigma >= 0.0, "three_sigma must not be negative", self.three_sigma)
+
+    def value(self, uniform: float) -> float:
+        """Gives the value at a share (0 to 1) of the distribution."""
+        deviations = ndtri(0.5 + uniform * (ndtr(_CUT) - 0.5))
+        return self.least + self.three_sigma / _CUT * float(deviations)
+
+    def bounds(self) -> tuple[float, float]:
+        """Gives the least and the greatest value."""
+        return self.least, self.least + self.three_sigma
+
+    def far_out(self, uniform: float, multiple: float) -> float:
+        """Gives a value that is `multiple` times as far out as the upper bound."""
+        return self.least + multiple * self.three_sigma
+
+
+@dataclass(frozen=True)
+class Uniform:
+    """Uniform from `low` to `high`."""
+
+    low: float
+    high: float
+
+    def __post_init__(self) -> None:
+        _check(self.low <= self.high, "uniform needs its lower end first", [self.low, self.high])
+
+    def value(self, uniform: float) -> float:
+        """Gives the value at a share (0 to 1) of the distribution."""
+        return self.low + uniform * (self.high - self.low)
+
+    def bounds(self) -> tuple[float, float]:
+        """Gives the least and the greatest value."""
+        return self.low, self.high
+
+    def far_out(self, uniform: float, multiple: float) -> float:
+        """Gives a value that is `multiple` times as far from the lower end as the upper end."""
+        return self.low + multiple * (self.high - self.low)
+
+
+@dataclass(frozen=True)
+class LogUniform:
+    """A positive value whose logarithm is uniform, from `low` to `high`."""
+
+    low: float
+    high: float
+
+    def __post_init__(self) -> None:
+        _check(self.low > 0.0, "log_uniform needs positive ends", [self.low, self.high])
+        _check(self.low <= self.high, "log_uniform needs its lower end first", self.low)
+
+    def value(self, uniform: float) -> float:
+        """Gives the value at a share (0 to 1) of the distribution."""
+        return self.low * (self.high / self.low) ** uniform
+
+    def bounds(self) -> tuple[float, float]:
+        """Gives the least and the greatest value."""
+        return self.low, self.high
+
+    def far_out(self, uniform: float, multiple: float) -> float:
+        """Gives the power `multiple` of the upper end over the middle, times the middle."""
+        middle = math.sqrt(self.low * self.high)
+        return middle * (self.high / middle) ** multiple
+
+
+@dataclass(frozen=True)
+class Choice:
+    """One of some values, all equally probable."""
+
+    values: tuple[typing.Any, ...]
+
+    def __post_init__(self) -> None:
+        _check(len(self.values) > 0, "choice needs at least one value", list(self.values))
+
+    def value(self, uniform: float) -> typing.Any:
+        """Gives the value at a share (0 to 1) of the distribution."""
+        return self.values[min(int(uniform * len(self.values)), len(self.values) - 1)]
+
+    def bounds(self) -> tuple[float, float] | None:
+        """Gives the least and the greatest value; None if the values are no numbers."""
+        numbers = [value for value in self.values if isinstance(value, int | float)]
+        return (min(numbers), max(numbers)) if len(numbers) == len(self.values) else None
+
+    def far_out(self, uniform: float, multiple: float) -> typing.Any:
+        """Gives the last value, whatever the multiple."""
+        return self.values[-1]
+
+
+@dataclass(frozen=True)
+class Fixed:
+    """Always the same value."""
+
+    same: typing.Any
+
+    def value(self, uniform: float) -> typing.Any:
+        """Gives the value."""
+        return self.same
+
+    def bounds(self) -> tuple[float, float] | None:
+        """Gives the value twice; None if it is no number."""
+        number = isinstance(self.same, int | float)
+        return (self.same, self.same) if number else None
+
+    def far_out(self, uniform: float, multiple: float) -> typing.Any:
+        """Gives `multiple` times the value."""
+        return multiple * self.same if isinstance(self.same, int | float) else self.same
+
+
+Distribution = Normal | HalfNormal | Uniform | LogUniform | Choice | Fixed
+
+KINDS = ("normal", "half_normal", "uniform", "log_uniform", "choice", "fixed")
+"""Names of the distributions in a YAML file."""
+
+
+def parse_distribution(entry: dict[str, typing.Any]) -> Distribution:
+    """Makes a distribution from its YAML entry, such as `{normal: 1.0, three_sigma: 0.1}`.
+
+    Raises:
+      InputError: the entry names no distribution or several, or a parameter is missing or wrong.
+    """
+    kinds = [name for name in KINDS if name in entry]
+    if len(kinds) != 1:
+        raise InputError(f"needs exactly one of {', '.join(KINDS)}, got {entry}")
+    strange = [name for name in entry if name not in (*KINDS, "three_sigma")]
+    if strange:
+        raise InputError(f"has {strange[0]!r}; it takes a distribution, times and source")
+    kind, value = kinds[0], entry[kinds[0]]
+    if kind in ("normal", "half_normal"):
+        if "three_sigma" not in entry:
+            raise InputError(f"needs three_sigma, three standard deviations, beside {kind}")
+        made = Normal if kind == "normal" else HalfNormal
+        return made(_number(value, kind), _number(entry["three_sigma"], "three_sigma"))
+    if "three_sigma" in entry:
+        raise InputError(f"has three_sigma, which {kind} does not take")
+    if kind in ("uniform", "log_uniform"):
+        if not isinstance(value, list) or len(value) != 2:
+            raise InputError(f"needs two numbers, {kind}: [low, high], got {value}")
+        low, high = (_number(each, kind) for each in value)
+        return (Uniform if kind == "uniform" else LogUniform)(low, high)
+    if kind == "choice":
+        if not isinstance(value, list):
+            raise InputError(f"needs a list, choice: [value, value], got {value}")
+        return Choice(tuple(value))
+    return Fixed(value)
+
+
+def _number(value: typing.Any, what: str) -> float:
+    try:
+        number = float(value) if not isinstance(value, bool) else math.nan
+    except (TypeError, ValueError):
+        number = math.nan
+    if not math.isfinite(number):
+        raise InputError(f"needs a finite number for {what}, got {value!r}")
+    return number
+
+
+def _check(good: bool, complaint: str, got: typing.Any) -> None:
+    if not good:
+        raise InputError(f"{complaint}, got {got}")

@@ -1,0 +1,57 @@
+"""In what the true world of a flight differs from the believed one, for pictures and pages."""
+
+from __future__ import annotations
+
+import dataclasses as dc
+import typing
+
+import numpy as np
+
+from proxops.diagrams.scenario.body import Body
+from proxops.diagrams.scenario.scenario_config import Scenario
+from proxops.diagrams.scenario.true_body import TrueBody
+from proxops.diagrams.scenario.truth_config import TruthConfig
+
+# A drawn spin axis is this many times as long as the body's greatest extent, so that it sticks out.
+_AXIS_LENGTH = 1.2
+
+
+def spin_axes(body: Body, true_body: TrueBody) -> tuple[np.ndarray, np.ndarray] | None:
+    """Gives the ends of the believed and of the true spin axis, for a drawing.
+
+    Returns:
+      Two arrays (2, 3) in m in K: the ends of the believed axis, which is K's z, and those of the
+      true one. None if both are one line, or if the true body does not spin.
+    """
+    rate = float(np.linalg.norm(true_body.spin))
+    same = not (true_body.spin[:2].any() or true_body.axis_point[:2].any())
+    if same or rate == 0.0:
+        return None
+    half = 0.5 * _AXIS_LENGTH * float(body.shape.extents.max())
+    along = np.array([[-half], [half]])
+    true = true_body.axis_point + along * true_body.spin / rate
+    return along * [0.0, 0.0, 1.0], true
+
+
+def differing_values(scenario: Scenario) -> dict[str, typing.Any]:
+    """Gives the values by which the world of a flight differs, by their keys as in the scenario.
+
+    They are what was drawn from dispersions, and every value of `truth` that is not the default.
+    """
+    default = dict(_leaves(TruthConfig(), "truth."))
+    drawn = {*scenario.dispersed}
+    return {
+        key: value
+        for key, value in _leaves(scenario, "")
+        if key in drawn or (key in default and value != default[key])
+    }
+
+
+def _leaves(section: typing.Any, prefix: str) -> typing.Iterator[tuple[str, typing.Any]]:
+    """Yields the dotted keys of all values of a dataclass, in their order, with the values."""
+    for field in dc.fields(section):
+        value = getattr(section, field.name)
+        if dc.is_dataclass(value):
+            yield from _leaves(value, f"{prefix}{field.name}.")
+        else:
+            yield prefix + field.name, value

@@ -1,0 +1,68 @@
+"""`Beams`: rays with a width, which read the nearest surface in a cone."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from proxops.systems.lidar._beam_kernel import nearest_in_beams
+from proxops.systems.lidar.lidar_geometry import LidarGeometry
+from proxops.systems.shapes import Polyhedron
+
+
+class Beams:
+    """The rays of a lidar as cones: each reads the surface that is nearest in its cone.
+
+    The nearest point is that of the mesh, in closed form facet by facet, not that of some rays in
+    the cone: see `_beam_kernel`. One case is left out: a surface that the axis does not meet
+    because another one hides it there, that fills the whole cone, and that is nevertheless the
+    nearer one elsewhere in the cone.
+    """
+
+    def __init__(self, shape: Polyhedron, geometry: LidarGeometry, width: float):
+        """Takes the mesh, the planes and rays, and the full angle of the cones in rad."""
+        self._half = 0.5 * width
+        self._fan = geometry.directions.reshape(geometry.planes, geometry.rays, 3)
+        ends, beside = shape.edges
+        # Short integers: large meshes are read from memory in every frame.
+        self._edges = np.array(ends, dtype=np.int32), np.array(beside, dtype=np.int32)
+        corners = shape.vertices[shape.facets[:, 0]]
+        self._levels = np.einsum("fi,fi->f", shape.normals, corners)
+        # The first facet beside an edge runs along it forwards, the second one backwards.
+        neighbours = np.empty_like(shape.facets)
+        for start, own, other in ((0, 0, 1), (1, 1, 0)):
+            corner = np.argmax(shape.facets[beside[:, own]] == ends[:, start, None], axis=1)
+            neighbours[beside[:, own], corner] = beside[:, other]
+        # Of the same layout as if they were not read-only, so that one compiled kernel serves all.
+        parts = shape.vertices, shape.facets, shape.normals, neighbours
+        self._mesh = tuple(np.array(part, order="C") for part in parts)
+
+    def ranges(
+        self,
+        position: np.ndarray,
+        rotation: np.ndarray | None,
+        rays: np.ndarray,
+        distances: np.ndarray,
+        facets: np.ndarray,
+    ) -> np.ndarray:
+        """Ranges (planes * rays,) in m, float64; +inf where nothing is in the cone.
+
+        Args:
+          position: (3,) in m in K. rotation: R_KS (3, 3), or None for the identity.
+          rays, distances, facets: (K,) the rays whose axes meet the mesh, how far away in m, and
+            which facet.
+        """
+        ranges = np.full(self._fan.shape[0] * self._fan.shape[1], np.inf)
+        ranges[rays] = distances
+        nearest_in_beams(
+            np.array(position, dtype=np.float64),
+            np.array(np.eye(3) if rotation is None else rotation, dtype=np.float64, order="C"),
+            self._fan,
+            self._half,
+            self._mesh,
+            self._levels,
+            self._edges,
+            rays,
+            facets,
+            ranges,
+        )
+        return ranges

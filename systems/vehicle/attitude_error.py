@@ -1,0 +1,118 @@
+"""`AttitudeError`: how the spacecraft's axes S are turned against those of the body, K."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from proxops.systems.common import SeededSystem, check_not_negative
+from proxops.systems.vehicle._quaternions import (
+    Quaternion,
+    from_rotation_vector,
+    inverse,
+    product,
+)
+from proxops.systems.vehicle._vectors import Vector, check_finite, finite_vector
+from proxops.systems.vehicle.gauss_markov import gauss_markov_at
+
+
+def believed_axes(
+    time: float, *, believed_spin: float, true_spin: Vector, phase: float = 0.0
+) -> Quaternion:
+    """The rotation from the axes that the spacecraft takes for K's to K, if attitude is perfect.
+
+    The inertial frame N has the axes of K at time 0. Truly, K turns about a fixed axis a,
+    R_NK = Rot(a, |w| t). The spacecraft believes Rot(z, w_b t + phase), and turns its own axes S so
+    that they have this attitude. So
+
+        R_KS = Rot(a, |w| t)^T Rot(z, w_b t + phase)
+
+    Args:
+      time: s.
+      believed_spin: w_b in rad/s about z.
+      true_spin: (3,) in rad/s: w = |w| a, constant in K and in N.
+      phase: rad: what the believed rotation phase is ahead by.
+
+    Returns:
+      A unit quaternion (w, x, y, z). It is the identity to the last bit where belief and truth are
+      equal.
+    """
+    x, y, z = true_spin
+    if x == 0.0 and y == 0.0:
+        return from_rotation_vector((0.0, 0.0, (believed_spin - z) * time + phase))
+    true = from_rotation_vector((time * x, time * y, time * z))
+    return product(inverse(true), from_rotation_vector((0.0, 0.0, believed_spin * time + phase)))
+
+
+class AttitudeError(SeededSystem):
+    """The attitude R_KS of a spacecraft that takes its axes S for those of the body, K.
+
+    ```
+    ┌───────────────┐
+    │ AttitudeError ├─► attitude (4): R_KS as a unit quaternion (w, x, y, z)
+    └───────────────┘
+    ```
+
+    R_KS = `believed_axes` · E. The first factor is what the spacecraft does not know of the body's
+    rotation. E = Rot(constant + varying) is the error of star tracker and mounting, with a
+    Gauss-Markov process for the varying part. The output depends on time and seed alone.
+    """
+
+    def __init__(
+        self,
+        *,
+        constant: Sequence[float] | np.ndarray = (0.0, 0.0, 0.0),
+        varying_std: float = 0.0,
+        correlation_time: float = 3600.0,
+        believed_spin: float,
+        true_spin: Sequence[float] | np.ndarray,
+        phase: float = 0.0,
+        period: float = 10.0,
+        seed: int = 0,
+    ):
+        """Takes the errors of the attitude and of the knowledge of the rotation.
+
+        Args:
+          constant: (3,) rotation vector in rad in S.
+          varying_std: standard deviation per axis in rad of the rotation vector that varies.
+          correlation_time: s, of the part that varies.
+          believed_spin: rad/s about z.
+          true_spin: (3,) in rad/s in K.
+          phase: rad: what the believed rotation phase is ahead by.
+          period: control period in s.
+          seed: the seed of a new Context.
+
+        Raises:
+          InputError: a vector is not of three finite numbers, the spin or the phase is not finite,
+            the deviation or the correlation time is negative, or the period is not positive.
+        """
+        super().__init__(period, seed)
+        owner = "AttitudeError"
+        check_not_negative(owner, varying_std=varying_std, correlation_time=correlation_time)
+        check_finite(owner, believed_spin=believed_spin, phase=phase)
+        self.constant = finite_vector(owner, "constant", constant)
+        self.varying_std, self.correlation_time = varying_std, correlation_time
+        self.believed_spin, self.phase = believed_spin, phase
+        self.true_spin = finite_vector(owner, "true_spin", true_spin)
+        self.DeclareVectorOutputPort(
+            name="attitude",
+            size=4,
+            calc=self._calc_attitude,
+            prerequisites_of_calc=self.seed_tickets(),
+        )
+
+    def _calc_attitude(self, context, output):
+        time = context.get_time()
+        axes = believed_axes(
+            time, believed_spin=self.believed_spin, true_spin=self.true_spin, phase=self.phase
+        )
+        u, v, w = gauss_markov_at(
+            time,
+            std=self.varying_std,
+            correlation_time=self.correlation_time,
+            period=self.period,
+            seed=self.seed_of(context),
+        )
+        x, y, z = self.constant
+        output.SetFromVector(product(axes, from_rotation_vector((x + u, y + v, z + w))))

@@ -1,0 +1,68 @@
+"""`UnexplainedAcceleration`: what pushes the spacecraft and is in nobody's model."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from proxops.systems.common import SeededSystem, check_not_negative
+from proxops.systems.vehicle._vectors import finite_vector
+from proxops.systems.vehicle.gauss_markov import gauss_markov_at
+
+
+class UnexplainedAcceleration(SeededSystem):
+    """An acceleration from outside: a constant, and a Gauss-Markov process that varies slowly.
+
+    ```
+    ┌─────────────────────────┐
+    │ UnexplainedAcceleration ├─► acceleration (3), m/s^2, K
+    └─────────────────────────┘
+    ```
+
+    The output depends on time and seed alone; see `gauss_markov_at`.
+    """
+
+    def __init__(
+        self,
+        constant: Sequence[float] | np.ndarray = (0.0, 0.0, 0.0),
+        std: float = 0.0,
+        correlation_time: float = 600.0,
+        period: float = 10.0,
+        seed: int = 0,
+    ):
+        """Takes what is constant, and the size and slowness of what varies.
+
+        Args:
+          constant: (3,) in m/s^2 in K.
+          std: standard deviation per axis in m/s^2 of the part that varies.
+          correlation_time: s, of that part.
+          period: control period in s.
+          seed: the seed of a new Context.
+
+        Raises:
+          InputError: the constant is not of three finite numbers, the deviation or the correlation
+            time is negative, or the period is not positive.
+        """
+        super().__init__(period, seed)
+        owner = "UnexplainedAcceleration"
+        check_not_negative(owner, std=std, correlation_time=correlation_time)
+        self.constant = finite_vector(owner, "constant", constant)
+        self.std, self.correlation_time = std, correlation_time
+        self.DeclareVectorOutputPort(
+            name="acceleration",
+            size=3,
+            calc=self._calc_acceleration,
+            prerequisites_of_calc=self.seed_tickets(),
+        )
+
+    def _calc_acceleration(self, context, output):
+        u, v, w = gauss_markov_at(
+            context.get_time(),
+            std=self.std,
+            correlation_time=self.correlation_time,
+            period=self.period,
+            seed=self.seed_of(context),
+        )
+        x, y, z = self.constant
+        output.SetFromVector((x + u, y + v, z + w))

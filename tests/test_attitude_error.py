@@ -1,0 +1,125 @@
+"""The attitude of S against K, against scipy's rotations and kinematics in the inertial frame."""
+
+import numpy as np
+import pytest
+from numpy.typing import ArrayLike
+from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
+
+from proxops.systems import AttitudeError, InputError
+from proxops.systems.vehicle import believed_axes, gauss_markov_at
+
+SPIN = 3.24093e-4
+TRUE = SPIN * 1.01 * np.array([0.03, -0.05, 1.0])
+PHASE = 0.02
+TIMES = (0.0, 10.0, 1234.5, 7200.0, 40_000.0)
+
+
+def attitude(system: AttitudeError, time: float, seed: int = 0) -> np.ndarray:
+    context = system.CreateDefaultContext()
+    system.set_seed(context, seed)
+    context.SetTime(time)
+    return system.GetOutputPort("attitude").Eval(context).copy()
+
+
+def rotation(quaternion: ArrayLike) -> Rotation:
+    assert np.linalg.norm(quaternion) == pytest.approx(1.0, abs=1e-14)
+    return Rotation.from_quat(quaternion, scalar_first=True)
+
+
+def same(first: Rotation, second: Rotation, tolerance: float = 1e-12) -> bool:
+    return float((first.inv() * second).magnitude()) < tolerance
+
+
+@pytest.mark.parametrize("time", TIMES)
+def test_no_errors_are_exactly_none(time: float) -> None:
+    system = AttitudeError(believed_spin=SPIN, true_spin=(0.0, 0.0, SPIN))
+    assert attitude(system, time).tolist() == [1.0, 0.0, 0.0, 0.0]
+
+
+@pytest.mark.parametrize("time", TIMES)
+@pytest.mark.parametrize("true", [TRUE, [0.0, 0.0, -0.9 * SPIN], [0.0, 0.0, 0.0]])
+def test_composition_of_rotations(time: float, true: ArrayLike) -> None:
+    constant = np.array([0.01, -0.02, 0.005])
+    system = AttitudeError(
+        constant=constant,
+        varying_std=1e-3,
+        correlation_time=600.0,
+        believed_spin=SPIN,
+        true_spin=np.array(true),
+        phase=PHASE,
+        seed=3,
+    )
+    varying = gauss_markov_at(time, std=1e-3, correlation_time=600.0, period=10.0, seed=8)
+    truly = Rotation.from_rotvec(time * np.array(true))
+    believed = Rotation.from_euler("z", SPIN * time + PHASE)
+    expected = truly.inv() * believed * Rotation.from_rotvec(constant + varying)
+    assert same(rotation(attitude(system, time, seed=8)), expected)
+
+
+def test_against_integrated_kinematics() -> None:
+    """Both frames are turned in the inertial frame by R' = R [w]x, step by step."""
+    end = 5000.0
+
+    def rates(_time: float, rows: np.ndarray) -> np.ndarray:
+        body, craft = rows.reshape(2, 3, 3)
+        believed = np.array([0.0, 0.0, SPIN])
+        # A row r of R changes by r [w]x = r x w.
+        return np.ravel([np.cross(body, TRUE), np.cross(craft, believed)])
+
+    start = np.stack([np.eye(3), Rotation.from_euler("z", PHASE).as_matrix()]).ravel()
+    flown = solve_ivp(rates, (0.0, end), start, method="DOP853", rtol=1e-12, atol=1e-13)
+    R_NK, R_NS = flown.y[:, -1].reshape(2, 3, 3)
+    found = believed_axes(end, believed_spin=SPIN, true_spin=tuple(TRUE), phase=PHASE)
+    assert rotation(found).as_matrix() == pytest.approx(R_NK.T @ R_NS, abs=1e-10)
+
+
+def test_phase_alone_turns_about_z() -> None:
+    """The spacecraft believes that K is ahead: its x axis points towards K's +y."""
+    system = AttitudeError(believed_spin=SPIN, true_spin=(0.0, 0.0, SPIN), phase=0.1)
+    x_axis = rotation(attitude(system, 500.0)).apply([1.0, 0.0, 0.0])
+    assert x_axis == pytest.approx([np.cos(0.1), np.sin(0.1), 0.0], abs=1e-14)
+
+
+def test_rate_error_grows_with_time() -> None:
+    system = AttitudeError(believed_spin=SPIN, true_spin=(0.0, 0.0, SPIN * (1.0 + 1e-4)))
+    turned = [rotation(attitude(system, time)).as_rotvec()[2] for time in (1000.0, 7200.0)]
+    assert turned == pytest.approx([-1e-1 * SPIN, -7.2e-1 * SPIN], rel=1e-9)
+
+
+def test_continuous_in_time() -> None:
+    """The quaternion itself, with its sign, so that a log of it can be interpolated."""
+    system = AttitudeError(varying_std=1e-3, believed_spin=SPIN, true_spin=TRUE, phase=PHASE)
+    path = np.array([attitude(system, time) for time in np.arange(0.0, 30_000.0, 20.0)])
+    assert np.linalg.norm(np.diff(path, axis=0), axis=1).max() < 1e-3
+
+
+def test_the_output_follows_time_and_seed() -> None:
+    system = AttitudeError(varying_std=1e-3, believed_spin=SPIN, true_spin=(0.0, 0.0, SPIN))
+    port, context = system.GetOutputPort("attitude"), system.CreateDefaultContext()
+    seen = []
+    for time, seed in ((0.0, 0), (15.0, 0), (15.0, 1)):
+        context.SetTime(time)
+        system.set_seed(context, seed)
+        seen.append(tuple(port.Eval(context)))
+    assert len(set(seen)) == 3
+    assert not system.HasAnyDirectFeedthrough()
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"constant": (0.0, np.inf, 0.0)},
+        {"varying_std": -1.0},
+        {"correlation_time": np.nan},
+        {"believed_spin": np.nan},
+        {"true_spin": (0.0, 0.0)},
+        {"phase": np.inf},
+        {"period": -1.0},
+        {"seed": 0.5},
+    ],
+)
+def test_senseless_errors_are_refused(settings) -> None:
+    given = {"believed_spin": SPIN, "true_spin": (0.0, 0.0, SPIN), **settings}
+    with pytest.raises(InputError, match=f"needs .*{next(iter(settings))}"):
+        AttitudeError(**given)

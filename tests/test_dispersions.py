@@ -1,0 +1,236 @@
+"""Dispersions: what is drawn, from which numbers, within which bounds; what is refused."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy import stats
+from short_flights import kleopatra
+
+from proxops.assets import ASSETS
+from proxops.diagrams.scenario.dispersions import (
+    KNOWN_ON_THE_DAY,
+    dispersed_values,
+    draw_world,
+    load_dispersions,
+)
+from proxops.diagrams.scenario.distributions import (
+    Choice,
+    Distribution,
+    Fixed,
+    HalfNormal,
+    LogUniform,
+    Normal,
+    Uniform,
+)
+from proxops.diagrams.scenario.scenario import load_scenario
+from proxops.diagrams.scenario.scenario_checks import check_scenario
+from proxops.diagrams.scenario.transits import of_transit, scenario_transit
+from proxops.systems.common.errors import InputError
+
+SHIPPED = sorted(path.stem for path in (ASSETS / "dispersions").glob("*.yaml"))
+
+
+def write(folder: Path, text: str) -> str:
+    path = folder / "mine.yaml"
+    path.write_text(text)
+    return str(path)
+
+
+def drawn(name: str, index: int = 0, seed: int = 7, **changes):
+    scenario = load_scenario(None, {"dispersions": name, **changes})
+    return draw_world(of_transit(scenario, seed, index), kleopatra())
+
+
+# --- distributions --------------------------------------------------------------------------------
+
+UNIFORMS = np.random.default_rng(1).random(20_000)
+
+
+@pytest.mark.parametrize(
+    ("distribution", "reference"),
+    [
+        (Normal(2.0, 0.6), stats.truncnorm(-3.0, 3.0, loc=2.0, scale=0.2)),
+        (HalfNormal(1.0, 0.6), stats.truncnorm(0.0, 3.0, loc=1.0, scale=0.2)),
+        (Uniform(-1.0, 3.0), stats.uniform(-1.0, 4.0)),
+        (LogUniform(0.5, 2.0), stats.loguniform(0.5, 2.0)),
+    ],
+)
+def test_values_have_the_distribution(distribution: Distribution, reference) -> None:
+    values = [distribution.value(u) for u in UNIFORMS]
+    assert stats.kstest(values, reference.cdf).pvalue > 1e-3
+
+
+def test_choices_are_equally_frequent() -> None:
+    choice = Choice(("a", "b", "b", "c"))
+    found = [choice.value(u) for u in UNIFORMS]
+    counts = [found.count("a"), found.count("b"), found.count("c")]
+    assert stats.chisquare(counts, np.array([0.25, 0.5, 0.25]) * len(found)).pvalue > 1e-3
+
+
+@given(st.floats(-5.0, 5.0), st.floats(0.0, 5.0), st.floats(0.0, 1.0))
+def test_values_are_within_the_bounds(mean: float, spread: float, uniform: float) -> None:
+    for distribution in (
+        Normal(mean, spread),
+        HalfNormal(mean, spread),
+        Uniform(mean, mean + spread),
+        LogUniform(1e-3 + spread, 2.0 + spread),
+    ):
+        low, high = distribution.bounds()
+        slack = 1e-12 * max(1.0, abs(low), abs(high))
+        assert low - slack <= distribution.value(uniform) <= high + slack
+
+
+def test_far_out_is_a_multiple_of_the_bound() -> None:
+    assert {Normal(1.0, 0.3).far_out(u, 2.0) for u in (0.1, 0.9)} == {0.4, 1.6}
+    assert HalfNormal(0.0, 0.3).far_out(0.1, 3.0) == pytest.approx(0.9)
+    assert Uniform(0.0, 0.1).far_out(0.1, 2.0) == pytest.approx(0.2)
+    assert LogUniform(0.5, 2.0).far_out(0.1, 2.0) == pytest.approx(4.0)
+    assert Fixed(0.01).far_out(0.1, 3.0) == pytest.approx(0.03)
+
+
+# --- draws ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_shipped_dispersions_give_sound_scenarios(name: str) -> None:
+    for index in range(5):
+        scenario = drawn(name, index)
+        check_scenario(scenario)
+        assert scenario.dispersions is None
+        assert scenario.dispersed
+        assert dispersed_values(scenario).keys() == set(scenario.dispersed)
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_every_shipped_number_has_a_source(name: str) -> None:
+    assert all(each.source for each in load_dispersions(name))
+
+
+def test_a_draw_depends_on_seed_transit_and_key_alone(tmp_path: Path) -> None:
+    one = "truth.gravity: {normal: 1.0, three_sigma: 0.3}\n"
+    both = "truth.mass: {uniform: [0.9, 1.1]}\n" + one
+    alone = drawn(write(tmp_path, one)).truth.gravity
+    (tmp_path / "other").mkdir()
+    assert drawn(write(tmp_path / "other", both), noise_seed=5).truth.gravity == alone
+    assert drawn(write(tmp_path, one), index=1).truth.gravity != alone
+    assert drawn(write(tmp_path, one), seed=8).truth.gravity != alone
+
+
+def test_draws_of_many_transits_have_the_distribution(tmp_path: Path) -> None:
+    name = write(
+        tmp_path,
+        "truth.gravity: {normal: 1.0, three_sigma: 0.3}\n"
+        "truth.attitude.constant_deg: {normal: 0.0, three_sigma: 3.0}\n",
+    )
+    worlds = [drawn(name, index).truth for index in range(400)]
+    gravity = np.array([world.gravity for world in worlds])
+    axes = np.array([world.attitude.constant_deg for world in worlds])
+    cut = stats.truncnorm(-3.0, 3.0)
+    for values in ((gravity - 1.0) / 0.1, *axes.T):
+        assert stats.kstest(values, cut.cdf).pvalue > 1e-3
+    together = np.corrcoef(np.column_stack([gravity, axes]).T)
+    assert np.abs(together - np.eye(4)).max() < 0.2  # Four standard deviations.
+
+
+def test_a_file_that_was_edited_is_read_again(tmp_path: Path) -> None:
+    name = write(tmp_path, "truth.gravity: 1.1\n")
+    assert drawn(name).truth.gravity == 1.1
+    write(tmp_path, "truth.gravity: 1.2\n")
+    os.utime(name, ns=(1, 1))
+    assert drawn(name).truth.gravity == 1.2
+
+
+def test_units(tmp_path: Path) -> None:
+    size = kleopatra().shape.extents.max()
+    scenario = drawn(
+        write(
+            tmp_path,
+            "truth.surface_rms_m: {fixed: 0.001, times: size}\n"
+            "truth.acceleration.varying_std_m_s2: {fixed: 0.1, times: thrust_acceleration}\n"
+            "spacecraft.mass_kg: {fixed: 1.5, times: value}\n"
+            "truth.lidar.latency_steps: {uniform: [2, 2]}\n",
+        )
+    )
+    assert scenario.truth.surface_rms_m == pytest.approx(0.001 * size)
+    assert scenario.truth.acceleration.varying_std_m_s2 == pytest.approx(0.1 * 7.0 / 100.0)
+    assert scenario.spacecraft.mass_kg == pytest.approx(150.0)
+    assert scenario.truth.lidar.latency_steps == 2
+    assert scenario.dispersed == ["truth.lidar.latency_steps"]
+
+
+def test_a_known_mass_does_not_move_the_transit(tmp_path: Path) -> None:
+    name = write(tmp_path, "spacecraft.mass_kg: {uniform: [0.5, 1.4], times: value}\n")
+    for index in range(10):
+        plain = scenario_transit(of_transit(load_scenario(), 7, index), kleopatra())
+        scenario = drawn(name, index)
+        assert scenario.spacecraft.mass_kg != 100.0
+        assert scenario.transit.start_m == plain.start.tolist()
+        assert scenario.transit.goal_m == plain.goal.tolist()
+
+
+def test_a_part_that_the_scenario_lacks_is_made() -> None:
+    assert load_scenario().disturbance is None
+    disturbances = [drawn("paper", index).disturbance for index in range(20)]
+    assert {each and each.max_relative_magnitude for each in disturbances} == {0.0, 2.0}
+
+
+def test_a_scenario_is_not_changed_by_a_draw() -> None:
+    scenario = load_scenario(None, {"dispersions": "after_survey"})
+    draw_world(scenario, kleopatra())
+    assert scenario == load_scenario(None, {"dispersions": "after_survey"})
+
+
+def test_a_file_beside_the_scenario(tmp_path: Path) -> None:
+    write(tmp_path, "truth.gravity: {uniform: [1.1, 1.2]}\n")
+    (tmp_path / "scenario.yaml").write_text("dispersions: mine.yaml\n")
+    scenario = draw_world(load_scenario(tmp_path / "scenario.yaml"), kleopatra())
+    assert 1.1 <= scenario.truth.gravity <= 1.2
+
+
+# --- bad input ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        ("truth.gravty: {normal: 1.0, three_sigma: 0.1}", "no key 'truth.gravty'.* truth.gravity"),
+        ("mpc.fuel_weight: {uniform: [0, 1]}", "mpc.fuel_weight cannot be dispersed"),
+        ("hybrid.epsilon_magnitude_n: 2.0", "cannot be dispersed"),
+        ("truth.gravity: {normal: 1.0, three_sigma: -0.1}", "truth.gravity three_sigma must not"),
+        ("truth.gravity: {normal: 1.0}", "needs three_sigma"),
+        ("truth.gravity: {normal: 1.0, uniform: [0, 1], three_sigma: 1}", "exactly one of"),
+        ("truth.gravity: {three_sigma: 1}", "exactly one of"),
+        ("truth.gravity: {uniform: [0.9, 1.1], three_sigma: 1}", "which uniform does not take"),
+        ("truth.gravity: {uniform: [1.1, 0.9]}", "its lower end first"),
+        ("truth.gravity: {uniform: 1.1}", "needs two numbers"),
+        ("truth.gravity: {log_uniform: [0, 1]}", "positive ends"),
+        ("truth.gravity: {choice: []}", "at least one value"),
+        ("truth.gravity: {normal: text, three_sigma: 1}", "finite number for normal"),
+        ("truth.gravity: {normal: 1.0, three_sigma: 0.1, sigma: 3}", "has 'sigma'"),
+        ("truth.gravity: {normal: 1.0, three_sigma: 0.1, times: mass}", "must be one of value"),
+        ("truth.thrusters.scale: {uniform: [1, 2], times: value}", "is a list"),
+        ("truth.mass: {normal: 1.0, three_sigma: 1.5}", "truth.mass may be drawn as -0.5"),
+        ("truth.lidar.dropout: {uniform: [0.0, 2.0]}", "truth.lidar.dropout may be drawn as 2"),
+    ],
+)
+def test_senseless_dispersions(text: str, complaint: str, tmp_path: Path) -> None:
+    name = write(tmp_path, text + "\n")
+    with pytest.raises(InputError, match=complaint) as caught:
+        drawn(name)
+    assert "mine.yaml" in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_unknown_dispersions() -> None:
+    with pytest.raises(InputError, match="after_survey, before_survey, first_look, paper do"):
+        drawn("after_lunch")
+    with pytest.raises(InputError, match="cannot be read"):
+        drawn("nowhere.yaml")
+
+
+def test_what_is_known_on_the_day_is_a_key_of_belief() -> None:
+    assert not any(key.startswith("truth.") for key in KNOWN_ON_THE_DAY)

@@ -1,0 +1,94 @@
+"""Frames that arrive late: the system in a simulation, and the function that a log uses."""
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import LogVectorOutput, TrajectorySource
+from pydrake.trajectories import PiecewisePolynomial
+
+from proxops.diagrams.scenario.body import load_body
+from proxops.systems import FrameDelay, InputError, Lidar, LidarErrors, LidarGeometry
+from proxops.systems.lidar import delayed_frames
+
+GEOMETRY = LidarGeometry(planes=4, rays=60)
+
+
+# With 0.1 s and 0.7 s, sums of periods and multiples of them differ in the last bit.
+@pytest.mark.parametrize("period", [10.0, 0.1, 0.7])
+@pytest.mark.parametrize("steps", [1, 3])
+def test_frames_late_by_steps(period: float, steps: int) -> None:
+    """A spacecraft that moves past Kleopatra; the flight ends between two control steps."""
+    end, builder = 12.4 * period, DiagramBuilder()
+    path = PiecewisePolynomial.FirstOrderHold(
+        [0.0, 2.0 * end], np.array([[120e3, 60e3, -20e3], [-100e3, 90e3, 40e3]]).T
+    )
+    source = builder.AddSystem(TrajectorySource(path))
+    lidar = builder.AddSystem(
+        Lidar(load_body("kleopatra").shape, LidarErrors(50.0, frame_loss=0.2), GEOMETRY, period, 4)
+    )
+    delay = builder.AddSystem(FrameDelay(GEOMETRY.size, steps, period))
+    builder.Connect(source.get_output_port(), lidar.GetInputPort("position"))
+    builder.Connect(lidar.GetOutputPort("ranges"), delay.get_input_port())
+    logs = [
+        LogVectorOutput(port, builder, publish_period=period)
+        for port in (delay.get_output_port(), source.get_output_port())
+    ]
+    simulator = Simulator(builder.Build())
+    simulator.AdvanceTo(end)
+    context = simulator.get_context()
+    late, places = (log.FindLog(context).data().T for log in logs)
+    times = logs[0].FindLog(context).sample_times()
+    assert len(times) == 13
+    # The last row of a flight's log is between two control steps.
+    here = delay.GetMyContextFromRoot(context)
+    late = np.concatenate([late, delay.get_output_port().Eval(here)[None]])
+    places = np.concatenate([places, path.value(end).T])
+    times = np.append(times, end)
+    measured = lidar.frames(times, places, lidar.seed)
+    assert np.isinf(late[:steps]).all()
+    assert np.isfinite(measured).any(axis=(1, 2)).sum() > 8
+    wanted = delayed_frames(measured, steps)
+    assert np.array_equal(late.astype(np.float32), wanted.reshape(len(times), -1))
+    # Independently of the function: row k is the frame of row k - steps.
+    for k in range(steps, len(times)):
+        assert np.array_equal(wanted[k], measured[k - steps])
+
+
+def test_all_state_is_in_the_context() -> None:
+    delay = FrameDelay(5, 2, 10.0)
+    assert not delay.HasAnyDirectFeedthrough()
+    simulator = Simulator(delay)
+    context = simulator.get_mutable_context()
+    delay.get_input_port().FixValue(context, np.arange(5.0))
+    simulator.AdvanceTo(15.0)
+    clone = context.Clone()
+    delay.get_input_port().FixValue(context, np.zeros(5))
+    simulator.AdvanceTo(45.0)
+    assert np.array_equal(delay.get_output_port().Eval(clone), np.arange(5.0))
+    assert np.array_equal(delay.get_output_port().Eval(context), np.zeros(5))
+
+
+def test_fewer_frames_than_steps() -> None:
+    frames = np.ones((3, 2, 4), dtype=np.float32)
+    assert np.isinf(delayed_frames(frames, 5)).all()
+    assert delayed_frames(frames[:0], 2).shape == (0, 2, 4)
+    assert np.array_equal(delayed_frames(frames, 0), frames)
+
+
+@pytest.mark.parametrize(
+    ("settings", "why"),
+    [
+        ((4, 0, 10.0), "from 1 to 1000"),
+        ((4, -1, 10.0), "from 1 to 1000"),
+        ((4, 1.5, 10.0), "from 1 to 1000"),
+        ((4, 10**9, 10.0), "from 1 to 1000"),
+        ((4, 1, 0.0), "needs period"),
+        ((0, 1, 10.0), "needs size"),
+    ],
+)
+def test_senseless_delay_is_refused(settings: tuple, why: str) -> None:
+    with pytest.raises(InputError, match=why):
+        FrameDelay(*settings)
+    with pytest.raises(InputError, match="cannot be delayed by -1"):
+        delayed_frames(np.zeros((1, 2)), -1)

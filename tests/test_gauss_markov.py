@@ -1,0 +1,118 @@
+"""Gauss-Markov processes: their statistics, and that they are functions of seed and time."""
+
+import numpy as np
+import pytest
+
+from proxops.systems import InputError, UnexplainedAcceleration
+from proxops.systems.common import generator
+from proxops.systems.vehicle import gauss_markov_at
+from proxops.systems.vehicle.gauss_markov import _sequence
+
+SLOW = {"std": 2.0, "correlation_time": 100.0, "period": 10.0}
+
+
+def at_steps(steps: int, seed: int = 0, **settings: float) -> np.ndarray:
+    """Values (steps, 3) at the control steps."""
+    all_settings = {**SLOW, **settings}
+    times = all_settings["period"] * np.arange(steps)
+    return np.array([gauss_markov_at(time, seed=seed, **all_settings) for time in times.tolist()])
+
+
+def test_philox_gives_the_same_first_rows_however_many_are_drawn() -> None:
+    for count in (3, 1024, 5000):
+        longer = generator(7, 0).standard_normal((2 * count, 3))
+        assert np.array_equal(generator(7, 0).standard_normal((count, 3)), longer[:count])
+
+
+@pytest.mark.parametrize("tau", [30.0, 100.0, 600.0])
+def test_correlation_falls_exponentially(tau: float) -> None:
+    values = at_steps(60_000, correlation_time=tau)
+    # Independent stretches in the sequence, for the errors of the estimates.
+    stretches = values.size * 10.0 / (2.0 * tau)
+    assert values.std() == pytest.approx(2.0, rel=4.0 / np.sqrt(2.0 * stretches))
+    assert np.abs(values.mean(axis=0)).max() < 4.0 * 2.0 / np.sqrt(stretches / 3.0)
+    for lag in (1, 3, 10, 30):
+        measured = np.mean(values[lag:] * values[:-lag]) / 4.0
+        assert measured == pytest.approx(np.exp(-10.0 * lag / tau), abs=5.0 / np.sqrt(stretches))
+    axes = np.corrcoef(values.T) - np.eye(3)
+    assert np.abs(axes).max() < 5.0 / np.sqrt(stretches / 3.0)
+
+
+def test_stationary_from_the_first_step_on() -> None:
+    """Over seeds: the spread is the same at step 0, and later."""
+    values = np.array([at_steps(21, seed) for seed in range(400)])
+    for step in (0, 1, 20):
+        assert values[:, step].std() == pytest.approx(2.0, rel=0.1)
+    found = np.mean(values[:, 0] * values[:, 20]) / 4.0
+    assert found == pytest.approx(np.exp(-2.0), abs=0.15)
+
+
+def test_linear_between_steps() -> None:
+    values = at_steps(3, seed=5)
+    for part in (0.25, 0.5, 0.9):
+        between = gauss_markov_at(10.0 * (1.0 + part), seed=5, **SLOW)
+        assert between == pytest.approx((1.0 - part) * values[1] + part * values[2], rel=1e-12)
+    # Just before and after a step: no jump.
+    close = [gauss_markov_at(time, seed=5, **SLOW) for time in (20.0 - 1e-9, 20.0 + 1e-9)]
+    assert close[0] == pytest.approx(close[1], abs=1e-8)
+
+
+def test_a_function_of_seed_and_time_alone() -> None:
+    late = gauss_markov_at(20_480.0, seed=3, **SLOW)  # Needs a longer sequence.
+    early = gauss_markov_at(55.0, seed=3, **SLOW)
+    assert gauss_markov_at(55.0, seed=4, **SLOW) != early
+    _sequence.cache_clear()
+    assert gauss_markov_at(55.0, seed=3, **SLOW) == early
+    assert gauss_markov_at(20_480.0, seed=3, **SLOW) == late
+    assert _sequence(3, 0.9, 2048)[:1024] == _sequence(3, 0.9, 1024)
+
+
+def test_white_and_none() -> None:
+    values = at_steps(20_000, correlation_time=0.0)
+    assert np.abs(np.mean(values[1:] * values[:-1])) / 4.0 < 0.02
+    assert gauss_markov_at(55.0, seed=1, **{**SLOW, "std": 0.0}) == (0.0, 0.0, 0.0)
+
+
+def acceleration(system: UnexplainedAcceleration, time: float, seed: int = 0) -> np.ndarray:
+    context = system.CreateDefaultContext()
+    system.set_seed(context, seed)
+    context.SetTime(time)
+    return system.GetOutputPort("acceleration").Eval(context).copy()
+
+
+def test_unexplained_acceleration_is_constant_and_slow() -> None:
+    constant = np.array([1e-5, -2e-5, 3e-5])
+    assert np.array_equal(acceleration(UnexplainedAcceleration(constant), 123.4), constant)
+    system = UnexplainedAcceleration(constant, 1e-4, 600.0)
+    found = np.array([acceleration(system, 0.0, seed) for seed in range(300)])
+    assert found.mean(axis=0) == pytest.approx(constant, abs=4e-4 / np.sqrt(300))
+    assert found.std() == pytest.approx(1e-4, rel=0.1)
+    slow = gauss_markov_at(77.0, std=1e-4, correlation_time=600.0, period=10.0, seed=9)
+    assert acceleration(system, 77.0, 9) == pytest.approx(constant + slow, rel=1e-14)
+
+
+def test_unexplained_acceleration_changes_as_time_and_seed_do() -> None:
+    system = UnexplainedAcceleration(std=1e-4)
+    context = system.CreateDefaultContext()
+    seen = []
+    for time, seed in ((0.0, 0), (55.0, 0), (55.0, 1)):
+        context.SetTime(time)
+        system.set_seed(context, seed)
+        seen.append(tuple(system.GetOutputPort("acceleration").Eval(context)))
+    assert len(set(seen)) == 3
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"constant": (1.0, 2.0)},
+        {"constant": (1.0, np.nan, 2.0)},
+        {"std": -1.0},
+        {"correlation_time": np.inf},
+        {"period": 0.0},
+        {"seed": -1},
+    ],
+)
+def test_senseless_accelerations_are_refused(settings) -> None:
+    with pytest.raises(InputError, match=f"needs .*{next(iter(settings))}"):
+        UnexplainedAcceleration(**settings)

@@ -1,0 +1,88 @@
+"""What so many flights show: against closed forms, brute force and simulated campaigns."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.stats import beta
+
+from proxops.studies.evaluation.statistics_of_flights import (
+    exact_interval,
+    percentile,
+    percentile_bound,
+    shown_success,
+)
+from proxops.systems.common import generator
+
+
+def tail(successes: int, trials: int, share: float) -> float:
+    """The probability of so many successes or more, by summing the binomial distribution."""
+    return sum(
+        math.comb(trials, k) * share**k * (1.0 - share) ** (trials - k)
+        for k in range(successes, trials + 1)
+    )
+
+
+@pytest.mark.parametrize(("trials", "share"), [(852, 0.9973), (200, 0.9886), (1, 0.1)])
+def test_no_failure_shows(trials: int, share: float) -> None:
+    """Hanson & Beard, table 1: 852 flights without a failure show 3 sigma at 90 %."""
+    assert shown_success(trials, trials) == pytest.approx(share, abs=5e-5)
+    assert shown_success(trials, trials) == pytest.approx(0.1 ** (1.0 / trials), rel=1e-12)
+
+
+@pytest.mark.parametrize(("successes", "trials"), [(1, 1), (1, 30), (17, 20), (39, 40), (40, 40)])
+def test_what_is_shown_leaves_a_tenth(successes: int, trials: int) -> None:
+    shown = shown_success(successes, trials)
+    assert tail(successes, trials, shown) == pytest.approx(0.1, rel=1e-9)
+    assert shown_success(successes, trials, 0.95) < shown < successes / trials
+
+
+def test_nothing_is_shown_without_a_success() -> None:
+    assert shown_success(0, 10) == shown_success(0, 0) == 0.0
+
+
+@pytest.mark.parametrize(("successes", "trials"), [(1, 9), (5, 10), (199, 200), (838, 852)])
+def test_exact_interval_of_beta_quantiles(successes: int, trials: int) -> None:
+    low, high = exact_interval(successes, trials)
+    assert low == pytest.approx(beta.ppf(0.025, successes, trials - successes + 1), rel=1e-9)
+    assert high == pytest.approx(beta.ppf(0.975, successes + 1, trials - successes), rel=1e-9)
+
+
+def test_exact_interval_at_its_ends() -> None:
+    assert exact_interval(0, 0) == (0.0, 1.0)
+    assert exact_interval(20, 20) == pytest.approx((0.025**0.05, 1.0))
+    assert exact_interval(0, 20) == pytest.approx((0.0, 1.0 - 0.025**0.05))
+
+
+def test_percentile() -> None:
+    assert percentile([3.0, 1.0, 2.0], 50) == 2.0
+    assert percentile([], 99) is None
+
+
+def test_bound_of_the_99th_percentile_needs_230_flights() -> None:
+    """All of n draws lie below the quantile with 0.99^n: 0.1 or less from n = 230 on."""
+    assert percentile_bound(range(229)) is None
+    assert percentile_bound(range(230)) == 229.0
+    assert percentile_bound([]) is percentile_bound([1.0]) is None
+
+
+@pytest.mark.parametrize(("count", "share"), [(23, 0.5), (60, 0.9), (388, 0.99), (852, 0.99)])
+def test_bound_is_the_smallest_that_suffices(count: int, share: float) -> None:
+    bound = percentile_bound(np.arange(count, 0, -1.0).tolist(), share)
+    assert bound is not None
+    rank = round(bound)  # The k-th order statistic is k.
+    below = [1.0 - tail(r, count, share) for r in (rank, rank - 1)]  # P(Bin < r), P(Bin < r - 1).
+    assert below[0] >= 0.9 > below[1]
+
+
+def test_bounds_cover_as_often_as_they_say() -> None:
+    """2,000 campaigns of 300 flights: shares of 0.97, and figures with a known 95th percentile."""
+    random = generator(1, 2)
+    flights, campaigns = 300, 2000
+    counts = random.binomial(flights, 0.97, campaigns)
+    shown = {count: shown_success(int(count), flights) for count in set(counts.tolist())}
+    assert 0.9 <= np.mean([shown[count] <= 0.97 for count in counts.tolist()]) < 0.97
+    figures = random.exponential(size=(campaigns, flights))
+    bounds = [percentile_bound(row.tolist(), 0.95) for row in figures]
+    covered = np.mean(np.array(bounds, dtype=float) >= -math.log(0.05))
+    assert 0.89 < covered < 0.95
