@@ -219,7 +219,7 @@ def test_every_command_in_brief(
         assert not end.value.code, (line, capfd.readouterr().err)
         run_already.add(words[0])
     assert run_already >= {"fly", "replay", "evaluate", "collect", "shape", "train", "train-lidar"}
-    table = PAGES["docs/how_to/evaluate.md"].partition("## Conditions")[0]
+    table = PAGES["docs/how_to/evaluate.md"].partition("## Monte Carlo")[0]
     rows = re.findall(r"^\| (`.*?) \|", table, re.MULTILINE)
     assert len(rows) == 5
     for name in re.findall("`(.*?)`", " ".join(rows)):
