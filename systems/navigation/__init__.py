@@ -1,0 +1,9 @@
+"""Navigation: from lidar frames and own commands to position, velocity and attitude.
+
+Start with `LidarNavigation`, a thin system over plain functions. Nothing in this room may see the
+truth: it is made from the map, the believed gravity and spin, and the lidar's data sheet.
+"""
+
+from proxops.systems.navigation.expected_errors import ExpectedErrors
+
+__all__ = ["ExpectedErrors"]

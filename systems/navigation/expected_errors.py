@@ -1,0 +1,66 @@
+"""`ExpectedErrors`: how wrong the navigation takes its beliefs to be."""
+
+from __future__ import annotations
+
+import dataclasses as dc
+import math
+
+from proxops.systems.common import InputError, check_not_negative, check_positive
+
+
+@dc.dataclass(frozen=True)
+class ExpectedErrors:
+    """One standard deviation of everything that `LidarNavigation` may be wrong about.
+
+    They are what a mission knows of its own uncertainties, never the true errors. What is constant
+    is estimated in flight, so a generous value costs a slower start and no more. What varies stays
+    uncertain for good, and is 0 by default. Vectors have the same deviation along each axis.
+    """
+
+    attitude: float = math.radians(1.0)
+    """Of the spacecraft's axes S against K at the start, in rad."""
+    attitude_varying: float = 0.0
+    """Of a part of the attitude that varies (first-order Gauss-Markov), in rad."""
+    attitude_correlation: float = 3600.0
+    """Time in s over which the correlation of that part falls to 1/e."""
+    pole: float = math.radians(0.5)
+    """Of the direction of the spin axis, in rad."""
+    spin: float = 1e-5
+    """Of the spin rate, over the rate."""
+    gravity: float = 0.05
+    """Of the body's mass, over the mass."""
+    centre_of_mass: float = 0.0
+    """Of the centre of mass, through which the spin axis goes, in m."""
+    thrust: float = 0.03
+    """Of the force along each axis, over the force; the spacecraft's mass counts here too."""
+    thrust_direction: float = math.radians(0.5)
+    """Of the axes of the thrusters, in rad."""
+    acceleration: float = 1e-4
+    """Of a constant acceleration that nothing explains, in m/s^2."""
+    acceleration_varying: float = 0.0
+    """Of an acceleration that varies (first-order Gauss-Markov), in m/s^2."""
+    acceleration_correlation: float = 600.0
+    """Time in s over which the correlation of that acceleration falls to 1/e."""
+    surface: float = 0.0
+    """Of the map's surface along its normals, in m."""
+    surface_correlation: float = 15e3
+    """Length in m over which errors of the surface are alike."""
+    size: float = 0.0
+    """Of the size of the map, over the size."""
+    lidar_bias: float = 0.0
+    """Of a length that is added to all ranges, in m."""
+    lidar_scale: float = 0.0
+    """Of a factor on all ranges."""
+    beam_width: float = 0.0
+    """Of the full angle of the lidar's beams, in rad."""
+
+    def __post_init__(self) -> None:
+        """Raises `InputError` for a negative or infinite deviation, or a time or length of 0."""
+        values = dc.asdict(self)
+        scales = ("attitude_correlation", "acceleration_correlation", "surface_correlation")
+        check_positive("the expected errors", **{name: values.pop(name) for name in scales})
+        check_not_negative("the expected errors", **values)
+        if self.attitude > 0.2:
+            raise InputError(
+                f"the navigation needs an attitude that is known to 0.2 rad, got {self.attitude:g}"
+            )
