@@ -53,6 +53,7 @@ from proxops.systems.lidar import (
     PlanarLidar,
     ray_directions,
 )
+from proxops.systems.navigation import ExpectedErrors, NavigationPhase
 from proxops.systems.policy import NeuralPolicy, PolicyBundle, PolicyStatus, ProportionalDerivative
 from proxops.systems.shapes import Polyhedron, RayCaster, RayFan
 from proxops.systems.vehicle import (
@@ -83,6 +84,7 @@ __all__ = [
     "DelayedHold",
     "EnabledValue",
     "ErrorWeights",
+    "ExpectedErrors",
     "FlightMonitor",
     "FlownBy",
     "ForceNoise",
@@ -102,6 +104,7 @@ __all__ = [
     "LidarGeometry",
     "LoggedPort",
     "ModelPredictiveController",
+    "NavigationPhase",
     "NeuralPolicy",
     "PeriodRule",
     "Plan",

@@ -5,5 +5,6 @@ truth: it is made from the map, the believed gravity and spin, and the lidar's d
 """
 
 from proxops.systems.navigation.expected_errors import ExpectedErrors
+from proxops.systems.navigation.phase import NavigationPhase
 
-__all__ = ["ExpectedErrors"]
+__all__ = ["ExpectedErrors", "NavigationPhase"]
