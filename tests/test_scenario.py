@@ -12,6 +12,11 @@ from hypothesis import strategies as st
 from plain_polyhedral_gravity import star_shaped
 
 from proxops.diagrams.scenario.body import BodyConfig, load_body
+from proxops.diagrams.scenario.navigation_config import (
+    ExpectedErrorsConfig,
+    LidarNavigationConfig,
+    TrueStateConfig,
+)
 from proxops.diagrams.scenario.scenario import (
     change_scenario,
     dump_scenario,
@@ -47,12 +52,17 @@ def scenarios(draw: st.DrawFn) -> Scenario:
     ends = draw(st.none() | st.tuples(points, points))
     near, far = sorted(draw(st.lists(positive, min_size=2, max_size=2, unique=True)))
     disturbance = st.builds(RandomWalkDisturbanceConfig, positive, not_negative, not_negative)
+    expected = st.builds(ExpectedErrorsConfig, attitude_deg=st.floats(0.0, 11.0), gravity=positive)
     return Scenario(
         body=draw(st.text(st.characters(categories=["L", "N", "P", "Zs"]), min_size=1)),
         spacecraft=draw(st.builds(SpacecraftConfig, positive, positive, positive)),
         lidar=draw(
             st.builds(LidarConfig, not_negative, positive)
             | st.builds(LearnedLidarConfig, st.text(min_size=1, max_size=9).map(repr), not_negative)
+        ),
+        navigation=draw(
+            st.builds(LidarNavigationConfig, st.none() | expected, st.integers(0, 1000))
+            | st.builds(TrueStateConfig)
         ),
         mpc=draw(
             st.builds(

@@ -3,8 +3,9 @@
 Start with `load_scenario` and the dataclasses of `scenario_config`, which give each value its
 default, unit and limits; then read `load_body` and `transit_set`. `truth_config` says how the world
 may differ from what is believed, `make_true_body` makes the true body, and `draw_world` draws a
-world from dispersions. To add a value to the scenario, add a field to one of these dataclasses.
-Nothing in this room simulates.
+world from dispersions. `navigation_config` says from what the controllers know the state, and
+`expected_errors` what the navigation takes its errors to be. To add a value to the scenario, add a
+field to one of these dataclasses. Nothing in this room simulates.
 """
 
 from proxops.diagrams.scenario.body import Body, BodyConfig, load_body
@@ -17,6 +18,11 @@ from proxops.diagrams.scenario.dispersions import (
     load_dispersions,
 )
 from proxops.diagrams.scenario.far_out import Quantity, far_out_world, quantities
+from proxops.diagrams.scenario.navigation_config import (
+    ExpectedErrorsConfig,
+    LidarNavigationConfig,
+    TrueStateConfig,
+)
 from proxops.diagrams.scenario.scenario import (
     believed,
     change_scenario,
@@ -41,6 +47,7 @@ from proxops.diagrams.scenario.scenario_config import (
     TransitConfig,
     WeightedCostConfig,
 )
+from proxops.diagrams.scenario.told_errors import expected_errors
 from proxops.diagrams.scenario.transits import (
     Transit,
     draw_transit,
@@ -74,11 +81,13 @@ __all__ = [
     "Body",
     "BodyConfig",
     "Dispersion",
+    "ExpectedErrorsConfig",
     "ForceNoiseConfig",
     "HybridConfig",
     "KicksConfig",
     "LearnedLidarConfig",
     "LidarConfig",
+    "LidarNavigationConfig",
     "MpcConfig",
     "PolicyConfig",
     "Quantity",
@@ -91,6 +100,7 @@ __all__ = [
     "TrueAttitudeConfig",
     "TrueBody",
     "TrueLidarConfig",
+    "TrueStateConfig",
     "TrueThrustersConfig",
     "TruthConfig",
     "UnflyableWorldError",
@@ -105,6 +115,7 @@ __all__ = [
     "draw_transit",
     "draw_world",
     "dump_scenario",
+    "expected_errors",
     "far_out_world",
     "hover_force",
     "is_blocked",

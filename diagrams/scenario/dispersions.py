@@ -16,8 +16,10 @@ from proxops.assets import ASSETS
 from proxops.diagrams.scenario.body import Body
 from proxops.diagrams.scenario.distributions import Distribution, Fixed, parse_distribution
 from proxops.diagrams.scenario.limits import limits_of
+from proxops.diagrams.scenario.navigation_config import LidarNavigationConfig
 from proxops.diagrams.scenario.scenario_checks import check_scenario
 from proxops.diagrams.scenario.scenario_config import Scenario
+from proxops.diagrams.scenario.told_errors import errors_of_dispersions
 from proxops.diagrams.scenario.transits import scenario_transit
 from proxops.diagrams.scenario.typed_yaml import read_mapping
 from proxops.systems.common import InputError, derived_seed, generator
@@ -119,7 +121,8 @@ def draw_world(scenario: Scenario, body: Body) -> Scenario:
     """Draws the world of a scenario's flight from the scenario's dispersions.
 
     Each draw depends on seed and number of the transit and on the dispersed key alone. The transit
-    is the one of the scenario before the draw.
+    is the one of the scenario before the draw. The navigation is told the dispersions, as
+    `navigation.expected`, and not the draw.
 
     Args:
       scenario: the scenario.
@@ -163,7 +166,8 @@ def world_of(
         on the place in the list alone.
 
     Returns:
-      A copy of the scenario with the values, without `dispersions`. It is not checked.
+      A copy of the scenario with the values, without `dispersions`. Its navigation is told how much
+      is dispersed, unless the scenario says what it is to expect. It is not checked.
     """
     transit, world = scenario.transit, copy.deepcopy(scenario)
     if any(each.key in KNOWN_ON_THE_DAY for each in dispersions) and transit.start_m is None:
@@ -177,6 +181,9 @@ def world_of(
             for k in range(size or 1)
         ]
         _set(world, each.key, values[0] if size is None else values)
+    if isinstance(world.navigation, LidarNavigationConfig) and world.navigation.expected is None:
+        spread = _spread(dispersions, scenario, body)
+        world.navigation.expected = errors_of_dispersions(spread, scenario, body)
     world.dispersions = None
     return world
 
@@ -208,6 +215,22 @@ def check_dispersions(
                     f"{scenario.dispersions}: {each.key} may be drawn as {bound:g}, but it must be "
                     f"from {limits[0]:g} to {limits[1]:g}"
                 )
+
+
+def _spread(
+    dispersions: typing.Sequence[Dispersion], scenario: Scenario, body: Body
+) -> Callable[[str, float], float | None]:
+    """Gives a function of key and number: the rms of what the value differs by from the number."""
+    by_key = {each.key: each for each in dispersions}
+
+    def spread(key: str, about: float) -> float | None:
+        if key not in by_key:
+            return None
+        unit = by_key[key].unit(scenario, body)
+        found = by_key[key].distribution.rms(about / unit)
+        return None if found is None else unit * found
+
+    return spread
 
 
 def _uniform(seed: int, index: int, key: str, component: int) -> float:

@@ -38,6 +38,10 @@ class Normal:
         """Gives a value that is `multiple` times as far out as a bound, on a random side."""
         return self.mean + math.copysign(multiple * self.three_sigma, uniform - 0.5)
 
+    def rms(self, about: float) -> float:
+        """Gives the root mean square of what a value differs by from `about`, without the cut."""
+        return math.hypot(self.mean - about, self.three_sigma / _CUT)
+
 
 @dataclass(frozen=True)
 class HalfNormal:
@@ -62,6 +66,12 @@ class HalfNormal:
         """Gives a value that is `multiple` times as far out as the upper bound."""
         return self.least + multiple * self.three_sigma
 
+    def rms(self, about: float) -> float:
+        """Gives the root mean square of what a value differs by from `about`, without the cut."""
+        off, sigma = self.least - about, self.three_sigma / _CUT
+        mean = off + math.sqrt(2.0 / math.pi) * sigma
+        return math.hypot(mean, math.sqrt(1.0 - 2.0 / math.pi) * sigma)
+
 
 @dataclass(frozen=True)
 class Uniform:
@@ -84,6 +94,11 @@ class Uniform:
     def far_out(self, uniform: float, multiple: float) -> float:
         """Gives a value that is `multiple` times as far from the lower end as the upper end."""
         return self.low + multiple * (self.high - self.low)
+
+    def rms(self, about: float) -> float:
+        """Gives the root mean square of what a value differs by from `about`."""
+        middle = 0.5 * (self.low + self.high)
+        return math.hypot(middle - about, (self.high - self.low) / math.sqrt(12.0))
 
 
 @dataclass(frozen=True)
@@ -110,6 +125,15 @@ class LogUniform:
         middle = math.sqrt(self.low * self.high)
         return middle * (self.high / middle) ** multiple
 
+    def rms(self, about: float) -> float:
+        """Gives the root mean square of what a value differs by from `about`."""
+        width = math.log(self.high / self.low)
+        if width == 0.0:
+            return abs(self.low - about)
+        mean = (self.high - self.low) / width
+        square = 0.5 * (self.high**2 - self.low**2) / width
+        return math.sqrt(max(square - 2.0 * about * mean + about**2, 0.0))
+
 
 @dataclass(frozen=True)
 class Choice:
@@ -133,6 +157,12 @@ class Choice:
         """Gives the last value, whatever the multiple."""
         return self.values[-1]
 
+    def rms(self, about: float) -> float | None:
+        """Gives the root mean square of what a value differs by from `about`; None: no numbers."""
+        if self.bounds() is None:
+            return None
+        return math.sqrt(sum((value - about) ** 2 for value in self.values) / len(self.values))
+
 
 @dataclass(frozen=True)
 class Fixed:
@@ -152,6 +182,10 @@ class Fixed:
     def far_out(self, uniform: float, multiple: float) -> typing.Any:
         """Gives `multiple` times the value."""
         return multiple * self.same if isinstance(self.same, int | float) else self.same
+
+    def rms(self, about: float) -> float | None:
+        """Gives what the value differs by from `about`; None if it is no number."""
+        return abs(self.same - about) if isinstance(self.same, int | float) else None
 
 
 Distribution = Normal | HalfNormal | Uniform | LogUniform | Choice | Fixed

@@ -1,4 +1,4 @@
-"""Keys of a scenario that had other names in earlier versions."""
+"""Keys of a scenario that had other names in earlier versions, or were not there."""
 
 from __future__ import annotations
 
@@ -58,6 +58,9 @@ def refuse_renamed(tree: Tree, source: str) -> None:
 def translate_renamed(tree: Tree) -> None:
     """Renames the old keys of a tree that an earlier version wrote, in place.
 
+    A tree without `navigation` is of a version before 0.5.0, in which controllers knew the true
+    state.
+
     Raises:
       InputError: a value cannot be flown any more.
     """
@@ -69,6 +72,7 @@ def translate_renamed(tree: Tree) -> None:
             section, key = _section(tree, new, make=True)
             section.setdefault(key, value)
     tree.pop("mismatch", None)
+    tree.setdefault("navigation", {"_tag": "!TrueState"})
 
 
 def _section(tree: Tree, dotted: str, make: bool = False) -> tuple[Tree, str]:

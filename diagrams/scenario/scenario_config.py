@@ -6,6 +6,7 @@ In a YAML file and with `--set`, a key is the path of field names, such as `mpc.
 import dataclasses as dc
 
 from proxops.diagrams.scenario.limits import number, one_of
+from proxops.diagrams.scenario.navigation_config import LidarNavigationConfig, TrueStateConfig
 from proxops.diagrams.scenario.truth_config import TruthConfig
 from proxops.systems.hybrid import GateKind, PeriodRule
 
@@ -255,6 +256,8 @@ class Scenario:
     body: str = "kleopatra"
     spacecraft: SpacecraftConfig = dc.field(default_factory=SpacecraftConfig)
     lidar: LidarConfig | LearnedLidarConfig = dc.field(default_factory=LidarConfig)
+    # From what controllers and runtime assurance know the state of the spacecraft.
+    navigation: LidarNavigationConfig | TrueStateConfig = dc.field(default_factory=TrueStateConfig)
     mpc: MpcConfig = dc.field(default_factory=MpcConfig)
     policy: PolicyConfig = dc.field(default_factory=PolicyConfig)
     hybrid: HybridConfig = dc.field(default_factory=HybridConfig)

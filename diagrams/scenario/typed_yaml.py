@@ -138,6 +138,8 @@ def _check_tree(schema: type, tree: dict[str, typing.Any], source: str, key: str
     for name, value in tree.items():
         if name == "_tag":
             continue
+        if not fields:
+            raise InputError(f"{where}: {schema.__name__} has no keys, got {str(name)!r}")
         if name not in fields:
             near = difflib.get_close_matches(str(name), fields, n=1, cutoff=0.0)[0]
             raise InputError(

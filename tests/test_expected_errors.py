@@ -1,0 +1,237 @@
+"""What the navigation is told of its own errors: as given, as the dispersions say, or as usual."""
+
+import copy
+import dataclasses as dc
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from short_flights import kleopatra, write_blob
+
+from proxops.diagrams.scenario import (
+    LidarNavigationConfig,
+    Scenario,
+    TrueStateConfig,
+    believed,
+    change_scenario,
+    draw_world,
+    dump_scenario,
+    expected_errors,
+    far_out_world,
+    load_body,
+    load_dispersions,
+    load_scenario,
+    of_transit,
+    parse_scenario,
+    quantities,
+)
+from proxops.diagrams.scenario.distributions import (
+    Choice,
+    Distribution,
+    Fixed,
+    HalfNormal,
+    LogUniform,
+    Normal,
+    Uniform,
+)
+from proxops.systems import ExpectedErrors, InputError
+
+LIDAR = "navigation=!LidarNavigation {}"
+# What the lidar is told from the scenario, what it finds by itself, and what nobody tells it.
+NOT_TOLD = {
+    "truth.surface_seed", "truth.lidar.dropout", "truth.lidar.false_returns",
+    "truth.lidar.frame_loss", "truth.thrusters.least_impulse_n_s",
+}  # fmt: skip
+
+
+def told(folder: Path, text: str, *changes: str) -> ExpectedErrors:
+    """What the navigation of a drawn world expects."""
+    (folder / "mine.yaml").write_text(text)
+    scenario = load_scenario(None, [LIDAR, f"dispersions={folder / 'mine.yaml'}", *changes])
+    return expected_errors(believed(draw_world(scenario, kleopatra())), kleopatra())
+
+
+# --- the keys -------------------------------------------------------------------------------------
+
+
+def test_the_two_kinds_of_navigation() -> None:
+    assert load_scenario(None, [LIDAR]).navigation == LidarNavigationConfig()
+    assert load_scenario(None, ["navigation=!TrueState {}"]).navigation == TrueStateConfig()
+    set_one = load_scenario(None, ["navigation.expected.gravity=0.2"]).navigation
+    assert isinstance(set_one, LidarNavigationConfig)
+    assert set_one.expected is not None
+    assert (set_one.expected.gravity, set_one.expected.spin) == (0.2, 1e-5)
+    with pytest.raises(InputError, match="navigation cannot be !Stars; choose from !LidarNav"):
+        load_scenario(None, ["navigation=!Stars {}"])
+    with pytest.raises(InputError, match="navigation: TrueStateConfig has no keys, got 'expected'"):
+        load_scenario(None, ["navigation=!TrueState {expected: null}"])
+
+
+@pytest.mark.parametrize("text", ["!TrueState {}", "!LidarNavigation {}", "{frame_delay_steps: 2}"])
+def test_both_are_written_and_read(text: str) -> None:
+    scenario = load_scenario(None, [f"navigation={text}"])
+    assert parse_scenario(dump_scenario(scenario)) == scenario
+    assert change_scenario(scenario, {"noise_seed": 3}).navigation == scenario.navigation
+
+
+def test_stored_scenarios_of_before_flew_on_the_true_state() -> None:
+    text = dump_scenario(load_scenario())
+    assert "\nnavigation:" in text
+    older = text.replace("navigation: !TrueStateConfig {}\n", "")
+    assert "navigation" not in older
+    assert parse_scenario(older).navigation == TrueStateConfig()
+
+
+def test_no_errors_are_expected_of_the_truth() -> None:
+    with pytest.raises(InputError, match="TrueState"):
+        expected_errors(load_scenario(None, ["navigation=!TrueState {}"]), kleopatra())
+
+
+# --- what is told ---------------------------------------------------------------------------------
+
+
+def test_usual_errors_are_the_defaults_at_kleopatra() -> None:
+    found = dc.asdict(expected_errors(load_scenario(None, [LIDAR]), kleopatra()))
+    assert found == pytest.approx(dc.asdict(ExpectedErrors()), rel=1e-5)
+
+
+def test_usual_errors_are_in_proportion(tmp_path: Path) -> None:
+    body = load_body(write_blob(tmp_path))  # 220 km long.
+    light = {"spacecraft.mass_kg": 10.0, "spacecraft.thrust_limit_n": 0.07}
+    found = expected_errors(change_scenario(load_scenario(None, [LIDAR]), light), body)
+    assert found.acceleration == pytest.approx(1e-5)
+    longest = float(np.ptp(body.shape.vertices, axis=0).max())
+    assert found.surface_correlation == pytest.approx(15e3 * longest / 218.864e3)
+
+
+def test_what_is_given_is_told_as_it_is() -> None:
+    given = "{attitude_deg: 2.0, pole_deg: 1.0, acceleration_m_s2: 3.0e-4, beam_width_rad: 0.002}"
+    scenario = load_scenario(None, [f"navigation.expected={given}", "dispersions=before_survey"])
+    found = expected_errors(draw_world(scenario, kleopatra()), kleopatra())
+    assert found == ExpectedErrors(
+        attitude=math.radians(2.0), pole=math.radians(1.0), acceleration=3e-4, beam_width=0.002
+    )
+
+
+@pytest.mark.parametrize("name", ["after_survey", "before_survey", "first_look"])
+def test_the_dispersions_are_told_and_never_the_draw(name: str) -> None:
+    scenario = load_scenario(None, [LIDAR, f"dispersions={name}"])
+    worlds = [draw_world(of_transit(scenario, 7, index), kleopatra()) for index in range(3)]
+    assert worlds[0].truth != worlds[1].truth
+    assert worlds[0].spacecraft != worlds[1].spacecraft
+    assert worlds[0].navigation == worlds[1].navigation == worlds[2].navigation
+    first = expected_errors(worlds[0], kleopatra())
+    assert first == expected_errors(believed(worlds[1]), kleopatra())
+    # And the scenario that was drawn from is as before.
+    assert scenario.navigation == LidarNavigationConfig()
+
+
+def test_numbers_of_before_survey() -> None:
+    """By hand from the file: a third of three sigma, in the units of the fields."""
+    scenario = load_scenario(None, [LIDAR, "dispersions=before_survey"])
+    found = expected_errors(draw_world(scenario, kleopatra()), kleopatra())
+    size = 218864.0
+    by_hand = {
+        "attitude": math.radians(1.0),
+        "attitude_varying": math.radians(0.02) / 3.0,
+        "attitude_correlation": 3600.0,
+        "pole": math.radians(1.0) / 3.0,
+        "spin": 1e-5 / 3.0,
+        "gravity": 0.11 / 3.0,
+        "thrust": math.hypot(0.05 / 3.0, 0.1),
+        "thrust_direction": math.radians(1.0) / 3.0,
+        "acceleration": 1.43e-3 * 0.07 / 3.0,
+        "acceleration_varying": 4.76e-4 * 0.07,
+        "acceleration_correlation": 600.0,
+        "surface": 0.002 * size / 3.0,
+        "surface_correlation": 0.07 * size,
+        "size": 0.005 / 3.0,
+        "lidar_bias": 10.0 / 3.0,
+        "lidar_scale": 1e-4,
+        "beam_width": 1e-3,
+    }
+    values = dc.asdict(found)
+    # Of the lobes, +- 10 % move it by 5.9 km.
+    assert values.pop("centre_of_mass") == pytest.approx(5.9e3 / 3.0, rel=0.01)
+    assert values == pytest.approx(by_hand, rel=1e-3)
+
+
+def test_every_shipped_quantity_is_told_or_known_not_to_be() -> None:
+    """Of each quantity alone: the navigation expects something else than usual."""
+    scenario = load_scenario(None, [LIDAR])
+    usual = expected_errors(scenario, kleopatra())
+    not_told = set()
+    for each in quantities(load_dispersions("before_survey")):
+        world = far_out_world(scenario, kleopatra(), each, 1.0)
+        if expected_errors(world, kleopatra()) == usual:
+            not_told.add(each.main.key)
+    not_told -= {"lidar.noise_std_m", "spacecraft.mass_kg"}  # Known on the day.
+    # The attitude is expected to be 1 degree off, in any case.
+    assert not_told - {"truth.attitude.constant_deg", "truth.phase_deg"} == NOT_TOLD - {
+        "truth.surface_seed"
+    }
+
+
+def test_large_errors_of_attitude_add_up_within_limits(tmp_path: Path) -> None:
+    text = (
+        "truth.attitude.constant_deg: {normal: 0.0, three_sigma: 9.0}\n"
+        "truth.phase_deg: {normal: 0.0, three_sigma: 12.0}\n"
+    )
+    assert told(tmp_path, text).attitude == pytest.approx(math.radians(5.0))
+    text = "truth.attitude.constant_deg: {normal: 0.0, three_sigma: 90.0}\n"
+    assert told(tmp_path, text).attitude == pytest.approx(math.radians(11.0))
+
+
+def test_thrust_has_mass_and_propellant_in_it(tmp_path: Path) -> None:
+    text = "truth.mass: {normal: 1.0, three_sigma: 0.09}\n"
+    assert told(tmp_path, text).thrust == pytest.approx(0.03)
+    burning = told(tmp_path, text, "truth.specific_impulse_s=220.0").thrust
+    assert burning == pytest.approx(math.hypot(0.03, 0.1))
+    assert told(tmp_path, "truth.specific_impulse_s: 220.0\n").thrust == pytest.approx(0.1)
+
+
+def test_a_world_of_its_own_is_not_told(tmp_path: Path) -> None:
+    """Without dispersions, nobody knows how the world differs."""
+    scenario = load_scenario(None, [LIDAR, "truth.gravity=1.3", "truth.surface_rms_m=400.0"])
+    same = expected_errors(load_scenario(None, [LIDAR]), kleopatra())
+    assert expected_errors(draw_world(scenario, kleopatra()), kleopatra()) == same
+
+
+def test_the_true_state_is_told_nothing() -> None:
+    scenario: Scenario = load_scenario(None, ["navigation=!TrueState {}"])
+    scenario.dispersions = "after_survey"
+    world = draw_world(copy.deepcopy(scenario), kleopatra())
+    assert world.navigation == TrueStateConfig()
+
+
+# --- root mean squares ----------------------------------------------------------------------------
+
+UNIFORMS = (np.arange(100_000) + 0.5) / 100_000
+
+
+@pytest.mark.parametrize(
+    ("distribution", "within"),
+    [
+        # Their values are cut at three standard deviations, and the figures are not.
+        (Normal(2.0, 0.6), 0.015),
+        (HalfNormal(0.0, 0.6), 0.015),
+        (HalfNormal(1.5, 0.6), 0.015),
+        (Uniform(-1.0, 3.0), 1e-6),
+        (LogUniform(0.5, 2.0), 1e-6),
+        (LogUniform(2.0, 2.0), 1e-12),
+        (Choice((1.0, 2.0, 5)), 1e-4),
+        (Fixed(3), 1e-12),
+    ],
+)
+@pytest.mark.parametrize("about", [0.0, 1.0, 2.0])
+def test_rms_is_that_of_the_values(distribution: Distribution, within: float, about: float) -> None:
+    values = np.array([distribution.value(u) for u in UNIFORMS])
+    assert distribution.rms(about) == pytest.approx(
+        np.sqrt(np.mean((values - about) ** 2)), rel=within, abs=1e-9
+    )
+
+
+def test_texts_have_no_rms() -> None:
+    assert Choice(("x", "y")).rms(0.0) is None
+    assert Fixed("x").rms(0.0) is None
