@@ -59,6 +59,7 @@ from proxops.systems.shapes import Polyhedron, RayCaster, RayFan
 from proxops.systems.vehicle import (
     ActualThrust,
     AttitudeError,
+    CommandAxes,
     DelayedHold,
     FlightMonitor,
     ForceNoise,
@@ -80,6 +81,7 @@ __all__ = [
     "AttitudeError",
     "BackupBraking",
     "CheckSchedule",
+    "CommandAxes",
     "DecisionReason",
     "DelayedHold",
     "EnabledValue",

@@ -58,6 +58,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> dict[str, System]:
         *hybrid.GetSystems(),
         systems.ActualThrust(systems.ThrusterErrors(), 10.0),
         systems.AttitudeError(believed_spin=0.0, true_spin=(0.0, 0.0, 0.0)),
+        systems.CommandAxes(7.0),
         systems.EnabledValue(3),
         systems.DelayedHold(10.0, 5.0, 3),
         systems.FrameDelay(RAYS, 2, 10.0),

@@ -167,6 +167,16 @@ def test_adaptive_leaves_room_to_brake(height: float) -> None:
     assert np.isfinite(sure["record"][:, 4]).sum() >= len(periods)
 
 
+@pytest.mark.parametrize("rule", list(PeriodRule))
+def test_without_a_state_every_step_is_a_check(rule: PeriodRule) -> None:
+    nowhere = np.full(6, np.nan)
+    columns, experts, _ = flown(5, lambda k: 2.0, lambda k: 2.0, CheckSchedule(rule), state=nowhere)
+    assert experts.asked == list(range(5))
+    assert columns["force"][:, 0].tolist() == [2.0] * 5
+    assert np.isnan(columns["record"][:, 4]).all()
+    assert (columns["record"][:, 5] == 1.0).all()
+
+
 def test_gate_decides() -> None:
     weak = {kind: AgreementGate(kind) for kind in GateKind}
     for kind, solves in ((GateKind.PAPER, 2), (GateKind.STRICT, 20), (GateKind.PRINTED, 20)):

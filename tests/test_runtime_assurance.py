@@ -64,6 +64,13 @@ def test_a_command_that_is_not_finite_is_left_to_the_thrusters(backup: BackupBra
         fly(short_scenario(assurance={}, **BRIEF), Scripted(lambda time: np.full(3, np.nan)))
 
 
+def test_without_a_state_every_command_passes(backup: BackupBraking) -> None:
+    """The navigation has none while it searches for where it is."""
+    force, intervention = evaluate(RuntimeAssurance(backup), [np.nan] * 6, [1.0, -2.0, 9.0])
+    assert np.array_equal(force, [1.0, -2.0, 9.0])
+    assert np.array_equal(intervention, [0.0, InterventionReason.NONE])
+
+
 def test_no_thrust_at_all_ends_in_a_hover(held_flight: FlightLog) -> None:
     assert falling_flight().summary["keep_out_violations"] > 0
     summary = held_flight.summary

@@ -31,7 +31,8 @@ class RuntimeAssurance(LeafSystem):
     admitted state.
 
     The outputs depend on the inputs alone. A command that is not finite passes unchanged; the
-    thrusters refuse it.
+    thrusters refuse it. If the state is not finite, because the navigation has none, every command
+    passes unchanged: without a state nothing can be said of a command, nor of another.
     """
 
     def __init__(self, backup: BackupBraking):
@@ -61,9 +62,9 @@ class RuntimeAssurance(LeafSystem):
         )
 
     def _calc_assured(self, context, value):
-        command = self._command_port.Eval(context)
-        if np.isfinite(command).all():
-            value.set_value(self.backup.assure(self._state_port.Eval(context), command))
+        command, state = self._command_port.Eval(context), self._state_port.Eval(context)
+        if np.isfinite(command).all() and np.isfinite(state).all():
+            value.set_value(self.backup.assure(state, command))
         else:
             value.set_value(Assured(command, InterventionReason.NONE))
 

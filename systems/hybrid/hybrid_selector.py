@@ -73,7 +73,8 @@ class HybridSelector(LeafSystem):
     next one. At a check the `AgreementGate` compares both forces, and the MPC's force acts. If they
     agree, the policy flies until the next check. If not, the MPC flies until then: by the fixed
     rule it is asked at every step; by the adaptive rule it is not asked, and `planned_force`, the
-    force of its last plan for the present time, acts.
+    force of its last plan for the present time, acts. Where the state is not finite, because the
+    navigation has none, the MPC has nothing to check with: the next step is a check again.
 
     `mpc_wanted` depends on this system's own discrete state alone: the steps left to the next
     check, by whom they are flown, and the period. Connect it to the MPC's `enable`. `mpc_force` is
@@ -188,6 +189,8 @@ class HybridSelector(LeafSystem):
                 self.velocity_error, stopping=True,
             )  # fmt: skip
         period = self.schedule.next_period(last, agreement, self.gate.magnitude, steps)
+        if not np.isfinite(state).all():
+            period = 1
         agrees = agreement.agrees
         return Decision(
             force=mpc_force,

@@ -3,16 +3,17 @@
 Start with `Spacecraft`, the equations of motion in K. `RandomWalkDisturbance` and `ForceNoise`
 disturb the commanded force, `Thrusters` limits it and `DelayedHold` delays it. `ActualThrust` makes
 of the held command what thrusters with errors give. `AttitudeError` is how the spacecraft's axes S
-are turned against K. `VelocityKicks` and `UnexplainedAcceleration` push the spacecraft from
-outside, and `StateNoise` adds errors to a state. `FlightMonitor` finds arrival, collision and
-keep-out violations as events. `state_prediction` has plain functions that predict the motion, and
-`gauss_markov_at` is the process behind errors that vary slowly. A new disturbance is a
-`SeededSystem` with a force in and a force out. Its random numbers must depend on its seed and on
-time alone.
+are turned against K, and `CommandAxes` turns a command into S as the attitude is believed.
+`VelocityKicks` and `UnexplainedAcceleration` push the spacecraft from outside, and `StateNoise`
+adds errors to a state. `FlightMonitor` finds arrival, collision and keep-out violations as events.
+`state_prediction` has plain functions that predict the motion, and `gauss_markov_at` is the process
+behind errors that vary slowly. A new disturbance is a `SeededSystem` with a force in and a force
+out. Its random numbers must depend on its seed and on time alone.
 """
 
 from proxops.systems.vehicle.actual_thrust import ActualThrust, ThrusterErrors, thrust_given
 from proxops.systems.vehicle.attitude_error import AttitudeError, believed_axes
+from proxops.systems.vehicle.command_axes import CommandAxes
 from proxops.systems.vehicle.delayed_hold import DelayedHold
 from proxops.systems.vehicle.flight_monitor import (
     COLLIDED,
@@ -48,6 +49,7 @@ __all__ = [
     "VIOLATIONS",
     "ActualThrust",
     "AttitudeError",
+    "CommandAxes",
     "DelayedHold",
     "FlightMonitor",
     "ForceNoise",

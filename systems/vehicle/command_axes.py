@@ -1,0 +1,51 @@
+"""`CommandAxes`: a command that is meant in the body's axes, in the spacecraft's own axes."""
+
+from __future__ import annotations
+
+import numpy as np
+from pydrake.systems.framework import LeafSystem
+
+from proxops.systems.common import check_positive
+from proxops.systems.vehicle._quaternions import inverse, rotated
+
+
+class CommandAxes(LeafSystem):
+    """Turns a force from K into S, as the attitude is believed, and clips it to the thrust limit.
+
+    ```
+                    ┌─────────────┐
+    force ─────────►│             │
+      (3), N, K     │ CommandAxes ├─► force (3), N, S: clip(R_KS^T force, ± limit)
+    attitude ──────►│             │
+      (4)           └─────────────┘
+    ```
+
+    `attitude` is R_KS as a unit quaternion (w, x, y, z), as the navigation believes it to be. The
+    limit holds along each axis of S, because the thrusters point along them, so a command at the
+    limit may lose a little. A command that is not finite passes on as NaN, which the thrusters
+    refuse. The output depends on the inputs alone.
+    """
+
+    def __init__(self, limit: float):
+        """Takes the greatest force per axis in N.
+
+        Raises:
+          InputError: it is not positive.
+        """
+        super().__init__()
+        check_positive("CommandAxes", limit=limit)
+        self.limit = limit
+        self._command_port = self.DeclareVectorInputPort(name="force", size=3)
+        self._attitude_port = self.DeclareVectorInputPort(name="attitude", size=4)
+        self.DeclareVectorOutputPort(
+            name="force",
+            size=3,
+            calc=self._calc_force,
+            prerequisites_of_calc={self._command_port.ticket(), self._attitude_port.ticket()},
+        )
+
+    def _calc_force(self, context, output):
+        x, y, z = self._command_port.Eval(context).tolist()
+        a, b, c, d = self._attitude_port.Eval(context).tolist()
+        force = rotated(inverse((a, b, c, d)), (x, y, z))
+        output.SetFromVector(np.clip(force, -self.limit, self.limit))

@@ -1,0 +1,62 @@
+"""A command turned from K into S, against turns worked out by hand."""
+
+import numpy as np
+import pytest
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
+
+from proxops.systems import ActualThrust, CommandAxes, InputError, ThrusterErrors
+
+HALF = np.sqrt(0.5)
+
+
+def turned(force: ArrayLike, attitude: ArrayLike, limit: float = 7.0) -> np.ndarray:
+    system = CommandAxes(limit)
+    context = system.CreateDefaultContext()
+    system.GetInputPort("force").FixValue(context, np.array(force))
+    system.GetInputPort("attitude").FixValue(context, np.array(attitude))
+    return system.GetOutputPort("force").Eval(context).copy()
+
+
+def test_by_hand() -> None:
+    # S is turned by +90 degrees about K's z: K's x is S's -y, and K's y is S's x.
+    about_z = (HALF, 0.0, 0.0, HALF)
+    assert turned([1.0, 2.0, 3.0], about_z) == pytest.approx([2.0, -1.0, 3.0], abs=1e-14)
+    # By +30 degrees about x: K's y is cos 30 along S's y and -sin 30 along S's z.
+    about_x = (np.cos(np.pi / 12.0), np.sin(np.pi / 12.0), 0.0, 0.0)
+    expected = [0.0, 2.0 * np.cos(np.pi / 6.0), -1.0]
+    assert turned([0.0, 2.0, 0.0], about_x) == pytest.approx(expected, abs=1e-14)
+
+
+def test_each_axis_of_s_has_the_limit() -> None:
+    # The diagonal of K's x and y is S's x.
+    eighth = (np.cos(np.pi / 8.0), 0.0, 0.0, np.sin(np.pi / 8.0))
+    assert turned([7.0, 7.0, -7.0], eighth) == pytest.approx([7.0, 0.0, -7.0], abs=1e-14)
+
+
+def test_the_identity_changes_no_bit() -> None:
+    force = np.random.default_rng(1).uniform(-7.0, 7.0, 3)
+    assert np.array_equal(turned(force, [1.0, 0.0, 0.0, 0.0]), force)
+
+
+def test_true_thrust_undoes_it_where_the_attitude_is_right() -> None:
+    draws = np.random.default_rng(2)
+    for _ in range(20):
+        attitude = Rotation.random(rng=draws).as_quat(scalar_first=True)
+        force = draws.uniform(-3.0, 3.0, 3)
+        thrust = ActualThrust(ThrusterErrors(), 10.0)
+        context = thrust.CreateDefaultContext()
+        thrust.GetInputPort("force").FixValue(context, turned(force, attitude))
+        thrust.GetInputPort("attitude").FixValue(context, attitude)
+        assert thrust.GetOutputPort("force").Eval(context) == pytest.approx(force, abs=1e-12)
+
+
+def test_what_is_not_finite_stays_so() -> None:
+    assert np.isnan(turned([np.nan, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0])).any()
+    assert np.isnan(turned([np.inf, 0.0, 0.0], [HALF, 0.0, 0.0, HALF])).any()
+
+
+@pytest.mark.parametrize("limit", [0.0, -1.0, np.nan])
+def test_a_limit_must_be_positive(limit: float) -> None:
+    with pytest.raises(InputError, match="CommandAxes"):
+        CommandAxes(limit)
