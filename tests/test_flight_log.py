@@ -28,7 +28,13 @@ from short_flights import (
 from synthetic_log import synthetic_log
 
 from proxops.diagrams.flight.simulation import fly
-from proxops.diagrams.logs.flight_log import VARIABLES, FlightLog, differences, make_dataset
+from proxops.diagrams.logs.flight_log import (
+    NAVIGATION_COLUMNS,
+    VARIABLES,
+    FlightLog,
+    differences,
+    make_dataset,
+)
 from proxops.diagrams.logs.flight_summary import fallback_steps
 from proxops.diagrams.meshcat.replay import write_replay
 from proxops.diagrams.scenario.scenario import dump_scenario, load_scenario, parse_scenario
@@ -37,11 +43,11 @@ from proxops.systems.common.errors import SolverFailure
 from proxops.systems.common.files import write_whole
 
 SIZES = {"component": 6, "axis": 3, "plane": 12, "ray": 360}
-# Of flights with kicks, with a policy, of a hybrid, or with runtime assurance.
+# Of flights with kicks, with a policy, of a hybrid, with runtime assurance, or with a navigation.
 SOMETIMES = (
     "kick", "policy_time", "policy_status", "estimate", "decision_reason", "agreement",
     "force_difference", "force_angle", "check_clearance", "steps_to_check", "decision_time",
-    "intervention", "intervention_reason", "thrust", "mass", "attitude",
+    "intervention", "intervention_reason", "thrust", "mass", "attitude", *NAVIGATION_COLUMNS,
 )  # fmt: skip
 SUMMARY = [
     "controller", "seed", "transit", "success", "success_2km", "collided", "keep_out_violations",

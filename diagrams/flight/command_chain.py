@@ -18,7 +18,7 @@ def add_assurance(
     Args:
       wiring: the diagram.
       command: the controller's force (3,) in N in K.
-      state: the true state (6,) in K, in m and m/s.
+      state: the state (6,) as it is known on board, in K, in m and m/s.
       delay: time in s from a control step to the moment at which its force acts.
 
     Returns:

@@ -115,8 +115,9 @@ def _with_end(flown: Flown, times: np.ndarray, columns: Columns) -> tuple[np.nda
     ):  # fmt: skip
         if name in columns:
             columns[name][-1] = flown.value(system, name)
-    # Controller and assurance have outputs only at control steps.
-    for name in ("intervention_record", *logged_ports(flown.controller)):
+    # What is on board has outputs only at control steps.
+    on_board = [name for name in columns if name.startswith("navigation_")]
+    for name in ("intervention_record", *on_board, *logged_ports(flown.controller)):
         if name in columns and name != "decision":
             columns[name][-1] = np.nan
     return np.append(times, end), columns
@@ -137,6 +138,8 @@ def _split_records(columns: Columns, rows: int) -> Columns:
     for record, names in RECORDS.items():
         if record in columns:
             columns |= dict(zip(names, columns.pop(record).T, strict=True))
+    if "navigation_covariance" in columns:
+        columns["navigation_covariance"] = columns["navigation_covariance"].reshape(rows, 9, 9)
     for name, values in columns.items():
         if values.ndim == 2 and values.shape[1] == 1:
             columns[name] = values[:, 0]

@@ -1,4 +1,4 @@
-"""Makes the systems that a scenario configures: controllers, backup braking and lidar."""
+"""Makes the systems that a scenario configures: controllers, navigation, backup and lidar."""
 
 from __future__ import annotations
 
@@ -6,10 +6,18 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from pydrake.systems.framework import LeafSystem
 
 from proxops.assets import ASSETS
 from proxops.diagrams.flight.estimate_feedback import EstimateFeedback
-from proxops.diagrams.scenario import AssuranceConfig, Body, LidarConfig, Scenario
+from proxops.diagrams.scenario import (
+    AssuranceConfig,
+    Body,
+    LidarConfig,
+    LidarNavigationConfig,
+    Scenario,
+    expected_errors,
+)
 from proxops.systems import (
     AssuranceLimits,
     BackupBraking,
@@ -194,6 +202,29 @@ def make_lidar(scenario: Scenario, shape: Polyhedron, seed: int) -> PlanarLidar:
         seed,
         hit_probability=sensor.hit_probability,
         shape_sha256=shape.sha256,
+    )
+
+
+def make_navigation(scenario: Scenario, body: Body) -> LeafSystem:
+    """Makes the navigation that the scenario configures, from map and data sheets alone.
+
+    Raises:
+      InputError: the scenario has no lidar navigation.
+    """
+    from proxops.systems.navigation import LidarNavigation
+
+    expected = expected_errors(scenario, body)
+    assert isinstance(scenario.navigation, LidarNavigationConfig)
+    return LidarNavigation(
+        body.shape,
+        body.gravity_field,
+        body.spin_rate,
+        scenario.spacecraft.mass_kg,
+        scenario.lidar.noise_std_m,
+        _lidar_geometry(scenario),
+        expected,
+        scenario.control_period_s,
+        scenario.navigation.frame_delay_steps,
     )
 
 

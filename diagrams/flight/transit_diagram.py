@@ -15,6 +15,14 @@ from pydrake.systems.framework import (
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput, ZeroOrderHold
 
 from proxops.diagrams.flight.command_chain import add_assurance, add_disturbances, add_thrusters
+from proxops.diagrams.flight.navigation import (
+    STATE_PORTS,
+    add_command_axes,
+    add_navigation,
+    known_motion,
+    navigation_ports,
+    needs_navigation,
+)
 from proxops.diagrams.flight.scenario_systems import make_lidar, make_mpc
 from proxops.diagrams.flight.wiring import LIDAR_STREAM, Wiring
 from proxops.diagrams.flight.world import (
@@ -56,17 +64,20 @@ def make_transit_diagram(
     """Wires all systems that a flight needs into one Diagram.
 
     ```
-    target ─► controller ─► disturbance ─► thrusters ─► hold ─► actual ─► spacecraft ◄─► gravity,
-               ▲  ▲  ▲      force noise                         thrust        │        accelerations
-               │  │  └─ commanded_force                            ▲          │
-               │  └──── ranges ◄─ frame delay ◄─ lidar ◄─ attitude ┘          │
-               │                                   ▲                          │
-               └─────── state ◄────────────────────┴──────────────────────────┘
+    target ─► controller ─► command axes ─► disturbance ─► thrusters ─► hold ─► actual thrust
+               ▲    ▲          ▲            force noise               │           │
+               │    │          │ attitude                             │           ▼
+               │  state ◄─ navigation ◄────────── commanded_force ◄───┘       spacecraft ◄─ gravity
+               │               ▲                                                  │      and others
+               └── ranges ◄────┴───────── frame delay ◄── lidar ◄─────────────────┘
     ```
 
-    Runtime assurance, if the scenario has it, is between controller and disturbance. The controller
-    is told its own command after assurance and thrust limit, not what disturbs it. Delay, attitude,
-    actual thrust and accelerations are there only if `scenario.truth` needs them.
+    The navigation knows ranges and commands alone; `state`, `position` and `velocity` of controller
+    and runtime assurance are what it makes of them. With `navigation: !TrueState {}` they are the
+    true ones; then, and where nothing on board reads them, navigation and command axes are missing.
+    Runtime assurance, if the scenario has it, follows the controller. The controller is told its
+    own command after assurance and thrust limit, in S, not what disturbs it. Delay, actual thrust,
+    the attitude that turns it and the lidar, and accelerations are there only if truth needs them.
 
     Args:
       scenario: the scenario; its transit gives the start and the target. If it has dispersions, the
@@ -80,11 +91,10 @@ def make_transit_diagram(
       true_body: the body as it is; None: it is made from `scenario.truth`.
 
     Returns:
-      A Diagram. Its subsystems are named gravity, spacecraft, lidar, target, controller,
-      thrusters, hold and monitor; assurance, disturbance, force_noise, kicks, attitude,
-      actual_thrust, unexplained_acceleration and frame_delay, if the scenario has them; and
-      log_NAME for every logged port. Its default Context is the start of the
-      transit. The hold is a `DelayedHold` if the controller has a delay.
+      A Diagram, named in its parts: gravity, spacecraft, lidar, target, controller, thrusters, hold
+      and monitor; navigation, navigation_parts, command_axes, assurance, disturbance, force_noise,
+      kicks, attitude, actual_thrust, unexplained_acceleration and frame_delay, if the flight has
+      them; log_NAME for every logged port. Its default Context is the start of the transit.
 
     Raises:
       UnflyableWorldError: the flight cannot begin in the true world.
@@ -108,21 +118,19 @@ def make_transit_diagram(
     if scenario.disturbance is not None or scenario.force_noise is not None:
         told = wiring.add("command_hold", _make_hold(scenario.control_period_s, delay))
     signals = {
-        **{name: craft.GetOutputPort(name) for name in ("state", "position", "velocity")},
+        **{name: craft.GetOutputPort(name) for name in STATE_PORTS},
         "target": target.get_output_port(),
         "ranges": _received(wiring, lidar),
         "commanded_force": told.get_output_port(),
     }
-    command = _add_controller(wiring, controller, signals)
-    assured = add_assurance(wiring, command, signals["state"], delay)
-    forces = {"command": assured, "force": _hold_command(wiring, assured, hold, told)}
+    command = _add_on_board(wiring, controller, signals, delay)
+    forces = {"command": command, "force": _hold_command(wiring, command, hold, told)}
     _add_monitor(wiring, signals)
     true = {} if attitude is None else {"attitude": attitude}
-    if craft.HasOutputPort("mass"):
-        true["mass"] = craft.GetOutputPort("mass")
+    true |= {"mass": craft.GetOutputPort("mass")} if craft.HasOutputPort("mass") else {}
     _add_logs(wiring, controller, signals, forces | true)
     if meshcat is not None:
-        _add_view(wiring, meshcat, lidar, controller, {**signals, **forces})
+        _add_view(wiring, meshcat, lidar, controller, signals | forces)
     diagram = builder.Build()
     diagram.set_name("transit")
     return diagram
@@ -160,6 +168,28 @@ def _begin(scenario: Scenario, body: Body | None, true_body: TrueBody | None) ->
     transit = scenario_transit(scenario, body)
     check_flyable(true_body, transit, scenario)
     return Wiring(DiagramBuilder(), scenario, body, true_body, transit)
+
+
+def _add_on_board(wiring: Wiring, controller: System, signals: Signals, delay: float) -> OutputPort:
+    """Adds controller and runtime assurance, and the navigation if they need one.
+
+    Args:
+      wiring: the diagram.
+      controller: the controller.
+      signals: what feeds it, with the true motion.
+      delay: time in s from a control step to the moment at which its force acts.
+
+    Returns:
+      The command (3,) in N in S.
+    """
+    if not needs_navigation(wiring.scenario, controller):
+        command = _add_controller(wiring, controller, signals)
+        return add_assurance(wiring, command, signals["state"], delay)
+    navigation = add_navigation(wiring, signals["ranges"], signals["commanded_force"])
+    known = signals | known_motion(wiring, navigation)
+    command = _add_controller(wiring, controller, known)
+    command = add_assurance(wiring, command, known["state"], delay)
+    return add_command_axes(wiring, command, navigation)
 
 
 def _hold_command(
@@ -272,6 +302,8 @@ def _add_logs(wiring: Wiring, controller: System, signals: Signals, forces: Sign
     ):
         if builder.HasSubsystemNamed(system):
             logged[name] = builder.GetSubsystemByName(system).GetOutputPort(port)
+    if builder.HasSubsystemNamed("navigation"):
+        logged |= navigation_ports(builder.GetSubsystemByName("navigation"))
     logged |= {name: each.port for name, each in logged_ports(controller).items()}
     for name, port in logged.items():
         LogVectorOutput(port, builder, publish_period=period).set_name(f"log_{name}")

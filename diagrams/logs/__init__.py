@@ -1,12 +1,14 @@
 """The record of a flight and its figures of merit.
 
 Start with `FlightLog`: an xarray dataset that is enough to repeat the flight, stored as NetCDF-4.
-`flight_summary` computes the figures of merit from it; `legend` tells which controller flew each
-step. To add a column to the log, add a line to `VARIABLES`.
+`flight_summary` computes the figures of merit from it, and `navigation_figures` those of its
+navigation; `legend` tells which controller flew each step. To add a column to the log, add a line
+to `VARIABLES`.
 """
 
 from proxops.diagrams.logs.flight_log import (
     CONTROLLER_COLUMNS,
+    NAVIGATION_COLUMNS,
     RECORDS,
     RESERVED_COLUMNS,
     VARIABLES,
@@ -24,12 +26,14 @@ from proxops.diagrams.logs.flight_summary import (
     length_text,
 )
 from proxops.diagrams.logs.legend import LEGEND, all_flown_by, flown_by, legend_of, legend_text
+from proxops.diagrams.logs.navigation_figures import navigation_errors
 
 __all__ = [
     "CONTROLLER_COLUMNS",
     "INTERVENTION_TOLERANCE",
     "KEEP_OUT_TOLERANCE",
     "LEGEND",
+    "NAVIGATION_COLUMNS",
     "RECORDS",
     "RESERVED_COLUMNS",
     "VARIABLES",
@@ -45,4 +49,5 @@ __all__ = [
     "legend_text",
     "length_text",
     "make_dataset",
+    "navigation_errors",
 ]

@@ -31,6 +31,7 @@ from proxops.systems.assurance import InterventionReason
 from proxops.systems.common import InputError, write_whole
 from proxops.systems.expert import PlanReason, PlanStatus
 from proxops.systems.hybrid import DecisionReason, FlownBy
+from proxops.systems.navigation import NavigationPhase
 from proxops.systems.policy import PolicyStatus
 from proxops.systems.shapes import Polyhedron
 
@@ -66,6 +67,30 @@ VARIABLES: dict[str, tuple[tuple[str, ...], str, str]] = {
     "policy_time": ((), "s", "wall time of the policy's network; NaN where it was not asked"),
     "policy_status": ((), "1", "0 answered, 1 not finite: no force; NaN: not asked"),
     "estimate": (("component",), "m; m/s", "the policy's estimate of the state in K; NaN: none"),
+    "navigation_state": (
+        ("component",),
+        "m; m/s",
+        "position and velocity in K as the navigation knows them; NaN: it has none",
+    ),
+    "navigation_attitude": (
+        ("quaternion",),
+        "1",
+        "rotation of S against K as the navigation knows it: unit quaternion w, x, y, z",
+    ),
+    "navigation_covariance": (
+        ("known", "known_with"),
+        "m, m/s, rad",
+        "covariance of navigation_state and of the rotation vector of S in K, as it is known",
+    ),
+    "navigation_residual": (
+        (),
+        "m",
+        "rms of what is left of the ranges after a step of navigation",
+    ),
+    "navigation_returns": ((), "1", "lidar returns that the navigation used"),
+    "navigation_rejected": ((), "1", "lidar returns that it rejected"),
+    "navigation_innovation": ((), "1", "normalised innovation squared over its degrees of freedom"),
+    "navigation_phase": ((), "1", "what the navigation does: see flag_meanings"),
     "ranges": (("plane", "ray"), "m", "lidar ranges; +inf where nothing returned"),
 }
 # The codes of a column, written as flag_values and flag_meanings after the CF conventions.
@@ -75,17 +100,24 @@ _FLAGS: dict[str, type[IntEnum]] = {
     "policy_status": PolicyStatus,
     "decision_reason": DecisionReason,
     "intervention_reason": InterventionReason,
+    "navigation_phase": NavigationPhase,
 }
 DECISION_VARIABLES = (
     "decision_reason", "agreement", "force_difference", "force_angle", "check_clearance",
     "steps_to_check", "decision_time",
 )  # fmt: skip
 """Columns of `HybridSelector`'s record."""
+NAVIGATION_VARIABLES = (
+    "navigation_residual", "navigation_returns", "navigation_rejected", "navigation_innovation",
+    "navigation_phase",
+)  # fmt: skip
+"""Columns of the navigation's record."""
 RECORDS = {
     "mpc_record": ("solve_time", "solve_status", "solve_reason"),
     "policy_record": ("policy_time", "policy_status"),
     "decision_record": DECISION_VARIABLES,
     "intervention_record": ("intervention", "intervention_reason"),
+    "navigation_record": NAVIGATION_VARIABLES,
 }
 """The columns into which a logged record is split, by the name of the record."""
 CONTROLLER_COLUMNS = {
@@ -95,13 +127,18 @@ CONTROLLER_COLUMNS = {
 """Sizes of the controllers' ports that the log knows, by the names of their columns."""
 # A file without the needed variables is not a log. The optional ones may be missing: frames need
 # not be logged, the oldest logs have no reasons, and not every flight has kicks, a policy with an
-# estimate, a hybrid's decisions, runtime assurance, or a world that differs from what is believed.
+# estimate, a hybrid's decisions, runtime assurance, a navigation, or a world that differs from what
+# is believed.
 _POLICY_VARIABLES = ("policy_time", "policy_status", "estimate")
 _ASSURANCE_VARIABLES = ("intervention", "intervention_reason")
 _TRUE_VARIABLES = ("thrust", "mass", "attitude")
+NAVIGATION_COLUMNS = (
+    "navigation_state", "navigation_attitude", "navigation_covariance", *NAVIGATION_VARIABLES,
+)  # fmt: skip
+"""Columns of a flight with a navigation: all of them, or none."""
 _OPTIONAL_VARIABLES = (
     "ranges", "solve_reason", "kick", *_TRUE_VARIABLES, *_POLICY_VARIABLES, *DECISION_VARIABLES,
-    *_ASSURANCE_VARIABLES,
+    *_ASSURANCE_VARIABLES, *NAVIGATION_COLUMNS,
 )  # fmt: skip
 _NEEDED_VARIABLES = ["time", *(name for name in VARIABLES if name not in _OPTIONAL_VARIABLES)]
 _NEEDED_VARIABLES += ["mesh_vertices", "mesh_facets"]
@@ -122,7 +159,8 @@ _WALL_TIMES = {"solve_time", "policy_time", "decision_time"}
 RESERVED_COLUMNS = {
     *VARIABLES, *RECORDS, "time", "command", "position_inertial", "velocity_inertial",
     "mesh_vertices", "mesh_facets", "true_vertices", "true_facets", "component", "axis", "plane",
-    "ray", "quaternion", "vertex", "facet", "true_vertex", "true_facet", "corner",
+    "ray", "quaternion", "known", "known_with", "vertex", "facet", "true_vertex", "true_facet",
+    "corner",
 }  # fmt: skip
 """Names that a user's controller cannot give to its columns."""
 COORDINATES = {
@@ -130,6 +168,8 @@ COORDINATES = {
     "axis": ["x", "y", "z"],
 }
 _SIZES = {name: len(labels) for name, labels in COORDINATES.items()}
+# Sizes of dimensions that not every log has.
+_SIZES_IF_THERE = {"quaternion": 4, "known": 9, "known_with": 9}
 
 
 @dataclass
@@ -269,6 +309,11 @@ def _wrong_entries(data: xr.Dataset) -> list[str]:
         and (data[name].dims != ("time", *dimensions) or data[name].dtype.kind not in "fiub")
     ]
     wrong += [name for name, size in _SIZES.items() if data.sizes.get(name) != size]
+    wrong += [name for name, n in _SIZES_IF_THERE.items() if data.sizes.get(name, n) != n]
+    there = [name in data.variables for name in NAVIGATION_COLUMNS]
+    if any(there):
+        pairs = zip(NAVIGATION_COLUMNS, there, strict=True)
+        wrong += [name for name, found in pairs if not found]
     wrong += [name for name in _TEXTS if not isinstance(data.attrs[name], str)]
     numbers = [name for name in _NUMBERS if name in data.attrs]
     wrong += [name for name in numbers if not isinstance(data.attrs[name], float | int | np.number)]

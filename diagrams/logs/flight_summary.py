@@ -9,6 +9,7 @@ import numpy as np
 import xarray as xr
 from scipy.interpolate import CubicHermiteSpline
 
+from proxops.diagrams.logs.navigation_figures import navigation_figures
 from proxops.diagrams.scenario import Body, Scenario, dispersed_values
 from proxops.systems.expert import PlanReason, PlanStatus
 from proxops.systems.shapes import clearances
@@ -75,6 +76,7 @@ def summarise(data: xr.Dataset, scenario: Scenario, body: Body) -> dict[str, typ
         "policy_sha256": attrs.get("policy_sha256"),
         "dispersed": dispersed_values(scenario),
         **_estimate_errors(data),
+        **navigation_figures(data),
         **_interventions(data, scenario),
     }
 

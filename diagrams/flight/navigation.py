@@ -1,0 +1,65 @@
+"""Adds the navigation: what is known on board of the spacecraft's own motion, from the lidar."""
+
+from __future__ import annotations
+
+from pydrake.systems.framework import OutputPort, System
+from pydrake.systems.primitives import Demultiplexer
+
+from proxops.diagrams.flight.scenario_systems import make_navigation
+from proxops.diagrams.flight.wiring import Wiring
+from proxops.diagrams.scenario import LidarNavigationConfig, Scenario, believed
+from proxops.systems import CommandAxes
+from proxops.systems.common import LoggedPort
+
+STATE_PORTS = ("state", "position", "velocity")
+"""Ports of a controller that tell it its own motion."""
+
+
+def needs_navigation(scenario: Scenario, controller: System) -> bool:
+    """Tells whether a flight has a navigation: whether anything on board reads what it gives.
+
+    A controller that reads none of `STATE_PORTS`, such as a learned policy, flies without one, and
+    takes the spacecraft's axes for K's. Runtime assurance always needs a state.
+    """
+    if not isinstance(scenario.navigation, LidarNavigationConfig):
+        return False
+    ports = [controller.get_input_port(i) for i in range(controller.num_input_ports())]
+    return scenario.assurance is not None or any(port.get_name() in STATE_PORTS for port in ports)
+
+
+def add_navigation(wiring: Wiring, ranges: OutputPort, command: OutputPort) -> System:
+    """Adds the navigation, made from belief alone.
+
+    Args:
+      wiring: the diagram.
+      ranges: the lidar's frame as it is received.
+      command: the command (3,) in N in S over the last control period.
+    """
+    navigation = make_navigation(believed(wiring.scenario), wiring.body)
+    wiring.add("navigation", navigation)
+    wiring.builder.Connect(ranges, navigation.GetInputPort("ranges"))
+    wiring.builder.Connect(command, navigation.GetInputPort("commanded_force"))
+    return navigation
+
+
+def known_motion(wiring: Wiring, navigation: System) -> dict[str, OutputPort]:
+    """Gives the ports of state, position and velocity as the navigation knows them."""
+    state = navigation.GetOutputPort("state")
+    parts = wiring.add("navigation_parts", Demultiplexer([3, 3]))
+    wiring.builder.Connect(state, parts.get_input_port())
+    known = (state, parts.get_output_port(0), parts.get_output_port(1))
+    return dict(zip(STATE_PORTS, known, strict=True))
+
+
+def add_command_axes(wiring: Wiring, command: OutputPort, navigation: System) -> OutputPort:
+    """Turns a command in K into S as the navigation believes it to be; returns it, clipped."""
+    axes = wiring.add("command_axes", CommandAxes(wiring.scenario.spacecraft.thrust_limit_n))
+    wiring.builder.Connect(command, axes.GetInputPort("force"))
+    wiring.builder.Connect(navigation.GetOutputPort("attitude"), axes.GetInputPort("attitude"))
+    return axes.GetOutputPort("force")
+
+
+def navigation_ports(navigation: System) -> dict[str, OutputPort]:
+    """Gives the ports that the navigation offers to the log, by the names of their columns."""
+    offered: dict[str, LoggedPort] = getattr(navigation, "logged_ports")()  # noqa: B009
+    return {name: each.port for name, each in offered.items()}

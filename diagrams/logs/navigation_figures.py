@@ -1,0 +1,81 @@
+"""Figures of merit of the navigation in one flight: its errors, and whether it knew them."""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+from scipy.spatial.transform import Rotation
+
+from proxops.systems.common import LARGEST
+from proxops.systems.navigation import NavigationPhase
+
+# The figures of the errors leave out the beginning (s), in which the navigation settles.
+_SETTLED = 200.0
+# An error is consistent if it is within this many standard deviations of the covariance.
+_DEVIATIONS = 3.0
+_PARTS = {"position_error_m": 0, "velocity_error_m_s": 3, "attitude_error_deg": 6}
+
+
+def navigation_figures(data: xr.Dataset) -> dict[str, float]:
+    """Computes the figures of a log's navigation; {} if the flight had none.
+
+    Returns:
+      `navigation_following`: the share of the control steps at which the navigation followed. Of
+      the steps after the first 200 s with a state: medians and 95th percentiles of the errors, and
+      `navigation_consistent`, the least share, over the nine components, of steps at which the
+      component's error is within three standard deviations.
+    """
+    if "navigation_state" not in data or data.sizes["time"] < 2:
+        return {}
+    # The flight may end between two control steps.
+    phase = data["navigation_phase"].values[:-1]
+    figures = {"navigation_following": float(np.mean(phase == NavigationPhase.FOLLOWING))}
+    errors, deviations = navigation_errors(data)
+    used = np.isfinite(errors).all(axis=1) & (data["time"].values >= _SETTLED)
+    errors, deviations = errors[used], deviations[used]
+    if not len(errors):
+        return figures
+    for name, first in _PARTS.items():
+        sizes = np.linalg.norm(errors[:, first : first + 3], axis=1)
+        sizes = np.degrees(sizes) if name.endswith("_deg") else sizes
+        figures[f"navigation_{name}_median"] = float(np.median(sizes))
+        figures[f"navigation_{name}_p95"] = float(np.percentile(sizes, 95))
+    inside = np.abs(errors) <= _DEVIATIONS * deviations
+    figures["navigation_consistent"] = float(inside.mean(axis=0).min())
+    return figures
+
+
+def navigation_errors(data: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
+    """Gives the errors of a log's navigation, and their standard deviations as it knows them.
+
+    Returns:
+      Two arrays (N, 9): position in m, velocity in m/s, and the rotation vector in rad in K that
+      turns the believed S into the true S. NaN in rows without a state.
+    """
+    state, believed = data["navigation_state"].values, data["navigation_attitude"].values
+    variances = np.einsum("nii->ni", data["navigation_covariance"].values)
+    known = (np.abs(state) < LARGEST).all(axis=1)
+    known &= ((variances >= 0.0) & (variances < LARGEST)).all(axis=1)
+    true = np.tile([1.0, 0.0, 0.0, 0.0], (len(state), 1))
+    if "attitude" in data:
+        true = data["attitude"].values
+    known &= _is_rotation(believed) & _is_rotation(true)
+    errors = np.full((len(state), 9), np.nan)
+    errors[known, :6] = data["state"].values[known] - state[known]
+    errors[known, 6:] = _rotation_vectors(true[known], believed[known])
+    deviations = np.full((len(state), 9), np.nan)
+    deviations[known] = np.sqrt(variances[known])
+    return errors, deviations
+
+
+def _is_rotation(quaternions: np.ndarray) -> np.ndarray:
+    """Tells (N,) which of quaternions (N, 4) have unit length; damaged logs have others."""
+    near = (np.abs(quaternions) < 2.0).all(axis=1)
+    lengths = np.linalg.norm(np.where(near[:, None], quaternions, 0.0), axis=1)
+    return near & (np.abs(lengths - 1.0) < 1e-3)
+
+
+def _rotation_vectors(true: np.ndarray, believed: np.ndarray) -> np.ndarray:
+    """The rotation vectors (N, 3) in rad of R_true R_believed^T, from quaternions (N, 4)."""
+    turn = Rotation.from_quat(true, scalar_first=True)
+    return (turn * Rotation.from_quat(believed, scalar_first=True).inv()).as_rotvec()
