@@ -59,6 +59,24 @@ class RayCaster:
         found[found > 1e30] = np.inf  # Embree's "nothing" is 1e37.
         return found
 
+    def first_hits(
+        self, position: np.ndarray, directions: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Distances (N,) in m and facets (N,) that rays from one position meet first.
+
+        Args:
+          position: (3,) in m in the mesh's frame. directions: (N, 3) unit vectors.
+
+        Returns:
+          Distances in float64, and indices of facets, -1 where a ray meets nothing.
+        """
+        origins = np.empty((len(directions), 3), dtype=np.float32)
+        origins[:] = position
+        found = self.scene.run(
+            origins, np.ascontiguousarray(directions, dtype=np.float32), output=True
+        )
+        return found["tfar"].astype(np.float64), found["primID"]
+
     def fan(self, directions: np.ndarray) -> RayFan:
         """A fan of rays along unit directions (R, 3), to cast from many positions."""
         return RayFan(self, directions)

@@ -1,0 +1,91 @@
+"""`Estimate`: what the navigation believes, and how uncertain it is."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from proxops.systems.navigation.expected_errors import ExpectedErrors
+
+# Where each quantity is in the vector of the estimate. Errors of the attitude are rotation vectors
+# in K, so the vector holds zeros there and the rotation itself is kept as a matrix.
+POSITION, VELOCITY, ATTITUDE = slice(0, 3), slice(3, 6), slice(6, 9)
+"""Of the spacecraft in K, in m and m/s; of its axes S against K, in rad."""
+CONSTANT_ACCELERATION, VARYING_ACCELERATION = slice(9, 12), slice(12, 15)
+"""That nothing explains, in m/s^2 in K."""
+GRAVITY = 15
+"""True mass of the body over the believed one, less 1."""
+SPIN = slice(16, 19)
+"""True angular velocity less the believed one, in rad/s in K."""
+CENTRE_OF_MASS = slice(19, 22)
+"""True centre of mass less the believed one, in m in K; the spin axis goes through it."""
+THRUST, THRUST_DIRECTION = slice(22, 25), slice(25, 28)
+"""True force along each axis of S over the commanded one, less 1; rotation of these axes, rad."""
+SIZE = 28
+"""True size of the body over that of the map, less 1."""
+LIDAR_BIAS, LIDAR_SCALE, HALF_BEAM = 29, 30, 31
+"""Of all ranges: a length in m, a share, and half of the angle of the lidar's beams in rad."""
+BASE = 32
+"""Number of these quantities. After them come the coefficients of the map's error."""
+MEASURED = np.array([0, 1, 2, 6, 7, 8, SIZE, LIDAR_BIAS, LIDAR_SCALE, HALF_BEAM])
+"""Those that a range depends on, besides the coefficients of the map's error."""
+
+
+class Estimate(NamedTuple):
+    """A mean and a covariance, in the layout above."""
+
+    mean: np.ndarray
+    """(BASE + M,)."""
+    rotation: np.ndarray
+    """R_KS (3, 3)."""
+    covariance: np.ndarray
+    """(BASE + M, BASE + M)."""
+
+    @property
+    def state(self) -> np.ndarray:
+        """Position and velocity (6,) in K, in m and m/s."""
+        return self.mean[:6]
+
+
+def first_estimate(
+    position: np.ndarray,
+    rotation: np.ndarray,
+    expected: ExpectedErrors,
+    spin: float,
+    modes: int,
+    reach: float,
+    speed: float,
+) -> Estimate:
+    """What is believed before the first frame is used.
+
+    Args:
+      position: (3,) in m in K, near which the frame will be linearised.
+      rotation: R_KS (3, 3), likewise.
+      expected: one standard deviation of everything.
+      spin: believed spin rate in rad/s.
+      modes: number of coefficients of the map's error, each of variance 1.
+      reach: standard deviation of the position in m: large, because nothing is known of it.
+      speed: standard deviation of the velocity in m/s, about 0.
+    """
+    sigma = np.ones(BASE + modes)
+    for where, value in (
+        (POSITION, reach),
+        (VELOCITY, speed),
+        (ATTITUDE, np.hypot(expected.attitude, expected.attitude_varying)),
+        (CONSTANT_ACCELERATION, expected.acceleration),
+        (VARYING_ACCELERATION, expected.acceleration_varying),
+        (GRAVITY, expected.gravity),
+        (SPIN, spin * np.array([expected.pole, expected.pole, expected.spin])),
+        (CENTRE_OF_MASS, expected.centre_of_mass),
+        (THRUST, expected.thrust),
+        (THRUST_DIRECTION, expected.thrust_direction),
+        (SIZE, expected.size),
+        (LIDAR_BIAS, expected.lidar_bias),
+        (LIDAR_SCALE, expected.lidar_scale),
+        (HALF_BEAM, 0.5 * expected.beam_width),
+    ):
+        sigma[where] = value
+    mean = np.zeros(BASE + modes)
+    mean[POSITION] = position
+    return Estimate(mean, rotation, np.diag(sigma**2))

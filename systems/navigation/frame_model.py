@@ -1,0 +1,66 @@
+"""`FrameModel`: what frame of ranges the map predicts, and what a measured frame says."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from proxops.systems.lidar import LidarGeometry
+from proxops.systems.navigation._frame_kernel import rows_of_frame
+from proxops.systems.navigation.estimate import BASE, MEASURED, SIZE, Estimate
+from proxops.systems.navigation.map_error import MapError
+from proxops.systems.shapes import Polyhedron, ray_caster
+
+
+class Comparison(NamedTuple):
+    """A measured frame beside the one that the map predicts, for the K rays that both have."""
+
+    rays: np.ndarray
+    """(K,) int: index of the ray in the frame."""
+    residuals: np.ndarray
+    """(K,) in m: measured less predicted range, times the cosine of the incidence."""
+    variances: np.ndarray
+    """(K,) in m^2: of the residuals if the estimate were true; +inf for rays not to be used."""
+    rows: np.ndarray
+    """(K, 10 + M): derivative of the residuals by what is estimated: see `columns`."""
+
+
+class FrameModel:
+    """Predicts frames from the map by ray casting, and their derivatives in closed form."""
+
+    def __init__(
+        self, shape: Polyhedron, geometry: LidarGeometry, noise_std: float, map_error: MapError
+    ):
+        """Takes the map, the lidar's geometry and range noise in m, and the map's error."""
+        self.shape, self.geometry, self.noise_std = shape, geometry, noise_std
+        self.directions = geometry.directions
+        self.map_error = map_error
+        self.normals = shape.normals
+        self.first_hits = ray_caster(shape).first_hits
+        self.fan = ray_caster(shape).fan(self.directions)
+        # Where the measured quantities are in an estimate.
+        self.columns = np.concatenate([MEASURED, BASE + np.arange(map_error.modes)])
+
+    def compared(self, estimate: Estimate, ranges: np.ndarray) -> Comparison:
+        """A frame (planes * rays,), in m, +inf for no return, beside the predicted one."""
+        position, rotation = estimate.mean[:3], estimate.rotation
+        returned = np.flatnonzero(ranges < self.geometry.max_range * 1.001)
+        directions = self.directions[returned] @ rotation.T
+        distances, facets = self.first_hits(position, directions)
+        met = np.flatnonzero(facets >= 0)
+        rays, facets = returned[met], facets[met]
+        rows = np.empty((met.size, self.columns.size))
+        residuals, variances = rows_of_frame(
+            position,
+            directions[met],
+            distances[met],
+            ranges[rays],
+            self.normals[facets],
+            self.map_error.table[facets],
+            estimate.mean[SIZE:],
+            self.noise_std,
+            self.map_error.rest,
+            rows,
+        )
+        return Comparison(rays, residuals, variances, rows)

@@ -1,0 +1,95 @@
+"""`MapError`: the error of a map as a few smooth displacements of its surface."""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+import scipy.linalg
+
+from proxops.systems.shapes import Polyhedron
+
+# Points of the surface at which the smooth displacements are computed; between them they are
+# interpolated by the same covariance.
+_POINTS = 1200
+# Displacements are kept until they hold this share of the variance, but not more than so many.
+_SHARE, _MOST = 0.985, 160
+# Facets interpolated at once: limits memory.
+_BLOCK = 20_000
+
+
+class MapError:
+    """How far a map's surface may lie from the true one, the same from frame to frame.
+
+    The error is a Gaussian random field along the normals with the covariance
+    s^2 exp(-d^2 / (2 l^2)), less what a translation and a small rotation of the body explain: a
+    survey registers the map, so its frame is that of the best fit. It is expanded in the
+    eigenfunctions of this covariance over the surface (Karhunen-Loeve): few hold nearly all of it.
+
+    Attributes:
+      std: its standard deviation in m.
+      modes: M, their number; 0 if the map has no error.
+      table: (F, M) float64: displacement of each facet along its normal, in m, by each coefficient.
+        The coefficients are independent, with variance 1.
+      rest: variance in m^2 of a facet's displacement beyond the M, its mean over the surface.
+    """
+
+    def __init__(self, shape: Polyhedron, std: float = 0.0, correlation: float = 1.0):
+        """Takes the map, the standard deviation of its error in m, and correlation length in m."""
+        self.std = std
+        self.table, self.rest = np.zeros((len(shape.facets), 0)), 0.0
+        if std > 0.0:
+            table, share = _smooth_fields(shape, correlation)
+            self.table, self.rest = std * table, std**2 * (1.0 - share)
+        self.modes = self.table.shape[1]
+
+
+@functools.lru_cache(maxsize=4)
+def _smooth_fields(shape: Polyhedron, correlation: float) -> tuple[np.ndarray, float]:
+    """Eigenfunctions (F, M) at the facets, times the roots of their eigenvalues, and their share.
+
+    The field has variance 1 before the rigid motions are taken out. The share is that of the
+    variance that the M functions hold.
+    """
+    corners = shape.vertices[shape.facets]
+    centres, normals = corners.mean(axis=1), shape.normals
+    weights = 0.5 * np.linalg.norm(
+        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
+    )
+    chosen = _spread(weights)
+    points = centres[chosen]
+    covariance = _covariance(points, points, correlation)
+    # Rigid motions as displacements along the normals, each normal at its point.
+    arms = (centres - shape.centre_of_mass) / shape.extents.max()
+    rigid = np.hstack([normals, np.cross(arms, normals)])
+    left = np.eye(len(points)) - rigid[chosen] @ np.linalg.pinv(rigid[chosen])
+    values, vectors = scipy.linalg.eigh(
+        left @ covariance @ left, subset_by_index=[max(0, len(points) - _MOST), len(points) - 1]
+    )
+    values, vectors = values[::-1], vectors[:, ::-1]
+    total = float(np.trace(left @ covariance @ left))
+    held = np.cumsum(values) / total
+    modes = min(int(np.searchsorted(held, _SHARE)) + 1, values.size)
+    values, vectors = values[:modes], vectors[:, :modes]
+    # From the points to all facets: the mean of the field, given its values at the points.
+    smooth = covariance + 1e-6 * np.eye(len(points))
+    by_point = scipy.linalg.solve(smooth, vectors * np.sqrt(values), assume_a="pos")
+    table = np.empty((len(centres), modes))
+    for start in range(0, len(centres), _BLOCK):
+        block = slice(start, start + _BLOCK)
+        table[block] = _covariance(centres[block], points, correlation) @ by_point
+    return table, float(held[modes - 1])
+
+
+def _spread(weights: np.ndarray) -> np.ndarray:
+    """Indices of facets, spread over the surface by area: all, if there are few."""
+    if len(weights) <= _POINTS:
+        return np.arange(len(weights))
+    cumulated = np.cumsum(weights)
+    marks = (np.arange(_POINTS) + 0.5) / _POINTS * cumulated[-1]
+    return np.unique(np.searchsorted(cumulated, marks))
+
+
+def _covariance(first: np.ndarray, second: np.ndarray, correlation: float) -> np.ndarray:
+    squares = (first**2).sum(1)[:, None] + (second**2).sum(1)[None] - 2.0 * first @ second.T
+    return np.exp(-np.maximum(squares, 0.0) / (2.0 * correlation**2))

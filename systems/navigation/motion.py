@@ -1,0 +1,76 @@
+"""`Motion`: predicts the navigation's estimate by the believed gravity and the own command."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from proxops.systems.gravity import Field
+from proxops.systems.navigation._motion_kernel import predict
+from proxops.systems.navigation.estimate import CENTRE_OF_MASS, POSITION, VELOCITY, Estimate
+from proxops.systems.navigation.expected_errors import ExpectedErrors
+
+# In one step of the prediction, the body turns by at most this angle (rad), and the spacecraft
+# moves by at most this share of the body's radius: gravity is linear over it.
+_TURN, _SHARE = 0.02, 0.02
+_MOST_STEPS = 200
+
+
+class Motion:
+    """The believed equations of motion, and how uncertain they make an estimate."""
+
+    def __init__(
+        self, field: Field, radius: float, spin: float, mass: float, expected: ExpectedErrors
+    ):
+        """Takes what is believed.
+
+        Args:
+          field: gravity in K. radius: of the body, in m: a length over which gravity changes.
+          spin: rad/s about z. mass: of the spacecraft in kg.
+          expected: one standard deviation of everything.
+        """
+        self._field, self._radius, self._spin, self._mass = field, radius, spin, mass
+        self._expected = expected
+
+    def predicted(
+        self, estimate: Estimate, force: np.ndarray, time: float, duration: float
+    ) -> Estimate:
+        """The estimate `duration` s after `time`, under a force (3,) in N along the axes of S."""
+        speed = float(np.linalg.norm(estimate.mean[VELOCITY]))
+        turn = abs(self._spin) * duration
+        steps = math.ceil(max(1.0, turn / _TURN, speed * duration / (_SHARE * self._radius)))
+        steps = min(steps, _MOST_STEPS)
+        step = duration / steps
+        noise = self._noise(step)
+        for k in range(steps):
+            mean = estimate.mean
+            middle = mean[POSITION] + 0.5 * step * mean[VELOCITY] - mean[CENTRE_OF_MASS]
+            gravity = self._field.evaluate(middle[None])
+            estimate = Estimate(
+                *predict(
+                    *estimate,
+                    gravity.acceleration[0],
+                    gravity.gradient[0],
+                    force,
+                    time + k * step,
+                    step,
+                    self._spin,
+                    self._mass,
+                    noise,
+                )
+            )
+        return estimate
+
+    def _noise(self, step: float) -> np.ndarray:
+        """The last argument of `predict`."""
+        expected = self._expected
+        decay = math.exp(-step / expected.acceleration_correlation)
+        varying = expected.acceleration_varying**2
+        return np.array(
+            [
+                2.0 * expected.attitude_varying**2 * step / expected.attitude_correlation,
+                decay,
+                varying * (1.0 - decay**2),
+            ]
+        )
