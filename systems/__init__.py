@@ -53,7 +53,7 @@ from proxops.systems.lidar import (
     PlanarLidar,
     ray_directions,
 )
-from proxops.systems.navigation import ExpectedErrors, NavigationPhase
+from proxops.systems.navigation import ExpectedErrors, LidarNavigation, NavigationPhase
 from proxops.systems.policy import NeuralPolicy, PolicyBundle, PolicyStatus, ProportionalDerivative
 from proxops.systems.shapes import Polyhedron, RayCaster, RayFan
 from proxops.systems.vehicle import (
@@ -104,6 +104,7 @@ __all__ = [
     "LidarBundle",
     "LidarErrors",
     "LidarGeometry",
+    "LidarNavigation",
     "LoggedPort",
     "ModelPredictiveController",
     "NavigationPhase",

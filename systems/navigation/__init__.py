@@ -1,10 +1,16 @@
 """Navigation: from lidar frames and own commands to position, velocity and attitude.
 
-Start with `LidarNavigation`, a thin system over plain functions. Nothing in this room may see the
-truth: it is made from the map, the believed gravity and spin, and the lidar's data sheet.
+Start with `LidarNavigation`, a thin system over plain functions, and `navigator`, which takes one
+step after the other: `motion` predicts, `frame_model` says what the map predicts, `correction`
+compares, `acquisition` finds the pose from a frame alone. `estimate` has the layout of what is
+estimated, `map_error` the error of the map, `expected_errors` how wrong everything may be. Nothing
+in this room may see the truth: it is made from the map, gravity and spin as believed, and the data
+sheets.
 """
 
+from proxops.systems.navigation.estimate import Estimate
 from proxops.systems.navigation.expected_errors import ExpectedErrors
+from proxops.systems.navigation.lidar_navigation import LidarNavigation
 from proxops.systems.navigation.phase import NavigationPhase
 
-__all__ = ["ExpectedErrors", "NavigationPhase"]
+__all__ = ["Estimate", "ExpectedErrors", "LidarNavigation", "NavigationPhase"]

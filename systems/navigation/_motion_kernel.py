@@ -5,8 +5,9 @@ The equations of motion in K, for a position r, the true spin w and the true cen
     r'' = (1 + k) g(r - c) - 2 w x r' - w x (w x (r - c)) + R T u / m + a
 
 with the field g as believed, k the error of gravity, u the commanded force along the axes of S, R
-the rotation of S against K, T = (1 + [d]x) diag(1 + s) the errors of thrust, and a what nothing
-explains. Over a step, gravity is linear about the point in its middle.
+the rotation of S against K, T = (1 + [d]x) diag(1 + s) the errors of thrust, m = m0 (1 - j b) the
+mass after b = integral of |u| / m0, and a what nothing explains. Over a step, gravity is linear
+about the point in its middle.
 """
 
 import math
@@ -16,7 +17,10 @@ import numpy as np
 
 # The layout of `estimate`, as plain numbers for the compiler.
 _P, _V, _A, _CONSTANT, _VARYING, _GRAVITY = 0, 3, 6, 9, 12, 15
-_SPIN, _CENTRE, _THRUST, _DIRECTION, _BASE = 16, 19, 22, 25, 32
+_SPIN, _CENTRE, _THRUST, _DIRECTION, _PROPELLANT, _BASE = 16, 19, 22, 25, 28, 33
+
+# What is left of the mass is more than this share, whatever the estimate is.
+_LEAST_MASS = 0.1
 
 _compiled = numba.njit(cache=True, error_model="numpy")
 _inlined = numba.njit(cache=True, error_model="numpy", forceinline=True)
@@ -59,11 +63,13 @@ def turned(rotation, vector):
 
 
 @_compiled
-def predict(mean, rotation, covariance, pull, gradient, force, time, step, spin, mass, noise):
+def predict(
+    mean, rotation, covariance, spent, pull, gradient, force, time, step, spin, mass, noise
+):
     """The estimate `step` s later.
 
     Args:
-      mean, rotation, covariance: the estimate; see `estimate`.
+      mean, rotation, covariance, spent: the estimate; see `estimate`.
       pull, gradient: believed gravity (3,) and its derivative (3, 3) at r + r' step/2 - c.
       force: (3,) in N along the axes of S, held over the step.
       time: s, at the start of the step.
@@ -84,7 +90,8 @@ def predict(mean, rotation, covariance, pull, gradient, force, time, step, spin,
     v = mean[_V : _V + 3]
     offset = mean[:3] + 0.5 * step * v - mean[_CENTRE : _CENTRE + 3]
 
-    given = (1.0 + mean[_THRUST : _THRUST + 3]) * force / mass
+    now = mass * max(1.0 - mean[_PROPELLANT] * spent, _LEAST_MASS)
+    given = (1.0 + mean[_THRUST : _THRUST + 3]) * force / now
     direction = np.eye(3) + _cross(mean[_DIRECTION : _DIRECTION + 3])
     axes = rotation @ direction
     push = axes @ given
@@ -124,7 +131,8 @@ def predict(mean, rotation, covariance, pull, gradient, force, time, step, spin,
     by[:, _A : _A + 3] = -_cross(push)
     for i in range(3):
         by[i, _CONSTANT + i] = by[i, _VARYING + i] = 1.0
-        by[:, _THRUST + i] = axes[:, i] * force[i] / mass
+        by[:, _THRUST + i] = axes[:, i] * force[i] / now
+    by[:, _PROPELLANT] = push * (spent * mass / now)
     by[:, _GRAVITY] = pull
     inner = turn @ offset
     by[:, _SPIN : _SPIN + 3] = 2.0 * _cross(v) + _cross(inner) + turn @ _cross(offset)
@@ -133,7 +141,7 @@ def predict(mean, rotation, covariance, pull, gradient, force, time, step, spin,
 
     f = np.eye(_BASE)
     f[:6, :6] = phi
-    f[:6, _A:] += (gamma[:, 3:] @ by)[:, _A:]
+    f[:6, _A:] += (np.ascontiguousarray(gamma[:, 3:]) @ by)[:, _A:]
     f[_A : _A + 3, _SPIN : _SPIN + 3] = -step * back
     for i in range(3):
         f[_VARYING + i, _VARYING + i] = noise[1]

@@ -8,7 +8,7 @@ import numpy as np
 
 from proxops.systems.navigation._motion_kernel import turned
 from proxops.systems.navigation.estimate import ATTITUDE, POSITION, Estimate
-from proxops.systems.navigation.frame_model import Comparison, FrameModel
+from proxops.systems.navigation.frame_model import FrameModel
 
 # A residual beyond this many of its standard deviations is rejected.
 _GATE = 5.0
@@ -34,21 +34,24 @@ class Correction(NamedTuple):
 
 
 def corrected(
-    model: FrameModel, prior: Estimate, ranges: np.ndarray, first: bool = False
+    model: FrameModel, prior: Estimate, ranges: np.ndarray, start: np.ndarray | None = None
 ) -> Correction:
     """Corrects an estimate by a frame.
 
     Args:
       model: predicts the frame.
-      prior: the estimate before. Its mean is where the frame is linearised first.
+      prior: the estimate before.
       ranges: (planes * rays,) in m; +inf: no return.
-      first: the prior holds next to no knowledge of the pose, so that a return is judged by its
-        residual alone.
+      start: (n,) what the prior's mean is moved by before the frame is linearised, if the prior
+        knows next to nothing of the pose. A return is then judged by its residual alone. None: the
+        prior knows the pose.
     """
+    first = start is not None
     columns, covariance = model.columns, prior.covariance
     among = covariance[np.ix_(columns, columns)]
     to_all = covariance[:, columns]
-    estimate, moved = prior, np.zeros(prior.mean.size)
+    moved = np.zeros(prior.mean.size) if start is None else start
+    estimate = _moved(prior, moved)
     for _ in range(_MOST_ITERATIONS):
         compared = model.compared(estimate, ranges)
         rows, variances = compared.rows, compared.variances
@@ -80,7 +83,7 @@ def corrected(
     shift = moved[pose] @ np.linalg.solve(covariance[np.ix_(pose, pose)], moved[pose])
     surprise = float(innovations @ (weights * innovations) - pull @ moved[columns])
     return Correction(
-        Estimate(estimate.mean, estimate.rotation, 0.5 * (posterior + posterior.T)),
+        estimate._replace(covariance=0.5 * (posterior + posterior.T)),
         float(np.sqrt(np.mean(left**2))),
         good.size,
         usable.size - good.size,
@@ -93,4 +96,4 @@ def _moved(prior: Estimate, moved: np.ndarray) -> Estimate:
     """The prior with another mean."""
     mean = prior.mean + moved
     mean[ATTITUDE] = 0.0
-    return Estimate(mean, turned(prior.rotation, moved[ATTITUDE]), prior.covariance)
+    return prior._replace(mean=mean, rotation=turned(prior.rotation, moved[ATTITUDE]))

@@ -22,11 +22,13 @@ CENTRE_OF_MASS = slice(19, 22)
 """True centre of mass less the believed one, in m in K; the spin axis goes through it."""
 THRUST, THRUST_DIRECTION = slice(22, 25), slice(25, 28)
 """True force along each axis of S over the commanded one, less 1; rotation of these axes, rad."""
-SIZE = 28
+PROPELLANT = 28
+"""Share of the mass at the start that each m/s of commanded velocity change uses up, in s/m."""
+SIZE = 29
 """True size of the body over that of the map, less 1."""
-LIDAR_BIAS, LIDAR_SCALE, HALF_BEAM = 29, 30, 31
+LIDAR_BIAS, LIDAR_SCALE, HALF_BEAM = 30, 31, 32
 """Of all ranges: a length in m, a share, and half of the angle of the lidar's beams in rad."""
-BASE = 32
+BASE = 33
 """Number of these quantities. After them come the coefficients of the map's error."""
 MEASURED = np.array([0, 1, 2, 6, 7, 8, SIZE, LIDAR_BIAS, LIDAR_SCALE, HALF_BEAM])
 """Those that a range depends on, besides the coefficients of the map's error."""
@@ -41,6 +43,8 @@ class Estimate(NamedTuple):
     """R_KS (3, 3)."""
     covariance: np.ndarray
     """(BASE + M, BASE + M)."""
+    spent: float = 0.0
+    """Velocity change commanded so far, in m/s: the sum over the axes of S."""
 
     @property
     def state(self) -> np.ndarray:
@@ -56,6 +60,7 @@ def first_estimate(
     modes: int,
     reach: float,
     speed: float,
+    spent: float = 0.0,
 ) -> Estimate:
     """What is believed before the first frame is used.
 
@@ -67,6 +72,7 @@ def first_estimate(
       modes: number of coefficients of the map's error, each of variance 1.
       reach: standard deviation of the position in m: large, because nothing is known of it.
       speed: standard deviation of the velocity in m/s, about 0.
+      spent: velocity change commanded so far in m/s.
     """
     sigma = np.ones(BASE + modes)
     for where, value in (
@@ -80,6 +86,7 @@ def first_estimate(
         (CENTRE_OF_MASS, expected.centre_of_mass),
         (THRUST, expected.thrust),
         (THRUST_DIRECTION, expected.thrust_direction),
+        (PROPELLANT, expected.propellant),
         (SIZE, expected.size),
         (LIDAR_BIAS, expected.lidar_bias),
         (LIDAR_SCALE, expected.lidar_scale),
@@ -88,4 +95,4 @@ def first_estimate(
         sigma[where] = value
     mean = np.zeros(BASE + modes)
     mean[POSITION] = position
-    return Estimate(mean, rotation, np.diag(sigma**2))
+    return Estimate(mean, rotation, np.diag(sigma**2), spent)

@@ -33,6 +33,9 @@ class ExpectedErrors:
     """Of the centre of mass, through which the spin axis goes, in m."""
     thrust: float = 0.03
     """Of the force along each axis, over the force; the spacecraft's mass counts here too."""
+    propellant: float = 0.0
+    """Of the share of the mass that each m/s of velocity change uses up, in s/m: 1 over the exhaust
+    speed."""
     thrust_direction: float = math.radians(0.5)
     """Of the axes of the thrusters, in rad."""
     acceleration: float = 1e-4

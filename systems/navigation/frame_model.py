@@ -30,12 +30,23 @@ class FrameModel:
     """Predicts frames from the map by ray casting, and their derivatives in closed form."""
 
     def __init__(
-        self, shape: Polyhedron, geometry: LidarGeometry, noise_std: float, map_error: MapError
+        self,
+        shape: Polyhedron,
+        geometry: LidarGeometry,
+        noise_std: float,
+        map_error: MapError,
+        beam_width: float = 0.0,
     ):
-        """Takes the map, the lidar's geometry and range noise in m, and the map's error."""
+        """Takes the map, the lidar's geometry and range noise in m, and what may be wrong.
+
+        Args:
+          shape: the map. geometry: of the lidar. noise_std: of its ranges, in m.
+          map_error: of the map. beam_width: full angle in rad that the lidar's beams may have.
+        """
         self.shape, self.geometry, self.noise_std = shape, geometry, noise_std
         self.directions = geometry.directions
         self.map_error = map_error
+        self._half_beam = 0.5 * beam_width
         self.normals = shape.normals
         self.first_hits = ray_caster(shape).first_hits
         self.fan = ray_caster(shape).fan(self.directions)
@@ -61,6 +72,7 @@ class FrameModel:
             estimate.mean[SIZE:],
             self.noise_std,
             self.map_error.rest,
+            self._half_beam,
             rows,
         )
         return Comparison(rays, residuals, variances, rows)

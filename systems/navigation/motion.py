@@ -47,19 +47,22 @@ class Motion:
             mean = estimate.mean
             middle = mean[POSITION] + 0.5 * step * mean[VELOCITY] - mean[CENTRE_OF_MASS]
             gravity = self._field.evaluate(middle[None])
-            estimate = Estimate(
-                *predict(
-                    *estimate,
-                    gravity.acceleration[0],
-                    gravity.gradient[0],
-                    force,
-                    time + k * step,
-                    step,
-                    self._spin,
-                    self._mass,
-                    noise,
-                )
+            moved = predict(
+                estimate.mean,
+                estimate.rotation,
+                estimate.covariance,
+                estimate.spent,
+                gravity.acceleration[0],
+                gravity.gradient[0],
+                force,
+                time + k * step,
+                step,
+                self._spin,
+                self._mass,
+                noise,
             )
+            spent = estimate.spent + float(np.abs(force).sum()) * step / self._mass
+            estimate = Estimate(*moved, spent)
         return estimate
 
     def _noise(self, step: float) -> np.ndarray:

@@ -1,0 +1,195 @@
+"""`LidarNavigation`: position, velocity and attitude from raw lidar frames and own commands."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from pydrake.common.value import AbstractValue
+from pydrake.systems.framework import LeafSystem, ValueProducer
+from scipy.spatial.transform import Rotation
+
+from proxops.systems.common import InputError, LoggedPort, check_not_negative, check_positive
+from proxops.systems.gravity import GRAVITATIONAL_CONSTANT, GravityField
+from proxops.systems.lidar import DEFAULT_GEOMETRY, LidarGeometry
+from proxops.systems.navigation.estimate import BASE, Estimate
+from proxops.systems.navigation.expected_errors import ExpectedErrors
+from proxops.systems.navigation.frame_model import FrameModel
+from proxops.systems.navigation.map_error import MapError
+from proxops.systems.navigation.motion import Motion
+from proxops.systems.navigation.navigator import Memory, Navigator
+from proxops.systems.navigation.phase import NavigationPhase
+from proxops.systems.shapes import Polyhedron
+
+# Before the coefficients of the memory's vector: phase, contradictions, whether there is an
+# estimate, velocity change spent, and two rotations.
+_HEAD = 4 + 9 + 9
+
+
+class LidarNavigation(LeafSystem):
+    """A Kalman filter that compares lidar frames with those that the map predicts.
+
+    ```
+                               ┌─────────────────┐
+    ranges (planes * rays) ───►│ LidarNavigation ├─► state (6), m and m/s, K; NaN: it has none
+    commanded_force (3), N, S ►│                 ├─► attitude (4), R_KS
+                               │                 ├─► covariance (81)
+                               └─────────────────┴─► record (5)
+    ```
+
+    It needs no training and no start: it acquires its pose from a frame alone, with the attitude
+    known to about a degree, and acquires it again when it is lost. It is made from belief: the map,
+    gravity and spin as believed, the data sheet of lidar and spacecraft, and how wrong they may be.
+
+    `commanded_force` is the command along the spacecraft's own axes S that was held over the last
+    period. `attitude` is the rotation of S against K as a unit quaternion (w, x, y, z).
+    `covariance` is that of position (m), velocity (m/s) and of a rotation vector of S in K (rad),
+    row by row. `record` has: root mean square of the residuals (m), returns used, returns rejected,
+    normalised innovation squared over the returns used (about 1), and `NavigationPhase`. Residuals
+    are NaN where no frame was used.
+
+    Outputs are computed when they are asked for, then cached. What it remembers is discrete state.
+    """
+
+    def __init__(
+        self,
+        shape: Polyhedron,
+        field: GravityField,
+        spin: float,
+        mass: float,
+        noise_std: float,
+        geometry: LidarGeometry = DEFAULT_GEOMETRY,
+        expected: ExpectedErrors | None = None,
+        period: float = 10.0,
+        frame_delay: int = 0,
+    ):
+        """Takes what is believed.
+
+        Args:
+          shape: the map. field: gravity in the map's frame K.
+          spin: rad/s about z. mass: of the spacecraft in kg.
+          noise_std: of a range in m; above 0.
+          geometry: planes, rays and greatest range of the lidar.
+          expected: one standard deviation of everything; None: `ExpectedErrors()`.
+          period: control period in s. frame_delay: age of a frame in periods when it arrives.
+
+        Raises:
+          InputError: a value is out of range.
+        """
+        super().__init__()
+        check_positive("LidarNavigation", mass=mass, period=period, noise_std=noise_std)
+        check_not_negative("LidarNavigation", frame_delay=frame_delay)
+        if not math.isfinite(spin):
+            raise InputError(f"LidarNavigation needs a finite spin, got {spin}")
+        self.expected = expected or ExpectedErrors()
+        self.period, self.frame_delay = period, int(frame_delay)
+        map_error = MapError(shape, self.expected.surface, self.expected.surface_correlation)
+        self.model = FrameModel(shape, geometry, noise_std, map_error, self.expected.beam_width)
+        radius = 0.5 * float(shape.extents.min())
+        low_orbit = math.sqrt(GRAVITATIONAL_CONSTANT * field.mass / shape.extents.max())
+        self._navigator = Navigator(
+            self.model,
+            Motion(field, radius, spin, mass, self.expected),
+            self.expected,
+            spin,
+            low_orbit,
+            period,
+            self.frame_delay,
+        )
+        self._size = BASE + map_error.modes
+        self._ranges_port = self.DeclareVectorInputPort(name="ranges", size=geometry.size)
+        self._force_port = self.DeclareVectorInputPort(name="commanded_force", size=3)
+        self._memory = self.DeclareDiscreteState(self._packed(self._navigator.start()))
+        self._step = self.DeclareCacheEntry(
+            "step",
+            ValueProducer(allocate=lambda: AbstractValue.Make(object()), calc=self._calc_step),
+            {
+                self._ranges_port.ticket(),
+                self._force_port.ticket(),
+                self.xd_ticket(),
+                self.time_ticket(),
+            },
+        )
+        depends = {self._step.ticket()}
+        self._ports = {
+            name: self.DeclareVectorOutputPort(
+                name=name, size=size, calc=calc, prerequisites_of_calc=depends
+            )
+            for name, size, calc in (
+                ("state", 6, self._calc_state),
+                ("attitude", 4, self._calc_attitude),
+                ("covariance", 81, self._calc_covariance),
+                ("record", 5, self._calc_record),
+            )
+        }
+        # Discrete, not unrestricted: all discrete updates at one time see the state before it, so
+        # that what is downstream reads the cached result.
+        self.DeclarePeriodicDiscreteUpdateEvent(
+            period_sec=period, offset_sec=0.0, update=self._remember
+        )
+
+    def logged_ports(self) -> dict[str, LoggedPort]:
+        """The ports whose values a log keeps, by the names of their columns."""
+        return {f"navigation_{name}": LoggedPort(port) for name, port in self._ports.items()}
+
+    def estimate(self, context) -> Estimate | None:
+        """The whole estimate in a Context of this system, at its time; None: there is none."""
+        return self._step.Eval(context).now
+
+    def _calc_step(self, context, value):
+        memory = self._unpacked(context.get_discrete_state(self._memory).value())
+        ranges = self._ranges_port.Eval(context)
+        force = self._force_port.Eval(context)
+        value.set_value(self._navigator.step(memory, ranges, force, context.get_time()))
+
+    def _calc_state(self, context, output):
+        now = self.estimate(context)
+        output.SetFromVector(np.full(6, np.nan) if now is None else now.state)
+
+    def _calc_attitude(self, context, output):
+        step = self._step.Eval(context)
+        rotation = step.memory.attitude if step.now is None else step.now.rotation
+        x, y, z, w = Rotation.from_matrix(rotation).as_quat(canonical=True)
+        output.SetFromVector([w, x, y, z])
+
+    def _calc_covariance(self, context, output):
+        now = self.estimate(context)
+        nothing = now is None
+        output.SetFromVector(np.full(81, np.nan) if nothing else now.covariance[:9, :9].ravel())
+
+    def _calc_record(self, context, output):
+        step = self._step.Eval(context)
+        done = step.correction
+        figures = [np.nan, 0.0, 0.0, np.nan]
+        if done is not None:
+            figures = [done.rms, done.used, done.rejected, done.surprise]
+        output.SetFromVector([*figures, step.memory.phase])
+
+    def _remember(self, context, discrete_state):
+        packed = self._packed(self._step.Eval(context).memory)
+        discrete_state.set_value(self._memory, packed)
+
+    def _packed(self, memory: Memory) -> np.ndarray:
+        """A memory as a vector, so that Drake's discrete state can hold it."""
+        n = self._size
+        nothing = Estimate(np.zeros(n), np.eye(3), np.zeros((n, n)))
+        estimate = memory.estimate or nothing
+        head = [memory.phase, memory.contradictions, memory.estimate is not None, estimate.spent]
+        parts = [head, memory.attitude.ravel(), estimate.rotation.ravel(), memory.forces.ravel()]
+        return np.concatenate([*parts, estimate.mean, estimate.covariance.ravel()])
+
+    def _unpacked(self, vector: np.ndarray) -> Memory:
+        """The memory in a vector."""
+        vector = vector.copy()  # It may be a view of a Context's state, which changes.
+        n, forces = self._size, 3 * (self.frame_delay + 1)
+        phase, contradictions, known, spent = vector[:4]
+        attitude, rotation = vector[4:13].reshape(3, 3), vector[13:_HEAD].reshape(3, 3)
+        held, mean, covariance = np.split(vector[_HEAD:], [forces, forces + n])
+        estimate = Estimate(mean, rotation, covariance.reshape(n, n), float(spent))
+        return Memory(
+            estimate if known else None,
+            held.reshape(-1, 3),
+            int(contradictions),
+            NavigationPhase(int(phase)),
+            attitude,
+        )

@@ -1,0 +1,181 @@
+"""`Navigator`: one step of navigation after the other, as plain functions on arrays."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from proxops.systems.navigation.acquisition import acquire
+from proxops.systems.navigation.correction import Correction, corrected
+from proxops.systems.navigation.estimate import (
+    ATTITUDE,
+    BASE,
+    POSITION,
+    VELOCITY,
+    Estimate,
+    first_estimate,
+)
+from proxops.systems.navigation.expected_errors import ExpectedErrors
+from proxops.systems.navigation.frame_model import FrameModel
+from proxops.systems.navigation.motion import Motion
+from proxops.systems.navigation.phase import NavigationPhase
+
+# A frame with fewer returns on the body is not used. If less than this share of the returns on the
+# body agree with the prediction, the frame contradicts it.
+_FEWEST, _AGREEING = 6, 0.5
+# After so many frames in a row that contradict the prediction, the navigation is lost.
+_PATIENCE = 3
+# A frame that moves the pose by more than this (chi square of six degrees of freedom; once in 1e10
+# by chance) shows that something acted that the motion does not know, such as a kick.
+_SURPRISE = 60.0
+# Standard deviation of the position before acquisition over the size of the body, and of the
+# velocity over the speed of a low orbit.
+_REACH, _SPEED = 10.0, 3.0
+
+
+class Memory(NamedTuple):
+    """What the navigation keeps from step to step."""
+
+    estimate: Estimate | None
+    """At the last frame's time; None: there is none."""
+    forces: np.ndarray
+    """(D + 1, 3) commanded forces in N of the last periods, the oldest first."""
+    contradictions: int
+    """Number of frames in a row that contradicted the prediction."""
+    phase: NavigationPhase
+    attitude: np.ndarray
+    """R_KS (3, 3) with which the next acquisition starts."""
+
+
+class Step(NamedTuple):
+    """The result of one step."""
+
+    now: Estimate | None
+    """At the present time; None while there is none."""
+    memory: Memory
+    correction: Correction | None
+    """What the frame did; None if it was empty or not used."""
+
+
+class Navigator:
+    """Navigation from belief alone: the map, gravity and spin as believed, and the data sheet."""
+
+    def __init__(
+        self,
+        model: FrameModel,
+        motion: Motion,
+        expected: ExpectedErrors,
+        spin: float,
+        orbit_speed: float,
+        period: float,
+        frame_delay: int,
+    ):
+        """Takes the models, the spin in rad/s, the speed in m/s of a low orbit, and the timing.
+
+        Args:
+          model: predicts frames. motion: predicts motion.
+          expected: one standard deviation of everything.
+          spin: believed spin rate in rad/s. orbit_speed: a typical speed near the body in m/s.
+          period: time in s from frame to frame. frame_delay: age of a frame in periods.
+        """
+        self.model, self.motion = model, motion
+        self._expected, self._spin = expected, spin
+        self._reach = _REACH * float(model.shape.extents.max())
+        self._speed = _SPEED * orbit_speed
+        self._period, self._delay = period, frame_delay
+
+    def start(self) -> Memory:
+        """The memory before the first frame."""
+        forces = np.zeros((self._delay + 1, 3))
+        return Memory(None, forces, 0, NavigationPhase.ACQUIRING, np.eye(3))
+
+    def step(self, memory: Memory, ranges: np.ndarray, force: np.ndarray, time: float) -> Step:
+        """Uses the frame that arrives at a time.
+
+        Args:
+          memory: after the step before.
+          ranges: (planes * rays,) in m, +inf for no return.
+          force: (3,) in N along the axes of S, commanded over the period that ends now.
+          time: now, in s.
+        """
+        forces = np.vstack([memory.forces[1:], force])
+        taken = time - self._delay * self._period
+        prior = None
+        if memory.estimate is not None:
+            begun = taken - self._period
+            prior = self.motion.predicted(memory.estimate, forces[0], begun, self._period)
+        attitude = memory.attitude if prior is None else prior.rotation
+        used = self._used(prior, memory, ranges, attitude)
+        estimate, phase, contradictions, correction = used
+        memory = Memory(estimate, forces, contradictions, phase, attitude)
+        now = estimate if phase == NavigationPhase.FOLLOWING else None
+        for k in range(self._delay):
+            if now is not None:
+                begun = taken + k * self._period
+                now = self.motion.predicted(now, forces[k + 1], begun, self._period)
+        return Step(now, memory, correction)
+
+    def _used(
+        self, prior: Estimate | None, memory: Memory, ranges: np.ndarray, attitude: np.ndarray
+    ) -> tuple[Estimate | None, NavigationPhase, int, Correction | None]:
+        """Estimate, phase, contradictions in a row, and correction after a frame."""
+        contradictions = memory.contradictions
+        empty = np.count_nonzero(ranges < np.inf) < _FEWEST
+        if empty:
+            return prior, memory.phase, contradictions, None
+        if prior is not None:
+            found = self._followed(prior, ranges)
+            if found is not None:
+                return found.estimate, NavigationPhase.FOLLOWING, 0, found
+            contradictions += 1
+            if contradictions < _PATIENCE:
+                return prior, memory.phase, contradictions, None
+        spent = 0.0 if prior is None else prior.spent
+        found = self._acquired(ranges, attitude, spent)
+        if found is not None:
+            return found.estimate, NavigationPhase.FOLLOWING, 0, found
+        lost = NavigationPhase.ACQUIRING if prior is None else NavigationPhase.LOST
+        return prior, lost, contradictions, None
+
+    def _followed(self, prior: Estimate, ranges: np.ndarray) -> Correction | None:
+        """The correction of a prediction by a frame; None if the frame contradicts it."""
+        found = corrected(self.model, prior, ranges)
+        if found.shift > _SURPRISE:
+            found = corrected(self.model, self._doubted(prior, found), ranges)
+        agrees = found.used >= _FEWEST and found.used >= _AGREEING * (found.used + found.rejected)
+        return found if agrees else None
+
+    def _doubted(self, prior: Estimate, found: Correction) -> Estimate:
+        """The prior with a covariance that allows for the motion that a frame showed."""
+        moved = found.estimate.mean[POSITION] - prior.mean[POSITION]
+        turned = Rotation.from_matrix(found.estimate.rotation @ prior.rotation.T).as_rotvec()
+        extra = np.zeros(prior.mean.size)
+        extra[POSITION] = moved @ moved
+        extra[VELOCITY] = moved @ moved / self._period**2
+        extra[ATTITUDE] = turned @ turned
+        return prior._replace(covariance=prior.covariance + np.diag(extra))
+
+    def _acquired(
+        self, ranges: np.ndarray, attitude: np.ndarray, spent: float
+    ) -> Correction | None:
+        """The estimate from a frame alone, after a velocity change of `spent` m/s."""
+        pose = acquire(self.model, ranges, attitude, self._expected.attitude)
+        if pose is None:
+            return None
+        modes = self.model.map_error.modes
+        prior = first_estimate(
+            pose.position,
+            attitude,
+            self._expected,
+            self._spin,
+            modes,
+            self._reach,
+            self._speed,
+            spent,
+        )
+        start = np.zeros(BASE + modes)
+        start[ATTITUDE] = Rotation.from_matrix(pose.rotation @ attitude.T).as_rotvec()
+        found = corrected(self.model, prior, ranges, start)
+        return found if found.used >= _FEWEST else None
