@@ -104,7 +104,9 @@ def main() -> None:
             Variant("the paper's policy", f"policy:{(asked.paper / 'bundle').resolve()}")
         )
     variants += pilot_variants(asked)
-    rows = fly_with_bar(variants, load_scenario(None, {"log_ranges": False}), asked)
+    rows = fly_with_bar(
+        variants, load_scenario(None, {"log_ranges": False}, on_true_state=True), asked
+    )
     lines = {name: cells(result) for name, result in aggregate_all(rows).items()}
     show(f"{asked.transits} transits of seed {asked.seed}", HEADINGS, lines, asked.markdown)
 

@@ -160,7 +160,9 @@ def main() -> None:
             logs = Path(name) / "logs"
             logs.mkdir()
             for index in range(arguments.flights):
-                scenario = load_scenario(None, {"transit.seed": 0, "transit.index": index})
+                scenario = load_scenario(
+                    None, {"transit.seed": 0, "transit.index": index}, on_true_state=True
+                )
                 fly(scenario).to_netcdf(logs / f"{index:05d}.nc")
         flights = packing(logs, cache)
         memory(logs, cache)

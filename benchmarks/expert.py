@@ -92,7 +92,7 @@ def main() -> None:
         raise SystemExit(f"expert.py: no variant {sorted(unknown)}: {list(VARIANTS)}")
     chosen = dict.fromkeys([MATCHED, *asked.only]) if asked.only else VARIANTS
     variants = [Variant(name, "mpc", VARIANTS[name]) for name in chosen]
-    scenario = load_scenario(None, {"log_ranges": False})
+    scenario = load_scenario(None, {"log_ranges": False}, on_true_state=True)
     rows = fly_with_bar(variants, scenario, asked, describe=describe_flight)
     lines = {name: figures(flown, rows[MATCHED]) for name, flown in rows.items()}
     show(f"{asked.transits} transits of seed {asked.seed}", HEADINGS, lines, asked.markdown)

@@ -136,7 +136,9 @@ def main() -> None:
         Variant(name, controller_of(name, asked.policy.resolve()), VARIANTS[name])
         for name in chosen
     ]
-    rows = fly_with_bar(variants, load_scenario(None, {"log_ranges": False}), asked)
+    rows = fly_with_bar(
+        variants, load_scenario(None, {"log_ranges": False}, on_true_state=True), asked
+    )
     lines = {name: figures(flown, rows[MPC]) for name, flown in rows.items()}
     title = f"{asked.transits} transits of seed {asked.seed}"
     show(title, HEADINGS, lines, asked.markdown)

@@ -91,7 +91,9 @@ def main() -> None:
         for rule, changes in RULES.items()
         for name in ADVERSARIES
     ]
-    rows = fly_with_bar(variants, load_scenario(None, {"log_ranges": False} | settings), asked)
+    rows = fly_with_bar(
+        variants, load_scenario(None, {"log_ranges": False} | settings, on_true_state=True), asked
+    )
     lines = {name: figures(flown) for name, flown in rows.items()}
     title = f"{asked.transits} transits of seed {asked.seed}, {asked.duration:g} s each"
     show(title, HEADINGS, lines, asked.markdown)

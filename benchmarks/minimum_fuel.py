@@ -264,7 +264,7 @@ def main() -> None:
     asked = parser.parse_args()
     weights = dict(text.split("=", 1) for text in asked.weights)
     changes = {f"mpc.weighted.{key}": float(value) for key, value in weights.items()}
-    scenario = load_scenario(None, {"log_ranges": False, **changes})
+    scenario = load_scenario(None, {"log_ranges": False, **changes}, on_true_state=True)
     body = load_body(scenario.body)
     variants = [Variant(EXPERT, "mpc"), Variant(WEIGHTED, "mpc", {"mpc.cost": "weighted"})]
     logs = logs_with_bar(variants, scenario, asked)

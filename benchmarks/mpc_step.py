@@ -185,7 +185,7 @@ def main() -> None:
     overrides: dict = {"transit.seed": asked.seed, "transit.index": asked.transit}
     if asked.disturbed:
         overrides["disturbance.max_relative_magnitude"] = 2.0
-    scenario = load_scenario(None, overrides)
+    scenario = load_scenario(None, overrides, on_true_state=True)
     body = load_body(scenario.body)
     flight = fly(scenario, body=body).dataset
     controller = make_mpc(scenario, body)

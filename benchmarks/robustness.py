@@ -200,7 +200,7 @@ def main() -> None:
         "--only", nargs="+", metavar="LINE", help="quantities or lines; default: all"
     )
     asked = parser.parse_args()
-    scenario = load_scenario(None, {"log_ranges": False})
+    scenario = load_scenario(None, {"log_ranges": False}, on_true_state=True)
     try:
         wanted = chosen(variants(asked.controller, asked.dispersions, scenario), asked.only)
     except InputError as error:

@@ -92,7 +92,7 @@ def fly_all(known: dict[str, dict[str, str]] | None) -> tuple[dict[str, dict[str
     """The hashes of all flights by name, and how many flights differ from the known ones."""
     found, changed = {}, 0
     for name, (controller, settings) in FLIGHTS.items():
-        log = fly(load_scenario(None, settings), controller)
+        log = fly(load_scenario(None, settings, on_true_state=True), controller)
         found[name] = hashes(log)
         line = f"{name}: {len(log.dataset.time)} rows"
         if known is not None:

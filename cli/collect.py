@@ -81,6 +81,9 @@ def collect_command(
 ) -> None:
     """Fly transits with the MPC; write a log of each, manifest.json and a report.
 
+    The MPC knows the true state, so that its force is a label for the true state, unless the
+    scenario or --set says navigation: !LidarNavigation {}.
+
     Run it again to finish an interrupted set: no flight is flown twice. With more --transits it
     adds to the set.
 
@@ -94,7 +97,7 @@ def collect_command(
     """
     mix = parse_mix(recovery)
     check_folder(out)
-    wanted = load_scenario(scenario, with_dispersions(settings, dispersions))
+    wanted = load_scenario(scenario, with_dispersions(settings, dispersions), on_true_state=True)
     if lidar == LidarSource.NONE:
         wanted = dc.replace(wanted, log_ranges=False)
     learned = None

@@ -73,9 +73,9 @@ def reproduce_command(
 ) -> None:
     """Collect, train, evaluate, and write a report with the paper's figures and numbers and ours.
 
-    The command writes report.html, report.md and report.json, and a folder for each stage. Run it
-    again to continue after an interruption; a stage that is done is repeated only if its inputs
-    have changed.
+    As in the paper, the MPC knows the true state. The command writes report.html, report.md and
+    report.json, and a folder for each stage. Run it again to continue after an interruption; a
+    stage that is done is repeated only if its inputs have changed.
 
     Examples:
 
@@ -84,7 +84,7 @@ def reproduce_command(
       proxops reproduce --quick --out out/look --set policy.bundle=out/dagger/bundle
     """
     check_folder(out)
-    wanted = load_scenario(scenario, settings or [])
+    wanted = load_scenario(scenario, settings or [], on_true_state=True)
     load_body(wanted.body)
     # matplotlib and torch are slow to import.
     from proxops.studies.reproduction import ReproductionSettings, reproduce

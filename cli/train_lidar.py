@@ -59,7 +59,7 @@ def train_lidar_command(
       proxops train-lidar --spacing 20 --out out/lidar
     """
     check_folder(out)
-    wanted = load_scenario(scenario, settings or [])
+    wanted = load_scenario(scenario, settings or [], on_true_state=True)
     body = load_body(wanted.body)
     with training_extra():
         # torch is slow to import.

@@ -25,14 +25,18 @@ BRIEF = {"arrival__deadline_s": 100.0, "arrival__dwell_s": 50.0}
 
 
 def short_scenario(**changes: object) -> Scenario:
-    """`SHORT` with changes, whose dots are written as two underscores."""
-    return load_scenario(None, SHORT | {k.replace("__", "."): v for k, v in changes.items()})
+    """`SHORT` on the true state, with changes, whose dots are written as two underscores."""
+    changes = SHORT | {k.replace("__", "."): v for k, v in changes.items()}
+    return load_scenario(None, changes, on_true_state=True)
 
 
 @cache
 def kleopatra_flight() -> FlightLog:
-    """Transit 0 of seed 10000 by the MPC, flown once a session; do not change it."""
-    return fly(load_scenario())
+    """Transit 0 of seed 10000 by the MPC on the true state, flown once a session.
+
+    Do not change it.
+    """
+    return fly(load_scenario(on_true_state=True))
 
 
 @cache

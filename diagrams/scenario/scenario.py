@@ -21,6 +21,8 @@ from proxops.diagrams.scenario.typed_yaml import (
 def load_scenario(
     path: str | Path | None = None,
     overrides: typing.Sequence[str] | typing.Mapping[str, typing.Any] = (),
+    *,
+    on_true_state: bool = False,
 ) -> Scenario:
     """Reads a scenario: the defaults, changed by a file, if any, and then by the overrides.
 
@@ -28,6 +30,8 @@ def load_scenario(
       path: YAML file with the values that differ from the defaults; None: no file.
       overrides: texts `key.subkey=value` with the value in YAML, or a mapping of such keys to
         values.
+      on_true_state: whether the default of `navigation` is `!TrueState`, as the paper flies and as
+        training data need it.
 
     Raises:
       InputError: the file cannot be read or is not YAML, a key is unknown (the message gives the
@@ -39,6 +43,8 @@ def load_scenario(
         _from_file(tree, Path(path).parent)
     apply_overrides(tree, overrides)
     refuse_renamed(tree, source)
+    if on_true_state:
+        tree.setdefault("navigation", {"_tag": "!TrueState"})
     scenario = load_typed(Scenario, tree, source)
     check_scenario(scenario, source)
     if isinstance(scenario.lidar, LearnedLidarConfig):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from importlib import metadata
 from typing import Any
 
+from proxops.diagrams.scenario import TrueStateConfig
 from proxops.studies.evaluation import EXPERT, arrival_text
 from proxops.studies.reproduction.figures import plot_gates
 from proxops.studies.reproduction.findings import (
@@ -113,12 +114,19 @@ def _controllers(findings: Findings) -> list[Block]:
         controller_table(findings.results),
         Text(
             "Lost counts flights with a step at which no ray of the lidar returns. Δv / MPC's is "
-            "over the transits in which both succeed. The MPC, the hybrid's check and runtime "
-            "assurance use the true state. Assured means with runtime assurance between policy "
-            "and thrusters; it is off in all other rows. Zero commands no force. The PD "
-            "controllers use the true state, or the state that the policy estimates."
+            f"over the transits in which both succeed. {_told(findings)} Assured "
+            "means with runtime assurance between policy and thrusters; it is off in all other rows. Zero commands no force. The second "
+            "PD controller uses the state that the policy estimates."
         ),
     ]
+
+
+def _told(findings: Findings) -> str:
+    """Says from what the controllers know the state."""
+    who = "The MPC, the hybrid's check, runtime assurance and PD"
+    if isinstance(findings.scenario.navigation, TrueStateConfig):
+        return f"{who} use the true state (navigation: !TrueState), as the paper's do."
+    return f"{who} use the state that the lidar navigation makes of the frames; the paper's do not."
 
 
 def _gates(findings: Findings) -> list[Block]:
