@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import typing
+
 from pydrake.systems.framework import OutputPort, System
 from pydrake.systems.primitives import Demultiplexer
 
 from proxops.diagrams.flight.scenario_systems import make_navigation
 from proxops.diagrams.flight.wiring import Wiring
 from proxops.diagrams.scenario import LidarNavigationConfig, Scenario, believed
-from proxops.systems import CommandAxes
-from proxops.systems.common import LoggedPort
+from proxops.systems import CommandAxes, LidarNavigation
 
 STATE_PORTS = ("state", "position", "velocity")
 """Ports of a controller that tell it its own motion."""
@@ -27,7 +28,7 @@ def needs_navigation(scenario: Scenario, controller: System) -> bool:
     return scenario.assurance is not None or any(port.get_name() in STATE_PORTS for port in ports)
 
 
-def add_navigation(wiring: Wiring, ranges: OutputPort, command: OutputPort) -> System:
+def add_navigation(wiring: Wiring, ranges: OutputPort, command: OutputPort) -> LidarNavigation:
     """Adds the navigation, made from belief alone.
 
     Args:
@@ -61,5 +62,5 @@ def add_command_axes(wiring: Wiring, command: OutputPort, navigation: System) ->
 
 def navigation_ports(navigation: System) -> dict[str, OutputPort]:
     """Gives the ports that the navigation offers to the log, by the names of their columns."""
-    offered: dict[str, LoggedPort] = getattr(navigation, "logged_ports")()  # noqa: B009
+    offered = typing.cast(LidarNavigation, navigation).logged_ports()
     return {name: each.port for name, each in offered.items()}

@@ -6,7 +6,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from pydrake.systems.framework import LeafSystem
 
 from proxops.assets import ASSETS
 from proxops.diagrams.flight.estimate_feedback import EstimateFeedback
@@ -28,6 +27,7 @@ from proxops.systems import (
     Lidar,
     LidarErrors,
     LidarGeometry,
+    LidarNavigation,
     ModelPredictiveController,
     NeuralPolicy,
     PlanarLidar,
@@ -205,14 +205,12 @@ def make_lidar(scenario: Scenario, shape: Polyhedron, seed: int) -> PlanarLidar:
     )
 
 
-def make_navigation(scenario: Scenario, body: Body) -> LeafSystem:
+def make_navigation(scenario: Scenario, body: Body) -> LidarNavigation:
     """Makes the navigation that the scenario configures, from map and data sheets alone.
 
     Raises:
       InputError: the scenario has no lidar navigation.
     """
-    from proxops.systems.navigation import LidarNavigation
-
     expected = expected_errors(scenario, body)
     assert isinstance(scenario.navigation, LidarNavigationConfig)
     return LidarNavigation(

@@ -257,7 +257,9 @@ class Scenario:
     spacecraft: SpacecraftConfig = dc.field(default_factory=SpacecraftConfig)
     lidar: LidarConfig | LearnedLidarConfig = dc.field(default_factory=LidarConfig)
     # From what controllers and runtime assurance know the state of the spacecraft.
-    navigation: LidarNavigationConfig | TrueStateConfig = dc.field(default_factory=TrueStateConfig)
+    navigation: LidarNavigationConfig | TrueStateConfig = dc.field(
+        default_factory=LidarNavigationConfig
+    )
     mpc: MpcConfig = dc.field(default_factory=MpcConfig)
     policy: PolicyConfig = dc.field(default_factory=PolicyConfig)
     hybrid: HybridConfig = dc.field(default_factory=HybridConfig)

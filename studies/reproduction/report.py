@@ -114,9 +114,9 @@ def _controllers(findings: Findings) -> list[Block]:
         controller_table(findings.results),
         Text(
             "Lost counts flights with a step at which no ray of the lidar returns. Δv / MPC's is "
-            f"over the transits in which both succeed. {_told(findings)} Assured "
-            "means with runtime assurance between policy and thrusters; it is off in all other rows. Zero commands no force. The second "
-            "PD controller uses the state that the policy estimates."
+            f"over the transits in which both succeed. {_told(findings)} Assured means with "
+            "runtime assurance between policy and thrusters; it is off in all other rows. Zero "
+            "commands no force. The second PD controller uses the state that the policy estimates."
         ),
     ]
 
