@@ -194,6 +194,11 @@ def _table(log: FlightLog, summary: dict[str, Any]) -> list[tuple[str, str]]:
         median, p95 = (summary[f"estimate_position_error_m_{part}"] for part in ("median", "p95"))
         error = f"{length_text(median)}, {length_text(p95)}"
         rows.append(("position error of the estimate, median and p95", error))
+    if "navigation_position_error_m_median" in summary:
+        median, p95 = (summary[f"navigation_position_error_m_{part}"] for part in ("median", "p95"))
+        error = f"{length_text(median)}, {length_text(p95)}"
+        rows.append(("position error of the navigation, median and p95", error))
+        rows.append(("navigation within its 3 sigma", f"{summary['navigation_consistent']:.1%}"))
     rows += [(f"steps {what}", str(count)) for what, count in fallback_steps(log.dataset).items()]
     rows.append(("simulated", f"{flown:.0f} s in {summary['wall_s']:.1f} s"))
     rows.append(("speed against real time", f"{flown / summary['wall_s']:.0f} x"))

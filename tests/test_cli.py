@@ -17,6 +17,7 @@ from commands import proxops, settings
 from short_flights import blob, kleopatra, kleopatra_flight, short_scenario, write_blob
 from synthetic_log import synthetic_log
 from test_flight_log import SUMMARY
+from test_navigation_wiring import NAVIGATION_SUMMARY
 
 from proxops.cli.common import console
 from proxops.cli.fly import _table
@@ -24,7 +25,7 @@ from proxops.diagrams.flight.transit_diagram import make_transit_diagram
 from proxops.diagrams.logs.flight_log import FlightLog, differences
 from proxops.diagrams.logs.flight_summary import length_text
 from proxops.diagrams.scenario.body import load_body
-from proxops.diagrams.scenario.scenario import load_scenario
+from proxops.diagrams.scenario.scenario import change_scenario, load_scenario
 from proxops.systems import InputError
 
 BRIEF = settings(
@@ -103,11 +104,12 @@ def test_fly(run, tmp_path: Path) -> None:
     out = tmp_path / "a" / "b"
     assert entries(out) == {"flight.nc", "summary.json", "replay.html"}
     summary = json.loads((out / "summary.json").read_text())
-    assert list(summary) == SUMMARY
+    assert list(summary) == [*SUMMARY, *NAVIGATION_SUMMARY]
     assert summary["success"]
+    assert summary["navigation_following"] > 0.95
     log = FlightLog.load(out / "flight.nc")
     assert log.summary == summary
-    assert log.scenario == short_scenario()
+    assert log.scenario == change_scenario(short_scenario(), {"navigation": {}})
     assert (out / "replay.html").stat().st_size > 1e6
     # The table: what the issue lists.
     for words in ("Kleopatra, mpc", "success", "yes", "position error", "delta-v", "clearance",
@@ -213,7 +215,9 @@ def test_evaluate(run, tmp_path: Path) -> None:
                     "policy_share", "flights"):  # fmt: skip
             assert key in result
         assert result["success_rate"] == 0.0
-        assert [list(row) for row in result["flights"]] == [[*SUMMARY, "small_command_share"]] * 2
+        # Zero reads no state, so it flies without navigation; a flight is over before it settles.
+        keys = [*SUMMARY, *NAVIGATION_SUMMARY[: name == "mpc"], "small_command_share"]
+        assert [list(row) for row in result["flights"]] == [keys] * 2
         assert [row["transit"] for row in result["flights"]] == [0, 1]
         assert {row["controller"] for row in result["flights"]} == {name}
         assert {row["seed"] for row in result["flights"]} == {31}

@@ -100,7 +100,7 @@ def run_command(
 
 def test_manifest_and_logs(full_set: Path) -> None:
     manifest = manifest_of(full_set)
-    wanted = load_scenario(None, BRIEF)
+    wanted = load_scenario(None, BRIEF, on_true_state=True)
     assert parse_scenario(manifest["scenario"]) == wanted
     assert (manifest["mix"], manifest["seed"]) == (FULL, 5)
     assert len(manifest["body_sha256"]) == 64
@@ -337,7 +337,11 @@ def finished_and_right(out: Path, transits: int) -> None:
     assert not list(out.rglob("*.part"))
     for index, log in list(enumerate(logs_of(out)))[::4]:
         flown = flight_scenario(
-            kind_of(FULL, index), load_scenario(None, BRIEF), kleopatra(), 0, index
+            kind_of(FULL, index),
+            load_scenario(None, BRIEF, on_true_state=True),
+            kleopatra(),
+            0,
+            index,
         )
         assert differences(log, fly(flown, "mpc", body=kleopatra())) == []
 

@@ -371,17 +371,34 @@ def test_own_controller_arrives() -> None:
     code = named_block("my_pd.py")
     lines = [line for line in code.splitlines() if line and not line.startswith("#")]
     assert len(lines) <= 30
-    scenario = load_scenario(None, SHORT | {"arrival.dwell_s": 3000.0, "log_ranges": False})
+    scenario = load_scenario(
+        None,
+        SHORT | {"arrival.dwell_s": 3000.0, "log_ranges": False},
+        on_true_state=True,
+    )
     body = kleopatra()
     summary = fly(scenario, run(code)["make"](scenario, body), body=body).summary
     assert summary["success"]
     assert summary["terminal_position_error_m"] < 1.0
 
 
+@pytest.mark.parametrize(("block", "goal"), [("my_controller.py", 10e3), ("my_pd.py", 20.0)])
+def test_own_controllers_fly_on_navigation(block: str, goal: float) -> None:
+    """Also at the first steps, at which no frame has arrived and the state is NaN."""
+    settings = {"arrival.dwell_s": 1000.0, "truth.lidar.latency_steps": 2, "log_ranges": False}
+    settings["navigation.frame_delay_steps"] = 2
+    scenario = load_scenario(None, SHORT | settings)
+    body = kleopatra()
+    log = fly(scenario, run(named_block(block))["make"](scenario, body), body=body)
+    assert np.isnan(log.dataset["navigation_state"].values[:2]).all()
+    assert log.summary["terminal_position_error_m"] < goal
+
+
 def test_own_controller_logs_its_columns() -> None:
     controller = run(of_page("docs/how_to/own_controller.md", "LoggedPort"))["Attraction"]()
     brief = {"arrival.deadline_s": 100.0, "arrival.dwell_s": 50.0, "log_ranges": False}
-    data = fly(load_scenario(None, SHORT | brief), controller, body=kleopatra()).dataset
+    scenario = load_scenario(None, SHORT | brief, on_true_state=True)
+    data = fly(scenario, controller, body=kleopatra()).dataset
     error = (data["target"] - data["state"]).values[:-1, :3]
     np.testing.assert_allclose(data["goal_error"].values[:-1], error, atol=1e-9)
     assert data["goal_error"].attrs["units"] == "m"

@@ -76,7 +76,7 @@ def test_both_are_written_and_read(text: str) -> None:
 
 
 def test_stored_scenarios_of_before_flew_on_the_true_state() -> None:
-    text = dump_scenario(load_scenario())
+    text = dump_scenario(load_scenario(on_true_state=True))
     assert "\nnavigation:" in text
     older = text.replace("navigation: !TrueStateConfig {}\n", "")
     assert "navigation" not in older
@@ -139,7 +139,8 @@ def test_numbers_of_before_survey() -> None:
         "pole": math.radians(1.0) / 3.0,
         "spin": 1e-5 / 3.0,
         "gravity": 0.11 / 3.0,
-        "thrust": math.hypot(0.05 / 3.0, 0.1),
+        "thrust": 0.05 / 3.0,
+        "propellant": 1.0 / (9.80665 * 220.0),
         "thrust_direction": math.radians(1.0) / 3.0,
         "acceleration": 1.43e-3 * 0.07 / 3.0,
         "acceleration_varying": 4.76e-4 * 0.07,
@@ -183,12 +184,20 @@ def test_large_errors_of_attitude_add_up_within_limits(tmp_path: Path) -> None:
     assert told(tmp_path, text).attitude == pytest.approx(math.radians(11.0))
 
 
-def test_thrust_has_mass_and_propellant_in_it(tmp_path: Path) -> None:
+def test_thrust_has_the_mass_in_it(tmp_path: Path) -> None:
     text = "truth.mass: {normal: 1.0, three_sigma: 0.09}\n"
     assert told(tmp_path, text).thrust == pytest.approx(0.03)
-    burning = told(tmp_path, text, "truth.specific_impulse_s=220.0").thrust
-    assert burning == pytest.approx(math.hypot(0.03, 0.1))
-    assert told(tmp_path, "truth.specific_impulse_s: 220.0\n").thrust == pytest.approx(0.1)
+    text += "truth.thrusters.scale: {normal: 1.0, three_sigma: 0.12}\n"
+    assert told(tmp_path, text).thrust == pytest.approx(0.05)
+
+
+def test_use_of_propellant_is_told(tmp_path: Path) -> None:
+    text = "truth.mass: {normal: 1.0, three_sigma: 0.09}\n"
+    assert told(tmp_path, text).propellant == 0.0
+    burning = told(tmp_path, text, "truth.specific_impulse_s=220.0").propellant
+    assert burning == pytest.approx(1.0 / (9.80665 * 220.0))
+    drawn = told(tmp_path, "truth.specific_impulse_s: 300.0\n").propellant
+    assert drawn == pytest.approx(1.0 / (9.80665 * 300.0))
 
 
 def test_a_world_of_its_own_is_not_told(tmp_path: Path) -> None:

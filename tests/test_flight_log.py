@@ -116,7 +116,7 @@ def test_values_are_finite_where_they_must_be() -> None:
 def test_global_attributes() -> None:
     log = kleopatra_flight()
     attrs = log.dataset.attrs
-    assert parse_scenario(attrs["scenario"]) == load_scenario()
+    assert parse_scenario(attrs["scenario"]) == load_scenario(on_true_state=True)
     assert attrs["scenario_sha256"] == hashlib.sha256(attrs["scenario"].encode()).hexdigest()
     assert attrs["proxops_version"] == metadata.version("proxops")
     assert attrs["controller"] == "mpc"

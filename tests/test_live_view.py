@@ -14,6 +14,7 @@ from proxops.diagrams.flight.transit_diagram import make_transit_diagram
 from proxops.diagrams.meshcat import live_view
 from proxops.diagrams.meshcat.meshcat_scene import Scene, add_plan, quiet_meshcat
 from proxops.diagrams.scenario.body import load_body
+from proxops.diagrams.scenario.navigation_config import TrueStateConfig
 from proxops.diagrams.scenario.scenario_config import Scenario
 from proxops.systems import ModelPredictiveController, Plan, TransitProgram
 
@@ -75,8 +76,9 @@ def counting_expert() -> tuple[ModelPredictiveController, CountingProgram]:
 
 
 def flown(controller: System, meshcat: Meshcat | None, steps: float) -> tuple[Diagram, Context]:
-    diagram = make_transit_diagram(Scenario(), controller, meshcat, BODY)
-    simulator = make_simulator(diagram, Scenario())
+    scenario = Scenario(navigation=TrueStateConfig())
+    diagram = make_transit_diagram(scenario, controller, meshcat, BODY)
+    simulator = make_simulator(diagram, scenario)
     simulator.AdvanceTo(steps * PERIOD)
     return diagram, simulator.get_context().Clone()
 

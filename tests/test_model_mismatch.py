@@ -24,6 +24,7 @@ def holding(gain: float, *overrides: str):
             f"mpc.estimator_gain={gain}",
             *overrides,
         ],
+        on_true_state=True,
     )
 
 

@@ -17,6 +17,12 @@ from proxops.diagrams.logs import FlightLog, differences
 from proxops.diagrams.scenario import LidarNavigationConfig, Scenario, TrueStateConfig
 from proxops.systems import CommandAxes, InputError, PlanReason
 
+NAVIGATION_SUMMARY = [
+    "navigation_following", "navigation_position_error_m_median", "navigation_position_error_m_p95",
+    "navigation_velocity_error_m_s_median", "navigation_velocity_error_m_s_p95",
+    "navigation_attitude_error_deg_median", "navigation_attitude_error_deg_p95",
+    "navigation_consistent",
+]  # fmt: skip
 START = np.array([160e3, 0.0, 0.0, 0.0, 0.0, 0.0])
 NOWHERE = np.full(6, np.nan)
 # S is truly turned by 90 degrees about z, and by 90 degrees about x after that.
@@ -223,6 +229,7 @@ def test_columns(log: FlightLog, tmp_path: Path) -> None:
 
 def test_figures(log: FlightLog) -> None:
     data, summary = log.dataset, log.summary
+    assert [name for name in summary if name.startswith("navigation_")] == NAVIGATION_SUMMARY
     late = data["time"].values >= 60.0
     fallen = (data["state"].values - START - [3.0, 4.0, 0.0, 0.0, 0.0, 0.5])[late]
     position = np.linalg.norm(fallen[:, :3], axis=1)

@@ -49,7 +49,7 @@ def flights_of(
     robustness: ModuleType, name: str, count: int, dispersions: str = "after_survey"
 ) -> list[Flight]:
     [variant] = [each for each in every_line(robustness, dispersions) if each.name == name]
-    plain = load_scenario(None, {"log_ranges": False})
+    plain = load_scenario(None, {"log_ranges": False}, on_true_state=True)
     return variant_flights(variant, plain, 10001, range(count))
 
 
@@ -68,7 +68,7 @@ def worlds(robustness: ModuleType, name: str, count: int) -> list[Scenario]:
     """As `flown`, but quick: of a line that sets a quantity."""
     [variant] = [each for each in every_line(robustness) if each.name == name]
     assert variant.world is not None
-    plain = load_scenario(None, PLAIN)
+    plain = load_scenario(None, PLAIN, on_true_state=True)
     return [variant.world(of_transit(plain, 10001, k), kleopatra()) for k in range(count)]
 
 
@@ -102,7 +102,7 @@ def test_every_quantity_of_the_dispersions_has_its_lines(robustness: ModuleType)
 
 def test_a_line_sets_its_quantity_alone(robustness: ModuleType) -> None:
     [nominal] = flown(robustness, "nominal", 1)
-    assert nominal == load_scenario(None, PLAIN)
+    assert nominal == load_scenario(None, PLAIN, on_true_state=True)
     together = {
         "truth.surface_rms_m": {
             "truth.surface_rms_m", "truth.surface_correlation_m", "truth.surface_seed",
@@ -121,7 +121,7 @@ def test_a_line_sets_its_quantity_alone(robustness: ModuleType) -> None:
         drawn = draw_world(dataclasses.replace(nominal, dispersions=name), kleopatra())
         assert flown(robustness, f"all of {name}", 1) == [drawn]
     [paper] = flown(robustness, "the paper's disturbance", 1)
-    assert paper == load_scenario(None, {**PLAIN, "disturbance": {}})
+    assert paper == load_scenario(None, {**PLAIN, "disturbance": {}}, on_true_state=True)
 
 
 @pytest.mark.parametrize("multiple", [1, 2, 3])
@@ -275,7 +275,9 @@ def test_flies_resumes_and_writes_the_table(
     bundle = write_policy(tmp_path / "policy", DeadReckoning())
     brief = {"arrival.deadline_s": 50.0, "arrival.dwell_s": 50.0}
     monkeypatch.setattr(
-        robustness, "load_scenario", lambda path, settings: load_scenario(path, settings | brief)
+        robustness,
+        "load_scenario",
+        lambda path, settings, **options: load_scenario(path, settings | brief, **options),
     )
     worlds = tmp_path / "worlds.yaml"
     worlds.write_text("truth.mass: {half_normal: 1.0, three_sigma: 10.0}\n")

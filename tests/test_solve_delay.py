@@ -153,6 +153,7 @@ def test_estimator_stays_offset_free(gain: float) -> None:
             "arrival.deadline_s": 10, "mpc.solve_delay_s": 10.0, "mpc.estimator_gain": gain,
             "truth.gravity": 0.8,
         },
+        on_true_state=True,
     )  # fmt: skip
     log = fly(scenario)
     assert log.summary["terminal_position_error_m"] < 1.0

@@ -132,7 +132,7 @@ def test_senseless_scenario_is_refused(setting: str, complaint: str):
 
 
 def test_flies_and_repeats(out: Path, scenario_file: Path, tmp_path: Path):
-    scenario = load_scenario(scenario_file, SHORT)
+    scenario = load_scenario(scenario_file, SHORT, on_true_state=True)
     log = fly(scenario)
     assert log.summary["success"]
     assert log.dataset.attrs["lidar_sha256"] == LidarBundle.load(out / "bundle").sha256
@@ -140,7 +140,8 @@ def test_flies_and_repeats(out: Path, scenario_file: Path, tmp_path: Path):
     assert proxops("fly", "--from", tmp_path / "flight.nc", "--out", tmp_path / "again") == 0
     assert differences(log, FlightLog.load(tmp_path / "again" / "flight.nc")) == []
     ranges = log.dataset["ranges"].values
-    real = fly(load_scenario(None, SHORT | {"lidar.noise_std_m": 20.0})).dataset["ranges"].values
+    cast = load_scenario(None, SHORT | {"lidar.noise_std_m": 20.0}, on_true_state=True)
+    real = fly(cast).dataset["ranges"].values
     both = np.isfinite(ranges) & np.isfinite(real)
     # End-on, all is silhouette: a network of seconds sees the body, not its edges.
     assert both.sum() > 0.6 * (np.isfinite(ranges) | np.isfinite(real)).sum()

@@ -130,7 +130,8 @@ def test_controllers_hold_nothing_true(name: str, monkeypatch: pytest.MonkeyPatc
     true_body = make_true_body(body, scenario.truth)
     controller = named_controller(name, believed(scenario), body)
     diagram = make_transit_diagram(scenario, controller, body=body, true_body=true_body)
-    for system in (controller, diagram.GetSubsystemByName("assurance")):
+    on_board = ("assurance", "navigation", "navigation_parts", "command_axes")
+    for system in (controller, *map(diagram.GetSubsystemByName, on_board)):
         assert true_things(held_by(system), true_body) == []
     # The same walk finds the truth where it is meant to be.
     for world in ("gravity", "lidar", "monitor"):

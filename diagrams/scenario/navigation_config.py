@@ -32,6 +32,9 @@ class ExpectedErrorsConfig:
     centre_of_mass_m: float = number(0.0, at_least=0.0, at_most=_FAR, unit="m")
     # Of the thrust along each axis, over the thrust. An error of the spacecraft's mass counts here.
     thrust: float = number(0.03, at_least=0.0, at_most=1e3)
+    # Of the share of the spacecraft's mass that each m/s of velocity change uses up: 1 over the
+    # exhaust speed.
+    propellant_s_per_m: float = number(0.0, at_least=0.0, at_most=1.0, unit="s/m")
     # Of the axes of the thrusters.
     thrust_direction_deg: float = number(0.5, at_least=0.0, at_most=90.0, unit="degrees")
     # Of a constant acceleration that nothing explains, along each axis.

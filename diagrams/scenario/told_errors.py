@@ -17,6 +17,7 @@ from proxops.systems.common import InputError
 from proxops.systems.gravity import GravityField
 from proxops.systems.navigation import ExpectedErrors
 from proxops.systems.shapes import Polyhedron
+from proxops.systems.vehicle import STANDARD_GRAVITY
 
 Spread = Callable[[str, float], float | None]
 """Gives the root mean square of what a dispersed value differs by from a number, from the value's
@@ -25,8 +26,6 @@ key and the number; None if the value is not dispersed. It must not depend on a 
 # The defaults of ExpectedErrorsConfig are for this greatest extent in m and this thrust limit over
 # mass in m/s^2, those of Kleopatra and of the default spacecraft.
 _SIZE, _THRUST_ACCELERATION = 218.864e3, 0.07
-# The thrust over the believed mass grows by up to about this share as propellant is used up.
-_PROPELLANT = 0.1
 # The key of truth behind each expected error that has one, and what is believed of its value.
 _KEYS = {
     "attitude_varying_deg": ("truth.attitude.varying_std_deg", 0.0),
@@ -68,6 +67,7 @@ def expected_errors(scenario: Scenario, body: Body) -> ExpectedErrors:
         gravity=given.gravity,
         centre_of_mass=given.centre_of_mass_m,
         thrust=given.thrust,
+        propellant=given.propellant_s_per_m,
         thrust_direction=math.radians(given.thrust_direction_deg),
         acceleration=given.acceleration_m_s2,
         acceleration_varying=given.acceleration_varying_m_s2,
@@ -105,14 +105,11 @@ def errors_of_dispersions(spread: Spread, scenario: Scenario, body: Body) -> Exp
     # It is estimated in flight, so a generous value costs little.
     turned = _together(spread("truth.attitude.constant_deg", 0.0), spread("truth.phase_deg", 0.0))
     errors.attitude_deg = max(errors.attitude_deg, turned or 0.0)
-    burns = scenario.truth.specific_impulse_s is not None
-    burns = burns or spread("truth.specific_impulse_s", 0.0) is not None
-    thrust = _together(
-        spread("truth.thrusters.scale", 1.0),
-        spread("truth.mass", 1.0),
-        _PROPELLANT if burns else None,
-    )
+    thrust = _together(spread("truth.thrusters.scale", 1.0), spread("truth.mass", 1.0))
     errors.thrust = errors.thrust if thrust is None else thrust
+    impulse = spread("truth.specific_impulse_s", 0.0) or scenario.truth.specific_impulse_s
+    if impulse is not None:
+        errors.propellant_s_per_m = 1.0 / (STANDARD_GRAVITY * impulse)
     contrast = spread("truth.density_contrast", 0.0)
     if contrast is not None:
         errors.centre_of_mass_m = _shift(body.shape, body.gravity_field.mass, contrast)

@@ -11,7 +11,12 @@ behind errors that vary slowly. A new disturbance is a `SeededSystem` with a for
 out. Its random numbers must depend on its seed and on time alone.
 """
 
-from proxops.systems.vehicle.actual_thrust import ActualThrust, ThrusterErrors, thrust_given
+from proxops.systems.vehicle.actual_thrust import (
+    STANDARD_GRAVITY,
+    ActualThrust,
+    ThrusterErrors,
+    thrust_given,
+)
 from proxops.systems.vehicle.attitude_error import AttitudeError, believed_axes
 from proxops.systems.vehicle.command_axes import CommandAxes
 from proxops.systems.vehicle.delayed_hold import DelayedHold
@@ -46,6 +51,7 @@ __all__ = [
     "COLLIDED",
     "ENTERED_GOAL",
     "NEVER",
+    "STANDARD_GRAVITY",
     "VIOLATIONS",
     "ActualThrust",
     "AttitudeError",
