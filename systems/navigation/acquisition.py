@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import qmc
 
 from proxops.systems.navigation._motion_kernel import turned
 from proxops.systems.navigation.frame_model import FrameModel
@@ -184,6 +183,8 @@ def _likely_places(
 
 def _ball(count: int) -> np.ndarray:
     """Points (count, 3), spread evenly in the unit ball."""
+    from scipy.stats import qmc  # It is slow to import, so only when it is needed.
+
     cube = qmc.Halton(3, scramble=False).random(2 * count + 30)[1:]
     points = 2.0 * cube - 1.0
     return points[np.linalg.norm(points, axis=1) <= 1.0][:count]
