@@ -74,10 +74,21 @@ def first_estimate(
       speed: standard deviation of the velocity in m/s, about 0.
       spent: velocity change commanded so far in m/s.
     """
-    sigma = np.ones(BASE + modes)
+    sigma = np.concatenate([deviations(expected, spin), np.ones(modes)])
+    sigma[POSITION], sigma[VELOCITY] = reach, speed
+    mean = np.zeros(BASE + modes)
+    mean[POSITION] = position
+    return Estimate(mean, rotation, np.diag(sigma**2), spent)
+
+
+def deviations(expected: ExpectedErrors, spin: float) -> np.ndarray:
+    """Standard deviations (BASE,) of an estimate; 0 for position and velocity.
+
+    Args:
+      expected: one standard deviation of everything. spin: believed spin rate in rad/s.
+    """
+    sigma = np.zeros(BASE)
     for where, value in (
-        (POSITION, reach),
-        (VELOCITY, speed),
         (ATTITUDE, np.hypot(expected.attitude, expected.attitude_varying)),
         (CONSTANT_ACCELERATION, expected.acceleration),
         (VARYING_ACCELERATION, expected.acceleration_varying),
@@ -93,6 +104,4 @@ def first_estimate(
         (HALF_BEAM, 0.5 * expected.beam_width),
     ):
         sigma[where] = value
-    mean = np.zeros(BASE + modes)
-    mean[POSITION] = position
-    return Estimate(mean, rotation, np.diag(sigma**2), spent)
+    return sigma

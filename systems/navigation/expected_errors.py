@@ -13,8 +13,9 @@ class ExpectedErrors:
     """One standard deviation of everything that `LidarNavigation` may be wrong about.
 
     They are what a mission knows of its own uncertainties, never the true errors. What is constant
-    is estimated in flight, so a generous value costs a slower start and no more. What varies stays
-    uncertain for good, and is 0 by default. Vectors have the same deviation along each axis.
+    is estimated in flight, so a generous value costs a slower start. What varies stays uncertain
+    for good. By default nothing is wrong but the attitude. Vectors have the same deviation along
+    each axis.
     """
 
     attitude: float = math.radians(1.0)
@@ -23,22 +24,22 @@ class ExpectedErrors:
     """Of a part of the attitude that varies (first-order Gauss-Markov), in rad."""
     attitude_correlation: float = 3600.0
     """Time in s over which the correlation of that part falls to 1/e."""
-    pole: float = math.radians(0.5)
+    pole: float = 0.0
     """Of the direction of the spin axis, in rad."""
-    spin: float = 1e-5
+    spin: float = 0.0
     """Of the spin rate, over the rate."""
-    gravity: float = 0.05
+    gravity: float = 0.0
     """Of the body's mass, over the mass."""
     centre_of_mass: float = 0.0
     """Of the centre of mass, through which the spin axis goes, in m."""
-    thrust: float = 0.03
+    thrust: float = 0.0
     """Of the force along each axis, over the force; the spacecraft's mass counts here too."""
     propellant: float = 0.0
     """Of the share of the mass that each m/s of velocity change uses up, in s/m: 1 over the exhaust
     speed."""
-    thrust_direction: float = math.radians(0.5)
+    thrust_direction: float = 0.0
     """Of the axes of the thrusters, in rad."""
-    acceleration: float = 1e-4
+    acceleration: float = 0.0
     """Of a constant acceleration that nothing explains, in m/s^2."""
     acceleration_varying: float = 0.0
     """Of an acceleration that varies (first-order Gauss-Markov), in m/s^2."""

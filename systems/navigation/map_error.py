@@ -14,6 +14,9 @@ from proxops.systems.shapes import Polyhedron
 _POINTS = 1200
 # Displacements are kept until they hold this share of the variance, but not more than so many.
 _SHARE, _MOST = 0.985, 160
+# What is left is the same whenever the same place is seen, which is in many frames. It counts as
+# noise of so many times its variance.
+_SEEN_AGAIN = 30.0
 # Facets interpolated at once: limits memory.
 _BLOCK = 20_000
 
@@ -31,7 +34,7 @@ class MapError:
       modes: M, their number; 0 if the map has no error.
       table: (F, M) float64: displacement of each facet along its normal, in m, by each coefficient.
         The coefficients are independent, with variance 1.
-      rest: variance in m^2 of a facet's displacement beyond the M, its mean over the surface.
+      rest: variance in m^2 as which a facet's displacement beyond the M counts in one frame.
     """
 
     def __init__(self, shape: Polyhedron, std: float = 0.0, correlation: float = 1.0):
@@ -40,7 +43,7 @@ class MapError:
         self.table, self.rest = np.zeros((len(shape.facets), 0)), 0.0
         if std > 0.0:
             table, share = _smooth_fields(shape, correlation)
-            self.table, self.rest = std * table, std**2 * (1.0 - share)
+            self.table, self.rest = std * table, _SEEN_AGAIN * std**2 * (1.0 - share)
         self.modes = self.table.shape[1]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses as dc
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +16,7 @@ from proxops.systems.navigation.estimate import (
     POSITION,
     VELOCITY,
     Estimate,
+    deviations,
     first_estimate,
 )
 from proxops.systems.navigation.expected_errors import ExpectedErrors
@@ -28,8 +30,13 @@ _FEWEST, _AGREEING = 6, 0.5
 # After so many frames in a row that contradict the prediction, the navigation is lost.
 _PATIENCE = 3
 # A frame that moves the pose by more than this (chi square of six degrees of freedom; once in 1e10
-# by chance) shows that something acted that the motion does not know, such as a kick.
+# by chance) shows that something acts that was not expected: a kick, or a belief that is wrong. From
+# then on, beliefs are taken to be as wrong as this; accelerations are over GM / size^2.
 _SURPRISE = 60.0
+_SUSPECTED = ExpectedErrors(
+    attitude=0.0, pole=0.01, spin=1e-4, gravity=0.1, thrust=0.05, thrust_direction=0.02,
+    acceleration=0.1, propellant=5e-4,
+)  # fmt: skip
 # Standard deviation of the position before acquisition over the size of the body, and of the
 # velocity over the speed of a low orbit.
 _REACH, _SPEED = 10.0, 3.0
@@ -68,22 +75,25 @@ class Navigator:
         motion: Motion,
         expected: ExpectedErrors,
         spin: float,
-        orbit_speed: float,
+        orbit: float,
         period: float,
         frame_delay: int,
     ):
-        """Takes the models, the spin in rad/s, the speed in m/s of a low orbit, and the timing.
+        """Takes the models, the spin, the speed of a low orbit, and the timing.
 
         Args:
           model: predicts frames. motion: predicts motion.
           expected: one standard deviation of everything.
-          spin: believed spin rate in rad/s. orbit_speed: a typical speed near the body in m/s.
+          spin: believed spin rate in rad/s. orbit: a typical speed near the body in m/s.
           period: time in s from frame to frame. frame_delay: age of a frame in periods.
         """
         self.model, self.motion = model, motion
         self._expected, self._spin = expected, spin
         self._reach = _REACH * float(model.shape.extents.max())
-        self._speed = _SPEED * orbit_speed
+        self._speed = _SPEED * orbit
+        pull = orbit**2 / float(model.shape.extents.max())
+        suspected = dc.replace(_SUSPECTED, acceleration=_SUSPECTED.acceleration * pull)
+        self._suspected = deviations(suspected, spin) ** 2
         self._period, self._delay = period, frame_delay
 
     def start(self) -> Memory:
@@ -151,10 +161,12 @@ class Navigator:
         """The prior with a covariance that allows for the motion that a frame showed."""
         moved = found.estimate.mean[POSITION] - prior.mean[POSITION]
         turned = Rotation.from_matrix(found.estimate.rotation @ prior.rotation.T).as_rotvec()
-        extra = np.zeros(prior.mean.size)
-        extra[POSITION] = moved @ moved
-        extra[VELOCITY] = moved @ moved / self._period**2
-        extra[ATTITUDE] = turned @ turned
+        least = np.zeros(prior.mean.size)
+        least[:BASE] = self._suspected
+        least[POSITION] = moved @ moved
+        least[VELOCITY] = moved @ moved / self._period**2
+        least[ATTITUDE] = turned @ turned
+        extra = np.maximum(least - np.diag(prior.covariance), 0.0)
         return prior._replace(covariance=prior.covariance + np.diag(extra))
 
     def _acquired(
