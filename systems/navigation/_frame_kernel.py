@@ -27,14 +27,16 @@ _EDGES = 0.25
 
 @numba.njit(cache=True, error_model="numpy")
 def rows_of_frame(
-    position, directions, found, measured, normals, table, mean, sigma, rest, beam, rows
-):
+    position, directions, found, measured, normals, corners, places, table, mean, sigma, rest,
+    beam, rows,
+):  # fmt: skip
     """Residuals and their derivatives for the K rays whose predictions meet the body.
 
     Args:
       position: (3,) in m in K. directions: (K, 3) in K. found: (K,) predicted distances in m.
       measured: (K,) ranges in m. normals: (K, 3) of the facets met.
-      table: (K, M): displacement along the normal, in m, by each coefficient of the map's error.
+      corners: (K, 3) vertices of the facets met. places: (K, 2) weights of the second and third.
+      table: (V, M): displacement of each vertex, in m, by each coefficient of the map's error.
       mean: (4 + M,) size, bias, scale error and half beam, and these coefficients.
       sigma: of the range noise, in m. rest: variance in m^2 of the surface beyond the coefficients.
       beam: half of the angle of the beams in rad, as far as it may be.
@@ -58,9 +60,12 @@ def rows_of_frame(
         px, py, pz = position[0] + r * dx, position[1] + r * dy, position[2] + r * dz
         level = nx * px + ny * py + nz * pz
         out = size * level
+        u, v = places[k, 0], places[k, 1]
+        a, b, c = corners[k, 0], corners[k, 1], corners[k, 2]
         for m in range(modes):
-            out += table[k, m] * mean[4 + m]
-            rows[k, _HEAD + m] = -table[k, m]
+            height = (1.0 - u - v) * table[a, m] + u * table[b, m] + v * table[c, m]
+            out += height * mean[4 + m]
+            rows[k, _HEAD + m] = -height
         expected = (1.0 + scale) * (r - out / q) + bias - r * slant / q * half
         residuals[k] = q * (measured[k] - expected)
         edge = _EDGES * r * slant * beam

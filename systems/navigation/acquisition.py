@@ -117,7 +117,7 @@ def _fitted(
     turn = np.zeros(3)
     for _ in range(_FIT_STEPS):
         directions = model.directions[rays] @ rotation.T
-        distances, facets = model.first_hits(position, directions)
+        distances, facets, _ = model.first_hits(position, directions)
         met = np.flatnonzero(facets >= 0)
         if met.size < _FEWEST:
             break
@@ -164,7 +164,7 @@ def _likely_places(
     directions, measured = model.directions[sample] @ rotation.T, ranges[sample]
 
     def unlikeness(point: np.ndarray) -> float:
-        distances, facets = model.first_hits(point, directions)
+        distances, facets, _ = model.first_hits(point, directions)
         met = (facets >= 0) & (distances < model.geometry.max_range)
         with np.errstate(invalid="ignore"):
             off = np.minimum(np.abs(distances - measured) / (_FAR * size), 1.0)

@@ -47,7 +47,7 @@ class FrameModel:
         self.directions = geometry.directions
         self.map_error = map_error
         self._half_beam = 0.5 * beam_width
-        self.normals = shape.normals
+        self.normals, self._facets = shape.normals, np.array(shape.facets)
         self.first_hits = ray_caster(shape).first_hits
         self.fan = ray_caster(shape).fan(self.directions)
         # Where the measured quantities are in an estimate.
@@ -58,7 +58,7 @@ class FrameModel:
         position, rotation = estimate.mean[:3], estimate.rotation
         returned = np.flatnonzero(ranges < self.geometry.max_range * 1.001)
         directions = self.directions[returned] @ rotation.T
-        distances, facets = self.first_hits(position, directions)
+        distances, facets, places = self.first_hits(position, directions)
         met = np.flatnonzero(facets >= 0)
         rays, facets = returned[met], facets[met]
         rows = np.empty((met.size, self.columns.size))
@@ -68,7 +68,9 @@ class FrameModel:
             distances[met],
             ranges[rays],
             self.normals[facets],
-            self.map_error.table[facets],
+            self._facets[facets],
+            places[met],
+            self.map_error.table,
             estimate.mean[SIZE:],
             self.noise_std,
             self.map_error.rest,

@@ -7,7 +7,7 @@ import functools
 import numpy as np
 import scipy.linalg
 
-from proxops.systems.shapes import Polyhedron
+from proxops.systems.shapes import Polyhedron, vertex_normals
 
 # Points of the surface at which the smooth displacements are computed; between them they are
 # interpolated by the same covariance.
@@ -17,7 +17,7 @@ _SHARE, _MOST = 0.985, 160
 # What is left is the same whenever the same place is seen, which is in many frames. It counts as
 # noise of so many times its variance.
 _SEEN_AGAIN = 30.0
-# Facets interpolated at once: limits memory.
+# Vertices interpolated at once: limits memory.
 _BLOCK = 20_000
 
 
@@ -32,15 +32,15 @@ class MapError:
     Attributes:
       std: its standard deviation in m.
       modes: M, their number; 0 if the map has no error.
-      table: (F, M) float64: displacement of each facet along its normal, in m, by each coefficient.
-        The coefficients are independent, with variance 1.
-      rest: variance in m^2 as which a facet's displacement beyond the M counts in one frame.
+      table: (V, M) float64: displacement of each vertex along its normal, in m, by each of the
+        coefficients, which are independent, with variance 1.
+      rest: variance in m^2 as which the displacement beyond the M counts in one frame.
     """
 
     def __init__(self, shape: Polyhedron, std: float = 0.0, correlation: float = 1.0):
         """Takes the map, the standard deviation of its error in m, and correlation length in m."""
         self.std = std
-        self.table, self.rest = np.zeros((len(shape.facets), 0)), 0.0
+        self.table, self.rest = np.zeros((len(shape.vertices), 0)), 0.0
         if std > 0.0:
             table, share = _smooth_fields(shape, correlation)
             self.table, self.rest = std * table, _SEEN_AGAIN * std**2 * (1.0 - share)
@@ -49,23 +49,19 @@ class MapError:
 
 @functools.lru_cache(maxsize=4)
 def _smooth_fields(shape: Polyhedron, correlation: float) -> tuple[np.ndarray, float]:
-    """Eigenfunctions (F, M) at the facets, times the roots of their eigenvalues, and their share.
+    """Eigenfunctions (V, M) at the vertices, times the roots of their eigenvalues, and their share.
 
     The field has variance 1 before the rigid motions are taken out. The share is that of the
     variance that the M functions hold.
     """
-    corners = shape.vertices[shape.facets]
-    centres, normals = corners.mean(axis=1), shape.normals
-    weights = 0.5 * np.linalg.norm(
-        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
-    )
+    normals, weights = vertex_normals(shape)
     chosen = _spread(weights)
-    points = centres[chosen]
+    points = shape.vertices[chosen]
     covariance = _covariance(points, points, correlation)
     # Rigid motions as displacements along the normals, each normal at its point.
-    arms = (centres - shape.centre_of_mass) / shape.extents.max()
-    rigid = np.hstack([normals, np.cross(arms, normals)])
-    left = np.eye(len(points)) - rigid[chosen] @ np.linalg.pinv(rigid[chosen])
+    arms = (points - shape.centre_of_mass) / shape.extents.max()
+    rigid = np.hstack([normals[chosen], np.cross(arms, normals[chosen])])
+    left = np.eye(len(points)) - rigid @ np.linalg.pinv(rigid)
     values, vectors = scipy.linalg.eigh(
         left @ covariance @ left, subset_by_index=[max(0, len(points) - _MOST), len(points) - 1]
     )
@@ -74,18 +70,18 @@ def _smooth_fields(shape: Polyhedron, correlation: float) -> tuple[np.ndarray, f
     held = np.cumsum(values) / total
     modes = min(int(np.searchsorted(held, _SHARE)) + 1, values.size)
     values, vectors = values[:modes], vectors[:, :modes]
-    # From the points to all facets: the mean of the field, given its values at the points.
+    # From the points to all vertices: the mean of the field, given its values at the points.
     smooth = covariance + 1e-6 * np.eye(len(points))
     by_point = scipy.linalg.solve(smooth, vectors * np.sqrt(values), assume_a="pos")
-    table = np.empty((len(centres), modes))
-    for start in range(0, len(centres), _BLOCK):
+    table = np.empty((len(shape.vertices), modes))
+    for start in range(0, len(table), _BLOCK):
         block = slice(start, start + _BLOCK)
-        table[block] = _covariance(centres[block], points, correlation) @ by_point
+        table[block] = _covariance(shape.vertices[block], points, correlation) @ by_point
     return table, float(held[modes - 1])
 
 
 def _spread(weights: np.ndarray) -> np.ndarray:
-    """Indices of facets, spread over the surface by area: all, if there are few."""
+    """Indices of vertices, spread over the surface by area: all, if there are few."""
     if len(weights) <= _POINTS:
         return np.arange(len(weights))
     cumulated = np.cumsum(weights)

@@ -30,8 +30,8 @@ _FEWEST, _AGREEING = 6, 0.5
 # After so many frames in a row that contradict the prediction, the navigation is lost.
 _PATIENCE = 3
 # A frame that moves the pose by more than this (chi square of six degrees of freedom; once in 1e10
-# by chance) shows that something acts that was not expected: a kick, or a belief that is wrong. From
-# then on, beliefs are taken to be as wrong as this; accelerations are over GM / size^2.
+# by chance) shows that something acts that was not expected: a kick, or a belief that is wrong.
+# From then on, beliefs are taken to be as wrong as this; accelerations are over GM / size^2.
 _SURPRISE = 60.0
 _SUSPECTED = ExpectedErrors(
     attitude=0.0, pole=0.01, spin=1e-4, gravity=0.1, thrust=0.05, thrust_direction=0.02,

@@ -9,7 +9,7 @@ everything is a plain function on arrays; nothing here knows gravity, spacecraft
 A new check of meshes belongs in `mesh_checks`, a new repair in `mesh_repair`.
 """
 
-from proxops.systems.shapes.displacement import displaced
+from proxops.systems.shapes.displacement import displaced, vertex_normals
 from proxops.systems.shapes.ellipsoid import (
     blocks_segment,
     clearances,
@@ -28,7 +28,7 @@ from proxops.systems.shapes.mesh_checks import (
 from proxops.systems.shapes.mesh_repair import repair_mesh
 from proxops.systems.shapes.plane_split import halves
 from proxops.systems.shapes.polyhedron import Polyhedron
-from proxops.systems.shapes.ray_casting import RayCaster, RayFan, ray_caster
+from proxops.systems.shapes.ray_casting import FirstHits, RayCaster, RayFan, ray_caster
 from proxops.systems.shapes.registration import registered
 from proxops.systems.shapes.self_intersection import self_intersections
 from proxops.systems.shapes.shape_files import (
@@ -43,6 +43,7 @@ __all__ = [
     "MESH_FORMATS",
     "Defect",
     "EnclosingEllipsoid",
+    "FirstHits",
     "MassProperties",
     "MeshFile",
     "Polyhedron",
@@ -67,4 +68,5 @@ __all__ = [
     "smallest_angles",
     "smallest_ellipsoid",
     "tangent_half_spaces",
+    "vertex_normals",
 ]

@@ -41,7 +41,7 @@ def displaced(shape: Polyhedron, rms: float, correlation: float, seed: int) -> P
     check_positive("a displaced surface", correlation=correlation)
     if rms == 0.0:
         return shape
-    normals, weights = _vertex_normals(shape)
+    normals, weights = vertex_normals(shape)
     field = random_field(shape.vertices, correlation, seed)
     heights = field - _rigid_heights(shape, normals, weights, field)
     heights *= rms / np.sqrt(weights @ heights**2 / weights.sum())
@@ -65,7 +65,7 @@ def random_field(points: np.ndarray, correlation: float, seed: int) -> np.ndarra
     return np.sqrt(2.0 / _WAVES) * np.cos(points @ waves + phases).sum(axis=1)
 
 
-def _vertex_normals(shape: Polyhedron) -> tuple[np.ndarray, np.ndarray]:
+def vertex_normals(shape: Polyhedron) -> tuple[np.ndarray, np.ndarray]:
     """Unit normals (V, 3) of the vertices, weighted by area, and a third of the areas around them.
 
     A vertex of no facet keeps a normal of 0, and so its place.

@@ -35,6 +35,17 @@ class Hits(NamedTuple):
     """(K,) int32: index of that facet."""
 
 
+class FirstHits(NamedTuple):
+    """What N rays meet."""
+
+    distances: np.ndarray
+    """(N,) float64 in m; of no meaning where a ray meets nothing."""
+    facets: np.ndarray
+    """(N,) int32: index of the facet; -1 where a ray meets nothing."""
+    places: np.ndarray
+    """(N, 2) float32: weights of the facet's second and third vertex at the point met."""
+
+
 class RayCaster:
     """Casts rays against a mesh, in the mesh's frame, in single precision (0.02 m at 350 km)."""
 
@@ -59,23 +70,15 @@ class RayCaster:
         found[found > 1e30] = np.inf  # Embree's "nothing" is 1e37.
         return found
 
-    def first_hits(
-        self, position: np.ndarray, directions: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Distances (N,) in m and facets (N,) that rays from one position meet first.
-
-        Args:
-          position: (3,) in m in the mesh's frame. directions: (N, 3) unit vectors.
-
-        Returns:
-          Distances in float64, and indices of facets, -1 where a ray meets nothing.
-        """
+    def first_hits(self, position: np.ndarray, directions: np.ndarray) -> FirstHits:
+        """What rays from one position (3,), in m, along unit directions (N, 3) meet first."""
         origins = np.empty((len(directions), 3), dtype=np.float32)
         origins[:] = position
         found = self.scene.run(
             origins, np.ascontiguousarray(directions, dtype=np.float32), output=True
         )
-        return found["tfar"].astype(np.float64), found["primID"]
+        places = np.stack([found["u"], found["v"]], axis=1)
+        return FirstHits(found["tfar"].astype(np.float64), found["primID"], places)
 
     def fan(self, directions: np.ndarray) -> RayFan:
         """A fan of rays along unit directions (R, 3), to cast from many positions."""
