@@ -81,11 +81,8 @@ def collect_command(
 ) -> None:
     """Fly transits with the MPC; write a log of each, manifest.json and a report.
 
-    The MPC knows the true state, so that its force is a label for the true state, unless the
-    scenario or --set says navigation: !LidarNavigation {}.
-
-    Run it again to finish an interrupted set: no flight is flown twice. With more --transits it
-    adds to the set.
+    The MPC knows the true state, unless the scenario says otherwise. Run it again to finish an
+    interrupted set: no flight is flown twice. With more --transits it adds to the set.
 
     Examples:
 
@@ -97,7 +94,8 @@ def collect_command(
     """
     mix = parse_mix(recovery)
     check_folder(out)
-    wanted = load_scenario(scenario, with_dispersions(settings, dispersions), on_true_state=True)
+    changes = with_dispersions(settings, dispersions)
+    wanted = load_scenario(scenario, changes, on_true_state=True)
     if lidar == LidarSource.NONE:
         wanted = dc.replace(wanted, log_ranges=False)
     learned = None
@@ -108,15 +106,8 @@ def collect_command(
         bundle = lidar_bundle or Path("out/lidar/paper_bundle")
         learned = learned_lidar_of(wanted, bundle.resolve(), FRAME_NETWORK)
     with work_bar("flying") as progress:
-        _, report = collect(
-            wanted,
-            mix,
-            seed,
-            transits,
-            out,
-            learned_lidar=learned,
-            workers=Workers(workers, scheduler, progress),
-        )
+        fleet = Workers(workers, scheduler, progress)
+        _, report = collect(wanted, mix, seed, transits, out, learned_lidar=learned, workers=fleet)
     if as_json:
         typer.echo(json.dumps(report, indent=2))
     else:

@@ -31,7 +31,7 @@ def simulator_of(period: float, delay: float) -> tuple[Simulator, DelayedHold]:
 
 def value(simulator: Simulator, hold: DelayedHold) -> list[float]:
     context = hold.GetMyContextFromRoot(simulator.get_context())
-    return hold.get_output_port().Eval(context).tolist()
+    return hold.GetOutputPort("y").Eval(context).tolist()
 
 
 # With 0.1 s, k T + T and (k + 1) T differ in the last bit for some k.
@@ -49,6 +49,18 @@ def test_samples_take_effect_a_delay_later(period: float, share: float) -> None:
         assert value(simulator, hold) == [k, k**2], (k, before)
         simulator.AdvanceTo(after)
         assert value(simulator, hold) == [k + 1, (k + 1) ** 2], (k, after)
+
+
+@pytest.mark.parametrize("share", [0.02, 0.5, 1.0])
+def test_mean_over_the_last_period(share: float) -> None:
+    """Of what the equation says: sample k from k T + delay on."""
+    simulator, hold = simulator_of(10.0, share * 10.0)
+    for k in range(1, 20):
+        simulator.AdvanceTo(10.0 * k)  # Before the updates of this time.
+        context = hold.GetMyContextFromRoot(simulator.get_context())
+        old, new = max(k - 1.0, 0.0), float(k)  # Samples k - 2 and k - 1, which count from 1.
+        expected = share * old + (1.0 - share) * new
+        assert hold.GetOutputPort("mean").Eval(context)[0] == pytest.approx(expected)
 
 
 def test_clone_goes_on_alike() -> None:

@@ -61,7 +61,7 @@ def test_the_two_kinds_of_navigation() -> None:
     set_one = load_scenario(None, ["navigation.expected.gravity=0.2"]).navigation
     assert isinstance(set_one, LidarNavigationConfig)
     assert set_one.expected is not None
-    assert (set_one.expected.gravity, set_one.expected.spin) == (0.2, 1e-5)
+    assert (set_one.expected.gravity, set_one.expected.attitude_deg) == (0.2, 1.0)
     with pytest.raises(InputError, match="navigation cannot be !Stars; choose from !LidarNav"):
         load_scenario(None, ["navigation=!Stars {}"])
     with pytest.raises(InputError, match="navigation: TrueStateConfig has no keys, got 'expected'"):
@@ -98,9 +98,7 @@ def test_usual_errors_are_the_defaults_at_kleopatra() -> None:
 
 def test_usual_errors_are_in_proportion(tmp_path: Path) -> None:
     body = load_body(write_blob(tmp_path))  # 220 km long.
-    light = {"spacecraft.mass_kg": 10.0, "spacecraft.thrust_limit_n": 0.07}
-    found = expected_errors(change_scenario(load_scenario(None, [LIDAR]), light), body)
-    assert found.acceleration == pytest.approx(1e-5)
+    found = expected_errors(load_scenario(None, [LIDAR]), body)
     longest = float(np.ptp(body.shape.vertices, axis=0).max())
     assert found.surface_correlation == pytest.approx(15e3 * longest / 218.864e3)
 
@@ -198,6 +196,39 @@ def test_use_of_propellant_is_told(tmp_path: Path) -> None:
     assert burning == pytest.approx(1.0 / (9.80665 * 220.0))
     drawn = told(tmp_path, "truth.specific_impulse_s: 300.0\n").propellant
     assert drawn == pytest.approx(1.0 / (9.80665 * 300.0))
+
+
+def test_what_disturbs_the_command_is_an_acceleration_that_varies(tmp_path: Path) -> None:
+    """By hand: Gauss-Markov processes add up in variance, and in variance times correlation."""
+    noise = ["force_noise={std_n: 0.5, correlation_time_s: 60}"]
+    found = expected_errors(load_scenario(None, [LIDAR, *noise]), kleopatra())
+    assert found.acceleration_varying == pytest.approx(0.005)
+    assert found.acceleration_correlation == pytest.approx(60.0)
+    white = ["force_noise={std_n: 0.5, correlation_time_s: 0}"]
+    found = expected_errors(load_scenario(None, [LIDAR, *white]), kleopatra())
+    assert found.acceleration_correlation == 5.0  # Of steps of 10 s.
+    # Pushes of 2 m/s every 900 s change the velocity by 2 m/s sqrt(t / 900 s).
+    found = expected_errors(load_scenario(None, [LIDAR, "kicks={}"]), kleopatra())
+    growth = 2.0 * found.acceleration_varying**2 * found.acceleration_correlation
+    assert growth == pytest.approx(2.0**2 / 900.0)
+    text = "truth.acceleration.varying_std_m_s2: 0.001\n"
+    both = told(tmp_path, text, *noise)
+    assert both.acceleration_varying == pytest.approx(math.hypot(0.005, 0.001))
+    assert both.acceleration_correlation == pytest.approx((25.0 * 60.0 + 600.0) / 26.0)
+
+
+def test_a_disturbance_that_is_drawn_is_told_in_the_mean() -> None:
+    """Of the paper's flights three in four are disturbed; nobody tells which."""
+    scenario = load_scenario(None, [LIDAR, "dispersions=paper"])
+    worlds = [draw_world(of_transit(scenario, 7, index), kleopatra()) for index in range(9)]
+    drawn = {world.disturbance.max_relative_magnitude for world in worlds if world.disturbance}
+    assert drawn == {0.0, 2.0}
+    expected = [expected_errors(world, kleopatra()) for world in worlds]
+    assert all(each == expected[0] for each in expected)
+    always = expected_errors(load_scenario(None, [LIDAR, "disturbance={}"]), kleopatra())
+    assert expected[0].acceleration_varying == pytest.approx(
+        math.sqrt(0.75) * always.acceleration_varying
+    )
 
 
 def test_a_world_of_its_own_is_not_told(tmp_path: Path) -> None:

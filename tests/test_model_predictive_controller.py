@@ -310,7 +310,7 @@ def flight(
     builder.Connect(gravity.GetOutputPort("acceleration"), craft.GetInputPort("gravity"))
     builder.Connect(craft.GetOutputPort("state"), controller.GetInputPort("state"))
     builder.Connect(target.get_output_port(), controller.GetInputPort("target"))
-    builder.Connect(hold.get_output_port(), craft.GetInputPort("force"))
+    builder.Connect(hold.GetOutputPort("y"), craft.GetInputPort("force"))
     command = controller.GetOutputPort("force")
     if pulled:
         for name in ("force", "record"):

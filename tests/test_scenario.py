@@ -136,6 +136,7 @@ def test_dump_holds_every_key_and_loads_from_a_file(tmp_path: Path) -> None:
         force_noise=ForceNoiseConfig(),
         kicks=KicksConfig(),
         policy=PolicyConfig("/somewhere/policy"),
+        navigation=LidarNavigationConfig(ExpectedErrorsConfig()),
         truth=TruthConfig(mesh="/somewhere/mesh.obj", specific_impulse_s=220.0),
         dispersions="after_survey",
         transit=ends,
@@ -514,7 +515,7 @@ control_period_s: 10.0
 
 def test_a_stored_scenario_of_0_2_0_is_read() -> None:
     scenario = parse_scenario(OLD_SCENARIO)
-    expected = Scenario()
+    expected = Scenario(navigation=TrueStateConfig())
     expected.mpc.intervals, expected.mpc.interval_growth = 12, 3.0
     assert scenario == expected
     assert parse_scenario(dump_scenario(scenario)) == scenario

@@ -34,7 +34,7 @@ def add_navigation(wiring: Wiring, ranges: OutputPort, command: OutputPort) -> L
     Args:
       wiring: the diagram.
       ranges: the lidar's frame as it is received.
-      command: the command (3,) in N in S over the last control period.
+      command: the command (3,) in N in S, its mean over the last control period.
     """
     navigation = make_navigation(believed(wiring.scenario), wiring.body)
     wiring.add("navigation", navigation)

@@ -39,6 +39,9 @@ from proxops.systems import (
     WeightedProgram,
 )
 
+# The navigation takes the lidar's noise for at least this share of the body's size, 2 m at
+# Kleopatra: its arithmetic begins with a position that is known to a few sizes.
+_LEAST_NOISE = 1e-5
 _SHIPPED_POLICY = ASSETS / "policy"
 
 
@@ -218,7 +221,7 @@ def make_navigation(scenario: Scenario, body: Body) -> LidarNavigation:
         body.gravity_field,
         body.spin_rate,
         scenario.spacecraft.mass_kg,
-        scenario.lidar.noise_std_m,
+        max(scenario.lidar.noise_std_m, _LEAST_NOISE * float(body.shape.extents.max())),
         _lidar_geometry(scenario),
         expected,
         scenario.control_period_s,

@@ -113,7 +113,7 @@ def make_transit_diagram(
     goal = np.concatenate([wiring.transit.goal, np.zeros(3)])
     target = wiring.add("target", ConstantVectorSource(goal))
     hold = wiring.add("hold", _make_hold(scenario.control_period_s, delay))
-    add_thrust(wiring, hold.get_output_port(), attitude, craft)
+    add_thrust(wiring, hold.GetOutputPort("y"), attitude, craft)
     told = hold
     if scenario.disturbance is not None or scenario.force_noise is not None:
         told = wiring.add("command_hold", _make_hold(scenario.control_period_s, delay))
@@ -121,9 +121,9 @@ def make_transit_diagram(
         **{name: craft.GetOutputPort(name) for name in STATE_PORTS},
         "target": target.get_output_port(),
         "ranges": _received(wiring, lidar),
-        "commanded_force": told.get_output_port(),
+        "commanded_force": told.GetOutputPort("y"),
     }
-    command = _add_on_board(wiring, controller, signals, delay)
+    command = _add_on_board(wiring, controller, signals, told)
     forces = {"command": command, "force": _hold_command(wiring, command, hold, told)}
     _add_monitor(wiring, signals)
     true = {} if attitude is None else {"attitude": attitude}
@@ -170,22 +170,27 @@ def _begin(scenario: Scenario, body: Body | None, true_body: TrueBody | None) ->
     return Wiring(DiagramBuilder(), scenario, body, true_body, transit)
 
 
-def _add_on_board(wiring: Wiring, controller: System, signals: Signals, delay: float) -> OutputPort:
+def _add_on_board(
+    wiring: Wiring, controller: System, signals: Signals, told: LeafSystem
+) -> OutputPort:
     """Adds controller and runtime assurance, and the navigation if they need one.
 
     Args:
       wiring: the diagram.
       controller: the controller.
       signals: what feeds it, with the true motion.
-      delay: time in s from a control step to the moment at which its force acts.
+      told: the hold of the command that the controller is told.
 
     Returns:
       The command (3,) in N in S.
     """
+    delay = told.delay if isinstance(told, DelayedHold) else 0.0
     if not needs_navigation(wiring.scenario, controller):
         command = _add_controller(wiring, controller, signals)
         return add_assurance(wiring, command, signals["state"], delay)
-    navigation = add_navigation(wiring, signals["ranges"], signals["commanded_force"])
+    # A command that acts late acts over a part of two periods.
+    acted = told.GetOutputPort("mean" if delay > 0.0 else "y")
+    navigation = add_navigation(wiring, signals["ranges"], acted)
     known = signals | known_motion(wiring, navigation)
     command = _add_controller(wiring, controller, known)
     command = add_assurance(wiring, command, known["state"], delay)

@@ -12,9 +12,9 @@ _FAR, _LONG = 1e9, 1e8
 
 @dc.dataclass
 class ExpectedErrorsConfig:
-    """One standard deviation of what the navigation may be wrong about; see `ExpectedErrors`.
+    """One standard deviation of what the navigation may be wrong about.
 
-    The defaults fit the default body and spacecraft.
+    See `proxops.systems.ExpectedErrors`. By default nothing is wrong but the attitude.
     """
 
     # Of the spacecraft's axes S against the body's axes K at the start, about each axis.
@@ -23,22 +23,22 @@ class ExpectedErrorsConfig:
     attitude_varying_deg: float = number(0.0, at_least=0.0, at_most=11.0, unit="degrees")
     attitude_correlation_s: float = number(3600.0, at_least=1e-2, at_most=_LONG, unit="s")
     # Of the direction of the spin axis.
-    pole_deg: float = number(0.5, at_least=0.0, at_most=90.0, unit="degrees")
+    pole_deg: float = number(0.0, at_least=0.0, at_most=90.0, unit="degrees")
     # Of the spin rate, over the rate.
-    spin: float = number(1e-5, at_least=0.0, at_most=1e3)
+    spin: float = number(0.0, at_least=0.0, at_most=1e3)
     # Of the body's mass, over the mass.
-    gravity: float = number(0.05, at_least=0.0, at_most=1e3)
+    gravity: float = number(0.0, at_least=0.0, at_most=1e3)
     # Of the centre of mass, along each axis.
     centre_of_mass_m: float = number(0.0, at_least=0.0, at_most=_FAR, unit="m")
     # Of the thrust along each axis, over the thrust. An error of the spacecraft's mass counts here.
-    thrust: float = number(0.03, at_least=0.0, at_most=1e3)
+    thrust: float = number(0.0, at_least=0.0, at_most=1e3)
     # Of the share of the spacecraft's mass that each m/s of velocity change uses up: 1 over the
     # exhaust speed.
     propellant_s_per_m: float = number(0.0, at_least=0.0, at_most=1.0, unit="s/m")
     # Of the axes of the thrusters.
-    thrust_direction_deg: float = number(0.5, at_least=0.0, at_most=90.0, unit="degrees")
+    thrust_direction_deg: float = number(0.0, at_least=0.0, at_most=90.0, unit="degrees")
     # Of a constant acceleration that nothing explains, along each axis.
-    acceleration_m_s2: float = number(1e-4, at_least=0.0, at_most=1e6, unit="m/s^2")
+    acceleration_m_s2: float = number(0.0, at_least=0.0, at_most=1e6, unit="m/s^2")
     # Of an acceleration that varies, and the time over which its correlation falls to 1/e.
     acceleration_varying_m_s2: float = number(0.0, at_least=0.0, at_most=1e6, unit="m/s^2")
     acceleration_correlation_s: float = number(600.0, at_least=1e-2, at_most=_LONG, unit="s")
@@ -62,9 +62,8 @@ class LidarNavigationConfig:
     {...}`.
     """
 
-    # What it takes its own errors to be. null: what the dispersions say, if the scenario has some,
-    # otherwise the defaults of ExpectedErrorsConfig with lengths in proportion to the body's size
-    # and accelerations in proportion to thrust limit over mass.
+    # What it takes its own errors to be. null: what the scenario's dispersions, disturbance, noise
+    # of the force and kicks say, and the defaults of ExpectedErrorsConfig for all else.
     expected: ExpectedErrorsConfig | None = None
     # It takes the frames to be this many control steps old. The true age is in truth.lidar.
     frame_delay_steps: int = number(0, at_least=0, at_most=1000)

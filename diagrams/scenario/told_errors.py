@@ -6,13 +6,19 @@ import dataclasses as dc
 import functools
 import math
 from collections.abc import Callable
+from typing import TypeVar
 
 import numpy as np
 
 from proxops.diagrams.scenario.body import Body
 from proxops.diagrams.scenario.limits import limits_of
 from proxops.diagrams.scenario.navigation_config import ExpectedErrorsConfig, LidarNavigationConfig
-from proxops.diagrams.scenario.scenario_config import Scenario
+from proxops.diagrams.scenario.scenario_config import (
+    ForceNoiseConfig,
+    KicksConfig,
+    RandomWalkDisturbanceConfig,
+    Scenario,
+)
 from proxops.systems.common import InputError
 from proxops.systems.gravity import GravityField
 from proxops.systems.navigation import ExpectedErrors
@@ -23,9 +29,13 @@ Spread = Callable[[str, float], float | None]
 """Gives the root mean square of what a dispersed value differs by from a number, from the value's
 key and the number; None if the value is not dispersed. It must not depend on a draw."""
 
-# The defaults of ExpectedErrorsConfig are for this greatest extent in m and this thrust limit over
-# mass in m/s^2, those of Kleopatra and of the default spacecraft.
-_SIZE, _THRUST_ACCELERATION = 218.864e3, 0.07
+_Section = TypeVar("_Section", ForceNoiseConfig, KicksConfig, RandomWalkDisturbanceConfig)
+
+# The default of surface_correlation_m is for this greatest extent in m, Kleopatra's.
+_SIZE = 218.864e3
+# The disturbance along each axis is about this share of the thrust limit, for each unit of its
+# greatest relative size: the MPC commands a seventh of the limit in the mean.
+_USUAL_COMMAND = 0.05
 # The key of truth behind each expected error that has one, and what is believed of its value.
 _KEYS = {
     "attitude_varying_deg": ("truth.attitude.varying_std_deg", 0.0),
@@ -82,10 +92,13 @@ def expected_errors(scenario: Scenario, body: Body) -> ExpectedErrors:
 
 
 def usual_errors(scenario: Scenario, body: Body) -> ExpectedErrorsConfig:
-    """Gives the defaults, lengths and accelerations in proportion to body and spacecraft."""
-    usual, craft = ExpectedErrorsConfig(), scenario.spacecraft
-    usual.acceleration_m_s2 *= craft.thrust_limit_n / craft.mass_kg / _THRUST_ACCELERATION
-    usual.surface_correlation_m *= float(body.shape.extents.max()) / _SIZE
+    """Gives the defaults, lengths in proportion to the body's size.
+
+    What disturbs the command or pushes the spacecraft, if the scenario has it, is an acceleration
+    that varies.
+    """
+    usual = _in_proportion(body)
+    _add_disturbances(usual, scenario, lambda key, about: None)
     return _within_limits(usual)
 
 
@@ -97,7 +110,7 @@ def errors_of_dispersions(spread: Spread, scenario: Scenario, body: Body) -> Exp
       scenario: the scenario before the draw.
       body: the body as believed.
     """
-    errors = usual_errors(scenario, body)
+    errors = _in_proportion(body)
     for name, (key, believed) in _KEYS.items():
         found = spread(key, believed)
         if found is not None:
@@ -113,7 +126,51 @@ def errors_of_dispersions(spread: Spread, scenario: Scenario, body: Body) -> Exp
     contrast = spread("truth.density_contrast", 0.0)
     if contrast is not None:
         errors.centre_of_mass_m = _shift(body.shape, body.gravity_field.mass, contrast)
+    _add_disturbances(errors, scenario, spread)
     return _within_limits(errors)
+
+
+def _in_proportion(body: Body) -> ExpectedErrorsConfig:
+    usual = ExpectedErrorsConfig()
+    usual.surface_correlation_m *= float(body.shape.extents.max()) / _SIZE
+    return usual
+
+
+def _add_disturbances(errors: ExpectedErrorsConfig, scenario: Scenario, spread: Spread) -> None:
+    """Adds disturbance, force noise and kicks to the acceleration that varies, in place.
+
+    Each is taken as a Gauss-Markov process, and their sum as one with the same variance and the
+    same effect on the velocity over long times.
+    """
+    craft, period = scenario.spacecraft, scenario.control_period_s
+    parts = [(errors.acceleration_varying_m_s2, errors.acceleration_correlation_s)]
+    noise = _expected_section(scenario, spread, "force_noise", ForceNoiseConfig())
+    if noise is not None:
+        parts.append((noise.std_n / craft.mass_kg, max(noise.correlation_time_s, 0.5 * period)))
+    walk = _expected_section(scenario, spread, "disturbance", RandomWalkDisturbanceConfig())
+    if walk is not None:
+        force = walk.max_relative_magnitude * _USUAL_COMMAND * craft.thrust_limit_n
+        parts.append((force / craft.mass_kg, 0.5 * walk.reset_period_s))
+    kicks = _expected_section(scenario, spread, "kicks", KicksConfig())
+    if kicks is not None:
+        pushes = kicks.velocity_std_m_s / math.sqrt(kicks.mean_interval_s * period)
+        parts.append((pushes, 0.5 * period))
+    variance = sum(std**2 for std, _ in parts)
+    if len(parts) > 1 and variance > 0.0:
+        errors.acceleration_varying_m_s2 = math.sqrt(variance)
+        errors.acceleration_correlation_s = sum(std**2 * time for std, time in parts) / variance
+
+
+def _expected_section(
+    scenario: Scenario, spread: Spread, name: str, default: _Section
+) -> _Section | None:
+    """Gives a section of the scenario with what its dispersed values are expected to be."""
+    drawn = {field.name: spread(f"{name}.{field.name}", 0.0) for field in dc.fields(default)}
+    drawn = {key: value for key, value in drawn.items() if value is not None}
+    section = getattr(scenario, name)
+    if section is None and not drawn:
+        return None
+    return dc.replace(section or default, **drawn)
 
 
 def _together(*parts: float | None) -> float | None:

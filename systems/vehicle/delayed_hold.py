@@ -11,8 +11,9 @@ class DelayedHold(LeafSystem):
     """Samples its input once a period and holds each sample, after a fixed delay, for one period.
 
     ```
-    u (size) ──►┌─────────────┐
-                │ DelayedHold ├─► y (size)
+                ┌─────────────┐
+    u (size) ──►│ DelayedHold ├─► y (size)
+                │             ├─► mean (size)
                 └─────────────┘
     ```
 
@@ -21,8 +22,8 @@ class DelayedHold(LeafSystem):
         y(t) = u(k T)   for   k T + τ < t <= (k + 1) T + τ,   and 0 before t = τ
 
     This is Drake's `ZeroOrderHold` with a delay; as there, an update takes effect just after its
-    time. One discrete state holds the sample that waits, another the output. There is no direct
-    feedthrough.
+    time. At the times k T, `mean` is the mean of y over the last period. Discrete states hold the
+    sample that waits, the output, and the output before it. There is no direct feedthrough.
     """
 
     def __init__(self, period: float, delay: float, size: int):
@@ -41,7 +42,14 @@ class DelayedHold(LeafSystem):
         self._u_port = self.DeclareVectorInputPort(name="u", size=size)
         self._pending = self.DeclareDiscreteState(size)
         self._current = self.DeclareDiscreteState(size)
+        self._before = self.DeclareDiscreteState(size)
         self.DeclareStateOutputPort(name="y", state_index=self._current)
+        self.DeclareVectorOutputPort(
+            name="mean",
+            size=size,
+            calc=self._calc_mean,
+            prerequisites_of_calc={self.xd_ticket()},
+        )
         declare = self.DeclarePeriodicDiscreteUpdateEvent
         # All updates at one time read the state before that time: at kT + T the waiting sample is
         # put out, and the new one waits. With a delay of one period, both events must have the same
@@ -54,6 +62,15 @@ class DelayedHold(LeafSystem):
 
     def _sample(self, context, discrete_state):
         discrete_state.set_value(self._pending, self._u_port.Eval(context))
+        discrete_state.set_value(self._before, context.get_discrete_state(self._current).value())
 
     def _put_out(self, context, discrete_state):
         discrete_state.set_value(self._current, context.get_discrete_state(self._pending).value())
+
+    def _calc_mean(self, context, output):
+        before, current = (
+            context.get_discrete_state(index).value() for index in (self._before, self._current)
+        )
+        # With a delay of a whole period, y changes at the times k T alone.
+        share = self.delay / self.period % 1.0
+        output.SetFromVector(share * before + (1.0 - share) * current)
