@@ -1,19 +1,25 @@
-"""Corrects an estimate by a measured frame: an iterated Kalman update in information form."""
+"""Corrects an estimate by a measured frame: an iterated extended Kalman update."""
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import solve_triangular
 
+from proxops.systems.navigation import _update_kernel as kernel
 from proxops.systems.navigation._motion_kernel import turned
 from proxops.systems.navigation.estimate import ATTITUDE, POSITION, Estimate
 from proxops.systems.navigation.frame_model import FrameModel
 
 # A residual beyond this many of its standard deviations is rejected.
 _GATE = 5.0
-# The update is linearised anew until it moves by less than this share of its deviations.
+# The frame is linearised anew until the predicted ranges change by less than this share of the
+# noise (root mean square).
 _CLOSE, _MOST_ITERATIONS = 0.3, 8
+# Where the map's error is estimated, more returns than this take longer and say little more.
+_ENOUGH = 160
+_POSE = np.r_[POSITION, ATTITUDE]
 
 
 class Correction(NamedTuple):
@@ -33,6 +39,17 @@ class Correction(NamedTuple):
     square of six degrees of freedom."""
 
 
+class _Update(NamedTuple):
+    """A linear update of the prior by K residuals."""
+
+    moved: np.ndarray
+    """(n,) what the mean moves by."""
+    surprise: float
+    """Normalised innovation squared."""
+    covariance: np.ndarray
+    """(n, n) after it."""
+
+
 def corrected(
     model: FrameModel, prior: Estimate, ranges: np.ndarray, start: np.ndarray | None = None
 ) -> Correction:
@@ -48,48 +65,80 @@ def corrected(
     """
     first = start is not None
     columns, covariance = model.columns, prior.covariance
-    among = covariance[np.ix_(columns, columns)]
     to_all = covariance[:, columns]
     moved = np.zeros(prior.mean.size) if start is None else start
     estimate = _moved(prior, moved)
     for _ in range(_MOST_ITERATIONS):
         compared = model.compared(estimate, ranges)
-        rows, variances = compared.rows, compared.variances
-        usable = np.flatnonzero(variances < np.inf)
-        rows, variances, residuals = rows[usable], variances[usable], compared.residuals[usable]
+        usable = np.flatnonzero(compared.variances < np.inf)
+        if columns.size > usable.size // 2:  # As many unknowns as returns.
+            usable = usable[:: max(1, -(-usable.size // _ENOUGH))]
+        rows, variances = compared.rows[usable], compared.variances[usable]
+        residuals = compared.residuals[usable]
         # Residuals as they would be at the prior's mean, if the model were linear.
         innovations = residuals + rows @ moved[columns]
-        if first:
-            known = rows[:, 10:]
-            judged, spread = residuals, variances + (known**2).sum(axis=1)
-        else:
-            judged, spread = innovations, variances + np.einsum("ki,ki->k", rows @ among, rows)
+        # Of a first frame, only the map's error says how large a residual may be.
+        known = rows[:, 10:] if first else rows @ to_all[columns]
+        spread = variances + np.einsum("ki,ki->k", known, rows[:, 10:] if first else rows)
+        judged = residuals if first else innovations
         good = np.flatnonzero(judged**2 < _GATE**2 * spread)
         if not good.size:
             return Correction(prior, np.nan, 0, usable.size, np.nan, np.nan)
-        rows, innovations, weights = rows[good], innovations[good], 1.0 / variances[good]
-        weighted = rows * weights[:, None]
-        information, pull = rows.T @ weighted, innovations @ weighted
-        system = np.eye(columns.size) + information @ among
-        solved = np.linalg.solve(system, np.column_stack([pull, information @ to_all.T]))
-        before, moved = moved, to_all @ solved[:, 0]
+        rows, innovations, variances = rows[good], innovations[good], variances[good]
+        by = _by_returns if good.size < columns.size else _by_quantities
+        update = by(covariance, columns, rows, innovations, variances)
+        change, moved = rows @ (update.moved - moved)[columns], update.moved
         estimate = _moved(prior, moved)
-        posterior = covariance - to_all @ solved[:, 1:]
-        change = np.abs(moved - before)[:9] / np.sqrt(np.diag(posterior)[:9])
-        if change.max() < _CLOSE:
+        if change @ change < good.size * (_CLOSE * model.noise_std) ** 2:
             break
     left = innovations - rows @ moved[columns]
-    pose = np.r_[POSITION, ATTITUDE]
-    shift = moved[pose] @ np.linalg.solve(covariance[np.ix_(pose, pose)], moved[pose])
-    surprise = float(innovations @ (weights * innovations) - pull @ moved[columns])
+    shift = moved[_POSE] @ np.linalg.solve(covariance[np.ix_(_POSE, _POSE)], moved[_POSE])
     return Correction(
-        estimate._replace(covariance=0.5 * (posterior + posterior.T)),
+        estimate._replace(covariance=update.covariance),
         float(np.sqrt(np.mean(left**2))),
         good.size,
         usable.size - good.size,
-        surprise / good.size,
+        update.surprise / good.size,
         float(shift),
     )
+
+
+def _by_returns(
+    covariance: np.ndarray,
+    columns: np.ndarray,
+    rows: np.ndarray,
+    innovations: np.ndarray,
+    variances: np.ndarray,
+) -> _Update:
+    """The update in the form that is fast for few residuals.
+
+    Args:
+      covariance: (n, n). columns: (C,) where the measured quantities are.
+      rows: (K, C) derivatives. innovations: (K,). variances: (K,) of the noise.
+    """
+    crossed = covariance[:, columns] @ rows.T
+    total = rows @ crossed[columns]
+    total[np.diag_indices_from(total)] += variances
+    factor = np.linalg.cholesky(total)
+    learned = solve_triangular(factor, crossed.T, lower=True, check_finite=False).T
+    white = solve_triangular(factor, innovations, lower=True, check_finite=False)
+    return _Update(learned @ white, float(white @ white), covariance - learned @ learned.T)
+
+
+def _by_quantities(
+    covariance: np.ndarray,
+    columns: np.ndarray,
+    rows: np.ndarray,
+    innovations: np.ndarray,
+    variances: np.ndarray,
+) -> _Update:
+    """The same update in the form that is fast for many residuals of few quantities."""
+    to_all = covariance[:, columns]
+    moved, after, squares = kernel.update(
+        covariance, to_all, to_all[columns], rows, innovations, variances
+    )
+    pull = (innovations / variances) @ rows
+    return _Update(moved, float(squares - pull @ moved[columns]), after)
 
 
 def _moved(prior: Estimate, moved: np.ndarray) -> Estimate:
