@@ -56,6 +56,26 @@ def row(**changes: Any) -> dict[str, Any]:
     return figures | changes
 
 
+def test_aggregate_of_navigation() -> None:
+    """Of the flights whose navigation settled: medians of errors, means of shares."""
+    known = {f"navigation_{name}": 0.0 for name in (
+        "position_error_m_p95", "velocity_error_m_s_median", "velocity_error_m_s_p95",
+        "attitude_error_deg_median", "attitude_error_deg_p95",
+    )}  # fmt: skip
+    rows = [
+        row(
+            transit=k, **known, navigation_position_error_m_median=error,
+            navigation_consistent=share, navigation_following=1.0,
+        )
+        for k, (error, share) in enumerate([(1.0, 1.0), (2.0, 0.9), (9.0, 0.8)])
+    ]  # fmt: skip
+    found = aggregate([*rows, row(transit=3, navigation_following=0.5)])
+    assert found["navigation_position_error_m_median"] == 2.0
+    assert found["navigation_consistent"] == pytest.approx(0.9)
+    assert found["navigation_following"] == 1.0
+    assert not [name for name in aggregate([row()]) if name.startswith("navigation")]
+
+
 def test_aggregate() -> None:
     rows = [
         row(),

@@ -70,7 +70,7 @@ def navigation_errors(data: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
 
 def _is_rotation(quaternions: np.ndarray) -> np.ndarray:
     """Tells (N,) which of quaternions (N, 4) have unit length; damaged logs have others."""
-    near = (np.abs(quaternions) < 2.0).all(axis=1)
+    near = np.asarray((np.abs(quaternions) < 2.0).all(axis=1))
     lengths = np.linalg.norm(np.where(near[:, None], quaternions, 0.0), axis=1)
     return near & (np.abs(lengths - 1.0) < 1e-3)
 

@@ -28,14 +28,24 @@ _ESTIMATE_ERRORS = (
     "estimate_velocity_error_m_s_median",
     "estimate_velocity_error_m_s_p95",
 )
+# A summary has these if the flight had a navigation and was long enough for it to settle.
+_NAVIGATION_ERRORS = (
+    "navigation_position_error_m_median",
+    "navigation_position_error_m_p95",
+    "navigation_velocity_error_m_s_median",
+    "navigation_velocity_error_m_s_p95",
+    "navigation_attitude_error_deg_median",
+    "navigation_attitude_error_deg_p95",
+)
 
 
 def aggregate(rows: Sequence[Row], expert: Sequence[Row] | None = None) -> dict[str, typing.Any]:
     """Makes one controller's entry of `results.json` from the summaries of its flights.
 
     Terminal figures and clearances count all flights; delta-v and arrival time count those that
-    succeeded. Errors of the policy's estimates are medians over flights of each flight's median
-    and p95. A world that could not be flown is no flight: `unflyable` counts them,
+    succeeded. Errors of the policy's estimates and of the navigation are medians over flights of
+    each flight's median and p95; `navigation_consistent` and `navigation_following` are means. A
+    world that could not be flown is no flight: `unflyable` counts them,
     `unflyable_worlds` has their rows, and no other figure counts them. A figure of no flights is
     None.
 
@@ -66,9 +76,22 @@ def aggregate(rows: Sequence[Row], expert: Sequence[Row] | None = None) -> dict[
         "control_ms_mean": _mean(flown, "control_ms_mean"),
         "control_ms_p99": _percentile(timed, "control_ms_p99", 100),
         **{name: _median(estimated, name) for name in _ESTIMATE_ERRORS if estimated},
+        **_navigation(flown),
         **_small_commands(flown),
         "flights": flown,
         "unflyable_worlds": [row for row in rows if "unflyable" in row],
+    }
+
+
+def _navigation(flown: Sequence[Row]) -> dict[str, float | None]:
+    """Gives the figures of the navigation; {} if no flight had one that settled."""
+    settled = [row for row in flown if "navigation_consistent" in row]
+    if not settled:
+        return {}
+    shares = ("navigation_consistent", "navigation_following")
+    return {
+        **{name: _median(settled, name) for name in _NAVIGATION_ERRORS},
+        **{name: _mean(settled, name) for name in shares},
     }
 
 
