@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
+from threadpoolctl import ThreadpoolController
 
 from proxops.systems.navigation.acquisition import acquire
 from proxops.systems.navigation.correction import Correction, corrected
@@ -40,6 +41,8 @@ _SUSPECTED = ExpectedErrors(
 # Standard deviation of the position before acquisition over the size of the body, and of the
 # velocity over the speed of a low orbit.
 _REACH, _SPEED = 10.0, 3.0
+# Matrices this small are slower on many threads, a hundred times so if the machine is busy.
+_LIBRARIES = ThreadpoolController()
 
 
 class Memory(NamedTuple):
@@ -101,6 +104,7 @@ class Navigator:
         forces = np.zeros((self._delay + 1, 3))
         return Memory(None, forces, 0, NavigationPhase.ACQUIRING, np.eye(3))
 
+    @_LIBRARIES.wrap(limits=1, user_api="blas")
     def step(self, memory: Memory, ranges: np.ndarray, force: np.ndarray, time: float) -> Step:
         """Uses the frame that arrives at a time.
 
