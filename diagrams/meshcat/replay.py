@@ -31,6 +31,12 @@ from proxops.diagrams.meshcat.meshcat_scene import (
     quiet_meshcat,
     set_mesh,
 )
+from proxops.diagrams.meshcat.navigation_scene import (
+    add_navigation,
+    exaggeration,
+    move_navigation,
+    navigation_region,
+)
 from proxops.diagrams.meshcat.replay_panel import panel
 from proxops.systems.common import write_whole
 
@@ -70,7 +76,12 @@ def add_flight(meshcat: Meshcat, log: FlightLog) -> None:
     times, positions = data["time"].values, data["state"].values[:, :3]
     goal = data["target"].values[-1, :3]
     limit = log.scenario.spacecraft.thrust_limit_n
-    for leftover in ("/path", "/lidar", "/plan"):  # An earlier flight or the live view left it.
+    for leftover in (
+        "/path",
+        "/lidar",
+        "/plan",
+        "/navigation",
+    ):  # An earlier flight or the live view left it.
         meshcat.Delete(leftover)
     scene = Scene(meshcat, log.body, log.differing_body)
     prepare_scene(scene)
@@ -102,7 +113,19 @@ def add_flight(meshcat: Meshcat, log: FlightLog) -> None:
         meshcat.SetProperty(name, "visible", True, float(shown[row]))
         if number < len(ends):
             meshcat.SetProperty(name, "visible", False, float(shown[ends[number]]))
+    if "navigation_state" in data:
+        _record_navigation(scene, data, shown)
     meshcat.PublishRecording()
+
+
+def _record_navigation(scene: Scene, data: xr.Dataset, shown: np.ndarray) -> None:
+    """Adds what the navigation believes, and records its motion at the times shown (N,) in s."""
+    region, positions = navigation_region(data), data["state"].values[:, :3]
+    times = exaggeration(region, scene.unit)
+    add_navigation(scene)
+    move_navigation(scene, positions[-1], region, len(shown) - 1, times)
+    for row, time in enumerate(shown):
+        move_navigation(scene, positions[row], region, row, times, float(time))
 
 
 def add_path(

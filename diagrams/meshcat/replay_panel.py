@@ -21,7 +21,9 @@ from proxops.diagrams.meshcat.meshcat_scene import (
     THRUST,
     TRUE_AXIS,
 )
+from proxops.diagrams.meshcat.navigation_scene import NAVIGATION, exaggeration, navigation_region
 from proxops.diagrams.scenario import differing_values, spin_axes
+from proxops.systems.navigation import NavigationPhase
 from proxops.systems.shapes import clearances
 
 _PAGE = """
@@ -132,6 +134,12 @@ _PAGE = """
     element("clearance").textContent = length(flight.clearance[row]);
     element("who").textContent = flight.names[who][0];
     element("who").style.color = flight.names[who][1];
+    if (flight.navigation) {
+      const {error, region, phase, phases} = flight.navigation;
+      element("error").textContent = error[row] === null ? "none" : length(error[row]);
+      element("region").textContent = region[row] === null ? "none" : length(region[row]);
+      element("phase").textContent = phases[phase[row]] ?? "none";
+    }
     if (following) follow();
   }
   viewer.set_3d_pane_size();
@@ -149,6 +157,7 @@ _NUMBERS = {
     "clearance": "keep-out",
     "who": "flown by",
 }
+_NAVIGATION_NUMBERS = {"error": "navigation error", "region": "3σ", "phase": "navigation"}
 
 
 def panel(
@@ -167,13 +176,18 @@ def panel(
     shown = all_flown_by(log.dataset) or flown_by(log.dataset)[:1].tolist()
     entries = [(known[who].colour, f"flown by {known[who].name}") for who in shown]
     marks = [(THRUST, "thrust"), (RETURNS, "lidar returns"), (GOAL, "goal"), *_true_marks(log)]
+    navigated = "navigation_state" in log.dataset
+    if navigated:
+        times = exaggeration(navigation_region(log.dataset), unit)
+        marks.append((NAVIGATION, f"where it believes to be, with 3σ: errors × {times:,.0f}"))
     entries += [(_rgb(colour), text) for colour, text in marks]
     legend = "\n".join(
         f'<span><i style="color: {_code(colour)}">&#9679;</i> {html.escape(text)}</span>'
         for colour, text in entries
     )
     numbers = "\n".join(
-        f'<span><small>{text}</small><b id="{name}"></b></span>' for name, text in _NUMBERS.items()
+        f'<span><small>{text}</small><b id="{name}"></b></span>'
+        for name, text in {**_NUMBERS, **(_NAVIGATION_NUMBERS if navigated else {})}.items()
     )
     content = json.dumps(_flight(log, playback_speed, views, unit), separators=(",", ":"))
     parts = {
@@ -217,6 +231,29 @@ def _flight(
             for each in np.unique(who).tolist()
         },
         "views": {name: [turned(view.eye), turned(view.target)] for name, view in views.items()},
+        "navigation": _navigation(log),
+    }
+
+
+def _navigation(log: FlightLog) -> dict[str, Any] | None:
+    """Gives the columns of the navigation for the page's script; None if the flight had none."""
+    data = log.dataset
+    if "navigation_state" not in data:
+        return None
+    region = navigation_region(data)
+
+    def told(lengths: np.ndarray) -> list[float | None]:
+        return [
+            round(float(length), 2) if known else None
+            for length, known in zip(lengths, region.known, strict=True)
+        ]
+
+    phases = data["navigation_phase"].values
+    return {
+        "error": told(np.linalg.norm(region.errors, axis=1)),
+        "region": told(region.semi_axes.max(axis=1)),
+        "phase": np.where(np.isin(phases, list(NavigationPhase)), phases, -1).astype(int).tolist(),
+        "phases": [phase.name.lower() for phase in NavigationPhase],
     }
 
 
