@@ -62,6 +62,41 @@ def turned(rotation, vector):
     return out
 
 
+@_inlined
+def _derivative(rotation, axes, push, given, commanded, pull, turn, tide, v, offset):
+    """How the acceleration depends on the attitude and on the constants (3, BASE)."""
+    by = np.zeros((3, _BASE))
+    by[:, _A : _A + 3] = -_cross(push)
+    for i in range(3):
+        by[i, _CONSTANT + i] = by[i, _VARYING + i] = 1.0
+        by[:, _THRUST + i] = axes[:, i] * commanded[i]
+    by[:, _GRAVITY] = pull
+    inner = turn @ offset
+    by[:, _SPIN : _SPIN + 3] = 2.0 * _cross(v) + _cross(inner) + turn @ _cross(offset)
+    by[:, _CENTRE : _CENTRE + 3] = -tide
+    by[:, _DIRECTION : _DIRECTION + 3] = -(rotation @ _cross(given))
+    return by
+
+
+@_inlined
+def _moved_covariance(covariance, f, noise):
+    """The covariance after a step with the transition f (BASE, BASE) and its noise."""
+    n = covariance.shape[0]
+    out_covariance = covariance.copy()
+    rows = f @ np.ascontiguousarray(covariance[:_BASE])
+    out_covariance[:_BASE] = rows
+    out_covariance[_BASE:, :_BASE] = rows[:, _BASE:].T
+    out_covariance[:_BASE, :_BASE] = np.ascontiguousarray(rows[:, :_BASE]) @ f.T
+    for i in range(3):
+        out_covariance[_A + i, _A + i] += noise[0]
+        out_covariance[_VARYING + i, _VARYING + i] += noise[2]
+    for i in range(n):
+        for j in range(i):
+            mid = 0.5 * (out_covariance[i, j] + out_covariance[j, i])
+            out_covariance[i, j] = out_covariance[j, i] = mid
+    return out_covariance
+
+
 @_compiled
 def predict(
     mean, rotation, covariance, spent, pull, gradient, force, time, step, spin, mass, noise
@@ -80,7 +115,6 @@ def predict(
     Returns:
       Mean, rotation and covariance.
     """
-    n = mean.size
     w = mean[_SPIN : _SPIN + 3].copy()
     w[2] += spin
     turn = _cross(w)
@@ -126,35 +160,12 @@ def predict(
     drift = -step * (back @ mean[_SPIN : _SPIN + 3])
     out_rotation = turned(rotation, drift)
 
-    # How the acceleration depends on the attitude and on the constants.
-    by = np.zeros((3, _BASE))
-    by[:, _A : _A + 3] = -_cross(push)
-    for i in range(3):
-        by[i, _CONSTANT + i] = by[i, _VARYING + i] = 1.0
-        by[:, _THRUST + i] = axes[:, i] * force[i] / now
+    by = _derivative(rotation, axes, push, given, force / now, pull, turn, tide, v, offset)
     by[:, _PROPELLANT] = push * (spent * mass / now)
-    by[:, _GRAVITY] = pull
-    inner = turn @ offset
-    by[:, _SPIN : _SPIN + 3] = 2.0 * _cross(v) + _cross(inner) + turn @ _cross(offset)
-    by[:, _CENTRE : _CENTRE + 3] = -tide
-    by[:, _DIRECTION : _DIRECTION + 3] = -(rotation @ _cross(given))
-
     f = np.eye(_BASE)
     f[:6, :6] = phi
     f[:6, _A:] += (np.ascontiguousarray(gamma[:, 3:]) @ by)[:, _A:]
     f[_A : _A + 3, _SPIN : _SPIN + 3] = -step * back
     for i in range(3):
         f[_VARYING + i, _VARYING + i] = noise[1]
-    out_covariance = covariance.copy()
-    rows = f @ np.ascontiguousarray(covariance[:_BASE])
-    out_covariance[:_BASE] = rows
-    out_covariance[_BASE:, :_BASE] = rows[:, _BASE:].T
-    out_covariance[:_BASE, :_BASE] = np.ascontiguousarray(rows[:, :_BASE]) @ f.T
-    for i in range(3):
-        out_covariance[_A + i, _A + i] += noise[0]
-        out_covariance[_VARYING + i, _VARYING + i] += noise[2]
-    for i in range(n):
-        for j in range(i):
-            mid = 0.5 * (out_covariance[i, j] + out_covariance[j, i])
-            out_covariance[i, j] = out_covariance[j, i] = mid
-    return out, out_rotation, out_covariance
+    return out, out_rotation, _moved_covariance(covariance, f, noise)

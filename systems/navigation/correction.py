@@ -9,7 +9,7 @@ from scipy.linalg import solve_triangular
 
 from proxops.systems.navigation import _update_kernel as kernel
 from proxops.systems.navigation._motion_kernel import turned
-from proxops.systems.navigation.estimate import ATTITUDE, POSITION, Estimate
+from proxops.systems.navigation.estimate import ATTITUDE, MEASURED, POSITION, Estimate
 from proxops.systems.navigation.frame_model import FrameModel
 
 # A residual beyond this many of its standard deviations is rejected.
@@ -65,42 +65,65 @@ def corrected(
     """
     first = start is not None
     columns, covariance = model.columns, prior.covariance
-    to_all = covariance[:, columns]
     moved = np.zeros(prior.mean.size) if start is None else start
-    estimate = _moved(prior, moved)
-    for _ in range(_MOST_ITERATIONS):
-        compared = model.compared(estimate, ranges)
-        usable = np.flatnonzero(compared.variances < np.inf)
-        if columns.size > usable.size // 2:  # As many unknowns as returns.
-            usable = usable[:: max(1, -(-usable.size // _ENOUGH))]
-        rows, variances = compared.rows[usable], compared.variances[usable]
-        residuals = compared.residuals[usable]
-        # Residuals as they would be at the prior's mean, if the model were linear.
-        innovations = residuals + rows @ moved[columns]
-        # Of a first frame, only the map's error says how large a residual may be.
-        known = rows[:, 10:] if first else rows @ to_all[columns]
-        spread = variances + np.einsum("ki,ki->k", known, rows[:, 10:] if first else rows)
-        judged = residuals if first else innovations
-        good = np.flatnonzero(judged**2 < _GATE**2 * spread)
-        if not good.size:
-            return Correction(prior, np.nan, 0, usable.size, np.nan, np.nan)
-        rows, innovations, variances = rows[good], innovations[good], variances[good]
-        by = _by_returns if good.size < columns.size else _by_quantities
-        update = by(covariance, columns, rows, innovations, variances)
-        change, moved = rows @ (update.moved - moved)[columns], update.moved
-        estimate = _moved(prior, moved)
-        if change @ change < good.size * (_CLOSE * model.noise_std) ** 2:
+    iteration = 0
+    while True:
+        frame = _linearised(model, prior, moved, ranges, first)
+        used = frame.innovations.size
+        if not used:
+            return Correction(prior, np.nan, 0, frame.rejected, np.nan, np.nan)
+        by = _by_returns if used < columns.size else _by_quantities
+        update = by(covariance, columns, frame.rows, frame.innovations, frame.variances)
+        change, moved = frame.rows @ (update.moved - moved)[columns], update.moved
+        iteration += 1
+        close = change @ change < used * (_CLOSE * model.noise_std) ** 2
+        if close or iteration == _MOST_ITERATIONS:
             break
-    left = innovations - rows @ moved[columns]
+    left = frame.innovations - frame.rows @ moved[columns]
     shift = moved[_POSE] @ np.linalg.solve(covariance[np.ix_(_POSE, _POSE)], moved[_POSE])
     return Correction(
-        estimate._replace(covariance=update.covariance),
+        _moved(prior, moved)._replace(covariance=update.covariance),
         float(np.sqrt(np.mean(left**2))),
-        good.size,
-        usable.size - good.size,
-        update.surprise / good.size,
+        used,
+        frame.rejected,
+        update.surprise / used,
         float(shift),
     )
+
+
+class _Linearised(NamedTuple):
+    """The K returns of a frame that are used."""
+
+    rows: np.ndarray
+    """(K, C) derivatives."""
+    innovations: np.ndarray
+    """(K,) the residuals as they would be at the prior's mean, if the model were linear."""
+    variances: np.ndarray
+    """(K,) of the noise."""
+    rejected: int
+    """Number of other returns on the body."""
+
+
+def _linearised(
+    model: FrameModel, prior: Estimate, moved: np.ndarray, ranges: np.ndarray, first: bool
+) -> _Linearised:
+    """A frame, linearised where the prior's mean is `moved` (n,) to; see `corrected`."""
+    columns = model.columns
+    compared = model.compared(_moved(prior, moved), ranges)
+    usable = np.flatnonzero(compared.variances < np.inf)
+    if columns.size > usable.size // 2:  # As many unknowns as returns.
+        usable = usable[:: max(1, -(-usable.size // _ENOUGH))]
+    rows, variances = compared.rows[usable], compared.variances[usable]
+    residuals = compared.residuals[usable]
+    innovations = residuals + rows @ moved[columns]
+    if first:  # Only the map's error says how large a residual may be.
+        judged, spread = residuals, variances + (rows[:, MEASURED.size :] ** 2).sum(axis=1)
+    else:
+        known = rows @ prior.covariance[np.ix_(columns, columns)]
+        judged, spread = innovations, variances + np.einsum("ki,ki->k", known, rows)
+    good = np.flatnonzero(judged**2 < _GATE**2 * spread)
+    rejected = usable.size - good.size
+    return _Linearised(rows[good], innovations[good], variances[good], rejected)
 
 
 def _by_returns(
