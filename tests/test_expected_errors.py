@@ -143,7 +143,7 @@ def test_numbers_of_before_survey() -> None:
         "acceleration": 1.43e-3 * 0.07 / 3.0,
         "acceleration_varying": 4.76e-4 * 0.07,
         "acceleration_correlation": 600.0,
-        "surface": 0.002 * size / 3.0,
+        "surface": 2.0 * 0.002 * size / 3.0,  # Twice: its roughness itself is dispersed.
         "surface_correlation": 0.07 * size,
         "size": 0.005 / 3.0,
         "lidar_bias": 10.0 / 3.0,
