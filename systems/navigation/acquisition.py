@@ -24,6 +24,9 @@ _FEWEST = 6
 _RETURNING = 0.5
 # The greatest misfit that is believed, and what it grows by with the map's error over the size.
 _MISFIT, _MISFIT_OF_MAP = 0.02, 10.0
+# It also grows by this times the share of rays with a false return, up to a limit: some of them lie
+# close to the body.
+_MISFIT_OF_FALSE, _MOST_OF_FALSE = 0.75, 0.15
 
 
 class Acquired(NamedTuple):
@@ -57,12 +60,14 @@ def acquire(
     cloud = measured[:, None] * (model.directions[rays] @ attitude.T)
     mean = cloud.mean(axis=0)
     size = model.shape.extents.max()
+    false = np.count_nonzero(ranges < np.inf) - rays.size
+    allowed = _MISFIT + _MISFIT_OF_MAP * model.map_error.std / size
+    allowed += min(_MISFIT_OF_FALSE * false / (ranges.size - rays.size + 1), _MOST_OF_FALSE)
 
     def tried(starts: list[np.ndarray]) -> Acquired | None:
         poses = (_fitted(model, p, attitude, attitude_std, rays, measured) for p in starts)
         found = [_judged(model, *pose, ranges, rays) for pose in poses]
         best = min(found, key=lambda each: each.misfit)
-        allowed = _MISFIT + _MISFIT_OF_MAP * model.map_error.std / size
         return best if best.misfit < allowed else None
 
     outwards = -mean / np.linalg.norm(mean)

@@ -1,0 +1,182 @@
+"""Finding the pose from one frame: right, or none, at bodies of several forms."""
+
+import functools
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+import trimesh
+from contact_binary import contact_binary
+from scipy.spatial.transform import Rotation
+from short_flights import kleopatra
+
+from proxops.systems import Lidar, LidarErrors, LidarGeometry, Polyhedron
+from proxops.systems.navigation.acquisition import Acquired, acquire
+from proxops.systems.navigation.frame_model import FrameModel
+from proxops.systems.navigation.map_error import MapError
+from proxops.systems.shapes import displaced
+
+STD = np.radians(1.0)
+# Noise over the size of the body; greatest range over it.
+NOISE, REACH = 2e-4, 1.6
+
+
+def lumpy(subdivisions: int = 4) -> Polyhedron:
+    """A ball with hills, as high as a tenth of its radius."""
+    ball = Polyhedron.from_trimesh(trimesh.creation.icosphere(subdivisions, radius=250.0), "m")
+    return displaced(ball, 25.0, 80.0, seed=4).recentred()
+
+
+def ellipsoid(subdivisions: int = 4) -> Polyhedron:
+    """3:1:1, with so much relief that it looks different from all sides."""
+    mesh = trimesh.creation.icosphere(subdivisions)
+    smooth = Polyhedron(mesh.vertices * [3e3, 1e3, 1e3], mesh.faces, "ellipsoid")
+    return displaced(smooth, 60.0, 400.0, seed=2).recentred()
+
+
+BODIES: dict[str, Callable[[], Polyhedron]] = {
+    "kleopatra": lambda: kleopatra().shape,
+    "contact binary": lambda: Polyhedron.from_trimesh(contact_binary(), "m").recentred(),
+    "lumpy ball": lumpy,
+    "ellipsoid": ellipsoid,
+}
+
+
+@functools.cache
+def body(name: str) -> Polyhedron:
+    return BODIES[name]()
+
+
+@functools.cache
+def model(name: str) -> FrameModel:
+    shape = body(name)
+    size = float(shape.extents.max())
+    return FrameModel(shape, LidarGeometry(max_range=REACH * size), NOISE * size, MapError(shape))
+
+
+def poses(name: str, count: int, seed: int) -> list[tuple[np.ndarray, Rotation]]:
+    """Places evenly in a cube around the body, outside of it, and attitudes off by some 1°."""
+    shape, rng = body(name), np.random.default_rng(seed)
+    size, mesh = float(shape.extents.max()), shape.to_trimesh()
+    found: list[tuple[np.ndarray, Rotation]] = []
+    while len(found) < count:
+        place = size * rng.uniform(-0.8, 0.8, 3)
+        if -trimesh.proximity.signed_distance(mesh, place[None])[0] > 0.05 * size:
+            found.append((place, Rotation.from_rotvec(STD * rng.normal(size=3))))
+    return found
+
+
+def measured(name: str, pose: tuple[np.ndarray, Rotation], seed: int, **errors: float):
+    """The frame of a pose, as the real lidar would take it."""
+    place, turn = pose
+    modelled = model(name)
+    wrong = LidarErrors(noise_std=modelled.noise_std, **errors)
+    lidar = Lidar(body(name), wrong, modelled.geometry, seed=seed)
+    context = lidar.CreateDefaultContext()
+    lidar.GetInputPort("position").FixValue(context, place)
+    lidar.GetInputPort("attitude").FixValue(context, turn.as_quat(scalar_first=True))
+    return lidar.GetOutputPort("ranges").Eval(context)
+
+
+def outcome(name: str, pose: tuple[np.ndarray, Rotation], frame: np.ndarray) -> str:
+    found = acquire(model(name), frame, np.eye(3), STD)
+    if found is None:
+        return "none"
+    return "right" if right(name, pose, found) else "wrong"
+
+
+def right(name: str, pose: tuple[np.ndarray, Rotation], found: Acquired) -> bool:
+    place, turn = pose
+    size = float(body(name).extents.max())
+    off = (Rotation.from_matrix(found.rotation) * turn.inv()).magnitude()
+    return bool(np.linalg.norm(found.position - place) < 0.01 * size and off < 3.0 * STD)
+
+
+def outcomes(name: str, count: int, seed: int, **errors: float) -> dict[str, int]:
+    found = [
+        outcome(name, pose, measured(name, pose, seed + k, **errors))
+        for k, pose in enumerate(poses(name, count, seed))
+    ]
+    return {each: found.count(each) for each in ("right", "none", "wrong")}
+
+
+def check(found: dict[str, int], at_least: float, wrong: float = 0.0) -> None:
+    """Right in so many, and hardly ever wrong."""
+    assert found["wrong"] <= wrong * sum(found.values()), found
+    assert found["right"] >= at_least * sum(found.values()), found
+
+
+# --- right or none --------------------------------------------------------------------------------
+
+
+def test_around_kleopatra() -> None:
+    check(outcomes("kleopatra", 40, 100), 0.97)
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_false_returns_and_dropout(name: str) -> None:
+    check(outcomes(name, 8, 200, false_returns=0.2, dropout=0.1), 0.85)
+
+
+@pytest.mark.parametrize("name", ["contact binary", "lumpy ball", "ellipsoid"])
+def test_around_other_bodies(name: str) -> None:
+    check(outcomes(name, 8, 300), 0.85)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", BODIES)
+def test_many_places(name: str) -> None:
+    check(outcomes(name, 300, 1000), 0.98, wrong=0.004)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", BODIES)
+def test_many_places_with_false_returns(name: str) -> None:
+    check(outcomes(name, 150, 2000, false_returns=0.2, dropout=0.1), 0.93, wrong=0.02)
+
+
+def test_the_same_frame_gives_the_same_pose() -> None:
+    frame = measured("kleopatra", poses("kleopatra", 1, 5)[0], 5)
+    first, second = (acquire(model("kleopatra"), frame, np.eye(3), STD) for _ in range(2))
+    assert first is not None
+    assert second is not None
+    np.testing.assert_array_equal(first.position, second.position)
+    np.testing.assert_array_equal(first.rotation, second.rotation)
+
+
+def test_the_attitude_as_known_turns_everything() -> None:
+    """S need not be close to K, if only its attitude is known."""
+    known = Rotation.from_rotvec([0.9, -0.4, 1.3])
+    place, turn = poses("kleopatra", 1, 6)[0]
+    pose = place, turn * known
+    frame = measured("kleopatra", pose, 6)
+    found = acquire(model("kleopatra"), frame, known.as_matrix(), STD)
+    assert found is not None
+    assert right("kleopatra", pose, found)
+
+
+# --- none -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["kleopatra", "lumpy ball"])
+@pytest.mark.parametrize("share", [0.0, 0.001, 0.05, 0.2, 1.0])
+def test_nothing_is_found_where_nothing_is(name: str, share: float) -> None:
+    """Frames of no returns, of few, and of false ones alone."""
+    rng, modelled = np.random.default_rng(1), model(name)
+    for _ in range(3):
+        frame = modelled.geometry.max_range * rng.uniform(0.0, 1.0, modelled.geometry.size)
+        frame[rng.uniform(size=frame.size) >= share] = np.inf
+        assert acquire(modelled, frame, np.eye(3), STD) is None
+
+
+def test_another_body_is_not_taken_for_this_one() -> None:
+    """Frames of a body twice as thick, or of a ball."""
+    shape = kleopatra().shape
+    thick = Polyhedron(shape.vertices * [0.6, 1.5, 1.5], shape.facets)
+    ball = trimesh.creation.icosphere(4, radius=60e3)
+    for other in (thick, Polyhedron.from_trimesh(ball, "m")):
+        for place, _ in poses("kleopatra", 4, 9):
+            returns = Lidar(other).true_returns(1.3 * place)
+            frame = np.full(4320, np.inf)
+            frame[returns.rays] = returns.distances
+            assert acquire(model("kleopatra"), frame, np.eye(3), STD) is None
