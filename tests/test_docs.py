@@ -238,7 +238,7 @@ def test_files_of_the_paper_table_exist() -> None:
 def test_notebooks_that_are_told_of() -> None:
     numbers = {path.name.partition("_")[0] for path in (ROOT / "notebooks").glob("*.ipynb")}
     text = PAGES["docs/index.md"].partition("The notebooks in")[2].replace("\n", " ")
-    assert set(re.findall(r"(?<=[ ,:])(\d) ", text)) == numbers
+    assert set(re.findall(r"(?<=[ ,:])(\d+) ", text)) == numbers
 
 
 def keys_of(config: Any, prefix: str) -> set[str]:
