@@ -28,6 +28,8 @@ from proxops.systems.navigation.phase import NavigationPhase
 # A frame with fewer returns on the body is not used. If less than this share of the returns on the
 # body agree with the prediction, the frame contradicts it.
 _FEWEST, _AGREEING = 6, 0.5
+# Normalised innovation squared over the returns used, about 1, beyond which they do not fit.
+_MISFITTING = 4.0
 # After so many frames in a row that contradict the prediction, the navigation is lost.
 _PATIENCE = 3
 # A frame that moves the pose by more than this (chi square of six degrees of freedom; once in 1e10
@@ -155,11 +157,29 @@ class Navigator:
 
     def _followed(self, prior: Estimate, ranges: np.ndarray) -> Correction | None:
         """The correction of a prediction by a frame; None if the frame contradicts it."""
-        found = corrected(self.model, prior, ranges)
+        found = self._compared(prior, ranges)
         if found.shift > _SURPRISE:
-            found = corrected(self.model, self._doubted(prior, found), ranges)
+            found = self._compared(self._doubted(prior, found), ranges)
         agrees = found.used >= _FEWEST and found.used >= _AGREEING * (found.used + found.rejected)
         return found if agrees else None
+
+    def _compared(self, prior: Estimate, ranges: np.ndarray) -> Correction:
+        """The correction of a prediction by a frame, with false returns left out.
+
+        If the prediction is uncertain, as it is in the second frame of all, it cannot tell false
+        returns. But they do not fit together, and then the frame alone says which they are.
+        """
+        found = corrected(self.model, prior, ranges)
+        if not found.surprise > _MISFITTING:
+            return found
+        pose = acquire(self.model, ranges, prior.rotation, self._expected.attitude)
+        if pose is None:
+            return found
+        start = np.zeros(prior.mean.size)
+        start[POSITION] = pose.position - prior.mean[POSITION]
+        start[ATTITUDE] = Rotation.from_matrix(pose.rotation @ prior.rotation.T).as_rotvec()
+        again = corrected(self.model, prior, ranges, start)
+        return again if again.surprise < found.surprise else found
 
     def _doubted(self, prior: Estimate, found: Correction) -> Estimate:
         """The prior with a covariance that allows for the motion that a frame showed."""
