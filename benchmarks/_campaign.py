@@ -38,7 +38,7 @@ def fly_with_bar(
     variants: Sequence[Variant], scenario: Scenario, asked: argparse.Namespace, **options: Any
 ) -> dict[str, list[Row]]:
     """`fly_variants` as the options of `campaign_parser` ask; wrong input ends the program."""
-    with _workers(asked) as workers:
+    with workers_with_bar(asked) as workers:
         return fly_variants(
             variants, scenario, asked.seed, asked.transits, asked.out, workers=workers, **options
         )
@@ -49,12 +49,13 @@ def logs_with_bar(
 ) -> dict[str, dict[int, FlightLog]]:
     """`fly_logs` of all transits, as the options of `campaign_parser` ask."""
     transits = {each.name: range(asked.transits) for each in variants}
-    with _workers(asked) as workers:
+    with workers_with_bar(asked) as workers:
         return fly_logs(variants, scenario, asked.seed, transits, asked.out, workers=workers)
 
 
 @contextmanager
-def _workers(asked: argparse.Namespace) -> Iterator[Workers]:
+def workers_with_bar(asked: argparse.Namespace) -> Iterator[Workers]:
+    """Workers that show a bar; wrong input ends the program."""
     columns = TextColumn("flying"), BarColumn(), TimeRemainingColumn()
     with Progress(*columns, TextColumn("{task.description}"), console=Console(stderr=True)) as bar:
         task = bar.add_task("", total=1.0)

@@ -22,7 +22,13 @@ from proxops.diagrams.flight.campaign import (
 from proxops.diagrams.flight.hybrid_controller import make_hybrid
 from proxops.diagrams.flight.named_controllers import named_controller
 from proxops.diagrams.flight.parallel import Workers
-from proxops.diagrams.flight.scenario_systems import WITH_BUNDLE, bundle_of, make_backup, make_mpc
+from proxops.diagrams.flight.scenario_systems import (
+    WITH_BUNDLE,
+    bundle_of,
+    make_backup,
+    make_mpc,
+    make_navigation,
+)
 from proxops.diagrams.flight.simulation import fly
 from proxops.diagrams.flight.transit_diagram import make_transit_diagram
 
@@ -42,6 +48,7 @@ __all__ = [
     "make_backup",
     "make_hybrid",
     "make_mpc",
+    "make_navigation",
     "make_transit_diagram",
     "named_controller",
     "provenance",

@@ -12,7 +12,13 @@ from proxops.studies.evaluation.flights import describe_flight, shown_logs
 from proxops.studies.evaluation.monte_carlo_report import write_worst
 from proxops.studies.evaluation.report import Evaluation, evaluation_sections
 from proxops.studies.evaluation.table import arrival_text, figure_rows, outcome
-from proxops.studies.evaluation.variants import Variant, fly_logs, fly_variants, load_logs
+from proxops.studies.evaluation.variants import (
+    Variant,
+    fly_logs,
+    fly_variants,
+    load_logs,
+    variant_flights,
+)
 
 __all__ = [
     "EXPERT",
@@ -34,5 +40,6 @@ __all__ = [
     "outcome",
     "plot_flights",
     "shown_logs",
+    "variant_flights",
     "write_worst",
 ]

@@ -1,0 +1,218 @@
+"""The navigation's benchmark: bodies and poses are what it says, figures what statistics says."""
+
+import dataclasses
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+from benchmark_scripts import load_script
+from scipy.spatial.transform import Rotation
+from short_flights import BRIEF, kleopatra, short_scenario
+
+from proxops.diagrams.flight import fly
+from proxops.diagrams.logs import FlightLog
+from proxops.diagrams.scenario import LidarNavigationConfig, load_body, load_scenario, transit_set
+from proxops.systems.common import InputError
+from proxops.systems.shapes import Polyhedron
+
+
+@pytest.fixture(scope="module")
+def navigation() -> ModuleType:
+    return load_script("navigation")
+
+
+@pytest.fixture(scope="module")
+def flights() -> ModuleType:
+    return load_script("_navigation_flights")
+
+
+@pytest.fixture(scope="module")
+def poses() -> ModuleType:
+    return load_script("_navigation_poses")
+
+
+@pytest.fixture(scope="module")
+def bodies() -> ModuleType:
+    return load_script("_navigation_bodies")
+
+
+def on_lidar_for_150_s() -> FlightLog:
+    scenario = short_scenario(**BRIEF)
+    return fly(dataclasses.replace(scenario, navigation=LidarNavigationConfig()), body=kleopatra())
+
+
+# --- bodies and poses -----------------------------------------------------------------------------
+
+
+def test_a_generated_body_can_be_flown_at(bodies: ModuleType, tmp_path: Path) -> None:
+    scenario = bodies.scenario_at("lumpy-ball", tmp_path)
+    body = load_body(scenario.body)
+    assert body.shape.extents.max() == pytest.approx(5e3)
+    assert body.config.mass_kg / body.shape.volume == pytest.approx(1800.0, rel=1e-5)
+    [transit] = transit_set(1, 1, scenario)
+    assert np.abs(transit.start).max() < 0.5 * scenario.transit.cube_m < 10e3
+    # Its YAML file names the same body.
+    again = bodies.scenario_at(str(tmp_path / "lumpy-ball.yaml"), tmp_path)
+    assert again == scenario
+
+
+def test_two_ellipsoids_have_a_neck(bodies: ModuleType) -> None:
+    across = np.array([[0.0, np.cos(a), np.sin(a)] for a in np.linspace(0.0, 6.0, 20)])
+    neck = bodies.two_ellipsoids(across)
+    ends = bodies.two_ellipsoids(np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]]))
+    assert neck.max() < 0.2
+    np.testing.assert_allclose(ends, [0.554, 0.5], atol=0.01)
+
+
+def test_a_mesh_that_is_not_sound_is_refused(bodies: ModuleType, tmp_path: Path) -> None:
+    mesh = tmp_path / "open.obj"
+    mesh.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\n")
+    with pytest.raises(InputError, match=r"open\.obj is no sound mesh"):
+        bodies.scenario_at(str(mesh), tmp_path)
+
+
+def test_poses_are_in_the_cube_and_outside_the_body(poses: ModuleType) -> None:
+    scenario, body = load_scenario(), kleopatra()
+    shape = Polyhedron(body.shape.vertices, body.shape.facets).to_trimesh()
+    found = [poses.pose(scenario, body, 5, index) for index in range(200)]
+    places = np.array([position for position, _ in found])
+    assert 190e3 < np.abs(places).max() <= 1.15 * 170e3
+    near = places[np.linalg.norm(places, axis=1) < 110e3]
+    # No point of it is inside: its winding number is 0.
+    triangles = np.asarray(shape.triangles)
+    for place in near:
+        a, b, c = (triangles - place).transpose(1, 0, 2)
+        la, lb, lc = (np.linalg.norm(each, axis=1) for each in (a, b, c))
+        dots = [np.einsum("ni,ni->n", x, y) for x, y in ((a, b), (b, c), (c, a))]
+        below = la * lb * lc + dots[0] * lc + dots[1] * la + dots[2] * lb
+        angle = 2.0 * np.arctan2(np.einsum("ni,ni->n", a, np.cross(b, c)), below)
+        assert abs(angle.sum()) < 0.1
+    turns = Rotation.from_quat([attitude for _, attitude in found], scalar_first=True)
+    np.testing.assert_allclose(np.degrees(turns.magnitude()), 1.0)
+    assert (np.abs(turns.as_rotvec(degrees=True).mean(axis=0)) < 0.2).all()
+
+
+# --- what is kept of a flight ---------------------------------------------------------------------
+
+
+def test_kept_of_a_flight(flights: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(flights, "SETTLED", 5)
+    log = on_lidar_for_150_s()
+    row = flights.describe_navigation(log)
+    steps, data = row["steps"], log.dataset.isel(time=slice(0, -1))
+    assert row["size_m"] == pytest.approx(218.9e3, rel=1e-3)
+    errors = (data["state"] - data["navigation_state"]).values
+    np.testing.assert_allclose(steps["position"], np.linalg.norm(errors[:, :3], axis=1), rtol=1e-5)
+    np.testing.assert_allclose(steps["velocity"], np.linalg.norm(errors[:, 3:], axis=1), rtol=1e-5)
+    turns = Rotation.from_quat(data["navigation_attitude"].values, scalar_first=True)
+    np.testing.assert_allclose(steps["attitude"], np.degrees(turns.magnitude()), rtol=1e-4)
+    # S is not turned, so that the error is the inverse of what is believed.
+    whole = np.hstack([errors, -turns.as_rotvec()])
+    covariances = data["navigation_covariance"].values
+    deviations = np.sqrt(np.einsum("nii->ni", covariances))
+    np.testing.assert_allclose(steps["worst"], np.abs(whole / deviations).max(axis=1), rtol=1e-4)
+    nees = [e @ np.linalg.inv(p) @ e for e, p in zip(whole, covariances, strict=True)]
+    np.testing.assert_allclose(steps["nees"], nees, rtol=1e-3)
+    shares = (np.abs(whole[5:]) <= 3.0 * deviations[5:]).mean(axis=0)
+    np.testing.assert_allclose(steps["inside"], shares)
+
+
+def test_blind_for_a_time(flights: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(flights, "BLIND_FROM", 50.0)
+    monkeypatch.setattr(flights, "BLIND_UNTIL", 90.0)
+    log = fly(short_scenario(**BRIEF), "_navigation_flights:blinded_mpc", body=kleopatra())
+    row = flights.describe_navigation(log)
+    assert row["following"] == 1.0
+    steps = row["steps"]
+    returns = np.array(steps["returns"])
+    assert (np.flatnonzero(returns == 0.0) == [5, 6, 7, 8]).all()
+    assert steps["nis"][5:9] == [0.0] * 4
+    plain = flights.describe_navigation(on_lidar_for_150_s())["steps"]
+    # Until then it is the flight with the scenario's own navigation.
+    assert steps["position"][:5] == plain["position"][:5]
+    assert steps["position"][8] != plain["position"][8]
+
+
+# --- figures --------------------------------------------------------------------------------------
+
+
+def rows_of(scale: float, count: int = 40, length: int = 120) -> list[dict]:
+    """Flights whose errors are `scale` standard deviations, and innovations as they should be."""
+    random = np.random.default_rng(1)
+    rows = []
+    for _ in range(count):
+        errors = scale * random.standard_normal((length, 9))
+        returns = random.integers(200, 600, length)
+        rows.append({"steps": {
+            "nees": (errors**2).sum(axis=1).tolist(),
+            "nis": random.chisquare(returns).tolist(),
+            "returns": returns.tolist(),
+        }})  # fmt: skip
+    return rows
+
+
+def test_consistency(flights: ModuleType) -> None:
+    good = flights.consistency(rows_of(1.0))
+    assert good["nees"] == pytest.approx(1.0, abs=0.02)
+    assert 0.85 < good["nees_inside"] < 1.0
+    # 360 degrees of freedom: about 1 with a standard deviation of sqrt(2 / 360).
+    assert (good["low"], good["high"]) == pytest.approx((1 - 0.146, 1 + 0.146), abs=0.01)
+    assert good["nis"] == pytest.approx(1.0, abs=0.01)
+    assert good["nis_inside"] == pytest.approx(0.95, abs=0.01)
+    wrong = flights.consistency(rows_of(2.0))
+    assert wrong["nees"] == pytest.approx(4.0, abs=0.1)
+    assert wrong["nees_inside"] == 0.0
+    assert np.isnan(flights.consistency([])["nees"])
+
+
+def test_steps_without_a_position_count_nowhere(flights: ModuleType) -> None:
+    rows = rows_of(1.0, count=3, length=60)
+    for row in rows:
+        row["steps"]["nees"][30:40] = row["steps"]["nis"][30:40] = [None] * 10
+        row["steps"]["returns"][30:40] = [None] * 10
+    assert flights.pooled(rows, "nees").size == 3 * (60 - 20 - 10)
+    assert np.isfinite(flights.consistency(rows)["nis"])
+
+
+def test_remarks(navigation: ModuleType) -> None:
+    good = {"success": True, "steps": {"worst": [1.0, None, 5.9]}}
+    assert navigation.remarks(good) == []
+    lying = {"success": True, "steps": {"worst": [1.0, None, 7.0, 8.0, 2.0]}}
+    assert navigation.remarks(lying) == ["2 lies from step 2 to 3, up to 8.0 standard deviations"]
+    lost = {"success": False, "collided": False, "terminal_position_error_m": 5e3}
+    assert navigation.remarks(lost) == ["no success, 5000 m from the goal"]
+    assert navigation.remarks({"unflyable": "inside"}) == ["inside"]
+
+
+@pytest.mark.slow
+def test_measures_resumes_and_writes_the_tables(
+    navigation: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    words = ["navigation.py", "--transits", "1", "--poses", "5", "--workers", "1",
+             "--bodies", "kleopatra", "lumpy-ball", "--out", str(tmp_path / "out"),
+             "--markdown", str(tmp_path / "tables.md")]  # fmt: skip
+    monkeypatch.setattr(sys, "argv", words)
+    navigation.main()
+    text = (tmp_path / "tables.md").read_text()
+    table = {
+        cells[0]: cells[1:]
+        for line in text.splitlines()
+        if (cells := [cell.strip() for cell in line.strip("|").split("|")])[0]
+    }
+    assert table["acquiring"][0] == "5"
+    assert "| lumpy-ball | 5 | 0 | 0 | 100.00 |" in text
+    assert text.count("| attitude off by 1 degree | 1/1 |") == 2
+    for name in ("lumpy-ball", "five minutes without frames", "20 % false returns", "on navigation",
+                 "after_survey"):  # fmt: skip
+        assert f"| {name} | 1/1 |" in text
+    assert 0.0 < float(table["on navigation"][1]) < 1.1
+    times = {path: path.stat().st_mtime_ns for path in (tmp_path / "out").glob("*.json")}
+    # One at the lumpy ball, two dispersed, six hard (one is also Kleopatra's), and two to compare.
+    assert len(times) == 11
+    monkeypatch.setattr(sys, "argv", [*words, "--only", "accuracy", "dispersed", "hard", "truth"])
+    navigation.main()
+    assert {path: path.stat().st_mtime_ns for path in times} == times
+    assert "against the MPC on the true state" in capsys.readouterr().out
