@@ -28,8 +28,9 @@ from proxops.systems.navigation.phase import NavigationPhase
 # A frame with fewer returns on the body is not used. If less than this share of the returns on the
 # body agree with the prediction, the frame contradicts it.
 _FEWEST, _AGREEING = 6, 0.5
-# Normalised innovation squared over the returns used, about 1, beyond which they do not fit.
-_MISFITTING = 4.0
+# Normalised innovation squared over the returns used, about 1: beyond the first value they may not
+# fit together; beyond the second they cannot, for each by itself lies within 5 deviations.
+_MISFITTING, _IMPOSSIBLE = 4.0, 25.0
 # After so many frames in a row that contradict the prediction, the navigation is lost.
 _PATIENCE = 3
 # A frame that moves the pose by more than this (chi square of six degrees of freedom; once in 1e10
@@ -161,7 +162,7 @@ class Navigator:
         if found.shift > _SURPRISE:
             found = self._compared(self._doubted(prior, found), ranges)
         agrees = found.used >= _FEWEST and found.used >= _AGREEING * (found.used + found.rejected)
-        return found if agrees else None
+        return found if agrees and found.surprise < _IMPOSSIBLE else None
 
     def _compared(self, prior: Estimate, ranges: np.ndarray) -> Correction:
         """The correction of a prediction by a frame, with false returns left out.

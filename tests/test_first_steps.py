@@ -1,0 +1,93 @@
+"""The first steps of navigation, in which it knows little, around bodies of several forms."""
+
+import functools
+
+import numpy as np
+import pytest
+from posed_frames import BODIES, body, measured, model, poses
+from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
+
+from proxops.systems import ExpectedErrors, GravityField
+from proxops.systems.navigation import Estimate
+from proxops.systems.navigation.motion import Motion
+from proxops.systems.navigation.navigator import Navigator
+
+STEPS, SEED, MASS = 6, 3000, 100.0
+FALSE = {"false_returns": 0.2, "dropout": 0.1}
+
+
+@functools.cache
+def field(name: str) -> GravityField:
+    return GravityField(body(name), density=2500.0)
+
+
+class World:
+    """A body that turns, and a spacecraft that coasts past it about as fast as in a low orbit."""
+
+    def __init__(self, name: str):
+        size = float(body(name).extents.max())
+        self.name, self.field = name, field(name)
+        self.orbit = float(np.sqrt(6.6743e-11 * self.field.mass / size))
+        self.spin, self.period = 0.3 * self.orbit / size, 0.01 * size / self.orbit
+        expected = ExpectedErrors()
+        radius = 0.5 * float(body(name).extents.min())
+        motion = Motion(self.field, radius, self.spin, MASS, expected)
+        self.navigator = Navigator(
+            model(name), motion, expected, self.spin, self.orbit, self.period, 0
+        )
+
+    def after(self, state: np.ndarray) -> np.ndarray:
+        """The state (6,) a period later."""
+        w = np.array([0.0, 0.0, self.spin])
+
+        def rates(_time: float, y: np.ndarray) -> np.ndarray:
+            pull = self.field.evaluate(y[None, :3]).acceleration[0]
+            turning = -2.0 * np.cross(w, y[3:]) - np.cross(w, np.cross(w, y[:3]))
+            return np.concatenate([y[3:], pull + turning])
+
+        return solve_ivp(rates, (0.0, self.period), state, rtol=1e-9, atol=1e-6).y[:, -1]
+
+
+def off(now: Estimate, state: np.ndarray, turn: Rotation) -> float:
+    """The greatest error of position, velocity and attitude, in standard deviations."""
+    rotation = (Rotation.from_matrix(now.rotation) * turn.inv()).as_rotvec()
+    wrong = np.concatenate([now.state - state, rotation])
+    return float(np.max(np.abs(wrong) / np.sqrt(np.diag(now.covariance)[:9])))
+
+
+def first_steps(name: str, indices: list[int], **errors: float) -> tuple[float, float]:
+    """The share of steps with a state, and the greatest error in deviations."""
+    world, following, worst = World(name), [], 0.0
+    places = poses(name, max(indices) + 1, SEED)
+    for index in indices:
+        place, turn = places[index]
+        velocity = 0.5 * world.orbit * np.random.default_rng(index).normal(size=3)
+        state, memory = np.concatenate([place, velocity]), world.navigator.start()
+        for k in range(STEPS):
+            frame = measured(name, (state[:3], turn), SEED + 10 * index + k, **errors)
+            step = world.navigator.step(memory, frame, np.zeros(3), world.period * k)
+            memory = step.memory
+            following.append(step.now is not None)
+            if step.now is not None:
+                worst = max(worst, off(step.now, state, turn))
+            state = world.after(state)
+    return float(np.mean(following)), worst
+
+
+@pytest.mark.parametrize("errors", [{}, FALSE])
+@pytest.mark.parametrize("name", BODIES)
+def test_no_confident_lie(name: str, errors: dict) -> None:
+    """The second frame says what the velocity is; it is not to believe false returns then."""
+    following, worst = first_steps(name, [10, 11], **errors)
+    assert worst < 6.0
+    assert following > 0.8
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("errors", [{}, FALSE])
+@pytest.mark.parametrize("name", BODIES)
+def test_no_confident_lie_in_many_places(name: str, errors: dict) -> None:
+    following, worst = first_steps(name, list(range(60)), **errors)
+    assert worst < 6.5
+    assert following > 0.95
