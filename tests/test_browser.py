@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from known_navigation import navigated_log
 from matplotlib.image import imread
 from short_flights import BRIEF, kleopatra, short_scenario
 from synthetic_log import similar_log, synthetic_log
@@ -285,3 +286,28 @@ def test_map_is_seen_over_the_true_body(tmp_path: Path) -> None:
         nets.append(np.count_nonzero((blue > 0.7) & (green > 0.6) & (red < 0.65)))
     assert nets[0] > 3000
     assert nets[1] < 100
+
+
+def test_where_the_navigation_believes_to_be_is_seen(tmp_path: Path) -> None:
+    """Its marker has a colour of its own, and the panel says how far off it is."""
+    seek = (
+        "viewer.animator.pause(); const slider = document.getElementById('time');"
+        "slider.max = viewer.animator.duration; slider.value = 13; slider.oninput();"
+        "const soon = requestAnimationFrame;"
+        "const names = ['error', 'region', 'phase'];"
+        "const said = () => names.map(name => document.getElementById(name)?.textContent);"
+        "soon(() => soon(() => console.log(said().join('|'))));"
+    )
+    marks, told = [], []
+    for name, log in (("with", navigated_log(480)), ("without", synthetic_log(480, ranges=False))):
+        page, picture = tmp_path / f"{name}.html", tmp_path / f"{name}.png"
+        write_replay(log, page)
+        page.write_text(with_script(page.read_text(encoding="utf-8"), seek))
+        (line,) = complaints(photograph(page, picture, tmp_path / "profile", 6.0))
+        told += re.findall(r'"(.*\|.*)"', line)
+        red, green, blue = channels(imread(picture)[:, :, :3])
+        alike = (abs(blue - green) < 0.1) & (green > 0.3)
+        marks.append(np.count_nonzero(alike & (red < 0.65 * green)))
+    assert told == ["130 m|300 m|following", "||"]
+    assert marks[0] > 60
+    assert marks[1] < 5

@@ -4,17 +4,20 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from navigation_double import NavigationDouble, use
 from pydrake.common.value import AbstractValue
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Context, Diagram, LeafSystem, System
+from short_flights import Scripted
 
 from proxops.diagrams.flight.scenario_systems import make_mpc
 from proxops.diagrams.flight.simulation import make_simulator
 from proxops.diagrams.flight.transit_diagram import make_transit_diagram
 from proxops.diagrams.meshcat import live_view
 from proxops.diagrams.meshcat.meshcat_scene import Scene, add_plan, quiet_meshcat
+from proxops.diagrams.meshcat.navigation_scene import move_navigation
 from proxops.diagrams.scenario.body import load_body
-from proxops.diagrams.scenario.navigation_config import TrueStateConfig
+from proxops.diagrams.scenario.navigation_config import LidarNavigationConfig, TrueStateConfig
 from proxops.diagrams.scenario.scenario_config import Scenario
 from proxops.systems import ModelPredictiveController, Plan, TransitProgram
 
@@ -127,3 +130,28 @@ def test_controller_without_a_plan(plan: str, drawn: list[np.ndarray]) -> None:
 def test_plan_of_any_controller_that_has_one(drawn: list[np.ndarray]) -> None:
     flown(Silent("abstract"), quiet_meshcat(), 1.5)
     assert [positions[:, 0].tolist() for positions in drawn] == 2 * [[1e5, 2e5, 4e5]]
+
+
+def test_what_the_navigation_believes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """At each step its error and its covariance, and that of a flight without one is gone."""
+    moved = []
+
+    def noted(scene, position, region, row, times) -> None:
+        moved.append((position.copy(), region, times))
+        move_navigation(scene, position, region, row, times)
+
+    monkeypatch.setattr(live_view, "move_navigation", noted)
+    start = np.array([160e3, 0.0, 0.0, 0.0, 0.0, 0.0])
+    use(monkeypatch, NavigationDouble(lambda time: start if time > 5.0 else np.full(6, np.nan)))
+    meshcat, controller = quiet_meshcat(), Scripted(lambda _: np.zeros(3), ports=[("state", 6)])
+    scenario = Scenario(navigation=LidarNavigationConfig())
+    diagram = make_transit_diagram(scenario, controller, meshcat, BODY)
+    make_simulator(diagram, scenario).AdvanceTo(25.0)
+    assert [bool(region.known[0]) for _, region, _ in moved] == [False, True, True]
+    position, region, times = moved[-1]
+    np.testing.assert_allclose(region.errors[0], start[:3] - position)
+    np.testing.assert_allclose(region.semi_axes[0], 3.0)
+    assert times == 4e3
+    assert meshcat.HasPath("/navigation/marker")
+    flown(Silent(), meshcat, 0.5)
+    assert not meshcat.HasPath("/navigation")

@@ -324,8 +324,14 @@ def _add_view(
         abstract = port.get_data_type() == PortDataType.kAbstractValued
         if port.get_name() == "plan" and abstract:
             seen["plan"] = port
+    navigated = wiring.builder.HasSubsystemNamed("navigation")
+    if navigated:
+        known = navigation_ports(wiring.builder.GetSubsystemByName("navigation"))
+        seen |= {name: known[name] for name in ("navigation_state", "navigation_covariance")}
     scenario = wiring.scenario
     scene = Scene(meshcat, wiring.body, wiring.true_body)
     limit = scenario.spacecraft.thrust_limit_n
-    view = LiveView(scene, lidar, limit, scenario.control_period_s, with_plan="plan" in seen)
+    view = LiveView(
+        scene, lidar, limit, scenario.control_period_s, "plan" in seen, with_navigation=navigated
+    )
     add_live_view(wiring.builder, wiring.transit, view, seen)

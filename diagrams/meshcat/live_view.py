@@ -19,6 +19,12 @@ from proxops.diagrams.meshcat.meshcat_scene import (
     move_spacecraft,
     prepare_scene,
 )
+from proxops.diagrams.meshcat.navigation_scene import (
+    add_navigation,
+    exaggeration,
+    move_navigation,
+    region_of,
+)
 from proxops.diagrams.scenario import Transit
 from proxops.systems import Plan, PlanarLidar
 
@@ -32,11 +38,16 @@ class LiveView(LeafSystem):
     """Draws a flight into a Meshcat while it is simulated.
 
     ```
-    position (3), m, K ───────────────►┌──────────┐
-    force (3), N ─────────────────────►│ LiveView │
-    ranges (planes * rays), m ────────►│          │
-    plan (abstract Plan), if asked ───►└──────────┘
+    position (3), m, K ───────────────────►┌──────────┐
+    force (3), N ─────────────────────────►│ LiveView │
+    ranges (planes * rays), m ────────────►│          │
+    plan (abstract Plan), if asked ───────►│          │
+    navigation_state (6), if asked ───────►│          │
+    navigation_covariance (81), if asked ─►└──────────┘
     ```
+
+    What the navigation believes is drawn so many times too large that its ellipsoid of three
+    standard deviations is always about as large.
     """
 
     def __init__(
@@ -46,6 +57,7 @@ class LiveView(LeafSystem):
         thrust_limit: float,
         period: float,
         with_plan: bool = False,
+        with_navigation: bool = False,
     ):
         """Declares the input ports.
 
@@ -55,6 +67,7 @@ class LiveView(LeafSystem):
           thrust_limit: greatest force per axis in N.
           period: time in s from one picture to the next.
           with_plan: whether there is an input port `plan`, whose path is drawn.
+          with_navigation: whether there are input ports of what the navigation knows.
         """
         super().__init__()
         self.scene, self._thrust_limit = scene, thrust_limit
@@ -67,6 +80,12 @@ class LiveView(LeafSystem):
         if with_plan:
             model = AbstractValue.Make(None)
             self._plan_port = self.DeclareAbstractInputPort(name="plan", model_value=model)
+        self._navigation_ports = []
+        if with_navigation:
+            self._navigation_ports = [
+                self.DeclareVectorInputPort(name="navigation_state", size=6),
+                self.DeclareVectorInputPort(name="navigation_covariance", size=81),
+            ]
         self.DeclarePeriodicPublishEvent(period_sec=period, offset_sec=0.0, publish=self._draw)
 
     def _draw(self, context) -> None:
@@ -80,6 +99,11 @@ class LiveView(LeafSystem):
             # controller will store; it is cached, and not solved again.
             plan: Plan = self._plan_port.Eval(context)
             add_plan(self.scene, plan.states[:, :3])
+        if self._navigation_ports:
+            state, covariance = (port.Eval(context) for port in self._navigation_ports)
+            block = covariance.reshape(9, 9)[:3, :3]
+            region = region_of((state[:3] - position)[None], block[None])
+            move_navigation(self.scene, position, region, 0, exaggeration(region, self.scene.unit))
 
 
 def add_live_view(
@@ -102,6 +126,9 @@ def add_live_view(
     add_keep_out(scene)
     add_goal(scene, transit.goal)
     add_spacecraft(scene)
+    scene.meshcat.Delete("/navigation")  # Of an earlier flight.
+    if "navigation_state" in sources:
+        add_navigation(scene)
     look_at_flight(scene, np.stack([transit.start, transit.goal]))
     builder.AddNamedSystem("live_view", view)
     for name, port in sources.items():

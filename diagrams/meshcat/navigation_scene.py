@@ -24,9 +24,9 @@ from proxops.systems.common import LARGEST
 NAVIGATION = Rgba(0.35, 0.95, 0.95)
 _REGION = Rgba(0.35, 0.95, 0.95, 0.22)
 _DEVIATIONS = 3.0
-# Lengths in Meshcat units: what the median of the ellipsoid's greatest semi-axis is drawn as, at
-# most; what no semi-axis is drawn longer than; and what none is drawn shorter than.
-_USUAL, _LARGEST, _SMALLEST = 0.1, 0.4, 0.004
+# Lengths in Meshcat units: about what the median of the ellipsoid's greatest semi-axis is drawn as;
+# what no semi-axis is drawn longer than; and what none is drawn shorter than.
+_USUAL, _LARGEST, _SMALLEST = 0.12, 0.4, 0.004
 # The rotations that map the axes of a frame onto each other, as matrices (24, 3, 3).
 _TURNS = np.array(
     [
@@ -55,18 +55,27 @@ class Region(NamedTuple):
 
 
 def navigation_region(data: xr.Dataset) -> Region:
-    """Gives what the navigation of a log believes of the position.
+    """Gives what the navigation of a log believes of the position in each row."""
+    errors, _ = navigation_errors(data)
+    known = np.isfinite(errors).all(axis=1)
+    blocks = np.where(known[:, None, None], data["navigation_covariance"].values[:, :3, :3], np.nan)
+    return region_of(-errors[:, :3], blocks)
+
+
+def region_of(errors: np.ndarray, covariances: np.ndarray) -> Region:
+    """Gives the region of believed less true positions (N, 3), in m in K, from what is believed.
 
     The axes turn as little as they can from row to row, so that an animation does not spin them.
+
+    Args:
+      errors: believed less true positions. covariances: (N, 3, 3) of them, in m^2; NaN: none.
     """
-    errors, _ = navigation_errors(data)
     count = len(errors)
-    region = Region(-errors[:, :3], np.full((count, 3), np.nan), np.tile(np.eye(3), (count, 1, 1)))
-    blocks = data["navigation_covariance"].values[:, :3, :3]
-    known = np.isfinite(errors).all(axis=1) & (np.abs(blocks) < LARGEST).all(axis=(1, 2))
+    region = Region(errors, np.full((count, 3), np.nan), np.tile(np.eye(3), (count, 1, 1)))
+    known = np.isfinite(errors).all(axis=1) & (np.abs(covariances) < LARGEST).all(axis=(1, 2))
     last = np.eye(3)
     for row in np.flatnonzero(known):
-        variances, vectors = np.linalg.eigh(0.5 * (blocks[row] + blocks[row].T))
+        variances, vectors = np.linalg.eigh(0.5 * (covariances[row] + covariances[row].T))
         vectors[:, 2] *= np.linalg.det(vectors)
         turns = vectors @ _TURNS
         turn = int(np.argmax(np.einsum("kij,ij->k", turns, last)))
@@ -78,7 +87,7 @@ def navigation_region(data: xr.Dataset) -> Region:
 
 
 def exaggeration(region: Region, unit: float) -> float:
-    """Gives how many times too large errors are drawn: a power of ten.
+    """Gives how many times too large errors are drawn: a number with one digit.
 
     Args:
       region: what is drawn.
@@ -86,7 +95,7 @@ def exaggeration(region: Region, unit: float) -> float:
     """
     largest = region.semi_axes[region.known].max(axis=1, initial=0.0)
     usual = float(np.median(largest)) if largest.size else 0.0
-    return 10.0 ** max(0.0, np.floor(np.log10(_USUAL * unit / max(usual, 1e-6 * unit))))
+    return float(f"{max(1.0, _USUAL * unit / max(usual, 1e-6 * unit)):.0e}")
 
 
 def add_navigation(scene: Scene) -> None:

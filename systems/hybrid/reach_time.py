@@ -92,7 +92,7 @@ class ReachModel:
           longest: greatest number of steps to look at.
           position_error, velocity_error: bounds, in m and m/s, of the errors of the state.
           stopping: whether the spacecraft must also be able to stop before the ellipsoid after
-          them.
+            them.
         """
         return int(
             _steps_out_of_reach(
