@@ -21,7 +21,7 @@ from proxops.systems.navigation.frame_model import FrameModel
 from proxops.systems.navigation.map_error import MapError
 from proxops.systems.navigation.motion import Motion
 from proxops.systems.navigation.navigator import Navigator, Step
-from proxops.systems.shapes import ray_caster
+from proxops.systems.shapes import Polyhedron, displaced, ray_caster
 
 MASS, NOISE, PERIOD = 100.0, 50.0, 10.0
 ATTITUDE = Rotation.from_rotvec(np.radians([0.6, -0.5, 0.62]))  # 1 degree.
@@ -71,9 +71,9 @@ def flight(count: int = 70, start: tuple[float, ...] = (140e3, 70e3, -40e3), see
     return Flight(np.array(states), np.array(forces), frames)
 
 
-def frame(place: np.ndarray, seed: int, turn: Rotation = ATTITUDE) -> np.ndarray:
-    distances, facets, _ = ray_caster(kleopatra().shape).first_hits(
-        place, turn.apply(DEFAULT_GEOMETRY.directions)
+def frame(place: np.ndarray, seed: int, body: Polyhedron | None = None) -> np.ndarray:
+    distances, facets, _ = ray_caster(body or kleopatra().shape).first_hits(
+        place, ATTITUDE.apply(DEFAULT_GEOMETRY.directions)
     )
     noisy = distances + NOISE * np.random.default_rng(seed).normal(size=distances.size)
     return np.where((facets >= 0) & (noisy < DEFAULT_GEOMETRY.max_range), noisy, np.inf)
@@ -261,6 +261,28 @@ def test_a_push_that_nobody_expected() -> None:
         memory = step.memory
         assert memory.phase == FOLLOWING
     assert is_close(step.now, after.states[-1])
+
+
+@pytest.mark.parametrize("rms", [110.0, 400.0])
+def test_a_map_that_is_wrong_as_told(rms: float) -> None:
+    """The error of the map is the same from frame to frame, and the covariance knows it."""
+    flown, body = flight(), kleopatra()
+    true = displaced(body.shape, rms, 15e3, 5)
+    expected = ExpectedErrors(surface=rms)
+    model = FrameModel(body.shape, DEFAULT_GEOMETRY, NOISE, MapError(body.shape, rms, 15e3))
+    motion = Motion(body.gravity_field, 40e3, body.spin_rate, MASS, expected)
+    made = Navigator(model, motion, expected, body.spin_rate, 30.0, PERIOD, 0)
+    memory, sigma = made.start(), np.inf
+    for k, state in enumerate(flown.states[:40]):
+        ranges = frame(state[:3], 500 + k, body=true)
+        step = made.step(memory, ranges, flown.forces[k], PERIOD * k)
+        memory = step.memory
+        assert memory.phase == FOLLOWING
+        assert inside(step.now, state)
+        assert step.now is not None
+        sigma = float(np.sqrt(np.trace(step.now.covariance[:3, :3])))
+    # As many frames of noise alone would leave a hundredth of this.
+    assert 0.2 * rms < sigma < 5.0 * rms
 
 
 # --- the system -----------------------------------------------------------------------------------

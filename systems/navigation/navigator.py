@@ -165,13 +165,15 @@ class Navigator:
         return found if agrees and found.surprise < _IMPOSSIBLE else None
 
     def _compared(self, prior: Estimate, ranges: np.ndarray) -> Correction:
-        """The correction of a prediction by a frame, with false returns left out.
+        """The correction of a prediction by a frame.
 
-        If the prediction is uncertain, as it is in the second frame of all, it cannot tell false
-        returns. But they do not fit together, and then the frame alone says which they are.
+        If the place is known worse than a range, as it is in the second frame of all, false returns
+        are hard to tell, and the linear update may go astray. Then returns do not fit together, and
+        the frame alone says where to begin.
         """
         found = corrected(self.model, prior, ranges)
-        if not found.surprise > _MISFITTING:
+        variance = np.trace(prior.covariance[POSITION, POSITION])
+        if not (found.surprise > _MISFITTING and variance > self.model.noise_std**2):
             return found
         pose = acquire(self.model, ranges, prior.rotation, self._expected.attitude)
         if pose is None:
