@@ -51,13 +51,13 @@ class Region(NamedTuple):
     @property
     def known(self) -> np.ndarray:
         """Tells (N,) in which rows there is a region."""
-        return np.isfinite(self.semi_axes).all(axis=1)
+        return np.asarray(np.isfinite(self.semi_axes).all(axis=1))
 
 
 def navigation_region(data: xr.Dataset) -> Region:
     """Gives what the navigation of a log believes of the position in each row."""
     errors, _ = navigation_errors(data)
-    known = np.isfinite(errors).all(axis=1)
+    known = np.asarray(np.isfinite(errors).all(axis=1))
     blocks = np.where(known[:, None, None], data["navigation_covariance"].values[:, :3, :3], np.nan)
     return region_of(-errors[:, :3], blocks)
 
