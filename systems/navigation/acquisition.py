@@ -41,7 +41,11 @@ class Acquired(NamedTuple):
 
 
 def acquire(
-    model: FrameModel, ranges: np.ndarray, attitude: np.ndarray, attitude_std: float
+    model: FrameModel,
+    ranges: np.ndarray,
+    attitude: np.ndarray,
+    attitude_std: float,
+    thorough: bool = False,
 ) -> Acquired | None:
     """Finds the pose from a frame (planes * rays,) in m, +inf for no return.
 
@@ -49,6 +53,7 @@ def acquire(
       model: predicts frames.
       ranges: the frame.
       attitude: R_KS (3, 3) as known. attitude_std: its standard deviation in rad.
+      thorough: starts from many places at once, not from the mean of the returns.
 
     Returns:
       The pose, or None if none explains the frame.
@@ -71,10 +76,12 @@ def acquire(
         return best if best.misfit < allowed else None
 
     outwards = -mean / np.linalg.norm(mean)
-    guesses = [-mean + share * size * outwards for share in _BEYOND]
-    return tried([_with_mean(model, guess, attitude, mean) for guess in guesses]) or tried(
-        _likely_places(model, -mean + 0.15 * size * outwards, attitude, ranges, rays)
-    )
+    found = None
+    if not thorough:
+        guesses = [-mean + share * size * outwards for share in _BEYOND]
+        found = tried([_with_mean(model, guess, attitude, mean) for guess in guesses])
+    middle = -mean + 0.15 * size * outwards
+    return found or tried(_likely_places(model, middle, attitude, ranges, rays))
 
 
 def _neighbourly(model: FrameModel, ranges: np.ndarray) -> np.ndarray:

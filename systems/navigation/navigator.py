@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from threadpoolctl import ThreadpoolController
 
-from proxops.systems.navigation.acquisition import acquire
+from proxops.systems.navigation.acquisition import Acquired, acquire
 from proxops.systems.navigation.correction import Correction, corrected
 from proxops.systems.navigation.estimate import (
     ATTITUDE,
@@ -31,6 +31,9 @@ _FEWEST, _AGREEING = 6, 0.5
 # Normalised innovation squared over the returns used, about 1: beyond the first value they may not
 # fit together; beyond the second they cannot, for each by itself lies within 5 deviations.
 _MISFITTING, _IMPOSSIBLE = 4.0, 25.0
+# A first frame whose normalised innovation squared is so many standard deviations above 1 may be
+# explained by a wrong place.
+_UNLIKELY = 5.0
 # After so many frames in a row that contradict the prediction, the navigation is lost.
 _PATIENCE = 3
 # A frame that moves the pose by more than this (chi square of six degrees of freedom; once in 1e10
@@ -200,7 +203,19 @@ class Navigator:
         self, ranges: np.ndarray, attitude: np.ndarray, spent: float
     ) -> Correction | None:
         """The estimate from a frame alone, after a velocity change of `spent` m/s."""
-        pose = acquire(self.model, ranges, attitude, self._expected.attitude)
+        std = self._expected.attitude
+        found = self._from(acquire(self.model, ranges, attitude, std), ranges, attitude, spent)
+        if found is None or found.surprise <= 1.0 + _UNLIKELY * np.sqrt(2.0 / found.used):
+            return found
+        # Close to the body another place may look alike.
+        pose = acquire(self.model, ranges, attitude, std, thorough=True)
+        other = self._from(pose, ranges, attitude, spent)
+        return found if other is None or other.surprise > found.surprise else other
+
+    def _from(
+        self, pose: Acquired | None, ranges: np.ndarray, attitude: np.ndarray, spent: float
+    ) -> Correction | None:
+        """The estimate from a frame and the pose that explains it."""
         if pose is None:
             return None
         modes = self.model.map_error.modes
