@@ -1,5 +1,7 @@
 """The derivatives of a predicted frame, against differences of ray-cast ranges."""
 
+import functools
+
 import numpy as np
 import pytest
 import trimesh
@@ -27,9 +29,10 @@ GEOMETRY = LidarGeometry(planes=60, rays=720)
 SIZE_COLUMN = 6
 
 
-def egg(subdivisions: int = 5) -> Polyhedron:
+@functools.cache
+def egg() -> Polyhedron:
     """Smooth and without symmetry: round, so that neighbouring facets differ little."""
-    ball = trimesh.creation.icosphere(subdivisions)
+    ball = trimesh.creation.icosphere(5)
     x, y, z = ball.vertices.T
     points = np.stack([100e3 * x + 12e3 * y * z, 60e3 * y * (1.0 + 0.2 * x), 50e3 * z], axis=1)
     return Polyhedron(points, ball.faces, "egg")
