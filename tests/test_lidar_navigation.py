@@ -249,7 +249,7 @@ def test_lost_says_nothing_and_finds_itself() -> None:
 def test_a_push_that_nobody_expected() -> None:
     """20 m/s at once: it sees it in the next frame, and knows the velocity soon after."""
     before, after = flight(30), flight(40, (150e3, 20e3, 60e3), 7)
-    # The second flight starts where the first one would be 200 m from where it is expected.
+    # The mean is put to where the second flight starts, with another velocity than that has.
     steps = follow(before, before.frames)
     memory = steps[-1].memory
     assert memory.estimate is not None
