@@ -188,6 +188,7 @@ def test_constants_make_a_sane_body(mesh: trimesh.Trimesh, constants: dict) -> N
     assert synchronous == pytest.approx(123.58e3, rel=1e-4)  # m
 
 
+@pytest.mark.slow
 def test_shipped_mesh_is_what_the_builder_makes(
     mesh: trimesh.Trimesh, sections: np.ndarray, tmp_path
 ) -> None:

@@ -188,6 +188,7 @@ def test_no_scheduler(tmp_path: Path) -> None:
         run_campaign(flights(1), tmp_path, workers=Workers(scheduler="tcp://127.0.0.1:9"))
 
 
+@pytest.mark.slow
 def test_a_local_cluster_listens_on_this_machine_alone() -> None:
     """Whoever reaches a scheduler or a worker can run code; the dashboard shows what runs."""
     with contextlib.closing(Workers(2).results(flights(4), attrgetter("name"))) as results:

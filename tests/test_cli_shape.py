@@ -353,6 +353,7 @@ def test_scaled_scenarios_have_transits(seed, size, density, period) -> None:
         draw_transit(10000, index, scenario, body)
 
 
+@pytest.mark.slow
 def test_flight_at_a_body_that_was_set_up_by_itself(shape, tmp_path: Path) -> None:
     """A damaged contact binary of 500 m, from its mesh in metres to the goal behind it."""
     mesh = contact_binary(500.0, 4)

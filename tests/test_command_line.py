@@ -105,6 +105,7 @@ def test_fly_as_json(
     assert printed == json.loads((tmp_path / "out" / "summary.json").read_text())
 
 
+@pytest.mark.slow
 def test_pipes_get_plain_text(tmp_path: Path) -> None:
     """There are no colours and no bars; results and remarks go to different streams."""
     ran = run("shape", asset_path("kleopatra/kleopatra.obj"), folder=tmp_path)

@@ -327,6 +327,7 @@ def test_another_bundle_by_its_folder(bundle: Path, tmp_path: Path) -> None:
     assert len(set(names)) == 2
 
 
+@pytest.mark.slow
 def test_commands(bundle: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(console, "width", 200)

@@ -69,7 +69,9 @@ def test_flies_resumes_and_writes_the_table(
     bundle = write_policy(tmp_path / "policy", DeadReckoning())
     brief = {"arrival.deadline_s": 50.0, "arrival.dwell_s": 50.0}
     monkeypatch.setattr(
-        trade, "load_scenario", lambda path, settings: load_scenario(path, settings | brief)
+        trade,
+        "load_scenario",
+        lambda path, settings, **options: load_scenario(path, settings | brief, **options),
     )
     words = ["hybrid.py", "--policy", str(bundle), "--transits", "2", "--workers", "1",
              "--out", str(tmp_path / "out"), "--markdown", str(tmp_path / "table.md"),

@@ -245,6 +245,7 @@ def test_no_bundle_is_refused(run, capsys) -> None:
     assert "proxops train makes one" in error
 
 
+@pytest.mark.slow
 def test_evaluate(run, reckoning: Path, tmp_path: Path) -> None:
     code = run(
         "evaluate", "--controllers", "policy,pd,zero", "--transits", 2, "--workers", 1,

@@ -115,6 +115,7 @@ def test_room_to_stop_without_gravity_or_spin() -> None:
     assert model.steps_out_of_reach(fast, STEP, 200) > 10
 
 
+@pytest.mark.slow
 def test_straight_out_thrust_stops_what_was_pushed_in(model: ReachModel) -> None:
     """Pushed in for as long as there is room, then out: hardly any flight touches the ellipsoid."""
     starts = random_starts(60, 5)

@@ -206,6 +206,7 @@ def test_lines_can_be_chosen(robustness: ModuleType) -> None:
         robustness.chosen(lines, ["truth.spn"])
 
 
+@pytest.mark.slow
 def test_starts(robustness: ModuleType) -> None:
     body = kleopatra()
     starts, goals = {}, {}

@@ -60,6 +60,7 @@ def state_of(simulator, craft):
     return craft.GetOutputPort("state").Eval(craft.GetMyContextFromRoot(simulator.get_context()))
 
 
+@pytest.mark.slow
 def test_jacobi_integral_is_conserved_over_ten_hours():
     body = load_body("kleopatra")
     start = np.array([150e3, 20e3, 30e3, -5.0, 18.0, -6.0])

@@ -301,6 +301,7 @@ def test_worlds_that_cannot_be_flown() -> None:
         fly(short_scenario(truth__size=3.0), "zero", body=kleopatra())
 
 
+@pytest.mark.slow
 def test_campaigns_count_them_apart_and_resume(tmp_path: Path) -> None:
     worlds = tmp_path / "worlds.yaml"
     worlds.write_text("truth.mass: {choice: [1.0, 900.0]}\n")

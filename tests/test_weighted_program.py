@@ -102,7 +102,7 @@ def test_without_limits_it_is_the_least_squares_solution(weights, push):
 
 
 def weighted(*overrides: str) -> Scenario:
-    return load_scenario(None, ["mpc.cost=weighted", *overrides])
+    return load_scenario(None, ["mpc.cost=weighted", *overrides], on_true_state=True)
 
 
 @pytest.mark.parametrize("index", range(5))
