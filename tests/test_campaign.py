@@ -104,6 +104,7 @@ def test_one_worker(tmp_path: Path, flown: list[str]) -> None:
     assert json.loads((tmp_path / f"{flown[1]}.json").read_text())["summary"] == rows[1]
 
 
+@pytest.mark.slow
 def test_two_workers_give_the_same_rows(tmp_path: Path) -> None:
     alone = run_campaign(flights(4), tmp_path / "alone", workers=Workers(1))
     together = run_campaign(flights(4), tmp_path / "together", workers=Workers(2), keep_logs=True)

@@ -41,6 +41,7 @@ def test_drawn_surfaces_are_reproduced(seed: int) -> None:
     assert rms(drawn - errors.table @ fit) < 0.15 * STD
 
 
+@pytest.mark.slow
 def test_coefficients_have_variance_one() -> None:
     """Chi square of those that are told well apart; their sizes are independent."""
     errors = map_error()
@@ -125,6 +126,7 @@ def test_longer_correlation_needs_fewer() -> None:
     assert counts[0] > counts[1] > counts[2] > 0
 
 
+@pytest.mark.slow
 def test_a_large_mesh_is_interpolated() -> None:
     """The functions of a fine mesh are those of the same body with fewer facets."""
     coarse, fine = (ellipsoid(subdivisions) for subdivisions in (3, 5))

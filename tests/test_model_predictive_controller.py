@@ -253,6 +253,7 @@ def hard_states() -> dict[str, tuple[np.ndarray, np.ndarray]]:
     return states
 
 
+@pytest.mark.slow
 def test_any_state_is_answered():
     for name, (state, target) in hard_states().items():
         context = alone(state, target)
