@@ -18,7 +18,7 @@ import numpy as np
 
 # Rays that meet the surface at a flatter angle (cosine of the incidence) are not used: there the
 # range changes too fast with everything.
-_FLATTEST = 0.15
+FLATTEST = 0.15
 _HEAD = 10
 # A beam on an edge between two facets does not read what it would read on one plane. The error is
 # this share of what the beam's width changes the range by.
@@ -54,7 +54,7 @@ def rows_of_frame(
         nx, ny, nz = normals[k, 0], normals[k, 1], normals[k, 2]
         r = found[k]
         q = -(nx * dx + ny * dy + nz * dz)
-        if q < _FLATTEST:
+        if q < FLATTEST:
             continue
         slant = math.sqrt(max(1.0 - q * q, 0.0))
         px, py, pz = position[0] + r * dx, position[1] + r * dy, position[2] + r * dz

@@ -16,7 +16,7 @@ import numba
 import numpy as np
 
 # The layout of `estimate`, as plain numbers for the compiler.
-_P, _V, _A, _CONSTANT, _VARYING, _GRAVITY = 0, 3, 6, 9, 12, 15
+_V, _A, _CONSTANT, _VARYING, _GRAVITY = 3, 6, 9, 12, 15
 _SPIN, _CENTRE, _THRUST, _DIRECTION, _PROPELLANT, _BASE = 16, 19, 22, 25, 28, 33
 
 # What is left of the mass is more than this share, whatever the estimate is.

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from proxops.systems.navigation._frame_kernel import FLATTEST
 from proxops.systems.navigation._motion_kernel import turned
 from proxops.systems.navigation.frame_model import FrameModel
 
@@ -136,7 +137,7 @@ def _fitted(
         directions, r = directions[met], distances[met]
         normals = model.normals[facets[met]]
         q = -np.einsum("ki,ki->k", normals, directions)
-        usable = q > 0.15
+        usable = q >= FLATTEST
         directions, normals, r, q = directions[usable], normals[usable], r[usable], q[usable]
         e = q * (measured[met][usable] - r)
         if e.size < _FEWEST:

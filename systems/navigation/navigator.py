@@ -181,10 +181,7 @@ class Navigator:
         pose = acquire(self.model, ranges, prior.rotation, self._expected.attitude)
         if pose is None:
             return found
-        start = np.zeros(prior.mean.size)
-        start[POSITION] = pose.position - prior.mean[POSITION]
-        start[ATTITUDE] = Rotation.from_matrix(pose.rotation @ prior.rotation.T).as_rotvec()
-        again = corrected(self.model, prior, ranges, start)
+        again = corrected(self.model, prior, ranges, _way_to(pose, prior))
         return again if again.surprise < found.surprise else found
 
     def _doubted(self, prior: Estimate, found: Correction) -> Estimate:
@@ -229,7 +226,13 @@ class Navigator:
             self._speed,
             spent,
         )
-        start = np.zeros(BASE + modes)
-        start[ATTITUDE] = Rotation.from_matrix(pose.rotation @ attitude.T).as_rotvec()
-        found = corrected(self.model, prior, ranges, start)
+        found = corrected(self.model, prior, ranges, _way_to(pose, prior))
         return found if found.used >= _FEWEST else None
+
+
+def _way_to(pose: Acquired, prior: Estimate) -> np.ndarray:
+    """What the prior's mean (n,) is to be moved by so that it is at the pose."""
+    way = np.zeros(prior.mean.size)
+    way[POSITION] = pose.position - prior.mean[POSITION]
+    way[ATTITUDE] = Rotation.from_matrix(pose.rotation @ prior.rotation.T).as_rotvec()
+    return way
