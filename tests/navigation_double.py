@@ -33,6 +33,7 @@ class NavigationDouble(LeafSystem):
             ("attitude", 4, lambda c, output: output.SetFromVector(self.attitude(c.get_time()))),
             ("covariance", 81, lambda c, output: output.SetFromVector(np.eye(9).ravel())),
             ("record", 5, self._calc_record),
+            ("return_use", rays, lambda c, output: output.SetFromVector(np.ones(rays))),
         ):
             self.DeclareVectorOutputPort(name, size, calc, prerequisites_of_calc=depends)
 

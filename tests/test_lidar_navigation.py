@@ -2,6 +2,7 @@
 
 import functools
 from collections.abc import Callable
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -13,10 +14,11 @@ from short_flights import BRIEF, PdController, Scripted, kleopatra, short_scenar
 
 from proxops.diagrams.flight.simulation import fly, make_simulator
 from proxops.diagrams.flight.transit_diagram import make_transit_diagram
+from proxops.diagrams.logs import FlightLog
 from proxops.diagrams.scenario import LidarNavigationConfig, Scenario
 from proxops.systems import ExpectedErrors, InputError, LidarNavigation, NavigationPhase
 from proxops.systems.lidar import DEFAULT_GEOMETRY
-from proxops.systems.navigation import Estimate
+from proxops.systems.navigation import Estimate, ReturnUse
 from proxops.systems.navigation.frame_model import FrameModel
 from proxops.systems.navigation.map_error import MapError
 from proxops.systems.navigation.motion import Motion
@@ -291,8 +293,9 @@ def test_a_map_that_is_wrong_as_told(rms: float) -> None:
 def test_ports() -> None:
     system = navigation()
     inputs = {p.get_name(): p.size() for p in map(system.get_input_port, range(2))}
-    outputs = {p.get_name(): p.size() for p in map(system.get_output_port, range(4))}
+    outputs = {p.get_name(): p.size() for p in map(system.get_output_port, range(5))}
     assert inputs == {"ranges": 4320, "commanded_force": 3}
+    assert outputs.pop("return_use") == 4320
     assert outputs == {"state": 6, "attitude": 4, "covariance": 81, "record": 5}
     logged = system.logged_ports()
     assert list(logged) == [f"navigation_{name}" for name in outputs]
@@ -340,6 +343,28 @@ def test_the_first_frame() -> None:
     assert used + rejected <= np.isfinite(flown.frames[0]).sum()
     assert surprise == pytest.approx(1.0, abs=0.4)
     assert phase == FOLLOWING
+
+
+def test_false_returns_are_rejected_and_others_used() -> None:
+    """A return that is twice as far as the surface is false."""
+    system, flown = navigation(), flight()
+    memory = system._navigator.step(
+        system._navigator.start(), flown.frames[0], np.zeros(3), 0.0
+    ).memory
+    ranges = flown.frames[1].copy()
+    returned = np.flatnonzero(np.isfinite(ranges))
+    false = returned[::7]
+    ranges[false] *= 2.0
+    context = told(system, ranges, flown.forces[1], PERIOD)
+    context.SetDiscreteState(system._packed(memory))
+    found = system.GetOutputPort("return_use").Eval(context)
+    record = system.GetOutputPort("record").Eval(context)
+    used, rejected = (np.flatnonzero(found == use) for use in (ReturnUse.USED, ReturnUse.REJECTED))
+    assert set(rejected) <= set(false)
+    assert rejected.size > 0.5 * false.size
+    assert set(used) <= set(returned) - set(false)
+    assert used.size > 0.5 * returned.size
+    assert (used.size, rejected.size) == (record[1], record[2])
 
 
 def through_ports(system: LidarNavigation, flown: Flight, count: int) -> list[dict]:
@@ -468,3 +493,28 @@ def test_a_cloned_context_continues_bit_for_bit() -> None:
     ends.append(seen(system, system.GetMyContextFromRoot(second.get_context())))
     for name in ends[0]:
         np.testing.assert_array_equal(ends[0][name], ends[1][name])
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"truth__lidar__false_returns": 0.1, "disturbance": {}},
+        {"truth__lidar__latency_steps": 1, "mpc__solve_delay_s": 3.0},
+    ],
+)
+def test_the_log_says_what_became_of_each_return(changes: dict, tmp_path: Path) -> None:
+    """It is made after the flight; the counts were recorded in it."""
+    data = fly(on_lidar(**BRIEF, **changes), body=kleopatra()).dataset
+    use = data["navigation_return_use"].values
+    rows = slice(0, -1)  # The flight may end between two steps.
+    for kind, name in ((ReturnUse.USED, "returns"), (ReturnUse.REJECTED, "rejected")):
+        recorded = data[f"navigation_{name}"].values[rows]
+        np.testing.assert_array_equal((use == kind).sum(axis=(1, 2))[rows], recorded)
+    assert not use[~np.isfinite(data["ranges"].values)].any()
+    assert (use == ReturnUse.USED).sum() > 100
+    assert "navigation_command" not in data
+    path = tmp_path / "flight.nc"
+    FlightLog(data, kleopatra()).to_netcdf(path)
+    kept = FlightLog.load(path).dataset["navigation_return_use"]
+    np.testing.assert_array_equal(kept, use)
+    assert kept.attrs["flag_meanings"] == "not_used used rejected"

@@ -153,5 +153,7 @@ def test_what_the_navigation_believes(monkeypatch: pytest.MonkeyPatch) -> None:
     np.testing.assert_allclose(region.semi_axes[0], 3.0)
     assert times == 4e3
     assert meshcat.HasPath("/navigation/marker")
+    assert meshcat.HasPath("/lidar/now/rejected")
     flown(Silent(), meshcat, 0.5)
     assert not meshcat.HasPath("/navigation")
+    assert not meshcat.HasPath("/lidar/now/rejected")

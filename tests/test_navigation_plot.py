@@ -7,8 +7,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from synthetic_log import synthetic_log
 
-from proxops.diagrams.plots import plot_navigation
+from proxops.diagrams.logs import FlightLog
+from proxops.diagrams.plots import plot_frame, plot_navigation
 from proxops.systems import InputError
+from proxops.systems.navigation import ReturnUse
 
 
 @pytest.fixture(scope="module")
@@ -64,3 +66,37 @@ def test_flights_that_end_at_once(steps: int, tmp_path) -> None:
 def test_a_flight_without_a_navigation_is_refused() -> None:
     with pytest.raises(InputError, match="has no navigation"):
         plot_navigation(synthetic_log(3, ranges=False))
+
+
+def test_a_frame_beside_what_the_map_predicts() -> None:
+    """At the true pose, of a noiseless frame in which two returns are false."""
+    plain = synthetic_log(3)
+    state = plain.dataset["state"].copy()
+    ranges = plain.dataset["ranges"].values.copy()
+    use = np.where(np.isfinite(ranges), ReturnUse.USED, ReturnUse.NOT_USED).astype(np.int8)
+    false = np.flatnonzero(np.isfinite(ranges[2]))[[5, 9]]
+    ranges[2].reshape(-1)[false] += 20e3
+    use[2].reshape(-1)[false] = ReturnUse.REJECTED
+    columns = {
+        "navigation_state": state,
+        "navigation_attitude": (("time", "quaternion"), np.tile([1.0, 0.0, 0.0, 0.0], (4, 1))),
+        "navigation_return_use": (("time", "plane", "ray"), use),
+        "ranges": (("time", "plane", "ray"), ranges),
+    }
+    log = FlightLog(plain.dataset.assign(columns), plain.body)
+    shown = plot_frame(log, 2)
+    count = np.isfinite(ranges[2]).sum()
+    texts = [text.get_text() for text in shown.legends[0].get_texts()]
+    assert texts == ["predicted", f"used: {count - 2}", "rejected: 2", "left alone: 0"]
+    used, rejected = (shown.axes[1].lines[k] for k in (0, 1))
+    np.testing.assert_allclose(values(shown.axes[1], 0), 0.0, atol=1.0)
+    np.testing.assert_allclose(np.asarray(rejected.get_xdata()), [5, 9])
+    np.testing.assert_allclose(values(shown.axes[1], 1), 20e3, atol=1.0)
+    assert len(np.asarray(used.get_xdata())) == count - 2
+    with pytest.raises(InputError, match="there is no row 4"):
+        plot_frame(log, 4)
+    with pytest.raises(InputError, match="does not say what became"):
+        plot_frame(plain, 2)
+    columns["navigation_state"] = (("time", "component"), np.full((4, 6), np.nan))
+    with pytest.raises(InputError, match="has no state"):
+        plot_frame(FlightLog(plain.dataset.assign(columns), plain.body), 2)

@@ -11,6 +11,7 @@ from synthetic_log import synthetic_log
 from test_replay import known, messages
 
 from proxops.diagrams.logs import FlightLog
+from proxops.diagrams.meshcat import meshcat_scene
 from proxops.diagrams.meshcat.meshcat_scene import Scene, quiet_meshcat
 from proxops.diagrams.meshcat.navigation_scene import (
     add_navigation,
@@ -19,6 +20,7 @@ from proxops.diagrams.meshcat.navigation_scene import (
     navigation_region,
 )
 from proxops.diagrams.meshcat.replay import add_flight, write_replay
+from proxops.systems.navigation import ReturnUse
 
 UNIT = 100e3
 
@@ -143,6 +145,56 @@ def test_panel_of_a_flight_without_a_navigation(tmp_path: Path) -> None:
     page = (tmp_path / "replay.html").read_text(encoding="utf-8")
     assert known(page)["navigation"] is None
     assert "3σ" not in page
+
+
+def judged_log() -> FlightLog:
+    """A flight's returns: all used, but in odd rows ten are rejected, and one is not used."""
+    log = synthetic_log(20)
+    use = np.where(np.isfinite(log.dataset["ranges"].values), ReturnUse.USED, ReturnUse.NOT_USED)
+    for row in range(1, len(use), 2):
+        rays = np.flatnonzero(use[row] == ReturnUse.USED)
+        use[row].reshape(-1)[rays[:10]] = ReturnUse.REJECTED
+        use[row].reshape(-1)[rays[-1]] = ReturnUse.NOT_USED
+    columns = navigated_log(20).dataset.drop_dims(["vertex", "facet"])
+    columns = columns[[name for name in columns if str(name).startswith("navigation_")]]
+    use_column = (("time", "plane", "ray"), use.astype(np.int8))
+    return FlightLog(log.dataset.merge(columns).assign(navigation_return_use=use_column), log.body)
+
+
+def clouds(meshcat: Meshcat, monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, int]]:
+    """The names of the points that a replay adds, and how many there are."""
+    added = []
+
+    def noted(scene, name, places, colour, size) -> None:
+        added.append((name, len(places)))
+        add_points(scene, name, places, colour, size)
+
+    add_points = meshcat_scene._add_points
+    monkeypatch.setattr(meshcat_scene, "_add_points", noted)
+    add_flight(meshcat, judged_log())
+    return added
+
+
+def test_returns_are_shown_by_their_use(
+    meshcat: Meshcat, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    added = dict(clouds(meshcat, monkeypatch))
+    returns = np.isfinite(judged_log().dataset["ranges"].values).sum(axis=(1, 2))
+    for row, odd in ((4, False), (5, True)):
+        counts = [added[f"/lidar/row_{row:04d}/{use.name.lower()}"] for use in ReturnUse]
+        used = returns[row] - 11 * odd
+        assert counts == [odd, used, 10 * odd]
+        assert meshcat.HasPath(f"/lidar/row_{row:04d}/used")
+    write_replay(judged_log(), tmp_path / "replay.html")
+    page = (tmp_path / "replay.html").read_text(encoding="utf-8")
+    for text in ("lidar returns that it used", "rejected", "left alone"):
+        assert f"</i> {text}<" in page
+
+
+def test_returns_that_nothing_judged_have_one_colour(meshcat: Meshcat, tmp_path: Path) -> None:
+    add_flight(meshcat, synthetic_log(3))
+    assert meshcat.HasPath("/lidar/row_0000")
+    assert not meshcat.HasPath("/lidar/row_0000/used")
 
 
 @pytest.mark.parametrize("steps", [0, 1, 4])

@@ -11,6 +11,7 @@ import numpy as np
 from pydrake.systems.framework import Context, Diagram, System
 from pydrake.systems.primitives import VectorLogSink
 
+from proxops.diagrams.flight.navigation import TOLD
 from proxops.diagrams.flight.transit_diagram import logged_ports
 from proxops.diagrams.flight.world import has_thruster_errors, thruster_errors
 from proxops.diagrams.logs import (
@@ -22,6 +23,7 @@ from proxops.diagrams.logs import (
     make_dataset,
 )
 from proxops.diagrams.scenario import Body, Scenario, TrueBody, dump_scenario
+from proxops.systems import LidarNavigation
 from proxops.systems.hybrid import FlownBy
 from proxops.systems.lidar import LearnedLidar, PlanarLidar, delayed_frames
 from proxops.systems.vehicle import (
@@ -73,6 +75,9 @@ def make_log(flown: Flown, wall_time: float) -> FlightLog:
     if flown.scenario.log_ranges:
         frames = lidar.frames(times, columns["state"][:, :3], lidar.seed, columns.get("attitude"))
         columns["ranges"] = delayed_frames(frames, truth.lidar.latency_steps)
+    told = columns.pop(TOLD, None)
+    if told is not None and flown.scenario.log_ranges:
+        columns["navigation_return_use"] = _return_use(flown, times, columns["ranges"], told)
     if has_thruster_errors(truth):
         errors, period = thruster_errors(truth), flown.scenario.control_period_s
         columns["thrust"] = np.array(
@@ -91,6 +96,21 @@ def make_log(flown: Flown, wall_time: float) -> FlightLog:
         columns, times, flown.scenario, flown.body, attributes, own, flown.true_body
     )
     return FlightLog(dataset, flown.body)
+
+
+def _return_use(
+    flown: Flown, times: np.ndarray, frames: np.ndarray, told: np.ndarray
+) -> np.ndarray:
+    """Gives the column `navigation_return_use`, as the frames were given: afterwards."""
+    navigation = flown.diagram.GetSubsystemByName("navigation")
+    found = np.zeros(frames.shape, dtype=np.int8)
+    if isinstance(navigation, LidarNavigation):
+        # A last row between two control steps has no frame.
+        steps = np.flatnonzero(np.isfinite(told[:, 0]))
+        rows = frames[steps].reshape(steps.size, -1)
+        use = navigation.flown_return_use(times[steps], rows, told[steps])
+        found[steps] = use.reshape(found[steps].shape)
+    return found
 
 
 def _sampled(flown: Flown) -> tuple[np.ndarray, Columns]:

@@ -326,8 +326,9 @@ def _add_view(
             seen["plan"] = port
     navigated = wiring.builder.HasSubsystemNamed("navigation")
     if navigated:
-        known = navigation_ports(wiring.builder.GetSubsystemByName("navigation"))
-        seen |= {name: known[name] for name in ("navigation_state", "navigation_covariance")}
+        navigation = wiring.builder.GetSubsystemByName("navigation")
+        for name in ("state", "covariance", "return_use"):
+            seen[f"navigation_{name}"] = navigation.GetOutputPort(name)
     scenario = wiring.scenario
     scene = Scene(meshcat, wiring.body, wiring.true_body)
     limit = scenario.spacecraft.thrust_limit_n

@@ -31,7 +31,7 @@ from proxops.systems.assurance import InterventionReason
 from proxops.systems.common import InputError, write_whole
 from proxops.systems.expert import PlanReason, PlanStatus
 from proxops.systems.hybrid import DecisionReason, FlownBy
-from proxops.systems.navigation import NavigationPhase
+from proxops.systems.navigation import NavigationPhase, ReturnUse
 from proxops.systems.policy import PolicyStatus
 from proxops.systems.shapes import Polyhedron
 
@@ -91,6 +91,11 @@ VARIABLES: dict[str, tuple[tuple[str, ...], str, str]] = {
     "navigation_rejected": ((), "1", "lidar returns that it rejected"),
     "navigation_innovation": ((), "1", "normalised innovation squared over its degrees of freedom"),
     "navigation_phase": ((), "1", "what the navigation does: see flag_meanings"),
+    "navigation_return_use": (
+        ("plane", "ray"),
+        "1",
+        "what the navigation made of each return: see flag_meanings",
+    ),
     "ranges": (("plane", "ray"), "m", "lidar ranges; +inf where nothing returned"),
 }
 # The codes of a column, written as flag_values and flag_meanings after the CF conventions.
@@ -101,6 +106,7 @@ _FLAGS: dict[str, type[IntEnum]] = {
     "decision_reason": DecisionReason,
     "intervention_reason": InterventionReason,
     "navigation_phase": NavigationPhase,
+    "navigation_return_use": ReturnUse,
 }
 DECISION_VARIABLES = (
     "decision_reason", "agreement", "force_difference", "force_angle", "check_clearance",
@@ -137,13 +143,15 @@ NAVIGATION_COLUMNS = (
 )  # fmt: skip
 """Columns of a flight with a navigation: all of them, or none."""
 _OPTIONAL_VARIABLES = (
-    "ranges", "solve_reason", "kick", *_TRUE_VARIABLES, *_POLICY_VARIABLES, *DECISION_VARIABLES,
-    *_ASSURANCE_VARIABLES, *NAVIGATION_COLUMNS,
+    "ranges", "navigation_return_use", "solve_reason", "kick", *_TRUE_VARIABLES, *_POLICY_VARIABLES,
+    *DECISION_VARIABLES, *_ASSURANCE_VARIABLES, *NAVIGATION_COLUMNS,
 )  # fmt: skip
 _NEEDED_VARIABLES = ["time", *(name for name in VARIABLES if name not in _OPTIONAL_VARIABLES)]
 _NEEDED_VARIABLES += ["mesh_vertices", "mesh_facets"]
 _NEEDED_ATTRIBUTES = ["scenario", "body", "controller", "shape_sha256", "arrival_time_s"]
 _NEEDED_ATTRIBUTES += ["collided", "keep_out_violations", "wall_s", "scenario_sha256"]
+# Frames: most of their values are the same.
+_PACKED = ("ranges", "navigation_return_use")
 # Attributes with the hashes of the networks that flew.
 _NETWORKS = ("policy_sha256", "lidar_sha256")
 # Attributes that say how a flight ended.
@@ -157,10 +165,10 @@ _LARGEST = 1e15
 _LARGEST_LOG = 2**34
 _WALL_TIMES = {"solve_time", "policy_time", "decision_time"}
 RESERVED_COLUMNS = {
-    *VARIABLES, *RECORDS, "time", "command", "position_inertial", "velocity_inertial",
-    "mesh_vertices", "mesh_facets", "true_vertices", "true_facets", "component", "axis", "plane",
-    "ray", "quaternion", "known", "known_with", "vertex", "facet", "true_vertex", "true_facet",
-    "corner",
+    *VARIABLES, *RECORDS, "time", "command", "navigation_command", "position_inertial",
+    "velocity_inertial", "mesh_vertices", "mesh_facets", "true_vertices", "true_facets",
+    "component", "axis", "plane", "ray", "quaternion", "known", "known_with", "vertex", "facet",
+    "true_vertex", "true_facet", "corner",
 }  # fmt: skip
 """Names that a user's controller cannot give to its columns."""
 COORDINATES = {
@@ -223,9 +231,9 @@ class FlightLog:
         Raises:
           InputError: the folder does not exist or cannot be written.
         """
-        # Shuffled and deflated, ranges take a tenth of the space, because most rays have no return.
+        # Shuffled and deflated, frames take a tenth of the space, because most rays have no return.
         packed = {"zlib": True, "complevel": 1, "shuffle": True}
-        encoding = {name: packed for name in ("ranges",) if name in self.dataset}
+        encoding = {name: packed for name in _PACKED if name in self.dataset}
         # The file is made in memory, because on a full disk HDF5 ends the process without an error.
         content = self.dataset.to_netcdf(engine="h5netcdf", encoding=encoding)
         write_whole(Path(path), lambda name: name.write_bytes(content))

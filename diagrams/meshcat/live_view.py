@@ -43,7 +43,8 @@ class LiveView(LeafSystem):
     ranges (planes * rays), m ────────────►│          │
     plan (abstract Plan), if asked ───────►│          │
     navigation_state (6), if asked ───────►│          │
-    navigation_covariance (81), if asked ─►└──────────┘
+    navigation_covariance (81), if asked ─►│          │
+    navigation_return_use, if asked ──────►└──────────┘
     ```
 
     What the navigation believes is drawn so many times too large that its ellipsoid of three
@@ -85,6 +86,7 @@ class LiveView(LeafSystem):
             self._navigation_ports = [
                 self.DeclareVectorInputPort(name="navigation_state", size=6),
                 self.DeclareVectorInputPort(name="navigation_covariance", size=81),
+                self.DeclareVectorInputPort(name="navigation_return_use", size=geometry.size),
             ]
         self.DeclarePeriodicPublishEvent(period_sec=period, offset_sec=0.0, publish=self._draw)
 
@@ -93,17 +95,18 @@ class LiveView(LeafSystem):
         force = self._force_port.Eval(context)
         ranges = self._ranges_port.Eval(context).reshape(self._shape)
         move_spacecraft(self.scene, position, force, self._thrust_limit)
-        add_returns(self.scene, "/lidar/now", position, ranges)
         if self._plan_port is not None:
             # Publish events run before the updates of the same time. So this is the plan that the
             # controller will store; it is cached, and not solved again.
             plan: Plan = self._plan_port.Eval(context)
             add_plan(self.scene, plan.states[:, :3])
+        use = None
         if self._navigation_ports:
-            state, covariance = (port.Eval(context) for port in self._navigation_ports)
+            state, covariance, use = (port.Eval(context) for port in self._navigation_ports)
             block = covariance.reshape(9, 9)[:3, :3]
             region = region_of((state[:3] - position)[None], block[None])
             move_navigation(self.scene, position, region, 0, exaggeration(region, self.scene.unit))
+        add_returns(self.scene, "/lidar/now", position, ranges, use)
 
 
 def add_live_view(
@@ -126,7 +129,8 @@ def add_live_view(
     add_keep_out(scene)
     add_goal(scene, transit.goal)
     add_spacecraft(scene)
-    scene.meshcat.Delete("/navigation")  # Of an earlier flight.
+    for leftover in ("/lidar", "/navigation"):  # Of an earlier flight.
+        scene.meshcat.Delete(leftover)
     if "navigation_state" in sources:
         add_navigation(scene)
     look_at_flight(scene, np.stack([transit.start, transit.goal]))

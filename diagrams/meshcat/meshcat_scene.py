@@ -19,6 +19,7 @@ from pydrake.perception import PointCloud
 
 from proxops.diagrams.scenario import Body, TrueBody, spin_axes
 from proxops.systems.lidar import ray_directions
+from proxops.systems.navigation import ReturnUse
 
 _BODY = Rgba(0.62, 0.57, 0.51)
 _KEEP_OUT = Rgba(0.35, 0.55, 0.95, 0.12)
@@ -29,13 +30,19 @@ _HULL = Rgba(0.92, 0.92, 0.95)
 _PANELS = Rgba(0.20, 0.32, 0.75)
 THRUST = Rgba(1.00, 0.85, 0.20)
 RETURNS = Rgba(1.00, 0.10, 0.30)
+# Where a navigation judges the returns: what it makes of them.
+RETURN_USES = {
+    ReturnUse.USED: Rgba(0.40, 0.95, 0.00),
+    ReturnUse.REJECTED: RETURNS,
+    ReturnUse.NOT_USED: Rgba(0.70, 0.55, 0.95),
+}
 _PLAN = Rgba(0.55, 0.85, 1.00)
 MAP = Rgba(0.45, 0.80, 0.95)
 TRUE_AXIS = Rgba(1.00, 0.35, 0.70)
 BELIEVED_AXIS = Rgba(0.90, 0.95, 1.00)
 # Lengths in Meshcat units.
 _ARROW_LENGTH = 0.40
-_POINT_SIZE = 0.022
+_POINT_SIZE, _REJECTED_SIZE = 0.022, 0.04
 # How much farther away the true surface is drawn where the map is drawn over it, in steps of the
 # depth buffer.
 _BEHIND = 2000.0
@@ -210,7 +217,13 @@ def move_spacecraft(
         meshcat.SetProperty(name, "scale", [scale] * 3, time_in_recording)
 
 
-def add_returns(scene: Scene, name: str, position: np.ndarray, ranges: np.ndarray) -> None:
+def add_returns(
+    scene: Scene,
+    name: str,
+    position: np.ndarray,
+    ranges: np.ndarray,
+    use: np.ndarray | None = None,
+) -> None:
     """Adds the returns of a lidar frame as points.
 
     Args:
@@ -218,14 +231,26 @@ def add_returns(scene: Scene, name: str, position: np.ndarray, ranges: np.ndarra
       name: path of the points in the Meshcat.
       position: position (3,) of the spacecraft in K, in m.
       ranges: (planes, rays) in m; +inf for a ray without a return.
+      use: (planes, rays) `ReturnUse`, which gives their colours; None: all have the same.
     """
     planes, rays = ranges.shape
     flat = ranges.reshape(-1)
     hit = np.isfinite(flat)
     places = position + flat[hit, None] * ray_directions(planes, rays)[hit]
-    cloud = PointCloud(int(hit.sum()))
+    if use is None:
+        _add_points(scene, name, places, RETURNS, _POINT_SIZE)
+        return
+    for kind, colour in RETURN_USES.items():
+        chosen = use.reshape(-1)[hit] == kind
+        size = _REJECTED_SIZE if kind == ReturnUse.REJECTED else _POINT_SIZE
+        _add_points(scene, f"{name}/{kind.name.lower()}", places[chosen], colour, size)
+
+
+def _add_points(scene: Scene, name: str, places: np.ndarray, colour: Rgba, size: float) -> None:
+    """Adds points at places (N, 3) in m in K."""
+    cloud = PointCloud(len(places))
     cloud.mutable_xyzs()[:] = (places / scene.unit).T
-    scene.meshcat.SetObject(name, cloud, _POINT_SIZE, RETURNS)
+    scene.meshcat.SetObject(name, cloud, size, colour)
 
 
 def set_mesh(

@@ -62,6 +62,13 @@ def navigation_region(data: xr.Dataset) -> Region:
     return region_of(-errors[:, :3], blocks)
 
 
+def return_uses(data: xr.Dataset) -> np.ndarray | None:
+    """Gives the `ReturnUse` (N, planes, rays) of a log's returns; None if nothing judged them."""
+    name = "navigation_return_use"
+    known = name in data and data[name].shape == data["ranges"].shape
+    return data[name].values if known else None
+
+
 def region_of(errors: np.ndarray, covariances: np.ndarray) -> Region:
     """Gives the region of believed less true positions (N, 3), in m in K, from what is believed.
 

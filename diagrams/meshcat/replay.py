@@ -36,6 +36,7 @@ from proxops.diagrams.meshcat.navigation_scene import (
     exaggeration,
     move_navigation,
     navigation_region,
+    return_uses,
 )
 from proxops.diagrams.meshcat.replay_panel import panel
 from proxops.systems.common import write_whole
@@ -175,10 +176,11 @@ def _shown(log: FlightLog) -> np.ndarray:
 def _add_returns(scene: Scene, data: xr.Dataset) -> list[tuple[str, int]]:
     """Adds evenly spaced lidar frames of a log's dataset; gives the name and row of each."""
     ranges, positions = data["ranges"].values, data["state"].values[:, :3]
+    uses = return_uses(data)
     frames = []
     for row in np.unique(np.linspace(0, len(ranges) - 1, LIDAR_FRAMES).astype(int)):
         name = f"/lidar/row_{row:04d}"
-        add_returns(scene, name, positions[row], ranges[row])
+        add_returns(scene, name, positions[row], ranges[row], None if uses is None else uses[row])
         frames.append((name, int(row)))
     return frames
 

@@ -17,13 +17,19 @@ from proxops.diagrams.meshcat.meshcat_scene import (
     BELIEVED_AXIS,
     GOAL,
     MAP,
+    RETURN_USES,
     RETURNS,
     THRUST,
     TRUE_AXIS,
 )
-from proxops.diagrams.meshcat.navigation_scene import NAVIGATION, exaggeration, navigation_region
+from proxops.diagrams.meshcat.navigation_scene import (
+    NAVIGATION,
+    exaggeration,
+    navigation_region,
+    return_uses,
+)
 from proxops.diagrams.scenario import differing_values, spin_axes
-from proxops.systems.navigation import NavigationPhase
+from proxops.systems.navigation import NavigationPhase, ReturnUse
 from proxops.systems.shapes import clearances
 
 _PAGE = """
@@ -175,7 +181,7 @@ def panel(
     known = legend_of(log.dataset)
     shown = all_flown_by(log.dataset) or flown_by(log.dataset)[:1].tolist()
     entries = [(known[who].colour, f"flown by {known[who].name}") for who in shown]
-    marks = [(THRUST, "thrust"), (RETURNS, "lidar returns"), (GOAL, "goal"), *_true_marks(log)]
+    marks = [(THRUST, "thrust"), *_return_marks(log), (GOAL, "goal"), *_true_marks(log)]
     navigated = "navigation_state" in log.dataset
     if navigated:
         times = exaggeration(navigation_region(log.dataset), unit)
@@ -255,6 +261,20 @@ def _navigation(log: FlightLog) -> dict[str, Any] | None:
         "phase": np.where(np.isin(phases, list(NavigationPhase)), phases, -1).astype(int).tolist(),
         "phases": [phase.name.lower() for phase in NavigationPhase],
     }
+
+
+def _return_marks(log: FlightLog) -> list[tuple[Rgba, str]]:
+    """Gives the legend of the lidar returns."""
+    if "ranges" not in log.dataset:
+        return []
+    if return_uses(log.dataset) is None:
+        return [(RETURNS, "lidar returns")]
+    texts = {
+        ReturnUse.USED: "lidar returns that it used",
+        ReturnUse.REJECTED: "rejected",
+        ReturnUse.NOT_USED: "left alone",
+    }
+    return [(RETURN_USES[use], text) for use, text in texts.items()]
 
 
 def _true_marks(log: FlightLog) -> list[tuple[Rgba, str]]:

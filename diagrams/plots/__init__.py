@@ -6,6 +6,7 @@ returns it; no module writes files.
 
 from proxops.diagrams.plots.decision_plot import plot_decisions
 from proxops.diagrams.plots.diagram_drawing import DiagramPicture, diagram_picture
+from proxops.diagrams.plots.frame_plot import plot_frame
 from proxops.diagrams.plots.hover_plot import plot_hover
 from proxops.diagrams.plots.navigation_plot import plot_navigation
 from proxops.diagrams.plots.plan_plot import plot_plan
@@ -31,6 +32,7 @@ __all__ = [
     "plot_distance",
     "plot_equilibria",
     "plot_flight",
+    "plot_frame",
     "plot_hover",
     "plot_navigation",
     "plot_path",

@@ -12,5 +12,6 @@ from proxops.systems.navigation.estimate import Estimate
 from proxops.systems.navigation.expected_errors import ExpectedErrors
 from proxops.systems.navigation.lidar_navigation import LidarNavigation
 from proxops.systems.navigation.phase import NavigationPhase
+from proxops.systems.navigation.return_use import ReturnUse
 
-__all__ = ["Estimate", "ExpectedErrors", "LidarNavigation", "NavigationPhase"]
+__all__ = ["Estimate", "ExpectedErrors", "LidarNavigation", "NavigationPhase", "ReturnUse"]

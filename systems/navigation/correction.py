@@ -28,15 +28,25 @@ class Correction(NamedTuple):
     estimate: Estimate
     rms: float
     """Root mean square in m of the residuals of the returns used; NaN if there are none."""
-    used: int
-    """Number of returns used."""
-    rejected: int
-    """Number of returns whose prediction meets the body but disagrees with them."""
+    used_rays: np.ndarray
+    """Indices of the rays whose returns are used."""
+    rejected_rays: np.ndarray
+    """Those of returns whose prediction meets the body but disagrees with them."""
     surprise: float
     """Normalised innovation squared, over the number of returns used: about 1."""
     shift: float
     """How far the frame moved position and attitude, in standard deviations before it: a chi
     square of six degrees of freedom."""
+
+    @property
+    def used(self) -> int:
+        """Number of returns used."""
+        return self.used_rays.size
+
+    @property
+    def rejected(self) -> int:
+        """Number of returns rejected."""
+        return self.rejected_rays.size
 
 
 class _Update(NamedTuple):
@@ -71,7 +81,7 @@ def corrected(
         frame = _linearised(model, prior, moved, ranges, first)
         used = frame.innovations.size
         if not used:
-            return Correction(prior, np.nan, 0, frame.rejected, np.nan, np.nan)
+            return Correction(prior, np.nan, frame.rays, frame.rejected, np.nan, np.nan)
         by = _by_returns if used < columns.size else _by_quantities
         update = by(covariance, columns, frame.rows, frame.innovations, frame.variances)
         change, moved = frame.rows @ (update.moved - moved)[columns], update.moved
@@ -84,7 +94,7 @@ def corrected(
     return Correction(
         _moved(prior, moved)._replace(covariance=update.covariance),
         float(np.sqrt(np.mean(left**2))),
-        used,
+        frame.rays,
         frame.rejected,
         update.surprise / used,
         float(shift),
@@ -94,14 +104,16 @@ def corrected(
 class _Linearised(NamedTuple):
     """The K returns of a frame that are used."""
 
+    rays: np.ndarray
+    """(K,) their indices in the frame."""
     rows: np.ndarray
     """(K, C) derivatives."""
     innovations: np.ndarray
     """(K,) the residuals as they would be at the prior's mean, if the model were linear."""
     variances: np.ndarray
     """(K,) of the noise."""
-    rejected: int
-    """Number of other returns on the body."""
+    rejected: np.ndarray
+    """Indices of the rays whose returns were rejected."""
 
 
 def _linearised(
@@ -121,9 +133,9 @@ def _linearised(
     else:
         known = rows @ prior.covariance[np.ix_(columns, columns)]
         judged, spread = innovations, variances + np.einsum("ki,ki->k", known, rows)
-    good = np.flatnonzero(judged**2 < _GATE**2 * spread)
-    rejected = usable.size - good.size
-    return _Linearised(rows[good], innovations[good], variances[good], rejected)
+    agrees, rays = judged**2 < _GATE**2 * spread, compared.rays[usable]
+    good = np.flatnonzero(agrees)
+    return _Linearised(rays[good], rows[good], innovations[good], variances[good], rays[~agrees])
 
 
 def _by_returns(

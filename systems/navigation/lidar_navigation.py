@@ -17,8 +17,9 @@ from proxops.systems.navigation.expected_errors import ExpectedErrors
 from proxops.systems.navigation.frame_model import FrameModel
 from proxops.systems.navigation.map_error import MapError
 from proxops.systems.navigation.motion import Motion
-from proxops.systems.navigation.navigator import Memory, Navigator
+from proxops.systems.navigation.navigator import Memory, Navigator, Step
 from proxops.systems.navigation.phase import NavigationPhase
+from proxops.systems.navigation.return_use import ReturnUse
 from proxops.systems.shapes import Polyhedron
 
 # Before the coefficients of the memory's vector: phase, contradictions, whether there is an
@@ -34,7 +35,8 @@ class LidarNavigation(LeafSystem):
     ranges (planes * rays) ───►│ LidarNavigation ├─► state (6), m and m/s, K; NaN: it has none
     commanded_force (3), N, S ►│                 ├─► attitude (4), R_KS
                                │                 ├─► covariance (81)
-                               └─────────────────┴─► record (5)
+                               │                 ├─► record (5)
+                               └─────────────────┴─► return_use (planes * rays)
     ```
 
     It needs no training and no start: it acquires its pose from a frame alone, with the attitude
@@ -46,7 +48,7 @@ class LidarNavigation(LeafSystem):
     `covariance` is that of position (m), velocity (m/s) and of a rotation vector of S in K (rad),
     row by row. `record` has: root mean square of the residuals (m), returns used, returns rejected,
     normalised innovation squared over the returns used (about 1), and `NavigationPhase`. Residuals
-    are NaN where no frame was used.
+    are NaN where no frame was used. `return_use` has the `ReturnUse` of each ray.
 
     Outputs are computed when they are asked for, then cached. What it remembers is discrete state.
     """
@@ -120,6 +122,7 @@ class LidarNavigation(LeafSystem):
                 ("attitude", 4, self._calc_attitude),
                 ("covariance", 81, self._calc_covariance),
                 ("record", 5, self._calc_record),
+                ("return_use", geometry.size, self._calc_return_use),
             )
         }
         # Discrete, not unrestricted: all discrete updates at one time see the state before it, so
@@ -129,12 +132,36 @@ class LidarNavigation(LeafSystem):
         )
 
     def logged_ports(self) -> dict[str, LoggedPort]:
-        """The ports whose values a log keeps, by the names of their columns."""
-        return {f"navigation_{name}": LoggedPort(port) for name, port in self._ports.items()}
+        """The ports whose values a log keeps, by the names of their columns.
+
+        `return_use` is not one of them: `flown_return_use` makes it afterwards.
+        """
+        kept = {name: port for name, port in self._ports.items() if name != "return_use"}
+        return {f"navigation_{name}": LoggedPort(port) for name, port in kept.items()}
 
     def estimate(self, context) -> Estimate | None:
         """The whole estimate in a Context of this system, at its time; None: there is none."""
         return self._step.Eval(context).now
+
+    def flown_return_use(
+        self, times: np.ndarray, frames: np.ndarray, commands: np.ndarray
+    ) -> np.ndarray:
+        """Makes what the port `return_use` gave in a flight, by navigating once more.
+
+        Args:
+          times: (N,) in s, those of the control steps.
+          frames: (N, planes * rays) in m, +inf for no return.
+          commands: (N, 3) in N, `commanded_force` at these times.
+
+        Returns:
+          (N, planes * rays) int8.
+        """
+        found = np.zeros(frames.shape, dtype=np.int8)
+        memory = self._navigator.start()
+        for row, (now, frame, force) in enumerate(zip(times, frames, commands, strict=True)):
+            step = self._navigator.step(memory, frame.astype(float), force, float(now))
+            found[row], memory = _return_use(step, frame.size), step.memory
+        return found
 
     def _calc_step(self, context, value):
         memory = self._unpacked(context.get_discrete_state(self._memory).value())
@@ -165,6 +192,10 @@ class LidarNavigation(LeafSystem):
             figures = [done.rms, done.used, done.rejected, done.surprise]
         output.SetFromVector([*figures, step.memory.phase])
 
+    def _calc_return_use(self, context, output):
+        step = self._step.Eval(context)
+        output.SetFromVector(_return_use(step, output.size()))
+
     def _remember(self, context, discrete_state):
         packed = self._packed(self._step.Eval(context).memory)
         discrete_state.set_value(self._memory, packed)
@@ -193,3 +224,12 @@ class LidarNavigation(LeafSystem):
             NavigationPhase(int(phase)),
             attitude,
         )
+
+
+def _return_use(step: Step, rays: int) -> np.ndarray:
+    """The `ReturnUse` (rays,) of a frame after a step."""
+    use = np.full(rays, ReturnUse.NOT_USED)
+    if step.correction is not None:
+        use[step.correction.used_rays] = ReturnUse.USED
+        use[step.correction.rejected_rays] = ReturnUse.REJECTED
+    return use
