@@ -26,9 +26,22 @@ _EDGES = 0.25
 
 
 @numba.njit(cache=True, error_model="numpy")
+def heights_at(corners, places, table, coefficients):
+    """How far out the surface lies (K,) in m at points of facets: see `rows_of_frame`."""
+    out = np.zeros(len(corners))
+    for k in range(len(corners)):
+        u, v = places[k, 0], places[k, 1]
+        a, b, c = corners[k, 0], corners[k, 1], corners[k, 2]
+        for m in range(coefficients.size):
+            height = (1.0 - u - v) * table[a, m] + u * table[b, m] + v * table[c, m]
+            out[k] += height * coefficients[m]
+    return out
+
+
+@numba.njit(cache=True, error_model="numpy")
 def rows_of_frame(
-    position, directions, found, measured, normals, corners, places, table, mean, sigma, rest,
-    beam, rows,
+    position, directions, found, measured, normals, corners, places, heights, table, mean, sigma,
+    rest, beam, rows,
 ):  # fmt: skip
     """Residuals and their derivatives for the K rays whose predictions meet the body.
 
@@ -36,6 +49,7 @@ def rows_of_frame(
       position: (3,) in m in K. directions: (K, 3) in K. found: (K,) predicted distances in m.
       measured: (K,) ranges in m. normals: (K, 3) of the facets met.
       corners: (K, 3) vertices of the facets met. places: (K, 2) weights of the second and third.
+      heights: (K,) in m: how far out the surface is in `found` already.
       table: (V, M): displacement of each vertex, in m, by each coefficient of the map's error.
       mean: (4 + M,) size, bias, scale error and half beam, and these coefficients.
       sigma: of the range noise, in m. rest: variance in m^2 of the surface beyond the coefficients.
@@ -59,7 +73,7 @@ def rows_of_frame(
         slant = math.sqrt(max(1.0 - q * q, 0.0))
         px, py, pz = position[0] + r * dx, position[1] + r * dy, position[2] + r * dz
         level = nx * px + ny * py + nz * pz
-        out = size * level
+        out = -heights[k]
         u, v = places[k, 0], places[k, 1]
         a, b, c = corners[k, 0], corners[k, 1], corners[k, 2]
         for m in range(modes):
@@ -74,7 +88,7 @@ def rows_of_frame(
         rows[k, 3] = r * (dy * nz - dz * ny)
         rows[k, 4] = r * (dz * nx - dx * nz)
         rows[k, 5] = r * (dx * ny - dy * nx)
-        rows[k, 6] = -level
+        rows[k, 6] = -level / (1.0 + size)
         rows[k, 7] = q
         rows[k, 8] = q * r
         rows[k, 9] = -r * slant

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from proxops.systems.lidar import LidarGeometry
-from proxops.systems.navigation._frame_kernel import rows_of_frame
+from proxops.systems.navigation._frame_kernel import heights_at, rows_of_frame
 from proxops.systems.navigation.estimate import BASE, MEASURED, SIZE, Estimate
 from proxops.systems.navigation.map_error import MapError
 from proxops.systems.shapes import Polyhedron, ray_caster
@@ -58,18 +58,33 @@ class FrameModel:
         position, rotation = estimate.mean[:3], estimate.rotation
         returned = np.flatnonzero(ranges < self.geometry.max_range * 1.001)
         directions = self.directions[returned] @ rotation.T
-        distances, facets, places = self.first_hits(position, directions)
+        # A larger body seen from a place is the map seen from nearer, all lengths in proportion.
+        larger = 1.0 + estimate.mean[SIZE]
+        origins = np.broadcast_to(position / larger, directions.shape)
+        distances, facets, places = self.first_hits(origins, directions)
         met = np.flatnonzero(facets >= 0)
+        heights = np.zeros(met.size)
+        if self.map_error.modes:
+            # Where the surface lies farther out, it is the map seen from so much nearer.
+            returned, directions, facets = returned[met], directions[met], facets[met]
+            coefficients = estimate.mean[BASE:]
+            table = self.map_error.table
+            heights = heights_at(self._facets[facets], places[met], table, coefficients)
+            origins = origins[met] - heights[:, None] / larger * self.normals[facets]
+            distances, facets, places = self.first_hits(origins, directions)
+            met = np.flatnonzero(facets >= 0)
+            heights = heights[met]
         rays, facets = returned[met], facets[met]
         rows = np.empty((met.size, self.columns.size))
         residuals, variances = rows_of_frame(
             position,
             directions[met],
-            distances[met],
+            larger * distances[met],
             ranges[rays],
             self.normals[facets],
             self._facets[facets],
             places[met],
+            heights,
             self.map_error.table,
             estimate.mean[SIZE:],
             self.noise_std,
