@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 from functools import cached_property
 from pathlib import Path
 
@@ -86,7 +87,10 @@ class Polyhedron:
         origin = self.vertices.mean(axis=0)
         corner_sums = (self._corners - origin).sum(axis=1)
         weights = six_volumes(self.vertices, self.facets)
-        return origin + weights @ corner_sums / (4.0 * weights.sum())
+        # Exact sums: those of a library for matrices differ in the last bit from processor to
+        # processor, and with them K and `sha256`.
+        moments = [math.fsum(weights * sums) for sums in corner_sums.T]
+        return origin + np.array(moments) / (4.0 * math.fsum(weights))
 
     @cached_property
     def extents(self) -> np.ndarray:
