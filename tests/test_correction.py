@@ -59,7 +59,8 @@ def test_both_forms_are_the_textbook_s(
     innovations, variances = rng.normal(size=count), rng.uniform(0.1, 10.0, count)
     given_ = covariance, columns, rows, innovations, variances
     moved, after, squares = joseph(*given_)
-    found = FORMS[form](*given_)
+    crossed = np.column_stack([rows @ covariance[columns], innovations])
+    found = FORMS[form](covariance, columns, rows, crossed, variances)
     sigma = np.sqrt(np.diag(covariance))
     np.testing.assert_allclose(found.moved / sigma, moved / sigma, rtol=1e-9, atol=1e-9)
     both = np.outer(sigma, sigma)

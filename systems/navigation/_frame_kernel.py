@@ -23,65 +23,128 @@ _HEAD = 10
 # A beam on an edge between two facets does not read what it would read on one plane. The error is
 # this share of what the beam's width changes the range by.
 _EDGES = 0.25
+# Sums may be taken in any order, so that they run on vector units.
+_ANY_ORDER = {"reassoc", "contract"}
 
 
 @numba.njit(cache=True, error_model="numpy")
-def heights_at(corners, places, table, coefficients):
-    """How far out the surface lies (K,) in m at points of facets: see `rows_of_frame`."""
-    out = np.zeros(len(corners))
-    for k in range(len(corners)):
-        u, v = places[k, 0], places[k, 1]
-        a, b, c = corners[k, 0], corners[k, 1], corners[k, 2]
-        for m in range(coefficients.size):
-            height = (1.0 - u - v) * table[a, m] + u * table[b, m] + v * table[c, m]
-            out[k] += height * coefficients[m]
-    return out
-
-
-@numba.njit(cache=True, error_model="numpy")
-def rows_of_frame(
-    position, directions, found, measured, normals, corners, places, heights, table, mean, sigma,
-    rest, beam, rows,
-):  # fmt: skip
-    """Residuals and their derivatives for the K rays whose predictions meet the body.
+def returned_rays(ranges, farthest, rotation, directions):
+    """The K rays of a frame that returned, turned into K.
 
     Args:
-      position: (3,) in m in K. directions: (K, 3) in K. found: (K,) predicted distances in m.
-      measured: (K,) ranges in m. normals: (K, 3) of the facets met.
-      corners: (K, 3) vertices of the facets met. places: (K, 2) weights of the second and third.
-      heights: (K,) in m: how far out the surface is in `found` already.
+      ranges: (N,) in m. farthest: a longer range is none.
+      rotation: R_KS (3, 3). directions: (N, 3) of all rays in S.
+
+    Returns:
+      Their indices (K,), and directions (K, 3).
+    """
+    count = 0
+    for ray in range(ranges.size):
+        if ranges[ray] < farthest:
+            count += 1
+    rays, turned = np.empty(count, dtype=np.int64), np.empty((count, 3))
+    k = 0
+    for ray in range(ranges.size):
+        if ranges[ray] < farthest:
+            rays[k] = ray
+            x, y, z = directions[ray, 0], directions[ray, 1], directions[ray, 2]
+            for i in range(3):
+                turned[k, i] = rotation[i, 0] * x + rotation[i, 1] * y + rotation[i, 2] * z
+            k += 1
+    return rays, turned
+
+
+@numba.njit(cache=True, error_model="numpy", fastmath=_ANY_ORDER)
+def raised_origins(
+    position, rays, directions, facets, places, normals, corners, table, coefficients
+):  # fmt: skip
+    """Where rays begin to meet the map as they would, from a position, a surface farther out.
+
+    It is raised along the normals: by as much as at the point of the map that the ray meets. The
+    arguments are those of `rows_of_frame`; coefficients: (M,).
+
+    Returns:
+      For the K of N rays that meet the map: their indices in the frame (K,), directions (K, 3),
+      origins (K, 3) in m, and the heights (K,) in m.
+    """
+    count, modes = 0, coefficients.size
+    some, along = np.empty_like(rays), np.empty_like(directions)
+    origins, heights = np.empty_like(directions), np.empty(rays.size)
+    for i in range(rays.size):
+        facet = facets[i]
+        if facet < 0:
+            continue
+        u, v = places[i, 0], places[i, 1]
+        a, b, c = corners[facet, 0], corners[facet, 1], corners[facet, 2]
+        height = 0.0
+        for m in range(modes):
+            one = (1.0 - u - v) * table[a, m] + u * table[b, m] + v * table[c, m]
+            height += one * coefficients[m]
+        for j in range(3):
+            along[count, j] = directions[i, j]
+            origins[count, j] = position[j] - height * normals[facet, j]
+        some[count], heights[count] = rays[i], height
+        count += 1
+    return some[:count], along[:count], origins[:count], heights[:count]
+
+
+@numba.njit(cache=True, error_model="numpy", fastmath=_ANY_ORDER)
+def rows_of_frame(
+    position, rays, directions, found, facets, places, heights, ranges, normals, corners, table,
+    mean, sigma, rest, beam,
+):  # fmt: skip
+    """Residuals and their derivatives for the K of N rays whose predictions meet the body.
+
+    Args:
+      position: (3,) in m in K.
+      rays: (N,) index of each ray in the frame. directions: (N, 3) in K.
+      found: (N,) predicted distances in m. facets: (N,) that are met; negative: none.
+      places: (N, 2) weights of the second and third vertex of the facet at the point met.
+      heights: (N,) in m: how far out the surface is in `found` already.
+      ranges: the frame as measured, in m.
+      normals: of all facets, (F, 3). corners: (F, 3) their vertices.
       table: (V, M): displacement of each vertex, in m, by each coefficient of the map's error.
       mean: (4 + M,) size, bias, scale error and half beam, and these coefficients.
       sigma: of the range noise, in m. rest: variance in m^2 of the surface beyond the coefficients.
       beam: half of the angle of the beams in rad, as far as it may be.
-      rows: (K, 10 + M), filled with the derivatives, in the order of `MEASURED` and coefficients.
 
     Returns:
-      Residuals q (z - r) in m (K,), and their variances in m^2 (K,): +inf where the ray is too
-      flat.
+      Indices of the rays in the frame (K,), residuals q (z - r) in m (K,), their variances in m^2
+      (K,), and derivatives (K, 10 + M) in the order of `MEASURED` and coefficients. Of rays that
+      are too flat, the variance is +inf and the rest 0.
     """
-    count, modes = found.size, table.shape[1]
+    count, modes = 0, table.shape[1]
+    for i in range(facets.size):
+        if facets[i] >= 0:
+            count += 1
+    met, rows = np.empty(count, dtype=np.int64), np.zeros((count, _HEAD + modes))
     residuals, variances = np.zeros(count), np.full(count, np.inf)
     size, bias, scale, half = mean[0], mean[1], mean[2], mean[3]
-    for k in range(count):
-        dx, dy, dz = directions[k, 0], directions[k, 1], directions[k, 2]
-        nx, ny, nz = normals[k, 0], normals[k, 1], normals[k, 2]
-        r = found[k]
+    k = -1
+    for i in range(facets.size):
+        facet = facets[i]
+        if facet < 0:
+            continue
+        k += 1
+        met[k] = rays[i]
+        dx, dy, dz = directions[i, 0], directions[i, 1], directions[i, 2]
+        nx, ny, nz = normals[facet, 0], normals[facet, 1], normals[facet, 2]
+        r = found[i]
         q = -(nx * dx + ny * dy + nz * dz)
         if q < FLATTEST:
             continue
         slant = math.sqrt(max(1.0 - q * q, 0.0))
         px, py, pz = position[0] + r * dx, position[1] + r * dy, position[2] + r * dz
         level = nx * px + ny * py + nz * pz
-        out = -heights[k]
-        u, v = places[k, 0], places[k, 1]
-        a, b, c = corners[k, 0], corners[k, 1], corners[k, 2]
+        out = -heights[i]
+        u, v = places[i, 0], places[i, 1]
+        a, b, c = corners[facet, 0], corners[facet, 1], corners[facet, 2]
         for m in range(modes):
             height = (1.0 - u - v) * table[a, m] + u * table[b, m] + v * table[c, m]
             out += height * mean[4 + m]
             rows[k, _HEAD + m] = -height
         expected = (1.0 + scale) * (r - out / q) + bias - r * slant / q * half
-        residuals[k] = q * (measured[k] - expected)
+        residuals[k] = q * (ranges[met[k]] - expected)
         edge = _EDGES * r * slant * beam
         variances[k] = q * q * sigma * sigma + rest + edge * edge
         rows[k, 0], rows[k, 1], rows[k, 2] = nx, ny, nz
@@ -92,4 +155,4 @@ def rows_of_frame(
         rows[k, 7] = q
         rows[k, 8] = q * r
         rows[k, 9] = -r * slant
-    return residuals, variances
+    return met, residuals, variances, rows

@@ -80,21 +80,38 @@ def _derivative(rotation, axes, push, given, commanded, pull, turn, tide, v, off
 
 @_inlined
 def _moved_covariance(covariance, f, noise):
-    """The covariance after a step with the transition f (BASE, BASE) and its noise."""
+    """The covariance after a step with the transition f (BASE, BASE) and its noise.
+
+    Beyond the first nine rows, f is the identity but for the decay of the varying acceleration.
+    """
     n = covariance.shape[0]
-    out_covariance = covariance.copy()
-    rows = f @ np.ascontiguousarray(covariance[:_BASE])
-    out_covariance[:_BASE] = rows
-    out_covariance[_BASE:, :_BASE] = rows[:, _BASE:].T
-    out_covariance[:_BASE, :_BASE] = np.ascontiguousarray(rows[:, :_BASE]) @ f.T
+    rows = np.zeros((_CONSTANT, n))  # The first nine of f P.
+    for k in range(_BASE):
+        if covariance[k, k] == 0.0:  # What is exact is correlated with nothing.
+            continue
+        for i in range(_CONSTANT):
+            if f[i, k] != 0.0:
+                for j in range(n):
+                    rows[i, j] += f[i, k] * covariance[k, j]
+    decay = noise[1]
+    out = covariance.copy()
+    for i in range(_VARYING, _VARYING + 3):
+        for j in range(_CONSTANT, n):
+            out[i, j] *= decay
+            out[j, i] *= decay
+    for i in range(_CONSTANT):
+        for j in range(_CONSTANT, n):
+            share = decay if _VARYING <= j < _VARYING + 3 else 1.0
+            out[i, j] = out[j, i] = share * rows[i, j]
+        for j in range(i + 1):
+            total = 0.0
+            for k in range(_BASE):
+                total += rows[i, k] * f[j, k]
+            out[i, j] = out[j, i] = total
     for i in range(3):
-        out_covariance[_A + i, _A + i] += noise[0]
-        out_covariance[_VARYING + i, _VARYING + i] += noise[2]
-    for i in range(n):
-        for j in range(i):
-            mid = 0.5 * (out_covariance[i, j] + out_covariance[j, i])
-            out_covariance[i, j] = out_covariance[j, i] = mid
-    return out_covariance
+        out[_A + i, _A + i] += noise[0]
+        out[_VARYING + i, _VARYING + i] += noise[2]
+    return out
 
 
 @_compiled

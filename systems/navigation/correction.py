@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import solve_triangular
+from scipy.linalg.blas import dtrsm
+from scipy.linalg.lapack import dpotrf
 
 from proxops.systems.navigation import _update_kernel as kernel
 from proxops.systems.navigation._motion_kernel import turned
@@ -54,10 +56,10 @@ class _Update(NamedTuple):
 
     moved: np.ndarray
     """(n,) what the mean moves by."""
-    surprise: float
-    """Normalised innovation squared."""
     covariance: np.ndarray
     """(n, n) after it."""
+    surprise: float
+    """Normalised innovation squared."""
 
 
 def corrected(
@@ -73,107 +75,82 @@ def corrected(
         knows next to nothing of the pose. A return is then judged by its residual alone. None: the
         prior knows the pose.
     """
-    first = start is not None
     columns, covariance = model.columns, prior.covariance
+    own = 0 if start is None else MEASURED.size
     moved = np.zeros(prior.mean.size) if start is None else start
+    supposed = prior if start is None else _moved(prior, moved)
     iteration = 0
     while True:
-        frame = _linearised(model, prior, moved, ranges, first)
-        used = frame.innovations.size
+        frame = model.compared(supposed, ranges)
+        good, bad, rows, crossed, variances = kernel.judged(
+            covariance,
+            columns,
+            frame.rows,
+            frame.residuals,
+            frame.variances,
+            moved,
+            _GATE,
+            _ENOUGH,
+            own,
+        )
+        used = variances.size
         if not used:
-            return Correction(prior, np.nan, frame.rays, frame.rejected, np.nan, np.nan)
+            return Correction(prior, np.nan, frame.rays[good], frame.rays[bad], np.nan, np.nan)
+        innovations = crossed[:, -1].copy()
         by = _by_returns if used < columns.size else _by_quantities
-        update = by(covariance, columns, frame.rows, frame.innovations, frame.variances)
-        change, moved = frame.rows @ (update.moved - moved)[columns], update.moved
+        update = by(covariance, columns, rows, crossed, variances)
+        change, left = kernel.fit(rows, innovations, moved[columns], update.moved[columns])
+        moved = update.moved
+        supposed = _moved(prior, moved)
         iteration += 1
-        close = change @ change < used * (_CLOSE * model.noise_std) ** 2
-        if close or iteration == _MOST_ITERATIONS:
+        if change < (_CLOSE * model.noise_std) ** 2 or iteration == _MOST_ITERATIONS:
             break
-    left = frame.innovations - frame.rows @ moved[columns]
-    shift = moved[_POSE] @ np.linalg.solve(covariance[np.ix_(_POSE, _POSE)], moved[_POSE])
     return Correction(
-        _moved(prior, moved)._replace(covariance=update.covariance),
-        float(np.sqrt(np.mean(left**2))),
-        frame.rays,
-        frame.rejected,
+        supposed._replace(covariance=update.covariance),
+        math.sqrt(left),
+        frame.rays[good],
+        frame.rays[bad],
         update.surprise / used,
-        float(shift),
+        kernel.squared_deviation(covariance, _POSE, moved),
     )
-
-
-class _Linearised(NamedTuple):
-    """The K returns of a frame that are used."""
-
-    rays: np.ndarray
-    """(K,) their indices in the frame."""
-    rows: np.ndarray
-    """(K, C) derivatives."""
-    innovations: np.ndarray
-    """(K,) the residuals as they would be at the prior's mean, if the model were linear."""
-    variances: np.ndarray
-    """(K,) of the noise."""
-    rejected: np.ndarray
-    """Indices of the rays whose returns were rejected."""
-
-
-def _linearised(
-    model: FrameModel, prior: Estimate, moved: np.ndarray, ranges: np.ndarray, first: bool
-) -> _Linearised:
-    """A frame, linearised where the prior's mean is `moved` (n,) to; see `corrected`."""
-    columns = model.columns
-    compared = model.compared(_moved(prior, moved), ranges)
-    usable = np.flatnonzero(compared.variances < np.inf)
-    if columns.size > usable.size // 2:  # As many unknowns as returns.
-        usable = usable[:: max(1, -(-usable.size // _ENOUGH))]
-    rows, variances = compared.rows[usable], compared.variances[usable]
-    residuals = compared.residuals[usable]
-    innovations = residuals + rows @ moved[columns]
-    if first:  # Only the map's error says how large a residual may be.
-        judged, spread = residuals, variances + (rows[:, MEASURED.size :] ** 2).sum(axis=1)
-    else:
-        known = rows @ prior.covariance[np.ix_(columns, columns)]
-        judged, spread = innovations, variances + np.einsum("ki,ki->k", known, rows)
-    agrees, rays = judged**2 < _GATE**2 * spread, compared.rays[usable]
-    good = np.flatnonzero(agrees)
-    return _Linearised(rays[good], rows[good], innovations[good], variances[good], rays[~agrees])
 
 
 def _by_returns(
     covariance: np.ndarray,
     columns: np.ndarray,
     rows: np.ndarray,
-    innovations: np.ndarray,
+    crossed: np.ndarray,
     variances: np.ndarray,
 ) -> _Update:
     """The update in the form that is fast for few residuals.
 
     Args:
-      covariance: (n, n). columns: (C,) where the measured quantities are.
-      rows: (K, C) derivatives. innovations: (K,). variances: (K,) of the noise.
+      covariance: P (n, n). columns: (C,) where the measured quantities are in it.
+      rows: H (K, C) derivatives.
+      crossed: (K, n + 1): H P and, last, the innovations. Overwritten.
+      variances: (K,) of the noise.
     """
-    crossed = covariance[:, columns] @ rows.T
-    total = rows @ crossed[columns]
+    # The triangular solvers of LAPACK and BLAS: scipy's checks take as long as these matrices.
+    total = crossed[:, columns] @ rows.T
     total[np.diag_indices_from(total)] += variances
-    factor = np.linalg.cholesky(total)
-    learned = solve_triangular(factor, crossed.T, lower=True, check_finite=False).T
-    white = solve_triangular(factor, innovations, lower=True, check_finite=False)
-    return _Update(learned @ white, float(white @ white), covariance - learned @ learned.T)
+    factor, failed = dpotrf(total.T, lower=1, clean=0, overwrite_a=1)
+    if failed:
+        raise np.linalg.LinAlgError("the covariance of the residuals is not positive definite")
+    white = dtrsm(1.0, factor, crossed.T, side=1, lower=1, trans_a=1, overwrite_b=1)
+    learned, innovations = white[:-1], white[-1]
+    after = covariance - learned @ learned.T
+    return _Update(learned @ innovations, after, float(innovations @ innovations))
 
 
 def _by_quantities(
     covariance: np.ndarray,
     columns: np.ndarray,
     rows: np.ndarray,
-    innovations: np.ndarray,
+    crossed: np.ndarray,
     variances: np.ndarray,
 ) -> _Update:
     """The same update in the form that is fast for many residuals of few quantities."""
-    to_all = covariance[:, columns]
-    moved, after, squares = kernel.update(
-        covariance, to_all, to_all[columns], rows, innovations, variances
-    )
-    pull = (innovations / variances) @ rows
-    return _Update(moved, float(squares - pull @ moved[columns]), after)
+    return _Update(*kernel.update(covariance, columns, rows, crossed, variances))
 
 
 def _moved(prior: Estimate, moved: np.ndarray) -> Estimate:

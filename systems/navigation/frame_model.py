@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from proxops.systems.lidar import LidarGeometry
-from proxops.systems.navigation._frame_kernel import heights_at, rows_of_frame
+from proxops.systems.navigation._frame_kernel import raised_origins, returned_rays, rows_of_frame
 from proxops.systems.navigation.estimate import BASE, MEASURED, SIZE, Estimate
 from proxops.systems.navigation.map_error import MapError
 from proxops.systems.shapes import Polyhedron, ray_caster
@@ -47,6 +47,7 @@ class FrameModel:
         self.directions = geometry.directions
         self.map_error = map_error
         self._half_beam = 0.5 * beam_width
+        self._farthest = geometry.max_range * 1.001
         self.normals, self._facets = shape.normals, np.array(shape.facets)
         self.first_hits = ray_caster(shape).first_hits
         self.fan = ray_caster(shape).fan(self.directions)
@@ -55,41 +56,42 @@ class FrameModel:
 
     def compared(self, estimate: Estimate, ranges: np.ndarray) -> Comparison:
         """A frame (planes * rays,), in m, +inf for no return, beside the predicted one."""
-        position, rotation = estimate.mean[:3], estimate.rotation
-        returned = np.flatnonzero(ranges < self.geometry.max_range * 1.001)
-        directions = self.directions[returned] @ rotation.T
         # A larger body seen from a place is the map seen from nearer, all lengths in proportion.
         larger = 1.0 + estimate.mean[SIZE]
-        origins = np.broadcast_to(position / larger, directions.shape)
-        distances, facets, places = self.first_hits(origins, directions)
-        met = np.flatnonzero(facets >= 0)
-        heights = np.zeros(met.size)
+        position, table = estimate.mean[:3], self.map_error.table
+        rays, directions = returned_rays(ranges, self._farthest, estimate.rotation, self.directions)
+        distances, facets, places = self.first_hits(position / larger, directions)
+        heights = np.zeros(rays.size)
         if self.map_error.modes:
             # Where the surface lies farther out, it is the map seen from so much nearer.
-            returned, directions, facets = returned[met], directions[met], facets[met]
-            coefficients = estimate.mean[BASE:]
-            table = self.map_error.table
-            heights = heights_at(self._facets[facets], places[met], table, coefficients)
-            origins = origins[met] - heights[:, None] / larger * self.normals[facets]
+            rays, directions, origins, heights = raised_origins(
+                position / larger,
+                rays,
+                directions,
+                facets,
+                places,
+                self.normals,
+                self._facets,
+                table,
+                estimate.mean[BASE:] / larger,
+            )
             distances, facets, places = self.first_hits(origins, directions)
-            met = np.flatnonzero(facets >= 0)
-            heights = heights[met]
-        rays, facets = returned[met], facets[met]
-        rows = np.empty((met.size, self.columns.size))
-        residuals, variances = rows_of_frame(
-            position,
-            directions[met],
-            larger * distances[met],
-            ranges[rays],
-            self.normals[facets],
-            self._facets[facets],
-            places[met],
-            heights,
-            self.map_error.table,
-            estimate.mean[SIZE:],
-            self.noise_std,
-            self.map_error.rest,
-            self._half_beam,
-            rows,
+        return Comparison(
+            *rows_of_frame(
+                position,
+                rays,
+                directions,
+                larger * distances,
+                facets,
+                places,
+                larger * heights,
+                ranges,
+                self.normals,
+                self._facets,
+                table,
+                estimate.mean[SIZE:],
+                self.noise_std,
+                self.map_error.rest,
+                self._half_beam,
+            )
         )
-        return Comparison(rays, residuals, variances, rows)

@@ -37,12 +37,13 @@ class Motion:
         self, estimate: Estimate, force: np.ndarray, time: float, duration: float
     ) -> Estimate:
         """The estimate `duration` s after `time`, under a force (3,) in N along the axes of S."""
-        speed = float(np.linalg.norm(estimate.mean[VELOCITY]))
+        speed = math.hypot(*estimate.mean[VELOCITY])
         turn = abs(self._spin) * duration
         steps = math.ceil(max(1.0, turn / _TURN, speed * duration / (_SHARE * self._radius)))
         steps = min(steps, _MOST_STEPS)
         step = duration / steps
         noise = self._noise(step)
+        spent = float(np.abs(force).sum()) * step / self._mass
         for k in range(steps):
             mean = estimate.mean
             middle = mean[POSITION] + 0.5 * step * mean[VELOCITY] - mean[CENTRE_OF_MASS]
@@ -61,8 +62,7 @@ class Motion:
                 self._mass,
                 noise,
             )
-            spent = estimate.spent + float(np.abs(force).sum()) * step / self._mass
-            estimate = Estimate(*moved, spent)
+            estimate = Estimate(*moved, estimate.spent + spent)
         return estimate
 
     def _noise(self, step: float) -> np.ndarray:

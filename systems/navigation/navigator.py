@@ -47,7 +47,7 @@ _SUSPECTED = ExpectedErrors(
 # Standard deviation of a position that was just acquired, over the size of the body, and of the
 # velocity over the speed of a low orbit: far more than they are off by.
 _REACH, _SPEED = 0.1, 3.0
-# Matrices this small are slower on many threads, a hundred times so if the machine is busy.
+# Matrices of a map's error are slower on many threads, a hundred times so if the machine is busy.
 _LIBRARIES = ThreadpoolController()
 
 
@@ -110,7 +110,6 @@ class Navigator:
         forces = np.zeros((self._delay + 1, 3))
         return Memory(None, forces, 0, NavigationPhase.ACQUIRING, np.eye(3))
 
-    @_LIBRARIES.wrap(limits=1, user_api="blas")
     def step(self, memory: Memory, ranges: np.ndarray, force: np.ndarray, time: float) -> Step:
         """Uses the frame that arrives at a time.
 
@@ -120,7 +119,15 @@ class Navigator:
           force: (3,) in N along the axes of S, commanded over the period that ends now.
           time: now, in s.
         """
-        forces = np.vstack([memory.forces[1:], force])
+        if memory.phase == NavigationPhase.FOLLOWING and not self.model.map_error.modes:
+            return self._stepped(memory, ranges, force, time)  # Matrices too small for threads.
+        with _LIBRARIES.limit(limits=1, user_api="blas"):
+            return self._stepped(memory, ranges, force, time)
+
+    def _stepped(self, memory: Memory, ranges: np.ndarray, force: np.ndarray, time: float) -> Step:
+        """See `step`."""
+        forces = np.empty_like(memory.forces)
+        forces[:-1], forces[-1] = memory.forces[1:], force
         taken = time - self._delay * self._period
         prior = None
         if memory.estimate is not None:
@@ -175,8 +182,9 @@ class Navigator:
         the frame alone says where to begin.
         """
         found = corrected(self.model, prior, ranges)
-        variance = np.trace(prior.covariance[POSITION, POSITION])
-        if not (found.surprise > _MISFITTING and variance > self.model.noise_std**2):
+        if not found.surprise > _MISFITTING:
+            return found
+        if np.trace(prior.covariance[POSITION, POSITION]) <= self.model.noise_std**2:
             return found
         pose = acquire(self.model, ranges, prior.rotation, self._expected.attitude)
         if pose is None:

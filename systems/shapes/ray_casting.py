@@ -71,7 +71,10 @@ class RayCaster:
         return found
 
     def first_hits(self, position: np.ndarray, directions: np.ndarray) -> FirstHits:
-        """What rays from one position (3,), in m, along unit directions (N, 3) meet first."""
+        """What rays from a position (3,), or one each (N, 3), in m, meet first.
+
+        They point along unit directions (N, 3).
+        """
         origins = np.empty((len(directions), 3), dtype=np.float32)
         origins[:] = position
         found = self.scene.run(
