@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -10,15 +12,25 @@ from proxops.systems.navigation._frame_kernel import FLATTEST
 from proxops.systems.navigation._motion_kernel import turned
 from proxops.systems.navigation.frame_model import FrameModel
 
-# First guesses: beyond the mean of the returns by these shares of the body's length.
+# First guesses from afar: beyond the mean of the returns by these shares of the body's length.
 _BEYOND = (0.15, 0.3, 0.45)
 _MEAN_STEPS, _FIT_STEPS = 12, 12
-# If they fail, as they may close to the body: so many places in a ball of this radius over the
-# body's length, then so many around each of the best, of which again the best are tried.
-_WIDE, _CLOSE = (300, 0.45), (60, 0.07)
-_BEST = 8
-# Rays that these places are judged by, and the error, over the body's length, that counts as one.
-_SAMPLE, _FAR = 300, 0.05
+# A nearest return below this share of the length is close to the body. There the surface at the
+# nearest point faces the spacecraft, but for this angle (cosine): rays are far apart. So many
+# places above it are compared with the frame.
+_NEAR, _FACING, _NEAR_PLACES = 0.25, np.cos(np.radians(35.0)), 250
+# Then so many around each of the best within these shares of the length, and the best are refined.
+_ROUNDS, _AROUND = (0.03, 0.012), 30
+_BEST, _REFINED = 8, 2
+# If all of this fails: so many places in a ball of this radius over the body's length, then so many
+# around each of the best, of which again the best are refined.
+_WIDE, _CLOSE = (300, 0.45), (40, 0.07)
+# Rays that places are compared by, and the error, over the body's length, that counts as one.
+_SAMPLE, _FAR = 80, 0.05
+# Rays that a pose is refined by.
+_ENOUGH = 240
+# Residuals beyond this many of their standard deviations disagree.
+_GATE = 5.0
 # Fewer returns than this say too little.
 _FEWEST = 6
 # Of the rays that are predicted to meet the body, at least this share must return.
@@ -38,7 +50,9 @@ class Acquired(NamedTuple):
     rotation: np.ndarray
     """R_KS (3, 3)."""
     misfit: float
-    """Share of the rays of the measured and of the predicted body that disagree."""
+    """Share of the rays of the measured and of the predicted body that disagree by far."""
+    cost: float
+    """Mean square of the residuals over the greatest that noise can explain, each at most 1."""
 
 
 def acquire(
@@ -54,7 +68,7 @@ def acquire(
       model: predicts frames.
       ranges: the frame.
       attitude: R_KS (3, 3) as known. attitude_std: its standard deviation in rad.
-      thorough: starts from many places at once, not from the mean of the returns.
+      thorough: tries many places even if the first explain the frame.
 
     Returns:
       The pose, or None if none explains the frame.
@@ -66,23 +80,60 @@ def acquire(
     cloud = measured[:, None] * (model.directions[rays] @ attitude.T)
     mean = cloud.mean(axis=0)
     size = model.shape.extents.max()
-    false = np.count_nonzero(ranges < np.inf) - rays.size
     allowed = _MISFIT + _MISFIT_OF_MAP * model.map_error.std / size
-    allowed += min(_MISFIT_OF_FALSE * false / (ranges.size - rays.size + 1), _MOST_OF_FALSE)
+    allowed += _false_on_body(ranges, rays)
 
-    def tried(starts: list[np.ndarray]) -> Acquired | None:
-        poses = (_fitted(model, p, attitude, attitude_std, rays, measured) for p in starts)
+    fitted = _thinned(rays, _ENOUGH)
+
+    def tried(starts: Sequence[np.ndarray]) -> Acquired | None:
+        poses = (_fitted(model, p, attitude, attitude_std, fitted, ranges[fitted]) for p in starts)
         found = [_judged(model, *pose, ranges, rays) for pose in poses]
-        best = min(found, key=lambda each: each.misfit)
-        return best if best.misfit < allowed else None
+        believed = [each for each in found if each.misfit < allowed]
+        return min(believed, key=lambda each: each.cost, default=None)
 
+    sight = _Sight(model, attitude, ranges, rays)
     outwards = -mean / np.linalg.norm(mean)
-    found = None
-    if not thorough:
+
+    def afar() -> Acquired | None:
         guesses = [-mean + share * size * outwards for share in _BEYOND]
-        found = tried([_with_mean(model, guess, attitude, mean) for guess in guesses])
-    middle = -mean + 0.15 * size * outwards
-    return found or tried(_likely_places(model, middle, attitude, ranges, rays))
+        return tried([_with_mean(model, guess, attitude, mean) for guess in guesses])
+
+    def above() -> Acquired | None:
+        places = sight.above_the_nearest()
+        return tried(places[: _BEST if thorough else _REFINED])
+
+    def around() -> Acquired | None:
+        return tried(sight.anywhere(-mean + 0.15 * size * outwards))
+
+    found: list[Acquired] = []
+    ways = (above, afar, around) if sight.distance < _NEAR * size else (afar, around)
+    for way in ways:
+        one = way()
+        found += [] if one is None else [one]
+        if found and not thorough:
+            break
+    return min(found, key=lambda each: each.cost, default=None)
+
+
+def strangers(
+    model: FrameModel, position: np.ndarray, rotation: np.ndarray, ranges: np.ndarray
+) -> float:
+    """Share of the rays that see the body, or should, which no noise or false return explains.
+
+    Args:
+      model: predicts frames.
+      position: (3,) in m in K. rotation: R_KS (3, 3).
+      ranges: the frame (planes * rays,) in m, +inf for no return.
+    """
+    rays = _neighbourly(model, ranges)
+    misfit = _judged(model, position, rotation, ranges, rays).misfit
+    return max(0.0, misfit - _false_on_body(ranges, rays))
+
+
+def _false_on_body(ranges: np.ndarray, rays: np.ndarray) -> float:
+    """The greatest share of the rays (K,) taken for the body's that are false returns."""
+    false = np.count_nonzero(ranges < np.inf) - rays.size
+    return min(_MISFIT_OF_FALSE * false / (ranges.size - rays.size + 1), _MOST_OF_FALSE)
 
 
 def _neighbourly(model: FrameModel, ranges: np.ndarray) -> np.ndarray:
@@ -163,37 +214,66 @@ def _fitted(
     return position, rotation
 
 
-def _likely_places(
-    model: FrameModel,
-    middle: np.ndarray,
-    rotation: np.ndarray,
-    ranges: np.ndarray,
-    rays: np.ndarray,
-) -> list[np.ndarray]:
-    """The places around `middle` (3,) from which the body looks most like the frame."""
-    size = model.shape.extents.max()
-    blank = np.setdiff1d(np.flatnonzero(np.isinf(ranges)), rays)
-    sample = np.concatenate([_thinned(rays, _SAMPLE // 2), _thinned(blank, _SAMPLE // 2)])
-    directions, measured = model.directions[sample] @ rotation.T, ranges[sample]
+class _Sight:
+    """What a frame looks like, for comparing many places with it at once."""
 
-    def unlikeness(point: np.ndarray) -> float:
-        distances, facets, _ = model.first_hits(point, directions)
-        met = (facets >= 0) & (distances < model.geometry.max_range)
+    def __init__(
+        self, model: FrameModel, rotation: np.ndarray, ranges: np.ndarray, rays: np.ndarray
+    ):
+        """Takes a frame, the rays that see the body, and the attitude R_KS (3, 3)."""
+        self._model, self._size = model, model.shape.extents.max()
+        blank = np.setdiff1d(np.flatnonzero(np.isinf(ranges)), rays)
+        each = _SAMPLE // 2
+        sample = np.concatenate([_thinned(rays, each), _thinned(blank, each)])
+        self._directions = model.directions[sample] @ rotation.T
+        self._measured = ranges[sample]
+        # The nearest return that its neighbours confirm.
+        frame = np.full(ranges.size, np.inf)
+        frame[rays] = ranges[rays]
+        frame = frame.reshape(model.geometry.planes, model.geometry.rays)
+        smooth = np.median([np.roll(frame, shift, axis=1) for shift in (-1, 0, 1)], axis=0)
+        nearest = int(np.argmin(smooth))
+        self._down = rotation @ model.directions[nearest]
+        self.distance = float(smooth.flat[nearest])
+
+    def above_the_nearest(self) -> np.ndarray:
+        """The likeliest places (N, 3) at which the nearest return comes from a surface below."""
+        facing = np.flatnonzero(-self._model.normals @ self._down > _FACING)
+        facing = _thinned(facing, _NEAR_PLACES)
+        places = self._model.centres[facing] - self.distance * self._down
+        places = self._likeliest(places)
+        for reach in _ROUNDS:
+            cloud = places[:, None] + reach * self._size * _ball(_AROUND)
+            places = np.concatenate([places, cloud.reshape(-1, 3)])
+            heights = self._model.distances(places, np.tile(self._down, (len(places), 1)))
+            below = heights < np.inf
+            places, lower = places[below], heights[below] - self.distance
+            places = self._likeliest(places + lower[:, None] * self._down)
+        return places
+
+    def anywhere(self, middle: np.ndarray) -> np.ndarray:
+        """The likeliest places (N, 3) around a point (3,)."""
+        (count, radius), (more, close) = _WIDE, _CLOSE
+        places = self._likeliest(middle + radius * self._size * _ball(count))
+        cloud = places[:, None] + close * self._size * _ball(more)
+        return self._likeliest(cloud.reshape(-1, 3))
+
+    def _likeliest(self, places: np.ndarray) -> np.ndarray:
+        """The few of the places (N, 3) from which the body looks most like the frame, in order."""
+        rays = len(self._directions)
+        found = self._model.distances(
+            np.repeat(places, rays, axis=0), np.tile(self._directions, (len(places), 1))
+        )
+        found[found > self._model.geometry.max_range] = np.inf
+        found = found.reshape(len(places), rays)
         with np.errstate(invalid="ignore"):
-            off = np.minimum(np.abs(distances - measured) / (_FAR * size), 1.0)
-        off[~met] = measured[~met] < np.inf
-        return float(off.mean())
-
-    def likeliest(points: np.ndarray) -> np.ndarray:
-        order = np.argsort([unlikeness(point) for point in points], kind="stable")
-        return points[order[:_BEST]]
-
-    (count, radius), (more, close) = _WIDE, _CLOSE
-    places = likeliest(middle + radius * size * _ball(count))
-    around = (places[:, None] + close * size * _ball(more)).reshape(-1, 3)
-    return list(likeliest(around))
+            off = np.minimum(np.abs(found - self._measured) / (_FAR * self._size), 1.0)
+        off[np.isinf(found) & np.isinf(self._measured)] = 0.0
+        order = np.argsort(off.mean(axis=1), kind="stable")
+        return places[order[:_BEST]]
 
 
+@functools.lru_cache(maxsize=4)
 def _ball(count: int) -> np.ndarray:
     """Points (count, 3), spread evenly in the unit ball."""
     from scipy.stats import qmc  # It is slow to import, so only when it is needed.
@@ -215,20 +295,29 @@ def _judged(
     rays: np.ndarray,
 ) -> Acquired:
     """The pose, with how well it explains the frame and the rays that see the measured body."""
-    _, hit, distances, _ = model.fan.hits(position[None], rotation)
-    predicted = np.full(ranges.size, np.inf)
+    _, hit, distances, facets = model.fan.hits(position[None], rotation)
+    predicted, cosine = np.full(ranges.size, np.inf), np.ones(ranges.size)
     predicted[hit] = distances
+    cosine[hit] = np.abs(
+        np.einsum("ki,ki->k", model.normals[facets], model.directions[hit] @ rotation.T)
+    )
     predicted[predicted > model.geometry.max_range] = np.inf
     tolerance = 6.0 * model.noise_std + 6.0 * model.map_error.std
     tolerance += 0.01 * model.shape.extents.max()
     with np.errstate(invalid="ignore"):
-        disagree = np.count_nonzero(~(np.abs(ranges[rays] - predicted[rays]) < tolerance))
+        off = np.abs(ranges[rays] - predicted[rays])
+        off[np.isnan(off)] = np.inf
+    disagree = np.count_nonzero(~(off < tolerance))
+    greatest = _GATE * np.hypot(model.noise_std, model.map_error.std)
+    squares = np.minimum(cosine[rays] * off / greatest, 1.0) ** 2
     # A return may be lost, but hardly three rays beside one another.
     geometry = model.geometry
     frame = ranges.reshape(geometry.planes, geometry.rays)
     lost = np.isinf(frame) & np.isinf(np.roll(frame, 1, axis=1)) & np.isinf(np.roll(frame, -1, 1))
     expected = predicted < np.inf
     blank = np.count_nonzero(expected & lost.ravel())
+    seen = rays.size + blank
+    cost = float(squares.sum() + blank) / seen
     if np.count_nonzero(expected & (ranges < np.inf)) < _RETURNING * np.count_nonzero(expected):
-        return Acquired(position, rotation, 1.0)
-    return Acquired(position, rotation, (disagree + blank) / (rays.size + blank))
+        return Acquired(position, rotation, 1.0, cost)
+    return Acquired(position, rotation, (disagree + blank) / seen, cost)

@@ -49,7 +49,8 @@ class FrameModel:
         self._half_beam = 0.5 * beam_width
         self._farthest = geometry.max_range * 1.001
         self.normals, self._facets = shape.normals, np.array(shape.facets)
-        self.first_hits = ray_caster(shape).first_hits
+        self.centres = shape.vertices[shape.facets].mean(axis=1)
+        self.first_hits, self.distances = ray_caster(shape).first_hits, ray_caster(shape).distances
         self.fan = ray_caster(shape).fan(self.directions)
         # Where the measured quantities are in an estimate.
         self.columns = np.concatenate([MEASURED, BASE + np.arange(map_error.modes)])

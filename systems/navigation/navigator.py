@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from threadpoolctl import ThreadpoolController
 
-from proxops.systems.navigation.acquisition import Acquired, acquire
+from proxops.systems.navigation.acquisition import Acquired, acquire, strangers
 from proxops.systems.navigation.correction import Correction, corrected
 from proxops.systems.navigation.estimate import (
     ATTITUDE,
@@ -32,8 +32,11 @@ _FEWEST, _AGREEING = 6, 0.5
 # fit together; beyond the second they cannot, for each by itself lies within 5 deviations.
 _MISFITTING, _IMPOSSIBLE = 4.0, 25.0
 # A first frame whose normalised innovation squared is so many standard deviations above 1 may be
-# explained by a wrong place.
-_UNLIKELY = 5.0
+# explained by a wrong place: the search goes on. After so many frames that no place explains
+# better, it is the map or the noise that is not as told, and the best place is taken.
+_UNLIKELY, _UNEXPLAINED = 5.0, 10
+# Each ray that disagrees by far with the pose of a first frame counts as so many variances.
+_STRANGE = 25.0
 # After so many frames in a row that contradict the prediction, the navigation is lost.
 _PATIENCE = 3
 # A frame that moves the pose by more than this (chi square of six degrees of freedom; once in 1e10
@@ -59,7 +62,7 @@ class Memory(NamedTuple):
     forces: np.ndarray
     """(D + 1, 3) commanded forces in N of the last periods, the oldest first."""
     contradictions: int
-    """Number of frames in a row that contradicted the prediction."""
+    """Number of frames in a row that contradicted the prediction, or that no place explained."""
     phase: NavigationPhase
     attitude: np.ndarray
     """R_KS (3, 3) with which the next acquisition starts."""
@@ -73,6 +76,14 @@ class Step(NamedTuple):
     memory: Memory
     correction: Correction | None
     """What the frame did; None if it was empty or not used."""
+
+
+class _Start(NamedTuple):
+    """An estimate from a frame alone."""
+
+    correction: Correction
+    excess: float
+    """How far the frame's disagreement is above what noise explains, in standard deviations."""
 
 
 class Navigator:
@@ -160,9 +171,11 @@ class Navigator:
             if contradictions < _PATIENCE:
                 return prior, memory.phase, contradictions, None
         spent = 0.0 if prior is None else prior.spent
-        found = self._acquired(ranges, attitude, spent)
+        found = self._acquired(ranges, attitude, spent, contradictions)
         if found is not None:
             return found.estimate, NavigationPhase.FOLLOWING, 0, found
+        if prior is None:
+            contradictions += 1
         lost = NavigationPhase.ACQUIRING if prior is None else NavigationPhase.LOST
         return prior, lost, contradictions, None
 
@@ -205,24 +218,30 @@ class Navigator:
         return prior._replace(covariance=prior.covariance + np.diag(extra))
 
     def _acquired(
-        self, ranges: np.ndarray, attitude: np.ndarray, spent: float
+        self, ranges: np.ndarray, attitude: np.ndarray, spent: float, tried: int
     ) -> Correction | None:
-        """The estimate from a frame alone, after a velocity change of `spent` m/s."""
-        std = self._expected.attitude
-        found = self._from(acquire(self.model, ranges, attitude, std), ranges, attitude, spent)
-        if found is None or found.surprise <= 1.0 + _UNLIKELY * np.sqrt(2.0 / found.used):
-            return found
-        # Close to the body another place may look alike.
-        pose = acquire(self.model, ranges, attitude, std, thorough=True)
-        other = self._from(pose, ranges, attitude, spent)
-        return found if other is None or other.surprise > found.surprise else other
+        """The estimate from a frame alone; None if no place explains it.
+
+        Args:
+          ranges: the frame. attitude: R_KS (3, 3) as known.
+          spent: velocity change so far in m/s. tried: frames in a row that nothing explained.
+        """
+        std, best = self._expected.attitude, None
+        for thorough in (False, True):
+            pose = acquire(self.model, ranges, attitude, std, thorough)
+            found = None if pose is None else self._from(pose, ranges, attitude, spent)
+            if found is not None and (best is None or found.excess < best.excess):
+                best = found
+            if best is not None and best.excess <= _UNLIKELY:
+                return best.correction
+            if best is None and pose is None and not thorough:
+                break  # It has looked everywhere.
+        return best.correction if best is not None and tried >= _UNEXPLAINED else None
 
     def _from(
-        self, pose: Acquired | None, ranges: np.ndarray, attitude: np.ndarray, spent: float
-    ) -> Correction | None:
+        self, pose: Acquired, ranges: np.ndarray, attitude: np.ndarray, spent: float
+    ) -> _Start | None:
         """The estimate from a frame and the pose that explains it."""
-        if pose is None:
-            return None
         modes = self.model.map_error.modes
         prior = first_estimate(
             pose.position,
@@ -235,7 +254,12 @@ class Navigator:
             spent,
         )
         found = corrected(self.model, prior, ranges, _way_to(pose, prior))
-        return found if found.used >= _FEWEST else None
+        if found.used < _FEWEST:
+            return None
+        now = found.estimate
+        strange = strangers(self.model, now.mean[POSITION], now.rotation, ranges)
+        above = found.surprise + _STRANGE * strange - 1.0
+        return _Start(found, float(above / np.sqrt(2.0 / found.used)))
 
 
 def _way_to(pose: Acquired, prior: Estimate) -> np.ndarray:
