@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from proxops.systems.navigation._frame_kernel import FLATTEST
 from proxops.systems.navigation._motion_kernel import turned
@@ -19,14 +20,18 @@ _MEAN_STEPS, _FIT_STEPS = 12, 12
 # nearest point faces the spacecraft, but for this angle (cosine): rays are far apart. So many
 # places above it are compared with the frame.
 _NEAR, _FACING, _NEAR_PLACES = 0.25, np.cos(np.radians(35.0)), 250
-# Then so many around each of the best within these shares of the length, and the best are refined.
-_ROUNDS, _AROUND = (0.03, 0.012), 30
-_BEST, _REFINED = 8, 2
+# Then so many poses around each of the best, within these shares of the length and these multiples
+# of the attitude's deviation; a pose is better if fewer rays are off by this share of the length.
+_AROUND, _ROUNDS = 30, ((0.03, 1.0, 0.03), (0.012, 1.0, 0.02))
+_MORE_ROUNDS = ((0.03, 1.5, 0.03), (0.02, 1.0, 0.02), (0.012, 0.5, 0.01))
+# Poses kept, poses refined, and rays that they are compared by; then these of a thorough search.
+_KEPT, _REFINED, _SAMPLE = 8, 2, 80
+_MORE_KEPT, _MORE_REFINED, _MORE_SAMPLE = 16, 5, 160
 # If all of this fails: so many places in a ball of this radius over the body's length, then so many
 # around each of the best, of which again the best are refined.
 _WIDE, _CLOSE = (300, 0.45), (40, 0.07)
-# Rays that places are compared by, and the error, over the body's length, that counts as one.
-_SAMPLE, _FAR = 80, 0.05
+# The error, over the body's length, that counts as one ray where poses are compared at first.
+_FAR = 0.05
 # Rays that a pose is refined by.
 _ENOUGH = 240
 # Residuals beyond this many of their standard deviations disagree.
@@ -60,7 +65,7 @@ def acquire(
     ranges: np.ndarray,
     attitude: np.ndarray,
     attitude_std: float,
-    thorough: bool = False,
+    search: int = 0,
 ) -> Acquired | None:
     """Finds the pose from a frame (planes * rays,) in m, +inf for no return.
 
@@ -68,7 +73,8 @@ def acquire(
       model: predicts frames.
       ranges: the frame.
       attitude: R_KS (3, 3) as known. attitude_std: its standard deviation in rad.
-      thorough: tries many places even if the first explain the frame.
+      search: 0 ends with the first place that explains the frame. The thorough searches 1, 2, ...
+        look on, each at other places, for the one that explains it best.
 
     Returns:
       The pose, or None if none explains the frame.
@@ -85,22 +91,21 @@ def acquire(
 
     fitted = _thinned(rays, _ENOUGH)
 
-    def tried(starts: Sequence[np.ndarray]) -> Acquired | None:
-        poses = (_fitted(model, p, attitude, attitude_std, fitted, ranges[fitted]) for p in starts)
+    def tried(starts: Sequence[tuple[np.ndarray, np.ndarray]]) -> Acquired | None:
+        poses = (_fitted(model, *start, attitude_std, fitted, ranges[fitted]) for start in starts)
         found = [_judged(model, *pose, ranges, rays) for pose in poses]
         believed = [each for each in found if each.misfit < allowed]
         return min(believed, key=lambda each: each.cost, default=None)
 
-    sight = _Sight(model, attitude, ranges, rays)
+    sight = _Sight(model, attitude, attitude_std, ranges, rays, search)
     outwards = -mean / np.linalg.norm(mean)
 
     def afar() -> Acquired | None:
         guesses = [-mean + share * size * outwards for share in _BEYOND]
-        return tried([_with_mean(model, guess, attitude, mean) for guess in guesses])
+        return tried([(_with_mean(model, one, attitude, mean), attitude) for one in guesses])
 
     def above() -> Acquired | None:
-        places = sight.above_the_nearest()
-        return tried(places[: _BEST if thorough else _REFINED])
+        return tried(sight.above_the_nearest())
 
     def around() -> Acquired | None:
         return tried(sight.anywhere(-mean + 0.15 * size * outwards))
@@ -110,7 +115,7 @@ def acquire(
     for way in ways:
         one = way()
         found += [] if one is None else [one]
-        if found and not thorough:
+        if found and not search:
             break
     return min(found, key=lambda each: each.cost, default=None)
 
@@ -215,15 +220,28 @@ def _fitted(
 
 
 class _Sight:
-    """What a frame looks like, for comparing many places with it at once."""
+    """What a frame looks like, for comparing many poses with it at once.
+
+    Poses are arrays (N, 6): the position in m in K, and a rotation vector in K by which the
+    attitude is off.
+    """
 
     def __init__(
-        self, model: FrameModel, rotation: np.ndarray, ranges: np.ndarray, rays: np.ndarray
+        self,
+        model: FrameModel,
+        rotation: np.ndarray,
+        rotation_std: float,
+        ranges: np.ndarray,
+        rays: np.ndarray,
+        search: int,
     ):
-        """Takes a frame, the rays that see the body, and the attitude R_KS (3, 3)."""
+        """Takes a frame, the rays that see the body, and the attitude; see `acquire`."""
         self._model, self._size = model, model.shape.extents.max()
+        self._rotation, self._rotation_std = rotation, rotation_std
+        self._search = search
+        self._kept, self._refined = (_MORE_KEPT, _MORE_REFINED) if search else (_KEPT, _REFINED)
         blank = np.setdiff1d(np.flatnonzero(np.isinf(ranges)), rays)
-        each = _SAMPLE // 2
+        each = (_MORE_SAMPLE if search else _SAMPLE) // 2
         sample = np.concatenate([_thinned(rays, each), _thinned(blank, each)])
         self._directions = model.directions[sample] @ rotation.T
         self._measured = ranges[sample]
@@ -236,51 +254,77 @@ class _Sight:
         self._down = rotation @ model.directions[nearest]
         self.distance = float(smooth.flat[nearest])
 
-    def above_the_nearest(self) -> np.ndarray:
-        """The likeliest places (N, 3) at which the nearest return comes from a surface below."""
+    def above_the_nearest(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Likely positions and rotations whose nearest return comes from a surface below them."""
         facing = np.flatnonzero(-self._model.normals @ self._down > _FACING)
         facing = _thinned(facing, _NEAR_PLACES)
-        places = self._model.centres[facing] - self.distance * self._down
-        places = self._likeliest(places)
-        for reach in _ROUNDS:
-            cloud = places[:, None] + reach * self._size * _ball(_AROUND)
-            places = np.concatenate([places, cloud.reshape(-1, 3)])
-            heights = self._model.distances(places, np.tile(self._down, (len(places), 1)))
-            below = heights < np.inf
-            places, lower = places[below], heights[below] - self.distance
-            places = self._likeliest(places + lower[:, None] * self._down)
-        return places
+        poses = np.zeros((facing.size, 6))
+        poses[:, :3] = self._model.centres[facing] - self.distance * self._down
+        poses = self._likeliest(poses, _FAR)
+        for reach, turn, off in _MORE_ROUNDS if self._search else _ROUNDS:
+            spread = np.repeat([reach * self._size, turn * self._rotation_std], 3)
+            poses = self._likeliest(self._lowered(self._with_others(poses, _AROUND, spread)), off)
+        return self._best(poses)
 
-    def anywhere(self, middle: np.ndarray) -> np.ndarray:
-        """The likeliest places (N, 3) around a point (3,)."""
+    def anywhere(self, middle: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Likely positions and rotations around a point (3,)."""
         (count, radius), (more, close) = _WIDE, _CLOSE
-        places = self._likeliest(middle + radius * self._size * _ball(count))
-        cloud = places[:, None] + close * self._size * _ball(more)
-        return self._likeliest(cloud.reshape(-1, 3))
+        poses = self._with_others(
+            np.r_[middle, np.zeros(3)][None], count, np.repeat([radius * self._size, 0.0], 3)
+        )
+        poses = self._likeliest(poses, _FAR)
+        spread = np.repeat([close * self._size, 0.0], 3)
+        return self._best(self._likeliest(self._with_others(poses, more, spread), _FAR))
 
-    def _likeliest(self, places: np.ndarray) -> np.ndarray:
-        """The few of the places (N, 3) from which the body looks most like the frame, in order."""
+    def _best(self, poses: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Positions and rotations R_KS of the best of poses in order."""
+        return [(pose[:3], turned(self._rotation, pose[3:])) for pose in poses[: self._refined]]
+
+    def _with_others(self, poses: np.ndarray, count: int, spread: np.ndarray) -> np.ndarray:
+        """Poses and so many around each of them, off by up to `spread` (6,)."""
+        around = poses[:, None] + spread * _balls(count, self._search)
+        return np.concatenate([poses, around.reshape(-1, 6)])
+
+    def _lowered(self, poses: np.ndarray) -> np.ndarray:
+        """Poses that are moved along the nearest ray until the map predicts its range."""
+        downs = Rotation.from_rotvec(poses[:, 3:]).apply(self._down)
+        heights = self._model.distances(poses[:, :3], downs)
+        below = heights < np.inf
+        poses = poses[below]
+        poses[:, :3] += (heights[below] - self.distance)[:, None] * downs[below]
+        return poses
+
+    def _likeliest(self, poses: np.ndarray, far: float) -> np.ndarray:
+        """The few of the poses from which the body looks most like the frame, in order.
+
+        Args:
+          far: error, over the body's length, from which a ray counts as one.
+        """
         rays = len(self._directions)
+        turns = Rotation.from_rotvec(poses[:, 3:]).as_matrix()
+        directions = self._directions @ turns.transpose(0, 2, 1)
         found = self._model.distances(
-            np.repeat(places, rays, axis=0), np.tile(self._directions, (len(places), 1))
+            np.repeat(poses[:, :3], rays, axis=0), directions.reshape(-1, 3)
         )
         found[found > self._model.geometry.max_range] = np.inf
-        found = found.reshape(len(places), rays)
+        found = found.reshape(len(poses), rays)
         with np.errstate(invalid="ignore"):
-            off = np.minimum(np.abs(found - self._measured) / (_FAR * self._size), 1.0)
+            off = np.minimum(np.abs(found - self._measured) / (far * self._size), 1.0)
         off[np.isinf(found) & np.isinf(self._measured)] = 0.0
         order = np.argsort(off.mean(axis=1), kind="stable")
-        return places[order[:_BEST]]
+        return poses[order[: self._kept]]
 
 
-@functools.lru_cache(maxsize=4)
-def _ball(count: int) -> np.ndarray:
-    """Points (count, 3), spread evenly in the unit ball."""
+@functools.lru_cache(maxsize=64)
+def _balls(count: int, search: int) -> np.ndarray:
+    """Points (count, 6), spread evenly: three coordinates in a unit ball, and three in another."""
     from scipy.stats import qmc  # It is slow to import, so only when it is needed.
 
-    cube = qmc.Halton(3, scramble=False).random(2 * count + 30)[1:]
-    points = 2.0 * cube - 1.0
-    return points[np.linalg.norm(points, axis=1) <= 1.0][:count]
+    # 27 % of the points of the cube lie in both balls.
+    each = 6 * count + 200
+    points = 2.0 * qmc.Halton(6, scramble=False).fast_forward(1 + search * each).random(each) - 1.0
+    lengths = np.linalg.norm(points.reshape(each, 2, 3), axis=2)
+    return points[(lengths <= 1.0).all(axis=1)][:count]
 
 
 def _thinned(indices: np.ndarray, count: int) -> np.ndarray:

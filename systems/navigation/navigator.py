@@ -227,15 +227,13 @@ class Navigator:
           spent: velocity change so far in m/s. tried: frames in a row that nothing explained.
         """
         std, best = self._expected.attitude, None
-        for thorough in (False, True):
-            pose = acquire(self.model, ranges, attitude, std, thorough)
+        for search in (0, 1 + tried):
+            pose = acquire(self.model, ranges, attitude, std, search)
             found = None if pose is None else self._from(pose, ranges, attitude, spent)
             if found is not None and (best is None or found.excess < best.excess):
                 best = found
             if best is not None and best.excess <= _UNLIKELY:
                 return best.correction
-            if best is None and pose is None and not thorough:
-                break  # It has looked everywhere.
         return best.correction if best is not None and tried >= _UNEXPLAINED else None
 
     def _from(
