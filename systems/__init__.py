@@ -4,6 +4,7 @@ Each room below has a face of its own; what is used most is here too.
 """
 
 from proxops.systems.assurance import (
+    AssuranceBounds,
     AssuranceLimits,
     BackupBraking,
     InterventionReason,
@@ -77,6 +78,7 @@ from proxops.systems.vehicle import (
 __all__ = [
     "ActualThrust",
     "AgreementGate",
+    "AssuranceBounds",
     "AssuranceLimits",
     "AttitudeError",
     "BackupBraking",

@@ -10,11 +10,11 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from short_flights import kleopatra
 
-from proxops.diagrams.flight.scenario_systems import make_backup
+from proxops.diagrams.flight.scenario_systems import bounded_backup
 from proxops.diagrams.logs.flight_summary import dense_positions
 from proxops.diagrams.scenario.scenario import load_scenario
-from proxops.diagrams.scenario.scenario_config import AssuranceConfig
 from proxops.systems import (
+    AssuranceBounds,
     AssuranceLimits,
     BackupBraking,
     Gravity,
@@ -28,8 +28,7 @@ from proxops.systems.vehicle.state_prediction import predicted_state
 
 RADIUS, MASS, THRUST = 50e3, 100.0, 7.0
 PUSH = THRUST / MASS
-BALL = AssuranceLimits(MASS, THRUST, 40.0, np.full(3, RADIUS), keep_out_margin=0.0)
-MARGIN = 100.0
+BALL = AssuranceLimits(MASS, THRUST, 40.0, np.full(3, RADIUS))
 
 
 class NoField:
@@ -40,7 +39,7 @@ class NoField:
 
 @cache
 def kleopatras() -> BackupBraking:
-    return make_backup(load_scenario(), kleopatra(), AssuranceConfig(MARGIN))
+    return bounded_backup(load_scenario(), kleopatra(), AssuranceBounds())
 
 
 def step(state: np.ndarray, force: np.ndarray) -> np.ndarray:
@@ -79,10 +78,9 @@ def test_stops_within_the_closed_form_in_empty_space(speed: float, height: float
         state = np.zeros(6)
         state[axis], state[3 + axis] = -(RADIUS + height), speed
         expected = height - speed**2 / (2.0 * PUSH)
-        # A lower bound: by what a path may bend between steps.
-        assert (
-            expected - PUSH * 10.0**2 / 8.0 - 1e-6 <= backup.backup_margin(state) <= expected + 1e-6
-        )
+        # A lower bound: by what a path may bend between steps, and a thousandth of the thrust.
+        slack = PUSH * 10.0**2 / 8.0 + 1.1e-3 * speed**2 / (2.0 * PUSH)
+        assert expected - slack - 1e-6 <= backup.backup_margin(state) <= expected + 1e-6
 
 
 @pytest.mark.parametrize("lowest", [RADIUS + 50.0, RADIUS + 5e3])
@@ -93,7 +91,7 @@ def test_stops_where_energy_says_over_a_point_mass(lowest: float) -> None:
     level = 0.5 * speed**2 + PUSH * lowest + mu / lowest
     start = (level + np.sqrt(level**2 - 4.0 * PUSH * mu)) / (2.0 * PUSH)
     margin = BackupBraking(field, 0.0, BALL).backup_margin(np.array([0, start, 0, 0, -speed, 0]))
-    assert lowest - RADIUS - 2.0 < margin <= lowest - RADIUS + 0.1
+    assert lowest - RADIUS - 100.0 < margin <= lowest - RADIUS + 0.1
 
 
 def test_diagonal_brakes_with_all_axes() -> None:
@@ -102,7 +100,7 @@ def test_diagonal_brakes_with_all_axes() -> None:
     diagonal = np.ones(3) / np.sqrt(3.0)
     state = np.concatenate([(RADIUS + 10e3) * diagonal, -30.0 * diagonal])
     expected = 10e3 - 30.0**2 / (2.0 * np.sqrt(3.0) * PUSH)
-    assert backup.backup_margin(state) == pytest.approx(expected, abs=2.0)
+    assert expected - 8.0 < backup.backup_margin(state) <= expected
 
 
 @settings(max_examples=8, deadline=None)
@@ -114,9 +112,8 @@ def test_backup_from_admitted_states_stays_out(state: np.ndarray) -> None:
     flown = [state]
     for _ in range(200):
         flown.append(step(flown[-1], backup.force(flown[-1])))
-    # The margin is added to the semi-axes: between them it is somewhat less.
-    assert least_clearance(flown) > 0.9 * MARGIN - 5.0
-    normals = np.array(flown)[:, :3] / (backup.limits.keep_out_semi_axes + MARGIN) ** 2
+    assert least_clearance(flown) >= 0.0
+    normals = np.array(flown)[:, :3] / backup.limits.keep_out_semi_axes**2
     outward = np.einsum("ni,ni->n", normals, np.array(flown)[:, 3:])
     # Once outwards, always outwards.
     first = int(np.argmax(outward > 0.5 * np.linalg.norm(normals, axis=1)))
@@ -198,22 +195,12 @@ def test_where_nothing_is_safe_the_backup_flies() -> None:
         assert force[0] == THRUST
 
 
-def test_a_wider_margin_admits_less() -> None:
-    limits = kleopatras().limits
-    field, spin = kleopatra().gravity_field, kleopatra().spin_rate
-    wide = BackupBraking(field, spin, dataclasses.replace(limits, keep_out_margin=5e3))
-    state = np.array([0.0, 0.0, 68e3, 0.0, 0.0, 0.0])
-    assert kleopatras().admitted(state)
-    assert not wide.admitted(state)
-    assert wide.backup_margin(state) == pytest.approx(-2e3, abs=5.0)
-
-
 def test_senseless_or_too_weak_is_refused() -> None:
     limits = kleopatras().limits
     field, spin = kleopatra().gravity_field, kleopatra().spin_rate
     with pytest.raises(InputError, match="does not hold 1000 kg"):
         BackupBraking(field, spin, dataclasses.replace(limits, mass=1000.0))
-    for change in ({"thrust": 0.0}, {"speed": np.nan}, {"keep_out_margin": -1.0}, {"mass": np.inf}):
+    for change in ({"thrust": 0.0}, {"speed": np.nan}, {"mass": np.inf}):
         with pytest.raises(InputError, match="runtime assurance needs"):
             BackupBraking(field, spin, dataclasses.replace(limits, **change))
     with pytest.raises(InputError, match="six finite numbers"):
@@ -228,8 +215,9 @@ def test_nothing_is_made_for_one_size_of_body(scale: float) -> None:
     axes, state = np.array([80e3, 60e3, 50e3]), np.array([24.3e3, 36.4e3, 37.6e3, 9, -12, -4])
     found = []
     for s in (1.0, scale):
-        limits = AssuranceLimits(MASS, s * THRUST, s * 40.0, s * axes, s * MARGIN)
-        backup = BackupBraking(PointMassField(s**3 * 2e18), 3e-4, limits)
+        limits = AssuranceLimits(MASS, s * THRUST, s * 40.0, s * axes)
+        bounds = AssuranceBounds(position=s * 100.0)
+        backup = BackupBraking(PointMassField(s**3 * 2e18), 3e-4, limits, bounds)
         force, reason = backup.assure(s * state, s * np.array([-3.0, -7.0, -7.0]))
         found.append((backup.backup_margin(s * state) / s, *force / s, reason))
     assert found[1] == pytest.approx(found[0], rel=1e-6)

@@ -1,28 +1,31 @@
 """Flights by adversaries: controllers that try to hit the body, with or without runtime assurance.
 
-These are plain functions; they make no Diagram. `predicted_state` integrates the motion with
-polyhedral gravity. It shares no code with the prediction that runtime assurance makes.
+These are plain functions; they make no Diagram. The motion is integrated with polyhedral gravity.
+It shares no code with the prediction that runtime assurance makes. `box_worlds` has the worlds and
+the errors of the state in which they fly.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from proxops.diagrams.flight.scenario_systems import make_backup
+from proxops.diagrams.flight.box_worlds import StateErrors, Truth, outward_normal
+from proxops.diagrams.flight.scenario_systems import bounded_backup, make_backup
 from proxops.diagrams.logs import dense_positions
 from proxops.diagrams.scenario import AssuranceConfig, Body, Scenario
-from proxops.systems.assurance import BackupBraking
+from proxops.systems.assurance import AssuranceBounds, BackupBraking, InterventionReason
 from proxops.systems.shapes import clearances
-from proxops.systems.vehicle import predicted_state
 
 # The adversary along the surface keeps its course for at most this many steps.
 _LONGEST_COURSE = 60
 # This share of the starts is within this distance (m) of the keep-out ellipsoid.
 _NEAR_SHARE, _NEAR = 0.5, 8e3
+# This share of the starts is at the edge of what is admitted, found by so many bisections.
+_EDGE_SHARE, _BISECTIONS = 0.5, 20
 
 Adversary = Callable[[np.ndarray], np.ndarray]
 """Gives a force (3,) in N for a state (6,)."""
@@ -32,6 +35,11 @@ def _at_the_body(backup: BackupBraking, random: np.random.Generator) -> Adversar
     """Thrusts fully towards the body's centre."""
     limit = backup.limits.thrust
     return lambda state: -limit * state[:3] / np.abs(state[:3]).max()
+
+
+def _zero(backup: BackupBraking, random: np.random.Generator) -> Adversary:
+    """Commands nothing."""
+    return lambda state: np.zeros(3)
 
 
 def _random(backup: BackupBraking, random: np.random.Generator) -> Adversary:
@@ -61,8 +69,7 @@ def _along_the_surface(backup: BackupBraking, random: np.random.Generator) -> Ad
         if left == 0:
             left, course = int(random.integers(1, _LONGEST_COURSE)), random.normal(size=3)
         left -= 1
-        normal = state[:3] / backup.limits.keep_out_semi_axes**2
-        normal /= np.linalg.norm(normal)
+        normal = outward_normal(backup.limits.keep_out_semi_axes, state[:3])
         along = course - (course @ normal) * normal
         return limit * np.sign(along / np.linalg.norm(along) - 0.3 * normal)
 
@@ -70,6 +77,7 @@ def _along_the_surface(backup: BackupBraking, random: np.random.Generator) -> Ad
 
 
 ADVERSARIES: dict[str, Callable[[BackupBraking, np.random.Generator], Adversary]] = {
+    "zero": _zero,
     "at the body": _at_the_body,
     "random": _random,
     "sign flipped": _sign_flipped,
@@ -82,13 +90,17 @@ class AdversarialFlight:
     """The record of one flight; all vectors are in K."""
 
     states: np.ndarray
-    """States (N + 1, 6) at the steps, in m and m/s."""
+    """True states (N + 1, 6) at the steps, in m and m/s."""
+    believed: np.ndarray
+    """Believed states (N, 6) at the steps."""
     forces: np.ndarray
-    """Forces (N, 3) that acted, in N."""
+    """Forces (N, 3) that runtime assurance let through, in N."""
     commands: np.ndarray
     """Forces (N, 3) that the adversary commanded, in N."""
+    reasons: np.ndarray
+    """`InterventionReason` (N,) of each step."""
     clearance: float
-    """Least clearance along the whole path, in m."""
+    """Least clearance along the whole path, in m, from the ellipsoid about the true body."""
     speed: float
     """Greatest speed along an axis, in m/s."""
     step_seconds: np.ndarray
@@ -100,6 +112,9 @@ def random_admitted_state(
 ) -> np.ndarray:
     """Draws an admitted state (6,) in a cube, half of the time close to the keep-out ellipsoid.
 
+    Half of the states are at the edge of what is admitted: moved down the normal until no lower
+    state would be admitted.
+
     Args:
       backup: decides which states are admitted.
       cube: edge of the cube in m.
@@ -110,11 +125,24 @@ def random_admitted_state(
         position = random.uniform(-0.5 * cube, 0.5 * cube, 3)
         if random.random() < _NEAR_SHARE:
             position *= 1.0 / np.linalg.norm(position / axes)
-            normal = position / axes**2
-            position += random.uniform(0.0, _NEAR) * normal / np.linalg.norm(normal)
+            position += random.uniform(0.0, _NEAR) * outward_normal(axes, position)
         state = np.concatenate([position, random.uniform(-speed, speed, 3)])
         if backup.admitted(state):
-            return state
+            return _lowered(backup, state) if random.random() < _EDGE_SHARE else state
+
+
+def _lowered(backup: BackupBraking, state: np.ndarray) -> np.ndarray:
+    """The lowest admitted state (6,) towards the ellipsoid, by bisection."""
+    axes = backup.limits.keep_out_semi_axes
+    high, low = state, state.copy()
+    low[:3] /= np.linalg.norm(low[:3] / axes)
+    for _ in range(_BISECTIONS):
+        middle = 0.5 * (high + low)
+        if backup.admitted(middle):
+            high = middle
+        else:
+            low = middle
+    return high
 
 
 def adversarial_flight(
@@ -124,42 +152,102 @@ def adversarial_flight(
     seed: int,
     steps: int = 600,
     assured: bool = True,
+    *,
+    bounds: AssuranceBounds | None = None,
+    truth: str = "as believed",
+    state_errors: str = "none",
+    adversary: Adversary | None = None,
+    excess: float = 1.0,
 ) -> AdversarialFlight:
     """Flies one adversary from a random admitted state; the result depends on the arguments alone.
 
     Args:
       scenario: gives the spacecraft, the control period and the settings of runtime assurance.
-      body: the body.
+      body: the body, as it is believed.
       name: one of `ADVERSARIES`.
-      seed: seed of the start and of the adversary's draws.
+      seed: seed of the start, of the adversary's draws and of the world's.
       steps: number of control steps.
       assured: whether runtime assurance filters the commands.
+      bounds: what runtime assurance is told; None: what the scenario says.
+      truth: one of `TRUTHS`.
+      state_errors: one of `STATE_ERRORS`.
+      adversary: flies instead of the named one, which only names the draws.
+      excess: the worlds and state errors are drawn from bounds that are greater by this factor.
     """
-    backup = make_backup(scenario, body, scenario.assurance or AssuranceConfig())
+    backup = (
+        make_backup(scenario, body, scenario.assurance or AssuranceConfig())
+        if bounds is None
+        else bounded_backup(scenario, body, bounds)
+    )
     random = np.random.default_rng(seed)
-    state = random_admitted_state(backup, scenario.transit.cube_m, random)
-    adversary = ADVERSARIES[name](backup, random)
+    believed = random_admitted_state(backup, scenario.transit.cube_m, random)
+    adversary = ADVERSARIES[name](backup, random) if adversary is None else adversary
     period, limits = scenario.control_period_s, backup.limits
-    states, forces, commands, seconds = [state], [], [], np.zeros(steps)
-    speed = 0.0
+    axes, box = np.asarray(limits.keep_out_semi_axes), enlarged(backup.bounds, excess)
+    world = Truth(truth, box, axes, np.random.default_rng([seed, 1]))
+    error_of = StateErrors(state_errors, box, axes, np.random.default_rng([seed, 2]), steps)
+    error = error_of(believed)
+    state = believed - error
+    states, beliefs, forces, commands, reasons = [state], [], [], [], []
+    seconds, speed = np.zeros(steps), 0.0
     for step in range(steps):
+        believed = state + (error if step == 0 else error_of(state))
         command = adversary(state)
-        force = command
+        force, reason = command, InterventionReason.NONE
         if assured:
             started = time.thread_time()
-            force = backup.assure(state, command).force
+            force, reason = backup.assure(believed, command)
             seconds[step] = time.thread_time() - started
-        # Two half steps, so that the speed between the steps is seen too.
-        for _ in range(2):
-            state = predicted_state(
-                state, force, 0.5 * period, body.gravity_field, limits.mass, body.spin_rate
-            )
-            speed = max(speed, float(np.abs(state[3:]).max()))
+        acting, other = world.act(state, force)
+        acceleration = acting / (world.mass * limits.mass) + other
+        state = moved(state, acceleration, period, body, world.gravity)
+        speed = max(speed, float(np.abs(state[3:]).max()))
         states.append(state)
+        beliefs.append(believed)
         forces.append(force)
         commands.append(command)
+        reasons.append(reason)
     path = dense_positions(period * np.arange(steps + 1), np.array(states))
-    clearance = float(clearances(limits.keep_out_semi_axes, path).min())
+    clearance = float(clearances(axes, path).min()) - box.surface
     return AdversarialFlight(
-        np.array(states), np.array(forces), np.array(commands), clearance, speed, seconds
-    )
+        np.array(states), np.array(beliefs), np.array(forces), np.array(commands),
+        np.array(reasons), clearance, speed, seconds,
+    )  # fmt: skip
+
+
+def enlarged(bounds: AssuranceBounds, factor: float) -> AssuranceBounds:
+    """The bounds of everything that acts in a flight, times a factor."""
+    if factor == 1.0:
+        return bounds
+    return AssuranceBounds(**{name: factor * value for name, value in asdict(bounds).items()})
+
+
+def moved(
+    state: np.ndarray, acceleration: np.ndarray, period: float, body: Body, gravity: float
+) -> np.ndarray:
+    """The state (6,) after a period under a constant acceleration (3,), by Runge-Kutta.
+
+    In one step of 10 s at Kleopatra the classical method is good to a millimetre.
+
+    Args:
+      state: (6,) in K, in m and m/s.
+      acceleration: (3,) by thrust and all that is unexplained, in m/s^2.
+      period: in s.
+      body: its gravity and spin.
+      gravity: true size of its gravity over the believed one.
+    """
+    spin, field = body.spin_rate, body.gravity_field
+
+    def rate(at: np.ndarray) -> np.ndarray:
+        out = np.empty(6)
+        out[:3] = at[3:]
+        out[3:] = gravity * field.evaluate(at[None, :3]).acceleration[0] + acceleration
+        out[3] += 2.0 * spin * at[4] + spin**2 * at[0]
+        out[4] += -2.0 * spin * at[3] + spin**2 * at[1]
+        return out
+
+    first = rate(state)
+    second = rate(state + 0.5 * period * first)
+    third = rate(state + 0.5 * period * second)
+    fourth = rate(state + period * third)
+    return state + period / 6.0 * (first + 2.0 * (second + third) + fourth)

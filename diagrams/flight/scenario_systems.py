@@ -18,6 +18,7 @@ from proxops.diagrams.scenario import (
     expected_errors,
 )
 from proxops.systems import (
+    AssuranceBounds,
     AssuranceLimits,
     BackupBraking,
     ErrorWeights,
@@ -160,15 +161,25 @@ def make_backup(scenario: Scenario, body: Body, assurance: AssuranceConfig) -> B
     Raises:
       InputError: the thrust cannot hold the spacecraft everywhere outside the ellipsoid.
     """
+    # Until the scenario declares bounds, its margin is taken for an error of the map.
+    return bounded_backup(scenario, body, AssuranceBounds(surface=assurance.margin_m))
+
+
+def bounded_backup(scenario: Scenario, body: Body, bounds: AssuranceBounds) -> BackupBraking:
+    """Makes the backup braking for declared errors.
+
+    Raises:
+      InputError: see `BackupBraking`.
+    """
     craft = scenario.spacecraft
     limits = AssuranceLimits(
         mass=craft.mass_kg,
         thrust=craft.thrust_limit_n,
         speed=craft.speed_limit_m_s,
         keep_out_semi_axes=body.keep_out_semi_axes,
-        keep_out_margin=assurance.margin_m,
     )
-    return BackupBraking(body.gravity_field, body.spin_rate, limits, scenario.control_period_s)
+    period = scenario.control_period_s
+    return BackupBraking(body.gravity_field, body.spin_rate, limits, bounds, period)
 
 
 def make_lidar(scenario: Scenario, shape: Polyhedron, seed: int) -> PlanarLidar:

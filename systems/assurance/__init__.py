@@ -2,11 +2,13 @@
 
 Start with `RuntimeAssurance`, the system. `BackupBraking` decides whether a command is safe:
 whether a backup law could still keep the spacecraft out of the keep-out ellipsoid after it.
-`least_change` searches the safe command that is nearest to the given one. `_braking_kernel` is the
-compiled part; it predicts the backup's flight step by step, with gravity from a `GravityTable`.
-Whoever changes the backup's law changes the safety argument in docs/method/hybrid.md, too.
+`AssuranceBounds` are the errors within which that holds. `least_change` searches the safe command
+that is nearest to the given one. `_braking_kernel` is the compiled part; it predicts step by step
+where the backup's flight may be, with gravity from a `GravityTable`. Whoever changes the backup's
+law changes the safety argument in docs/method/safety.md, too.
 """
 
+from proxops.systems.assurance.assurance_bounds import AssuranceBounds
 from proxops.systems.assurance.backup_braking import (
     AssuranceLimits,
     BackupBraking,
@@ -15,6 +17,7 @@ from proxops.systems.assurance.backup_braking import (
 from proxops.systems.assurance.runtime_assurance import RuntimeAssurance
 
 __all__ = [
+    "AssuranceBounds",
     "AssuranceLimits",
     "BackupBraking",
     "InterventionReason",

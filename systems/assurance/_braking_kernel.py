@@ -1,10 +1,11 @@
-"""Compiled kernel of backup braking: gravity from a table, the backup's law, margins, speed limit.
+"""Compiled kernel of backup braking: gravity from a table, the backup's law, its tube, speed limit.
 
 Most functions share these arguments:
 
 * ``scales`` (5,), ``nodes`` (2 n + 1, 2 n + 1, 2 n + 1, 4): those of a `GravityTable`.
-* ``world`` (9,): see the indices below.
+* ``world`` (WORLD,): see the indices below.
 * ``r``, ``v``: position (3,) in m and velocity (3,) in m/s in K; ``u``: thrust acceleration (3,).
+* ``wide``, ``fast`` (3,): half widths of the tube about them, in m and m/s, along each axis.
 
 All functions are in one file, because a compiled function contains the functions that it calls, and
 numba's cache on disk checks only the function's own file. After a change in another file the old
@@ -16,18 +17,24 @@ import math
 import numba
 import numpy as np
 
-# Indices of ``world``: semi-axes of the ellipsoid with its margin, spin, greatest thrust
-# acceleration per axis, control period, outward speed that the backup seeks, speed per axis up to
-# which thrust can hold against gravity and Coriolis, and speed limit per axis.
+# Indices of ``world``. First what is believed: semi-axes of the inflated ellipsoid, spin, greatest
+# thrust acceleration per axis, control period, outward speed that the backup seeks, speed across
+# the spin from which the backup always brakes, speed limit per axis.
 AXIS_X, AXIS_Y, AXIS_Z, SPIN, THRUST, PERIOD, CRUISE, SETTLED, SPEED = range(9)
+# Then what is bounded: shares of gravity, of thrust that may be missing, of thrust that may be too
+# much; acceleration across a commanded thrust per unit of the greatest; other accelerations
+# (m/s^2); the state's errors in m and m/s; the spectral norm of the gravity gradient at level 1
+# (1/s^2); the greatest curvature of level 1 (1/m); the outward speed from which the backup brakes
+# sideways.
+GRAVITY, WEAK, STRONG, ACROSS, OTHER, POSITION, VELOCITY, STEEPNESS, CURVATURE, OUTWARD = range(
+    9, 19
+)
+WORLD = 19
 
 # Least level, |(x/a, y/b, z/c)|, of the table. Below it, gravity at that level is used.
 LOWEST_LEVEL = 0.95
-# A backup that has not settled after so many steps counts as failed.
+# A backup that does not fly outwards after so many steps counts as failed.
 _LONGEST_BACKUP = 300
-# Outward speed, as a share of the cruise speed, from which the law does not turn inwards again:
-# Coriolis and gravity change it by far less in one step.
-_OUTWARD = 0.05
 # An axis with at most this share of the normal is braked even if it moves outwards.
 _SIDEWAYS = 0.2
 
@@ -88,34 +95,164 @@ def _gravity_ahead(r, v, scales, nodes, world, gravity):
 
 
 @_inlined
-def _law(r, v, gravity, world, u):
-    """Fills the backup's thrust acceleration; returns the outward speed in m/s."""
-    limit, cruise, spin = world[THRUST], world[CRUISE], world[SPIN]
-    nx, ny, nz = r[0] / world[0] ** 2, r[1] / world[1] ** 2, r[2] / world[2] ** 2
+def _normal(r, world):
+    """The normal (3 numbers) of the level through r, and the level |(x/a, y/b, z/c)|."""
+    wx, wy, wz = r[0] / world[AXIS_X], r[1] / world[AXIS_Y], r[2] / world[AXIS_Z]
+    level = math.sqrt(wx * wx + wy * wy + wz * wz)
+    nx, ny, nz = wx / world[AXIS_X], wy / world[AXIS_Y], wz / world[AXIS_Z]
     size = math.sqrt(nx * nx + ny * ny + nz * nz)
-    nx, ny, nz = nx / size, ny / size, nz / size
-    outward = nx * v[0] + ny * v[1] + nz * v[2]
-    free = 1.0 - min(max(outward / cruise, 0.0), 1.0)
-    for i in range(3):
-        n = nx if i == 0 else ny if i == 1 else nz
-        error = cruise * n - v[i]
-        if error * n < 0.0:
-            error *= 1.0 - free * min(abs(n) / _SIDEWAYS, 1.0)
-        pull = gravity[i]
-        if i == 0:
-            pull += 2.0 * spin * v[1] + spin**2 * r[0]
-        elif i == 1:
-            pull += -2.0 * spin * v[0] + spin**2 * r[1]
-        u[i] = _within(error / world[PERIOD] - pull, -limit, limit)
-    return outward
+    return nx / size, ny / size, nz / size, level
 
 
 @_inlined
-def _advance(r, v, gravity, u, world, r_end, v_end):
+def _wanted(n, v, hold, settled, world):
+    """The acceleration that the law wants along an axis: never falls with n, never rises with v.
+
+    ``hold`` is the share to which an axis that moves outwards faster than c n is left alone.
+    """
+    error = world[CRUISE] * n - v
+    if error * n < 0.0:
+        error *= 1.0 - hold * min(abs(n) / _SIDEWAYS, 1.0)
+    if v > settled:
+        error = min(error, settled - v)
+    elif v < -settled:
+        error = max(error, -settled - v)
+    return error / world[PERIOD]
+
+
+@_inlined
+def _settled(i, world):
+    """The speed along axis i from which the law always brakes; Coriolis acts across the spin."""
+    return world[SETTLED] if i < 2 else math.inf
+
+
+@_inlined
+def _coriolis(i, r, v, world):
+    """Coriolis and centrifugal acceleration along axis i."""
+    spin = world[SPIN]
+    if i == 0:
+        return 2.0 * spin * v[1] + spin**2 * r[0]
+    if i == 1:
+        return -2.0 * spin * v[0] + spin**2 * r[1]
+    return 0.0
+
+
+@_inlined
+def _law(r, v, gravity, world, u):
+    """Fills the backup's thrust acceleration."""
+    limit, cruise = world[THRUST], world[CRUISE]
+    nx, ny, nz, level = _normal(r, world)
+    # The outward speed, less what an error of the position may make of sideways speed, and less
+    # what the axes that are faster than settled will lose.
+    outward = nx * v[0] + ny * v[1] + nz * v[2]
+    turned = world[CURVATURE] * world[POSITION] / level
+    outward -= turned * (abs(v[0]) + abs(v[1]) + abs(v[2]))
+    outward -= max(abs(v[0]) - world[SETTLED], 0.0) + max(abs(v[1]) - world[SETTLED], 0.0)
+    hold = 1.0 - min(max((outward - world[OUTWARD]) / cruise, 0.0), 1.0)
+    for i in range(3):
+        n = nx if i == 0 else ny if i == 1 else nz
+        wanted = _wanted(n, v[i], hold, _settled(i, world), world)
+        u[i] = _within(wanted - gravity[i] - _coriolis(i, r, v, world), -limit, limit)
+
+
+@_inlined
+def _tube_is_outward(r, v, wide, fast, world):
+    """Whether every state of the tube moves outwards so fast that the law brakes sideways."""
+    nx, ny, nz, level = _normal(r, world)
+    outward, speed, size2 = nx * v[0] + ny * v[1] + nz * v[2], 0.0, 0.0
+    for i in range(3):
+        outward -= abs(nx if i == 0 else ny if i == 1 else nz) * fast[i]
+        speed += abs(v[i]) + fast[i]
+        size2 += wide[i] ** 2
+        outward -= max(abs(v[i]) + fast[i] - _settled(i, world), 0.0)
+    turned = world[CURVATURE] / level * (math.sqrt(size2) + 2.0 * world[POSITION])
+    return outward - turned * speed > world[OUTWARD] + world[VELOCITY]
+
+
+@_inlined
+def _spread(i, low, high, most, least, world):
+    """Lower and upper bound of an axis's acceleration, with what thrust and all else may add.
+
+    ``most`` and ``least`` are the bounds of the commanded thrust.
+    """
+    others = world[ACROSS] * world[THRUST] + world[OTHER]
+    missing = max(world[WEAK] * max(most, 0.0), world[STRONG] * max(-least, 0.0))
+    excess = max(world[STRONG] * max(most, 0.0), world[WEAK] * max(-least, 0.0))
+    return low - missing - others, high + excess + others
+
+
+@_inlined
+def _bounds_of_law(n, turn, v, fast, pull, spread, judged, settled, world):
+    """Bounds of an axis's acceleration, and of its commanded thrust, if the law flies.
+
+    The law's wish never falls with n and never rises with v, and pull + clip(wish - pull) never
+    falls with pull. So the ends of the tube give the ends of the acceleration.
+    """
+    limit, error = world[THRUST], world[VELOCITY]
+    low = _wanted(max(n - turn, -1.0), v - fast + error, 1.0, settled, world) - judged
+    high = _wanted(min(n + turn, 1.0), v + fast - error, 1.0, settled, world) + judged
+    bottom, top = pull - spread, pull + spread
+    most, least = _within(high - bottom, -limit, limit), _within(low - top, -limit, limit)
+    low = bottom + _within(low - bottom, -limit, limit)
+    high = top + _within(high - top, -limit, limit)
+    return low, high, most, least
+
+
+@_inlined
+def _tube_step(r, v, wide, fast, u, by_law, scales, nodes, world, given, r_end, v_end):
+    """Moves the tube by one period; returns a lower bound of its clearance on the way (m).
+
+    It flies u (3,), or, if ``by_law``, the law without any sideways braking. ``r_end`` and
+    ``v_end`` may be r and v; ``wide``, ``fast`` and ``given`` (4, 3) are overwritten.
+    """
+    period, spin = world[PERIOD], abs(world[SPIN])
+    gravity, effect, spreads, before = given[0], given[1], given[2], given[3]
+    _gravity_ahead(r, v, scales, nodes, world, gravity)
+    nx, ny, nz, level = _normal(r, world)
+    size2, reach = 0.0, 0.0
+    for i in range(3):
+        # The width half a period ahead.
+        width = wide[i] + 0.5 * period * fast[i]
+        size2 += width**2
+        reach += abs(r[i]) / world[i] ** 2 * width
+    size = math.sqrt(size2)
+    lowest = max(level - reach / level, LOWEST_LEVEL)
+    steepness = world[STEEPNESS] * (1.0 + world[GRAVITY]) / lowest**3
+    turn = world[CURVATURE] / lowest * (size + 2.0 * world[POSITION])
+    for i in range(3):
+        n = nx if i == 0 else ny if i == 1 else nz
+        pull = gravity[i] + _coriolis(i, r, v, world)
+        # How far the pull may be from that of the tube's middle, and how far the law misjudges it.
+        judged = world[GRAVITY] * abs(gravity[i]) + steepness * world[POSITION]
+        spread = judged + steepness * size
+        if i < 2:
+            spread += 2.0 * spin * fast[1 - i] + spin**2 * (wide[i] + world[POSITION])
+            judged += 2.0 * spin * world[VELOCITY] + spin**2 * world[POSITION]
+        if by_law:
+            low, high, most, least = _bounds_of_law(
+                n, turn, v[i], fast[i], pull, spread, judged, _settled(i, world), world
+            )
+        else:
+            most = least = u[i]
+            low, high = pull + u[i] - spread, pull + u[i] + spread
+        low, high = _spread(i, low, high, most, least, world)
+        effect[i], spreads[i] = 0.5 * (low + high) - pull, 0.5 * (high - low)
+    for i in range(3):
+        before[i] = wide[i]
+        wide[i] = max(wide[i] + period * fast[i] + 0.5 * period**2 * spreads[i], 0.0)
+        fast[i] = max(fast[i] + period * spreads[i], 0.0)
+    return _advance(r, v, gravity, effect, before, wide, spreads, world, r_end, v_end)
+
+
+@_inlined
+def _advance(r, v, gravity, u, before, after, spreads, world, r_end, v_end):
     """Moves by one period; returns the least clearance on the way (m, a lower bound).
 
     Gravity and thrust are constant. Coriolis and centrifugal terms are expanded in Taylor's series.
     The path leaves its chord by at most the greatest acceleration times the period squared over 8.
+    The ellipsoid's level is convex. So about the whole path it is at least what its tangent plane
+    at the chord's lowest point says. The tube has the half widths ``before`` and ``after`` (3,); the
+    accelerations ``spreads`` (3,) change them.
     """
     spin, period = world[SPIN], world[PERIOD]
     ax = gravity[0] + u[0] + 2.0 * spin * v[1] + spin**2 * r[0]
@@ -138,12 +275,19 @@ def _advance(r, v, gravity, u, world, r_end, v_end):
     share = min(max(-along / length2, 0.0), 1.0) if length2 > 0.0 else 0.0
     px, py, pz = px + share * dx, py + share * dy, pz + share * dz
     bend = 0.125 * period**2 * math.sqrt(bx * bx + by * by + (az / world[2]) ** 2)
-    level = math.sqrt(px * px + py * py + pz * pz)
+    level = max(math.sqrt(px * px + py * py + pz * pz), 1e-3)
+    # The tangent plane's level at both ends; between them a tube that grows narrower is wider.
+    slope = (px * dx + py * dy + pz * dz) / level
+    first, last = -share * slope, (1.0 - share) * slope
+    for i in range(3):
+        steep = abs(px if i == 0 else py if i == 1 else pz) / (level * world[i])
+        first, last = first - steep * before[i], last - steep * after[i]
+        bend += 0.125 * period**2 * steep * max(-spreads[i], 0.0)
 
     vx, vy = v[0] + period * ax + second * jx, v[1] + period * ay + second * jy
     v_end[0], v_end[1], v_end[2] = vx + third * sx, vy + third * sy, v[2] + period * az
     r_end[0], r_end[1], r_end[2] = ex, ey, ez
-    return _clearance(level - bend, world)
+    return _clearance(level + min(first, last) - bend, world)
 
 
 @_inlined
@@ -153,23 +297,31 @@ def _clearance(level, world):
 
 
 @_compiled
-def backup_margin(r_start, v_start, scales, nodes, world):
-    """The least clearance (m) if the backup flies from here on; -inf if it does not settle.
+def _tube_margin(r, v, wide, fast, least, scales, nodes, world, given):
+    """The least of ``least`` and the clearances (m) of a tube that the law flies on.
 
-    It is a lower bound at and between the steps.
+    It is -inf if the tube does not move outwards in the end. All arrays are overwritten.
     """
-    r, v, gravity, u = r_start.copy(), v_start.copy(), np.empty(3), np.empty(3)
-    level2 = 0.0
-    for i in range(3):
-        level2 += (r[i] / world[i]) ** 2
-    least = _clearance(math.sqrt(level2), world)
     for _ in range(_LONGEST_BACKUP):
-        _gravity_ahead(r, v, scales, nodes, world, gravity)
-        outward = _law(r, v, gravity, world, u)
-        if outward >= _OUTWARD * world[CRUISE] and max(abs(v[0]), abs(v[1])) <= world[SETTLED]:
+        if _tube_is_outward(r, v, wide, fast, world):
             return least
-        least = min(least, _advance(r, v, gravity, u, world, r, v))
+        clearance = _tube_step(r, v, wide, fast, given[0], True, scales, nodes, world, given, r, v)
+        least = min(least, clearance)
     return -math.inf
+
+
+@_compiled
+def backup_margin(r_start, v_start, scales, nodes, world):
+    """The least clearance (m) if the backup flies from here on; -inf if it ends nowhere.
+
+    It is a lower bound at and between the steps, for every error within the bounds.
+    """
+    work = np.empty((8, 3))
+    r, v, wide, fast = work[0], work[1], work[2], work[3]
+    for i in range(3):
+        r[i], v[i], wide[i], fast[i] = r_start[i], v_start[i], 0.0, world[VELOCITY]
+    least = _clearance(_normal(r, world)[3], world)
+    return _tube_margin(r, v, wide, fast, least, scales, nodes, world, work[4:])
 
 
 @_compiled
@@ -181,36 +333,44 @@ def backup(r, v, scales, nodes, world, u):
 
 
 @_compiled
-def margin(r, v, scales, nodes, world, u):
+def margin(r_start, v_start, scales, nodes, world, u):
     """The least clearance (m) if u (3,) acts for one period and the backup flies after it."""
-    gravity, r_end, v_end = np.empty(3), np.empty(3), np.empty(3)
-    _gravity_ahead(r, v, scales, nodes, world, gravity)
-    least = _advance(r, v, gravity, u, world, r_end, v_end)
-    return min(least, backup_margin(r_end, v_end, scales, nodes, world))
+    work = np.empty((8, 3))
+    r, v, wide, fast, given = work[0], work[1], work[2], work[3], work[4:]
+    for i in range(3):
+        wide[i], fast[i] = 0.0, world[VELOCITY]
+    least = _tube_step(r_start, v_start, wide, fast, u, False, scales, nodes, world, given, r, v)
+    return _tube_margin(r, v, wide, fast, least, scales, nodes, world, given)
 
 
 @_compiled
 def bound_speed(r, v, scales, nodes, world, u, low, high):
     """Changes u by the least that ends the period below the speed limit, as far as thrust allows.
 
-    Fills the bounds of u (3,) by thrust and speed. Returns whether u was changed for speed.
+    Every state of the tube stays below the limit. Fills the bounds of u (3,) by thrust and speed.
+    Returns whether u was changed for speed.
     """
-    gravity, r_end, v_end = np.empty(3), np.empty(3), np.empty(3)
+    work = np.empty((8, 3))
+    r_end, v_end, wide, fast, given = work[0], work[1], work[2], work[3], work[4:]
     limit, period = world[THRUST], world[PERIOD]
-    _gravity_ahead(r, v, scales, nodes, world, gravity)
     for i in range(3):
         u[i] = _within(u[i], -limit, limit)
-    _advance(r, v, gravity, u, world, r_end, v_end)
-    moved = max(abs(v_end[0]), abs(v_end[1]), abs(v_end[2])) > world[SPEED]
+        wide[i], fast[i] = 0.0, world[VELOCITY]
+    _tube_step(r, v, wide, fast, u, False, scales, nodes, world, given, r_end, v_end)
+    moved = False
+    for i in range(3):
+        moved = moved or abs(v_end[i]) + fast[i] > world[SPEED]
     # Coriolis couples the axes by spin times period, about 0.003: after three rounds the error is
     # the cube of that. The reduced speed leaves room for Coriolis within a period, and for a force
     # that is changed again later.
     speed = world[SPEED] - 2.0 * abs(world[SPIN]) * limit * period**2
     for _ in range(3):
-        _advance(r, v, gravity, u, world, r_end, v_end)
         for i in range(3):
-            high[i] = _within(u[i] + (speed - v_end[i]) / period, -limit, limit)
-            low[i] = _within(u[i] - (speed + v_end[i]) / period, -limit, limit)
+            wide[i], fast[i] = 0.0, world[VELOCITY]
+        _tube_step(r, v, wide, fast, u, False, scales, nodes, world, given, r_end, v_end)
+        for i in range(3):
+            high[i] = _within(u[i] + (speed - fast[i] - v_end[i]) / period, -limit, limit)
+            low[i] = _within(u[i] - (speed - fast[i] + v_end[i]) / period, -limit, limit)
             if not moved:
                 high[i], low[i] = max(high[i], u[i]), min(low[i], u[i])
             u[i] = _within(u[i], low[i], high[i])

@@ -9,6 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from proxops.systems.assurance import _braking_kernel as kernel
+from proxops.systems.assurance.assurance_bounds import AssuranceBounds
+from proxops.systems.assurance.certification import budget, describe, rooms, tightest
 from proxops.systems.assurance.gravity_table import gravity_table
 from proxops.systems.assurance.least_change import Box, along_path, least_change
 from proxops.systems.common import InputError
@@ -16,12 +18,18 @@ from proxops.systems.gravity import Field
 
 # The outward speed that the backup seeks, as a share of the speed limit.
 _CRUISE = 0.25
-# Share of the thrust limit that gravity and Coriolis must leave free.
-_RESERVE = 0.15
+# Share of the thrust limit that must be left where thrust at its worst holds against gravity and
+# Coriolis at their worst: for what the prediction takes as constant over a control period.
+_RESERVE = 0.02
+# What the prediction's integration leaves out, as a share of the thrust acceleration: mostly how
+# Coriolis changes over a period where states differ.
+_INTEGRATION = 1e-3
 # A clearance this small counts as 0; in units of the greatest acceleration times the period squared
 # (7 mm at Kleopatra).
 _NEAR_ENOUGH = 1e-3
 
+_Arguments = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""A table's scales and nodes, and the kernel's `world`."""
 _Motion = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 """Position, velocity, a table's scales and nodes, and the kernel's `world`."""
 
@@ -56,13 +64,14 @@ class AssuranceLimits:
     speed: float
     """Greatest speed per axis in K, m/s."""
     keep_out_semi_axes: np.ndarray
-    """(3,) in m, of the ellipsoid to stay out of, without its margin."""
-    keep_out_margin: float = 100.0
-    """Added to each semi-axis, in m: for errors of the prediction and for disturbances."""
+    """(3,) in m, of the ellipsoid to stay out of."""
 
 
 class BackupBraking:
     """A backup law, the states from which it is safe, and the least change that keeps a force safe.
+
+    Every promise holds for all errors within the declared bounds: any world in the box, and any
+    state within its errors of the one that is given. docs/method/safety.md has the argument.
 
     **The law.** n is the normal, at the spacecraft, of the ellipsoid through it that has the
     keep-out ellipsoid's proportions; c is a quarter of the speed limit; T is the control period; a
@@ -71,30 +80,27 @@ class BackupBraking:
 
         F = clip(m (e / T - a), ± limit)        e = c n - v
 
-    So each axis reaches the velocity c n as fast as it can. There is one exception: an axis that
-    moves outwards faster than that (e n < 0) is not braked (e = 0) while the spacecraft as a whole
-    moves inwards. Once it moves outwards, that axis is braked by the share of c that the outward
-    speed has reached. An axis along which the normal is nearly zero is always braked. The law is
-    continuous in the state.
+    So each axis reaches the velocity c n as fast as it can. There are two exceptions. An axis that
+    moves outwards faster than that (e n < 0) is not braked (e = 0) before the spacecraft as a whole
+    moves outwards at `outward_speed`; from there on it is braked by the share of c by which the
+    outward speed is greater. And an axis across the spin is always braked to `settled_speed`, at
+    which thrust can still hold against gravity and Coriolis. An axis along which the normal is
+    nearly zero is always braked. The law is continuous in the state.
 
-    **The backup margin** of a state is the least clearance along the backup's flight from it, at
-    and between control steps. The prediction ends when the outward speed is c / 20 and gravity and
-    Coriolis together stay below 85 % of the thrust limit. From then on the speed along each axis
-    grows beyond neither c nor its present value, each axis has the thrust to push outwards, and the
-    normal of a convex body turns with the motion. So the outward speed stays positive and the
-    clearance grows. A state is *admitted* if its backup margin is not negative.
+    **The backup margin** of a state is the least clearance of a *tube* along the backup's flight:
+    for each axis an interval of positions and one of velocities that holds every spacecraft in any
+    world of the box, which measures its state anew at each step, with any error within the bounds.
+    So the tube does not grow where the law is able to correct. The prediction ends when all
+    of the tube moves outwards faster than `outward_speed`. From then on outward speed stays
+    positive. A state is *admitted* if its backup margin is not negative.
 
-    This argument has a known gap: close to the ellipsoid and at outward speeds near c / 20, sampled
-    outward accelerations of the backup were as low as -0.04 m/s^2. No flight has shown harm.
-
-    **The margin** of a command at a state is the least clearance if the command flies for one
-    period and the backup after it. A command is safe if its margin is not negative; if it is
-    negative, its size is the *shortfall*.
+    **The margin** of a command at a state is the least clearance of the tube if the command flies
+    for one period and the backup after it. A command is safe if its margin is not negative; if it
+    is negative, its size is the *shortfall*.
 
     **Why this is safe.** Only safe commands fly, and the backup if none is found. So at each step
-    from an admitted state on there is a force that keeps out: the backup's, whose flight was
-    predicted to its end when the last command was accepted. The ellipsoid's margin covers the
-    errors of that prediction (gravity from a table, Taylor's series: about a metre).
+    from an admitted state on there is a force that keeps out: the backup's. The tube of the last
+    accepted command holds the true spacecraft as long as the backup flies.
 
     **The least change** of a force has these steps. It is clipped to the thrust and speed limits.
     If it is not safe, it moves up the gradient of the margin until it is. If that fails, it moves
@@ -104,48 +110,161 @@ class BackupBraking:
     thirtieth.
     """
 
-    def __init__(self, field: Field, spin: float, limits: AssuranceLimits, period: float = 10.0):
-        """Takes the assumed gravity, the spin in rad/s about z, the limits and the period in s.
+    def __init__(
+        self,
+        field: Field,
+        spin: float,
+        limits: AssuranceLimits,
+        bounds: AssuranceBounds | None = None,
+        period: float = 10.0,
+    ):
+        """Takes the believed gravity, spin in rad/s about z, limits, bounds of errors and period.
+
+        Without `bounds` everything is as believed.
 
         Raises:
-          InputError: a limit is not positive, or the thrust cannot hold the spacecraft everywhere
-            outside the ellipsoid.
+          InputError: a limit is not positive, the delay is longer than the control period, or
+            thrust at its worst cannot hold against gravity at its worst.
         """
+        bounds = AssuranceBounds() if bounds is None else bounds
         axes = np.asarray(limits.keep_out_semi_axes, dtype=np.float64)
         values = [limits.mass, limits.thrust, limits.speed, period, *axes]
-        if not (
-            np.isfinite(values).all()
-            and min(values) > 0.0
-            and 0.0 <= limits.keep_out_margin < np.inf
-        ):
+        if not (np.isfinite(values).all() and min(values) > 0.0):
             raise InputError(
                 "runtime assurance needs a positive mass, thrust limit, speed limit, period and "
-                f"semi-axes, and a margin that is not negative, got {limits} and {period}"
+                f"semi-axes, got {limits} and {period}"
             )
-        self.limits, self.period = limits, period
-        self.table = gravity_table(field, axes)
-        acceleration, cruise = limits.thrust / limits.mass, _CRUISE * limits.speed
-        spare = (1.0 - _RESERVE) * acceleration - self.table.greatest
-        # Coriolis acts across the spin.
-        settled = min(spare[:2]) / (2.0 * abs(spin)) if spin else np.inf
-        if spare[2] < 0.0 or spare.min() < 0.0 or settled < cruise:
+        if bounds.delay > period:
             raise InputError(
-                f"runtime assurance: a thrust of {limits.thrust:g} N per axis does not hold "
-                f"{limits.mass:g} kg against gravity everywhere outside the keep-out ellipsoid, "
-                f"{limits.mass * self.table.greatest.max():.3g} N: fly without it, or with more "
-                "thrust or less mass"
+                f"assurance.bounds.delay is {bounds.delay:g} s: runtime assurance can bound the "
+                f"effect of a delay up to the control period, {period:g} s; a command that acts "
+                "later would have to be checked for a later period"
             )
-        world = [
-            *(axes + limits.keep_out_margin),
-            spin,
+        self.limits, self.bounds, self.period = limits, bounds, period
+        self.table = gravity_table(field, axes)
+        self.spin = float(spin)
+        self.cruise_speed = _CRUISE * limits.speed
+        """The outward speed in m/s that the backup seeks."""
+        self.settled_speed = self._settled_speed()
+        """The speed in m/s across the spin from which the backup always brakes."""
+        # The arguments of the kernel's functions after position and velocity.
+        self._given = self._arguments(bounds.position, bounds.velocity)
+        self._check_box()
+
+    def _settled_speed(self) -> float:
+        """The speed across the spin at which thrust at its worst still holds each axis.
+
+        Raises:
+          InputError: thrust does not hold along some axis.
+        """
+        limits, bounds = self.limits, self.bounds
+        acceleration = limits.thrust / limits.mass
+        usable = acceleration * (bounds.weakest - bounds.across - _RESERVE) - self._other()
+        spare = usable - (1.0 + bounds.gravity) * self.table.greatest
+        # Coriolis acts across the spin.
+        settled = min(spare[:2]) / (2.0 * abs(self.spin)) if self.spin else np.inf
+        if spare.min() < 0.0 or settled < self.cruise_speed:
+            raise InputError(self._shortfall(spare))
+        return float(settled)
+
+    def _other(self) -> float:
+        """Accelerations (m/s^2) that nothing else counts: declared, by table, by integration."""
+        integration = _INTEGRATION * self.limits.thrust / self.limits.mass
+        return self.bounds.acceleration + self.table.error + integration
+
+    def _arguments(self, position: float, velocity: float) -> _Arguments:
+        """The kernel's arguments after position and velocity, for these errors of the state."""
+        limits, bounds, table = self.limits, self.bounds, self.table
+        axes = np.asarray(limits.keep_out_semi_axes, dtype=np.float64)
+        acceleration, shortest, longest = limits.thrust / limits.mass, axes.min(), axes.max()
+        gravity = (1.0 + bounds.gravity) * table.strongest
+        if bounds.delay:
+            # What another force, gravity and Coriolis do to speed until the chosen force acts.
+            speed = np.sqrt(3.0) * limits.speed
+            change = 2.0 * np.sqrt(3.0) * bounds.strongest * acceleration
+            velocity += bounds.delay * (change + gravity + 2.0 * abs(self.spin) * speed)
+            position += bounds.delay * speed
+        # Longer semi-axes by p move the surface by at least 2 sqrt(a c) / (a + c) p.
+        wider = 0.5 * (shortest + longest) / np.sqrt(shortest * longest)
+        wider *= position + bounds.surface
+        curvature = longest / shortest**2
+        # Braking sideways for one period loses at most this outward speed; and the law may take an
+        # axis for faster than it is.
+        loss = np.sqrt(2.0) * acceleration * (bounds.strongest + bounds.across)
+        loss = self.period * (loss + gravity + self._other())
+        outward = loss + 2.0 * velocity + 2.0 * self.cruise_speed * curvature * position
+        world = np.empty(kernel.WORLD)
+        world[: kernel.GRAVITY] = [
+            *(axes + wider),
+            self.spin,
             acceleration,
-            period,
-            cruise,
-            settled,
+            self.period,
+            self.cruise_speed,
+            self.settled_speed,
             limits.speed,
         ]
-        # The arguments of the kernel's functions after position and velocity.
-        self._given = self.table.scales, self.table.nodes, np.array(world)
+        world[kernel.GRAVITY :] = [
+            bounds.gravity,
+            1.0 - bounds.weakest,
+            bounds.strongest - 1.0,
+            bounds.across,
+            self._other(),
+            position,
+            velocity,
+            table.steepness,
+            curvature,
+            outward + velocity,
+        ]
+        return table.scales, table.nodes, world
+
+    @property
+    def outward_speed(self) -> float:
+        """The outward speed in m/s from which the backup brakes sideways."""
+        return float(self._given[2][kernel.OUTWARD])
+
+    def _check_box(self) -> None:
+        """Checks that a spacecraft at rest is admitted somewhere above each place.
+
+        Raises:
+          InputError: there is a place where no room is enough.
+        """
+        axes = np.asarray(self.limits.keep_out_semi_axes, dtype=np.float64)
+        points, needed = rooms(self._given, axes)
+        worst = int(needed.argmax())
+        if needed[worst] < np.inf:
+            return
+        cruise, outward = self.cruise_speed, self.outward_speed
+        raise InputError(
+            "runtime assurance: within assurance.bounds, no height above "
+            f"{describe(points[worst])} of the keep-out ellipsoid is enough for a spacecraft at "
+            f"rest there. The backup has to reach {outward:.3g} m/s outwards whatever the errors, "
+            f"and seeks {cruise:.3g} m/s; of that the state's errors take "
+            f"{3.0 * self._given[2][kernel.VELOCITY]:.3g} m/s: tighten assurance.bounds.velocity, "
+            "position or delay, or "
+            + tightest(budget(self.bounds, self._given[2][kernel.THRUST], self.table.strongest))
+        )
+
+    def _shortfall(self, spare: np.ndarray) -> str:
+        """Says where thrust at its worst does not hold, how much is missing, and what to do.
+
+        Args:
+          spare: (3,) what thrust along each axis has left for Coriolis, in m/s^2.
+        """
+        limits, bounds, table = self.limits, self.bounds, self.table
+        # Across the spin the backup's speed needs thrust, too.
+        spare = spare - 2.0 * abs(self.spin) * self.cruise_speed * np.array([1.0, 1.0, 0.0])
+        axis = int(spare.argmin())
+        pull = float(table.greatest[axis])
+        parts = budget(bounds, limits.thrust / limits.mass, pull)
+        missing = ""
+        if any(parts.values()):
+            missing = f"; within assurance.bounds {limits.mass * -spare[axis]:.3g} N are missing"
+        return (
+            f"runtime assurance: a thrust of {limits.thrust:g} N per axis does not hold "
+            f"{limits.mass:g} kg at {describe(table.places[axis])} of the keep-out ellipsoid, "
+            f"where gravity along {'xyz'[axis]} takes {limits.mass * pull:.3g} N{missing}: fly "
+            f"without runtime assurance, or {tightest(parts)}"
+        )
 
     def force(self, state: np.ndarray) -> np.ndarray:
         """The backup's force (3,) in N at a state (6,) in K."""
@@ -167,18 +286,30 @@ class BackupBraking:
         """Whether the backup's flight from a state (6,) stays out of the ellipsoid."""
         return self.backup_margin(state) >= 0.0
 
-    def assure(self, state: np.ndarray, force: np.ndarray) -> Assured:
+    def assure(
+        self,
+        state: np.ndarray,
+        force: np.ndarray,
+        position_error: float | None = None,
+        velocity_error: float | None = None,
+    ) -> Assured:
         """Changes a force (3,) in N by the least that is safe for one period from a state (6,).
 
+        Args:
+          state: (6,) as it is believed.
+          force: (3,) in N, the command.
+          position_error, velocity_error: bounds in m and m/s of this state's errors, and of those
+            of all states while a backup flies on from it; those of the box if there are none.
+
         Raises:
-          InputError: state or force is not finite.
+          InputError: state or force is not finite, or an error is negative or not finite.
         """
         r, v = self._split(state)
         if not np.isfinite(force).all():
             raise InputError(f"a force must be finite to be assured, got {force} N")
         wanted = np.asarray(force, dtype=np.float64) / self.limits.mass
         thrust, low, high = wanted.copy(), np.empty(3), np.empty(3)
-        motion = r, v, *self._given
+        motion = r, v, *self._given_errors(position_error, velocity_error)
         reason = InterventionReason.NONE
         if kernel.bound_speed(*motion, thrust, low, high):
             reason = InterventionReason.SPEED_LIMIT
@@ -213,6 +344,18 @@ class BackupBraking:
         if reached >= 0.0:
             return found, InterventionReason.KEEP_OUT
         return way_out, InterventionReason.BACKUP
+
+    def _given_errors(self, position: float | None, velocity: float | None) -> _Arguments:
+        if position is None and velocity is None:
+            return self._given
+        position = self.bounds.position if position is None else float(position)
+        velocity = self.bounds.velocity if velocity is None else float(velocity)
+        if not (0.0 <= position < np.inf and 0.0 <= velocity < np.inf):
+            raise InputError(
+                "bounds of the state's errors must be finite and not negative, got "
+                f"{position} m and {velocity} m/s"
+            )
+        return self._arguments(position, velocity)
 
     def _split(self, state: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         state = np.asarray(state, dtype=np.float64)

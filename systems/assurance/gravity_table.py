@@ -14,6 +14,11 @@ from proxops.systems.gravity import Field, GravityField
 # Spacing of the nodes, where the ellipsoid is the unit ball. The error of Kleopatra's table is then
 # below 5e-5 m/s^2 outside the keep-out ellipsoid, and 5e-6 on average.
 _SPACING = 0.05
+# Levels at which the gradient is sampled, number of points at each, and the factor that covers the
+# gaps between the points.
+_LEVELS = (1.1, 1.25, 1.5, 2.0, 3.0)
+_POINTS = 400
+_GAPS = 1.05
 # At this distance, in greatest semi-axes, the field is that of a point mass.
 _FAR = 1e4
 
@@ -48,11 +53,32 @@ class GravityTable:
         self.nodes[needed, :3] = pull - central
         self.scales = np.array([*axes, gravity, _SPACING])
         """(5,): semi-axes in m, G m in m^3/s^2, spacing of the nodes."""
-        # The components of gravity are harmonic, so each is greatest on the surface.
+        # The components of gravity are harmonic, so each is greatest on the surface; and so is the
+        # norm of the gradient.
         near = np.abs(np.sqrt(square) - 1.0) < 0.5 * _SPACING
         surface = places[near] / np.sqrt(square[near])[:, None] * axes
-        self.greatest = np.abs(field.evaluate(surface).acceleration).max(axis=0)
+        found = field.evaluate(surface)
+        sizes = np.abs(found.acceleration)
+        self.greatest = sizes.max(axis=0)
         """(3,) in m/s^2: the greatest size of each component of the field outside the ellipsoid."""
+        self.places = surface[sizes.argmax(axis=0)]
+        """(3, 3) in m: where on the ellipsoid each component is greatest."""
+        self.strongest = _GAPS * float(np.linalg.norm(found.acceleration, axis=1).max())
+        """The greatest size of the field outside the ellipsoid, in m/s^2."""
+        steep = [np.linalg.norm(found.gradient, ord=2, axis=(1, 2)).max()]
+        unit = places[near] / np.sqrt(square[near])[:, None]
+        some = unit[:: max(len(unit) // _POINTS, 1)]
+        for level in _LEVELS:
+            gradient = field.evaluate(level * some * axes).gradient
+            steep.append(level**3 * np.linalg.norm(gradient, ord=2, axis=(1, 2)).max())
+        self.steepness = _GAPS * float(max(steep))
+        """In 1/s^2: outside, at the level L, the spectral norm of the gradient is at most this over
+        the cube of L."""
+        # Between the nodes, where cubics are worst.
+        between = np.concatenate([level * some * axes for level in (1.0, *_LEVELS)])
+        error = self.acceleration(between) - field.evaluate(between).acceleration
+        self.error = _GAPS * float(np.linalg.norm(error, axis=1).max())
+        """The greatest error of the table outside the ellipsoid, in m/s^2, as sampled."""
 
     def acceleration(self, points: np.ndarray) -> np.ndarray:
         """The field (N, 3) in m/s^2 at points (N, 3) in m outside the ellipsoid."""

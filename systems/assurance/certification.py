@@ -1,0 +1,85 @@
+"""Whether a box of errors can be certified at all, and how much room its margins take."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from proxops.systems.assurance import _braking_kernel as kernel
+from proxops.systems.assurance.assurance_bounds import AssuranceBounds
+
+# Number of places on the ellipsoid, and heights that are tried there, as shares of its shortest
+# semi-axis.
+_PLACES = 300
+_HEIGHTS = np.array([0.0, *np.geomspace(1e-4, 0.5, 24)])
+
+
+def spread_directions(count: int) -> np.ndarray:
+    """Unit vectors (count, 3) evenly about the sphere, along a spiral."""
+    k = np.arange(count) + 0.5
+    z, turn = 1.0 - 2.0 * k / count, math.pi * (1.0 + math.sqrt(5.0)) * k
+    across = np.sqrt(1.0 - z**2)
+    return np.stack([across * np.cos(turn), across * np.sin(turn), z], axis=1)
+
+
+def rooms(
+    arguments: tuple[np.ndarray, np.ndarray, np.ndarray],
+    semi_axes: np.ndarray,
+    speed: float = 0.0,
+    places: int = _PLACES,
+) -> tuple[np.ndarray, np.ndarray]:
+    """The clearance that a state needs to be admitted, at places all around the ellipsoid.
+
+    Args:
+      arguments: the kernel's arguments after position and velocity.
+      semi_axes: (3,) in m of the keep-out ellipsoid.
+      speed: inward speed in m/s along the normal.
+      places: number of places.
+
+    Returns:
+      Points (N, 3) of the ellipsoid in m, and the clearances (N,) in m, inf where no clearance of
+      up to half the shortest semi-axis is enough. A clearance is the first of a geometric row that
+      is enough: at most 1.45 times the least.
+    """
+    points = spread_directions(places) * semi_axes
+    normals = points / semi_axes**2
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    needed = np.full(places, np.inf)
+    for row, (point, normal) in enumerate(zip(points, normals, strict=True)):
+        for height in _HEIGHTS * semi_axes.min():
+            position = point + height * normal
+            if kernel.backup_margin(position, -speed * normal, *arguments) >= 0.0:
+                needed[row] = height
+                break
+    return points, needed
+
+
+def budget(bounds: AssuranceBounds, acceleration: float, pull: float) -> dict[str, float]:
+    """What each bound takes of the thrust acceleration along an axis, in m/s^2.
+
+    Args:
+      bounds: the box.
+      acceleration: thrust limit over mass, in m/s^2.
+      pull: gravity there, in m/s^2.
+    """
+    return {
+        "gravity": bounds.gravity * pull,
+        "thrust": bounds.thrust * acceleration,
+        "thrust_direction": bounds.across * acceleration,
+        "mass": (1.0 - 1.0 / (1.0 + bounds.mass)) * acceleration,
+        "acceleration": bounds.acceleration,
+    }
+
+
+def tightest(parts: dict[str, float]) -> str:
+    """Says which bound takes most, and how much."""
+    name = max(parts, key=lambda key: parts[key])
+    if parts[name] == 0.0:
+        return "fly with more thrust or less mass"
+    return f"tighten assurance.bounds.{name} first: it takes {parts[name]:.3g} m/s^2"
+
+
+def describe(place: np.ndarray) -> str:
+    """A place (3,) in m, for a message."""
+    return f"({place[0]:.4g}, {place[1]:.4g}, {place[2]:.4g}) m"

@@ -1,0 +1,227 @@
+"""Declared errors: closed forms of the worst case, flights in worlds within the box, refusals."""
+
+import dataclasses
+import math
+from functools import cache
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from short_flights import kleopatra
+
+from proxops.diagrams.flight.adversarial_flights import adversarial_flight, moved
+from proxops.diagrams.flight.box_worlds import STATE_ERRORS, TRUTHS, StateErrors, Truth
+from proxops.diagrams.flight.scenario_systems import bounded_backup
+from proxops.diagrams.scenario.scenario import load_scenario
+from proxops.systems import (
+    AssuranceBounds,
+    AssuranceLimits,
+    BackupBraking,
+    Gravity,
+    InputError,
+    InterventionReason,
+    PointMassField,
+)
+from proxops.systems.gravity.gravity_field import GRAVITATIONAL_CONSTANT
+from proxops.systems.shapes.ellipsoid import clearances
+
+RADIUS, MASS, THRUST = 50e3, 100.0, 7.0
+PUSH = THRUST / MASS
+BALL = AssuranceLimits(MASS, THRUST, 40.0, np.full(3, RADIUS))
+AFTER = AssuranceBounds(0.0015, 0.05, math.radians(1.0), 0.02, 3e-4, 120.0, 0.3)
+BEFORE = AssuranceBounds(0.11, 0.05, math.radians(1.0), 0.03, 3e-3, 300.0, 0.5)
+
+
+class NoField:
+    def evaluate(self, points: np.ndarray) -> Gravity:
+        n = len(points)
+        return Gravity(np.zeros(n), np.zeros((n, 3)), np.zeros((n, 3, 3)), np.zeros(n, bool))
+
+
+@cache
+def kleopatras(bounds: AssuranceBounds) -> BackupBraking:
+    return bounded_backup(load_scenario(), kleopatra(), bounds)
+
+
+def inwards(height: float, speed: float) -> np.ndarray:
+    return np.array([RADIUS + height, 0.0, 0.0, -speed, 0.0, 0.0])
+
+
+@pytest.mark.parametrize(
+    "bounds",
+    [
+        AssuranceBounds(thrust=0.1),
+        AssuranceBounds(mass=0.1),
+        AssuranceBounds(acceleration=7e-3),
+        AssuranceBounds(velocity=1.0),
+        AssuranceBounds(position=250.0),
+        AssuranceBounds(surface=250.0),
+        AFTER,
+        BEFORE,
+    ],
+)
+def test_the_margin_is_that_of_the_worst_case_in_empty_space(bounds: AssuranceBounds) -> None:
+    """A stop along an axis has a closed form. The margin may be less, but hardly."""
+    speed, height = 20.0, 6e3
+    weakest = PUSH * ((1.0 - bounds.thrust) / (1.0 + bounds.mass)) - bounds.acceleration
+    start = height - bounds.position - bounds.surface
+    expected = start - (speed + bounds.velocity) ** 2 / (2.0 * weakest)
+    # Thrust that is turned pushes sideways; along the axis of a stop it takes 1 - cos of the rest.
+    turned = PUSH * bounds.across / weakest
+    found = BackupBraking(NoField(), 0.0, BALL, bounds).backup_margin(inwards(height, speed))
+    slack = PUSH * 10.0**2 / 8.0 + (2e-3 + 1.2 * turned) * (height - expected)
+    assert expected - slack <= found <= expected
+
+
+def test_stronger_gravity_is_counted_over_a_point_mass() -> None:
+    """The worst case is a stop over a point mass that is heavier: energy says where it ends."""
+    share, lowest, speed = 0.2, RADIUS + 2e3, 20.0
+    field = PointMassField(1e18)
+    mu = GRAVITATIONAL_CONSTANT * field.mass * (1.0 + share)
+    level = 0.5 * speed**2 + PUSH * lowest + mu / lowest
+    start = (level + np.sqrt(level**2 - 4.0 * PUSH * mu)) / (2.0 * PUSH)
+    backup = BackupBraking(field, 0.0, BALL, AssuranceBounds(gravity=share))
+    margin = backup.backup_margin(np.array([0, start, 0, 0, -speed, 0]))
+    # Its own tube, of both signs, makes it somewhat worse.
+    assert lowest - RADIUS - 250.0 < margin <= lowest - RADIUS
+    believed = BackupBraking(field, 0.0, BALL).backup_margin(np.array([0, start, 0, 0, -speed, 0]))
+    assert believed > margin + 400.0
+
+
+@pytest.mark.parametrize("name", [field.name for field in dataclasses.fields(AssuranceBounds)])
+def test_every_bound_takes_room(name: str) -> None:
+    state = np.array([20e3, 12e3, 70e3, -6.0, 12.0, -14.0])
+    value = {"position": 100.0, "velocity": 0.3, "surface": 100.0, "delay": 2.0}.get(name, 0.02)
+    value = 1e-3 if name == "acceleration" else value
+    loose = kleopatras(AssuranceBounds()).backup_margin(state)
+    assert kleopatras(AssuranceBounds(**{name: value})).backup_margin(state) < loose - 1.0
+
+
+def test_errors_of_the_step_replace_the_box() -> None:
+    state, force = np.array([0.0, 0.0, 65.9e3, 0.0, 0.0, -8.0]), np.array([0.0, 0.0, -7.0])
+    box = dataclasses.replace(AFTER, position=0.0, velocity=0.0)
+    loose, tight = kleopatras(box), kleopatras(AFTER)
+    told = loose.assure(state, force, AFTER.position, AFTER.velocity)
+    expected = tight.assure(state, force)
+    assert told.reason == expected.reason == InterventionReason.KEEP_OUT
+    assert np.array_equal(told.force, expected.force)
+    assert not np.array_equal(loose.assure(state, force).force, told.force)
+    for errors in ((-1.0, 0.1), (np.nan, 0.1), (1.0, np.inf)):
+        with pytest.raises(InputError, match="must be finite and not negative"):
+            loose.assure(state, force, *errors)
+
+
+UNIT = st.tuples(*[st.floats(-1.0, 1.0)] * 3).map(np.array).filter(lambda u: u @ u > 0.01)
+
+
+@settings(max_examples=12, deadline=None)
+@given(
+    UNIT,
+    st.floats(1.01, 1.3),
+    st.tuples(*[st.floats(-40.0, 40.0)] * 3),
+    st.sampled_from(TRUTHS[1:]),
+    st.sampled_from(STATE_ERRORS[1:]),
+    st.sampled_from([AFTER, BEFORE]),
+    st.integers(0, 1000),
+)
+def test_the_backup_keeps_out_in_every_world_of_the_box(
+    direction, level, velocity, truth, errors, bounds, seed
+) -> None:
+    """What is promised of an admitted belief, by another gravity and another integration."""
+    backup, axes = kleopatras(bounds), kleopatra().keep_out_semi_axes
+    position = level * direction / np.linalg.norm(direction) * axes
+    believed = np.concatenate([position, velocity])
+    assume(backup.admitted(believed))
+    world = Truth(truth, bounds, axes, np.random.default_rng(seed))
+    error_of = StateErrors(errors, bounds, axes, np.random.default_rng(seed + 1), 150)
+    state = believed - error_of(believed)
+    outward = []
+    for _ in range(150):
+        force = backup.force(state + error_of(state))
+        acting, other = world.act(state, force)
+        state = moved(state, acting / (world.mass * MASS) + other, 10.0, kleopatra(), world.gravity)
+        assert clearances(axes, state[None, :3])[0] > 0.0
+        normal = state[:3] / axes**2
+        outward.append(float(state[3:] @ normal / np.linalg.norm(normal)))
+    # Once it moves outwards fast enough for the law to brake sideways, it never stops to.
+    fast = np.array(outward) > backup.outward_speed + 2.0 * bounds.velocity
+    if fast.any():
+        assert min(outward[int(fast.argmax()) :]) > 0.0
+
+
+@pytest.mark.parametrize("bounds", [AssuranceBounds(), AFTER, BEFORE])
+def test_outward_speed_stays_positive_near_the_surface(bounds: AssuranceBounds) -> None:
+    """Sampled: states that move outwards just so fast that the law may brake sideways."""
+    backup, axes = kleopatras(bounds), kleopatra().keep_out_semi_axes
+    random, found = np.random.default_rng(5), 0
+    while found < 25:
+        position = random.normal(size=3) * axes
+        position *= random.uniform(1.005, 1.1) / np.linalg.norm(position / axes)
+        normal = position / axes**2
+        normal /= np.linalg.norm(normal)
+        velocity = random.uniform(-40.0, 40.0, 3)
+        velocity[:2] = np.clip(velocity[:2], -backup.settled_speed, backup.settled_speed)
+        velocity += (backup.outward_speed - bounds.velocity - velocity @ normal) * normal
+        if np.abs(velocity).max() > min(40.0, backup.settled_speed):
+            continue
+        found += 1
+        state = np.concatenate([position, velocity])
+        world = Truth("hurting", bounds, axes, np.random.default_rng(found))
+        error_of = StateErrors("jumping", bounds, axes, np.random.default_rng(found), 60)
+        for _ in range(60):
+            force = backup.force(state + error_of(state))
+            acting, other = world.act(state, force)
+            push = acting / (world.mass * MASS) + other
+            state = moved(state, push, 10.0, kleopatra(), world.gravity)
+            assert state[:3] / axes**2 @ state[3:] > 0.0
+
+
+@pytest.mark.parametrize(("bounds", "seed"), [(AFTER, 1022), (BEFORE, 1022), (BEFORE, 1047)])
+def test_adversaries_are_kept_out_within_the_box(bounds: AssuranceBounds, seed: int) -> None:
+    settings = {"bounds": bounds, "truth": "hurting", "state_errors": "flattering", "steps": 100}
+    flight = adversarial_flight(load_scenario(), kleopatra(), "sign flipped", seed, **settings)
+    assert flight.clearance > 0.0
+    assert flight.speed < 40.0
+    assert np.abs(flight.states[:-1, :3] - flight.believed[:, :3]).max() > 0.5 * bounds.position
+
+
+def test_the_same_worlds_do_harm_where_no_error_is_believed() -> None:
+    backup, axes = kleopatras(AssuranceBounds()), kleopatra().keep_out_semi_axes
+    state = np.array([0.0, 0.0, 68.3e3, 0.0, 0.0, -20.0])
+    assert backup.admitted(state)
+    assert not kleopatras(BEFORE).admitted(state)
+    world = Truth("hurting", BEFORE, axes, np.random.default_rng(1))
+    least = np.inf
+    for _ in range(150):
+        force = backup.assure(state, np.array([0.0, 0.0, -THRUST])).force
+        acting, other = world.act(state, force)
+        push = acting / (world.mass * MASS) + other
+        state = moved(state, push, 10.0, kleopatra(), world.gravity)
+        least = min(least, float(clearances(axes, state[None, :3])[0]))
+    assert least < -100.0
+
+
+def test_bad_bounds_are_refused() -> None:
+    for name in (field.name for field in dataclasses.fields(AssuranceBounds)):
+        for value in (-1e-9, np.nan, np.inf, "much"):
+            with pytest.raises(InputError, match=rf"assurance\.bounds\.{name} must be a finite"):
+                AssuranceBounds(**{name: value})
+    for name in ("gravity", "thrust", "mass"):
+        with pytest.raises(InputError, match=rf"assurance\.bounds\.{name} must be below 1"):
+            AssuranceBounds(**{name: 1.0})
+    with pytest.raises(InputError, match=r"thrust_direction must be below 1\.571"):
+        AssuranceBounds(thrust_direction=2.0)
+    with pytest.raises(InputError, match="up to the control period, 10 s"):
+        kleopatras(AssuranceBounds(delay=10.5))
+
+
+def test_a_box_that_cannot_be_certified_says_where_and_why() -> None:
+    with pytest.raises(InputError) as refused:
+        kleopatras(dataclasses.replace(BEFORE, gravity=0.99))
+    message = str(refused.value)
+    assert "does not hold 100 kg at (" in message
+    assert "N are missing" in message
+    assert "tighten assurance.bounds.gravity first" in message
+    with pytest.raises(InputError, match=r"tighten assurance\.bounds\.velocity"):
+        kleopatras(dataclasses.replace(BEFORE, velocity=5.0))
