@@ -251,8 +251,8 @@ def _advance(r, v, gravity, u, before, after, spreads, world, r_end, v_end):
     Gravity and thrust are constant. Coriolis and centrifugal terms are expanded in Taylor's series.
     The path leaves its chord by at most the greatest acceleration times the period squared over 8.
     The ellipsoid's level is convex. So about the whole path it is at least what its tangent plane
-    at the chord's lowest point says. The tube has the half widths ``before`` and ``after`` (3,); the
-    accelerations ``spreads`` (3,) change them.
+    at the chord's lowest point says. The tube has the half widths ``before`` and ``after`` (3,).
+    The accelerations ``spreads`` (3,) change them.
     """
     spin, period = world[SPIN], world[PERIOD]
     ax = gravity[0] + u[0] + 2.0 * spin * v[1] + spin**2 * r[0]
