@@ -85,7 +85,7 @@ def frame(place: np.ndarray, seed: int, body: Polyhedron | None = None) -> np.nd
 def navigator(delay: int = 0) -> Navigator:
     body, expected = kleopatra(), ExpectedErrors()
     model = FrameModel(body.shape, DEFAULT_GEOMETRY, NOISE, MapError(body.shape))
-    motion = Motion(body.gravity_field, 40e3, body.spin_rate, MASS, expected)
+    motion = Motion(body.gravity_field, body.shape.extents, body.spin_rate, MASS, expected)
     return Navigator(model, motion, expected, body.spin_rate, 30.0, PERIOD, delay)
 
 
@@ -272,7 +272,7 @@ def test_a_map_that_is_wrong_as_told(rms: float) -> None:
     true = displaced(body.shape, rms, 15e3, 5)
     expected = ExpectedErrors(surface=rms)
     model = FrameModel(body.shape, DEFAULT_GEOMETRY, NOISE, MapError(body.shape, rms, 15e3))
-    motion = Motion(body.gravity_field, 40e3, body.spin_rate, MASS, expected)
+    motion = Motion(body.gravity_field, body.shape.extents, body.spin_rate, MASS, expected)
     made = Navigator(model, motion, expected, body.spin_rate, 30.0, PERIOD, 0)
     memory, sigma = made.start(), np.inf
     for k, state in enumerate(flown.states[:40]):

@@ -6,6 +6,7 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 from short_flights import kleopatra
 
+from proxops.systems.gravity import GravityField
 from proxops.systems.navigation import Estimate, ExpectedErrors
 from proxops.systems.navigation.estimate import (
     ATTITUDE,
@@ -34,7 +35,7 @@ MODES = 2
 def motion(**expected: float) -> Motion:
     body = kleopatra()
     errors = ExpectedErrors(acceleration_correlation=TAU, **expected)
-    return Motion(body.gravity_field, 40e3, RATE, MASS, errors)
+    return Motion(body.gravity_field, body.shape.extents, RATE, MASS, errors)
 
 
 def estimate() -> Estimate:
@@ -205,7 +206,7 @@ def test_a_white_push_moves_as_known() -> None:
     far.mean[:] = 0.0
     far.mean[POSITION] = [5e8, 0.0, 0.0]
     errors = ExpectedErrors(acceleration_varying=1e-3, acceleration_correlation=2.0)
-    predicts = Motion(kleopatra().gravity_field, 40e3, 0.0, MASS, errors)
+    predicts = Motion(kleopatra().gravity_field, kleopatra().shape.extents, 0.0, MASS, errors)
     time = 0.0
     for _ in range(1000):
         far = predicts.predicted(far, np.zeros(3), time, 0.5)
@@ -237,3 +238,28 @@ def test_attitude_drifts_as_the_vehicle_s(phase: float) -> None:
     off = (Rotation.from_matrix(found.rotation) * truth(3600.0).inv()).magnitude()
     assert drifted > 1e-3
     assert off < 1e-3 * drifted
+
+
+def test_uneven_density_is_in_the_covariance() -> None:
+    """Halves of different density move the centre of mass; the rest of their gravity is noise."""
+    body, contrast = kleopatra(), 0.05
+    uneven = GravityField(body.shape, mass=body.gravity_field.mass, contrast=contrast)
+    shift = float(np.linalg.norm(uneven.centre_of_mass))
+    directions = np.random.default_rng(1).normal(size=(300, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    for scale in (1.0, 1.5, 2.5):
+        points = scale * directions * body.keep_out_semi_axes
+        left = uneven.evaluate(points).acceleration
+        left -= body.gravity_field.evaluate(points - uneven.centre_of_mass).acceleration
+        predicted = []
+        for point in points[:30]:
+            known = estimate()
+            known.mean[:] = 0.0
+            known.mean[POSITION] = point
+            known.covariance[:] = 0.0
+            # Over a time much longer than the correlation all of it is there.
+            moved = motion(centre_of_mass=shift)
+            noise = moved.predicted(known, np.zeros(3), START, 1.0).covariance
+            predicted.append(noise[12, 12] / (1.0 - np.exp(-2.0 / TAU)))
+        ratio = np.sqrt(np.mean(left**2) / np.mean(predicted))
+        assert 0.6 < ratio < 1.3, (scale, ratio)

@@ -87,11 +87,10 @@ class LidarNavigation(LeafSystem):
         self.period, self.frame_delay = period, int(frame_delay)
         map_error = MapError(shape, self.expected.surface, self.expected.surface_correlation)
         self.model = FrameModel(shape, geometry, noise_std, map_error, self.expected.beam_width)
-        radius = 0.5 * float(shape.extents.min())
         low_orbit = math.sqrt(GRAVITATIONAL_CONSTANT * field.mass / shape.extents.max())
         self._navigator = Navigator(
             self.model,
-            Motion(field, radius, spin, mass, self.expected),
+            Motion(field, shape.extents, spin, mass, self.expected),
             self.expected,
             spin,
             low_orbit,

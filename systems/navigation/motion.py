@@ -21,16 +21,18 @@ class Motion:
     """The believed equations of motion, and how uncertain they make an estimate."""
 
     def __init__(
-        self, field: Field, radius: float, spin: float, mass: float, expected: ExpectedErrors
+        self, field: Field, extents: np.ndarray, spin: float, mass: float, expected: ExpectedErrors
     ):
         """Takes what is believed.
 
         Args:
-          field: gravity in K. radius: of the body, in m: a length over which gravity changes.
+          field: gravity in K. extents: (3,) of the body along its axes, in m.
           spin: rad/s about z. mass: of the spacecraft in kg.
           expected: one standard deviation of everything.
         """
-        self._field, self._radius, self._spin, self._mass = field, radius, spin, mass
+        self._field, self._spin, self._mass = field, spin, mass
+        # Over this length gravity changes.
+        self._radius, self._half_length = 0.5 * float(extents.min()), 0.5 * float(extents.max())
         self._expected = expected
 
     def predicted(
@@ -42,12 +44,12 @@ class Motion:
         steps = math.ceil(max(1.0, turn / _TURN, speed * duration / (_SHARE * self._radius)))
         steps = min(steps, _MOST_STEPS)
         step = duration / steps
-        noise = self._noise(step)
         spent = float(np.abs(force).sum()) * step / self._mass
         for k in range(steps):
             mean = estimate.mean
             middle = mean[POSITION] + 0.5 * step * mean[VELOCITY] - mean[CENTRE_OF_MASS]
             gravity = self._field.evaluate(middle[None])
+            uneven = self._uneven(middle, gravity.acceleration[0])
             moved = predict(
                 estimate.mean,
                 estimate.rotation,
@@ -60,16 +62,29 @@ class Motion:
                 step,
                 self._spin,
                 self._mass,
-                noise,
+                self._noise(step, uneven),
             )
             estimate = Estimate(*moved, estimate.spent + spent)
         return estimate
 
-    def _noise(self, step: float) -> np.ndarray:
+    def _uneven(self, position: np.ndarray, gravity: np.ndarray) -> float:
+        """Variance, along each axis, of the gravity (m/s^2) of an uneven density.
+
+        The estimate has its first term, the centre of mass. The next term of the field's expansion
+        is smaller by half of the body's length over the distance. With the factor of 1/3, it is
+        what halves of different density do at Kleopatra, to about a third.
+        """
+        shift = self._expected.centre_of_mass
+        if not shift:
+            return 0.0
+        ratio = shift * self._half_length / float(position @ position)
+        return float(gravity @ gravity) * ratio**2 / 3.0
+
+    def _noise(self, step: float, uneven: float) -> np.ndarray:
         """The last argument of `predict`."""
         expected = self._expected
         decay = math.exp(-step / expected.acceleration_correlation)
-        varying = expected.acceleration_varying**2
+        varying = expected.acceleration_varying**2 + uneven
         return np.array(
             [
                 2.0 * expected.attitude_varying**2 * step / expected.attitude_correlation,
