@@ -130,11 +130,21 @@ def fit(rows, innovations, before, after):
 
 @_compiled
 def squared_deviation(covariance, columns, moved):
-    """The square of a step (n,) of some quantities, over their covariance, which is in (n, n)."""
+    """The square of a step (n,) of some quantities, over their covariance, which is in (n, n).
+
+    By Cholesky's decomposition, of a few rows, because numba takes long to compile a solver.
+    """
     count = columns.size
-    among, step = np.empty((count, count)), np.empty(count)
+    root, white, total = np.zeros((count, count)), np.zeros(count), 0.0
     for i in range(count):
-        step[i] = moved[columns[i]]
-        for j in range(count):
-            among[i, j] = covariance[columns[i], columns[j]]
-    return step @ np.linalg.solve(among, step)
+        step = moved[columns[i]]
+        for j in range(i + 1):
+            left = covariance[columns[i], columns[j]]
+            for k in range(j):
+                left -= root[i, k] * root[j, k]
+            root[i, j] = left / root[j, j] if j < i else np.sqrt(left)
+        for k in range(i):
+            step -= root[i, k] * white[k]
+        white[i] = step / root[i, i]
+        total += white[i] ** 2
+    return total
