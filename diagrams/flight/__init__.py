@@ -6,7 +6,14 @@ controller needs no change here: it offers its own columns of the log and its ow
 docs/how_to/own_controller.md).
 """
 
-from proxops.diagrams.flight.adversarial_flights import ADVERSARIES, Adversary, adversarial_flight
+from proxops.diagrams.flight.adversarial_flights import (
+    ADVERSARIES,
+    CONTROLLER_SHAPE,
+    Adversary,
+    adversarial_flight,
+    small_controller,
+)
+from proxops.diagrams.flight.box_worlds import STATE_ERRORS, TRUTHS
 from proxops.diagrams.flight.campaign import (
     Flight,
     Row,
@@ -24,6 +31,7 @@ from proxops.diagrams.flight.named_controllers import named_controller
 from proxops.diagrams.flight.parallel import Workers
 from proxops.diagrams.flight.scenario_systems import (
     WITH_BUNDLE,
+    bounded_backup,
     bundle_of,
     make_backup,
     make_mpc,
@@ -34,6 +42,9 @@ from proxops.diagrams.flight.transit_diagram import make_transit_diagram
 
 __all__ = [
     "ADVERSARIES",
+    "CONTROLLER_SHAPE",
+    "STATE_ERRORS",
+    "TRUTHS",
     "WITH_BUNDLE",
     "Adversary",
     "Flight",
@@ -41,6 +52,7 @@ __all__ = [
     "Workers",
     "adversarial_flight",
     "body_sha256",
+    "bounded_backup",
     "bundle_of",
     "controller_label",
     "file_label",
@@ -54,6 +66,7 @@ __all__ = [
     "provenance",
     "run_campaign",
     "run_groups",
+    "small_controller",
     "transit_flights",
     "version_and_body",
 ]

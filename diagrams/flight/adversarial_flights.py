@@ -27,6 +27,9 @@ _NEAR_SHARE, _NEAR = 0.5, 8e3
 # This share of the starts is at the edge of what is admitted, found by so many bisections.
 _EDGE_SHARE, _BISECTIONS = 0.5, 20
 
+# Height, as a share of the ellipsoid's size, at which a small controller feels the ellipsoid.
+_LOW = 0.03
+
 Adversary = Callable[[np.ndarray], np.ndarray]
 """Gives a force (3,) in N for a state (6,)."""
 
@@ -74,6 +77,42 @@ def _along_the_surface(backup: BackupBraking, random: np.random.Generator) -> Ad
         return limit * np.sign(along / np.linalg.norm(along) - 0.3 * normal)
 
     return force
+
+
+def small_controller(backup: BackupBraking, weights: np.ndarray) -> Adversary:
+    """A controller with few weights, for a search; it thrusts along normal and sideways motion.
+
+    Args:
+      backup: gives the limits.
+      weights: `CONTROLLER_SHAPE`: of the normal, the sideways velocity and what is across both, by
+        a constant, height, outward and sideways speed, and two components of the normal.
+    """
+    limits = backup.limits
+    axes = np.asarray(limits.keep_out_semi_axes)
+
+    def force(state: np.ndarray) -> np.ndarray:
+        normal = outward_normal(axes, state[:3])
+        outward = float(normal @ state[3:])
+        sideways = state[3:] - outward * normal
+        speed = float(np.linalg.norm(sideways))
+        along = sideways / speed if speed > 0.0 else np.zeros(3)
+        height = (np.linalg.norm(state[:3] / axes) - 1.0) / _LOW
+        features = [
+            1.0,
+            np.tanh(height),
+            outward / (0.25 * limits.speed),
+            speed / limits.speed,
+            abs(normal[0]),
+            abs(normal[1]),
+        ]
+        wish = np.tanh(weights @ features)
+        total = wish[0] * normal + wish[1] * along + wish[2] * np.cross(normal, along)
+        return np.clip(2.0 * limits.thrust * total, -limits.thrust, limits.thrust)
+
+    return force
+
+
+CONTROLLER_SHAPE = (3, 6)
 
 
 ADVERSARIES: dict[str, Callable[[BackupBraking, np.random.Generator], Adversary]] = {

@@ -156,17 +156,41 @@ def _law(r, v, gravity, world, u):
 
 
 @_inlined
-def _tube_is_outward(r, v, wide, fast, world):
-    """Whether every state of the tube moves outwards so fast that the law brakes sideways."""
-    nx, ny, nz, level = _normal(r, world)
-    outward, speed, size2 = nx * v[0] + ny * v[1] + nz * v[2], 0.0, 0.0
+def _normal_bounds(r, wide, world, lows, highs):
+    """Fills the least and greatest components (3,) of the normals that the law may find.
+
+    Those of a box about r, wider than the tube by what two errors of the position make: the tube's
+    and that of the measurement. A component q / sqrt(q^2 + s) rises with its own q.
+    """
     for i in range(3):
-        outward -= abs(nx if i == 0 else ny if i == 1 else nz) * fast[i]
-        speed += abs(v[i]) + fast[i]
-        size2 += wide[i] ** 2
-        outward -= max(abs(v[i]) + fast[i] - _settled(i, world), 0.0)
-    turned = world[CURVATURE] / level * (math.sqrt(size2) + 2.0 * world[POSITION])
-    return outward - turned * speed > world[OUTWARD] + world[VELOCITY]
+        least, most, low, high = 0.0, 0.0, 0.0, 0.0
+        for j in range(3):
+            middle = r[j] / world[j] ** 2
+            half = (wide[j] + 2.0 * world[POSITION]) / world[j] ** 2
+            if j == i:
+                low, high = middle - half, middle + half
+            else:
+                least += max(abs(middle) - half, 0.0) ** 2
+                most += (abs(middle) + half) ** 2
+        lows[i] = low / math.sqrt(low * low + (most if low > 0.0 else least) + 1e-300)
+        highs[i] = high / math.sqrt(high * high + (least if high > 0.0 else most) + 1e-300)
+
+
+@_inlined
+def _tube_is_outward(r, v, wide, fast, world, lows, highs):
+    """Whether the law finds that every state of the tube moves outwards fast enough."""
+    _normal_bounds(r, wide, world, lows, highs)
+    level = _normal(r, world)[3]
+    outward, speed, reach = -world[VELOCITY], 0.0, 0.0
+    for i in range(3):
+        slow, quick = v[i] - fast[i], v[i] + fast[i]
+        outward += min(min(lows[i] * slow, lows[i] * quick), min(highs[i] * slow, highs[i] * quick))
+        outward -= max(abs(v[i]) + fast[i] + world[VELOCITY] - _settled(i, world), 0.0)
+        speed += abs(v[i]) + fast[i] + world[VELOCITY]
+        reach += abs(r[i]) / world[i] ** 2 * wide[i]
+    lowest = max(level - reach / level, LOWEST_LEVEL)
+    outward -= world[CURVATURE] / lowest * world[POSITION] * speed
+    return outward > world[OUTWARD]
 
 
 @_inlined
@@ -182,15 +206,15 @@ def _spread(i, low, high, most, least, world):
 
 
 @_inlined
-def _bounds_of_law(n, turn, v, fast, pull, spread, judged, settled, world):
+def _bounds_of_law(least_n, most_n, v, fast, pull, spread, judged, settled, world):
     """Bounds of an axis's acceleration, and of its commanded thrust, if the law flies.
 
     The law's wish never falls with n and never rises with v, and pull + clip(wish - pull) never
     falls with pull. So the ends of the tube give the ends of the acceleration.
     """
     limit, error = world[THRUST], world[VELOCITY]
-    low = _wanted(max(n - turn, -1.0), v - fast + error, 1.0, settled, world) - judged
-    high = _wanted(min(n + turn, 1.0), v + fast - error, 1.0, settled, world) + judged
+    low = _wanted(least_n, v - fast + error, 1.0, settled, world) - judged
+    high = _wanted(most_n, v + fast - error, 1.0, settled, world) + judged
     bottom, top = pull - spread, pull + spread
     most, least = _within(high - bottom, -limit, limit), _within(low - top, -limit, limit)
     low = bottom + _within(low - bottom, -limit, limit)
@@ -203,12 +227,14 @@ def _tube_step(r, v, wide, fast, u, by_law, scales, nodes, world, given, r_end, 
     """Moves the tube by one period; returns a lower bound of its clearance on the way (m).
 
     It flies u (3,), or, if ``by_law``, the law without any sideways braking. ``r_end`` and
-    ``v_end`` may be r and v; ``wide``, ``fast`` and ``given`` (4, 3) are overwritten.
+    ``v_end`` may be r and v; ``wide``, ``fast`` and ``given`` (6, 3) are
+    overwritten. ``given[4:]`` are the bounds of the normal.
     """
     period, spin = world[PERIOD], abs(world[SPIN])
     gravity, effect, spreads, before = given[0], given[1], given[2], given[3]
+    lows, highs = given[4], given[5]
     _gravity_ahead(r, v, scales, nodes, world, gravity)
-    nx, ny, nz, level = _normal(r, world)
+    level = _normal(r, world)[3]
     size2, reach = 0.0, 0.0
     for i in range(3):
         # The width half a period ahead.
@@ -218,9 +244,7 @@ def _tube_step(r, v, wide, fast, u, by_law, scales, nodes, world, given, r_end, 
     size = math.sqrt(size2)
     lowest = max(level - reach / level, LOWEST_LEVEL)
     steepness = world[STEEPNESS] * (1.0 + world[GRAVITY]) / lowest**3
-    turn = world[CURVATURE] / lowest * (size + 2.0 * world[POSITION])
     for i in range(3):
-        n = nx if i == 0 else ny if i == 1 else nz
         pull = gravity[i] + _coriolis(i, r, v, world)
         # How far the pull may be from that of the tube's middle, and how far the law misjudges it.
         judged = world[GRAVITY] * abs(gravity[i]) + steepness * world[POSITION]
@@ -230,7 +254,7 @@ def _tube_step(r, v, wide, fast, u, by_law, scales, nodes, world, given, r_end, 
             judged += 2.0 * spin * world[VELOCITY] + spin**2 * world[POSITION]
         if by_law:
             low, high, most, least = _bounds_of_law(
-                n, turn, v[i], fast[i], pull, spread, judged, _settled(i, world), world
+                lows[i], highs[i], v[i], fast[i], pull, spread, judged, _settled(i, world), world
             )
         else:
             most = least = u[i]
@@ -303,7 +327,7 @@ def _tube_margin(r, v, wide, fast, least, scales, nodes, world, given):
     It is -inf if the tube does not move outwards in the end. All arrays are overwritten.
     """
     for _ in range(_LONGEST_BACKUP):
-        if _tube_is_outward(r, v, wide, fast, world):
+        if _tube_is_outward(r, v, wide, fast, world, given[4], given[5]):
             return least
         clearance = _tube_step(r, v, wide, fast, given[0], True, scales, nodes, world, given, r, v)
         least = min(least, clearance)
@@ -316,7 +340,7 @@ def backup_margin(r_start, v_start, scales, nodes, world):
 
     It is a lower bound at and between the steps, for every error within the bounds.
     """
-    work = np.empty((8, 3))
+    work = np.empty((10, 3))
     r, v, wide, fast = work[0], work[1], work[2], work[3]
     for i in range(3):
         r[i], v[i], wide[i], fast[i] = r_start[i], v_start[i], 0.0, world[VELOCITY]
@@ -335,7 +359,7 @@ def backup(r, v, scales, nodes, world, u):
 @_compiled
 def margin(r_start, v_start, scales, nodes, world, u):
     """The least clearance (m) if u (3,) acts for one period and the backup flies after it."""
-    work = np.empty((8, 3))
+    work = np.empty((10, 3))
     r, v, wide, fast, given = work[0], work[1], work[2], work[3], work[4:]
     for i in range(3):
         wide[i], fast[i] = 0.0, world[VELOCITY]
@@ -350,7 +374,7 @@ def bound_speed(r, v, scales, nodes, world, u, low, high):
     Every state of the tube stays below the limit. Fills the bounds of u (3,) by thrust and speed.
     Returns whether u was changed for speed.
     """
-    work = np.empty((8, 3))
+    work = np.empty((10, 3))
     r_end, v_end, wide, fast, given = work[0], work[1], work[2], work[3], work[4:]
     limit, period = world[THRUST], world[PERIOD]
     for i in range(3):

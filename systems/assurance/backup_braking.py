@@ -150,6 +150,7 @@ class BackupBraking:
         # The arguments of the kernel's functions after position and velocity.
         self._given = self._arguments(bounds.position, bounds.velocity)
         self._check_box()
+        self._load_kernels()
 
     def _settled_speed(self) -> float:
         """The speed across the spin at which thrust at its worst still holds each axis.
@@ -243,6 +244,26 @@ class BackupBraking:
             "position or delay, or "
             + tightest(budget(self.bounds, self._given[2][kernel.THRUST], self.table.strongest))
         )
+
+    def rooms(self, speed: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+        """How much room the bounds take: what clearance a state needs to be admitted.
+
+        Args:
+          speed: inward speed in m/s, along the normal.
+
+        Returns:
+          Points (N, 3) in m, evenly about the ellipsoid, and the clearances (N,) in m above them;
+          inf where no clearance of up to half the shortest semi-axis is enough.
+        """
+        return rooms(self._given, np.asarray(self.limits.keep_out_semi_axes), speed)
+
+    def _load_kernels(self) -> None:
+        """Calls everything that is compiled once: loaded in flight, each takes 10 to 20 ms."""
+        state = np.concatenate([2.0 * self.limits.keep_out_semi_axes, np.zeros(3)])
+        thrust, motion = np.zeros(3), (state[:3], state[3:], *self._given)
+        kernel.bound_speed(*motion, thrust, np.empty(3), np.empty(3))
+        kernel.margin(*motion, thrust)
+        kernel.backup(*motion, thrust)
 
     def _shortfall(self, spare: np.ndarray) -> str:
         """Says where thrust at its worst does not hold, how much is missing, and what to do.
