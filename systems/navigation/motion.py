@@ -13,7 +13,7 @@ from proxops.systems.navigation.expected_errors import ExpectedErrors
 
 # In one step of the prediction, the body turns by at most this angle (rad), and the spacecraft
 # moves by at most this share of the body's radius: gravity is linear over it.
-_TURN, _SHARE = 0.02, 0.02
+_TURN, _SHARE = 0.02, 0.01
 _MOST_STEPS = 200
 
 
