@@ -2,10 +2,10 @@
 
 Start with `LidarNavigation`, a thin system over plain functions, and `navigator`, which takes one
 step after the other: `motion` predicts, `frame_model` says what the map predicts, `correction`
-compares, `acquisition` finds the pose from a frame alone. `estimate` has the layout of what is
-estimated, `map_error` the error of the map, `expected_errors` how wrong everything may be. Nothing
-in this room may see the truth: it is made from the map, gravity and spin as believed, and the data
-sheets.
+compares, `acquisition` finds the pose from a frame alone, with the help of `likely_poses`.
+`estimate` has the layout of what is estimated, `map_error` the error of the map, `expected_errors`
+how wrong everything may be. Nothing in this room may see the truth: it is made from the map,
+gravity and spin as believed, and the data sheets.
 """
 
 from proxops.systems.navigation.estimate import Estimate
