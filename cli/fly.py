@@ -9,8 +9,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
 import typer
 from pydrake.geometry import Meshcat
+from pydrake.systems.framework import Context, Diagram
 from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
 
 from proxops.cli.common import (
@@ -24,11 +26,12 @@ from proxops.cli.common import (
     with_dispersions,
     write_json,
 )
-from proxops.diagrams.flight import WITH_BUNDLE, fly
+from proxops.diagrams.flight import WITH_BUNDLE, fly, mended_map_of_flight
 from proxops.diagrams.logs import FlightLog, differences, fallback_steps, length_text
 from proxops.diagrams.meshcat import write_replay
 from proxops.diagrams.scenario import load_scenario
 from proxops.systems.common import InputError, make_folder
+from proxops.systems.navigation import MendedMap, save_mended_map
 
 
 def fly_command(
@@ -52,6 +55,14 @@ def fly_command(
     log_file: Annotated[
         Path | None, typer.Option("--from", help="Repeat the flight of this flight.nc.")
     ] = None,
+    mended_map: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE.obj",
+            help="Write the map with what the navigation learned of its surface; "
+            "--set 'navigation={_tag: !LidarNavigation, map: FILE.obj}' flies with it.",
+        ),
+    ] = None,
     meshcat: Annotated[bool, typer.Option(help="Show the flight live in a browser.")] = False,
     as_json: AsJson = False,
 ) -> None:
@@ -65,9 +76,12 @@ def fly_command(
 
       proxops fly --dispersions after_survey --controller policy --seed 10000
 
+      proxops fly --dispersions after_survey --mended-map out/mended.obj
+
       proxops fly --from out/heavy/flight.nc --out out/again
     """
     check_folder(out)
+    keep = _MapKeeper(mended_map)
     server = None
     if meshcat:
         from proxops.diagrams.meshcat import start_server
@@ -78,7 +92,7 @@ def fly_command(
         given = (scenario, settings or None, seed, transit, dispersions)
         if any(value is not None for value in given):
             raise InputError("--from repeats a flight as it was: give no scenario or settings")
-        _fly_again(log_file, controller, server, out, as_json)
+        _fly_again(log_file, controller, server, out, as_json, keep)
     else:
         overrides = with_dispersions(settings, dispersions)
         if seed is not None:
@@ -92,16 +106,60 @@ def fly_command(
                 "transit.start_m and transit.goal_m"
             )
         with _progress_bar() as progress:
-            log = fly(wanted, controller or "mpc", meshcat=server, progress=progress)
+            log = fly(wanted, controller or "mpc", meshcat=server, progress=progress, finished=keep)
         _save(log, out, as_json)
+        keep.save()
     if server is not None:
         status.print("Press Ctrl-C to end.")
         with contextlib.suppress(KeyboardInterrupt):
             _wait_for_ever()
 
 
+class _MapKeeper:
+    """Keeps the mended map of a flight until its log is written, if a file for it was named."""
+
+    def __init__(self, path: Path | None):
+        self._path = path
+        self._found: MendedMap | InputError | None = None
+        if path is not None:
+            check_folder(path.parent)
+            if path.suffix != ".obj":
+                raise InputError(f"--mended-map writes an OBJ file: name FILE.obj, not {path}")
+
+    def __call__(self, diagram: Diagram, context: Context) -> None:
+        if self._path is None:
+            return
+        try:
+            self._found = mended_map_of_flight(diagram, context)
+        except InputError as error:
+            self._found = error  # The flight is not lost.
+
+    def save(self) -> None:
+        """Writes the map.
+
+        Raises:
+          InputError: there is none.
+        """
+        if isinstance(self._found, InputError):
+            raise self._found
+        if self._path is not None and self._found is not None:
+            make_folder(self._path.parent)
+            save_mended_map(self._found, self._path)
+            low, middle, high = np.percentile(self._found.deviations, [5.0, 50.0, 95.0])
+            status.print(
+                f"Wrote {self._path}, and what may still be wrong with it in "
+                f"{self._path.with_suffix('.npz').name}: one standard deviation of a vertex is "
+                f"{middle:.3g} m (median; {low:.3g} to {high:.3g} m for 90 % of them)"
+            )
+
+
 def _fly_again(
-    log_file: Path, controller: str | None, server: Meshcat | None, out: Path, as_json: bool
+    log_file: Path,
+    controller: str | None,
+    server: Meshcat | None,
+    out: Path,
+    as_json: bool,
+    keep: _MapKeeper,
 ) -> None:
     """Repeats the flight of a log, in the world that was drawn for it."""
     original = FlightLog.load(log_file)
@@ -114,8 +172,10 @@ def _fly_again(
             progress=progress,
             body=original.body,
             true_body=original.true_body,
+            finished=keep,
         )
     _save(log, out, as_json)
+    keep.save()
     changed = differences(original, log)
     if changed:
         status.print(f"The flight differs from its log in: {', '.join(changed)}")

@@ -54,7 +54,13 @@ from proxops.systems.lidar import (
     PlanarLidar,
     ray_directions,
 )
-from proxops.systems.navigation import ExpectedErrors, LidarNavigation, NavigationPhase
+from proxops.systems.navigation import (
+    ExpectedErrors,
+    LidarNavigation,
+    MapError,
+    MendedMap,
+    NavigationPhase,
+)
 from proxops.systems.policy import NeuralPolicy, PolicyBundle, PolicyStatus, ProportionalDerivative
 from proxops.systems.shapes import Polyhedron, RayCaster, RayFan
 from proxops.systems.vehicle import (
@@ -108,6 +114,8 @@ __all__ = [
     "LidarGeometry",
     "LidarNavigation",
     "LoggedPort",
+    "MapError",
+    "MendedMap",
     "ModelPredictiveController",
     "NavigationPhase",
     "NeuralPolicy",

@@ -154,6 +154,26 @@ def test_failed_flight_is_repeated_too(run, tmp_path: Path) -> None:
     assert "bit for bit" in " ".join(again.err.split())
 
 
+def test_mended_map_is_written_and_flown_with(run: Callable[..., Ran], tmp_path: Path) -> None:
+    wrong = settings({"navigation.expected.surface_rms_m": 50.0})
+    mended = ["--mended-map", "maps/mended.obj"]
+    ran = run("fly", *SHORT, *BRIEF, *wrong, *mended, "--out", "out")
+    assert ran.code == 0
+    assert "Wrote maps/mended.obj" in ran.err
+    assert entries(tmp_path) >= {"out/flight.nc", "maps/mended.obj", "maps/mended.npz"}
+    again = run("fly", *SHORT, *BRIEF, "--set", "navigation.map=maps/mended.obj", "--out", "again")
+    assert again.code == 0
+    log = FlightLog.load(tmp_path / "again" / "flight.nc")
+    assert log.scenario.navigation.map == str(tmp_path / "maps" / "mended.obj")
+    # Without a navigation the flight is kept, and what is wrong is said.
+    told = ["--set", "navigation=!TrueState {}"]
+    ran = run("fly", *SHORT, *BRIEF, *told, "--mended-map", "none.obj", "--out", "other")
+    assert ran.code != 0
+    assert "told its true state" in ran.err
+    assert "other/flight.nc" in entries(tmp_path)
+    assert run("fly", "--mended-map", "mended.stl").code != 0
+
+
 def test_own_controller_from_the_working_directory(run, tmp_path: Path) -> None:
     (tmp_path / "mine_for_the_cli.py").write_text(
         "from short_flights import PdController\n"

@@ -28,6 +28,7 @@ from proxops.diagrams.flight.campaign import (
 )
 from proxops.diagrams.flight.hybrid_controller import make_hybrid
 from proxops.diagrams.flight.named_controllers import named_controller
+from proxops.diagrams.flight.navigation import mended_map_of_flight
 from proxops.diagrams.flight.parallel import Workers
 from proxops.diagrams.flight.scenario_systems import (
     WITH_BUNDLE,
@@ -62,6 +63,7 @@ __all__ = [
     "make_mpc",
     "make_navigation",
     "make_transit_diagram",
+    "mended_map_of_flight",
     "named_controller",
     "provenance",
     "run_campaign",

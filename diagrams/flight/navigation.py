@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import typing
 
-from pydrake.systems.framework import OutputPort, System
+from pydrake.systems.framework import Context, Diagram, OutputPort, System
 from pydrake.systems.primitives import Demultiplexer, LogVectorOutput
 
 from proxops.diagrams.flight.scenario_systems import make_navigation
 from proxops.diagrams.flight.wiring import Wiring
 from proxops.diagrams.scenario import LidarNavigationConfig, Scenario, believed
-from proxops.systems import CommandAxes, LidarNavigation
+from proxops.systems import CommandAxes, InputError, LidarNavigation, MendedMap
 
 STATE_PORTS = ("state", "position", "velocity")
 """Ports of a controller that tell it its own motion."""
@@ -68,3 +68,23 @@ def navigation_ports(navigation: System) -> dict[str, OutputPort]:
     """Gives the ports that the navigation offers to the log, by the names of their columns."""
     offered = typing.cast(LidarNavigation, navigation).logged_ports()
     return {name: each.port for name, each in offered.items()}
+
+
+def mended_map_of_flight(diagram: Diagram, context: Context) -> MendedMap:
+    """Gives the map with what the navigation of a flight learned of it.
+
+    Args:
+      diagram: a transit diagram. context: its Context after the flight.
+
+    Raises:
+      InputError: the flight had no navigation, or it learned nothing of the map.
+    """
+    navigation = None
+    if diagram.HasSubsystemNamed("navigation"):
+        navigation = diagram.GetSubsystemByName("navigation")
+    if not isinstance(navigation, LidarNavigation):
+        raise InputError(
+            "the map is not mended: this flight was told its true state, or its controller needs "
+            "none; set navigation to !LidarNavigation {}"
+        )
+    return navigation.mended_map(navigation.GetMyContextFromRoot(context))

@@ -29,6 +29,7 @@ from proxops.systems import (
     LidarErrors,
     LidarGeometry,
     LidarNavigation,
+    MapError,
     ModelPredictiveController,
     NeuralPolicy,
     PlanarLidar,
@@ -39,10 +40,13 @@ from proxops.systems import (
     TransitProgram,
     WeightedProgram,
 )
+from proxops.systems.navigation import load_map
 
 # The navigation takes the lidar's noise for at least this share of the body's size, 2 m at
 # Kleopatra: its arithmetic begins with a position that is known to a few sizes.
 _LEAST_NOISE = 1e-5
+# A map whose size differs by more than this share from the body's is a mistake.
+_OTHER_SIZE = 0.5
 _SHIPPED_POLICY = ASSETS / "policy"
 
 
@@ -223,12 +227,15 @@ def make_navigation(scenario: Scenario, body: Body) -> LidarNavigation:
     """Makes the navigation that the scenario configures, from map and data sheets alone.
 
     Raises:
-      InputError: the scenario has no lidar navigation.
+      InputError: the scenario has no lidar navigation, or its `navigation.map` cannot be used.
     """
     expected = expected_errors(scenario, body)
     assert isinstance(scenario.navigation, LidarNavigationConfig)
+    shape, map_error = _navigation_map(scenario.navigation, body)
+    if map_error is not None:
+        expected = replace(expected, surface=0.0, size=0.0)
     return LidarNavigation(
-        body.shape,
+        shape,
         body.gravity_field,
         body.spin_rate,
         scenario.spacecraft.mass_kg,
@@ -237,7 +244,27 @@ def make_navigation(scenario: Scenario, body: Body) -> LidarNavigation:
         expected,
         scenario.control_period_s,
         scenario.navigation.frame_delay_steps,
+        map_error,
     )
+
+
+def _navigation_map(
+    settings: LidarNavigationConfig, body: Body
+) -> tuple[Polyhedron, MapError | None]:
+    """Gives the map by which the navigation flies, and its error if that is known with it."""
+    if settings.map is None:
+        return body.shape, None
+    shape, map_error = load_map(Path(settings.map), settings.map_unit)
+    off = np.abs(shape.vertices.mean(axis=0) - body.shape.vertices.mean(axis=0)).max()
+    size = float(body.shape.extents.max())
+    ratio = float(shape.extents.max()) / size
+    if abs(ratio - 1.0) > _OTHER_SIZE or off > _OTHER_SIZE * size:
+        raise InputError(
+            f"navigation.map: {settings.map} is {ratio:.3g} times as long as the body, and its "
+            f"vertices are {off:.3g} m from the body's in the mean: it must be a map of this body, "
+            f"in K; check navigation.map_unit (now {settings.map_unit})"
+        )
+    return shape, map_error
 
 
 def _lidar_geometry(scenario: Scenario) -> LidarGeometry:

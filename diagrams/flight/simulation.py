@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Callable
 
 from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator, SimulatorStatus
@@ -38,6 +39,7 @@ def fly(
     progress: Progress = silent,
     body: Body | None = None,
     true_body: TrueBody | None = None,
+    finished: Callable[[Diagram, Context], object] | None = None,
 ) -> FlightLog:
     """Flies a scenario's transit from start to arrival, collision or the deadline.
 
@@ -53,6 +55,8 @@ def fly(
       progress: is called at every step with the share of the longest time that has passed.
       body: the body as believed; None: the body that the scenario names.
       true_body: the body as it is; None: it is made from `scenario.truth`.
+      finished: is called after the flight with the transit diagram and its Context at the end, to
+        keep what is not in the log. Such as `mended_map_of_flight`.
 
     Returns:
       The log. On one machine, the same scenario and controller give the same log bit for bit,
@@ -91,6 +95,8 @@ def fly(
     log = make_log(flown, time.perf_counter() - started)
     if meshcat is not None:
         add_flight(meshcat, log)  # The replay.
+    if finished is not None:
+        finished(diagram, context)
     _let_go(diagram, None if own else controller)
     return log
 

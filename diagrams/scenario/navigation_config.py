@@ -5,7 +5,7 @@
 
 import dataclasses as dc
 
-from proxops.diagrams.scenario.limits import number
+from proxops.diagrams.scenario.limits import number, one_of
 
 _FAR, _LONG = 1e9, 1e8
 
@@ -65,6 +65,12 @@ class LidarNavigationConfig:
     # What it takes its own errors to be. null: what the scenario's dispersions, disturbance, noise
     # of the force and kicks say, and the defaults of ExpectedErrorsConfig for all else.
     expected: ExpectedErrorsConfig | None = None
+    # Mesh file of the map by which it navigates, in K, and the unit of its numbers; null: that of
+    # the body. Only the navigation uses it. If `proxops fly --mended-map` wrote it, the errors of
+    # surface and size are those beside it, and not those of `expected`. The path in a scenario file
+    # is relative to that file.
+    map: str | None = None
+    map_unit: str = one_of("km", ("km", "m"))
     # It takes the frames to be this many control steps old. The true age is in truth.lidar.
     frame_delay_steps: int = number(0, at_least=0, at_most=1000)
 

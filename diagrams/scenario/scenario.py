@@ -6,6 +6,7 @@ from pathlib import Path
 
 from pydrake.common.yaml import yaml_dump_typed
 
+from proxops.diagrams.scenario.navigation_config import LidarNavigationConfig
 from proxops.diagrams.scenario.renamed_keys import refuse_renamed, translate_renamed
 from proxops.diagrams.scenario.scenario_checks import check_scenario
 from proxops.diagrams.scenario.scenario_config import LearnedLidarConfig, Scenario
@@ -53,6 +54,9 @@ def load_scenario(
         scenario.policy.bundle = str(Path(scenario.policy.bundle).resolve())
     if scenario.truth.mesh is not None:
         scenario.truth.mesh = str(Path(scenario.truth.mesh).resolve())
+    settings = scenario.navigation
+    if isinstance(settings, LidarNavigationConfig) and settings.map is not None:
+        settings.map = str(Path(settings.map).resolve())
     if _is_path(scenario.dispersions):
         scenario.dispersions = str(Path(scenario.dispersions or "").resolve())
     return scenario
@@ -107,7 +111,9 @@ def _from_file(tree: dict[str, typing.Any], folder: Path) -> None:
     for key in ("body", "dispersions"):
         if _is_path(tree.get(key)):
             tree[key] = str((folder / tree[key]).resolve())
-    for section, key in (("lidar", "bundle"), ("policy", "bundle"), ("truth", "mesh")):
+    for section, key in (
+        ("lidar", "bundle"), ("policy", "bundle"), ("truth", "mesh"), ("navigation", "map"),
+    ):  # fmt: skip
         part = tree.get(section)
         if isinstance(part, dict) and isinstance(part.get(key), str) and "\0" not in part[key]:
             part[key] = str((folder / part[key]).resolve())

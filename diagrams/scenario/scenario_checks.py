@@ -64,6 +64,7 @@ def _bundles(scenario: Scenario) -> Iterator[str]:
         ("lidar.bundle", getattr(lidar, "bundle", "")),
         ("body", scenario.body),
         ("truth.mesh", scenario.truth.mesh or ""),
+        ("navigation.map", getattr(scenario.navigation, "map", None) or ""),
         ("dispersions", scenario.dispersions or ""),
     ):
         if "\0" in name:

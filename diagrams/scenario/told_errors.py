@@ -21,7 +21,7 @@ from proxops.diagrams.scenario.scenario_config import (
 )
 from proxops.systems.common import InputError
 from proxops.systems.gravity import GravityField
-from proxops.systems.navigation import ExpectedErrors
+from proxops.systems.navigation import ExpectedErrors, shift_of_centre
 from proxops.systems.shapes import Polyhedron
 from proxops.systems.vehicle import STANDARD_GRAVITY
 
@@ -62,7 +62,8 @@ _KEYS = {
 def expected_errors(scenario: Scenario, body: Body) -> ExpectedErrors:
     """Gives what the navigation of a scenario takes its errors to be.
 
-    They are those of `navigation.expected`. Where that is null, they are the usual ones.
+    They are those of `navigation.expected`. Where that is null, they are the usual ones. The
+    error of the surface adds to that of the centre of mass, which it moves.
 
     Raises:
       InputError: the scenario has no lidar navigation.
@@ -71,6 +72,9 @@ def expected_errors(scenario: Scenario, body: Body) -> ExpectedErrors:
     if not isinstance(settings, LidarNavigationConfig):
         raise InputError("a scenario with navigation: !TrueState expects no errors of navigation")
     given = settings.expected or usual_errors(scenario, body)
+    shift = 0.0
+    if given.surface_rms_m > 0.0:
+        shift = shift_of_centre(body.shape, given.surface_rms_m, given.surface_correlation_m)
     return ExpectedErrors(
         attitude=math.radians(given.attitude_deg),
         attitude_varying=math.radians(given.attitude_varying_deg),
@@ -78,7 +82,7 @@ def expected_errors(scenario: Scenario, body: Body) -> ExpectedErrors:
         pole=math.radians(given.pole_deg),
         spin=given.spin,
         gravity=given.gravity,
-        centre_of_mass=given.centre_of_mass_m,
+        centre_of_mass=math.hypot(given.centre_of_mass_m, shift),
         thrust=given.thrust,
         propellant=given.propellant_s_per_m,
         thrust_direction=math.radians(given.thrust_direction_deg),

@@ -4,14 +4,27 @@ Start with `LidarNavigation`, a thin system over plain functions, and `navigator
 step after the other: `motion` predicts, `frame_model` says what the map predicts, `correction`
 compares, `acquisition` finds the pose from a frame alone, with the help of `likely_poses`.
 `estimate` has the layout of what is estimated, `map_error` the error of the map, `expected_errors`
-how wrong everything may be. Nothing in this room may see the truth: it is made from the map,
-gravity and spin as believed, and the data sheets.
+how wrong everything may be; `mended_map` is the map with what a flight taught. Nothing in this room
+may see the truth: it is made from the map, gravity and spin as believed, and the data sheets.
 """
 
 from proxops.systems.navigation.estimate import Estimate
 from proxops.systems.navigation.expected_errors import ExpectedErrors
 from proxops.systems.navigation.lidar_navigation import LidarNavigation
+from proxops.systems.navigation.map_error import MapError, shift_of_centre
+from proxops.systems.navigation.mended_map import MendedMap, load_map, save_mended_map
 from proxops.systems.navigation.phase import NavigationPhase
 from proxops.systems.navigation.return_use import ReturnUse
 
-__all__ = ["Estimate", "ExpectedErrors", "LidarNavigation", "NavigationPhase", "ReturnUse"]
+__all__ = [
+    "Estimate",
+    "ExpectedErrors",
+    "LidarNavigation",
+    "MapError",
+    "MendedMap",
+    "NavigationPhase",
+    "ReturnUse",
+    "load_map",
+    "save_mended_map",
+    "shift_of_centre",
+]

@@ -16,6 +16,7 @@ from proxops.systems.navigation.estimate import BASE, Estimate
 from proxops.systems.navigation.expected_errors import ExpectedErrors
 from proxops.systems.navigation.frame_model import FrameModel
 from proxops.systems.navigation.map_error import MapError
+from proxops.systems.navigation.mended_map import MendedMap, mended_map
 from proxops.systems.navigation.motion import Motion
 from proxops.systems.navigation.navigator import Memory, Navigator, Step
 from proxops.systems.navigation.phase import NavigationPhase
@@ -64,6 +65,7 @@ class LidarNavigation(LeafSystem):
         expected: ExpectedErrors | None = None,
         period: float = 10.0,
         frame_delay: int = 0,
+        map_error: MapError | None = None,
     ):
         """Takes what is believed.
 
@@ -74,6 +76,7 @@ class LidarNavigation(LeafSystem):
           geometry: planes, rays and greatest range of the lidar.
           expected: one standard deviation of everything; None: `ExpectedErrors()`.
           period: control period in s. frame_delay: age of a frame in periods when it arrives.
+          map_error: of the map; None: as `expected` says.
 
         Raises:
           InputError: a value is out of range.
@@ -85,7 +88,8 @@ class LidarNavigation(LeafSystem):
             raise InputError(f"LidarNavigation needs a finite spin, got {spin}")
         self.expected = expected or ExpectedErrors()
         self.period, self.frame_delay = period, int(frame_delay)
-        map_error = MapError(shape, self.expected.surface, self.expected.surface_correlation)
+        if map_error is None:
+            map_error = MapError(shape, self.expected.surface, self.expected.surface_correlation)
         self.model = FrameModel(shape, geometry, noise_std, map_error, self.expected.beam_width)
         low_orbit = math.sqrt(GRAVITATIONAL_CONSTANT * field.mass / shape.extents.max())
         self._navigator = Navigator(
@@ -141,6 +145,17 @@ class LidarNavigation(LeafSystem):
     def estimate(self, context) -> Estimate | None:
         """The whole estimate in a Context of this system, at its time; None: there is none."""
         return self._step.Eval(context).now
+
+    def mended_map(self, context) -> MendedMap:
+        """Makes the map with what was learned of its surface by the last step of a Context.
+
+        Raises:
+          InputError: the navigation has no estimate, or the map is not one of its unknowns.
+        """
+        memory = self._unpacked(context.get_discrete_state(self._memory).value())
+        if memory.estimate is None:
+            raise InputError("the map is not mended: the navigation never knew where it was")
+        return mended_map(self.model.shape, self.model.map_error, memory.estimate)
 
     def flown_return_use(
         self, times: np.ndarray, frames: np.ndarray, commands: np.ndarray

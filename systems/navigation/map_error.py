@@ -30,7 +30,7 @@ class MapError:
     eigenfunctions of this covariance over the surface (Karhunen-Loeve): few hold nearly all of it.
 
     Attributes:
-      std: its standard deviation in m.
+      std: its standard deviation in m, the root mean square over the vertices.
       modes: M, their number; 0 if the map has no error.
       table: (V, M) float64: displacement of each vertex along its normal, in m, by each of the
         coefficients, which are independent, with variance 1.
@@ -46,6 +46,19 @@ class MapError:
             self.table, self.rest = std * table, _SEEN_AGAIN * std**2 * (1.0 - share)
         self.modes = self.table.shape[1]
 
+    @classmethod
+    def known(cls, table: np.ndarray, rest: float) -> MapError:
+        """An error that is not alike everywhere, from its attributes `table` and `rest`."""
+        made = cls.__new__(cls)
+        made.table, made.rest, made.modes = np.ascontiguousarray(table), rest, table.shape[1]
+        made.std = float(np.sqrt(np.mean(made.deviations**2)))
+        return made
+
+    @property
+    def deviations(self) -> np.ndarray:
+        """Standard deviation (V,) in m of each vertex along its normal."""
+        return np.sqrt(np.einsum("vm,vm->v", self.table, self.table) + self.rest / _SEEN_AGAIN)
+
 
 @functools.lru_cache(maxsize=4)
 def _smooth_fields(shape: Polyhedron, correlation: float) -> tuple[np.ndarray, float]:
@@ -58,10 +71,7 @@ def _smooth_fields(shape: Polyhedron, correlation: float) -> tuple[np.ndarray, f
     chosen = _spread(weights)
     points = shape.vertices[chosen]
     covariance = _covariance(points, points, correlation)
-    # Rigid motions as displacements along the normals, each normal at its point.
-    arms = (points - shape.centre_of_mass) / shape.extents.max()
-    rigid = np.hstack([normals[chosen], np.cross(arms, normals[chosen])])
-    left = np.eye(len(points)) - rigid @ np.linalg.pinv(rigid)
+    left = _without_rigid(points, normals[chosen], shape)
     values, vectors = scipy.linalg.eigh(
         left @ covariance @ left, subset_by_index=[max(0, len(points) - _MOST), len(points) - 1]
     )
@@ -78,6 +88,39 @@ def _smooth_fields(shape: Polyhedron, correlation: float) -> tuple[np.ndarray, f
         block = slice(start, start + _BLOCK)
         table[block] = _covariance(shape.vertices[block], points, correlation) @ by_point
     return table, float(held[modes - 1])
+
+
+@functools.lru_cache(maxsize=4)
+def shift_of_centre(shape: Polyhedron, std: float, correlation: float) -> float:
+    """Computes how far the error of a map may move the centre of mass, if the density is uniform.
+
+    The error is taken as a thin layer on the map. Its mass counts where the surface lies farther
+    out, and is missing elsewhere.
+
+    Args:
+      shape: the map. std, correlation: of its error, in m.
+
+    Returns:
+      The standard deviation in m along the axis (x, y, z) where it is greatest.
+    """
+    normals, weights = vertex_normals(shape)
+    chosen = _spread(weights)
+    points = shape.vertices[chosen]
+    # Points that were chosen by area stand for the same area.
+    areas = weights if len(points) == len(weights) else np.full(len(points), 1.0)
+    areas = areas * (weights.sum() / areas.sum())
+    # By a height of 1 at each point.
+    shifts = (points - shape.centre_of_mass).T * areas / shape.volume
+    shifts = shifts @ _without_rigid(points, normals[chosen], shape)
+    variances = np.einsum("kn,kn->k", shifts @ _covariance(points, points, correlation), shifts)
+    return std * float(np.sqrt(variances.max()))
+
+
+def _without_rigid(points: np.ndarray, normals: np.ndarray, shape: Polyhedron) -> np.ndarray:
+    """The projector (N, N) that takes rigid motions out of displacements along normals (N, 3)."""
+    arms = (points - shape.centre_of_mass) / shape.extents.max()
+    rigid = np.hstack([normals, np.cross(arms, normals)])
+    return np.eye(len(points)) - rigid @ np.linalg.pinv(rigid)
 
 
 def _spread(weights: np.ndarray) -> np.ndarray:
