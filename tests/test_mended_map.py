@@ -186,11 +186,10 @@ def test_a_scenario_names_the_map_by_which_is_navigated(tmp_path: Path) -> None:
     assert made.model.map_error.modes == 0
     error = MapError.known(np.ones((len(heights), 2)), 0.0)
     save_mended_map(MendedMap(shape, error), tmp_path / "other.obj")
-    scenario.navigation.expected = None
+    assert isinstance(scenario.navigation, LidarNavigationConfig)
     assert make_navigation(scenario, body).model.map_error.modes == 2
     (tmp_path / "other.npz").unlink()
     for unit, says in (("m", "0.001 times as long"), ("km", None)):
-        assert isinstance(scenario.navigation, LidarNavigationConfig)
         scenario.navigation.map_unit = unit
         if says is not None:
             with pytest.raises(InputError, match=says):
