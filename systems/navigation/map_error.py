@@ -16,7 +16,7 @@ _POINTS = 1200
 _SHARE, _MOST = 0.985, 160
 # What is left is the same whenever the same place is seen, which is in many frames. It counts as
 # noise of so many times its variance.
-_SEEN_AGAIN = 5.0
+_SEEN_AGAIN = 10.0
 # Vertices interpolated at once: limits memory.
 _BLOCK = 20_000
 
