@@ -219,6 +219,11 @@ class BackupBraking:
         return table.scales, table.nodes, world
 
     @property
+    def arguments(self) -> _Arguments:
+        """The compiled functions' arguments after position and velocity, for the bounds."""
+        return self._given
+
+    @property
     def outward_speed(self) -> float:
         """The outward speed in m/s from which the backup brakes sideways."""
         return float(self._given[2][kernel.OUTWARD])

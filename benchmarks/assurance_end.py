@@ -1,0 +1,148 @@
+"""Samples the end of runtime assurance's argument: once outwards, does outward speed stay positive?
+
+States are drawn near the ellipsoid, at up to the speed limit along each axis, with just the outward
+speed from which the backup's law begins to brake sideways, as the law finds it. From there the law
+flies for half an hour, in a world that hurts most at each step (weak thrust that is turned inwards,
+strong gravity, much mass, all unexplained acceleration inwards), with each kind of state errors.
+Gravity is the assurance's own table; the motion is integrated by Runge-Kutta. The program prints
+the least outward speed and how far any state came down, and ends with an error if one came down by
+more than a metre.
+
+    python benchmarks/assurance_end.py --bounds before_survey [--states 20000] [--seed 1]
+"""
+
+import argparse
+import sys
+
+import numba
+import numpy as np
+from assurance import BOXES, setting
+
+from proxops.diagrams.flight import bounded_backup
+from proxops.systems.assurance import _braking_kernel as kernel
+from proxops.systems.assurance.certification import spread_directions
+
+ERRORS = ("flattering", "jumping", "flipping", "none")
+# Greatest level above 1 at the start, and control steps of a flight.
+_HIGHEST, _STEPS = 0.1, 180
+
+
+@numba.njit(cache=True, error_model="numpy")
+def rate(x, v, push, gravity, spin, scales, nodes, out):
+    kernel.interpolate(x[0], x[1], x[2], scales, nodes, out)
+    out *= gravity
+    out += push
+    out[0] += 2.0 * spin * v[1] + spin**2 * x[0]
+    out[1] += -2.0 * spin * v[0] + spin**2 * x[1]
+
+
+@numba.njit(cache=True, error_model="numpy")
+def hurt(u, normal, thrust, angle):
+    """The acceleration that acts if thrust is weak outwards, strong inwards and turned inwards."""
+    acting = u * (1.0 - thrust * np.sign(u * normal))
+    size = np.sqrt(np.sum(acting**2))
+    if size == 0.0:
+        return acting
+    along = acting / size
+    inwards = -np.sum(normal * along)
+    across = -normal - inwards * along
+    length = np.sqrt(np.sum(across**2))
+    if length < 1e-9:
+        return acting
+    angle = min(angle, np.arctan2(length, inwards))
+    return size * (np.cos(angle) * along + np.sin(angle) * across / length)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def fly(r, v, errors, axes, box, steps, seed, scales, nodes, world):
+    """Least outward speed (m/s) of a flight by the law, and the greatest fall of its level."""
+    np.random.seed(seed)  # noqa: NPY002
+    gravity, thrust, angle, mass, other, position, velocity = box
+    spin, period = world[kernel.SPIN], world[kernel.PERIOD]
+    u, a1, a2, a3, a4 = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    least, down, highest = np.inf, 0.0, 0.0
+    for step in range(steps):
+        normal = r / axes**2
+        normal /= np.sqrt(np.sum(normal**2))
+        level = np.sqrt(np.sum((r / axes) ** 2))
+        highest = max(highest, level)
+        down = max(down, highest - level)
+        least = min(least, np.sum(normal * v))
+        error = normal.copy()
+        if errors == 1:
+            error = np.random.normal(0.0, 1.0, 3)  # noqa: NPY002
+            error /= np.sqrt(np.sum(error**2))
+        elif errors == 2 and step % 2 == 0:
+            error = -error
+        elif errors == 3:
+            error *= 0.0
+        kernel.backup(r + position * error, v + velocity * error, scales, nodes, world, u)
+        push = hurt(u, normal, thrust, angle) / (1.0 + mass) - other * np.sign(normal)
+        strong, half = 1.0 + gravity, 0.5 * period
+        rate(r, v, push, strong, spin, scales, nodes, a1)
+        v2 = v + half * a1
+        rate(r + half * v, v2, push, strong, spin, scales, nodes, a2)
+        v3 = v + half * a2
+        rate(r + half * v2, v3, push, strong, spin, scales, nodes, a3)
+        v4 = v + period * a3
+        rate(r + period * v3, v4, push, strong, spin, scales, nodes, a4)
+        r = r + period / 6.0 * (v + 2.0 * (v2 + v3) + v4)
+        v = v + period / 6.0 * (a1 + 2.0 * (a2 + a3) + a4)
+    return least, down
+
+
+def starts(backup, bounds, count: int, random: np.random.Generator) -> np.ndarray:
+    """States at which the law, if it is flattered, begins to brake sideways."""
+    world, axes = backup.arguments[2], np.asarray(backup.limits.keep_out_semi_axes)
+    position = random.permutation(spread_directions(count)) * axes
+    position *= random.uniform(1.0, 1.0 + _HIGHEST, (count, 1))
+    normal = position / axes**2
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    velocity = random.uniform(-1.0, 1.0, (count, 3)) * backup.limits.speed
+    for _ in range(60):
+        turned = world[kernel.CURVATURE] * world[kernel.POSITION] * np.abs(velocity).sum(axis=1)
+        excess = np.maximum(np.abs(velocity[:, :2]) - world[kernel.SETTLED], 0.0).sum(axis=1)
+        found = np.einsum("ni,ni->n", normal, velocity) - turned - excess + bounds.velocity
+        velocity += (world[kernel.OUTWARD] - found)[:, None] * normal
+    kept = np.abs(velocity).max(axis=1) <= backup.limits.speed
+    return np.concatenate([position, velocity], axis=1)[kept]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--bounds", choices=list(BOXES), default="before_survey")
+    parser.add_argument("--scenario", help="YAML file, of another body")
+    parser.add_argument("--states", type=int, default=20000)
+    parser.add_argument("--seed", type=int, default=1)
+    options = parser.parse_args()
+    scenario, body, bounds = setting(options.scenario, options.bounds)
+    backup = bounded_backup(scenario, body, bounds)
+    axes = np.asarray(backup.limits.keep_out_semi_axes, dtype=np.float64)
+    box = np.array([
+        bounds.gravity, bounds.thrust, bounds.thrust_direction, bounds.mass, bounds.acceleration,
+        bounds.position, bounds.velocity,
+    ])  # fmt: skip
+    worst = 0.0
+    for number, errors in enumerate(ERRORS):
+        states = starts(backup, bounds, options.states, np.random.default_rng(options.seed))
+        found = np.array([
+            fly(row[:3].copy(), row[3:].copy(), number, axes, box, _STEPS, options.seed + k,
+                *backup.arguments)
+            for k, row in enumerate(states)
+        ])  # fmt: skip
+        fall = found[:, 1].max() * axes.min()
+        worst = max(worst, fall)
+        print(
+            f"{options.bounds}, {errors}: {len(states)} states, least outward speed "
+            f"{found[:, 0].min():.3f} m/s, {np.mean(found[:, 0] <= 0.0):.3%} of them not outwards "
+            f"at some step, greatest fall {fall:.2f} m",
+            flush=True,
+        )
+        low = states[int(found[:, 0].argmin())]
+        print("  lowest from", np.array2string(low, precision=4))
+    if worst > 1.0:
+        sys.exit("outward speed does not stay positive")
+
+
+if __name__ == "__main__":
+    main()
