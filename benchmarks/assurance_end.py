@@ -12,7 +12,11 @@ more than a metre.
 """
 
 import argparse
+import os
 import sys
+
+for name in ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+    os.environ[name] = "1"
 
 import numba
 import numpy as np
