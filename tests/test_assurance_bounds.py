@@ -23,6 +23,7 @@ from proxops.systems import (
     InterventionReason,
     PointMassField,
 )
+from proxops.systems.assurance import _braking_kernel as kernel
 from proxops.systems.gravity.gravity_field import GRAVITATIONAL_CONSTANT
 from proxops.systems.shapes.ellipsoid import clearances
 
@@ -110,6 +111,21 @@ def test_errors_of_the_step_replace_the_box() -> None:
     for errors in ((-1.0, 0.1), (np.nan, 0.1), (1.0, np.inf)):
         with pytest.raises(InputError, match="must be finite and not negative"):
             loose.assure(state, force, *errors)
+
+
+@pytest.mark.parametrize("settled", [12.0, np.inf])
+@pytest.mark.parametrize("hold", [0.0, 0.4, 1.0])
+def test_the_wish_never_falls_with_the_normal_and_never_rises_with_speed(
+    hold: float, settled: float
+) -> None:
+    """The tube's ends are those of its intervals because of this."""
+    world = kleopatras(BEFORE).arguments[2]
+    normals, speeds = np.linspace(-1.0, 1.0, 81), np.linspace(-45.0, 45.0, 181)
+    wish = np.array([[kernel._wanted(n, v, hold, settled, world) for v in speeds] for n in normals])
+    assert (np.diff(wish, axis=0) >= -1e-12).all()
+    assert (np.diff(wish, axis=1) <= 1e-12).all()
+    # A period of it does not turn the order of speeds round.
+    assert (np.diff(speeds + 10.0 * wish, axis=1) >= -1e-9).all()
 
 
 UNIT = st.tuples(*[st.floats(-1.0, 1.0)] * 3).map(np.array).filter(lambda u: u @ u > 0.01)
