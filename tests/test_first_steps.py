@@ -31,8 +31,7 @@ class World:
         self.orbit = float(np.sqrt(6.6743e-11 * self.field.mass / size))
         self.spin, self.period = 0.3 * self.orbit / size, 0.01 * size / self.orbit
         expected = ExpectedErrors()
-        radius = 0.5 * float(body(name).extents.min())
-        motion = Motion(self.field, radius, self.spin, MASS, expected)
+        motion = Motion(self.field, body(name).extents, self.spin, MASS, expected)
         self.navigator = Navigator(
             model(name), motion, expected, self.spin, self.orbit, self.period, 0
         )

@@ -6,8 +6,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg.blas import dtrsm
-from scipy.linalg.lapack import dpotrf
+from scipy.linalg import get_blas_funcs, get_lapack_funcs
 
 from proxops.systems.navigation import _update_kernel as kernel
 from proxops.systems.navigation._motion_kernel import turned
@@ -22,6 +21,8 @@ _CLOSE, _MOST_ITERATIONS = 0.3, 8
 # Where the map's error is estimated, more returns than this take longer and say little more.
 _ENOUGH = 160
 _POSE = np.r_[POSITION, ATTITUDE]
+_cholesky = get_lapack_funcs("potrf", dtype=np.float64)
+_solved_triangle = get_blas_funcs("trsm", dtype=np.float64)
 
 
 class Correction(NamedTuple):
@@ -133,10 +134,10 @@ def _by_returns(
     # The triangular solvers of LAPACK and BLAS: scipy's checks take as long as these matrices.
     total = crossed[:, columns] @ rows.T
     total[np.diag_indices_from(total)] += variances
-    factor, failed = dpotrf(total.T, lower=1, clean=0, overwrite_a=1)
+    factor, failed = _cholesky(total.T, lower=1, clean=0, overwrite_a=1)
     if failed:
         raise np.linalg.LinAlgError("the covariance of the residuals is not positive definite")
-    white = dtrsm(1.0, factor, crossed.T, side=1, lower=1, trans_a=1, overwrite_b=1)
+    white = _solved_triangle(1.0, factor, crossed.T, side=1, lower=1, trans_a=1, overwrite_b=1)
     learned, innovations = white[:-1], white[-1]
     after = covariance - learned @ learned.T
     return _Update(learned @ innovations, after, float(innovations @ innovations))
