@@ -9,7 +9,7 @@ from proxops.diagrams.flight.simulation import fly
 from proxops.diagrams.flight.transit_diagram import make_transit_diagram
 from proxops.diagrams.logs.flight_log import FlightLog, differences
 from proxops.diagrams.scenario.scenario import load_scenario
-from proxops.diagrams.scenario.scenario_config import AssuranceConfig
+from proxops.diagrams.scenario.scenario_config import AssuranceBoundsConfig, AssuranceConfig
 from proxops.systems import BackupBraking, InputError, InterventionReason, RuntimeAssurance
 from proxops.systems.vehicle.state_prediction import predicted_state
 
@@ -19,13 +19,14 @@ ABOVE_THE_POLE = {"transit__start_m": [0.0, 0.0, 66e3]}
 
 @pytest.fixture(scope="module")
 def backup() -> BackupBraking:
-    return make_backup(load_scenario(), kleopatra(), AssuranceConfig())
+    bounds = AssuranceBoundsConfig(surface_m=100.0)
+    return make_backup(load_scenario(), kleopatra(), AssuranceConfig(bounds))
 
 
 @pytest.fixture(scope="module")
 def held_flight() -> FlightLog:
     """The same as `falling_flight`, but with assurance."""
-    return fly(short_scenario(**ABOVE_THE_POLE, assurance={}), "zero")
+    return fly(short_scenario(**ABOVE_THE_POLE, assurance={"bounds": {"surface_m": 100}}), "zero")
 
 
 def evaluate(system: RuntimeAssurance, state, force) -> tuple[np.ndarray, np.ndarray]:
@@ -91,6 +92,9 @@ def test_log_tells_each_intervention(held_flight: FlightLog, tmp_path) -> None:
     assert np.array_equal(change > 0.0, reason != InterventionReason.NONE)
     assert not data["disturbance"].values.any()
     assert data["intervention"].attrs["units"] == "N"
+    margin = data["assurance_margin"].values[:-1]
+    assert np.array_equal(margin < 0.0, reason >= InterventionReason.KEEP_OUT)
+    assert not data["assurance_position"].values[:-1].any()
     meanings = data["intervention_reason"].attrs["flag_meanings"].split()
     assert meanings == ["none", "thrust_limit", "speed_limit", "keep_out", "backup"]
     summary = held_flight.summary
@@ -141,6 +145,25 @@ def test_refuses_a_delayed_command() -> None:
         make_transit_diagram(scenario, body=kleopatra())
 
 
-def test_a_negative_margin_is_refused() -> None:
-    with pytest.raises(InputError, match=r"assurance\.margin_m must not be negative"):
-        load_scenario(None, ["assurance.margin_m=-1"])
+def test_a_longer_covariance_needs_a_wider_margin(backup: BackupBraking) -> None:
+    """As if the errors were the box's own: the box of the same bounds gives the same margin."""
+    system = RuntimeAssurance(backup, deviations=3.0)
+    state, force = np.array([0.0, 0.0, 68e3, 5.0, 0.0, -4.0]), np.array([1.0, 0.0, 0.0])
+    turn = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
+    covariance = np.eye(9)
+    covariance[:3, :3] = turn @ np.diag([4.0, 30.0, 50.0]) ** 2 @ turn.T
+    covariance[3:6, 3:6] = turn @ np.diag([0.01, 0.02, 0.1]) ** 2 @ turn.T
+    context = system.CreateDefaultContext()
+    system.GetInputPort("state").FixValue(context, state)
+    system.GetInputPort("force").FixValue(context, force)
+    known = system.GetOutputPort("margin").Eval(context)
+    assert known == pytest.approx([backup.assure(state, force).margin, 0.0, 0.0])
+    system.GetInputPort("covariance").FixValue(context, covariance.ravel())
+    margin, position, velocity = system.GetOutputPort("margin").Eval(context)
+    assert (position, velocity) == pytest.approx((150.0, 0.3), rel=1e-9)
+    assert margin == pytest.approx(backup.assure(state, force, 150.0, 0.3).margin, rel=1e-9)
+    assert margin < known[0] - 150.0
+    # Without a covariance, the navigation has no state.
+    system.GetInputPort("covariance").FixValue(context, np.full(81, np.nan))
+    assert np.isnan(system.GetOutputPort("margin").Eval(context)).all()
+    assert np.array_equal(system.GetOutputPort("force").Eval(context), force)

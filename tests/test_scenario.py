@@ -27,6 +27,7 @@ from proxops.diagrams.scenario.scenario import (
 from proxops.diagrams.scenario.scenario_checks import check_scenario
 from proxops.diagrams.scenario.scenario_config import (
     ArrivalConfig,
+    AssuranceBoundsConfig,
     AssuranceConfig,
     ForceNoiseConfig,
     KicksConfig,
@@ -53,6 +54,7 @@ def scenarios(draw: st.DrawFn) -> Scenario:
     near, far = sorted(draw(st.lists(positive, min_size=2, max_size=2, unique=True)))
     disturbance = st.builds(RandomWalkDisturbanceConfig, positive, not_negative, not_negative)
     expected = st.builds(ExpectedErrorsConfig, attitude_deg=st.floats(0.0, 11.0), gravity=positive)
+    bounds = st.builds(AssuranceBoundsConfig, surface_m=not_negative)
     return Scenario(
         body=draw(st.text(st.characters(categories=["L", "N", "P", "Zs"]), min_size=1)),
         spacecraft=draw(st.builds(SpacecraftConfig, positive, positive, positive)),
@@ -84,7 +86,10 @@ def scenarios(draw: st.DrawFn) -> Scenario:
             thrusters=TrueThrustersConfig(scale=[draw(positive) for _ in range(3)]),
             specific_impulse_s=draw(st.none() | positive),
         ),
-        assurance=draw(st.none() | st.builds(AssuranceConfig, not_negative)),
+        assurance=draw(
+            st.none()
+            | st.builds(AssuranceConfig, st.none() | st.just("after_survey") | bounds, not_negative)
+        ),
         disturbance=draw(st.none() | disturbance),
         transit=TransitConfig(
             seed=draw(st.integers(0, 2**63 - 1)),

@@ -11,32 +11,36 @@ from proxops.systems.vehicle import Thrusters
 
 
 def add_assurance(
-    wiring: Wiring, command: OutputPort, state: OutputPort, delay: float
+    wiring: Wiring, command: OutputPort, known: dict[str, OutputPort], delay: float
 ) -> OutputPort:
     """Adds runtime assurance, if the scenario has it.
 
     Args:
       wiring: the diagram.
       command: the controller's force (3,) in N in K.
-      state: the state (6,) as it is known on board, in K, in m and m/s.
+      known: `state` (6,) as it is known on board, in K, in m and m/s, and the `covariance` (81) of
+        a navigation, if there is one.
       delay: time in s from a control step to the moment at which its force acts.
 
     Returns:
       The port of the force that runtime assurance permits.
 
     Raises:
-      InputError: the scenario has runtime assurance, and the delay is above 0.
+      InputError: commands act later than the bounds of runtime assurance say.
     """
     settings = wiring.scenario.assurance
     if settings is None:
         return command
-    if delay > 0.0:
-        raise InputError(
-            "runtime assurance cannot fly with mpc.solve_delay_s: it checks a command for the "
-            "period that begins now, but a delayed command acts later; leave out one of them"
-        )
     backup = make_backup(wiring.scenario, wiring.body, settings)
-    return _inserted(wiring, "assurance", RuntimeAssurance(backup), command, state=state)
+    if delay > backup.bounds.delay:
+        raise InputError(
+            f"runtime assurance cannot fly with mpc.solve_delay_s {delay:g}: it checks a command "
+            "for the period that begins now, but a delayed command acts later; declare this delay "
+            "in assurance.bounds.delay_s, or leave out one of them"
+        )
+    assurance = RuntimeAssurance(backup, settings.deviations)
+    told = {name: known[name] for name in ("state", "covariance") if name in known}
+    return _inserted(wiring, "assurance", assurance, command, **told)
 
 
 def add_disturbances(wiring: Wiring, force: OutputPort) -> OutputPort:

@@ -9,7 +9,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, System
 from pydrake.systems.primitives import ConstantVectorSource
 
 from proxops.diagrams.flight.scenario_systems import make_mpc
-from proxops.diagrams.scenario import Body, Scenario
+from proxops.diagrams.scenario import Body, Scenario, assurance_bounds
 from proxops.systems import (
     AgreementGate,
     CheckSchedule,
@@ -35,13 +35,18 @@ _DEVIATIONS = 5.0
 def make_hybrid(scenario: Scenario, body: Body, policy: System) -> HybridController:
     """Makes the hybrid that the scenario configures, from its MPC and a policy.
 
+    Its adaptive schedule allows for the errors that runtime assurance declares.
+
     Raises:
-      InputError: see `HybridController`.
+      InputError: see `HybridController` and `assurance_bounds`.
     """
     settings, craft, transit = scenario.hybrid, scenario.spacecraft, scenario.transit
     period = scenario.control_period_s
     position_std = settings.state_noise_position_m
     velocity_std = settings.state_noise_velocity_m_s
+    # Without runtime assurance nothing errs.
+    bounds = assurance_bounds(scenario, body)
+    assurance, acceleration = scenario.assurance, craft.thrust_limit_n / craft.mass_kg
     selector = HybridSelector(
         AgreementGate(
             GateKind(settings.gate),
@@ -58,11 +63,16 @@ def make_hybrid(scenario: Scenario, body: Body, policy: System) -> HybridControl
             body.gravity_field,
             body.keep_out_semi_axes,
             body.spin_rate,
-            craft.thrust_limit_n / craft.mass_kg,
+            (bounds.strongest + bounds.across) * acceleration,
+            max(bounds.weakest - bounds.across, 0.0) * acceleration,
+            bounds.gravity,
+            bounds.acceleration,
         ),
         period,
-        _DEVIATIONS * position_std,
-        _DEVIATIONS * velocity_std,
+        # Semi-axes that are longer by a length move the ellipsoid's surface by at most this length.
+        _DEVIATIONS * position_std + bounds.position + bounds.surface,
+        _DEVIATIONS * velocity_std + bounds.velocity,
+        0.0 if assurance is None else assurance.deviations,
     )
     seed = derived_seed(scenario.noise_seed, transit.seed, transit.index, _STATE_NOISE_STREAM)
     noise = StateNoise(position_std, velocity_std, period, seed)
@@ -90,7 +100,8 @@ class HybridController(Diagram):
                           │   │ └── mpc_wanted ─────┤ HybridSelector ├─► decision (1)
                           └───│────────────────────►│                ├─► decision_record (7)
     ranges, target, ─────► policy ── policy_force ─►└────────────────┘
-    commanded_force
+    commanded_force                           ▲
+    covariance ───────────────────────────────┘
     ```
 
     More outputs come from the parts. `mpc_force` (3) and `mpc_record` (3) are the MPC's; at a step
@@ -144,6 +155,7 @@ class HybridController(Diagram):
             take(port)
         for i in range(policy.num_input_ports()):
             take(policy.get_input_port(i))
+        take(selector.GetInputPort("covariance"))
         known = noise.GetOutputPort("state")
         wanted = selector.GetOutputPort("mpc_wanted")
         builder.Connect(known, expert.GetInputPort("state"))

@@ -48,12 +48,13 @@ def add_navigation(wiring: Wiring, ranges: OutputPort, command: OutputPort) -> L
 
 
 def known_motion(wiring: Wiring, navigation: System) -> dict[str, OutputPort]:
-    """Gives the ports of state, position and velocity as the navigation knows them."""
+    """Gives state, position and velocity as the navigation knows them, and its covariance."""
     state = navigation.GetOutputPort("state")
     parts = wiring.add("navigation_parts", Demultiplexer([3, 3]))
     wiring.builder.Connect(state, parts.get_input_port())
     known = (state, parts.get_output_port(0), parts.get_output_port(1))
-    return dict(zip(STATE_PORTS, known, strict=True))
+    covariance = {"covariance": navigation.GetOutputPort("covariance")}
+    return dict(zip(STATE_PORTS, known, strict=True)) | covariance
 
 
 def add_command_axes(wiring: Wiring, command: OutputPort, navigation: System) -> OutputPort:

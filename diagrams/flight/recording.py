@@ -137,7 +137,12 @@ def _with_end(flown: Flown, times: np.ndarray, columns: Columns) -> tuple[np.nda
             columns[name][-1] = flown.value(system, name)
     # What is on board has outputs only at control steps.
     on_board = [name for name in columns if name.startswith("navigation_")]
-    for name in ("intervention_record", *on_board, *logged_ports(flown.controller)):
+    for name in (
+        "intervention_record",
+        "assurance_record",
+        *on_board,
+        *logged_ports(flown.controller),
+    ):
         if name in columns and name != "decision":
             columns[name][-1] = np.nan
     return np.append(times, end), columns

@@ -15,6 +15,7 @@ from proxops.diagrams.scenario import (
     LidarConfig,
     LidarNavigationConfig,
     Scenario,
+    assurance_bounds,
     expected_errors,
 )
 from proxops.systems import (
@@ -160,13 +161,14 @@ def make_estimate_feedback(
 
 
 def make_backup(scenario: Scenario, body: Body, assurance: AssuranceConfig) -> BackupBraking:
-    """Makes the backup braking of runtime assurance.
+    """Makes the backup braking of runtime assurance for the bounds that it declares.
 
     Raises:
-      InputError: the thrust cannot hold the spacecraft everywhere outside the ellipsoid.
+      InputError: see `assurance_bounds`; or the thrust cannot hold the spacecraft everywhere
+        outside the ellipsoid.
     """
-    # Until the scenario declares bounds, its margin is taken for an error of the map.
-    return bounded_backup(scenario, body, AssuranceBounds(surface=assurance.margin_m))
+    bounds = assurance_bounds(replace(scenario, assurance=assurance), body)
+    return bounded_backup(scenario, body, bounds)
 
 
 def bounded_backup(scenario: Scenario, body: Body, bounds: AssuranceBounds) -> BackupBraking:

@@ -48,7 +48,7 @@ from proxops.systems import DelayedHold, FlightMonitor, FrameDelay, InputError, 
 from proxops.systems.common import LoggedPort
 
 # Input ports of a controller that may remain unconnected.
-_OPTIONAL_PORTS = {"enable"}
+_OPTIONAL_PORTS = {"enable", "covariance"}
 
 Signals = dict[str, OutputPort]
 """Output ports that feed a controller, by the names of its input ports."""
@@ -187,13 +187,13 @@ def _add_on_board(
     delay = told.delay if isinstance(told, DelayedHold) else 0.0
     if not needs_navigation(wiring.scenario, controller):
         command = _add_controller(wiring, controller, signals)
-        return add_assurance(wiring, command, signals["state"], delay)
+        return add_assurance(wiring, command, signals, delay)
     # A command that acts late acts over a part of two periods.
     acted = told.GetOutputPort("mean" if delay > 0.0 else "y")
     navigation = add_navigation(wiring, signals["ranges"], acted)
     known = signals | known_motion(wiring, navigation)
     command = _add_controller(wiring, controller, known)
-    command = add_assurance(wiring, command, known["state"], delay)
+    command = add_assurance(wiring, command, known, delay)
     return add_command_axes(wiring, command, navigation)
 
 
@@ -303,6 +303,7 @@ def _add_logs(wiring: Wiring, controller: System, signals: Signals, forces: Sign
     logged = {"state": signals["state"], "target": signals["target"], **forces}
     for system, port, name in (
         ("assurance", "intervention", "intervention_record"),
+        ("assurance", "margin", "assurance_record"),
         ("kicks", "next_acceleration", "kick"),
     ):
         if builder.HasSubsystemNamed(system):

@@ -49,6 +49,13 @@ VARIABLES: dict[str, tuple[tuple[str, ...], str, str]] = {
     "disturbance": (("axis",), "N", "applied less commanded (or assured) force in K"),
     "intervention": ((), "N", "size of what runtime assurance changed the command by"),
     "intervention_reason": ((), "1", "why it did: see flag_meanings; NaN: the flight was over"),
+    "assurance_margin": (
+        (),
+        "m",
+        "least clearance of the command and the backup after it; negative: the command is not safe",
+    ),
+    "assurance_position": ((), "m", "error of the position that runtime assurance allows for"),
+    "assurance_velocity": ((), "m/s", "error of the velocity that it allows for"),
     "thrust": (("axis",), "N", "force that the thrusters truly give, along their own axes"),
     "mass": ((), "kg", "true mass of the spacecraft"),
     "attitude": (("quaternion",), "1", "true rotation of S against K: unit quaternion w, x, y, z"),
@@ -123,6 +130,7 @@ RECORDS = {
     "policy_record": ("policy_time", "policy_status"),
     "decision_record": DECISION_VARIABLES,
     "intervention_record": ("intervention", "intervention_reason"),
+    "assurance_record": ("assurance_margin", "assurance_position", "assurance_velocity"),
     "navigation_record": NAVIGATION_VARIABLES,
 }
 """The columns into which a logged record is split, by the name of the record."""
@@ -136,7 +144,10 @@ CONTROLLER_COLUMNS = {
 # estimate, a hybrid's decisions, runtime assurance, a navigation, or a world that differs from what
 # is believed.
 _POLICY_VARIABLES = ("policy_time", "policy_status", "estimate")
-_ASSURANCE_VARIABLES = ("intervention", "intervention_reason")
+_ASSURANCE_VARIABLES = (
+    "intervention", "intervention_reason", "assurance_margin", "assurance_position",
+    "assurance_velocity",
+)  # fmt: skip
 _TRUE_VARIABLES = ("thrust", "mass", "attitude")
 NAVIGATION_COLUMNS = (
     "navigation_state", "navigation_attitude", "navigation_covariance", *NAVIGATION_VARIABLES,

@@ -28,7 +28,8 @@ from proxops.diagrams.meshcat.navigation_scene import (
     navigation_region,
     return_uses,
 )
-from proxops.diagrams.scenario import differing_values, spin_axes
+from proxops.diagrams.scenario import described_bounds, differing_values, spin_axes
+from proxops.systems.assurance import InterventionReason
 from proxops.systems.navigation import NavigationPhase, ReturnUse
 from proxops.systems.shapes import clearances
 
@@ -54,6 +55,8 @@ _PAGE = """
   #play {width: 66px}
   #world {position: fixed; left: 12px; top: 10px; max-height: 70vh; overflow: auto;
     color: #c8ccd4; background: #0c0e1899; font: 11px/1.3 system-ui, sans-serif}
+  #bounds {position: fixed; right: 12px; top: 10px; max-width: 45vw; color: #c8ccd4;
+    background: #0c0e1899; font: 11px/1.3 system-ui, sans-serif}
   #world summary {cursor: pointer; color: #ffffff}
   #world td {padding: 0 10px 0 0; font-variant-numeric: tabular-nums}
 </style>
@@ -146,6 +149,12 @@ _PAGE = """
       element("region").textContent = region[row] === null ? "none" : length(region[row]);
       element("phase").textContent = phases[phase[row]] ?? "none";
     }
+    if (flight.assurance) {
+      const {margin, reason, reasons} = flight.assurance;
+      const m = margin[row];
+      element("margin").textContent = m === null ? "none" : m === "-inf" ? "unsafe" : length(m);
+      element("reason").textContent = reasons[reason[row]] ?? "none";
+    }
     if (following) follow();
   }
   viewer.set_3d_pane_size();
@@ -163,6 +172,7 @@ _NUMBERS = {
     "clearance": "keep-out",
     "who": "flown by",
 }
+_ASSURANCE_NUMBERS = {"margin": "safety margin", "reason": "safety filter"}
 _NAVIGATION_NUMBERS = {"error": "navigation error", "region": "3σ", "phase": "navigation"}
 
 
@@ -193,7 +203,11 @@ def panel(
     )
     numbers = "\n".join(
         f'<span><small>{text}</small><b id="{name}"></b></span>'
-        for name, text in {**_NUMBERS, **(_NAVIGATION_NUMBERS if navigated else {})}.items()
+        for name, text in {
+            **_NUMBERS,
+            **(_ASSURANCE_NUMBERS if "assurance_margin" in log.dataset else {}),
+            **(_NAVIGATION_NUMBERS if navigated else {}),
+        }.items()
     )
     content = json.dumps(_flight(log, playback_speed, views, unit), separators=(",", ":"))
     parts = {
@@ -201,7 +215,7 @@ def panel(
         "speed": f"{playback_speed:.0f}",
         "numbers": numbers,
         "strip": _strip(log),
-        "world": _world(log),
+        "world": _bounds(log) + _world(log),
         "legend": legend,
         # Otherwise "</script>" in a name would end the script.
         "flight": content.replace("<", "\\u003c"),
@@ -238,7 +252,29 @@ def _flight(
         },
         "views": {name: [turned(view.eye), turned(view.target)] for name, view in views.items()},
         "navigation": _navigation(log),
+        "assurance": _assurance(log),
     }
+
+
+def _assurance(log: FlightLog) -> dict[str, Any] | None:
+    """Gives margins and reasons for the page's script; None without runtime assurance.
+
+    A margin of -inf, which JSON does not have, is the text "-inf".
+    """
+    data = log.dataset
+    if "assurance_margin" not in data:
+        return None
+    margins = [
+        round(float(each), 1) if np.isfinite(each) else None if np.isnan(each) else "-inf"
+        for each in data["assurance_margin"].values
+    ]
+    reasons = np.nan_to_num(data["intervention_reason"].values).astype(int).tolist()
+    names = ["passes", *(_in_words(each) for each in [*InterventionReason][1:])]
+    return {"margin": margins, "reason": reasons, "reasons": names}
+
+
+def _in_words(reason: InterventionReason) -> str:
+    return reason.name.lower().replace("_", " ")
 
 
 def _navigation(log: FlightLog) -> dict[str, Any] | None:
@@ -302,6 +338,14 @@ def _world(log: FlightLog) -> str:
         '<details id="world" open><summary>the true world of this flight</summary>\n'
         f"<table>\n{rows}\n</table></details>\n"
     )
+
+
+def _bounds(log: FlightLog) -> str:
+    """Gives the HTML of the bounds of runtime assurance; "" without it."""
+    if log.scenario.assurance is None:
+        return ""
+    text = described_bounds(log.scenario) or "everything is as believed"
+    return f'<div id="bounds">bounds of the safety filter: {html.escape(text)}</div>\n'
 
 
 def _value(value: Any) -> str:

@@ -8,9 +8,17 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from proxops.diagrams.logs import FlightLog, all_flown_by, flown_by, legend_of
+from proxops.diagrams.scenario import described_bounds
+from proxops.systems.assurance import InterventionReason
 from proxops.systems.hybrid import FlownBy
 
 _AGREE, _DIFFER, _LIMIT = "#128a3a", "#b03030", "#33415c"
+_REASONS = {
+    InterventionReason.THRUST_LIMIT: "#8a8f9c",
+    InterventionReason.SPEED_LIMIT: "#c77b00",
+    InterventionReason.KEEP_OUT: "#b03030",
+    InterventionReason.BACKUP: "#5a1a8a",
+}
 
 
 def plot_decisions(log: FlightLog) -> Figure:
@@ -18,12 +26,14 @@ def plot_decisions(log: FlightLog) -> Figure:
 
     The panels, from the top, show the controller of each step; the size of the difference between
     the forces of policy and MPC, with the gate's limit; the angle between these forces, with the
-    gate's limit; and the size of each change by runtime assurance. A panel is left out if the log
-    lacks its data.
+    gate's limit; the size of each change by runtime assurance, coloured by its reason; and the
+    margin of each command, which is negative where it was changed to keep out. Beside them stand
+    the bounds of the errors. A panel is left out if the log lacks its data.
     """
     data, settings = log.dataset, log.scenario.hybrid
     compared, assured = "agreement" in data, "intervention" in data
-    heights = [0.35] + 2 * compared * [1.0] + assured * [1.0]
+    margins = "assurance_margin" in data
+    heights = [0.35] + 2 * compared * [1.0] + assured * [1.0] + margins * [1.2]
     figure = Figure(figsize=(11.0, 1.0 + 1.8 * sum(heights)), layout="constrained")
     axes = figure.subplots(len(heights), 1, sharex=True, height_ratios=heights, squeeze=False)
     rest = list(axes[:, 0])
@@ -37,14 +47,9 @@ def plot_decisions(log: FlightLog) -> Figure:
         angle.axhline(settings.epsilon_angle_deg, color=_LIMIT, linestyle="--")
         angle.set_ylabel("angle (degrees)")
     if assured:
-        change = rest.pop(0)
-        change.stairs(
-            data["intervention"].values[:-1],
-            _minutes(log),
-            color=legend_of(data)[FlownBy.SAFETY_FILTER].colour,
-        )
-        change.set_ylabel("change of the\ncommand (N)")
-        change.set_ylim(bottom=0.0)
+        _plot_changes(rest.pop(0), log)
+    if margins:
+        _plot_margins(rest.pop(0), log)
     for ax in axes[1:, 0]:
         ax.grid(alpha=0.25)
     axes[-1, 0].set_xlabel("time (min)")
@@ -65,6 +70,43 @@ def _plot_who(ax: Axes, log: FlightLog) -> None:
     ax.set_yticks([])
     ax.set_ylim(0.0, 1.0)
     ax.margins(x=0.0)
+
+
+def _plot_changes(ax: Axes, log: FlightLog) -> None:
+    """The size of each change of the command, by its reason."""
+    change = log.dataset["intervention"].values[:-1]
+    reasons = log.dataset["intervention_reason"].values[:-1]
+    ax.stairs(change, _minutes(log), color=legend_of(log.dataset)[FlownBy.SAFETY_FILTER].colour)
+    for reason, colour in _REASONS.items():
+        rows = np.nonzero(reasons == reason)[0]
+        if rows.size:
+            label = f"{reason.name.lower().replace('_', ' ')}: {rows.size} steps"
+            ax.plot(
+                _minutes(log)[rows], change[rows], "o", markersize=2.5, color=colour, label=label
+            )
+    if ax.get_legend_handles_labels()[1]:
+        ax.legend(loc="upper right", fontsize="small")
+    ax.set_ylabel("change of the\ncommand (N)")
+    ax.set_ylim(bottom=0.0)
+
+
+def _plot_margins(ax: Axes, log: FlightLog) -> None:
+    """The margin of each command, and the errors of the state that it allows for."""
+    data, minutes = log.dataset, _minutes(log)
+    margin = data["assurance_margin"].values / 1e3
+    ax.plot(minutes, np.where(np.isfinite(margin), margin, np.nan), color=_LIMIT, label="margin")
+    unsafe = np.nonzero(margin < 0.0)[0]
+    low = np.maximum(margin[unsafe], -1.0)
+    ax.plot(minutes[unsafe], low, "v", markersize=4.0, color=_DIFFER, label="not safe")
+    ax.plot(
+        minutes, data["assurance_position"].values / 1e3, color=_AGREE, label="error of position"
+    )
+    ax.axhline(0.0, color="black", linewidth=0.8)
+    ax.set_yscale("symlog", linthresh=1.0)
+    ax.set_ylabel("margin (km)")
+    ax.legend(loc="upper right", fontsize="small", ncols=3)
+    box = described_bounds(log.scenario)
+    ax.set_title(f"bounds: {box or 'everything is as believed'}", fontsize="small", loc="left")
 
 
 def _plot_checks(ax: Axes, log: FlightLog, values: np.ndarray) -> None:

@@ -4,14 +4,17 @@ Start with `load_scenario` and the dataclasses of `scenario_config`, which give 
 default, unit and limits; then read `load_body` and `transit_set`. `truth_config` says how the world
 may differ from what is believed, `make_true_body` makes the true body, and `draw_world` draws a
 world from dispersions. `navigation_config` says from what the controllers know the state, and
-`expected_errors` what the navigation takes its errors to be. To add a value to the scenario, add a
+`expected_errors` what the navigation takes its errors to be; `assurance_bounds` gives the errors
+within which runtime assurance keeps out. To add a value to the scenario, add a
 field to one of these dataclasses. Nothing in this room simulates.
 """
 
 from proxops.diagrams.scenario.body import Body, BodyConfig, load_body
+from proxops.diagrams.scenario.declared_bounds import described_bounds
 from proxops.diagrams.scenario.dispersions import (
     KNOWN_ON_THE_DAY,
     Dispersion,
+    assurance_bounds,
     check_dispersions,
     dispersed_values,
     draw_world,
@@ -33,6 +36,7 @@ from proxops.diagrams.scenario.scenario import (
 from proxops.diagrams.scenario.scenario_checks import check_scenario
 from proxops.diagrams.scenario.scenario_config import (
     ArrivalConfig,
+    AssuranceBoundsConfig,
     AssuranceConfig,
     ForceNoiseConfig,
     HybridConfig,
@@ -77,6 +81,7 @@ from proxops.diagrams.scenario.world_differences import differing_values, spin_a
 __all__ = [
     "KNOWN_ON_THE_DAY",
     "ArrivalConfig",
+    "AssuranceBoundsConfig",
     "AssuranceConfig",
     "Body",
     "BodyConfig",
@@ -105,11 +110,13 @@ __all__ = [
     "TruthConfig",
     "UnflyableWorldError",
     "WeightedCostConfig",
+    "assurance_bounds",
     "believed",
     "change_scenario",
     "check_dispersions",
     "check_flyable",
     "check_scenario",
+    "described_bounds",
     "differing_values",
     "dispersed_values",
     "draw_transit",

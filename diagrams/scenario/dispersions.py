@@ -9,19 +9,22 @@ import functools
 import hashlib
 import math
 import typing
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 
 from proxops.assets import ASSETS
 from proxops.diagrams.scenario.body import Body
+from proxops.diagrams.scenario.declared_bounds import bounds_of_dispersions, exceeded, in_si
 from proxops.diagrams.scenario.distributions import Distribution, Fixed, parse_distribution
-from proxops.diagrams.scenario.limits import limits_of
+from proxops.diagrams.scenario.limits import check_limits, limits_of
 from proxops.diagrams.scenario.navigation_config import LidarNavigationConfig
 from proxops.diagrams.scenario.scenario_checks import check_scenario
-from proxops.diagrams.scenario.scenario_config import Scenario
+from proxops.diagrams.scenario.scenario_config import AssuranceBoundsConfig, Scenario
 from proxops.diagrams.scenario.told_errors import errors_of_dispersions
 from proxops.diagrams.scenario.transits import scenario_transit
-from proxops.diagrams.scenario.typed_yaml import read_mapping
+from proxops.diagrams.scenario.typed_yaml import load_typed, read_mapping
+from proxops.systems.assurance import AssuranceBounds
 from proxops.systems.common import InputError, derived_seed, generator
 
 KNOWN_ON_THE_DAY = ("lidar.noise_std_m", "spacecraft.mass_kg")
@@ -130,13 +133,13 @@ def draw_world(scenario: Scenario, body: Body) -> Scenario:
 
     Returns:
       The scenario with the drawn values, with their keys in `dispersed`, and without `dispersions`.
-      Without dispersions it is the scenario itself.
+      Without dispersions nothing is drawn. The bounds of runtime assurance are values in any case.
 
     Raises:
       InputError: see `load_dispersions`; or a value may be drawn that is beyond its limits.
     """
     if scenario.dispersions is None:
-        return scenario
+        return _with_bounds(scenario, body, [])
     dispersions = _loaded(scenario.dispersions)
     check_dispersions(dispersions, scenario, body)
 
@@ -184,8 +187,100 @@ def world_of(
     if isinstance(world.navigation, LidarNavigationConfig) and world.navigation.expected is None:
         spread = _spread(dispersions, scenario, body)
         world.navigation.expected = errors_of_dispersions(spread, scenario, body)
+    world.assurance = _with_bounds(scenario, body, dispersions).assurance
     world.dispersions = None
     return world
+
+
+def assurance_bounds(scenario: Scenario, body: Body) -> AssuranceBounds:
+    """Gives the errors within which a scenario's runtime assurance keeps its promise.
+
+    Without runtime assurance, and without bounds, everything is as believed.
+
+    Raises:
+      InputError: see `AssuranceBounds` and `load_dispersions`; or dispersions that the bounds name
+        have a value without an end.
+    """
+    dispersions = [] if scenario.dispersions is None else _loaded(scenario.dispersions)
+    assurance = _with_bounds(scenario, body, dispersions).assurance
+    if assurance is None:
+        return AssuranceBounds()
+    assert isinstance(assurance.bounds, AssuranceBoundsConfig)
+    return in_si(assurance.bounds)
+
+
+def _with_bounds(
+    scenario: Scenario, body: Body, dispersions: typing.Sequence[Dispersion]
+) -> Scenario:
+    """Gives a scenario in which the bounds of runtime assurance are values.
+
+    It warns of dispersions that exceed them.
+    """
+    assurance = scenario.assurance
+    if assurance is None:
+        return scenario
+    given = assurance.bounds
+    if isinstance(given, str):
+        given = _named_bounds(given, scenario, body)
+    if given is None:
+        given = _ends(dispersions, scenario.dispersions or "", scenario, body)
+    elif dispersions:
+        _warn_of_exceeded(given, dispersions, scenario, body)
+    if assurance.bounds is given:
+        return scenario
+    return dc.replace(scenario, assurance=dc.replace(assurance, bounds=given))
+
+
+def _named_bounds(name: str, scenario: Scenario, body: Body) -> AssuranceBoundsConfig:
+    """Reads bounds: their values in a YAML file, or dispersions."""
+    path = Path(name)
+    if name.endswith((".yaml", ".yml")):
+        tree = read_mapping(path)
+        if not any("." in str(key) for key in tree):
+            bounds = load_typed(AssuranceBoundsConfig, tree, name)
+            check_limits(bounds, name)
+            return bounds
+    try:
+        return _ends(_loaded(name), name, scenario, body)
+    except InputError as error:
+        raise InputError(f"assurance.bounds: {error}") from error
+
+
+def _warn_of_exceeded(
+    bounds: AssuranceBoundsConfig,
+    dispersions: typing.Sequence[Dispersion],
+    scenario: Scenario,
+    body: Body,
+) -> None:
+    name = scenario.dispersions or "the dispersions"
+    try:
+        beyond = exceeded(_ends(dispersions, name, scenario, body), bounds)
+    except InputError as error:
+        beyond = [str(error)]
+    if beyond:
+        warnings.warn(
+            f"{name} exceeds assurance.bounds, so runtime assurance does not promise to keep out: "
+            + "; ".join(beyond),
+            stacklevel=2,
+        )
+
+
+def _ends(
+    dispersions: typing.Sequence[Dispersion], name: str, scenario: Scenario, body: Body
+) -> AssuranceBoundsConfig:
+    """Gives the bounds that all worlds of dispersions of a name keep."""
+    by_key = {each.key: each for each in dispersions}
+
+    def reach(key: str, about: float) -> float | None:
+        if key not in by_key:
+            return None
+        ends = by_key[key].distribution.bounds()
+        if ends is None:
+            raise InputError(f"{name}: {key} has no end that assurance.bounds could hold")
+        unit = by_key[key].unit(scenario, body)
+        return max(abs(unit * end - about) for end in ends)
+
+    return bounds_of_dispersions(reach, by_key, scenario, body)
 
 
 def dispersed_values(scenario: Scenario) -> dict[str, typing.Any]:

@@ -20,6 +20,7 @@ RENAMED = {
     "lidar.dropout": "truth.lidar.dropout",
     "lidar.false_returns": "truth.lidar.false_returns",
     "lidar.attitude_error_deg": "truth.attitude.constant_deg",
+    "assurance.margin_m": "assurance.bounds.surface_m",  # 0.6.0
 }
 """The new name of each key, by its old name. The comments give the version that renamed it."""
 

@@ -59,6 +59,8 @@ def load_scenario(
         settings.map = str(Path(settings.map).resolve())
     if _is_path(scenario.dispersions):
         scenario.dispersions = str(Path(scenario.dispersions or "").resolve())
+    if scenario.assurance is not None and _is_path(scenario.assurance.bounds):
+        scenario.assurance.bounds = str(Path(str(scenario.assurance.bounds)).resolve())
     return scenario
 
 
@@ -111,6 +113,9 @@ def _from_file(tree: dict[str, typing.Any], folder: Path) -> None:
     for key in ("body", "dispersions"):
         if _is_path(tree.get(key)):
             tree[key] = str((folder / tree[key]).resolve())
+    assurance = tree.get("assurance")
+    if isinstance(assurance, dict) and _is_path(assurance.get("bounds")):
+        assurance["bounds"] = str((folder / assurance["bounds"]).resolve())
     for section, key in (
         ("lidar", "bundle"), ("policy", "bundle"), ("truth", "mesh"), ("navigation", "map"),
     ):  # fmt: skip

@@ -58,6 +58,8 @@ def _bundles(scenario: Scenario) -> Iterator[str]:
     lidar = scenario.lidar
     if isinstance(lidar, LearnedLidarConfig) and not lidar.bundle:
         yield "lidar.bundle must name the bundle's folder"
+    if scenario.assurance is not None and scenario.assurance.bounds == "":
+        yield "assurance.bounds must name dispersions or a YAML file, or be null"
     if scenario.policy.bundle == "":
         yield "policy.bundle must name the bundle's folder, or be null"
     for key, name in (
@@ -66,11 +68,18 @@ def _bundles(scenario: Scenario) -> Iterator[str]:
         ("truth.mesh", scenario.truth.mesh or ""),
         ("navigation.map", getattr(scenario.navigation, "map", None) or ""),
         ("dispersions", scenario.dispersions or ""),
+        ("assurance.bounds", _named_bounds(scenario)),
     ):
         if "\0" in name:
             yield f"{key} must be a path, got {name!r}"
     if "\0" in (scenario.policy.bundle or ""):
         yield f"policy.bundle must be a path, got {scenario.policy.bundle!r}"
+
+
+def _named_bounds(scenario: Scenario) -> str:
+    """Gives the name or path of the bounds of runtime assurance; "" if they have none."""
+    bounds = None if scenario.assurance is None else scenario.assurance.bounds
+    return bounds if isinstance(bounds, str) else ""
 
 
 def _transit(transit: TransitConfig, fastest: float) -> Iterator[str]:

@@ -172,15 +172,47 @@ class RandomWalkDisturbanceConfig:
 
 
 @dc.dataclass
+class AssuranceBoundsConfig:
+    """The greatest errors for which runtime assurance keeps out; see `AssuranceBounds`.
+
+    By default everything is as believed.
+    """
+
+    # Of the size of gravity, over it.
+    gravity: float = number(0.0, at_least=0.0, below=1.0)
+    # Of the force of each thruster, over it.
+    thrust: float = number(0.0, at_least=0.0, below=1.0)
+    # Angle between the commanded force and the one that acts: thrusters and attitude together.
+    thrust_direction_deg: float = number(0.0, at_least=0.0, below=90.0, unit="degrees")
+    # Of the spacecraft's mass, over it. What a flight burns counts here.
+    mass: float = number(0.0, at_least=0.0, below=1.0)
+    # Of what else accelerates the spacecraft, along each axis.
+    acceleration_m_s2: float = number(0.0, at_least=0.0, at_most=1e6, unit="m/s^2")
+    # Of position and velocity, as far as the navigation's covariance does not say it.
+    position_m: float = number(0.0, at_least=0.0, at_most=_FAR, unit="m")
+    velocity_m_s: float = number(0.0, at_least=0.0, at_most=1e5, unit="m/s")
+    # By how much the true surface may stand out from that of the map.
+    surface_m: float = number(0.0, at_least=0.0, at_most=_FAR, unit="m")
+    # Time from the moment that a state describes to the one at which a command acts; at most
+    # control_period_s.
+    delay_s: float = number(0.0, at_least=0.0, at_most=3600.0, unit="s")
+
+
+@dc.dataclass
 class AssuranceConfig:
     """The safety filter that keeps any controller out of the keep-out ellipsoid.
 
     See `proxops.systems.RuntimeAssurance`. The filter does not know of the scenario's `truth`.
     """
 
-    # The filter adds this length to every semi-axis of the keep-out ellipsoid. It covers the error
-    # of the filter's prediction, about a metre, and the disturbances, which act after the filter.
-    margin_m: float = number(100.0, at_least=0.0, at_most=_FAR, unit="m")
+    # The errors for which it does so. Either their values, or the name of dispersions that ship
+    # with proxops, or the path of a YAML file of dispersions or of these values; a path in a
+    # scenario file is relative to that file. Of dispersions, the ends count: a normal number ends
+    # at 3 sigma. null: those of the scenario's own dispersions; without any, no errors.
+    bounds: str | AssuranceBoundsConfig | None = None
+    # Position and velocity are taken to err by up to this many standard deviations of the
+    # navigation's covariance, along its longest axis, in addition to the bounds.
+    deviations: float = number(4.0, at_least=0.0, at_most=1e3)
 
 
 @dc.dataclass

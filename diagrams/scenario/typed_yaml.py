@@ -151,9 +151,13 @@ def _check_tree(schema: type, tree: dict[str, typing.Any], source: str, key: str
         nested: list[typing.Any] = [option for option in options if dc.is_dataclass(option)]
         path = f"{key}.{name}" if key else name
         if nested and isinstance(value, dict):
-            _check_tree(_choose(nested, value, f"{source}: {path}"), value, source, path)
+            chosen = _choose(nested, value, f"{source}: {path}")
+            _check_tree(chosen, value, source, path)
+            if str in options:  # pydrake takes a mapping without a tag for a text.
+                value["_tag"] = f"!{chosen.__name__}"
         elif not any(_fits(value, option) for option in options):
             wanted = "`key: value` lines" if nested else " or ".join(map(_in_words, options))
+            wanted = f"a text or {wanted}" if nested and str in options else wanted
             raise InputError(f"{source}: {path} needs {wanted}, got {reprlib.repr(value)}")
 
 

@@ -51,6 +51,9 @@ class Assured(NamedTuple):
     force: np.ndarray
     """(3,) in N in K. Where the reason is NONE, it is the command itself, bit for bit."""
     reason: InterventionReason
+    margin: float = np.nan
+    """The command's own margin in m, within thrust and speed limit. If it is negative, the command
+    was not safe; -inf: its backup's flight does not settle. NaN: it was not judged."""
 
 
 @dataclass(frozen=True)
@@ -345,9 +348,9 @@ class BackupBraking:
         if margin < 0.0:
             thrust, reason = self._kept_out(motion, thrust, -margin, (low, high))
         if reason is InterventionReason.NONE:
-            return Assured(np.array(force, dtype=np.float64), reason)
+            return Assured(np.array(force, dtype=np.float64), reason, margin)
         limit = self.limits.thrust
-        return Assured(np.clip(self.limits.mass * thrust, -limit, limit), reason)
+        return Assured(np.clip(self.limits.mass * thrust, -limit, limit), reason, margin)
 
     def _kept_out(
         self, motion: _Motion, thrust: np.ndarray, shortfall: float, box: Box

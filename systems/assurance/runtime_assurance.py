@@ -7,51 +7,71 @@ from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import LeafSystem, ValueProducer
 
 from proxops.systems.assurance.backup_braking import Assured, BackupBraking, InterventionReason
+from proxops.systems.common import check_not_negative, longest_deviations
 
 
 class RuntimeAssurance(LeafSystem):
     """Changes a commanded force by the least that keeps the spacecraft safe.
 
     ```
-    state (6) ──►┌──────────────────┐
-                 │ RuntimeAssurance ├─► force (3), N
-    force (3) ──►│                  ├─► intervention (2): size of the change in N,
-                 └──────────────────┘                     InterventionReason
+    state (6) ───────►┌──────────────────┐
+                      │                  ├─► force (3), N
+    force (3) ───────►│ RuntimeAssurance ├─► intervention (2): size of the change in N,
+                      │                  │                     InterventionReason
+    covariance (81) ─►│                  ├─► margin (3): the command's margin in m, and bounds of
+                      └──────────────────┘               the state's errors in m and m/s
     ```
 
     All vectors are in K, in m, m/s and N. Keeping out of the ellipsoid has priority over the speed
     limit; the thrust limit always holds. A safe command passes bit for bit. `BackupBraking`
     explains how this is decided, and why it is enough.
 
-    From a state that `BackupBraking` admits, the flight stays out whatever is commanded, under
-    these
-    conditions: the true state is known, the output force acts unchanged from each control step to
-    the next, and mass, gravity and spin are the assumed ones, up to what the margin covers. From
-    any other state the backup brakes as hard as it can, unless a force is found that leads to an
-    admitted state.
+    From a state that `BackupBraking` admits, the flight stays out whatever is commanded, as long
+    as all errors are within the bounds. From any other state the backup brakes as hard as it can,
+    unless a force is found that leads to an admitted state.
+
+    `covariance` (9, 9) is that of `LidarNavigation`: of position, velocity and attitude. The errors
+    of the state are then bounded by those of the box plus so many standard deviations along the
+    longest axis, of position and of velocity. Along one axis, a normal error is beyond 4 of them
+    once in 16,000 steps. Without this input the errors are those of the box.
 
     The outputs depend on the inputs alone. A command that is not finite passes unchanged; the
     thrusters refuse it. If the state is not finite, because the navigation has none, every command
     passes unchanged: without a state nothing can be said of a command, nor of another.
     """
 
-    def __init__(self, backup: BackupBraking):
-        """Takes the backup, which holds body, spacecraft, limits and control period."""
+    def __init__(self, backup: BackupBraking, deviations: float = 4.0):
+        """Takes the backup and the bound of the state's errors.
+
+        Args:
+          backup: holds body, spacecraft, limits, bounds and control period.
+          deviations: number of standard deviations of `covariance` that count.
+
+        Raises:
+          InputError: `deviations` is negative or not finite.
+        """
         super().__init__()
-        self.backup = backup
+        check_not_negative("RuntimeAssurance", deviations=deviations)
+        self.backup, self.deviations = backup, float(deviations)
         self._state_port = self.DeclareVectorInputPort(name="state", size=6)
         self._command_port = self.DeclareVectorInputPort(name="force", size=3)
+        self._covariance_port = self.DeclareVectorInputPort(name="covariance", size=81)
         nothing = Assured(np.zeros(3), InterventionReason.NONE)
+        blank = nothing, 0.0, 0.0
         # One cache entry, so that both outputs share one computation.
         self._assured = self.DeclareCacheEntry(
             "assured",
-            ValueProducer(allocate=lambda: AbstractValue.Make(nothing), calc=self._calc_assured),
-            {self._state_port.ticket(), self._command_port.ticket()},
+            ValueProducer(allocate=lambda: AbstractValue.Make(blank), calc=self._calc_assured),
+            {
+                self._state_port.ticket(),
+                self._command_port.ticket(),
+                self._covariance_port.ticket(),
+            },
         )
         self._force_port = self.DeclareVectorOutputPort(
             name="force",
             size=3,
-            calc=lambda context, output: output.SetFromVector(self._assured.Eval(context).force),
+            calc=lambda context, output: output.SetFromVector(self._assured.Eval(context)[0].force),
             prerequisites_of_calc={self._assured.ticket()},
         )
         self._intervention_port = self.DeclareVectorOutputPort(
@@ -60,16 +80,39 @@ class RuntimeAssurance(LeafSystem):
             calc=self._calc_intervention,
             prerequisites_of_calc={self._assured.ticket(), self._command_port.ticket()},
         )
+        self._margin_port = self.DeclareVectorOutputPort(
+            name="margin",
+            size=3,
+            calc=self._calc_margin,
+            prerequisites_of_calc={self._assured.ticket()},
+        )
 
     def _calc_assured(self, context, value):
         command, state = self._command_port.Eval(context), self._state_port.Eval(context)
-        if np.isfinite(command).all() and np.isfinite(state).all():
-            value.set_value(self.backup.assure(state, command))
+        errors = self._errors(context)
+        if np.isfinite(command).all() and np.isfinite(state).all() and np.isfinite(errors).all():
+            value.set_value((self.backup.assure(state, command, *errors), *errors))
         else:
-            value.set_value(Assured(command, InterventionReason.NONE))
+            value.set_value((Assured(command, InterventionReason.NONE), *errors))
+
+    def _errors(self, context) -> tuple[float, float]:
+        """Bounds of the errors of position and velocity, in m and m/s."""
+        bounds = self.backup.bounds
+        if not self._covariance_port.HasValue(context):
+            return bounds.position, bounds.velocity
+        covariance = self._covariance_port.Eval(context).reshape(9, 9)
+        position, velocity = longest_deviations(covariance)
+        return (
+            bounds.position + self.deviations * position,
+            bounds.velocity + self.deviations * velocity,
+        )
 
     def _calc_intervention(self, context, output):
-        assured = self._assured.Eval(context)
+        assured, _, _ = self._assured.Eval(context)
         changed = assured.reason != InterventionReason.NONE
         change = assured.force - self._command_port.Eval(context) if changed else np.zeros(3)
         output.SetFromVector([np.linalg.norm(change), assured.reason])
+
+    def _calc_margin(self, context, output):
+        assured, position, velocity = self._assured.Eval(context)
+        output.SetFromVector([assured.margin, position, velocity])

@@ -10,7 +10,7 @@ import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, LeafSystem, ValueProducer
 
-from proxops.systems.common import check_not_negative, check_positive
+from proxops.systems.common import check_not_negative, check_positive, longest_deviations
 from proxops.systems.hybrid.agreement_gates import Agreement, AgreementGate
 from proxops.systems.hybrid.check_schedule import CheckSchedule, PeriodRule
 from proxops.systems.hybrid.flown_by import FlownBy
@@ -66,6 +66,7 @@ class HybridSelector(LeafSystem):
     planned_force (3) ─►│ HybridSelector ├─► mpc_wanted (1): 1 if the MPC is asked at this step
     policy_force (3) ──►│                ├─► decision (1): 1 the MPC flies, 2 the policy
     state (6) ─────────►│                ├─► record (7)
+    covariance (81) ───►│                │
                         └────────────────┘
     ```
 
@@ -95,6 +96,7 @@ class HybridSelector(LeafSystem):
         period: float = 10.0,
         position_error: float = 0.0,
         velocity_error: float = 0.0,
+        deviations: float = 0.0,
     ):
         """Takes the parts of the decision.
 
@@ -104,6 +106,8 @@ class HybridSelector(LeafSystem):
           reach: bounds the motion near the keep-out ellipsoid.
           period: control period in s.
           position_error, velocity_error: bounds, in m and m/s, of the errors of `state`.
+          deviations: so many standard deviations of `covariance` (9, 9), that of `LidarNavigation`,
+            are added to these bounds, if that port is connected.
 
         Raises:
           InputError: the period is not positive, or an error is negative or not finite.
@@ -111,14 +115,19 @@ class HybridSelector(LeafSystem):
         super().__init__()
         check_positive("HybridSelector", period=period)
         check_not_negative(
-            "HybridSelector", position_error=position_error, velocity_error=velocity_error
+            "HybridSelector",
+            position_error=position_error,
+            velocity_error=velocity_error,
+            deviations=deviations,
         )
         self.gate, self.schedule, self.reach, self.period = gate, schedule, reach, period
         self.position_error, self.velocity_error = position_error, velocity_error
+        self.deviations = deviations
         self._mpc_port = self.DeclareVectorInputPort(name="mpc_force", size=3)
         self._planned_port = self.DeclareVectorInputPort(name="planned_force", size=3)
         self._policy_port = self.DeclareVectorInputPort(name="policy_force", size=3)
         self._state_port = self.DeclareVectorInputPort(name="state", size=6)
+        self._covariance_port = self.DeclareVectorInputPort(name="covariance", size=81)
         # Steps to the next check, by whom they are flown, and the period.
         self._memory = self.DeclareDiscreteState(BasicVector([0.0, FlownBy.MPC, 0.0]))
         blank = Decision(np.zeros(3), FlownBy.MPC, DecisionReason.CHECK_AGREED, 0, FlownBy.MPC, 0)
@@ -131,6 +140,7 @@ class HybridSelector(LeafSystem):
                 self._planned_port.ticket(),
                 self._policy_port.ticket(),
                 self._state_port.ticket(),
+                self._covariance_port.ticket(),
                 self.xd_ticket(),
             },
         )
@@ -169,9 +179,20 @@ class HybridSelector(LeafSystem):
                 reason = DecisionReason.POLICY_DISAGREED_BEFORE
                 choice = Decision(force, FlownBy.MPC, reason, left, FlownBy.MPC, period, agreement)
             else:
-                choice = self._check(force, agreement, state, period)
+                choice = self._check(force, agreement, state, period, self._errors(context))
             choice = choice._replace(wall_time=time.perf_counter() - started)
         value.set_value(choice)
+
+    def _errors(self, context) -> tuple[float, float]:
+        """Bounds of the errors of position and velocity at a check, in m and m/s."""
+        if self.deviations == 0.0 or not self._covariance_port.HasValue(context):
+            return self.position_error, self.velocity_error
+        covariance = self._covariance_port.Eval(context).reshape(9, 9)
+        position, velocity = longest_deviations(covariance)
+        return (
+            self.position_error + self.deviations * position,
+            self.velocity_error + self.deviations * velocity,
+        )
 
     def _wanted(self, left: float, until_check: float) -> bool:
         """Whether the MPC is asked at a step."""
@@ -179,15 +200,19 @@ class HybridSelector(LeafSystem):
         return left == 0 or (until_check == FlownBy.MPC and fixed)
 
     def _check(
-        self, mpc_force: np.ndarray, agreement: Agreement, state: np.ndarray, last: int
+        self,
+        mpc_force: np.ndarray,
+        agreement: Agreement,
+        state: np.ndarray,
+        last: int,
+        errors: tuple[float, float],
     ) -> Decision:
         """The decision at a check, `last` steps after the one before."""
         steps = 0
         if self.schedule.rule == PeriodRule.ADAPTIVE:
             steps = self.reach.steps_out_of_reach(
-                state, self.period, self.schedule.longest, self.position_error,
-                self.velocity_error, stopping=True,
-            )  # fmt: skip
+                state, self.period, self.schedule.longest, *errors, stopping=True
+            )
         period = self.schedule.next_period(last, agreement, self.gate.magnitude, steps)
         if not np.isfinite(state).all():
             period = 1

@@ -50,11 +50,21 @@ class ReachModel:
     heights: np.ndarray
     """(L,) in m, rising from 0."""
     pulls: np.ndarray
-    """(L,) greatest gravity in m/s^2 beyond each height."""
+    """(L,) greatest gravity, with all else that pulls, in m/s^2 beyond each height."""
+    weakest: float | None = None
+    """Least acceleration that the thrusters can be relied on to give along each axis, in m/s^2.
+    None: `acceleration`."""
 
     @classmethod
     def of(
-        cls, field: Field, semi_axes: np.ndarray, spin: float, acceleration: float
+        cls,
+        field: Field,
+        semi_axes: np.ndarray,
+        spin: float,
+        acceleration: float,
+        weakest: float | None = None,
+        gravity: float = 0.0,
+        other: float = 0.0,
     ) -> ReachModel:
         """Makes the model from a body's field.
 
@@ -63,6 +73,9 @@ class ReachModel:
           semi_axes: (3,) of the keep-out ellipsoid in m.
           spin: rad/s about z.
           acceleration: greatest acceleration by the thrusters along each axis, in m/s^2.
+          weakest: see above.
+          gravity: greatest error of the gravity's size, as a share of it.
+          other: greatest other acceleration along each axis, in m/s^2.
         """
         heights = _HEIGHTS * float(semi_axes.min())
         model = cls(
@@ -70,7 +83,8 @@ class ReachModel:
             float(spin),
             float(acceleration),
             heights,
-            greatest_pulls(field, semi_axes, heights),
+            (1.0 + gravity) * greatest_pulls(field, semi_axes, heights) + math.sqrt(3.0) * other,
+            None if weakest is None else float(weakest),
         )
         model.steps_out_of_reach(np.zeros(6), 1.0, 1)  # Compiled now, not in flight.
         return model
@@ -97,6 +111,7 @@ class ReachModel:
         return int(
             _steps_out_of_reach(
                 np.asarray(state, dtype=np.float64), self.semi_axes, self.spin, self.acceleration,
+                self.acceleration if self.weakest is None else self.weakest,
                 self.heights, self.pulls, float(step), int(longest), float(position_error),
                 float(velocity_error), bool(stopping),
             )
@@ -122,7 +137,7 @@ def greatest_pulls(field: Field, semi_axes: np.ndarray, heights: np.ndarray) -> 
 
 @numba.njit(cache=True, error_model="numpy")
 def _steps_out_of_reach(
-    state, semi_axes, spin, acceleration, heights, pulls, step, longest, position_error,
+    state, semi_axes, spin, acceleration, weakest, heights, pulls, step, longest, position_error,
     velocity_error, stopping,
 ):  # fmt: skip
     position = state[:3].copy()
@@ -178,7 +193,7 @@ def _steps_out_of_reach(
             )
             inward = box * time + pulled_speed + drift_error - np.sum(normal * drift)
             # The terms of the rotating frame: centrifugal, and Coriolis -2 w x v.
-            outward = acceleration * np.sum(np.abs(normal)) - pull
+            outward = weakest * np.sum(np.abs(normal)) - pull
             outward += spin**2 * (normal[0] * centre[0] + normal[1] * centre[1])
             outward += 2.0 * spin * (normal[0] * drift[1] - normal[1] * drift[0])
             if inward > 0.0 and not inward**2 < 2.0 * outward * after:

@@ -1,0 +1,257 @@
+"""What runtime assurance takes as the greatest errors: the ends of what dispersions disperse."""
+
+from __future__ import annotations
+
+import dataclasses as dc
+import functools
+import math
+from collections.abc import Callable, Iterable
+
+import numpy as np
+
+from proxops.diagrams.scenario.body import Body
+from proxops.diagrams.scenario.navigation_config import LidarNavigationConfig
+from proxops.diagrams.scenario.scenario_config import AssuranceBoundsConfig, Scenario
+from proxops.diagrams.scenario.truth_config import TruthConfig
+from proxops.systems.assurance import AssuranceBounds
+from proxops.systems.common import InputError
+from proxops.systems.gravity import GravityField
+from proxops.systems.shapes import Polyhedron, displaced
+from proxops.systems.vehicle import STANDARD_GRAVITY
+
+Reach = Callable[[str, float], float | None]
+"""Gives the greatest amount by which a dispersed value differs from a number, from the value's key
+and the number; of a list, that of any of its numbers. None if the value is not dispersed. It raises
+InputError if the value has no end."""
+
+# What has a normal distribution at each time, such as a Gauss-Markov process, has no end. It is
+# taken to end at so many standard deviations, and the roughness of a surface at its own 3 sigma.
+_DEVIATIONS = 4.0
+_ROUGHNESS = 3.0
+# The velocity change for which propellant is counted, in units of the speed limit. The MPC's
+# transits at Kleopatra need up to 5.4.
+_SPEEDS = 6.0
+# Worlds and places of each in which gravity is compared, and what covers the gaps between them.
+_WORLDS, _PLACES, _GAPS = 6, 300, 1.25
+# The rotation's errors are bounded up to this distance, in units of the longest semi-axis of the
+# keep-out ellipsoid.
+_FAR = 2.0
+# Whatever else begins so does not change how the spacecraft moves, or is told to the controllers.
+_NO_MATTER = (
+    "lidar.",
+    "spacecraft.mass_kg",
+    "truth.lidar.",
+    "truth.surface_seed",
+    "truth.surface_correlation_m",
+    "truth.attitude.correlation_time_s",
+    "truth.acceleration.correlation_time_s",
+    "force_noise.correlation_time_s",
+    "kicks.mean_interval_s",
+    "disturbance.reset_period_s",
+    "disturbance.increment_std_n",
+)
+_BOUNDED = (
+    "truth.gravity",
+    "truth.density_contrast",
+    "truth.surface_rms_m",
+    "truth.size",
+    "truth.spin",
+    "truth.pole_deg",
+    "truth.phase_deg",
+    "truth.attitude.constant_deg",
+    "truth.attitude.varying_std_deg",
+    "truth.thrusters.scale",
+    "truth.thrusters.direction_deg",
+    "truth.thrusters.least_impulse_n_s",
+    "truth.thrusters.quantum_n",
+    "truth.mass",
+    "truth.specific_impulse_s",
+    "truth.acceleration.constant_m_s2",
+    "truth.acceleration.varying_std_m_s2",
+    "force_noise.std_n",
+    "kicks.velocity_std_m_s",
+)
+
+
+def bounds_of_dispersions(
+    reach: Reach, keys: Iterable[str], scenario: Scenario, body: Body
+) -> AssuranceBoundsConfig:
+    """Gives bounds that all worlds of dispersions keep.
+
+    Errors of position and velocity are not among them: they are the navigation's to tell.
+
+    Args:
+      reach: how far each value may be from a number.
+      keys: the dispersed keys.
+      scenario: the scenario before the draw.
+      body: the body as believed.
+
+    Raises:
+      InputError: a value has no end, or it cannot be bounded.
+    """
+    for key in keys:
+        if key == "disturbance.max_relative_magnitude":
+            _refuse_disturbance(reach(key, 0.0))
+        elif key not in _BOUNDED and not key.startswith(_NO_MATTER):
+            raise InputError(
+                f"{key} has no end that assurance.bounds could hold; take bounds without it, and "
+                "know that flights with it may enter the ellipsoid"
+            )
+
+    def end(key: str, about: float = 0.0) -> float:
+        return reach(key, about) or 0.0
+
+    speeds = scenario.spacecraft.speed_limit_m_s
+    bounds = AssuranceBoundsConfig(
+        gravity=end("truth.gravity", 1.0),
+        thrust=end("truth.thrusters.scale", 1.0),
+        thrust_direction_deg=_direction(end, scenario, body),
+        mass=_mass(reach, _SPEEDS * speeds),
+        acceleration_m_s2=_acceleration(end, scenario, body),
+        surface_m=_ROUGHNESS * end("truth.surface_rms_m")
+        + 0.5 * float(body.shape.extents.max()) * end("truth.size", 1.0),
+    )
+    in_si(bounds)  # It refuses what is too great.
+    return bounds
+
+
+def in_si(bounds: AssuranceBoundsConfig) -> AssuranceBounds:
+    """Gives the bounds in SI units.
+
+    Raises:
+      InputError: a bound is negative or too great.
+    """
+    return AssuranceBounds(
+        gravity=bounds.gravity,
+        thrust=bounds.thrust,
+        thrust_direction=math.radians(bounds.thrust_direction_deg),
+        mass=bounds.mass,
+        acceleration=bounds.acceleration_m_s2,
+        position=bounds.position_m,
+        velocity=bounds.velocity_m_s,
+        surface=bounds.surface_m,
+        delay=bounds.delay_s,
+    )
+
+
+def exceeded(declared: AssuranceBoundsConfig, bounds: AssuranceBoundsConfig) -> list[str]:
+    """Lists the bounds that what is declared exceeds, each with both values."""
+    found = []
+    for field in dc.fields(bounds):
+        most, bound = getattr(declared, field.name), getattr(bounds, field.name)
+        if most > bound * (1.0 + 1e-9):
+            found.append(f"{field.name} {bound:.3g} (they reach {most:.3g})")
+    return found
+
+
+def described_bounds(scenario: Scenario) -> str:
+    """Gives the bounds of a scenario's runtime assurance that are not 0, as a line of text."""
+    bounds = None if scenario.assurance is None else scenario.assurance.bounds
+    if not isinstance(bounds, AssuranceBoundsConfig):
+        return bounds or ""
+    values = ((field.name, getattr(bounds, field.name)) for field in dc.fields(bounds))
+    return ", ".join(f"{name} {value:.3g}" for name, value in values if value)
+
+
+def _refuse_disturbance(most: float | None) -> None:
+    if most:
+        raise InputError(
+            f"disturbance.max_relative_magnitude adds up to {most:g} times the command, which "
+            "assurance.bounds cannot hold: fly without runtime assurance, or give other bounds "
+            "and know that flights may enter the ellipsoid"
+        )
+
+
+def _direction(end: Callable[..., float], scenario: Scenario, body: Body) -> float:
+    """The greatest angle in degrees between the commanded force and the one that acts.
+
+    A navigation measures how the axes have turned against the body, so that pole, spin and phase
+    leave no error; what it does not know of them is taken to be no more than the star tracker's
+    error.
+    """
+    axes = end("truth.thrusters.direction_deg") + end("truth.attitude.constant_deg")
+    axes += _DEVIATIONS * end("truth.attitude.varying_std_deg")
+    angle = math.sqrt(3.0) * axes
+    if isinstance(scenario.navigation, LidarNavigationConfig):
+        return angle
+    longest = scenario.arrival.deadline_s + scenario.arrival.dwell_s
+    turned = math.degrees(abs(body.spin_rate) * longest * end("truth.spin", 1.0))
+    # Rotations about two axes that differ by an angle differ by at most twice this angle.
+    pole = 2.0 * math.sqrt(2.0) * end("truth.pole_deg")
+    return angle + end("truth.phase_deg") + pole + turned
+
+
+def _mass(reach: Reach, velocity_change: float) -> float:
+    """The greatest error of the mass, over it, after as much propellant as a flight may burn."""
+    error = reach("truth.mass", 1.0) or 0.0
+    left = 1.0
+    impulse = reach("truth.specific_impulse_s", 0.0)
+    if impulse:
+        # The reach is the greatest impulse; dispersions give one value, not a range.
+        left = math.exp(-velocity_change / (STANDARD_GRAVITY * impulse))
+    return max(error, 1.0 - (1.0 - error) * left)
+
+
+def _acceleration(end: Callable[..., float], scenario: Scenario, body: Body) -> float:
+    """The greatest acceleration in m/s^2 along an axis, other than by gravity's size and thrust."""
+    craft, period = scenario.spacecraft, scenario.control_period_s
+    forces = end("truth.thrusters.least_impulse_n_s") / period
+    forces += 0.5 * end("truth.thrusters.quantum_n") + _DEVIATIONS * end("force_noise.std_n")
+    pushes = end("truth.acceleration.constant_m_s2")
+    pushes += _DEVIATIONS * end("truth.acceleration.varying_std_m_s2")
+    pushes += _DEVIATIONS * end("kicks.velocity_std_m_s") / period
+    correlation = end("truth.surface_correlation_m") or TruthConfig().surface_correlation_m
+    gravity, shift = _gravity_differences(
+        body.shape,
+        body.gravity_field.mass,
+        tuple(body.keep_out_semi_axes.tolist()),
+        end("truth.density_contrast"),
+        end("truth.surface_rms_m"),
+        correlation,
+        end("truth.size", 1.0),
+    )
+    gravity *= 1.0 + end("truth.gravity", 1.0)
+    spin = abs(body.spin_rate)
+    error = spin * (end("truth.spin", 1.0) + math.radians(math.sqrt(2.0) * end("truth.pole_deg")))
+    far = _FAR * float(body.keep_out_semi_axes.max())
+    speed = math.sqrt(3.0) * craft.speed_limit_m_s
+    rotation = 2.0 * error * speed + (2.0 * spin + error) * error * far + spin**2 * shift
+    return forces / craft.mass_kg + pushes + gravity + rotation
+
+
+@functools.lru_cache(maxsize=4)
+def _gravity_differences(
+    shape: Polyhedron,
+    mass: float,
+    semi_axes: tuple[float, float, float],
+    contrast: float,
+    rms: float,
+    correlation: float,
+    size: float,
+) -> tuple[float, float]:
+    """How gravity differs along an axis, at the same mass, and how far the centre of mass moves.
+
+    In m/s^2, the greatest on the keep-out ellipsoid in some worlds at the ends of all that is
+    dispersed; and in m.
+    """
+    if contrast == rms == size == 0.0:
+        return 0.0, 0.0
+    k = np.arange(_PLACES) + 0.5
+    z, turn = 1.0 - 2.0 * k / _PLACES, math.pi * (1.0 + math.sqrt(5.0)) * k
+    across = np.sqrt(1.0 - z**2)
+    places = np.stack([across * np.cos(turn), across * np.sin(turn), z], axis=1) * semi_axes
+    believed = GravityField(shape, mass=mass).evaluate(places).acceleration
+    greatest, shift = 0.0, 0.0
+    for seed in range(_WORLDS):
+        # All four pairs of ends.
+        denser, larger = 1.0 - 2.0 * (seed % 2), 1.0 - 2.0 * (seed // 2 % 2)
+        try:
+            surface = displaced(shape, rms, correlation, seed)
+        except InputError:  # No flight has such a surface.
+            continue
+        surface = Polyhedron((1.0 + larger * size) * surface.vertices, surface.facets)
+        field = GravityField(surface, mass=mass, contrast=denser * contrast)
+        true = field.evaluate(places).acceleration
+        greatest = max(greatest, float(np.abs(true - believed).max()))
+        shift = max(shift, float(np.linalg.norm(field.centre_of_mass)))
+    return _GAPS * greatest, _GAPS * shift

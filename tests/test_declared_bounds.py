@@ -1,0 +1,152 @@
+"""The bounds of runtime assurance: from values, from dispersions, and what is refused."""
+
+import math
+from pathlib import Path
+
+import pytest
+from short_flights import kleopatra
+
+from proxops.diagrams.flight.hybrid_controller import zero_hybrid
+from proxops.diagrams.scenario.declared_bounds import described_bounds
+from proxops.diagrams.scenario.dispersions import assurance_bounds, draw_world
+from proxops.diagrams.scenario.scenario import load_scenario, parse_scenario
+from proxops.diagrams.scenario.scenario_config import AssuranceBoundsConfig
+from proxops.systems import InputError
+
+# Everything that a bound is made of, but what changes gravity, which takes longer.
+DISPERSIONS = """
+truth.gravity: {normal: 1.02, three_sigma: 0.03}
+truth.thrusters.scale: {uniform: [0.9, 1.02]}
+truth.thrusters.direction_deg: {normal: 0.0, three_sigma: 1.0}
+truth.attitude.constant_deg: {normal: 0.0, three_sigma: 0.1}
+truth.phase_deg: {uniform: [-0.2, 0.3]}
+truth.mass: {normal: 1.0, three_sigma: 0.02}
+truth.acceleration.constant_m_s2: {normal: 0.0, three_sigma: 2.0e-4}
+truth.acceleration.varying_std_m_s2: {fixed: 1.0e-5}
+truth.thrusters.least_impulse_n_s: {fixed: 0.05}
+truth.lidar.bias_m: {normal: 0.0, three_sigma: 10.0}
+spacecraft.mass_kg: {normal: 1.0, three_sigma: 0.02, times: value}
+"""
+TRUE_STATE = "navigation=!TrueState {}"
+
+
+def write(folder: Path, text: str, name: str = "mine.yaml") -> Path:
+    path = folder / name
+    path.write_text(text)
+    return path
+
+
+def bounds_of(*overrides: str):
+    return assurance_bounds(load_scenario(None, overrides), kleopatra())
+
+
+def test_ends_of_dispersions(tmp_path: Path) -> None:
+    path = write(tmp_path, DISPERSIONS)
+    bounds = bounds_of(f"assurance={{bounds: {path}}}", TRUE_STATE)
+    assert bounds.gravity == pytest.approx(0.05)
+    assert bounds.thrust == pytest.approx(0.1)
+    assert math.degrees(bounds.thrust_direction) == pytest.approx(1.1 * math.sqrt(3.0) + 0.3)
+    # The mass that is known on the day is no error.
+    assert bounds.mass == pytest.approx(0.02)
+    assert bounds.acceleration == pytest.approx(2e-4 + 4e-5 + 0.05 / 10.0 / 100.0)
+    assert (bounds.position, bounds.velocity, bounds.surface, bounds.delay) == (0, 0, 0, 0)
+    # The navigation measures the phase.
+    navigated = bounds_of(f"assurance={{bounds: {path}}}")
+    assert math.degrees(navigated.thrust_direction) == pytest.approx(1.1 * math.sqrt(3.0))
+
+
+def test_propellant_counts_as_mass(tmp_path: Path) -> None:
+    path = write(tmp_path, "truth.specific_impulse_s: {fixed: 220.0}\n")
+    burnt = 1.0 - math.exp(-6.0 * 40.0 / (9.80665 * 220.0))
+    assert bounds_of(f"assurance={{bounds: {path}}}").mass == pytest.approx(burnt)
+
+
+def test_what_changes_gravity_and_surface(tmp_path: Path) -> None:
+    """A density contrast of 1 % changes gravity by less than a slab of it, and by more than 0."""
+    text = "truth.density_contrast: {uniform: [-0.01, 0.01]}\ntruth.size: {uniform: [0.99, 1.0]}\n"
+    bounds = bounds_of(f"assurance={{bounds: {write(tmp_path, text)}}}")
+    assert 1e-4 < bounds.acceleration < 3e-3
+    assert bounds.surface == pytest.approx(0.005 * kleopatra().shape.extents.max())
+
+
+def test_values_one_by_one_and_from_a_file(tmp_path: Path) -> None:
+    path = write(tmp_path, "gravity: 0.1\nthrust_direction_deg: 2\nvelocity_m_s: 0.5\n")
+    for text in (path, "{gravity: 0.1, thrust_direction_deg: 2, velocity_m_s: 0.5}"):
+        bounds = bounds_of(f"assurance={{bounds: {text}}}")
+        assert (bounds.gravity, bounds.velocity) == (0.1, 0.5)
+        assert bounds.thrust_direction == pytest.approx(math.radians(2.0))
+    assert bounds_of("assurance.bounds.position_m=300").position == 300.0
+    assert bounds_of("assurance={}").gravity == 0.0
+
+
+def test_a_drawn_world_holds_values(tmp_path: Path) -> None:
+    path = write(tmp_path, DISPERSIONS)
+    for text in ("assurance={}", f"assurance={{bounds: {path}}}"):
+        world = draw_world(load_scenario(None, [f"dispersions={path}", text]), kleopatra())
+        assert world.dispersions is None
+        assert world.assurance is not None
+        assert isinstance(world.assurance.bounds, AssuranceBoundsConfig)
+        assert world.assurance.bounds.thrust == pytest.approx(0.1)
+        assert "thrust 0.1, " in described_bounds(world)
+
+
+def test_warns_of_what_dispersions_exceed(tmp_path: Path) -> None:
+    path = write(tmp_path, DISPERSIONS)
+    overrides = [f"dispersions={path}", "assurance={bounds: {gravity: 0.02, thrust: 0.2}}"]
+    with pytest.warns(UserWarning, match=r"exceeds assurance\.bounds.*gravity 0\.02 \(they reach"):
+        draw_world(load_scenario(None, overrides), kleopatra())
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        ("truth.mesh: {choice: [a.obj, b.obj]}", r"truth\.mesh has no end"),
+        ("truth.thrusters.failed_axis: {choice: [none, x]}", r"failed_axis has no end"),
+        ("disturbance.max_relative_magnitude: {choice: [0.0, 2.0]}", "up to 2 times the command"),
+        (
+            "truth.thrusters.scale: {uniform: [0.0, 1.0]}",
+            r"assurance\.bounds\.thrust must be below",
+        ),
+        ("gravity: 0.1\nmas: 0.1", "no key 'mas'.*nearest is 'mass'"),
+        ("gravity: -0.1", "gravity must not be negative"),
+    ],
+)
+def test_refuses_a_file(tmp_path: Path, text: str, complaint: str) -> None:
+    with pytest.raises(InputError, match=complaint):
+        bounds_of(f"assurance={{bounds: {write(tmp_path, text)}}}")
+
+
+@pytest.mark.parametrize(
+    ("override", "complaint"),
+    [
+        ("assurance={bounds: {gravty: 0.1}}", "no key 'gravty'.*nearest is 'gravity'"),
+        ("assurance.bounds.mass=-0.1", r"assurance\.bounds\.mass must not be negative"),
+        ("assurance.bounds=nowhere", "no dispersions 'nowhere'"),
+        ("assurance.bounds=3", "a text or `key: value` lines"),
+        ("assurance.margin_m=100", r"margin_m is called assurance\.bounds\.surface_m now"),
+    ],
+)
+def test_refuses_a_value(override: str, complaint: str) -> None:
+    with pytest.raises(InputError, match=complaint):
+        bounds_of(override)
+
+
+def test_a_margin_of_an_earlier_version_is_read() -> None:
+    scenario = parse_scenario("assurance: {margin_m: 50.0}\n")
+    assert assurance_bounds(scenario, kleopatra()).surface == 50.0
+
+
+def test_the_adaptive_schedule_allows_for_the_bounds() -> None:
+    """Whatever errs brings the ellipsoid nearer, so checks are not later."""
+    state = [0.0, 0.0, 80e3, 0.0, 0.0, -10.0]
+    steps = []
+    for text in (
+        "assurance=null",
+        "assurance={bounds: {thrust: 0.1, gravity: 0.1, surface_m: 500}}",
+    ):
+        selector = zero_hybrid(load_scenario(None, [text]), kleopatra()).GetSubsystemByName(
+            "selector"
+        )
+        errors = selector.position_error, selector.velocity_error
+        steps.append(selector.reach.steps_out_of_reach(state, 10.0, 100, *errors, stopping=True))
+    assert 0 < steps[1] < steps[0]
