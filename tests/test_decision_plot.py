@@ -11,6 +11,7 @@ from synthetic_log import synthetic_log
 from proxops.diagrams.logs.flight_log import FlightLog
 from proxops.diagrams.logs.legend import legend_of
 from proxops.diagrams.plots.decision_plot import plot_decisions
+from proxops.systems.assurance import InterventionReason
 
 
 @pytest.fixture
@@ -24,13 +25,17 @@ def log() -> FlightLog:
         "force_difference": np.where(check, 0.01 * row, np.nan),
         "force_angle": np.where(check, np.radians(row / 10.0), np.nan),
         "intervention": np.where(row % 4 == 0, 0.25, 0.0),
+        "intervention_reason": np.where(row % 4 == 0, InterventionReason.KEEP_OUT, 0),
+        "assurance_margin": 2e3 - 50.0 * row,
+        "assurance_position": np.full(row.size, 80.0),
+        "assurance_velocity": np.full(row.size, 0.1),
     }
     columns = {name: ("time", values) for name, values in added.items()}
     return FlightLog(plain.dataset.assign(columns), plain.body)
 
 
 def test_checks_and_their_limits(log: FlightLog) -> None:
-    _, difference, angle, _ = plot_decisions(log).axes
+    _, difference, angle, *_ = plot_decisions(log).axes
     lines: list[Any] = list(difference.lines)
     agree, differ, limit = lines
     minutes = np.arange(0, 481, 10) / 6.0
@@ -61,10 +66,19 @@ def test_changes_of_the_command(log: FlightLog) -> None:
     np.testing.assert_array_equal(steps.get_data().values, log.dataset["intervention"].values[:-1])
 
 
+def test_margins_and_reasons(log: FlightLog) -> None:
+    figure = plot_decisions(log)
+    (keep_out,) = figure.axes[3].lines
+    assert len(np.asarray(keep_out.get_xdata())) == 120
+    assert "keep out: 120 steps" in str(keep_out.get_label())
+    lines = {str(line.get_label()): np.asarray(line.get_ydata()) for line in figure.axes[4].lines}
+    np.testing.assert_allclose(lines["margin"], (2e3 - 50.0 * np.arange(481)) / 1e3)
+
+
 def test_what_is_not_in_the_log_is_left_out(log: FlightLog) -> None:
     plain = synthetic_log(ranges=False)
     assert len(plot_decisions(plain).axes) == 1
     assured = FlightLog(log.dataset.drop_vars("agreement"), log.body)
     figure = plot_decisions(assured)
-    assert len(figure.axes) == 2
+    assert len(figure.axes) == 3
     assert "forces agree" not in [text.get_text() for text in figure.legends[0].get_texts()]

@@ -48,7 +48,7 @@ SOMETIMES = (
     "kick", "policy_time", "policy_status", "estimate", "decision_reason", "agreement",
     "force_difference", "force_angle", "check_clearance", "steps_to_check", "decision_time",
     "intervention", "intervention_reason", "thrust", "mass", "attitude", *NAVIGATION_COLUMNS,
-    "navigation_return_use",
+    "navigation_return_use", "assurance_margin", "assurance_position", "assurance_velocity",
 )  # fmt: skip
 SUMMARY = [
     "controller", "seed", "transit", "success", "success_2km", "collided", "keep_out_violations",

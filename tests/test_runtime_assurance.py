@@ -163,6 +163,11 @@ def test_a_longer_covariance_needs_a_wider_margin(backup: BackupBraking) -> None
     assert (position, velocity) == pytest.approx((150.0, 0.3), rel=1e-9)
     assert margin == pytest.approx(backup.assure(state, force, 150.0, 0.3).margin, rel=1e-9)
     assert margin < known[0] - 150.0
+    # A velocity that may be anything within the speed limit is as good as no state.
+    unknown = covariance.copy()
+    unknown[3:6, 3:6] = 100.0**2 * np.eye(3)
+    system.GetInputPort("covariance").FixValue(context, unknown.ravel())
+    np.testing.assert_array_equal(system.GetOutputPort("force").Eval(context), force)
     # Without a covariance, the navigation has no state.
     system.GetInputPort("covariance").FixValue(context, np.full(81, np.nan))
     assert np.isnan(system.GetOutputPort("margin").Eval(context)).all()

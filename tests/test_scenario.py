@@ -63,7 +63,11 @@ def scenarios(draw: st.DrawFn) -> Scenario:
             | st.builds(LearnedLidarConfig, st.text(min_size=1, max_size=9).map(repr), not_negative)
         ),
         navigation=draw(
-            st.builds(LidarNavigationConfig, st.none() | expected, st.integers(0, 1000))
+            st.builds(
+                LidarNavigationConfig,
+                st.none() | expected,
+                frame_delay_steps=st.integers(0, 1000),
+            )
             | st.builds(TrueStateConfig)
         ),
         mpc=draw(
@@ -141,7 +145,7 @@ def test_dump_holds_every_key_and_loads_from_a_file(tmp_path: Path) -> None:
         force_noise=ForceNoiseConfig(),
         kicks=KicksConfig(),
         policy=PolicyConfig("/somewhere/policy"),
-        navigation=LidarNavigationConfig(ExpectedErrorsConfig()),
+        navigation=LidarNavigationConfig(ExpectedErrorsConfig(), map="/somewhere/map.obj"),
         truth=TruthConfig(mesh="/somewhere/mesh.obj", specific_impulse_s=220.0),
         dispersions="after_survey",
         transit=ends,

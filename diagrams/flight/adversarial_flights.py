@@ -235,7 +235,7 @@ def adversarial_flight(
         force, reason = command, InterventionReason.NONE
         if assured:
             started = time.thread_time()
-            force, reason = backup.assure(believed, command)
+            force, reason, _ = backup.assure(believed, command)
             seconds[step] = time.thread_time() - started
         acting, other = world.act(state, force)
         acceleration = acting / (world.mass * limits.mass) + other
