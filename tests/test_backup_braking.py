@@ -125,7 +125,7 @@ def test_backup_from_admitted_states_stays_out(state: np.ndarray) -> None:
 def test_what_is_assured_keeps_the_state_admitted(state: np.ndarray, command: np.ndarray) -> None:
     backup = kleopatras()
     assume(backup.admitted(state))
-    force, reason = backup.assure(state, command)
+    force, reason, _ = backup.assure(state, command)
     after = step(state, force)
     assert np.abs(force).max() <= THRUST
     # By another gravity and another integration.
@@ -149,7 +149,7 @@ def test_the_change_is_nearly_the_least() -> None:
         state = np.concatenate([random.normal(size=3), random.uniform(-40.0, 40.0, 3)])
         state[:3] *= 1.03 * kleopatra().keep_out_semi_axes / np.linalg.norm(state[:3])
         command = -THRUST * np.sign(state[:3])
-        force, reason = backup.assure(state, command)
+        force, reason, _ = backup.assure(state, command)
         if not backup.admitted(state) or reason != InterventionReason.KEEP_OUT:
             continue
         ours = least = float(np.linalg.norm(force - command))
@@ -167,7 +167,7 @@ def test_the_change_is_nearly_the_least() -> None:
 def test_speed_limit_by_the_least_change() -> None:
     backup = kleopatras()
     state = np.array([0.0, 160e3, 60e3, 20.0, 0.0, 39.9])
-    force, reason = backup.assure(state, np.array([3.0, 2.0, 7.0]))
+    force, reason, _ = backup.assure(state, np.array([3.0, 2.0, 7.0]))
     assert reason == InterventionReason.SPEED_LIMIT
     # Coriolis mixes x and y; z is on its own.
     assert force[:2].tobytes() == np.array([3.0, 2.0]).tobytes()
@@ -180,7 +180,7 @@ def test_speed_limit_by_the_least_change() -> None:
 
 def test_beyond_thrust_a_command_is_clipped() -> None:
     state = np.array([150e3, 100e3, 0.0, 0.0, 0.0, 0.0])
-    force, reason = kleopatras().assure(state, np.array([9.0, 1.0, -7.0]))
+    force, reason, _ = kleopatras().assure(state, np.array([9.0, 1.0, -7.0]))
     assert reason == InterventionReason.THRUST_LIMIT
     assert force == pytest.approx([7.0, 1.0, -7.0], rel=1e-15)
 
@@ -189,7 +189,7 @@ def test_where_nothing_is_safe_the_backup_flies() -> None:
     backup = kleopatras()
     for state in ([141e3, 0.0, 0.0, -40.0, 0.0, 0.0], [100e3, 10e3, 0.0, 0.0, 0.0, 0.0]):
         assert not backup.admitted(np.array(state))
-        force, reason = backup.assure(np.array(state), np.array([-7.0, 0.0, 0.0]))
+        force, reason, _ = backup.assure(np.array(state), np.array([-7.0, 0.0, 0.0]))
         assert reason == InterventionReason.BACKUP
         assert force == pytest.approx(backup.force(np.array(state)), rel=1e-12)
         assert force[0] == THRUST
@@ -218,7 +218,7 @@ def test_nothing_is_made_for_one_size_of_body(scale: float) -> None:
         limits = AssuranceLimits(MASS, s * THRUST, s * 40.0, s * axes)
         bounds = AssuranceBounds(position=s * 100.0)
         backup = BackupBraking(PointMassField(s**3 * 2e18), 3e-4, limits, bounds)
-        force, reason = backup.assure(s * state, s * np.array([-3.0, -7.0, -7.0]))
+        force, reason, _ = backup.assure(s * state, s * np.array([-3.0, -7.0, -7.0]))
         found.append((backup.backup_margin(s * state) / s, *force / s, reason))
     assert found[1] == pytest.approx(found[0], rel=1e-6)
     assert found[0][-1] == InterventionReason.KEEP_OUT
