@@ -72,7 +72,7 @@ class Motion:
 
         The estimate has its first term, the centre of mass. The next term of the field's expansion
         is smaller by half of the body's length over the distance. With the factor of 1/3, it is
-        what halves of different density do at Kleopatra, to about a third.
+        what halves of different density do at Kleopatra, or up to twice as much.
         """
         shift = self._expected.centre_of_mass
         if not shift:
