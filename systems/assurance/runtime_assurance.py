@@ -7,7 +7,7 @@ from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import LeafSystem, ValueProducer
 
 from proxops.systems.assurance.backup_braking import Assured, BackupBraking, InterventionReason
-from proxops.systems.common import check_not_negative, longest_deviations
+from proxops.systems.common import check_not_negative, error_bounds
 
 
 class RuntimeAssurance(LeafSystem):
@@ -104,12 +104,8 @@ class RuntimeAssurance(LeafSystem):
         bounds = self.backup.bounds
         if not self._covariance_port.HasValue(context):
             return bounds.position, bounds.velocity
-        covariance = self._covariance_port.Eval(context).reshape(9, 9)
-        position, velocity = longest_deviations(covariance)
-        return (
-            bounds.position + self.deviations * position,
-            bounds.velocity + self.deviations * velocity,
-        )
+        covariance = self._covariance_port.Eval(context)
+        return error_bounds(covariance, self.deviations, bounds.position, bounds.velocity)
 
     def _calc_intervention(self, context, output):
         assured, _, _ = self._assured.Eval(context)

@@ -11,7 +11,7 @@ room imports nothing else of proxops, and every other room depends on it.
 from proxops.systems.common.checks import LARGEST, check_not_negative, check_positive
 from proxops.systems.common.controller_offers import LegendEntry, LoggedPort
 from proxops.systems.common.counter_noise import derived_seed, generator
-from proxops.systems.common.deviations import longest_deviations
+from proxops.systems.common.deviations import error_bounds
 from proxops.systems.common.errors import InputError, SolverFailure
 from proxops.systems.common.files import file_sha256, make_folder, write_whole
 from proxops.systems.common.onnx_bundle import MODEL_FILE, BundleKind, open_session, read_bundle
@@ -32,9 +32,9 @@ __all__ = [
     "check_not_negative",
     "check_positive",
     "derived_seed",
+    "error_bounds",
     "file_sha256",
     "generator",
-    "longest_deviations",
     "make_folder",
     "open_session",
     "part_of",

@@ -1,23 +1,28 @@
-"""The standard deviations of a state along its longest axes, from its covariance."""
+"""Bounds of a state's errors, from what is known of them and from its covariance."""
 
 from __future__ import annotations
 
 import numpy as np
 
 
-def longest_deviations(covariance: np.ndarray) -> tuple[float, float]:
-    """The greatest standard deviation of position and of velocity in any direction.
+def error_bounds(
+    covariance: np.ndarray, deviations: float, position: float = 0.0, velocity: float = 0.0
+) -> tuple[float, float]:
+    """Bounds of the errors of position and velocity, in m and m/s, in any direction.
 
     Args:
-      covariance: (N, N) of position (3) in m, velocity (3) in m/s, and whatever else.
+      covariance: (81,) of position in m, velocity in m/s and attitude, row by row.
+      deviations: so many standard deviations along the longest axis count.
+      position, velocity: what is added to them, in m and m/s.
 
     Returns:
-      In m and m/s; NaN where the covariance is not finite.
+      Two bounds; NaN where the covariance is not finite.
     """
-    position, velocity = (
+    blocks = covariance.reshape(9, 9)[:3, :3], covariance.reshape(9, 9)[3:6, 3:6]
+    longest = [
         float(np.sqrt(max(np.linalg.eigvalsh(block)[-1], 0.0)))
         if np.isfinite(block).all()
         else np.nan
-        for block in (covariance[:3, :3], covariance[3:6, 3:6])
-    )
-    return position, velocity
+        for block in blocks
+    ]
+    return position + deviations * longest[0], velocity + deviations * longest[1]

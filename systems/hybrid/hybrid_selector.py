@@ -10,7 +10,7 @@ import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, LeafSystem, ValueProducer
 
-from proxops.systems.common import check_not_negative, check_positive, longest_deviations
+from proxops.systems.common import check_not_negative, check_positive, error_bounds
 from proxops.systems.hybrid.agreement_gates import Agreement, AgreementGate
 from proxops.systems.hybrid.check_schedule import CheckSchedule, PeriodRule
 from proxops.systems.hybrid.flown_by import FlownBy
@@ -187,12 +187,8 @@ class HybridSelector(LeafSystem):
         """Bounds of the errors of position and velocity at a check, in m and m/s."""
         if self.deviations == 0.0 or not self._covariance_port.HasValue(context):
             return self.position_error, self.velocity_error
-        covariance = self._covariance_port.Eval(context).reshape(9, 9)
-        position, velocity = longest_deviations(covariance)
-        return (
-            self.position_error + self.deviations * position,
-            self.velocity_error + self.deviations * velocity,
-        )
+        covariance = self._covariance_port.Eval(context)
+        return error_bounds(covariance, self.deviations, self.position_error, self.velocity_error)
 
     def _wanted(self, left: float, until_check: float) -> bool:
         """Whether the MPC is asked at a step."""
