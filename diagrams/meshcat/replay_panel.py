@@ -269,12 +269,8 @@ def _assurance(log: FlightLog) -> dict[str, Any] | None:
         for each in data["assurance_margin"].values
     ]
     reasons = np.nan_to_num(data["intervention_reason"].values).astype(int).tolist()
-    names = ["passes", *(_in_words(each) for each in [*InterventionReason][1:])]
+    names = ["passes", *(each.in_words for each in [*InterventionReason][1:])]
     return {"margin": margins, "reason": reasons, "reasons": names}
-
-
-def _in_words(reason: InterventionReason) -> str:
-    return reason.name.lower().replace("_", " ")
 
 
 def _navigation(log: FlightLog) -> dict[str, Any] | None:

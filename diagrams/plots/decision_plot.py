@@ -80,7 +80,7 @@ def _plot_changes(ax: Axes, log: FlightLog) -> None:
     for reason, colour in _REASONS.items():
         rows = np.nonzero(reasons == reason)[0]
         if rows.size:
-            label = f"{reason.name.lower().replace('_', ' ')}: {rows.size} steps"
+            label = f"{reason.in_words}: {rows.size} steps"
             ax.plot(
                 _minutes(log)[rows], change[rows], "o", markersize=2.5, color=colour, label=label
             )

@@ -44,6 +44,11 @@ class InterventionReason(IntEnum):
     BACKUP = 4
     """The backup flies: no force nearer to the command was found safe."""
 
+    @property
+    def in_words(self) -> str:
+        """The name as a text for people, as "keep out"."""
+        return self.name.lower().replace("_", " ")
+
 
 class Assured(NamedTuple):
     """The result of `BackupBraking.assure`."""

@@ -6,7 +6,7 @@ import numpy as np
 
 
 def error_bounds(
-    covariance: np.ndarray, deviations: float, position: float = 0.0, velocity: float = 0.0
+    covariance: np.ndarray, deviations: float, position: float, velocity: float
 ) -> tuple[float, float]:
     """Bounds of the errors of position and velocity, in m and m/s, in any direction.
 
@@ -18,7 +18,8 @@ def error_bounds(
     Returns:
       Two bounds; NaN where the covariance is not finite.
     """
-    blocks = covariance.reshape(9, 9)[:3, :3], covariance.reshape(9, 9)[3:6, 3:6]
+    square = covariance.reshape(9, 9)
+    blocks = square[:3, :3], square[3:6, 3:6]
     longest = [
         float(np.sqrt(max(np.linalg.eigvalsh(block)[-1], 0.0)))
         if np.isfinite(block).all()

@@ -179,7 +179,7 @@ class HybridSelector(LeafSystem):
                 reason = DecisionReason.POLICY_DISAGREED_BEFORE
                 choice = Decision(force, FlownBy.MPC, reason, left, FlownBy.MPC, period, agreement)
             else:
-                choice = self._check(force, agreement, state, period, self._errors(context))
+                choice = self._check(context, force, agreement, state, period)
             choice = choice._replace(wall_time=time.perf_counter() - started)
         value.set_value(choice)
 
@@ -196,16 +196,12 @@ class HybridSelector(LeafSystem):
         return left == 0 or (until_check == FlownBy.MPC and fixed)
 
     def _check(
-        self,
-        mpc_force: np.ndarray,
-        agreement: Agreement,
-        state: np.ndarray,
-        last: int,
-        errors: tuple[float, float],
+        self, context, mpc_force: np.ndarray, agreement: Agreement, state: np.ndarray, last: int
     ) -> Decision:
         """The decision at a check, `last` steps after the one before."""
         steps = 0
         if self.schedule.rule == PeriodRule.ADAPTIVE:
+            errors = self._errors(context)
             steps = self.reach.steps_out_of_reach(
                 state, self.period, self.schedule.longest, *errors, stopping=True
             )
