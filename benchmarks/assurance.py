@@ -42,17 +42,25 @@ from proxops.diagrams.flight import (
     bounded_backup,
     small_controller,
 )
-from proxops.diagrams.scenario import load_body, load_scenario
-from proxops.systems.assurance import AssuranceBounds, InterventionReason
+from proxops.diagrams.scenario import (
+    AssuranceConfig,
+    Body,
+    Scenario,
+    assurance_bounds,
+    load_body,
+    load_scenario,
+)
+from proxops.systems.assurance import AssuranceBounds, BackupBraking, InterventionReason
+from proxops.systems.common import InputError
 
-# At Kleopatra, with the default spacecraft.
-BOXES = {
-    "as_believed": AssuranceBounds(),
-    "after_survey": AssuranceBounds(0.0015, 0.05, math.radians(1.0), 0.02, 3e-4, 120.0, 0.3),
-    "before_survey": AssuranceBounds(0.11, 0.05, math.radians(1.0), 0.03, 3e-3, 300.0, 0.5),
-    "first_look": AssuranceBounds(0.32, 0.05, math.radians(1.0), 0.03, 3e-3, 300.0, 0.5),
+# Errors of the state at Kleopatra with the default spacecraft, in m and m/s: four or more standard
+# deviations of what the navigation reaches there. Elsewhere they go with length and thrust.
+STATE = {
+    "as_believed": (0.0, 0.0),
+    "after_survey": (120.0, 0.3),
+    "before_survey": (300.0, 0.5),
+    "first_look": (600.0, 0.5),
 }
-# Their lengths and accelerations go with these.
 _LONGEST, _ACCELERATION = 140e3, 0.07
 # Upper ends in µs of the bins of step times.
 _BINS = np.geomspace(1.0, 1e6, 241)
@@ -62,21 +70,30 @@ _OUT = Path("out/assurance")
 
 
 @functools.cache
-def setting(scenario_file: str | None, bounds_name: str):
-    """Scenario, body and bounds; flies a step, so that what is compiled is there."""
+def setting(scenario_file: str | None, bounds_name: str) -> tuple[Scenario, Body, BackupBraking]:
+    """Scenario, body and the backup with the bounds that dispersions declare.
+
+    It flies a step, so that what is compiled is there.
+    """
     scenario = load_scenario(scenario_file)
     body = load_body(scenario.body)
-    craft, box = scenario.spacecraft, BOXES[bounds_name]
+    bounds = AssuranceBounds()
+    if bounds_name != "as_believed":
+        assured = replace(scenario, assurance=AssuranceConfig(bounds=bounds_name))
+        bounds = assurance_bounds(assured, body)
+    position, velocity = STATE[bounds_name]
+    craft = scenario.spacecraft
     length = float(body.keep_out_semi_axes.max()) / _LONGEST
     push = craft.thrust_limit_n / craft.mass_kg / _ACCELERATION
     bounds = replace(
-        box,
-        acceleration=push * box.acceleration,
-        position=length * box.position,
-        velocity=math.sqrt(length * push) * box.velocity,
+        bounds, position=length * position, velocity=math.sqrt(length * push) * velocity
     )
-    adversarial_flight(scenario, body, "zero", 0, steps=1, bounds=bounds)
-    return scenario, body, bounds
+    try:
+        backup = bounded_backup(scenario, body, bounds)
+    except InputError as error:
+        sys.exit(str(error))
+    adversarial_flight(scenario, body, "zero", 0, steps=1, backup=backup)
+    return scenario, body, backup
 
 
 def drawn(seed: int, number: int) -> tuple[str, str, str]:
@@ -93,11 +110,11 @@ def drawn(seed: int, number: int) -> tuple[str, str, str]:
 
 def fly(work: tuple) -> dict:
     scenario_file, bounds_name, excess, seed, steps, number, assured = work
-    scenario, body, bounds = setting(scenario_file, bounds_name)
+    scenario, body, backup = setting(scenario_file, bounds_name)
     adversary, truth, errors = drawn(seed, number)
     flight = adversarial_flight(
         scenario, body, adversary, seed + number, steps, assured,
-        bounds=bounds, truth=truth, state_errors=errors, excess=excess,
+        backup=backup, truth=truth, state_errors=errors, excess=excess,
     )  # fmt: skip
     micros, unchanged = flight.step_seconds * 1e6, flight.reasons == InterventionReason.NONE
     return {
@@ -166,11 +183,11 @@ def read_rows(path: Path, header: dict) -> list[dict]:
 
 def room(options: argparse.Namespace) -> None:
     """Prints the clearance in m that a state needs to be admitted, by inward speed."""
-    scenario, body, bounds = setting(options.scenario, options.bounds)
+    scenario, body, backup = setting(options.scenario, options.bounds)
     table = Table(title=f"clearance needed (m), {options.bounds}")
     for heading in ("inward speed (m/s)", "as believed: median", "most", "box: median", "most"):
         table.add_column(heading, justify="right")
-    backups = [bounded_backup(scenario, body, box) for box in (AssuranceBounds(), bounds)]
+    backups = [bounded_backup(scenario, body, AssuranceBounds()), backup]
     for share in (0.0, 0.125, 0.25, 0.5, 0.75):
         speed = share * scenario.spacecraft.speed_limit_m_s
         found = [backup.rooms(speed) for backup in backups]
@@ -183,9 +200,8 @@ def room(options: argparse.Namespace) -> None:
 
 def search(options: argparse.Namespace) -> None:
     """Cross-entropy search for a small controller that gets closest to the ellipsoid."""
-    scenario, body, bounds = setting(options.scenario, options.bounds)
-    random = np.random.default_rng(options.seed)
-    backup, shape = bounded_backup(scenario, body, bounds), CONTROLLER_SHAPE
+    scenario, body, backup = setting(options.scenario, options.bounds)
+    random, shape = np.random.default_rng(options.seed), CONTROLLER_SHAPE
     middle, spread = np.zeros(shape), np.ones(shape)
     best, least = middle, math.inf
     for number in range(options.search):
@@ -197,7 +213,7 @@ def search(options: argparse.Namespace) -> None:
                 seed = options.seed + _FLIGHTS_EACH * number + k
                 _, truth, errors = drawn(seed, 0)
                 flight = adversarial_flight(
-                    scenario, body, "zero", seed, options.steps, bounds=bounds, truth=truth,
+                    scenario, body, "zero", seed, options.steps, backup=backup, truth=truth,
                     state_errors=errors, adversary=small_controller(backup, weights),
                 )  # fmt: skip
                 found.append(flight.clearance)
@@ -213,7 +229,7 @@ def search(options: argparse.Namespace) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--bounds", choices=list(BOXES), default="after_survey")
+    parser.add_argument("--bounds", choices=list(STATE), default="after_survey")
     parser.add_argument("--scenario", help="YAML file, of another body")
     parser.add_argument("--flights", type=int, default=1000)
     parser.add_argument("--steps", type=int, default=600)

@@ -20,9 +20,8 @@ for name in ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
 
 import numba
 import numpy as np
-from assurance import BOXES, setting
+from assurance import STATE, setting
 
-from proxops.diagrams.flight import bounded_backup
 from proxops.systems.assurance import _braking_kernel as kernel
 from proxops.systems.assurance.certification import spread_directions
 
@@ -114,13 +113,13 @@ def starts(backup, bounds, count: int, random: np.random.Generator) -> np.ndarra
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--bounds", choices=list(BOXES), default="before_survey")
+    parser.add_argument("--bounds", choices=list(STATE), default="before_survey")
     parser.add_argument("--scenario", help="YAML file, of another body")
     parser.add_argument("--states", type=int, default=20000)
     parser.add_argument("--seed", type=int, default=1)
     options = parser.parse_args()
-    scenario, body, bounds = setting(options.scenario, options.bounds)
-    backup = bounded_backup(scenario, body, bounds)
+    _, _, backup = setting(options.scenario, options.bounds)
+    bounds = backup.bounds
     axes = np.asarray(backup.limits.keep_out_semi_axes, dtype=np.float64)
     box = np.array([
         bounds.gravity, bounds.thrust, bounds.thrust_direction, bounds.mass, bounds.acceleration,

@@ -259,6 +259,9 @@ def _table(log: FlightLog, summary: dict[str, Any]) -> list[tuple[str, str]]:
         error = f"{length_text(median)}, {length_text(p95)}"
         rows.append(("position error of the navigation, median and p95", error))
         rows.append(("navigation within its 3 sigma", f"{summary['navigation_consistent']:.1%}"))
+    if "interventions" in summary:
+        counts = f"{summary['interventions']}, {summary['interventions_keep_out']}"
+        rows.append(("interventions of runtime assurance, all and to keep out", counts))
     rows += [(f"steps {what}", str(count)) for what, count in fallback_steps(log.dataset).items()]
     rows.append(("simulated", f"{flown:.0f} s in {summary['wall_s']:.1f} s"))
     rows.append(("speed against real time", f"{flown / summary['wall_s']:.0f} x"))

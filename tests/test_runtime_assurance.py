@@ -163,10 +163,16 @@ def test_a_longer_covariance_needs_a_wider_margin(backup: BackupBraking) -> None
     assert (position, velocity) == pytest.approx((150.0, 0.3), rel=1e-9)
     assert margin == pytest.approx(backup.assure(state, force, 150.0, 0.3).margin, rel=1e-9)
     assert margin < known[0] - 150.0
-    # A velocity that may be anything within the speed limit is as good as no state.
-    unknown = covariance.copy()
-    unknown[3:6, 3:6] = 100.0**2 * np.eye(3)
-    system.GetInputPort("covariance").FixValue(context, unknown.ravel())
+    # Where a velocity is so uncertain that nothing at rest is admitted, nothing is judged.
+    rest = np.array([0.0, 0.0, 90e3, 0.0, 0.0, 0.0])
+    system.GetInputPort("state").FixValue(context, rest)
+    for error in (0.3, 1.0, 3.0, 300.0):
+        unknown = covariance.copy()
+        unknown[3:6, 3:6] = (error / 3.0) ** 2 * np.eye(3)
+        system.GetInputPort("covariance").FixValue(context, unknown.ravel())
+        admitted = backup.assure(rest, np.zeros(3), 150.0, error).margin > 0.0
+        assert np.isfinite(system.GetOutputPort("margin").Eval(context)[0]) == admitted
+        assert admitted == (error < 3.0)
     np.testing.assert_array_equal(system.GetOutputPort("force").Eval(context), force)
     # Without a covariance, the navigation has no state.
     system.GetInputPort("covariance").FixValue(context, np.full(81, np.nan))

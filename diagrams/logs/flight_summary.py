@@ -11,6 +11,7 @@ from scipy.interpolate import CubicHermiteSpline
 
 from proxops.diagrams.logs.navigation_figures import navigation_figures
 from proxops.diagrams.scenario import Body, Scenario, dispersed_values
+from proxops.systems.assurance import InterventionReason
 from proxops.systems.expert import PlanReason, PlanStatus
 from proxops.systems.shapes import clearances
 
@@ -108,13 +109,16 @@ def _estimate_errors(data: xr.Dataset) -> dict[str, float]:
 
 
 def _interventions(data: xr.Dataset, scenario: Scenario) -> dict[str, float]:
-    """Gives the number of interventions and their total Δv; {} without runtime assurance."""
+    """Gives the number of interventions, those for the keep-out, and the Δv of all changes."""
     if "intervention" not in data:
         return {}
     changes = data["intervention"].values[:-1]
     pushed = changes @ np.diff(data["time"].values)
+    many = changes > INTERVENTION_TOLERANCE
+    out = data["intervention_reason"].values[:-1] >= InterventionReason.KEEP_OUT
     return {
-        "interventions": int(np.sum(changes > INTERVENTION_TOLERANCE)),
+        "interventions": int(many.sum()),
+        "interventions_keep_out": int((many & out).sum()),
         "intervention_delta_v_m_s": float(pushed / _true_mass(scenario)),
     }
 

@@ -320,6 +320,16 @@ class BackupBraking:
         """Whether the backup's flight from a state (6,) stays out of the ellipsoid."""
         return self.backup_margin(state) >= 0.0
 
+    def may_admit(self, position_error: float, velocity_error: float) -> bool:
+        """Whether a state at rest can be admitted that is known to these bounds, in m and m/s.
+
+        The backup seeks `cruise_speed`. With errors of the velocity it is sure of less, and the
+        law has to measure more than `outward_speed`: see `docs/method/safety.md`.
+        """
+        world = self._given_errors(position_error, velocity_error)[2]
+        reached = self.cruise_speed - 2.0 * world[kernel.VELOCITY]
+        return bool(reached > world[kernel.OUTWARD])
+
     def assure(
         self,
         state: np.ndarray,

@@ -38,8 +38,8 @@ class RuntimeAssurance(LeafSystem):
     The outputs depend on the inputs alone. A command that is not finite passes unchanged; the
     thrusters refuse it. If the state is not finite, because the navigation has none, every command
     passes unchanged: without a state nothing can be said of a command, nor of another. The same
-    holds while the error of the velocity may exceed the speed limit, as at the first step of a
-    navigation, which has seen one frame.
+    holds while the errors of the state are so great that no state at rest would be admitted, as in
+    the first steps of a navigation, which has seen one or two frames.
     """
 
     def __init__(self, backup: BackupBraking, deviations: float = 4.0):
@@ -92,9 +92,8 @@ class RuntimeAssurance(LeafSystem):
     def _calc_assured(self, context, value):
         command, state = self._command_port.Eval(context), self._state_port.Eval(context)
         errors = self._errors(context)
-        # NaN, and a velocity that is known to no better than its limit, are no state.
-        known = np.isfinite(state).all() and errors[1] < self.backup.limits.speed
-        if known and np.isfinite(errors).all() and np.isfinite(command).all():
+        finite = all(np.isfinite(values).all() for values in (state, command, errors))
+        if finite and self.backup.may_admit(*errors):
             value.set_value((self.backup.assure(state, command, *errors), *errors))
         else:
             value.set_value((Assured(command, InterventionReason.NONE), *errors))
