@@ -11,7 +11,7 @@ Every flight is a row that is appended to OUT/rows.jsonl. Run it again with the 
 continue, with more flights too.
 
     python benchmarks/assurance.py --bounds after_survey [--flights 10000] [--processes 1]
-    python benchmarks/assurance.py --bounds after_survey --search 12      # trains `SEARCHED`
+    python benchmarks/assurance.py --bounds after_survey --search 10      # trains an adversary
     python benchmarks/assurance.py --bounds before_survey --room          # clearances that it takes
 """
 

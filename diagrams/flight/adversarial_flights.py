@@ -113,6 +113,18 @@ def small_controller(backup: BackupBraking, weights: np.ndarray) -> Adversary:
 
 
 CONTROLLER_SHAPE = (3, 6)
+# What `benchmarks/assurance.py --bounds after_survey --search 10 --steps 300 --seed 500` found. It
+# presses inwards and speeds up along the surface.
+_SEARCHED = np.array([
+    [-3.3, -0.6, -0.6, -0.7, -0.1, -0.8],
+    [1.0, -0.7, 0.4, -0.9, -0.5, 0.7],
+    [4.1, -0.5, -3.1, -0.5, -1.2, 0.5],
+])  # fmt: skip
+
+
+def _searched(backup: BackupBraking, random: np.random.Generator) -> Adversary:
+    """The small controller that a search found to come closest to the ellipsoid."""
+    return small_controller(backup, _SEARCHED)
 
 
 ADVERSARIES: dict[str, Callable[[BackupBraking, np.random.Generator], Adversary]] = {
@@ -121,6 +133,7 @@ ADVERSARIES: dict[str, Callable[[BackupBraking, np.random.Generator], Adversary]
     "random": _random,
     "sign flipped": _sign_flipped,
     "along the surface": _along_the_surface,
+    "searched": _searched,
 }
 
 
