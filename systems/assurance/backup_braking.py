@@ -320,15 +320,14 @@ class BackupBraking:
         """Whether the backup's flight from a state (6,) stays out of the ellipsoid."""
         return self.backup_margin(state) >= 0.0
 
-    def may_admit(self, position_error: float, velocity_error: float) -> bool:
-        """Whether a state at rest can be admitted that is known to these bounds, in m and m/s.
+    def can_hold(self, position: np.ndarray, position_error: float, velocity_error: float) -> bool:
+        """Whether the backup, started at rest, settles with these bounds of the state's errors.
 
-        The backup seeks `cruise_speed`. With errors of the velocity it is sure of less, and the
-        law has to measure more than `outward_speed`: see `docs/method/safety.md`.
+        Args:
+          position: (3,) in m in K. position_error, velocity_error: in m and m/s.
         """
-        world = self._given_errors(position_error, velocity_error)[2]
-        reached = self.cruise_speed - 2.0 * world[kernel.VELOCITY]
-        return bool(reached > world[kernel.OUTWARD])
+        given = self._given_errors(position_error, velocity_error)
+        return kernel.backup_margin(position, np.zeros(3), *given) > -np.inf
 
     def assure(
         self,

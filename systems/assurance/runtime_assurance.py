@@ -38,8 +38,8 @@ class RuntimeAssurance(LeafSystem):
     The outputs depend on the inputs alone. A command that is not finite passes unchanged; the
     thrusters refuse it. If the state is not finite, because the navigation has none, every command
     passes unchanged: without a state nothing can be said of a command, nor of another. The same
-    holds while the errors of the state are so great that no state at rest would be admitted, as in
-    the first steps of a navigation, which has seen one or two frames.
+    holds while the errors of the state are so great that the backup would not settle even from
+    rest, as in the first steps of a navigation, which has seen few frames.
     """
 
     def __init__(self, backup: BackupBraking, deviations: float = 4.0):
@@ -92,11 +92,13 @@ class RuntimeAssurance(LeafSystem):
     def _calc_assured(self, context, value):
         command, state = self._command_port.Eval(context), self._state_port.Eval(context)
         errors = self._errors(context)
-        finite = all(np.isfinite(values).all() for values in (state, command, errors))
-        if finite and self.backup.may_admit(*errors):
-            value.set_value((self.backup.assure(state, command, *errors), *errors))
-        else:
-            value.set_value((Assured(command, InterventionReason.NONE), *errors))
+        assured = Assured(command, InterventionReason.NONE)
+        if all(np.isfinite(values).all() for values in (state, command, errors)):
+            judged = self.backup.assure(state, command, *errors)
+            # If it is the errors of the state that let nothing settle, nothing is known of it.
+            if judged.margin > -np.inf or self.backup.can_hold(state[:3], *errors):
+                assured = judged
+        value.set_value((assured, *errors))
 
     def _errors(self, context) -> tuple[float, float]:
         """Bounds of the errors of position and velocity, in m and m/s."""
