@@ -64,7 +64,7 @@ FLIGHTS: dict[str, tuple[str, dict]] = {
         {
             "transit.index": 7,
             "kicks": {},
-            "assurance": {},
+            "assurance": {"bounds": {}},
             "hybrid.state_noise_position_m": 50.0,
             "hybrid.state_noise_velocity_m_s": 0.05,
         },

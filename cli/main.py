@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+import warnings
 from importlib import metadata
 from typing import Annotated
 
@@ -59,6 +60,7 @@ def main() -> None:
     The exit code is 0 if the command succeeded; 1 if its result is negative, such as defects in a
     mesh or a flight that differs from its log; 2 for bad input; 130 if it was interrupted.
     """
+    warnings.formatwarning = _warning
     try:
         app()
     except InputError as error:
@@ -73,6 +75,11 @@ def main() -> None:
         # The reader of the output has ended, so nothing more is printed.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(1)
+
+
+def _warning(message: Warning | str, *_: object) -> str:
+    """A warning as a line for people, without the place in the code."""
+    return f"proxops: warning: {_one_line(str(message))}\n"
 
 
 def _one_line(message: str) -> str:

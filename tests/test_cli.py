@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+import warnings
 from collections.abc import Callable
 from importlib import metadata
 from pathlib import Path
@@ -281,6 +282,17 @@ def test_evaluate_impossible_set_refused(run, tmp_path: Path) -> None:
     assert entries(tmp_path) == set()
 
 
+def test_a_warning_is_a_line(run, tmp_path: Path) -> None:
+    setting = ["--set", "assurance={bounds: {}}", "--set", "truth.gravity=1.01"]
+    with pytest.warns(UserWarning, match="the scenario may exceed assurance") as caught:
+        ran = run("fly", "--controller", "zero", *BRIEF, *setting, "--out", "out")
+    assert ran.code == 0
+    line = warnings.formatwarning(caught[0].message, UserWarning, "code.py", 1)
+    assert line.startswith("proxops: warning: the scenario may exceed")
+    assert line.count("\n") == 1
+    assert line.endswith("gravity 0 (up to 0.01)\n")
+
+
 # --- bad input ------------------------------------------------------------------------------------
 
 
@@ -398,6 +410,10 @@ def test_bad_setting(settings: list[str], words: list[str]) -> None:
     [
         (["spacecraft.mas_kg=3"], ["no key 'mas_kg'", "nearest is 'mass_kg'"]),
         (["body=itokawa"], ["'itokawa' does not ship with proxops"]),
+        (["assurance={bounds: {gravty: 0.1}}"], ["no key 'gravty'", "nearest is 'gravity'"]),
+        (["assurance={bounds: {mass: -0.1}}"], ["assurance.bounds.mass must not be negative"]),
+        (["assurance={bounds: nowhere}"], ["no dispersions 'nowhere'", "before_survey"]),
+        (["assurance={}", "truth.thrusters.failed_axis=x"], ["failed_axis has no end"]),
     ],
 )
 @pytest.mark.parametrize("command", ["fly", "evaluate"])

@@ -11,7 +11,7 @@ from proxops.diagrams.scenario.declared_bounds import described_bounds
 from proxops.diagrams.scenario.dispersions import assurance_bounds, draw_world
 from proxops.diagrams.scenario.scenario import load_scenario, parse_scenario
 from proxops.diagrams.scenario.scenario_config import AssuranceBoundsConfig
-from proxops.systems import InputError
+from proxops.systems import AssuranceBounds, InputError
 
 # Everything that a bound is made of, but what changes gravity, which takes longer.
 DISPERSIONS = """
@@ -93,8 +93,64 @@ def test_a_drawn_world_holds_values(tmp_path: Path) -> None:
 def test_warns_of_what_dispersions_exceed(tmp_path: Path) -> None:
     path = write(tmp_path, DISPERSIONS)
     overrides = [f"dispersions={path}", "assurance={bounds: {gravity: 0.02, thrust: 0.2}}"]
-    with pytest.warns(UserWarning, match=r"exceeds assurance\.bounds.*gravity 0\.02 \(they reach"):
+    words = r"mine\.yaml may exceed assurance\.bounds.*gravity 0\.02 \(up to 0\.05\)"
+    with pytest.warns(UserWarning, match=words):
         draw_world(load_scenario(None, overrides), kleopatra())
+
+
+OWN = [
+    "truth.gravity=0.95", "truth.thrusters.scale=[1.0, 0.9, 1.02]", "truth.lidar.bias_m=20",
+    "force_noise={std_n: 0.02}", "kicks={velocity_std_m_s: 0.001}",
+]  # fmt: skip
+
+
+def test_what_the_scenario_itself_declares_is_bounded(tmp_path: Path) -> None:
+    bounds = bounds_of("assurance={}", *OWN)
+    assert bounds.gravity == pytest.approx(0.05)
+    assert bounds.thrust == pytest.approx(0.1)
+    # Four standard deviations of noise on 100 kg, and of a kick in a period of 10 s.
+    assert bounds.acceleration == pytest.approx(4.0 * (0.02 / 100.0 + 0.001 / 10.0))
+    # Dispersions take the place of what they disperse, and of nothing else.
+    path = write(tmp_path, "truth.gravity: {uniform: [1.0, 1.02]}\n")
+    both = bounds_of("assurance={}", f"dispersions={path}", *OWN)
+    assert (both.gravity, both.thrust) == pytest.approx((0.02, 0.1))
+    # A drawn world is not bounded by its draw.
+    drawn = draw_world(
+        load_scenario(None, [f"dispersions={path}", "assurance={}", *OWN]), kleopatra()
+    )
+    assert drawn.dispersed == ["truth.gravity"]
+    assert draw_world(drawn, kleopatra()) is drawn
+    # Bounds that are given hold nothing else.
+    assert assurance_bounds(
+        load_scenario(None, ["assurance={bounds: {gravity: 0.1}}", *OWN]), kleopatra()
+    ) == AssuranceBounds(gravity=0.1)
+
+
+def test_a_section_that_only_the_draw_makes_has_its_defaults(tmp_path: Path) -> None:
+    path = write(tmp_path, "force_noise.correlation_time_s: {uniform: [50, 100]}\n")
+    bounds = bounds_of("assurance={}", f"dispersions={path}")
+    assert bounds.acceleration == pytest.approx(4.0 * 0.7 / 100.0)
+
+
+def test_warns_of_what_the_scenario_itself_exceeds() -> None:
+    overrides = ["assurance={bounds: {gravity: 0.1, thrust: 0.05}}", *OWN]
+    words = (
+        r"^the scenario may exceed assurance\.bounds.*: thrust 0\.05 \(up to 0\.1\); "
+        r"acceleration_m_s2 0 \(up to 0\.0012\)$"
+    )
+    with pytest.warns(UserWarning, match=words):
+        draw_world(load_scenario(None, overrides), kleopatra())
+
+
+def test_warns_of_what_cannot_be_bounded() -> None:
+    overrides = ["assurance={bounds: {}}", "disturbance={}"]
+    with pytest.warns(UserWarning, match="adds up to 2 times the command"):
+        draw_world(load_scenario(None, overrides), kleopatra())
+
+
+def test_bounds_that_hold_everything_are_not_warned_of() -> None:
+    overrides = ["assurance={bounds: {gravity: 0.1, thrust: 0.1, acceleration_m_s2: 0.002}}", *OWN]
+    draw_world(load_scenario(None, overrides), kleopatra())
 
 
 @pytest.mark.parametrize(
@@ -123,12 +179,28 @@ def test_refuses_a_file(tmp_path: Path, text: str, complaint: str) -> None:
         ("assurance.bounds.mass=-0.1", r"assurance\.bounds\.mass must not be negative"),
         ("assurance.bounds=nowhere", "no dispersions 'nowhere'"),
         ("assurance.bounds=3", "a text or `key: value` lines"),
+        ("assurance={bound: after_survey}", "no key 'bound'.*nearest is 'bounds'"),
+        ("assurance={deviations: -1}", r"assurance\.deviations must not be negative"),
         ("assurance.margin_m=100", r"margin_m is called assurance\.bounds\.surface_m now"),
     ],
 )
 def test_refuses_a_value(override: str, complaint: str) -> None:
     with pytest.raises(InputError, match=complaint):
         bounds_of(override)
+
+
+@pytest.mark.parametrize(
+    ("overrides", "complaint"),
+    [
+        (["disturbance={}"], r"adds up to 2 times the command.*such as assurance\.bounds=\{\}"),
+        (["truth.thrusters.failed_axis=x"], "failed_axis has no end"),
+    ],
+)
+def test_refuses_what_the_scenario_itself_cannot_bound(
+    overrides: list[str], complaint: str
+) -> None:
+    with pytest.raises(InputError, match=complaint):
+        bounds_of("assurance={}", *overrides)
 
 
 def test_a_margin_of_an_earlier_version_is_read() -> None:

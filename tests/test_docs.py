@@ -47,9 +47,10 @@ NO_SECTION = {"PlanarLidar"}
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> dict[str, System]:
     """One system of each kind, by the name of its class."""
-    parts = ("assurance", "disturbance", "force_noise", "kicks")
-    everything = load_scenario(None, SHORT | {part: {} for part in parts})
-    diagram = make_transit_diagram(everything, body=kleopatra())
+    parts = {part: {} for part in ("disturbance", "force_noise", "kicks")}
+    everything = load_scenario(None, SHORT | parts | {"assurance": {"bounds": {}}})
+    with pytest.warns(UserWarning, match="exceed assurance"):
+        diagram = make_transit_diagram(everything, body=kleopatra())
     folder = tmp_path_factory.mktemp("bundles")
     policy = write_policy(folder / "policy", Counting())
     hybrid = named_controller(f"hybrid:{policy}", everything, kleopatra())

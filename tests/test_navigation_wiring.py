@@ -65,13 +65,14 @@ def scripted(force: Callable[[float], np.ndarray]) -> System:
 WORLD = {"gravity", "lidar", "monitor", "log_state", "view", "paths"}
 
 
+@pytest.mark.filterwarnings("ignore:.*exceed assurance.bounds")
 @pytest.mark.parametrize("controller", ["mpc", "pd", "hybrid", "policy"])
 def test_no_wire_brings_the_truth_on_board(
     controller: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     use(monkeypatch, NavigationDouble(lambda time: START))
     scenario = on_lidar(
-        assurance={}, disturbance={}, kicks={}, truth__lidar__latency_steps=1,
+        assurance={"bounds": {}}, disturbance={}, kicks={}, truth__lidar__latency_steps=1,
         truth__attitude__constant_deg=[0.1, 0.0, 0.0], truth__specific_impulse_s=220.0,
     )  # fmt: skip
     found = wires(built(controller, scenario))

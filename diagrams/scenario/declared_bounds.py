@@ -1,4 +1,4 @@
-"""What runtime assurance takes as the greatest errors: the ends of what dispersions disperse."""
+"""What runtime assurance takes as the greatest errors: the ends of what a world may be."""
 
 from __future__ import annotations
 
@@ -6,13 +6,21 @@ import dataclasses as dc
 import functools
 import math
 from collections.abc import Callable, Iterable
+from typing import Any
 
 import numpy as np
 
 from proxops.diagrams.scenario.body import Body
 from proxops.diagrams.scenario.navigation_config import LidarNavigationConfig
-from proxops.diagrams.scenario.scenario_config import AssuranceBoundsConfig, Scenario
+from proxops.diagrams.scenario.scenario_config import (
+    AssuranceBoundsConfig,
+    ForceNoiseConfig,
+    KicksConfig,
+    RandomWalkDisturbanceConfig,
+    Scenario,
+)
 from proxops.diagrams.scenario.truth_config import TruthConfig
+from proxops.diagrams.scenario.world_differences import differing_values
 from proxops.systems.assurance import AssuranceBounds
 from proxops.systems.common import InputError
 from proxops.systems.gravity import GravityField
@@ -50,6 +58,12 @@ _NO_MATTER = (
     "disturbance.reset_period_s",
     "disturbance.increment_std_n",
 )
+# Sections of the world besides `truth`; null, the default, is a world without them.
+_SECTIONS = {
+    "disturbance": RandomWalkDisturbanceConfig(),
+    "force_noise": ForceNoiseConfig(),
+    "kicks": KicksConfig(),
+}
 _BOUNDED = (
     "truth.gravity",
     "truth.density_contrast",
@@ -94,8 +108,8 @@ def bounds_of_dispersions(
             _refuse_disturbance(reach(key, 0.0))
         elif key not in _BOUNDED and not key.startswith(_NO_MATTER):
             raise InputError(
-                f"{key} has no end that assurance.bounds could hold; take bounds without it, and "
-                "know that flights with it may enter the ellipsoid"
+                f"{key} has no end that assurance.bounds could hold; give bounds without it, "
+                "such as assurance.bounds={}, and know that flights with it may enter the ellipsoid"
             )
 
     def end(key: str, about: float = 0.0) -> float:
@@ -113,6 +127,24 @@ def bounds_of_dispersions(
     )
     in_si(bounds)  # It refuses what is too great.
     return bounds
+
+
+def own_values(scenario: Scenario, dispersed: Iterable[str]) -> dict[str, Any]:
+    """Gives what a scenario itself says of its world, by key: what differs from what is believed.
+
+    Args:
+      scenario: the scenario. Values that were drawn for it are not among its own.
+      dispersed: the keys that its dispersions disperse; they are left out.
+    """
+    drawn = {*scenario.dispersed, *dispersed}
+    values = differing_values(scenario)
+    for name, default in _SECTIONS.items():
+        section = getattr(scenario, name)
+        if section is None and any(key.startswith(f"{name}.") for key in drawn):
+            section = default  # The draw makes it.
+        if section is not None:
+            values |= {f"{name}.{key}": value for key, value in dc.asdict(section).items()}
+    return {key: value for key, value in values.items() if key not in drawn}
 
 
 def in_si(bounds: AssuranceBoundsConfig) -> AssuranceBounds:
@@ -140,7 +172,7 @@ def exceeded(declared: AssuranceBoundsConfig, bounds: AssuranceBoundsConfig) -> 
     for field in dc.fields(bounds):
         most, bound = getattr(declared, field.name), getattr(bounds, field.name)
         if most > bound * (1.0 + 1e-9):
-            found.append(f"{field.name} {bound:.3g} (they reach {most:.3g})")
+            found.append(f"{field.name} {bound:.3g} (up to {most:.3g})")
     return found
 
 
@@ -157,8 +189,8 @@ def _refuse_disturbance(most: float | None) -> None:
     if most:
         raise InputError(
             f"disturbance.max_relative_magnitude adds up to {most:g} times the command, which "
-            "assurance.bounds cannot hold: fly without runtime assurance, or give other bounds "
-            "and know that flights may enter the ellipsoid"
+            "assurance.bounds cannot hold: fly without runtime assurance, or give bounds without "
+            "it, such as assurance.bounds={}, and know that flights may enter the ellipsoid"
         )
 
 

@@ -15,12 +15,21 @@ from pathlib import Path
 
 from proxops.assets import ASSETS
 from proxops.diagrams.scenario.body import Body
-from proxops.diagrams.scenario.declared_bounds import bounds_of_dispersions, exceeded, in_si
+from proxops.diagrams.scenario.declared_bounds import (
+    bounds_of_dispersions,
+    exceeded,
+    in_si,
+    own_values,
+)
 from proxops.diagrams.scenario.distributions import Distribution, Fixed, parse_distribution
 from proxops.diagrams.scenario.limits import check_limits, limits_of
 from proxops.diagrams.scenario.navigation_config import LidarNavigationConfig
 from proxops.diagrams.scenario.scenario_checks import check_scenario
-from proxops.diagrams.scenario.scenario_config import AssuranceBoundsConfig, Scenario
+from proxops.diagrams.scenario.scenario_config import (
+    AssuranceBoundsConfig,
+    AssuranceConfig,
+    Scenario,
+)
 from proxops.diagrams.scenario.told_errors import errors_of_dispersions
 from proxops.diagrams.scenario.transits import scenario_transit
 from proxops.diagrams.scenario.typed_yaml import load_typed, read_mapping
@@ -201,12 +210,10 @@ def assurance_bounds(scenario: Scenario, body: Body) -> AssuranceBounds:
       InputError: see `AssuranceBounds` and `load_dispersions`; or dispersions that the bounds name
         have a value without an end.
     """
-    dispersions = [] if scenario.dispersions is None else _loaded(scenario.dispersions)
-    assurance = _with_bounds(scenario, body, dispersions).assurance
-    if assurance is None:
+    if scenario.assurance is None:
         return AssuranceBounds()
-    assert isinstance(assurance.bounds, AssuranceBoundsConfig)
-    return in_si(assurance.bounds)
+    dispersions = [] if scenario.dispersions is None else _loaded(scenario.dispersions)
+    return in_si(_bounds(scenario.assurance, scenario, body, dispersions))
 
 
 def _with_bounds(
@@ -214,21 +221,31 @@ def _with_bounds(
 ) -> Scenario:
     """Gives a scenario in which the bounds of runtime assurance are values.
 
-    It warns of dispersions that exceed them.
+    It warns of what scenario and dispersions declare beyond them.
     """
     assurance = scenario.assurance
     if assurance is None:
         return scenario
-    given = assurance.bounds
-    if isinstance(given, str):
-        given = _named_bounds(given, scenario, body)
-    if given is None:
-        given = _ends(dispersions, scenario.dispersions or "", scenario, body)
-    elif dispersions:
-        _warn_of_exceeded(given, dispersions, scenario, body)
-    if assurance.bounds is given:
+    bounds = _bounds(assurance, scenario, body, dispersions)
+    if assurance.bounds is not None and not scenario.dispersed:  # It was not drawn before.
+        _warn_of_exceeded(bounds, dispersions, scenario, body)
+    if assurance.bounds is bounds:
         return scenario
-    return dc.replace(scenario, assurance=dc.replace(assurance, bounds=given))
+    return dc.replace(scenario, assurance=dc.replace(assurance, bounds=bounds))
+
+
+def _bounds(
+    assurance: AssuranceConfig,
+    scenario: Scenario,
+    body: Body,
+    dispersions: typing.Sequence[Dispersion],
+) -> AssuranceBoundsConfig:
+    """Gives the bounds of runtime assurance: given, named, or what the scenario declares."""
+    if assurance.bounds is None:
+        return _declared(dispersions, scenario, body)
+    if isinstance(assurance.bounds, str):
+        return _named_bounds(assurance.bounds, scenario, body)
+    return assurance.bounds
 
 
 def _named_bounds(name: str, scenario: Scenario, body: Body) -> AssuranceBoundsConfig:
@@ -241,7 +258,7 @@ def _named_bounds(name: str, scenario: Scenario, body: Body) -> AssuranceBoundsC
             check_limits(bounds, name)
             return bounds
     try:
-        return _ends(_loaded(name), name, scenario, body)
+        return _ends(_loaded(name), name, {}, scenario, body)
     except InputError as error:
         raise InputError(f"assurance.bounds: {error}") from error
 
@@ -252,35 +269,51 @@ def _warn_of_exceeded(
     scenario: Scenario,
     body: Body,
 ) -> None:
-    name = scenario.dispersions or "the dispersions"
     try:
-        beyond = exceeded(_ends(dispersions, name, scenario, body), bounds)
+        beyond = exceeded(_declared(dispersions, scenario, body), bounds)
     except InputError as error:
         beyond = [str(error)]
     if beyond:
+        sources = [scenario.dispersions, "the scenario" if own_values(scenario, ()) else None]
         warnings.warn(
-            f"{name} exceeds assurance.bounds, so runtime assurance does not promise to keep out: "
-            + "; ".join(beyond),
+            f"{' and '.join(filter(None, sources))} may exceed assurance.bounds, so runtime "
+            f"assurance does not promise to keep out: {'; '.join(beyond)}",
             stacklevel=2,
         )
 
 
-def _ends(
-    dispersions: typing.Sequence[Dispersion], name: str, scenario: Scenario, body: Body
+def _declared(
+    dispersions: typing.Sequence[Dispersion], scenario: Scenario, body: Body
 ) -> AssuranceBoundsConfig:
-    """Gives the bounds that all worlds of dispersions of a name keep."""
+    """Gives the bounds that all worlds keep which a scenario and its dispersions declare."""
+    own = own_values(scenario, [each.key for each in dispersions])
+    return _ends(dispersions, scenario.dispersions or "", own, scenario, body)
+
+
+def _ends(
+    dispersions: typing.Sequence[Dispersion],
+    name: str,
+    own: typing.Mapping[str, typing.Any],
+    scenario: Scenario,
+    body: Body,
+) -> AssuranceBoundsConfig:
+    """Gives the bounds that all worlds keep of dispersions of a name, and of a scenario's own."""
     by_key = {each.key: each for each in dispersions}
 
     def reach(key: str, about: float) -> float | None:
-        if key not in by_key:
-            return None
-        ends = by_key[key].distribution.bounds()
-        if ends is None:
-            raise InputError(f"{name}: {key} has no end that assurance.bounds could hold")
-        unit = by_key[key].unit(scenario, body)
-        return max(abs(unit * end - about) for end in ends)
+        if key in by_key:
+            ends = by_key[key].distribution.bounds()
+            if ends is None:
+                raise InputError(f"{name}: {key} has no end that assurance.bounds could hold")
+            unit = by_key[key].unit(scenario, body)
+            return max(abs(unit * end - about) for end in ends)
+        if key in own:
+            value = own[key]
+            values = value if isinstance(value, list) else [value]
+            return max(abs(each - about) for each in values)
+        return None
 
-    return bounds_of_dispersions(reach, by_key, scenario, body)
+    return bounds_of_dispersions(reach, [*by_key, *own], scenario, body)
 
 
 def dispersed_values(scenario: Scenario) -> dict[str, typing.Any]:

@@ -208,7 +208,8 @@ class AssuranceConfig:
     # The errors for which it does so. Either their values, or the name of dispersions that ship
     # with proxops, or the path of a YAML file of dispersions or of these values; a path in a
     # scenario file is relative to that file. Of dispersions, the ends count: a normal number ends
-    # at 3 sigma. null: those of the scenario's own dispersions; without any, no errors.
+    # at 3 sigma. null: what the scenario declares: its own dispersions, truth, disturbance, force
+    # noise and kicks; without any, no errors.
     bounds: str | AssuranceBoundsConfig | None = None
     # Position and velocity are taken to err by up to this many standard deviations of the
     # navigation's covariance, along its longest axis, in addition to the bounds.
