@@ -1,5 +1,6 @@
 """The figure of decisions shows what is in the log, and no more."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,8 +10,14 @@ from matplotlib.patches import StepPatch
 from synthetic_log import synthetic_log
 
 from proxops.diagrams.logs.flight_log import FlightLog
-from proxops.diagrams.logs.legend import legend_of
+from proxops.diagrams.logs.legend import REASONS, legend_of
 from proxops.diagrams.plots.decision_plot import plot_decisions
+from proxops.diagrams.scenario import (
+    AssuranceBoundsConfig,
+    AssuranceConfig,
+    TrueStateConfig,
+    dump_scenario,
+)
 from proxops.systems.assurance import InterventionReason
 
 
@@ -31,7 +38,11 @@ def log() -> FlightLog:
         "assurance_velocity": np.full(row.size, 0.1),
     }
     columns = {name: ("time", values) for name, values in added.items()}
-    return FlightLog(plain.dataset.assign(columns), plain.body)
+    bounds = AssuranceBoundsConfig(gravity=0.11, surface_m=500.0)
+    assurance, known = AssuranceConfig(bounds=bounds), TrueStateConfig()
+    scenario = dump_scenario(replace(plain.scenario, assurance=assurance, navigation=known))
+    dataset = plain.dataset.assign(columns).assign_attrs(scenario=scenario)
+    return FlightLog(dataset, plain.body)
 
 
 def test_checks_and_their_limits(log: FlightLog) -> None:
@@ -70,7 +81,8 @@ def test_margins_and_reasons(log: FlightLog) -> None:
     figure = plot_decisions(log)
     (keep_out,) = figure.axes[3].lines
     assert len(np.asarray(keep_out.get_xdata())) == 120
-    assert "keep out: 120 steps" in str(keep_out.get_label())
+    assert str(keep_out.get_label()) == f"{REASONS[InterventionReason.KEEP_OUT].name} (120 steps)"
+    assert figure.axes[4].get_title(loc="left") == "it allows for: gravity 11 %, surface 0.5 km"
     lines = {str(line.get_label()): np.asarray(line.get_ydata()) for line in figure.axes[4].lines}
     np.testing.assert_allclose(lines["margin"], (2e3 - 50.0 * np.arange(481)) / 1e3)
 

@@ -87,7 +87,7 @@ def test_a_drawn_world_holds_values(tmp_path: Path) -> None:
         assert world.assurance is not None
         assert isinstance(world.assurance.bounds, AssuranceBoundsConfig)
         assert world.assurance.bounds.thrust == pytest.approx(0.1)
-        assert "thrust 0.1, " in described_bounds(world)
+        assert "thrust 10 %, " in described_bounds(world)
 
 
 def test_warns_of_what_dispersions_exceed(tmp_path: Path) -> None:

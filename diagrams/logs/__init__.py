@@ -2,7 +2,8 @@
 
 Start with `FlightLog`: an xarray dataset that is enough to repeat the flight, stored as NetCDF-4.
 `flight_summary` computes the figures of merit from it, and `navigation_figures` those of its
-navigation; `legend` tells which controller flew each step. To add a column to the log, add a line
+navigation; `legend` tells which controller flew each step, and why the safety
+filter intervened. To add a column to the log, add a line
 to `VARIABLES`.
 """
 
@@ -25,7 +26,14 @@ from proxops.diagrams.logs.flight_summary import (
     fallback_steps,
     length_text,
 )
-from proxops.diagrams.logs.legend import LEGEND, all_flown_by, flown_by, legend_of, legend_text
+from proxops.diagrams.logs.legend import (
+    LEGEND,
+    REASONS,
+    all_flown_by,
+    flown_by,
+    legend_of,
+    legend_text,
+)
 from proxops.diagrams.logs.navigation_figures import navigation_errors
 
 __all__ = [
@@ -34,6 +42,7 @@ __all__ = [
     "KEEP_OUT_TOLERANCE",
     "LEGEND",
     "NAVIGATION_COLUMNS",
+    "REASONS",
     "RECORDS",
     "RESERVED_COLUMNS",
     "VARIABLES",

@@ -1,4 +1,4 @@
-"""Tells which controller flew each step, and the names and colours for plots and replays."""
+"""Tells who flew each step and why the safety filter intervened, for plots and replays."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 
 from proxops.diagrams.logs.flight_summary import INTERVENTION_TOLERANCE
+from proxops.systems.assurance import InterventionReason
 from proxops.systems.common import InputError, LegendEntry
 from proxops.systems.expert import ModelPredictiveController
 from proxops.systems.hybrid import FlownBy
@@ -18,6 +19,17 @@ LEGEND = "legend"
 _PLAIN_COLOUR = (0.25, 0.70, 0.45)
 _SAFETY_FILTER = LegendEntry("safety filter", (0.93, 0.35, 0.95))
 _LONGEST_NAME = 200
+_REASONS = {
+    InterventionReason.THRUST_LIMIT: ("more than the thrusters can give", (0.54, 0.56, 0.61)),
+    InterventionReason.SPEED_LIMIT: ("it might exceed the speed limit", (0.85, 0.50, 0.05)),
+    InterventionReason.KEEP_OUT: ("after it, braking might be too late", (0.80, 0.25, 0.25)),
+    InterventionReason.BACKUP: ("nothing else was found safe: full braking", (0.50, 0.30, 0.85)),
+}
+REASONS = {
+    reason: LegendEntry(f"{reason.in_words}: {why}", colour)
+    for reason, (why, colour) in _REASONS.items()
+}
+"""Why the safety filter changed a command, with a colour for each reason."""
 
 
 def flown_by(dataset: xr.Dataset) -> np.ndarray:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from pydrake.geometry import Rgba
 
-from proxops.diagrams.logs import FlightLog, all_flown_by, flown_by, legend_of
+from proxops.diagrams.logs import REASONS, FlightLog, all_flown_by, flown_by, legend_of
 from proxops.diagrams.meshcat.camera_views import View
 from proxops.diagrams.meshcat.meshcat_scene import (
     BELIEVED_AXIS,
@@ -52,17 +52,20 @@ _PAGE = """
   #panel button {font: inherit; color: inherit; background: #2a3042; border: 0; border-radius: 4px;
     padding: 1px 10px; cursor: pointer}
   #panel button.on {background: #4a5678; color: #ffffff}
-  #play {width: 66px}
+  #play, #margins small {width: 66px}
+  #margins svg {flex: 1; height: 30px; background: #171b2a}
+  #margins path, #margins polyline {fill: none; stroke: #99a0ae; vector-effect: non-scaling-stroke}
+  #margins polyline {stroke: #ffffff; stroke-width: 1.5}
   #world {position: fixed; left: 12px; top: 10px; max-height: 70vh; overflow: auto;
     color: #c8ccd4; background: #0c0e1899; font: 11px/1.3 system-ui, sans-serif}
-  #bounds {position: fixed; right: 12px; top: 10px; max-width: 45vw; color: #c8ccd4;
+  #bounds {position: fixed; right: 12px; top: 30px; max-width: 45vw; color: #c8ccd4;
     background: #0c0e1899; font: 11px/1.3 system-ui, sans-serif}
   #world summary {cursor: pointer; color: #ffffff}
   #world td {padding: 0 10px 0 0; font-variant-numeric: tabular-nums}
 </style>
 {{world}}<div id="panel">
   <div><span><b>{{title}}</b> <small>{{speed}} times real time</small></span>{{numbers}}</div>
-  <div><button id="play">pause</button>
+  {{margins}}<div><button id="play">pause</button>
     <input id="time" type="range" min="0" max="1" value="0" step="any" aria-label="time"
       style="background: {{strip}}"></div>
   <div><div id="legend">{{legend}}</div><div id="views"></div></div>
@@ -153,7 +156,8 @@ _PAGE = """
       const {margin, reason, reasons} = flight.assurance;
       const m = margin[row];
       element("margin").textContent = m === null ? "none" : m === "-inf" ? "unsafe" : length(m);
-      element("reason").textContent = reasons[reason[row]] ?? "none";
+      element("reason").textContent = reasons[reason[row]][0];
+      element("reason").style.color = reasons[reason[row]][1];
     }
     if (following) follow();
   }
@@ -162,6 +166,9 @@ _PAGE = """
 })();
 </script>
 """
+# Length in m up to which the curve of margins is linear, and the deepest that it shows.
+_NEAR, _DEEPEST = 200.0, 2e3
+_PASSES = "#ffffff"
 # A list of what differs that has more lines is shown when it is asked for.
 _MOST_OPEN = 8
 _NUMBERS = {
@@ -215,6 +222,7 @@ def panel(
         "speed": f"{playback_speed:.0f}",
         "numbers": numbers,
         "strip": _strip(log),
+        "margins": _margin_curve(log),
         "world": _bounds(log) + _world(log),
         "legend": legend,
         # Otherwise "</script>" in a name would end the script.
@@ -268,9 +276,46 @@ def _assurance(log: FlightLog) -> dict[str, Any] | None:
         round(float(each), 1) if np.isfinite(each) else None if np.isnan(each) else "-inf"
         for each in data["assurance_margin"].values
     ]
-    reasons = np.nan_to_num(data["intervention_reason"].values).astype(int).tolist()
-    names = ["passes", *(each.in_words for each in [*InterventionReason][1:])]
-    return {"margin": margins, "reason": reasons, "reasons": names}
+    names = {int(InterventionReason.NONE): ["passes", _PASSES]}
+    names |= {int(key): [each.name, _code(each.colour)] for key, each in REASONS.items()}
+    return {"margin": margins, "reason": _reasons(log).tolist(), "reasons": names}
+
+
+def _reasons(log: FlightLog) -> np.ndarray:
+    """Gives the `InterventionReason` (N,) of each row as whole numbers."""
+    return np.nan_to_num(log.dataset["intervention_reason"].values).astype(int)
+
+
+def _margin_curve(log: FlightLog) -> str:
+    """Gives the HTML of the margin over time, with each intervention in the colour of its reason.
+
+    "" without runtime assurance. Below 0 a command was not safe. The scale is linear up to about
+    `_NEAR` and logarithmic beyond.
+    """
+    data = log.dataset
+    if "assurance_margin" not in data:
+        return ""
+    times, margins = data["time"].values, data["assurance_margin"].values
+    left = 1e3 * (times - times[0]) / max(float(times[-1] - times[0]), 1e-9)
+    scaled = np.arcsinh(np.clip(margins, -_DEEPEST, None) / _NEAR)
+    least, most = (float(end) for end in np.nanpercentile([-1.0, 1.0, *scaled], [0, 100]))
+    up = 100.0 * (most - scaled) / (most - least)
+    zero = 100.0 * most / (most - least)
+    reasons = _reasons(log)[:-1]
+    ends = [0, *(np.flatnonzero(np.diff(reasons)) + 1).tolist(), len(reasons)]
+    parts = [
+        f'<rect x="{left[begin]:.1f}" width="{left[end] - left[begin]:.1f}" height="100" '
+        f'fill="{_code(REASONS[InterventionReason(reasons[begin])].colour)}" opacity="0.5"/>'
+        for begin, end in itertools.pairwise(ends)
+        if reasons[begin]
+    ]
+    points = " ".join(f"{x:.1f},{y:.1f}" for x, y in zip(left, up, strict=True) if np.isfinite(y))
+    return (
+        '<div id="margins"><small>margin</small>'
+        '<svg viewBox="0 0 1000 100" preserveAspectRatio="none"><title>safety margin over time; '
+        f"below the line a command was not safe</title>{''.join(parts)}"
+        f'<path d="M0 {zero:.1f}H1000" class="zero"/><polyline points="{points}"/></svg></div>\n  '
+    )
 
 
 def _navigation(log: FlightLog) -> dict[str, Any] | None:
@@ -340,8 +385,8 @@ def _bounds(log: FlightLog) -> str:
     """Gives the HTML of the bounds of runtime assurance; "" without it."""
     if log.scenario.assurance is None:
         return ""
-    text = described_bounds(log.scenario) or "everything is as believed"
-    return f'<div id="bounds">bounds of the safety filter: {html.escape(text)}</div>\n'
+    text = html.escape(described_bounds(log.scenario))
+    return f'<div id="bounds">the safety filter allows for: {text}</div>\n'
 
 
 def _value(value: Any) -> str:

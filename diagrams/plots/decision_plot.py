@@ -7,18 +7,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from proxops.diagrams.logs import FlightLog, all_flown_by, flown_by, legend_of
+from proxops.diagrams.logs import REASONS, FlightLog, all_flown_by, flown_by, legend_of
 from proxops.diagrams.scenario import described_bounds
-from proxops.systems.assurance import InterventionReason
 from proxops.systems.hybrid import FlownBy
 
 _AGREE, _DIFFER, _LIMIT = "#128a3a", "#b03030", "#33415c"
-_REASONS = {
-    InterventionReason.THRUST_LIMIT: "#8a8f9c",
-    InterventionReason.SPEED_LIMIT: "#c77b00",
-    InterventionReason.KEEP_OUT: "#b03030",
-    InterventionReason.BACKUP: "#5a1a8a",
-}
 
 
 def plot_decisions(log: FlightLog) -> Figure:
@@ -77,10 +70,10 @@ def _plot_changes(ax: Axes, log: FlightLog) -> None:
     change = log.dataset["intervention"].values[:-1]
     reasons = log.dataset["intervention_reason"].values[:-1]
     ax.stairs(change, _minutes(log), color=legend_of(log.dataset)[FlownBy.SAFETY_FILTER].colour)
-    for reason, colour in _REASONS.items():
+    for reason, (why, colour) in REASONS.items():
         rows = np.nonzero(reasons == reason)[0]
         if rows.size:
-            label = f"{reason.in_words}: {rows.size} steps"
+            label = f"{why} ({rows.size} steps)"
             ax.plot(
                 _minutes(log)[rows], change[rows], "o", markersize=2.5, color=colour, label=label
             )
@@ -105,8 +98,7 @@ def _plot_margins(ax: Axes, log: FlightLog) -> None:
     ax.set_yscale("symlog", linthresh=1.0)
     ax.set_ylabel("margin (km)")
     ax.legend(loc="upper right", fontsize="small", ncols=3)
-    box = described_bounds(log.scenario)
-    ax.set_title(f"bounds: {box or 'everything is as believed'}", fontsize="small", loc="left")
+    ax.set_title(f"it allows for: {described_bounds(log.scenario)}", fontsize="small", loc="left")
 
 
 def _plot_checks(ax: Axes, log: FlightLog, values: np.ndarray) -> None:

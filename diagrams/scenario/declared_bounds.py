@@ -58,6 +58,18 @@ _NO_MATTER = (
     "disturbance.reset_period_s",
     "disturbance.increment_std_n",
 )
+# Each bound in words, with what it is multiplied by, and the unit.
+_WORDS = {
+    "gravity": ("gravity", 100.0, " %"),
+    "thrust": ("thrust", 100.0, " %"),
+    "thrust_direction_deg": ("its direction", 1.0, "°"),
+    "mass": ("mass", 100.0, " %"),
+    "acceleration_m_s2": ("other acceleration", 1e3, " mm/s²"),
+    "position_m": ("position", 1.0, " m"),
+    "velocity_m_s": ("velocity", 1.0, " m/s"),
+    "surface_m": ("surface", 1e-3, " km"),
+    "delay_s": ("delay", 1.0, " s"),
+}
 # Sections of the world besides `truth`; null, the default, is a world without them.
 _SECTIONS = {
     "disturbance": RandomWalkDisturbanceConfig(),
@@ -177,12 +189,20 @@ def exceeded(declared: AssuranceBoundsConfig, bounds: AssuranceBoundsConfig) -> 
 
 
 def described_bounds(scenario: Scenario) -> str:
-    """Gives the bounds of a scenario's runtime assurance that are not 0, as a line of text."""
-    bounds = None if scenario.assurance is None else scenario.assurance.bounds
-    if not isinstance(bounds, AssuranceBoundsConfig):
-        return bounds or ""
-    values = ((field.name, getattr(bounds, field.name)) for field in dc.fields(bounds))
-    return ", ".join(f"{name} {value:.3g}" for name, value in values if value)
+    """Says in words for which errors a scenario's runtime assurance keeps out; "" without it."""
+    assurance = scenario.assurance
+    if assurance is None:
+        return ""
+    if not isinstance(assurance.bounds, AssuranceBoundsConfig):
+        return assurance.bounds or "what the scenario declares"
+    found = [
+        f"{words} {scale * getattr(assurance.bounds, name):.3g}{unit}"
+        for name, (words, scale, unit) in _WORDS.items()
+        if getattr(assurance.bounds, name)
+    ]
+    if isinstance(scenario.navigation, LidarNavigationConfig) and assurance.deviations:
+        found.append(f"{assurance.deviations:g}σ of the navigation")
+    return ", ".join(found) or "no errors"
 
 
 def _refuse_disturbance(most: float | None) -> None:
