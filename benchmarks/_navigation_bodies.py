@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import trimesh
 
+from proxops.assets.random_bodies import relief
 from proxops.diagrams.scenario import Scenario, change_scenario, load_body, load_scenario
 from proxops.systems.common import InputError, generator, make_folder, write_whole
 from proxops.systems.shapes import mesh_bytes, read_mesh
@@ -28,15 +29,6 @@ class Recipe(NamedTuple):
     period_h: float
 
 
-def relief(directions: np.ndarray, waves: int = 16) -> np.ndarray:
-    """A smooth random function (N,) of unit vectors (N, 3); its root mean square is about 1."""
-    random = generator(3, 0)
-    ways = random.standard_normal((waves, 3))
-    ways *= random.uniform(3.0, 9.0, (waves, 1)) / np.linalg.norm(ways, axis=1, keepdims=True)
-    phases = random.uniform(0.0, 2.0 * np.pi, waves)
-    return np.sqrt(2.0 / waves) * np.cos(directions @ ways.T + phases).sum(axis=1)
-
-
 def two_ellipsoids(directions: np.ndarray) -> np.ndarray:
     """Two ellipsoids that overlap in a narrow neck; both hold the origin."""
     lobes = (
@@ -53,13 +45,13 @@ def two_ellipsoids(directions: np.ndarray) -> np.ndarray:
 
 def lumpy_ball(directions: np.ndarray) -> np.ndarray:
     """A ball with lumps of 5 % of its radius."""
-    return 1.0 + 0.05 * relief(directions)
+    return 1.0 + 0.05 * relief(directions, generator(3, 0))
 
 
 def three_one_one(directions: np.ndarray) -> np.ndarray:
     """An ellipsoid 3:1:1 with a relief of 2 %: without it, nobody could see it roll about x."""
     radii = 1.0 / np.linalg.norm(directions / [3.0, 1.0, 1.0], axis=1)
-    return radii * (1.0 + 0.02 * relief(directions))
+    return radii * (1.0 + 0.02 * relief(directions, generator(3, 0)))
 
 
 GENERATED = {

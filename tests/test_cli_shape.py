@@ -14,6 +14,7 @@ from plain_polyhedral_gravity import star_shaped
 from short_flights import kleopatra, obj_text
 
 from proxops.assets import asset_path
+from proxops.assets.random_bodies import random_body
 from proxops.cli.common import console
 from proxops.diagrams.new_body.body_setup import body_yaml, scaled_scenario
 from proxops.diagrams.new_body.shape_examination import examine
@@ -233,6 +234,11 @@ def test_what_cannot_be_mended_is_not_written(shape, tmp_path: Path) -> None:
             "must end in .yaml or .yml",
         ),
         (("rock.obj", "--out", "rock.obj"), "is a file, not a folder"),
+        ((), "give the mesh file, or --random"),
+        (("--random", "1"), "must be SEED:NUMBER"),
+        (("--random", "1:-2"), "must be SEED:NUMBER"),
+        (("rock.obj", "--random", "1:2"), "--random generates mesh, density and period"),
+        (("--random", "1:2", "--density", 2000), "--random generates mesh, density and period"),
     ],
 )
 def test_bad_input(shape, tmp_path: Path, arguments, complaint: str) -> None:
@@ -265,6 +271,28 @@ def test_body_file_from_a_plate_model(shape, tmp_path: Path) -> None:
     levels = np.sum((body.shape.vertices / body.keep_out_semi_axes) ** 2, axis=1)
     assert 0.999 < levels.max() < 1.0
     assert load_scenario(None, {"body": str(tmp_path / "bodies/rock.yaml")}).body
+
+
+def test_generated_body(shape, tmp_path: Path) -> None:
+    """Its files hold the body that Python generates, and its scenario has transits."""
+    code, out, err = shape("--random", "3:5", "--out", "rock", "--craft-mass", 40)
+    assert code == 0, err
+    made = random_body(3, 5)
+    files = {path.name for path in (tmp_path / "rock").iterdir()}
+    named = {"random-3-5.obj", "random-3-5.yaml"}
+    assert files == named | {"scenario.yaml", "shape.png", "shape.json"}
+    assert "random-3-5.obj" in out
+    assert f"Wrote rock/random-3-5.obj: a {made.kind}" in err
+    scenario = load_scenario(tmp_path / "rock/scenario.yaml")
+    body = load_body(scenario.body)
+    np.testing.assert_allclose(
+        body.shape.vertices, made.vertices, atol=1e-9 * np.ptp(made.vertices)
+    )
+    np.testing.assert_array_equal(body.shape.facets, made.facets)
+    assert body.gravity_field.density == pytest.approx(made.density_kg_m3, rel=1e-5)
+    assert body.config.rotation_period_h == made.rotation_period_h
+    assert scenario.spacecraft.mass_kg == 40.0
+    assert len(transit_set(10000, 2, scenario)) == 2
 
 
 def test_pictures_of_sound_and_broken_meshes() -> None:
