@@ -19,6 +19,7 @@ from proxops.diagrams.plots.plots import (
     plot_path,
     plot_ranges,
 )
+from proxops.diagrams.plots.room_plot import plot_room
 from proxops.diagrams.plots.surface_plots import plot_equilibria, plot_surface_maps
 from proxops.diagrams.plots.truth_plot import plot_truth
 
@@ -38,6 +39,7 @@ __all__ = [
     "plot_path",
     "plot_plan",
     "plot_ranges",
+    "plot_room",
     "plot_surface_maps",
     "plot_truth",
 ]
