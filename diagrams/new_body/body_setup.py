@@ -62,58 +62,77 @@ def scaled_scenario(body: Body, body_path: str, craft_mass_kg: float = 100.0) ->
     lengths = [b.keep_out_semi_axes.max() for b in (body, reference)]
     length = max(np.cbrt(volumes[0] / volumes[1]), lengths[0] / lengths[1])
     time = _rate(reference) / _rate(body)
-    speed, acceleration = length / time, length / time**2
-
-    def scaled(value: float, factor: float) -> float:
-        return float(f"{value * factor:.2g}")
-
-    clearance = scaled(given.transit.end_clearance_m, length)
+    clearance = _scaled(given.transit.end_clearance_m, length)
     hover = hover_map(body, craft_mass_kg, grow=clearance).forces.max()
-    similar = given.spacecraft.thrust_limit_n / given.spacecraft.mass_kg * acceleration
+    similar = given.spacecraft.thrust_limit_n / given.spacecraft.mass_kg * (length / time**2)
     thrust = max(craft_mass_kg * similar, hover / given.transit.max_hover_share)
-    force = thrust / given.spacecraft.thrust_limit_n
+    return scenario_in_proportion(body_path, craft_mass_kg, thrust, length, time)
+
+
+def scenario_in_proportion(
+    body_path: str, craft_mass_kg: float, thrust_n: float, length: float, time: float
+) -> Scenario:
+    """Multiplies the lengths, times and forces of the default scenario; rounds to two digits.
+
+    Args:
+      body_path: path of the body's YAML file, as the scenario is to name it.
+      craft_mass_kg: mass of the spacecraft.
+      thrust_n: its thrust limit; the force limits of the hybrid are in proportion to it.
+      length: factor of all lengths.
+      time: factor of all times; those of speeds and accelerations follow.
+
+    Raises:
+      InputError: a value is beyond its limits.
+    """
+    given = Scenario()
+    speed, acceleration = length / time, length / time**2
+    force = thrust_n / given.spacecraft.thrust_limit_n
     scenario = Scenario(
         body=body_path,
         spacecraft=SpacecraftConfig(
             mass_kg=craft_mass_kg,
-            thrust_limit_n=scaled(thrust, 1.0),
-            speed_limit_m_s=scaled(given.spacecraft.speed_limit_m_s, speed),
+            thrust_limit_n=_scaled(thrust_n, 1.0),
+            speed_limit_m_s=_scaled(given.spacecraft.speed_limit_m_s, speed),
         ),
         lidar=LidarConfig(
-            noise_std_m=scaled(given.lidar.noise_std_m, length),
-            max_range_m=scaled(given.lidar.max_range_m, length),
+            noise_std_m=_scaled(given.lidar.noise_std_m, length),
+            max_range_m=_scaled(given.lidar.max_range_m, length),
         ),
         mpc=MpcConfig(
-            nominal_acceleration_m_s2=scaled(given.mpc.nominal_acceleration_m_s2, acceleration),
-            min_horizon_s=scaled(given.mpc.min_horizon_s, time),
-            keep_out_margin_m=scaled(given.mpc.keep_out_margin_m, length),
+            nominal_acceleration_m_s2=_scaled(given.mpc.nominal_acceleration_m_s2, acceleration),
+            min_horizon_s=_scaled(given.mpc.min_horizon_s, time),
+            keep_out_margin_m=_scaled(given.mpc.keep_out_margin_m, length),
             weighted=WeightedCostConfig(
-                horizon_s=scaled(given.mpc.weighted.horizon_s, time),
-                position_error_m=scaled(given.mpc.weighted.position_error_m, length),
-                speed_error_m_s=scaled(given.mpc.weighted.speed_error_m_s, speed),
+                horizon_s=_scaled(given.mpc.weighted.horizon_s, time),
+                position_error_m=_scaled(given.mpc.weighted.position_error_m, length),
+                speed_error_m_s=_scaled(given.mpc.weighted.speed_error_m_s, speed),
             ),
         ),
         hybrid=HybridConfig(
-            epsilon_magnitude_n=scaled(given.hybrid.epsilon_magnitude_n, force),
-            dead_band_n=scaled(given.hybrid.dead_band_n, force),
+            epsilon_magnitude_n=_scaled(given.hybrid.epsilon_magnitude_n, force),
+            dead_band_n=_scaled(given.hybrid.dead_band_n, force),
         ),
-        truth=TruthConfig(surface_correlation_m=scaled(given.truth.surface_correlation_m, length)),
+        truth=TruthConfig(surface_correlation_m=_scaled(given.truth.surface_correlation_m, length)),
         transit=TransitConfig(
-            cube_m=scaled(given.transit.cube_m, length),
-            min_distance_m=scaled(given.transit.min_distance_m, length),
-            max_distance_m=scaled(given.transit.max_distance_m, length),
-            end_clearance_m=clearance,
+            cube_m=_scaled(given.transit.cube_m, length),
+            min_distance_m=_scaled(given.transit.min_distance_m, length),
+            max_distance_m=_scaled(given.transit.max_distance_m, length),
+            end_clearance_m=_scaled(given.transit.end_clearance_m, length),
         ),
         arrival=ArrivalConfig(
-            radius_m=scaled(given.arrival.radius_m, length),
-            speed_m_s=scaled(given.arrival.speed_m_s, speed),
-            dwell_s=scaled(given.arrival.dwell_s, time),
-            deadline_s=scaled(given.arrival.deadline_s, time),
+            radius_m=_scaled(given.arrival.radius_m, length),
+            speed_m_s=_scaled(given.arrival.speed_m_s, speed),
+            dwell_s=_scaled(given.arrival.dwell_s, time),
+            deadline_s=_scaled(given.arrival.deadline_s, time),
         ),
-        control_period_s=scaled(given.control_period_s, time),
+        control_period_s=_scaled(given.control_period_s, time),
     )
     check_scenario(scenario)
     return scenario
+
+
+def _scaled(value: float, factor: float) -> float:
+    return float(f"{value * factor:.2g}")
 
 
 def _rate(body: Body) -> float:

@@ -9,11 +9,11 @@ from proxops.training.data.collecting import collect
 from proxops.training.data.collection import collection_flights, learned_lidar_of
 from proxops.training.data.collection_report import histogram_rows, report_rows
 from proxops.training.data.flight_labels import label_flights, plans_along
-from proxops.training.data.label_files import Labels
+from proxops.training.data.label_files import Labels, joined_labels
 from proxops.training.data.normalisation import Normalisation
 from proxops.training.data.packed_flights import PackedFlight, PackedFlights, part_rows
 from proxops.training.data.packing import pack_flights
-from proxops.training.data.plans import expert_plans
+from proxops.training.data.plans import expert_plans, portion_labels, portions_of
 from proxops.training.data.recovery import MIXES, at_rest, kind_of, parse_mix
 from proxops.training.data.scaling import (
     Scaling,
@@ -38,6 +38,7 @@ __all__ = [
     "collection_flights",
     "expert_plans",
     "histogram_rows",
+    "joined_labels",
     "keep_out_of",
     "kind_of",
     "label_flights",
@@ -47,6 +48,8 @@ __all__ = [
     "part_of_transit",
     "part_rows",
     "plans_along",
+    "portion_labels",
+    "portions_of",
     "report_rows",
     "scaling_for",
     "scaling_of",

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses as dc
 import functools
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -75,12 +76,40 @@ def expert_plans(
     Raises:
       InputError: a file in the folder is damaged or holds other plans.
     """
-    make_folder(folder)
+    return joined_labels(portion_labels(portions_of(scenario, seed, transits), folder, workers))
+
+
+def portions_of(scenario: Scenario, seed: int, transits: int, name: str = "plans") -> list[Portion]:
+    """The transits 0 ... transits - 1 of a scenario and a seed, in portions.
+
+    Args:
+      scenario: in which they are flown.
+      seed: of the transits.
+      transits: number of transits.
+      name: with it begin the names of the portions' files, which must differ in a folder.
+    """
     text = dump_scenario(scenario)
-    portions = [
-        Portion(f"plans-{seed}-{first:06d}", text, seed, first, min(_PORTION, transits - first))
+    return [
+        Portion(f"{name}-{seed}-{first:06d}", text, seed, first, min(_PORTION, transits - first))
         for first in range(0, transits, _PORTION)
     ]
+
+
+def portion_labels(
+    portions: Sequence[Portion], folder: Path, workers: Workers = Workers()
+) -> list[Labels]:
+    """Labels of each portion; those that the folder does not hold yet are computed and kept there.
+
+    Args:
+      portions: of one scenario or of many.
+      folder: for one file of each.
+      workers: compute the plans, and report how many transits are ready.
+
+    Raises:
+      InputError: a file in the folder is damaged or holds other plans.
+    """
+    make_folder(folder)
+    transits = sum(portion.count for portion in portions)
     todo = [portion for portion in portions if not (folder / f"{portion.name}.npz").exists()]
     counts = {portion.name: portion.count for portion in todo}
     ready = transits - sum(counts.values())
@@ -89,9 +118,7 @@ def expert_plans(
     for name, _ in workers.results(todo, task):
         ready += counts[name]
         workers.progress(ready / transits, f"plans of transits, {ready} of {transits}")
-    return joined_labels(
-        [load_labels(folder / f"{portion.name}.npz", _origin(portion)) for portion in portions]
-    )
+    return [load_labels(folder / f"{portion.name}.npz", _origin(portion)) for portion in portions]
 
 
 def transit_plans(

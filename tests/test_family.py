@@ -1,0 +1,121 @@
+"""The family that the pilot for any body learns from: its scenarios and the expert's plans."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from short_flights import kleopatra
+
+from proxops.diagrams.flight import Workers
+from proxops.diagrams.scenario import Scenario, draw_transit, load_body
+from proxops.systems.common import InputError, derived_seed
+from proxops.systems.shapes import clearances
+from proxops.training.any_body.family import (
+    RANGES,
+    SpacecraftNumbers,
+    family_scenarios,
+    member_scenario,
+    spacecraft_numbers,
+    write_family,
+)
+from proxops.training.any_body.family_plans import family_plans
+from proxops.training.data import expert_plans
+
+SEED = 11
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("family")
+    write_family(folder, SEED, 2)
+    return folder
+
+
+def test_kleopatra_is_in_the_middle_of_the_ranges() -> None:
+    numbers = spacecraft_numbers(Scenario(), kleopatra())
+    low, high = RANGES
+    assert numbers.speed == pytest.approx(np.sqrt(low.speed * high.speed), rel=2e-3)
+    assert numbers.period == pytest.approx(np.sqrt(low.period * high.period), rel=2e-3)
+    assert low.hover_share < numbers.hover_share < high.hover_share
+    # Again from the values that the design gives: 40 m/s, 7 N, 100 kg, 10 s, 140 km.
+    assert numbers.speed == pytest.approx(40.0 / np.sqrt(140e3 * 0.07), rel=1e-12)
+    assert numbers.period == pytest.approx(10.0 / np.sqrt(140e3 / 0.07), rel=1e-12)
+
+
+@pytest.mark.parametrize("numbers", [*RANGES, SpacecraftNumbers(0.3, 0.2, 0.02)])
+def test_a_scenario_has_the_numbers_that_are_asked_for(numbers: SpacecraftNumbers) -> None:
+    body = kleopatra()
+    scenario = member_scenario(body, "kleopatra", numbers)
+    assert spacecraft_numbers(scenario, body) == pytest.approx(numbers, rel=1e-3)
+    # Hovering anywhere over the ellipsoid takes at most this share: here at random places.
+    random = np.random.default_rng(3)
+    places = random.standard_normal((400, 3))
+    places /= np.linalg.norm(places, axis=1, keepdims=True)
+    places *= body.keep_out_semi_axes + scenario.transit.end_clearance_m
+    apparent = body.gravity_field.evaluate(places).acceleration.copy()
+    apparent += body.spin_rate**2 * places * [1.0, 1.0, 0.0]
+    force = scenario.spacecraft.mass_kg * np.abs(apparent).max()
+    share = force / scenario.spacecraft.thrust_limit_n
+    assert 0.9 * numbers.hover_share < share < 1.01 * numbers.hover_share
+    # The MPC's and the hybrid's own numbers keep their proportion to the thrust.
+    given, craft = Scenario(), scenario.spacecraft
+    factor = craft.thrust_limit_n / given.spacecraft.thrust_limit_n
+    assert scenario.mpc.nominal_acceleration_m_s2 / 0.03 == pytest.approx(factor, rel=0.05)
+    assert scenario.hybrid.epsilon_magnitude_n / 1.0 == pytest.approx(factor, rel=0.05)
+    # Without a limit of speed, flights take as long as the thrust makes them.
+    assert (scenario.mpc.min_horizon_s / 300.0) ** 2 == pytest.approx(1.0 / factor, rel=0.1)
+
+
+def test_members_are_written_once_and_alike(folder: Path, tmp_path: Path) -> None:
+    paths = [folder / f"{SEED}-{number:05d}" / "scenario.yaml" for number in range(2)]
+    written = [path.stat().st_mtime_ns for path in paths]
+    before = {path.name: path.read_bytes() for path in paths[1].parent.iterdir()}
+    paths[1].unlink()
+    assert write_family(folder, SEED, 2) == paths
+    assert paths[0].stat().st_mtime_ns == written[0]
+    after = {path.name: path.read_bytes() for path in paths[1].parent.iterdir()}
+    assert after == before
+    assert set(after) == {"body.obj", "body.yaml", "scenario.yaml"}
+    with pytest.raises(InputError, match="holds no family"):
+        family_scenarios(tmp_path)
+
+
+def test_members_differ_and_have_transits(folder: Path) -> None:
+    scenarios = family_scenarios(folder)
+    bodies = [load_body(scenario.body) for scenario in scenarios]
+    assert [body.config.name for body in bodies] == [f"random-{SEED}-{k}" for k in range(2)]
+    numbers = [spacecraft_numbers(*pair) for pair in zip(scenarios, bodies, strict=True)]
+    assert numbers[0].hover_share != pytest.approx(numbers[1].hover_share, rel=1e-2)
+    for low, own, high in zip(RANGES[0], np.transpose(numbers), RANGES[1], strict=True):
+        assert low * 0.999 < own.min()
+        assert own.max() < high * 1.001
+    for scenario, body in zip(scenarios, bodies, strict=True):
+        for index in range(2):
+            draw_transit(1, index, scenario, body)
+
+
+def test_plans_of_all_members(folder: Path, tmp_path: Path) -> None:
+    scenarios = family_scenarios(folder)
+    told: list[str] = []
+    workers = Workers(1, progress=lambda _, text: told.append(text))
+    labels = family_plans(scenarios, 2, 4, tmp_path / "plans", workers)
+    assert told[-1] == "plans of transits, 4 of 4"
+    assert set(labels["member"].tolist()) == {0, 1}
+    for number, scenario in enumerate(scenarios):
+        own = labels["member"] == number
+        alone = expert_plans(
+            scenario, derived_seed(4, number), 2, tmp_path / f"{number}", Workers(1)
+        )
+        for key, values in alone.items():
+            np.testing.assert_array_equal(labels[key][own], values)
+        limit = scenario.spacecraft.thrust_limit_n
+        assert 0.5 * limit < np.abs(labels["force"][own]).max() <= limit * (1.0 + 1e-4)
+        axes = load_body(scenario.body).keep_out_semi_axes
+        outside = clearances(axes, labels["state"][own, :3]) > -0.01 * axes.max()
+        assert outside.mean() > 0.9
+    # A member that is added leaves the others as they are.
+    told.clear()
+    one = family_plans(scenarios[:1], 2, 4, tmp_path / "plans", workers)
+    assert told == ["plans of transits, 2 of 2"]
+    for key, values in one.items():
+        np.testing.assert_array_equal(labels[key][labels["member"] == 0], values)

@@ -1,0 +1,173 @@
+"""A family of generated bodies, each with a spacecraft of its own; written as scenario files."""
+
+from __future__ import annotations
+
+from importlib import metadata
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from proxops.assets.random_bodies import RandomBody, random_body
+from proxops.diagrams.new_body import (
+    Questions,
+    body_yaml,
+    examine,
+    hover_map,
+    scaled_scenario,
+    scenario_in_proportion,
+)
+from proxops.diagrams.scenario import (
+    Body,
+    Scenario,
+    change_scenario,
+    dump_scenario,
+    load_scenario,
+)
+from proxops.systems.common import InputError, derived_seed, generator, make_folder, write_whole
+from proxops.systems.shapes import MeshFile, mesh_bytes
+
+_STREAM = 8
+
+
+class SpacecraftNumbers(NamedTuple):
+    """What a spacecraft can do at a body, without units.
+
+    With L the longest semi-axis of the keep-out ellipsoid, and a the thrust limit per axis over the
+    mass.
+    """
+
+    hover_share: float
+    """Greatest force per axis that hovering over the keep-out ellipsoid takes, over the thrust
+    limit; the end clearance is added to each semi-axis."""
+    speed: float
+    """Speed limit over sqrt(L a)."""
+    period: float
+    """Control period over sqrt(L / a)."""
+
+
+# Kleopatra's numbers are 0.33, 0.404 and 0.00707. Members have hover shares around that one, the
+# 2.5th part to 2.5 times its speed and a third to three times its period, all log-uniform.
+RANGES: tuple[SpacecraftNumbers, SpacecraftNumbers] = (
+    SpacecraftNumbers(0.02, 0.404 / 2.5, 0.00707 / 3.0),
+    SpacecraftNumbers(0.8, 0.404 * 2.5, 0.00707 * 3.0),
+)
+"""The least and the greatest numbers of a family's members."""
+
+
+def write_family(folder: Path, seed: int, count: int) -> list[Path]:
+    """Writes the members 0 ... count - 1 of a family; gives the paths of their scenarios.
+
+    Each member has a folder SEED-NUMBER with body.obj, body.yaml and scenario.yaml. It is a
+    function of seed and number alone. Members that this version has written are not written again.
+
+    Args:
+      folder: of the family.
+      seed: of bodies and spacecraft.
+      count: number of members.
+    """
+    paths = []
+    for number in range(count):
+        path = folder / f"{seed}-{number:05d}" / "scenario.yaml"
+        first_line = f"# proxops {metadata.version('proxops')}, family {seed}, member {number}"
+        if not _begins_with(path, first_line):
+            _write_member(path, seed, number, first_line)
+        paths.append(path)
+    return paths
+
+
+def family_scenarios(folder: Path) -> list[Scenario]:
+    """Loads the scenarios that `write_family` wrote, in the order of seeds and numbers.
+
+    Raises:
+      InputError: there is none, or one cannot be read.
+    """
+    paths = sorted(folder.glob("*-*/scenario.yaml"), key=lambda path: _numbers(path.parent.name))
+    if not paths:
+        raise InputError(f"{folder} holds no family: write_family writes one")
+    return [load_scenario(path) for path in paths]
+
+
+def spacecraft_numbers(scenario: Scenario, body: Body) -> SpacecraftNumbers:
+    """Gives the dimensionless numbers of a scenario's spacecraft at its body."""
+    craft = scenario.spacecraft
+    forces = hover_map(body, craft.mass_kg, grow=scenario.transit.end_clearance_m).forces
+    length, acceleration = body.keep_out_semi_axes.max(), craft.thrust_limit_n / craft.mass_kg
+    return SpacecraftNumbers(
+        hover_share=float(forces.max() / craft.thrust_limit_n),
+        speed=float(craft.speed_limit_m_s / np.sqrt(length * acceleration)),
+        period=float(scenario.control_period_s / np.sqrt(length / acceleration)),
+    )
+
+
+def member_scenario(body: Body, body_path: str, numbers: SpacecraftNumbers) -> Scenario:
+    """A scenario at a body with a spacecraft of the given numbers.
+
+    Lengths are those of `scaled_scenario`. Times are in proportion to sqrt(length / acceleration),
+    with the thrust limit's acceleration. The deadline is later for a spacecraft that is slower than
+    Kleopatra's in this proportion.
+
+    Raises:
+      InputError: a value is beyond its limits.
+    """
+    given = Scenario()
+    similar = scaled_scenario(body, body_path)
+    mass = similar.spacecraft.mass_kg
+    length = similar.transit.cube_m / given.transit.cube_m
+    hover = hover_map(body, mass, grow=similar.transit.end_clearance_m).forces.max()
+    thrust = float(hover) / numbers.hover_share
+    acceleration, longest = thrust / mass, float(body.keep_out_semi_axes.max())
+    usual = given.spacecraft.thrust_limit_n / given.spacecraft.mass_kg
+    time = float(np.sqrt(length * usual / acceleration))
+    speed = numbers.speed * np.sqrt(longest * acceleration)
+    later = max(1.0, given.spacecraft.speed_limit_m_s * length / time / speed)
+    changes = {
+        "spacecraft.thrust_limit_n": thrust,
+        "spacecraft.speed_limit_m_s": speed,
+        "control_period_s": numbers.period * np.sqrt(longest / acceleration),
+        "arrival.deadline_s": given.arrival.deadline_s * time * later,
+    }
+    scenario = scenario_in_proportion(body_path, mass, thrust, length, time)
+    return change_scenario(scenario, {key: float(f"{v:.4g}") for key, v in changes.items()})
+
+
+def _drawn_numbers(seed: int, number: int) -> SpacecraftNumbers:
+    low, high = (np.array(each) for each in RANGES)
+    random = generator(derived_seed(seed, _STREAM), number)
+    drawn = low * (high / low) ** random.random(len(low))
+    return SpacecraftNumbers(*drawn.tolist())
+
+
+def _write_member(path: Path, seed: int, number: int, first_line: str) -> None:
+    """Writes the files of a member, its scenario last."""
+    made, folder = random_body(seed, number), path.parent
+    body = _examined(made)
+    body.config.mesh = "body.obj"
+    scenario = member_scenario(body, "body.yaml", _drawn_numbers(seed, number))
+    mesh = mesh_bytes(made.vertices, made.facets, ".obj", f"{made.name}, m: a {made.kind}")
+    text = body_yaml(body.config, f"A generated {made.kind}, {made.density_kg_m3:.6g} kg/m^3")
+    make_folder(folder)
+    write_whole(folder / "body.obj", lambda name: name.write_bytes(mesh))
+    write_whole(folder / "body.yaml", lambda name: name.write_text(text, encoding="utf-8"))
+    content = f"{first_line}\n{dump_scenario(scenario)}"
+    write_whole(path, lambda name: name.write_text(content, encoding="utf-8"))
+
+
+def _examined(made: RandomBody) -> Body:
+    file = MeshFile(made.vertices, made.facets, f"{made.name}.obj", "m", "OBJ")
+    asked = Questions(density_kg_m3=made.density_kg_m3, rotation_period_h=made.rotation_period_h)
+    body = examine(file, asked).body
+    if body is None:
+        raise InputError(f"{made.name} is not sound: take another seed")
+    return body
+
+
+def _begins_with(path: Path, line: str) -> bool:
+    if not path.is_file():
+        return False
+    with path.open(encoding="utf-8") as file:
+        return file.readline().rstrip("\n") == line
+
+
+def _numbers(name: str) -> tuple[int, ...]:
+    return tuple(int(part) for part in name.split("-") if part.isdigit())
