@@ -18,7 +18,7 @@ from proxops.training.any_body.family import (
     spacecraft_numbers,
     write_family,
 )
-from proxops.training.any_body.family_plans import family_plans
+from proxops.training.any_body.member_plans import family_plans
 from proxops.training.data import expert_plans
 
 SEED = 11
