@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import enum
 import json
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -19,7 +20,11 @@ from proxops.cli.common import (
     work_bar,
 )
 from proxops.diagrams.flight import Workers
-from proxops.systems.common import InputError
+from proxops.systems.common import InputError, Progress
+
+Training = Callable[[Path | None, Path, dict[str, Any], bool, int | None, Progress], dict[str, Any]]
+"""Trains on a folder of flights into another, with common settings, quickly or not, for so many
+epochs, and tells its progress; gives the report."""
 
 
 class Recipe(enum.StrEnum):
@@ -27,6 +32,7 @@ class Recipe(enum.StrEnum):
 
     PROXOPS = "proxops"
     PAPER = "paper"
+    ANY_BODY = "any-body"
 
 
 class Precision(enum.StrEnum):
@@ -38,16 +44,22 @@ class Precision(enum.StrEnum):
 
 
 def train_command(
-    data: Annotated[Path, typer.Argument(help="Folder that `proxops collect` wrote.")],
+    data: Annotated[
+        Path | None,
+        typer.Argument(help="Folder that `proxops collect` wrote; any-body needs none."),
+    ] = None,
     recipe: Annotated[
         Recipe,
-        typer.Option(help="proxops: our pilot; paper: the paper's CNN, LSTM and MLP."),
+        typer.Option(
+            help="proxops: our pilot, from lidar frames; paper: the paper's CNN, LSTM and MLP; "
+            "any-body: from the navigation's state, for a family of bodies."
+        ),
     ] = Recipe.PROXOPS,
     epochs: Annotated[
         int | None,
         typer.Option(
             min=1,
-            help="Greatest number of epochs (of our pilot's guidance). Default: 20; paper: 12.",
+            help="Greatest number of epochs (of our pilot's guidance). Default: 20; others: 12.",
         ),
     ] = None,
     minutes: Annotated[
@@ -75,9 +87,9 @@ def train_command(
     ] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Train a policy to predict the MPC's force from lidar frames and the goal.
+    """Train a policy to predict the MPC's force.
 
-    The command writes the policy, training curves, report.md, report.json and forces.png.
+    The command writes the policy, training curves, report.md and report.json.
     `proxops fly --controller policy:OUT/bundle` flies the policy. Run it again to continue after
     an interruption.
 
@@ -86,36 +98,94 @@ def train_command(
       proxops train out/full --out out/pilot
 
       proxops train out/paper --recipe paper --out out/paper-policy
+
+      proxops train --recipe any-body --out out/any-body
     """
     check_folder(out)
-    with training_extra():
-        # torch is slow to import.
-        from proxops.training.paper import PaperSettings, train_paper_policy
-        from proxops.training.pilot import PilotSettings, train_pilot
+    if minutes is not None and recipe != Recipe.PAPER:
+        raise InputError("--minutes needs --recipe paper: give --epochs or --quick")
+    if recipe == Recipe.ANY_BODY and data is not None:
+        raise InputError(f"--recipe any-body makes its own examples: leave out {data}")
+    if recipe == Recipe.PAPER:
+        train, show = _paper(minutes), print_report
+    elif recipe == Recipe.ANY_BODY:
+        train, show = _any_body(Workers(workers)), _print_any_body
+    else:
+        train, show = _pilot(Workers(workers)), print_report
+    # The networks of our recipes are small, so a CPU is as fast as any other device.
+    device = "cpu" if device == "auto" and recipe != Recipe.PAPER else device
+    common = {"seed": seed, "device": device, "precision": precision.value}
     with work_bar() as tell:
-        if recipe == Recipe.PAPER:
-            settings = PaperSettings(seed=seed, device=device, precision=precision.value)
-            settings = settings.quick() if quick else settings
-            schedule = replace(settings.schedule, minutes=minutes)
-            schedule = schedule if epochs is None else replace(schedule, epochs=epochs)
-            settings = replace(settings, schedule=schedule)
-            report = train_paper_policy(data, out, settings, tell)
-        else:
-            if minutes is not None:
-                raise InputError("--minutes needs --recipe paper: give --epochs or --quick")
-            # Its networks are small, so a CPU is as fast as any other device.
-            device = "cpu" if device == "auto" else device
-            settings = PilotSettings(seed=seed, device=device, precision=precision.value)
-            settings = settings.quick() if quick else settings
-            guidance = settings.guidance
-            guidance = guidance if epochs is None else replace(guidance, epochs=epochs)
-            settings = replace(settings, guidance=guidance)
-            report = train_pilot(data, out, settings, Workers(workers, progress=tell))
+        report = train(data, out, common, quick, epochs, tell)
     if as_json:
         typer.echo(json.dumps(report, indent=2))
     else:
-        print_report(report)
-    status.print(f"Wrote bundle, the trained policy, report.md, forces.png and curves in {out}")
+        show(report)
+    status.print(f"Wrote bundle, the trained policy, report.md and curves in {out}")
+
+
+def _given(data: Path | None) -> Path:
+    if data is None:
+        raise InputError("name the folder that `proxops collect` wrote")
+    return data
+
+
+def _paper(minutes: float | None) -> Training:
+    """The training by the paper's recipe."""
+    with training_extra():
+        # torch is slow to import.
+        from proxops.training.paper import PaperSettings, train_paper_policy
+
+    def train(data, out, common, quick, epochs, tell):
+        settings = PaperSettings(**common)
+        settings = settings.quick() if quick else settings
+        schedule = replace(settings.schedule, minutes=minutes)
+        schedule = schedule if epochs is None else replace(schedule, epochs=epochs)
+        return train_paper_policy(_given(data), out, replace(settings, schedule=schedule), tell)
+
+    return train
+
+
+def _pilot(workers: Workers) -> Training:
+    """The training of our pilot, from lidar frames to force."""
+    with training_extra():
+        from proxops.training.pilot import PilotSettings, train_pilot
+
+    def train(data, out, common, quick, epochs, tell):
+        settings = PilotSettings(**common)
+        settings = settings.quick() if quick else settings
+        guidance = settings.guidance
+        guidance = guidance if epochs is None else replace(guidance, epochs=epochs)
+        settings = replace(settings, guidance=guidance)
+        return train_pilot(_given(data), out, settings, workers.reporting(tell))
+
+    return train
+
+
+def _any_body(workers: Workers) -> Training:
+    """The training of the policy for any body."""
+    with training_extra():
+        from proxops.training.any_body import AnyBodySettings, train_any_body
+
+    def train(data, out, common, quick, epochs, tell):
+        settings = AnyBodySettings(**common)
+        settings = settings.quick() if quick else settings
+        schedule = settings.schedule
+        schedule = schedule if epochs is None else replace(schedule, epochs=epochs)
+        settings = replace(settings, schedule=schedule)
+        return train_any_body(out, settings, workers.reporting(tell))
+
+    return train
+
+
+def _print_any_body(report: dict[str, Any]) -> None:
+    run, errors = report["training"], report["force_errors"]
+    rows = [("epochs", str(run["epochs"])), ("CPU time", f"{run['cpu_s']:.0f} s")]
+    rows += [
+        (f"median error of the force, {part}", f"{row['median']:.1%}")
+        for part, row in errors.items()
+    ]
+    print_rows("policy by the any-body recipe; forces over the thrust limit", rows)
 
 
 def print_report(report: dict[str, Any]) -> None:

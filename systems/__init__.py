@@ -61,7 +61,15 @@ from proxops.systems.navigation import (
     MendedMap,
     NavigationPhase,
 )
-from proxops.systems.policy import NeuralPolicy, PolicyBundle, PolicyStatus, ProportionalDerivative
+from proxops.systems.policy import (
+    GuidanceBundle,
+    GuidancePolicy,
+    NeuralPolicy,
+    PolicyBundle,
+    PolicyStatus,
+    ProportionalDerivative,
+    Surroundings,
+)
 from proxops.systems.shapes import Polyhedron, RayCaster, RayFan
 from proxops.systems.vehicle import (
     ActualThrust,
@@ -102,6 +110,8 @@ __all__ = [
     "GateKind",
     "Gravity",
     "GravityField",
+    "GuidanceBundle",
+    "GuidancePolicy",
     "Horizon",
     "HybridSelector",
     "InputError",
@@ -139,6 +149,7 @@ __all__ = [
     "Spacecraft",
     "Spacecraft_",
     "StateNoise",
+    "Surroundings",
     "ThrusterErrors",
     "Thrusters",
     "TransitLimits",

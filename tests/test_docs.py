@@ -15,6 +15,7 @@ import torch
 from ball_lidar import write_ball_bundle
 from contact_binary import contact_binary
 from flight_folders import copy_flights
+from known_guidance import write_guidance
 from known_policies import RAYS, Counting, DeadReckoning, write_policy
 from pages import (
     BLOCKS,
@@ -32,6 +33,7 @@ from typer.main import get_command
 
 from proxops import systems
 from proxops.cli.main import app, main
+from proxops.diagrams.flight import surroundings
 from proxops.diagrams.flight.named_controllers import named_controller
 from proxops.diagrams.flight.simulation import fly
 from proxops.diagrams.flight.transit_diagram import make_transit_diagram
@@ -64,6 +66,9 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> dict[str, System]:
         systems.DelayedHold(10.0, 5.0, 3),
         systems.FrameDelay(RAYS, 2, 10.0),
         systems.LearnedLidar(write_ball_bundle(folder / "lidar")),
+        systems.GuidancePolicy(
+            write_guidance(folder / "guidance"), surroundings(everything, kleopatra()), 7.0
+        ),
         systems.NeuralPolicy(policy),
         systems.ProportionalDerivative(100.0, 7.0, 40.0),
         systems.UnexplainedAcceleration(),

@@ -37,6 +37,7 @@ from proxops.diagrams.flight.scenario_systems import (
     make_backup,
     make_mpc,
     make_navigation,
+    surroundings,
 )
 from proxops.diagrams.flight.simulation import fly
 from proxops.diagrams.flight.transit_diagram import make_transit_diagram
@@ -69,6 +70,7 @@ __all__ = [
     "run_campaign",
     "run_groups",
     "small_controller",
+    "surroundings",
     "transit_flights",
     "version_and_body",
 ]

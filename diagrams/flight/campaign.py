@@ -17,7 +17,7 @@ from pydrake.common.yaml import yaml_dump_typed
 
 from proxops.diagrams.flight.named_controllers import controller_source
 from proxops.diagrams.flight.parallel import Workers
-from proxops.diagrams.flight.scenario_systems import WITH_BUNDLE, bundle_of
+from proxops.diagrams.flight.scenario_systems import WITH_BUNDLE, bundle_of, policy_sha256
 from proxops.diagrams.flight.simulation import fly
 from proxops.diagrams.logs import FlightLog
 from proxops.diagrams.scenario import (
@@ -35,7 +35,6 @@ from proxops.diagrams.scenario import (
 )
 from proxops.systems.common import InputError, file_sha256, make_folder, write_whole
 from proxops.systems.lidar import LidarBundle
-from proxops.systems.policy import PolicyBundle
 
 # Greatest number of letters of a controller's name that a file's name contains.
 _LONGEST_LABEL = 60
@@ -87,7 +86,7 @@ def provenance(scenario: Scenario, body: Body, controller: str) -> str:
         origin += f", lidar {LidarBundle.load(scenario.lidar.bundle).sha256}"
     bundle = bundle_of(controller, scenario)
     if bundle is not None:
-        origin += f", policy {PolicyBundle.load(bundle).sha256}"
+        origin += f", policy {policy_sha256(bundle)}"
     source = controller_source(controller)
     if source is not None:
         origin += f", controller {hashlib.sha256(source.read_bytes()).hexdigest()}"

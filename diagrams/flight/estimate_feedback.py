@@ -6,7 +6,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, PortDataType
 
 from proxops.systems.common import InputError, LegendEntry, LoggedPort
 from proxops.systems.expert import ModelPredictiveController
-from proxops.systems.policy import NeuralPolicy, ProportionalDerivative
+from proxops.systems.policy import GuidancePolicy, NeuralPolicy, ProportionalDerivative
 
 
 class EstimateFeedback(Diagram):
@@ -27,7 +27,9 @@ class EstimateFeedback(Diagram):
     """
 
     def __init__(
-        self, policy: NeuralPolicy, controller: ProportionalDerivative | ModelPredictiveController
+        self,
+        policy: NeuralPolicy | GuidancePolicy,
+        controller: ProportionalDerivative | ModelPredictiveController,
     ):
         """Wires the policy to the controller.
 
@@ -35,7 +37,7 @@ class EstimateFeedback(Diagram):
           InputError: the policy makes no estimate.
         """
         super().__init__()
-        if not policy.bundle.estimates:
+        if isinstance(policy, GuidancePolicy) or not policy.bundle.estimates:
             raise InputError(
                 f"{policy.bundle.path} makes no estimate of the state, but the controller needs "
                 "one: fly it as a policy"

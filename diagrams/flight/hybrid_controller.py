@@ -15,6 +15,7 @@ from proxops.systems import (
     CheckSchedule,
     EnabledValue,
     GateKind,
+    GuidancePolicy,
     HybridSelector,
     InputError,
     ModelPredictiveController,
@@ -121,7 +122,7 @@ class HybridController(Diagram):
 
         Args:
           expert: the MPC that checks.
-          policy: a `NeuralPolicy`, or any system with an output port `force` (3).
+          policy: a learned policy, or any system with an output port `force` (3).
           selector: decides at each step which force acts.
           noise: is added to the state that the MPC and the selector get.
 
@@ -174,7 +175,7 @@ class HybridController(Diagram):
             builder.Connect(expert.GetOutputPort(name), asked.GetInputPort("value"))
             builder.ExportOutput(asked.GetOutputPort("value"), f"mpc_{name}")
         builder.ExportOutput(policy.GetOutputPort("force"), "policy_force")
-        if isinstance(policy, NeuralPolicy):
+        if isinstance(policy, (NeuralPolicy, GuidancePolicy)):
             for name, logged in policy.logged_ports().items():
                 if name != "policy_force":
                     builder.ExportOutput(logged.port, name)

@@ -23,6 +23,8 @@ from proxops.systems import (
     AssuranceLimits,
     BackupBraking,
     ErrorWeights,
+    GuidanceBundle,
+    GuidancePolicy,
     Horizon,
     InputError,
     LearnedLidar,
@@ -35,13 +37,16 @@ from proxops.systems import (
     NeuralPolicy,
     PlanarLidar,
     PointMassField,
+    PolicyBundle,
     Polyhedron,
     ProportionalDerivative,
+    Surroundings,
     TransitLimits,
     TransitProgram,
     WeightedProgram,
 )
 from proxops.systems.navigation import load_map
+from proxops.systems.policy import GUIDANCE_FILE
 
 # The navigation takes the lidar's noise for at least this share of the body's size, 2 m at
 # Kleopatra: its arithmetic begins with a position that is known to a few sizes.
@@ -116,20 +121,47 @@ def _scenario_bundle(scenario: Scenario) -> Path:
     return _SHIPPED_POLICY
 
 
-def make_policy(bundle: Path, scenario: Scenario, body: Body) -> NeuralPolicy:
+def make_policy(bundle: Path, scenario: Scenario, body: Body) -> NeuralPolicy | GuidancePolicy:
     """Makes the learned policy of a bundle's folder.
 
     Raises:
       InputError: the bundle does not exist, is damaged, or was made for another body, lidar or
-        control period.
+        control period, or for other proportions of body and spacecraft.
     """
+    thrust, period = scenario.spacecraft.thrust_limit_n, scenario.control_period_s
+    if (bundle / GUIDANCE_FILE).exists():
+        around = surroundings(scenario, body)
+        beyond = scenario.policy.beyond_family
+        return GuidancePolicy(bundle, around, thrust, beyond_family=beyond)
     return NeuralPolicy(
-        bundle,
-        scenario.spacecraft.thrust_limit_n,
-        scenario.control_period_s,
-        _lidar_geometry(scenario),
-        shape_sha256=body.shape.sha256,
+        bundle, thrust, period, _lidar_geometry(scenario), shape_sha256=body.shape.sha256
     )
+
+
+def surroundings(scenario: Scenario, body: Body) -> Surroundings:
+    """Gives what a guidance is told of body and spacecraft."""
+    craft, margin = scenario.spacecraft, scenario.policy.margin_m
+    if margin is None:
+        margin = scenario.mpc.keep_out_margin_m
+    return Surroundings(
+        body.gravity_field,
+        body.gravity_field.mass,
+        body.spin_rate,
+        body.keep_out_semi_axes + margin,
+        craft.thrust_limit_n / craft.mass_kg,
+        craft.speed_limit_m_s,
+        scenario.control_period_s,
+    )
+
+
+def policy_sha256(bundle: Path) -> str:
+    """Gives the hash that identifies a policy's bundle.
+
+    Raises:
+      InputError: there is no bundle in the folder, or it is damaged.
+    """
+    kind = GuidanceBundle if (bundle / GUIDANCE_FILE).exists() else PolicyBundle
+    return kind.load(bundle).sha256
 
 
 def make_proportional_derivative(scenario: Scenario) -> ProportionalDerivative:

@@ -1,12 +1,24 @@
 """Controllers besides the MPC: a learned policy and a PD controller.
 
-Start with `NeuralPolicy`, which runs an ONNX network once a control step, and `PolicyBundle`, the
-folder that holds the network and says what it was trained for. `ProportionalDerivative` is a simple
-controller to compare others with. PyTorch is not needed here. The names of the network's inputs
+Start with `GuidancePolicy`, which flies from state and goal at any body of a family, and
+`Surroundings`, all that it is told of the body. `NeuralPolicy` is end-to-end: from lidar frames to
+force, at one body. Their networks are in the folders of a `GuidanceBundle` and a `PolicyBundle`,
+which say what they were trained for. `ProportionalDerivative` is a simple controller to compare
+others with. PyTorch is not needed here. The names of the network's inputs
 and outputs (`POLICY_INPUTS`, `POLICY_OUTPUTS`) are the format of all bundles: change them and every
 bundle has to be trained again.
 """
 
+from proxops.systems.policy.guidance_bundle import (
+    GUIDANCE_FILE,
+    GUIDANCE_FORMAT,
+    GUIDANCE_INPUT,
+    GUIDANCE_OUTPUT,
+    GuidanceBundle,
+    check_guidance_network,
+    run_guidance,
+)
+from proxops.systems.policy.guidance_policy import GuidancePolicy
 from proxops.systems.policy.neural_policy import NeuralPolicy, PolicyStatus, policy_answer
 from proxops.systems.policy.policy_bundle import (
     POLICY_FILE,
@@ -18,17 +30,28 @@ from proxops.systems.policy.policy_bundle import (
     run_network,
 )
 from proxops.systems.policy.proportional_derivative import ProportionalDerivative
+from proxops.systems.policy.surroundings import INPUTS, Surroundings
 
 __all__ = [
+    "GUIDANCE_FILE",
+    "GUIDANCE_FORMAT",
+    "GUIDANCE_INPUT",
+    "GUIDANCE_OUTPUT",
+    "INPUTS",
     "POLICY_FILE",
     "POLICY_FORMAT",
     "POLICY_INPUTS",
     "POLICY_OUTPUTS",
+    "GuidanceBundle",
+    "GuidancePolicy",
     "NeuralPolicy",
     "PolicyBundle",
     "PolicyStatus",
     "ProportionalDerivative",
+    "Surroundings",
+    "check_guidance_network",
     "check_network",
     "policy_answer",
+    "run_guidance",
     "run_network",
 ]

@@ -1,10 +1,13 @@
-"""One pilot for any body: a family of bodies and spacecraft, and the expert's plans at all of them.
+"""One policy for any body: learned from the expert's plans at a family of generated bodies.
 
-Start with `write_family`, which generates the members: each is a body and a scenario. The module
-`family` has the ranges from which their spacecraft are drawn; `spacecraft_numbers` gives the same
-dimensionless numbers of any scenario. `family_plans` computes what the expert commands there.
+Start with `train_any_body` in `recipe`, which reads from top to bottom, then read `network`: a law
+of least effort that a network corrects. `write_family` generates the members, each a body and a
+scenario; `family` has the ranges from which their spacecraft are drawn. `family_plans` computes
+what the expert commands there.
 """
 
+from proxops.training.any_body.examples import Examples, examples_of, mirrored
+from proxops.training.any_body.export import export_guidance, ranges_of
 from proxops.training.any_body.family import (
     RANGES,
     SpacecraftNumbers,
@@ -13,12 +16,23 @@ from proxops.training.any_body.family import (
     write_family,
 )
 from proxops.training.any_body.member_plans import family_plans
+from proxops.training.any_body.network import AnyBodyGuidance
+from proxops.training.any_body.recipe import train_any_body
+from proxops.training.any_body.settings import AnyBodySettings
 
 __all__ = [
     "RANGES",
+    "AnyBodyGuidance",
+    "AnyBodySettings",
+    "Examples",
     "SpacecraftNumbers",
+    "examples_of",
+    "export_guidance",
     "family_plans",
     "family_scenarios",
+    "mirrored",
+    "ranges_of",
     "spacecraft_numbers",
+    "train_any_body",
     "write_family",
 ]

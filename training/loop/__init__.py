@@ -5,6 +5,7 @@ batches, schedule) and continues after a kill behind the last complete epoch. A 
 new task, not a new loop. The batches come from `TensorBatches` or `WindowBatches`.
 """
 
+from proxops.training.loop.losses import force_loss
 from proxops.training.loop.random_weights import seeded
 from proxops.training.loop.tensor_batches import TensorBatches
 from proxops.training.loop.training_history import Trained
@@ -19,6 +20,7 @@ __all__ = [
     "TrainingTask",
     "WindowBatches",
     "WindowDataset",
+    "force_loss",
     "frame_batches",
     "seeded",
     "train",

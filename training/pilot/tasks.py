@@ -15,6 +15,7 @@ from proxops.training.loop import (
     TensorBatches,
     TrainingTask,
     WindowDataset,
+    force_loss,
     frame_batches,
 )
 from proxops.training.pilot.coarse_position import CoarsePosition
@@ -35,12 +36,6 @@ _ROUNDED = (10.0, 100.0)
 # Unit of the layer's errors in m.
 _LAYER_UNIT = 1e3
 _FIRST_STEP_WEIGHT, _SURFACE_WEIGHT, _NORMAL_WEIGHT = 0.3, 0.1, 0.1
-# Errors of force over the thrust limit. Below the first, the loss is quadratic. Beyond the second,
-# which a hybrid's gate refuses, a greater error costs little more: it mostly shows that the expert
-# goes the other way around the body.
-_SMALL_FORCE, _TAKEN_FORCE = 0.1 / 7.0, 0.8 / 7.0
-# Weight of the error's length in the loss.
-_LENGTH_SHARE = 1.4
 # Units of the filter's errors in m and m/s, and the distance at which its fixes start in m.
 _FILTER_POSITION, _FILTER_SPEED = 20.0, 0.1
 _FIX_START = 30.0
@@ -186,17 +181,6 @@ def guidance_task(
     return TrainingTask(
         "guidance", guidance, loss, batches, held, schedule, identity, threads=1, keep_last=True
     )
-
-
-def force_loss(force: Tensor, wanted: Tensor, thrust_limit: float) -> Tensor:
-    """Mean loss of forces (N, 3): the length of their errors, and a square of it that saturates.
-
-    The saturating square is that of S. Geman and D. E. McClure, Statistical methods for tomographic
-    image reconstruction, Bulletin of the International Statistical Institute 52, 1987.
-    """
-    squared = ((force - wanted) / thrust_limit).square().sum(1)
-    length = (squared + _SMALL_FORCE**2).sqrt()
-    return (_LENGTH_SHARE * length + squared / (squared + _TAKEN_FORCE**2)).mean()
 
 
 @torch.no_grad()

@@ -1,0 +1,121 @@
+"""`GuidancePolicy`: a learned controller for any body of a family, from state and goal to force."""
+
+from __future__ import annotations
+
+import math
+import time
+from pathlib import Path
+
+import numpy as np
+from pydrake.common.value import AbstractValue
+from pydrake.systems.framework import LeafSystem, ValueProducer
+
+from proxops.systems.common import InputError, LoggedPort, check_positive
+from proxops.systems.policy.guidance_bundle import GuidanceBundle, run_guidance
+from proxops.systems.policy.neural_policy import NeuralPolicy, PolicyStatus
+from proxops.systems.policy.surroundings import Surroundings
+
+
+class GuidancePolicy(LeafSystem):
+    """Runs a guidance network once a control step, on one thread.
+
+    ```
+    state (6) ───►┌────────────────┐
+                  │ GuidancePolicy ├─► force (3), N
+    target (6) ──►│                ├─► record (2): wall time in s, PolicyStatus
+                  └────────────────┘
+    ```
+
+    All vectors are in K, in m, m/s and N. The network was trained for a family of bodies and
+    spacecraft, and is told the proportions of the one at hand, and the believed gravity: see
+    `Surroundings`. It brings the spacecraft to rest at the target's position; the target's velocity
+    is not used. The force is clipped to the thrust limit. If it is not finite, as without a state,
+    none is commanded.
+
+    The outputs depend on the inputs alone: there is no memory.
+    """
+
+    legend_entry = NeuralPolicy.legend_entry
+
+    def __init__(
+        self,
+        bundle: GuidanceBundle | str | Path,
+        surroundings: Surroundings,
+        thrust_limit: float,
+        *,
+        beyond_family: bool = False,
+    ):
+        """Takes a bundle that `proxops train --recipe any-body` made, and where it is to fly.
+
+        Args:
+          bundle: the bundle or its folder.
+          surroundings: the body and the spacecraft as believed.
+          thrust_limit: greatest force per axis in N.
+          beyond_family: fly although body or spacecraft lie outside of what it learned.
+
+        Raises:
+          InputError: there is no bundle, it is damaged, the limit is not positive, or body or
+            spacecraft lie outside of what it learned.
+        """
+        super().__init__()
+        check_positive("GuidancePolicy", thrust_limit=thrust_limit)
+        self.bundle = bundle if isinstance(bundle, GuidanceBundle) else GuidanceBundle.load(bundle)
+        self.surroundings, self.thrust_limit = surroundings, float(thrust_limit)
+        beyond = self.bundle.beyond(surroundings.numbers())
+        if beyond and not beyond_family:
+            raise InputError(
+                f"{self.bundle.path} did not learn to fly in such proportions: "
+                + "; ".join(beyond)
+                + ". Change the spacecraft or the control period, fly the MPC, or let it try with "
+                "policy.beyond_family=true"
+            )
+        self._state_port = self.DeclareVectorInputPort(name="state", size=6)
+        self._target_port = self.DeclareVectorInputPort(name="target", size=6)
+        # What depends on the goal alone is computed once for each goal.
+        self._goal = self.DeclareCacheEntry(
+            "goal",
+            ValueProducer(allocate=lambda: AbstractValue.Make(object()), calc=self._calc_goal),
+            {self._target_port.ticket()},
+        )
+        self._answer = self.DeclareCacheEntry(
+            "answer",
+            ValueProducer(allocate=lambda: AbstractValue.Make(object()), calc=self._calc_answer),
+            {self._state_port.ticket(), self._target_port.ticket()},
+        )
+        depends = {self._answer.ticket()}
+        self._force_port = self.DeclareVectorOutputPort(
+            name="force",
+            size=3,
+            calc=lambda context, output: output.SetFromVector(self._answer.Eval(context)[0]),
+            prerequisites_of_calc=depends,
+        )
+        self._record_port = self.DeclareVectorOutputPort(
+            name="record",
+            size=2,
+            calc=lambda context, output: output.SetFromVector(self._answer.Eval(context)[1:]),
+            prerequisites_of_calc=depends,
+        )
+
+    def logged_ports(self) -> dict[str, LoggedPort]:
+        """The ports whose values a log keeps, by the names of their columns."""
+        return {
+            "policy_force": LoggedPort(self._force_port),
+            "policy_record": LoggedPort(self._record_port),
+        }
+
+    def _calc_goal(self, context, value):
+        goals = self._target_port.Eval(context)[None, :3]
+        value.set_value((goals, self.surroundings.at_goal(goals)))
+
+    def _calc_answer(self, context, value):
+        state = self._state_port.Eval(context)
+        started = time.perf_counter()
+        force, status = np.zeros(3), PolicyStatus.NOT_FINITE
+        if all(map(math.isfinite, state)):
+            goals, constant = self._goal.Eval(context)
+            given = np.concatenate([self.surroundings.way(state[None], goals), constant], axis=1)
+            answer = run_guidance(self.bundle.session, given)
+            if all(map(math.isfinite, answer)):
+                limit = self.thrust_limit
+                force, status = np.clip(limit * answer, -limit, limit), PolicyStatus.ANSWERED
+        value.set_value((force, time.perf_counter() - started, status))

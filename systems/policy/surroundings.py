@@ -1,0 +1,122 @@
+"""`Surroundings`: what a guidance network is told of body and spacecraft, without dimensions."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from proxops.systems.common import check_positive
+from proxops.systems.gravity import GRAVITATIONAL_CONSTANT, Field
+
+# The unit of length is this share of the longest semi-axis, so that positions are about 1.
+_LENGTH_SHARE = 0.7
+INPUTS = 22
+"""Number of inputs of a guidance network: see `Surroundings.inputs`."""
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """What is believed of the body and the spacecraft, as far as the guidance depends on it.
+
+    Everything that the network sees is made without dimensions by a length L (0.7 of the longest
+    semi-axis), the greatest thrust acceleration per axis a, and sqrt(L a) for speeds. So two bodies
+    and spacecraft in the same proportions are one to it.
+    """
+
+    field: Field
+    """Gravity in K."""
+    mass: float
+    """Of the body, in kg."""
+    spin: float
+    """About z, in rad/s."""
+    semi_axes: np.ndarray
+    """(3,) in m, of the ellipsoid to stay out of, with all margins."""
+    acceleration: float
+    """Thrust limit per axis over the spacecraft's mass, in m/s^2."""
+    speed_limit: float
+    """Greatest speed per axis in K, in m/s."""
+    period: float
+    """Control period in s."""
+
+    def __post_init__(self):
+        """Checks the numbers.
+
+        Raises:
+          InputError: one is not positive or not finite.
+        """
+        check_positive(
+            "Surroundings",
+            acceleration=self.acceleration,
+            speed_limit=self.speed_limit,
+            period=self.period,
+            shortest_semi_axis=float(np.min(self.semi_axes)),
+            longest_semi_axis=float(np.max(self.semi_axes)),
+        )
+
+    @cached_property
+    def length(self) -> float:
+        """The unit of length L in m."""
+        return _LENGTH_SHARE * float(np.max(self.semi_axes))
+
+    @cached_property
+    def speed(self) -> float:
+        """The unit of speed sqrt(L a) in m/s."""
+        return math.sqrt(self.length * self.acceleration)
+
+    def numbers(self) -> dict[str, float]:
+        """All that is constant in a flight, by name: proportions of body and spacecraft.
+
+        `semi_axis_x`, `semi_axis_y`, `semi_axis_z` over L; `gravity`, G M / (L^2 a); `spin`, the
+        rate times sqrt(L / a); `speed_limit` over sqrt(L a); `period` over sqrt(L / a).
+        """
+        length, time = self.length, self.length / self.speed
+        x, y, z = (float(axis) / length for axis in self.semi_axes)
+        return {
+            "semi_axis_x": x,
+            "semi_axis_y": y,
+            "semi_axis_z": z,
+            "gravity": GRAVITATIONAL_CONSTANT * self.mass / (length**2 * self.acceleration),
+            "spin": abs(self.spin) * time,
+            "speed_limit": self.speed_limit / self.speed,
+            "period": self.period / time,
+        }
+
+    def inputs(self, states: np.ndarray, goals: np.ndarray) -> np.ndarray:
+        """What the network is given.
+
+        Args:
+          states: (N, 6) position and velocity in K, in m and m/s.
+          goals: (N, 3) positions in K in m, where the spacecraft is to rest.
+
+        Returns:
+          (N, 22) float32: position, velocity and goal, three numbers each; the acceleration without
+          thrust at the state, and at rest at the goal, over a; and `numbers`.
+        """
+        return np.concatenate([self.way(states, goals), self.at_goal(goals)], axis=1)
+
+    def way(self, states: np.ndarray, goals: np.ndarray) -> np.ndarray:
+        """The columns (N, 12) of `inputs` that change along the way; its arguments."""
+        positions, velocities = states[:, :3], states[:, 3:]
+        given = np.empty((len(states), 12), dtype=np.float32)
+        given[:, :3] = positions / self.length
+        given[:, 3:6] = velocities / self.speed
+        given[:, 6:9] = goals / self.length
+        given[:, 9:] = self._natural(positions, velocities) / self.acceleration
+        return given
+
+    def at_goal(self, goals: np.ndarray) -> np.ndarray:
+        """The columns (N, 10) of `inputs` that depend on goals (N, 3) alone."""
+        given = np.empty((len(goals), INPUTS - 12), dtype=np.float32)
+        given[:, :3] = self._natural(goals, np.zeros_like(goals)) / self.acceleration
+        given[:, 3:] = list(self.numbers().values())
+        return given
+
+    def _natural(self, positions: np.ndarray, velocities: np.ndarray) -> np.ndarray:
+        """Gravity, centrifugal and Coriolis acceleration (N, 3) in K in m/s^2."""
+        found = self.field.evaluate(positions).acceleration.copy()
+        found[:, 0] += self.spin**2 * positions[:, 0] + 2.0 * self.spin * velocities[:, 1]
+        found[:, 1] += self.spin**2 * positions[:, 1] - 2.0 * self.spin * velocities[:, 0]
+        return found

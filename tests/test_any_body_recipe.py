@@ -1,0 +1,68 @@
+"""The recipe for any body, small: it runs through, resumes, and its bundle flies at a member."""
+
+import dataclasses
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from short_flights import kleopatra
+
+from proxops.diagrams.flight import fly
+from proxops.diagrams.scenario import load_scenario
+from proxops.systems import GuidanceBundle, PointMassField, Surroundings
+from proxops.training.any_body import AnyBodySettings, examples_of, train_any_body
+from proxops.training.loop import Schedule
+
+SMALL = dataclasses.replace(
+    AnyBodySettings().quick(),
+    members=2,
+    held=1,
+    transits=2,
+    width=16,
+    schedule=Schedule(epochs=2, batch=64, learning_rate=2e-3, patience=2),
+)
+
+
+def test_examples_are_over_the_thrust_of_their_own_spacecraft() -> None:
+    axes = kleopatra().keep_out_semi_axes
+    members = [
+        Surroundings(PointMassField(mass), mass, 3e-4, axes, push, 40.0, 10.0)
+        for mass, push in ((3e18, 0.07), (1e18, 0.02))
+    ]
+    random = np.random.default_rng(1)
+    labels = {
+        "state": 1e5 * random.normal(size=(6, 6)),
+        "goal": 1e5 * random.normal(size=(6, 3)),
+        "force": random.normal(size=(6, 3)),
+        "member": np.array([1, 0, 1, 1, 0, 0]),
+    }
+    found = examples_of(labels, members, [100.0, 50.0])
+    for row in range(6):
+        k = labels["member"][row]
+        alone = members[k].inputs(labels["state"][row, None], labels["goal"][row, None])
+        np.testing.assert_array_equal(found.given[row].numpy(), alone[0])
+        limit = (7.0, 1.0)[k]
+        np.testing.assert_allclose(
+            found.force[row].numpy(), labels["force"][row] / limit, rtol=1e-6
+        )
+
+
+@pytest.mark.slow
+def test_from_nothing_to_a_flight(tmp_path: Path) -> None:
+    report = train_any_body(tmp_path, SMALL)
+    assert report == json.loads((tmp_path / "report.json").read_text())
+    assert report["training"]["epochs"] == 2
+    assert report["force_errors"]["held out"]["states"] > 10
+    bundle = GuidanceBundle.load(tmp_path / "bundle")
+    assert bundle.ranges["semi_axis_x"][1] == pytest.approx(1.0 / 0.7, rel=0.1)
+    weights = (tmp_path / "bundle/model.onnx").read_bytes()
+    # Once more: nothing is computed again, and the bundle is the same.
+    plans = {path: path.stat().st_mtime_ns for path in (tmp_path / "plans").glob("*.npz")}
+    train_any_body(tmp_path, SMALL)
+    assert plans == {path: path.stat().st_mtime_ns for path in plans}
+    assert (tmp_path / "bundle/model.onnx").read_bytes() == weights
+    path = next((tmp_path / "family").glob("*-00000/scenario.yaml"))
+    changes = {"arrival.deadline_s": 30.0 * load_scenario(path).control_period_s}
+    log = fly(load_scenario(path, changes), f"policy:{tmp_path / 'bundle'}")
+    assert np.isfinite(log.dataset["policy_force"].values[:-1]).all()

@@ -1,0 +1,156 @@
+"""The policy for any body: what it is told, what it refuses, and how it flies before it learns."""
+
+import dataclasses
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from contact_binary import contact_binary
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from known_guidance import write_guidance
+from short_flights import kleopatra, short_scenario
+
+from proxops.diagrams.flight import fly, surroundings
+from proxops.systems import (
+    GravityField,
+    GuidanceBundle,
+    GuidancePolicy,
+    InputError,
+    PointMassField,
+    Polyhedron,
+    Surroundings,
+)
+from proxops.training.any_body.examples import mirrored
+from proxops.training.any_body.network import AnyBodyGuidance
+
+AXES = np.array([140e3, 65e3, 64e3])
+
+
+def around(scale: float = 1.0, push: float = 0.07) -> Surroundings:
+    """Kleopatra's proportions as a point mass: all lengths times `scale`, at a thrust `push`."""
+    rate = np.sqrt(push / 0.07 / scale)
+    mass = 3e18 * scale**2 * push / 0.07
+    return Surroundings(
+        PointMassField(mass), mass, 3.2e-4 * rate, scale * AXES, push,
+        40.0 * scale * rate, 10.0 / rate,
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def bundle(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_guidance(tmp_path_factory.mktemp("guidance") / "bundle")
+
+
+@settings(deadline=None, max_examples=20)
+@given(st.floats(1e-3, 1e2), st.floats(1e-6, 1.0), st.integers(0, 99))
+def test_bodies_in_the_same_proportions_are_one(scale: float, push: float, seed: int) -> None:
+    random = np.random.default_rng(seed)
+    states, goals = random.normal(size=(4, 6)), random.normal(size=(4, 3))
+    sizes = np.r_[np.full(3, 2e5), np.full(3, 20.0)]
+    speed = np.sqrt(scale * push / 0.07)
+    factors = np.r_[np.full(3, scale), np.full(3, speed)]
+    mine = around().inputs(sizes * states, 2e5 * goals)
+    other = around(scale, push).inputs(factors * sizes * states, scale * 2e5 * goals)
+    np.testing.assert_allclose(other, mine, rtol=2e-6, atol=1e-7)
+
+
+def test_acceleration_without_thrust_is_that_of_a_turning_frame() -> None:
+    """By the cross products of the textbook; over the thrust acceleration."""
+    told, random = around(), np.random.default_rng(2)
+    states, goals = random.normal(size=(5, 6)) * 1e5, random.normal(size=(5, 3)) * 1e5
+    given_ = told.inputs(states, goals)
+    turn = np.array([0.0, 0.0, told.spin])
+    for row, state, goal in zip(given_, states, goals, strict=True):
+        for at, where, velocity in (
+            (slice(9, 12), state[:3], state[3:]),
+            (slice(12, 15), goal, np.zeros(3)),
+        ):
+            wanted = told.field.evaluate(where[None]).acceleration[0]
+            wanted = wanted - 2.0 * np.cross(turn, velocity)
+            wanted = wanted - np.cross(turn, np.cross(turn, where))
+            np.testing.assert_allclose(row[at], wanted / told.acceleration, rtol=1e-5)
+
+
+def test_a_mirrored_body_gives_mirrored_inputs() -> None:
+    mesh = contact_binary(250e3, 2)
+    signs = np.array([-1.0, -1.0, -1.0])  # Mirrored in the equator, and turned by half a turn.
+    other = Polyhedron(mesh.vertices * signs, mesh.faces[:, ::-1])
+    body = Polyhedron(mesh.vertices, mesh.faces)
+    random = np.random.default_rng(4)
+    states, goals = random.normal(size=(6, 6)) * 2e5, random.normal(size=(6, 3)) * 2e5
+    states[:, 3:] *= 1e-4
+    rows = []
+    for shape, flip in ((body, np.ones(3)), (other, signs)):
+        told = dataclasses.replace(around(), field=GravityField(shape, density=3000.0))
+        rows.append(told.inputs(states * np.tile(flip, 2), goals * flip))
+    flipped, _ = mirrored(
+        torch.from_numpy(rows[0]), torch.zeros(6, 3), torch.tensor(signs).float().expand(6, 3)
+    )
+    np.testing.assert_allclose(flipped.numpy(), rows[1], rtol=1e-5, atol=1e-6)
+
+
+def test_forces_are_those_of_the_network_within_the_limit(bundle: Path) -> None:
+    told = surroundings(short_scenario(), kleopatra())
+    system = GuidancePolicy(bundle, told, 7.0)
+    context = system.CreateDefaultContext()
+    network = AnyBodyGuidance(16)
+    torch.nn.init.zeros_(network.network[-1].weight)  # type: ignore[arg-type]
+    for state in ([160e3, 0.0, 0.0, 1.0, -2.0, 0.5], [160e3, 1e4, 0.0, 39.0, 0.0, 0.0]):
+        system.GetInputPort("state").FixValue(context, state)
+        system.GetInputPort("target").FixValue(context, [160e3, 8e3, 0.0, 0.0, 0.0, 0.0])
+        force = system.GetOutputPort("force").Eval(context)
+        row = told.inputs(np.array([state]), np.array([[160e3, 8e3, 0.0]]))
+        with torch.no_grad():
+            wanted = 7.0 * network(torch.from_numpy(row)).numpy()[0].clip(-1.0, 1.0)
+        np.testing.assert_allclose(force, wanted, atol=1e-4)
+    assert np.abs(force).max() == 7.0
+    system.GetInputPort("state").FixValue(context, np.full(6, np.nan))
+    np.testing.assert_array_equal(system.GetOutputPort("force").Eval(context), np.zeros(3))
+    assert system.GetOutputPort("record").Eval(context)[1] == 1
+
+
+def test_what_it_did_not_learn_is_refused_by_name(bundle: Path) -> None:
+    told = surroundings(short_scenario(), kleopatra())
+    weak = dataclasses.replace(told, acceleration=0.5 * told.acceleration)
+    with pytest.raises(InputError, match=r"gravity is .*, and it learned .*beyond_family"):
+        GuidancePolicy(bundle, weak, 3.5)
+    GuidancePolicy(bundle, weak, 3.5, beyond_family=True)
+    with pytest.raises(InputError, match="shortest_semi_axis"):
+        dataclasses.replace(told, semi_axes=np.array([1.0, 1.0, 0.0]))
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"ranges": {"spin": [1.0]}}, "no pairs"),
+        ({"ranges": {"spin": [2.0, 1.0]}}, "empty"),
+        ({"format": "other"}, "not of the format"),
+        ({"model_sha256": "0"}, "hash"),
+    ],
+)
+def test_damaged_bundles_are_refused(
+    bundle: Path, tmp_path: Path, change: dict, words: str
+) -> None:
+    for file in bundle.iterdir():
+        (tmp_path / file.name).write_bytes(file.read_bytes())
+    content = json.loads((tmp_path / "guidance.json").read_text())
+    (tmp_path / "guidance.json").write_text(json.dumps(content | change))
+    with pytest.raises(InputError, match=words):
+        GuidanceBundle.load(tmp_path)
+
+
+def test_the_law_alone_flies_a_short_way(bundle: Path) -> None:
+    """By name, in the hybrid too, and the log says which bundle flew."""
+    log = fly(short_scenario(), f"policy:{bundle}")
+    assert log.summary["success"]
+    assert log.summary["policy_sha256"] == GuidanceBundle.load(bundle).sha256
+    assert np.isfinite(log.dataset["policy_force"].values[:-1]).all()
+    hybrid = fly(
+        short_scenario(arrival__deadline_s=100.0, arrival__dwell_s=50.0), f"hybrid:{bundle}"
+    )
+    assert "mpc_force" in hybrid.dataset
+    with pytest.raises(InputError, match="no estimate"):
+        fly(short_scenario(), f"mpc:{bundle}")

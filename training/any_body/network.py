@@ -1,0 +1,96 @@
+"""`AnyBodyGuidance`: a law of least effort that a network corrects, for any body of a family."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor, nn
+
+from proxops.systems.policy import INPUTS
+
+# Scales of the network's inputs: position errors in the middle and in the near range, and slow
+# speeds, in the units of `Surroundings`.
+_NEAR_SCALES = (0.05, 0.003)
+_SLOW_SCALE = 0.025
+# Added to a distance, so that it is never 0.
+_LEAST_DISTANCE = 1e-5
+# The corrections of time and gains lie between 1/e and e.
+_GREATEST_LOG = 1.0
+# Times and accelerations that the law begins with, in the same units: at Kleopatra some 240 s and
+# 0.03 m/s^2.
+_LEAST_TIME, _ACCELERATION = 0.2, 0.43
+# Where the state, the goal, the natural accelerations and the constants are in a row of inputs.
+_PARTS = (3, 3, 3, 3, 3, 3, INPUTS - 18)
+_FEATURES = 37
+
+
+class AnyBodyGuidance(nn.Module):
+    """The law of least quadratic effort to rest at the goal in a time T, with learned corrections.
+
+    In the units of `Surroundings`, in which the thrust limit is 1, the law is::
+
+        F = 6 e / T^2 - 4 v / T - natural acceleration + correction
+
+    with e the vector to the goal and v the velocity. T is the time of rest-to-rest motion at an
+    acceleration that is learned. The network gets the row of inputs, and where the straight line to
+    the goal comes closest to the ellipsoid. It corrects T, both gains and the force, for all that
+    the law leaves out: gravity along the way, the way around the body, fuel and limits.
+    """
+
+    bends: Tensor
+
+    def __init__(self, width: int = 256):
+        """Takes the width of the network's layers."""
+        super().__init__()
+        bends = torch.tensor([*_NEAR_SCALES, _SLOW_SCALE]).repeat_interleave(3)
+        self.register_buffer("bends", bends)
+        self.log_least_time = nn.Parameter(torch.tensor(_LEAST_TIME).log())
+        self.log_acceleration = nn.Parameter(torch.tensor(_ACCELERATION).log())
+        self.network = nn.Sequential(
+            nn.Linear(INPUTS + _FEATURES, width), nn.SiLU(),
+            nn.Linear(width, width), nn.SiLU(),
+            nn.Linear(width, width), nn.SiLU(),
+            nn.Linear(width, 6),
+        )  # fmt: skip
+        last = self.network[-1]
+        assert isinstance(last, nn.Linear)
+        with torch.no_grad():
+            last.weight.mul_(0.1)
+            last.bias.zero_()
+
+    def forward(self, given: Tensor) -> Tensor:
+        """Forces (B, 3) over the thrust limit, without limits, for rows (B, 22) of inputs."""
+        position, velocity, goal, natural, _, axes, _ = given.split(_PARTS, dim=1)
+        away = goal - position
+        features, distance = self._features(position, velocity, away, axes)
+        thrust, logs = self.network(torch.cat([given, features], dim=1)).split(3, dim=1)
+        scales = torch.exp(logs.clamp(-_GREATEST_LOG, _GREATEST_LOG))
+        scale_time, scale_error, scale_speed = scales.split(1, dim=1)
+        distance = distance + _LEAST_DISTANCE
+        closing = torch.relu((away * velocity).sum(1, keepdim=True) / distance)
+        a = torch.exp(self.log_acceleration)
+        q = closing**2 / (a * distance)
+        share = (q + torch.sqrt(q * (q + 9.0) + 1e-9)) / 9.0
+        squared = 4.0 * scale_time**2 * distance / (a * (1.0 + 2.0 * share))
+        squared = squared + torch.exp(2.0 * self.log_least_time)
+        law = 6.0 * scale_error * away / squared - 4.0 * scale_speed * velocity / squared.sqrt()
+        return law - natural + thrust
+
+    def _features(self, p: Tensor, v: Tensor, e: Tensor, axes: Tensor) -> tuple[Tensor, Tensor]:
+        """What is computed from the inputs for the network (B, 37), and the distance (B, 1)."""
+        distance, speed = e.norm(dim=1, keepdim=True), v.norm(dim=1, keepdim=True)
+        bent = torch.asinh(torch.cat([e, e, v], dim=1) / self.bends)
+        unit = [e / (distance + 1e-3), v / (speed + 2.5e-3)]
+        # The point where the straight line comes closest, in coordinates in which the ellipsoid is
+        # a ball.
+        here, way = p / axes, e / axes
+        share = -(here * way).sum(1, keepdim=True) / ((way * way).sum(1, keepdim=True) + 1e-4)
+        share = share.clamp(0.0, 1.0)
+        closest = here + share * way
+        depth, level = closest.norm(dim=1, keepdim=True), here.norm(dim=1, keepdim=True)
+        up, out = here / (level + 1e-3), closest / (depth + 0.05)
+        rising = (v / axes * up).sum(1, keepdim=True)
+        above = (level - 1.0).clamp(min=0.005)
+        logs = torch.log(torch.cat([10.0 * distance + 0.01, speed + 1.25e-3, above], 1))
+        round_it = [up, out, 3.0 * torch.relu(1.3 - depth) * out, share, depth, rising]
+        round_it += [5.0 * torch.relu(1.2 - depth), here, 2.0 * e]
+        return torch.cat([bent, *unit, logs, *round_it], dim=1), distance

@@ -1,0 +1,190 @@
+"""The recipe for any body: from the expert's plans at a family of bodies to a bundle that flies."""
+
+from __future__ import annotations
+
+import dataclasses as dc
+import hashlib
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+
+from proxops.diagrams.flight import Workers, surroundings
+from proxops.diagrams.scenario import load_body, load_scenario
+from proxops.systems.common import write_whole
+from proxops.training.any_body.examples import Examples, examples_of, mirrored
+from proxops.training.any_body.export import export_guidance, ranges_of
+from proxops.training.any_body.family import write_family
+from proxops.training.any_body.member_plans import family_plans
+from proxops.training.any_body.network import AnyBodyGuidance
+from proxops.training.any_body.settings import AnyBodySettings
+from proxops.training.data import Labels
+from proxops.training.loop import (
+    TensorBatches,
+    Trained,
+    TrainingTask,
+    force_loss,
+    seeded,
+    train,
+)
+from proxops.training.reports import Section, Table, Text, markdown_page
+
+# Shares of the whole work at which the family is written, and its plans are computed.
+_WRITTEN, _PLANNED = 0.05, 0.7
+_FAMILY_SEED, _PLANS_SEED = 1, 1
+# Number of examples on which the exported network is compared with the trained one.
+_COMPARED = 64
+
+
+def train_any_body(
+    out: Path, settings: AnyBodySettings, workers: Workers = Workers()
+) -> dict[str, Any]:
+    """Trains a guidance for any body; writes and returns the report.
+
+    Writes family/ (bodies and scenarios), plans/, guidance.ckpt, curves/, report.json, report.md,
+    and bundle/, which flies, to `out`. After a kill it continues behind the last complete epoch,
+    and computes only the plans that are missing.
+
+    Args:
+      workers: compute the plans, and report the progress.
+
+    Raises:
+      InputError: see `family_plans` and `train`.
+    """
+    progress = workers.progress
+    progress(0.0, "making bodies")
+    paths = write_family(out / "family", _FAMILY_SEED, settings.members)
+    scenarios = [load_scenario(path) for path in paths]
+    members = [surroundings(each, load_body(each.body)) for each in scenarios]
+    masses = [each.spacecraft.mass_kg for each in scenarios]
+    labels = family_plans(
+        scenarios, settings.transits, _PLANS_SEED, out / "plans",
+        workers.part(_WRITTEN, _PLANNED),
+    )  # fmt: skip
+    examples = examples_of(labels, members, masses)
+    data = _sha256(examples)
+    held = labels["member"] >= settings.members - settings.held
+    with seeded(settings.seed):
+        network = AnyBodyGuidance(settings.width)
+    parts = [Examples(*(column[rows] for column in examples)) for rows in (~held, held)]
+    task = guidance_task(network, *parts, settings, f"proxops any-body, data {data}")
+    options: Any = {"device": settings.device, "precision": settings.precision}
+    trained = train(
+        task, out, settings.seed, progress=workers.part(_PLANNED, 1.0).progress, **options
+    )
+    network = network.cpu().eval()
+    ranges = ranges_of(members[: settings.members - settings.held])
+    report = _report(settings, labels, trained, parts, network, data)
+    text = _page(report, ranges)
+    export_guidance(network, out / "bundle", examples.given[:: max(1, len(held) // _COMPARED)],
+                    ranges, report, text)  # fmt: skip
+    write_whole(out / "report.json", lambda path: path.write_text(json.dumps(report, indent=2)))
+    write_whole(out / "report.md", lambda path: path.write_text(text, encoding="utf-8"))
+    progress(1.0, "done")
+    return report
+
+
+def guidance_task(
+    network: AnyBodyGuidance,
+    training: Examples,
+    validation: Examples,
+    settings: AnyBodySettings,
+    identity: str,
+) -> TrainingTask:
+    """The guidance learns the expert's forces, at the bodies and at mirrored and turned ones.
+
+    The last epoch is kept: see the pilot's `guidance_task`.
+    """
+
+    def loss(network: nn.Module, batch: tuple[Tensor, ...]) -> Tensor:
+        given, force = batch
+        if network.training:
+            turn, mirror = (2.0 * (torch.rand(len(given), 1) < 0.5).to(given) - 1.0 for _ in "ab")
+            given, force = mirrored(given, force, torch.cat([turn, turn, mirror], dim=1))
+        return force_loss(network(given), force, 1.0)
+
+    schedule = settings.schedule
+    batches = TensorBatches(training, schedule.batch, shuffle=True, seed=settings.seed)
+    held = TensorBatches(validation, 8192)
+    text = f"{identity}, {settings}"
+    return TrainingTask(
+        "guidance", network, loss, batches, held, schedule, text, threads=1, keep_last=True
+    )
+
+
+def _sha256(examples: Examples) -> str:
+    """Hash of all that a guidance learns from."""
+    data = hashlib.sha256()
+    for column in examples:
+        data.update(column.numpy().tobytes())
+    return data.hexdigest()
+
+
+@torch.no_grad()
+def _report(
+    settings: AnyBodySettings,
+    labels: Labels,
+    trained: Trained,
+    parts: Sequence[Examples],
+    network: AnyBodyGuidance,
+    data: str,
+) -> dict[str, Any]:
+    last = trained.history[-1]
+    errors = {}
+    for name, part in zip(("training", "held out"), parts, strict=True):
+        off = torch.cat([network(rows).clamp(-1.0, 1.0) for rows in part.given.split(8192)])
+        off = (off - part.force).norm(dim=1)
+        errors[name] = {
+            "states": len(off),
+            "rms": float(off.square().mean().sqrt()),
+            "median": float(off.median()),
+        }
+    return {
+        "recipe": "any-body",
+        "data_sha256": data,
+        "settings": dc.asdict(settings),
+        "parameters": sum(weights.numel() for weights in network.parameters()),
+        "plans": len(labels["member"]),
+        "training": {
+            "epochs": len(trained.history),
+            "training_loss": last["training_loss"],
+            "validation_loss": last["validation_loss"],
+            "cpu_s": trained.cpu_s,
+        },
+        "force_errors": errors,
+    }
+
+
+def _page(report: dict[str, Any], ranges: dict[str, list[float]]) -> str:
+    """The text of the report for people."""
+    run = report["training"]
+    errors = [
+        [name, str(row["states"]), f"{row['rms']:.3f}", f"{row['median']:.3f}"]
+        for name, row in report["force_errors"].items()
+    ]
+    family = [[name, f"{low:.3g}", f"{high:.3g}"] for name, (low, high) in ranges.items()]
+    sections = [
+        Section(
+            "Training",
+            [
+                Text(
+                    f"{run['epochs']} epochs, {run['cpu_s']:.0f} s of processor time, loss "
+                    f"{run['training_loss']:.4f}, and {run['validation_loss']:.4f} at the bodies "
+                    "that were held out."
+                ),
+                Text("Errors of the force over the thrust limit:"),
+                Table(["", "states", "rms", "median"], errors),
+            ],
+        ),
+        Section(
+            "What it learned",
+            [
+                Text("It refuses to fly where one of these lies outside its range."),
+                Table(["proportion", "least", "greatest"], family),
+            ],
+        ),
+    ]
+    return markdown_page("A guidance for any body", sections)
