@@ -21,7 +21,7 @@ _SAFETY_FILTER = LegendEntry("safety filter", (0.93, 0.35, 0.95))
 _LONGEST_NAME = 200
 _REASONS = {
     InterventionReason.THRUST_LIMIT: ("more than the thrusters can give", (0.54, 0.56, 0.61)),
-    InterventionReason.SPEED_LIMIT: ("it might exceed the speed limit", (0.85, 0.50, 0.05)),
+    InterventionReason.SPEED_LIMIT: ("an axis might become too fast", (0.85, 0.50, 0.05)),
     InterventionReason.KEEP_OUT: ("after it, braking might be too late", (0.80, 0.25, 0.25)),
     InterventionReason.BACKUP: ("nothing else was found safe: full braking", (0.50, 0.30, 0.85)),
 }
