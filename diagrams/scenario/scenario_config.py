@@ -208,7 +208,8 @@ class AssuranceBoundsConfig:
 class AssuranceConfig:
     """The safety filter that keeps any controller out of the keep-out ellipsoid.
 
-    See `proxops.systems.RuntimeAssurance`. The filter does not know of the scenario's `truth`.
+    See `proxops.systems.RuntimeAssurance`. Of the scenario's `truth` the filter knows no more
+    than these bounds.
     """
 
     # The errors for which it does so. Either their values, or the name of dispersions that ship
