@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 
@@ -69,15 +70,15 @@ def train_any_body(
     held = labels["member"] >= settings.members - settings.held
     with seeded(settings.seed):
         network = AnyBodyGuidance(settings.width)
-    parts = [Examples(*(column[rows] for column in examples)) for rows in (~held, held)]
-    task = guidance_task(network, *parts, settings, f"proxops any-body, data {data}")
+    learned, unseen = (_rows(examples, chosen) for chosen in (~held, held))
+    task = guidance_task(network, learned, unseen, settings, f"proxops any-body, data {data}")
     options: Any = {"device": settings.device, "precision": settings.precision}
     trained = train(
         task, out, settings.seed, progress=workers.part(_PLANNED, 1.0).progress, **options
     )
     network = network.cpu().eval()
     ranges = ranges_of(members[: settings.members - settings.held])
-    report = _report(settings, labels, trained, parts, network, data)
+    report = _report(settings, labels, trained, (learned, unseen), network, data)
     text = _page(report, ranges)
     export_guidance(network, out / "bundle", examples.given[:: max(1, len(held) // _COMPARED)],
                     ranges, report, text)  # fmt: skip
@@ -113,6 +114,12 @@ def guidance_task(
     return TrainingTask(
         "guidance", network, loss, batches, held, schedule, text, threads=1, keep_last=True
     )
+
+
+def _rows(examples: Examples, chosen: np.ndarray) -> Examples:
+    """The examples that a mask (N,) chooses."""
+    rows = torch.from_numpy(np.flatnonzero(chosen))
+    return Examples(*(column[rows] for column in examples))
 
 
 def _sha256(examples: Examples) -> str:
