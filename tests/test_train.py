@@ -146,6 +146,9 @@ def test_quick_command_writes_all_that_it_says(
         (["nowhere"], "holds no flight logs"),
         (["nowhere", "--device", "abacus", "--epochs", "0"], "epochs"),
         (["nowhere", "--recipe", "soup"], "recipe"),
+        ([], "name the folder"),
+        (["nowhere", "--recipe", "any-body"], "leave out nowhere"),
+        (["--recipe", "any-body", "--minutes", "3"], "--minutes needs --recipe paper"),
     ],
 )
 def test_senseless_calls_are_refused(

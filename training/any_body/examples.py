@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from proxops.systems.policy import Surroundings
+from proxops.systems.policy import INPUTS, Surroundings
 from proxops.training.data import Labels
 
 # Vectors of a row of inputs: state, goal, and both natural accelerations.
@@ -32,21 +32,14 @@ def examples_of(labels: Labels, members: Sequence[Surroundings], mass: Sequence[
       labels: with the column `member` (N,), an index.
       members: surroundings of each member. mass: of each member's spacecraft in kg.
     """
-    given = np.empty((len(labels["member"]), 0), dtype=np.float32)
-    force = np.empty((len(labels["member"]), 3), dtype=np.float32)
+    count = len(labels["member"])
+    given = np.empty((count, INPUTS), dtype=np.float32)
+    force = np.empty((count, 3), dtype=np.float32)
     for k, around in enumerate(members):
         rows = np.flatnonzero(labels["member"] == k)
-        inputs = around.inputs(labels["state"][rows], labels["goal"][rows])
-        if not given.size:
-            given = np.empty((len(force), inputs.shape[1]), dtype=np.float32)
-        given[rows] = inputs
+        given[rows] = around.inputs(labels["state"][rows], labels["goal"][rows])
         force[rows] = labels["force"][rows] / (mass[k] * around.acceleration)
     return Examples(torch.from_numpy(given), torch.from_numpy(force))
-
-
-def joined(parts: Sequence[Examples]) -> Examples:
-    """Joins examples."""
-    return Examples(*(torch.cat(column) for column in zip(*parts, strict=True)))
 
 
 def mirrored(given: Tensor, force: Tensor, signs: Tensor) -> tuple[Tensor, Tensor]:
