@@ -177,6 +177,25 @@ def test_filter_tells_margin_reason_and_bounds(log: FlightLog, tmp_path: Path) -
     np.testing.assert_allclose(np.array(spans, dtype=float), expected, atol=0.06)
 
 
+@pytest.mark.parametrize("steps", [0, 3])
+def test_strange_margins_and_reasons(steps: int, tmp_path: Path) -> None:
+    plain = synthetic_log(steps, ranges=False)
+    strange = {
+        "intervention": np.full(steps + 1, np.nan),
+        "intervention_reason": np.array([77.0, np.nan, -1.0, np.inf])[: steps + 1],
+        "assurance_margin": np.array([np.inf, np.nan, -1e300, 1e300])[: steps + 1],
+    }
+    columns = {name: ("time", values) for name, values in strange.items()}
+    log = FlightLog(plain.dataset.assign(columns), plain.body)
+    replay.write_replay(log, tmp_path / "replay.html")
+    page = (tmp_path / "replay.html").read_text(encoding="utf-8")
+    assert set(known(page)["assurance"]["reason"]) == {0}
+    assert "<rect" not in page
+    (points,) = re.findall(r'polyline points="([^"]*)"', page)
+    assert "inf" not in points
+    assert "nan" not in points
+
+
 def test_views_fit_body_and_path(log: FlightLog) -> None:
     """Everything lies within the picture's height, of 40 degrees, whatever the view."""
     positions = log.dataset["state"].values[:, :3]

@@ -166,8 +166,8 @@ _PAGE = """
 })();
 </script>
 """
-# Length in m up to which the curve of margins is linear, and the deepest that it shows.
-_NEAR, _DEEPEST = 200.0, 2e3
+# Length in m up to which the curve of margins is linear, and the deepest and highest that it shows.
+_NEAR, _DEEPEST, _HIGHEST = 200.0, 2e3, 1e9
 _PASSES = "#ffffff"
 # A list of what differs that has more lines is shown when it is asked for.
 _MOST_OPEN = 8
@@ -282,8 +282,10 @@ def _assurance(log: FlightLog) -> dict[str, Any] | None:
 
 
 def _reasons(log: FlightLog) -> np.ndarray:
-    """Gives the `InterventionReason` (N,) of each row as whole numbers."""
-    return np.nan_to_num(log.dataset["intervention_reason"].values).astype(int)
+    """Gives the `InterventionReason` (N,) of each row as whole numbers; an unknown one is NONE."""
+    codes = log.dataset["intervention_reason"].values
+    known = np.isin(codes, list(InterventionReason))
+    return np.where(known, codes, InterventionReason.NONE).astype(int)
 
 
 def _margin_curve(log: FlightLog) -> str:
@@ -297,7 +299,7 @@ def _margin_curve(log: FlightLog) -> str:
         return ""
     times, margins = data["time"].values, data["assurance_margin"].values
     left = 1e3 * (times - times[0]) / max(float(times[-1] - times[0]), 1e-9)
-    scaled = np.arcsinh(np.clip(margins, -_DEEPEST, None) / _NEAR)
+    scaled = np.arcsinh(np.clip(margins, -_DEEPEST, _HIGHEST) / _NEAR)
     least, most = (float(end) for end in np.nanpercentile([-1.0, 1.0, *scaled], [0, 100]))
     up = 100.0 * (most - scaled) / (most - least)
     zero = 100.0 * most / (most - least)
@@ -307,7 +309,7 @@ def _margin_curve(log: FlightLog) -> str:
         f'<rect x="{left[begin]:.1f}" width="{left[end] - left[begin]:.1f}" height="100" '
         f'fill="{_code(REASONS[InterventionReason(reasons[begin])].colour)}" opacity="0.5"/>'
         for begin, end in itertools.pairwise(ends)
-        if reasons[begin]
+        if reasons[begin:end].any()
     ]
     points = " ".join(f"{x:.1f},{y:.1f}" for x, y in zip(left, up, strict=True) if np.isfinite(y))
     return (
