@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import torch
 import trimesh
+from exported_once import exported_once
 from torch import Tensor, nn
 
 from proxops.systems import Polyhedron, ray_directions
@@ -76,16 +77,34 @@ def chord_ends() -> np.ndarray:
     return fan.chords(np.array([[150e3, 20e3, 10e3], [-90e3, 90e3, -80e3]])).ends
 
 
-def write_ball_bundle(folder: Path, rays: int = 360, shape_sha256: str = "") -> Path:
+def export_ball_bundle(folder: Path, rays: int = 360, shape_sha256: str = "") -> Path:
     """A bundle in `folder`, for 12 planes of `rays`, as if trained on a body of that shape."""
     facts = ball_facts(rays, shape_sha256)
     write_bundle(folder, BallNetwork(), facts, ELLIPSOID, chord_ends())
     return folder
 
 
-def write_ball_frame_bundle(folder: Path, rays: int = 360, shape_sha256: str = "") -> Path:
+def export_ball_frame_bundle(folder: Path, rays: int = 360, shape_sha256: str = "") -> Path:
     """The same of the paper's kind, whose ranges are in km."""
     positions = np.array([[150e3, 20e3, 10e3], [-90e3, 90e3, -80e3]])
     facts = ball_facts(rays, shape_sha256)
     write_frame_bundle(folder, BallFrameNetwork(rays), facts, 1e3, positions)
     return folder
+
+
+def write_ball_bundle(folder: Path, shape_sha256: str = "") -> Path:
+    """A copy of what `export_ball_bundle` makes."""
+
+    def export(bundle: Path) -> None:
+        export_ball_bundle(bundle, shape_sha256=shape_sha256)
+
+    return exported_once(folder, ("ball", shape_sha256), export)
+
+
+def write_ball_frame_bundle(folder: Path, shape_sha256: str = "") -> Path:
+    """A copy of what `export_ball_frame_bundle` makes."""
+
+    def export(bundle: Path) -> None:
+        export_ball_frame_bundle(bundle, shape_sha256=shape_sha256)
+
+    return exported_once(folder, ("ball frame", shape_sha256), export)

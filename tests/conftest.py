@@ -3,6 +3,8 @@
 import os
 import signal
 
+import pytest
+
 # One thread for linear algebra, here and in what tests start: pytest-xdist already runs a process
 # on each core, and idle threads of these libraries keep a core busy while they wait.
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
@@ -12,3 +14,12 @@ for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 # that they start inherit it.
 if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Puts the tests of the navigation first.
+
+    numba takes most of a minute to compile its kernels. So one process does that, while the others,
+    which start further down, run what needs none of them; later they find them in numba's cache.
+    """
+    items.sort(key=lambda item: "navigation" not in item.path.name)

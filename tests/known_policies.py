@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from exported_once import exported_once
 from pydrake.systems.framework import Context
 from short_flights import SHORT, kleopatra
 from torch import Tensor, nn
@@ -122,8 +123,12 @@ def write_policy(folder: Path, module: Counting | DeadReckoning, **changes) -> P
     """A bundle in `folder`, checked on steps before anything that divides by 0."""
     facts = facts_of(type(module), **changes)
     steps = 2 if isinstance(module, NotANumber) else 5
-    export_policy(module, folder, facts, example_steps(steps, facts.planes * facts.rays))
-    return folder
+
+    def export(bundle: Path) -> None:
+        export_policy(module, bundle, facts, example_steps(steps, facts.planes * facts.rays))
+
+    settings = {name: value for name, value in vars(module).items() if not name.startswith("_")}
+    return exported_once(folder, (type(module), repr(settings), repr(facts)), export)
 
 
 def remember(policy: NeuralPolicy, context: Context) -> None:

@@ -126,6 +126,8 @@ def test_fly(run, tmp_path: Path) -> None:
     assert differences(log, repeated) == []
 
     # A log that was altered is not repeated, and that is said.
+    assert run("fly", "--controller", "zero", *BRIEF, "--out", "brief").code == 0
+    log = FlightLog.load(tmp_path / "brief" / "flight.nc")
     log.dataset["force"][3, 0] += 1e-9
     log.to_netcdf(tmp_path / "altered.nc")
     other = run("fly", "--from", "altered.nc", "--out", "other")
@@ -276,7 +278,10 @@ def test_evaluate_counts_refused(run, tmp_path: Path, option: list[str]) -> None
     assert entries(tmp_path) == set()
 
 
-def test_evaluate_impossible_set_refused(run, tmp_path: Path) -> None:
+def test_evaluate_impossible_set_refused(
+    run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("proxops.diagrams.scenario.transits._ATTEMPTS", 1000)
     ran = run("evaluate", "--set", "transit.cube_m=100e3", "--transits", 2, "--out", "out")
     refused(ran, "no transit was found", "transit.cube_m")
     assert entries(tmp_path) == set()
@@ -399,7 +404,10 @@ def test_a_transit_of_a_seed_and_ends_of_its_own(run, option: str) -> None:
         (["mpc.intervals=1"], ["mpc.intervals"]),
     ],
 )
-def test_bad_setting(settings: list[str], words: list[str]) -> None:
+def test_bad_setting(
+    settings: list[str], words: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("proxops.diagrams.scenario.transits._ATTEMPTS", 1000)
     with pytest.raises(InputError) as caught:
         make_transit_diagram(load_scenario(None, settings))
     assert all(word in str(caught.value) for word in words)

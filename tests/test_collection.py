@@ -354,8 +354,8 @@ def test_killed_at_random_moments(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_killed_ten_times_with_two_workers(tmp_path: Path) -> None:
-    killed_again_and_again(tmp_path / "out", 300, workers=2, times=10)
-    finished_and_right(tmp_path / "out", 300)
+    killed_again_and_again(tmp_path / "out", 150, workers=2, times=10)
+    finished_and_right(tmp_path / "out", 150)
 
 
 def workers_of(process: int) -> list[int]:

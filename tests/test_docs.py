@@ -392,7 +392,7 @@ def test_own_controller_arrives() -> None:
 def test_own_controllers_fly_on_navigation(block: str, goal: float) -> None:
     """Also at the first steps, at which no frame has arrived and the state is NaN."""
     settings = {"arrival.dwell_s": 1000.0, "truth.lidar.latency_steps": 2, "log_ranges": False}
-    settings["navigation.frame_delay_steps"] = 2
+    settings |= {"navigation.frame_delay_steps": 2, "arrival.deadline_s": 1500.0}
     scenario = load_scenario(None, SHORT | settings)
     body = kleopatra()
     log = fly(scenario, run(named_block(block))["make"](scenario, body), body=body)

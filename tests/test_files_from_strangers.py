@@ -15,6 +15,7 @@ import onnx
 import pytest
 import torch
 import xarray as xr
+from _pytest.mark import ParameterSet
 from commands import proxops
 from onnx import TensorProto, helper
 from synthetic_log import synthetic_log
@@ -42,6 +43,11 @@ MERGES = "a: &a {x: 1}\n" + "".join(
 INNER = "".join("  " + line + "\n" for line in BOMB.splitlines())
 DEEP = 100_000
 LONGEST = 2500
+
+
+def slowly(value: object) -> ParameterSet:
+    """A value of a parameter that is tried with the slow tests alone."""
+    return pytest.param(value, marks=pytest.mark.slow)
 
 
 def refused(read: Callable[[], object], *words: str) -> None:
@@ -271,7 +277,10 @@ def written(folder: Path, change: Callable[[xr.Dataset], xr.Dataset | None]) -> 
     return path
 
 
-@pytest.mark.parametrize("value", [7, [1.0, 2.0], "word", ["a", "b"], float("nan"), -1.0])
+@pytest.mark.parametrize(
+    "value",
+    [7, "word", float("nan"), *map(slowly, ([1.0, 2.0], ["a", "b"], -1.0))],
+)
 @pytest.mark.parametrize(
     "name",
     ["scenario", "body", "controller", "shape_sha256", "arrival_time_s", "collided",
@@ -284,7 +293,9 @@ def test_attributes_of_wrong_types(name: str, value: object, tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize(
-    "value", [np.nan, np.inf, -1.0, 77.0, 1e300], ids=["nan", "inf", "minus", "code", "huge"]
+    "value",
+    [np.nan, 77.0, slowly(np.inf), slowly(-1.0), slowly(1e300)],
+    ids=["nan", "code", "inf", "minus", "huge"],
 )
 @pytest.mark.parametrize(
     "name",
@@ -317,7 +328,11 @@ def use_or_refuse(path: Path) -> None:
         assert len(str(error)) < LONGEST  # noqa: PT017 (either outcome is right)
 
 
-@pytest.mark.parametrize("what", YAML)
+# One parser reads scenarios from files, bodies and logs: some at every run.
+OFTEN = ("alias bomb", "Python object", "unknown tag", "long list")
+
+
+@pytest.mark.parametrize("what", [what if what in OFTEN else slowly(what) for what in YAML])
 def test_a_log_with_a_hostile_scenario_and_body(what: str, tmp_path: Path) -> None:
     text, word = YAML[what]
     if "\0" in text:

@@ -491,11 +491,15 @@ def test_vertices_and_edges_of_kleopatra(kleopatra) -> None:
     strength = G * field.density
     assert np.abs(at.gradient).max() < 200 * strength
     step = 1e-3
-    for direction in np.concatenate([np.eye(3), -np.eye(3)]):
-        near = field.evaluate(points + step * direction)
-        slack = 2 * step * np.linalg.norm(at.acceleration, axis=1).max()
-        np.testing.assert_allclose(near.potential, at.potential, rtol=1e-13, atol=slack)
-        np.testing.assert_allclose(near.acceleration, at.acceleration, atol=100 * step * strength)
+    slack = 2 * step * np.linalg.norm(at.acceleration, axis=1).max()
+    # Of six directions, each third point goes in two.
+    for row, direction in enumerate(np.concatenate([np.eye(3), -np.eye(3)])):
+        some = slice(row % 3, None, 3)
+        near = field.evaluate(points[some] + step * direction)
+        np.testing.assert_allclose(near.potential, at.potential[some], rtol=1e-13, atol=slack)
+        np.testing.assert_allclose(
+            near.acceleration, at.acceleration[some], atol=100 * step * strength
+        )
 
 
 def test_plane_and_edge_lines_produced(box_gravity: GravityField) -> None:

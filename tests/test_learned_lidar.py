@@ -15,7 +15,7 @@ from ball_lidar import (
     ball_facts,
     ball_shape,
     chord_ends,
-    write_ball_bundle,
+    export_ball_bundle,
     write_ball_frame_bundle,
 )
 from pydrake.perception import PointCloud
@@ -29,7 +29,7 @@ PLACES = np.array([[150e3, 20e3, 10e3], [-90e3, 90e3, -80e3], [0.0, 0.0, 60e3]])
 
 @pytest.fixture(scope="module")
 def bundle(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_ball_bundle(tmp_path_factory.mktemp("ball") / "bundle")
+    return export_ball_bundle(tmp_path_factory.mktemp("ball") / "bundle")
 
 
 def frame(lidar, place, time: float = 0.0) -> np.ndarray:
@@ -197,7 +197,7 @@ def test_bundle_says_what_it_is(bundle: Path):
 def test_bundle_is_replaced_whole(bundle: Path, tmp_path: Path):
     folder = copied(bundle, tmp_path)
     (folder / "leftover").touch()
-    write_ball_bundle(folder, rays=180)
+    export_ball_bundle(folder, rays=180)
     assert LidarBundle.load(folder).rays == 180
     assert {path.name for path in folder.iterdir()} == {"bundle.json", "model.onnx"}
     assert [path.name for path in tmp_path.iterdir()] == ["bundle"]

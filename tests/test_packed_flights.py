@@ -3,6 +3,7 @@
 import hashlib
 import json
 import pickle
+import shutil
 import signal
 import subprocess
 import sys
@@ -30,6 +31,13 @@ def packed(tmp_path_factory: pytest.TempPathFactory) -> PackedFlights:
 @pytest.fixture
 def logs(tmp_path: Path) -> Path:
     return copy_flights(tmp_path)
+
+
+@pytest.fixture
+def packed_logs(logs: Path, packed: PackedFlights) -> Path:
+    """Logs beside what packing them made."""
+    shutil.copytree(packed.folder, logs / "packed")
+    return logs
 
 
 def rows_of(packed: PackedFlights, name: str) -> np.ndarray:
@@ -407,17 +415,17 @@ def falling(values: np.ndarray) -> np.ndarray:
     ],
 )
 def test_a_forged_column_is_refused(
-    logs: Path, name: str, change: Callable[[np.ndarray], np.ndarray]
+    packed_logs: Path, name: str, change: Callable[[np.ndarray], np.ndarray]
 ) -> None:
     """Its hash fits, but its contents would point outside the other columns."""
-    folder = pack_flights(logs).folder
+    folder = PackedFlights(packed_logs / "packed").folder
     forge(folder, name, change(np.load(folder / f"{name}.npy")))
     with pytest.raises(InputError, match="is damaged"):
         PackedFlights(folder)
 
 
-def test_a_pickled_column_is_refused(logs: Path) -> None:
-    folder = pack_flights(logs).folder
+def test_a_pickled_column_is_refused(packed_logs: Path) -> None:
+    folder = packed_logs / "packed"
     np.save(folder / "time.npy", np.array([print], dtype=object), allow_pickle=True)
     with pytest.raises(InputError, match=r"time\.npy cannot be read"):
         PackedFlights(folder)
@@ -435,8 +443,8 @@ def test_a_pickled_column_is_refused(logs: Path) -> None:
         {"body": "{name: Eros, keep_out_semi_axes_m: [1, 2]}"},
     ],
 )
-def test_a_forged_setting_is_refused(logs: Path, change: dict[str, object]) -> None:
-    folder = pack_flights(logs).folder
+def test_a_forged_setting_is_refused(packed_logs: Path, change: dict[str, object]) -> None:
+    folder = PackedFlights(packed_logs / "packed").folder
     path = folder / "packed_flights.json"
     index = json.loads(path.read_text())
     index["setting"] |= change
@@ -460,13 +468,13 @@ def flip(path: Path) -> None:
 
 @pytest.mark.parametrize("damage", [cut, flip, Path.unlink])
 @pytest.mark.parametrize("name", ["state.npy", "ray.npy", "offset.npy"])
-def test_a_damaged_column(logs: Path, damage: Callable[[Path], None], name: str) -> None:
-    before = pack_flights(logs)
+def test_a_damaged_column(packed_logs: Path, damage: Callable[[Path], None], name: str) -> None:
+    before = PackedFlights(packed_logs / "packed")
     content = (before.folder / name).read_bytes()
     damage(before.folder / name)
     with pytest.raises(InputError, match=rf"{name} (is damaged|cannot be read)"):
         PackedFlights(before.folder)
-    again = pack_flights(logs)
+    again = pack_flights(packed_logs)
     assert (again.folder / name).read_bytes() == content
 
 
@@ -481,8 +489,8 @@ def test_a_damaged_column(logs: Path, damage: Callable[[Path], None], name: str)
         ({"logs_sha256": "0" * 64}, "is damaged"),
     ],
 )
-def test_a_damaged_index(logs: Path, change: dict[str, object], message: str) -> None:
-    path = pack_flights(logs).folder / INDEX
+def test_a_damaged_index(packed_logs: Path, change: dict[str, object], message: str) -> None:
+    path = PackedFlights(packed_logs / "packed").folder / INDEX
     path.write_text(json.dumps(json.loads(path.read_text()) | change))
     with pytest.raises(InputError, match=rf"{INDEX}.* {message}"):
         PackedFlights(path.parent)

@@ -163,6 +163,7 @@ def flight() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return frames(places), target, np.random.default_rng(0).normal(0.0, 1.0, (8, 3))
 
 
+@pytest.mark.slow
 @torch.no_grad()
 def test_exported_pilot_says_what_the_trained_one_says(bundle: Path):
     pilot, memory, remembered = small_pilot(), torch.zeros(1, MEMORY), np.zeros(MEMORY)

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from known_policies import Counting, DeadReckoning, example_steps, facts_of, remember, write_policy
+from known_policies import Counting, DeadReckoning, example_steps, facts_of, remember
 from short_flights import kleopatra
 from torch import nn
 
@@ -19,7 +19,9 @@ from proxops.training.export.policy_export import export_policy
 
 @pytest.fixture(scope="module")
 def bundle(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_policy(tmp_path_factory.mktemp("policy") / "bundle", DeadReckoning())
+    folder = tmp_path_factory.mktemp("policy") / "bundle"
+    export_policy(DeadReckoning(), folder, facts_of(DeadReckoning), example_steps())
+    return folder
 
 
 def test_bundle_says_what_it_is(bundle: Path) -> None:
@@ -60,7 +62,8 @@ def test_module_is_left_as_it_was(tmp_path: Path) -> None:
             return super().forward(ranges, target, self.dropout(commanded_force), memory)
 
     module = Dropping()
-    write_policy(tmp_path / "policy", module)  # Exported without dropout, or it would differ.
+    # Exported without dropout, or it would differ.
+    export_policy(module, tmp_path / "policy", facts_of(Dropping), example_steps())
     assert module.training
     assert module.dropout.training
 

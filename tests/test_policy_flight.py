@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from commands import proxops
+from commands import proxops, settings
 from known_policies import Counting, DeadReckoning, NotANumber, write_policy
 from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
 from short_flights import BRIEF, kleopatra, short_scenario
@@ -231,7 +231,8 @@ def test_fly_and_fly_again(run, reckoning: Path, tmp_path: Path, capsys) -> None
 
 def test_another_policy_in_its_place_is_told(run, tmp_path: Path, capsys) -> None:
     bundle = write_policy(tmp_path / "policy", DeadReckoning())
-    with_policy = (*SHORT, "--set", "policy.bundle=policy", "--controller", "policy")
+    brief_flight = settings({"arrival.deadline_s": 100, "arrival.dwell_s": 50})
+    with_policy = (*SHORT, *brief_flight, "--set", "policy.bundle=policy", "--controller", "policy")
     assert run("fly", *with_policy, "--out", "one") == 0
     write_policy(bundle, DeadReckoning(derivative=1.0))
     assert run("fly", "--from", "one/flight.nc", "--out", "two") == 1

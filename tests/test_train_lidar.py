@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from ball_lidar import write_ball_bundle
 from commands import proxops
 from short_flights import SHORT, kleopatra
 
@@ -24,13 +25,21 @@ def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.fixture(scope="module")
-def scenario_file(out: Path) -> Path:
-    path = out.parent / "learned.yaml"
+def names_bundle(folder: Path) -> Path:
+    """A scenario file that names the bundle `out/bundle` beside it."""
+    path = folder / "learned.yaml"
     path.write_text("lidar: !LearnedLidar {bundle: out/bundle, noise_std_m: 20}\n")
     return path
 
 
+@pytest.fixture
+def scenario_file(tmp_path: Path) -> Path:
+    """Its bundle is not trained, but the closed form of a ball."""
+    write_ball_bundle(tmp_path / "out" / "bundle", kleopatra().shape.sha256)
+    return names_bundle(tmp_path)
+
+
+@pytest.mark.slow
 def test_writes_all_that_it_says(out: Path):
     names = {path.relative_to(out).as_posix() for path in out.rglob("*") if path.is_file()}
     assert {name for name in names if "tfevents" not in name} == {
@@ -42,6 +51,7 @@ def test_writes_all_that_it_says(out: Path):
     assert (out / "frames.png").read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.slow
 def test_learns_even_in_seconds(out: Path):
     rows = (out / "curves" / "ray_network.csv").read_text().splitlines()[1:]
     losses = [float(row.split(",")[2]) for row in rows]
@@ -53,6 +63,7 @@ def test_learns_even_in_seconds(out: Path):
         assert ours["mask_iou"] > methods[name]["all"]["mask_iou"]
 
 
+@pytest.mark.slow
 def test_report(out: Path):
     report = json.loads((out / "report.json").read_text())
     assert report["bundle_sha256"] == LidarBundle.load(out / "bundle").sha256
@@ -80,6 +91,7 @@ def test_again_changes_nothing(out: Path, capfd: pytest.CaptureFixture[str]):
     assert (out / "curves" / "ray_network.csv").read_text() == curves
 
 
+@pytest.mark.slow
 def test_another_training_in_that_folder_is_refused(out: Path, capfd: pytest.CaptureFixture[str]):
     assert proxops("train-lidar", "--quick", "--seed", 1, "--out", out) == 2
     assert "give another output folder" in capfd.readouterr().err
@@ -103,9 +115,10 @@ def test_refused(
 # --- flying with it -------------------------------------------------------------------------------
 
 
-def test_scenario_names_it(out: Path, scenario_file: Path):
+def test_scenario_names_it(scenario_file: Path):
     scenario = load_scenario(scenario_file)
-    wanted = LearnedLidarConfig(bundle=str((out / "bundle").resolve()), noise_std_m=20.0)
+    bundle = scenario_file.parent / "out" / "bundle"
+    wanted = LearnedLidarConfig(bundle=str(bundle.resolve()), noise_std_m=20.0)
     assert scenario.lidar == wanted
     assert parse_scenario(dump_scenario(scenario)) == scenario
 
@@ -131,8 +144,9 @@ def test_senseless_scenario_is_refused(setting: str, complaint: str):
         load_scenario(None, [setting])
 
 
-def test_flies_and_repeats(out: Path, scenario_file: Path, tmp_path: Path):
-    scenario = load_scenario(scenario_file, SHORT, on_true_state=True)
+@pytest.mark.slow
+def test_flies_and_repeats(out: Path, tmp_path: Path):
+    scenario = load_scenario(names_bundle(out.parent), SHORT, on_true_state=True)
     log = fly(scenario)
     assert log.summary["success"]
     assert log.dataset.attrs["lidar_sha256"] == LidarBundle.load(out / "bundle").sha256
@@ -154,7 +168,8 @@ def test_a_bundle_of_another_geometry_does_not_fly(scenario_file: Path):
         fly(load_scenario(scenario_file, SHORT | {"lidar.planes": 6}))
 
 
-def test_a_campaign_knows_its_bundle(out: Path, scenario_file: Path):
+def test_a_campaign_knows_its_bundle(scenario_file: Path):
     provenance = transit_flights(load_scenario(scenario_file), "mpc", 5, 1)[0].provenance
-    assert LidarBundle.load(out / "bundle").sha256 in provenance
+    bundle = scenario_file.parent / "out" / "bundle"
+    assert LidarBundle.load(bundle).sha256 in provenance
     assert "lidar" not in transit_flights(load_scenario(), "mpc", 5, 1)[0].provenance

@@ -138,7 +138,10 @@ def test_rules_of_a_scenario(tmp_path) -> None:
         {"spacecraft.mass_kg": 3000.0},  # 7 N hold it nowhere.
     ],
 )
-def test_impossible_rules_refused(changes: dict[str, float]) -> None:
+def test_impossible_rules_refused(
+    changes: dict[str, float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("proxops.diagrams.scenario.transits._ATTEMPTS", 1000)
     with pytest.raises(InputError, match=r"no transit was found .* check transit\.cube_m"):
         transit_set(1, 1, load_scenario(None, changes))
 
