@@ -28,6 +28,8 @@ from proxops.systems.navigation.phase import NavigationPhase
 # A frame with fewer returns on the body is not used. If less than this share of the returns on the
 # body agree with the prediction, the frame contradicts it.
 _FEWEST, _AGREEING = 6, 0.5
+# Fewer returns than this fit several places, so that the search for the first one waits for more.
+_FEWEST_AT_FIRST = 20
 # Normalised innovation squared over the returns used, about 1: beyond the first value they may not
 # fit together; beyond the second they cannot, for each by itself lies within 5 deviations.
 _MISFITTING, _IMPOSSIBLE = 4.0, 25.0
@@ -160,8 +162,9 @@ class Navigator:
     ) -> tuple[Estimate | None, NavigationPhase, int, Correction | None]:
         """Estimate, phase, contradictions in a row, and correction after a frame."""
         contradictions = memory.contradictions
-        empty = np.count_nonzero(ranges < np.inf) < _FEWEST
-        if empty:
+        following = memory.phase == NavigationPhase.FOLLOWING
+        returned = np.count_nonzero(ranges < np.inf)
+        if returned < (_FEWEST if following else _FEWEST_AT_FIRST):
             return prior, memory.phase, contradictions, None
         if prior is not None:
             found = self._followed(prior, ranges)
