@@ -19,17 +19,29 @@ from proxops.cli.common import (
     training_extra,
     work_bar,
 )
-from proxops.cli.train import print_report
+from proxops.cli.train import print_any_body, print_report
 from proxops.diagrams.flight import Workers
+from proxops.systems.common import InputError
 
 
 def dagger_command(
-    data: Annotated[Path, typer.Argument(help="Folder that `proxops collect` wrote.")],
+    data: Annotated[
+        Path | None,
+        typer.Argument(help="Folder that `proxops collect` wrote; none for any body."),
+    ] = None,
     pilot: Annotated[
-        Path, typer.Option(help="Folder that `proxops train` wrote from the same data.")
+        Path,
+        typer.Option(
+            help="Folder that `proxops train` wrote: from the same data, or for any body."
+        ),
     ] = Path("out/pilot"),
     rounds: Annotated[int, typer.Option(min=1, help="Number of rounds.")] = 2,
-    flights: Annotated[int, typer.Option(min=1, help="Flights of each round.")] = 240,
+    flights: Annotated[
+        int | None,
+        typer.Option(
+            min=1, help="Flights of each round. Default: 240, or 4 at each body of a family."
+        ),
+    ] = None,
     seed: Annotated[
         int,
         typer.Option(
@@ -49,24 +61,37 @@ def dagger_command(
     """Let the pilot fly, label its flights with the MPC's forces, and train on them: DAgger.
 
     Each round leaves its flights, their labels and its pilot in OUT/round-N. The bundle, the report
-    and the weights of the last pilot are in OUT. Run it again to continue after an interruption, or
-    with more --rounds to add rounds.
+    and the weights of the last pilot are in OUT. Without DATA it is a policy for any body that
+    flies, at each body of its family, on navigation and in worlds of after_survey. Run it again to
+    continue after an interruption, or with more --rounds to add rounds.
 
     Example:
 
       proxops dagger out/full --pilot out/pilot --out out/dagger
+
+      proxops dagger --pilot out/any-body --out out/any-body-dagger
     """
     check_folder(out)
     with training_extra():
+        from proxops.training.any_body import AnyBodyDagger, run_any_body_dagger
         from proxops.training.pilot import DaggerSettings, run_dagger
-    settings = DaggerSettings(rounds, flights, seed, minutes)
     with work_bar() as tell:
-        report = run_dagger(data, pilot, out, settings, Workers(workers, scheduler, tell))
+        fleet = Workers(workers, scheduler, tell)
+        if data is None:
+            if (pilot / "pilot.ckpt").exists():
+                raise InputError(f"name the folder of flights that {pilot} was trained from")
+            if minutes < math.inf:
+                raise InputError("--minutes is for a pilot of one body: give --rounds")
+            own = AnyBodyDagger(rounds, flights or AnyBodyDagger.flights, seed)
+            report = run_any_body_dagger(pilot, out, own, fleet)
+        else:
+            settings = DaggerSettings(rounds, flights or DaggerSettings.flights, seed, minutes)
+            report = run_dagger(data, pilot, out, settings, fleet)
     if as_json:
         typer.echo(json.dumps(report, indent=2))
     else:
-        print_report(report)
+        (print_any_body if data is None else print_report)(report)
         for number, row in enumerate(report["rounds"], start=1):
             flown = f"{row['arrived']} of {row['flights']} arrived, {row['violations']} violations"
             print_rows(f"round {number}", [("before it", flown), ("labels", str(row["labels"]))])
-    status.print(f"Wrote bundle, pilot.ckpt, report.md, report.json and forces.png in {out}")
+    status.print(f"Wrote bundle, report.md and report.json in {out}")

@@ -109,7 +109,7 @@ def train_command(
     if recipe == Recipe.PAPER:
         train, show = _paper(minutes), print_report
     elif recipe == Recipe.ANY_BODY:
-        train, show = _any_body(Workers(workers)), _print_any_body
+        train, show = _any_body(Workers(workers)), print_any_body
     else:
         train, show = _pilot(Workers(workers)), print_report
     # The networks of our recipes are small, so a CPU is as fast as any other device.
@@ -178,7 +178,8 @@ def _any_body(workers: Workers) -> Training:
     return train
 
 
-def _print_any_body(report: dict[str, Any]) -> None:
+def print_any_body(report: dict[str, Any]) -> None:
+    """Prints the results of a training for any body."""
     run, errors = report["training"], report["force_errors"]
     rows = [("epochs", str(run["epochs"])), ("CPU time", f"{run['cpu_s']:.0f} s")]
     rows += [

@@ -8,10 +8,17 @@ import numpy as np
 import pytest
 from short_flights import kleopatra
 
-from proxops.diagrams.flight import fly
+from proxops.diagrams.flight import Workers, fly
+from proxops.diagrams.logs import FlightLog
 from proxops.diagrams.scenario import load_scenario
 from proxops.systems import GuidanceBundle, PointMassField, Surroundings
-from proxops.training.any_body import AnyBodySettings, examples_of, train_any_body
+from proxops.training.any_body import (
+    AnyBodyDagger,
+    AnyBodySettings,
+    examples_of,
+    run_any_body_dagger,
+    train_any_body,
+)
 from proxops.training.loop import Schedule
 
 SMALL = dataclasses.replace(
@@ -66,3 +73,15 @@ def test_from_nothing_to_a_flight(tmp_path: Path) -> None:
     changes = {"arrival.deadline_s": 30.0 * load_scenario(path).control_period_s}
     log = fly(load_scenario(path, changes), f"policy:{tmp_path / 'bundle'}")
     assert np.isfinite(log.dataset["policy_force"].values[:-1]).all()
+    # Its own flights teach it: on navigation, in worlds that differ, at the member it learns at.
+    before = report["force_errors"]["training"]["states"]
+    settings = AnyBodyDagger(rounds=1, flights=1)
+    report = run_any_body_dagger(tmp_path, tmp_path / "dagger", settings, Workers(1))
+    [outcome] = report["rounds"]
+    assert outcome["flights"] == 1
+    assert report["force_errors"]["training"]["states"] == before + outcome["labels"]
+    assert GuidanceBundle.load(tmp_path / "dagger/bundle").sha256 != bundle.sha256
+    [flown] = (tmp_path / "dagger/round-1/flights").glob("*.nc")
+    kept = FlightLog.load(flown)
+    assert kept.scenario.dispersed
+    assert "navigation_state" in kept.dataset

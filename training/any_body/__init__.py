@@ -3,9 +3,10 @@
 Start with `train_any_body` in `recipe`, which reads from top to bottom, then read `network`: a law
 of least effort that a network corrects. `write_family` generates the members, each a body and a
 scenario; `family` has the ranges from which their spacecraft are drawn. `family_plans` computes
-what the expert commands there.
+what the expert commands there. `run_any_body_dagger` lets the guidance fly at all of them.
 """
 
+from proxops.training.any_body.dagger import AnyBodyDagger, run_any_body_dagger
 from proxops.training.any_body.examples import Examples, examples_of, mirrored
 from proxops.training.any_body.export import export_guidance, ranges_of
 from proxops.training.any_body.family import (
@@ -22,6 +23,7 @@ from proxops.training.any_body.settings import AnyBodySettings
 
 __all__ = [
     "RANGES",
+    "AnyBodyDagger",
     "AnyBodyGuidance",
     "AnyBodySettings",
     "Examples",
@@ -32,6 +34,7 @@ __all__ = [
     "family_scenarios",
     "mirrored",
     "ranges_of",
+    "run_any_body_dagger",
     "spacecraft_numbers",
     "train_any_body",
     "write_family",

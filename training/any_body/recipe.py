@@ -14,8 +14,9 @@ import torch
 from torch import Tensor, nn
 
 from proxops.diagrams.flight import Workers, surroundings
-from proxops.diagrams.scenario import load_body, load_scenario
-from proxops.systems.common import write_whole
+from proxops.diagrams.scenario import Scenario, load_body, load_scenario
+from proxops.systems.common import Progress, write_whole
+from proxops.systems.policy import Surroundings
 from proxops.training.any_body.examples import Examples, examples_of, mirrored
 from proxops.training.any_body.export import export_guidance, ranges_of
 from proxops.training.any_body.family import write_family
@@ -40,6 +41,21 @@ _FAMILY_SEED, _PLANS_SEED = 1, 1
 _COMPARED = 64
 
 
+@dc.dataclass(frozen=True)
+class Family:
+    """The members that a guidance learns at, and what it is told of them."""
+
+    scenarios: Sequence[Scenario]
+    surroundings: Sequence[Surroundings]
+    held: int
+    """So many of them, from the last, only show how well it flies where it did not learn."""
+
+    @property
+    def learned(self) -> int:
+        """Number of members that are learned at."""
+        return len(self.scenarios) - self.held
+
+
 def train_any_body(
     out: Path, settings: AnyBodySettings, workers: Workers = Workers()
 ) -> dict[str, Any]:
@@ -55,35 +71,68 @@ def train_any_body(
     Raises:
       InputError: see `family_plans` and `train`.
     """
-    progress = workers.progress
-    progress(0.0, "making bodies")
-    paths = write_family(out / "family", _FAMILY_SEED, settings.members)
+    family, labels = known_family(out, settings, workers.part(0.0, _PLANNED))
+    progress = workers.part(_PLANNED, 1.0).progress
+    return learn(family, labels, settings, out, {"recipe": "any-body"}, progress)
+
+
+def known_family(
+    folder: Path, settings: AnyBodySettings, workers: Workers
+) -> tuple[Family, Labels]:
+    """The family in a folder and the expert's plans there; what is missing is made.
+
+    Raises:
+      InputError: see `family_plans`.
+    """
+    workers.progress(0.0, "making bodies")
+    paths = write_family(folder / "family", _FAMILY_SEED, settings.members)
     scenarios = [load_scenario(path) for path in paths]
-    members = [surroundings(each, load_body(each.body)) for each in scenarios]
-    masses = [each.spacecraft.mass_kg for each in scenarios]
+    told = [surroundings(each, load_body(each.body)) for each in scenarios]
     labels = family_plans(
-        scenarios, settings.transits, _PLANS_SEED, out / "plans",
-        workers.part(_WRITTEN, _PLANNED),
-    )  # fmt: skip
-    examples = examples_of(labels, members, masses)
+        scenarios, settings.transits, _PLANS_SEED, folder / "plans", workers.part(_WRITTEN, 1.0)
+    )
+    return Family(scenarios, told, settings.held), labels
+
+
+def learn(
+    family: Family,
+    labels: Labels,
+    settings: AnyBodySettings,
+    out: Path,
+    told: dict[str, Any],
+    progress: Progress,
+) -> dict[str, Any]:
+    """Trains a guidance from nothing on labels; writes it to a folder and returns the report.
+
+    Args:
+      family: the members. labels: with the column `member`.
+      settings: seed, width and schedule.
+      out: for guidance.ckpt, curves/, report.json, report.md and bundle/.
+      told: for the report, with `recipe`.
+      progress: of the training.
+
+    Raises:
+      InputError: see `train`.
+    """
+    masses = [each.spacecraft.mass_kg for each in family.scenarios]
+    examples = examples_of(labels, family.surroundings, masses)
     data = _sha256(examples)
-    held = labels["member"] >= settings.members - settings.held
+    held = labels["member"] >= family.learned
     with seeded(settings.seed):
         network = AnyBodyGuidance(settings.width)
     learned, unseen = (_rows(examples, chosen) for chosen in (~held, held))
     task = guidance_task(network, learned, unseen, settings, f"proxops any-body, data {data}")
     options: Any = {"device": settings.device, "precision": settings.precision}
-    trained = train(
-        task, out, settings.seed, progress=workers.part(_PLANNED, 1.0).progress, **options
-    )
+    trained = train(task, out, settings.seed, progress=progress, **options)
     network = network.cpu().eval()
-    ranges = ranges_of(members[: settings.members - settings.held])
-    report = _report(settings, labels, trained, (learned, unseen), network, data)
+    ranges = ranges_of(family.surroundings[: family.learned])
+    told = told | {"data_sha256": data, "settings": dc.asdict(settings)}
+    report = told | _report(trained, (learned, unseen), network)
     text = _page(report, ranges)
-    export_guidance(network, out / "bundle", examples.given[:: max(1, len(held) // _COMPARED)],
-                    ranges, report, text)  # fmt: skip
-    write_whole(out / "report.json", lambda path: path.write_text(json.dumps(report, indent=2)))
+    compared = examples.given[:: max(1, len(held) // _COMPARED)]
+    export_guidance(network, out / "bundle", compared, ranges, report, text)
     write_whole(out / "report.md", lambda path: path.write_text(text, encoding="utf-8"))
+    write_whole(out / "report.json", lambda path: path.write_text(json.dumps(report, indent=2)))
     progress(1.0, "done")
     return report
 
@@ -132,13 +181,9 @@ def _sha256(examples: Examples) -> str:
 
 @torch.no_grad()
 def _report(
-    settings: AnyBodySettings,
-    labels: Labels,
-    trained: Trained,
-    parts: Sequence[Examples],
-    network: AnyBodyGuidance,
-    data: str,
+    trained: Trained, parts: Sequence[Examples], network: AnyBodyGuidance
 ) -> dict[str, Any]:
+    """The part of the report that says how the training went."""
     last = trained.history[-1]
     errors = {}
     for name, part in zip(("training", "held out"), parts, strict=True):
@@ -150,11 +195,7 @@ def _report(
             "median": float(off.median()),
         }
     return {
-        "recipe": "any-body",
-        "data_sha256": data,
-        "settings": dc.asdict(settings),
         "parameters": sum(weights.numel() for weights in network.parameters()),
-        "plans": len(labels["member"]),
         "training": {
             "epochs": len(trained.history),
             "training_loss": last["training_loss"],

@@ -22,6 +22,7 @@ from proxops.training.data.scaling import (
     scaling_for,
     scaling_of,
 )
+from proxops.training.data.transit_choice import hard_transits
 from proxops.training.data.transit_split import PARTS, part_of_transit
 
 __all__ = [
@@ -37,6 +38,7 @@ __all__ = [
     "collect",
     "collection_flights",
     "expert_plans",
+    "hard_transits",
     "histogram_rows",
     "joined_labels",
     "keep_out_of",

@@ -17,9 +17,16 @@ from pathlib import Path
 from typing import Any
 
 from proxops.diagrams.flight import Flight, Workers, provenance, run_campaign
-from proxops.diagrams.scenario import Scenario, dump_scenario, is_blocked, load_body, of_transit
+from proxops.diagrams.scenario import Scenario, dump_scenario, load_body, of_transit
 from proxops.systems.common import InputError, Progress, silent, write_whole
-from proxops.training.data import Labels, PackedFlights, at_rest, label_flights, pack_flights
+from proxops.training.data import (
+    Labels,
+    PackedFlights,
+    at_rest,
+    hard_transits,
+    label_flights,
+    pack_flights,
+)
 from proxops.training.export import write_folder, write_report
 from proxops.training.loop import seeded, train
 from proxops.training.pilot.examples import Commands, commands_of, joined, labelled_commands
@@ -42,8 +49,6 @@ from proxops.training.pilot.shape import (
 )
 from proxops.training.pilot.tasks import guidance_task
 
-# Of the transits that are not blocked one in this many is flown, because those are easy.
-_CLEAR_EVERY = 7
 # Shares of a round at which its flights, its labels and its training end.
 _FLOWN, _LABELLED = 0.35, 0.5
 
@@ -210,21 +215,10 @@ def dagger_flights(
     plain = dc.replace(scenario, policy=policy, log_ranges=False)
     origin = provenance(plain, body, "policy")
     flights = []
-    for index in _chosen_transits(settings.flights):
+    for index in hard_transits(settings.flights):
         text = dump_scenario(at_rest(of_transit(plain, seed, index)))
         flights.append(Flight(f"{seed}-{index:05d}", text, "policy", origin))
     return flights
-
-
-def _chosen_transits(count: int) -> list[int]:
-    """Numbers of the transits of a round: all blocked ones, and a few of the others."""
-    chosen: list[int] = []
-    index = 0
-    while len(chosen) < count:
-        if is_blocked(index) or index % _CLEAR_EVERY == 0:
-            chosen.append(index)
-        index += 1
-    return chosen
 
 
 def restarted(shape: PilotShape, pilot: Pilot, seed: int) -> Pilot:

@@ -1,0 +1,151 @@
+"""DAgger at a family: the guidance flies on navigation, and the expert labels where it came to.
+
+See `proxops.training.pilot.dagger` for the method. The flights are in worlds that differ from what
+is believed, and on the navigation's state. The labels are the expert's forces at the true states.
+"""
+
+from __future__ import annotations
+
+import dataclasses as dc
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from proxops.diagrams.flight import Flight, Workers, provenance, run_campaign
+from proxops.diagrams.scenario import Scenario, draw_world, dump_scenario, load_body, of_transit
+from proxops.systems.common import InputError, silent
+from proxops.training.any_body.recipe import Family, known_family, learn
+from proxops.training.any_body.settings import AnyBodySettings
+from proxops.training.data import Labels, at_rest, hard_transits, joined_labels, label_flights
+from proxops.training.export import write_folder
+from proxops.training.loop import Schedule
+
+# Shares of a round at which its flights and its labels end.
+_FLOWN, _LABELLED = 0.4, 0.6
+
+
+@dc.dataclass(frozen=True)
+class AnyBodyDagger:
+    """Settings of a run of DAgger at a family."""
+
+    rounds: int = 2
+    flights: int = 4
+    """Flights of each round at each member; the straight line is blocked in three of four."""
+    seed: int = 100
+    """Seed of the transits of the first round; each further round uses the next seed."""
+    dispersions: str | None = "after_survey"
+    """The worlds that are flown in; None: as believed."""
+
+
+def run_any_body_dagger(
+    guidance: Path, out: Path, settings: AnyBodyDagger, workers: Workers = Workers()
+) -> dict[str, Any]:
+    """Flies, labels and trains, round by round; writes and returns the last report.
+
+    Each round leaves flights/, labels/, and what `train_any_body` leaves of a guidance, in
+    `out`/round-N. The last bundle and report are in `out` too. After a kill it continues with the
+    flight, the labels or the epoch where it was.
+
+    Args:
+      guidance: what `train_any_body` wrote.
+      workers: fly and label, and report the progress of all rounds.
+
+    Raises:
+      InputError: there is no guidance in the folder, or see `run_campaign`, `label_flights` and
+        `train`.
+    """
+    first = _settings_of(guidance)
+    family, labels = known_family(guidance, first, workers.reporting(silent))
+    bundle, rounds, report = guidance / "bundle", [], {}
+    for number in range(1, settings.rounds + 1):
+        folder = out / f"round-{number}"
+        share = workers.part((number - 1) / settings.rounds, number / settings.rounds)
+        share.progress(0.0, f"round {number}")
+        flights = round_flights(family, bundle, settings, number)
+        outcome, more = _fly_and_label(flights, folder, share)
+        labels = {name: np.concatenate([labels[name], more[name]]) for name in labels}
+        rounds.append(outcome)
+        own = dc.replace(first, seed=first.seed + number)
+        told = {"recipe": "any-body, DAgger", "rounds": list(rounds)}
+        progress = share.part(_LABELLED, 1.0).progress
+        report = learn(family, labels, own, folder, told, progress)
+        bundle = folder / "bundle"
+    for name in ("report.json", "report.md"):
+        (out / name).write_bytes((folder / name).read_bytes())
+    write_folder(out / "bundle", {path.name: path.read_bytes() for path in bundle.iterdir()})
+    workers.progress(1.0, "done")
+    return report
+
+
+def _settings_of(guidance: Path) -> AnyBodySettings:
+    """The settings that a guidance was trained with.
+
+    Raises:
+      InputError: the folder holds none.
+    """
+    try:
+        fields = json.loads((guidance / "report.json").read_text())["settings"]
+        schedule = Schedule(**fields.pop("schedule"))
+        return AnyBodySettings(**fields, schedule=schedule)
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise InputError(
+            f"{guidance} is not what `proxops train --recipe any-body` wrote: its report.json "
+            f"cannot be read ({error})"
+        ) from error
+
+
+def round_flights(
+    family: Family, bundle: Path, settings: AnyBodyDagger, number: int
+) -> list[list[Flight]]:
+    """The flights of a round at each member that is learned at; they depend on the arguments."""
+    seed = settings.seed + number - 1
+    return [
+        _member_flights(scenario, member, bundle, seed, settings)
+        for member, scenario in enumerate(family.scenarios[: family.learned])
+    ]
+
+
+def _member_flights(
+    scenario: Scenario, member: int, bundle: Path, seed: int, settings: AnyBodyDagger
+) -> list[Flight]:
+    body = load_body(scenario.body)
+    # A dispersed spacecraft at the edge of the family may be just beyond it.
+    policy = dc.replace(scenario.policy, bundle=str(bundle.resolve()), beyond_family=True)
+    plain = dc.replace(scenario, policy=policy, log_ranges=False, dispersions=settings.dispersions)
+    origin, flights = provenance(plain, body, "policy"), []
+    for index in hard_transits(settings.flights):
+        flown = draw_world(at_rest(of_transit(plain, seed, index)), body)
+        name = f"member-{member:05d}-{seed}-{index:05d}"
+        flights.append(Flight(name, dump_scenario(flown), "policy", origin))
+    return flights
+
+
+def _fly_and_label(
+    flights: Sequence[Sequence[Flight]], folder: Path, workers: Workers
+) -> tuple[dict[str, int], Labels]:
+    """How the flights of a round went, and the expert's forces along them, by member."""
+    everything = [flight for group in flights for flight in group]
+    rows = run_campaign(
+        everything, folder / "flights", keep_logs=True, workers=workers.part(0.0, _FLOWN)
+    )
+    parts, members = [], []
+    for member, group in enumerate(flights):
+        logs = [folder / "flights" / f"{flight.name}.nc" for flight in group]
+        logs = [path for path in logs if path.exists()]  # Worlds without a start have none.
+        if not logs:
+            continue
+        steps = (member + np.arange(2)) / len(flights) * (_LABELLED - _FLOWN) + _FLOWN
+        parts.append(label_flights(logs, folder / "labels", workers.part(*steps.tolist())))
+        members.append(np.full(len(parts[-1]["state"]), member))
+    labels = joined_labels(parts) | {"member": np.concatenate(members)}
+    outcome = {
+        "flights": len(rows),
+        "arrived": sum(row.get("arrival_time_s") is not None for row in rows),
+        "violations": sum(bool(row.get("keep_out_violations")) for row in rows),
+        "collisions": sum(bool(row.get("collided")) for row in rows),
+        "labels": len(labels["state"]),
+    }
+    return outcome, labels
