@@ -74,7 +74,7 @@ def run_any_body_dagger(
         report = learn(family, labels, own, folder, told, progress)
         bundle = folder / "bundle"
     for name in ("report.json", "report.md"):
-        (out / name).write_bytes((folder / name).read_bytes())
+        (out / name).write_bytes((bundle.parent / name).read_bytes())
     write_folder(out / "bundle", {path.name: path.read_bytes() for path in bundle.iterdir()})
     workers.progress(1.0, "done")
     return report
