@@ -279,7 +279,8 @@ def dispersed(asked: argparse.Namespace) -> list[Shown]:
 
 
 def hard(asked: argparse.Namespace) -> list[Shown]:
-    return flight_tables(_flights(asked), flown(list(HARD.values()), _plain(), asked))
+    variants = [HARD[name] for name in asked.cases]
+    return flight_tables(_flights(asked), flown(variants, _plain(), asked))
 
 
 def mended(asked: argparse.Namespace) -> list[Shown]:
@@ -380,6 +381,7 @@ def main() -> None:
     parser.add_argument(
         "--bodies", nargs="+", default=list(BODIES), metavar="BODY", help="for poses and accuracy"
     )
+    parser.add_argument("--cases", nargs="+", choices=HARD, default=list(HARD), help="of `hard`")
     asked = parser.parse_args()
     tables = []
     try:
