@@ -103,6 +103,7 @@ def test_diagonal_brakes_with_all_axes() -> None:
     assert expected - 8.0 < backup.backup_margin(state) <= expected
 
 
+@pytest.mark.slow
 @settings(max_examples=8, deadline=None)
 @given(states())
 def test_backup_from_admitted_states_stays_out(state: np.ndarray) -> None:

@@ -200,6 +200,7 @@ def test_senseless_widths_are_refused(width: float) -> None:
         LidarErrors(beam_width=width)
 
 
+@pytest.mark.slow
 def test_a_learned_lidar_has_no_beams(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="leave out beam_width"):
         LearnedLidar(write_ball_bundle(tmp_path / "ball"), LidarErrors(beam_width=1e-3))

@@ -148,6 +148,7 @@ def test_seed_and_transit(run, tmp_path: Path) -> None:
     assert not summary["success"]
 
 
+@pytest.mark.slow
 def test_failed_flight_is_repeated_too(run, tmp_path: Path) -> None:
     down = ["--set", "transit.start_m=[0, 0, 66e3]", "--set", "transit.goal_m=[0, 0, 90e3]"]
     assert run("fly", "--controller", "zero", *down, "--out", "out").code == 0
@@ -157,6 +158,7 @@ def test_failed_flight_is_repeated_too(run, tmp_path: Path) -> None:
     assert "bit for bit" in " ".join(again.err.split())
 
 
+@pytest.mark.slow
 def test_mended_map_is_written_and_flown_with(run: Callable[..., Ran], tmp_path: Path) -> None:
     wrong = settings({"navigation.expected.surface_rms_m": 50.0})
     mended = ["--mended-map", "maps/mended.obj"]
@@ -177,6 +179,7 @@ def test_mended_map_is_written_and_flown_with(run: Callable[..., Ran], tmp_path:
     assert run("fly", "--mended-map", "mended.stl").code != 0
 
 
+@pytest.mark.slow
 def test_own_controller_from_the_working_directory(run, tmp_path: Path) -> None:
     (tmp_path / "mine_for_the_cli.py").write_text(
         "from short_flights import PdController\n"
@@ -550,6 +553,7 @@ def test_from_what_is_no_log(run, tmp_path: Path) -> None:
     assert entries(tmp_path) == {"notes.nc"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "extra",
     [["--set", "noise_seed=1"], ["--seed", "3"], ["--transit", "3"], ["short.yaml"]],

@@ -142,6 +142,7 @@ def test_slivers_are_remarks(shape, tmp_path: Path) -> None:
     assert f"{expected} facets are slivers" in out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "complaint"),
     [
@@ -172,6 +173,7 @@ def test_unit_by_size_alone(shape, tmp_path: Path) -> None:
     assert "which no small body is; in m it would be" in out
 
 
+@pytest.mark.slow
 def test_fix(shape, tmp_path: Path) -> None:
     write(tmp_path / "rock.obj", damaged())
     arguments = ("rock.obj", "--unit", "m", "--density", 2000, "--period", 8)

@@ -132,11 +132,13 @@ def test_label_is_the_expert_s_force_and_applied_is_apart(full_set: Path) -> Non
         assert data["state"].values[0, 3:].tolist() == velocity
 
 
+@pytest.mark.slow
 def test_every_flight_repeats_bit_for_bit(full_set: Path) -> None:
     for log in logs_of(full_set):
         assert differences(log, fly(log.scenario, "mpc", body=log.body)) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("lidar", "write"), [("learned", write_ball_bundle), ("paper", write_ball_frame_bundle)]
 )

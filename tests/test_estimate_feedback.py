@@ -42,6 +42,7 @@ def log(reckoning: Path) -> FlightLog:
     return fly(brief(disturbance={}), f"pd:{reckoning}")
 
 
+@pytest.mark.slow
 def test_flies_the_pd_law_on_the_estimate(log: FlightLog) -> None:
     """The law again in numpy, of the estimate in the log: λ = 8.75e-4 1/s, m k = 5 kg/s."""
     data = log.dataset
@@ -90,6 +91,7 @@ def test_mpc_on_the_estimate(reckoning: Path) -> None:
     assert np.abs(estimates - data["state"].values[:-1]).max() > 1.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["mpc", "pd"])
 def test_without_a_finite_estimate_it_flies_on(kind: str, tmp_path: Path) -> None:
     bundle = write_policy(tmp_path / "policy", Blinking("force"))
@@ -138,6 +140,7 @@ def test_no_bundle_there(kind: str, tmp_path: Path) -> None:
         named_controller(f"{kind}:{tmp_path / 'nothing'}", brief(), kleopatra())
 
 
+@pytest.mark.slow
 def test_several_policies_in_one_campaign(tmp_path: Path) -> None:
     gentle = write_policy(tmp_path / "gentle", DeadReckoning(proportional=1e-5))
     other = write_policy(tmp_path / "other", DeadReckoning(proportional=2e-5))
@@ -154,6 +157,7 @@ def test_several_policies_in_one_campaign(tmp_path: Path) -> None:
     assert run_campaign(flights, tmp_path / "flights", workers=Workers(1)) == rows
 
 
+@pytest.mark.slow
 def test_files_of_paths_that_look_alike_differ(tmp_path: Path) -> None:
     bundle = write_policy(tmp_path / "a-b" / "policy", DeadReckoning())
     write_policy(tmp_path / "a" / "b" / "policy", DeadReckoning())

@@ -142,6 +142,7 @@ def test_damaged_bundles_are_refused(
         GuidanceBundle.load(tmp_path)
 
 
+@pytest.mark.slow
 def test_the_law_alone_flies_a_short_way(bundle: Path) -> None:
     """By name, in the hybrid too, and the log says which bundle flew."""
     log = fly(short_scenario(), f"policy:{bundle}")

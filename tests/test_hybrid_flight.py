@@ -202,6 +202,7 @@ def test_summary(trusting: FlightLog, bundle: Path) -> None:
     assert json.loads(json.dumps(summary, allow_nan=False)) == summary
 
 
+@pytest.mark.slow
 def test_share_until_arrival() -> None:
     """The hold after arrival counts for the whole flight only."""
     scenario = short_scenario(arrival__radius_m=1e3, hybrid__check_period=7)
@@ -308,6 +309,7 @@ def test_gate_and_limits_are_the_scenario_s(bundle: Path) -> None:
     assert (selector.position_error, selector.velocity_error) == (0.0, 0.5)
 
 
+@pytest.mark.slow
 def test_another_bundle_by_its_folder(bundle: Path, tmp_path: Path) -> None:
     counting = write_policy(tmp_path / "counting", Counting())
     scenario, body = brief(bundle), kleopatra()

@@ -92,6 +92,7 @@ def plan_by(program: TransitProgram, ends: tuple[np.ndarray, np.ndarray], side: 
     return program.solve(start, target, guess, iterations=25)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "index", [77, 81, *(pytest.param(k, marks=pytest.mark.slow) for k in (87, 501, 191))]
 )

@@ -198,6 +198,7 @@ def test_chords_of_a_turned_fan_are_those_of_turned_directions() -> None:
         assert np.array_equal(one, other)
 
 
+@pytest.mark.slow
 def test_the_learned_lidar_turns_its_rays_too(tmp_path: Path) -> None:
     lidar = LearnedLidar(write_ball_bundle(tmp_path / "ball"), LidarErrors())
     offset = PLACE - CENTRE
@@ -213,6 +214,7 @@ def test_the_learned_lidar_turns_its_rays_too(tmp_path: Path) -> None:
     assert np.array_equal(frame(lidar, PLACE), frame(lidar, PLACE, IDENTITY))
 
 
+@pytest.mark.slow
 def test_a_frame_network_knows_one_attitude(tmp_path: Path) -> None:
     lidar = LearnedLidar(write_ball_frame_bundle(tmp_path / "ball"))
     assert np.array_equal(frame(lidar, PLACE), frame(lidar, PLACE, IDENTITY))

@@ -28,6 +28,7 @@ def holding(gain: float, *overrides: str):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "mismatch",
     [
@@ -58,6 +59,7 @@ def test_plant_has_the_mass_and_thrust_it_is_given(quantity, scale):
     assert measured == pytest.approx(expected, rel=2e-3, abs=2e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mismatch", ["truth.mass=1.1", "truth.thrusters.scale=[0.9, 0.9, 0.9]"])
 def test_delta_v_of_holding_is_that_of_any_plant(mismatch):
     """Holding costs what gravity pulls, whatever the mass and however strong the thrusters."""

@@ -131,6 +131,7 @@ def test_the_five_worst_are_replayed(results: dict[str, Any]) -> None:
     assert shown_transits(results)["pd"] == [0, 2, 3, 5, 6, 7, 8]
 
 
+@pytest.mark.slow
 def test_report_leads_to_the_replays(
     results: dict[str, Any], text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -164,6 +165,7 @@ def test_report_says_what_drives_failure(text: str) -> None:
     assert worst_tables("mpc", plain["mpc"]) == []
 
 
+@pytest.mark.slow
 def test_report_lists_worlds_that_cannot_be_flown(results: dict[str, Any], text: str) -> None:
     assert "## 9 transits of seed 1" in text
     assert "| 4 | pd | hovering needs 9 N |" in text

@@ -46,6 +46,7 @@ def on_lidar_for_150_s() -> FlightLog:
 # --- bodies and poses -----------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_generated_body_can_be_flown_at(bodies: ModuleType, tmp_path: Path) -> None:
     scenario = bodies.scenario_at("lumpy-ball", tmp_path)
     body = load_body(scenario.body)

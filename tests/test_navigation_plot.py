@@ -58,6 +58,7 @@ def test_it_can_be_drawn(figure: Figure, tmp_path) -> None:
     assert (tmp_path / "navigation.png").stat().st_size > 20_000
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("steps", [0, 1])
 def test_flights_that_end_at_once(steps: int, tmp_path) -> None:
     plot_navigation(navigated_log(steps)).savefig(tmp_path / "navigation.png")

@@ -98,6 +98,7 @@ def test_estimate(tmp_path: Path) -> None:
         assert row["force"] == pytest.approx(np.clip(wanted, -7.0, 7.0), abs=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("spoiled", ["force", "memory", "index"])
 def test_what_is_not_finite_flies_on_without_force(tmp_path: Path, spoiled: str) -> None:
     policy = NeuralPolicy(write_policy(tmp_path / "policy", NotANumber(spoiled)))

@@ -466,6 +466,7 @@ def flip(path: Path) -> None:
     path.write_bytes(content)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("damage", [cut, flip, Path.unlink])
 @pytest.mark.parametrize("name", ["state.npy", "ray.npy", "offset.npy"])
 def test_a_damaged_column(packed_logs: Path, damage: Callable[[Path], None], name: str) -> None:

@@ -69,6 +69,7 @@ def test_unit_goes_by_size(size: float, unit: tuple[float, str]) -> None:
     assert plots.length_unit(size) == unit
 
 
+@pytest.mark.slow
 def test_flight_about_a_small_body_is_in_metres(log: FlightLog, small: FlightLog) -> None:
     large, figure = plot_flight(log), plot_flight(small)
     assert not [t for ax in figure.axes for t in (ax.get_xlabel(), ax.get_ylabel()) if "(km)" in t]
@@ -192,6 +193,7 @@ def test_frame_without_a_return(ax: Axes) -> None:
     assert png(figure)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("steps", [1, 2])
 def test_flights_that_end_at_once(steps: int) -> None:
     assert png(plot_flight(synthetic_log(steps, ranges=False)))

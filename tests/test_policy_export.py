@@ -93,6 +93,7 @@ def test_export_that_differs_is_refused(tmp_path: Path, monkeypatch: pytest.Monk
     refused(tmp_path, "no bundle is written", Counting(), facts_of(Counting))
 
 
+@pytest.mark.slow
 def test_difference_that_only_memory_shows_is_found(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -125,6 +126,7 @@ def test_what_is_not_as_the_facts_say_is_refused(tmp_path: Path) -> None:
     refused(tmp_path, "the network's outputs are", Shorter(), facts_of(Counting))
 
 
+@pytest.mark.slow
 def test_nothing_finite_and_nothing_to_compare(tmp_path: Path) -> None:
     [first, second] = example_steps()
     blind = (np.full_like(first[0], np.inf), *first[1:])

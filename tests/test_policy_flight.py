@@ -229,6 +229,7 @@ def test_fly_and_fly_again(run, reckoning: Path, tmp_path: Path, capsys) -> None
     assert json.loads((tmp_path / "two" / "summary.json").read_text()) == two.summary
 
 
+@pytest.mark.slow
 def test_another_policy_in_its_place_is_told(run, tmp_path: Path, capsys) -> None:
     bundle = write_policy(tmp_path / "policy", DeadReckoning())
     brief_flight = settings({"arrival.deadline_s": 100, "arrival.dwell_s": 50})
@@ -266,6 +267,7 @@ def test_evaluate(run, reckoning: Path, tmp_path: Path) -> None:
     assert {row["policy_sha256"] for row in pd["flights"]} == {None}
 
 
+@pytest.mark.slow
 def test_campaign_does_not_mix_policies(tmp_path: Path) -> None:
     bundle = write_policy(tmp_path / "policy", DeadReckoning())
     scenario = brief(bundle)

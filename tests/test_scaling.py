@@ -4,6 +4,7 @@ import dataclasses as dc
 from pathlib import Path
 
 import numpy as np
+import pytest
 import torch
 from flight_folders import copy_flights
 from short_flights import kleopatra
@@ -87,6 +88,7 @@ def test_losses_of_similar_errors_are_the_same():
     )
 
 
+@pytest.mark.slow
 def test_a_setting_tells_how_large_it_is(tmp_path: Path):
     packed = pack_flights(copy_flights(tmp_path))
     assert scaling_of(packed.setting) == Scaling(1.0, 1.0, 1.0)

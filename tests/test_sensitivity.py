@@ -55,6 +55,7 @@ def found() -> dict[str, Any]:
     return rank_drivers(flights(200, turned))
 
 
+@pytest.mark.slow
 def test_drivers_are_found(found: dict[str, Any]) -> None:
     assert tuple(found) == OUTPUTS
     assert found["failure"][0]["quantity"] == "|truth.attitude.constant_deg|"

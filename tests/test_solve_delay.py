@@ -43,6 +43,7 @@ def applied_pieces(log: FlightLog, delay: float) -> list[tuple[float, float, np.
     return pieces
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("delay", DELAYS)
 def test_it_arrives_all_the_same(delay: float) -> None:
     log = delayed_flight(delay)

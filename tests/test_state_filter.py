@@ -126,6 +126,7 @@ class Prediction(torch.nn.Module):
         return self.given.predict(memory, force)
 
 
+@pytest.mark.slow
 def test_onnx_runtime_rounds_predicted_positions_alike():
     """A centimetre of rounding at 150 km would be a velocity at the filter's first steps."""
     torch.manual_seed(0)

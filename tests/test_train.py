@@ -47,6 +47,7 @@ def report(data: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, An
     return train_paper_policy(data, out, SMALL) | {"out": out}
 
 
+@pytest.mark.slow
 def test_training_reduces_the_loss(report: dict[str, Any]):
     with (report["out"] / "curves" / "policy.csv").open() as file:
         losses = [float(row["training_loss"]) for row in csv.DictReader(file)]
