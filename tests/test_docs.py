@@ -210,6 +210,7 @@ def test_every_command_in_brief(
     shutil.copytree(ROOT / "assets", working_folder / "assets")
     for bundle in ("policy", "dagger/bundle"):
         write_policy(working_folder / "out" / bundle, DeadReckoning())
+    write_guidance(working_folder / "out" / "any-body" / "bundle")
     run_already = set()
     for line in dict.fromkeys(line for _, line in proxops_lines()):
         words = shlex.split(line, comments=True)[1:]
