@@ -130,6 +130,11 @@ def _given(data: Path | None) -> Path:
     return data
 
 
+def _of_epochs(schedule: Any, epochs: int | None) -> Any:
+    """A schedule with another number of epochs; None: with its own."""
+    return schedule if epochs is None else replace(schedule, epochs=epochs)
+
+
 def _paper(minutes: float | None) -> Training:
     """The training by the paper's recipe."""
     with training_extra():
@@ -139,8 +144,7 @@ def _paper(minutes: float | None) -> Training:
     def train(data, out, common, quick, epochs, tell):
         settings = PaperSettings(**common)
         settings = settings.quick() if quick else settings
-        schedule = replace(settings.schedule, minutes=minutes)
-        schedule = schedule if epochs is None else replace(schedule, epochs=epochs)
+        schedule = _of_epochs(replace(settings.schedule, minutes=minutes), epochs)
         return train_paper_policy(_given(data), out, replace(settings, schedule=schedule), tell)
 
     return train
@@ -154,9 +158,7 @@ def _pilot(workers: Workers) -> Training:
     def train(data, out, common, quick, epochs, tell):
         settings = PilotSettings(**common)
         settings = settings.quick() if quick else settings
-        guidance = settings.guidance
-        guidance = guidance if epochs is None else replace(guidance, epochs=epochs)
-        settings = replace(settings, guidance=guidance)
+        settings = replace(settings, guidance=_of_epochs(settings.guidance, epochs))
         return train_pilot(_given(data), out, settings, workers.reporting(tell))
 
     return train
@@ -170,9 +172,7 @@ def _any_body(workers: Workers) -> Training:
     def train(data, out, common, quick, epochs, tell):
         settings = AnyBodySettings(**common)
         settings = settings.quick() if quick else settings
-        schedule = settings.schedule
-        schedule = schedule if epochs is None else replace(schedule, epochs=epochs)
-        settings = replace(settings, schedule=schedule)
+        settings = replace(settings, schedule=_of_epochs(settings.schedule, epochs))
         return train_any_body(out, settings, workers.reporting(tell))
 
     return train

@@ -6,6 +6,7 @@ import torch
 from torch import Tensor, nn
 
 from proxops.systems.policy import INPUTS
+from proxops.training.pilot import least_effort, way_round
 
 # Scales of the network's inputs: position errors in the middle and in the near range, and slow
 # speeds, in the units of `Surroundings`.
@@ -13,8 +14,6 @@ _NEAR_SCALES = (0.05, 0.003)
 _SLOW_SCALE = 0.025
 # Added to a distance, so that it is never 0.
 _LEAST_DISTANCE = 1e-5
-# The corrections of time and gains lie between 1/e and e.
-_GREATEST_LOG = 1.0
 # Times and accelerations that the law begins with, in the same units: at Kleopatra some 240 s and
 # 0.03 m/s^2.
 _LEAST_TIME, _ACCELERATION = 0.2, 0.43
@@ -63,16 +62,14 @@ class AnyBodyGuidance(nn.Module):
         away = goal - position
         features, distance = self._features(position, velocity, away, axes)
         thrust, logs = self.network(torch.cat([given, features], dim=1)).split(3, dim=1)
-        scales = torch.exp(logs.clamp(-_GREATEST_LOG, _GREATEST_LOG))
-        scale_time, scale_error, scale_speed = scales.split(1, dim=1)
-        distance = distance + _LEAST_DISTANCE
-        closing = torch.relu((away * velocity).sum(1, keepdim=True) / distance)
-        a = torch.exp(self.log_acceleration)
-        q = closing**2 / (a * distance)
-        share = (q + torch.sqrt(q * (q + 9.0) + 1e-9)) / 9.0
-        squared = 4.0 * scale_time**2 * distance / (a * (1.0 + 2.0 * share))
-        squared = squared + torch.exp(2.0 * self.log_least_time)
-        law = 6.0 * scale_error * away / squared - 4.0 * scale_speed * velocity / squared.sqrt()
+        law = least_effort(
+            away,
+            velocity,
+            distance + _LEAST_DISTANCE,
+            logs,
+            self.log_acceleration,
+            self.log_least_time,
+        )
         return law - natural + thrust
 
     def _features(self, p: Tensor, v: Tensor, e: Tensor, axes: Tensor) -> tuple[Tensor, Tensor]:
@@ -80,17 +77,6 @@ class AnyBodyGuidance(nn.Module):
         distance, speed = e.norm(dim=1, keepdim=True), v.norm(dim=1, keepdim=True)
         bent = torch.asinh(torch.cat([e, e, v], dim=1) / self.bends)
         unit = [e / (distance + 1e-3), v / (speed + 2.5e-3)]
-        # The point where the straight line comes closest, in coordinates in which the ellipsoid is
-        # a ball.
-        here, way = p / axes, e / axes
-        share = -(here * way).sum(1, keepdim=True) / ((way * way).sum(1, keepdim=True) + 1e-4)
-        share = share.clamp(0.0, 1.0)
-        closest = here + share * way
-        depth, level = closest.norm(dim=1, keepdim=True), here.norm(dim=1, keepdim=True)
-        up, out = here / (level + 1e-3), closest / (depth + 0.05)
-        rising = (v / axes * up).sum(1, keepdim=True)
-        above = (level - 1.0).clamp(min=0.005)
+        here, above, round_it = way_round(p, v, e, axes)
         logs = torch.log(torch.cat([10.0 * distance + 0.01, speed + 1.25e-3, above], 1))
-        round_it = [up, out, 3.0 * torch.relu(1.3 - depth) * out, share, depth, rising]
-        round_it += [5.0 * torch.relu(1.2 - depth), here, 2.0 * e]
-        return torch.cat([bent, *unit, logs, *round_it], dim=1), distance
+        return torch.cat([bent, *unit, logs, *round_it, here, 2.0 * e], dim=1), distance

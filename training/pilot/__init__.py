@@ -8,6 +8,7 @@ the expert's force, and trains the guidance again.
 
 from proxops.training.pilot.dagger import DaggerSettings, run_dagger
 from proxops.training.pilot.examples import Hits, hits_of
+from proxops.training.pilot.guidance import least_effort, way_round
 from proxops.training.pilot.lidar_hits import HitSelection
 from proxops.training.pilot.network import Pilot
 from proxops.training.pilot.recipe import train_pilot
@@ -26,10 +27,12 @@ __all__ = [
     "PilotSettings",
     "geometry_task",
     "hits_of",
+    "least_effort",
     "load_pilot",
     "measurement_noise",
     "plot_surface",
     "run_dagger",
     "shape_of",
     "train_pilot",
+    "way_round",
 ]

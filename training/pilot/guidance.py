@@ -82,16 +82,10 @@ class Guidance(nn.Module):
         """
         inputs, distance = self._inputs(position, velocity, goal)
         thrust, logs = self.network(inputs).split(3, dim=1)
-        logs = logs.clamp(-_GREATEST_LOG, _GREATEST_LOG)
-        scale_time, scale_error, scale_speed = torch.exp(logs).split(1, dim=1)
         away, distance = goal - position, self.length * (distance + _LEAST_DISTANCE)
-        closing = torch.relu((away * velocity).sum(1, keepdim=True) / distance)
-        a = torch.exp(self.log_acceleration)
-        q = closing**2 / (a * distance)
-        share = (q + torch.sqrt(q * (q + 9.0) + 1e-9)) / 9.0
-        squared = 4.0 * scale_time**2 * distance / (a * (1.0 + 2.0 * share))
-        squared = squared + torch.exp(2.0 * self.log_least_time)
-        law = 6.0 * scale_error * away / squared - 4.0 * scale_speed * velocity / squared.sqrt()
+        law = least_effort(
+            away, velocity, distance, logs, self.log_acceleration, self.log_least_time
+        )
         return self.mass * (law - natural) + self.thrust_limit * thrust
 
     def _inputs(self, position: Tensor, velocity: Tensor, goal: Tensor) -> tuple[Tensor, Tensor]:
@@ -101,18 +95,56 @@ class Guidance(nn.Module):
         distance, speed = e.norm(dim=1, keepdim=True), v.norm(dim=1, keepdim=True)
         bent = torch.asinh(torch.cat([e, e, v], dim=1) / self.bends)
         unit = [e / (distance + 1e-3), v / (speed + 5e-3)]
-        # The point where the straight line comes closest, in coordinates in which the ellipsoid is
-        # a ball.
-        axes = torch.exp(self.log_axes)
-        here, way = p / axes, e / axes
-        share = -(here * way).sum(1, keepdim=True) / ((way * way).sum(1, keepdim=True) + 1e-4)
-        share = share.clamp(0.0, 1.0)
-        closest = here + share * way
-        depth, level = closest.norm(dim=1, keepdim=True), here.norm(dim=1, keepdim=True)
-        up, out = here / (level + 1e-3), closest / (depth + 0.05)
-        rising = (v / axes * up).sum(1, keepdim=True)
-        above = (level - 1.0).clamp(min=0.005)
+        _, above, round_it = way_round(p, v, e, torch.exp(self.log_axes))
         logs = torch.log(torch.cat([10.0 * distance + 0.01, speed + 2.5e-3, above], 1))
-        round_it = [up, out, 3.0 * torch.relu(1.3 - depth) * out, share, depth, rising]
-        round_it += [5.0 * torch.relu(1.2 - depth)]
         return torch.cat([p, g, v, 2.0 * e, bent, *unit, logs, *round_it], dim=1), distance
+
+
+def least_effort(
+    away: Tensor,
+    velocity: Tensor,
+    distance: Tensor,
+    logs: Tensor,
+    log_acceleration: Tensor,
+    log_least_time: Tensor,
+) -> Tensor:
+    """The acceleration (B, 3) of the law of least quadratic effort, with corrections.
+
+    Args:
+      away: (B, 3) vector to the goal. velocity: (B, 3).
+      distance: (B, 1) length of `away`, above 0.
+      logs: (B, 3) logarithms of what T and both gains are corrected by; they are limited.
+      log_acceleration, log_least_time: logarithms of a and of the least T.
+    """
+    logs = logs.clamp(-_GREATEST_LOG, _GREATEST_LOG)
+    scale_time, scale_error, scale_speed = torch.exp(logs).split(1, dim=1)
+    closing = torch.relu((away * velocity).sum(1, keepdim=True) / distance)
+    a = torch.exp(log_acceleration)
+    q = closing**2 / (a * distance)
+    share = (q + torch.sqrt(q * (q + 9.0) + 1e-9)) / 9.0
+    squared = 4.0 * scale_time**2 * distance / (a * (1.0 + 2.0 * share))
+    squared = squared + torch.exp(2.0 * log_least_time)
+    return 6.0 * scale_error * away / squared - 4.0 * scale_speed * velocity / squared.sqrt()
+
+
+def way_round(p: Tensor, v: Tensor, e: Tensor, axes: Tensor) -> tuple[Tensor, Tensor, list[Tensor]]:
+    """What a network is told of the ellipsoid and of where the straight line comes closest to it.
+
+    Args:
+      p, v, e: position, velocity and vector to the goal (B, 3), in any units.
+      axes: semi-axes (3,) or (B, 3) in the unit of `p`.
+
+    Returns:
+      The position (B, 3) in coordinates in which the ellipsoid is a ball; its level above the ball
+      (B, 1), which is never 0; and columns for the network, 13 in all.
+    """
+    here, way = p / axes, e / axes
+    share = -(here * way).sum(1, keepdim=True) / ((way * way).sum(1, keepdim=True) + 1e-4)
+    share = share.clamp(0.0, 1.0)
+    closest = here + share * way
+    depth, level = closest.norm(dim=1, keepdim=True), here.norm(dim=1, keepdim=True)
+    up, out = here / (level + 1e-3), closest / (depth + 0.05)
+    rising = (v / axes * up).sum(1, keepdim=True)
+    above = (level - 1.0).clamp(min=0.005)
+    round_it = [up, out, 3.0 * torch.relu(1.3 - depth) * out, share, depth, rising]
+    return here, above, [*round_it, 5.0 * torch.relu(1.2 - depth)]
