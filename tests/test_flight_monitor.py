@@ -9,6 +9,7 @@ import trimesh
 from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator, SimulatorStatus
 from pydrake.systems.framework import BasicVector, DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
+from scipy.interpolate import CubicSpline
 from trimesh.ray.ray_triangle import RayMeshIntersector
 
 from proxops.diagrams.scenario.body import load_body
@@ -75,12 +76,13 @@ def watch(
     until: float = 2000.0,
     field: GravityField | None = None,
     keep_out=KEEP_OUT,
+    speed=SPEED,
 ) -> Flown:
     builder = DiagramBuilder()
     flight = builder.AddSystem(Scripted(script))
     goal = builder.AddSystem(ConstantVectorSource(np.array(target, dtype=float)))
     monitor = builder.AddSystem(
-        FlightMonitor(field or cube(), keep_out, radius=RADIUS, speed=SPEED, dwell=DWELL)
+        FlightMonitor(field or cube(), keep_out, radius=RADIUS, speed=speed, dwell=DWELL)
     )
     builder.Connect(flight.get_output_port(), monitor.GetInputPort("state"))
     builder.Connect(goal.get_output_port(), monitor.GetInputPort("target"))
@@ -112,18 +114,21 @@ def straight(start, velocity) -> Script:
 GOAL = np.array([100e3, 20e3, -30e3])
 
 
-def past_the_goal(times, offsets) -> Script:
-    """At rest, as far from the goal as interpolated: in position along y, in m."""
+def past_the_goal(distances: CubicSpline) -> Script:
+    """As far from the goal as a spline says, in m along y; its knots are at control steps."""
+    rate = distances.derivative()
 
     def script(time: float) -> np.ndarray:
-        offset = np.interp(time, times, offsets)
-        return np.concatenate([GOAL + [0.0, offset, 0.0], np.zeros(3)])
+        time = min(time, distances.x[-1])  # Then it stays.
+        state = np.concatenate([GOAL, np.zeros(3)])
+        state[[1, 4]] += distances(time), rate(time)
+        return state
 
     return script
 
 
-def goal_flight(script: Script, until: float = 3000.0) -> Flown:
-    return watch(script, target=[*GOAL, 0.0, 0.0, 0.0], until=until)
+def goal_flight(script: Script, until: float = 3000.0, speed: float = SPEED) -> Flown:
+    return watch(script, target=[*GOAL, 0.0, 0.0, 0.0], until=until, speed=speed)
 
 
 def test_enters_dwells_and_ends():
@@ -131,8 +136,7 @@ def test_enters_dwells_and_ends():
     distance = RADIUS + 0.9 * 123.456
     flown = goal_flight(straight(GOAL - [distance, 0, 0], [0.9, 0, 0]))
     assert flown.last[ENTERED_GOAL] == pytest.approx(123.456, abs=1e-3)
-    assert flown.end == pytest.approx(123.456 + DWELL, abs=2e-3)
-    assert flown.end - flown.last[ENTERED_GOAL] >= DWELL * (1.0 - 1e-9)
+    assert flown.end == 730.0  # The first control step after the dwell.
     assert flown.reason == REACHED
     assert flown.last.tolist()[1:] == [0.0, 0.0, 1.0]
     # Before that it says so.
@@ -158,49 +162,57 @@ def test_leaves_before_the_dwell_is_over():
 
 
 def test_leaving_starts_the_dwell_anew():
-    # In at 101.5, out at 203.0 for a little, in again at 405.5.
-    times = [0.0, 101.5, 150.0, 203.0, 300.0, 405.5, 450.0]
-    offsets = [1100.0, 1000.0, 500.0, 1000.0, 1300.0, 1000.0, 10.0]
-    flown = goal_flight(past_the_goal(times, offsets))
+    times = [0.0, 100.0, 150.0, 200.0, 300.0, 400.0, 500.0]
+    offsets = CubicSpline(times, [1100.0, 1010.0, 500.0, 990.0, 1300.0, 1010.0, 10.0])
+    first, left, again = offsets.solve(RADIUS, extrapolate=False)
+    flown = goal_flight(past_the_goal(offsets), speed=100.0)
     entered = flown.outcomes[:, ENTERED_GOAL]
-    first = (flown.times > 101.5) & (flown.times < 203.0)
-    away = (flown.times > 203.01) & (flown.times < 405.49)
-    assert entered[first] == pytest.approx(np.full(first.sum(), 101.5), abs=1e-3)
+    inside = (flown.times > first) & (flown.times < left)
+    away = (flown.times > left) & (flown.times < again)
+    assert inside.sum() > 5 < away.sum()
+    assert entered[inside] == pytest.approx(np.full(inside.sum(), first), abs=1e-6)
     assert np.all(entered[away] == NEVER)
-    assert flown.last[ENTERED_GOAL] == pytest.approx(405.5, abs=1e-3)
-    assert flown.end == pytest.approx(405.5 + DWELL, abs=2e-3)
+    assert flown.last[ENTERED_GOAL] == pytest.approx(again, abs=1e-6)
+    assert flown.end == PERIOD * np.ceil((again + DWELL) / PERIOD)
     assert flown.last[FINISHED] == 1.0
 
 
-def test_leaving_at_the_last_moment_is_no_arrival():
-    times = [0.0, 100.0, 150.0, 699.0, 720.0]
-    flown = goal_flight(past_the_goal(times, [1100.0, 1000.0, 0.0, 1000.0, 1500.0]), until=1400.0)
-    assert flown.reason == RAN_OUT
-    assert flown.last.tolist() == [NEVER, 0.0, 0.0, 0.0]
-    # And one second later it would have been one.
-    times[3] = 701.0
-    flown = goal_flight(past_the_goal(times, [1100.0, 1000.0, 0.0, 1000.0, 1500.0]), until=1400.0)
-    assert flown.end == pytest.approx(700.0, abs=2e-3)
-    assert flown.last[FINISHED] == 1.0
+@pytest.mark.parametrize(("dwelt", "arrives"), [(DWELL - 1.0, False), (DWELL + 1.0, True)])
+def test_leaving_at_the_last_moment(dwelt, arrives):
+    """In at 105 s, and out in the middle of a control period."""
+    middle, half = 105.0 + 0.5 * dwelt, 0.5 * dwelt
+    times = np.arange(0.0, 901.0, PERIOD)
+    knots = RADIUS + 0.01 * ((times - middle) ** 2 - half**2)  # Below 0 it is on the other side.
+    spline = CubicSpline(times, knots)  # A parabola.
+    flown = goal_flight(past_the_goal(spline), until=900.0, speed=100.0)
+    assert flown.last[FINISHED] == arrives
+    if arrives:
+        assert flown.reason == REACHED
+        assert flown.end == pytest.approx(710.0)
+        assert flown.last[ENTERED_GOAL] == pytest.approx(105.0, abs=1e-6)
+    else:
+        assert flown.reason == RAN_OUT
+        assert flown.last.tolist() == [NEVER, 0.0, 0.0, 0.0]
 
 
 def test_speed_counts_as_well_as_distance():
-    # Within 1 km all the time; the speed falls to 1 m/s at 60.25 s and rises again at 260.25 s.
+    """Within 1 km all the time; 1 m/s at 60.25 s, at rest at 160.25 s, and 1 m/s at 260.25 s."""
+
     def script(time: float) -> np.ndarray:
-        speed = 1.0 + 0.01 * max(60.25 - time, time - 260.25)
-        return np.concatenate([GOAL, [0.0, 0.0, speed]])
+        since = time - 160.25
+        return np.concatenate([GOAL + [0.0, 0.0, 0.005 * since**2], [0.0, 0.0, 0.01 * since]])
 
     flown = goal_flight(script, until=500.0)
     entered = flown.outcomes[:, ENTERED_GOAL]
     inside = (flown.times > 60.25) & (flown.times < 260.25)
-    assert entered[inside] == pytest.approx(np.full(inside.sum(), 60.25), abs=1e-3)
+    assert entered[inside] == pytest.approx(np.full(inside.sum(), 60.25), abs=1e-6)
     assert np.all(entered[~inside] == NEVER)
 
 
 def test_starting_inside_the_goal_region():
     flown = goal_flight(straight(GOAL, [0.1, 0.0, 0.0]))
     assert flown.outcomes[0, ENTERED_GOAL] == flown.last[ENTERED_GOAL] == 0.0
-    assert flown.end == pytest.approx(DWELL, abs=1e-3)
+    assert flown.end == DWELL
     assert flown.reason == REACHED
 
 
@@ -376,7 +388,8 @@ def test_flight_taken_up_from_a_cloned_context_goes_on_as_it_was(cloned_at):
     for flown in (first, twin):
         flown.AdvanceTo(2000.0)
         ends.append(flown.get_context().get_time())
-    assert ends == pytest.approx([100.0 + DWELL] * 2, abs=2e-3)
+    assert ends[0] == pytest.approx(100.0 + DWELL, abs=PERIOD)
+    assert ends[1] == ends[0]
 
 
 def test_free_flight_far_away_meets_nothing():

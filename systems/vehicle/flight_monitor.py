@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from pydrake.systems.framework import (
     BasicVector,
@@ -11,12 +13,13 @@ from pydrake.systems.framework import (
     WitnessFunctionDirection,
 )
 from scipy.interpolate import CubicHermiteSpline
+from scipy.optimize import brentq
 
 from proxops.systems.common import check_not_negative, check_positive
 from proxops.systems.gravity import GravityField
 from proxops.systems.shapes import blocks_segment, clearances, ray_caster
 
-# A time that never comes. It is finite, so that a witness function may be interpolated.
+# A time that never comes.
 NEVER = 1e15
 # Indices of the outcome vector.
 ENTERED_GOAL, VIOLATIONS, COLLIDED, FINISHED = range(4)
@@ -43,16 +46,19 @@ class FlightMonitor(LeafSystem):
                                       1 after a collision, 1 after the dwell in the goal region
     ```
 
-    Witness functions find, to a fraction of a millisecond, when the spacecraft
+    The path since the last control step is the cubic through both states' positions and velocities.
+    From it, `outcome` has at any time
 
-    * enters or leaves the goal region (within `radius` and `speed` of the target),
-    * goes deeper than `tolerance` into the keep-out ellipsoid: the violation is counted,
-    * enters the true mesh: the flight ends,
-    * has spent `dwell` in the goal region without a break: the flight ends.
+    * when the spacecraft entered or left the goal region (within `radius` and `speed` of the
+      target): where the thrust does not change within the period, to a millisecond,
+    * a violation for each time that it goes deeper than `tolerance` into the keep-out ellipsoid,
+    * a collision, if the chord of the path meets the true mesh: the flight ends,
+    * whether it has spent `dwell` in the goal region without a break: the flight ends at the first
+      control step at which this is so.
 
-    A witness function sees only the ends of an integration step. The path in between may cut a
-    corner of the mesh or dip into the ellipsoid. So the path over each control period is checked as
-    well: its chord is cast against the mesh, and a cubic through its ends is checked for depth.
+    When the spacecraft enters the mesh and stays there, a witness function finds it to a fraction
+    of a millisecond, and the flight ends there. Arrival has no witness function: Drake integrates
+    some 200 times to find the zero of one.
     """
 
     def __init__(
@@ -91,46 +97,31 @@ class FlightMonitor(LeafSystem):
         self._state_port = self.DeclareVectorInputPort(name="state", size=6)
         self._target_port = self.DeclareVectorInputPort(name="target", size=6)
         self._outcome_index = self.DeclareDiscreteState(BasicVector([NEVER, 0.0, 0.0, 0.0]))
-        # State, time and violations at the last control step.
-        self._last_index = self.DeclareDiscreteState(BasicVector(np.full(8, np.nan)))
-        self.DeclareStateOutputPort(name="outcome", state_index=self._outcome_index)
+        # State, target and time at the last control step, when the outcome was as above.
+        self._last_index = self.DeclareDiscreteState(BasicVector(np.full(13, np.nan)))
+        self.DeclareVectorOutputPort(
+            name="outcome",
+            size=4,
+            calc=lambda context, output: output.SetFromVector(self._outcome(context)),
+        )
         self.DeclareInitializationDiscreteUpdateEvent(update=self._initialise)
         self.DeclarePeriodicDiscreteUpdateEvent(
-            period_sec=period, offset_sec=period, update=self._check_path
+            period_sec=period, offset_sec=period, update=self._check
         )
-        falling = WitnessFunctionDirection.kPositiveThenNonPositive
-        rising = WitnessFunctionDirection.kNegativeThenNonNegative
-        self._witnesses = [
-            self._witness("enters the goal region", falling, self._calc_outside_goal, self._enter),
-            self._witness("leaves the goal region", rising, self._calc_outside_goal, self._leave),
-            self._witness("dwell is over", falling, self._calc_dwell_left, self._finish),
-            self._witness("keep-out violation", falling, self._calc_clearance, self._violate),
-            self._witness("collision", falling, self._calc_outside_body, self._collide),
-        ]
 
-    def _witness(self, description, direction, calc, update):
-        def callback(system, context, event, state):
-            return update(context, state)
+        def collide(system, context, event, state):
+            return self._collide(state)
 
-        event = UnrestrictedUpdateEvent(system_callback=callback)
-        return self.MakeWitnessFunction(description, direction, calc, event)
+        self._witness = self.MakeWitnessFunction(
+            "collision",
+            WitnessFunctionDirection.kPositiveThenNonPositive,
+            self._calc_outside_body,
+            UnrestrictedUpdateEvent(system_callback=collide),
+        )
 
     def DoGetWitnessFunctions(self, context):  # noqa: N802
-        """Returns all witness functions."""
-        return self._witnesses
-
-    def _calc_outside_goal(self, context) -> float:
-        error = self._state_port.Eval(context) - self._target_port.Eval(context)
-        distance = float(np.linalg.norm(error[:3])) / self._radius
-        return max(distance, float(np.linalg.norm(error[3:])) / self._speed) - 1.0
-
-    def _calc_dwell_left(self, context) -> float:
-        entered = context.get_discrete_state(self._outcome_index).GetAtIndex(ENTERED_GOAL)
-        return entered + self._dwell - context.get_time()
-
-    def _calc_clearance(self, context) -> float:
-        position = self._state_port.Eval(context)[:3]
-        return float(clearances(self._keep_out, position[None])[0]) + self._tolerance
+        """Returns the witness function of a collision."""
+        return [self._witness]
 
     def _calc_outside_body(self, context) -> float:
         position = self._state_port.Eval(context)[:3]
@@ -138,49 +129,115 @@ class FlightMonitor(LeafSystem):
             return 1.0
         return -1.0 if self._field.evaluate(position[None]).inside[0] else 1.0
 
+    def _collide(self, state):
+        outcome = state.get_mutable_discrete_state(self._outcome_index).get_mutable_value()
+        outcome[COLLIDED] = 1.0
+        return EventStatus.ReachedTermination(self, "collision with the body")
+
     def _initialise(self, context, discrete_state):
-        outcome = discrete_state.get_mutable_value(self._outcome_index)
         # A flight that continues in the goal region, from a cloned Context, entered it before.
+        outcome = self._outcome(context)
         entered = min(outcome[ENTERED_GOAL], context.get_time())
-        outcome[ENTERED_GOAL] = entered if self._calc_outside_goal(context) <= 0.0 else NEVER
-        self._mark(context, discrete_state, outcome[VIOLATIONS])
+        state, target = self._state_port.Eval(context), self._target_port.Eval(context)
+        outcome[ENTERED_GOAL] = entered if self._level(state - target) <= 1.0 else NEVER
+        self._keep(context, discrete_state, outcome)
 
-    def _mark(self, context, discrete_state, violations: float) -> None:
-        now = np.concatenate([self._state_port.Eval(context), [context.get_time(), violations]])
-        discrete_state.set_value(self._last_index, now)
-
-    def _check_path(self, context, discrete_state):
-        last = context.get_discrete_state(self._last_index).value()
-        state = self._state_port.Eval(context)
-        outcome = discrete_state.get_mutable_value(self._outcome_index)
-        duration = context.get_time() - last[6]
-        # Nothing has been flown where a flight is taken up again at a control step.
-        flown = duration > 0.0
-        if flown and outcome[VIOLATIONS] == last[7] and self._dips(last[:6], state, duration):
-            outcome[VIOLATIONS] += 1.0
-        self._mark(context, discrete_state, outcome[VIOLATIONS])
-        start, end = last[:3], state[:3]
-        if blocks_segment(self._around, start, end) and self._hits_body(start, end):
-            outcome[COLLIDED] = 1.0
+    def _check(self, context, discrete_state):
+        outcome = self._outcome(context)
+        self._keep(context, discrete_state, outcome)
+        if outcome[COLLIDED]:
             return EventStatus.ReachedTermination(self, "collision: a corner of the body was cut")
+        if outcome[FINISHED]:
+            return EventStatus.ReachedTermination(self, "the dwell in the goal region is over")
         return EventStatus.Succeeded()
 
-    def _dips(self, start: np.ndarray, end: np.ndarray, duration: float) -> bool:
-        """Whether the path goes too deep between two states (6,) that are not too deep.
+    def _keep(self, context, discrete_state, outcome: np.ndarray) -> None:
+        """Keeps the outcome, and the place from which the path goes on."""
+        parts = self._state_port.Eval(context), self._target_port.Eval(context)
+        now = np.concatenate([*parts, [context.get_time()]])
+        discrete_state.set_value(self._outcome_index, outcome)
+        discrete_state.set_value(self._last_index, now)
 
-        The path is the cubic through both states' positions and velocities. It lies in the convex
-        hull of its Bézier points, so far from the ellipsoid it need not be evaluated.
+    def _outcome(self, context) -> np.ndarray:
+        """The outcome (4,) now: that of the last control step and of the path since then."""
+        outcome = context.get_discrete_state(self._outcome_index).value().copy()
+        last = context.get_discrete_state(self._last_index).value()
+        duration = context.get_time() - last[12]
+        if not duration > 0.0:  # Nothing was flown, or the flight has not begun (NaN).
+            return outcome
+        start, state = last[:6], self._state_port.Eval(context)
+        targets = np.stack([last[6:12], self._target_port.Eval(context)])
+        self._follow(outcome, np.stack([start, state]), targets, last[12], duration)
+        if self._violates(start, state, duration):
+            outcome[VIOLATIONS] += 1.0
+        blocked = blocks_segment(self._around, start[:3], state[:3])
+        if blocked and self._hits_body(start[:3], state[:3]):
+            outcome[COLLIDED] = 1.0
+        return outcome
+
+    def _level(self, error: np.ndarray) -> float:
+        """How far away from the target (6,) the spacecraft is: the goal region is up to 1."""
+        distance = math.hypot(*error[:3]) / self._radius
+        return max(distance, math.hypot(*error[3:]) / self._speed)
+
+    def _follow(
+        self,
+        outcome: np.ndarray,
+        states: np.ndarray,
+        targets: np.ndarray,
+        time: float,
+        span: float,
+    ) -> None:
+        """Follows entry into the goal region, exit and dwell over a path, in the outcome.
+
+        Args:
+          outcome: (4,) at the path's start.
+          states, targets: (2, 6) at its ends.
+          time, span: in s, of its start, and how long it takes.
         """
+        was = outcome[ENTERED_GOAL] < NEVER
+        ends_inside = self._level(states[1] - targets[1]) <= 1.0
+        until = time + span
+        if was != ends_inside:
+            crossed = time + self._crossing(states, targets, span)
+            if was:
+                until = crossed
+            else:
+                outcome[ENTERED_GOAL] = crossed
+        if (was or ends_inside) and until - outcome[ENTERED_GOAL] >= self._dwell:
+            outcome[FINISHED] = 1.0
+        elif not ends_inside:
+            outcome[ENTERED_GOAL] = NEVER
+
+    def _crossing(self, states: np.ndarray, targets: np.ndarray, span: float) -> float:
+        """When, in s, a path from state to state (2, 6) crosses the edge of the goal region."""
+        path = CubicHermiteSpline([0.0, span], states[:, :3], states[:, 3:])
+        rate = path.derivative()
+
+        def level(time: float) -> float:
+            target = targets[0] + time / span * (targets[1] - targets[0])
+            return self._level(np.concatenate([path(time), rate(time)]) - target) - 1.0
+
+        # Rounding may put a state on the edge on either side of it.
+        return brentq(level, 0.0, span) if level(0.0) * level(span) < 0.0 else span
+
+    def _violates(self, start: np.ndarray, end: np.ndarray, duration: float) -> bool:
+        """Whether the path between two states (6,) goes too deep, after it was not too deep.
+
+        It lies in the convex hull of its Bézier points, so far from the ellipsoid it need not be
+        evaluated.
+        """
+        ends = clearances(self._keep_out, np.stack([start[:3], end[:3]])) + self._tolerance
+        if ends[0] <= 0.0 or ends[1] <= 0.0:
+            return bool(ends[0] > 0.0)
         third = duration / 3.0
         hull = np.stack([start[:3] + third * start[3:], end[:3] - third * end[3:], end[:3]])
-        reach = np.linalg.norm(hull - start[:3], axis=1).max()
-        if clearances(self._keep_out, start[None, :3])[0] + self._tolerance > reach:
+        if ends[0] > np.linalg.norm(hull - start[:3], axis=1).max():
             return False
         states, times = np.stack([start, end]), np.array([0.0, duration])
         path = CubicHermiteSpline(times, states[:, :3], states[:, 3:])
-        clearance = clearances(self._keep_out, path(np.linspace(0.0, duration, 11)))
-        clearance += self._tolerance
-        return bool(clearance[0] > 0.0 and clearance[-1] > 0.0 and clearance.min() <= 0.0)
+        along = clearances(self._keep_out, path(np.linspace(0.0, duration, 11)[1:-1]))
+        return bool(along.min() + self._tolerance <= 0.0)
 
     def _hits_body(self, start: np.ndarray, end: np.ndarray) -> bool:
         length = float(np.linalg.norm(end - start))
@@ -188,26 +245,3 @@ class FlightMonitor(LeafSystem):
             return False
         direction = (end - start)[None] / length
         return bool(self._caster.distances(start[None], direction)[0] <= length)
-
-    def _enter(self, context, state):
-        self._outcome(state)[ENTERED_GOAL] = context.get_time()
-        return EventStatus.Succeeded()
-
-    def _leave(self, context, state):
-        self._outcome(state)[ENTERED_GOAL] = NEVER
-        return EventStatus.Succeeded()
-
-    def _violate(self, context, state):
-        self._outcome(state)[VIOLATIONS] += 1.0
-        return EventStatus.Succeeded()
-
-    def _finish(self, context, state):
-        self._outcome(state)[FINISHED] = 1.0
-        return EventStatus.ReachedTermination(self, "the dwell in the goal region is over")
-
-    def _collide(self, context, state):
-        self._outcome(state)[COLLIDED] = 1.0
-        return EventStatus.ReachedTermination(self, "collision with the body")
-
-    def _outcome(self, state) -> np.ndarray:
-        return state.get_mutable_discrete_state(self._outcome_index).get_mutable_value()
