@@ -205,7 +205,7 @@ def test_summary_counts() -> None:
     log = kleopatra_flight()
     summary, data = log.summary, log.dataset
     assert summary["steps"] == len(data["time"]) - 1
-    assert summary["mpc_solves"] == summary["steps"]
+    assert summary["mpc_solves"] == summary["steps"] + 1  # The last row is a control step.
     assert summary["policy_share"] == 0.0
     assert summary["policy_sha256"] is None
     solve_ms = 1e3 * data["solve_time"].values[:-1]

@@ -1,4 +1,4 @@
-"""Frames that arrive late: the system in a simulation, and the function that a log uses."""
+"""Frames that arrive late."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,6 @@ from pydrake.trajectories import PiecewisePolynomial
 
 from proxops.diagrams.scenario.body import load_body
 from proxops.systems import FrameDelay, InputError, Lidar, LidarErrors, LidarGeometry
-from proxops.systems.lidar import delayed_frames
 
 GEOMETRY = LidarGeometry(planes=4, rays=60)
 
@@ -48,11 +47,8 @@ def test_frames_late_by_steps(period: float, steps: int) -> None:
     measured = lidar.frames(times, places, lidar.seed)
     assert np.isinf(late[:steps]).all()
     assert np.isfinite(measured).any(axis=(1, 2)).sum() > 8
-    wanted = delayed_frames(measured, steps)
-    assert np.array_equal(late.astype(np.float32), wanted.reshape(len(times), -1))
-    # Independently of the function: row k is the frame of row k - steps.
-    for k in range(steps, len(times)):
-        assert np.array_equal(wanted[k], measured[k - steps])
+    wanted = measured[:-steps].reshape(len(times) - steps, -1)
+    assert np.array_equal(late[steps:].astype(np.float32), wanted)
 
 
 def test_all_state_is_in_the_context() -> None:
@@ -69,13 +65,6 @@ def test_all_state_is_in_the_context() -> None:
     assert np.array_equal(delay.get_output_port().Eval(context), np.zeros(5))
 
 
-def test_fewer_frames_than_steps() -> None:
-    frames = np.ones((3, 2, 4), dtype=np.float32)
-    assert np.isinf(delayed_frames(frames, 5)).all()
-    assert delayed_frames(frames[:0], 2).shape == (0, 2, 4)
-    assert np.array_equal(delayed_frames(frames, 0), frames)
-
-
 @pytest.mark.parametrize(
     ("settings", "why"),
     [
@@ -90,5 +79,3 @@ def test_fewer_frames_than_steps() -> None:
 def test_senseless_delay_is_refused(settings: tuple, why: str) -> None:
     with pytest.raises(InputError, match=why):
         FrameDelay(*settings)
-    with pytest.raises(InputError, match="cannot be delayed by -1"):
-        delayed_frames(np.zeros((1, 2)), -1)

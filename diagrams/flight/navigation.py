@@ -5,7 +5,7 @@ from __future__ import annotations
 import typing
 
 from pydrake.systems.framework import Context, Diagram, OutputPort, System
-from pydrake.systems.primitives import Demultiplexer, LogVectorOutput
+from pydrake.systems.primitives import Demultiplexer
 
 from proxops.diagrams.flight.scenario_systems import make_navigation
 from proxops.diagrams.flight.wiring import Wiring
@@ -14,8 +14,6 @@ from proxops.systems import CommandAxes, InputError, LidarNavigation, MendedMap
 
 STATE_PORTS = ("state", "position", "velocity")
 """Ports of a controller that tell it its own motion."""
-TOLD = "navigation_command"
-"""Name of the column, of a log while it is made, of the commands that the navigation is told."""
 
 
 def needs_navigation(scenario: Scenario, controller: System) -> bool:
@@ -42,8 +40,6 @@ def add_navigation(wiring: Wiring, ranges: OutputPort, command: OutputPort) -> L
     wiring.add("navigation", navigation)
     wiring.builder.Connect(ranges, navigation.GetInputPort("ranges"))
     wiring.builder.Connect(command, navigation.GetInputPort("commanded_force"))
-    period = wiring.scenario.control_period_s
-    LogVectorOutput(command, wiring.builder, publish_period=period).set_name(f"log_{TOLD}")
     return navigation
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from pydrake.systems.framework import Context, Diagram, System
 from pydrake.systems.primitives import VectorLogSink
 
-from proxops.diagrams.flight.navigation import TOLD
+from proxops.diagrams.flight.kept_frames import KeptFrames
 from proxops.diagrams.flight.transit_diagram import logged_ports
 from proxops.diagrams.flight.world import has_thruster_errors, thruster_errors
 from proxops.diagrams.logs import (
@@ -23,9 +23,8 @@ from proxops.diagrams.logs import (
     make_dataset,
 )
 from proxops.diagrams.scenario import Body, Scenario, TrueBody, dump_scenario
-from proxops.systems import LidarNavigation
 from proxops.systems.hybrid import FlownBy
-from proxops.systems.lidar import LearnedLidar, PlanarLidar, delayed_frames
+from proxops.systems.lidar import LearnedLidar, PlanarLidar
 from proxops.systems.vehicle import (
     COLLIDED,
     ENTERED_GOAL,
@@ -52,6 +51,8 @@ class Flown:
     controller: System
     name: str
     """Name of the controller in the log."""
+    frames: KeptFrames | None
+    """None: the log has no frames."""
 
     def value(self, system: str, port: str) -> np.ndarray:
         """Gives the value of a subsystem's output port at the end of the flight."""
@@ -69,15 +70,9 @@ def make_log(flown: Flown, wall_time: float) -> FlightLog:
     times, columns = _sampled(flown)
     times, columns = _with_end(flown, times, columns)
     columns = _split_records(columns, len(times))
-    lidar = flown.diagram.GetSubsystemByName("lidar")
-    assert isinstance(lidar, PlanarLidar)
     truth = flown.scenario.truth
-    if flown.scenario.log_ranges:
-        frames = lidar.frames(times, columns["state"][:, :3], lidar.seed, columns.get("attitude"))
-        columns["ranges"] = delayed_frames(frames, truth.lidar.latency_steps)
-    told = columns.pop(TOLD, None)
-    if told is not None and flown.scenario.log_ranges:
-        columns["navigation_return_use"] = _return_use(flown, times, columns["ranges"], told)
+    if flown.frames is not None:
+        columns |= _frames(flown, flown.frames)
     if has_thruster_errors(truth):
         errors, period = thruster_errors(truth), flown.scenario.control_period_s
         columns["thrust"] = np.array(
@@ -98,19 +93,15 @@ def make_log(flown: Flown, wall_time: float) -> FlightLog:
     return FlightLog(dataset, flown.body)
 
 
-def _return_use(
-    flown: Flown, times: np.ndarray, frames: np.ndarray, told: np.ndarray
-) -> np.ndarray:
-    """Gives the column `navigation_return_use`, as the frames were given: afterwards."""
-    navigation = flown.diagram.GetSubsystemByName("navigation")
-    found = np.zeros(frames.shape, dtype=np.int8)
-    if isinstance(navigation, LidarNavigation):
-        # A last row between two control steps has no frame.
-        steps = np.flatnonzero(np.isfinite(told[:, 0]))
-        rows = frames[steps].reshape(steps.size, -1)
-        use = navigation.flown_return_use(times[steps], rows, told[steps])
-        found[steps] = use.reshape(found[steps].shape)
-    return found
+def _frames(flown: Flown, kept: KeptFrames) -> Columns:
+    """Gives the frames (N, planes, rays), and what the navigation made of them, if there is one."""
+    lidar = flown.diagram.GetSubsystemByName("lidar")
+    assert isinstance(lidar, PlanarLidar)
+    shape = (-1, lidar.geometry.planes, lidar.geometry.rays)
+    columns = {"ranges": np.stack(kept.ranges).reshape(shape)}
+    if kept.use:
+        columns["navigation_return_use"] = np.stack(kept.use).reshape(shape)
+    return columns
 
 
 def _sampled(flown: Flown) -> tuple[np.ndarray, Columns]:

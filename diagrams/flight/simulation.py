@@ -10,6 +10,7 @@ from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator, SimulatorStatus
 from pydrake.systems.framework import Context, Diagram, EventStatus, System
 
+from proxops.diagrams.flight.kept_frames import KeptFrames
 from proxops.diagrams.flight.named_controllers import named_controller
 from proxops.diagrams.flight.recording import Flown, make_log
 from proxops.diagrams.flight.transit_diagram import make_transit_diagram
@@ -79,19 +80,25 @@ def fly(
     if meshcat is not None:
         simulator.set_target_realtime_rate(PLAYBACK_SPEED)  # A person can follow it.
     latest = scenario.arrival.deadline_s + scenario.arrival.dwell_s
-    if progress is not silent:
+    frames = KeptFrames(diagram, scenario.control_period_s) if scenario.log_ranges else None
 
-        def monitor(context: Context) -> EventStatus:
-            progress(context.get_time() / latest, f"{context.get_time():.0f} s")
-            return EventStatus.DidNothing()
+    def monitor(context: Context) -> EventStatus:
+        if frames is not None:
+            frames.keep(context)
+        progress(context.get_time() / latest, f"{context.get_time():.0f} s")
+        return EventStatus.DidNothing()
 
+    if frames is not None or progress is not silent:
+        monitor(simulator.get_context())  # The start.
         simulator.set_monitor(monitor)
     started = time.perf_counter()
     status = simulator.AdvanceTo(latest)
     if status.reason() == SimulatorStatus.ReturnReason.kEventHandlerFailed:
         raise RuntimeError(status.FormatMessage())
     context = simulator.get_context()
-    flown = Flown(diagram, context, scenario, body, true_body, controller, name)
+    if frames is not None:
+        frames.keep_end(context)
+    flown = Flown(diagram, context, scenario, body, true_body, controller, name, frames)
     log = make_log(flown, time.perf_counter() - started)
     if meshcat is not None:
         add_flight(meshcat, log)  # The replay.

@@ -295,9 +295,8 @@ def _add_monitor(wiring: Wiring, signals: Signals) -> None:
 def _add_logs(wiring: Wiring, controller: System, signals: Signals, forces: Signals) -> None:
     """Adds a log sink for each signal of the log, and for each port that the controller offers.
 
-    The sinks record once a control step. The lidar has no sink: its frames are a function of time
-    and position, so they are computed from the log after the flight. The column `force` is the
-    force that the hold takes over at this step and holds until the next.
+    The sinks record once a control step. The lidar has no sink: see `KeptFrames`. The column
+    `force` is the force that the hold takes over at this step and holds until the next.
     """
     builder, period = wiring.builder, wiring.scenario.control_period_s
     logged = {"state": signals["state"], "target": signals["target"], **forces}

@@ -176,7 +176,7 @@ _LARGEST = 1e15
 _LARGEST_LOG = 2**34
 _WALL_TIMES = {"solve_time", "policy_time", "decision_time"}
 RESERVED_COLUMNS = {
-    *VARIABLES, *RECORDS, "time", "command", "navigation_command", "position_inertial",
+    *VARIABLES, *RECORDS, "time", "command", "position_inertial",
     "velocity_inertial", "mesh_vertices", "mesh_facets", "true_vertices", "true_facets",
     "component", "axis", "plane", "ray", "quaternion", "known", "known_with", "vertex", "facet",
     "true_vertex", "true_facet", "corner",

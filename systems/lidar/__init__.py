@@ -7,7 +7,7 @@ kind of lidar is a class derived from `PlanarLidar` with its own `true_returns`.
 field of `LidarErrors` with a random stream of its own.
 """
 
-from proxops.systems.lidar.frame_delay import FrameDelay, delayed_frames
+from proxops.systems.lidar.frame_delay import FrameDelay
 from proxops.systems.lidar.learned_lidar import LearnedLidar
 from proxops.systems.lidar.lidar import Lidar
 from proxops.systems.lidar.lidar_bundle import (
@@ -47,6 +47,5 @@ __all__ = [
     "LidarGeometry",
     "PlanarLidar",
     "TrueReturns",
-    "delayed_frames",
     "ray_directions",
 ]

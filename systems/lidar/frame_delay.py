@@ -63,24 +63,3 @@ class FrameDelay(LeafSystem):
         older = context.get_discrete_state(self._waiting).value()[: -self.size]
         frames = np.concatenate([self._ranges_port.Eval(context), older])
         discrete_state.set_value(self._waiting, frames)
-
-
-def delayed_frames(frames: np.ndarray, steps: int) -> np.ndarray:
-    """What `FrameDelay` puts out while a lidar measures `frames`.
-
-    Args:
-      frames: (N, ...) in m, one for each control step from time 0. The last may be of a time
-        between two steps: it is not used.
-      steps: the delay in control steps; 0: the frames as they are.
-
-    Returns:
-      The frames (N, ...), +inf where there was none yet.
-
-    Raises:
-      InputError: the steps are negative.
-    """
-    if steps < 0:
-        raise InputError(f"frames cannot be delayed by {steps} steps: give 0 or more")
-    delayed = np.full_like(frames, np.inf)
-    delayed[steps:] = frames[: max(len(frames) - steps, 0)]
-    return delayed

@@ -137,7 +137,7 @@ class LidarNavigation(LeafSystem):
     def logged_ports(self) -> dict[str, LoggedPort]:
         """The ports whose values a log keeps, by the names of their columns.
 
-        `return_use` is not one of them: `flown_return_use` makes it afterwards.
+        `return_use` is not one of them: it is large, and is kept together with the frames.
         """
         kept = {name: port for name, port in self._ports.items() if name != "return_use"}
         return {f"navigation_{name}": LoggedPort(port) for name, port in kept.items()}
@@ -156,26 +156,6 @@ class LidarNavigation(LeafSystem):
         if memory.estimate is None:
             raise InputError("the map is not mended: the navigation never knew where it was")
         return mended_map(self.model.shape, self.model.map_error, memory.estimate)
-
-    def flown_return_use(
-        self, times: np.ndarray, frames: np.ndarray, commands: np.ndarray
-    ) -> np.ndarray:
-        """Makes what the port `return_use` gave in a flight, by navigating once more.
-
-        Args:
-          times: (N,) in s, those of the control steps.
-          frames: (N, planes * rays) in m, +inf for no return.
-          commands: (N, 3) in N, `commanded_force` at these times.
-
-        Returns:
-          (N, planes * rays) int8.
-        """
-        found = np.zeros(frames.shape, dtype=np.int8)
-        memory = self._navigator.start()
-        for row, (now, frame, force) in enumerate(zip(times, frames, commands, strict=True)):
-            step = self._navigator.step(memory, frame.astype(float), force, float(now))
-            found[row], memory = _return_use(step, frame.size), step.memory
-        return found
 
     def _calc_step(self, context, value):
         memory = self._unpacked(context.get_discrete_state(self._memory).value())
