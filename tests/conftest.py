@@ -19,7 +19,7 @@ if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Puts the tests of the navigation first.
 
-    numba takes most of a minute to compile its kernels. So one process does that, while the others,
+    numba takes long to compile its kernels. So one process does that, while the others,
     which start further down, run what needs none of them; later they find them in numba's cache.
     """
     items.sort(key=lambda item: "navigation" not in item.path.name)

@@ -8,6 +8,9 @@ with the field g as believed, k the error of gravity, u the commanded force alon
 the rotation of S against K, T = (1 + [d]x) diag(1 + s) the errors of thrust, m = m0 (1 - j b) the
 mass after b = integral of |u| / m0, and a what nothing explains. Over a step, gravity is linear
 about the point in its middle.
+
+Sums and copies are explicit loops: array expressions and slices on the left take numba ten times as
+long to compile. Products of matrices are numpy's; their last bits are those of BLAS.
 """
 
 import math
@@ -36,15 +39,29 @@ def _cross(v):
 
 
 @_inlined
+def _one_plus(matrix):
+    """The identity plus a matrix (3, 3)."""
+    out = np.empty((3, 3))
+    for i in range(3):
+        for j in range(3):
+            out[i, j] = (1.0 if i == j else 0.0) + matrix[i, j]
+    return out
+
+
+@_inlined
 def _rotation(v):
     """The rotation about the direction of v by its length in rad (Rodrigues)."""
     angle = math.sqrt(v[0] ** 2 + v[1] ** 2 + v[2] ** 2)
     cross = _cross(v)
     if angle < 1e-8:
-        return np.eye(3) + cross
+        return _one_plus(cross)
     first = math.sin(angle) / angle
     second = (1.0 - math.cos(angle)) / angle**2
-    return np.eye(3) + first * cross + second * (cross @ cross)
+    out = cross @ cross
+    for i in range(3):
+        for j in range(3):
+            out[i, j] = (1.0 if i == j else 0.0) + first * cross[i, j] + second * out[i, j]
+    return out
 
 
 @_compiled
@@ -52,10 +69,16 @@ def turned(rotation, vector):
     """The rotation R (3, 3), turned further by a small rotation vector (3,) in K."""
     out = _rotation(vector) @ rotation
     # Rounding must not add up over a flight: one Gram-Schmidt step.
-    x = out[0] / math.sqrt(out[0] @ out[0])
-    y = out[1] - (out[1] @ x) * x
-    y /= math.sqrt(y @ y)
-    out[0], out[1] = x, y
+    x, y = out[0], out[1]
+    size = math.sqrt(x @ x)
+    for i in range(3):
+        x[i] /= size
+    along = y @ x
+    for i in range(3):
+        y[i] -= along * x[i]
+    size = math.sqrt(y @ y)
+    for i in range(3):
+        y[i] /= size
     out[2, 0] = x[1] * y[2] - x[2] * y[1]
     out[2, 1] = x[2] * y[0] - x[0] * y[2]
     out[2, 2] = x[0] * y[1] - x[1] * y[0]
@@ -66,15 +89,17 @@ def turned(rotation, vector):
 def _derivative(rotation, axes, push, given, commanded, pull, turn, tide, v, offset):
     """How the acceleration depends on the attitude and on the constants (3, BASE)."""
     by = np.zeros((3, _BASE))
-    by[:, _A : _A + 3] = -_cross(push)
+    pushed, moved, inner = _cross(push), _cross(v), _cross(turn @ offset)
+    turned_offset, directed = turn @ _cross(offset), rotation @ _cross(given)
     for i in range(3):
         by[i, _CONSTANT + i] = by[i, _VARYING + i] = 1.0
-        by[:, _THRUST + i] = axes[:, i] * commanded[i]
-    by[:, _GRAVITY] = pull
-    inner = turn @ offset
-    by[:, _SPIN : _SPIN + 3] = 2.0 * _cross(v) + _cross(inner) + turn @ _cross(offset)
-    by[:, _CENTRE : _CENTRE + 3] = -tide
-    by[:, _DIRECTION : _DIRECTION + 3] = -(rotation @ _cross(given))
+        by[i, _GRAVITY] = pull[i]
+        for j in range(3):
+            by[i, _A + j] = -pushed[i, j]
+            by[i, _THRUST + j] = axes[i, j] * commanded[j]
+            by[i, _SPIN + j] = 2.0 * moved[i, j] + inner[i, j] + turned_offset[i, j]
+            by[i, _CENTRE + j] = -tide[i, j]
+            by[i, _DIRECTION + j] = -directed[i, j]
     return by
 
 
@@ -114,6 +139,30 @@ def _moved_covariance(covariance, f, noise):
     return out
 
 
+@_inlined
+def _transition(tide, turn, step):
+    """exp(A t) and its integral (6, 6) for d' = A d + rate, by Taylor's series.
+
+    d is the deviation of position and velocity from the point in the middle and from v.
+    """
+    a = np.zeros((6, 6))
+    for i in range(3):
+        a[i, 3 + i] = 1.0
+        for j in range(3):
+            a[3 + i, j] = tide[i, j]
+            a[3 + i, 3 + j] = -2.0 * turn[i, j]
+    a2 = a @ a
+    a3 = a2 @ a
+    second, third, fourth = step**2 / 2.0, step**3 / 6.0, step**4 / 24.0
+    phi, gamma = np.empty((6, 6)), np.empty((6, 6))
+    for i in range(6):
+        for j in range(6):
+            one = 1.0 if i == j else 0.0
+            phi[i, j] = one + step * a[i, j] + second * a2[i, j] + third * a3[i, j]
+            gamma[i, j] = step * one + second * a[i, j] + third * a2[i, j] + fourth * a3[i, j]
+    return phi, gamma
+
+
 @_compiled
 def predict(
     mean, rotation, covariance, spent, pull, gradient, force, time, step, spin, mass, noise
@@ -137,36 +186,34 @@ def predict(
     turn = _cross(w)
     around = turn @ turn
     factor = 1.0 + mean[_GRAVITY]
-    tide = factor * gradient - around
     v = mean[_V : _V + 3]
-    offset = mean[:3] + 0.5 * step * v - mean[_CENTRE : _CENTRE + 3]
-
+    tide, offset, commanded, given = np.empty((3, 3)), np.empty(3), np.empty(3), np.empty(3)
     now = mass * max(1.0 - mean[_PROPELLANT] * spent, _LEAST_MASS)
-    given = (1.0 + mean[_THRUST : _THRUST + 3]) * force / now
-    direction = np.eye(3) + _cross(mean[_DIRECTION : _DIRECTION + 3])
-    axes = rotation @ direction
-    push = axes @ given
-    total = factor * pull - 2.0 * (turn @ v) - around @ offset + push
-    total += mean[_CONSTANT : _CONSTANT + 3] + mean[_VARYING : _VARYING + 3]
-
-    # The deviation from the point in the middle and from v follows d' = A d + (v, total).
-    a = np.zeros((6, 6))
     for i in range(3):
-        a[i, 3 + i] = 1.0
-    a[3:, :3] = tide
-    a[3:, 3:] = -2.0 * turn
-    a2 = a @ a
-    a3 = a2 @ a
-    phi = np.eye(6) + step * a + (step**2 / 2.0) * a2 + (step**3 / 6.0) * a3
-    gamma = step * np.eye(6) + (step**2 / 2.0) * a + (step**3 / 6.0) * a2 + (step**4 / 24.0) * a3
-    start, rate = np.zeros(6), np.zeros(6)
-    start[:3] = -0.5 * step * v
-    rate[:3], rate[3:] = v, total
-    moved = phi @ start + gamma @ rate
+        offset[i] = mean[i] + 0.5 * step * v[i] - mean[_CENTRE + i]
+        commanded[i] = force[i] / now
+        given[i] = (1.0 + mean[_THRUST + i]) * force[i] / now
+        for j in range(3):
+            tide[i, j] = factor * gradient[i, j] - around[i, j]
+    axes = rotation @ _one_plus(_cross(mean[_DIRECTION : _DIRECTION + 3]))
+    push, coriolis, centrifugal = axes @ given, turn @ v, around @ offset
+    total = np.empty(3)
+    for i in range(3):
+        total[i] = factor * pull[i] - 2.0 * coriolis[i] - centrifugal[i] + push[i]
+        total[i] += mean[_CONSTANT + i] + mean[_VARYING + i]
+
+    phi, gamma = _transition(tide, turn, step)
+    # From the point in the middle.
+    start, rate = np.zeros(6), np.empty(6)
+    for i in range(3):
+        start[i] = -0.5 * step * v[i]
+        rate[i], rate[3 + i] = v[i], total[i]
+    by_start, by_rate = phi @ start, gamma @ rate
     out = mean.copy()
-    out[:3] += 0.5 * step * v + moved[:3]
-    out[3:6] += moved[3:]
-    out[_VARYING : _VARYING + 3] *= noise[1]
+    for i in range(3):
+        out[i] += 0.5 * step * v[i] + (by_start[i] + by_rate[i])
+        out[3 + i] += by_start[3 + i] + by_rate[3 + i]
+        out[_VARYING + i] *= noise[1]
 
     # The believed pole stays where it is in inertial space, so in K it goes round with the spin.
     angle = spin * (time + 0.5 * step)
@@ -174,15 +221,23 @@ def predict(
     back[0, 0], back[0, 1] = math.cos(angle), math.sin(angle)
     back[1, 0], back[1, 1] = -math.sin(angle), math.cos(angle)
     back[2, 2] = 1.0
-    drift = -step * (back @ mean[_SPIN : _SPIN + 3])
+    drift = back @ mean[_SPIN : _SPIN + 3]
+    for i in range(3):
+        drift[i] *= -step
     out_rotation = turned(rotation, drift)
 
-    by = _derivative(rotation, axes, push, given, force / now, pull, turn, tide, v, offset)
-    by[:, _PROPELLANT] = push * (spent * mass / now)
-    f = np.eye(_BASE)
-    f[:6, :6] = phi
-    f[:6, _A:] += (np.ascontiguousarray(gamma[:, 3:]) @ by)[:, _A:]
-    f[_A : _A + 3, _SPIN : _SPIN + 3] = -step * back
+    by = _derivative(rotation, axes, push, given, commanded, pull, turn, tide, v, offset)
     for i in range(3):
+        by[i, _PROPELLANT] = push[i] * (spent * mass / now)
+    by_constants = np.ascontiguousarray(gamma[:, 3:]) @ by
+    f = np.eye(_BASE)
+    for i in range(6):
+        for j in range(6):
+            f[i, j] = phi[i, j]
+        for j in range(_A, _BASE):
+            f[i, j] += by_constants[i, j]
+    for i in range(3):
+        for j in range(3):
+            f[_A + i, _SPIN + j] = -step * back[i, j]
         f[_VARYING + i, _VARYING + i] = noise[1]
     return out, out_rotation, _moved_covariance(covariance, f, noise)

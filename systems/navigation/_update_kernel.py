@@ -1,4 +1,7 @@
-"""Compiled kernels: which returns of a frame are used, and the Kalman update by them."""
+"""Compiled kernels: which returns of a frame are used, and the Kalman update by them.
+
+Rows are copied by loops: slices on the left take numba seconds to compile.
+"""
 
 import numba
 import numpy as np
@@ -31,7 +34,8 @@ def judged(covariance, columns, rows, residuals, variances, moved, gate, most, o
         chosen = chosen[:: max(1, -(-chosen.size // most))]
     to_all = np.empty((size, n + 1))
     for i in range(size):
-        to_all[i, :n] = covariance[columns[i]]
+        for j in range(n):
+            to_all[i, j] = covariance[columns[i], j]
         to_all[i, n] = moved[columns[i]]
     kept = rows[chosen]
     crossed = kept @ to_all
@@ -49,7 +53,10 @@ def judged(covariance, columns, rows, residuals, variances, moved, gate, most, o
                 spread += crossed[i, columns[j]] * kept[i, j]
         if residual**2 < gate**2 * spread:
             chosen[used], noise[used] = chosen[i], noise[i]
-            kept[used], crossed[used] = kept[i], crossed[i]
+            for j in range(size):
+                kept[used, j] = kept[i, j]
+            for j in range(n + 1):
+                crossed[used, j] = crossed[i, j]
             used += 1
         else:
             bad[i - used] = chosen[i]
@@ -85,15 +92,17 @@ def update(covariance, columns, rows, crossed, variances):
     for i in range(size):
         for j in range(i):
             information[j, i] = information[i, j]
-        to_all[i] = covariance[columns[i]]
+        for j in range(n):
+            to_all[i, j] = covariance[columns[i], j]
         for j in range(size):
             among[i, j] = to_all[i, columns[j]]
-    left = information @ among
+    left, known = information @ among, information @ to_all
     right = np.empty((size, n + 1))
-    right[:, 1:] = information @ to_all
     for i in range(size):
         left[i, i] += 1.0
         right[i, 0] = pull[i]
+        for j in range(n):
+            right[i, 1 + j] = known[i, j]
     both = to_all.T @ np.linalg.solve(left, right)
     moved, after = both[:, 0].copy(), np.empty((n, n))
     for i in range(n):

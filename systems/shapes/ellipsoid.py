@@ -16,7 +16,10 @@ def closest_point(semi_axes, point):
     ellipsoid, on the planes of symmetry, that form degenerates: there the coordinate along the
     shortest axis is moved off the plane by a rounding error.
     """
-    shortest = np.argmin(semi_axes)
+    shortest = 0  # By a loop, as below: np.argmin and np.where take numba seconds to compile.
+    for i in range(3):
+        if semi_axes[i] < semi_axes[shortest]:
+            shortest = i
     scale = semi_axes[shortest]
     y = np.abs(point)
     if y[shortest] < 1e-14 * scale:
@@ -41,7 +44,10 @@ def closest_point(semi_axes, point):
         else:
             high = s
     nearest = ratio * y / (s + beyond)
-    return np.where(point < 0.0, -nearest, nearest)
+    for i in range(3):
+        if point[i] < 0.0:
+            nearest[i] = -nearest[i]
+    return nearest
 
 
 @numba.njit(cache=True, error_model="numpy")

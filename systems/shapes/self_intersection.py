@@ -75,7 +75,8 @@ def _overlaps(low, high, most):
             if count == room:
                 room *= 2
                 longer = np.empty((room, 2), dtype=np.int64)
-                longer[:count] = pairs
+                for k in range(count):  # A slice on the left takes seconds to compile.
+                    longer[k, 0], longer[k, 1] = pairs[k, 0], pairs[k, 1]
                 pairs = longer
             pairs[count, 0], pairs[count, 1] = i, j
             count += 1
