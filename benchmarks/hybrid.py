@@ -32,7 +32,7 @@ from proxops.diagrams.scenario import load_scenario
 from proxops.studies.evaluation import Variant, delta_v_pairs
 from proxops.systems.common import write_whole
 
-SHIPPED = ASSETS / "policy"
+SHIPPED = ASSETS / "any_body"
 MPC, POLICY = "MPC", "policy"
 ADAPTIVE = {"hybrid.period_rule": "adaptive"}
 GATES = ("strict", "paper", "printed")

@@ -70,7 +70,7 @@ FLIGHTS: dict[str, tuple[str, dict]] = {
         },
     ),
     "pd": ("pd", {"transit.index": 3}),
-    "pd on the policy's estimate": ("pd:assets/policy", {"transit.index": 5}),
+    "pd on the policy's estimate": ("pd:end-to-end", {"transit.index": 5}),
     "zero, with assurance": ("zero", {"transit.index": 6, "assurance": {}}),
 }
 

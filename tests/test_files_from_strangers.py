@@ -160,7 +160,7 @@ def test_a_network_has_built_in_operators_only(
 
 @pytest.mark.parametrize("location", ["secret", "../secret"])
 def test_a_policy_with_weights_elsewhere(location: str, tmp_path: Path) -> None:
-    folder = Path(shutil.copytree(asset_path("policy"), tmp_path / "bundle"))
+    folder = Path(shutil.copytree(asset_path("end_to_end"), tmp_path / "bundle"))
     (folder / "secret").write_bytes(bytes(12))
     put_network(folder / "policy.json", network_with_weights_at(location))
     refused(lambda: PolicyBundle.load(folder), "weights from other files")
@@ -191,7 +191,7 @@ POLICY_CHANGES = {
 
 @pytest.mark.parametrize("what", POLICY_CHANGES)
 def test_hostile_policy(what: str, tmp_path: Path) -> None:
-    folder = Path(shutil.copytree(asset_path("policy"), tmp_path / "bundle"))
+    folder = Path(shutil.copytree(asset_path("end_to_end"), tmp_path / "bundle"))
     change(folder / "policy.json", **POLICY_CHANGES[what])
     with pytest.raises(InputError):
         PolicyBundle.load(folder)
@@ -204,7 +204,7 @@ def test_hostile_policy(what: str, tmp_path: Path) -> None:
     ids=["lists", "mappings", "digits", "bytes", "list", "null", "empty"],
 )  # fmt: skip
 def test_hostile_json(text: str, tmp_path: Path) -> None:
-    folder = Path(shutil.copytree(asset_path("policy"), tmp_path / "bundle"))
+    folder = Path(shutil.copytree(asset_path("end_to_end"), tmp_path / "bundle"))
     for name in ("policy.json", "bundle.json", "packed_flights.json"):
         (folder / name).write_text(text, encoding="latin-1")
     refused(lambda: PolicyBundle.load(folder), "policy.json is")
@@ -216,7 +216,7 @@ def test_hostile_json(text: str, tmp_path: Path) -> None:
 def test_texts_of_a_bundle_name_no_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The body and the recipe of a bundle are names for messages: nothing is opened by them."""
     monkeypatch.chdir(tmp_path)
-    folder = Path(shutil.copytree(asset_path("policy"), tmp_path / "bundle"))
+    folder = Path(shutil.copytree(asset_path("end_to_end"), tmp_path / "bundle"))
     change(folder / "policy.json", body="../../../etc/passwd", recipe="../secret")
     bundle = PolicyBundle.load(folder)
     assert (bundle.body, bundle.recipe) == ("../../../etc/passwd", "../secret")
@@ -259,7 +259,7 @@ def test_a_lidar_with_weights_elsewhere(tmp_path: Path) -> None:
 
 def test_the_bundle_that_0_2_0_wrote_is_read() -> None:
     """The shipped policy is as 0.2.0 wrote it, but for the body's hash, which 0.6.0 changed."""
-    bundle = PolicyBundle.load(asset_path("policy"))
+    bundle = PolicyBundle.load(asset_path("end_to_end"))
     assert bundle.sha256 == "d7650c8c0ddbf93159731506371fde846a2e219cda314708dd7f9d025f8a46a3"
     assert (bundle.planes, bundle.rays, bundle.period) == (12, 360, 10.0)
     assert bundle.estimates

@@ -118,7 +118,7 @@ class Keeps(PdController):
 @pytest.mark.parametrize(
     "name",
     [
-        "mpc", "policy", "hybrid", "pd", "mpc:assets/policy", "zero", f"{__name__}:Keeps",
+        "mpc", "policy", "hybrid", "pd", "mpc:end-to-end", "zero", f"{__name__}:Keeps",
     ],
 )  # fmt: skip
 def test_controllers_hold_nothing_true(name: str, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -53,7 +53,9 @@ from proxops.systems.policy import GUIDANCE_FILE
 _LEAST_NOISE = 1e-5
 # A map whose size differs by more than this share from the body's is a mistake.
 _OTHER_SIZE = 0.5
-_SHIPPED_POLICY = ASSETS / "policy"
+_SHIPPED_POLICY = ASSETS / "any_body"
+# Bundles that ship beside it, by the names that a controller's name may have after the colon.
+_NAMED_BUNDLES = {"end-to-end": ASSETS / "end_to_end"}
 
 
 def make_mpc(scenario: Scenario, body: Body) -> ModelPredictiveController:
@@ -97,8 +99,8 @@ _WITHOUT_BUNDLE = ("pd", "mpc")
 def bundle_of(name: str, scenario: Scenario) -> Path | None:
     """Gives the folder of the bundle that a named controller flies; None if it flies none.
 
-    `policy` and `hybrid` fly the scenario's bundle; `pd` and `mpc` fly none. A path after a colon
-    is relative to the working directory.
+    `policy` and `hybrid` fly the scenario's bundle; `pd` and `mpc` fly none. After a colon comes
+    `end-to-end`, the pilot that ships for Kleopatra, or a path relative to the working directory.
 
     Raises:
       InputError: the controller needs a bundle, but neither the name nor the scenario gives one,
@@ -107,7 +109,9 @@ def bundle_of(name: str, scenario: Scenario) -> Path | None:
     kind, colon, path = name.partition(":")
     if kind not in WITH_BUNDLE or name in _WITHOUT_BUNDLE:
         return None
-    return Path(path) if colon else _scenario_bundle(scenario)
+    if not colon:
+        return _scenario_bundle(scenario)
+    return _NAMED_BUNDLES.get(path, Path(path))
 
 
 def _scenario_bundle(scenario: Scenario) -> Path:

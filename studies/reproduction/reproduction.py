@@ -210,8 +210,10 @@ def _policy(scenario: Scenario, trained: Mapping[str, Stage]) -> Path:
     """The folder of the bundle that flies as our policy."""
     named = scenario.policy.bundle is not None
     ours = _bundle(trained.get("policy-dagger")) or _bundle(trained.get("policy-pilot"))
-    bundle = ours if ours is not None and not named else bundle_of("policy", scenario)
-    assert bundle is not None  # `bundle_of` raises an error where there is no policy.
+    # The pilot is what carries the paper's line on; it ships beside the default policy.
+    shipped = bundle_of("policy" if named else "policy:end-to-end", scenario)
+    bundle = ours if ours is not None and not named else shipped
+    assert bundle is not None
     return bundle.resolve()
 
 
