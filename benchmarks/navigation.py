@@ -36,8 +36,8 @@ for name in ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ[name] = "1"
 
 import numpy as np
+from _bodies import GENERATED, KLEOPATRA, scenario_at
 from _campaign import Lines, campaign_parser, show, workers_with_bar
-from _navigation_bodies import GENERATED, KLEOPATRA, scenario_at
 from _navigation_flights import (
     COMPONENTS,
     LIE,

@@ -21,7 +21,7 @@ ACQUIRING, FOLLOWING, LOST = NavigationPhase
 
 @functools.cache
 def bodies() -> ModuleType:
-    return load_script("_navigation_bodies")
+    return load_script("_bodies")
 
 
 class At:

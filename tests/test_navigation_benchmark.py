@@ -35,7 +35,7 @@ def poses() -> ModuleType:
 
 @pytest.fixture(scope="module")
 def bodies() -> ModuleType:
-    return load_script("_navigation_bodies")
+    return load_script("_bodies")
 
 
 def on_lidar_for_150_s() -> FlightLog:

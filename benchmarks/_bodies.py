@@ -1,5 +1,6 @@
-"""Bodies for trials of the navigation: Kleopatra, generated ones, and those of the user's files."""
+"""Bodies for trials: Kleopatra, generated ones, and those of the user's files."""
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
@@ -7,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import trimesh
 
-from proxops.assets.random_bodies import relief
+from proxops.assets.random_bodies import random_body, relief
 from proxops.diagrams.scenario import Scenario, change_scenario, load_body, load_scenario
 from proxops.systems.common import InputError, generator, make_folder, write_whole
 from proxops.systems.shapes import mesh_bytes, read_mesh
@@ -65,7 +66,8 @@ def scenario_at(name: str, folder: Path) -> Scenario:
     """The default scenario at a body, scaled as `proxops shape` scales it; no frames are logged.
 
     Args:
-      name: `kleopatra`, a name of `GENERATED`, a body's YAML file, or a mesh file in km.
+      name: `kleopatra`, a name of `GENERATED`, SEED:NUMBER of a random body, a body's YAML file, or
+        a mesh file in km.
       folder: where files of bodies are written.
 
     Raises:
@@ -87,15 +89,22 @@ def _written(name: str, folder: Path) -> Path:
     from proxops.diagrams.new_body import Questions, body_yaml, examine
 
     make_folder(folder)
-    mesh, density, period = Path(name), DENSITY, PERIOD_H
-    if name in GENERATED:
+    mesh, density, period, content = Path(name), DENSITY, PERIOD_H, None
+    numbers = re.fullmatch(r"(\d+):(\d+)", name)
+    if numbers is not None:
+        made = random_body(*map(int, numbers.groups()))
+        mesh, density = folder / f"{made.name}.obj", made.density_kg_m3
+        period = made.rotation_period_h
+        content = mesh_bytes(1e-3 * made.vertices, made.facets, ".obj")
+    elif name in GENERATED:
         recipe = GENERATED[name]
         mesh, density, period = folder / f"{name}.obj", recipe.density, recipe.period_h
         ball = trimesh.creation.icosphere(4)
         vertices = ball.vertices * recipe.radii(ball.vertices)[:, None]
         vertices *= 1e-3 * recipe.length / np.ptp(vertices, axis=0).max()
         content = mesh_bytes(vertices, ball.faces, ".obj")
-        write_whole(mesh, lambda path: path.write_bytes(content))
+    if content is not None:
+        mesh.write_bytes(content)
     report = examine(
         read_mesh(mesh, "km"), Questions(density_kg_m3=density, rotation_period_h=period)
     )

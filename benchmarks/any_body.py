@@ -1,0 +1,147 @@
+"""Flies the policy for any body, and its hybrids, at bodies that it never saw, beside the MPC.
+
+Nobody sees the truth: all fly on the navigation's state, unless `--true-state` says otherwise. At
+each body every controller flies the same transits, with the same noise. Δv is over the MPC's, on
+the transits in which both arrived. The time of a step is that of the whole controller without the
+navigation's, and the last column says how many times less that is than the MPC's.
+Flights are kept in the folder of `--out`: run the command again to finish what was interrupted, or
+to add transits.
+
+    python benchmarks/any_body.py [--bodies kleopatra 20:0 … two-ellipsoids FILE.obj …]
+        [--only policy hybrid …] [--dispersions after_survey] [--set KEY=VALUE …] [--true-state]
+        [--transits 20] [--seed 60] [--workers N] [--out out/any-body-flights]
+        [--markdown table.md]
+
+A body is `kleopatra`, SEED:NUMBER of a random body, `two-ellipsoids`, `lumpy-ball`,
+`three-one-one`, a body's YAML file, or a mesh file in km. Give each kind of dispersions and each
+policy a folder of its own.
+"""
+
+import argparse
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+for name in ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+    os.environ[name] = "1"
+
+import numpy as np
+from _bodies import GENERATED, KLEOPATRA, scenario_at
+from _campaign import campaign_parser, fly_with_bar, show
+
+from proxops.diagrams.flight import Row
+from proxops.diagrams.scenario import Scenario, dump_scenario, load_body, load_scenario
+from proxops.studies.evaluation import Variant, delta_v_pairs
+from proxops.systems.common import InputError, make_folder, write_whole
+
+MPC = "MPC"
+ASSURED = {"assurance": {}}
+# A controller, and its changes to the scenario.
+VARIANTS: dict[str, tuple[str, dict]] = {
+    MPC: ("mpc", {}),
+    "policy": ("policy", {}),
+    "hybrid": ("hybrid", {}),
+    "adaptive": ("hybrid", {"hybrid.period_rule": "adaptive"}),
+    "policy, assured": ("policy", ASSURED),
+    "hybrid, assured": ("hybrid", ASSURED),
+}
+RANDOM = [f"20:{number}" for number in range(10)]
+HEADINGS = (
+    "success", "keep-out violations", "late or away", "least clearance (% of size)",
+    "Δv over the MPC's", "greatest", "policy share (%)", "solves saved (%)", "a step (ms)",
+    "times less than the MPC",
+)  # fmt: skip
+
+
+def figures(rows: Sequence[Row], expert: Sequence[Row], size: float) -> list[str]:
+    """One line of the table; `size` is the longest semi-axis in m."""
+    flown = [row for row in rows if "unflyable" not in row]
+    broken = sum(row["keep_out_violations"] > 0 or row["collided"] for row in flown)
+    won = sum(row["success"] for row in flown)
+    ratios = [spent / best for spent, best in delta_v_pairs(rows, expert)]
+    speedups = [
+        best["control_ms_mean"] / row["control_ms_mean"]
+        for row, best in zip(rows, expert, strict=True)
+        if "unflyable" not in row and "unflyable" not in best
+    ]
+    shares = [row["policy_share"] for row in flown if row.get("policy_share") is not None]
+    solves = [
+        row["mpc_solves"] / row["steps"] for row in flown if row.get("mpc_solves") is not None
+    ]
+    return [
+        f"{won}/{len(flown)}",
+        str(broken),
+        str(len(flown) - won - broken),
+        f"{100.0 * min(row['min_clearance_m'] for row in flown) / size:.2f}",
+        f"{np.mean(ratios):.3f}" if ratios else "–",
+        f"{np.max(ratios):.3f}" if ratios else "–",
+        f"{100.0 * np.mean(shares):.1f}" if shares else "–",
+        f"{100.0 * (1.0 - np.mean(solves)):.1f}" if solves else "–",
+        f"{np.median([row['control_ms_mean'] for row in flown]):.2f}",
+        f"{np.median(speedups):.1f}",
+    ]
+
+
+def options() -> argparse.Namespace:
+    """The options of the command line; ends the program if one is wrong."""
+    parser = campaign_parser(__doc__, "out/any-body-flights", transits=20, seed=60)
+    known = [KLEOPATRA, *RANDOM, *GENERATED]
+    parser.add_argument("--bodies", nargs="+", default=known, metavar="BODY")
+    usual = ["policy", "hybrid", "adaptive"]
+    parser.add_argument("--only", nargs="+", choices=VARIANTS, default=usual, metavar="NAME")
+    parser.add_argument("--policy", help="a policy's bundle; default: the one that ships")
+    parser.add_argument("--dispersions", help="name or file of the worlds to draw from")
+    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE")
+    parser.add_argument("--true-state", action="store_true", help="all are told the true state")
+    return parser.parse_args()
+
+
+def scenario_of(body: str, asked: argparse.Namespace) -> Scenario:
+    """The scenario at a body, with the changes that the command line asks for.
+
+    Raises:
+      InputError: there is no such body, or a change is wrong.
+    """
+    changes = list(asked.set)
+    if asked.dispersions is not None:
+        changes.append(f"dispersions={asked.dispersions}")
+    if asked.true_state:
+        changes.append("navigation=!TrueState {}")
+    folder = asked.out / "bodies"
+    path, text = folder / f"{_label(body)}.scenario.yaml", scenario_at(body, folder)
+    make_folder(folder)
+    write_whole(path, lambda file: file.write_text(dump_scenario(text), encoding="utf-8"))
+    return load_scenario(path, changes)
+
+
+def _label(body: str) -> str:
+    return Path(body).stem.replace(":", "-")
+
+
+def main() -> None:
+    asked = options()
+    bundle = f":{Path(asked.policy).resolve()}" if asked.policy else ""
+    variants = []
+    for name in dict.fromkeys([MPC, *asked.only]):
+        controller, changes = VARIANTS[name]
+        variants.append(Variant(name, controller if name == MPC else controller + bundle, changes))
+    lines = {}
+    for body in asked.bodies:
+        try:
+            scenario = scenario_of(body, asked)
+        except InputError as error:
+            raise SystemExit(f"{body}: {error}") from error
+        own = argparse.Namespace(**vars(asked) | {"out": asked.out / _label(body)})
+        rows = fly_with_bar(variants, scenario, own)
+        size = float(load_body(scenario.body).keep_out_semi_axes.max())
+        for name, flown in rows.items():
+            lines[f"{_label(body)}, {name}"] = figures(flown, rows[MPC], size)
+    world, state = asked.dispersions or "as believed", "navigation"
+    if asked.true_state:
+        state = "the true state"
+    title = f"Transits 0 … {asked.transits - 1} of seed {asked.seed} on {state}, {world}"
+    show(title, HEADINGS, lines, asked.markdown)
+
+
+if __name__ == "__main__":
+    main()
