@@ -9,7 +9,7 @@ from proxops.diagrams.flight import named_controller
 from proxops.diagrams.scenario import Body, Scenario
 from proxops.systems.expert import Horizon
 
-# What the shipped policy has learned of the time T: the acceleration in m/s^2 that T is planned
+# What the pilot has learned of the time T: the acceleration in m/s^2 that T is planned
 # with, and the least time in s. In its ONNX file they are `exp_5` and the root of `exp_6`.
 ACCELERATION, LEAST_TIME = 0.024823, 207.0
 
@@ -70,8 +70,8 @@ def on_true_state(scenario: Scenario, body: Body) -> LeastEffort:
 
 
 def on_estimate(scenario: Scenario, body: Body) -> Diagram:
-    """The law on the state that the shipped policy estimates: `_bare_law:on_estimate`."""
-    policy = named_controller("policy", scenario, body)
+    """The law on the state that the pilot estimates: `_bare_law:on_estimate`."""
+    policy = named_controller("policy:end-to-end", scenario, body)
     law = LeastEffort(scenario, body)
     builder = DiagramBuilder()
     builder.AddNamedSystem("policy", policy)

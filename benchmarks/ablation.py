@@ -3,7 +3,7 @@
 All variants fly the same transits. Without further options these are flown, all from what ships:
 
 - `mpc`: the expert, with the true state;
-- `policy`: the policy that ships;
+- `policy`: the pilot that ships;
 - `bare law`: the guidance law of least effort inside the policy, with all learned corrections zero,
   on the true state. It does not know the keep-out ellipsoid, so it fails where that is in the way;
 - `bare law on the policy's estimate`: the same law on the state that the shipped policy estimates.
@@ -39,7 +39,7 @@ from proxops.studies.evaluation import Variant, aggregate_all
 
 SHIPPED = (
     Variant("mpc", "mpc"),
-    Variant("policy", "policy"),
+    Variant("policy", "policy:end-to-end"),
     Variant("bare law", "_bare_law:on_true_state"),
     Variant("bare law on the policy's estimate", "_bare_law:on_estimate"),
 )

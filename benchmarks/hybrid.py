@@ -32,7 +32,7 @@ from proxops.diagrams.scenario import load_scenario
 from proxops.studies.evaluation import Variant, delta_v_pairs
 from proxops.systems.common import write_whole
 
-SHIPPED = ASSETS / "any_body"
+SHIPPED = ASSETS / "end_to_end"
 MPC, POLICY = "MPC", "policy"
 ADAPTIVE = {"hybrid.period_rule": "adaptive"}
 GATES = ("strict", "paper", "printed")
@@ -123,7 +123,9 @@ def trade_plot(rows: dict[str, list[Row]], title: str) -> matplotlib.figure.Figu
 
 def main() -> None:
     parser = campaign_parser(__doc__, "out/hybrid", transits=20, seed=60)
-    parser.add_argument("--policy", type=Path, default=SHIPPED, help="a policy's bundle")
+    parser.add_argument(
+        "--policy", type=Path, default=SHIPPED, help="a policy's bundle; default: the pilot"
+    )
     parser.add_argument("--only", nargs="*", metavar="NAME", help="variants besides the MPC")
     parser.add_argument("--plot", type=Path, help="also draw solves saved against Δv there")
     asked = parser.parse_args()

@@ -7,7 +7,7 @@ scenario permits is set to its limit, and the line says so. In the last three li
 starts where no transit of the set starts. Flights are kept in the folder of `--out`: run the
 command again to finish what was interrupted, or to add transits.
 
-    python benchmarks/robustness.py [--controller policy] [--dispersions after_survey]
+    python benchmarks/robustness.py [--controller policy:end-to-end] [--dispersions after_survey]
         [--only truth.gravity "truth.mass x 3" …] [--transits 40] [--seed 10001] [--workers N]
         [--out out/robustness] [--markdown table.md]
 
@@ -192,7 +192,7 @@ def figures(rows: Sequence[Row]) -> list[str]:
 
 def main() -> None:
     parser = campaign_parser(__doc__, "out/robustness", transits=40, seed=10001)
-    parser.add_argument("--controller", default="policy")
+    parser.add_argument("--controller", default="policy:end-to-end")
     parser.add_argument(
         "--dispersions", default="after_survey", help="a name that ships, or a YAML file"
     )
