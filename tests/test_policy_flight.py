@@ -16,12 +16,13 @@ from proxops.cli.fly import _table
 from proxops.diagrams.flight import Workers, campaign, scenario_systems
 from proxops.diagrams.flight.campaign import run_campaign, transit_flights
 from proxops.diagrams.flight.named_controllers import named_controller
+from proxops.diagrams.flight.scenario_systems import bundle_of
 from proxops.diagrams.flight.simulation import fly, make_simulator
 from proxops.diagrams.flight.transit_diagram import make_transit_diagram
 from proxops.diagrams.logs.flight_log import FlightLog, differences
 from proxops.diagrams.scenario.scenario import load_scenario
-from proxops.diagrams.scenario.scenario_config import Scenario
-from proxops.systems import InputError, PolicyBundle
+from proxops.diagrams.scenario.scenario_config import PolicyConfig, Scenario
+from proxops.systems import GuidancePolicy, InputError, PolicyBundle
 from proxops.systems.policy import neural_policy
 
 
@@ -186,6 +187,16 @@ def test_no_policy_ships(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, counti
     monkeypatch.setattr(scenario_systems, "_SHIPPED_POLICY", counting)
     policy = named_controller("policy", short_scenario(), kleopatra())
     assert policy.num_input_ports() == 3
+
+
+def test_end_to_end_names_the_pilot_that_ships(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.chdir(tmp_path)
+    pilot = bundle_of("policy:end-to-end", Scenario())
+    assert pilot == bundle_of("hybrid:end-to-end", Scenario(policy=PolicyConfig("elsewhere")))
+    assert pilot is not None
+    assert PolicyBundle.load(pilot).estimates
+    assert bundle_of("policy:./end-to-end", Scenario()) == Path("end-to-end")
+    assert isinstance(named_controller("policy", Scenario(), kleopatra()), GuidancePolicy)
 
 
 def test_policy_that_does_not_fit_does_not_fly(counting: Path) -> None:
