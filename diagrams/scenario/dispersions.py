@@ -42,7 +42,7 @@ told. Whatever else is dispersed, they never know (Hanson and Beard, NASA/TP-201
 _WORLD = ("truth.", "disturbance.", "force_noise.", "kicks.")
 _FOLDER = ASSETS / "dispersions"
 # A number that is drawn may be given as a multiple of these.
-_TIMES = ("value", "size", "thrust_acceleration")
+_TIMES = ("value", "size", "thrust", "thrust_acceleration")
 
 
 @dc.dataclass(frozen=True)
@@ -54,8 +54,8 @@ class Dispersion:
     distribution: Distribution
     times: str | None = None
     """What the drawn number is multiplied by. `value`: the scenario's own value; `size`: the
-    greatest extent of the map in m; `thrust_acceleration`: thrust limit over mass in m/s^2. None:
-    nothing."""
+    greatest extent of the map in m; `thrust`: the thrust limit in N; `thrust_acceleration`: the
+    thrust limit over the mass in m/s^2. None: nothing."""
     source: str = ""
     """Where the numbers come from."""
 
@@ -83,6 +83,8 @@ class Dispersion:
         """Gives what the drawn number is multiplied by."""
         if self.times == "size":
             return float(body.shape.extents.max())
+        if self.times == "thrust":
+            return scenario.spacecraft.thrust_limit_n
         if self.times == "thrust_acceleration":
             return scenario.spacecraft.thrust_limit_n / scenario.spacecraft.mass_kg
         return float(_get(scenario, self.key)) if self.times == "value" else 1.0
