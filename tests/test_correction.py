@@ -9,17 +9,24 @@ from short_flights import kleopatra
 
 from proxops.systems import ExpectedErrors, ray_directions
 from proxops.systems.lidar import DEFAULT_GEOMETRY
-from proxops.systems.navigation import Estimate, correction
+from proxops.systems.navigation import Estimate, _update_kernel, correction
 from proxops.systems.navigation.correction import Correction, corrected
 from proxops.systems.navigation.estimate import ATTITUDE, BASE, POSITION, first_estimate
 from proxops.systems.navigation.frame_model import FrameModel
 from proxops.systems.navigation.map_error import MapError
 from proxops.systems.shapes import ray_caster
 
-FORMS = {"by_returns": correction._by_returns, "by_quantities": correction._by_quantities}
 PLACE = np.array([150e3, 40e3, -30e3])
 TURN = Rotation.from_rotvec([0.01, -0.006, 0.009])
 NOISE = 20.0
+
+
+def by_returns(covariance, columns, rows, innovations, variances):
+    crossed = rows @ covariance[columns]
+    return correction._by_returns(covariance, columns, rows, crossed, innovations, variances)
+
+
+FORMS = {"by_returns": by_returns, "by_quantities": _update_kernel.update}
 
 
 # --- the linear update ----------------------------------------------------------------------------
@@ -55,13 +62,14 @@ def test_both_forms_are_the_textbook_s(
     scales = 10.0 ** rng.uniform(-spread, spread, size)
     root = scales[:, None] * (rng.normal(size=(size, size)) + 2.0 * np.eye(size))
     covariance = root @ root.T
+    exact = rng.random(size) < 0.3  # What is exact is correlated with nothing.
+    covariance[exact] = covariance[:, exact] = 0.0
     rows = rng.normal(size=(count, columns.size)) / scales[columns]
     innovations, variances = rng.normal(size=count), rng.uniform(0.1, 10.0, count)
     given_ = covariance, columns, rows, innovations, variances
     moved, after, squares = joseph(*given_)
-    crossed = np.column_stack([rows @ covariance[columns], innovations])
-    found = FORMS[form](covariance, columns, rows, crossed, variances)
-    sigma = np.sqrt(np.diag(covariance))
+    found = correction._Update(*FORMS[form](covariance, columns, rows, innovations, variances))
+    sigma = np.where(exact, 1.0, np.sqrt(np.diag(covariance)))
     np.testing.assert_allclose(found.moved / sigma, moved / sigma, rtol=1e-9, atol=1e-9)
     both = np.outer(sigma, sigma)
     np.testing.assert_allclose(found.covariance / both, after / both, rtol=1e-9, atol=1e-9)

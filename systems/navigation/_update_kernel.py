@@ -1,7 +1,4 @@
-"""Compiled kernels: which returns of a frame are used, and the Kalman update by them.
-
-Rows are copied by loops: slices on the left take numba seconds to compile.
-"""
+"""Compiled kernels: which returns of a frame are used, and the Kalman update by them."""
 
 import numba
 import numpy as np
@@ -25,102 +22,137 @@ def judged(covariance, columns, rows, residuals, variances, moved, gate, most, o
 
     Returns:
       Indices of the residuals that are used (L,), and of those that are rejected; derivatives H
-      (L, C); (L, n + 1): H P and, last, the residuals as they would be at the prior's mean if the
-      model were linear; and variances of the noise (L,).
+      (L, C); H P (L, n), or (L, 0) where there are twice as many residuals as quantities; the
+      residuals as they would be at the prior's mean if the model were linear (L,), and variances of
+      the noise (L,).
     """
     size, n = rows.shape[1], covariance.shape[0]
     chosen = np.flatnonzero(variances < np.inf)
-    if size > chosen.size // 2:
+    few = size > chosen.size // 2
+    if few:
         chosen = chosen[:: max(1, -(-chosen.size // most))]
-    to_all = np.empty((size, n + 1))
-    for i in range(size):
-        for j in range(n):
-            to_all[i, j] = covariance[columns[i], j]
-        to_all[i, n] = moved[columns[i]]
     kept = rows[chosen]
-    crossed = kept @ to_all
-    noise = variances[chosen]
+    crossed = np.empty((chosen.size, 0))
+    if few:
+        to_all = np.empty((size, n))
+        for i in range(size):
+            for j in range(n):
+                to_all[i, j] = covariance[columns[i], j]
+        crossed = kept @ to_all
+    # What is exact adds nothing to the spread.
+    among, known = np.empty((size, size)), np.empty(size, dtype=np.int64)
+    count = 0
+    for i in range(size):
+        if covariance[columns[i], columns[i]] > 0.0:
+            known[count] = i
+            count += 1
+    for i in range(count):
+        for j in range(count):
+            among[i, j] = covariance[columns[known[i]], columns[known[j]]]
+    noise, innovations = variances[chosen], residuals[chosen]
     bad, used = np.empty_like(chosen), 0
-    for i in range(chosen.size):
-        residual, spread = residuals[chosen[i]], noise[i]
-        crossed[i, n] += residual
+    for k in range(chosen.size):
+        residual, spread = innovations[k], noise[k]
+        for j in range(size):
+            innovations[k] += kept[k, j] * moved[columns[j]]
         if own:
             for j in range(own, size):
-                spread += kept[i, j] ** 2
+                spread += kept[k, j] ** 2
         else:
-            residual = crossed[i, n]
-            for j in range(size):
-                spread += crossed[i, columns[j]] * kept[i, j]
+            residual = innovations[k]
+            for i in range(count):
+                row, total = kept[k, known[i]], 0.0
+                if few:
+                    total = crossed[k, columns[known[i]]]
+                else:
+                    for j in range(count):
+                        total += among[i, j] * kept[k, known[j]]
+                spread += row * total
         if residual**2 < gate**2 * spread:
-            chosen[used], noise[used] = chosen[i], noise[i]
+            chosen[used], noise[used], innovations[used] = chosen[k], noise[k], innovations[k]
             for j in range(size):
-                kept[used, j] = kept[i, j]
-            for j in range(n + 1):
-                crossed[used, j] = crossed[i, j]
+                kept[used, j] = kept[k, j]
+            for j in range(crossed.shape[1]):
+                crossed[used, j] = crossed[k, j]
             used += 1
         else:
-            bad[i - used] = chosen[i]
+            bad[k - used] = chosen[k]
     rejected = chosen.size - used
-    return chosen[:used], bad[:rejected], kept[:used], crossed[:used], noise[:used]
+    return (
+        chosen[:used], bad[:rejected], kept[:used], crossed[:used], innovations[:used], noise[:used]
+    )  # fmt: skip
 
 
 @_compiled
-def update(covariance, columns, rows, crossed, variances):
+def update(covariance, columns, rows, innovations, variances):
     """The update in information form: with A = H^T R^-1 H, P loses P (I + A P)^-1 A P.
+
+    What is exact stays as it is, and is left out.
 
     Args:
       covariance: P (n, n). columns: (C,) where the measured quantities are in it.
-      rows: H (K, C). crossed: (K, n + 1), as `judged` gives it. variances: (K,) diagonal of R.
+      rows: H (K, C). innovations: (K,). variances: (K,) diagonal of R.
 
     Returns:
       What the mean moves by (n,), the new covariance, and the normalised innovation squared.
     """
-    count, size = rows.shape
-    n = covariance.shape[0]
-    innovations = crossed[:, n]
+    n, count = covariance.shape[0], 0
+    live, place = np.empty(n, dtype=np.int64), np.empty(n, dtype=np.int64)
+    for i in range(n):
+        if covariance[i, i] > 0.0:
+            live[count], place[i] = i, count
+            count += 1
+    size, measured = 0, np.empty(columns.size, dtype=np.int64)
+    for j in range(columns.size):
+        if covariance[columns[j], columns[j]] > 0.0:
+            measured[size] = j
+            size += 1
     information, pull = np.zeros((size, size)), np.zeros(size)
     squares = 0.0
-    for k in range(count):
+    for k in range(innovations.size):
         weight = 1.0 / variances[k]
         squares += weight * innovations[k] ** 2
         for i in range(size):
-            scaled = weight * rows[k, i]
+            scaled = weight * rows[k, measured[i]]
             pull[i] += scaled * innovations[k]
             for j in range(i + 1):
-                information[i, j] += scaled * rows[k, j]
-    to_all, among = np.empty((size, n)), np.empty((size, size))
+                information[i, j] += scaled * rows[k, measured[j]]
+    to_all, among = np.empty((size, count)), np.empty((size, size))
     for i in range(size):
         for j in range(i):
             information[j, i] = information[i, j]
-        for j in range(n):
-            to_all[i, j] = covariance[columns[i], j]
+        for j in range(count):
+            to_all[i, j] = covariance[columns[measured[i]], live[j]]
         for j in range(size):
-            among[i, j] = to_all[i, columns[j]]
+            among[i, j] = to_all[i, place[columns[measured[j]]]]
     left, known = information @ among, information @ to_all
-    right = np.empty((size, n + 1))
+    right = np.empty((size, count + 1))
     for i in range(size):
         left[i, i] += 1.0
         right[i, 0] = pull[i]
-        for j in range(n):
+        for j in range(count):
             right[i, 1 + j] = known[i, j]
     both = to_all.T @ np.linalg.solve(left, right)
-    moved, after = both[:, 0].copy(), np.empty((n, n))
-    for i in range(n):
+    moved, after = np.zeros(n), covariance.copy()
+    for i in range(count):
+        moved[live[i]] = both[i, 0]
         for j in range(i + 1):
             lost = 0.5 * (both[i, 1 + j] + both[j, 1 + i])
-            after[i, j] = after[j, i] = covariance[i, j] - lost
+            now = covariance[live[i], live[j]] - lost
+            after[live[i], live[j]] = after[live[j], live[i]] = now
     for i in range(size):
-        squares -= pull[i] * moved[columns[i]]
+        squares -= pull[i] * moved[columns[measured[i]]]
     return moved, after, squares
 
 
 @_compiled
-def fit(rows, innovations, before, after):
+def fit(columns, rows, innovations, before, after):
     """How well a correction explains its K residuals.
 
     Args:
-      rows: (K, C) derivatives. innovations: (K,).
-      before: (C,) place where the frame was linearised, less the prior's mean. after: (C,) the
+      columns: (C,) where the measured quantities are among all. rows: (K, C) derivatives.
+      innovations: (K,).
+      before: (n,) place where the frame was linearised, less the prior's mean. after: (n,) the
         correction.
 
     Returns:
@@ -129,9 +161,9 @@ def fit(rows, innovations, before, after):
     changed, left = 0.0, 0.0
     for k in range(innovations.size):
         change, rest = 0.0, innovations[k]
-        for j in range(after.size):
-            change += rows[k, j] * (after[j] - before[j])
-            rest -= rows[k, j] * after[j]
+        for j in range(columns.size):
+            change += rows[k, j] * (after[columns[j]] - before[columns[j]])
+            rest -= rows[k, j] * after[columns[j]]
         changed += change * change
         left += rest * rest
     return changed / innovations.size, left / innovations.size

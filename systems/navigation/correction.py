@@ -83,7 +83,7 @@ def corrected(
     iteration = 0
     while True:
         frame = model.compared(supposed, ranges)
-        good, bad, rows, crossed, variances = kernel.judged(
+        good, bad, rows, crossed, innovations, variances = kernel.judged(
             covariance,
             columns,
             frame.rows,
@@ -97,17 +97,18 @@ def corrected(
         used = variances.size
         if not used:
             return Correction(prior, np.nan, frame.rays[good], frame.rays[bad], np.nan, np.nan)
-        innovations = crossed[:, -1].copy()
-        by = _by_returns if used < columns.size else _by_quantities
-        update = by(covariance, columns, rows, crossed, variances)
-        change, left = kernel.fit(rows, innovations, moved[columns], update.moved[columns])
+        if crossed.size:
+            update = _by_returns(covariance, columns, rows, crossed, innovations, variances)
+        else:
+            update = _Update(*kernel.update(covariance, columns, rows, innovations, variances))
+        change, left = kernel.fit(columns, rows, innovations, moved, update.moved)
         moved = update.moved
         supposed = _moved(prior, moved)
         iteration += 1
         if change < (_CLOSE * model.noise_std) ** 2 or iteration == _MOST_ITERATIONS:
             break
     return Correction(
-        supposed._replace(covariance=update.covariance),
+        Estimate(supposed.mean, supposed.rotation, update.covariance, prior.spent),
         math.sqrt(left),
         frame.rays[good],
         frame.rays[bad],
@@ -121,14 +122,14 @@ def _by_returns(
     columns: np.ndarray,
     rows: np.ndarray,
     crossed: np.ndarray,
+    innovations: np.ndarray,
     variances: np.ndarray,
 ) -> _Update:
-    """The update in the form that is fast for few residuals.
+    """The update in the form that is fast for few residuals: see `update` of the kernel.
 
     Args:
       covariance: P (n, n). columns: (C,) where the measured quantities are in it.
-      rows: H (K, C) derivatives.
-      crossed: (K, n + 1): H P and, last, the innovations. Overwritten.
+      rows: H (K, C) derivatives. crossed: H P (K, n). innovations: (K,).
       variances: (K,) of the noise.
     """
     # The triangular solvers of LAPACK and BLAS: scipy's checks take as long as these matrices.
@@ -137,25 +138,16 @@ def _by_returns(
     factor, failed = _cholesky(total.T, lower=1, clean=0, overwrite_a=1)
     if failed:
         raise np.linalg.LinAlgError("the covariance of the residuals is not positive definite")
-    white = _solved_triangle(1.0, factor, crossed.T, side=1, lower=1, trans_a=1, overwrite_b=1)
+    both = np.column_stack([crossed, innovations])
+    white = _solved_triangle(1.0, factor, both.T, side=1, lower=1, trans_a=1, overwrite_b=1)
     learned, innovations = white[:-1], white[-1]
     after = covariance - learned @ learned.T
     return _Update(learned @ innovations, after, float(innovations @ innovations))
-
-
-def _by_quantities(
-    covariance: np.ndarray,
-    columns: np.ndarray,
-    rows: np.ndarray,
-    crossed: np.ndarray,
-    variances: np.ndarray,
-) -> _Update:
-    """The same update in the form that is fast for many residuals of few quantities."""
-    return _Update(*kernel.update(covariance, columns, rows, crossed, variances))
 
 
 def _moved(prior: Estimate, moved: np.ndarray) -> Estimate:
     """The prior with another mean."""
     mean = prior.mean + moved
     mean[ATTITUDE] = 0.0
-    return prior._replace(mean=mean, rotation=turned(prior.rotation, moved[ATTITUDE]))
+    rotation = turned(prior.rotation, moved[ATTITUDE])
+    return Estimate(mean, rotation, prior.covariance, prior.spent)

@@ -211,10 +211,10 @@ class LidarNavigation(LeafSystem):
     def _unpacked(self, vector: np.ndarray) -> Memory:
         """The memory in a vector."""
         vector = vector.copy()  # It may be a view of a Context's state, which changes.
-        phase, contradictions, known, spent = vector[:4]
+        phase, contradictions, known, spent = vector[:4].tolist()
         attitude, rotation = vector[4:13].reshape(3, 3), vector[13:_HEAD].reshape(3, 3)
         held, mean, covariance = self._parts(vector)
-        estimate = Estimate(mean, rotation, covariance, float(spent)) if known else None
+        estimate = Estimate(mean, rotation, covariance, spent) if known else None
         return Memory(estimate, held, int(contradictions), NavigationPhase(int(phase)), attitude)
 
     def _parts(self, vector: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -226,7 +226,7 @@ class LidarNavigation(LeafSystem):
 
 def _return_use(step: Step, rays: int) -> np.ndarray:
     """The `ReturnUse` (rays,) of a frame after a step."""
-    use = np.full(rays, ReturnUse.NOT_USED)
+    use = np.full(rays, float(ReturnUse.NOT_USED))
     if step.correction is not None:
         use[step.correction.used_rays] = ReturnUse.USED
         use[step.correction.rejected_rays] = ReturnUse.REJECTED

@@ -39,30 +39,30 @@ class Motion:
         self, estimate: Estimate, force: np.ndarray, time: float, duration: float
     ) -> Estimate:
         """The estimate `duration` s after `time`, under a force (3,) in N along the axes of S."""
-        speed = math.hypot(*estimate.mean[VELOCITY])
+        speed = math.hypot(*estimate.mean[VELOCITY].tolist())
         turn = abs(self._spin) * duration
         steps = math.ceil(max(1.0, turn / _TURN, speed * duration / (_SHARE * self._radius)))
         steps = min(steps, _MOST_STEPS)
         step = duration / steps
-        spent = float(np.abs(force).sum()) * step / self._mass
+        spent = sum(map(abs, force.tolist())) * step / self._mass
         for k in range(steps):
             mean = estimate.mean
             middle = mean[POSITION] + 0.5 * step * mean[VELOCITY] - mean[CENTRE_OF_MASS]
             gravity = self._field.evaluate(middle[None])
-            uneven = self._uneven(middle, gravity.acceleration[0])
+            pull = gravity.acceleration[0]
             moved = predict(
-                estimate.mean,
+                mean,
                 estimate.rotation,
                 estimate.covariance,
                 estimate.spent,
-                gravity.acceleration[0],
+                pull,
                 gravity.gradient[0],
                 force,
                 time + k * step,
                 step,
                 self._spin,
                 self._mass,
-                self._noise(step, uneven),
+                self._noise(step, self._uneven(middle, pull)),
             )
             estimate = Estimate(*moved, estimate.spent + spent)
         return estimate
@@ -80,15 +80,13 @@ class Motion:
         ratio = shift * self._half_length / float(position @ position)
         return float(gravity @ gravity) * ratio**2 / 3.0
 
-    def _noise(self, step: float, uneven: float) -> np.ndarray:
+    def _noise(self, step: float, uneven: float) -> tuple[float, float, float]:
         """The last argument of `predict`."""
         expected = self._expected
         decay = math.exp(-step / expected.acceleration_correlation)
         varying = expected.acceleration_varying**2 + uneven
-        return np.array(
-            [
-                2.0 * expected.attitude_varying**2 * step / expected.attitude_correlation,
-                decay,
-                varying * (1.0 - decay**2),
-            ]
+        return (
+            2.0 * expected.attitude_varying**2 * step / expected.attitude_correlation,
+            decay,
+            varying * (1.0 - decay**2),
         )

@@ -80,7 +80,8 @@ class RayCaster:
         found = self.scene.run(
             origins, np.ascontiguousarray(directions, dtype=np.float32), output=True
         )
-        places = np.stack([found["u"], found["v"]], axis=1)
+        places = np.empty((len(origins), 2), dtype=np.float32)
+        places[:, 0], places[:, 1] = found["u"], found["v"]
         return FirstHits(found["tfar"].astype(np.float64), found["primID"], places)
 
     def fan(self, directions: np.ndarray) -> RayFan:
