@@ -175,8 +175,8 @@ def predict(
       force: (3,) in N along the axes of S, held over the step.
       time: s, at the start of the step.
       spin: as believed, rad/s about z. mass: kg.
-      noise: (3,): variance that the step adds to the attitude, decay of the varying acceleration
-        over the step, and the variance that this gets.
+      noise: variance that the step adds to the attitude, decay of the varying acceleration over the
+        step, and the variance that this gets.
 
     Returns:
       Mean, rotation and covariance.

@@ -1,4 +1,7 @@
-"""Compiled kernels: which returns of a frame are used, and the Kalman update by them."""
+"""Compiled kernels: which returns of a frame are used, and the Kalman update by them.
+
+Rows are copied by loops: slices on the left take numba seconds to compile.
+"""
 
 import numba
 import numpy as np
