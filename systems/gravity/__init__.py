@@ -1,16 +1,18 @@
 """The gravity of a body, of uniform density or of two halves that differ, from its polyhedron.
 
 Start with `GravityField.evaluate`: potential, acceleration and gradient at any number of positions.
-`PolyhedralGravity` is the Drake system that wraps it, and `PointMassField` has the same interface
-for a point mass. `surface_maps` and `equilibria` analyse the field. The kernel in
+`PolyhedralGravity` is the Drake system that wraps it. `PointMassField` has the same interface for a
+point mass, and `TabulatedField` is a field in a fiftieth of the time, within a bound. `surface_maps` and `equilibria` analyse the field. The kernel in
 `_polyhedral_kernel` is compiled. Its last bits are part of every recorded flight, so a change there
 raises the version.
 """
 
+from proxops.systems.gravity._table_kernel import at as table_at
 from proxops.systems.gravity.equilibria import Equilibrium, find_equilibria, synchronous_radius
 from proxops.systems.gravity.gravity_field import (
     GRAVITATIONAL_CONSTANT,
     PLAUSIBLE_DENSITY,
+    BodyField,
     Field,
     Gravity,
     GravityField,
@@ -24,11 +26,13 @@ from proxops.systems.gravity.surface_maps import (
     plane_cut,
     surface_map,
 )
+from proxops.systems.gravity.tabulated_field import TabulatedField
 
 __all__ = [
     "AXES",
     "GRAVITATIONAL_CONSTANT",
     "PLAUSIBLE_DENSITY",
+    "BodyField",
     "Equilibrium",
     "Field",
     "Gravity",
@@ -37,9 +41,11 @@ __all__ = [
     "PointMassField",
     "PolyhedralGravity",
     "PolyhedralGravity_",
+    "TabulatedField",
     "effective_field",
     "find_equilibria",
     "plane_cut",
     "surface_map",
     "synchronous_radius",
+    "table_at",
 ]

@@ -48,6 +48,25 @@ class Field(Protocol):
         ...
 
 
+class BodyField(Field, Protocol):
+    """A field that knows its body: a `GravityField` or a `TabulatedField`."""
+
+    @property
+    def shape(self) -> Polyhedron:
+        """The body."""
+        ...
+
+    @property
+    def mass(self) -> float:
+        """Mass of the body in kg."""
+        ...
+
+    @property
+    def centre_of_mass(self) -> np.ndarray:
+        """Centre of mass (3,) in m in the mesh's frame."""
+        ...
+
+
 class GravityField:
     """The field of a `Polyhedron`, in the mesh's own frame.
 
@@ -122,11 +141,16 @@ class GravityField:
         points = np.asarray(points, dtype=np.float64)
         if points.ndim != 2 or points.shape[1] != 3:
             raise InputError(f"points must have shape (N, 3), got {points.shape}")
+        columns = self.columns(points)
+        gradient = columns[:, 4:13].reshape(-1, 3, 3)
+        return Gravity(columns[:, 0], columns[:, 1:4], gradient, columns[:, 13] > 2.0 * np.pi)
+
+    def columns(self, points: np.ndarray) -> np.ndarray:
+        """The kernel's columns (N, 14) at points (N, 3) in m: see `evaluate_serial`."""
         columns = self._parts[0].columns(points)
         for part in self._parts[1:]:
             columns += part.columns(points)
-        gradient = columns[:, 4:13].reshape(-1, 3, 3)
-        return Gravity(columns[:, 0], columns[:, 1:4], gradient, columns[:, 13] > 2.0 * np.pi)
+        return columns
 
 
 class _UniformPart:

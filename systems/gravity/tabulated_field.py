@@ -1,0 +1,152 @@
+"""`TabulatedField`: a body's field outside an ellipsoid from a table, within a bound."""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import json
+import sys
+
+import numpy as np
+
+from proxops.systems.common import InputError, check_positive
+from proxops.systems.gravity import _table_kernel as kernel
+from proxops.systems.gravity._far_field import SWITCH, fit_masses
+from proxops.systems.gravity._harmonic_boxes import DEGREE, Boxes, make_boxes, recursion
+from proxops.systems.gravity._table_file import read_boxes, store_boxes
+from proxops.systems.gravity.gravity_field import Gravity, GravityField
+from proxops.systems.shapes import Polyhedron
+
+# Of the files on disk. Whoever changes how a table is made raises it.
+_FORMAT = 1
+# Below the first, rounding is no longer small against the bound.
+_ERRORS = (1e-11, 1e-2)
+
+
+class TabulatedField:
+    """The field of a `GravityField`, from a table outside an ellipsoid and exact inside.
+
+    Outside, the relative error of potential and acceleration is below `relative_error`: each box of
+    an octree has a harmonic polynomial, and the octree is divided until that holds. Acceleration
+    and gradient are the derivatives of the potential that is returned, so a free flight keeps its
+    energy. From 10 radii on, the field is that of point masses.
+
+    The table is made at the first use on a machine and kept in the user's cache folder. It depends
+    on body, mass, contrast, semi-axes and bound alone.
+    """
+
+    def __init__(
+        self, field: GravityField, semi_axes: np.ndarray, relative_error: float = 1e-9
+    ) -> None:
+        """Takes the exact field and the semi-axes (3,) in m of an ellipsoid about the origin.
+
+        Args:
+          field: of a body within the ellipsoid. semi_axes: along x, y, z.
+          relative_error: the bound, from 1e-11 to 1e-2.
+
+        Raises:
+          InputError: the body sticks out of the ellipsoid, or a value is out of range.
+        """
+        axes = np.array(semi_axes, dtype=np.float64)
+        if axes.shape != (3,):
+            raise InputError(f"TabulatedField needs three semi-axes, got {semi_axes}")
+        check_positive("TabulatedField: the ellipsoid", **dict(zip("xyz", axes, strict=True)))
+        low, high = _ERRORS
+        if not low <= relative_error <= high:
+            raise InputError(
+                f"TabulatedField: relative_error must be from {low:g} to {high:g}, "
+                f"got {relative_error}"
+            )
+        level = float(np.linalg.norm(field.shape.vertices / axes, axis=1).max())
+        if level >= 1.0:
+            raise InputError(
+                f"TabulatedField: {field.shape.name} sticks out of the ellipsoid; semi-axes that "
+                f"are {level:.3f} times as long would contain it"
+            )
+        self.exact = field
+        """The field that the table was made from."""
+        self.semi_axes, self.relative_error = axes, float(relative_error)
+        half, masses = _far_masses(field)
+        boxes = _boxes(_Source(field, axes, self.relative_error, half))
+        scales = np.array([*(1.0 / axes), half, DEGREE])
+        self.tables = (*boxes, recursion(DEGREE), masses, scales)
+        """What `proxops.systems.gravity.table_at` takes, in other compiled functions too."""
+
+    @property
+    def shape(self) -> Polyhedron:
+        """The body."""
+        return self.exact.shape
+
+    @property
+    def mass(self) -> float:
+        """Mass of the body in kg."""
+        return self.exact.mass
+
+    @property
+    def contrast(self) -> float:
+        """Contrast in density; see `GravityField`."""
+        return self.exact.contrast
+
+    @property
+    def centre_of_mass(self) -> np.ndarray:
+        """Centre of mass (3,) in m in the mesh's frame."""
+        return self.exact.centre_of_mass
+
+    def evaluate(self, points: np.ndarray) -> Gravity:
+        """The field at points (N, 3) in m.
+
+        Raises:
+          InputError: the points are not an (N, 3) array.
+        """
+        points = np.asarray(points, dtype=np.float64)
+        if points.ndim != 2 or points.shape[1] != 3:
+            raise InputError(f"points must have shape (N, 3), got {points.shape}")
+        columns = np.empty((len(points), 14))
+        missing = kernel.evaluate(points, self.tables, columns)
+        inside = np.zeros(len(points), dtype=bool)
+        gradient = columns[:, 4:13].reshape(-1, 3, 3)
+        if missing:
+            rest = np.isnan(columns[:, 0])
+            columns[rest, 0], columns[rest, 1:4], gradient[rest], inside[rest] = (
+                self.exact.evaluate(points[rest])
+            )
+        return Gravity(columns[:, 0], columns[:, 1:4], gradient, inside)
+
+
+class _Source:
+    """What a table is made from; equal if the tables are."""
+
+    def __init__(self, field: GravityField, axes: np.ndarray, error: float, half: float):
+        self.field, self.axes, self.error, self.half = field, axes, error, half
+        numbers = [field.mass, field.contrast, *axes, error]
+        key = [_FORMAT, field.shape.sha256, *(float(number).hex() for number in numbers)]
+        self.name = hashlib.sha256(json.dumps(key).encode()).hexdigest()
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Source) and self.name == other.name
+
+    def __hash__(self) -> int:
+        return hash(self.name)
+
+
+# Flights of one process share the arrays; they are never written to.
+@functools.lru_cache(maxsize=2)
+def _boxes(source: _Source) -> Boxes:
+    boxes = read_boxes(source.name)
+    if boxes is None:
+        sys.stderr.write(
+            f"proxops: making the gravity table of {source.field.shape.name} "
+            "(once on this machine, up to a minute)\n"
+        )
+        boxes = make_boxes(source.field.columns, source.axes, source.half, source.error)
+        store_boxes(source.name, boxes)
+    return boxes
+
+
+def _far_masses(field: GravityField) -> tuple[float, np.ndarray]:
+    """Half the edge of the cube outside of which point masses (4, K) have the field."""
+    centre = field.centre_of_mass
+    radius = float(np.linalg.norm(field.shape.vertices - centre, axis=1).max())
+    masses, _ = fit_masses(lambda points: field.columns(points + centre)[:, 0], radius)
+    masses[:3] += centre[:, None]
+    return SWITCH * radius + float(np.abs(centre).max()), masses
