@@ -8,8 +8,9 @@ import fcntl
 import functools
 import hashlib
 import json
+import re
 import typing
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from importlib import metadata
 from pathlib import Path
 
@@ -38,6 +39,9 @@ from proxops.systems.lidar import LidarBundle
 
 # Greatest number of letters of a controller's name that a file's name contains.
 _LONGEST_LABEL = 60
+# Lines of a scenario's text.
+_BODY = re.compile(r"^body: .*$", re.MULTILINE)
+_TABLE = re.compile(r"^gravity: table$", re.MULTILINE)
 
 Row = dict[str, typing.Any]
 Describe = Callable[[FlightLog, Path | None], Row]
@@ -174,6 +178,7 @@ def run_campaign(
             todo.append(flight)
         else:
             rows[flight.name] = row
+    _make_tables(todo)
     workers.progress(*_progress(rows, len(flights)))
     task = functools.partial(
         _fly_one, folder=folder.resolve(), keep_logs=keep_logs, describe=describe
@@ -218,7 +223,7 @@ def _fly_one(flight: Flight, folder: Path, keep_logs: bool, describe: Describe) 
         scenario = parse_scenario(flight.scenario)
         path = folder / f"{flight.name}.nc" if keep_logs else None
         try:
-            log = fly(scenario, flight.controller, body=_body(scenario.body))
+            log = fly(scenario, flight.controller, body=_body(scenario.body, scenario.gravity))
         except UnflyableWorldError as error:
             row = _unflyable(flight, scenario, error)
         else:
@@ -248,7 +253,18 @@ def _locked(folder: Path, name: str) -> Generator[None]:
 
 
 # Each worker loads the body only once, because loading it takes long.
-_body = functools.lru_cache(maxsize=1)(load_body)
+def _make_tables(flights: Iterable[Flight]) -> None:
+    """Makes the gravity tables of flights that have none yet, for the workers to read."""
+    texts = [flight.scenario for flight in flights]
+    wanted = {_BODY.findall(text)[0]: text for text in texts if _TABLE.search(text)}
+    for text in wanted.values():
+        scenario = parse_scenario(text)
+        assert _body(scenario.body, scenario.gravity).gravity_field.mass > 0.0
+
+
+@functools.lru_cache(maxsize=1)
+def _body(name: str, gravity: str) -> Body:
+    return load_body(name).with_gravity(gravity)
 
 
 def _finished(flight: Flight, folder: Path, keep_logs: bool) -> Row | None:

@@ -68,7 +68,7 @@ def fly(
       InputError: the scenario cannot be flown or the controller does not fit.
       RuntimeError: an event of the simulation failed.
     """
-    body = body or load_body(scenario.body)
+    body = (body or load_body(scenario.body)).with_gravity(scenario.gravity)
     name = controller if isinstance(controller, str) else type(controller).__name__
     scenario = draw_world(scenario, body)
     true_body = true_body or make_true_body(body, scenario.truth)

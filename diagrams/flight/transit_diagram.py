@@ -162,7 +162,7 @@ def logged_ports(controller: System) -> dict[str, LoggedPort]:
 
 def _begin(scenario: Scenario, body: Body | None, true_body: TrueBody | None) -> Wiring:
     """Draws the world, makes the true body, and checks that the flight can begin."""
-    body = body or load_body(scenario.body)
+    body = (body or load_body(scenario.body)).with_gravity(scenario.gravity)
     scenario = draw_world(scenario, body)
     true_body = true_body or make_true_body(body, scenario.truth)
     transit = scenario_transit(scenario, body)

@@ -3,6 +3,7 @@
 import dataclasses as dc
 from functools import cached_property
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 
@@ -10,9 +11,11 @@ from proxops.assets import ASSETS
 from proxops.diagrams.scenario.limits import check_limits, number
 from proxops.diagrams.scenario.typed_yaml import load_typed, read_mapping
 from proxops.systems.common import InputError
-from proxops.systems.gravity import GravityField
+from proxops.systems.gravity import BodyField, GravityField, TabulatedField
 from proxops.systems.shapes import Polyhedron
 
+# How gravity is computed: by the sums over the polyhedron, or from a table outside the keep-out.
+GRAVITY = ("exact", "table")
 # The least and the greatest semi-axis (m) of a keep-out ellipsoid.
 _AXES = (1e-3, 1e9)
 
@@ -42,6 +45,8 @@ class Body:
 
     config: BodyConfig
     shape: Polyhedron
+    gravity: str = "exact"
+    """How `gravity_field` computes gravity: `exact`, or `table`."""
 
     @property
     def spin_rate(self) -> float:
@@ -54,9 +59,24 @@ class Body:
         return np.array(self.config.keep_out_semi_axes_m)
 
     @cached_property
-    def gravity_field(self) -> GravityField:
+    def gravity_field(self) -> BodyField:
         """Gravity of the body; it is built at the first use."""
+        if self.gravity == "table":
+            return TabulatedField(self.exact_field, self.keep_out_semi_axes)
+        return self.exact_field
+
+    @cached_property
+    def exact_field(self) -> GravityField:
+        """Gravity by the sums over the polyhedron."""
         return GravityField(self.shape, mass=self.config.mass_kg)
+
+    def with_gravity(self, gravity: str) -> Self:
+        """Gives this body with gravity computed in this way, `exact` or `table`."""
+        if gravity == self.gravity:
+            return self
+        other = dc.replace(self, gravity=gravity)
+        other.__dict__["exact_field"] = self.exact_field  # Built once for both.
+        return other
 
 
 def load_body(name_or_path: str) -> Body:

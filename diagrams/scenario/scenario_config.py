@@ -5,6 +5,7 @@ In a YAML file and with `--set`, a key is the path of field names, such as `mpc.
 
 import dataclasses as dc
 
+from proxops.diagrams.scenario.body import GRAVITY
 from proxops.diagrams.scenario.limits import number, one_of
 from proxops.diagrams.scenario.navigation_config import LidarNavigationConfig, TrueStateConfig
 from proxops.diagrams.scenario.truth_config import TruthConfig
@@ -294,6 +295,11 @@ class Scenario:
     # Name of a body that ships with proxops, or path of a body's YAML file; a path in a scenario
     # file is relative to that file.
     body: str = "kleopatra"
+    # How gravity is computed: `exact`, by the sums over the polyhedron, or `table`, outside the
+    # keep-out ellipsoid from a table with a relative error below 1e-9. The table is made at the
+    # first use and kept in the user's cache folder. A true body that differs from the believed one
+    # is always exact.
+    gravity: str = one_of("exact", GRAVITY)
     spacecraft: SpacecraftConfig = dc.field(default_factory=SpacecraftConfig)
     lidar: LidarConfig | LearnedLidarConfig = dc.field(default_factory=LidarConfig)
     # From what controllers and runtime assurance know the state of the spacecraft.

@@ -14,7 +14,7 @@ from proxops.diagrams.scenario.scenario_config import Scenario
 from proxops.diagrams.scenario.transits import Transit
 from proxops.diagrams.scenario.truth_config import TruthConfig
 from proxops.systems.common import InputError
-from proxops.systems.gravity import GravityField
+from proxops.systems.gravity import BodyField, GravityField
 from proxops.systems.shapes import Polyhedron, displaced, registered
 
 # A mesh whose size differs from the map's by more than this share of the map's is a mistake, unless
@@ -32,7 +32,7 @@ class TrueBody:
 
     shape: Polyhedron
     """The true surface."""
-    gravity_field: GravityField
+    gravity_field: BodyField
     """Gravity of the true masses."""
     spin: np.ndarray
     """Angular velocity (3,) in rad/s."""

@@ -9,7 +9,7 @@ from dataclasses import field as dc_field
 import numpy as np
 
 from proxops.systems.assurance import _braking_kernel as kernel
-from proxops.systems.gravity import Field, GravityField
+from proxops.systems.gravity import Field, GravityField, TabulatedField
 
 # Spacing of the nodes, where the ellipsoid is the unit ball. The error of Kleopatra's table is then
 # below 5e-5 m/s^2 outside the keep-out ellipsoid, and 5e-6 on average.
@@ -90,6 +90,8 @@ class GravityTable:
 
 def gravity_table(field: Field, semi_axes: np.ndarray) -> GravityTable:
     """The table of a field; a process makes each table once (about a second for Kleopatra)."""
+    if isinstance(field, TabulatedField):
+        field = field.exact
     identity: tuple = (id(field),)
     if isinstance(field, GravityField):
         identity = (field.shape.sha256, field.mass, field.contrast)

@@ -2,9 +2,10 @@
 
 Start with `GravityField.evaluate`: potential, acceleration and gradient at any number of positions.
 `PolyhedralGravity` is the Drake system that wraps it. `PointMassField` has the same interface for a
-point mass, and `TabulatedField` is a field in a fiftieth of the time, within a bound. `surface_maps` and `equilibria` analyse the field. The kernel in
-`_polyhedral_kernel` is compiled. Its last bits are part of every recorded flight, so a change there
-raises the version.
+point mass. So has `TabulatedField`, which is many times as fast, within a bound on its error;
+compiled functions call `table_at`. `surface_maps` and `equilibria` analyse the field. The kernels
+in `_polyhedral_kernel` and `_table_kernel` are compiled. Their last bits are part of every recorded
+flight, so a change there raises the version.
 """
 
 from proxops.systems.gravity._table_kernel import at as table_at

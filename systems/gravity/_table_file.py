@@ -18,7 +18,8 @@ def read_boxes(name: str) -> Boxes | None:
     """The boxes stored under a name; None if there are none or the file is damaged."""
     path = _folder() / f"{name}.npz"
     try:
-        with np.load(path, allow_pickle=False) as file:  # It checks a checksum of each array.
+        # numpy leaves a file open that it cannot read. It checks a checksum of each array.
+        with path.open("rb") as stored, np.load(stored, allow_pickle=False) as file:
             boxes = Boxes(*(file[field] for field in Boxes._fields))
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error):
         return None

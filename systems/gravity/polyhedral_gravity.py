@@ -7,10 +7,10 @@ from pydrake.autodiffutils import AutoDiffXd, ExtractGradient, ExtractValue, Ini
 from pydrake.systems.framework import LeafSystem_
 from pydrake.systems.scalar_conversion import TemplateSystem
 
-from proxops.systems.gravity.gravity_field import Gravity, GravityField
+from proxops.systems.gravity.gravity_field import BodyField, Gravity
 
 
-def _evaluate(field: GravityField, position: np.ndarray) -> Gravity:
+def _evaluate(field: BodyField, position: np.ndarray) -> Gravity:
     """The field at one position (3,), given as numbers or as AutoDiffXd."""
     if position.dtype == object:
         position = ExtractValue(position)
@@ -45,8 +45,8 @@ def PolyhedralGravity_(T):  # noqa: N802 (Drake's own naming of templates)
         its derivative would need the third derivatives of the potential.
         """
 
-        def _construct(self, field: GravityField, *, converter=None):
-            """Takes the `GravityField` whose frame is K."""
+        def _construct(self, field: BodyField, *, converter=None):
+            """Takes the `GravityField` or `TabulatedField` whose frame is K."""
             super().__init__(converter=converter)
             self.field = field
             self._position_port = self.DeclareVectorInputPort(name="position", size=3)

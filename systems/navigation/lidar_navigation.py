@@ -10,7 +10,7 @@ from pydrake.math import RotationMatrix
 from pydrake.systems.framework import LeafSystem, ValueProducer
 
 from proxops.systems.common import InputError, LoggedPort, check_not_negative, check_positive
-from proxops.systems.gravity import GRAVITATIONAL_CONSTANT, GravityField
+from proxops.systems.gravity import GRAVITATIONAL_CONSTANT, BodyField
 from proxops.systems.lidar import DEFAULT_GEOMETRY, LidarGeometry
 from proxops.systems.navigation.estimate import BASE, Estimate
 from proxops.systems.navigation.expected_errors import ExpectedErrors
@@ -57,7 +57,7 @@ class LidarNavigation(LeafSystem):
     def __init__(
         self,
         shape: Polyhedron,
-        field: GravityField,
+        field: BodyField,
         spin: float,
         mass: float,
         noise_std: float,

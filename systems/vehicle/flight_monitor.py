@@ -16,7 +16,7 @@ from scipy.interpolate import CubicHermiteSpline
 from scipy.optimize import brentq
 
 from proxops.systems.common import check_not_negative, check_positive
-from proxops.systems.gravity import GravityField
+from proxops.systems.gravity import BodyField
 from proxops.systems.shapes import blocks_segment, clearances, ray_caster
 
 # A time that never comes.
@@ -63,7 +63,7 @@ class FlightMonitor(LeafSystem):
 
     def __init__(
         self,
-        field: GravityField,
+        field: BodyField,
         keep_out_semi_axes: np.ndarray,
         radius: float,
         speed: float,
