@@ -1,7 +1,7 @@
-"""Compares polyhedral gravity with ESA's polyhedral-gravity and with Basilisk, in one process.
+"""Compares polyhedral gravity and its table with ESA's polyhedral-gravity and with Basilisk.
 
-All evaluate the same mesh (Kleopatra, 4,000 facets) at the same points; times are medians of many
-calls, ours and the peers' in turn. Both peers come with the extra `bench`:
+All evaluate the same mesh (Kleopatra, 4,000 facets) at the same points in one process; times are
+medians of many calls, ours and the peers' in turn. Both peers come with the extra `bench`:
 
     python benchmarks/gravity.py
 """
@@ -23,7 +23,7 @@ from rich.console import Console
 from rich.table import Table
 
 from proxops.diagrams.scenario import load_body
-from proxops.systems import GravityField, Polyhedron
+from proxops.systems import GravityField, Polyhedron, TabulatedField
 from proxops.systems.gravity import GRAVITATIONAL_CONSTANT
 
 CONSOLE = Console()
@@ -71,7 +71,7 @@ def difference(ours: np.ndarray, theirs: np.ndarray) -> float:
     return float((apart / np.linalg.norm(theirs, axis=1)).max())
 
 
-def one_point(field: GravityField, name: str) -> None:
+def one_point(field: GravityField, name: str, table_axes: np.ndarray | None = None) -> None:
     peer, basilisk = esa_model(field), basilisk_model(field)
     random = np.random.default_rng(1)
     directions = random.normal(size=(100, 3))
@@ -82,31 +82,37 @@ def one_point(field: GravityField, name: str) -> None:
     column = [point.reshape(3, 1).tolist() for point in points]
     others = np.array([basilisk.computeField(point) for point in column]).reshape(-1, 3)
     point = points[:1]
-    found = medians(
-        {
-            "ours": lambda: field.evaluate(point),
-            "esa": lambda: peer(point[0], False),
-            "basilisk": lambda: basilisk.computeField(column[0]),
-        },
-        rounds=50,
-    )
+    calls: dict[str, Callable] = {
+        "ours": lambda: field.evaluate(point),
+        "esa": lambda: peer(point[0], False),
+        "basilisk": lambda: basilisk.computeField(column[0]),
+    }
+    rows = [
+        ("polyhedral-gravity: all three", "esa", theirs),
+        ("Basilisk: acceleration", "basilisk", others),
+    ]
+    if table_axes is not None:
+        tabulated = TabulatedField(field, table_axes)
+        calls["table"] = lambda: tabulated.evaluate(point)
+        rows.insert(0, ("our table: all three", "table", tabulated.evaluate(points).acceleration))
+    found = medians(calls, rounds=50)
     table = Table(title=f"{name}, {len(field.shape.facets)} facets, one point, one thread")
     for heading in ("", "time (µs)", "over ours", "difference, at most"):
         table.add_column(heading, justify="left" if not heading else "right")
     table.add_row("ours: all three", f"{1e6 * found['ours']:.1f}", "1", "")
-    for label, key, values in (
-        ("polyhedral-gravity: all three", "esa", theirs),
-        ("Basilisk: acceleration", "basilisk", others),
-    ):
+    for label, key, values in rows:
         ratio = found[key] / found["ours"]
         agreement = f"{difference(ours, values):.1e}"
-        table.add_row(label, f"{1e6 * found[key]:.1f}", f"{ratio:.1f} x", agreement)
+        table.add_row(label, f"{1e6 * found[key]:.1f}", f"{ratio:.3g} x", agreement)
     CONSOLE.print(table)
 
 
-def batches(field: GravityField) -> None:
+def batches(field: GravityField, semi_axes: np.ndarray) -> None:
     random = np.random.default_rng(2)
     points = random.uniform(-170e3, 170e3, (20_000, 3))
+    outside = points[np.linalg.norm(points / semi_axes, axis=1) > 1.0]
+    tabulated = TabulatedField(field, semi_axes)
+    looked_up = medians({"table": lambda: tabulated.evaluate(outside)}, rounds=1)["table"]
     times = {}
     most = numba.get_num_threads()
     peer = esa_model(field)
@@ -122,6 +128,7 @@ def batches(field: GravityField) -> None:
     for threads, seconds in times.items():
         each = 1e6 * seconds / len(points)
         table.add_row(str(threads), f"{each:.1f}", f"{times[1] / seconds:.2f} x")
+    table.add_row("1: our table, outside", f"{1e6 * looked_up / len(outside):.2f}", "")
     table.add_row(f"{most}: polyhedral-gravity", f"{1e6 * other:.1f}", "")
     CONSOLE.print(table)
     tracemalloc.start()
@@ -132,12 +139,13 @@ def batches(field: GravityField) -> None:
 
 def main() -> None:
     argparse.ArgumentParser(description=__doc__.splitlines()[0]).parse_args()
-    one_point(load_body("kleopatra").gravity_field, "Kleopatra")
+    body = load_body("kleopatra")
+    one_point(body.exact_field, "Kleopatra", body.keep_out_semi_axes)
     # Convex, so that Basilisk's mass, a sum of absolute volumes, is right.
     ball = trimesh.creation.icosphere(subdivisions=4)
     convex = Polyhedron(ball.vertices * [1e5, 6e4, 5e4], ball.faces, "ellipsoid")
     one_point(GravityField(convex, density=3000.0), "An ellipsoid")
-    batches(load_body("kleopatra").gravity_field)
+    batches(body.exact_field, body.keep_out_semi_axes)
 
 
 if __name__ == "__main__":

@@ -70,7 +70,7 @@ def main() -> None:
     argparse.ArgumentParser(description=__doc__.splitlines()[0]).parse_args()
     scenario = load_scenario()
     body = load_body(scenario.body)
-    field, mass = body.gravity_field, scenario.spacecraft.mass_kg
+    field, mass = body.exact_field, scenario.spacecraft.mass_kg
     points = sample(body, 0.5 * scenario.transit.cube_m)
     far = float(np.linalg.norm(points, axis=1).max())
     gravity = np.linalg.norm(field.evaluate(points).acceleration, axis=1)

@@ -23,8 +23,8 @@ from proxops.diagrams.plots.plots import length_unit
 from proxops.systems.common import InputError
 from proxops.systems.gravity import (
     AXES,
+    BodyField,
     Equilibrium,
-    GravityField,
     PlaneCut,
     find_equilibria,
     plane_cut,
@@ -51,7 +51,7 @@ _MODES = {
 }
 
 
-def plot_surface_maps(field: GravityField, spin: float, title: str = "") -> Figure:
+def plot_surface_maps(field: BodyField, spin: float, title: str = "") -> Figure:
     """Draws gravity, slope and effective potential on the surface, each seen from +z, -y and +x.
 
     Args:
@@ -139,7 +139,7 @@ def draw_surface(
 
 
 def plot_equilibria(
-    field: GravityField,
+    field: BodyField,
     spin: float,
     title: str = "",
     half_width: float | None = None,

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from proxops.systems.common import InputError
-from proxops.systems.gravity.gravity_field import GRAVITATIONAL_CONSTANT, GravityField
+from proxops.systems.gravity.gravity_field import GRAVITATIONAL_CONSTANT, BodyField
 from proxops.systems.gravity.surface_maps import effective_field
 
 # Lengths of the search, as shares of the body's greatest radius.
@@ -60,7 +60,7 @@ def linear_modes(gradient: np.ndarray, spin: float) -> np.ndarray:
 
 
 def find_equilibria(
-    field: GravityField, spin: float, starts: np.ndarray | None = None
+    field: BodyField, spin: float, starts: np.ndarray | None = None
 ) -> list[Equilibrium]:
     """Equilibria of a body, outside and inside it, by Newton's method from many starts.
 
@@ -109,7 +109,7 @@ def _place_in_list(equilibrium: Equilibrium) -> tuple[bool, float]:
     return False, float((np.arctan2(y, x) + np.pi / 4.0) % (2.0 * np.pi))
 
 
-def _default_starts(field: GravityField, spin: float, reach: float) -> np.ndarray:
+def _default_starts(field: BodyField, spin: float, reach: float) -> np.ndarray:
     """Starts in the equatorial plane: 25 x 25 over the body, and 8 rings of 36 points.
 
     The rings are about the synchronous orbit, from 0.7 of its radius on.
@@ -126,7 +126,7 @@ def _default_starts(field: GravityField, spin: float, reach: float) -> np.ndarra
     return np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1)
 
 
-def _newton(field: GravityField, spin: float, points: np.ndarray, reach: float) -> np.ndarray:
+def _newton(field: BodyField, spin: float, points: np.ndarray, reach: float) -> np.ndarray:
     """Zeros (K, 3) of the effective acceleration from starts (N, 3); some starts may find none."""
     found = []
     for _ in range(_ITERATIONS):

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from proxops.systems.common import InputError
-from proxops.systems.gravity.gravity_field import GravityField
+from proxops.systems.gravity.gravity_field import BodyField
 
 AXES = {"x": 0, "y": 1, "z": 2}
 
@@ -66,7 +66,7 @@ class PlaneCut(NamedTuple):
     """(M, N) bool: within the body."""
 
 
-def effective_field(field: GravityField, spin: float, points: np.ndarray) -> EffectiveField:
+def effective_field(field: BodyField, spin: float, points: np.ndarray) -> EffectiveField:
     """The effective field at points (N, 3) in m in K of a body that spins at `spin` rad/s about z.
 
     Scheeres, Orbital Motion in Strongly Perturbed Environments (2012), ch. 2, with the sign of U
@@ -86,7 +86,7 @@ def effective_field(field: GravityField, spin: float, points: np.ndarray) -> Eff
     )
 
 
-def surface_map(field: GravityField, spin: float) -> SurfaceMap:
+def surface_map(field: BodyField, spin: float) -> SurfaceMap:
     """Gravity, slope and effective potential over the facets of the field's own shape.
 
     Args:
@@ -109,7 +109,7 @@ def surface_map(field: GravityField, spin: float) -> SurfaceMap:
 
 
 def plane_cut(
-    field: GravityField,
+    field: BodyField,
     spin: float,
     half_width: float,
     plane: str = "xy",
