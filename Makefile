@@ -10,6 +10,8 @@ pip_install := $(bin)/python -m pip install --quiet --constraint constraints.txt
 folders := $(patsubst %/__init__.py,%,$(wildcard */__init__.py))
 
 export PIP_DISABLE_PIP_VERSION_CHECK = 1
+# Else each process of the tests compiles all sources anew.
+unexport PYTHONDONTWRITEBYTECODE
 
 .DELETE_ON_ERROR:
 .PHONY: help install fly test lint bench notebooks docs train clean links

@@ -3,12 +3,17 @@
 import os
 import signal
 
+import hypothesis
 import pytest
 
 # One thread for linear algebra, here and in what tests start: pytest-xdist already runs a process
 # on each core, and idle threads of these libraries keep a core busy while they wait.
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(name, "1")
+
+# An example may take long on a busy machine.
+hypothesis.settings.register_profile("proxops", deadline=None)
+hypothesis.settings.load_profile("proxops")
 
 # If a shell starts the tests in the background, it has set them to ignore Ctrl-C, and all processes
 # that they start inherit it.
@@ -17,9 +22,15 @@ if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Puts the tests of the navigation first.
+    """Puts the tests of the navigation first, then those of the pages.
 
-    numba takes long to compile its kernels. So one process does that, while the others,
-    which start further down, run what needs none of them; later they find them in numba's cache.
+    numba takes long to compile the navigation's kernels. So one process does that, while the
+    others, which start further down, run what needs none of them; later they find them in numba's
+    cache. The commands of the pages are the longest of the slow tests: at the end they would run
+    alone.
     """
-    items.sort(key=lambda item: "navigation" not in item.path.name)
+
+    def place(item: pytest.Item) -> tuple[bool, bool]:
+        return "navigation" not in item.path.name, item.path.name != "test_docs.py"
+
+    items.sort(key=place)

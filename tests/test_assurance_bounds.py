@@ -132,7 +132,7 @@ def test_the_wish_never_falls_with_the_normal_and_never_rises_with_speed(
 UNIT = st.tuples(*[st.floats(-1.0, 1.0)] * 3).map(np.array).filter(lambda u: u @ u > 0.01)
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=12)
 @given(
     UNIT,
     st.floats(1.01, 1.3),

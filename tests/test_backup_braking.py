@@ -104,7 +104,7 @@ def test_diagonal_brakes_with_all_axes() -> None:
 
 
 @pytest.mark.slow
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=8)
 @given(states())
 def test_backup_from_admitted_states_stays_out(state: np.ndarray) -> None:
     """With polyhedral gravity, by RK4: to the end of what was promised, and well after it."""
@@ -121,7 +121,7 @@ def test_backup_from_admitted_states_stays_out(state: np.ndarray) -> None:
     assert (outward[first:] > 0.0).all()
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=80)
 @given(states(), FORCES)
 def test_what_is_assured_keeps_the_state_admitted(state: np.ndarray, command: np.ndarray) -> None:
     backup = kleopatras()

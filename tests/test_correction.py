@@ -52,7 +52,7 @@ def joseph(covariance, columns, rows, innovations, variances):
     count=st.integers(1, 30),
     spread=st.floats(0.0, 3.0),
 )
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 def test_both_forms_are_the_textbook_s(
     form: str, seed: int, size: int, count: int, spread: float
 ) -> None:

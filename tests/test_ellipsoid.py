@@ -32,7 +32,7 @@ coordinate = st.one_of(
     st.just(0.0), st.floats(-30.0, 30.0), st.sampled_from([1e-12, -1e-9, 1e-15, -1e-300])
 )
 vectors = arrays(float, 3, elements=coordinate)
-many = settings(max_examples=100, deadline=None)
+many = settings(max_examples=100)
 
 
 def on_ellipsoid(semi_axes: np.ndarray, polar: np.ndarray, azimuth: np.ndarray) -> np.ndarray:

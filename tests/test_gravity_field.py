@@ -18,7 +18,7 @@ from proxops.systems.shapes.polyhedron import Polyhedron
 DENSITY = 2000.0
 G_RHO = G * DENSITY
 seeds = st.integers(0, 2**32 - 1)
-few = settings(max_examples=15, deadline=None)
+few = settings(max_examples=15)
 
 
 def field_of(mesh: trimesh.Trimesh, density: float = DENSITY) -> GravityField:
@@ -352,7 +352,7 @@ def outward_flux(field: GravityField, centre: np.ndarray, radius: float) -> floa
     return float(weights @ np.einsum("ni,ni->n", acceleration, normal))
 
 
-@settings(max_examples=5, deadline=None)
+@settings(max_examples=5)
 @given(seeds)
 def test_gauss_law(seed: int) -> None:
     mesh = star_shaped(seed, subdivisions=1)

@@ -44,7 +44,7 @@ def bundle(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_guidance(tmp_path_factory.mktemp("guidance") / "bundle")
 
 
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 @given(st.floats(1e-3, 1e2), st.floats(1e-6, 1.0), st.integers(0, 99))
 def test_bodies_in_the_same_proportions_are_one(scale: float, push: float, seed: int) -> None:
     random = np.random.default_rng(seed)

@@ -26,7 +26,7 @@ from proxops.systems.shapes.self_intersection import self_intersections
 from proxops.systems.shapes.shape_files import read_mesh
 
 sizes = pytest.mark.parametrize("size", [1e-6, 1.0, 1e9])
-few = settings(max_examples=20, deadline=None)
+few = settings(max_examples=20)
 seeds = st.integers(0, 2**32 - 1)
 
 

@@ -16,7 +16,7 @@ from proxops.systems.shapes.mesh_repair import Repair, repair_mesh
 from proxops.systems.shapes.polyhedron import Polyhedron
 
 sizes = pytest.mark.parametrize("size", [1e-6, 1.0, 1e9])
-few = settings(max_examples=20, deadline=None)
+few = settings(max_examples=20)
 seeds = st.integers(0, 2**32 - 1)
 
 

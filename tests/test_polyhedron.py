@@ -14,7 +14,7 @@ from proxops.systems.common.errors import InputError
 from proxops.systems.shapes.polyhedron import Polyhedron
 
 LOW, HIGH = np.array([-1.0, 2.0, 0.5]), np.array([1.5, 3.0, 4.0])
-few = settings(max_examples=25, deadline=None)
+few = settings(max_examples=25)
 seeds = st.integers(0, 2**32 - 1)
 # A pebble of a millimetre, a body in metres, a planet.
 sizes = pytest.mark.parametrize("size", [1e-3, 1.0, 1e9])

@@ -121,7 +121,7 @@ def write(folder: Path, text: str | bytes, name: str = "scenario.yaml") -> Path:
 # --- what is read ---------------------------------------------------------------------------------
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(scenarios())
 def test_round_trip(scenario: Scenario) -> None:
     check_scenario(scenario)

@@ -102,7 +102,8 @@ def _read_yaml(text: str, source: str) -> typing.Any:
         more values than fit into memory.
     """
     try:
-        if any(isinstance(event, yaml.AliasEvent) for event in yaml.parse(text)):
+        # Most texts need not be read twice.
+        if "*" in text and any(isinstance(event, yaml.AliasEvent) for event in yaml.parse(text)):
             raise InputError(
                 f"{source} is not YAML that proxops reads: it has an alias, *name; write the values"
             )
