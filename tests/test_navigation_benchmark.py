@@ -9,11 +9,17 @@ import numpy as np
 import pytest
 from benchmark_scripts import load_script
 from scipy.spatial.transform import Rotation
-from short_flights import BRIEF, kleopatra, short_scenario
+from short_flights import BRIEF, SHORT, kleopatra, short_scenario
 
 from proxops.diagrams.flight import fly
 from proxops.diagrams.logs import FlightLog
-from proxops.diagrams.scenario import LidarNavigationConfig, load_body, load_scenario, transit_set
+from proxops.diagrams.scenario import (
+    LidarNavigationConfig,
+    Scenario,
+    load_body,
+    load_scenario,
+    transit_set,
+)
 from proxops.systems.common import InputError
 from proxops.systems.shapes import Polyhedron
 
@@ -187,6 +193,10 @@ def test_remarks(navigation: ModuleType) -> None:
     assert navigation.remarks({"unflyable": "inside"}) == ["inside"]
 
 
+def short_way(path: Path | None = None, settings: dict | None = None, **options) -> Scenario:
+    return load_scenario(path, SHORT | (settings or {}), **options)
+
+
 @pytest.mark.slow
 def test_measures_resumes_and_writes_the_tables(
     navigation: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
@@ -196,6 +206,10 @@ def test_measures_resumes_and_writes_the_tables(
              "--bodies", "kleopatra", "lumpy-ball", "--out", str(tmp_path / "out"),
              "--markdown", str(tmp_path / "tables.md")]  # fmt: skip
     monkeypatch.setattr(sys, "argv", words)
+    # Short ways at Kleopatra, and by one wrong map.
+    for name in ("navigation", "_bodies", "_navigation_mended", "_navigation_poses"):
+        monkeypatch.setattr(load_script(name), "load_scenario", short_way)
+    monkeypatch.setattr(navigation, "SURFACE_ERRORS", (110.0,))
     navigation.main()
     text = (tmp_path / "tables.md").read_text()
     table = {

@@ -219,7 +219,9 @@ class FlightMonitor(LeafSystem):
             return self._level(np.concatenate([path(time), rate(time)]) - target) - 1.0
 
         # Rounding may put a state on the edge on either side of it.
-        return brentq(level, 0.0, span) if level(0.0) * level(span) < 0.0 else span
+        if not level(0.0) * level(span) < 0.0:
+            return span
+        return brentq(level, 0.0, span)  # pyright: ignore[reportReturnType]  (without full_output)
 
     def _violates(self, start: np.ndarray, end: np.ndarray, duration: float) -> bool:
         """Whether the path between two states (6,) goes too deep, after it was not too deep.
