@@ -29,6 +29,27 @@ _compiled = numba.njit(cache=True, error_model="numpy")
 _inlined = numba.njit(cache=True, error_model="numpy", forceinline=True)
 
 
+@_compiled
+def _times(a, b):
+    """The product of matrices (I, K) and (K, J): so small, it takes longer by a library."""
+    out = np.zeros((a.shape[0], b.shape[1]))
+    for i in range(a.shape[0]):
+        for k in range(a.shape[1]):
+            for j in range(b.shape[1]):
+                out[i, j] += a[i, k] * b[k, j]
+    return out
+
+
+@_compiled
+def _along(a, v):
+    """The product of a matrix (I, K) and a vector (K,)."""
+    out = np.zeros(a.shape[0])
+    for i in range(a.shape[0]):
+        for k in range(a.shape[1]):
+            out[i] += a[i, k] * v[k]
+    return out
+
+
 @_inlined
 def _cross(v):
     """The matrix W for which W u is v x u."""
@@ -57,7 +78,7 @@ def _rotation(v):
         return _one_plus(cross)
     first = math.sin(angle) / angle
     second = (1.0 - math.cos(angle)) / angle**2
-    out = cross @ cross
+    out = _times(cross, cross)
     for i in range(3):
         for j in range(3):
             out[i, j] = (1.0 if i == j else 0.0) + first * cross[i, j] + second * out[i, j]
@@ -67,7 +88,7 @@ def _rotation(v):
 @_compiled
 def turned(rotation, vector):
     """The rotation R (3, 3), turned further by a small rotation vector (3,) in K."""
-    out = _rotation(vector) @ rotation
+    out = _times(_rotation(vector), rotation)
     # Rounding must not add up over a flight: one Gram-Schmidt step.
     x, y = out[0], out[1]
     size = math.sqrt(x @ x)
@@ -89,8 +110,8 @@ def turned(rotation, vector):
 def _derivative(rotation, axes, push, given, commanded, pull, turn, tide, v, offset):
     """How the acceleration depends on the attitude and on the constants (3, BASE)."""
     by = np.zeros((3, _BASE))
-    pushed, moved, inner = _cross(push), _cross(v), _cross(turn @ offset)
-    turned_offset, directed = turn @ _cross(offset), rotation @ _cross(given)
+    pushed, moved, inner = _cross(push), _cross(v), _cross(_along(turn, offset))
+    turned_offset, directed = _times(turn, _cross(offset)), _times(rotation, _cross(given))
     for i in range(3):
         by[i, _CONSTANT + i] = by[i, _VARYING + i] = 1.0
         by[i, _GRAVITY] = pull[i]
@@ -151,8 +172,8 @@ def _transition(tide, turn, step):
         for j in range(3):
             a[3 + i, j] = tide[i, j]
             a[3 + i, 3 + j] = -2.0 * turn[i, j]
-    a2 = a @ a
-    a3 = a2 @ a
+    a2 = _times(a, a)
+    a3 = _times(a2, a)
     second, third, fourth = step**2 / 2.0, step**3 / 6.0, step**4 / 24.0
     phi, gamma = np.empty((6, 6)), np.empty((6, 6))
     for i in range(6):
@@ -184,7 +205,7 @@ def predict(
     w = mean[_SPIN : _SPIN + 3].copy()
     w[2] += spin
     turn = _cross(w)
-    around = turn @ turn
+    around = _times(turn, turn)
     factor = 1.0 + mean[_GRAVITY]
     v = mean[_V : _V + 3]
     tide, offset, commanded, given = np.empty((3, 3)), np.empty(3), np.empty(3), np.empty(3)
@@ -195,8 +216,8 @@ def predict(
         given[i] = (1.0 + mean[_THRUST + i]) * force[i] / now
         for j in range(3):
             tide[i, j] = factor * gradient[i, j] - around[i, j]
-    axes = rotation @ _one_plus(_cross(mean[_DIRECTION : _DIRECTION + 3]))
-    push, coriolis, centrifugal = axes @ given, turn @ v, around @ offset
+    axes = _times(rotation, _one_plus(_cross(mean[_DIRECTION : _DIRECTION + 3])))
+    push, coriolis, centrifugal = _along(axes, given), _along(turn, v), _along(around, offset)
     total = np.empty(3)
     for i in range(3):
         total[i] = factor * pull[i] - 2.0 * coriolis[i] - centrifugal[i] + push[i]
@@ -208,7 +229,7 @@ def predict(
     for i in range(3):
         start[i] = -0.5 * step * v[i]
         rate[i], rate[3 + i] = v[i], total[i]
-    by_start, by_rate = phi @ start, gamma @ rate
+    by_start, by_rate = _along(phi, start), _along(gamma, rate)
     out = mean.copy()
     for i in range(3):
         out[i] += 0.5 * step * v[i] + (by_start[i] + by_rate[i])
@@ -221,7 +242,7 @@ def predict(
     back[0, 0], back[0, 1] = math.cos(angle), math.sin(angle)
     back[1, 0], back[1, 1] = -math.sin(angle), math.cos(angle)
     back[2, 2] = 1.0
-    drift = back @ mean[_SPIN : _SPIN + 3]
+    drift = _along(back, mean[_SPIN : _SPIN + 3])
     for i in range(3):
         drift[i] *= -step
     out_rotation = turned(rotation, drift)
@@ -229,7 +250,7 @@ def predict(
     by = _derivative(rotation, axes, push, given, commanded, pull, turn, tide, v, offset)
     for i in range(3):
         by[i, _PROPELLANT] = push[i] * (spent * mass / now)
-    by_constants = np.ascontiguousarray(gamma[:, 3:]) @ by
+    by_constants = _times(np.ascontiguousarray(gamma[:, 3:]), by)
     f = np.eye(_BASE)
     for i in range(6):
         for j in range(6):
