@@ -37,7 +37,7 @@ def acceleration(position: np.ndarray, velocity: np.ndarray, thrust: np.ndarray)
     return gravity + coriolis - np.cross(spin, np.cross(spin, position)) + thrust
 
 
-def reflown(log: FlightLog) -> np.ndarray:
+def reflown(log: FlightLog, rtol: float = 1e-10) -> np.ndarray:
     """States at the log's times from its first state and its forces, by SciPy."""
     times, forces = log.dataset["time"].values, log.dataset["force"].values
     mass = log.scenario.spacecraft.mass_kg
@@ -47,7 +47,7 @@ def reflown(log: FlightLog) -> np.ndarray:
         def rate(_, state, force=force):
             return [*state[3:], *acceleration(state[:3], state[3:], force / mass)]
 
-        step = solve_ivp(rate, (start, end), states[-1], "DOP853", rtol=1e-10, atol=1e-6)
+        step = solve_ivp(rate, (start, end), states[-1], "DOP853", rtol=rtol, atol=1e-6)
         states.append(step.y[:, -1])
     return np.array(states)
 
@@ -70,6 +70,14 @@ def test_succeeds() -> None:
     assert summary["keep_out_violations"] == 0
     assert summary["terminal_position_error_m"] < 100.0
     assert summary["terminal_speed_m_s"] < 0.5
+
+
+@pytest.mark.slow
+def test_the_plant_ends_where_a_much_finer_integration_ends() -> None:
+    """Within 1 mm is asked for; order 3 in the same steps is up to 13 mm off at other transits."""
+    log = kleopatra_flight()
+    end = reflown(log, rtol=1e-13)[-1]
+    assert np.linalg.norm(log.dataset["state"].values[-1, :3] - end[:3]) < 1e-6
 
 
 def test_times_are_the_control_steps() -> None:
