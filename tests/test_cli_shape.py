@@ -291,7 +291,7 @@ def test_generated_body(shape, tmp_path: Path) -> None:
         body.shape.vertices, made.vertices, atol=1e-9 * np.ptp(made.vertices)
     )
     np.testing.assert_array_equal(body.shape.facets, made.facets)
-    assert body.gravity_field.density == pytest.approx(made.density_kg_m3, rel=1e-5)
+    assert body.exact_field.density == pytest.approx(made.density_kg_m3, rel=1e-5)
     assert body.config.rotation_period_h == made.rotation_period_h
     assert scenario.spacecraft.mass_kg == 40.0
     assert len(transit_set(10000, 2, scenario)) == 2
