@@ -39,7 +39,7 @@ def dagger_command(
     flights: Annotated[
         int | None,
         typer.Option(
-            min=1, help="Flights of each round. Default: 240, or 4 at each body of a family."
+            min=1, help="Flights of each round. Default: 240, or 3 at each body of a family."
         ),
     ] = None,
     seed: Annotated[
@@ -62,7 +62,7 @@ def dagger_command(
 
     Each round leaves its flights, their labels and its pilot in OUT/round-N. The bundle, the report
     and the weights of the last pilot are in OUT. Without DATA it is a policy for any body that
-    flies, at each body of its family, on navigation and in worlds of after_survey. Run it again to
+    flies at each body of its family on navigation, first in worlds of after_survey. Run it again to
     continue after an interruption, or with more --rounds to add rounds.
 
     Example:

@@ -59,7 +59,7 @@ def train_command(
         int | None,
         typer.Option(
             min=1,
-            help="Greatest number of epochs (of our pilot's guidance). Default: 20; any-body: 60; "
+            help="Greatest number of epochs (of our pilot's guidance). Default: 20; any-body: 30; "
             "paper: 12.",
         ),
     ] = None,

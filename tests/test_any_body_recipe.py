@@ -70,7 +70,12 @@ def test_from_nothing_to_a_flight(tmp_path: Path) -> None:
     assert plans == {path: path.stat().st_mtime_ns for path in plans}
     assert (tmp_path / "bundle/model.onnx").read_bytes() == weights
     path = next((tmp_path / "family").glob("*-00000/scenario.yaml"))
-    changes = {"arrival.deadline_s": 30.0 * load_scenario(path).control_period_s}
+    scenario = load_scenario(path)
+    # It learned at one body: the proportions of another margin lie outside of its family.
+    changes = {
+        "arrival.deadline_s": 30.0 * scenario.control_period_s,
+        "policy.margin_m": scenario.mpc.keep_out_margin_m,
+    }
     log = fly(load_scenario(path, changes), f"policy:{tmp_path / 'bundle'}")
     assert np.isfinite(log.dataset["policy_force"].values[:-1]).all()
     # Its own flights teach it: on navigation, in worlds that differ, at the member it learns at.

@@ -87,11 +87,17 @@ def known_family(
     workers.progress(0.0, "making bodies")
     paths = write_family(folder / "family", _FAMILY_SEED, settings.members)
     scenarios = [load_scenario(path) for path in paths]
-    told = [surroundings(each, load_body(each.body)) for each in scenarios]
+    told = [_as_the_expert(each) for each in scenarios]
     labels = family_plans(
         scenarios, settings.transits, _PLANS_SEED, folder / "plans", workers.part(_WRITTEN, 1.0)
     )
     return Family(scenarios, told, settings.held), labels
+
+
+def _as_the_expert(scenario: Scenario) -> Surroundings:
+    """What a guidance is told while it learns: of the ellipsoid that the expert keeps out of."""
+    policy = dc.replace(scenario.policy, margin_m=scenario.mpc.keep_out_margin_m)
+    return surroundings(dc.replace(scenario, policy=policy), load_body(scenario.body))
 
 
 def learn(

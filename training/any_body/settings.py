@@ -19,7 +19,7 @@ class AnyBodySettings:
     """Transits at each body whose plans are learned from."""
     width: int = 256
     """Width of the network's layers."""
-    schedule: Schedule = Schedule(epochs=60, batch=1024, learning_rate=2e-3, patience=60)
+    schedule: Schedule = Schedule(epochs=30, batch=1024, learning_rate=2e-3, patience=30)
     seed: int = 0
     device: str = "cpu"
     precision: str = "32-true"
