@@ -365,3 +365,11 @@ def test_progress_is_told() -> None:
     fly(short_scenario(**BRIEF), "zero", progress=lambda *at: told.append(at), body=kleopatra())
     assert told[-1] == (pytest.approx(1.0), "150 s")
     assert [done for done, _ in told] == sorted(done for done, _ in told)
+
+
+def test_a_period_of_several_steps_keeps_one_frame_each():
+    """The steps' sum may be a rounding short of the control step, and Drake then takes one more."""
+    brief = {"arrival__deadline_s": 20 * 41.23, "arrival__dwell_s": 1.0}
+    log = fly(short_scenario(control_period_s=41.23, **brief), "zero", body=kleopatra())
+    assert log.dataset.sizes["time"] > 10
+    assert len(log.dataset["ranges"]) == log.dataset.sizes["time"]

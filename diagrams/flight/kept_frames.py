@@ -25,17 +25,21 @@ class KeptFrames:
         self._navigation = None
         if diagram.HasSubsystemNamed("navigation"):
             self._navigation = diagram.GetSubsystemByName("navigation")
-        self._period, self._last = period, -np.inf
+        self._period, self._slack, self._last = period, 1e-9 * period, -np.inf
         self.ranges: list[np.ndarray] = []
         self.use: list[np.ndarray] = []
 
     def keep(self, context: Context) -> None:
         """Keeps the frame of a diagram's Context, if that is at a control step."""
         now = context.get_time()
-        # An event may end a step of the simulation between two control steps, or twice at one.
+        # An event may end a step of the simulation between two control steps.
         steps = round(now / self._period)
-        if now <= self._last or abs(now - steps * self._period) > 1e-9 * self._period:
+        if now <= self._last or abs(now - steps * self._period) > self._slack:
             return
+        if now <= self._last + self._slack:
+            # The sum of several steps was a rounding short of the control step, which is now.
+            self.ranges.pop()
+            del self.use[-1:]
         self._keep_ranges(context)
         if self._navigation is not None:
             here = self._navigation.GetMyContextFromRoot(context)
@@ -47,7 +51,7 @@ class KeptFrames:
 
         The navigation does not use it.
         """
-        if context.get_time() > self._last:
+        if context.get_time() > self._last + self._slack:
             self._keep_ranges(context)
             self.use += [np.zeros_like(self.use[-1])] if self.use else []
 
