@@ -97,19 +97,20 @@ def acquire_poses(poses: Poses) -> list[Found]:
     return found
 
 
-def following_times(dispersions: str | None, index: int, seed: int) -> np.ndarray:
+def following_times(own: dict[str, str], index: int, seed: int) -> np.ndarray:
     """Processor times (N,) in s of the steps of a flight at which the navigation followed.
 
-    The MPC flies. The flight's frames and commands are given again to a navigation of its own,
-    twice: the first time it may compile.
+    The MPC flies the default scenario with `own` changes. The flight's frames and commands are
+    given again to a navigation of its own, twice: the first time it may compile.
     """
-    changes = {"transit.seed": seed, "transit.index": index, "dispersions": dispersions}
+    changes = {"transit.seed": seed, "transit.index": index, **own}
     log = fly(load_scenario(None, changes))
     frames = log.dataset["ranges"].values[:-1]
     commands = (log.dataset["force"] - log.dataset["disturbance"]).values[:-1]
     told = np.vstack([np.zeros(3), commands[:-1]])
     period, spans = log.scenario.control_period_s, []
-    navigation = make_navigation(believed(log.scenario), log.body)
+    body = log.body.with_gravity(log.scenario.gravity)
+    navigation = make_navigation(believed(log.scenario), body)
     for _ in range(2):
         steps = list(_steps(navigation, frames, told, period))
         before = NavigationPhase.ACQUIRING

@@ -207,11 +207,19 @@ def remarks(row: Row) -> list[str]:
     return found
 
 
+# What is changed in the scenario, by the label of the line.
+FOLLOWED: dict[str, dict[str, str]] = {
+    "following": {},
+    "following, gravity: table": {"gravity": "table"},
+    "following, after_survey": {"dispersions": "after_survey"},
+}
+
+
 def step(asked: argparse.Namespace) -> list[Shown]:
     lines = {}
-    for label, dispersions in (("following", None), ("following, after_survey", "after_survey")):
+    for label, own in FOLLOWED.items():
         flights = range(min(asked.transits, TIMED_FLIGHTS))
-        spans = [following_times(dispersions, index, asked.seed) for index in flights]
+        spans = [following_times(own, index, asked.seed) for index in flights]
         lines[label] = _times(np.concatenate(spans))
     count = min(asked.poses, TIMED_POSES)
     text = dump_scenario(load_scenario())
