@@ -135,15 +135,18 @@ def _fly_and_label(
     rows = run_campaign(
         everything, folder / "flights", keep_logs=True, workers=workers.part(0.0, _FLOWN)
     )
+    # Worlds without a start have no log.
+    logs = [
+        [path for flight in group if (path := folder / "flights" / f"{flight.name}.nc").exists()]
+        for group in flights
+    ]
+    flown = [path for own in logs for path in own]
+    label_flights(flown, folder / "labels", workers.part(_FLOWN, _LABELLED))
     parts, members = [], []
-    for member, group in enumerate(flights):
-        logs = [folder / "flights" / f"{flight.name}.nc" for flight in group]
-        logs = [path for path in logs if path.exists()]  # Worlds without a start have none.
-        if not logs:
-            continue
-        steps = (member + np.arange(2)) / len(flights) * (_LABELLED - _FLOWN) + _FLOWN
-        parts.append(label_flights(logs, folder / "labels", workers.part(*steps.tolist())))
-        members.append(np.full(len(parts[-1]["state"]), member))
+    for member, own in enumerate(logs):
+        if own:
+            parts.append(label_flights(own, folder / "labels"))  # They are in the folder now.
+            members.append(np.full(len(parts[-1]["state"]), member))
     labels = joined_labels(parts) | {"member": np.concatenate(members)}
     outcome = {
         "flights": len(rows),

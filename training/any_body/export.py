@@ -54,7 +54,7 @@ def export_guidance(
       ranges: see `ranges_of`. report: of the training. text: content of `report.md`.
 
     Raises:
-      InputError: the networks differ by more than 1e-5 of a force.
+      InputError: the networks differ by more than 1e-4 of a force.
     """
     model = onnx_bytes(network, (examples[:1],), [GUIDANCE_INPUT], [GUIDANCE_OUTPUT])
     session = open_session(model)

@@ -22,8 +22,9 @@ from proxops.systems.common import MODEL_FILE, InputError, make_folder
 
 # Greatest difference of an output between the exported network and torch, relative to the greatest
 # magnitude of the output. It is not taken value by value: logits near 0 are differences of numbers
-# around 100, and in single precision they are uncertain by some 4e-5.
-_TOLERANCE = 1e-5
+# around 100, and in single precision they are uncertain by some 4e-5. The pilot's fit of a position
+# differed by 1.4e-5 on one processor, and by a tenth of that on another.
+_TOLERANCE = 1e-4
 
 
 def onnx_bytes(
@@ -81,7 +82,7 @@ def accepted_difference(wanted: np.ndarray, got: np.ndarray) -> float:
     NaN and infinities must be at the same places in both.
 
     Raises:
-      InputError: it is above 1e-5.
+      InputError: it is above 1e-4.
     """
     finite = np.isfinite(wanted)
     difference = np.inf

@@ -55,7 +55,7 @@ def check_model(model: bytes, network: nn.Module, ends: np.ndarray) -> float:
       ends: (K, 6) chord ends to compare on.
 
     Raises:
-      InputError: it is above 1e-5, or an output is not finite.
+      InputError: it is above 1e-4, or an output is not finite.
     """
     return _difference(model, network, CHORDS_INPUT, _RAY_OUTPUTS, [ends])
 
