@@ -66,7 +66,7 @@ def figures(rows: Sequence[Row], expert: Sequence[Row], size: float) -> list[str
     ]
     shares = [row["policy_share"] for row in flown if row.get("policy_share") is not None]
     solves = [
-        row["mpc_solves"] / row["steps"] for row in flown if row.get("mpc_solves") is not None
+        row["mpc_solves"] / (row["steps"] + 1) for row in flown if row.get("mpc_solves") is not None
     ]
     return [
         f"{won}/{len(flown)}",
