@@ -89,7 +89,7 @@ def _written(name: str, folder: Path) -> Path:
     from proxops.diagrams.new_body import Questions, body_yaml, examine
 
     make_folder(folder)
-    mesh, density, period, content = Path(name), DENSITY, PERIOD_H, None
+    mesh, density, period, content = Path(name), DENSITY, PERIOD_H, b""
     numbers = re.fullmatch(r"(\d+):(\d+)", name)
     if numbers is not None:
         made = random_body(*map(int, numbers.groups()))
@@ -103,8 +103,8 @@ def _written(name: str, folder: Path) -> Path:
         vertices = ball.vertices * recipe.radii(ball.vertices)[:, None]
         vertices *= 1e-3 * recipe.length / np.ptp(vertices, axis=0).max()
         content = mesh_bytes(vertices, ball.faces, ".obj")
-    if content is not None:
-        mesh.write_bytes(content)
+    if content:
+        write_whole(mesh, lambda path: path.write_bytes(content))
     report = examine(
         read_mesh(mesh, "km"), Questions(density_kg_m3=density, rotation_period_h=period)
     )

@@ -252,7 +252,6 @@ def _locked(folder: Path, name: str) -> Generator[None]:
         yield
 
 
-# Each worker loads the body only once, because loading it takes long.
 def _make_tables(flights: Iterable[Flight]) -> None:
     """Makes the gravity tables of flights that have none yet, for the workers to read."""
     texts = [flight.scenario for flight in flights]
@@ -262,6 +261,7 @@ def _make_tables(flights: Iterable[Flight]) -> None:
         assert _body(scenario.body, scenario.gravity).gravity_field.mass > 0.0
 
 
+# Each worker loads the body only once, because loading it takes long.
 @functools.lru_cache(maxsize=1)
 def _body(name: str, gravity: str) -> Body:
     return load_body(name).with_gravity(gravity)

@@ -138,10 +138,7 @@ class GravityField:
         Raises:
           InputError: the points are not an (N, 3) array.
         """
-        points = np.asarray(points, dtype=np.float64)
-        if points.ndim != 2 or points.shape[1] != 3:
-            raise InputError(f"points must have shape (N, 3), got {points.shape}")
-        columns = self.columns(points)
+        columns = self.columns(as_points(points))
         gradient = columns[:, 4:13].reshape(-1, 3, 3)
         return Gravity(columns[:, 0], columns[:, 1:4], gradient, columns[:, 13] > 2.0 * np.pi)
 
@@ -151,6 +148,18 @@ class GravityField:
         for part in self._parts[1:]:
             columns += part.columns(points)
         return columns
+
+
+def as_points(points: np.ndarray) -> np.ndarray:
+    """The points (N, 3) as float64.
+
+    Raises:
+      InputError: they are not an (N, 3) array.
+    """
+    points = np.asarray(points, dtype=np.float64)
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise InputError(f"points must have shape (N, 3), got {points.shape}")
+    return points
 
 
 class _UniformPart:

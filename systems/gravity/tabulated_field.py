@@ -14,7 +14,7 @@ from proxops.systems.gravity import _table_kernel as kernel
 from proxops.systems.gravity._far_field import SWITCH, fit_masses
 from proxops.systems.gravity._harmonic_boxes import DEGREE, Boxes, make_boxes, recursion
 from proxops.systems.gravity._table_file import read_boxes, store_boxes
-from proxops.systems.gravity.gravity_field import Gravity, GravityField
+from proxops.systems.gravity.gravity_field import Gravity, GravityField, as_points
 from proxops.systems.shapes import Polyhedron
 
 # Of the files on disk. Whoever changes how a table is made raises it.
@@ -98,9 +98,7 @@ class TabulatedField:
         Raises:
           InputError: the points are not an (N, 3) array.
         """
-        points = np.asarray(points, dtype=np.float64)
-        if points.ndim != 2 or points.shape[1] != 3:
-            raise InputError(f"points must have shape (N, 3), got {points.shape}")
+        points = as_points(points)
         columns = np.empty((len(points), 14))
         missing = kernel.evaluate(points, self.tables, columns)
         inside = np.zeros(len(points), dtype=bool)
