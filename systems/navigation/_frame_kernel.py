@@ -18,7 +18,7 @@ import numpy as np
 
 # Rays that meet the surface at a flatter angle (cosine of the incidence) are not used: there the
 # range changes too fast with everything.
-FLATTEST = 0.15
+FLATTEST = 0.05
 _HEAD = 10
 # A beam on an edge between two facets does not read what it would read on one plane. The error is
 # this share of what the beam's width changes the range by.

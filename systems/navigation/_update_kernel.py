@@ -19,19 +19,19 @@ def judged(covariance, columns, rows, residuals, variances, moved, gate, most, o
       variances: (K,) of the noise; +inf: not to be used.
       moved: (n,) that place less the prior's mean.
       gate: so many standard deviations a residual may be off by.
-      most: where there are not twice as many residuals as quantities, they are thinned to so many.
+      most: where so many residuals, or all there are, are not twice as many as the quantities, they
+        are thinned to so many.
       own: if the prior knows next to nothing of the first so many quantities, residuals are judged
         by the others alone, of variance 1, at the place where the frame was linearised. Else 0.
 
     Returns:
       Indices of the residuals that are used (L,), and of those that are rejected; derivatives H
-      (L, C); H P (L, n), or (L, 0) where there are twice as many residuals as quantities; the
-      residuals as they would be at the prior's mean if the model were linear (L,), and variances of
-      the noise (L,).
+      (L, C); H P (L, n) where residuals may be thinned, else (L, 0); the residuals as they would be
+      at the prior's mean if the model were linear (L,), and variances of the noise (L,).
     """
     size, n = rows.shape[1], covariance.shape[0]
     chosen = np.flatnonzero(variances < np.inf)
-    few = size > chosen.size // 2
+    few = size > min(chosen.size, most) // 2
     if few:
         chosen = chosen[:: max(1, -(-chosen.size // most))]
     kept = rows[chosen]

@@ -7,13 +7,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from proxops.systems.navigation._frame_kernel import FLATTEST
 from proxops.systems.navigation._motion_kernel import turned
 from proxops.systems.navigation.frame_model import FrameModel
 from proxops.systems.navigation.likely_poses import Sight, thinned
 
 # First guesses from afar: beyond the mean of the returns by these shares of the body's length.
 _BEYOND = (0.15, 0.3, 0.45)
+# A search does not use rays that meet the surface at a flatter angle (cosine of the incidence):
+# its places are too far off.
+_FLATTEST = 0.15
 _MEAN_STEPS, _FIT_STEPS = 12, 12
 # A nearest return below this share of the length is close to the body.
 _NEAR = 0.25
@@ -178,7 +180,7 @@ def _fitted(
         directions, r = directions[met], distances[met]
         normals = model.normals[facets[met]]
         q = -np.einsum("ki,ki->k", normals, directions)
-        usable = q >= FLATTEST
+        usable = q >= _FLATTEST
         directions, normals, r, q = directions[usable], normals[usable], r[usable], q[usable]
         e = q * (measured[met][usable] - r)
         if e.size < _FEWEST:

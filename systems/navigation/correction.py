@@ -19,7 +19,7 @@ _GATE = 5.0
 # noise (root mean square).
 _CLOSE, _MOST_ITERATIONS = 0.3, 8
 # Where the map's error is estimated, more returns than this take longer and say little more.
-_ENOUGH = 160
+_ENOUGH = 240
 _POSE = np.r_[POSITION, ATTITUDE]
 (_cholesky,) = get_lapack_funcs(("potrf",), dtype=np.float64)
 (_solved_triangle,) = get_blas_funcs(("trsm",), dtype=np.float64)

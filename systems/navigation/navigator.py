@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses as dc
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -30,6 +31,9 @@ from proxops.systems.navigation.phase import NavigationPhase
 _FEWEST, _AGREEING = 6, 0.5
 # Fewer returns than this fit several places, so that the search for the first one waits for more.
 _FEWEST_AT_FIRST = 20
+# So few returns may have been explained by a wrong place: if the next ones are this many standard
+# deviations too far off together, they contradict it.
+_FEW, _TOO_FAR_OFF = 60, 10.0
 # Normalised innovation squared over the returns used, about 1: beyond the first value they may not
 # fit together; beyond the second they cannot, for each by itself lies within 5 deviations.
 _MISFITTING, _IMPOSSIBLE = 4.0, 25.0
@@ -188,7 +192,8 @@ class Navigator:
         if found.shift > _SURPRISE:
             found = self._compared(self._doubted(prior, found), ranges)
         agrees = found.used >= _FEWEST and found.used >= _AGREEING * (found.used + found.rejected)
-        return found if agrees and found.surprise < _IMPOSSIBLE else None
+        limit = _IMPOSSIBLE if found.used >= _FEW else 1.0 + _TOO_FAR_OFF * _spread(found.used)
+        return found if agrees and found.surprise < limit else None
 
     def _compared(self, prior: Estimate, ranges: np.ndarray) -> Correction:
         """The correction of a prediction by a frame.
@@ -260,7 +265,12 @@ class Navigator:
         now = found.estimate
         strange = strangers(self.model, now.mean[POSITION], now.rotation, ranges)
         above = found.surprise + _STRANGE * strange - 1.0
-        return _Start(found, float(above / np.sqrt(2.0 / found.used)))
+        return _Start(found, above / _spread(found.used))
+
+
+def _spread(returns: int) -> float:
+    """The standard deviation of a chi square of so many degrees of freedom, over their number."""
+    return math.sqrt(2.0 / returns)
 
 
 def _way_to(pose: Acquired, prior: Estimate) -> np.ndarray:
