@@ -121,3 +121,25 @@ def test_a_noise_that_is_not_as_told_is_put_up_with(folder: Path) -> None:
     now = steps[-1].now
     assert now is not None
     assert np.linalg.norm(now.state[:3] - place) < 0.01 * here.size
+
+
+def test_a_place_from_few_returns_is_given_up_when_the_next_do_not_fit(folder: Path) -> None:
+    """Each return is within five deviations of what was predicted, but all of them together are
+    not: with many returns that is the noise, with few it may be the place."""
+    here = at("kleopatra", folder)
+    place = np.array([120e3, -70e3, 60e3])
+
+    def phases_with(count: int) -> list[NavigationPhase]:
+        """Of three frames as told, and of four that are noisier, of which so many returns came."""
+        noisy = [here.frame(place, 84 + n, noise=3.0) for n in range(4)]
+        for ranges in noisy:
+            hits = np.flatnonzero(np.isfinite(ranges))
+            kept = hits[np.linspace(0, hits.size - 1, count).astype(int)]
+            ranges[np.setdiff1d(hits, kept)] = np.inf
+        steps = here.steps([here.frame(place, 80 + n) for n in range(3)] + noisy)
+        return [step.memory.phase for step in steps]
+
+    assert phases_with(100) == [FOLLOWING] * 7
+    few = phases_with(40)
+    assert few[:3] == [FOLLOWING] * 3
+    assert few[-1] == LOST
