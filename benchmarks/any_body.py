@@ -108,13 +108,14 @@ def scenario_of(body: str, asked: argparse.Namespace) -> Scenario:
     if asked.true_state:
         changes.append("navigation=!TrueState {}")
     folder = asked.out / "bodies"
-    path, text = folder / f"{_label(body)}.scenario.yaml", scenario_at(body, folder)
+    path, text = folder / f"{label(body)}.scenario.yaml", scenario_at(body, folder)
     make_folder(folder)
     write_whole(path, lambda file: file.write_text(dump_scenario(text), encoding="utf-8"))
     return load_scenario(path, changes)
 
 
-def _label(body: str) -> str:
+def label(body: str) -> str:
+    """A body's name, as part of the name of a file."""
     return Path(body).stem.replace(":", "-")
 
 
@@ -131,11 +132,11 @@ def main() -> None:
             scenario = scenario_of(body, asked)
         except InputError as error:
             raise SystemExit(f"{body}: {error}") from error
-        own = argparse.Namespace(**vars(asked) | {"out": asked.out / _label(body)})
+        own = argparse.Namespace(**vars(asked) | {"out": asked.out / label(body)})
         rows = fly_with_bar(variants, scenario, own)
         size = float(load_body(scenario.body).keep_out_semi_axes.max())
         for name, flown in rows.items():
-            lines[f"{_label(body)}, {name}"] = figures(flown, rows[MPC], size)
+            lines[f"{label(body)}, {name}"] = figures(flown, rows[MPC], size)
     world, state = asked.dispersions or "as believed", "navigation"
     if asked.true_state:
         state = "the true state"

@@ -59,7 +59,7 @@ def run_any_body_dagger(
       InputError: there is no guidance in the folder, or see `run_campaign`, `label_flights` and
         `train`.
     """
-    first = _settings_of(guidance)
+    first = trained_settings(guidance)
     family, labels = known_family(guidance, first, workers.reporting(silent))
     bundle, rounds, report = guidance / "bundle", [], {}
     for number in range(1, settings.rounds + 1):
@@ -82,7 +82,7 @@ def run_any_body_dagger(
     return report
 
 
-def _settings_of(guidance: Path) -> AnyBodySettings:
+def trained_settings(guidance: Path) -> AnyBodySettings:
     """The settings that a guidance was trained with.
 
     Raises:

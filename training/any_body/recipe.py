@@ -87,11 +87,15 @@ def known_family(
     workers.progress(0.0, "making bodies")
     paths = write_family(folder / "family", _FAMILY_SEED, settings.members)
     scenarios = [load_scenario(path) for path in paths]
-    told = [_as_the_expert(each) for each in scenarios]
     labels = family_plans(
         scenarios, settings.transits, _PLANS_SEED, folder / "plans", workers.part(_WRITTEN, 1.0)
     )
-    return Family(scenarios, told, settings.held), labels
+    return family_of(scenarios, settings.held), labels
+
+
+def family_of(scenarios: Sequence[Scenario], held: int) -> Family:
+    """The family of some scenarios, of which the last `held` are not learned from."""
+    return Family(scenarios, [_as_the_expert(each) for each in scenarios], held)
 
 
 def _as_the_expert(scenario: Scenario) -> Surroundings:
@@ -107,6 +111,7 @@ def learn(
     out: Path,
     told: dict[str, Any],
     progress: Progress,
+    kind: type[AnyBodyGuidance] = AnyBodyGuidance,
 ) -> dict[str, Any]:
     """Trains a guidance from nothing on labels; writes it to a folder and returns the report.
 
@@ -116,6 +121,7 @@ def learn(
       out: for guidance.ckpt, curves/, report.json, report.md and bundle/.
       told: for the report, with `recipe`.
       progress: of the training.
+      kind: of network.
 
     Raises:
       InputError: see `train`.
@@ -125,7 +131,7 @@ def learn(
     data = _sha256(examples)
     held = labels["member"] >= family.learned
     with seeded(settings.seed):
-        network = AnyBodyGuidance(settings.width)
+        network = kind(settings.width)
     learned, unseen = (_rows(examples, chosen) for chosen in (~held, held))
     task = guidance_task(network, learned, unseen, settings, f"proxops any-body, data {data}")
     options: Any = {"device": settings.device, "precision": settings.precision}

@@ -1,0 +1,99 @@
+"""Variants of the policy for any body with parts taken out, each trained and exported as a bundle.
+
+What is in its folder already is not made again.
+"""
+
+import dataclasses as dc
+import json
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from proxops.diagrams.flight import Workers
+from proxops.diagrams.scenario import load_scenario
+from proxops.systems.policy import GUIDANCE_FILE, INPUTS
+from proxops.training.any_body import AnyBodyGuidance, export_guidance, family_plans, recipe
+from proxops.training.any_body.dagger import trained_settings
+
+# Where the natural accelerations and the constants are in a row of inputs.
+NATURAL, AT_GOAL, NUMBERS = slice(9, 12), slice(12, 15), slice(15, INPUTS)
+# What a network without body inputs takes for the constants: a ball, and proportions near the
+# middle of the family.
+BALL = (1.0, 1.0, 1.0, 0.3, 0.1, 0.5, 0.01)
+# Of the transits at one body.
+ONE_BODY_SEED = 3
+
+
+class Blind(AnyBodyGuidance):
+    """Is told nothing of the body; only the law knows the natural acceleration."""
+
+    def forward(self, given: Tensor) -> Tensor:
+        hidden = torch.zeros_like(given[:, NATURAL])
+        ball = torch.tensor(BALL).to(given).expand(len(given), len(BALL))
+        told = torch.cat([given[:, : NATURAL.start], hidden, hidden, ball], dim=1)
+        return super().forward(told) - given[:, NATURAL]
+
+
+def bare_law(dagger: Path, folder: Path) -> Path:
+    """The bundle of a trained guidance whose corrections are all zero.
+
+    Args:
+      dagger: what `proxops dagger` wrote.
+    """
+    if _is_there(folder):
+        return folder / "bundle"
+    rounds = sorted(dagger.glob("round-*"), key=lambda each: int(each.name.split("-")[1]))
+    settings, report = trained_settings(dagger), json.loads((dagger / "report.json").read_text())
+    network = AnyBodyGuidance(settings.width)
+    network.load_state_dict(torch.load(rounds[-1] / "guidance.ckpt")["best"])
+    last = network.network[-1]
+    with torch.no_grad():
+        last.weight.zero_()
+        last.bias.zero_()
+    ranges = json.loads((dagger / "bundle" / GUIDANCE_FILE).read_text())["ranges"]
+    examples = torch.from_numpy(np.random.default_rng(0).uniform(0.3, 1.0, (64, INPUTS))).float()
+    export_guidance(network.eval(), folder / "bundle", examples, ranges, report, "The bare law.\n")
+    return folder / "bundle"
+
+
+def no_body_inputs(guidance: Path, folder: Path, workers: Workers) -> Path:
+    """The bundle of a network that is told nothing of the body.
+
+    Args:
+      guidance: what `proxops train --recipe any-body` wrote; its plans are learned from.
+    """
+    if not _is_there(folder):
+        settings = trained_settings(guidance)
+        family, labels = recipe.known_family(guidance, settings, workers)
+        told = {"recipe": "ablation: no body inputs"}
+        recipe.learn(family, labels, settings, folder, told, workers.progress, Blind)
+    return folder / "bundle"
+
+
+def one_body(guidance: Path, transits: int, folder: Path, workers: Workers) -> Path:
+    """The bundle of a network that learned at Kleopatra alone.
+
+    Args:
+      guidance: its settings are taken. transits: whose plans are learned from; a tenth of them
+        again is held out.
+    """
+    if not _is_there(folder):
+        settings, scenario = dc.replace(trained_settings(guidance), held=1), load_scenario()
+        counts = {"learned": transits, "held": max(1, transits // 10)}
+        parts = [
+            family_plans([scenario], count, ONE_BODY_SEED + k, folder / f"plans-{name}", workers)
+            for k, (name, count) in enumerate(counts.items())
+        ]
+        parts[1]["member"] = parts[1]["member"] + 1
+        labels = {name: np.concatenate([each[name] for each in parts]) for name in parts[0]}
+        family = recipe.family_of([scenario, scenario], settings.held)
+        told: Mapping = {"recipe": "ablation: one body"}
+        recipe.learn(family, labels, settings, folder, dict(told), workers.progress)
+    return folder / "bundle"
+
+
+def _is_there(folder: Path) -> bool:
+    return (folder / "bundle" / GUIDANCE_FILE).exists()
