@@ -21,7 +21,7 @@ help:
 	@echo "make install    install proxops into .venv"
 	@echo "make test       run the tests (pytest -m slow and -m browser run the others)"
 	@echo "make lint       check format, style and types"
-	@echo "make bench      run the benchmarks against other packages"
+	@echo "make bench      measure speed, beside other packages, into benchmarks/results.json"
 	@echo "make notebooks  run every notebook"
 	@echo "make docs       build the documentation into build/site"
 	@echo "make train      install what training needs (PyTorch)"
@@ -53,10 +53,14 @@ lint: .venv/dev.stamp links
 	PYTHONPATH=.ci $(bin)/lint-imports --no-cache --no-logo
 	$(bin)/pyright --threads build/links/proxops/* tests
 
+# The other benchmarks fly campaigns. Each says how it is run.
+bench: export PROXOPS_BENCH_RESULTS := benchmarks/results.json
 bench: .venv/dev.stamp .venv/bench.stamp
-	@for script in benchmarks/[!_]*.py; do \
-	    if [ -f "$$script" ]; then echo "== $$script"; $(bin)/python "$$script" || exit; fi; \
-	done
+	$(bin)/python benchmarks/gravity.py
+	$(bin)/python benchmarks/lidar.py
+	$(bin)/python benchmarks/mpc_step.py
+	$(bin)/python benchmarks/flight.py --transits 10
+	$(bin)/python benchmarks/navigation.py --only step --transits 2
 
 # One on each core; threads of numerical libraries would only be in one another's way.
 notebooks: .venv/notebook.stamp

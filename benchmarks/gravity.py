@@ -19,6 +19,7 @@ from collections.abc import Callable
 import numba
 import numpy as np
 import trimesh
+from _kept import keep
 from rich.console import Console
 from rich.table import Table
 
@@ -105,6 +106,16 @@ def one_point(field: GravityField, name: str, table_axes: np.ndarray | None = No
         agreement = f"{difference(ours, values):.1e}"
         table.add_row(label, f"{1e6 * found[key]:.1f}", f"{ratio:.3g} x", agreement)
     CONSOLE.print(table)
+    if table_axes is not None:
+        keep(
+            {
+                "gravity of 4,000 facets at a point, with gradient (µs)": 1e6 * found["ours"],
+                "the same from the table (µs)": 1e6 * found["table"],
+                "gravity: polyhedral-gravity over ours": found["esa"] / found["ours"],
+                "gravity: Basilisk, acceleration alone, over ours": found["basilisk"]
+                / found["ours"],
+            }
+        )
 
 
 def batches(field: GravityField, semi_axes: np.ndarray) -> None:

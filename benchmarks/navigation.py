@@ -38,6 +38,7 @@ for name in ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
 import numpy as np
 from _bodies import GENERATED, KLEOPATRA, scenario_at
 from _campaign import Lines, campaign_parser, show, workers_with_bar
+from _kept import keep
 from _navigation_flights import (
     COMPONENTS,
     LIE,
@@ -221,6 +222,7 @@ def step(asked: argparse.Namespace) -> list[Shown]:
         flights = range(min(asked.transits, TIMED_FLIGHTS))
         spans = [following_times(own, index, asked.seed) for index in flights]
         lines[label] = _times(np.concatenate(spans))
+        keep({f"a navigation step, {label} (ms)": 1e3 * np.median(np.concatenate(spans))})
     count = min(asked.poses, TIMED_POSES)
     text = dump_scenario(load_scenario())
     acquire_poses(Poses("warm up", text, asked.seed, count, 1))

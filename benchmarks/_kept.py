@@ -1,0 +1,53 @@
+"""Figures of speed that are kept from version to version, in `benchmarks/results.json`.
+
+`make bench` names the file in the environment; without it nothing is kept. The file holds one entry
+for each version and machine, oldest first: `version`, `machine`, `packages` and `figures`.
+"""
+
+import json
+import os
+import platform
+from collections.abc import Mapping
+from importlib import metadata
+from pathlib import Path
+
+from proxops.systems.common import write_whole
+
+FILE = "PROXOPS_BENCH_RESULTS"
+PACKAGES = ("drake", "numpy", "numba", "torch", "polyhedral-gravity", "bsk", "casadi", "embreex")
+
+
+def keep(figures: Mapping[str, float]) -> None:
+    """Adds figures to the entry of this version on this machine; those of the same name go."""
+    if FILE not in os.environ:
+        return
+    path = Path(os.environ[FILE])
+    entries = json.loads(path.read_text()) if path.exists() else []
+    version, machine = metadata.version("proxops"), f"{processor()}, {os.cpu_count()} cores"
+    for entry in entries:
+        if (entry["version"], entry["machine"]) == (version, machine):
+            break
+    else:
+        entry = {"version": version, "machine": machine, "figures": {}}
+        entries.append(entry)
+    entry["packages"] = {name: found for name in PACKAGES if (found := installed(name))}
+    entry["figures"] |= {name: float(f"{value:.3g}") for name, value in figures.items()}
+    write_whole(path, lambda file: file.write_text(json.dumps(entries, indent=1) + "\n"))
+
+
+def installed(name: str) -> str | None:
+    """The version of an installed distribution; None: it is not installed."""
+    try:
+        return metadata.version(name)
+    except metadata.PackageNotFoundError:
+        return None
+
+
+def processor() -> str:
+    """The processor's name, as far as the system tells it."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+    except OSError:
+        return platform.processor() or platform.machine()
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.machine()
