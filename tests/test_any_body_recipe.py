@@ -80,9 +80,10 @@ def test_from_nothing_to_a_flight(tmp_path: Path) -> None:
     assert np.isfinite(log.dataset["policy_force"].values[:-1]).all()
     # Its own flights teach it: on navigation, in worlds that differ, at the member it learns at.
     before = report["force_errors"]["training"]["states"]
-    settings = AnyBodyDagger(rounds=1, flights=1)
+    settings = AnyBodyDagger(rounds=1, flights=1, epochs=2)
     report = run_any_body_dagger(tmp_path, tmp_path / "dagger", settings, Workers(1))
     [outcome] = report["rounds"]
+    assert report["training"]["epochs"] == 2
     assert outcome["flights"] == 1
     assert report["force_errors"]["training"]["states"] == before + outcome["labels"]
     assert GuidanceBundle.load(tmp_path / "dagger/bundle").sha256 != bundle.sha256

@@ -37,6 +37,8 @@ class AnyBodyDagger:
     """Flights of each round at each member; the straight line is blocked in two of three."""
     seed: int = 100
     """Seed of the transits of the first round; each further round uses the next seed."""
+    epochs: int = 80
+    """Epochs of each round's training: more than the first, because there is more to learn."""
     dispersions: str | None = "after_survey"
     """The worlds that the first round flies in; None: as believed. Later rounds fly as believed,
     which takes a third of the time."""
@@ -70,7 +72,8 @@ def run_any_body_dagger(
         outcome, more = _fly_and_label(flights, folder, share)
         labels = {name: np.concatenate([labels[name], more[name]]) for name in labels}
         rounds.append(outcome)
-        own = dc.replace(first, seed=first.seed + number)
+        schedule = dc.replace(first.schedule, epochs=settings.epochs, patience=settings.epochs)
+        own = dc.replace(first, seed=first.seed + number, schedule=schedule)
         told = {"recipe": "any-body, DAgger", "rounds": list(rounds)}
         progress = share.part(_LABELLED, 1.0).progress
         report = learn(family, labels, own, folder, told, progress)
