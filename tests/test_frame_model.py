@@ -96,7 +96,7 @@ def test_flat_rays_are_not_used() -> None:
     _, facets, _ = ray_caster(shape).first_hits(PLACE, directions)
     cosines = -np.einsum("ki,ki->k", directions, shape.normals[facets])
     assert 0 < np.count_nonzero(~steep(found)) < found.rays.size
-    np.testing.assert_array_equal(steep(found), cosines >= 0.15)
+    np.testing.assert_array_equal(steep(found), cosines >= 0.05)
     np.testing.assert_allclose(found.variances[steep(found)], (5.0 * cosines[steep(found)]) ** 2)
 
 

@@ -63,9 +63,10 @@ def named(requirements: list[str]) -> list[str]:
 
 CORE = named(PROJECT["dependencies"])
 TRAIN = named(PROJECT["optional-dependencies"]["train"])
+GYM = named(PROJECT["optional-dependencies"]["gym"])
 
 
-@pytest.mark.parametrize("package", [*CORE, *TRAIN])
+@pytest.mark.parametrize("package", [*CORE, *TRAIN, *GYM])
 def test_dependency_is_used(package: str) -> None:
     if package in USED_BY_NAME:
         texts = (path.read_text() for path in sources(*FOLDERS))
@@ -79,7 +80,7 @@ def test_dependency_is_used(package: str) -> None:
 def test_what_is_imported_is_a_dependency(folder: str) -> None:
     allowed = {IMPORTED_AS.get(package, package) for package in CORE}
     if folder in ("training", "studies"):
-        allowed |= set(TRAIN)
+        allowed |= {*TRAIN, *GYM}
     for path in sources(folder):
         others = imported(path) - set(sys.stdlib_module_names) - {"proxops"}
         assert others - allowed - IN_NOTEBOOKS_ONLY <= set(), path

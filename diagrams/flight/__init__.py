@@ -30,6 +30,7 @@ from proxops.diagrams.flight.hybrid_controller import make_hybrid
 from proxops.diagrams.flight.named_controllers import named_controller
 from proxops.diagrams.flight.navigation import mended_map_of_flight
 from proxops.diagrams.flight.parallel import Workers
+from proxops.diagrams.flight.recording import Flown, make_log
 from proxops.diagrams.flight.scenario_systems import (
     WITH_BUNDLE,
     bounded_backup,
@@ -39,7 +40,7 @@ from proxops.diagrams.flight.scenario_systems import (
     make_navigation,
     surroundings,
 )
-from proxops.diagrams.flight.simulation import fly
+from proxops.diagrams.flight.simulation import fly, let_go, make_simulator
 from proxops.diagrams.flight.transit_diagram import make_transit_diagram
 
 __all__ = [
@@ -50,6 +51,7 @@ __all__ = [
     "WITH_BUNDLE",
     "Adversary",
     "Flight",
+    "Flown",
     "Row",
     "Workers",
     "adversarial_flight",
@@ -59,10 +61,13 @@ __all__ = [
     "controller_label",
     "file_label",
     "fly",
+    "let_go",
     "make_backup",
     "make_hybrid",
+    "make_log",
     "make_mpc",
     "make_navigation",
+    "make_simulator",
     "make_transit_diagram",
     "mended_map_of_flight",
     "named_controller",

@@ -39,7 +39,7 @@ Columns = dict[str, np.ndarray]
 
 @dataclass(frozen=True)
 class Flown:
-    """A transit diagram after its flight: the Context at the end, and what was flown."""
+    """A transit diagram in or after its flight: the Context now, and what is flown."""
 
     diagram: Diagram
     context: Context
@@ -55,7 +55,7 @@ class Flown:
     """None: the log has no frames."""
 
     def value(self, system: str, port: str) -> np.ndarray:
-        """Gives the value of a subsystem's output port at the end of the flight."""
+        """Gives the value of a subsystem's output port now."""
         found = self.diagram.GetSubsystemByName(system)
         return found.GetOutputPort(port).Eval(found.GetMyContextFromRoot(self.context))
 

@@ -104,11 +104,11 @@ def fly(
         add_flight(meshcat, log)  # The replay.
     if finished is not None:
         finished(diagram, context)
-    _let_go(diagram, None if own else controller)
+    let_go(diagram, None if own else controller)
     return log
 
 
-def _let_go(diagram: Diagram, kept: System | None) -> None:
+def let_go(diagram: Diagram, kept: System | None) -> None:
     """Empties the systems of a diagram that nobody will use again, all but `kept`.
 
     Diagrams with systems in Python are never freed (drake#22515). Meshes, tables and networks that
@@ -118,7 +118,7 @@ def _let_go(diagram: Diagram, kept: System | None) -> None:
         if system is kept:
             continue
         if isinstance(system, Diagram):
-            _let_go(system, kept)
+            let_go(system, kept)
         held = vars(system)
         for name in [name for name in held if not name.startswith("_pydrake")]:
             del held[name]

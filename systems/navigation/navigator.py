@@ -191,9 +191,10 @@ class Navigator:
         found = self._compared(prior, ranges)
         if found.shift > _SURPRISE:
             found = self._compared(self._doubted(prior, found), ranges)
-        agrees = found.used >= _FEWEST and found.used >= _AGREEING * (found.used + found.rejected)
+        if found.used < max(_FEWEST, _AGREEING * (found.used + found.rejected)):
+            return None
         limit = _IMPOSSIBLE if found.used >= _FEW else 1.0 + _TOO_FAR_OFF * _spread(found.used)
-        return found if agrees and found.surprise < limit else None
+        return found if found.surprise < limit else None
 
     def _compared(self, prior: Estimate, ranges: np.ndarray) -> Correction:
         """The correction of a prediction by a frame.

@@ -23,6 +23,7 @@ from proxops.systems.vehicle.delayed_hold import DelayedHold
 from proxops.systems.vehicle.flight_monitor import (
     COLLIDED,
     ENTERED_GOAL,
+    FINISHED,
     NEVER,
     VIOLATIONS,
     FlightMonitor,
@@ -50,6 +51,7 @@ from proxops.systems.vehicle.velocity_kicks import VelocityKicks
 __all__ = [
     "COLLIDED",
     "ENTERED_GOAL",
+    "FINISHED",
     "NEVER",
     "STANDARD_GRAVITY",
     "VIOLATIONS",

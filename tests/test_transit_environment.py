@@ -1,0 +1,149 @@
+"""Transits as environments of Gymnasium: the same flights as `fly`, and Gymnasium's own checks."""
+
+import functools
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+from pydrake.systems.analysis import Simulator
+
+from proxops.diagrams.flight import fly, make_mpc
+from proxops.diagrams.scenario import (
+    believed,
+    change_scenario,
+    load_body,
+    load_scenario,
+    of_transit,
+)
+from proxops.systems import InputError
+from proxops.training.environment import (
+    ARRIVAL,
+    FUEL,
+    VIOLATION,
+    TransitEnvironment,
+    step_reward,
+)
+
+# With a limit of 8 N, forces over the limit are exact.
+SHORT = {"spacecraft.thrust_limit_n": 8.0, "arrival.deadline_s": 200.0, "arrival.dwell_s": 10.0}
+PERIOD = 10.0
+
+
+def made(**options) -> TransitEnvironment:
+    env = gymnasium.make("proxops/Transit-v0", changes=SHORT, **options).unwrapped
+    assert isinstance(env, TransitEnvironment)
+    return env
+
+
+@functools.cache
+def mpc_episode(transit: int) -> tuple[TransitEnvironment, list[float], dict]:
+    """An episode that the MPC flies from outside, its rewards, and the last info."""
+    env = made()
+    seen, told = env.reset(options={"transit": transit})
+    assert told == {"transit": transit}
+    scenario = believed(of_transit(env.scenario, 10000, transit))
+    mpc = make_mpc(scenario, load_body(scenario.body))
+    simulator = Simulator(mpc)
+    context, rewards = simulator.get_mutable_context(), []
+    mpc.GetInputPort("target").FixValue(context, np.r_[seen["goal"], np.zeros(3)])
+    mpc.GetInputPort("state").FixValue(context, seen["state"])
+    simulator.Initialize()
+    while True:
+        force = mpc.GetOutputPort("force").Eval(context)
+        seen, reward, terminated, truncated, info = env.step(force / 8.0)
+        rewards.append(reward)
+        if terminated or truncated:
+            return env, rewards, info
+        simulator.AdvanceTo(len(rewards) * PERIOD)
+        mpc.GetInputPort("state").FixValue(context, seen["state"])
+
+
+def test_the_mpc_flies_as_in_fly_bit_for_bit() -> None:
+    env, rewards, info = mpc_episode(1)
+    scenario = change_scenario(load_scenario(), SHORT | {"log_ranges": False})
+    log = fly(of_transit(scenario, 10000, 1), "mpc")
+    assert env.log is not None
+    assert len(rewards) == 21
+    for name in ("time", "state", "navigation_state", "navigation_covariance"):
+        assert np.array_equal(log.dataset[name], env.log.dataset[name], equal_nan=True), name
+    # Of the last row no force acts.
+    assert np.array_equal(log.dataset["force"][:-1], env.log.dataset["force"][:-1])
+    assert info["summary"]["delta_v_m_s"] == log.summary["delta_v_m_s"]
+    assert not info["summary"]["success"]
+
+
+def test_rewards_are_progress_less_fuel() -> None:
+    env, rewards, info = mpc_episode(1)
+    assert env.log is not None
+    data = env.log.dataset
+    way = np.linalg.norm(data["state"].values[:, :3] - data["target"].values[:, :3], axis=1)
+    fuel = FUEL * info["summary"]["delta_v_m_s"] / 40.0
+    assert sum(rewards) == pytest.approx(1.0 - way[-1] / way[0] - fuel, rel=1e-3)
+
+
+def test_the_outcome_counts() -> None:
+    assert step_reward(5.0, 100.0, 2.0, 40.0, False, 0) == pytest.approx(0.05 - FUEL * 0.05)
+    assert step_reward(0.0, 100.0, 0.0, 40.0, True, 0) == ARRIVAL
+    assert step_reward(0.0, 100.0, 0.0, 40.0, False, 2) == 2.0 * VIOLATION
+
+
+@pytest.mark.parametrize("observation", ["state", "lidar"])
+def test_gymnasiums_own_checks(observation: str) -> None:
+    check_env(made(observation=observation))
+
+
+def test_a_collision_ends_the_episode() -> None:
+    """Without a force, a spacecraft at rest above the middle of the body falls on it."""
+    near = {"transit.start_m": [0.0, 0.0, 68e3], "transit.goal_m": [150e3, 0.0, 0.0]}
+    env = TransitEnvironment(changes=near | {"navigation": {"_tag": "!TrueState"}})
+    env.reset()
+    rewards, info = [], {}
+    while not info:
+        _, reward, terminated, truncated, info = env.step(np.zeros(3))
+        assert not truncated
+        assert terminated == bool(info)
+        rewards.append(reward)
+    assert info["summary"]["collided"]
+    assert min(rewards) < 0.9 * VIOLATION
+
+
+def test_a_step_needs_a_reset() -> None:
+    with pytest.raises(gymnasium.error.ResetNeeded, match="reset"):
+        TransitEnvironment(changes=SHORT).step(np.zeros(3))
+
+
+def test_a_seed_draws_a_transit() -> None:
+    env = made()
+    first, told = env.reset(seed=7)
+    again, same = env.reset(seed=7)
+    other, _ = env.reset()
+    assert told == same
+    assert np.array_equal(first["goal"], again["goal"])
+    assert not np.array_equal(first["goal"], other["goal"])
+
+
+def test_worlds_are_drawn_from_dispersions() -> None:
+    env = made(dispersions="after_survey")
+    env.reset(options={"transit": 2})
+    assert env._episode is not None
+    assert env._episode.flown.scenario.dispersed
+
+
+def test_wrong_observations_are_refused() -> None:
+    with pytest.raises(InputError, match="state, lidar, not 'camera'"):
+        TransitEnvironment(observation="camera")
+
+
+@pytest.mark.slow
+def test_several_at_once() -> None:
+    name = "proxops.training.environment:proxops/Transit-v0"
+    many = gymnasium.make_vec(
+        name, 2, "async", vector_kwargs={"context": "spawn"}, observation="lidar", changes=SHORT
+    )
+    seen, _ = many.reset(seed=3)
+    assert seen["ranges"].shape == (2, 12, 360)
+    _, rewards, terminated, *_ = many.step(np.zeros((2, 3)))
+    assert rewards.shape == (2,)
+    assert not terminated.any()
+    many.close()

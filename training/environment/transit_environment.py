@@ -1,0 +1,268 @@
+"""`TransitEnvironment`: the transit diagram, one control step at a time, for Gymnasium."""
+
+from __future__ import annotations
+
+import dataclasses as dc
+import time
+import typing
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+from pydrake.systems.analysis import Simulator, SimulatorStatus
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
+
+from proxops.diagrams.flight import (
+    Flown,
+    let_go,
+    make_log,
+    make_simulator,
+    make_transit_diagram,
+)
+from proxops.diagrams.logs import FlightLog
+from proxops.diagrams.scenario import (
+    Scenario,
+    change_scenario,
+    draw_world,
+    load_body,
+    load_scenario,
+    make_true_body,
+    of_transit,
+)
+from proxops.systems.common import InputError
+from proxops.systems.vehicle import COLLIDED, FINISHED, VIOLATIONS
+from proxops.training.environment.reward import step_reward
+
+OBSERVATIONS = ("state", "lidar")
+_TRANSITS = 2**31
+# Bounds of the observations, over the size of the cube, the speed limit and the range.
+_FAR = 100.0
+
+
+class TransitEnvironment(gymnasium.Env):
+    """A transit to a goal in the vicinity of a body, flown one control period at a time.
+
+    The observation is a dictionary of `goal` (3), its position in K in m, and
+
+    * with `observation="state"`: `state` (6), position and velocity in K in m and m/s as the
+      navigation knows them, and `known` (1), which is 0 while the navigation knows nothing; then
+      `state` is 0 as well;
+    * with `observation="lidar"`: `ranges` (planes, rays) in m, 0 for no return.
+
+    The action is the force along each axis over the thrust limit, from -1 to 1. As with every
+    controller, it is along the axes of K, and command axes turn it where the scenario has a
+    navigation and the observation is its state. `step_reward` gives the reward. An episode is
+    terminated by arrival or collision, and truncated at the deadline. At its end, `info["summary"]`
+    is the summary of the flight's log, and the log itself is `log`.
+    """
+
+    metadata = {"render_modes": []}  # noqa: RUF012  (as in gymnasium.Env)
+
+    def __init__(
+        self,
+        scenario: Scenario | str | None = None,
+        observation: str = "state",
+        dispersions: str | None = None,
+        transits: int = 10000,
+        changes: typing.Mapping[str, typing.Any] | None = None,
+    ):
+        """Takes the scenario and what the pilot sees of it.
+
+        Args:
+          scenario: a scenario, or the path of its YAML file; None: the usual one, at Kleopatra.
+          observation: `state` or `lidar`.
+          dispersions: name or file of those that each episode's world is drawn from.
+          transits: seed of the transits.
+          changes: keys and values of the scenario, as `change_scenario` takes them.
+
+        Raises:
+          InputError: the observation is none of the two, or the scenario cannot be flown.
+        """
+        if observation not in OBSERVATIONS:
+            raise InputError(f"observation: one of {', '.join(OBSERVATIONS)}, not {observation!r}")
+        given = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
+        own = {"log_ranges": False} | dict(changes or {})
+        own |= {} if dispersions is None else {"dispersions": dispersions}
+        self.scenario, self._transits = change_scenario(given, own), transits
+        self._body = load_body(self.scenario.body).with_gravity(self.scenario.gravity)
+        self._observation = observation
+        self._frame = (self.scenario.lidar.planes, self.scenario.lidar.rays)
+        self.observation_space = self._observed()
+        self.action_space = spaces.Box(-1.0, 1.0, (3,), np.float64)
+        self._episode: _Episode | None = None
+        self.log: FlightLog | None = None
+        """The log of the last episode that ended."""
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, typing.Any] | None = None
+    ) -> tuple[dict[str, np.ndarray], dict[str, typing.Any]]:
+        """Begins a transit: number `options["transit"]`, or one that the seed draws.
+
+        Start and goal that the scenario gives are kept; the number then draws noise and world.
+
+        Returns:
+          The observation, and `info` with the number of the transit.
+
+        Raises:
+          UnflyableWorldError: the transit cannot begin in its world.
+        """
+        super().reset(seed=seed)
+        self.close()
+        number = (options or {}).get("transit")
+        number = int(self.np_random.integers(_TRANSITS)) if number is None else int(number)
+        scenario = of_transit(self.scenario, self._transits, number)
+        given = self.scenario.transit
+        if given.start_m is not None or given.goal_m is not None:
+            scenario = dc.replace(self.scenario, transit=dc.replace(given, index=number))
+        scenario = draw_world(scenario, self._body)
+        truth = make_true_body(self._body, scenario.truth)
+        pilot = _Pilot(self._observation, self._frame[0] * self._frame[1])
+        diagram = make_transit_diagram(scenario, pilot, None, self._body, truth)
+        simulator = make_simulator(diagram, scenario)
+        context = simulator.get_context()
+        flown = Flown(diagram, context, scenario, self._body, truth, pilot, "environment", None)
+        self._episode = _Episode(flown, simulator, pilot)
+        return self._seen(self._episode), {"transit": number}
+
+    def step(
+        self, action: np.ndarray
+    ) -> tuple[dict[str, np.ndarray], float, bool, bool, dict[str, typing.Any]]:
+        """Holds a force for one control period.
+
+        Args:
+          action: (3,) the force over the thrust limit; what lies beyond -1 and 1 is cut off.
+        """
+        episode = self._episode
+        if episode is None:
+            raise gymnasium.error.ResetNeeded("a transit begins with reset()")
+        scenario, context = episode.flown.scenario, episode.flown.context
+        craft, began, was = scenario.spacecraft, context.get_time(), episode.distance
+        force = craft.thrust_limit_n * np.clip(np.asarray(action, dtype=np.float64), -1.0, 1.0)
+        latest = scenario.arrival.deadline_s + scenario.arrival.dwell_s
+        episode.hold(force, min((len(episode.forces) + 1) * scenario.control_period_s, latest))
+        outcome = episode.flown.value("monitor", "outcome")
+        broken = int(outcome[VIOLATIONS] + outcome[COLLIDED])
+        # Each axis has its own thrusters.
+        spent = float(np.abs(force).sum()) / craft.mass_kg * (context.get_time() - began)
+        reward = step_reward(
+            was - episode.distance,
+            episode.way,
+            spent,
+            craft.speed_limit_m_s,
+            bool(outcome[FINISHED]),
+            broken - episode.broken,
+        )
+        episode.broken = broken
+        terminated = bool(outcome[FINISHED] or outcome[COLLIDED])
+        truncated = not terminated and context.get_time() >= latest
+        info: dict[str, typing.Any] = {}
+        if terminated or truncated:
+            self.log = episode.log()
+            info["summary"] = self.log.summary
+        return self._seen(episode), reward, terminated, truncated, info
+
+    def close(self) -> None:
+        """Gives the memory of the episode back; Drake would keep it (see `let_go`)."""
+        if self._episode is not None:
+            let_go(self._episode.flown.diagram, None)
+            self._episode = None
+
+    def _observed(self) -> spaces.Dict:
+        """The space of observations; nothing comes near its bounds."""
+        scenario = self.scenario
+        place = np.full(3, _FAR * scenario.transit.cube_m)
+        state = np.concatenate([place, np.full(3, _FAR * scenario.spacecraft.speed_limit_m_s)])
+        seen: dict[str, spaces.Space] = {"goal": spaces.Box(-place, place, dtype=np.float64)}
+        if self._observation == "state":
+            seen |= {
+                "state": spaces.Box(-state, state, dtype=np.float64),
+                "known": spaces.MultiBinary(1),
+            }
+        else:
+            farthest = _FAR * scenario.lidar.max_range_m
+            seen |= {"ranges": spaces.Box(0.0, farthest, self._frame, np.float64)}
+        return spaces.Dict(seen)
+
+    def _seen(self, episode: _Episode) -> dict[str, np.ndarray]:
+        """The observation now."""
+        pilot = episode.pilot
+        seen = pilot.seen(pilot.GetMyContextFromRoot(episode.flown.context))
+        found = {"goal": seen["target"][:3]}
+        if self._observation == "lidar":
+            ranges = seen["ranges"].reshape(self._frame)
+            return found | {"ranges": np.where(np.isfinite(ranges), ranges, 0.0)}
+        known = np.isfinite(seen["state"]).all()
+        state = seen["state"] if known else np.zeros(6)
+        return found | {"state": state, "known": np.array([known], dtype=np.int8)}
+
+
+class _Episode:
+    """A flight in progress."""
+
+    def __init__(self, flown: Flown, simulator: Simulator, pilot: _Pilot):
+        self.flown, self.simulator, self.pilot = flown, simulator, pilot
+        self.forces: list[np.ndarray] = []
+        """(3,) in N in S, held in each control step so far."""
+        self.broken = 0
+        """Entries of the keep-out ellipsoid and collisions so far."""
+        self.way = self.distance
+        """Distance in m from the goal at the start."""
+        self._began = time.perf_counter()
+
+    @property
+    def distance(self) -> float:
+        """Distance in m of the spacecraft from its goal."""
+        goal = self.flown.value("target", "y0")[:3]
+        return float(np.linalg.norm(self.flown.value("spacecraft", "position") - goal))
+
+    def hold(self, force: np.ndarray, until: float) -> None:
+        """Flies with a force (3,) in N in K until a time in s.
+
+        Raises:
+          RuntimeError: an event of the simulation failed.
+        """
+        context = self.simulator.get_mutable_context()
+        self.pilot.command(self.pilot.GetMyMutableContextFromRoot(context), force)
+        status = self.simulator.AdvanceTo(until)
+        if status.reason() == SimulatorStatus.ReturnReason.kEventHandlerFailed:
+            raise RuntimeError(status.FormatMessage())
+        self.forces.append(self.flown.value("hold", "y").copy())
+
+    def log(self) -> FlightLog:
+        """The log of the flight.
+
+        Drake samples a control step before the step's action is known, so the forces come from the
+        hold.
+        """
+        log = make_log(self.flown, time.perf_counter() - self._began)
+        forces = log.dataset["force"]
+        rows = [*self.forces, *self.forces[-1:] * (len(forces) - len(self.forces))]
+        return dc.replace(log, dataset=log.dataset.assign(force=forces.copy(data=rows)))
+
+
+class _Pilot(LeafSystem):
+    """A controller whose force (3), in N in K, is what `command` was given."""
+
+    def __init__(self, observation: str, rays: int):
+        super().__init__()
+        self.DeclareVectorInputPort("target", 6)
+        if observation == "state":
+            self.DeclareVectorInputPort("state", 6)
+        else:
+            self.DeclareVectorInputPort("ranges", rays)
+        self._force = self.DeclareNumericParameter(BasicVector(np.zeros(3)))
+        self.DeclareVectorOutputPort(
+            "force", 3, self._calc, prerequisites_of_calc={self.all_parameters_ticket()}
+        )
+
+    def command(self, context: Context, force: np.ndarray) -> None:
+        """Sets the force (3,) of a Context of this system."""
+        context.get_mutable_numeric_parameter(self._force).SetFromVector(force)
+
+    def seen(self, context: Context) -> dict[str, np.ndarray]:
+        """The values of the input ports, by name."""
+        ports = (self.get_input_port(k) for k in range(self.num_input_ports()))
+        return {port.get_name(): port.Eval(context) for port in ports}
+
+    def _calc(self, context, output):
+        output.SetFromVector(context.get_numeric_parameter(self._force).value())
