@@ -1,7 +1,10 @@
 """Prediction of the estimate, against integration of the equations of motion by scipy."""
 
+import itertools
+
 import numpy as np
 import pytest
+import trimesh
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 from short_flights import kleopatra
@@ -23,6 +26,7 @@ from proxops.systems.navigation.estimate import (
     VELOCITY,
 )
 from proxops.systems.navigation.motion import Motion
+from proxops.systems.shapes import Polyhedron
 from proxops.systems.vehicle import believed_axes
 
 MASS, RATE, TAU = 1000.0, 3.24e-4, 600.0
@@ -115,6 +119,26 @@ def test_a_long_step_is_divided() -> None:
     state, rotation = integrated(estimate(), 300.0)
     assert np.linalg.norm(found.state[:3] - state[:3]) < 5.0
     assert np.linalg.norm(found.rotation - rotation) < 1e-7
+
+
+def test_over_an_edge() -> None:
+    """Close to the edge of a cube, where gravity changes least evenly."""
+    corners = 1e3 * np.array(list(itertools.product([-1.0, 1.0], repeat=3)))
+    cube = trimesh.convex.convex_hull(corners)
+    shape = Polyhedron(np.asarray(cube.vertices), np.asarray(cube.faces))
+    field = GravityField(shape, density=2000.0)
+    mean = np.zeros(BASE)
+    mean[:6] = [1030.0, 0.0, 1040.0, -1.0, 0.3, 0.2]
+    given = Estimate(mean, np.eye(3), np.zeros((BASE, BASE)), spent=0.0)
+    predicts = Motion(field, shape.extents, 0.0, MASS, ExpectedErrors())
+    found = predicts.predicted(given, np.zeros(3), 0.0, 20.0).state[3:]
+
+    def rates(_: float, y: np.ndarray) -> np.ndarray:
+        return np.concatenate([y[3:], field.evaluate(y[None, :3]).acceleration[0]])
+
+    right = solve_ivp(rates, (0.0, 20.0), mean[:6], rtol=1e-12, atol=1e-12).y[3:, -1]
+    # With gravity in the middle of each step: 2e-5.
+    assert np.linalg.norm(found - right) < 1e-6 * np.linalg.norm(right - mean[3:6])
 
 
 # --- covariance -----------------------------------------------------------------------------------

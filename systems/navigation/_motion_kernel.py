@@ -192,7 +192,8 @@ def predict(
 
     Args:
       mean, rotation, covariance, spent: the estimate; see `estimate`.
-      pull, gradient: believed gravity (3,) and its derivative (3, 3) at r + r' step/2 - c.
+      pull, gradient: believed gravity (3,) and its derivative (3, 3) at r + r' step/2 - c, or their
+        means over the step.
       force: (3,) in N along the axes of S, held over the step.
       time: s, at the start of the step.
       spin: as believed, rad/s about z. mass: kg.

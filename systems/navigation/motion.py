@@ -12,9 +12,12 @@ from proxops.systems.navigation.estimate import CENTRE_OF_MASS, POSITION, VELOCI
 from proxops.systems.navigation.expected_errors import ExpectedErrors
 
 # In one step of the prediction, the body turns by at most this angle (rad), and the spacecraft
-# moves by at most this share of the body's radius: gravity is linear over it.
-_TURN, _SHARE = 0.02, 0.01
+# moves by at most this share of the body's radius.
+_TURN, _SHARE = 0.02, 0.02
 _MOST_STEPS = 200
+# Gravity over a step is the mean of two points, in times of half a step from the middle (Gauss):
+# near an edge of the body it is not linear.
+_POINTS = np.array([[-1.0], [1.0]]) / math.sqrt(3.0)
 
 
 class Motion:
@@ -47,16 +50,17 @@ class Motion:
         spent = sum(map(abs, force.tolist())) * step / self._mass
         for k in range(steps):
             mean = estimate.mean
-            middle = mean[POSITION] + 0.5 * step * mean[VELOCITY] - mean[CENTRE_OF_MASS]
-            gravity = self._field.evaluate(middle[None])
-            pull = gravity.acceleration[0]
+            half = 0.5 * step * mean[VELOCITY]
+            middle = mean[POSITION] + half - mean[CENTRE_OF_MASS]
+            gravity = self._field.evaluate(middle + _POINTS * half)
+            pull = gravity.acceleration.mean(0)
             moved = predict(
                 mean,
                 estimate.rotation,
                 estimate.covariance,
                 estimate.spent,
                 pull,
-                gravity.gradient[0],
+                gravity.gradient.mean(0),
                 force,
                 time + k * step,
                 step,
