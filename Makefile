@@ -61,6 +61,7 @@ bench: .venv/dev.stamp .venv/bench.stamp
 	$(bin)/python benchmarks/mpc_step.py
 	$(bin)/python benchmarks/flight.py --transits 10
 	$(bin)/python benchmarks/navigation.py --only step --transits 2
+	$(bin)/python benchmarks/environment.py
 
 # One on each core; threads of numerical libraries would only be in one another's way.
 notebooks: .venv/notebook.stamp

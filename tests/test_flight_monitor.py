@@ -15,7 +15,7 @@ from trimesh.ray.ray_triangle import RayMeshIntersector
 from proxops.diagrams.scenario.body import load_body
 from proxops.systems import FlightMonitor, GravityField, Polyhedron
 from proxops.systems.shapes.ellipsoid import clearances
-from proxops.systems.vehicle.flight_monitor import (
+from proxops.systems.vehicle.flight_events import (
     COLLIDED,
     ENTERED_GOAL,
     FINISHED,

@@ -36,16 +36,19 @@ from proxops.diagrams.flight.scenario_systems import (
     bounded_backup,
     bundle_of,
     make_backup,
+    make_lidar,
     make_mpc,
     make_navigation,
     surroundings,
 )
 from proxops.diagrams.flight.simulation import fly, let_go, make_simulator
 from proxops.diagrams.flight.transit_diagram import make_transit_diagram
+from proxops.diagrams.flight.wiring import LIDAR_STREAM
 
 __all__ = [
     "ADVERSARIES",
     "CONTROLLER_SHAPE",
+    "LIDAR_STREAM",
     "STATE_ERRORS",
     "TRUTHS",
     "WITH_BUNDLE",
@@ -64,6 +67,7 @@ __all__ = [
     "let_go",
     "make_backup",
     "make_hybrid",
+    "make_lidar",
     "make_log",
     "make_mpc",
     "make_navigation",

@@ -5,7 +5,8 @@ disturb the commanded force, `Thrusters` limits it and `DelayedHold` delays it. 
 of the held command what thrusters with errors give. `AttitudeError` is how the spacecraft's axes S
 are turned against K, and `CommandAxes` turns a command into S as the attitude is believed.
 `VelocityKicks` and `UnexplainedAcceleration` push the spacecraft from outside, and `StateNoise`
-adds errors to a state. `FlightMonitor` finds arrival, collision and keep-out violations as events.
+adds errors to a state. `FlightMonitor` finds arrival, collision and keep-out violations as events;
+`FlightEvents` says what a path does to them.
 `state_prediction` has plain functions that predict the motion, and `gauss_markov_at` is the process
 behind errors that vary slowly. A new disturbance is a `SeededSystem` with a force in and a force
 out. Its random numbers must depend on its seed and on time alone.
@@ -20,14 +21,15 @@ from proxops.systems.vehicle.actual_thrust import (
 from proxops.systems.vehicle.attitude_error import AttitudeError, believed_axes
 from proxops.systems.vehicle.command_axes import CommandAxes
 from proxops.systems.vehicle.delayed_hold import DelayedHold
-from proxops.systems.vehicle.flight_monitor import (
+from proxops.systems.vehicle.flight_events import (
     COLLIDED,
     ENTERED_GOAL,
     FINISHED,
     NEVER,
     VIOLATIONS,
-    FlightMonitor,
+    FlightEvents,
 )
+from proxops.systems.vehicle.flight_monitor import FlightMonitor
 from proxops.systems.vehicle.force_noise import ForceNoise
 from proxops.systems.vehicle.gauss_markov import gauss_markov_at
 from proxops.systems.vehicle.random_walk_disturbance import RandomWalkDisturbance
@@ -36,6 +38,7 @@ from proxops.systems.vehicle.spacecraft import (
     Spacecraft_,
     cross_matrix,
     jacobi_integral,
+    rotating_frame_acceleration,
     spinning_frame_acceleration,
 )
 from proxops.systems.vehicle.state_noise import StateNoise
@@ -59,6 +62,7 @@ __all__ = [
     "AttitudeError",
     "CommandAxes",
     "DelayedHold",
+    "FlightEvents",
     "FlightMonitor",
     "ForceNoise",
     "RandomWalkDisturbance",
@@ -75,6 +79,7 @@ __all__ = [
     "jacobi_integral",
     "moved_by",
     "predicted_state",
+    "rotating_frame_acceleration",
     "spinning_frame_acceleration",
     "thrust_given",
     "unexplained_acceleration",

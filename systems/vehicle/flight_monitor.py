@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from pydrake.systems.framework import (
     BasicVector,
@@ -12,28 +10,16 @@ from pydrake.systems.framework import (
     UnrestrictedUpdateEvent,
     WitnessFunctionDirection,
 )
-from scipy.interpolate import CubicHermiteSpline
-from scipy.optimize import brentq
 
-from proxops.systems.common import check_not_negative, check_positive
+from proxops.systems.common import check_positive
 from proxops.systems.gravity import BodyField
-from proxops.systems.shapes import blocks_segment, clearances, ray_caster
-
-# A time that never comes.
-NEVER = 1e15
-# Indices of the outcome vector.
-ENTERED_GOAL, VIOLATIONS, COLLIDED, FINISHED = range(4)
-
-
-def containing_ellipsoid(semi_axes: np.ndarray, vertices: np.ndarray) -> np.ndarray:
-    """Semi-axes (3,) of an ellipsoid that contains a mesh: the given ones, or all longer alike.
-
-    Args:
-      semi_axes: (3,) of an ellipsoid about the origin. vertices: (N, 3) of the mesh, in one unit.
-    """
-    level = float(np.sqrt(np.sum((vertices / semi_axes) ** 2, axis=1).max()))
-    # The margin is for rounding.
-    return semi_axes if level <= 1.0 else (1.0 + 1e-9) * level * semi_axes
+from proxops.systems.vehicle.flight_events import (
+    COLLIDED,
+    ENTERED_GOAL,
+    FINISHED,
+    NEVER,
+    FlightEvents,
+)
 
 
 class FlightMonitor(LeafSystem):
@@ -85,15 +71,8 @@ class FlightMonitor(LeafSystem):
           InputError: one of them is not positive, or the dwell or the tolerance is negative.
         """
         super().__init__()
-        axes = dict(zip(("x", "y", "z"), keep_out_semi_axes, strict=True))
-        check_positive("FlightMonitor", radius=radius, speed=speed, period=period)
-        check_positive("the keep-out ellipsoid", **axes)
-        check_not_negative("FlightMonitor", dwell=dwell, tolerance=tolerance)
-        self._field, self._keep_out = field, np.asarray(keep_out_semi_axes, dtype=np.float64)
-        self._around = containing_ellipsoid(self._keep_out, field.shape.vertices)
-        self._radius, self._speed, self._dwell = radius, speed, dwell
-        self._tolerance = tolerance
-        self._caster = ray_caster(field.shape)
+        check_positive("FlightMonitor", period=period)
+        self._events = FlightEvents(field, keep_out_semi_axes, radius, speed, dwell, tolerance)
         self._state_port = self.DeclareVectorInputPort(name="state", size=6)
         self._target_port = self.DeclareVectorInputPort(name="target", size=6)
         self._outcome_index = self.DeclareDiscreteState(BasicVector([NEVER, 0.0, 0.0, 0.0]))
@@ -124,10 +103,7 @@ class FlightMonitor(LeafSystem):
         return [self._witness]
 
     def _calc_outside_body(self, context) -> float:
-        position = self._state_port.Eval(context)[:3]
-        if np.sum((position / self._around) ** 2) >= 1.0:
-            return 1.0
-        return -1.0 if self._field.evaluate(position[None]).inside[0] else 1.0
+        return -1.0 if self._events.is_in_body(self._state_port.Eval(context)[:3]) else 1.0
 
     def _collide(self, state):
         outcome = state.get_mutable_discrete_state(self._outcome_index).get_mutable_value()
@@ -139,7 +115,7 @@ class FlightMonitor(LeafSystem):
         outcome = self._outcome(context)
         entered = min(outcome[ENTERED_GOAL], context.get_time())
         state, target = self._state_port.Eval(context), self._target_port.Eval(context)
-        outcome[ENTERED_GOAL] = entered if self._level(state - target) <= 1.0 else NEVER
+        outcome[ENTERED_GOAL] = entered if self._events.is_in_region(state, target) else NEVER
         self._keep(context, discrete_state, outcome)
 
     def _check(self, context, discrete_state):
@@ -165,85 +141,6 @@ class FlightMonitor(LeafSystem):
         duration = context.get_time() - last[12]
         if not duration > 0.0:  # Nothing was flown, or the flight has not begun (NaN).
             return outcome
-        start, state = last[:6], self._state_port.Eval(context)
+        states = np.stack([last[:6], self._state_port.Eval(context)])
         targets = np.stack([last[6:12], self._target_port.Eval(context)])
-        self._follow(outcome, np.stack([start, state]), targets, last[12], duration)
-        if self._violates(start, state, duration):
-            outcome[VIOLATIONS] += 1.0
-        blocked = blocks_segment(self._around, start[:3], state[:3])
-        if blocked and self._hits_body(start[:3], state[:3]):
-            outcome[COLLIDED] = 1.0
-        return outcome
-
-    def _level(self, error: np.ndarray) -> float:
-        """How far away from the target (6,) the spacecraft is: the goal region is up to 1."""
-        distance = math.hypot(*error[:3]) / self._radius
-        return max(distance, math.hypot(*error[3:]) / self._speed)
-
-    def _follow(
-        self,
-        outcome: np.ndarray,
-        states: np.ndarray,
-        targets: np.ndarray,
-        time: float,
-        span: float,
-    ) -> None:
-        """Follows entry into the goal region, exit and dwell over a path, in the outcome.
-
-        Args:
-          outcome: (4,) at the path's start.
-          states, targets: (2, 6) at its ends.
-          time, span: in s, of its start, and how long it takes.
-        """
-        was = outcome[ENTERED_GOAL] < NEVER
-        ends_inside = self._level(states[1] - targets[1]) <= 1.0
-        until = time + span
-        if was != ends_inside:
-            crossed = time + self._crossing(states, targets, span)
-            if was:
-                until = crossed
-            else:
-                outcome[ENTERED_GOAL] = crossed
-        if (was or ends_inside) and until - outcome[ENTERED_GOAL] >= self._dwell:
-            outcome[FINISHED] = 1.0
-        elif not ends_inside:
-            outcome[ENTERED_GOAL] = NEVER
-
-    def _crossing(self, states: np.ndarray, targets: np.ndarray, span: float) -> float:
-        """When, in s, a path from state to state (2, 6) crosses the edge of the goal region."""
-        path = CubicHermiteSpline([0.0, span], states[:, :3], states[:, 3:])
-        rate = path.derivative()
-
-        def level(time: float) -> float:
-            target = targets[0] + time / span * (targets[1] - targets[0])
-            return self._level(np.concatenate([path(time), rate(time)]) - target) - 1.0
-
-        # Rounding may put a state on the edge on either side of it.
-        if not level(0.0) * level(span) < 0.0:
-            return span
-        return brentq(level, 0.0, span)  # pyright: ignore[reportReturnType]  (without full_output)
-
-    def _violates(self, start: np.ndarray, end: np.ndarray, duration: float) -> bool:
-        """Whether the path between two states (6,) goes too deep, after it was not too deep.
-
-        It lies in the convex hull of its Bézier points, so far from the ellipsoid it need not be
-        evaluated.
-        """
-        ends = clearances(self._keep_out, np.stack([start[:3], end[:3]])) + self._tolerance
-        if ends[0] <= 0.0 or ends[1] <= 0.0:
-            return bool(ends[0] > 0.0)
-        third = duration / 3.0
-        hull = np.stack([start[:3] + third * start[3:], end[:3] - third * end[3:], end[:3]])
-        if ends[0] > np.linalg.norm(hull - start[:3], axis=1).max():
-            return False
-        states, times = np.stack([start, end]), np.array([0.0, duration])
-        path = CubicHermiteSpline(times, states[:, :3], states[:, 3:])
-        along = clearances(self._keep_out, path(np.linspace(0.0, duration, 11)[1:-1]))
-        return bool(along.min() + self._tolerance <= 0.0)
-
-    def _hits_body(self, start: np.ndarray, end: np.ndarray) -> bool:
-        length = float(np.linalg.norm(end - start))
-        if length == 0.0:
-            return False
-        direction = (end - start)[None] / length
-        return bool(self._caster.distances(start[None], direction)[0] <= length)
+        return self._events.after(outcome, states, targets, last[12], duration)

@@ -1,17 +1,20 @@
 """Transits as environments of Gymnasium: for reinforcement learning and other learners.
 
 Importing this room registers `proxops/Transit-v0`. Start with `TransitEnvironment`, which flies the
-same diagram as `fly`; `reward` says what it pays for. Gymnasium comes with the extra `gym`.
+same diagram as `fly`; `TransitBatch` flies many at once without it. `reward` says what they pay
+for, and `observations` what a pilot sees. Gymnasium comes with the extra `gym`.
 """
 
 import gymnasium
 
 from proxops.training.environment.reward import ARRIVAL, FUEL, VIOLATION, step_reward
+from proxops.training.environment.transit_batch import TransitBatch
 from proxops.training.environment.transit_environment import TransitEnvironment
 
-__all__ = ["ARRIVAL", "FUEL", "VIOLATION", "TransitEnvironment", "step_reward"]
+__all__ = ["ARRIVAL", "FUEL", "VIOLATION", "TransitBatch", "TransitEnvironment", "step_reward"]
 
 gymnasium.register(
     id="proxops/Transit-v0",
     entry_point="proxops.training.environment:TransitEnvironment",
+    vector_entry_point="proxops.training.environment:TransitBatch",
 )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 ARRIVAL, VIOLATION = 1.0, -1.0
 """Earned by arriving, and by each entry of the keep-out ellipsoid and a collision."""
 FUEL = 0.1
@@ -9,9 +11,9 @@ FUEL = 0.1
 
 
 def step_reward(
-    closer: float, way: float, delta_v: float, speed_limit: float, arrived: bool, violations: int
-) -> float:
-    """Gives the reward of one step.
+    closer: Any, way: Any, delta_v: Any, speed_limit: float, arrived: Any, violations: Any
+) -> Any:
+    """Gives the reward of one step; of many, if the arguments but the limit are arrays (N,).
 
     Progress adds up to 1 over a transit that ends at its goal. Kleopatra's transits take some three
     times the speed limit of Δv, so they lose some 0.3 for fuel.

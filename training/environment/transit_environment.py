@@ -8,7 +8,6 @@ import typing
 
 import gymnasium
 import numpy as np
-from gymnasium import spaces
 from pydrake.systems.analysis import Simulator, SimulatorStatus
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
@@ -29,14 +28,14 @@ from proxops.diagrams.scenario import (
     make_true_body,
     of_transit,
 )
-from proxops.systems.common import InputError
 from proxops.systems.vehicle import COLLIDED, FINISHED, VIOLATIONS
+from proxops.training.environment.observations import (
+    LARGEST_TRANSIT,
+    action_space,
+    check_observation,
+    observation_space,
+)
 from proxops.training.environment.reward import step_reward
-
-OBSERVATIONS = ("state", "lidar")
-_TRANSITS = 2**31
-# Bounds of the observations, over the size of the cube, the speed limit and the range.
-_FAR = 100.0
 
 
 class TransitEnvironment(gymnasium.Env):
@@ -78,8 +77,7 @@ class TransitEnvironment(gymnasium.Env):
         Raises:
           InputError: the observation is none of the two, or the scenario cannot be flown.
         """
-        if observation not in OBSERVATIONS:
-            raise InputError(f"observation: one of {', '.join(OBSERVATIONS)}, not {observation!r}")
+        check_observation(observation)
         given = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
         own = {"log_ranges": False} | dict(changes or {})
         own |= {} if dispersions is None else {"dispersions": dispersions}
@@ -87,8 +85,8 @@ class TransitEnvironment(gymnasium.Env):
         self._body = load_body(self.scenario.body).with_gravity(self.scenario.gravity)
         self._observation = observation
         self._frame = (self.scenario.lidar.planes, self.scenario.lidar.rays)
-        self.observation_space = self._observed()
-        self.action_space = spaces.Box(-1.0, 1.0, (3,), np.float64)
+        self.observation_space = observation_space(self.scenario, observation)
+        self.action_space = action_space()
         self._episode: _Episode | None = None
         self.log: FlightLog | None = None
         """The log of the last episode that ended."""
@@ -109,7 +107,7 @@ class TransitEnvironment(gymnasium.Env):
         super().reset(seed=seed)
         self.close()
         number = (options or {}).get("transit")
-        number = int(self.np_random.integers(_TRANSITS)) if number is None else int(number)
+        number = int(self.np_random.integers(LARGEST_TRANSIT)) if number is None else int(number)
         scenario = of_transit(self.scenario, self._transits, number)
         given = self.scenario.transit
         if given.start_m is not None or given.goal_m is not None:
@@ -166,22 +164,6 @@ class TransitEnvironment(gymnasium.Env):
         if self._episode is not None:
             let_go(self._episode.flown.diagram, None)
             self._episode = None
-
-    def _observed(self) -> spaces.Dict:
-        """The space of observations; nothing comes near its bounds."""
-        scenario = self.scenario
-        place = np.full(3, _FAR * scenario.transit.cube_m)
-        state = np.concatenate([place, np.full(3, _FAR * scenario.spacecraft.speed_limit_m_s)])
-        seen: dict[str, spaces.Space] = {"goal": spaces.Box(-place, place, dtype=np.float64)}
-        if self._observation == "state":
-            seen |= {
-                "state": spaces.Box(-state, state, dtype=np.float64),
-                "known": spaces.MultiBinary(1),
-            }
-        else:
-            farthest = _FAR * scenario.lidar.max_range_m
-            seen |= {"ranges": spaces.Box(0.0, farthest, self._frame, np.float64)}
-        return spaces.Dict(seen)
 
     def _seen(self, episode: _Episode) -> dict[str, np.ndarray]:
         """The observation now."""

@@ -1,0 +1,206 @@
+"""`FlightEvents`: what a path does to the outcome of a flight: arrival, violation, collision."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from scipy.interpolate import CubicHermiteSpline
+from scipy.optimize import brentq
+
+from proxops.systems.common import check_not_negative, check_positive
+from proxops.systems.gravity import BodyField
+from proxops.systems.shapes import blocks_segment, clearances, ray_caster
+
+# A time that never comes.
+NEVER = 1e15
+# Indices of the outcome vector.
+ENTERED_GOAL, VIOLATIONS, COLLIDED, FINISHED = range(4)
+
+
+def containing_ellipsoid(semi_axes: np.ndarray, vertices: np.ndarray) -> np.ndarray:
+    """Semi-axes (3,) of an ellipsoid that contains a mesh: the given ones, or all longer alike.
+
+    Args:
+      semi_axes: (3,) of an ellipsoid about the origin. vertices: (N, 3) of the mesh, in one unit.
+    """
+    level = float(np.sqrt(np.sum((vertices / semi_axes) ** 2, axis=1).max()))
+    # The margin is for rounding.
+    return semi_axes if level <= 1.0 else (1.0 + 1e-9) * level * semi_axes
+
+
+class FlightEvents:
+    """Follows the outcome of a flight over paths.
+
+    An outcome (4,) is the time in s of the last entry into the goal region (NEVER outside it), the
+    number of keep-out violations, 1 after a collision, and 1 after the dwell in the goal region. A
+    path is the cubic through the positions and velocities at its ends.
+    """
+
+    def __init__(
+        self,
+        field: BodyField,
+        keep_out_semi_axes: np.ndarray,
+        radius: float,
+        speed: float,
+        dwell: float,
+        tolerance: float = 1.0,
+    ):
+        """Takes the true body and what counts as arrival and as violation.
+
+        Args:
+          field: the true body's field in K, which knows what is inside the body.
+          keep_out_semi_axes: (3,) in m, of the keep-out ellipsoid. The true mesh may stick out.
+          radius, speed: size of the goal region in m and m/s.
+          dwell: time in s in the goal region after which the flight ends.
+          tolerance: depth in m from which the keep-out ellipsoid counts as violated.
+
+        Raises:
+          InputError: one of them is not positive, or the dwell or the tolerance is negative.
+        """
+        axes = dict(zip(("x", "y", "z"), keep_out_semi_axes, strict=True))
+        check_positive("a flight", radius=radius, speed=speed)
+        check_positive("the keep-out ellipsoid", **axes)
+        check_not_negative("a flight", dwell=dwell, tolerance=tolerance)
+        self._field, self._keep_out = field, np.asarray(keep_out_semi_axes, dtype=np.float64)
+        self._around = containing_ellipsoid(self._keep_out, field.shape.vertices)
+        self._radius, self._speed, self._dwell = radius, speed, dwell
+        self._tolerance = tolerance
+        self._caster = ray_caster(field.shape)
+
+    def is_in_body(self, position: np.ndarray) -> bool:
+        """Whether a position (3,) in m lies inside the true mesh."""
+        if np.sum((position / self._around) ** 2) >= 1.0:
+            return False
+        return bool(self._field.evaluate(position[None]).inside[0])
+
+    def is_in_region(self, state: np.ndarray, target: np.ndarray) -> bool:
+        """Whether a state (6,) lies in the goal region of a target (6,)."""
+        return self._level(state - target) <= 1.0
+
+    def after(
+        self,
+        outcome: np.ndarray,
+        states: np.ndarray,
+        targets: np.ndarray,
+        time: float,
+        span: float,
+    ) -> np.ndarray:
+        """The outcome (4,) after a path.
+
+        Args:
+          outcome: (4,) at the path's start.
+          states, targets: (2, 6) in m and m/s, at its ends.
+          time, span: in s, of its start, and how long it takes: more than 0.
+        """
+        outcome = outcome.copy()
+        self._follow(outcome, states, targets, time, span)
+        start, end = states
+        if self._violates(start, end, span):
+            outcome[VIOLATIONS] += 1.0
+        blocked = blocks_segment(self._around, start[:3], end[:3])
+        if blocked and self._hits_body(start[:3], end[:3]):
+            outcome[COLLIDED] = 1.0
+        return outcome
+
+    def nothing_happens(
+        self, starts: np.ndarray, ends: np.ndarray, targets: np.ndarray, span: float
+    ) -> np.ndarray:
+        """Which of many paths (N,), bool, surely leave an outcome outside the goal region as it is.
+
+        Such a path ends outside the goal region, far from the ellipsoid. Of others it says False.
+
+        Args:
+          starts, ends: (N, 6) states in m and m/s. targets: (N, 6), at the end.
+          span: how long the paths take, in s.
+        """
+        error = ends - targets
+        away = np.maximum(
+            np.linalg.norm(error[:, :3], axis=1) / self._radius,
+            np.linalg.norm(error[:, 3:], axis=1) / self._speed,
+        )
+        longest = np.linalg.norm(_hull(starts, ends, span) - starts[:, None, :3], axis=2).max(1)
+        # The nearest point of an ellipsoid is at least this far away.
+        level = np.linalg.norm(starts[:, :3] / self._around, axis=1)
+        free = (level - 1.0) * self._around.min()
+        return (away > 1.0) & (free > longest)
+
+    def _level(self, error: np.ndarray) -> float:
+        """How far away from the target (6,) the spacecraft is: the goal region is up to 1."""
+        distance = math.hypot(*error[:3]) / self._radius
+        return max(distance, math.hypot(*error[3:]) / self._speed)
+
+    def _follow(
+        self,
+        outcome: np.ndarray,
+        states: np.ndarray,
+        targets: np.ndarray,
+        time: float,
+        span: float,
+    ) -> None:
+        """Follows entry into the goal region, exit and dwell over a path, in the outcome.
+
+        Args:
+          outcome: (4,) at the path's start.
+          states, targets: (2, 6) at its ends.
+          time, span: in s, of its start, and how long it takes.
+        """
+        was = outcome[ENTERED_GOAL] < NEVER
+        ends_inside = self._level(states[1] - targets[1]) <= 1.0
+        until = time + span
+        if was != ends_inside:
+            crossed = time + self._crossing(states, targets, span)
+            if was:
+                until = crossed
+            else:
+                outcome[ENTERED_GOAL] = crossed
+        if (was or ends_inside) and until - outcome[ENTERED_GOAL] >= self._dwell:
+            outcome[FINISHED] = 1.0
+        elif not ends_inside:
+            outcome[ENTERED_GOAL] = NEVER
+
+    def _crossing(self, states: np.ndarray, targets: np.ndarray, span: float) -> float:
+        """When, in s, a path from state to state (2, 6) crosses the edge of the goal region."""
+        path = CubicHermiteSpline([0.0, span], states[:, :3], states[:, 3:])
+        rate = path.derivative()
+
+        def level(time: float) -> float:
+            target = targets[0] + time / span * (targets[1] - targets[0])
+            return self._level(np.concatenate([path(time), rate(time)]) - target) - 1.0
+
+        # Rounding may put a state on the edge on either side of it.
+        if not level(0.0) * level(span) < 0.0:
+            return span
+        return brentq(level, 0.0, span)  # pyright: ignore[reportReturnType]  (without full_output)
+
+    def _violates(self, start: np.ndarray, end: np.ndarray, duration: float) -> bool:
+        """Whether the path between two states (6,) goes too deep, after it was not too deep.
+
+        It lies in the convex hull of its Bézier points, so far from the ellipsoid it need not be
+        evaluated.
+        """
+        ends = clearances(self._keep_out, np.stack([start[:3], end[:3]])) + self._tolerance
+        if ends[0] <= 0.0 or ends[1] <= 0.0:
+            return bool(ends[0] > 0.0)
+        hull = _hull(start[None], end[None], duration)[0]
+        if ends[0] > np.linalg.norm(hull - start[:3], axis=1).max():
+            return False
+        states, times = np.stack([start, end]), np.array([0.0, duration])
+        path = CubicHermiteSpline(times, states[:, :3], states[:, 3:])
+        along = clearances(self._keep_out, path(np.linspace(0.0, duration, 11)[1:-1]))
+        return bool(along.min() + self._tolerance <= 0.0)
+
+    def _hits_body(self, start: np.ndarray, end: np.ndarray) -> bool:
+        length = float(np.linalg.norm(end - start))
+        if length == 0.0:
+            return False
+        direction = (end - start)[None] / length
+        return bool(self._caster.distances(start[None], direction)[0] <= length)
+
+
+def _hull(starts: np.ndarray, ends: np.ndarray, span: float) -> np.ndarray:
+    """The Bézier points (N, 3, 3) but the first of paths between states (N, 6)."""
+    third = span / 3.0
+    left = starts[:, :3] + third * starts[:, 3:]
+    right = ends[:, :3] - third * ends[:, 3:]
+    return np.stack([left, right, ends[:, :3]], axis=1)
