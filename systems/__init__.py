@@ -46,6 +46,7 @@ from proxops.systems.hybrid import (
     ReachModel,
 )
 from proxops.systems.lidar import (
+    BodyPose,
     FrameDelay,
     LearnedLidar,
     Lidar,
@@ -53,6 +54,7 @@ from proxops.systems.lidar import (
     LidarErrors,
     LidarGeometry,
     PlanarLidar,
+    SceneLidar,
     ray_directions,
 )
 from proxops.systems.navigation import (
@@ -71,7 +73,7 @@ from proxops.systems.policy import (
     ProportionalDerivative,
     Surroundings,
 )
-from proxops.systems.shapes import Polyhedron, RayCaster, RayFan
+from proxops.systems.shapes import Polyhedron, RayCaster, RayFan, Surface
 from proxops.systems.vehicle import (
     ActualThrust,
     AttitudeError,
@@ -97,6 +99,7 @@ __all__ = [
     "AssuranceLimits",
     "AttitudeError",
     "BackupBraking",
+    "BodyPose",
     "CheckSchedule",
     "CommandAxes",
     "DecisionReason",
@@ -147,9 +150,11 @@ __all__ = [
     "RayFan",
     "ReachModel",
     "RuntimeAssurance",
+    "SceneLidar",
     "Spacecraft",
     "Spacecraft_",
     "StateNoise",
+    "Surface",
     "Surroundings",
     "TabulatedField",
     "ThrusterErrors",

@@ -26,6 +26,7 @@ from pages import (
     commands_in_sentences,
     named_block,
 )
+from pydrake.multibody.tree import BodyIndex
 from pydrake.systems.framework import Diagram, LeafSystem, PortDataType, System
 from short_flights import SHORT, kleopatra, write_blob
 from synthetic_log import synthetic_log
@@ -62,6 +63,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> dict[str, System]:
         systems.ActualThrust(systems.ThrusterErrors(), 10.0),
         systems.AttitudeError(believed_spin=0.0, true_spin=(0.0, 0.0, 0.0)),
         systems.CommandAxes(7.0),
+        systems.BodyPose(BodyIndex(1)),
         systems.EnabledValue(3),
         systems.DelayedHold(10.0, 5.0, 3),
         systems.FrameDelay(RAYS, 2, 10.0),
@@ -70,6 +72,9 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> dict[str, System]:
             write_guidance(folder / "guidance"), surroundings(everything, kleopatra()), 7.0
         ),
         systems.NeuralPolicy(policy),
+        systems.SceneLidar(
+            {"ground": kleopatra().shape}, systems.ray_directions(), max_range=350e3
+        ),
         systems.ProportionalDerivative(100.0, 7.0, 40.0),
         systems.UnexplainedAcceleration(),
     ]

@@ -2,7 +2,8 @@
 
 Start with `Lidar`, which casts rays at the mesh. `LearnedLidar` asks the trained network of a
 `LidarBundle` instead. Both derive from `PlanarLidar`, which has the ports and applies the
-`LidarErrors`; `LidarGeometry` has the planes and rays, and `FrameDelay` delays whole frames. A new
+`LidarErrors`; `LidarGeometry` has the planes and rays, and `FrameDelay` delays whole frames.
+`SceneLidar` is for other diagrams: it rides on any pose, over surfaces that may move. A new
 kind of lidar is a class derived from `PlanarLidar` with its own `true_returns`. A new error is a
 field of `LidarErrors` with a random stream of its own.
 """
@@ -22,10 +23,11 @@ from proxops.systems.lidar.lidar_bundle import (
     RAY_NETWORK,
     LidarBundle,
 )
-from proxops.systems.lidar.lidar_errors import LidarErrors
+from proxops.systems.lidar.lidar_errors import LidarErrors, TrueReturns
 from proxops.systems.lidar.lidar_geometry import DEFAULT_GEOMETRY, LidarGeometry, ray_directions
-from proxops.systems.lidar.planar_lidar import PlanarLidar, TrueReturns
+from proxops.systems.lidar.planar_lidar import PlanarLidar
 from proxops.systems.lidar.ray_chords import ChordFan
+from proxops.systems.lidar.scene_lidar import BodyPose, SceneLidar
 
 __all__ = [
     "CHORDS_INPUT",
@@ -38,6 +40,7 @@ __all__ = [
     "POSITION_INPUT",
     "RANGES_OUTPUT",
     "RAY_NETWORK",
+    "BodyPose",
     "ChordFan",
     "FrameDelay",
     "LearnedLidar",
@@ -46,6 +49,7 @@ __all__ = [
     "LidarErrors",
     "LidarGeometry",
     "PlanarLidar",
+    "SceneLidar",
     "TrueReturns",
     "ray_directions",
 ]

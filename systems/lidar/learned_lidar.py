@@ -9,9 +9,9 @@ import numpy as np
 
 from proxops.systems.common import InputError
 from proxops.systems.lidar.lidar_bundle import FRAME_NETWORK, LidarBundle
-from proxops.systems.lidar.lidar_errors import DEFAULT_ERRORS, LidarErrors
+from proxops.systems.lidar.lidar_errors import DEFAULT_ERRORS, LidarErrors, TrueReturns
 from proxops.systems.lidar.lidar_geometry import DEFAULT_GEOMETRY, LidarGeometry
-from proxops.systems.lidar.planar_lidar import PlanarLidar, TrueReturns
+from proxops.systems.lidar.planar_lidar import PlanarLidar
 from proxops.systems.lidar.ray_chords import ChordFan
 
 # Greatest difference of a rotation matrix from the identity, in any element, that counts as none.

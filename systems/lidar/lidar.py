@@ -7,9 +7,9 @@ import math
 import numpy as np
 
 from proxops.systems.lidar.beams import Beams
-from proxops.systems.lidar.lidar_errors import DEFAULT_ERRORS, LidarErrors, too_grazing
+from proxops.systems.lidar.lidar_errors import DEFAULT_ERRORS, LidarErrors, TrueReturns, too_grazing
 from proxops.systems.lidar.lidar_geometry import DEFAULT_GEOMETRY, LidarGeometry
-from proxops.systems.lidar.planar_lidar import PlanarLidar, TrueReturns, turned
+from proxops.systems.lidar.planar_lidar import PlanarLidar, turned
 from proxops.systems.shapes import Polyhedron, ray_caster
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -60,6 +61,18 @@ class LidarErrors:
         ):
             if not good:
                 raise InputError(f"a lidar needs {what}, got {got}")
+
+
+class TrueReturns(NamedTuple):
+    """The K rays of a frame that meet a surface."""
+
+    rays: np.ndarray
+    """(K,) int: index of the ray, ascending."""
+    distances: np.ndarray
+    """(K,) float64: distance in m to the surface."""
+    grazing: np.ndarray | None = None
+    """(K,) bool: whether the ray meets the surface at too flat an angle to return. None: no ray
+    does."""
 
 
 DEFAULT_ERRORS = LidarErrors(noise_std=50.0)
@@ -116,3 +129,37 @@ def false_ranges(
 def frame_is_lost(probability: float, seed: int, step: int) -> bool:
     """Whether the whole frame of a step is lost, with the given probability."""
     return bool(generator(seed, step, FRAME_LOSS_STREAM).random() < probability)
+
+
+def received_ranges(
+    returns: TrueReturns, count: int, max_range: float, errors: LidarErrors, seed: int, step: int
+) -> np.ndarray:
+    """The frame (count,) in m, float64, that a lidar measures; +inf: no return.
+
+    Args:
+      returns: what rays meet a surface. count: number of rays.
+      max_range: m, a surface beyond returns nothing.
+      errors: those of the ranges; seed and step of their random numbers follow.
+    """
+    ranges = np.full(count, np.inf)
+    if errors.frame_loss > 0.0 and frame_is_lost(errors.frame_loss, seed, step):
+        return ranges
+    near = returns.distances <= max_range
+    # Noise is drawn for every return in range before any is lost, so that dropout leaves the
+    # noise of the others as it is.
+    found = measured_ranges(returns.distances[near], errors, seed, step)
+    if returns.grazing is not None:
+        found[returns.grazing[near]] = np.inf
+    if errors.dropout > 0.0:
+        found[lost_by_chance(found.size, errors.dropout, seed, step)] = np.inf
+    ranges[returns.rays[near]] = found
+    if errors.false_returns > 0.0:
+        false = false_ranges(count, errors.false_returns, max_range, seed, step)
+        ranges = np.minimum(ranges, false)
+    return ranges
+
+
+def check_false_returns(errors: LidarErrors, max_range: float) -> None:
+    """Raises `InputError` if there are false returns at an infinite greatest range."""
+    if errors.false_returns > 0.0 and not max_range < math.inf:
+        raise InputError("a lidar with false_returns needs a finite max_range")

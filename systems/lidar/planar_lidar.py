@@ -2,34 +2,19 @@
 
 from __future__ import annotations
 
-import math
-from typing import NamedTuple
-
 import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.perception import PointCloud
 
-from proxops.systems.common import InputError, SeededSystem, rotation_matrix
+from proxops.systems.common import SeededSystem, rotation_matrix
 from proxops.systems.lidar.lidar_errors import (
     LidarErrors,
-    false_ranges,
+    TrueReturns,
+    check_false_returns,
     frame_is_lost,
-    lost_by_chance,
-    measured_ranges,
+    received_ranges,
 )
 from proxops.systems.lidar.lidar_geometry import LidarGeometry
-
-
-class TrueReturns(NamedTuple):
-    """The K rays of a frame that meet the body."""
-
-    rays: np.ndarray
-    """(K,) int: index of the ray, ascending."""
-    distances: np.ndarray
-    """(K,) float64: distance in m to the surface."""
-    grazing: np.ndarray | None = None
-    """(K,) bool: whether the ray meets the surface at too flat an angle to return. None: no ray
-    does."""
 
 
 def turned(directions: np.ndarray, rotation: np.ndarray | None) -> np.ndarray:
@@ -57,8 +42,7 @@ class PlanarLidar(SeededSystem):
             and the greatest range is infinite.
         """
         super().__init__(period, seed)
-        if errors.false_returns > 0.0 and not geometry.max_range < math.inf:
-            raise InputError("a lidar with false_returns needs a finite max_range")
+        check_false_returns(errors, geometry.max_range)
         self.errors, self.geometry = errors, geometry
         self.directions = geometry.directions
         self._position_port = self.DeclareVectorInputPort(name="position", size=3)
@@ -117,24 +101,11 @@ class PlanarLidar(SeededSystem):
         self, position: np.ndarray, rotation: np.ndarray | None, seed: int, step: int
     ) -> np.ndarray:
         """The frame (planes * rays,) in m, float64."""
-        errors, max_range = self.errors, self.geometry.max_range
-        ranges = np.full(self.geometry.size, np.inf)
+        errors, geometry = self.errors, self.geometry
         if errors.frame_loss > 0.0 and frame_is_lost(errors.frame_loss, seed, step):
-            return ranges
-        rays, distances, grazing = self.true_returns(position, rotation)
-        near = distances <= max_range
-        # Noise is drawn for every return in range before any is lost, so that dropout leaves the
-        # noise of the others as it is.
-        found = measured_ranges(distances[near], errors, seed, step)
-        if grazing is not None:
-            found[grazing[near]] = np.inf
-        if errors.dropout > 0.0:
-            found[lost_by_chance(found.size, errors.dropout, seed, step)] = np.inf
-        ranges[rays[near]] = found
-        if errors.false_returns > 0.0:
-            false = false_ranges(ranges.size, errors.false_returns, max_range, seed, step)
-            ranges = np.minimum(ranges, false)
-        return ranges
+            return np.full(geometry.size, np.inf)  # Without a ray cast.
+        returns = self.true_returns(position, rotation)
+        return received_ranges(returns, geometry.size, geometry.max_range, errors, seed, step)
 
     def _calc_ranges(self, context, output):
         position, rotation = self._position_port.Eval(context), None
@@ -145,8 +116,13 @@ class PlanarLidar(SeededSystem):
 
     def _calc_point_cloud(self, context, output):
         ranges = self._ranges_port.Eval(context)
-        hits = np.isfinite(ranges)
-        points = ranges[hits, None] * self.directions[hits]
-        cloud = PointCloud(len(points))
-        cloud.mutable_xyzs()[:] = points.T
-        output.set_value(cloud)
+        output.set_value(point_cloud(ranges, self.directions))
+
+
+def point_cloud(ranges: np.ndarray, directions: np.ndarray) -> PointCloud:
+    """The points in m of the rays that returned, from ranges (R,) and directions (R, 3)."""
+    hits = np.isfinite(ranges)
+    points = ranges[hits, None] * directions[hits]
+    cloud = PointCloud(len(points))
+    cloud.mutable_xyzs()[:] = points.T
+    return cloud

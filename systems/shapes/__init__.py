@@ -2,7 +2,8 @@
 
 Start with `Polyhedron`, the mesh that gravity, lidar and flight monitor share, and `read_mesh`,
 which reads mesh files. `mesh_checks` finds what is wrong with a mesh and `mesh_repair` repairs it.
-`ellipsoid` has the geometry of the keep-out ellipsoid, and `RayCaster` casts rays. A true body that
+`ellipsoid` has the geometry of the keep-out ellipsoid, and `RayCaster` casts rays, also at a
+`Surface`, which need not close. A true body that
 differs from its map is made by `displaced`, a smooth random displacement of the surface, or
 `registered`, which moves another mesh of the body onto the map; `halves` cuts a body in two. Almost
 everything is a plain function on arrays; nothing here knows gravity, spacecraft or Drake's systems.
@@ -38,6 +39,7 @@ from proxops.systems.shapes.shape_files import (
     metres_per,
     read_mesh,
 )
+from proxops.systems.shapes.surface import Surface
 
 __all__ = [
     "MESH_FORMATS",
@@ -49,6 +51,7 @@ __all__ = [
     "Polyhedron",
     "RayCaster",
     "RayFan",
+    "Surface",
     "blocks_segment",
     "clearances",
     "closest_point",

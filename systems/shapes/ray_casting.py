@@ -13,6 +13,7 @@ from embreex.rtcore_scene import EmbreeScene
 from proxops.systems.common import InputError
 from proxops.systems.shapes._turned_rays import turned_rays
 from proxops.systems.shapes.polyhedron import Polyhedron
+from proxops.systems.shapes.surface import Surface
 
 # Rays in a batch: enough to hide Python's overhead, few enough to stay in the processor's cache.
 _BLOCK = 2**17
@@ -20,6 +21,8 @@ _BLOCK = 2**17
 # greater than the errors of single precision.
 _INFLATION = 1e-3
 _COSINE_MARGIN = 1e-5
+# The least semi-axis of that ellipsoid, over the greatest.
+_FLATTEST = 1e-3
 
 
 class Hits(NamedTuple):
@@ -49,7 +52,7 @@ class FirstHits(NamedTuple):
 class RayCaster:
     """Casts rays against a mesh, in the mesh's frame, in single precision (0.02 m at 350 km)."""
 
-    def __init__(self, shape: Polyhedron):
+    def __init__(self, shape: Polyhedron | Surface):
         # The robust flag makes rays watertight across the edges of facets.
         self.shape = shape
         self._device = EmbreeDevice()
@@ -121,7 +124,8 @@ class RayFan:
         self._directions = np.ascontiguousarray(directions, dtype=np.float32)
         vertices = caster.shape.vertices
         self._centre = 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))
-        axes = 0.5 * caster.shape.extents
+        # Terrain may be flat.
+        axes = 0.5 * np.maximum(caster.shape.extents, _FLATTEST * caster.shape.extents.max())
         reach = np.linalg.norm((vertices - self._centre) / axes, axis=1).max()
         self._axes = axes * reach * (1.0 + _INFLATION)
         scaled = directions / self._axes

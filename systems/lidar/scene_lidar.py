@@ -1,0 +1,163 @@
+"""`SceneLidar`: a lidar for any diagram: rays of one's own, over surfaces that may move."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+from pydrake.common.value import AbstractValue
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import BodyIndex
+from pydrake.perception import PointCloud
+from pydrake.systems.framework import LeafSystem
+
+from proxops.systems.common import InputError, SeededSystem, check_positive
+from proxops.systems.lidar.lidar_errors import (
+    LidarErrors,
+    TrueReturns,
+    check_false_returns,
+    received_ranges,
+)
+from proxops.systems.lidar.planar_lidar import point_cloud
+from proxops.systems.shapes import Polyhedron, RayCaster, Surface
+
+
+class SceneLidar(SeededSystem):
+    """A lidar that rides on anything, over surfaces that may move.
+
+    ```
+    X_WS ────────►┌────────────┐
+      (abstract)  │ SceneLidar ├─► ranges (rays), m; +inf: no return
+    X_W<name> ───►│            ├─► point_cloud (abstract PointCloud), m, in the sensor's frame S;
+      (abstract)  └────────────┘   only rays that returned
+    ```
+
+    Poses are `RigidTransform`s: that of the sensor's frame S in the world W, and one for each
+    surface of the scene, by its name. A surface's port may stay unconnected: then its frame is W.
+    A ray reads the nearest surface that it meets, from either side.
+
+    Random numbers are those of `Lidar`: a pure function of (seed, step). A `BodyPose` gives the
+    pose of a body of a `MultibodyPlant`.
+    """
+
+    def __init__(
+        self,
+        scene: Mapping[str, Surface | Polyhedron],
+        directions: np.ndarray,
+        max_range: float,
+        errors: LidarErrors | None = None,
+        period: float = 0.1,
+        seed: int = 0,
+    ):
+        """Takes the surfaces and the rays.
+
+        Args:
+          scene: surfaces in m, each in a frame of its own, by name.
+          directions: (R, 3) unit vectors in S, for instance `ray_directions`.
+          max_range: in m; a surface beyond returns nothing.
+          errors: by default none; beams of a width are not possible here.
+          period: time between steps in s, of the random numbers.
+          seed: default of the Context's parameter.
+
+        Raises:
+          InputError: there is no surface, a direction is no unit vector, a number is not positive,
+            the seed is negative, or the errors have a beam width.
+        """
+        super().__init__(period, seed)
+        errors = LidarErrors() if errors is None else errors
+        directions = np.array(directions, dtype=np.float64)
+        check_positive("SceneLidar", max_range=max_range)
+        check_false_returns(errors, max_range)
+        if not scene:
+            raise InputError("SceneLidar needs at least one surface")
+        if errors.beam_width > 0.0:
+            raise InputError("SceneLidar casts rays without a width; Lidar has beam_width")
+        if directions.ndim != 2 or directions.shape[1] != 3 or len(directions) == 0:
+            raise InputError(f"directions must have shape (R, 3), got {directions.shape}")
+        if not np.allclose(np.linalg.norm(directions, axis=1), 1.0, atol=1e-9):
+            raise InputError("directions must be unit vectors")
+        self.directions, self.max_range, self.errors = directions, max_range, errors
+        self._fans = [RayCaster(surface).fan(directions) for surface in scene.values()]
+        self._normals = [surface.normals for surface in scene.values()]
+        still = AbstractValue.Make(RigidTransform())
+        self._pose_port = self.DeclareAbstractInputPort("X_WS", still)
+        self._scene_ports = [self.DeclareAbstractInputPort(f"X_W{name}", still) for name in scene]
+        ports = (self._pose_port, *self._scene_ports)
+        depends = {port.ticket() for port in ports} | self.seed_tickets()
+        self._ranges_port = self.DeclareVectorOutputPort(
+            "ranges", len(directions), self._calc_ranges, prerequisites_of_calc=depends
+        )
+        self.DeclareAbstractOutputPort(
+            "point_cloud",
+            alloc=lambda: AbstractValue.Make(PointCloud(0)),
+            calc=self._calc_point_cloud,
+            prerequisites_of_calc=depends,
+        )
+
+    def true_returns(
+        self, sensor: RigidTransform, surfaces: list[RigidTransform | None]
+    ) -> TrueReturns:
+        """The rays that meet a surface, at any range, without the errors of ranges.
+
+        Args:
+          sensor: X_WS. surfaces: the pose of each surface in W; None: the identity.
+        """
+        count = len(self.directions)
+        distances, cosines = np.full(count, np.inf), np.ones(count)
+        grazing = self.errors.max_incidence < math.pi / 2.0
+        for fan, normals, pose in zip(self._fans, self._normals, surfaces, strict=True):
+            local = sensor if pose is None else pose.inverse() @ sensor
+            rotation = local.rotation().matrix()
+            hits = fan.hits(local.translation()[None], rotation)
+            nearer = hits.distances < distances[hits.rays]
+            rays, facets = hits.rays[nearer], hits.facets[nearer]
+            distances[rays] = hits.distances[nearer]
+            if grazing:
+                along = self.directions[rays] @ rotation.T
+                cosines[rays] = np.abs(np.einsum("ki,ki->k", normals[facets], along))
+        rays = np.flatnonzero(distances < np.inf)
+        flat = cosines[rays] < math.cos(self.errors.max_incidence) if grazing else None
+        return TrueReturns(rays, distances[rays], flat)
+
+    def _calc_ranges(self, context, output):
+        poses = [
+            port.Eval(context) if port.HasValue(context) else None for port in self._scene_ports
+        ]
+        returns = self.true_returns(self._pose_port.Eval(context), poses)
+        seed, step = self.seed_of(context), self.step_of(context)
+        count = len(self.directions)
+        output.SetFromVector(
+            received_ranges(returns, count, self.max_range, self.errors, seed, step)
+        )
+
+    def _calc_point_cloud(self, context, output):
+        output.set_value(point_cloud(self._ranges_port.Eval(context), self.directions))
+
+
+class BodyPose(LeafSystem):
+    """The pose of one body of a `MultibodyPlant`.
+
+    ```
+    poses ───────►┌──────────┐
+      (abstract)  │ BodyPose ├─► X_WB (abstract RigidTransform)
+                  └──────────┘
+    ```
+
+    `poses` is the plant's port `body_poses`.
+    """
+
+    def __init__(self, index: BodyIndex):
+        """Takes the body's index in the plant, `body.index()`."""
+        super().__init__()
+        # Drake has no other way to name a list of poses from Python.
+        plant = MultibodyPlant(time_step=0.0)
+        plant.Finalize()
+        poses = plant.get_body_poses_output_port().Allocate()
+        port = self.DeclareAbstractInputPort("poses", poses)
+        self.DeclareAbstractOutputPort(
+            "X_WB",
+            alloc=lambda: AbstractValue.Make(RigidTransform()),
+            calc=lambda context, output: output.set_value(port.Eval(context)[int(index)]),
+        )

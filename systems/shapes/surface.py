@@ -1,0 +1,57 @@
+"""`Surface`: triangles that need not close, for instance terrain."""
+
+from __future__ import annotations
+
+import numpy as np
+import trimesh
+from numpy.typing import ArrayLike
+
+from proxops.systems.common import InputError
+from proxops.systems.shapes.shape_files import metres_per
+
+
+class Surface:
+    """Triangles that rays can be cast at: vertices (V, 3) in metres and facets (F, 3).
+
+    Unlike a `Polyhedron`, it need not enclose anything. A facet is met from both sides.
+    """
+
+    def __init__(self, vertices: ArrayLike, facets: ArrayLike, name: str = "mesh"):
+        """Takes vertices (V, 3) in metres and facets (F, 3) of indices into them.
+
+        Raises:
+          InputError: the arrays have other shapes, hold no facet, a vertex is not finite, or an
+            index is out of range.
+        """
+        self.vertices = np.array(vertices, dtype=np.float64)
+        self.facets = np.array(facets, dtype=np.int64)
+        self.name = name
+        for what, array in (("vertices", self.vertices), ("facets", self.facets)):
+            if array.ndim != 2 or array.shape[1] != 3 or len(array) == 0:
+                raise InputError(f"{name}: {what} must have shape (N, 3), got {array.shape}")
+        if not np.isfinite(self.vertices).all():
+            raise InputError(f"{name}: a vertex is not finite")
+        if self.facets.min() < 0 or self.facets.max() >= len(self.vertices):
+            raise InputError(
+                f"{name}: facets name vertices 0 … {len(self.vertices) - 1}, got "
+                f"{self.facets.min()} … {self.facets.max()}"
+            )
+
+    @classmethod
+    def from_trimesh(cls, mesh: trimesh.Trimesh, unit: str, name: str = "mesh") -> Surface:
+        """Takes a `trimesh.Trimesh` whose numbers are in `unit` ("km" or "m")."""
+        if not isinstance(mesh, trimesh.Trimesh) or len(mesh.faces) == 0:
+            raise InputError(f"{name} holds no triangles")
+        return cls(mesh.vertices * metres_per(unit), mesh.faces, name)
+
+    @property
+    def extents(self) -> np.ndarray:
+        """Lengths (3,) in m of the bounding box along x, y, z."""
+        return np.ptp(self.vertices, axis=0)
+
+    @property
+    def normals(self) -> np.ndarray:
+        """Unit normals (F, 3), by the order of the corners; 0 of a facet without an area."""
+        a, b, c = np.moveaxis(self.vertices[self.facets], 1, 0)
+        cross = np.cross(b - a, c - a)
+        return cross / np.maximum(np.linalg.norm(cross, axis=1, keepdims=True), 1e-300)
