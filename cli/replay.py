@@ -1,4 +1,4 @@
-"""`proxops replay`: makes a page from a flight log; the page plays without a network."""
+"""`proxops replay`: makes a page that plays without a network from a log, and other formats."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from proxops.cli.common import check_folder, status
+from proxops.diagrams.exchange import EPOCH, write_mcap, write_oem
 from proxops.diagrams.logs import FlightLog
 from proxops.diagrams.meshcat import write_replay
 from proxops.systems.common import make_folder
@@ -16,16 +17,37 @@ from proxops.systems.common import make_folder
 def replay_command(
     log_file: Annotated[Path, typer.Argument(help="Flight log, such as flight.nc.")],
     out: Annotated[Path | None, typer.Option(help="HTML file. Default: beside the log.")] = None,
+    mcap: Annotated[
+        Path | None, typer.Option(help="Write an MCAP file too, for Foxglove and others.")
+    ] = None,
+    oem: Annotated[
+        Path | None, typer.Option(help="Write the motion as a CCSDS OEM too, in an inertial frame.")
+    ] = None,
+    epoch: Annotated[
+        str, typer.Option(help="Of time 0 in the OEM: YYYY-MM-DDThh:mm:ss in TDB.")
+    ] = EPOCH,
 ) -> None:
-    """Make the replay page of a flight log.
+    """Make the replay page of a flight log, and files for other tools.
 
-    Example:
+    --mcap and --oem need `pip install 'proxops[exchange]'`.
+
+    Examples:
 
       proxops replay out/flight/flight.nc --out flight.html
+
+      proxops replay out/flight/flight.nc --mcap flight.mcap --oem flight.oem
     """
     path = out or log_file.with_name("replay.html")
-    check_folder(path.parent)
+    wanted = [file for file in (path, mcap, oem) if file is not None]
+    for file in wanted:
+        check_folder(file.parent)
     log = FlightLog.load(log_file)
-    make_folder(path.parent)
+    for file in wanted:
+        make_folder(file.parent)
     write_replay(log, path)
-    status.print(f"Wrote {path}")
+    if mcap is not None:
+        write_mcap(log, mcap)
+    if oem is not None:
+        write_oem(log, oem, epoch)
+    for file in wanted:
+        status.print(f"Wrote {file}")

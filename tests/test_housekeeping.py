@@ -22,6 +22,8 @@ IMPORTED_AS = {"drake": "pydrake", "pyyaml": "yaml"}
 # What is used without being imported, and the words by which.
 USED_BY_NAME = {
     "h5netcdf": r'engine="h5netcdf"',
+    "mcap": r'needed\("mcap\.writer"\)',
+    "oem": r'needed\("oem"\)',
     "onnx": r"torch\.onnx\.export",
     "onnxscript": r"torch\.onnx\.export",
     "tensorboard": r"torch\.utils\.tensorboard|TensorBoardLogger",
@@ -64,9 +66,10 @@ def named(requirements: list[str]) -> list[str]:
 CORE = named(PROJECT["dependencies"])
 TRAIN = named(PROJECT["optional-dependencies"]["train"])
 GYM = named(PROJECT["optional-dependencies"]["gym"])
+EXCHANGE = named(PROJECT["optional-dependencies"]["exchange"])
 
 
-@pytest.mark.parametrize("package", [*CORE, *TRAIN, *GYM])
+@pytest.mark.parametrize("package", [*CORE, *TRAIN, *GYM, *EXCHANGE])
 def test_dependency_is_used(package: str) -> None:
     if package in USED_BY_NAME:
         texts = (path.read_text() for path in sources(*FOLDERS))
