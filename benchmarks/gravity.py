@@ -20,12 +20,12 @@ import numba
 import numpy as np
 import trimesh
 from _kept import keep
+from _peers import basilisk_model, esa_model
 from rich.console import Console
 from rich.table import Table
 
 from proxops.diagrams.scenario import load_body
 from proxops.systems import GravityField, Polyhedron, TabulatedField
-from proxops.systems.gravity import GRAVITATIONAL_CONSTANT
 
 CONSOLE = Console()
 
@@ -44,26 +44,6 @@ def medians(calls: dict[str, Callable], rounds: int) -> dict[str, float]:
                 call()
                 times[name].append(time.perf_counter() - started)
     return {name: statistics.median(values) for name, values in times.items()}
-
-
-def esa_model(field: GravityField):
-    import polyhedral_gravity as esa
-
-    shape = field.shape
-    off = esa.PolyhedronIntegrity.DISABLE
-    source = (shape.vertices, shape.facets)
-    return esa.GravityEvaluable(esa.Polyhedron(source, field.density, integrity_check=off))
-
-
-def basilisk_model(field: GravityField):
-    from Basilisk.simulation import gravityEffector
-
-    model = gravityEffector.PolyhedralGravityModel()
-    model.xyzVertex = field.shape.vertices.tolist()
-    model.orderFacet = (field.shape.facets + 1).tolist()
-    model.muBody = GRAVITATIONAL_CONSTANT * field.mass
-    model.initializeParameters()
-    return model
 
 
 def difference(ours: np.ndarray, theirs: np.ndarray) -> float:
