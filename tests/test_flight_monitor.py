@@ -21,6 +21,7 @@ from proxops.systems.vehicle.flight_events import (
     FINISHED,
     NEVER,
     VIOLATIONS,
+    FlightEvents,
     containing_ellipsoid,
 )
 
@@ -82,7 +83,7 @@ def watch(
     flight = builder.AddSystem(Scripted(script))
     goal = builder.AddSystem(ConstantVectorSource(np.array(target, dtype=float)))
     monitor = builder.AddSystem(
-        FlightMonitor(field or cube(), keep_out, radius=RADIUS, speed=speed, dwell=DWELL)
+        FlightMonitor(FlightEvents(field or cube(), keep_out, RADIUS, speed, DWELL))
     )
     builder.Connect(flight.get_output_port(), monitor.GetInputPort("state"))
     builder.Connect(goal.get_output_port(), monitor.GetInputPort("target"))
@@ -369,7 +370,7 @@ def test_flight_taken_up_from_a_cloned_context_goes_on_as_it_was(cloned_at):
     builder = DiagramBuilder()
     flight = builder.AddSystem(Scripted(straight(GOAL - [1e3 + 90.0, 0, 0], [0.9, 0, 0])))
     goal = builder.AddSystem(ConstantVectorSource(np.append(GOAL, np.zeros(3))))
-    monitor = builder.AddSystem(FlightMonitor(cube(), KEEP_OUT, RADIUS, SPEED, DWELL))
+    monitor = builder.AddSystem(FlightMonitor(FlightEvents(cube(), KEEP_OUT, RADIUS, SPEED, DWELL)))
     builder.Connect(flight.get_output_port(), monitor.GetInputPort("state"))
     builder.Connect(goal.get_output_port(), monitor.GetInputPort("target"))
     diagram = builder.Build()

@@ -13,7 +13,7 @@ from hypothesis.extra import numpy as hn
 
 from proxops.diagrams.scenario import TrueStateConfig, load_body, load_scenario
 from proxops.systems import InputError
-from proxops.systems.vehicle import NEVER, FlightEvents
+from proxops.systems.vehicle import NEVER, FlightEvents, FlownPath
 from proxops.training.environment import TransitBatch, TransitEnvironment
 
 # The table takes a while to make.
@@ -173,7 +173,9 @@ def test_where_nothing_happens_the_outcome_stays(start: np.ndarray, near: float,
     before = np.array([NEVER, 0.0, 0.0, 0.0])
     path, goals = np.stack([begins, ends]), np.stack([goal, goal])
     if calm[0]:
-        np.testing.assert_array_equal(watch.after(before, path, goals, 0.0, 10.0), before)
+        np.testing.assert_array_equal(
+            watch.after(before, FlownPath(path, goals, 0.0, 10.0)), before
+        )
 
 
 def test_far_away_nothing_happens() -> None:

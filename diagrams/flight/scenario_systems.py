@@ -9,6 +9,7 @@ import numpy as np
 
 from proxops.assets import ASSETS
 from proxops.diagrams.flight.estimate_feedback import EstimateFeedback
+from proxops.diagrams.logs import KEEP_OUT_TOLERANCE
 from proxops.diagrams.scenario import (
     AssuranceConfig,
     Body,
@@ -45,8 +46,10 @@ from proxops.systems import (
     TransitProgram,
     WeightedProgram,
 )
+from proxops.systems.gravity import BodyField
 from proxops.systems.navigation import load_map
 from proxops.systems.policy import GUIDANCE_FILE
+from proxops.systems.vehicle import FlightEvents
 
 # The navigation takes the lidar's noise for at least this share of the body's size, 2 m at
 # Kleopatra: its arithmetic begins with a position that is known to a few sizes.
@@ -260,6 +263,19 @@ def make_lidar(scenario: Scenario, shape: Polyhedron, seed: int) -> PlanarLidar:
         seed,
         hit_probability=sensor.hit_probability,
         shape_sha256=shape.sha256,
+    )
+
+
+def make_events(scenario: Scenario, body: Body, field: BodyField) -> FlightEvents:
+    """Makes what follows arrival, violations and collision at a body with a true field."""
+    arrival = scenario.arrival
+    return FlightEvents(
+        field,
+        body.keep_out_semi_axes,
+        arrival.radius_m,
+        arrival.speed_m_s,
+        arrival.dwell_s,
+        KEEP_OUT_TOLERANCE,
     )
 
 

@@ -23,7 +23,7 @@ from proxops.diagrams.flight.navigation import (
     navigation_ports,
     needs_navigation,
 )
-from proxops.diagrams.flight.scenario_systems import make_lidar, make_mpc
+from proxops.diagrams.flight.scenario_systems import make_events, make_lidar, make_mpc
 from proxops.diagrams.flight.wiring import LIDAR_STREAM, Wiring
 from proxops.diagrams.flight.world import (
     add_accelerations,
@@ -31,7 +31,7 @@ from proxops.diagrams.flight.world import (
     add_spacecraft,
     add_thrust,
 )
-from proxops.diagrams.logs import CONTROLLER_COLUMNS, KEEP_OUT_TOLERANCE, RESERVED_COLUMNS
+from proxops.diagrams.logs import CONTROLLER_COLUMNS, RESERVED_COLUMNS
 from proxops.diagrams.meshcat import LiveView, Scene, add_live_view
 from proxops.diagrams.scenario import (
     Body,
@@ -275,19 +275,9 @@ def _add_controller(wiring: Wiring, controller: System, signals: Signals) -> Out
 
 def _add_monitor(wiring: Wiring, signals: Signals) -> None:
     """Adds the monitor of arrival, collision and violations of the keep-out ellipsoid."""
-    arrival = wiring.scenario.arrival
-    monitor = wiring.add(
-        "monitor",
-        FlightMonitor(
-            wiring.true_body.gravity_field,
-            wiring.body.keep_out_semi_axes,
-            radius=arrival.radius_m,
-            speed=arrival.speed_m_s,
-            dwell=arrival.dwell_s,
-            tolerance=KEEP_OUT_TOLERANCE,
-            period=wiring.scenario.control_period_s,
-        ),
-    )
+    scenario = wiring.scenario
+    events = make_events(scenario, wiring.body, wiring.true_body.gravity_field)
+    monitor = wiring.add("monitor", FlightMonitor(events, scenario.control_period_s))
     for name in ("state", "target"):
         wiring.builder.Connect(signals[name], monitor.GetInputPort(name))
 

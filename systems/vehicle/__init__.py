@@ -28,6 +28,7 @@ from proxops.systems.vehicle.flight_events import (
     NEVER,
     VIOLATIONS,
     FlightEvents,
+    FlownPath,
 )
 from proxops.systems.vehicle.flight_monitor import FlightMonitor
 from proxops.systems.vehicle.force_noise import ForceNoise
@@ -64,6 +65,7 @@ __all__ = [
     "DelayedHold",
     "FlightEvents",
     "FlightMonitor",
+    "FlownPath",
     "ForceNoise",
     "RandomWalkDisturbance",
     "Spacecraft",

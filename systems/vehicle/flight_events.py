@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
@@ -29,12 +30,24 @@ def containing_ellipsoid(semi_axes: np.ndarray, vertices: np.ndarray) -> np.ndar
     return semi_axes if level <= 1.0 else (1.0 + 1e-9) * level * semi_axes
 
 
+class FlownPath(NamedTuple):
+    """A path that is flown: the cubic through the positions and velocities at its ends."""
+
+    states: np.ndarray
+    """(2, 6) in m and m/s."""
+    targets: np.ndarray
+    """(2, 6) at the same times."""
+    time: float
+    """Of its start, in s."""
+    span: float
+    """How long it takes, in s: more than 0."""
+
+
 class FlightEvents:
     """Follows the outcome of a flight over paths.
 
     An outcome (4,) is the time in s of the last entry into the goal region (NEVER outside it), the
-    number of keep-out violations, 1 after a collision, and 1 after the dwell in the goal region. A
-    path is the cubic through the positions and velocities at its ends.
+    number of keep-out violations, 1 after a collision, and 1 after the dwell in the goal region.
     """
 
     def __init__(
@@ -78,25 +91,12 @@ class FlightEvents:
         """Whether a state (6,) lies in the goal region of a target (6,)."""
         return self._level(state - target) <= 1.0
 
-    def after(
-        self,
-        outcome: np.ndarray,
-        states: np.ndarray,
-        targets: np.ndarray,
-        time: float,
-        span: float,
-    ) -> np.ndarray:
-        """The outcome (4,) after a path.
-
-        Args:
-          outcome: (4,) at the path's start.
-          states, targets: (2, 6) in m and m/s, at its ends.
-          time, span: in s, of its start, and how long it takes: more than 0.
-        """
+    def after(self, outcome: np.ndarray, path: FlownPath) -> np.ndarray:
+        """The outcome (4,) after a path, from that at its start."""
         outcome = outcome.copy()
-        self._follow(outcome, states, targets, time, span)
-        start, end = states
-        if self._violates(start, end, span):
+        self._follow(outcome, path)
+        start, end = path.states
+        if self._violates(start, end, path.span):
             outcome[VIOLATIONS] += 1.0
         blocked = blocks_segment(self._around, start[:3], end[:3])
         if blocked and self._hits_body(start[:3], end[:3]):
@@ -130,26 +130,13 @@ class FlightEvents:
         distance = math.hypot(*error[:3]) / self._radius
         return max(distance, math.hypot(*error[3:]) / self._speed)
 
-    def _follow(
-        self,
-        outcome: np.ndarray,
-        states: np.ndarray,
-        targets: np.ndarray,
-        time: float,
-        span: float,
-    ) -> None:
-        """Follows entry into the goal region, exit and dwell over a path, in the outcome.
-
-        Args:
-          outcome: (4,) at the path's start.
-          states, targets: (2, 6) at its ends.
-          time, span: in s, of its start, and how long it takes.
-        """
+    def _follow(self, outcome: np.ndarray, path: FlownPath) -> None:
+        """Follows entry into the goal region, exit and dwell over a path, in the outcome (4,)."""
         was = outcome[ENTERED_GOAL] < NEVER
-        ends_inside = self._level(states[1] - targets[1]) <= 1.0
-        until = time + span
+        ends_inside = self.is_in_region(path.states[1], path.targets[1])
+        until = path.time + path.span
         if was != ends_inside:
-            crossed = time + self._crossing(states, targets, span)
+            crossed = path.time + self._crossing(path)
             if was:
                 until = crossed
             else:
@@ -159,14 +146,15 @@ class FlightEvents:
         elif not ends_inside:
             outcome[ENTERED_GOAL] = NEVER
 
-    def _crossing(self, states: np.ndarray, targets: np.ndarray, span: float) -> float:
-        """When, in s, a path from state to state (2, 6) crosses the edge of the goal region."""
-        path = CubicHermiteSpline([0.0, span], states[:, :3], states[:, 3:])
-        rate = path.derivative()
+    def _crossing(self, path: FlownPath) -> float:
+        """How long, in s, after its start a path crosses the edge of the goal region."""
+        states, targets, _, span = path
+        curve = CubicHermiteSpline([0.0, span], states[:, :3], states[:, 3:])
+        rate = curve.derivative()
 
         def level(time: float) -> float:
             target = targets[0] + time / span * (targets[1] - targets[0])
-            return self._level(np.concatenate([path(time), rate(time)]) - target) - 1.0
+            return self._level(np.concatenate([curve(time), rate(time)]) - target) - 1.0
 
         # Rounding may put a state on the edge on either side of it.
         if not level(0.0) * level(span) < 0.0:

@@ -12,13 +12,13 @@ from pydrake.systems.framework import (
 )
 
 from proxops.systems.common import check_positive
-from proxops.systems.gravity import BodyField
 from proxops.systems.vehicle.flight_events import (
     COLLIDED,
     ENTERED_GOAL,
     FINISHED,
     NEVER,
     FlightEvents,
+    FlownPath,
 )
 
 
@@ -35,44 +35,31 @@ class FlightMonitor(LeafSystem):
     The path since the last control step is the cubic through both states' positions and velocities.
     From it, `outcome` has at any time
 
-    * when the spacecraft entered or left the goal region (within `radius` and `speed` of the
-      target): where the thrust does not change within the period, to a millisecond,
-    * a violation for each time that it goes deeper than `tolerance` into the keep-out ellipsoid,
+    * when the spacecraft entered or left the goal region of `FlightEvents`: where the thrust does
+      not change within the period, to a millisecond,
+    * a violation for each time that it goes too deep into the keep-out ellipsoid,
     * a collision, if the chord of the path meets the true mesh: the flight ends,
-    * whether it has spent `dwell` in the goal region without a break: the flight ends at the first
-      control step at which this is so.
+    * whether it has spent the dwell in the goal region without a break: the flight ends at the
+      first control step at which this is so.
 
     When the spacecraft enters the mesh and stays there, a witness function finds it to a fraction
     of a millisecond, and the flight ends there. Arrival has no witness function: Drake integrates
     some 200 times to find the zero of one.
     """
 
-    def __init__(
-        self,
-        field: BodyField,
-        keep_out_semi_axes: np.ndarray,
-        radius: float,
-        speed: float,
-        dwell: float,
-        tolerance: float = 1.0,
-        period: float = 10.0,
-    ):
-        """Takes the true body and what counts as arrival and as violation.
+    def __init__(self, events: FlightEvents, period: float = 10.0):
+        """Takes the true body with what counts as arrival and violation, and the control period.
 
         Args:
-          field: the true body's field in K, which knows what is inside the body.
-          keep_out_semi_axes: (3,) in m, of the keep-out ellipsoid. The true mesh may stick out.
-          radius, speed: size of the goal region in m and m/s.
-          dwell: time in s in the goal region after which the flight ends.
-          tolerance: depth in m from which the keep-out ellipsoid counts as violated.
+          events: knows the true body, the keep-out ellipsoid and the goal region.
           period: control period in s.
 
         Raises:
-          InputError: one of them is not positive, or the dwell or the tolerance is negative.
+          InputError: the period is not positive.
         """
         super().__init__()
         check_positive("FlightMonitor", period=period)
-        self._events = FlightEvents(field, keep_out_semi_axes, radius, speed, dwell, tolerance)
+        self._events = events
         self._state_port = self.DeclareVectorInputPort(name="state", size=6)
         self._target_port = self.DeclareVectorInputPort(name="target", size=6)
         self._outcome_index = self.DeclareDiscreteState(BasicVector([NEVER, 0.0, 0.0, 0.0]))
@@ -143,4 +130,4 @@ class FlightMonitor(LeafSystem):
             return outcome
         states = np.stack([last[:6], self._state_port.Eval(context)])
         targets = np.stack([last[6:12], self._target_port.Eval(context)])
-        return self._events.after(outcome, states, targets, last[12], duration)
+        return self._events.after(outcome, FlownPath(states, targets, last[12], duration))

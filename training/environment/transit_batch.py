@@ -11,8 +11,7 @@ from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
-from proxops.diagrams.flight import LIDAR_STREAM, make_lidar
-from proxops.diagrams.logs import KEEP_OUT_TOLERANCE
+from proxops.diagrams.flight import LIDAR_STREAM, make_events, make_lidar
 from proxops.diagrams.scenario import (
     Body,
     Scenario,
@@ -31,7 +30,7 @@ from proxops.systems.vehicle import (
     FINISHED,
     NEVER,
     VIOLATIONS,
-    FlightEvents,
+    FlownPath,
     rotating_frame_acceleration,
 )
 from proxops.training.environment.observations import (
@@ -92,15 +91,7 @@ class TransitBatch(gymnasium.vector.VectorEnv):
         _check_plain(self.scenario)
         self._body = load_body(self.scenario.body).with_gravity(self.scenario.gravity)
         self._motion = _Motion(self.scenario, self._body)
-        arrival = self.scenario.arrival
-        self._events = FlightEvents(
-            self._body.gravity_field,
-            self._body.keep_out_semi_axes,
-            arrival.radius_m,
-            arrival.speed_m_s,
-            arrival.dwell_s,
-            KEEP_OUT_TOLERANCE,
-        )
+        self._events = make_events(self.scenario, self._body, self._body.gravity_field)
         self._with_frames = observation == "lidar"
         self._lidar = make_lidar(self.scenario, self._body.shape, 0)
         self.num_envs = num_envs
@@ -204,13 +195,13 @@ class TransitBatch(gymnasium.vector.VectorEnv):
         calm &= self._outcomes[which, ENTERED_GOAL] == NEVER
         for k in np.flatnonzero(~calm):
             index = np.flatnonzero(which)[k]
-            self._outcomes[index] = self._events.after(
-                self._outcomes[index],
+            path = FlownPath(
                 np.stack([starts[k], ends[k]]),
                 np.stack([targets[k], targets[k]]),
                 float(began[k]),
                 span,
             )
+            self._outcomes[index] = self._events.after(self._outcomes[index], path)
 
     def _distances(self) -> np.ndarray:
         """Distances (num_envs,) in m from the goals."""
