@@ -16,8 +16,9 @@ from proxops.systems.navigation.frame_model import FrameModel
 # A residual beyond this many of its standard deviations is rejected.
 _GATE = 5.0
 # The frame is linearised anew until the predicted ranges change by less than this share of the
-# noise (root mean square).
-_CLOSE, _MOST_ITERATIONS = 0.3, 8
+# noise (root mean square). More returns than the second number give a better estimate, which is
+# to be met as well: then the changes are to be smaller.
+_CLOSE, _USUAL, _MOST_ITERATIONS = 0.3, 160, 8
 # Where the map's error is estimated, more returns than this take longer and say little more.
 _ENOUGH = 240
 _POSE = np.r_[POSITION, ATTITUDE]
@@ -105,6 +106,7 @@ def corrected(
         moved = update.moved
         supposed = _moved(prior, moved)
         iteration += 1
+        change *= max(1.0, used / _USUAL)
         if change < (_CLOSE * model.noise_std) ** 2 or iteration == _MOST_ITERATIONS:
             break
     return Correction(
