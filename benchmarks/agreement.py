@@ -222,7 +222,7 @@ def main() -> None:
     for heading in ("", "path (km)", "ours", "Basilisk, volume mended", "Basilisk as it is"):
         table.add_column(heading, justify="left" if not heading else "right")
     for name in track(arguments.bodies, "flying", console=Console(stderr=True)):
-        for share, motion in ((0.0, "free"), (0.05, "thrusted")):
+        for share, motion in ((0.0, "free"), (0.005, "thrusted")):
             case = make_case(name, arguments.out, arguments.hours, share)
             right, factor = reference(case), absolute_volumes(case.body)
             found = [ours(case), by_basilisk(case, factor)]
