@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses as dc
 import enum
 import json
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -25,7 +26,9 @@ from proxops.cli.common import (
     work_bar,
 )
 from proxops.diagrams.flight import Workers
-from proxops.diagrams.scenario import load_scenario
+from proxops.diagrams.logs import FlightLog
+from proxops.diagrams.scenario import Scenario, load_scenario
+from proxops.systems.common import InputError
 from proxops.systems.lidar import FRAME_NETWORK
 from proxops.training.data import collect, histogram_rows, learned_lidar_of, parse_mix, report_rows
 
@@ -70,6 +73,13 @@ def collect_command(
             "out/lidar/bundle; with --lidar paper, out/lidar/paper_bundle."
         ),
     ] = None,
+    minari: Annotated[
+        str | None,
+        typer.Option(
+            help="Also write the flights as a data set of Minari, such as proxops/expert-v0, with "
+            "frames if the logs have them. It takes proxops[gym]."
+        ),
+    ] = None,
     settings: ScenarioChanges = None,
     dispersions: DispersionsName = None,
     out: Annotated[Path, typer.Option(help="Folder for the logs and manifest.json.")] = (
@@ -91,9 +101,12 @@ def collect_command(
       proxops collect --recovery full --seed 1 --transits 1000 --out out/full
 
       proxops collect --recovery nominal=1,noise=3 --set force_noise.std_n=2 --lidar none
+
+      proxops collect --lidar none --minari proxops/expert-v0 --out out/expert
     """
     mix = parse_mix(recovery)
     check_folder(out)
+    write = None if minari is None else _minari_writer(minari)
     changes = with_dispersions(settings, dispersions)
     wanted = load_scenario(scenario, changes, on_true_state=True)
     if lidar == LidarSource.NONE:
@@ -107,12 +120,36 @@ def collect_command(
         learned = learned_lidar_of(wanted, bundle.resolve(), FRAME_NETWORK)
     with work_bar("flying") as progress:
         fleet = Workers(workers, scheduler, progress)
-        _, report = collect(wanted, mix, seed, transits, out, learned_lidar=learned, workers=fleet)
+        manifest, report = collect(
+            wanted, mix, seed, transits, out, learned_lidar=learned, workers=fleet
+        )
+    if write is not None:
+        files = [out / "flights" / row["file"] for row in manifest["flights"]]
+        write(map(FlightLog.load, files), wanted, seed)
+        status.print(f"Wrote them as {minari}: minari.load_dataset({minari!r})")
     if as_json:
         typer.echo(json.dumps(report, indent=2))
     else:
         _print(report)
     status.print(f"Wrote {transits} logs, manifest.json, report.json and report.md in {out}")
+
+
+def _minari_writer(name: str) -> Callable[[Iterable[FlightLog], Scenario, int], object]:
+    """Gives what writes flights as a data set of Minari.
+
+    Raises:
+      InputError: the data set cannot be made; see `check_minari_name`.
+    """
+    try:
+        from proxops.training.environment import check_minari_name, write_minari
+    except ModuleNotFoundError as error:
+        raise InputError(
+            f"--minari: {error.name} is not installed: pip install 'proxops[gym]'"
+        ) from error
+    check_minari_name(name)
+    return lambda logs, scenario, seed: write_minari(
+        name, logs, scenario, seed, "lidar" if scenario.log_ranges else "state"
+    )
 
 
 def _print(report: dict[str, Any]) -> None:

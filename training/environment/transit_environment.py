@@ -27,6 +27,7 @@ from proxops.diagrams.scenario import (
     load_scenario,
     make_true_body,
     of_transit,
+    parse_scenario,
 )
 from proxops.systems.vehicle import COLLIDED, FINISHED, VIOLATIONS
 from proxops.training.environment.observations import (
@@ -68,7 +69,8 @@ class TransitEnvironment(gymnasium.Env):
         """Takes the scenario and what the pilot sees of it.
 
         Args:
-          scenario: a scenario, or the path of its YAML file; None: the usual one, at Kleopatra.
+          scenario: a scenario, the path of its YAML file, or the text of a whole one; None: the
+            usual one, at Kleopatra.
           observation: `state` or `lidar`.
           dispersions: name or file of those that each episode's world is drawn from.
           transits: seed of the transits.
@@ -78,7 +80,7 @@ class TransitEnvironment(gymnasium.Env):
           InputError: the observation is none of the two, or the scenario cannot be flown.
         """
         check_observation(observation)
-        given = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
+        given = _given(scenario)
         own = {"log_ranges": False} | dict(changes or {})
         own |= {} if dispersions is None else {"dispersions": dispersions}
         self.scenario, self._transits = change_scenario(given, own), transits
@@ -176,6 +178,15 @@ class TransitEnvironment(gymnasium.Env):
         known = np.isfinite(seen["state"]).all()
         state = seen["state"] if known else np.zeros(6)
         return found | {"state": state, "known": np.array([known], dtype=np.int8)}
+
+
+def _given(scenario: Scenario | str | None) -> Scenario:
+    """The scenario that the argument of an environment gives."""
+    if isinstance(scenario, Scenario):
+        return scenario
+    if scenario is not None and "\n" in scenario:
+        return parse_scenario(scenario)
+    return load_scenario(scenario)
 
 
 class _Episode:
