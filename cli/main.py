@@ -10,7 +10,18 @@ from typing import Annotated
 
 import typer
 
-from proxops.cli import collect, dagger, evaluate, fly, replay, reproduce, shape, train, train_lidar
+from proxops.cli import (
+    collect,
+    dagger,
+    evaluate,
+    fly,
+    replay,
+    reproduce,
+    score,
+    shape,
+    train,
+    train_lidar,
+)
 from proxops.systems.common import InputError
 
 app = typer.Typer(
@@ -42,6 +53,7 @@ def _options(
 
 app.command("fly")(fly.fly_command)
 app.command("evaluate")(evaluate.evaluate_command)
+app.command("score")(score.score_command)
 app.command("collect")(collect.collect_command)
 app.command("replay")(replay.replay_command)
 app.command("shape")(shape.shape_command)

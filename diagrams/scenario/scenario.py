@@ -86,11 +86,14 @@ def parse_scenario(text: str, source: str = "scenario") -> Scenario:
     return scenario
 
 
-def change_scenario(scenario: Scenario, changes: typing.Mapping[str, typing.Any]) -> Scenario:
+def change_scenario(
+    scenario: Scenario, changes: typing.Sequence[str] | typing.Mapping[str, typing.Any]
+) -> Scenario:
     """Gives a copy of a scenario in which some values are changed.
 
     Args:
-      changes: dotted keys and their new values, such as `{"hybrid.gate": "paper"}`.
+      changes: dotted keys and their new values, such as `{"hybrid.gate": "paper"}`, or texts
+        `key.subkey=value` with the value in YAML.
 
     Raises:
       InputError: a key is unknown, or a value has the wrong type or is beyond its limits.

@@ -11,6 +11,7 @@ from proxops.studies.evaluation.figures import Looks, controller_looks, draw_pat
 from proxops.studies.evaluation.flights import describe_flight, shown_logs
 from proxops.studies.evaluation.monte_carlo_report import write_worst
 from proxops.studies.evaluation.report import Evaluation, evaluation_sections
+from proxops.studies.evaluation.statistics_of_flights import exact_interval
 from proxops.studies.evaluation.table import arrival_text, figure_rows, outcome
 from proxops.studies.evaluation.variants import (
     Variant,
@@ -33,6 +34,7 @@ __all__ = [
     "describe_flight",
     "draw_paths",
     "evaluation_sections",
+    "exact_interval",
     "figure_rows",
     "fly_logs",
     "fly_variants",

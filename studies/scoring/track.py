@@ -1,0 +1,167 @@
+"""`Track`: transits and worlds that are written down, so that no later version draws others."""
+
+from __future__ import annotations
+
+import dataclasses as dc
+import hashlib
+import json
+import typing
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+
+from proxops import assets
+from proxops.diagrams.flight import Flight, body_sha256, controller_label, provenance
+from proxops.diagrams.scenario import (
+    Scenario,
+    change_scenario,
+    check_flyable,
+    draw_world,
+    dump_scenario,
+    load_body,
+    make_true_body,
+    of_transit,
+    parse_mapping,
+    parse_scenario,
+    scenario_transit,
+)
+from proxops.systems.common import InputError, write_whole
+
+TRACKS = {
+    "state": "ae1f4c6513fc0971fca17b917953a200cd6743cf8c8ff03f36fa48ded10ced1b",
+    "lidar": "7d166da3b2a9244b3315c5ee3f8689c9667faa864eb104c834b437abdb692687",
+    "lidar-after-survey": "6488e8164da5990ec2de4dc6bb9ce3436a8d351a2e4e1919e75f7d0f6b4cbf8e",
+}
+"""The tracks that ship, and the SHA-256 of each."""
+ON_BOARD = ("mpc", "policy", "hybrid")
+"""Parts of the scenario that belong to the spacecraft's software: who is scored may change them."""
+
+_SHIPPED = Path(assets.__file__).parent / "tracks"
+
+
+@dc.dataclass(frozen=True)
+class Track:
+    """Transits that are the same for ever, each in its world."""
+
+    name: str
+    scenario: str
+    """YAML of the whole scenario of the first transit."""
+    body_sha256: str
+    """Hash of the body, as `body_sha256` gives it."""
+    changes: Sequence[Mapping[str, typing.Any]]
+    """What each transit changes in the scenario: values by dotted keys."""
+    expert_delta_v_m_s: Sequence[float | None]
+    """What the MPC took for each transit; None: it did not succeed. Empty: it was not flown."""
+
+    @property
+    def sha256(self) -> str:
+        """Hash of all of the track."""
+        return hashlib.sha256(_text(self).encode()).hexdigest()
+
+    def flights(self, controller: str, settings: Sequence[str] = ()) -> list[Flight]:
+        """Gives the flights of the track by a controller.
+
+        Args:
+          controller: as `named_controller` takes it.
+          settings: texts `key=value` that change the spacecraft's own software.
+
+        Raises:
+          InputError: a setting is of something else; the body is not that of the track; or see
+            `change_scenario` and `provenance`.
+        """
+        for setting in settings:
+            part = setting.partition("=")[0].partition(".")[0]
+            if part not in ON_BOARD:
+                raise InputError(
+                    f"--set {setting}: a track is flown as it is; only what is on board may be "
+                    f"changed: {', '.join(ON_BOARD)}"
+                )
+        first = change_scenario(parse_scenario(self.scenario), settings)
+        body = load_body(first.body)
+        if body_sha256(body) != self.body_sha256:
+            raise InputError(
+                f"track {self.name}: the body {first.body} is not the one of the track"
+            )
+        origin = provenance(first, body, controller)
+        stem = controller_label(controller)
+        return [
+            Flight(
+                f"{stem}-{number:05d}",
+                dump_scenario(change_scenario(first, change)),
+                controller,
+                origin,
+            )
+            for number, change in enumerate(self.changes)
+        ]
+
+
+def draw_track(name: str, scenario: Scenario, seed: int, count: int) -> Track:
+    """Draws transits 0 … count - 1 of a seed, and their worlds, to be written down.
+
+    Raises:
+      InputError: see `draw_transit` and `draw_world`.
+      UnflyableWorldError: a transit cannot begin in its world.
+    """
+    body = load_body(scenario.body)
+    worlds = []
+    for index in range(count):
+        own = of_transit(scenario, seed, index)
+        ends = scenario_transit(own, body)
+        world = draw_world(own, body)
+        check_flyable(make_true_body(body, world.truth), ends, world)
+        fixed = dc.replace(world.transit, start_m=ends.start.tolist(), goal_m=ends.goal.tolist())
+        worlds.append(dump_scenario(dc.replace(world, transit=fixed)))
+    first, *_ = trees = [dict(_leaves(parse_mapping(world, name))) for world in worlds]
+    changes = [{key: tree[key] for key in tree if tree[key] != first[key]} for tree in trees]
+    return Track(name, worlds[0], body_sha256(body), changes, [])
+
+
+def load_track(name: str) -> Track:
+    """Reads a track: one of `TRACKS` by its name, or a file that `save_track` wrote.
+
+    Raises:
+      InputError: there is no such track; its file cannot be read; or a track that ships is not what
+        it was.
+    """
+    path = _SHIPPED / f"{name}.json" if name in TRACKS else Path(name)
+    if not path.is_file():
+        raise InputError(
+            f"no track {name!r}: name one of {', '.join(TRACKS)}, or a track's JSON file"
+        )
+    try:
+        track = Track(**json.loads(path.read_text(encoding="utf-8")))
+    except (TypeError, UnicodeDecodeError, ValueError) as error:
+        raise InputError(f"{path} is not a track: {error}") from error
+    if name in TRACKS and track.sha256 != TRACKS[name]:
+        raise InputError(
+            f"{path} is not the track {name!r} any more: its hash is {track.sha256}, not "
+            f"{TRACKS[name]}; install proxops again"
+        )
+    return track
+
+
+def save_track(track: Track, path: Path) -> None:
+    """Writes a track as a JSON file."""
+    write_whole(path, lambda name: name.write_text(_text(track), encoding="utf-8"))
+
+
+def _text(track: Track) -> str:
+    """The JSON of a track, with one line for each transit."""
+    parts = dc.asdict(track)
+    lines = [
+        f"{json.dumps(key)}: {_rows(value) if key == 'changes' else json.dumps(value)}"
+        for key, value in parts.items()
+    ]
+    return "{\n" + ",\n".join(lines) + "\n}\n"
+
+
+def _rows(changes: Sequence[Mapping[str, typing.Any]]) -> str:
+    return "[\n" + ",\n".join(json.dumps(change) for change in changes) + "\n]"
+
+
+def _leaves(tree: Mapping[str, typing.Any], prefix: str = "") -> Iterator[tuple[str, typing.Any]]:
+    """Yields the dotted keys of all values of nested mappings, with the values."""
+    for key, value in tree.items():
+        if isinstance(value, dict) and value:
+            yield from _leaves(value, f"{prefix}{key}.")
+        else:
+            yield prefix + key, value
