@@ -27,9 +27,9 @@ from proxops.diagrams.scenario import (
 from proxops.systems.common import InputError, write_whole
 
 TRACKS = {
-    "state": "ae1f4c6513fc0971fca17b917953a200cd6743cf8c8ff03f36fa48ded10ced1b",
-    "lidar": "7d166da3b2a9244b3315c5ee3f8689c9667faa864eb104c834b437abdb692687",
-    "lidar-after-survey": "6488e8164da5990ec2de4dc6bb9ce3436a8d351a2e4e1919e75f7d0f6b4cbf8e",
+    "state": "269914ef78ad88ebcd9d2f906623506242cb5564527976dc3a4a36921ece9e35",
+    "lidar": "7751fd493a54c651e4340df68bedcf2e8162b124407db26d1baa8bfe58edffd5",
+    "lidar-after-survey": "729d24d3b02bed96a29b7f32fd81e17887357875a7e6523913ac68b2a32a4f85",
 }
 """The tracks that ship, and the SHA-256 of each."""
 ON_BOARD = ("mpc", "policy", "hybrid")
