@@ -14,7 +14,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK = 1
 unexport PYTHONDONTWRITEBYTECODE
 
 .DELETE_ON_ERROR:
-.PHONY: help install fly test lint bench notebooks docs train clean links
+.PHONY: help install fly test lint bench notebooks docs train gym clean links
 
 help:
 	@echo "make fly        install, and fly one transit with the hybrid into $(FLIGHT)"
@@ -25,6 +25,7 @@ help:
 	@echo "make notebooks  run every notebook"
 	@echo "make docs       build the documentation into build/site"
 	@echo "make train      install what training needs (PyTorch)"
+	@echo "make gym        install what learning on transits needs (Gymnasium, Minari, PyTorch)"
 	@echo "make clean      remove .venv, build and caches"
 
 install: .venv/core.stamp
@@ -74,6 +75,8 @@ docs: .venv/docs.stamp links
 	@echo "open build/site/index.html"
 
 train: .venv/train.stamp
+
+gym: .venv/gym.stamp .venv/train.stamp
 
 clean:
 	rm -rf .venv build dist *.egg-info .pytest_cache .ruff_cache .hypothesis

@@ -27,7 +27,7 @@ from proxops.cli.common import (
 )
 from proxops.diagrams.flight import Workers
 from proxops.diagrams.logs import FlightLog
-from proxops.diagrams.scenario import Scenario, load_scenario
+from proxops.diagrams.scenario import LearnedLidarConfig, Scenario, load_scenario
 from proxops.systems.common import InputError
 from proxops.systems.lidar import FRAME_NETWORK
 from proxops.training.data import collect, histogram_rows, learned_lidar_of, parse_mix, report_rows
@@ -40,6 +40,15 @@ class LidarSource(enum.StrEnum):
     LEARNED = "learned"
     PAPER = "paper"
     NONE = "none"
+
+
+MinariName = Annotated[
+    str | None,
+    typer.Option(
+        help="Also write the flights as a data set of Minari, such as proxops/expert-v0, with "
+        "frames if the logs have them. It takes proxops[gym]."
+    ),
+]
 
 
 def collect_command(
@@ -73,13 +82,7 @@ def collect_command(
             "out/lidar/bundle; with --lidar paper, out/lidar/paper_bundle."
         ),
     ] = None,
-    minari: Annotated[
-        str | None,
-        typer.Option(
-            help="Also write the flights as a data set of Minari, such as proxops/expert-v0, with "
-            "frames if the logs have them. It takes proxops[gym]."
-        ),
-    ] = None,
+    minari: MinariName = None,
     settings: ScenarioChanges = None,
     dispersions: DispersionsName = None,
     out: Annotated[Path, typer.Option(help="Folder for the logs and manifest.json.")] = (
@@ -111,13 +114,7 @@ def collect_command(
     wanted = load_scenario(scenario, changes, on_true_state=True)
     if lidar == LidarSource.NONE:
         wanted = dc.replace(wanted, log_ranges=False)
-    learned = None
-    if lidar == LidarSource.LEARNED:
-        bundle = lidar_bundle or Path("out/lidar/bundle")
-        learned = learned_lidar_of(wanted, bundle.resolve())
-    elif lidar == LidarSource.PAPER:
-        bundle = lidar_bundle or Path("out/lidar/paper_bundle")
-        learned = learned_lidar_of(wanted, bundle.resolve(), FRAME_NETWORK)
+    learned = _learned_lidar(lidar, lidar_bundle, wanted)
     with work_bar("flying") as progress:
         fleet = Workers(workers, scheduler, progress)
         manifest, report = collect(
@@ -132,6 +129,19 @@ def collect_command(
     else:
         _print(report)
     status.print(f"Wrote {transits} logs, manifest.json, report.json and report.md in {out}")
+
+
+def _learned_lidar(
+    source: LidarSource, bundle: Path | None, scenario: Scenario
+) -> LearnedLidarConfig | None:
+    """The network that gives the frames in the logs; None if none does."""
+    if source == LidarSource.LEARNED:
+        bundle = bundle or Path("out/lidar/bundle")
+        return learned_lidar_of(scenario, bundle.resolve())
+    if source == LidarSource.PAPER:
+        bundle = bundle or Path("out/lidar/paper_bundle")
+        return learned_lidar_of(scenario, bundle.resolve(), FRAME_NETWORK)
+    return None
 
 
 def _minari_writer(name: str) -> Callable[[Iterable[FlightLog], Scenario, int], object]:

@@ -1,7 +1,9 @@
 """README.md and docs/ tell of what there is: ports, commands, notebooks, and Python that runs."""
 
 import dataclasses
+import json
 import re
+import runpy
 import shlex
 import shutil
 import sys
@@ -13,6 +15,7 @@ import numpy as np
 import pytest
 import torch
 from ball_lidar import write_ball_bundle
+from commands import proxops, settings
 from contact_binary import contact_binary
 from flight_folders import copy_flights
 from known_guidance import write_guidance
@@ -130,7 +133,7 @@ BRIEF = ("--set", "arrival.deadline_s=50", "--set", "arrival.dwell_s=50")
 # Waits until it is interrupted; needs a cluster; change the shell.
 NOT_RUN = {"--meshcat", "--scheduler", "--install-completion"}
 # Have tests of their own, and take minutes.
-NOT_HERE = {"dagger", "reproduce"}
+NOT_HERE = {"dagger", "reproduce", "score"}
 GROUP: Any = get_command(app)
 OPTIONS_OF_ALL = {option for parameter in GROUP.params for option in parameter.opts} | {"--help"}
 
@@ -198,6 +201,7 @@ def in_brief(words: list[str]) -> list[str]:
 def working_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder in which the code and commands of the pages find what they name."""
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path / "minari"))
     (tmp_path / "out" / "flight").mkdir(parents=True)
     synthetic_log().to_netcdf(tmp_path / "out" / "flight" / "flight.nc")  # `make fly` leaves it.
     copy_flights(tmp_path / "out").rename(tmp_path / "out" / "flights")
@@ -209,8 +213,10 @@ def test_every_command_in_brief(
     working_folder: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     """Page by page, each command in the folder that the ones before it leave."""
-    for name in ("heavy.yaml", "my_controller.py", "my_pd.py", "my_world.yaml"):
+    for name in ("heavy.yaml", "my_controller.py", "my_pd.py", "my_world.yaml", "clone.py"):
         (working_folder / name).write_text(named_block(name))
+    torch.save(run(named_block("clone.py"))["MODEL"].state_dict(), working_folder / "clone.pt")
+    shutil.copy(working_folder / "out" / "flight" / "flight.nc", working_folder / "episode.nc")
     contact_binary(500.0, 2).export(working_folder / "scan.stl")
     shutil.copytree(ROOT / "assets", working_folder / "assets")
     for bundle in ("policy", "dagger/bundle"):
@@ -237,6 +243,25 @@ def test_every_command_in_brief(
     assert len(rows) == 5
     for name in re.findall("`(.*?)`", " ".join(rows)):
         assert (working_folder / "out" / "evaluation" / name).exists()
+
+
+@pytest.mark.slow
+def test_what_learned_from_the_expert_flies(working_folder: Path) -> None:
+    """The example in brief: two short flights to learn from, and few steps of learning."""
+    short = settings({"arrival.deadline_s": 100.0, "arrival.dwell_s": 50.0})
+    words = ["--transits", 2, "--lidar", "none", "--minari", "proxops/expert-v0", *short]
+    assert proxops("collect", *words, "--workers", 1) == 0
+    code = named_block("clone.py")
+    assert len([line for line in code.splitlines() if line.strip()]) <= 40
+    assert "range(6000)" in code
+    (working_folder / "clone.py").write_text(code.replace("range(6000)", "range(20)"))
+    runpy.run_path("clone.py", run_name="__main__")
+    words = ["--controllers", "clone:make", "--transits", 1, *short, "--workers", 1]
+    assert proxops("evaluate", *words, "--out", "out/clone") == 0
+    results = json.loads((working_folder / "out" / "clone" / "results.json").read_text())
+    (flight,) = results["clone:make"]["flights"]
+    # It commands something, and not always the limit.
+    assert 0.0 < flight["delta_v_m_s"] < 3 * 0.07 * 150.0
 
 
 def test_files_of_the_paper_table_exist() -> None:

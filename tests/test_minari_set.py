@@ -39,7 +39,7 @@ def test_an_episode_as_the_environment_gives_it(observation: str) -> None:
     again = found.recover_environment().unwrapped
     assert isinstance(again, TransitEnvironment)
     options = next(iter(found.storage.get_episode_metadata([0])))["options"]
-    seen, _ = again.reset(options=options)
+    (seen, _), over = again.reset(options=options), False
     episode = found[1]
     for k, action in enumerate(episode.actions):
         row = _row(episode, k)

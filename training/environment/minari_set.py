@@ -147,12 +147,13 @@ def _observations(log: FlightLog, observation: str) -> dict[str, np.ndarray]:
             raise InputError("a log has no lidar frames: fly with log_ranges: true")
         ranges = data["ranges"].values.astype(np.float64)
         return {"goal": goal, "ranges": np.where(np.isfinite(ranges), ranges, 0.0)}
-    told = isinstance(log.scenario.navigation, TrueStateConfig)
-    if not told and "navigation_state" not in data:
+    plain = isinstance(log.scenario.navigation, TrueStateConfig)
+    if not plain and "navigation_state" not in data:
         raise InputError("a log has no navigation: its controller did not read the state")
-    states = data["state" if told else "navigation_state"].values
-    known = np.isfinite(states).all(axis=1, keepdims=True)
-    return {"goal": goal, "state": np.where(known, states, 0.0), "known": known.astype(np.int8)}
+    states = data["state" if plain else "navigation_state"].values
+    known = np.isfinite(states).all(axis=1)[:, None]
+    told = known.astype(np.int8)
+    return {"goal": goal, "state": np.where(known, states, 0.0), "known": told}
 
 
 def _forces(data: xr.Dataset) -> np.ndarray:
