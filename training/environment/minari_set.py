@@ -151,8 +151,8 @@ def _observations(log: FlightLog, observation: str) -> dict[str, np.ndarray]:
     if not plain and "navigation_state" not in data:
         raise InputError("a log has no navigation: its controller did not read the state")
     states = data["state" if plain else "navigation_state"].values
-    known = np.isfinite(states).all(axis=1)[:, None]
-    told = known.astype(np.int8)
+    known = np.isfinite(states).all(axis=1, keepdims=True)
+    told = np.asarray(known, dtype=np.int8)
     return {"goal": goal, "state": np.where(known, states, 0.0), "known": told}
 
 
