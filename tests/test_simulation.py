@@ -373,3 +373,12 @@ def test_a_period_of_several_steps_keeps_one_frame_each():
     log = fly(short_scenario(control_period_s=41.23, **brief), "zero", body=kleopatra())
     assert log.dataset.sizes["time"] > 10
     assert len(log.dataset["ranges"]) == log.dataset.sizes["time"]
+
+
+@pytest.mark.parametrize("off", [-1e-12, 0.0, 1e-12])
+def test_an_end_a_rounding_from_a_control_step_is_that_step(off: float) -> None:
+    period, dwell = 8.451, 50.0
+    ends = {"arrival__deadline_s": 16 * period - dwell + off, "arrival__dwell_s": dwell}
+    log = fly(short_scenario(control_period_s=period, **ends), "zero", body=kleopatra())
+    np.testing.assert_allclose(log.dataset["time"], period * np.arange(17), atol=1e-9)
+    assert log.dataset["ranges"].sizes["time"] == 17

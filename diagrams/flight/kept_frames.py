@@ -6,6 +6,11 @@ import numpy as np
 from pydrake.systems.framework import Context, Diagram
 
 
+# Times that are closer than this share of a control period are the same control step: a step's time
+# is a sum of shorter steps, and a flight's end one of two settings.
+ROUNDING = 1e-9
+
+
 class KeptFrames:
     """The frames of a transit diagram as they were received, and what became of their returns.
 
@@ -25,7 +30,7 @@ class KeptFrames:
         self._navigation = None
         if diagram.HasSubsystemNamed("navigation"):
             self._navigation = diagram.GetSubsystemByName("navigation")
-        self._period, self._slack, self._last = period, 1e-9 * period, -np.inf
+        self._period, self._slack, self._last = period, ROUNDING * period, -np.inf
         self.ranges: list[np.ndarray] = []
         self.use: list[np.ndarray] = []
 

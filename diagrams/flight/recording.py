@@ -11,7 +11,7 @@ import numpy as np
 from pydrake.systems.framework import Context, Diagram, System
 from pydrake.systems.primitives import VectorLogSink
 
-from proxops.diagrams.flight.kept_frames import KeptFrames
+from proxops.diagrams.flight.kept_frames import ROUNDING, KeptFrames
 from proxops.diagrams.flight.transit_diagram import logged_ports
 from proxops.diagrams.flight.world import has_thruster_errors, thruster_errors
 from proxops.diagrams.logs import (
@@ -118,7 +118,7 @@ def _sampled(flown: Flown) -> tuple[np.ndarray, Columns]:
 def _with_end(flown: Flown, times: np.ndarray, columns: Columns) -> tuple[np.ndarray, Columns]:
     """Adds a last row if the flight ended between two control steps; it repeats the held values."""
     end = flown.context.get_time()
-    if end <= times[-1]:
+    if end <= times[-1] + ROUNDING * flown.scenario.control_period_s:
         return times, columns
     columns = {name: np.concatenate([rows, rows[-1:]]) for name, rows in columns.items()}
     for name, system in (
