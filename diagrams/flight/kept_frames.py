@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from pydrake.systems.framework import Context, Diagram
 
-
 # Times that are closer than this share of a control period are the same control step: a step's time
 # is a sum of shorter steps, and a flight's end one of two settings.
 ROUNDING = 1e-9
