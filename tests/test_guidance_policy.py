@@ -23,6 +23,7 @@ from proxops.systems import (
     Polyhedron,
     Surroundings,
 )
+from proxops.systems.policy.guidance_policy import COAST
 from proxops.training.any_body.examples import mirrored
 from proxops.training.any_body.network import AnyBodyGuidance
 
@@ -98,6 +99,7 @@ def test_forces_are_those_of_the_network_within_the_limit(bundle: Path) -> None:
     context = system.CreateDefaultContext()
     network = AnyBodyGuidance(16)
     torch.nn.init.zeros_(network.network[-1].weight)  # type: ignore[arg-type]
+    coasts = []
     for state in ([160e3, 0.0, 0.0, 1.0, -2.0, 0.5], [160e3, 1e4, 0.0, 39.0, 0.0, 0.0]):
         system.GetInputPort("state").FixValue(context, state)
         system.GetInputPort("target").FixValue(context, [160e3, 8e3, 0.0, 0.0, 0.0, 0.0])
@@ -105,8 +107,12 @@ def test_forces_are_those_of_the_network_within_the_limit(bundle: Path) -> None:
         row = told.inputs(np.array([state]), np.array([[160e3, 8e3, 0.0]]))
         with torch.no_grad():
             wanted = 7.0 * network(torch.from_numpy(row)).numpy()[0].clip(-1.0, 1.0)
+        assert np.abs(np.abs(wanted) - 7.0 * COAST).min() > 1e-3
+        wanted[np.abs(wanted) < 7.0 * COAST] = 0.0
         np.testing.assert_allclose(force, wanted, atol=1e-4)
+        coasts.append((force == 0.0).any())
     assert np.abs(force).max() == 7.0
+    assert any(coasts)
     system.GetInputPort("state").FixValue(context, np.full(6, np.nan))
     np.testing.assert_array_equal(system.GetOutputPort("force").Eval(context), np.zeros(3))
     assert system.GetOutputPort("record").Eval(context)[1] == 1

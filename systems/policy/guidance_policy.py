@@ -15,6 +15,10 @@ from proxops.systems.policy.guidance_bundle import GuidanceBundle, run_guidance
 from proxops.systems.policy.neural_policy import NeuralPolicy, PolicyStatus
 from proxops.systems.policy.surroundings import Surroundings
 
+# Least force along an axis, over the thrust limit. The expert coasts, with no force at all; a
+# network that learned from it would command a little all the time, which takes 2 to 3 % more.
+COAST = 0.05
+
 
 class GuidancePolicy(LeafSystem):
     """Runs a guidance network once a control step, on one thread.
@@ -29,8 +33,8 @@ class GuidancePolicy(LeafSystem):
     All vectors are in K, in m, m/s and N. The network was trained for a family of bodies and
     spacecraft, and is told the proportions of the one at hand, and the believed gravity: see
     `Surroundings`. It brings the spacecraft to rest at the target's position; the target's velocity
-    is not used. The force is clipped to the thrust limit. If it is not finite, as without a state,
-    none is commanded.
+    is not used. The force is clipped to the thrust limit, and is none along an axis where it is
+    below `COAST` of it. If it is not finite, as without a state, none is commanded.
 
     The outputs depend on the inputs alone: there is no memory.
     """
@@ -117,5 +121,6 @@ class GuidancePolicy(LeafSystem):
             answer = run_guidance(self.bundle.session, given)
             if all(map(math.isfinite, answer)):
                 limit = self.thrust_limit
+                answer = np.where(np.abs(answer) < COAST, 0.0, answer)
                 force, status = np.clip(limit * answer, -limit, limit), PolicyStatus.ANSWERED
         value.set_value((force, time.perf_counter() - started, status))
