@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from torch import Tensor
 
 from proxops.diagrams.flight import Workers
 from proxops.diagrams.scenario import load_scenario
@@ -30,11 +29,11 @@ ONE_BODY_SEED = 3
 class Blind(AnyBodyGuidance):
     """Is told nothing of the body; only the law knows the natural acceleration."""
 
-    def forward(self, given: Tensor) -> Tensor:
-        hidden = torch.zeros_like(given[:, NATURAL])
-        ball = torch.tensor(BALL).to(given).expand(len(given), len(BALL))
-        told = torch.cat([given[:, : NATURAL.start], hidden, hidden, ball], dim=1)
-        return super().forward(told) - given[:, NATURAL]
+    def __init__(self, width: int):
+        instead = torch.full((INPUTS,), torch.nan)
+        instead[NATURAL] = instead[AT_GOAL] = 0.0
+        instead[NUMBERS] = torch.tensor(BALL)
+        super().__init__(width, instead)
 
 
 def bare_law(dagger: Path, folder: Path) -> Path:

@@ -63,12 +63,12 @@ def test_from_nothing_to_a_flight(tmp_path: Path) -> None:
     assert report["force_errors"]["held out"]["states"] > 10
     bundle = GuidanceBundle.load(tmp_path / "bundle")
     assert bundle.ranges["semi_axis_x"][1] == pytest.approx(1.0 / 0.7, rel=0.1)
-    weights = (tmp_path / "bundle/model.onnx").read_bytes()
+    weights = (tmp_path / "bundle/weights.npz").read_bytes()
     # Once more: nothing is computed again, and the bundle is the same.
     plans = {path: path.stat().st_mtime_ns for path in (tmp_path / "plans").glob("*.npz")}
     train_any_body(tmp_path, SMALL)
     assert plans == {path: path.stat().st_mtime_ns for path in plans}
-    assert (tmp_path / "bundle/model.onnx").read_bytes() == weights
+    assert (tmp_path / "bundle/weights.npz").read_bytes() == weights
     path = next((tmp_path / "family").glob("*-00000/scenario.yaml"))
     scenario = load_scenario(path)
     # It learned at one body: the proportions of another margin lie outside of its family.

@@ -23,6 +23,7 @@ from proxops.systems import (
     Polyhedron,
     Surroundings,
 )
+from proxops.systems.policy import GuidanceNetwork
 from proxops.systems.policy.guidance_policy import COAST
 from proxops.training.any_body.examples import mirrored
 from proxops.training.any_body.network import AnyBodyGuidance
@@ -126,6 +127,45 @@ def test_what_it_did_not_learn_is_refused_by_name(bundle: Path) -> None:
     GuidancePolicy(bundle, weak, 3.5, beyond_family=True)
     with pytest.raises(InputError, match="shortest_semi_axis"):
         dataclasses.replace(told, semi_axes=np.array([1.0, 1.0, 0.0]))
+
+
+@pytest.mark.parametrize("blind", [False, True])
+def test_what_flies_is_the_network_that_was_trained(blind: bool) -> None:
+    """At states far from the ellipsoid and in it, at the goal, at rest, and beyond all limits."""
+    random = np.random.default_rng(0)
+    instead = torch.full((22,), torch.nan)
+    if blind:
+        instead[9:] = torch.rand(13, generator=torch.Generator().manual_seed(1)) + 0.1
+    network = AnyBodyGuidance(32, instead)
+    rows = random.uniform(-1.0, 1.0, (300, 22)) * 10.0 ** random.uniform(-4.0, 1.0, (300, 1))
+    rows[:, 15:] = random.uniform(0.2, 1.5, (300, 7))
+    rows[::7, 6:9] = rows[::7, :3]  # At the goal.
+    rows[::5, 3:6] = 0.0
+    rows = rows.astype(np.float32)
+    with torch.no_grad():
+        network.network[-1].weight.mul_(30.0)  # type: ignore[operator, union-attr]
+        wanted = network(torch.from_numpy(rows)).numpy()
+    got = np.array([network.compiled().run(row) for row in rows])
+    np.testing.assert_allclose(got, wanted, rtol=2e-4, atol=2e-5 * np.abs(wanted).max())
+    kept = GuidanceNetwork.from_bytes(network.compiled().to_bytes())
+    np.testing.assert_array_equal([kept.run(row) for row in rows], got)
+
+
+@pytest.mark.parametrize(
+    ("name", "array", "words"),
+    [
+        ("weights_2", np.zeros((16, 15), np.float32), "weights_2 is float32 .*not float32"),
+        ("biases_4", np.zeros(6), "biases_4 is float64"),
+        ("law", np.array([1.0, np.nan], np.float32), "law has numbers that are not finite"),
+        ("law", np.array([1.0, 0.0], np.float32), "law must be positive"),
+        ("bends", np.array([None] * 9), "cannot be read"),
+    ],
+)
+def test_arrays_of_other_networks_are_refused(name: str, array: np.ndarray, words: str) -> None:
+    """Also those that would run code while they are read."""
+    other = AnyBodyGuidance(16).compiled()._replace(**{name: array})
+    with pytest.raises(InputError, match=words):
+        GuidanceNetwork.from_bytes(other.to_bytes())
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from proxops.systems.common.onnx_bundle import open_session
+from proxops.systems.common.bundles import open_session
 from proxops.training.export.onnx_export import onnx_bytes
 from proxops.training.pilot.state_filter import MEMORY, Motion, StateFilter
 

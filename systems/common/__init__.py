@@ -8,13 +8,13 @@ systems that draw them. `write_whole` gives a file its name only when all of it 
 room imports nothing else of proxops, and every other room depends on it.
 """
 
+from proxops.systems.common.bundles import MODEL_FILE, BundleKind, open_session, read_bundle
 from proxops.systems.common.checks import LARGEST, check_not_negative, check_positive
 from proxops.systems.common.controller_offers import LegendEntry, LoggedPort
 from proxops.systems.common.counter_noise import derived_seed, generator
 from proxops.systems.common.deviations import error_bounds
 from proxops.systems.common.errors import InputError, SolverFailure
 from proxops.systems.common.files import file_sha256, make_folder, write_whole
-from proxops.systems.common.onnx_bundle import MODEL_FILE, BundleKind, open_session, read_bundle
 from proxops.systems.common.progress import Progress, part_of, silent
 from proxops.systems.common.rotations import rotation_matrix
 from proxops.systems.common.seeded_system import SeededSystem

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from proxops.systems.common import BundleKind, InputError, read_bundle
+from proxops.systems.common import BundleKind, InputError, open_session, read_bundle
 
 if typing.TYPE_CHECKING:
     import onnxruntime as ort
@@ -68,7 +68,8 @@ class LidarBundle:
             says which.
         """
         folder = Path(path)
-        content, sha256, session = read_bundle(folder, _KIND)
+        content, sha256, model = read_bundle(folder, _KIND)
+        session = open_session(model)
         source = folder / LIDAR_FILE
         kind = content.get("kind", RAY_NETWORK)
         centre = semi_axes = np.zeros(3)

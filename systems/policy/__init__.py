@@ -12,12 +12,10 @@ bundle has to be trained again.
 from proxops.systems.policy.guidance_bundle import (
     GUIDANCE_FILE,
     GUIDANCE_FORMAT,
-    GUIDANCE_INPUT,
-    GUIDANCE_OUTPUT,
+    WEIGHTS_FILE,
     GuidanceBundle,
-    check_guidance_network,
-    run_guidance,
 )
+from proxops.systems.policy.guidance_network import GuidanceNetwork
 from proxops.systems.policy.guidance_policy import GuidancePolicy
 from proxops.systems.policy.neural_policy import NeuralPolicy, PolicyStatus, policy_answer
 from proxops.systems.policy.policy_bundle import (
@@ -35,23 +33,21 @@ from proxops.systems.policy.surroundings import INPUTS, Surroundings
 __all__ = [
     "GUIDANCE_FILE",
     "GUIDANCE_FORMAT",
-    "GUIDANCE_INPUT",
-    "GUIDANCE_OUTPUT",
     "INPUTS",
     "POLICY_FILE",
     "POLICY_FORMAT",
     "POLICY_INPUTS",
     "POLICY_OUTPUTS",
+    "WEIGHTS_FILE",
     "GuidanceBundle",
+    "GuidanceNetwork",
     "GuidancePolicy",
     "NeuralPolicy",
     "PolicyBundle",
     "PolicyStatus",
     "ProportionalDerivative",
     "Surroundings",
-    "check_guidance_network",
     "check_network",
     "policy_answer",
-    "run_guidance",
     "run_network",
 ]

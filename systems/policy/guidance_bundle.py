@@ -3,32 +3,24 @@
 from __future__ import annotations
 
 import math
-import typing
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import numpy as np
-
 from proxops.systems.common import BundleKind, InputError, read_bundle
-from proxops.systems.policy.surroundings import INPUTS
+from proxops.systems.policy.guidance_network import GuidanceNetwork
 
-if typing.TYPE_CHECKING:
-    import onnxruntime as ort
-
-GUIDANCE_FORMAT = "proxops guidance 1"
-GUIDANCE_FILE = "guidance.json"
-GUIDANCE_INPUT, GUIDANCE_OUTPUT = "given", "force"
-"""Names of the network's input, one row of `Surroundings.inputs`, and of its output, the force
-(3) over the thrust limit; both are float32."""
+GUIDANCE_FORMAT = "proxops guidance 2"
+GUIDANCE_FILE, WEIGHTS_FILE = "guidance.json", "weights.npz"
 _KIND = BundleKind(
     noun="guidance",
     file=GUIDANCE_FILE,
     format=GUIDANCE_FORMAT,
     keys={
         "recipe": str, "ranges": dict, "data_sha256": str, "metrics": dict, "model_sha256": str,
-        "onnx_difference": float, "versions": dict,
+        "kernel_difference": float, "versions": dict,
     },
     command="proxops train --recipe any-body",
+    model=WEIGHTS_FILE,
 )  # fmt: skip
 
 
@@ -43,7 +35,7 @@ class GuidanceBundle:
     """Least and greatest value of each of `Surroundings.numbers` in the family."""
     sha256: str
     """Hash of `guidance.json`, which holds the network's hash. It identifies the bundle."""
-    session: ort.InferenceSession = field(repr=False)
+    network: GuidanceNetwork = field(repr=False)
 
     @classmethod
     def load(cls, path: str | Path) -> GuidanceBundle:
@@ -54,7 +46,7 @@ class GuidanceBundle:
             which.
         """
         folder = Path(path)
-        content, sha256, session = read_bundle(folder, _KIND)
+        content, sha256, weights = read_bundle(folder, _KIND)
         try:
             ranges = {
                 name: (float(low), float(high)) for name, (low, high) in content["ranges"].items()
@@ -64,10 +56,10 @@ class GuidanceBundle:
         if not all(math.isfinite(low) and low <= high < math.inf for low, high in ranges.values()):
             raise InputError(f"{folder / GUIDANCE_FILE} is damaged: a range is empty")
         try:
-            check_guidance_network(session)
+            network = GuidanceNetwork.from_bytes(weights)
         except InputError as error:
             raise InputError(f"{folder} is no guidance: {error}") from error
-        return cls(folder, content["recipe"], ranges, sha256, session)
+        return cls(folder, content["recipe"], ranges, sha256, network)
 
     def beyond(self, numbers: dict[str, float]) -> list[str]:
         """Says which of `Surroundings.numbers` lie outside the family, each with its range."""
@@ -79,21 +71,3 @@ class GuidanceBundle:
             if not low - slack <= value <= high + slack:
                 found.append(f"{name} is {value:.3g}, and it learned {low:.3g} to {high:.3g}")
         return found
-
-
-def check_guidance_network(session: ort.InferenceSession) -> None:
-    """Raises `InputError` if a network's input and output are not those of a guidance."""
-    for kind, name, size, values in (
-        ("input", GUIDANCE_INPUT, INPUTS, session.get_inputs()),
-        ("output", GUIDANCE_OUTPUT, 3, session.get_outputs()),
-    ):
-        wanted = [(name, "tensor(float)", [1, size])]
-        got = [(value.name, value.type, list(value.shape)) for value in values]
-        if got != wanted:
-            raise InputError(f"the network's {kind} is {got}, not {wanted}")
-
-
-def run_guidance(session: ort.InferenceSession, given: np.ndarray) -> np.ndarray:
-    """Runs the network on one row (1, 22): the force (3,) over the thrust limit, float64."""
-    [force] = session.run([GUIDANCE_OUTPUT], {GUIDANCE_INPUT: given})
-    return np.asarray(force, dtype=np.float64)[0]

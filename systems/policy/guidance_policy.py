@@ -11,7 +11,7 @@ from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import LeafSystem, ValueProducer
 
 from proxops.systems.common import InputError, LoggedPort, check_positive
-from proxops.systems.policy.guidance_bundle import GuidanceBundle, run_guidance
+from proxops.systems.policy.guidance_bundle import GuidanceBundle
 from proxops.systems.policy.neural_policy import NeuralPolicy, PolicyStatus
 from proxops.systems.policy.surroundings import Surroundings
 
@@ -118,7 +118,7 @@ class GuidancePolicy(LeafSystem):
         if all(map(math.isfinite, state)):
             goals, constant = self._goal.Eval(context)
             given = np.concatenate([self.surroundings.way(state[None], goals), constant], axis=1)
-            answer = run_guidance(self.bundle.session, given)
+            answer = self.bundle.network.run(given[0])
             if all(map(math.isfinite, answer)):
                 limit = self.thrust_limit
                 answer = np.where(np.abs(answer) < COAST, 0.0, answer)

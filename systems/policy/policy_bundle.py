@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from proxops.systems.common import BundleKind, InputError, read_bundle
+from proxops.systems.common import BundleKind, InputError, open_session, read_bundle
 
 if typing.TYPE_CHECKING:
     import onnxruntime as ort
@@ -74,7 +74,8 @@ class PolicyBundle:
             which.
         """
         folder = Path(path)
-        content, sha256, session = read_bundle(folder, _KIND)
+        content, sha256, model = read_bundle(folder, _KIND)
+        session = open_session(model)
         for key in ("planes", "rays", "period_s", "thrust_limit_n", "memory"):
             if not 0 < content[key] < math.inf:
                 raise InputError(f"{folder / POLICY_FILE} is damaged: {key} is not positive")

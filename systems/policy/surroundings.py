@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 from functools import cached_property
 
+import numba
 import numpy as np
 
 from proxops.systems.common import check_positive
@@ -99,24 +100,31 @@ class Surroundings:
 
     def way(self, states: np.ndarray, goals: np.ndarray) -> np.ndarray:
         """The columns (N, 12) of `inputs` that change along the way; its arguments."""
-        positions, velocities = states[:, :3], states[:, 3:]
         given = np.empty((len(states), 12), dtype=np.float32)
-        given[:, :3] = positions / self.length
-        given[:, 3:6] = velocities / self.speed
-        given[:, 6:9] = goals / self.length
-        given[:, 9:] = self._natural(positions, velocities) / self.acceleration
+        gravity = self.field.evaluate(states[:, :3]).acceleration
+        units = np.array([self.length, self.speed, self.acceleration])
+        _fill_way(states, goals, gravity, self.spin, units, given)
         return given
 
     def at_goal(self, goals: np.ndarray) -> np.ndarray:
         """The columns (N, 10) of `inputs` that depend on goals (N, 3) alone."""
         given = np.empty((len(goals), INPUTS - 12), dtype=np.float32)
-        given[:, :3] = self._natural(goals, np.zeros_like(goals)) / self.acceleration
+        still = np.concatenate([goals, np.zeros_like(goals)], axis=1)
+        given[:, :3] = self.way(still, goals)[:, 9:]
         given[:, 3:] = list(self.numbers().values())
         return given
 
-    def _natural(self, positions: np.ndarray, velocities: np.ndarray) -> np.ndarray:
-        """Gravity, centrifugal and Coriolis acceleration (N, 3) in K in m/s^2."""
-        found = self.field.evaluate(positions).acceleration.copy()
-        found[:, 0] += self.spin**2 * positions[:, 0] + 2.0 * self.spin * velocities[:, 1]
-        found[:, 1] += self.spin**2 * positions[:, 1] - 2.0 * self.spin * velocities[:, 0]
-        return found
+
+@numba.njit(cache=True, error_model="numpy")
+def _fill_way(states, goals, gravity, spin, units, given):
+    """Fills ``given`` (N, 12): state and goal, and acceleration without thrust, in their units."""
+    length, speed, acceleration = units
+    for k in range(len(states)):
+        x, y, _, v_x, v_y, _ = states[k]
+        for axis in range(3):
+            given[k, axis] = states[k, axis] / length
+            given[k, 3 + axis] = states[k, 3 + axis] / speed
+            given[k, 6 + axis] = goals[k, axis] / length
+        given[k, 9] = (gravity[k, 0] + (spin**2 * x + 2.0 * spin * v_y)) / acceleration
+        given[k, 10] = (gravity[k, 1] + (spin**2 * y - 2.0 * spin * v_x)) / acceleration
+        given[k, 11] = gravity[k, 2] / acceleration

@@ -10,22 +10,17 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from proxops.systems.common import open_session
 from proxops.systems.policy import (
     GUIDANCE_FILE,
     GUIDANCE_FORMAT,
-    GUIDANCE_INPUT,
-    GUIDANCE_OUTPUT,
+    WEIGHTS_FILE,
     Surroundings,
-    check_guidance_network,
-    run_guidance,
 )
 from proxops.training.any_body.network import AnyBodyGuidance
 from proxops.training.export import (
     accepted_difference,
     describing,
-    onnx_bytes,
-    write_bundle_folder,
+    write_folder,
 )
 
 
@@ -50,25 +45,25 @@ def export_guidance(
 
     Args:
       network: the guidance. folder: of the bundle.
-      examples: (N, 22) rows on which ONNX Runtime is run against torch.
+      examples: (N, 22) rows on which what flies is run against torch.
       ranges: see `ranges_of`. report: of the training. text: content of `report.md`.
 
     Raises:
       InputError: the networks differ by more than 1e-4 of a force.
     """
-    model = onnx_bytes(network, (examples[:1],), [GUIDANCE_INPUT], [GUIDANCE_OUTPUT])
-    session = open_session(model)
-    check_guidance_network(session)
+    compiled = network.compiled()
+    compiled.check()
     with torch.no_grad():
         wanted = network(examples).numpy()
-    got = np.array([run_guidance(session, row[None]) for row in examples.numpy()])
+    got = np.array([compiled.run(row) for row in examples.numpy()])
+    weights = compiled.to_bytes()
     content = {
         "format": GUIDANCE_FORMAT,
         "recipe": report["recipe"],
         "ranges": ranges,
         "data_sha256": report["data_sha256"],
         "metrics": report["training"],
-        "onnx_difference": accepted_difference(wanted, got),
+        "kernel_difference": accepted_difference(wanted, got),
     }
-    texts = {GUIDANCE_FILE: describing(content, model), "report.md": text}
-    write_bundle_folder(folder, model, texts)
+    files = {GUIDANCE_FILE: describing(content, weights).encode(), "report.md": text.encode()}
+    write_folder(folder, {WEIGHTS_FILE: weights, **files})

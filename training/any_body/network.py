@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 
-from proxops.systems.policy import INPUTS
+from proxops.systems.policy import INPUTS, GuidanceNetwork
 from proxops.training.pilot import least_effort, way_round
 
 # Scales of the network's inputs: position errors in the middle and in the near range, and slow
@@ -36,12 +37,21 @@ class AnyBodyGuidance(nn.Module):
     """
 
     bends: Tensor
+    instead: Tensor
 
-    def __init__(self, width: int = 256):
-        """Takes the width of the network's layers."""
+    def __init__(self, width: int = 256, instead: Tensor | None = None):
+        """Takes the width of the network's layers, and what it is told instead of its inputs.
+
+        Args:
+          width: of three layers.
+          instead: (22,) for studies of what the inputs are good for; NaN: the input itself, as all
+            are by default. The law always has its inputs.
+        """
         super().__init__()
         bends = torch.tensor([*_NEAR_SCALES, _SLOW_SCALE]).repeat_interleave(3)
         self.register_buffer("bends", bends)
+        instead = torch.full((INPUTS,), torch.nan) if instead is None else instead
+        self.register_buffer("instead", instead, persistent=False)
         self.log_least_time = nn.Parameter(torch.tensor(_LEAST_TIME).log())
         self.log_acceleration = nn.Parameter(torch.tensor(_ACCELERATION).log())
         self.network = nn.Sequential(
@@ -58,25 +68,37 @@ class AnyBodyGuidance(nn.Module):
 
     def forward(self, given: Tensor) -> Tensor:
         """Forces (B, 3) over the thrust limit, without limits, for rows (B, 22) of inputs."""
-        position, velocity, goal, natural, _, axes, _ = given.split(_PARTS, dim=1)
+        position, velocity, goal, natural, *_ = given.split(_PARTS, dim=1)
         away = goal - position
-        features, distance = self._features(position, velocity, away, axes)
-        thrust, logs = self.network(torch.cat([given, features], dim=1)).split(3, dim=1)
+        told = torch.where(self.instead.isnan(), given, self.instead)
+        row = torch.cat([told, self._features(told)], dim=1)
+        thrust, logs = self.network(row).split(3, dim=1)
         law = least_effort(
             away,
             velocity,
-            distance + _LEAST_DISTANCE,
+            away.norm(dim=1, keepdim=True) + _LEAST_DISTANCE,
             logs,
             self.log_acceleration,
             self.log_least_time,
         )
         return law - natural + thrust
 
-    def _features(self, p: Tensor, v: Tensor, e: Tensor, axes: Tensor) -> tuple[Tensor, Tensor]:
-        """What is computed from the inputs for the network (B, 37), and the distance (B, 1)."""
+    def _features(self, told: Tensor) -> Tensor:
+        """What is computed from the network's inputs (B, 22) for it: (B, 37)."""
+        p, v, goal, _, _, axes, _ = told.split(_PARTS, dim=1)
+        e = goal - p
         distance, speed = e.norm(dim=1, keepdim=True), v.norm(dim=1, keepdim=True)
         bent = torch.asinh(torch.cat([e, e, v], dim=1) / self.bends)
         unit = [e / (distance + 1e-3), v / (speed + 2.5e-3)]
         here, above, round_it = way_round(p, v, e, axes)
         logs = torch.log(torch.cat([10.0 * distance + 0.01, speed + 1.25e-3, above], 1))
-        return torch.cat([bent, *unit, logs, *round_it, here, 2.0 * e], dim=1), distance
+        return torch.cat([bent, *unit, logs, *round_it, here, 2.0 * e], dim=1)
+
+    @torch.no_grad()
+    def compiled(self) -> GuidanceNetwork:
+        """What flies: the same function of one row, without torch."""
+        layers = [layer for layer in self.network if isinstance(layer, nn.Linear)]
+        law = torch.stack([self.log_acceleration.exp(), (2.0 * self.log_least_time).exp()])
+        parts = [part for layer in layers for part in (layer.weight, layer.bias)]
+        arrays = [part.numpy(force=True) for part in (*parts, self.bends, self.instead, law)]
+        return GuidanceNetwork(*(np.array(array, dtype=np.float32) for array in arrays))

@@ -77,7 +77,7 @@ def _tidy(graph: onnx.GraphProto) -> None:
 
 
 def accepted_difference(wanted: np.ndarray, got: np.ndarray) -> float:
-    """The greatest difference between outputs of torch and ONNX Runtime, relative to their size.
+    """The greatest difference between outputs of torch and of what flies, relative to their size.
 
     NaN and infinities must be at the same places in both.
 

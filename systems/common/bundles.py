@@ -30,23 +30,23 @@ class BundleKind:
     """The file's keys, `model_sha256` among them, and the types of their values."""
     command: str
     """The command that makes such a bundle."""
+    model: str = MODEL_FILE
+    """Name of the network's file."""
 
 
-def read_bundle(
-    folder: Path, kind: BundleKind
-) -> tuple[dict[str, typing.Any], str, ort.InferenceSession]:
+def read_bundle(folder: Path, kind: BundleKind) -> tuple[dict[str, typing.Any], str, bytes]:
     """Reads and checks a bundle.
 
     Returns:
-      The content of its JSON file, that file's SHA-256, and the network, ready to run. The file
-      holds the network's hash, so the file's own hash identifies the bundle.
+      The content of its JSON file, that file's SHA-256, and the content of the network's file. The
+      JSON file holds the network's hash, so its own hash identifies the bundle.
 
     Raises:
       InputError: there is no bundle of this kind, it has another format, or it is damaged; the
         message says which.
     """
     text = _read(folder / kind.file, folder, kind)
-    model = _read(folder / MODEL_FILE, folder, kind)
+    model = _read(folder / kind.model, folder, kind)
     try:
         content = json.loads(text)
     except (ValueError, RecursionError) as error:
@@ -63,10 +63,10 @@ def read_bundle(
             )
     if hashlib.sha256(model).hexdigest() != content["model_sha256"]:
         raise InputError(
-            f"{folder / MODEL_FILE} is damaged or of another bundle: its hash is not the one "
+            f"{folder / kind.model} is damaged or of another bundle: its hash is not the one "
             f"in {kind.file}; train it again with {kind.command}"
         )
-    return content, hashlib.sha256(text).hexdigest(), open_session(model)
+    return content, hashlib.sha256(text).hexdigest(), model
 
 
 def open_session(model: bytes) -> ort.InferenceSession:
