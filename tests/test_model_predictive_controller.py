@@ -44,11 +44,11 @@ class CountingProgram(TransitProgram):
         self.broken = False
         self.failure = SolutionResult.kSolverSpecificError
 
-    def solve(self, state, target, previous=None, age=0.0, iterations=1, push=None) -> Plan:
+    def solve(self, state, target, previous=None, age=0.0, iterations=1, *rest) -> Plan:
         self.calls.append(iterations)
         if self.broken:
             raise SolverFailure(self.failure)
-        return super().solve(state, target, previous, age, iterations, push)
+        return super().solve(state, target, previous, age, iterations, *rest)
 
 
 @cache
@@ -176,9 +176,9 @@ def test_command_is_the_same_whatever_went_before(state, target):
         assert force_of(context) == pytest.approx(converged.forces[0], abs=0.02)
 
 
-def test_time_alone_changes_nothing():
+def test_time_alone_changes_nothing_while_plans_end_in_time():
     first = force_of(alone(START, time=0.0))
-    assert np.array_equal(first, force_of(alone(START, time=4321.0)))
+    assert np.array_equal(first, force_of(alone(START, time=600.0)))
 
 
 def test_old_plan_is_relinearised_until_it_settles():
@@ -495,11 +495,11 @@ def test_failed_plan_of_one_step_is_tried_once_more_from_nothing():
     """A bad previous plan is not allowed to make a good state fail."""
 
     class Fussy(CountingProgram):
-        def solve(self, state, target, previous=None, age=0.0, iterations=1, push=None) -> Plan:
+        def solve(self, state, target, previous=None, age=0.0, iterations=1, *rest) -> Plan:
             if previous is not None:
                 self.calls.append(-iterations)
                 raise SolverFailure(SolutionResult.kSolverSpecificError)
-            return super().solve(state, target, previous, age, iterations, push)
+            return super().solve(state, target, previous, age, iterations, *rest)
 
     like = expert().program
     program = Fussy(like.field, like.spin, like.limits, like.horizon)
@@ -709,3 +709,35 @@ def test_two_simulations_of_one_diagram_do_not_touch():
     for name in ("force", "state"):
         assert np.array_equal(logged(first, name), logged(single, name))
     assert np.abs(logged(second, "state")[-1] - logged(single, "state")[-1]).max() > 1e4
+
+
+def test_plans_end_in_time_and_nothing_changes_where_they_did_before():
+    like = expert().program
+    free = [like.solve(START, TARGET, iterations=k) for k in (10, 30)]
+    length = free[1].times[-1]
+    ample = like.solve(START, TARGET, iterations=10, longest=2.0 * length)
+    np.testing.assert_array_equal(ample.forces, free[0].forces)
+    short = like.solve(START, TARGET, iterations=30, longest=0.8 * length)
+    assert short.times[-1] == pytest.approx(0.8 * length, rel=1e-6)
+    np.testing.assert_allclose(short.states[-1, :3], TARGET[:3], atol=1.0)
+    assert short.cost > free[1].cost
+
+
+def test_the_time_that_is_left_bounds_plans_until_it_is_too_late():
+    like = expert().program
+    length = like.solve(START, TARGET, iterations=COLD).times[-1]
+    latest = 0.9 * length
+    system = ModelPredictiveController(like, PERIOD, COLD, latest=latest)
+    context = system.CreateDefaultContext()
+    system.GetInputPort("state").FixValue(context, START)
+    system.GetInputPort("target").FixValue(context, TARGET)
+
+    def planned(now: float) -> float:
+        context.SetTime(now)
+        return system.GetOutputPort("plan").Eval(context).times[-1]
+
+    assert planned(0.0) == pytest.approx(latest, rel=1e-6)
+    assert planned(0.05 * length) == pytest.approx(latest - 0.05 * length, rel=1e-6)
+    assert planned(latest - 100.0) == pytest.approx(length)
+    with pytest.raises(InputError, match="latest end of a plan must be positive"):
+        ModelPredictiveController(like, latest=0.0)

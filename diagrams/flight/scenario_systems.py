@@ -92,6 +92,8 @@ def make_mpc(scenario: Scenario, body: Body) -> ModelPredictiveController:
         mpc.cold_iterations,
         mpc.estimator_gain,
         mpc.solve_delay_s,
+        # Close to the goal plans keep their least length, in which the goal region is reached.
+        max(scenario.arrival.deadline_s - horizon.minimum, horizon.minimum),
     )
 
 

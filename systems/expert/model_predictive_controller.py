@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import time
 
 import numpy as np
@@ -84,6 +85,7 @@ class ModelPredictiveController(LeafSystem):
         cold_iterations: int = 10,
         estimator_gain: float = 0.0,
         delay: float = 0.0,
+        latest: float = math.inf,
     ):
         """Takes the program to solve and how to use it.
 
@@ -93,10 +95,12 @@ class ModelPredictiveController(LeafSystem):
           cold_iterations: number of linearisations without a recent plan.
           estimator_gain: from 0 to 1; 0: no estimate of an unexplained acceleration.
           delay: time in s from a command's evaluation until it acts.
+          latest: time in s at which plans should have ended.
 
         Raises:
           InputError: the period or the number of iterations is not positive, the gain is not from
-            0 to 1, or the delay not from 0 to the period.
+            0 to 1, or the delay not from 0 to the period, or `latest` is not
+            positive.
         """
         super().__init__()
         check_positive("ModelPredictiveController", period=period)
@@ -108,8 +112,10 @@ class ModelPredictiveController(LeafSystem):
             raise InputError(f"the MPC's estimator gain must be from 0 to 1, got {estimator_gain}")
         if not 0.0 <= delay <= period:
             raise InputError(f"the MPC's delay must be from 0 to its period, got {delay} s")
+        if not latest > 0.0:
+            raise InputError(f"the MPC's latest end of a plan must be positive, got {latest} s")
         self.program, self.period, self.cold_iterations = program, period, cold_iterations
-        self.estimator_gain, self.delay = estimator_gain, delay
+        self.estimator_gain, self.delay, self.latest = estimator_gain, delay, float(latest)
         self._state_port = self.DeclareVectorInputPort(name="state", size=6)
         self._target_port = self.DeclareVectorInputPort(name="target", size=6)
         self._enable_port = self.DeclareVectorInputPort(name="enable", size=1)
@@ -172,7 +178,8 @@ class ModelPredictiveController(LeafSystem):
             push = self._estimate(last, age, state)
             if self.delay > 0.0:
                 state = state + moved_by(push, self.delay)
-            plan, reason = self._solve(state, target, last, age, push)
+            longest = self._longest(context)
+            plan, reason = self._solve(state, target, last, age, push, longest)
         else:
             plan, reason = None, PlanReason.INPUT_NOT_FINITE
         if plan is None:
@@ -243,8 +250,19 @@ class ModelPredictiveController(LeafSystem):
         )
         return known + self.estimator_gain * (found - known)
 
+    def _longest(self, context) -> float:
+        """The length in s that a plan should not exceed; inf when it is too late for any."""
+        left = self.latest - context.get_time() - self.delay
+        return left if left > self.program.horizon.minimum else math.inf
+
     def _solve(
-        self, state: np.ndarray, target: np.ndarray, last: Plan | None, age: float, push: np.ndarray
+        self,
+        state: np.ndarray,
+        target: np.ndarray,
+        last: Plan | None,
+        age: float,
+        push: np.ndarray,
+        longest: float,
     ) -> tuple[Plan | None, PlanReason]:
         """A new plan, or None if the solver fails, and the reason."""
         solve, iterations = self.program.solve, self.cold_iterations
@@ -259,30 +277,37 @@ class ModelPredictiveController(LeafSystem):
         try:
             try:
                 if last is not None and reason == PlanReason.SOLVED_ANEW_PLAN_TOO_OLD:
-                    return self._solve_about_old_plan(state, target, last, age, push), reason
-                return solve(state, target, last, age, iterations, push), reason
+                    plan = self._solve_about_old_plan(state, target, last, age, push, longest)
+                    return plan, reason
+                return solve(state, target, last, age, iterations, push, longest), reason
             except SolverFailure:
                 if last is None:
                     raise
                 # The last plan may be the cause of the failure: try again without it.
-                plan = solve(state, target, None, 0.0, self.cold_iterations, push)
+                plan = solve(state, target, None, 0.0, self.cold_iterations, push, longest)
                 return plan, PlanReason.SOLVED_ANEW_AFTER_FAILURE
         except SolverFailure as failure:
             return None, _FAILURES.get(failure.result, PlanReason.SOLVER_ERROR)
 
     def _solve_about_old_plan(
-        self, state: np.ndarray, target: np.ndarray, last: Plan, age: float, push: np.ndarray
+        self,
+        state: np.ndarray,
+        target: np.ndarray,
+        last: Plan,
+        age: float,
+        push: np.ndarray,
+        longest: float,
     ) -> Plan:
         """A plan about the last one, shifted by its age; without it if that does not settle."""
         iterations = self.cold_iterations
         plan, due = last, last.forces_at(np.array([age]))[0]
         for count in range(1, min(_MOST_FOR_OLD_PLAN, iterations) + 1):
-            plan = self.program.solve(state, target, plan, age, 1, push)
+            plan = self.program.solve(state, target, plan, age, 1, push, longest)
             change = np.abs(plan.forces[0] - due).max()
             if change < _SETTLED * self.program.limits.thrust:
                 return dataclasses.replace(plan, iterations=count)
             due, age = plan.forces[0], 0.0
-        return self.program.solve(state, target, None, 0.0, iterations, push)
+        return self.program.solve(state, target, None, 0.0, iterations, push, longest)
 
     def _fallback(self, state: np.ndarray, last: Plan | None, age: float) -> Plan:
         """The rest of the last plan, or braking if there is none."""

@@ -199,6 +199,7 @@ class PlanProgram(Protocol):
         age: float = 0.0,
         iterations: int = 1,
         push: np.ndarray | None = None,
+        longest: float = np.inf,
     ) -> Plan:
         """Solves for a plan: see `TransitProgram.solve`."""
         ...

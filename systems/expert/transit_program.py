@@ -76,6 +76,7 @@ class TransitProgram:
         age: float = 0.0,
         iterations: int = 1,
         push: np.ndarray | None = None,
+        longest: float = np.inf,
     ) -> Plan:
         """The plan from `state` (6,) to `target` (6,).
 
@@ -86,6 +87,8 @@ class TransitProgram:
           age: in s.
           iterations: number of linearisations.
           push: (3,) in m/s^2, an acceleration that the field does not explain; None: none.
+          longest: length in s that a plan should not exceed. A longer one is shortened by up to a
+            tenth in each iteration.
 
         Raises:
           SolverFailure: the state or the target is not finite, or the solver fails.
@@ -97,9 +100,9 @@ class TransitProgram:
         last, done = previous, 0
         if last is None:
             done = min(iterations, _TRIED)
-            last, age = self._best_start(state, target, done, push, started), 0.0
+            last, age = self._best_start(state, target, done, push, longest, started), 0.0
         for iteration in range(done + 1, iterations + 1):
-            last = self._improved(state, target, last, age, push, iteration, started)
+            last = self._improved(state, target, last, age, push, longest, iteration, started)
             age = 0.0
         return last
 
@@ -109,6 +112,7 @@ class TransitProgram:
         target: np.ndarray,
         iterations: int,
         push: np.ndarray,
+        longest: float,
         started: float,
     ) -> Plan:
         """The best of the plans that so many iterations make of the initial guesses.
@@ -121,7 +125,8 @@ class TransitProgram:
         for plan in self.transit.initial_plans(state, target, duration, True):
             try:
                 for k in range(1, iterations + 1):
-                    plan = self._improved(state, target, plan, 0.0, push, k, started, k > 1)
+                    free = k > 1
+                    plan = self._improved(state, target, plan, 0.0, push, longest, k, started, free)
             except SolverFailure as error:
                 failure = error
                 continue
@@ -143,6 +148,7 @@ class TransitProgram:
         last: Plan,
         age: float,
         push: np.ndarray,
+        longest: float,
         iteration: int,
         started: float,
         free_time: bool = True,
@@ -162,7 +168,7 @@ class TransitProgram:
         price = np.array([self.time_price + self._mean_effort(controls, duration)])
         self._time.evaluator().UpdateCoefficients(_STRETCH_CURVATURE * price[None], price)
         shorter = max(-_TRUSTED_STRETCH, least / duration - 1.0) if free_time else 0.0
-        longer = _TRUSTED_STRETCH if free_time else 0.0
+        longer = min(_TRUSTED_STRETCH, max(shorter, longest / duration - 1.0)) if free_time else 0.0
         transit.stretch_bounds.evaluator().set_bounds([shorter], [longer])
         found = transit.solve()
         duration *= 1.0 + found.stretch

@@ -76,10 +76,12 @@ class WeightedProgram:
         age: float = 0.0,
         iterations: int = 1,
         push: np.ndarray | None = None,
+        longest: float = np.inf,
     ) -> Plan:
         """Solves for a plan: see `TransitProgram.solve`.
 
-        `Plan.cost` is the minimised mean times the plan's length.
+        `Plan.cost` is the minimised mean times the plan's length, which is fixed: `longest` changes
+        nothing.
         """
         started = time.perf_counter()
         if not (np.isfinite(state).all() and np.isfinite(target).all()):
