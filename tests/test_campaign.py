@@ -104,6 +104,28 @@ def test_one_worker(tmp_path: Path, flown: list[str]) -> None:
     assert json.loads((tmp_path / f"{flown[1]}.json").read_text())["summary"] == rows[1]
 
 
+def test_a_flight_that_another_process_flies_is_left_for_last(
+    tmp_path: Path, flown: list[str]
+) -> None:
+    [first, *others] = [flight.name for flight in flights()]
+    # The other process flies the first transit, that is, it locks it, until the last is there.
+    code = (
+        "import sys, time, pathlib\n"
+        "from proxops.diagrams.flight.campaign import _locked\n"
+        "folder, held, last = pathlib.Path(sys.argv[1]), *sys.argv[2:]\n"
+        "with _locked(folder, held, True):\n"
+        "    print('locked', flush=True)\n"
+        "    while not (folder / f'{last}.json').exists(): time.sleep(0.01)\n"
+    )
+    command = [sys.executable, "-c", code, str(tmp_path), first, others[-1]]
+    with subprocess.Popen(command, stdout=subprocess.PIPE) as other:
+        assert other.stdout is not None
+        other.stdout.readline()
+        rows = run_campaign(flights(), tmp_path, workers=Workers(1))
+    assert flown == [first, *others, first]
+    assert [row["transit"] for row in rows] == [0, 1, 2]
+
+
 @pytest.mark.slow
 def test_two_workers_give_the_same_rows(tmp_path: Path) -> None:
     alone = run_campaign(flights(4), tmp_path / "alone", workers=Workers(1))

@@ -180,13 +180,19 @@ def run_campaign(
             rows[flight.name] = row
     _make_tables(todo)
     workers.progress(*_progress(rows, len(flights)))
-    task = functools.partial(
-        _fly_one, folder=folder.resolve(), keep_logs=keep_logs, describe=describe
-    )
-    with contextlib.closing(workers.results(todo, task)) as results:
-        for name, row in results:
-            rows[name] = row
-            workers.progress(*_progress(rows, len(flights)))
+    # Flights that another process is flying come last, and are then waited for.
+    for wait in (False, True):
+        task = functools.partial(
+            _fly_one, folder=folder.resolve(), keep_logs=keep_logs, describe=describe, wait=wait
+        )
+        with contextlib.closing(workers.results(todo, task)) as results:
+            for name, row in results:
+                if row is not None:
+                    rows[name] = row
+                    workers.progress(*_progress(rows, len(flights)))
+        todo = [flight for flight in todo if flight.name not in rows]
+        if not todo:
+            break
     return [rows[flight.name] for flight in flights]
 
 
@@ -213,8 +219,13 @@ def run_groups(
     return rows
 
 
-def _fly_one(flight: Flight, folder: Path, keep_logs: bool, describe: Describe) -> Row:
-    with _locked(folder, flight.name):
+def _fly_one(
+    flight: Flight, folder: Path, keep_logs: bool, describe: Describe, wait: bool
+) -> Row | None:
+    """The row of a flight; None if another process flies it and is not waited for."""
+    with _locked(folder, flight.name, wait) as locked:
+        if not locked:
+            return None
         row = _finished(flight, folder, keep_logs)
         if row is not None:
             return row  # Another process has flown it meanwhile.
@@ -236,8 +247,8 @@ def _fly_one(flight: Flight, folder: Path, keep_logs: bool, describe: Describe) 
 
 
 @contextlib.contextmanager
-def _locked(folder: Path, name: str) -> Generator[None]:
-    """Waits until no other process flies this flight, and locks it.
+def _locked(folder: Path, name: str, wait: bool) -> Generator[bool]:
+    """Locks a flight; gives whether it could. `wait` until no other process flies it.
 
     The operating system frees the locks of a process that ends. One file holds all locks: a flight
     locks one byte, at an offset that is computed from its name.
@@ -248,8 +259,12 @@ def _locked(folder: Path, name: str) -> Generator[None]:
     except OSError as error:
         raise InputError(f"cannot write in {folder}: {error.strerror}") from error
     with file:
-        fcntl.lockf(file, fcntl.LOCK_EX, 1, place)
-        yield
+        try:
+            fcntl.lockf(file, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB), 1, place)
+        except (BlockingIOError, PermissionError):
+            yield False
+        else:
+            yield True
 
 
 def _make_tables(flights: Iterable[Flight]) -> None:
