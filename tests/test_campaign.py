@@ -51,7 +51,7 @@ def flown(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     names = []
     fly_one = campaign._fly_one
 
-    def told(flight: Flight, **options: Any) -> dict[str, Any]:
+    def told(flight: Flight, **options: Any) -> campaign.Row | None:
         names.append(flight.name)
         return fly_one(flight, **options)
 

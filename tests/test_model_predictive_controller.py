@@ -44,11 +44,13 @@ class CountingProgram(TransitProgram):
         self.broken = False
         self.failure = SolutionResult.kSolverSpecificError
 
-    def solve(self, state, target, previous=None, age=0.0, iterations=1, *rest) -> Plan:
+    def solve(
+        self, state, target, previous=None, age=0.0, iterations=1, push=None, longest=np.inf
+    ) -> Plan:
         self.calls.append(iterations)
         if self.broken:
             raise SolverFailure(self.failure)
-        return super().solve(state, target, previous, age, iterations, *rest)
+        return super().solve(state, target, previous, age, iterations, push, longest)
 
 
 @cache
@@ -495,11 +497,13 @@ def test_failed_plan_of_one_step_is_tried_once_more_from_nothing():
     """A bad previous plan is not allowed to make a good state fail."""
 
     class Fussy(CountingProgram):
-        def solve(self, state, target, previous=None, age=0.0, iterations=1, *rest) -> Plan:
+        def solve(
+            self, state, target, previous=None, age=0.0, iterations=1, push=None, longest=np.inf
+        ) -> Plan:
             if previous is not None:
                 self.calls.append(-iterations)
                 raise SolverFailure(SolutionResult.kSolverSpecificError)
-            return super().solve(state, target, previous, age, iterations, *rest)
+            return super().solve(state, target, previous, age, iterations, push, longest)
 
     like = expert().program
     program = Fussy(like.field, like.spin, like.limits, like.horizon)
