@@ -114,9 +114,9 @@ def test_policy_that_is_the_expert(monkeypatch: pytest.MonkeyPatch) -> None:
     calls: list[int] = []
     solve = program.solve
 
-    def counted(state, target, previous, age, iterations, push):
+    def counted(state, target, previous, age, iterations, push, longest):
         calls.append(iterations)
-        return solve(state, target, previous, age, iterations, push)
+        return solve(state, target, previous, age, iterations, push, longest)
 
     monkeypatch.setattr(program, "solve", counted)
     data = fly(scenario, hybrid).dataset
