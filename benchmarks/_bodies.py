@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import trimesh
 
-from proxops.assets.random_bodies import random_body, relief
+from proxops.assets.random_bodies import relief
 from proxops.diagrams.scenario import Scenario, change_scenario, load_body, load_scenario
 from proxops.systems.common import InputError, generator, make_folder, write_whole
 from proxops.systems.shapes import mesh_bytes, read_mesh
@@ -86,17 +86,21 @@ def scenario_at(name: str, folder: Path) -> Scenario:
 
 def _written(name: str, folder: Path) -> Path:
     """Writes the YAML file of a generated body, or of that of a mesh file; returns its path."""
-    from proxops.diagrams.new_body import Questions, body_yaml, examine
+    from proxops.diagrams.new_body import (
+        Questions,
+        body_yaml,
+        examine,
+        write_generated_body,
+    )
 
     make_folder(folder)
     mesh, density, period, content = Path(name), DENSITY, PERIOD_H, b""
     numbers = re.fullmatch(r"(\d+):(\d+)", name)
     if numbers is not None:
-        made = random_body(*map(int, numbers.groups()))
-        mesh, density = folder / f"{made.name}.obj", made.density_kg_m3
-        period = made.rotation_period_h
-        content = mesh_bytes(1e-3 * made.vertices, made.facets, ".obj")
-    elif name in GENERATED:
+        own = folder / name.replace(":", "-")
+        write_generated_body(own, *map(int, numbers.groups()))
+        return own / "body.yaml"
+    if name in GENERATED:
         recipe = GENERATED[name]
         mesh, density, period = folder / f"{name}.obj", recipe.density, recipe.period_h
         ball = trimesh.creation.icosphere(4)

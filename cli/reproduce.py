@@ -1,4 +1,4 @@
-"""`proxops reproduce`: reproduces the paper, from data to a report, with one command."""
+"""`proxops reproduce`: reproduces the paper and all that goes beyond it, with one command."""
 
 from __future__ import annotations
 
@@ -6,9 +6,10 @@ import contextlib
 import enum
 import shlex
 import sys
+import typing
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, NamedTuple
 
 import typer
 from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
@@ -26,6 +27,12 @@ from proxops.cli.common import (
 from proxops.diagrams.flight import Workers
 from proxops.diagrams.scenario import load_body, load_scenario
 
+if typing.TYPE_CHECKING:
+    from proxops.studies.beyond import Campaign
+
+Tell = Callable[[str, float, str], Any]
+_QUICK_TRANSITS, _QUICK_BODIES = 2, 2
+
 
 class LidarNetwork(enum.StrEnum):
     """The network that replaces the lidar in the flights in which the paper's network does."""
@@ -35,26 +42,33 @@ class LidarNetwork(enum.StrEnum):
 
 
 def reproduce_command(
+    names: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="[NAME]...",
+            help="paper, believed, worlds, or a campaign such as flagship. Default: all.",
+        ),
+    ] = None,
     scenario: Annotated[
-        Path | None, typer.Argument(help="Scenario file (YAML). Default: Kleopatra.")
+        Path | None, typer.Option(help="Scenario file (YAML). Default: Kleopatra.")
     ] = None,
     quick: Annotated[
         bool,
-        typer.Option(
-            help="Train nothing and fly few transits, with the shipped policy or the one that "
-            "--set policy.bundle=FOLDER names. It takes minutes."
-        ),
+        typer.Option(help="Train nothing and fly few transits, as a first look. It takes minutes."),
     ] = False,
     transits: Annotated[
         int | None,
         typer.Option(
-            min=2, help="Number of transits for each controller. Default: 200, or 10 with --quick."
+            min=2,
+            help="Number of transits for each controller. Default: 200 and, of the flagship, 852; "
+            "with --quick 2, and 10 of the paper's.",
         ),
     ] = None,
     seed: Annotated[
         int,
         typer.Option(
-            min=10_000, help="Seed of these transits; seeds below 10,000 are for training."
+            min=10_000,
+            help="Seed of the paper's transits; seeds below 10,000 are for training.",
         ),
     ] = 10_000,
     lidar: Annotated[
@@ -64,6 +78,10 @@ def reproduce_command(
             "(learned), or an MLP like the paper's (paper)."
         ),
     ] = LidarNetwork.LEARNED,
+    bodies: Annotated[
+        Path | None,
+        typer.Option(help="Folder of bodies of your own, YAML files of proxops shape --body."),
+    ] = None,
     settings: ScenarioChanges = None,
     out: Annotated[Path, typer.Option(help="Folder for all stages and the report.")] = Path(
         "out/reproduction"
@@ -71,52 +89,130 @@ def reproduce_command(
     workers: Processes = None,
     scheduler: SchedulerAddress = None,
 ) -> None:
-    """Collect, train, evaluate, and write a report with the paper's figures and numbers and ours.
+    """Reproduce all evidence: the paper, then what goes beyond it, with one report.
 
-    As in the paper, the MPC knows the true state. The command writes report.html, report.md and
-    report.json, and a folder for each stage. Run it again to continue after an interruption; a
-    stage that is done is repeated only if its inputs have changed.
+    paper collects, trains and flies as the paper does, on the true state, and has a report of its
+    own in the folder paper. believed flies on navigation, in a world that is as believed. worlds
+    draws each flight's world, and flies at other bodies. The command writes report.html, report.md
+    and results.json, and a folder for each stage. Run it again to continue after an interruption;
+    a stage that is done is repeated only if its inputs have changed.
 
     Examples:
 
-      proxops reproduce --out out/reproduction
+      proxops reproduce --quick --out out/look
 
-      proxops reproduce --quick --out out/look --set policy.bundle=out/dagger/bundle
+      proxops reproduce flagship --out out/reproduction
+
+      proxops reproduce worlds --bodies my_bodies
     """
     check_folder(out)
-    wanted = load_scenario(scenario, settings or [], on_true_state=True)
-    load_body(wanted.body)
-    # matplotlib and torch are slow to import.
+    # matplotlib is slow to import.
+    from proxops.studies import beyond
+
+    load_body(load_scenario(scenario, settings or []).body)
+    own = [] if bodies is None else beyond.own_bodies(bodies)
+    asked = _Asked(
+        names or [],
+        scenario,
+        settings or [],
+        quick,
+        transits,
+        own,
+        out,
+        Workers(workers, scheduler),
+    )
+    asked.check()
+    with _stage_bar() as tell:
+        paper = None
+        if asked.wants(beyond.PAPER):
+            paper = _reproduce_paper(asked, seed, lidar, tell)
+        found = _go_beyond(asked, tell)
+    if paper is not None:
+        lines = [(f"{line['what']} (paper: {line['paper']})", line["ours"])
+                 for line in paper["paper_and_ours"]]  # fmt: skip
+        print_rows("the paper's numbers, and ours", lines)
+        if paper["not_run"]:
+            status.print(f"Not run: {', '.join(paper['not_run'])}")
+    print_rows("success", beyond.success_lines(found))
+    status.print(f"Wrote report.html, report.md and results.json in {out}")
+
+
+class _Asked(NamedTuple):
+    """What the command line asks for."""
+
+    names: list[str]
+    scenario: Path | None
+    settings: list[str]
+    quick: bool
+    transits: int | None
+    bodies: list[Path]
+    out: Path
+    workers: Workers
+
+    def wants(self, name: str) -> bool:
+        """Whether a part or a campaign is asked for by its name, or all are."""
+        return not self.names or name in self.names
+
+    def campaigns(self, paper_policy: Path | None = None) -> list[Campaign]:
+        """All campaigns; with --quick or --transits they are shorter."""
+        from proxops.studies import beyond
+
+        bodies = _QUICK_BODIES if self.quick else len(beyond.BODIES)
+        known = beyond.campaigns(paper_policy, self.bodies, bodies)
+        count = self.transits if self.transits is not None else _QUICK_TRANSITS
+        if not self.quick and self.transits is None:
+            return known
+        return [each.of_transits(count) for each in known]
+
+    def check(self) -> None:
+        """Raises `InputError` if a name is wrong."""
+        from proxops.studies import beyond
+
+        beyond.chosen_campaigns(self.names, self.campaigns())
+
+
+def _reproduce_paper(asked: _Asked, seed: int, lidar: LidarNetwork, tell: Tell) -> dict[str, Any]:
+    """Runs what is left of the paper's reproduction; returns what its report.json holds."""
+    from proxops.studies import beyond
     from proxops.studies.reproduction import ReproductionSettings, reproduce
 
+    wanted = load_scenario(asked.scenario, asked.settings, on_true_state=True)
     judged = ReproductionSettings(seed=seed)
-    judged = judged.quick() if quick else judged
-    judged = judged if transits is None else judged.of_transits(transits)
+    judged = judged.quick() if asked.quick else judged
+    judged = judged if asked.transits is None else judged.of_transits(asked.transits)
     training = None
-    if not quick:
+    if not asked.quick:
         with training_extra("; or give --quick"):
             from proxops.studies.reproduction import TrainingSettings
         training = TrainingSettings(lidar_network=lidar.value)
-    with _stage_bar() as tell:
-        report = reproduce(
-            wanted,
-            out,
-            judged,
-            training,
-            command=shlex.join(["proxops", *sys.argv[1:]]),
-            workers=Workers(workers, scheduler),
-            tell=tell,
-        )
-    lines = [(f"{line['what']} (paper: {line['paper']})", line["ours"])
-             for line in report["paper_and_ours"]]  # fmt: skip
-    print_rows("the paper's numbers, and ours", lines)
-    if report["not_run"]:
-        status.print(f"Not run: {', '.join(report['not_run'])}")
-    status.print(f"Wrote report.html, report.md and report.json in {out}")
+    return reproduce(
+        wanted, asked.out / beyond.PAPER, judged, training,
+        command=_typed(), workers=asked.workers, tell=tell,
+    )  # fmt: skip
+
+
+def _go_beyond(asked: _Asked, tell: Tell) -> dict[str, Any]:
+    """Flies what is left of the campaigns that are asked for; returns what results.json holds."""
+    from proxops.studies import beyond
+    from proxops.studies.reproduction import paper_policy
+
+    known = asked.campaigns(paper_policy(asked.out / beyond.PAPER))
+    chosen = beyond.chosen_campaigns(asked.names, known)
+    wanted = load_scenario(asked.scenario, asked.settings)
+    # Frames of so many flights would fill a disk, and a table takes a minute at each body.
+    wanted.log_ranges = False
+    wanted.gravity = wanted.gravity if asked.quick else "table"
+    return beyond.fly_and_tell(
+        known, chosen, wanted, asked.out, command=_typed(), workers=asked.workers, tell=tell
+    )
+
+
+def _typed() -> str:
+    return shlex.join(["proxops", *sys.argv[1:]])
 
 
 @contextlib.contextmanager
-def _stage_bar() -> Iterator[Callable[[str, float, str], None]]:
+def _stage_bar() -> Iterator[Tell]:
     """Shows a progress bar with the stage, the done share of the stage, and a text."""
     columns = (TextColumn("{task.fields[stage]}"), BarColumn(), TimeElapsedColumn())
     with progress_bar(*columns, TextColumn("{task.description}")) as bar:

@@ -9,8 +9,9 @@ flights show, and `sensitivity` ranks what drives failure.
 from proxops.studies.evaluation.evaluation import EXPERT, aggregate, aggregate_all, delta_v_pairs
 from proxops.studies.evaluation.figures import Looks, controller_looks, draw_paths, plot_flights
 from proxops.studies.evaluation.flights import describe_flight, shown_logs
-from proxops.studies.evaluation.monte_carlo_report import write_worst
+from proxops.studies.evaluation.monte_carlo_report import driver_sections, write_worst
 from proxops.studies.evaluation.report import Evaluation, evaluation_sections
+from proxops.studies.evaluation.sensitivity import told_from_chance
 from proxops.studies.evaluation.statistics_of_flights import exact_interval
 from proxops.studies.evaluation.table import arrival_text, figure_rows, outcome
 from proxops.studies.evaluation.variants import (
@@ -33,6 +34,7 @@ __all__ = [
     "delta_v_pairs",
     "describe_flight",
     "draw_paths",
+    "driver_sections",
     "evaluation_sections",
     "exact_interval",
     "figure_rows",
@@ -42,6 +44,7 @@ __all__ = [
     "outcome",
     "plot_flights",
     "shown_logs",
+    "told_from_chance",
     "variant_flights",
     "write_worst",
 ]

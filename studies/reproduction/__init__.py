@@ -7,7 +7,11 @@ need PyTorch, so `TrainingSettings` is imported when it is first used.
 
 import typing
 
-from proxops.studies.reproduction.reproduction import ReproductionSettings, reproduce
+from proxops.studies.reproduction.reproduction import (
+    ReproductionSettings,
+    paper_policy,
+    reproduce,
+)
 from proxops.studies.reproduction.stages import Stage, Stages
 
 if typing.TYPE_CHECKING:
@@ -18,6 +22,7 @@ __all__ = [
     "Stage",
     "Stages",
     "TrainingSettings",
+    "paper_policy",
     "reproduce",
 ]
 

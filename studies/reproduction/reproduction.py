@@ -128,6 +128,11 @@ def reproduce(
     return _write(out, findings)
 
 
+def paper_policy(out: Path) -> Path | None:
+    """The bundle of the paper's recipe that `reproduce` trained in a folder; None without one."""
+    return _bundle(Stages(out).latest("policy-paper"))
+
+
 def _check(scenario: Scenario, training: TrainingSettings | None) -> None:
     if not scenario.log_ranges:
         raise InputError("the report shows what the lidar saw: it needs log_ranges: true")

@@ -8,14 +8,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from proxops.assets.random_bodies import RandomBody, random_body
 from proxops.diagrams.new_body import (
-    Questions,
-    body_yaml,
-    examine,
     hover_map,
     scaled_scenario,
     scenario_in_proportion,
+    write_generated_body,
 )
 from proxops.diagrams.scenario import (
     Body,
@@ -24,8 +21,7 @@ from proxops.diagrams.scenario import (
     dump_scenario,
     load_scenario,
 )
-from proxops.systems.common import InputError, derived_seed, generator, make_folder, write_whole
-from proxops.systems.shapes import MeshFile, mesh_bytes
+from proxops.systems.common import InputError, derived_seed, generator, write_whole
 
 _STREAM = 8
 
@@ -140,26 +136,10 @@ def _drawn_numbers(seed: int, number: int) -> SpacecraftNumbers:
 
 def _write_member(path: Path, seed: int, number: int, first_line: str) -> None:
     """Writes the files of a member, its scenario last."""
-    made, folder = random_body(seed, number), path.parent
-    body = _examined(made)
-    body.config.mesh = "body.obj"
+    body = write_generated_body(path.parent, seed, number)
     scenario = member_scenario(body, "body.yaml", _drawn_numbers(seed, number))
-    mesh = mesh_bytes(made.vertices, made.facets, ".obj", f"{made.name}, m: a {made.kind}")
-    text = body_yaml(body.config, f"A generated {made.kind}, {made.density_kg_m3:.6g} kg/m^3")
-    make_folder(folder)
-    write_whole(folder / "body.obj", lambda name: name.write_bytes(mesh))
-    write_whole(folder / "body.yaml", lambda name: name.write_text(text, encoding="utf-8"))
     content = f"{first_line}\n{dump_scenario(scenario)}"
     write_whole(path, lambda name: name.write_text(content, encoding="utf-8"))
-
-
-def _examined(made: RandomBody) -> Body:
-    file = MeshFile(made.vertices, made.facets, f"{made.name}.obj", "m", "OBJ")
-    asked = Questions(density_kg_m3=made.density_kg_m3, rotation_period_h=made.rotation_period_h)
-    body = examine(file, asked).body
-    if body is None:
-        raise InputError(f"{made.name} is not sound: take another seed")
-    return body
 
 
 def _begins_with(path: Path, line: str) -> bool:

@@ -1,0 +1,209 @@
+"""The campaigns that go beyond the paper: which controllers fly where, and what they are told."""
+
+from __future__ import annotations
+
+import dataclasses as dc
+from collections.abc import Sequence
+from pathlib import Path
+
+from proxops.studies.evaluation import EXPERT, Variant
+
+BELIEVED, WORLDS = "believed", "worlds"
+PARTS = (BELIEVED, WORLDS)
+"""Nobody is told the state; then neither the state nor the world."""
+
+POLICY, HYBRID, ADAPTIVE = "policy", "hybrid", "hybrid, adaptive"
+PILOT, PILOT_HYBRID = "end-to-end pilot", "hybrid, end-to-end pilot"
+PAPER_POLICY = "paper's recipe"
+FLAGSHIP = "hybrid, assured"
+"""Names of controllers in the report and in results.json."""
+
+BODIES = ("20:0", "20:1", "20:2", "20:3", "20:4", "20:5", "20:6", "20:8", "20:9", "20:10")
+"""Generated bodies, SEED:NUMBER, on which nothing was trained. The policy refuses 20:7, which is
+flatter than all that it learned at."""
+DISPERSED_BODIES = ("20:0", "20:1", "20:3")
+"""Those at which flights are dispersed, too."""
+
+MAIN = "flagship"
+"""Name of the campaign that says most: whole flights, dispersed, assured, nobody told anything."""
+
+_SEED = 23_000
+_FLAGSHIP_FLIGHTS = 852
+_ASSURED = {"assurance": {}}
+_ADAPTIVE = {"hybrid.period_rule": "adaptive"}
+_TRUE_STATE = "navigation=!TrueState {}"
+
+_MPC = Variant(EXPERT, "mpc")
+_POLICY = Variant(POLICY, "policy")
+_ASSURED_POLICY = Variant("policy, assured", "policy", _ASSURED)
+_HYBRID = Variant(HYBRID, "hybrid")
+_ASSURED_HYBRID = Variant(FLAGSHIP, "hybrid", _ASSURED)
+_ADAPTIVE_HYBRID = Variant(ADAPTIVE, "hybrid", _ADAPTIVE)
+_PILOT = Variant(PILOT, "policy:end-to-end")
+
+
+@dc.dataclass(frozen=True)
+class Campaign:
+    """Flights of some controllers on the same transits, in the same worlds, at one body."""
+
+    name: str
+    """Of its stage, and of its entry in results.json."""
+    part: str
+    """One of `PARTS`."""
+    title: str
+    told: str
+    """One sentence on what those on board are told."""
+    variants: Sequence[Variant]
+    transits: int = 200
+    dispersions: str | None = None
+    """Name of the dispersions from which each flight's world is drawn; None: the world is as
+    believed."""
+    body: str | None = None
+    """SEED:NUMBER of a generated body, or the path of a body's file; None: the scenario's."""
+    true_state: bool = False
+    """Whether all are told the true state."""
+    seed: int = _SEED
+
+    @property
+    def changes(self) -> list[str]:
+        """What the campaign changes in the scenario that all share, for `change_scenario`."""
+        changes = [] if self.dispersions is None else [f"dispersions={self.dispersions}"]
+        return [*changes, _TRUE_STATE] if self.true_state else changes
+
+    def of_transits(self, transits: int) -> Campaign:
+        """The same with another number of flights of each controller."""
+        return dc.replace(self, transits=transits)
+
+
+def campaigns(
+    paper_policy: Path | None = None,
+    own_bodies: Sequence[Path] = (),
+    bodies: int = len(BODIES),
+) -> list[Campaign]:
+    """Returns all campaigns, in the order in which they are flown and told.
+
+    Args:
+      paper_policy: the bundle of the paper's recipe; without it, it does not fly.
+      own_bodies: body files of the user's, each flown as the generated bodies are.
+      bodies: number of generated bodies.
+    """
+    return [
+        *_believed(paper_policy),
+        *_dispersed(),
+        *(_at_body(name, f"body {name}") for name in BODIES[:bodies]),
+        *(_dispersed_at(name) for name in DISPERSED_BODIES[:bodies]),
+        *(_at_body(str(path), path.stem) for path in own_bodies),
+    ]
+
+
+def _believed(paper_policy: Path | None) -> list[Campaign]:
+    papers = [] if paper_policy is None else [Variant(PAPER_POLICY, f"policy:{paper_policy}")]
+    return [
+        Campaign(
+            "navigation",
+            BELIEVED,
+            "On navigation, in a world that is as believed",
+            "Nobody is told the state; map, gravity, spin, thrust and mass are the true ones.",
+            [
+                _MPC,
+                _POLICY,
+                _ASSURED_POLICY,
+                _HYBRID,
+                _ASSURED_HYBRID,
+                _ADAPTIVE_HYBRID,
+                _PILOT,
+                Variant(PILOT_HYBRID, "hybrid:end-to-end"),
+                *papers,
+                Variant("PD", "pd"),
+                Variant("no force", "zero"),
+                Variant("no force, assured", "zero", _ASSURED),
+            ],
+        ),
+        Campaign(
+            "true-state",
+            BELIEVED,
+            "What the navigation costs: the same, told the true state",
+            "All are told the true state, and the world is as believed.",
+            [_MPC, _POLICY, _HYBRID, _ADAPTIVE_HYBRID],
+            true_state=True,
+        ),
+    ]
+
+
+def _dispersed() -> list[Campaign]:
+    told = (
+        "Nobody is told the state or the world; navigation and assurance are told how large errors "
+        "may be, by the same dispersions."
+    )
+    return [
+        Campaign(
+            MAIN,
+            WORLDS,
+            "After the survey: the flagship",
+            told,
+            [_ASSURED_HYBRID],
+            transits=_FLAGSHIP_FLIGHTS,
+            dispersions="after_survey",
+            seed=_SEED + 1,
+        ),
+        Campaign(
+            "after-survey",
+            WORLDS,
+            "After the survey: all controllers",
+            told,
+            [
+                _MPC,
+                _POLICY,
+                _ASSURED_POLICY,
+                _HYBRID,
+                _ASSURED_HYBRID,
+                _ADAPTIVE_HYBRID,
+                _PILOT,
+                Variant("PD", "pd"),
+            ],
+            dispersions="after_survey",
+        ),
+        Campaign(
+            "before-survey",
+            WORLDS,
+            "Before the survey",
+            told,
+            [_MPC, _POLICY, _HYBRID, _ASSURED_HYBRID, _PILOT],
+            dispersions="before_survey",
+        ),
+        Campaign(
+            "first-look",
+            WORLDS,
+            "At first look",
+            told,
+            [Variant("mpc, assured", "mpc", _ASSURED), _ASSURED_HYBRID],
+            dispersions="first_look",
+        ),
+    ]
+
+
+def _at_body(body: str, title: str) -> Campaign:
+    return Campaign(
+        f"at-{_label(body)}",
+        WORLDS,
+        f"At {title}",
+        "Nobody is told the state; the body is as its map. The policy never saw it.",
+        [_MPC, _POLICY, _ASSURED_HYBRID],
+        body=body,
+    )
+
+
+def _dispersed_at(body: str) -> Campaign:
+    return Campaign(
+        f"after-survey-at-{_label(body)}",
+        WORLDS,
+        f"After the survey, at body {body}",
+        "Nobody is told the state or the world. The policy never saw the body.",
+        [_ASSURED_HYBRID],
+        dispersions="after_survey",
+        body=body,
+    )
+
+
+def _label(body: str) -> str:
+    return Path(body).stem.replace(":", "-")

@@ -1,0 +1,129 @@
+"""Flies a campaign as a stage, and makes its entry of results.json."""
+
+from __future__ import annotations
+
+import dataclasses as dc
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from proxops.diagrams.flight import Workers, provenance
+from proxops.diagrams.new_body import scaled_scenario, write_generated_body
+from proxops.diagrams.scenario import (
+    PolicyConfig,
+    Scenario,
+    change_scenario,
+    dump_scenario,
+    load_body,
+)
+from proxops.studies.beyond.campaigns import Campaign
+from proxops.studies.evaluation import (
+    aggregate_all,
+    describe_flight,
+    fly_variants,
+    told_from_chance,
+)
+from proxops.studies.reproduction import Stage, Stages
+from proxops.systems.common import Progress
+
+_OF_THE_FLIGHTS = ("flights", "unflyable_worlds", "sensitivity")
+
+
+def fly_campaign(
+    stages: Stages, campaign: Campaign, scenario: Scenario, bodies: Path, workers: Workers
+) -> Stage:
+    """Flies what is left of a campaign.
+
+    Args:
+      stages: run it; it resumes after an interruption.
+      scenario: the one that all campaigns share.
+      bodies: a folder for the files of generated bodies.
+      workers: fly.
+
+    Returns:
+      The stage. Its result has `results`, the figures of each controller by its name with the rows
+      of the flights, as `aggregate_all` makes them, `body`, the body's name, and `arrival`, the
+      fields of the `ArrivalConfig` by which flights were judged.
+
+    Raises:
+      InputError: the policy refuses the body; or see `fly_variants`.
+    """
+    flown = campaign_scenario(campaign, scenario, bodies)
+    body = load_body(flown.body)
+    inputs = {
+        # Policies count by their content, and bodies by theirs, not by where they lie.
+        "scenario": dump_scenario(dc.replace(flown, policy=PolicyConfig(), body="")),
+        "variants": [
+            {
+                "name": each.name,
+                "changes": dict(each.changes),
+                "controller": provenance(each.applied_to(flown), body, each.controller),
+            }
+            for each in campaign.variants
+        ],
+        "seed": campaign.seed,
+        "transits": campaign.transits,
+    }
+
+    def work(folder: Path, progress: Progress) -> dict[str, Any]:
+        rows = fly_variants(
+            campaign.variants, flown, campaign.seed, campaign.transits, folder,
+            describe=describe_flight, workers=workers.reporting(progress),
+        )  # fmt: skip
+        arrival = dc.asdict(flown.arrival)
+        return {"results": aggregate_all(rows), "body": body.config.name, "arrival": arrival}
+
+    return stages.run(campaign.name, inputs, work)
+
+
+def campaign_scenario(campaign: Campaign, scenario: Scenario, bodies: Path) -> Scenario:
+    """The scenario that a campaign's controllers share; writes a generated body's files.
+
+    At another body the spacecraft is in proportion to it, as `proxops shape` scales it.
+    """
+    if campaign.body is None:
+        return change_scenario(scenario, campaign.changes)
+    path = Path(campaign.body)
+    numbers = re.fullmatch(r"(\d+):(\d+)", campaign.body)
+    if numbers is not None:
+        folder = bodies / campaign.body.replace(":", "-")
+        write_generated_body(folder, *map(int, numbers.groups()))
+        path = folder / "body.yaml"
+    scaled = scaled_scenario(load_body(str(path)), str(path.resolve()))
+    scaled = dc.replace(scaled, log_ranges=scenario.log_ranges, gravity=scenario.gravity)
+    return change_scenario(scaled, campaign.changes)
+
+
+def entry(campaign: Campaign, stage: Stage) -> dict[str, Any]:
+    """A campaign's entry of results.json: figures without the flights that they were made from.
+
+    Where worlds were dispersed, `drivers` has, for each output, what drives it by more than chance.
+    """
+    results: Mapping[str, Mapping[str, Any]] = stage.result["results"]
+    return {
+        "part": campaign.part,
+        "title": campaign.title,
+        "told": campaign.told,
+        "command": f"proxops reproduce {campaign.name}",
+        "body": stage.result["body"],
+        "dispersions": campaign.dispersions,
+        "seed": campaign.seed,
+        "wall_s": round(stage.wall_s),
+        "controllers": {
+            name: {key: _rounded(v) for key, v in result.items() if key not in _OF_THE_FLIGHTS}
+            | ({"drivers": _drivers(result["sensitivity"])} if "sensitivity" in result else {})
+            for name, result in results.items()
+        },
+    }
+
+
+def _drivers(sensitivity: Mapping[str, Any]) -> dict[str, list[str]]:
+    return {output: told_from_chance(ranked) for output, ranked in sensitivity.items() if ranked}
+
+
+def _rounded(value: Any) -> Any:
+    """Six digits are more than any figure is known to."""
+    if isinstance(value, float):
+        return float(f"{value:.6g}")
+    return [_rounded(each) for each in value] if isinstance(value, list | tuple) else value

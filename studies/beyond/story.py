@@ -1,0 +1,132 @@
+"""All of the evidence in one sequence: the paper, then flights on navigation, then other worlds."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from proxops.diagrams.flight import Workers
+from proxops.diagrams.scenario import Scenario, load_body
+from proxops.studies.beyond.campaigns import PARTS, Campaign
+from proxops.studies.beyond.flying import entry, fly_campaign
+from proxops.studies.beyond.report import Story, story_sections
+from proxops.studies.reproduction import Stage, Stages
+from proxops.systems.common import InputError, write_whole
+from proxops.training.reports import write_report
+
+PAPER = "paper"
+"""Name of the part that reproduces the paper, and of its folder."""
+
+
+def chosen_campaigns(names: Sequence[str], known: Sequence[Campaign]) -> list[Campaign]:
+    """Picks campaigns by the names of parts or their own; without names, all of them.
+
+    Raises:
+      InputError: a name is neither a part nor a campaign.
+    """
+    for name in names:
+        if name not in (PAPER, *PARTS) and all(name != each.name for each in known):
+            raise InputError(
+                f"there is no {name!r}: name {', '.join((PAPER, *PARTS))}, or one of the campaigns "
+                f"{', '.join(each.name for each in known)}"
+            )
+    return [each for each in known if not names or {each.name, each.part} & set(names)]
+
+
+def own_bodies(folder: Path) -> list[Path]:
+    """The bodies' files in a folder of the user's.
+
+    Raises:
+      InputError: there is none, or one cannot be read.
+    """
+    paths = sorted([*folder.glob("*.yaml"), *folder.glob("*.yml")])
+    if not paths:
+        raise InputError(
+            f"--bodies {folder} holds no body's YAML file; proxops shape FILE --body "
+            f"{folder / 'NAME.yaml'} with --mass and --period writes one"
+        )
+    for path in paths:
+        load_body(str(path))
+    return paths
+
+
+def fly_and_tell(
+    known: Sequence[Campaign],
+    wanted: Sequence[Campaign],
+    scenario: Scenario,
+    out: Path,
+    *,
+    command: str = "proxops reproduce",
+    workers: Workers = Workers(),
+    tell: Callable[[str, float, str], Any] | None = None,
+) -> dict[str, Any]:
+    """Flies what is left of some campaigns, and writes report.html, report.md and results.json.
+
+    These tell of all campaigns that have ended in the folder, now or earlier, and of the paper's
+    reproduction, if it is in `out`/paper. They are written anew after each campaign.
+
+    Args:
+      known: all campaigns, in the order in which they are told.
+      wanted: those of them that are flown; each is a stage that resumes.
+      scenario: the one that all share.
+      out: folder for everything.
+      command: as it was typed, for the report.
+      workers: fly; what they report goes to `tell`.
+      tell: is called with the stage's name, the share of it that is done, and a text.
+
+    Returns:
+      What results.json holds.
+
+    Raises:
+      InputError: see `fly_campaign`.
+    """
+    stages = Stages(out, tell)
+    flown: dict[str, Stage] = {}
+    for each in known:
+        stage = stages.latest(each.name)
+        if stage is not None:
+            flown[each.name] = stage
+    content = _write(out, known, flown, scenario, command)
+    for each in wanted:
+        flown[each.name] = fly_campaign(stages, each, scenario, out / "bodies", workers)
+        content = _write(out, known, flown, scenario, command)
+    return content
+
+
+def success_lines(content: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """A line for each controller of each campaign in what results.json holds: name and success."""
+    return [
+        (f"{campaign['title']}: {name}", f"{round(figures['success_rate'] * count)} of {count}")
+        for campaign in content["campaigns"].values()
+        for name, figures in campaign["controllers"].items()
+        if (count := figures["transits"])
+    ]
+
+
+def _write(
+    out: Path,
+    known: Sequence[Campaign],
+    flown: Mapping[str, Stage],
+    scenario: Scenario,
+    command: str,
+) -> dict[str, Any]:
+    """Writes the report in all its forms; returns what results.json holds."""
+    record = out / PAPER / "report.json"
+    paper = json.loads(record.read_text()) if record.is_file() else None
+    told = [(each, flown[each.name]) for each in known if each.name in flown]
+    missing = [each.name for each in known if each.name not in flown]
+    story = Story(command, told, missing, paper, f"{PAPER}/report.html", scenario.arrival)
+    write_report(out, "Close to an asteroid, and nobody on board sees the truth",
+                 story_sections(story))  # fmt: skip
+    content = {
+        "proxops_version": metadata.version("proxops"),
+        "command": command,
+        "paper": paper,
+        "campaigns": {each.name: entry(each, stage) for each, stage in told},
+    }
+    text = json.dumps(content, indent=1) + "\n"
+    write_whole(out / "results.json", lambda path: path.write_text(text))
+    return content

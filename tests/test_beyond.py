@@ -1,0 +1,154 @@
+"""What goes beyond the paper: the list of campaigns, how they resume, and what is told of them."""
+
+import dataclasses as dc
+import json
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import pytest
+from short_flights import BRIEF, short_scenario, write_blob
+
+from proxops.diagrams.flight import Workers, named_controller
+from proxops.diagrams.scenario import Scenario, load_body, load_dispersions
+from proxops.studies.beyond.campaigns import BODIES, DISPERSED_BODIES, PARTS, Campaign, campaigns
+from proxops.studies.beyond.flying import campaign_scenario
+from proxops.studies.beyond.story import (
+    chosen_campaigns,
+    fly_and_tell,
+    own_bodies,
+    success_lines,
+)
+from proxops.studies.evaluation import Variant
+from proxops.systems import InputError
+
+
+def small(name: str, **changes: Any) -> Campaign:
+    """Two flights each without control and with the MPC."""
+    flown = [Variant("mpc", "mpc"), Variant("zero", "zero")]
+    return dc.replace(Campaign(name, "worlds", name.upper(), "Told all.", flown, 2), **changes)
+
+
+def brief() -> Scenario:
+    return short_scenario(**BRIEF, log_ranges=False)
+
+
+# --- the list -------------------------------------------------------------------------------------
+
+
+def test_campaigns_are_told_apart() -> None:
+    known = campaigns(Path("recipe"), [Path("mine/eros.yaml")])
+    assert max(Counter(each.name for each in known).values()) == 1
+    assert {each.part for each in known} == set(PARTS)
+    for each in known:
+        assert max(Counter(variant.name for variant in each.variants).values()) == 1
+    assert set(DISPERSED_BODIES) <= set(BODIES)
+    assert known[-1].body == "mine/eros.yaml"
+
+
+def test_nobody_sees_the_truth_unless_it_is_said() -> None:
+    for each in campaigns():
+        told = [change for change in each.changes if "TrueState" in change]
+        assert bool(told) == each.true_state == (each.name == "true-state")
+
+
+def test_the_flagship_is_dispersed_and_assured() -> None:
+    (flagship,) = chosen_campaigns(["flagship"], campaigns())
+    (hybrid,) = flagship.variants
+    assert (hybrid.controller, dict(hybrid.changes)) == ("hybrid", {"assurance": {}})
+    assert (flagship.dispersions, flagship.transits) == ("after_survey", 852)
+
+
+def test_choosing() -> None:
+    known = campaigns()
+    assert chosen_campaigns([], known) == known
+    parts = [chosen_campaigns([part], known) for part in PARTS]
+    assert [each for part in parts for each in part] == known
+    assert chosen_campaigns(["paper"], known) == []
+    assert chosen_campaigns(["first-look", "first-look"], known) == [
+        each for each in known if each.dispersions == "first_look"
+    ]
+    with pytest.raises(InputError, match="no 'flagshp': name paper, believed, worlds, or"):
+        chosen_campaigns(["flagship", "flagshp"], known)
+
+
+def test_dispersions_ship() -> None:
+    for each in campaigns():
+        assert each.dispersions is None or load_dispersions(each.dispersions)
+
+
+# --- bodies ---------------------------------------------------------------------------------------
+
+
+def test_own_bodies(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="holds no body's YAML file; proxops shape FILE --body"):
+        own_bodies(tmp_path)
+    path = write_blob(tmp_path)
+    assert [str(each) for each in own_bodies(tmp_path)] == [path]
+    (tmp_path / "more.yml").write_text("name: [")
+    with pytest.raises(InputError, match=r"more\.yml"):
+        own_bodies(tmp_path)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("body", BODIES)
+def test_the_policy_takes_the_bodies(body: str, tmp_path: Path) -> None:
+    scenario = campaign_scenario(small("at", body=body), Scenario(gravity="table"), tmp_path)
+    assert scenario.gravity == "table"
+    assert Path(scenario.body).is_relative_to(tmp_path)
+    named_controller("policy", scenario, load_body(scenario.body))
+
+
+# --- flights --------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def told(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
+    """The first of two known campaigns was flown."""
+    out = tmp_path_factory.mktemp("beyond")
+    known = [small("first"), small("second")]
+    return out, fly_and_tell(known, known[:1], brief(), out, workers=Workers(1))
+
+
+@pytest.mark.slow
+def test_figures_are_those_of_the_flights(told: tuple[Path, dict[str, Any]]) -> None:
+    out, content = told
+    assert json.loads((out / "results.json").read_text()) == content
+    (folder,) = out.glob("first-*")
+    for name, figures in content["campaigns"]["first"]["controllers"].items():
+        paths = folder.glob(f"{name}-23000-*.json")
+        flights = [json.loads(path.read_text())["summary"] for path in paths]
+        assert figures["transits"] == len(flights) == 2
+        assert figures["min_clearance_m"] == pytest.approx(
+            min(flight["min_clearance_m"] for flight in flights), rel=1e-5
+        )
+        assert "flights" not in figures
+    assert success_lines(content)[0][0] == "FIRST: mpc"
+
+
+@pytest.mark.slow
+def test_report_tells_what_is_missing(told: tuple[Path, dict[str, Any]]) -> None:
+    text = (told[0] / "report.md").read_text()
+    assert "Not run: second." in text
+    assert "Not run: proxops reproduce paper." in text
+    assert "| FIRST: zero | " in text
+    assert "proxops reproduce first" in text
+
+
+@pytest.mark.slow
+def test_run_again_it_flies_only_what_is_new(
+    told: tuple[Path, dict[str, Any]], tmp_path: Path
+) -> None:
+    out, before = told
+    stamps = {path: path.stat().st_mtime_ns for path in out.glob("first-*/*")}
+    known = [small("first"), small("second", dispersions="after_survey")]
+    content = fly_and_tell(known, known, brief(), out, workers=Workers(1))
+    assert {path: path.stat().st_mtime_ns for path in out.glob("first-*/*")} == stamps
+    assert content["campaigns"]["first"] == before["campaigns"]["first"]
+    assert content["campaigns"]["second"]["dispersions"] == "after_survey"
+    (folder,) = out.glob("second-*")
+    worlds = [
+        json.loads(path.read_text())["summary"]["dispersed"] for path in folder.glob("zero-*.json")
+    ]
+    assert len(worlds) == 2
+    assert worlds[0] != worlds[1]
