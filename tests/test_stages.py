@@ -74,3 +74,15 @@ def test_damaged_record(tmp_path: Path, content: str) -> None:
     (tmp_path / "stages" / f"{stage.folder.name}.json").write_text(content)
     with pytest.raises(InputError, match="is not the record of a stage"):
         Stages(tmp_path).run("fly", {}, Work())
+
+
+def test_the_latest_may_have_to_be_of_this_version(tmp_path: Path) -> None:
+    stages = Stages(tmp_path)
+    stages.run("fly", {"seed": 1}, Work())
+    (record,) = (tmp_path / "stages").glob("fly-*.json")
+    assert stages.latest("fly", any_version=False) is not None
+    content = json.loads(record.read_text())
+    content["inputs"]["proxops"] = "0.0.1"
+    record.write_text(json.dumps(content))
+    assert stages.latest("fly") is not None
+    assert stages.latest("fly", any_version=False) is None

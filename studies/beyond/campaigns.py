@@ -30,6 +30,7 @@ MAIN = "flagship"
 _SEED = 23_000
 _FLAGSHIP_FLIGHTS = 852
 _ASSURED = {"assurance": {}}
+_ASSURED_FOR_LESS = {"assurance": {"bounds": "before_survey"}}
 _ADAPTIVE = {"hybrid.period_rule": "adaptive"}
 _TRUE_STATE = "navigation=!TrueState {}"
 
@@ -175,8 +176,9 @@ def _dispersed() -> list[Campaign]:
             "first-look",
             WORLDS,
             "At first look",
-            told,
-            [Variant("mpc, assured", "mpc", _ASSURED), _ASSURED_HYBRID],
+            "Nobody is told the state or the world. Assurance refuses errors as large as these: the "
+            "thrust would not hold the spacecraft. It is told those of before_survey.",
+            [_MPC, _HYBRID, Variant("hybrid, assured for less", "hybrid", _ASSURED_FOR_LESS)],
             dispersions="first_look",
         ),
     ]

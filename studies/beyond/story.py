@@ -65,8 +65,8 @@ def fly_and_tell(
 ) -> dict[str, Any]:
     """Flies what is left of some campaigns, and writes report.html, report.md and results.json.
 
-    These tell of all campaigns that have ended in the folder, now or earlier, and of the paper's
-    reproduction, if it is in `out`/paper. They are written anew after each campaign.
+    These tell of all campaigns that have ended in the folder, now or earlier with this version, and
+    of the paper's reproduction, if it is in `out`/paper. They are written anew after each campaign.
 
     Args:
       known: all campaigns, in the order in which they are told.
@@ -86,7 +86,7 @@ def fly_and_tell(
     stages = Stages(out, tell)
     flown: dict[str, Stage] = {}
     for each in known:
-        stage = stages.latest(each.name)
+        stage = stages.latest(each.name, any_version=False)
         if stage is not None:
             flown[each.name] = stage
     content = _write(out, known, flown, scenario, command)

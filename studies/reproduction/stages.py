@@ -83,12 +83,16 @@ class Stages:
         self.over.append(stage)
         return stage
 
-    def latest(self, name: str) -> Stage | None:
-        """Returns the stage of a name that ended last, with any inputs; None if there is none."""
+    def latest(self, name: str, *, any_version: bool = True) -> Stage | None:
+        """Returns the stage of a name that ended last, with any inputs; None if there is none.
+
+        Args:
+          any_version: whether a stage of another version of proxops counts, too.
+        """
         records = [
             record
             for record in self._records.glob(f"{name}-{'[0-9a-f]' * _DIGITS}.json")
-            if (self._out / record.stem).is_dir()
+            if (self._out / record.stem).is_dir() and (any_version or _is_of_this_version(record))
         ]
         if not records:
             return None
@@ -105,3 +109,10 @@ class Stages:
                 f"{record} is not the record of a stage: remove it and run again"
             ) from error
         return Stage(name, self._out / record.stem, result, wall, skipped=True)
+
+
+def _is_of_this_version(record: Path) -> bool:
+    try:
+        return json.loads(record.read_text())["inputs"]["proxops"] == metadata.version("proxops")
+    except (OSError, ValueError, KeyError, TypeError):
+        return False
