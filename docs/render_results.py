@@ -1,0 +1,164 @@
+"""Writes what docs/results.json says into README.md and the pages of docs/.
+
+A page has the place of a table between two lines:
+
+    <!-- from results.json: NAME -->
+    <!-- end -->
+
+`NAME` is a function of `TABLES`. What lies between the lines is replaced.
+
+    python docs/render_results.py            # renders all pages
+    python docs/render_results.py FOLDER     # first takes FOLDER/results.json of proxops reproduce
+"""
+
+import json
+import re
+import subprocess
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).parents[1]
+RESULTS = ROOT / "docs" / "results.json"
+_PLACE = re.compile(
+    r"(^<!-- from results\.json: ([\w-]+) -->\n)(.*?)(^<!-- end -->$)", re.DOTALL | re.MULTILINE
+)
+
+Campaign = Mapping[str, Any]
+Campaigns = Mapping[str, Campaign]
+
+
+def pages() -> Iterator[Path]:
+    """The pages that may have places for tables."""
+    yield ROOT / "README.md"
+    yield from sorted((ROOT / "docs").rglob("*.md"))
+
+
+def rendered(text: str, campaigns: Campaigns) -> str:
+    """A page's text with its tables as the campaigns have them.
+
+    Raises:
+      KeyError: there is no table of a name, or a campaign that it needs was not flown.
+    """
+    return _PLACE.sub(lambda found: f"{found[1]}{TABLES[found[2]](campaigns)}\n{found[4]}", text)
+
+
+def take(folder: Path) -> None:
+    """Copies the results of `proxops reproduce`, with the commit of this repository."""
+    content = json.loads((folder / "results.json").read_text())
+    commit = subprocess.run(
+        ["git", "rev-parse", "--short", "HEAD"],
+        cwd=ROOT,
+        check=True,
+        capture_output=True,
+        text=True,
+    ).stdout.strip()
+    RESULTS.write_text(json.dumps({"commit": commit, **content}, indent=1) + "\n")
+
+
+# --- tables ---------------------------------------------------------------------------------------
+
+
+def _successes(figures: Mapping[str, Any]) -> str:
+    return f"{round(figures['success_rate'] * figures['transits'])} of {figures['transits']}"
+
+
+def _interval(figures: Mapping[str, Any]) -> str:
+    low, high = figures["success_rate_exact_interval"]
+    return f"{100 * low:.1f} to {100 * high:.1f} %"
+
+
+def _number(figures: Mapping[str, Any], name: str, form: str, scale: float = 1.0) -> str:
+    value = figures.get(name)
+    return "–" if value is None else format(scale * value, form)
+
+
+def _table(head: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
+    rule = ["---", *["---:"] * (len(head) - 1)]
+    return "\n".join(f"| {' | '.join(cells)} |" for cells in (head, rule, *lines))
+
+
+def _bodies(campaigns: Campaigns) -> str:
+    """Bodies that the policy never saw: one line each, and their sum."""
+    lines = []
+    names = ("policy", "hybrid, assured")
+    total = {name: [0, 0, 0] for name in names}
+    for name, campaign in campaigns.items():
+        if not name.startswith("at-"):
+            continue
+        cells = [name.removeprefix("at-").replace("-", ":")]
+        for who in names:
+            found = campaign["controllers"][who]
+            cells += [
+                _successes(found),
+                str(found["keep_out_violations"]),
+                _number(found, "expert_delta_v_ratio", ".3f"),
+            ]
+            counted = (round(found["success_rate"] * found["transits"]), found["transits"],
+                       found["keep_out_violations"])  # fmt: skip
+            total[who] = [a + b for a, b in zip(total[who], counted, strict=True)]
+        mpc = campaign["controllers"]["mpc"]
+        lines.append([*cells, _successes(mpc)])
+    sums = [cell for who in names
+            for cell in (f"{total[who][0]} of {total[who][1]}", str(total[who][2]), "")]  # fmt: skip
+    head = [
+        "body", "policy", "entries", "Δv / MPC's", "hybrid, assured", "entries", "Δv / MPC's", "MPC",
+    ]  # fmt: skip
+    return _table(head, [*lines, ["all", *sums, ""]])
+
+
+def _controllers(name: str) -> Callable[[Campaigns], str]:
+    """The controllers of one campaign, a line each."""
+
+    def made(campaigns: Campaigns) -> str:
+        lines = [
+            [
+                who,
+                _successes(found),
+                _interval(found),
+                _number(found, "success_shown_90", ".2f", 100.0),
+                str(found["keep_out_violations"]),
+                _number(found, "min_clearance_m", ".2f", 1e-3),
+                _number(found, "terminal_position_error_m_median", ".0f"),
+                _number(found, "terminal_position_error_m_max", ",.0f"),
+                _number(found, "delta_v_m_s_median", ".1f"),
+                _number(found, "expert_delta_v_ratio", ".3f"),
+                _number(found, "policy_share", ".1f", 100.0),
+                _number(found, "control_ms_mean", ".2f"),
+            ]
+            for who, found in campaigns[name]["controllers"].items()
+        ]
+        head = [
+            "", "success", "95 % interval", "shown with 90 % confidence (%)", "entries",
+            "least clearance (km)", "end error, median (m)", "greatest", "Δv, median (m/s)",
+            "Δv / MPC's", "policy's share (%)", "a step, mean (ms)",
+        ]  # fmt: skip
+        return _table(head, lines)
+
+    return made
+
+
+TABLES: Mapping[str, Callable[[Campaigns], str]] = {
+    "bodies": _bodies,
+    **{
+        name: _controllers(name)
+        for name in ("navigation", "true-state", "flagship", "after-survey", "before-survey",
+                     "first-look")
+    },
+}  # fmt: skip
+
+
+def main() -> None:
+    if len(sys.argv) > 1:
+        take(Path(sys.argv[1]))
+    campaigns = json.loads(RESULTS.read_text())["campaigns"]
+    for page in pages():
+        text = page.read_text()
+        new = rendered(text, campaigns)
+        if new != text:
+            page.write_text(new)
+
+
+if __name__ == "__main__":
+    main()
