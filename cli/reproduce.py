@@ -41,14 +41,24 @@ class LidarNetwork(enum.StrEnum):
     PAPER = "paper"
 
 
+FramesNetwork = Annotated[
+    LidarNetwork,
+    typer.Option(
+        help="Network that makes the frames of the paper's disturbed flights: our ray network "
+        "(learned), or an MLP like the paper's (paper)."
+    ),
+]
+CampaignNames = Annotated[
+    list[str] | None,
+    typer.Argument(
+        metavar="[NAME]...",
+        help="paper, believed, worlds, or a campaign such as flagship. Default: all.",
+    ),
+]
+
+
 def reproduce_command(
-    names: Annotated[
-        list[str] | None,
-        typer.Argument(
-            metavar="[NAME]...",
-            help="paper, believed, worlds, or a campaign such as flagship. Default: all.",
-        ),
-    ] = None,
+    names: CampaignNames = None,
     scenario: Annotated[
         Path | None, typer.Option(help="Scenario file (YAML). Default: Kleopatra.")
     ] = None,
@@ -71,13 +81,7 @@ def reproduce_command(
             help="Seed of the paper's transits; seeds below 10,000 are for training.",
         ),
     ] = 10_000,
-    lidar: Annotated[
-        LidarNetwork,
-        typer.Option(
-            help="Network that makes the frames of the paper's disturbed flights: our ray network "
-            "(learned), or an MLP like the paper's (paper)."
-        ),
-    ] = LidarNetwork.LEARNED,
+    lidar: FramesNetwork = LidarNetwork.LEARNED,
     bodies: Annotated[
         Path | None,
         typer.Option(help="Folder of bodies of your own, YAML files of proxops shape --body."),
@@ -111,16 +115,8 @@ def reproduce_command(
 
     load_body(load_scenario(scenario, settings or []).body)
     own = [] if bodies is None else beyond.own_bodies(bodies)
-    asked = _Asked(
-        names or [],
-        scenario,
-        settings or [],
-        quick,
-        transits,
-        own,
-        out,
-        Workers(workers, scheduler),
-    )
+    fleet = Workers(workers, scheduler)
+    asked = _Asked(names or [], scenario, settings or [], quick, transits, own, out, fleet)
     asked.check()
     with _stage_bar() as tell:
         paper = None

@@ -89,7 +89,10 @@ def _bodies(campaigns: Campaigns) -> str:
             continue
         cells = [name.removeprefix("at-").replace("-", ":")]
         for who in names:
-            found = campaign["controllers"][who]
+            found = campaign["controllers"].get(who)
+            if found is None:
+                cells += ["refused", "", ""]
+                continue
             cells += [
                 _successes(found),
                 str(found["keep_out_violations"]),
@@ -98,12 +101,15 @@ def _bodies(campaigns: Campaigns) -> str:
             counted = (round(found["success_rate"] * found["transits"]), found["transits"],
                        found["keep_out_violations"])  # fmt: skip
             total[who] = [a + b for a, b in zip(total[who], counted, strict=True)]
-        mpc = campaign["controllers"]["mpc"]
-        lines.append([*cells, _successes(mpc)])
-    sums = [cell for who in names
-            for cell in (f"{total[who][0]} of {total[who][1]}", str(total[who][2]), "")]  # fmt: skip
+        lines.append([*cells, _successes(campaign["controllers"]["mpc"])])
+    sums = [
+        cell
+        for who in names
+        for cell in (f"{total[who][0]} of {total[who][1]}", str(total[who][2]), "")
+    ]
     head = [
-        "body", "policy", "entries", "Δv / MPC's", "hybrid, assured", "entries", "Δv / MPC's", "MPC",
+        "body", "policy", "entries", "Δv / MPC's", "hybrid, assured", "entries", "Δv / MPC's",
+        "MPC",
     ]  # fmt: skip
     return _table(head, [*lines, ["all", *sums, ""]])
 
@@ -150,6 +156,7 @@ TABLES: Mapping[str, Callable[[Campaigns], str]] = {
 
 
 def main() -> None:
+    """Renders all pages, after it has taken the results of a folder if one is named."""
     if len(sys.argv) > 1:
         take(Path(sys.argv[1]))
     campaigns = json.loads(RESULTS.read_text())["campaigns"]

@@ -1,5 +1,9 @@
 """Polyhedral gravity against closed forms, a plain implementation, and the laws it must obey."""
 
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 import pytest
 import trimesh
@@ -606,3 +610,29 @@ def test_wrong_unit_is_refused(kleopatra, tmp_path) -> None:
     with pytest.raises(InputError, match="in the unit that was said"):
         GravityField(too_large, mass=mass)
     GravityField(Polyhedron.load(path, unit="m"), mass=mass)
+
+
+def test_many_points_from_many_threads() -> None:
+    """numba's workqueue ends a process that calls it from two threads at once."""
+    shape = Polyhedron(*box(np.full(3, -1.0), np.full(3, 2.0)))
+    field = GravityField(shape, density=DENSITY)
+    points = np.random.default_rng(7).normal(size=(2000, 3)) * 3.0
+    alone = field.evaluate(points).acceleration
+    with ThreadPoolExecutor(4) as pool:
+        for found in pool.map(field.evaluate, [points] * 16):
+            np.testing.assert_array_equal(found.acceleration, alone)
+
+
+def test_many_points_after_a_fork() -> None:
+    """GNU OpenMP ends a forked process. A process of its own, because fork is for few threads."""
+    code = """
+import os, numpy as np
+from proxops.diagrams.scenario import load_body
+field, points = load_body("kleopatra").gravity_field, np.full((2000, 3), 2e5)
+alone = field.evaluate(points).acceleration
+child = os.fork()
+if child == 0:
+    os._exit(0 if np.array_equal(field.evaluate(points).acceleration, alone) else 1)
+raise SystemExit(os.waitpid(child, 0)[1])
+"""
+    assert subprocess.run([sys.executable, "-c", code], timeout=60).returncode == 0

@@ -18,9 +18,9 @@ PAPER_POLICY = "paper's recipe"
 FLAGSHIP = "hybrid, assured"
 """Names of controllers in the report and in results.json."""
 
-BODIES = ("20:0", "20:1", "20:2", "20:3", "20:4", "20:5", "20:6", "20:8", "20:9", "20:10")
+BODIES = tuple(f"20:{number}" for number in range(11))
 """Generated bodies, SEED:NUMBER, on which nothing was trained. The policy refuses 20:7, which is
-flatter than all that it learned at."""
+flatter than all that it learned at, so ten are left."""
 DISPERSED_BODIES = ("20:0", "20:1", "20:3")
 """Those at which flights are dispersed, too."""
 
@@ -176,8 +176,8 @@ def _dispersed() -> list[Campaign]:
             "first-look",
             WORLDS,
             "At first look",
-            "Nobody is told the state or the world. Assurance refuses errors as large as these: the "
-            "thrust would not hold the spacecraft. It is told those of before_survey.",
+            "Nobody is told the state or the world. Assurance refuses errors as large as these, "
+            "because the thrust would not hold the spacecraft; it is told those of before_survey.",
             [_MPC, _HYBRID, Variant("hybrid, assured for less", "hybrid", _ASSURED_FOR_LESS)],
             dispersions="first_look",
         ),
@@ -190,7 +190,7 @@ def _at_body(body: str, title: str) -> Campaign:
         WORLDS,
         f"At {title}",
         "Nobody is told the state; the body is as its map. The policy never saw it.",
-        [_MPC, _POLICY, _ASSURED_HYBRID],
+        [_MPC, _POLICY, _HYBRID, _ASSURED_HYBRID],
         body=body,
     )
 

@@ -8,24 +8,33 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from proxops.diagrams.flight import Workers, provenance
+from proxops.diagrams.flight import (
+    Workers,
+    make_transit_diagram,
+    named_controller,
+    provenance,
+)
 from proxops.diagrams.new_body import scaled_scenario, write_generated_body
 from proxops.diagrams.scenario import (
     PolicyConfig,
     Scenario,
+    UnflyableWorldError,
     change_scenario,
     dump_scenario,
     load_body,
+    parse_scenario,
 )
 from proxops.studies.beyond.campaigns import Campaign
 from proxops.studies.evaluation import (
+    Variant,
     aggregate_all,
     describe_flight,
     fly_variants,
     told_from_chance,
+    variant_flights,
 )
 from proxops.studies.reproduction import Stage, Stages
-from proxops.systems.common import Progress
+from proxops.systems.common import InputError, Progress
 
 _OF_THE_FLIGHTS = ("flights", "unflyable_worlds", "sensitivity")
 
@@ -43,11 +52,12 @@ def fly_campaign(
 
     Returns:
       The stage. Its result has `results`, the figures of each controller by its name with the rows
-      of the flights, as `aggregate_all` makes them, `body`, the body's name, and `arrival`, the
-      fields of the `ArrivalConfig` by which flights were judged.
+      of the flights, as `aggregate_all` makes them; `refused`, the reason of each controller that
+      refuses to fly there; `body`, the body's name; and `arrival`, the fields of the
+      `ArrivalConfig` by which flights were judged.
 
     Raises:
-      InputError: the policy refuses the body; or see `fly_variants`.
+      InputError: see `fly_variants`.
     """
     flown = campaign_scenario(campaign, scenario, bodies)
     body = load_body(flown.body)
@@ -67,12 +77,18 @@ def fly_campaign(
     }
 
     def work(folder: Path, progress: Progress) -> dict[str, Any]:
+        refused = {each.name: _refusal(each, flown, campaign.seed) for each in campaign.variants}
         rows = fly_variants(
-            campaign.variants, flown, campaign.seed, campaign.transits, folder,
-            describe=describe_flight, workers=workers.reporting(progress),
+            [each for each in campaign.variants if refused[each.name] is None],
+            flown, campaign.seed, campaign.transits, folder, describe=describe_flight,
+            workers=workers.reporting(progress),
         )  # fmt: skip
-        arrival = dc.asdict(flown.arrival)
-        return {"results": aggregate_all(rows), "body": body.config.name, "arrival": arrival}
+        return {
+            "results": aggregate_all(rows),
+            "refused": {name: reason for name, reason in refused.items() if reason is not None},
+            "body": body.config.name,
+            "arrival": dc.asdict(flown.arrival),
+        }
 
     return stages.run(campaign.name, inputs, work)
 
@@ -95,6 +111,25 @@ def campaign_scenario(campaign: Campaign, scenario: Scenario, bodies: Path) -> S
     return change_scenario(scaled, campaign.changes)
 
 
+def _refusal(variant: Variant, flown: Scenario, seed: int) -> str | None:
+    """Why a controller refuses to fly in a scenario, or None.
+
+    The policy refuses bodies outside its family, and assurance errors that thrust can't hold.
+    """
+    (flight,) = variant_flights(variant, flown, seed, [0])
+    scenario = dc.replace(parse_scenario(flight.scenario), gravity="exact")
+    body = load_body(scenario.body)
+    try:
+        make_transit_diagram(
+            scenario, named_controller(flight.controller, scenario, body), body=body
+        )
+    except UnflyableWorldError:
+        return None  # That is of this one world.
+    except InputError as error:
+        return str(error)
+    return None
+
+
 def entry(campaign: Campaign, stage: Stage) -> dict[str, Any]:
     """A campaign's entry of results.json: figures without the flights that they were made from.
 
@@ -110,6 +145,7 @@ def entry(campaign: Campaign, stage: Stage) -> dict[str, Any]:
         "dispersions": campaign.dispersions,
         "seed": campaign.seed,
         "wall_s": round(stage.wall_s),
+        "refused": stage.result["refused"],
         "controllers": {
             name: {key: _rounded(v) for key, v in result.items() if key not in _OF_THE_FLIGHTS}
             | ({"drivers": _drivers(result["sensitivity"])} if "sensitivity" in result else {})

@@ -150,6 +150,10 @@ def _campaign(campaign: Campaign, stage: Stage) -> Section:
         ),
         Table(["", *results], lines),
     ]
+    blocks += [
+        Text(f"{name} refuses to fly: {reason}.")
+        for name, reason in stage.result["refused"].items()
+    ]
     if campaign.name == MAIN:
         for section in driver_sections(results):
             blocks += section.blocks

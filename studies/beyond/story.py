@@ -123,7 +123,6 @@ def _write(
                  story_sections(story))  # fmt: skip
     content = {
         "proxops_version": metadata.version("proxops"),
-        "command": command,
         "paper": paper,
         "campaigns": {each.name: entry(each, stage) for each, stage in told},
     }

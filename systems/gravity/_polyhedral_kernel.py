@@ -19,6 +19,7 @@ import math
 
 import numba
 import numpy as np
+from numba.core import config
 
 # Largest argument for the series below: the first omitted term is then below 1e-17 of the sum.
 _SERIES_LIMIT = 0.1
@@ -265,6 +266,12 @@ def _evaluate_point(point, ends, corners, vertices, edges, facets, masses, facto
         factor * xx, factor * yy, factor * zz, factor * xy, factor * xz, factor * yz, out
     )
     out[13] = total
+
+
+# A process that has used GNU OpenMP, numba's first choice, ends if it is forked, as by the workers
+# of Gymnasium. A choice of the user's own (NUMBA_THREADING_LAYER) stays.
+if config.THREADING_LAYER == "default":  # pyright: ignore[reportAttributeAccessIssue]
+    config.THREADING_LAYER = "forksafe"  # pyright: ignore[reportAttributeAccessIssue]
 
 
 # Two functions, not one compiled twice: numba's cache on disk does not tell the two apart.

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import functools
 import sys
+import threading
 from pathlib import Path
 from typing import NamedTuple, Protocol
 
@@ -25,6 +26,8 @@ PLAUSIBLE_DENSITY = (100.0, 23_000.0)
 
 # Below this many points one thread is faster than many.
 _PARALLEL_FROM = 256
+# numba's own threads, which a fork survives, do one piece of work at a time.
+_PARALLEL = threading.Lock()
 
 
 class Gravity(NamedTuple):
@@ -182,10 +185,13 @@ class _UniformPart:
 
     def _evaluate(self, offsets: np.ndarray) -> np.ndarray:
         columns = np.empty((len(offsets), 14))
-        parallel = len(offsets) >= _PARALLEL_FROM
-        run = kernel.evaluate_parallel if parallel else kernel.evaluate_serial
         arguments = (*self._tables, self._masses, self._factor, self._limits, columns)
-        run(offsets, *arguments)  # pyright: ignore[reportCallIssue]  (a tuple of known length)
+        # A tuple of known length, which pyright does not see.
+        if len(offsets) < _PARALLEL_FROM:
+            kernel.evaluate_serial(offsets, *arguments)  # pyright: ignore[reportCallIssue]
+        else:
+            with _PARALLEL:
+                kernel.evaluate_parallel(offsets, *arguments)  # pyright: ignore[reportCallIssue]
         return columns
 
 
