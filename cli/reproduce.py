@@ -154,7 +154,7 @@ class _Asked(NamedTuple):
         from proxops.studies import beyond
 
         bodies = _QUICK_BODIES if self.quick else len(beyond.BODIES)
-        known = beyond.campaigns(paper_policy, self.bodies, bodies)
+        known = beyond.all_campaigns(paper_policy, self.bodies, bodies)
         count = self.transits if self.transits is not None else _QUICK_TRANSITS
         if not self.quick and self.transits is None:
             return known

@@ -11,7 +11,13 @@ from short_flights import BRIEF, short_scenario, write_blob
 
 from proxops.diagrams.flight import Workers, named_controller
 from proxops.diagrams.scenario import Scenario, load_body, load_dispersions
-from proxops.studies.beyond.campaigns import BODIES, DISPERSED_BODIES, PARTS, Campaign, campaigns
+from proxops.studies.beyond.campaigns import (
+    BODIES,
+    DISPERSED_BODIES,
+    PARTS,
+    Campaign,
+    all_campaigns,
+)
 from proxops.studies.beyond.flying import campaign_scenario
 from proxops.studies.beyond.story import (
     chosen_campaigns,
@@ -37,7 +43,7 @@ def brief() -> Scenario:
 
 
 def test_campaigns_are_told_apart() -> None:
-    known = campaigns(Path("recipe"), [Path("mine/eros.yaml")])
+    known = all_campaigns(Path("recipe"), [Path("mine/eros.yaml")])
     assert max(Counter(each.name for each in known).values()) == 1
     assert {each.part for each in known} == set(PARTS)
     for each in known:
@@ -47,20 +53,20 @@ def test_campaigns_are_told_apart() -> None:
 
 
 def test_nobody_sees_the_truth_unless_it_is_said() -> None:
-    for each in campaigns():
+    for each in all_campaigns():
         told = [change for change in each.changes if "TrueState" in change]
         assert bool(told) == each.true_state == (each.name == "true-state")
 
 
 def test_the_flagship_is_dispersed_and_assured() -> None:
-    (flagship,) = chosen_campaigns(["flagship"], campaigns())
+    (flagship,) = chosen_campaigns(["flagship"], all_campaigns())
     (hybrid,) = flagship.variants
     assert (hybrid.controller, dict(hybrid.changes)) == ("hybrid", {"assurance": {}})
     assert (flagship.dispersions, flagship.transits) == ("after_survey", 852)
 
 
 def test_choosing() -> None:
-    known = campaigns()
+    known = all_campaigns()
     assert chosen_campaigns([], known) == known
     parts = [chosen_campaigns([part], known) for part in PARTS]
     assert [each for part in parts for each in part] == known
@@ -73,7 +79,7 @@ def test_choosing() -> None:
 
 
 def test_dispersions_ship() -> None:
-    for each in campaigns():
+    for each in all_campaigns():
         assert each.dispersions is None or load_dispersions(each.dispersions)
 
 

@@ -1,10 +1,10 @@
 """What goes beyond the paper: campaigns on navigation, in worlds that differ, at other bodies.
 
-Start with `campaigns`, the list of what is flown, then read `fly_and_tell`. A new campaign goes
+Start with `all_campaigns`, the list of what is flown, then read `fly_and_tell`. A new campaign goes
 into `campaigns`, and a new section of the report into `report`.
 """
 
-from proxops.studies.beyond.campaigns import BODIES, PARTS, Campaign, campaigns
+from proxops.studies.beyond.campaigns import BODIES, PARTS, Campaign, all_campaigns
 from proxops.studies.beyond.story import (
     PAPER,
     chosen_campaigns,
@@ -18,7 +18,7 @@ __all__ = [
     "PAPER",
     "PARTS",
     "Campaign",
-    "campaigns",
+    "all_campaigns",
     "chosen_campaigns",
     "fly_and_tell",
     "own_bodies",

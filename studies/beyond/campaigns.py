@@ -76,7 +76,7 @@ class Campaign:
         return dc.replace(self, transits=transits)
 
 
-def campaigns(
+def all_campaigns(
     paper_policy: Path | None = None,
     own_bodies: Sequence[Path] = (),
     bodies: int = len(BODIES),
