@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import SpatialInertia
+from pydrake.multibody.tree import BodyIndex, FixedOffsetFrame, SpatialInertia
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from scipy.spatial import Delaunay
@@ -130,9 +130,9 @@ def test_it_rides_on_a_body_of_a_multibody_plant() -> None:
     )
     down = np.array([[0.0, 0.0, -1.0]])
     lidar = builder.AddSystem(SceneLidar({"Floor": floor}, down, max_range=100.0))
-    pose = builder.AddSystem(BodyPose(craft.index()))
+    pose = builder.AddSystem(BodyPose(craft))
     builder.Connect(plant.GetOutputPort("body_poses"), pose.GetInputPort("poses"))
-    builder.Connect(pose.GetOutputPort("X_WB"), lidar.GetInputPort("X_WS"))
+    builder.Connect(pose.GetOutputPort("X_WF"), lidar.GetInputPort("X_WS"))
     simulator = Simulator(builder.Build())
     context = simulator.get_mutable_context()
     high = RigidTransform([1.0, 2.0, 40.0])
@@ -143,6 +143,30 @@ def test_it_rides_on_a_body_of_a_multibody_plant() -> None:
     assert ranges[0] == pytest.approx(40.0 - 0.5 * 9.81 * 2.0**2, abs=1e-3)
     cloud = lidar.GetOutputPort("point_cloud").Eval(lidar.GetMyContextFromRoot(context))
     np.testing.assert_allclose(cloud.xyzs()[:, 0], [0.0, 0.0, -ranges[0]], atol=1e-5)
+
+
+def test_it_rides_on_a_frame_of_a_body() -> None:
+    """An offset frame of a body: the plant's own pose of the frame is the reference."""
+    plant = MultibodyPlant(time_step=0.0)
+    craft = plant.AddRigidBody("craft", SpatialInertia.SolidBoxWithMass(1.0, 1.0, 1.0, 1.0))
+    offset = RigidTransform(RollPitchYaw(0.3, -0.2, 1.0), [0.5, -1.0, 2.0])
+    mount = plant.AddFrame(FixedOffsetFrame("mount", craft.body_frame(), offset))
+    plant.Finalize()
+    of_plant = plant.CreateDefaultContext()
+    pose = RigidTransform(RollPitchYaw(-1.0, 0.4, 0.1), [1.0, 2.0, 40.0])
+    plant.SetFloatingBaseBodyPoseInWorldFrame(of_plant, craft, pose)
+    system = BodyPose(mount)
+    context = system.CreateDefaultContext()
+    poses = plant.get_body_poses_output_port().EvalAbstract(of_plant)
+    system.GetInputPort("poses").FixValue(context, poses)
+    found = system.GetOutputPort("X_WF").Eval(context)
+    expected = mount.CalcPoseInWorld(of_plant)
+    np.testing.assert_allclose(found.GetAsMatrix4(), expected.GetAsMatrix4(), atol=1e-12)
+
+
+def test_an_index_is_refused() -> None:
+    with pytest.raises(InputError, match="BodyPose needs a RigidBody or Frame as frame, got a"):
+        BodyPose(BodyIndex(1))  # pyright: ignore[reportArgumentType]
 
 
 GROUND = {"Ground": Surface(np.eye(3), [[0, 1, 2]])}

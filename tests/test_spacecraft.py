@@ -347,3 +347,17 @@ def test_derivatives_of_all_of_it_agree_with_differences():
 def test_senseless_spin_is_refused(spin, point, complaint):
     with pytest.raises(InputError, match=complaint):
         Spacecraft(100.0, spin, axis_point=point)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        ((100.0, 1e-4, [1.0, 2.0, 3.0]), "initial_state of six finite numbers"),
+        ((100.0, 1e-4, np.full(6, np.nan)), "initial_state of six finite numbers"),
+        (("heavy", 1e-4), "Spacecraft needs a number as mass, got a str"),
+        ((100.0, object()), "Spacecraft needs a number as spin, got a object"),
+    ],
+)
+def test_arguments_that_make_no_sense_are_refused(arguments, complaint: str) -> None:
+    with pytest.raises(InputError, match=complaint):
+        Spacecraft(*arguments)

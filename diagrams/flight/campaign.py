@@ -16,7 +16,7 @@ from pathlib import Path
 
 from pydrake.common.yaml import yaml_dump_typed
 
-from proxops.diagrams.flight.named_controllers import controller_source
+from proxops.diagrams.flight.named_controllers import controller_files
 from proxops.diagrams.flight.parallel import Workers
 from proxops.diagrams.flight.scenario_systems import WITH_BUNDLE, bundle_of, policy_sha256
 from proxops.diagrams.flight.simulation import fly
@@ -81,7 +81,7 @@ def provenance(scenario: Scenario, body: Body, controller: str) -> str:
     """Gives the `Flight.provenance` of flights of a scenario by a controller and this version.
 
     Raises:
-      InputError: a bundle or a module that the flights need does not exist.
+      InputError: a bundle, a module or a file that the flights need does not exist.
     """
     origin = version_and_body(body)
     if scenario.truth.mesh is not None:
@@ -91,9 +91,8 @@ def provenance(scenario: Scenario, body: Body, controller: str) -> str:
     bundle = bundle_of(controller, scenario)
     if bundle is not None:
         origin += f", policy {policy_sha256(bundle)}"
-    source = controller_source(controller)
-    if source is not None:
-        origin += f", controller {hashlib.sha256(source.read_bytes()).hexdigest()}"
+    for number, path in enumerate(controller_files(controller)):
+        origin += f"{'' if number else ', controller'} {file_sha256(path)}"
     return origin
 
 
@@ -179,7 +178,9 @@ def run_campaign(
         else:
             rows[flight.name] = row
     _make_tables(todo)
-    workers.progress(*_progress(rows, len(flights)))
+    kept = f"; {len(rows)} are there from before" if rows else ""
+    done, text = _progress(rows, len(flights))
+    workers.progress(done, text + kept)
     # Flights that another process is flying come last, and are then waited for.
     for wait in (False, True):
         task = functools.partial(

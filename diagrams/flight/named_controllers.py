@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import contextlib
 import importlib.util
 import sys
@@ -68,17 +69,45 @@ def named_controller(name: str, scenario: Scenario, body: Body) -> System:
     return controller
 
 
-def controller_source(name: str) -> Path | None:
-    """Gives the file of the module of a controller MODULE:FACTORY.
+def controller_files(name: str) -> list[Path]:
+    """Gives the files that say what a controller MODULE:FACTORY does.
 
-    It does not consider the modules that this file imports.
+    They are the module's file, and those that its constant `FILES` names: a list of texts, written
+    out in the module, of paths relative to the working directory, as for `open`. Modules that this
+    one imports are not considered.
 
     Returns:
-      The path; None if `name` is another kind of controller, or the module has no file.
+      The paths; none if `name` is another kind of controller, or the module has no file.
 
     Raises:
-      InputError: the module does not exist.
+      InputError: the module or one of its `FILES` does not exist.
     """
+    source = _module_file(name)
+    if source is None:
+        return []
+    files = [source, *map(Path, _named_files(source))]
+    for path in files:
+        if not path.is_file():
+            raise InputError(f"controller {name!r}: {path}, one of its FILES, does not exist")
+    return files
+
+
+def _named_files(source: Path) -> list[str]:
+    """The constant `FILES` of a module that need not be imported."""
+    if source.suffix != ".py":
+        return []
+    try:
+        statements = ast.parse(source.read_bytes(), str(source)).body
+        for each in statements:
+            if isinstance(each, ast.Assign) and ast.unparse(each.targets[0]) == "FILES":
+                return [str(path) for path in ast.literal_eval(each.value)]
+    except (SyntaxError, TypeError, ValueError) as error:
+        raise InputError(f"{source}: {type(error).__name__}: {error}") from error
+    return []
+
+
+def _module_file(name: str) -> Path | None:
+    """The file of the module of MODULE:FACTORY; None for another kind of controller."""
     module_name, colon, _ = name.partition(":")
     if not colon or module_name in WITH_BUNDLE:
         return None

@@ -104,6 +104,11 @@ def make_transit_diagram(
     scenario, builder = wiring.scenario, wiring.builder
     if controller is None:
         controller = make_mpc(believed(scenario), wiring.body)
+    if not isinstance(controller, System):
+        raise InputError(
+            f"the controller is a {type(controller).__name__}, not a System; named_controller("
+            "name, scenario, body) makes one from a name"
+        )
     delay = float(getattr(controller, "delay", 0.0))
 
     craft = add_spacecraft(wiring)

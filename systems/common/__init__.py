@@ -9,7 +9,12 @@ room imports nothing else of proxops, and every other room depends on it.
 """
 
 from proxops.systems.common.bundles import MODEL_FILE, BundleKind, open_session, read_bundle
-from proxops.systems.common.checks import LARGEST, check_not_negative, check_positive
+from proxops.systems.common.checks import (
+    LARGEST,
+    check_not_negative,
+    check_positive,
+    check_type,
+)
 from proxops.systems.common.controller_offers import LegendEntry, LoggedPort
 from proxops.systems.common.counter_noise import derived_seed, generator
 from proxops.systems.common.deviations import error_bounds
@@ -31,6 +36,7 @@ __all__ = [
     "SolverFailure",
     "check_not_negative",
     "check_positive",
+    "check_type",
     "derived_seed",
     "error_bounds",
     "file_sha256",

@@ -2,10 +2,27 @@
 
 from __future__ import annotations
 
+import numbers
+import typing
+
 from proxops.systems.common.errors import InputError
 
 LARGEST = 1e15
 """No length, time, mass, force or speed of a spacecraft, in SI units, is as large as this."""
+
+
+def check_type(owner: str, *kinds: type, **values: typing.Any) -> None:
+    """Raises `InputError` unless every value is of one of the kinds; float means any real number.
+
+    Args:
+      owner: what the values belong to; it begins the message.
+      values: by their names.
+    """
+    taken = tuple(numbers.Real if kind is float else kind for kind in kinds)
+    for name, value in values.items():
+        if not isinstance(value, taken):
+            wanted = " or ".join("number" if kind is float else kind.__name__ for kind in kinds)
+            raise InputError(f"{owner} needs a {wanted} as {name}, got a {type(value).__name__}")
 
 
 def check_positive(owner: str, **values: float) -> None:
@@ -16,6 +33,7 @@ def check_positive(owner: str, **values: float) -> None:
       values: by their names.
     """
     for name, value in values.items():
+        check_type(owner, float, **{name: value})
         if not 0.0 < value < LARGEST:
             raise InputError(f"{owner} needs {name} above 0 and below {LARGEST:g}, got {value}")
 
@@ -23,5 +41,6 @@ def check_positive(owner: str, **values: float) -> None:
 def check_not_negative(owner: str, **values: float) -> None:
     """Raises `InputError` unless every value is at least 0 and below `LARGEST`."""
     for name, value in values.items():
+        check_type(owner, float, **{name: value})
         if not 0.0 <= value < LARGEST:
             raise InputError(f"{owner} needs {name} from 0 to below {LARGEST:g}, got {value}")

@@ -7,6 +7,7 @@ from pydrake.autodiffutils import AutoDiffXd, ExtractGradient, ExtractValue, Ini
 from pydrake.systems.framework import LeafSystem_
 from pydrake.systems.scalar_conversion import TemplateSystem
 
+from proxops.systems.common import InputError
 from proxops.systems.gravity.gravity_field import BodyField, Gravity
 
 
@@ -43,11 +44,23 @@ def PolyhedralGravity_(T):  # noqa: N802 (Drake's own naming of templates)
         Each output depends on the position alone and is computed when it is asked for. In
         AutoDiffXd, acceleration and potential carry derivatives; there is no gradient port, because
         its derivative would need the third derivatives of the potential.
+
+        Its argument is `PolyhedralGravity(field)`, a `GravityField` or a `TabulatedField` whose
+        frame is K; `load_body(path).gravity_field` is one.
         """
 
         def _construct(self, field: BodyField, *, converter=None):
-            """Takes the `GravityField` or `TabulatedField` whose frame is K."""
+            """Takes the `GravityField` or `TabulatedField` whose frame is K.
+
+            Raises:
+              InputError: the argument is no field.
+            """
             super().__init__(converter=converter)
+            if not hasattr(field, "evaluate"):
+                raise InputError(
+                    f"PolyhedralGravity needs a field, got a {type(field).__name__}: give "
+                    "body.gravity_field, or GravityField(shape, density)"
+                )
             self.field = field
             self._position_port = self.DeclareVectorInputPort(name="position", size=3)
             depends = {self._position_port.ticket()}

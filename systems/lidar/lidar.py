@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from proxops.systems.common import check_type
 from proxops.systems.lidar.beams import Beams
 from proxops.systems.lidar.lidar_errors import DEFAULT_ERRORS, LidarErrors, TrueReturns, too_grazing
 from proxops.systems.lidar.lidar_geometry import DEFAULT_GEOMETRY, LidarGeometry
@@ -28,8 +29,10 @@ class Lidar(PlanarLidar):
     S are those of K.
 
     `LidarErrors` says what is wrong with the ranges. All random numbers are a pure function of
-    (seed, step): the seed is a numeric parameter in the Context, and the step is the number of
-    periods since time 0. So the same Context gives the same frame, whatever was evaluated before.
+    (seed, step): the seed is a numeric parameter in the Context, and the step is time over period,
+    rounded to a whole number. So the same Context gives the same frame, whatever was evaluated
+    before, and noise changes in the middle between two steps, where nobody evaluates the frame.
+    `set_seed(context, seed)` gives other numbers; Drake's `SetRandomContext` does not.
     Outputs are computed when they are asked for, then cached.
     """
 
@@ -51,9 +54,12 @@ class Lidar(PlanarLidar):
           seed: default of the Context's parameter.
 
         Raises:
-          InputError: the period is not positive, the seed is negative, or there are false returns
-            and the greatest range is infinite.
+          InputError: an argument is of another type, the period is not positive, the seed is
+            negative, or there are false returns and the greatest range is infinite.
         """
+        check_type("Lidar", Polyhedron, shape=shape)
+        check_type("Lidar", LidarErrors, errors=errors)
+        check_type("Lidar", LidarGeometry, geometry=geometry)
         super().__init__(errors, geometry, period, seed)
         self._normals = shape.normals
         self._fan = ray_caster(shape).fan(self.directions)

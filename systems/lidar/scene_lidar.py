@@ -9,11 +9,11 @@ import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import BodyIndex
+from pydrake.multibody.tree import Frame, RigidBody
 from pydrake.perception import PointCloud
 from pydrake.systems.framework import LeafSystem
 
-from proxops.systems.common import InputError, SeededSystem, check_positive
+from proxops.systems.common import InputError, SeededSystem, check_positive, check_type
 from proxops.systems.lidar.lidar_errors import (
     LidarErrors,
     TrueReturns,
@@ -39,7 +39,7 @@ class SceneLidar(SeededSystem):
     A ray reads the nearest surface that it meets, from either side.
 
     Random numbers are those of `Lidar`: a pure function of (seed, step). A `BodyPose` gives the
-    pose of a body of a `MultibodyPlant`.
+    pose of a body of a `MultibodyPlant`, or of a frame that is fixed to one.
     """
 
     def __init__(
@@ -62,13 +62,21 @@ class SceneLidar(SeededSystem):
           seed: default of the Context's parameter.
 
         Raises:
-          InputError: there is no surface, a direction is no unit vector, a number is not positive,
-            the seed is negative, or the errors have a beam width.
+          InputError: there is no surface, or it is of another type; a direction is no unit vector,
+            a number is not positive, the seed is negative, or the errors have a beam width.
         """
         super().__init__(period, seed)
         errors = LidarErrors() if errors is None else errors
         directions = np.array(directions, dtype=np.float64)
         check_positive("SceneLidar", max_range=max_range)
+        check_type("SceneLidar", LidarErrors, errors=errors)
+        check_type("SceneLidar", Mapping, scene=scene)
+        for name, surface in scene.items():
+            if not isinstance(surface, Surface | Polyhedron):
+                raise InputError(
+                    f"SceneLidar: {name!r} is a {type(surface).__name__}, not a Surface or a "
+                    "Polyhedron; Surface.from_trimesh takes a mesh of trimesh"
+                )
         check_false_returns(errors, max_range)
         if not scene:
             raise InputError("SceneLidar needs at least one surface")
@@ -137,27 +145,34 @@ class SceneLidar(SeededSystem):
 
 
 class BodyPose(LeafSystem):
-    """The pose of one body of a `MultibodyPlant`.
+    """The pose of a body of a `MultibodyPlant`, or of a frame that is fixed to one.
 
     ```
     poses ───────►┌──────────┐
-      (abstract)  │ BodyPose ├─► X_WB (abstract RigidTransform)
+      (abstract)  │ BodyPose ├─► X_WF (abstract RigidTransform)
                   └──────────┘
     ```
 
     `poses` is the plant's port `body_poses`.
     """
 
-    def __init__(self, index: BodyIndex):
-        """Takes the body's index in the plant, `body.index()`."""
+    def __init__(self, frame: RigidBody | Frame):
+        """Takes the body, or a frame such as a `FixedOffsetFrame`, of a finalized plant.
+
+        Raises:
+          InputError: it is neither; an index of a body or of a frame is not enough.
+        """
         super().__init__()
+        check_type("BodyPose", RigidBody, Frame, frame=frame)
+        frame = frame.body_frame() if isinstance(frame, RigidBody) else frame
+        index, offset = int(frame.body().index()), frame.GetFixedPoseInBodyFrame()
         # Drake has no other way to name a list of poses from Python.
         plant = MultibodyPlant(time_step=0.0)
         plant.Finalize()
         poses = plant.get_body_poses_output_port().Allocate()
         port = self.DeclareAbstractInputPort("poses", poses)
         self.DeclareAbstractOutputPort(
-            "X_WB",
+            "X_WF",
             alloc=lambda: AbstractValue.Make(RigidTransform()),
-            calc=lambda context, output: output.set_value(port.Eval(context)[int(index)]),
+            calc=lambda context, output: output.set_value(port.Eval(context)[index] @ offset),
         )

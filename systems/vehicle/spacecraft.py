@@ -8,7 +8,7 @@ import numpy as np
 from pydrake.systems.framework import BasicVector_, LeafSystem_
 from pydrake.systems.scalar_conversion import TemplateSystem
 
-from proxops.systems.common import LARGEST, InputError, check_positive
+from proxops.systems.common import LARGEST, InputError, check_positive, check_type
 from proxops.systems.vehicle._vectors import finite_vector
 
 # Below this share of the first mass, all propellant must have been used up long ago.
@@ -81,10 +81,22 @@ def _set_constants(craft, mass: float, spin, axis_point) -> None:
         craft.spin = finite_vector("Spacecraft", "spin", spin)
         craft.about_z, craft.turn = False, cross_matrix(craft.spin)
         return
+    check_type("Spacecraft", float, spin=spin)
     if not abs(spin) < LARGEST:
         raise InputError(f"the spin must be finite, got {spin} rad/s")
     craft.spin, craft.about_z = float(spin), not any(craft.axis_point)
     craft.turn = cross_matrix((0.0, 0.0, craft.spin))
+
+
+def _initial_state(value) -> np.ndarray:
+    """The initial state (6,) of a `Spacecraft`; raises `InputError` if it makes no sense."""
+    state = np.zeros(6) if value is None else np.array(value, dtype=np.float64)
+    if state.shape != (6,) or not (np.abs(state) < LARGEST).all():
+        raise InputError(
+            "Spacecraft needs an initial_state of six finite numbers, position in m and velocity "
+            f"in m/s, got {value}"
+        )
+    return state
 
 
 def _declare_state(craft, basic_vector) -> None:
@@ -152,6 +164,11 @@ def Spacecraft_(T):  # noqa: N802 (Drake's own naming of templates)
         goes through the origin, otherwise that of `spinning_frame_acceleration`. The mass is
         constant, unless the spacecraft burns propellant: then m' = -mass_flow. The state is
         continuous, so no output depends directly on an input.
+
+        Its arguments are `Spacecraft(mass, spin, initial_state=None, *, axis_point=(0, 0, 0),
+        burns_propellant=False)`: the mass in kg; the body's spin in rad/s, a number about z or a
+        vector (3,) in K; the default initial state (6,) in m and m/s; a point of the spin axis in m
+        in K; and whether the mass is a state.
         """
 
         def _construct(
@@ -175,10 +192,11 @@ def Spacecraft_(T):  # noqa: N802 (Drake's own naming of templates)
               converter: Drake's own.
 
             Raises:
-              InputError: the mass is not positive, or the spin or the point is not finite.
+              InputError: the mass is not positive; spin, point or state are not finite numbers, or
+                not as many as they should be.
             """
             super().__init__(converter=converter)
-            self.initial_state = np.zeros(6) if initial_state is None else np.array(initial_state)
+            self.initial_state = _initial_state(initial_state)
             _set_constants(self, mass, spin, axis_point)
             self.burns_propellant = burns_propellant
             self._force_port = self.DeclareVectorInputPort(name="force", size=3)
