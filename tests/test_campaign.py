@@ -92,6 +92,26 @@ def test_a_controller_that_was_edited_is_another(
         transit_flights(brief(), "no_such_controller:make", 1, 1)
 
 
+def test_the_files_of_a_controller_are_part_of_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A network that was trained again is another controller, although its module is the same."""
+    monkeypatch.chdir(tmp_path)
+    module = Path("controller_with_files.py")
+    module.write_text("FILES = ['net.pt']\n\n\ndef make(scenario, body):\n    return None\n")
+    with pytest.raises(InputError, match=r"net\.pt, one of its FILES, does not exist"):
+        transit_flights(brief(), "controller_with_files:make", 1, 1)
+    made = []
+    for content in ("weights", "weights", "other weights"):
+        Path("net.pt").write_text(content)
+        made += transit_flights(brief(), "controller_with_files:make", 1, 1)
+    assert made[0] == made[1]
+    assert made[0].provenance != made[2].provenance
+    module.write_text("FILES = names()\n")
+    with pytest.raises(InputError, match=r"controller_with_files\.py: ValueError"):
+        transit_flights(brief(), "controller_with_files:make", 1, 1)
+
+
 def test_one_worker(tmp_path: Path, flown: list[str]) -> None:
     told = []
     workers = Workers(1, progress=lambda *now: told.append(now))

@@ -127,6 +127,17 @@ def test_same_seed_same_transits() -> None:
     assert len(set(found[0][1]["transit"])) == 4
 
 
+def test_wrong_options_and_actions_are_refused() -> None:
+    many = batch()
+    with pytest.raises(InputError, match=r"of shape \(2,\); got \[1, 2, 3\]"):
+        many.reset(options={"transit": [1, 2, 3]})
+    many.reset(options={"transit": 1})
+    with pytest.raises(InputError, match=r"an action has shape \(2, 3\)"):
+        many.step(np.zeros(3))
+    with pytest.raises(InputError, match="no dispersions; use vectorization_mode"):
+        TransitBatch(2, dispersions="after_survey")
+
+
 def test_before_a_reset() -> None:
     with pytest.raises(gymnasium.error.ResetNeeded):
         batch().step(np.zeros((2, 3)))

@@ -130,6 +130,35 @@ def test_worlds_are_drawn_from_dispersions() -> None:
     assert env._episode.flown.scenario.dispersed
 
 
+@pytest.mark.parametrize(
+    ("options", "complaint"),
+    [
+        ({"transits": 4}, "no option 'transits'; there is 'transit'"),
+        ({"transit": -1}, "whole numbers from 0 to below 2147483648, one; got -1"),
+        ({"transit": 2**31}, "whole numbers"),
+        ({"transit": 1.5}, "whole numbers"),
+        ({"transit": [1, 2]}, "whole numbers"),
+    ],
+)
+def test_wrong_options_are_refused(options: dict, complaint: str) -> None:
+    with pytest.raises(InputError, match=complaint):
+        TransitEnvironment(changes=SHORT).reset(options=options)
+
+
+@pytest.mark.parametrize("action", [[1.0, 0.0], [[0.0, 0.0, 0.0]], [0.0, np.nan, 0.0]])
+def test_wrong_actions_are_refused(action: list) -> None:
+    environment = TransitEnvironment(changes=SHORT)
+    environment.reset(options={"transit": 0})
+    with pytest.raises(InputError, match=r"an action has shape \(3,\)"):
+        environment.step(np.array(action))
+    environment.close()
+
+
+def test_dispersions_that_do_not_exist_are_refused_at_once() -> None:
+    with pytest.raises(InputError, match="no dispersions 'nope' ship"):
+        TransitEnvironment(dispersions="nope")
+
+
 def test_wrong_observations_are_refused() -> None:
     with pytest.raises(InputError, match="state, lidar, not 'camera'"):
         TransitEnvironment(observation="camera")

@@ -36,8 +36,10 @@ from proxops.systems.vehicle import (
 from proxops.training.environment.observations import (
     LARGEST_TRANSIT,
     action_space,
+    asked_transits,
     check_observation,
     observation_space,
+    taken_action,
 )
 from proxops.training.environment.reward import step_reward
 
@@ -66,6 +68,7 @@ class TransitBatch(gymnasium.vector.VectorEnv):
         num_envs: int = 1,
         scenario: Scenario | str | None = None,
         observation: str = "state",
+        dispersions: str | None = None,
         transits: int = 10000,
         changes: typing.Mapping[str, typing.Any] | None = None,
     ):
@@ -75,6 +78,7 @@ class TransitBatch(gymnasium.vector.VectorEnv):
           num_envs: how many transits fly at once.
           scenario: a scenario, or the path of its YAML file; None: the usual one, at Kleopatra.
           observation: `state` or `lidar`.
+          dispersions: None; there is no other world here than the believed one.
           transits: seed of the transits.
           changes: keys and values of the scenario, as `change_scenario` takes them. Gravity is that
             of the table if they do not say `gravity: exact`.
@@ -87,6 +91,7 @@ class TransitBatch(gymnasium.vector.VectorEnv):
         check_positive("TransitBatch", num_envs=num_envs)
         given = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
         own = {"gravity": "table"} | dict(changes or {})
+        own |= {} if dispersions is None else {"dispersions": dispersions}
         self.scenario, self._transits = change_scenario(given, own), transits
         _check_plain(self.scenario)
         self._body = load_body(self.scenario.body).with_gravity(self.scenario.gravity)
@@ -115,13 +120,16 @@ class TransitBatch(gymnasium.vector.VectorEnv):
 
         Returns:
           The observations, and `info` with the numbers of the transits.
+
+        Raises:
+          InputError: an option is unknown, or not of numbers of transits.
         """
+        numbers = asked_transits(options, (self.num_envs,))
         if seed is not None:
             self._np_random, self._np_random_seed = seeding.np_random(seed)
-        numbers = (options or {}).get("transit")
         if numbers is None:
             numbers = self.np_random.integers(LARGEST_TRANSIT, size=self.num_envs)
-        for k, number in enumerate(np.broadcast_to(numbers, self.num_envs)):
+        for k, number in enumerate(numbers):
             self._begin(k, int(number))
         return self._seen(), self._begun(np.ones(self.num_envs, dtype=bool))
 
@@ -133,6 +141,9 @@ class TransitBatch(gymnasium.vector.VectorEnv):
         Args:
           actions: (num_envs, 3) the forces over the thrust limit; what lies beyond -1 and 1 is cut
             off.
+
+        Raises:
+          InputError: the actions have another shape, or one is not a number.
         """
         if not self._way.any():
             raise gymnasium.error.ResetNeeded("transits begin with reset()")
@@ -140,7 +151,7 @@ class TransitBatch(gymnasium.vector.VectorEnv):
         for k in np.flatnonzero(fresh):
             self._begin(int(k), int(self.np_random.integers(LARGEST_TRANSIT)))
         craft, latest = scenario.spacecraft, scenario.arrival.deadline_s + scenario.arrival.dwell_s
-        forces = craft.thrust_limit_n * np.clip(np.asarray(actions, dtype=np.float64), -1.0, 1.0)
+        forces = craft.thrust_limit_n * taken_action(actions, (self.num_envs, 3))
         flown = ~fresh
         before, broken = self._distances(), self._broken()
         entered, spent = self._outcomes[:, ENTERED_GOAL].copy(), np.zeros(self.num_envs)

@@ -33,8 +33,11 @@ from proxops.systems.vehicle import COLLIDED, FINISHED, VIOLATIONS
 from proxops.training.environment.observations import (
     LARGEST_TRANSIT,
     action_space,
+    asked_transits,
+    check_known_dispersions,
     check_observation,
     observation_space,
+    taken_action,
 )
 from proxops.training.environment.reward import step_reward
 
@@ -77,13 +80,15 @@ class TransitEnvironment(gymnasium.Env):
           changes: keys and values of the scenario, as `change_scenario` takes them.
 
         Raises:
-          InputError: the observation is none of the two, or the scenario cannot be flown.
+          InputError: the observation is none of the two, there are no such dispersions, or the
+            scenario cannot be flown.
         """
         check_observation(observation)
         given = _given(scenario)
         own = {"log_ranges": False} | dict(changes or {})
         own |= {} if dispersions is None else {"dispersions": dispersions}
         self.scenario, self._transits = change_scenario(given, own), transits
+        check_known_dispersions(self.scenario)
         self._body = load_body(self.scenario.body).with_gravity(self.scenario.gravity)
         self._observation = observation
         self._frame = (self.scenario.lidar.planes, self.scenario.lidar.rays)
@@ -104,12 +109,13 @@ class TransitEnvironment(gymnasium.Env):
           The observation, and `info` with the number of the transit.
 
         Raises:
+          InputError: an option is unknown, or no number of a transit.
           UnflyableWorldError: the transit cannot begin in its world.
         """
+        asked = asked_transits(options, ())
         super().reset(seed=seed)
         self.close()
-        number = (options or {}).get("transit")
-        number = int(self.np_random.integers(LARGEST_TRANSIT)) if number is None else int(number)
+        number = int(self.np_random.integers(LARGEST_TRANSIT) if asked is None else asked)
         scenario = of_transit(self.scenario, self._transits, number)
         given = self.scenario.transit
         if given.start_m is not None or given.goal_m is not None:
@@ -131,13 +137,16 @@ class TransitEnvironment(gymnasium.Env):
 
         Args:
           action: (3,) the force over the thrust limit; what lies beyond -1 and 1 is cut off.
+
+        Raises:
+          InputError: the action has another shape, or is not a number.
         """
         episode = self._episode
         if episode is None:
             raise gymnasium.error.ResetNeeded("a transit begins with reset()")
         scenario, context = episode.flown.scenario, episode.flown.context
         craft, began, was = scenario.spacecraft, context.get_time(), episode.distance
-        force = craft.thrust_limit_n * np.clip(np.asarray(action, dtype=np.float64), -1.0, 1.0)
+        force = craft.thrust_limit_n * taken_action(action, (3,))
         latest = scenario.arrival.deadline_s + scenario.arrival.dwell_s
         episode.hold(force, min((len(episode.forces) + 1) * scenario.control_period_s, latest))
         outcome = episode.flown.value("monitor", "outcome")
