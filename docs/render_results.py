@@ -45,8 +45,12 @@ def rendered(text: str, campaigns: Campaigns) -> str:
 
 
 def take(folder: Path) -> None:
-    """Copies the results of `proxops reproduce`, with the commit of this repository."""
+    """Copies the results of `proxops reproduce`, with the commit of this repository.
+
+    Campaigns of the same version that the folder does not have are kept, each with its own commit.
+    """
     content = json.loads((folder / "results.json").read_text())
+    known = json.loads(RESULTS.read_text())
     commit = subprocess.run(
         ["git", "rev-parse", "--short", "HEAD"],
         cwd=ROOT,
@@ -54,7 +58,30 @@ def take(folder: Path) -> None:
         capture_output=True,
         text=True,
     ).stdout.strip()
-    RESULTS.write_text(json.dumps({"commit": commit, **content}, indent=1) + "\n")
+    RESULTS.write_text(json.dumps(merged(known, content, commit), indent=1) + "\n")
+
+
+def merged(known: Mapping[str, Any], content: Mapping[str, Any], commit: str) -> Mapping[str, Any]:
+    """Results with those of another run in them; each campaign has the commit that it was taken at.
+
+    Figures of another version are left out: one table must not mix versions.
+    """
+    version = content["proxops_version"]
+    same = known["proxops_version"] == version
+    new = {name: {"commit": commit, **each} for name, each in content["campaigns"].items()}
+    campaigns = (known["campaigns"] if same else {}) | new
+    paper = content["paper"] or (known["paper"] if same else None)
+    return {
+        "proxops_version": version,
+        "paper": paper,
+        "campaigns": {name: campaigns[name] for name in sorted(campaigns, key=_place)},
+    }
+
+
+def _place(name: str) -> tuple[int, list[int], str]:
+    """Where a campaign stands: bodies last, by their numbers."""
+    numbers = [int(each) for each in re.findall(r"\d+", name)]
+    return int(bool(numbers)), numbers, name
 
 
 # --- tables ---------------------------------------------------------------------------------------
@@ -131,14 +158,13 @@ def _controllers(name: str) -> Callable[[Campaigns], str]:
                 _number(found, "delta_v_m_s_median", ".1f"),
                 _number(found, "expert_delta_v_ratio", ".3f"),
                 _number(found, "policy_share", ".1f", 100.0),
-                _number(found, "control_ms_mean", ".2f"),
             ]
             for who, found in campaigns[name]["controllers"].items()
         ]
         head = [
             "", "success", "95 % interval", "shown with 90 % confidence (%)", "entries",
             "least clearance (km)", "end error, median (m)", "greatest", "Δv, median (m/s)",
-            "Δv / MPC's", "policy's share (%)", "a step, mean (ms)",
+            "Δv / MPC's", "policy's share (%)",
         ]  # fmt: skip
         return _table(head, lines)
 

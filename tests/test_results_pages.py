@@ -38,6 +38,23 @@ def test_a_changed_figure_is_found() -> None:
     assert render.rendered(before, CAMPAIGNS) == before
 
 
+def test_results_of_two_runs_become_one() -> None:
+    """Campaigns of the same version are kept, with their own commits; those of another are not."""
+    known = {
+        "proxops_version": "1.2.0",
+        "paper": {"figure": 1},
+        "campaigns": {"at-20-10": {"commit": "old"}, "flagship": {"commit": "old"}},
+    }
+    new = {"proxops_version": "1.2.0", "paper": None, "campaigns": {"at-20-9": {}, "flagship": {}}}
+    both = render.merged(known, new, "new")
+    assert list(both["campaigns"]) == ["flagship", "at-20-9", "at-20-10"]
+    assert [each["commit"] for each in both["campaigns"].values()] == ["new", "new", "old"]
+    assert both["paper"] == {"figure": 1}
+    later = render.merged(known, new | {"proxops_version": "1.3.0"}, "new")
+    assert list(later["campaigns"]) == ["flagship", "at-20-9"]
+    assert later["paper"] is None
+
+
 def test_no_path_of_a_machine_is_in_the_results() -> None:
     text = render.RESULTS.read_text()
     assert "/home" not in text
