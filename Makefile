@@ -3,6 +3,7 @@
 
 PYTHON ?= python3
 FLIGHT ?= out/flight
+REPRODUCTION ?= out/reproduction
 
 bin := .venv/bin
 pip_install := $(bin)/python -m pip install --quiet --constraint constraints.txt
@@ -14,7 +15,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK = 1
 unexport PYTHONDONTWRITEBYTECODE
 
 .DELETE_ON_ERROR:
-.PHONY: help install fly test lint bench notebooks docs train gym clean links
+.PHONY: help install fly test lint bench notebooks docs note results train gym clean links
 
 help:
 	@echo "make fly        install, and fly one transit with the hybrid into $(FLIGHT)"
@@ -24,6 +25,8 @@ help:
 	@echo "make bench      measure speed, beside other packages, into benchmarks/results.json"
 	@echo "make notebooks  run every notebook"
 	@echo "make docs       build the documentation into build/site"
+	@echo "make note       build the technical note, build/note.pdf"
+	@echo "make results    take $(REPRODUCTION)/results.json into docs, and write its tables"
 	@echo "make train      install what training needs (PyTorch)"
 	@echo "make gym        install what learning on transits needs (Gymnasium, Minari, PyTorch)"
 	@echo "make clean      remove .venv, build and caches"
@@ -73,6 +76,13 @@ notebooks: .venv/notebook.stamp
 docs: .venv/docs.stamp links
 	@NO_MKDOCS_2_WARNING=1 $(bin)/mkdocs build --quiet --strict
 	@echo "open build/site/index.html"
+
+note: .venv/note.stamp
+	@mkdir -p build
+	$(bin)/python -c "import typst; typst.compile('docs/note/note.typ', output='build/note.pdf', root='.')"
+
+results: .venv/core.stamp
+	$(bin)/python docs/render_results.py $(REPRODUCTION)
 
 train: .venv/train.stamp
 

@@ -48,10 +48,7 @@ def shape_command(
             help="Generate a body in place of FILE, and write its files to the folder --out.",
         ),
     ] = None,
-    unit: Annotated[
-        str | None,
-        typer.Option(help="Unit of the numbers in the file: km or m. Default, with --mass: km."),
-    ] = None,
+    unit: Annotated[str | None, typer.Option(help="Its unit, km or m. Default: km.")] = None,
     mass: Annotated[float | None, typer.Option(help="Mass of the body in kg.")] = None,
     density: Annotated[
         float | None, typer.Option(help="Density of the body in kg/m^3, in place of --mass.")
@@ -107,10 +104,6 @@ def shape_command(
         body, scenario = mesh_file.with_suffix(".yaml"), out / "scenario.yaml"
     if mesh_file is None:
         raise InputError("give the mesh file, or --random SEED:NUMBER to generate a body")
-    if density is not None and unit is None:
-        raise InputError(
-            "--density needs --unit km or --unit m: nothing else says how large the body is"
-        )
     if scenario is not None and body is None:
         raise InputError("--scenario needs --body: a scenario names the YAML file of its body")
     if align and fix is None:
@@ -122,7 +115,16 @@ def shape_command(
     _check_output(scenario, (".yaml", ".yml"))
     check_folder(out.parent if out.suffix.lower() == ".png" else out)
     asked = Questions(mass, density, period, craft_mass, margin)
-    _set_up(_Files(mesh_file, unit or "km", fix, align, body, scenario, name, out), asked, as_json)
+    unit = _known_unit(unit, density)
+    _set_up(_Files(mesh_file, unit, fix, align, body, scenario, name, out), asked, as_json)
+
+
+def _known_unit(unit: str | None, density: float | None) -> str:
+    if density is not None and unit is None:
+        raise InputError(
+            "--density needs --unit km or --unit m: nothing else says how large the body is"
+        )
+    return unit or "km"
 
 
 class _Files(typing.NamedTuple):

@@ -102,13 +102,7 @@ def make_transit_diagram(
     """
     wiring = _begin(scenario, body, true_body)
     scenario, builder = wiring.scenario, wiring.builder
-    if controller is None:
-        controller = make_mpc(believed(scenario), wiring.body)
-    if not isinstance(controller, System):
-        raise InputError(
-            f"the controller is a {type(controller).__name__}, not a System; named_controller("
-            "name, scenario, body) makes one from a name"
-        )
+    controller = _controller(controller, wiring)
     delay = float(getattr(controller, "delay", 0.0))
 
     craft = add_spacecraft(wiring)
@@ -139,6 +133,18 @@ def make_transit_diagram(
     diagram = builder.Build()
     diagram.set_name("transit")
     return diagram
+
+
+def _controller(given: System | None, wiring: Wiring) -> System:
+    """The controller that is given, or the MPC; raises `InputError` if it is no System."""
+    if given is None:
+        return make_mpc(believed(wiring.scenario), wiring.body)
+    if not isinstance(given, System):
+        raise InputError(
+            f"the controller is a {type(given).__name__}, not a System; named_controller(name, "
+            "scenario, body) makes one from a name"
+        )
+    return given
 
 
 def logged_ports(controller: System) -> dict[str, LoggedPort]:

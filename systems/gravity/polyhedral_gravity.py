@@ -11,6 +11,16 @@ from proxops.systems.common import InputError
 from proxops.systems.gravity.gravity_field import BodyField, Gravity
 
 
+def _checked(field: BodyField) -> BodyField:
+    """The field; raises `InputError` if it is none."""
+    if not hasattr(field, "evaluate"):
+        raise InputError(
+            f"PolyhedralGravity needs a field, got a {type(field).__name__}: give "
+            "body.gravity_field, or GravityField(shape, density)"
+        )
+    return field
+
+
 def _evaluate(field: BodyField, position: np.ndarray) -> Gravity:
     """The field at one position (3,), given as numbers or as AutoDiffXd."""
     if position.dtype == object:
@@ -45,23 +55,17 @@ def PolyhedralGravity_(T):  # noqa: N802 (Drake's own naming of templates)
         AutoDiffXd, acceleration and potential carry derivatives; there is no gradient port, because
         its derivative would need the third derivatives of the potential.
 
-        Its argument is `PolyhedralGravity(field)`, a `GravityField` or a `TabulatedField` whose
-        frame is K; `load_body(path).gravity_field` is one.
+        Args:
+          field: a `GravityField` or a `TabulatedField` whose frame is K, such as
+            `load_body(path).gravity_field`.
+
+        Raises:
+          InputError: the argument is no field.
         """
 
         def _construct(self, field: BodyField, *, converter=None):
-            """Takes the `GravityField` or `TabulatedField` whose frame is K.
-
-            Raises:
-              InputError: the argument is no field.
-            """
             super().__init__(converter=converter)
-            if not hasattr(field, "evaluate"):
-                raise InputError(
-                    f"PolyhedralGravity needs a field, got a {type(field).__name__}: give "
-                    "body.gravity_field, or GravityField(shape, density)"
-                )
-            self.field = field
+            self.field = _checked(field)
             self._position_port = self.DeclareVectorInputPort(name="position", size=3)
             depends = {self._position_port.ticket()}
             self._acceleration_port = self.DeclareVectorOutputPort(

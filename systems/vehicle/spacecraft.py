@@ -165,10 +165,16 @@ def Spacecraft_(T):  # noqa: N802 (Drake's own naming of templates)
         constant, unless the spacecraft burns propellant: then m' = -mass_flow. The state is
         continuous, so no output depends directly on an input.
 
-        Its arguments are `Spacecraft(mass, spin, initial_state=None, *, axis_point=(0, 0, 0),
-        burns_propellant=False)`: the mass in kg; the body's spin in rad/s, a number about z or a
-        vector (3,) in K; the default initial state (6,) in m and m/s; a point of the spin axis in m
-        in K; and whether the mass is a state.
+        Args:
+          mass: kg; the mass at the start if it burns propellant.
+          spin: of the body, rad/s in K: a number about z, or a vector (3,).
+          initial_state: (6,) in m and m/s in K; None: at rest at the origin.
+          axis_point: (3,) in m in K: a point of the spin axis.
+          burns_propellant: whether the mass is a state, with the ports `mass_flow` and `mass`.
+
+        Raises:
+          InputError: the mass is not positive; spin, point or state are not finite numbers, or not
+            as many as they should be.
         """
 
         def _construct(
@@ -181,20 +187,6 @@ def Spacecraft_(T):  # noqa: N802 (Drake's own naming of templates)
             burns_propellant: bool = False,
             converter=None,
         ):
-            """Takes the spacecraft's mass, the body's spin, and the default initial state.
-
-            Args:
-              mass: kg; the mass at the start if it burns propellant.
-              spin: rad/s in K: a number about z, or a vector (3,).
-              initial_state: (6,) in m and m/s in K; None: at rest at the origin.
-              axis_point: (3,) in m in K: a point of the spin axis.
-              burns_propellant: whether the mass is a state, with the ports `mass_flow` and `mass`.
-              converter: Drake's own.
-
-            Raises:
-              InputError: the mass is not positive; spin, point or state are not finite numbers, or
-                not as many as they should be.
-            """
             super().__init__(converter=converter)
             self.initial_state = _initial_state(initial_state)
             _set_constants(self, mass, spin, axis_point)
