@@ -122,11 +122,58 @@ def test_forces_are_those_of_the_network_within_the_limit(bundle: Path) -> None:
 def test_what_it_did_not_learn_is_refused_by_name(bundle: Path) -> None:
     told = surroundings(short_scenario(), kleopatra())
     weak = dataclasses.replace(told, acceleration=0.5 * told.acceleration)
-    with pytest.raises(InputError, match=r"gravity is .*, and it learned .*beyond_family"):
+    with pytest.raises(InputError, match=r"gravity is .*, and it flies 0 to .*beyond_family"):
         GuidancePolicy(bundle, weak, 3.5)
     GuidancePolicy(bundle, weak, 3.5, beyond_family=True)
     with pytest.raises(InputError, match="shortest_semi_axis"):
         dataclasses.replace(told, semi_axes=np.array([1.0, 1.0, 0.0]))
+
+
+@pytest.mark.parametrize(
+    ("easier", "harder"),
+    [
+        ({"mass": 0.1}, {"mass": 1.1}),
+        ({"spin": 0.0}, {"spin": 1.1}),
+        ({"speed_limit": 30.0}, {}),
+        ({"period": 0.1}, {"period": 5.0}),
+        ({"period": 4.0}, {}),
+    ],
+)
+def test_what_is_easier_than_learned_is_told_as_learned(
+    bundle: Path, easier: dict[str, float], harder: dict[str, float]
+) -> None:
+    """The field itself is the same: only the numbers that the network is told would differ."""
+    told = surroundings(short_scenario(), kleopatra())
+    states, goals = np.array([[160e3, 0, 0, 1, -2, 0.5]]), np.array([[160e3, 1e4, 0]])
+    changed = {name: factor * getattr(told, name) for name, factor in easier.items()}
+    system = GuidancePolicy(bundle, dataclasses.replace(told, **changed), 7.0)
+    assert system.force_limit == 7.0
+    wanted = GuidancePolicy(bundle, told, 7.0).surroundings.inputs(states, goals)
+    np.testing.assert_array_equal(system.surroundings.inputs(states, goals)[:, 15:], wanted[:, 15:])
+    for name, factor in harder.items():
+        hard = dataclasses.replace(told, **{name: factor * getattr(told, name)})
+        with pytest.raises(InputError, match="it flies"):
+            GuidancePolicy(bundle, hard, 7.0)
+
+
+def test_strong_thrusters_at_a_low_speed_limit_are_used_in_part(bundle: Path) -> None:
+    """As a spacecraft whose speed limit is as high as was learned for its thrust."""
+    told = surroundings(short_scenario(), kleopatra())
+    strong = dataclasses.replace(
+        told, mass=0.5 * told.mass, spin=0.7 * told.spin, acceleration=4.0 * told.acceleration,
+        speed_limit=1.6 * told.speed_limit,
+    )  # fmt: skip
+    weak = dataclasses.replace(strong, acceleration=1.6**2 * told.acceleration)
+    forces = []
+    for around_, limit in ((strong, 28.0), (weak, 7.0 * 1.6**2)):
+        system = GuidancePolicy(bundle, around_, limit)
+        assert system.force_limit == pytest.approx(7.0 * 1.6**2)
+        context = system.CreateDefaultContext()
+        system.GetInputPort("state").FixValue(context, [170e3, 0.0, 0.0, 1.0, -2.0, 39.0])
+        system.GetInputPort("target").FixValue(context, [160e3, 8e3, 0.0, 0.0, 0.0, 0.0])
+        forces.append(system.GetOutputPort("force").Eval(context))
+    np.testing.assert_allclose(forces[0], forces[1], rtol=1e-5)
+    assert np.abs(forces[0]).max() > 1.0
 
 
 @pytest.mark.parametrize("blind", [False, True])
@@ -173,6 +220,7 @@ def test_arrays_of_other_networks_are_refused(name: str, array: np.ndarray, word
     [
         ({"ranges": {"spin": [1.0]}}, "no pairs"),
         ({"ranges": {"spin": [2.0, 1.0]}}, "empty"),
+        ({"ranges": {"spin": [1.0, 2.0]}}, "not those of semi_axis_x"),
         ({"format": "other"}, "not of the format"),
         ({"model_sha256": "0"}, "hash"),
     ],

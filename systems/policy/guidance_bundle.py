@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from proxops.systems.common import BundleKind, InputError, read_bundle
 from proxops.systems.policy.guidance_network import GuidanceNetwork
+from proxops.systems.policy.surroundings import NUMBERS, Surroundings
 
 GUIDANCE_FORMAT = "proxops guidance 2"
 GUIDANCE_FILE, WEIGHTS_FILE = "guidance.json", "weights.npz"
@@ -22,6 +23,16 @@ _KIND = BundleKind(
     command="proxops train --recipe any-body",
     model=WEIGHTS_FILE,
 )  # fmt: skip
+
+# How far below and above its range a number may be, as factors of the range's ends. The network is
+# told the end then. Weaker gravity, a slower spin, a higher speed limit and a shorter period make a
+# flight easier. A force that is held longer comes late, by half of the period in the mean.
+_BEYOND = {
+    "gravity": (0.0, 1.0),
+    "spin": (0.0, 1.0),
+    "speed_limit": (1.0, math.inf),
+    "period": (0.0, 4.5),
+}
 
 
 @dataclass(frozen=True)
@@ -55,19 +66,38 @@ class GuidanceBundle:
             raise InputError(f"{folder / GUIDANCE_FILE} is damaged: ranges are no pairs") from error
         if not all(math.isfinite(low) and low <= high < math.inf for low, high in ranges.values()):
             raise InputError(f"{folder / GUIDANCE_FILE} is damaged: a range is empty")
+        if set(ranges) != set(NUMBERS):
+            raise InputError(
+                f"{folder / GUIDANCE_FILE} is damaged: its ranges are not those of "
+                + ", ".join(NUMBERS)
+            )
         try:
             network = GuidanceNetwork.from_bytes(weights)
         except InputError as error:
             raise InputError(f"{folder} is no guidance: {error}") from error
         return cls(folder, content["recipe"], ranges, sha256, network)
 
+    def fitted(self, around: Surroundings) -> Surroundings:
+        """Gives surroundings as the network is told them: within what it learned.
+
+        If the speed limit is low for the thrust, it flies with a part of the thrust: with the
+        acceleration for which the speed limit is the least that it learned.
+        """
+        share = around.numbers()["speed_limit"] / self.ranges["speed_limit"][0]
+        acceleration = around.acceleration * min(1.0, share) ** 2
+        return replace(around, acceleration=acceleration, ranges=self.ranges)
+
     def beyond(self, numbers: dict[str, float]) -> list[str]:
-        """Says which of `Surroundings.numbers` lie outside the family, each with its range."""
+        """Says which of `Surroundings.numbers` are too far outside the family to fly there.
+
+        Each comes with the least and the greatest value that is flown.
+        """
         found = []
-        for name, (low, high) in self.ranges.items():
-            value = numbers.get(name, math.nan)
+        for name, (least, greatest) in self.ranges.items():
+            value, (below, above) = numbers.get(name, math.nan), _BEYOND.get(name, (1.0, 1.0))
+            low, high = below * least, above * greatest
             # The ends of a range are rounded in the file.
-            slack = 1e-6 * max(abs(low), abs(high))
+            slack = 1e-6 * max(abs(least), abs(greatest))
             if not low - slack <= value <= high + slack:
-                found.append(f"{name} is {value:.3g}, and it learned {low:.3g} to {high:.3g}")
+                found.append(f"{name} is {value:.3g}, and it flies {low:.3g} to {high:.3g}")
         return found

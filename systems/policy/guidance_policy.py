@@ -33,8 +33,9 @@ class GuidancePolicy(LeafSystem):
     All vectors are in K, in m, m/s and N. The network was trained for a family of bodies and
     spacecraft, and is told the proportions of the one at hand, and the believed gravity: see
     `Surroundings`. It brings the spacecraft to rest at the target's position; the target's velocity
-    is not used. The force is clipped to the thrust limit, and is none along an axis where it is
-    below `COAST` of it. If it is not finite, as without a state, none is commanded.
+    is not used. The force is clipped to `force_limit`, the thrust limit or the part of it that
+    `GuidanceBundle.fitted` leaves, and is none along an axis where it is below `COAST` of it. If it
+    is not finite, as without a state, none is commanded.
 
     The outputs depend on the inputs alone: there is no memory.
     """
@@ -59,13 +60,14 @@ class GuidancePolicy(LeafSystem):
 
         Raises:
           InputError: there is no bundle, it is damaged, the limit is not positive, or body or
-            spacecraft lie outside of what it learned.
+            spacecraft lie too far outside of what it learned.
         """
         super().__init__()
         check_positive("GuidancePolicy", thrust_limit=thrust_limit)
         self.bundle = bundle if isinstance(bundle, GuidanceBundle) else GuidanceBundle.load(bundle)
-        self.surroundings, self.thrust_limit = surroundings, float(thrust_limit)
-        beyond = self.bundle.beyond(surroundings.numbers())
+        self.surroundings = self.bundle.fitted(surroundings)
+        self.force_limit = thrust_limit * self.surroundings.acceleration / surroundings.acceleration
+        beyond = self.bundle.beyond(self.surroundings.numbers())
         if beyond and not beyond_family:
             raise InputError(
                 f"{self.bundle.path} did not learn to fly in such proportions: "
@@ -120,7 +122,7 @@ class GuidancePolicy(LeafSystem):
             given = np.concatenate([self.surroundings.way(state[None], goals), constant], axis=1)
             answer = self.bundle.network.run(given[0])
             if all(map(math.isfinite, answer)):
-                limit = self.thrust_limit
+                limit = self.force_limit
                 answer = np.where(np.abs(answer) < COAST, 0.0, answer)
                 force, status = np.clip(limit * answer, -limit, limit), PolicyStatus.ANSWERED
         value.set_value((force, time.perf_counter() - started, status))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -16,6 +17,10 @@ from proxops.systems.gravity import GRAVITATIONAL_CONSTANT, Field
 _LENGTH_SHARE = 0.7
 INPUTS = 22
 """Number of inputs of a guidance network: see `Surroundings.inputs`."""
+NUMBERS = (
+    "semi_axis_x", "semi_axis_y", "semi_axis_z", "gravity", "spin", "speed_limit", "period",
+)  # fmt: skip
+"""Names of the proportions of body and spacecraft: see `Surroundings.numbers`."""
 
 
 @dataclass(frozen=True)
@@ -41,6 +46,8 @@ class Surroundings:
     """Greatest speed per axis in K, in m/s."""
     period: float
     """Control period in s."""
+    ranges: Mapping[str, tuple[float, float]] | None = None
+    """Least and greatest value of each of `numbers` that a network is told; None: as they are."""
 
     def __post_init__(self):
         """Checks the numbers.
@@ -75,15 +82,20 @@ class Surroundings:
         """
         length, time = self.length, self.length / self.speed
         x, y, z = (float(axis) / length for axis in self.semi_axes)
-        return {
-            "semi_axis_x": x,
-            "semi_axis_y": y,
-            "semi_axis_z": z,
-            "gravity": GRAVITATIONAL_CONSTANT * self.mass / (length**2 * self.acceleration),
-            "spin": abs(self.spin) * time,
-            "speed_limit": self.speed_limit / self.speed,
-            "period": self.period / time,
-        }
+        gravity = GRAVITATIONAL_CONSTANT * self.mass / (length**2 * self.acceleration)
+        spin, speed, period = (
+            abs(self.spin) * time,
+            self.speed_limit / self.speed,
+            self.period / time,
+        )
+        return dict(zip(NUMBERS, (x, y, z, gravity, spin, speed, period), strict=True))
+
+    def told(self) -> list[float]:
+        """Gives `numbers` as a network is told them: the nearest within `ranges`."""
+        numbers = self.numbers()
+        if self.ranges is None:
+            return list(numbers.values())
+        return [float(np.clip(value, *self.ranges[name])) for name, value in numbers.items()]
 
     def inputs(self, states: np.ndarray, goals: np.ndarray) -> np.ndarray:
         """What the network is given.
@@ -94,7 +106,7 @@ class Surroundings:
 
         Returns:
           (N, 22) float32: position, velocity and goal, three numbers each; the acceleration without
-          thrust at the state, and at rest at the goal, over a; and `numbers`.
+          thrust at the state, and at rest at the goal, over a; and `told`.
         """
         return np.concatenate([self.way(states, goals), self.at_goal(goals)], axis=1)
 
@@ -111,7 +123,7 @@ class Surroundings:
         given = np.empty((len(goals), INPUTS - 12), dtype=np.float32)
         still = np.concatenate([goals, np.zeros_like(goals)], axis=1)
         given[:, :3] = self.way(still, goals)[:, 9:]
-        given[:, 3:] = list(self.numbers().values())
+        given[:, 3:] = self.told()
         return given
 
 

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from proxops.diagrams.flight import Flight, Workers, provenance, run_campaign
-from proxops.diagrams.scenario import Scenario, dump_scenario, load_body, of_transit
+from proxops.diagrams.scenario import Scenario, draw_world, dump_scenario, load_body, of_transit
 from proxops.systems.common import InputError, Progress, silent, write_whole
 from proxops.training.data import (
     Labels,
@@ -158,13 +158,14 @@ def _fly_and_label(
     rows = run_campaign(
         campaign, folder / "flights", keep_logs=True, workers=workers.part(0.0, _FLOWN)
     )
-    logs = [folder / "flights" / f"{flight.name}.nc" for flight in campaign]
+    paths = [folder / "flights" / f"{flight.name}.nc" for flight in campaign]
+    logs = [path for path in paths if path.exists()]  # Worlds without a start have none.
     labels = label_flights(logs, folder / "labels", workers.part(_FLOWN, _LABELLED))
     outcome = {
         "flights": len(rows),
-        "arrived": sum(row["arrival_time_s"] is not None for row in rows),
-        "violations": sum(row["keep_out_violations"] > 0 for row in rows),
-        "collisions": sum(row["collided"] for row in rows),
+        "arrived": sum(row.get("arrival_time_s") is not None for row in rows),
+        "violations": sum(bool(row.get("keep_out_violations")) for row in rows),
+        "collisions": sum(bool(row.get("collided")) for row in rows),
         "labels": len(labels["state"]),
     }
     return outcome, labels
@@ -208,7 +209,10 @@ def _train_round(
 def dagger_flights(
     scenario: Scenario, bundle: Path, settings: DaggerSettings, number: int
 ) -> list[Flight]:
-    """The flights of a round; they depend on the arguments alone."""
+    """The flights of a round, in worlds that are drawn as those of the set were.
+
+    They depend on the arguments alone.
+    """
     body = load_body(scenario.body)
     seed = settings.seed + number - 1
     policy = dc.replace(scenario.policy, bundle=str(bundle.resolve()))
@@ -216,8 +220,8 @@ def dagger_flights(
     origin = provenance(plain, body, "policy")
     flights = []
     for index in hard_transits(settings.flights):
-        text = dump_scenario(at_rest(of_transit(plain, seed, index)))
-        flights.append(Flight(f"{seed}-{index:05d}", text, "policy", origin))
+        flown = draw_world(at_rest(of_transit(plain, seed, index)), body)
+        flights.append(Flight(f"{seed}-{index:05d}", dump_scenario(flown), "policy", origin))
     return flights
 
 
