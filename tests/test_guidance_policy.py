@@ -156,6 +156,28 @@ def test_what_is_easier_than_learned_is_told_as_learned(
             GuidancePolicy(bundle, hard, 7.0)
 
 
+def test_a_body_that_is_longest_along_y_is_flown_like_one_along_x(bundle: Path) -> None:
+    """A body and a flight that are turned by a quarter about z get forces that are turned."""
+    turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    told = surroundings(short_scenario(), kleopatra())
+    shape = kleopatra().shape
+    turned = dataclasses.replace(
+        told,
+        field=GravityField(Polyhedron(shape.vertices @ turn.T, shape.facets), mass=told.mass),
+        semi_axes=told.semi_axes[[1, 0, 2]],
+    )
+    state, target = np.array([170e3, 2e4, 1e4, 1.0, -9.0, 2.0]), np.array([5e4, 1e5, -2e4, 0, 0, 0])
+    forces = []
+    for around_, axes in ((told, np.eye(3)), (turned, turn)):
+        system = GuidancePolicy(bundle, around_, 7.0)
+        context = system.CreateDefaultContext()
+        system.GetInputPort("state").FixValue(context, np.r_[axes @ state[:3], axes @ state[3:]])
+        system.GetInputPort("target").FixValue(context, np.r_[axes @ target[:3], np.zeros(3)])
+        forces.append(system.GetOutputPort("force").Eval(context))
+    np.testing.assert_allclose(forces[1], turn @ forces[0], atol=1e-4)
+    assert len(set(np.abs(forces[0]).round(3))) > 1
+
+
 def test_strong_thrusters_at_a_low_speed_limit_are_used_in_part(bundle: Path) -> None:
     """As a spacecraft whose speed limit is as high as was learned for its thrust."""
     told = surroundings(short_scenario(), kleopatra())

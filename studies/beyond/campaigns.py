@@ -18,9 +18,8 @@ PAPER_POLICY = "paper's recipe"
 FLAGSHIP = "hybrid, assured"
 """Names of controllers in the report and in results.json."""
 
-BODIES = tuple(f"20:{number}" for number in range(11))
-"""Generated bodies, SEED:NUMBER, on which nothing was trained. The policy refuses 20:7, which is
-flatter than all that it learned at, so ten are left."""
+BODIES = tuple(f"20:{number}" for number in range(10))
+"""Generated bodies, SEED:NUMBER, on which nothing was trained."""
 DISPERSED_BODIES = ("20:0", "20:1", "20:3")
 """Those at which flights are dispersed, too."""
 

@@ -26,8 +26,11 @@ _KIND = BundleKind(
 
 # How far below and above its range a number may be, as factors of the range's ends. The network is
 # told the end then. Weaker gravity, a slower spin, a higher speed limit and a shorter period make a
-# flight easier. A force that is held longer comes late, by half of the period in the mean.
+# flight easier; an ellipsoid that is a little flatter is flown around as the flattest that it
+# learned. A force that is held longer comes late, by half of the period in the mean.
 _BEYOND = {
+    "semi_axis_y": (0.9, 1.0),
+    "semi_axis_z": (0.9, 1.0),
     "gravity": (0.0, 1.0),
     "spin": (0.0, 1.0),
     "speed_limit": (1.0, math.inf),
@@ -81,11 +84,17 @@ class GuidanceBundle:
         """Gives surroundings as the network is told them: within what it learned.
 
         If the speed limit is low for the thrust, it flies with a part of the thrust: with the
-        acceleration for which the speed limit is the least that it learned.
+        acceleration for which the speed limit is the least that it learned. A body that is longest
+        along y is turned.
         """
-        share = around.numbers()["speed_limit"] / self.ranges["speed_limit"][0]
-        acceleration = around.acceleration * min(1.0, share) ** 2
-        return replace(around, acceleration=acceleration, ranges=self.ranges)
+        numbers = around.numbers()
+        share = numbers["speed_limit"] / self.ranges["speed_limit"][0]
+        return replace(
+            around,
+            acceleration=around.acceleration * min(1.0, share) ** 2,
+            ranges=self.ranges,
+            turned=numbers["semi_axis_x"] < self.ranges["semi_axis_x"][0] * (1.0 - 1e-6),
+        )
 
     def beyond(self, numbers: dict[str, float]) -> list[str]:
         """Says which of `Surroundings.numbers` are too far outside the family to fly there.

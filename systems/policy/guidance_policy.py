@@ -124,5 +124,6 @@ class GuidancePolicy(LeafSystem):
             if all(map(math.isfinite, answer)):
                 limit = self.force_limit
                 answer = np.where(np.abs(answer) < COAST, 0.0, answer)
-                force, status = np.clip(limit * answer, -limit, limit), PolicyStatus.ANSWERED
+                force = self.surroundings.in_body_frame(np.clip(limit * answer, -limit, limit))
+                status = PolicyStatus.ANSWERED
         value.set_value((force, time.perf_counter() - started, status))

@@ -48,6 +48,8 @@ class Surroundings:
     """Control period in s."""
     ranges: Mapping[str, tuple[float, float]] | None = None
     """Least and greatest value of each of `numbers` that a network is told; None: as they are."""
+    turned: bool = False
+    """Whether the network sees K turned by a quarter about z, so that K's y-axis is its x-axis."""
 
     def __post_init__(self):
         """Checks the numbers.
@@ -82,6 +84,7 @@ class Surroundings:
         """
         length, time = self.length, self.length / self.speed
         x, y, z = (float(axis) / length for axis in self.semi_axes)
+        x, y = (y, x) if self.turned else (x, y)
         gravity = GRAVITATIONAL_CONSTANT * self.mass / (length**2 * self.acceleration)
         spin, speed, period = (
             abs(self.spin) * time,
@@ -116,7 +119,15 @@ class Surroundings:
         gravity = self.field.evaluate(states[:, :3]).acceleration
         units = np.array([self.length, self.speed, self.acceleration])
         _fill_way(states, goals, gravity, self.spin, units, given)
+        if self.turned:
+            vectors = given.reshape(-1, 3)
+            vectors[:, 0], vectors[:, 1] = vectors[:, 1].copy(), -vectors[:, 0]
         return given
+
+    def in_body_frame(self, vector: np.ndarray) -> np.ndarray:
+        """Gives a vector (3,) of the network in K."""
+        x, y, z = vector
+        return np.array([-y, x, z]) if self.turned else vector
 
     def at_goal(self, goals: np.ndarray) -> np.ndarray:
         """The columns (N, 10) of `inputs` that depend on goals (N, 3) alone."""

@@ -242,7 +242,10 @@ def _page(report: dict[str, Any], ranges: dict[str, list[float]]) -> str:
         Section(
             "What it learned",
             [
-                Text("It refuses to fly where one of these lies outside its range."),
+                Text(
+                    "It is told the nearest value within these ranges, and refuses to fly where "
+                    "one is too far outside."
+                ),
                 Table(["proportion", "least", "greatest"], family),
             ],
         ),
