@@ -78,8 +78,7 @@ docs: .venv/docs.stamp links
 	@echo "open build/site/index.html"
 
 note: .venv/note.stamp
-	@mkdir -p build
-	$(bin)/python -c "import typst; typst.compile('docs/note/note.typ', output='build/note.pdf', root='.')"
+	$(bin)/python docs/note/build.py
 
 results: .venv/core.stamp
 	$(bin)/python docs/render_results.py $(REPRODUCTION)
