@@ -20,7 +20,6 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 from pydrake.solvers import ClarabelSolver, MathematicalProgram, SolverOptions
 
@@ -102,15 +101,7 @@ class LinearisedTransit:
         self.program = MathematicalProgram()
         self._build(int(free_time), int(one_norm), end_slacks)
         self.solver = ClarabelSolver()
-        # Iterative refinement of the linear solves takes a third of the time and gives digits
-        # beyond the tolerance. So it is used only if the solve fails without it. There is nothing
-        # to presolve.
-        self.attempts = []
-        for refined in (False, True):
-            options = SolverOptions()
-            options.SetOption(ClarabelSolver.id(), "iterative_refinement_enable", refined)
-            options.SetOption(ClarabelSolver.id(), "presolve_enable", False)
-            self.attempts.append(options)
+        self.options = SolverOptions()
 
     def _build(self, free_time: int, one_norm: int, end_slacks: int) -> None:
         n, program = self.horizon.intervals, self.program
@@ -223,12 +214,15 @@ class LinearisedTransit:
             free = np.full(np.count_nonzero(included), np.inf)
             self._path.evaluator().UpdateCoefficients(rows[included], bounds[included], free)
             values = self._minimum()
-            if _complete(rows, bounds - _TOLERANCE, values[self._limited], included):
+            missed = ~included & (rows @ values[self._limited] < bounds - _TOLERANCE)
+            if not missed.any():
                 break
+            included |= missed
         moved = values[: self.moved.size]
         forces = self.u.size
+        ends = (self.motion @ moved + self.drift) * self.units
         return TransitSolution(
-            states=_states(self.motion, self.drift, moved, self.units, self._start),
+            states=np.vstack([self._start, ends]),
             controls=moved[:forces].reshape(-1, 3),
             stretch=float(np.sum(moved[forces:])),
             slack=float(np.sum(values[self._slacks])),
@@ -236,8 +230,11 @@ class LinearisedTransit:
 
     def _minimum(self) -> np.ndarray:
         """The values of all variables at the optimum; raises `SolverFailure` if there is none."""
-        for options in self.attempts:
-            result = self.solver.Solve(self.program, None, options)
+        # Iterative refinement of the linear solves takes a third of the time and gives digits
+        # beyond the tolerance. So it is used only if the solve fails without it.
+        for refined in (False, True):
+            self.options.SetOption(ClarabelSolver.id(), "iterative_refinement_enable", refined)
+            result = self.solver.Solve(self.program, None, self.options)
             if result.is_success():
                 return result.get_x_val()
         raise SolverFailure(result.get_solution_result())
@@ -268,33 +265,3 @@ class LinearisedTransit:
         """Whether a plan made `age` s ago is so close that one linearisation about it is enough."""
         away = np.abs(np.stack([plan.states_at(np.array([age]))[0] - state, plan.target - target]))
         return bool((away < _CLOSE * self.units).all())
-
-
-@numba.njit(cache=True, error_model="numpy")
-def _complete(rows, bounds, values, included):
-    """Whether no row that is not `included` is broken; those that are become so."""
-    complete = True
-    for k in range(len(rows)):
-        if not included[k]:
-            value = 0.0
-            for m in range(values.size):
-                value += rows[k, m] * values[m]
-            if value < bounds[k]:
-                included[k] = True
-                complete = False
-    return complete
-
-
-@numba.njit(cache=True, error_model="numpy")
-def _states(motion, drift, moved, units, start):
-    """States (N + 1, 6) at the knots in m and m/s, from z and the first state."""
-    n, size = len(motion), moved.size
-    states = np.empty((n + 1, 6))
-    states[0] = start
-    for k in range(n):
-        for i in range(6):
-            value = drift[k, i]
-            for m in range(size):
-                value += motion[k, i, m] * moved[m]
-            states[k + 1, i] = units[i] * value
-    return states

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
 from proxops.systems.expert.plan import TransitLimits
@@ -50,36 +49,19 @@ def path_limits(
       motion, drift: (N, 6, M) and (N, 6).
       states: (N, 6) of the last plan at those knots, in m and m/s.
     """
-    normals, offsets = tangent_half_spaces(
-        limits.keep_out_semi_axes, np.ascontiguousarray(states[:, :3])
+    n = len(states)
+    positions, velocities = states[:, :3], states[:, 3:].ravel() / units[3]
+    normals, offsets = tangent_half_spaces(limits.keep_out_semi_axes, positions)
+    offsets, limit = offsets / units[0], limits.speed / units[3]
+    out = (normals[:, None] @ motion[:, :3])[:, 0]
+    speeds, drifting = motion[:, 3:].reshape(3 * n, -1), drift[:, 3:].ravel()
+    above = np.sum(normals * drift[:, :3], axis=1)
+    height = np.sum(normals * positions, axis=1) / units[0] - offsets
+    slacks = np.zeros((7 * n, 2 * n))
+    slacks[:n, :n] = np.eye(n)
+    slacks[n:, n:] = np.tile(np.repeat(np.eye(n), 3, axis=0), (2, 1))
+    return PathLimits(
+        rows=np.hstack([np.concatenate([out, -speeds, speeds]), slacks]),
+        bounds=np.concatenate([offsets - above, drifting - limit, -drifting - limit]),
+        room=np.concatenate([height, limit - velocities, limit + velocities]),
     )
-    speed = limits.speed / units[3]
-    return PathLimits(*_limits(normals, offsets / units[0], speed, units, motion, drift, states))
-
-
-@numba.njit(cache=True, error_model="numpy")
-def _limits(normals, offsets, speed, units, motion, drift, states):
-    """The fields of `PathLimits`, from half-spaces and a speed limit in scaled units."""
-    n, size = len(states), motion.shape[2]
-    rows, bounds, room = np.zeros((7 * n, size + 2 * n)), np.empty(7 * n), np.empty(7 * n)
-    for k in range(n):
-        height, above = -offsets[k], 0.0
-        for i in range(3):
-            normal = normals[k, i]
-            above += normal * drift[k, i]
-            height += normal * states[k, i] / units[0]
-            for m in range(size):
-                rows[k, m] += normal * motion[k, i, m]
-        bounds[k], room[k] = offsets[k] - above, height
-        rows[k, size + k] = 1.0
-        for i in range(3):
-            most = n + 3 * k + i
-            least = most + 3 * n
-            for m in range(size):
-                rows[most, m] = -motion[k, 3 + i, m]
-                rows[least, m] = motion[k, 3 + i, m]
-            rows[most, size + n + k] = rows[least, size + n + k] = 1.0
-            velocity = states[k, 3 + i] / units[3]
-            bounds[most], bounds[least] = drift[k, 3 + i] - speed, -drift[k, 3 + i] - speed
-            room[most], room[least] = speed - velocity, speed + velocity
-    return rows, bounds, room

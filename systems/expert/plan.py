@@ -6,7 +6,6 @@ from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import Protocol
 
-import numba
 import numpy as np
 
 from proxops.systems.common import InputError, check_not_negative, check_positive
@@ -79,27 +78,12 @@ class Plan:
 
     def states_at(self, times: np.ndarray) -> np.ndarray:
         """States (M, 6) at times (M,): linear between knots, constant past the last knot."""
-        return _interpolated(times, self.times, self.states)
+        return np.stack([np.interp(times, self.times, x) for x in self.states.T], axis=1)
 
     def forces_at(self, times: np.ndarray) -> np.ndarray:
         """Forces (M, 3) at times (M,); outside the plan those of its first or last interval."""
-        at = np.searchsorted(self.times[1:-1], times, side="right")
-        return self.forces[at]
-
-
-@numba.njit(cache=True, error_model="numpy")
-def _interpolated(times, knots, values):
-    """Rows (M, C) at times (M,) of `values` (N, C): linear between knots (N,), else constant."""
-    out = np.empty((len(times), values.shape[1]))
-    for i, time in enumerate(times):
-        after = np.searchsorted(knots, time, side="right")
-        after = min(max(after, 1), len(knots) - 1)
-        start, end = knots[after - 1], knots[after]
-        share = min(max((time - start) / (end - start), 0.0), 1.0) if end > start else 0.0
-        for c in range(values.shape[1]):
-            first = values[after - 1, c]
-            out[i, c] = first + share * (values[after, c] - first)
-    return out
+        at = np.searchsorted(self.times, times, side="right") - 1
+        return self.forces[np.clip(at, 0, len(self.forces) - 1)]
 
 
 def empty_plan(intervals: int) -> Plan:

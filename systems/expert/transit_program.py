@@ -26,7 +26,6 @@ from __future__ import annotations
 
 import time
 
-import numba
 import numpy as np
 from pydrake.solvers import SolutionResult
 
@@ -61,11 +60,10 @@ class TransitProgram:
         program, transit = self.transit.program, self.transit
         # Slacks to either side of each of the target's coordinates.
         end = np.concatenate([transit.moved, transit.end_slacks])
-        eye = np.eye(6)
-        self._end_rows = np.hstack([np.zeros((6, transit.moved.size)), eye, -eye])
-        self._target = program.AddLinearEqualityConstraint(self._end_rows, np.zeros(6), end)
+        self._target = program.AddLinearEqualityConstraint(
+            np.zeros((6, end.size)), np.zeros(6), end
+        )
         self._fuel = program.AddLinearCost(np.zeros(transit.size.size), 0.0, transit.size)
-        self._fuel_shares = np.repeat(transit.shares, 3)
         self._time = program.AddQuadraticCost(
             np.eye(1), np.zeros(1), transit.stretch, is_convex=True
         )
@@ -161,11 +159,12 @@ class TransitProgram:
         states, controls = self.transit.remaining_plan(last, age, duration)
         transit = self.transit
         transit.linearise(state, states, controls, duration, push)
-        self._end_rows[:, : transit.moved.size] = transit.motion[-1]
+        eye = np.eye(6)
         self._target.evaluator().UpdateCoefficients(
-            self._end_rows, target / transit.units - transit.drift[-1]
+            np.hstack([transit.motion[-1], eye, -eye]), target / transit.units - transit.drift[-1]
         )
-        self._fuel.evaluator().UpdateCoefficients(self.fuel_weight(duration) * self._fuel_shares)
+        fuel = np.repeat(self.fuel_weight(duration) * transit.shares, 3)
+        self._fuel.evaluator().UpdateCoefficients(fuel)
         price = np.array([self.time_price + self._mean_effort(controls, duration)])
         self._time.evaluator().UpdateCoefficients(_STRETCH_CURVATURE * price[None], price)
         shorter = max(-_TRUSTED_STRETCH, least / duration - 1.0) if free_time else 0.0
@@ -183,19 +182,10 @@ class TransitProgram:
 
     def _mean_effort(self, controls: np.ndarray, duration: float) -> float:
         """Mean of |u|_2^2 + c |u|_1 over a plan, for controls u (N, 3)."""
-        return _effort(controls, self.fuel_weight(duration), self.transit.shares)
+        effort = controls**2 + self.fuel_weight(duration) * np.abs(controls)
+        return float(self.transit.shares @ np.sum(effort, axis=1))
 
 
 def _total_cost(plan: Plan) -> float:
     """The cost of a plan, with the highest price for its slack."""
     return plan.cost + KEEP_OUT_PRICE * plan.slack * float(plan.times[-1])
-
-
-@numba.njit(cache=True, error_model="numpy")
-def _effort(controls, weight, shares):
-    """The mean of |u|_2^2 + weight |u|_1 over intervals with these shares (N,) of the time."""
-    mean = 0.0
-    for k in range(shares.size):
-        for i in range(3):
-            mean += shares[k] * (controls[k, i] ** 2 + weight * abs(controls[k, i]))
-    return mean

@@ -62,8 +62,7 @@ def clearances(semi_axes, points):
     return out
 
 
-@numba.njit(cache=True, error_model="numpy")
-def tangent_half_spaces(semi_axes, points):
+def tangent_half_spaces(semi_axes: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Half-spaces n.r >= b, one for each point, that touch the ellipsoid and lie outside it.
 
     For a point outside, the half-space touches the ellipsoid where the line from the origin to the
@@ -75,23 +74,13 @@ def tangent_half_spaces(semi_axes, points):
     Returns:
       Unit normals (N, 3) and offsets (N,).
     """
-    normals, offsets = np.empty_like(points), np.empty(len(points))
-    for k in range(len(points)):
-        level = 0.0
-        for i in range(3):
-            level += (points[k, i] / semi_axes[i]) ** 2
-        level = np.sqrt(level)
-        touching = points[k] / level if level >= 1.0 else closest_point(semi_axes, points[k])
-        size = 0.0
-        for i in range(3):
-            normals[k, i] = touching[i] / semi_axes[i] ** 2
-            size += normals[k, i] ** 2
-        size, offset = np.sqrt(size), 0.0
-        for i in range(3):
-            normals[k, i] /= size
-            offset += normals[k, i] * touching[i]
-        offsets[k] = offset
-    return normals, offsets
+    level = np.linalg.norm(points / semi_axes, axis=1)
+    touching = points / np.maximum(level, 1.0)[:, None]
+    for k in np.flatnonzero(level < 1.0):
+        touching[k] = closest_point(semi_axes, points[k])
+    normals = touching / semi_axes**2
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    return normals, np.einsum("ni,ni->n", normals, touching)
 
 
 def blocks_segment(semi_axes: np.ndarray, start: np.ndarray, end: np.ndarray) -> bool:
