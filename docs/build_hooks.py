@@ -9,7 +9,6 @@ A line of a page that starts with one of these is replaced:
 * `!experiments PATH`: a Markdown file of the repository, without its title, headings a level down.
 * `!dispersions NAME`: a table of dispersions that ship, with the source of each number.
 * `!log_variables`: a table of a flight log's variables.
-* `!speed`: a table of the figures in benchmarks/results.json, a column for each version.
 * `!modules FOLDER`: the reference of all rooms of a folder and their public modules.
 
 Equations between dollars become MathML, which browsers show without a script. The front page shows
@@ -20,7 +19,6 @@ from elsewhere.
 import ast
 import html
 import inspect
-import json
 import re
 import tempfile
 from pathlib import Path
@@ -109,18 +107,6 @@ def _distribution(entry: dict) -> str:
     return f"always {entry['fixed']:.4g}"
 
 
-def _speed(_: str) -> str:
-    entries = json.loads((ROOT / "benchmarks" / "results.json").read_text())
-    names = dict.fromkeys(name for entry in entries for name in entry["figures"])
-    heads = [f"{entry['version']}, {entry['machine']}" for entry in entries]
-    lines = [f"| | {' | '.join(heads)} |", f"|---|{'---:|' * len(entries)}"]
-    for name in names:
-        cells = [f"{entry['figures'].get(name, '–')}" for entry in entries]
-        lines.append(f"| {name} | {' | '.join(cells)} |")
-    packages = ", ".join(f"{name} {found}" for name, found in entries[-1]["packages"].items())
-    return "\n".join([*lines, "", f"Packages of the last column: {packages}."])
-
-
 def _experiments(path: str) -> str:
     _, _, text = (ROOT / path).read_text().partition("\n")
     return re.sub(r"^#", "##", text, flags=re.MULTILINE)
@@ -147,7 +133,6 @@ _MAKERS = {
     "log_variables": _log_variables,
     "modules": _modules,
     "ports": _ports,
-    "speed": _speed,
 }
 
 

@@ -1,11 +1,18 @@
 """The tables of README and docs that say they come from docs/results.json do."""
 
+import dataclasses
 import importlib.util
 import json
+import re
+import sys
+from pathlib import Path
 from types import ModuleType
 
 import pytest
 from pages import ROOT
+from whole_results import results_with_all
+
+from proxops.studies.beyond import all_campaigns
 
 
 def _module() -> ModuleType:
@@ -14,28 +21,75 @@ def _module() -> ModuleType:
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module  # dataclasses look there
     spec.loader.exec_module(module)
     return module
 
 
 render = _module()
-CAMPAIGNS = json.loads(render.RESULTS.read_text())["campaigns"]
+SOURCES = render.load_sources()
+
+
+def _place(file: str, name: str) -> str:
+    return f"# A page\n\n<!-- from {file}: {name} -->\n<!-- end -->\n"
 
 
 @pytest.mark.parametrize("page", list(render.pages()), ids=lambda page: str(page.relative_to(ROOT)))
-def test_tables_are_those_of_the_results(page) -> None:
+def test_tables_are_those_of_the_sources(page: Path) -> None:
     text = page.read_text()
-    assert render.rendered(text, CAMPAIGNS) == text, "run: python docs/render_results.py"
+    assert render.rendered(text, SOURCES) == text, "run: python docs/render_results.py"
 
 
 def test_a_changed_figure_is_found() -> None:
-    page = "# A page\n\n<!-- from results.json: bodies -->\n<!-- end -->\n"
-    before = render.rendered(page, CAMPAIGNS)
+    page = _place("results.json", "bodies")
+    before = render.rendered(page, SOURCES)
     assert before.count("\n| ") > 3
-    changed = json.loads(json.dumps(CAMPAIGNS))
-    changed["at-20-0"]["controllers"]["policy"]["keep_out_violations"] += 7
-    assert render.rendered(before, changed) != before
-    assert render.rendered(before, CAMPAIGNS) == before
+    changed = json.loads(json.dumps(SOURCES.results))
+    changed["campaigns"]["at-20-0"]["controllers"]["policy"]["keep_out_violations"] += 7
+    assert render.rendered(before, dataclasses.replace(SOURCES, results=changed)) != before
+    assert render.rendered(before, SOURCES) == before
+
+
+def test_every_campaign_can_be_shown_and_be_missing() -> None:
+    names = ["headline", "bodies", *(each.name for each in all_campaigns())]
+    page = "".join(_place("results.json", name) for name in names)
+    nothing = dataclasses.replace(SOURCES, results=SOURCES.results | {"campaigns": {}})
+    told = render.rendered(page, nothing)
+    assert "| " not in told
+    assert told.count("Not flown with version") == len(names)
+    everything = dataclasses.replace(SOURCES, results=results_with_all())
+    told = render.rendered(page, everything)
+    assert "Not flown" not in told
+    for each in all_campaigns():
+        assert f"`proxops reproduce {each.name}`" in told
+
+
+@pytest.mark.parametrize(
+    ("file", "name"),
+    [
+        ("results.json", "flag-ship"),
+        ("measured.json", "nothing"),
+        ("benchmarks/results.json", "sped"),
+        ("elsewhere.json", "speed"),
+    ],
+)
+def test_unknown_places_are_refused(file: str, name: str) -> None:
+    with pytest.raises(KeyError):
+        render.rendered(_place(file, name), SOURCES)
+
+
+def test_every_measured_entry_is_shown_somewhere() -> None:
+    text = "".join(page.read_text() for page in render.pages())
+    shown = re.findall(r"^<!-- from measured\.json: ([\w-]+) -->$", text, re.MULTILINE)
+    assert set(shown) == set(SOURCES.measured)
+
+
+@pytest.mark.parametrize("name", SOURCES.measured)
+def test_measured_entries_are_whole(name: str) -> None:
+    entry = SOURCES.measured[name]
+    assert set(entry) == {"commands", "version", "commit", "date", "machine", "columns", "rows"}
+    assert entry["rows"]
+    assert {len(row) for row in entry["rows"]} == {len(entry["columns"])}
 
 
 def test_results_of_two_runs_become_one() -> None:
