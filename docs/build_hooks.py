@@ -39,6 +39,7 @@ from proxops.diagrams.scenario import load_body, load_dispersions, load_scenario
 ROOT = Path(__file__).parents[1]
 _EQUATION = re.compile(r'<(span|div) class="arithmatex">\\([(\[])(.*?)\\[)\]]</\1>', re.DOTALL)
 _LOADED = re.compile(r'<(?:script|img|iframe)[^>]+src="https?:|<link[^>]+href="https?:[^>]*>')
+_SHOWN = re.compile(r'<iframe[^>]+src="([^":]+)"')
 
 
 def _ports(name: str) -> str:
@@ -139,6 +140,8 @@ _MAKERS = {
 def on_files(files, config, **_):
     """Adds the replay of the front page: transit 1, flown by the hybrid."""
     log = fly(load_scenario(None, ["transit.index=1"]), "hybrid")
+    if not log.summary["success"]:
+        raise PluginError("the flight of the front page does not arrive")
     with tempfile.TemporaryDirectory() as folder:
         page = Path(folder) / "replay.html"
         write_replay(log, page)
@@ -170,8 +173,12 @@ def on_page_content(content, **_):
 
 
 def on_post_build(config, **_):
-    """Refuses pages that need a network."""
+    """Refuses pages that need a network, or that show a page that is not there."""
     for page in Path(config.site_dir).rglob("*.html"):
-        for found in _LOADED.findall(page.read_text()):
+        text = page.read_text()
+        for found in _LOADED.findall(text):
             if 'rel="canonical"' not in found:
                 raise PluginError(f"{page} loads from elsewhere: {found}")
+        for shown in _SHOWN.findall(text):
+            if not (page.parent / shown).is_file():
+                raise PluginError(f"{page} shows {shown}, which is not there")
