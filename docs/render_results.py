@@ -306,7 +306,7 @@ _BRIEF = (
 
 
 def _of_speed(sources: Sources, name: str) -> str:
-    """What `make bench` measured: a column for each version and machine, or a few latest figures."""
+    """What `make bench` measured: all, a column for each version and machine, or the latest."""
     if name not in ("speed", "speed-latest"):
         raise KeyError(name)
     entries = sources.speed if name == "speed" else sources.speed[-1:]

@@ -1,4 +1,4 @@
-"""A docs/results.json as it is when all campaigns have been flown, with figures that are made up."""
+"""A docs/results.json as it is when all campaigns were flown, with figures that are made up."""
 
 import copy
 import json
