@@ -8,8 +8,8 @@ A page has the place of a table between two lines:
 What lies between the lines is replaced. `FILE` is one of
 
 * `results.json`: docs/results.json, the campaigns of `proxops reproduce`. `NAME` is a campaign, or
-  `bodies` (all campaigns at bodies that the policy never saw) or `headline` (the most telling line
-  of each). A campaign that is not there is said not to be flown.
+  `bodies` (all campaigns at bodies that the policy never saw), `headline` (the most telling line
+  of each) or `paper` (the paper's figures and ours). A campaign that is not there is said not to be flown.
 * `measured.json`: docs/measured.json, what other commands measured; `NAME` is an entry there.
 * `benchmark`: the rows in docs/benchmark; `NAME` is a track.
 * `benchmarks/results.json`: what `make bench` measured; `NAME` is `speed` or `speed-latest`.
@@ -264,10 +264,21 @@ def _headline(results: Mapping[str, Any]) -> str:
     return "\n\n".join(told)
 
 
+def _paper(results: Mapping[str, Any]) -> str:
+    """The paper's figures, and ours."""
+    if results["paper"] is None:
+        return _missing(results, ["paper"])
+    lines = [[line[key] for key in ("what", "paper", "ours")]
+             for line in results["paper"]["paper_and_ours"]]  # fmt: skip
+    return _table(["", "paper", "ours"], lines)
+
+
 def _of_campaigns(sources: Sources, name: str) -> str:
     campaigns = sources.results["campaigns"]
     if name == "headline":
         return _headline(sources.results)
+    if name == "paper":
+        return _paper(sources.results)
     if name == "bodies":
         return _bodies(sources.results)
     if name not in {each.name for each in all_campaigns()}:
