@@ -9,7 +9,8 @@ What lies between the lines is replaced. `FILE` is one of
 
 * `results.json`: docs/results.json, the campaigns of `proxops reproduce`. `NAME` is a campaign, or
   `bodies` (all campaigns at bodies that the policy never saw), `headline` (the most telling line
-  of each) or `paper` (the paper's figures and ours). A campaign that is not there is said not to be flown.
+  of each) or `paper` (the paper's figures and ours). A campaign that is not there is said not to
+  be flown.
 * `measured.json`: docs/measured.json, what other commands measured; `NAME` is an entry there.
 * `benchmark`: the rows in docs/benchmark; `NAME` is a track.
 * `benchmarks/results.json`: what `make bench` measured; `NAME` is `speed` or `speed-latest`.

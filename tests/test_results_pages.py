@@ -54,7 +54,8 @@ def test_a_changed_figure_is_found() -> None:
 def test_every_campaign_can_be_shown_and_be_missing() -> None:
     names = ["headline", "bodies", "paper", *(each.name for each in all_campaigns())]
     page = "".join(_place("results.json", name) for name in names)
-    nothing = dataclasses.replace(SOURCES, results=SOURCES.results | {"campaigns": {}, "paper": None})
+    empty = SOURCES.results | {"campaigns": {}, "paper": None}
+    nothing = dataclasses.replace(SOURCES, results=empty)
     told = render.rendered(page, nothing)
     assert "| " not in told
     assert told.count("Not flown with version") == len(names)
