@@ -9,7 +9,6 @@ A line of a page that starts with one of these is replaced:
 * `!experiments PATH`: a Markdown file of the repository, without its title, headings a level down.
 * `!dispersions NAME`: a table of dispersions that ship, with the source of each number.
 * `!log_variables`: a table of a flight log's variables.
-* `!speed`: a table of the figures in benchmarks/results.json, a column for each version.
 * `!modules FOLDER`: the reference of all rooms of a folder and their public modules.
 
 Equations between dollars become MathML, which browsers show without a script. The front page shows
@@ -20,7 +19,6 @@ from elsewhere.
 import ast
 import html
 import inspect
-import json
 import re
 import tempfile
 from pathlib import Path
@@ -41,6 +39,7 @@ from proxops.diagrams.scenario import load_body, load_dispersions, load_scenario
 ROOT = Path(__file__).parents[1]
 _EQUATION = re.compile(r'<(span|div) class="arithmatex">\\([(\[])(.*?)\\[)\]]</\1>', re.DOTALL)
 _LOADED = re.compile(r'<(?:script|img|iframe)[^>]+src="https?:|<link[^>]+href="https?:[^>]*>')
+_SHOWN = re.compile(r'<iframe[^>]+src="([^":]+)"')
 
 
 def _ports(name: str) -> str:
@@ -109,18 +108,6 @@ def _distribution(entry: dict) -> str:
     return f"always {entry['fixed']:.4g}"
 
 
-def _speed(_: str) -> str:
-    entries = json.loads((ROOT / "benchmarks" / "results.json").read_text())
-    names = dict.fromkeys(name for entry in entries for name in entry["figures"])
-    heads = [f"{entry['version']}, {entry['machine']}" for entry in entries]
-    lines = [f"| | {' | '.join(heads)} |", f"|---|{'---:|' * len(entries)}"]
-    for name in names:
-        cells = [f"{entry['figures'].get(name, '–')}" for entry in entries]
-        lines.append(f"| {name} | {' | '.join(cells)} |")
-    packages = ", ".join(f"{name} {found}" for name, found in entries[-1]["packages"].items())
-    return "\n".join([*lines, "", f"Packages of the last column: {packages}."])
-
-
 def _experiments(path: str) -> str:
     _, _, text = (ROOT / path).read_text().partition("\n")
     return re.sub(r"^#", "##", text, flags=re.MULTILINE)
@@ -147,13 +134,14 @@ _MAKERS = {
     "log_variables": _log_variables,
     "modules": _modules,
     "ports": _ports,
-    "speed": _speed,
 }
 
 
 def on_files(files, config, **_):
     """Adds the replay of the front page: transit 1, flown by the hybrid."""
     log = fly(load_scenario(None, ["transit.index=1"]), "hybrid")
+    if not log.summary["success"]:
+        raise PluginError("the flight of the front page does not arrive")
     with tempfile.TemporaryDirectory() as folder:
         page = Path(folder) / "replay.html"
         write_replay(log, page)
@@ -185,8 +173,12 @@ def on_page_content(content, **_):
 
 
 def on_post_build(config, **_):
-    """Refuses pages that need a network."""
+    """Refuses pages that need a network, or that show a page that is not there."""
     for page in Path(config.site_dir).rglob("*.html"):
-        for found in _LOADED.findall(page.read_text()):
+        text = page.read_text()
+        for found in _LOADED.findall(text):
             if 'rel="canonical"' not in found:
                 raise PluginError(f"{page} loads from elsewhere: {found}")
+        for shown in _SHOWN.findall(text):
+            if not (page.parent / shown).is_file():
+                raise PluginError(f"{page} shows {shown}, which is not there")

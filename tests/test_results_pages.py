@@ -1,11 +1,19 @@
 """The tables of README and docs that say they come from docs/results.json do."""
 
+import dataclasses
 import importlib.util
 import json
+import re
+import sys
+from pathlib import Path
 from types import ModuleType
 
 import pytest
+from own_numbers import DEFINITIONS, SPECIFICATIONS, own_figures
 from pages import ROOT
+from whole_results import results_with_all
+
+from proxops.studies.beyond import all_campaigns
 
 
 def _module() -> ModuleType:
@@ -14,28 +22,148 @@ def _module() -> ModuleType:
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module  # dataclasses look there
     spec.loader.exec_module(module)
     return module
 
 
 render = _module()
-CAMPAIGNS = json.loads(render.RESULTS.read_text())["campaigns"]
+SOURCES = render.load_sources()
+
+
+def _place(file: str, name: str) -> str:
+    return f"# A page\n\n<!-- from {file}: {name} -->\n<!-- end -->\n"
 
 
 @pytest.mark.parametrize("page", list(render.pages()), ids=lambda page: str(page.relative_to(ROOT)))
-def test_tables_are_those_of_the_results(page) -> None:
+def test_tables_are_those_of_the_sources(page: Path) -> None:
     text = page.read_text()
-    assert render.rendered(text, CAMPAIGNS) == text, "run: python docs/render_results.py"
+    assert render.rendered(text, SOURCES) == text, "run: python docs/render_results.py"
 
 
 def test_a_changed_figure_is_found() -> None:
-    page = "# A page\n\n<!-- from results.json: bodies -->\n<!-- end -->\n"
-    before = render.rendered(page, CAMPAIGNS)
+    page = _place("results.json", "bodies")
+    before = render.rendered(page, SOURCES)
     assert before.count("\n| ") > 3
-    changed = json.loads(json.dumps(CAMPAIGNS))
-    changed["at-20-0"]["controllers"]["policy"]["keep_out_violations"] += 7
-    assert render.rendered(before, changed) != before
-    assert render.rendered(before, CAMPAIGNS) == before
+    changed = json.loads(json.dumps(SOURCES.results))
+    changed["campaigns"]["at-20-0"]["controllers"]["policy"]["keep_out_violations"] += 7
+    assert render.rendered(before, dataclasses.replace(SOURCES, results=changed)) != before
+    assert render.rendered(before, SOURCES) == before
+
+
+def test_every_campaign_can_be_shown_and_be_missing() -> None:
+    names = ["headline", "bodies", "paper", *(each.name for each in all_campaigns())]
+    page = "".join(_place("results.json", name) for name in names)
+    empty = SOURCES.results | {"campaigns": {}, "paper": None}
+    nothing = dataclasses.replace(SOURCES, results=empty)
+    told = render.rendered(page, nothing)
+    assert "| " not in told
+    assert told.count("Not flown with version") == len(names)
+    everything = dataclasses.replace(SOURCES, results=results_with_all())
+    told = render.rendered(page, everything)
+    assert "Not flown" not in told
+    for each in all_campaigns():
+        assert f"`proxops reproduce {each.name}`" in told
+
+
+@pytest.mark.parametrize(
+    ("file", "name"),
+    [
+        ("results.json", "flag-ship"),
+        ("measured.json", "nothing"),
+        ("benchmarks/results.json", "sped"),
+        ("elsewhere.json", "speed"),
+    ],
+)
+def test_unknown_places_are_refused(file: str, name: str) -> None:
+    with pytest.raises(KeyError):
+        render.rendered(_place(file, name), SOURCES)
+
+
+def test_every_measured_entry_is_shown_somewhere() -> None:
+    text = "".join(page.read_text() for page in render.pages())
+    shown = re.findall(r"^<!-- from measured\.json: ([\w-]+) -->$", text, re.MULTILINE)
+    assert set(shown) == set(SOURCES.measured)
+
+
+@pytest.mark.parametrize("name", SOURCES.measured)
+def test_measured_entries_are_whole(name: str) -> None:
+    entry = SOURCES.measured[name]
+    assert set(entry) == {"commands", "version", "commit", "date", "machine", "columns", "rows"}
+    assert entry["rows"]
+    assert {len(row) for row in entry["rows"]} == {len(entry["columns"])}
+
+
+# --- no page has a figure of its own --------------------------------------------------------------
+
+
+@pytest.mark.parametrize("page", list(render.pages()), ids=lambda page: str(page.relative_to(ROOT)))
+def test_no_page_has_a_measured_figure_of_its_own(page: Path) -> None:
+    name = page.relative_to(ROOT).as_posix()
+    found = own_figures(render.own_text(page.read_text()), DEFINITIONS.get(name, ()))
+    told = "\n".join(f"{name}:{each.line}: {each.text}" for each in found)
+    assert not found, (
+        f"These figures stand on a page by themselves:\n{told}\n"
+        "If a command measured them, put them into docs/measured.json (or fly the campaign, see "
+        "'Figures' in CONTRIBUTING.md), put `<!-- from measured.json: NAME -->` and "
+        "`<!-- end -->` where they are to stand, and run `python docs/render_results.py`. If they "
+        "are settings or definitions, add the head of the table or the phrase to "
+        "tests/own_numbers.py."
+    )
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "It arrives in 198 of 200 transits.",
+        "It arrives in 198 of\n200 transits.",
+        "It arrived in 1,701 of 1,704.",
+        "All of them: 50/50.",
+        "The policy flies 88.3 % of the steps.",
+        "The MPC takes 1.5 ms a step.",
+        "This needs 1.03 times the Δv.",
+        "It flies at 2,870 × real time.",
+        "Collecting took 17 minutes.",
+        "They differ by 3e-11.",
+        "| controller | end error (m) |\n|---|---:|\n| mpc | 12 |",
+    ],
+)
+def test_a_measured_figure_is_found(text: str) -> None:
+    page = f"# A page\n\nA sentence.\n\n{text}\n"
+    assert [each.line for each in own_figures(page)] == [5]
+    place = f"# A page\n\n<!-- from measured.json: this -->\n{text}\n<!-- end -->\n"
+    assert own_figures(render.own_text(place)) == []
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "The command is held for 10 s, with 3 of them in a row.",
+        "```\n198 of 200 took 17 minutes\n```",
+        "`--set truth.lidar.dropout=0.15` and [a page](page_5_%.md)",
+        "| file | content |\n|---|---|\n| `a.nc` | 12 steps |",
+        "| controller | file |\n|---|---|\n| mpc | `a1.nc` |",
+    ],
+)
+def test_settings_and_code_are_no_figures(text: str) -> None:
+    assert own_figures(f"# A page\n\n{text}\n") == []
+
+
+def test_a_definition_lets_only_its_phrase_pass() -> None:
+    text = "Each draws 15 % of dropout. It loses 15 % of the frames.\n"
+    assert [each.text for each in own_figures(text, {"15 % of dropout"})] == ["15 %"]
+
+
+def test_no_definition_is_left_over() -> None:
+    pages = {page.relative_to(ROOT).as_posix(): page.read_text() for page in render.pages()}
+    for name, phrases in DEFINITIONS.items():
+        prose = " ".join(render.own_text(pages[name]).split())
+        assert {phrase for phrase in phrases if phrase not in prose} == set(), name
+    lines = {line for text in pages.values() for line in text.splitlines()}
+    assert SPECIFICATIONS - lines == set()
+
+
+# --- results.json ---------------------------------------------------------------------------------
 
 
 def test_results_of_two_runs_become_one() -> None:

@@ -1,4 +1,4 @@
-"""Builds the technical note, build/note.pdf, from what docs/results.json and docs/benchmark say.
+"""Builds the technical note, build/note.pdf, from the files that hold the measured figures.
 
 python docs/note/build.py
 """
@@ -11,39 +11,39 @@ from typing import Any
 import typst
 
 ROOT = Path(__file__).parents[2]
+SOURCE = Path(__file__).with_name("note.typ")
 
 
-def benchmark_rows() -> dict[str, list[Mapping[str, Any]]]:
-    """The flights of each row of the frozen benchmark, by the name of its file."""
+def sources() -> dict[str, Any]:
+    """What the note tells of, by the name of the input of note.typ.
+
+    `results` is docs/results.json, `measured` docs/measured.json, `speed` the last entry of
+    benchmarks/results.json, and `rows` the flights of each row in docs/benchmark, by the name of
+    its file. Parts whose campaigns are missing in `results` say so, and lines whose rows are
+    missing are left out.
+    """
+    docs = ROOT / "docs"
     return {
-        path.stem: json.loads(path.read_text())["flights"]
-        for path in sorted((ROOT / "docs" / "benchmark").glob("*.json"))
+        "results": json.loads((docs / "results.json").read_text()),
+        "measured": json.loads((docs / "measured.json").read_text()),
+        "speed": json.loads((ROOT / "benchmarks" / "results.json").read_text())[-1],
+        "rows": {
+            path.stem: json.loads(path.read_text())["flights"]
+            for path in sorted((docs / "benchmark").glob("*.json"))
+        },
     }
 
 
-def note(
-    results: Mapping[str, Any], rows: Mapping[str, list[Mapping[str, Any]]], form: str = "pdf"
-) -> bytes:
-    """The note, with what was flown; a part whose campaign is missing says so.
-
-    Args:
-      results: content of docs/results.json.
-      rows: as `benchmark_rows` gives them; lines of missing rows are left out.
-      form: of the document, as typst names it.
-    """
-    inputs = {"results": json.dumps(results), "rows": json.dumps(rows)}
-    source = Path(__file__).with_name("note.typ")
-    made = typst.compile(source, root=ROOT, format=form, sys_inputs=inputs)
-    assert isinstance(made, bytes)
-    return made
+def inputs(told: Mapping[str, Any]) -> dict[str, str]:
+    """The same as note.typ takes it."""
+    return {name: json.dumps(content) for name, content in told.items()}
 
 
 def main() -> None:
     """Writes the note."""
-    results = json.loads((ROOT / "docs" / "results.json").read_text())
     target = ROOT / "build" / "note.pdf"
     target.parent.mkdir(exist_ok=True)
-    target.write_bytes(note(results, benchmark_rows()))
+    typst.compile(SOURCE, output=target, root=ROOT, sys_inputs=inputs(sources()))
 
 
 if __name__ == "__main__":
