@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import Protocol
 
+import numba
 import numpy as np
 
 from proxops.systems.common import InputError, check_not_negative, check_positive
@@ -78,12 +79,27 @@ class Plan:
 
     def states_at(self, times: np.ndarray) -> np.ndarray:
         """States (M, 6) at times (M,): linear between knots, constant past the last knot."""
-        return np.stack([np.interp(times, self.times, x) for x in self.states.T], axis=1)
+        return _interpolated(times, self.times, self.states)
 
     def forces_at(self, times: np.ndarray) -> np.ndarray:
         """Forces (M, 3) at times (M,); outside the plan those of its first or last interval."""
         at = np.searchsorted(self.times, times, side="right") - 1
         return self.forces[np.clip(at, 0, len(self.forces) - 1)]
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _interpolated(times, knots, values):
+    """Values (M, K) at times (M,), linear between knots (N,) and constant beyond them."""
+    found = np.empty((times.size, values.shape[1]))
+    for m in range(times.size):
+        time = min(max(times[m], knots[0]), knots[-1])
+        after = min(max(np.searchsorted(knots, time, side="right"), 1), knots.size - 1)
+        length = knots[after] - knots[after - 1]
+        share = (time - knots[after - 1]) / length if length > 0.0 else 1.0
+        for k in range(values.shape[1]):
+            before = values[after - 1, k]
+            found[m, k] = before + share * (values[after, k] - before)
+    return found
 
 
 def empty_plan(intervals: int) -> Plan:

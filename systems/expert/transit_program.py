@@ -50,7 +50,7 @@ class TransitProgram:
     def __init__(self, field: Field, spin: float, limits: TransitLimits, horizon: Horizon):
         """Takes the assumed field and spin (rad/s about z), the limits and the horizon."""
         self.transit = LinearisedTransit(
-            field, spin, limits, horizon, free_time=True, one_norm=True, end_slacks=12
+            field, spin, limits, horizon, free_time=True, one_norm=True, meets_target=True
         )
         self.field, self.spin, self.limits, self.horizon = field, spin, limits, horizon
         # Without gravity, and with quadratic effort, the mean of |u|^2 from rest to rest over d is
@@ -58,15 +58,12 @@ class TransitProgram:
         share = limits.mass * horizon.nominal_acceleration / limits.thrust
         self.time_price = 2.25 * share**2
         program, transit = self.transit.program, self.transit
-        # Slacks to either side of each of the target's coordinates.
-        end = np.concatenate([transit.moved, transit.end_slacks])
-        self._target = program.AddLinearEqualityConstraint(
-            np.zeros((6, end.size)), np.zeros(6), end
-        )
         self._fuel = program.AddLinearCost(np.zeros(transit.size.size), 0.0, transit.size)
         self._time = program.AddQuadraticCost(
             np.eye(1), np.zeros(1), transit.stretch, is_convex=True
         )
+        transit.share_cost(self._fuel)
+        transit.share_cost(self._time)
 
     def solve(
         self,
@@ -159,10 +156,7 @@ class TransitProgram:
         states, controls = self.transit.remaining_plan(last, age, duration)
         transit = self.transit
         transit.linearise(state, states, controls, duration, push)
-        eye = np.eye(6)
-        self._target.evaluator().UpdateCoefficients(
-            np.hstack([transit.motion[-1], eye, -eye]), target / transit.units - transit.drift[-1]
-        )
+        transit.aim(target)
         fuel = np.repeat(self.fuel_weight(duration) * transit.shares, 3)
         self._fuel.evaluator().UpdateCoefficients(fuel)
         price = np.array([self.time_price + self._mean_effort(controls, duration)])
