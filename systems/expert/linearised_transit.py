@@ -114,9 +114,7 @@ class LinearisedTransit:
         self.program, self.bare = MathematicalProgram(), MathematicalProgram()
         self._build(int(free_time), int(one_norm), 12 * meets_target)
         self.solver = ClarabelSolver()
-        self.options = SolverOptions()
-        # It finds nothing to leave out.
-        self.options.SetOption(ClarabelSolver.id(), "presolve_enable", False)
+        self._options = [_solver_options(refined) for refined in (False, True)]
 
     def _build(self, free_time: int, one_norm: int, end_slacks: int) -> None:
         n, program, bare = self.horizon.intervals, self.program, self.bare
@@ -200,9 +198,8 @@ class LinearisedTransit:
         Returns:
           States (N + 1, 6) at the knots and controls (N, 3) of the intervals.
         """
-        times = age + duration * self.fractions
-        controls = last.forces_at(0.5 * (times[1:] + times[:-1])) / self.limits.thrust
-        return last.states_at(times), controls
+        states, forces = last.rest(age, duration, self.fractions)
+        return states, forces / self.limits.thrust
 
     def linearise(
         self,
@@ -232,11 +229,9 @@ class LinearisedTransit:
 
     def aim(self, target: np.ndarray) -> None:
         """Makes the plan that was linearised last end at the target (6,)."""
-        assert self._end is not None and self._bare_end is not None
-        motion, to_go = self.motion[-1], target / self.units - self.drift[-1]
-        eye = np.eye(6)
-        self._end.evaluator().UpdateCoefficients(np.hstack([motion, eye, -eye]), to_go)
-        self._bare_end.evaluator().UpdateCoefficients(motion, to_go)
+        assert self._bare_end is not None
+        self._to_go = target / self.units - self.drift[-1]
+        self._bare_end.evaluator().UpdateCoefficients(self.motion[-1], self._to_go)
 
     def solve(self) -> TransitSolution:
         """Solves the program about the plan that was linearised last.
@@ -287,7 +282,7 @@ class LinearisedTransit:
         """Whether the multipliers of what has slack are below its price."""
         if self._bare_end is not None:
             ends = result.GetDualSolution(self._end_key)
-            if not np.abs(ends).max() <= SLACK_PRICE:
+            if not -SLACK_PRICE <= ends.min() <= ends.max() <= SLACK_PRICE:
                 return False
         if not included.any():
             return True
@@ -300,6 +295,10 @@ class LinearisedTransit:
     def _with_slack(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """z and the slacks at the optimum; raises `SolverFailure` if there is none."""
         _set_rows(self._path, rows[:, :-1], rows[:, -1])
+        if self._end is not None:
+            eye = np.eye(6)
+            matrix = np.hstack([self.motion[-1], eye, -eye])
+            self._end.evaluator().UpdateCoefficients(matrix, self._to_go)
         # Iterative refinement of the linear solves takes a third of the time and gives digits
         # beyond the tolerance. So it is used only if the solve fails without it.
         for refined in (False, True):
@@ -310,8 +309,7 @@ class LinearisedTransit:
         raise SolverFailure(result.get_solution_result())
 
     def _solved(self, program: MathematicalProgram, refined: bool) -> MathematicalProgramResult:
-        self.options.SetOption(ClarabelSolver.id(), "iterative_refinement_enable", refined)
-        return self.solver.Solve(program, None, self.options)
+        return self.solver.Solve(program, None, self._options[refined])
 
     def plan_of(
         self,
@@ -341,6 +339,15 @@ class LinearisedTransit:
         return bool((away < _CLOSE * self.units).all())
 
 
+def _solver_options(refined: bool) -> SolverOptions:
+    """Clarabel's options, with or without iterative refinement of the linear solves."""
+    options = SolverOptions()
+    options.SetOption(ClarabelSolver.id(), "iterative_refinement_enable", refined)
+    # It finds nothing to leave out.
+    options.SetOption(ClarabelSolver.id(), "presolve_enable", False)
+    return options
+
+
 def _no_rows(program: MathematicalProgram, variables: np.ndarray) -> Binding:
     """A constraint for `_set_rows`."""
     empty = np.zeros((1, variables.size))
@@ -349,7 +356,9 @@ def _no_rows(program: MathematicalProgram, variables: np.ndarray) -> Binding:
 
 def _set_rows(constraint: Binding, rows: np.ndarray, bounds: np.ndarray) -> None:
     """Makes a constraint rows @ variables >= bounds; the number of rows may differ."""
-    constraint.evaluator().UpdateCoefficients(rows, bounds, np.full(len(bounds), np.inf))
+    evaluator = constraint.evaluator()
+    if len(bounds) or evaluator.num_constraints():
+        evaluator.UpdateCoefficients(rows, bounds, np.full(len(bounds), np.inf))
 
 
 def _no_end(program: MathematicalProgram, variables: np.ndarray) -> Binding:

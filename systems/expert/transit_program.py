@@ -26,6 +26,7 @@ from __future__ import annotations
 
 import time
 
+import numba
 import numpy as np
 from pydrake.solvers import SolutionResult
 
@@ -58,6 +59,7 @@ class TransitProgram:
         share = limits.mass * horizon.nominal_acceleration / limits.thrust
         self.time_price = 2.25 * share**2
         program, transit = self.transit.program, self.transit
+        self._fuel_shares = np.repeat(transit.shares, 3)
         self._fuel = program.AddLinearCost(np.zeros(transit.size.size), 0.0, transit.size)
         self._time = program.AddQuadraticCost(
             np.eye(1), np.zeros(1), transit.stretch, is_convex=True
@@ -157,8 +159,7 @@ class TransitProgram:
         transit = self.transit
         transit.linearise(state, states, controls, duration, push)
         transit.aim(target)
-        fuel = np.repeat(self.fuel_weight(duration) * transit.shares, 3)
-        self._fuel.evaluator().UpdateCoefficients(fuel)
+        self._fuel.evaluator().UpdateCoefficients(self.fuel_weight(duration) * self._fuel_shares)
         price = np.array([self.time_price + self._mean_effort(controls, duration)])
         self._time.evaluator().UpdateCoefficients(_STRETCH_CURVATURE * price[None], price)
         shorter = max(-_TRUSTED_STRETCH, least / duration - 1.0) if free_time else 0.0
@@ -176,8 +177,17 @@ class TransitProgram:
 
     def _mean_effort(self, controls: np.ndarray, duration: float) -> float:
         """Mean of |u|_2^2 + c |u|_1 over a plan, for controls u (N, 3)."""
-        effort = controls**2 + self.fuel_weight(duration) * np.abs(controls)
-        return float(self.transit.shares @ np.sum(effort, axis=1))
+        return _mean_effort(controls, self.transit.shares, self.fuel_weight(duration))
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _mean_effort(controls, shares, fuel_weight):
+    mean = 0.0
+    for k in range(shares.size):
+        for i in range(3):
+            size = abs(controls[k, i])
+            mean += shares[k] * size * (size + fuel_weight)
+    return mean
 
 
 def _total_cost(plan: Plan) -> float:
