@@ -114,7 +114,7 @@ class LinearisedTransit:
         self.program, self.bare = MathematicalProgram(), MathematicalProgram()
         self._build(int(free_time), int(one_norm), 12 * meets_target)
         self.solver = ClarabelSolver()
-        self._options = [_solver_options(refined) for refined in (False, True)]
+        self.options = [_solver_options(refined) for refined in (False, True)]
 
     def _build(self, free_time: int, one_norm: int, end_slacks: int) -> None:
         n, program, bare = self.horizon.intervals, self.program, self.bare
@@ -309,7 +309,7 @@ class LinearisedTransit:
         raise SolverFailure(result.get_solution_result())
 
     def _solved(self, program: MathematicalProgram, refined: bool) -> MathematicalProgramResult:
-        return self.solver.Solve(program, None, self._options[refined])
+        return self.solver.Solve(program, None, self.options[refined])
 
     def plan_of(
         self,
