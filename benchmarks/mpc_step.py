@@ -12,9 +12,9 @@ are variables, and a force is the difference of two positive ones. IPOPT starts 
 moved on by a period, and from its multipliers: with its own options for a warm start, with a
 barrier so low that it hardly leaves that guess, and with a loose tolerance. `--disturbed` flies
 with the paper's disturbance, so that the state differs from what the last plan predicted. CasADi
-comes with the extra `bench`.
+comes with the extra `bench`. `--gravity table` gives all sides the field from its table.
 
-    python benchmarks/mpc_step.py [--transit 0] [--seed 10001] [--disturbed]
+    python benchmarks/mpc_step.py [--transit 0] [--seed 10001] [--disturbed] [--gravity table]
 """
 
 import argparse
@@ -182,12 +182,14 @@ def main() -> None:
     parser.add_argument("--transit", type=int, default=0)
     parser.add_argument("--seed", type=int, default=10001)
     parser.add_argument("--disturbed", action="store_true")
+    parser.add_argument("--gravity", choices=("exact", "table"), default="exact")
     asked = parser.parse_args()
     overrides: dict = {"transit.seed": asked.seed, "transit.index": asked.transit}
     if asked.disturbed:
         overrides["disturbance.max_relative_magnitude"] = 2.0
+    overrides["gravity"] = asked.gravity
     scenario = load_scenario(None, overrides, on_true_state=True)
-    body = load_body(scenario.body)
+    body = load_body(scenario.body).with_gravity(scenario.gravity)
     flight = fly(scenario, body=body).dataset
     controller = make_mpc(scenario, body)
     program, period = controller.program, controller.period

@@ -239,7 +239,10 @@ def test_limits_added_late_give_what_all_at_once_give(make, monkeypatch):
     monkeypatch.setattr(linearised_transit, "_NEAR", np.inf)
     solver.refined.clear()
     at_once = [program.solve(state, OVER[1], last) for state in (OVER[0], fast)]
-    assert len(solver.refined) == 2
+    # Where slack is needed, the program is first solved without it.
+    needed = sum(plan.slack > 0.0 for plan in at_once)
+    assert needed == (1 if make is weighted else 0)
+    assert len(solver.refined) == 2 + needed
     for one, other in zip(late, at_once, strict=True):
         assert one.forces == pytest.approx(other.forces, abs=1e-4)
         assert one.states[:, :3] == pytest.approx(other.states[:, :3], abs=1.0)
@@ -254,16 +257,54 @@ def test_a_solve_that_fails_is_refined_once():
     program = limited_to(40.0)
     start, target = ends(0)
     plain = program.solve(start, target)
-    program.transit.solver = solver = NotingSolver(fail=1)
-    again = program.solve(start, target)
-    assert solver.refined == [0, 1]
-    assert again.forces == pytest.approx(plain.forces, abs=1e-3)
+    # The first solve is that without slack.
+    for fail, refined in ((1, [0, 0]), (2, [0, 0, 1])):
+        program.transit.solver = solver = NotingSolver(fail)
+        again = program.solve(start, target)
+        assert solver.refined == refined
+        assert again.forces == pytest.approx(plain.forces, abs=1e-3)
     # The next goes without again.
     assert np.array_equal(program.solve(start, target).forces, plain.forces)
-    assert solver.refined == [0, 1, 0]
+    assert solver.refined == [0, 0, 1, 0]
 
-    program.transit.solver = solver = NotingSolver(fail=2)
+    program.transit.solver = solver = NotingSolver(fail=3)
     with pytest.raises(SolverFailure) as failure:
         program.solve(start, target)
     assert failure.value.result == SolutionResult.kIterationLimit
-    assert solver.refined == [0, 1]
+    assert solver.refined == [0, 0, 1]
+
+
+# Slack
+
+
+@pytest.mark.parametrize("price", ["SLACK_PRICE", "KEEP_OUT_PRICE"])
+def test_slack_is_used_where_it_is_cheaper(price, monkeypatch):
+    """The program without slack has a solution, which is not that of the program with slack."""
+    last = expert().solve(*OVER, iterations=12)
+    monkeypatch.setattr(linearised_transit, price, 1e-3)
+    program = limited_to(36.0)
+    program.transit.solver = solver = NotingSolver()
+    plan = program.solve(*OVER, last)
+    assert plan.slack > 1e-3
+    assert len(solver.refined) >= 2
+    monkeypatch.setattr(program.transit, "_without_slack", lambda rows, included: None)
+    expected = program.solve(*OVER, last)
+    assert plan.forces == pytest.approx(expected.forces, abs=1e-3)
+    assert plan.slack == pytest.approx(expected.slack, rel=1e-4)
+
+
+@pytest.mark.parametrize("index", range(5))
+def test_without_slack_the_solution_is_the_same(index, monkeypatch):
+    start, target = ends(index)
+    last = expert().solve(start, target, iterations=12)
+    program = limited_to(40.0)
+    program.transit.solver = solver = NotingSolver()
+    ages = (10.0, 300.0, 900.0)
+    steps = [(last.states_at(np.array([age]))[0], target, last, age) for age in ages]
+    bare = [program.solve(*step) for step in steps]
+    assert solver.refined == [0, 0, 0]
+    monkeypatch.setattr(program.transit, "_without_slack", lambda rows, included: None)
+    full = [program.solve(*step) for step in steps]
+    for one, other in zip(bare, full, strict=True):
+        assert one.forces == pytest.approx(other.forces, abs=1e-3)
+        assert one.times[-1] == pytest.approx(other.times[-1], rel=5e-6)

@@ -628,7 +628,8 @@ def test_reasons_of_failures(failure, reason):
 
 def test_solver_says_itself_that_it_ran_out_of_iterations():
     controller, program = counting_expert()
-    program.transit.options.SetOption(ClarabelSolver.id(), "max_iter", 2)
+    for options in program.transit.options:
+        options.SetOption(ClarabelSolver.id(), "max_iter", 2)
     context = alone(START, controller=controller)
     assert reason_of(context, controller) == (BRAKING, PlanReason.SOLVER_ITERATION_LIMIT)
 

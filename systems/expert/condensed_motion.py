@@ -52,9 +52,22 @@ def condensed_motion(
     """
     middle = 0.5 * (states[1:, :3] + states[:-1, :3])
     gravity = field.evaluate(middle)
-    gradient = np.ascontiguousarray(gravity.gradient)
-    constant = gravity.acceleration - (gradient @ middle[:, :, None])[:, :, 0] + push
-    return _affine_states(gradient, constant, spin, acceleration, lengths, start, states, controls)
+    constant = _constant(gravity.acceleration, gravity.gradient, middle, push)
+    return _affine_states(
+        gravity.gradient, constant, spin, acceleration, lengths, start, states, controls
+    )
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _constant(acceleration, gradient, middle, push):
+    """c (N, 3) of the intervals."""
+    constant = np.empty(middle.shape)
+    for k in range(middle.shape[0]):
+        for i in range(3):
+            constant[k, i] = acceleration[k, i] + push[i]
+            for j in range(3):
+                constant[k, i] -= gradient[k, i, j] * middle[k, j]
+    return constant
 
 
 # Explicit loops compile in a fraction of the time that array expressions take.

@@ -6,62 +6,92 @@ of the last plan. With slacks s, which are not negative::
     n.r + s_keep_out >= b        -v_limit - s_speed <= v <= v_limit + s_speed, per axis
 
 The states x = R z + d are affine in z, the controls and the stretch. So each limit is a row over
-(z, s).
+(z, s). For N knots there are 7 N limits: N of the keep-out, then 3 N of the greatest and 3 N of the
+least velocity. Few of them are near a plan, so rows are made for those alone that are asked for.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
+import numba
 import numpy as np
 
 from proxops.systems.expert.plan import TransitLimits
 from proxops.systems.shapes import tangent_half_spaces
 
 
-class PathLimits(NamedTuple):
-    """The limits rows @ (z, keep-out slacks, speed slacks) >= bounds, in scaled units.
+class PathLimits:
+    """The limits along a plan, in scaled units."""
 
-    For N knots there are N rows of the keep-out, then 3 N of the greatest and 3 N of the least
-    velocity.
-    """
+    def __init__(self, limits: TransitLimits, units: np.ndarray, states: np.ndarray):
+        """Puts the half-spaces below the plan.
 
-    rows: np.ndarray
-    """(7 N, M + 2 N), for z (M,)."""
-    bounds: np.ndarray
-    """(7 N,)."""
-    room: np.ndarray
-    """(7 N,): distance of the last plan to each limit."""
+        Args:
+          limits: of the spacecraft and its path.
+          units: (6,) in m and m/s that states are scaled by, the same along each axis.
+          states: (N, 6) of the last plan at its knots after the first, in m and m/s.
+        """
+        self._normals, offsets = tangent_half_spaces(limits.keep_out_semi_axes, states[:, :3])
+        self._offsets, self._speed = offsets / units[0], limits.speed / units[3]
+
+    def room(self, states: np.ndarray) -> np.ndarray:
+        """Distances (7 N,) of scaled states (N, 6) at the knots to the limits without slack."""
+        return _room(self._normals, self._offsets, self._speed, states)
+
+    def rows(self, affine: np.ndarray, size: int, included: np.ndarray) -> np.ndarray:
+        """The rows of some limits: the last column is the bound, which the others times z reach.
+
+        Args:
+          affine: (N, 6, M) coefficients of the scaled states in z and, in the last column, 1.
+          size: number of those of z.
+          included: (7 N,) bool: which limits.
+
+        Returns:
+          (K, size + 2 N + 1): of z, keep-out slacks, speed slacks, and the bounds.
+        """
+        return _rows(self._normals, self._offsets, self._speed, affine, size, included)
 
 
-def path_limits(
-    limits: TransitLimits,
-    units: np.ndarray,
-    motion: np.ndarray,
-    drift: np.ndarray,
-    states: np.ndarray,
-) -> PathLimits:
-    """The limits at the N knots whose scaled states are motion @ z + drift.
+def slack_of_limits(slacks: np.ndarray) -> np.ndarray:
+    """The slack (7 N,) of each limit, from the slacks (2 N,) of keep-out and speed."""
+    out, fast = np.split(slacks, 2)
+    return np.concatenate([out, np.tile(np.repeat(fast, 3), 2)])
 
-    Args:
-      limits: of the spacecraft and its path.
-      units: (6,) in m and m/s that states are scaled by, the same along each axis.
-      motion, drift: (N, 6, M) and (N, 6).
-      states: (N, 6) of the last plan at those knots, in m and m/s.
-    """
-    n = len(states)
-    positions, velocities = states[:, :3], states[:, 3:].ravel() / units[3]
-    normals, offsets = tangent_half_spaces(limits.keep_out_semi_axes, positions)
-    offsets, limit = offsets / units[0], limits.speed / units[3]
-    out = (normals[:, None] @ motion[:, :3])[:, 0]
-    speeds, drifting = motion[:, 3:].reshape(3 * n, -1), drift[:, 3:].ravel()
-    above = np.sum(normals * drift[:, :3], axis=1)
-    height = np.sum(normals * positions, axis=1) / units[0] - offsets
-    slacks = np.zeros((7 * n, 2 * n))
-    slacks[:n, :n] = np.eye(n)
-    slacks[n:, n:] = np.tile(np.repeat(np.eye(n), 3, axis=0), (2, 1))
-    return PathLimits(
-        rows=np.hstack([np.concatenate([out, -speeds, speeds]), slacks]),
-        bounds=np.concatenate([offsets - above, drifting - limit, -drifting - limit]),
-        room=np.concatenate([height, limit - velocities, limit + velocities]),
-    )
+
+@numba.njit(cache=True, error_model="numpy")
+def _room(normals, offsets, speed, states):
+    n = offsets.size
+    room = np.empty(7 * n)
+    for k in range(n):
+        room[k] = -offsets[k]
+        for i in range(3):
+            room[k] += normals[k, i] * states[k, i]
+            room[n + 3 * k + i] = speed - states[k, 3 + i]
+            room[4 * n + 3 * k + i] = speed + states[k, 3 + i]
+    return room
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _rows(normals, offsets, speed, affine, size, included):
+    n = offsets.size
+    rows = np.zeros((np.count_nonzero(included), size + 2 * n + 1))
+    last = affine.shape[2] - 1
+    row = 0
+    for limit in range(7 * n):
+        if not included[limit]:
+            continue
+        now = rows[row]
+        row += 1
+        if limit < n:
+            now[size + limit], now[size + 2 * n] = 1.0, offsets[limit]
+            for i in range(3):
+                for m in range(size):
+                    now[m] += normals[limit, i] * affine[limit, i, m]
+                now[size + 2 * n] -= normals[limit, i] * affine[limit, i, last]
+            continue
+        k, i = divmod((limit - n) % (3 * n), 3)
+        sign = -1.0 if limit < 4 * n else 1.0
+        now[size + n + k] = 1.0
+        for m in range(size):
+            now[m] = sign * affine[k, 3 + i, m]
+        now[size + 2 * n] = -sign * affine[k, 3 + i, last] - speed
+    return rows

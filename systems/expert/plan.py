@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import Protocol
 
+import numba
 import numpy as np
 
 from proxops.systems.common import InputError, check_not_negative, check_positive
@@ -78,12 +79,54 @@ class Plan:
 
     def states_at(self, times: np.ndarray) -> np.ndarray:
         """States (M, 6) at times (M,): linear between knots, constant past the last knot."""
-        return np.stack([np.interp(times, self.times, x) for x in self.states.T], axis=1)
+        return _interpolated(times, self.times, self.states)
 
     def forces_at(self, times: np.ndarray) -> np.ndarray:
         """Forces (M, 3) at times (M,); outside the plan those of its first or last interval."""
-        at = np.searchsorted(self.times, times, side="right") - 1
-        return self.forces[np.clip(at, 0, len(self.forces) - 1)]
+        return _of_intervals(times, self.times, self.forces)
+
+    def rest(
+        self, start: float, duration: float, fractions: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """States (N + 1, 6) and forces (N, 3) from the time `start` on, for `duration` s.
+
+        Args:
+          fractions: (N + 1,) knots as shares of the duration. A force is that at the middle.
+        """
+        return _rest(self.times, self.states, self.forces, float(start), duration, fractions)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _interpolated(times, knots, values):
+    """Values (M, K) at times (M,), linear between knots (N,) and constant beyond them."""
+    found = np.empty((times.size, values.shape[1]))
+    for m in range(times.size):
+        time = min(max(times[m], knots[0]), knots[-1])
+        after = min(max(np.searchsorted(knots, time, side="right"), 1), knots.size - 1)
+        length = knots[after] - knots[after - 1]
+        share = (time - knots[after - 1]) / length if length > 0.0 else 1.0
+        for k in range(values.shape[1]):
+            before = values[after - 1, k]
+            found[m, k] = before + share * (values[after, k] - before)
+    return found
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _of_intervals(times, knots, values):
+    """Values (M, K) at times (M,), constant between knots (N + 1,) and beyond them, of (N, K)."""
+    found = np.empty((times.size, values.shape[1]))
+    for m in range(times.size):
+        at = np.searchsorted(knots, times[m], side="right") - 1
+        found[m] = values[min(max(at, 0), values.shape[0] - 1)]
+    return found
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _rest(knots, states, forces, start, duration, fractions):
+    """See `Plan.rest`."""
+    times = start + duration * fractions
+    middle = 0.5 * (times[1:] + times[:-1])
+    return _interpolated(times, knots, states), _of_intervals(middle, knots, forces)
 
 
 def empty_plan(intervals: int) -> Plan:

@@ -26,6 +26,7 @@ from __future__ import annotations
 
 import time
 
+import numba
 import numpy as np
 from pydrake.solvers import SolutionResult
 
@@ -50,7 +51,7 @@ class TransitProgram:
     def __init__(self, field: Field, spin: float, limits: TransitLimits, horizon: Horizon):
         """Takes the assumed field and spin (rad/s about z), the limits and the horizon."""
         self.transit = LinearisedTransit(
-            field, spin, limits, horizon, free_time=True, one_norm=True, end_slacks=12
+            field, spin, limits, horizon, free_time=True, one_norm=True, meets_target=True
         )
         self.field, self.spin, self.limits, self.horizon = field, spin, limits, horizon
         # Without gravity, and with quadratic effort, the mean of |u|^2 from rest to rest over d is
@@ -58,15 +59,13 @@ class TransitProgram:
         share = limits.mass * horizon.nominal_acceleration / limits.thrust
         self.time_price = 2.25 * share**2
         program, transit = self.transit.program, self.transit
-        # Slacks to either side of each of the target's coordinates.
-        end = np.concatenate([transit.moved, transit.end_slacks])
-        self._target = program.AddLinearEqualityConstraint(
-            np.zeros((6, end.size)), np.zeros(6), end
-        )
+        self._fuel_shares = np.repeat(transit.shares, 3)
         self._fuel = program.AddLinearCost(np.zeros(transit.size.size), 0.0, transit.size)
         self._time = program.AddQuadraticCost(
             np.eye(1), np.zeros(1), transit.stretch, is_convex=True
         )
+        transit.share_cost(self._fuel)
+        transit.share_cost(self._time)
 
     def solve(
         self,
@@ -159,12 +158,8 @@ class TransitProgram:
         states, controls = self.transit.remaining_plan(last, age, duration)
         transit = self.transit
         transit.linearise(state, states, controls, duration, push)
-        eye = np.eye(6)
-        self._target.evaluator().UpdateCoefficients(
-            np.hstack([transit.motion[-1], eye, -eye]), target / transit.units - transit.drift[-1]
-        )
-        fuel = np.repeat(self.fuel_weight(duration) * transit.shares, 3)
-        self._fuel.evaluator().UpdateCoefficients(fuel)
+        transit.aim(target)
+        self._fuel.evaluator().UpdateCoefficients(self.fuel_weight(duration) * self._fuel_shares)
         price = np.array([self.time_price + self._mean_effort(controls, duration)])
         self._time.evaluator().UpdateCoefficients(_STRETCH_CURVATURE * price[None], price)
         shorter = max(-_TRUSTED_STRETCH, least / duration - 1.0) if free_time else 0.0
@@ -182,8 +177,17 @@ class TransitProgram:
 
     def _mean_effort(self, controls: np.ndarray, duration: float) -> float:
         """Mean of |u|_2^2 + c |u|_1 over a plan, for controls u (N, 3)."""
-        effort = controls**2 + self.fuel_weight(duration) * np.abs(controls)
-        return float(self.transit.shares @ np.sum(effort, axis=1))
+        return _mean_effort(controls, self.transit.shares, self.fuel_weight(duration))
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _mean_effort(controls, shares, fuel_weight):
+    mean = 0.0
+    for k in range(shares.size):
+        for i in range(3):
+            size = abs(controls[k, i])
+            mean += shares[k] * size * (size + fuel_weight)
+    return mean
 
 
 def _total_cost(plan: Plan) -> float:

@@ -67,6 +67,7 @@ class WeightedProgram:
         self._error = self.transit.program.AddQuadraticCost(
             np.zeros((u.size, u.size)), np.zeros(u.size), u, is_convex=True
         )
+        self.transit.share_cost(self._error)
 
     def solve(
         self,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numba
 import numpy as np
 
@@ -74,13 +76,25 @@ def tangent_half_spaces(semi_axes: np.ndarray, points: np.ndarray) -> tuple[np.n
     Returns:
       Unit normals (N, 3) and offsets (N,).
     """
-    level = np.linalg.norm(points / semi_axes, axis=1)
-    touching = points / np.maximum(level, 1.0)[:, None]
-    for k in np.flatnonzero(level < 1.0):
-        touching[k] = closest_point(semi_axes, points[k])
-    normals = touching / semi_axes**2
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    return normals, np.einsum("ni,ni->n", normals, touching)
+    return _tangents(semi_axes, points)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _tangents(semi_axes, points):
+    normals, offsets = np.empty(points.shape), np.zeros(points.shape[0])
+    for k in range(offsets.size):
+        level = size = 0.0
+        for i in range(3):
+            level += (points[k, i] / semi_axes[i]) ** 2
+        level = math.sqrt(level)
+        touching = closest_point(semi_axes, points[k]) if level < 1.0 else points[k] / level
+        for i in range(3):
+            normals[k, i] = touching[i] / semi_axes[i] ** 2
+            size += normals[k, i] ** 2
+        for i in range(3):
+            normals[k, i] /= math.sqrt(size)
+            offsets[k] += normals[k, i] * touching[i]
+    return normals, offsets
 
 
 def blocks_segment(semi_axes: np.ndarray, start: np.ndarray, end: np.ndarray) -> bool:
