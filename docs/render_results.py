@@ -13,7 +13,7 @@ What lies between the lines is replaced. `FILE` is one of
   be flown.
 * `measured.json`: docs/measured.json, what other commands measured; `NAME` is an entry there.
 * `benchmark`: the rows in docs/benchmark; `NAME` is a track.
-* `benchmarks/results.json`: what `make bench` measured; `NAME` is `speed` or `speed-latest`.
+* `benchmarks/results.json`: what `make bench` measured; `NAME` is `speed`.
 
     python docs/render_results.py            # renders all pages
     python docs/render_results.py FOLDER     # first takes FOLDER/results.json of proxops reproduce
@@ -307,28 +307,14 @@ def _of_benchmark(sources: Sources, name: str) -> str:
     return _table(head, lines)
 
 
-_BRIEF = (
-    "an MPC step, median (ms)",
-    "a lidar frame of 4,320 rays (ms)",
-    "a navigation step, following, gravity: table (ms)",
-    "a flight by mpc, over real time",
-    "a flight by policy, over real time",
-    "a flight by hybrid, over real time",
-)
-
-
 def _of_speed(sources: Sources, name: str) -> str:
-    """What `make bench` measured: all, a column for each version and machine, or the latest."""
-    if name not in ("speed", "speed-latest"):
+    """What `make bench` measured, a column for each version and machine."""
+    if name != "speed":
         raise KeyError(name)
-    entries = sources.speed if name == "speed" else sources.speed[-1:]
+    entries = sources.speed
     names = dict.fromkeys(name for entry in entries for name in entry["figures"])
-    if name == "speed-latest":
-        names = [each for each in _BRIEF if each in names]
     head = ["", *(f"{entry['version']}, {entry['machine']}" for entry in entries)]
     lines = [[each, *(f"{entry['figures'].get(each, '–')}" for entry in entries)] for each in names]
-    if name == "speed-latest":
-        return _table(head, lines)
     packages = ", ".join(f"{each} {found}" for each, found in entries[-1]["packages"].items())
     return f"{_table(head, lines)}\n\nPackages of the last column: {packages}."
 
