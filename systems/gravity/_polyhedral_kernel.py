@@ -2,15 +2,19 @@
 
 ``L`` is an edge's potential and ``w`` a facet's solid angle, both seen from the field point p.
 Every quantity follows from p and from sums that are linear in ``L`` and ``w``: over the edges, with
-the dyad E and a point a of each, and over the facets, with F = n n^T::
+the dyad E and a point a of each, less those over the facets, with F = n n^T::
 
     sum L E   (6 numbers)        sum L E a   (3)        sum L a.E a   (1)
 
 E has trace 0 and F has trace 1, so five of the first six numbers are enough. The arguments of
 ``L = 2 atanh(x)`` with ``x = l / (r_a + r_b)`` and of ``w = 2 atan(t)`` are small for all but the
-nearest edges and facets. So distances are gathered first. Then short odd series are summed without
-a branch over arrays, which LLVM vectorises. If there are near edges or facets, a second loop
-replaces their values by the exact logarithm and arctangent.
+nearest edges and facets, so that short odd polynomials give both. If edges or facets of a unit are
+near, a second loop adds them by the exact logarithm and arctangent.
+
+A *unit* is two facets and three edges, two of the first facet and one of the second (see
+`proxops.systems.gravity._polyhedral_tables`). It needs the six distances of its corners and nothing
+that was stored before, and LLVM makes one loop over units of it, eight units at a time where the
+processor has vectors of 512 bits. Each distance, division and polynomial is computed once.
 
 All functions are in one file, because numba's cache on disk checks only the function's own file.
 """
@@ -21,19 +25,40 @@ import numba
 import numpy as np
 from numba.core import config
 
-# Largest argument for the series below: the first omitted term is then below 1e-17 of the sum.
-_SERIES_LIMIT = 0.1
-# A facet is near if its denominator is at most this many r_1 r_2 r_3 (far away it is 4): its
+BLOCK = 128
+"""Units whose distances are gathered at a time: few enough to stay in the fastest cache."""
+
+# Largest argument for the polynomials below.
+_SERIES_LIMIT = 0.08
+# (atanh(sqrt q) / sqrt q - 1) / q and (atan(sqrt q) / sqrt q - 1) / q for q up to the square of
+# that: Chebyshev interpolation, with relative errors of atanh and atan below 1e-16.
+_LOG = (
+    0.333333333333335,
+    0.19999999998722195,
+    0.14285715882038547,
+    0.11110413618436935,
+    0.09215103839287561,
+)
+_TAN = (
+    -0.33333333333333176,
+    0.1999999999875687,
+    -0.14285712730898964,
+    0.11110430003457741,
+    -0.08968933126477183,
+)
+# A facet is near if its denominator is at most this many r_1 r_2 r_3 / 2 (far away it is 8): its
 # vertices are then seen under wide angles, and the denominator from squared distances would lose
 # digits.
-_WIDE_FACET = 3.5
+_WIDE_FACET = 7.0
 # r_a + r_b - l is kept above this share of l, so that the logarithm is finite on an edge. There E r
 # vanishes, and with it the edge's share of potential and acceleration. The share is reached at
 # 1e-15 l from the edge.
 _EDGE_FLOOR = 1e-30
-# Marks a near facet in place of its solid angle.
-_NEAR = 2.0
 
+# Rows of a unit in ``units``. Of a facet: normal, height of its plane over the origin, four times
+# its area, squares of the edges opposite to the corners. Of an edge: nine moments and the length.
+ROWS = 46
+"""Rows of a unit."""
 # `nnan` is left out, so that a NaN position gives NaN.
 _FAST = {"reassoc", "nsz", "arcp", "contract"}
 # The helpers are always inlined. Otherwise each entry point would have its own compiled copy, which
@@ -53,35 +78,146 @@ def _distances(px, py, pz, vertices, r):
 
 
 @_fast
-def _gather_edges(ends, r, s):
-    """r_a + r_b of every edge."""
-    for e in range(s.size):
-        s[e] = r[ends[0, e]] + r[ends[1, e]]
+def _gather(corners, count, r, seen):
+    """The distances of the corners of ``count`` units."""
+    for u in range(count):
+        seen[0, u], seen[1, u], seen[2, u] = r[corners[0, u]], r[corners[1, u]], r[corners[2, u]]
+        seen[3, u], seen[4, u], seen[5, u] = r[corners[3, u]], r[corners[4, u]], r[corners[5, u]]
 
 
 @_fast
-def _edge_potentials(edges, s, potential):
-    """Fills 2 atanh(l / s) of every edge by series; returns the number of edges too near for it."""
-    near = 0
-    for e in range(s.size):
-        x = edges[9, e] / s[e]
-        near += x > _SERIES_LIMIT
-        q = x * x
-        series = 1 / 11 + q * (1 / 13 + q * (1 / 15))
-        series = 1 / 3 + q * (1 / 5 + q * (1 / 7 + q * (1 / 9 + q * series)))
-        potential[e] = 2.0 * x * (1.0 + q * series)
-    return near
+def _half_edge(length, both):
+    """Whether an edge is near, and L / 2; 0 if it is near."""
+    x = length / both
+    q = x * x
+    series = _LOG[0] + q * (_LOG[1] + q * (_LOG[2] + q * (_LOG[3] + q * _LOG[4])))
+    near = x > _SERIES_LIMIT
+    return near, (0.0 if near else x + x * q * series)
+
+
+@_fast
+def _half_angle(px, py, pz, units, f, u, ra, rb, rc):
+    """Whether a facet is near, and -w / 2; 0 if it is near.
+
+    tan(w / 2) is r_a . (r_b x r_c), the height over the facet's plane times twice its area, over
+    r_a r_b r_c + sum r_a (r_b . r_c), where r_b . r_c = (r_b^2 + r_c^2 - l_bc^2) / 2. Here both
+    are doubled.
+    """
+    qa, qb, qc = ra * ra, rb * rb, rc * rc
+    height = (units[f, u] * px + units[f + 1, u] * py + units[f + 2, u] * pz) - units[f + 3, u]
+    cube = ra * rb * rc
+    denominator = (cube + cube) + (
+        ra * (qb + qc - units[f + 5, u])
+        + rb * (qc + qa - units[f + 6, u])
+        + rc * (qa + qb - units[f + 7, u])
+    )
+    t = height * units[f + 4, u] / denominator
+    q = t * t
+    series = _TAN[0] + q * (_TAN[1] + q * (_TAN[2] + q * (_TAN[3] + q * _TAN[4])))
+    near = (abs(t) > _SERIES_LIMIT) | (denominator <= _WIDE_FACET * cube)
+    return near, (0.0 if near else t + t * q * series)
+
+
+@_fast
+def _sum_units(px, py, pz, units, count, seen, near, sums):
+    """Adds the shares of ``count`` units to ``sums`` (10,), without those that are near.
+
+    Fills ``near`` with the parts of each unit that are near: 1 and 2, its facets; 4, 8 and 16, its
+    edges.
+
+    Returns:
+      Whether there are any.
+    """
+    found = 0.0
+    xx = yy = xy = xz = yz = bx = by = bz = c = total = 0.0
+    for u in range(count):
+        ra, rb, rc, rd, re, rf = (
+            seen[0, u],
+            seen[1, u],
+            seen[2, u],
+            seen[3, u],
+            seen[4, u],
+            seen[5, u],
+        )
+        near_f, w = _half_angle(px, py, pz, units, 0, u, ra, rb, rc)
+        nx, ny, nz, h = units[0, u], units[1, u], units[2, u], units[3, u]
+        wx, wy, wh = w * nx, w * ny, w * h
+        xx, yy, xy, xz, yz = xx + wx * nx, yy + wy * ny, xy + wx * ny, xz + wx * nz, yz + wy * nz
+        bx, by, bz, c, total = bx + wh * nx, by + wh * ny, bz + wh * nz, c + wh * h, total + w
+        near_g, w = _half_angle(px, py, pz, units, 8, u, rd, re, rf)
+        nx, ny, nz, h = units[8, u], units[9, u], units[10, u], units[11, u]
+        wx, wy, wh = w * nx, w * ny, w * h
+        xx, yy, xy, xz, yz = xx + wx * nx, yy + wy * ny, xy + wx * ny, xz + wx * nz, yz + wy * nz
+        bx, by, bz, c, total = bx + wh * nx, by + wh * ny, bz + wh * nz, c + wh * h, total + w
+        near_0, v = _half_edge(units[25, u], ra + rb)
+        xx, yy, xy = xx + units[16, u] * v, yy + units[17, u] * v, xy + units[18, u] * v
+        xz, yz, bx = xz + units[19, u] * v, yz + units[20, u] * v, bx + units[21, u] * v
+        by, bz, c = by + units[22, u] * v, bz + units[23, u] * v, c + units[24, u] * v
+        near_1, v = _half_edge(units[35, u], rb + rc)
+        xx, yy, xy = xx + units[26, u] * v, yy + units[27, u] * v, xy + units[28, u] * v
+        xz, yz, bx = xz + units[29, u] * v, yz + units[30, u] * v, bx + units[31, u] * v
+        by, bz, c = by + units[32, u] * v, bz + units[33, u] * v, c + units[34, u] * v
+        near_2, v = _half_edge(units[45, u], rd + re)
+        xx, yy, xy = xx + units[36, u] * v, yy + units[37, u] * v, xy + units[38, u] * v
+        xz, yz, bx = xz + units[39, u] * v, yz + units[40, u] * v, bx + units[41, u] * v
+        by, bz, c = by + units[42, u] * v, bz + units[43, u] * v, c + units[44, u] * v
+        parts = (1.0 if near_f else 0.0) + (2.0 if near_g else 0.0) + (4.0 if near_0 else 0.0)
+        parts += (8.0 if near_1 else 0.0) + (16.0 if near_2 else 0.0)
+        near[u] = parts
+        found += parts
+    sums[0] += xx
+    sums[1] += yy
+    sums[2] += xy
+    sums[3] += xz
+    sums[4] += yz
+    sums[5] += bx
+    sums[6] += by
+    sums[7] += bz
+    sums[8] += c
+    sums[9] += total
+    return found > 0.0
 
 
 @_exact
-def _redo_near_edges(px, py, pz, vertices, ends, edges, r, s, potential):
-    for e in range(s.size):
-        length = edges[9, e]
-        if length > _SERIES_LIMIT * s[e]:
-            gap = s[e] - length
-            if gap < 0.1 * length:
-                gap = _edge_gap(px, py, pz, vertices, ends[0, e], ends[1, e], length, r)
-            potential[e] = math.log((s[e] + length) / max(gap, _EDGE_FLOOR * length))
+def _add_near(px, py, pz, vertices, corners, units, count, r, scale, near, sums):
+    """Adds the shares of the parts of units that are near."""
+    for u in range(count):
+        parts = int(near[u])
+        if parts == 0:
+            continue
+        for k in range(2):
+            if parts & (1 << k):
+                f = 8 * k
+                i, j, m = corners[3 * k, u], corners[3 * k + 1, u], corners[3 * k + 2, u]
+                w = _near_angle(px, py, pz, vertices, i, j, m, r, units, f, u, scale)
+                nx, ny, nz, h = units[f, u], units[f + 1, u], units[f + 2, u], units[f + 3, u]
+                sums[0] += w * nx * nx
+                sums[1] += w * ny * ny
+                sums[2] += w * nx * ny
+                sums[3] += w * nx * nz
+                sums[4] += w * ny * nz
+                sums[5] += w * h * nx
+                sums[6] += w * h * ny
+                sums[7] += w * h * nz
+                sums[8] += w * h * h
+                sums[9] += w
+        for k in range(3):
+            if parts & (4 << k):
+                e, first = 16 + 10 * k, k + k // 2  # The edges run from the corners 0, 1 and 3.
+                i, j, length = corners[first, u], corners[first + 1, u], units[e + 9, u]
+                v = _near_edge(px, py, pz, vertices, i, j, length, r)
+                for row in range(9):
+                    sums[row] += units[e + row, u] * v
+
+
+@_exact
+def _near_edge(px, py, pz, vertices, a, b, length, r):
+    """L / 2 of an edge."""
+    both = r[a] + r[b]
+    gap = both - length
+    if gap < 0.1 * length:
+        gap = _edge_gap(px, py, pz, vertices, a, b, length, r)
+    return 0.5 * math.log((both + length) / max(gap, _EDGE_FLOOR * length))
 
 
 @_exact
@@ -105,101 +241,26 @@ def _edge_gap(px, py, pz, vertices, a, b, length, r):
     return gap_a + gap_b
 
 
-@_fast
-def _weigh_edges(edges, potential, sums):
-    """Fills the nine sums over edges: rows 0 to 8 of ``edges`` times the potentials."""
-    for k in range(0, 9, 3):
-        s0 = s1 = s2 = 0.0
-        for e in range(potential.size):
-            v = potential[e]
-            s0 += edges[k, e] * v
-            s1 += edges[k + 1, e] * v
-            s2 += edges[k + 2, e] * v
-        sums[k], sums[k + 1], sums[k + 2] = s0, s1, s2
-
-
-@_fast
-def _gather_facets(corners, r, ra, rb, rc):
-    for f in range(ra.size):
-        ra[f], rb[f], rc[f] = r[corners[0, f]], r[corners[1, f]], r[corners[2, f]]
-
-
-@_fast
-def _solid_angles(px, py, pz, facets, a, b, c, angle):
-    """Fills 2 atan(t) of every facet by series, or _NEAR; returns the number of near facets.
-
-    t is r_a . (r_b x r_c), the height over the facet's plane times twice its area, over
-    r_a r_b r_c + sum r_a (r_b . r_c), where r_b . r_c = (r_b^2 + r_c^2 - l_bc^2) / 2.
-    """
-    near = 0
-    for f in range(angle.size):
-        ra, rb, rc = a[f], b[f], c[f]
-        qa, qb, qc = ra * ra, rb * rb, rc * rc
-        height = facets[3, f] - (facets[0, f] * px + facets[1, f] * py + facets[2, f] * pz)
-        numerator = height * facets[4, f]
-        cube = ra * rb * rc
-        denominator = cube + 0.5 * (
-            ra * (qb + qc - facets[5, f])
-            + rb * (qc + qa - facets[6, f])
-            + rc * (qa + qb - facets[7, f])
-        )
-        is_near = (abs(numerator) > _SERIES_LIMIT * denominator) | (
-            denominator <= _WIDE_FACET * cube
-        )
-        near += is_near
-        t = numerator / denominator
-        q = t * t
-        series = -1 / 11 + q * (1 / 13 - q * (1 / 15))
-        series = -1 / 3 + q * (1 / 5 + q * (-1 / 7 + q * (1 / 9 + q * series)))
-        angle[f] = _NEAR if is_near else 2.0 * t * (1.0 + q * series)
-    return near
-
-
 @_exact
-def _redo_near_facets(px, py, pz, vertices, corners, facets, r, scale, angle):
-    """van Oosterom & Strackee, IEEE Trans. Biomed. Eng. 30 (1983) 125, eq. 8; 0 on the facet."""
-    for f in range(angle.size):
-        if angle[f] != _NEAR:
-            continue
-        i, j, k = corners[0, f], corners[1, f], corners[2, f]
-        ax, ay, az = vertices[0, i] - px, vertices[1, i] - py, vertices[2, i] - pz
-        bx, by, bz = vertices[0, j] - px, vertices[1, j] - py, vertices[2, j] - pz
-        cx, cy, cz = vertices[0, k] - px, vertices[1, k] - py, vertices[2, k] - pz
-        height = ax * facets[0, f] + ay * facets[1, f] + az * facets[2, f]
-        # In the facet's plane, to rounding: the mean of both sides.
-        if abs(height) <= 1e-14 * scale:
-            angle[f] = 0.0
-            continue
-        denominator = (
-            r[i] * r[j] * r[k]
-            + r[i] * (bx * cx + by * cy + bz * cz)
-            + r[j] * (cx * ax + cy * ay + cz * az)
-            + r[k] * (ax * bx + ay * by + az * bz)
-        )
-        angle[f] = 2.0 * math.atan2(height * facets[4, f], denominator)
+def _near_angle(px, py, pz, vertices, i, j, k, r, units, f, u, scale):
+    """-w / 2 of a facet; 0 on the facet.
 
-
-@_fast
-def _weigh_facets(facets, angle, sums):
-    """Fills the nine sums over facets, from normals and heights; returns the total solid angle."""
-    xx = yy = xy = xz = yz = bx = by = bz = c = total = 0.0
-    for f in range(angle.size):
-        w, h = angle[f], facets[3, f]
-        nx, ny, nz = facets[0, f], facets[1, f], facets[2, f]
-        wx, wy, wh = w * nx, w * ny, w * h
-        total += w
-        xx += wx * nx
-        yy += wy * ny
-        xy += wx * ny
-        xz += wx * nz
-        yz += wy * nz
-        bx += wh * nx
-        by += wh * ny
-        bz += wh * nz
-        c += wh * h
-    sums[0], sums[1], sums[2], sums[3], sums[4] = xx, yy, xy, xz, yz
-    sums[5], sums[6], sums[7], sums[8] = bx, by, bz, c
-    return total
+    van Oosterom & Strackee, IEEE Trans. Biomed. Eng. 30 (1983) 125, eq. 8.
+    """
+    ax, ay, az = vertices[0, i] - px, vertices[1, i] - py, vertices[2, i] - pz
+    bx, by, bz = vertices[0, j] - px, vertices[1, j] - py, vertices[2, j] - pz
+    cx, cy, cz = vertices[0, k] - px, vertices[1, k] - py, vertices[2, k] - pz
+    height = ax * units[f, u] + ay * units[f + 1, u] + az * units[f + 2, u]
+    # In the facet's plane, to rounding: the mean of both sides.
+    if abs(height) <= 1e-14 * scale:
+        return 0.0
+    denominator = (
+        r[i] * r[j] * r[k]
+        + r[i] * (bx * cx + by * cy + bz * cz)
+        + r[j] * (cx * ax + cy * ay + cz * az)
+        + r[k] * (ax * bx + ay * by + az * bz)
+    )
+    return -math.atan2(0.5 * height * units[f + 4, u], denominator)
 
 
 @_exact
@@ -230,42 +291,36 @@ def _point_masses(px, py, pz, masses, out):
 
 
 @_exact
-def _evaluate_point(point, ends, corners, vertices, edges, facets, masses, factor, limits, out):
+def _evaluate_point(point, corners, vertices, units, count, masses, numbers, out):
     """Fills ``out`` (14,): see `evaluate_serial`."""
-    px, py, pz = point[0], point[1], point[2]
-    scale, switch = limits
+    factor, scale, switch, cx, cy, cz = numbers
+    px, py, pz = point[0] - cx, point[1] - cy, point[2] - cz
     if px * px + py * py + pz * pz >= switch * switch:
         _point_masses(px, py, pz, masses, out)
         return
-    r = np.empty(vertices.shape[1])
+    r, seen = np.empty(vertices.shape[1]), np.empty((6, BLOCK))
+    near, sums = np.empty(BLOCK), np.zeros(10)
     _distances(px, py, pz, vertices, r)
-    s, potential = np.empty(edges.shape[1]), np.empty(edges.shape[1])
-    e, f = np.empty(9), np.empty(9)
-    _gather_edges(ends, r, s)
-    if _edge_potentials(edges, s, potential) > 0:
-        _redo_near_edges(px, py, pz, vertices, ends, edges, r, s, potential)
-    _weigh_edges(edges, potential, e)
+    for k in range(units.shape[0]):
+        here = min(BLOCK, count - k * BLOCK)
+        _gather(corners[k], here, r, seen)
+        if _sum_units(px, py, pz, units[k], here, seen, near, sums):
+            _add_near(px, py, pz, vertices, corners[k], units[k], here, r, scale, near, sums)
 
-    n = facets.shape[1]
-    ra, rb, rc, angle = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
-    _gather_facets(corners, r, ra, rb, rc)
-    if _solid_angles(px, py, pz, facets, ra, rb, rc, angle) > 0:
-        _redo_near_facets(px, py, pz, vertices, corners, facets, r, scale, angle)
-    total = _weigh_facets(facets, angle, f)
-
-    xx, yy, xy, xz, yz = e[0] - f[0], e[1] - f[1], e[2] - f[2], e[3] - f[3], e[4] - f[4]
-    zz = -total - xx - yy
-    bx, by, bz = e[5] - f[5], e[6] - f[6], e[7] - f[7]
+    # Of the halves of L and -w.
+    total = sums[9]
+    xx, yy, xy, xz, yz = sums[0], sums[1], sums[2], sums[3], sums[4]
+    zz = total - xx - yy
+    bx, by, bz = sums[5], sums[6], sums[7]
     qx = xx * px + xy * py + xz * pz
     qy = xy * px + yy * py + yz * pz
     qz = xz * px + yz * py + zz * pz
-    quadratic = e[8] - f[8] + (qx - 2.0 * bx) * px + (qy - 2.0 * by) * py + (qz - 2.0 * bz) * pz
-    out[0] = 0.5 * factor * quadratic
-    out[1], out[2], out[3] = factor * (qx - bx), factor * (qy - by), factor * (qz - bz)
-    _fill_gradient(
-        factor * xx, factor * yy, factor * zz, factor * xy, factor * xz, factor * yz, out
-    )
-    out[13] = total
+    quadratic = sums[8] + (qx - 2.0 * bx) * px + (qy - 2.0 * by) * py + (qz - 2.0 * bz) * pz
+    twice = 2.0 * factor
+    out[0] = factor * quadratic
+    out[1], out[2], out[3] = twice * (qx - bx), twice * (qy - by), twice * (qz - bz)
+    _fill_gradient(twice * xx, twice * yy, twice * zz, twice * xy, twice * xz, twice * yz, out)
+    out[13] = -2.0 * total
 
 
 # A process that has used GNU OpenMP, numba's first choice, ends if it is forked, as by the workers
@@ -276,28 +331,25 @@ if config.THREADING_LAYER == "default":  # pyright: ignore[reportAttributeAccess
 
 # Two functions, not one compiled twice: numba's cache on disk does not tell the two apart.
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def evaluate_serial(points, ends, corners, vertices, edges, facets, masses, factor, limits, out):
-    """Rows of ``out`` (N, 14) from points (N, 3), both relative to the field's own origin.
+def evaluate_serial(points, corners, vertices, units, count, masses, numbers, out):
+    """Rows of ``out`` (N, 14) from points (N, 3) in the mesh's frame.
 
     Columns: potential, acceleration (3), gradient (9, row by row), solid angle.
 
     Args:
-      ends, corners: (2, E) and (3, F), indices of vertices.
-      vertices: (3, V). edges: (10, E), nine moments and the length. facets: (8, F), normal, height
-        of the plane over the origin, twice the area, squares of the edges opposite to the corners.
-      masses: (4, K), point masses that have the field from the distance limits[1] on.
-      factor: G rho. limits: radius of the body, and distance from which the point masses are used.
+      corners: (K, 6, BLOCK) of each block of units, indices of vertices.
+      vertices: (3, V), from the field's own origin. units: (K, 46, at least BLOCK): see
+        `proxops.systems.gravity._polyhedral_tables`. count: number of units.
+      masses: (4, K), point masses that have the field from some distance on.
+      numbers: G rho, the radius of the body, the distance from which the point masses are used, and
+        the field's own origin (3).
     """
     for i in range(points.shape[0]):
-        _evaluate_point(
-            points[i], ends, corners, vertices, edges, facets, masses, factor, limits, out[i]
-        )
+        _evaluate_point(points[i], corners, vertices, units, count, masses, numbers, out[i])
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True, parallel=True)
-def evaluate_parallel(points, ends, corners, vertices, edges, facets, masses, factor, limits, out):
+def evaluate_parallel(points, corners, vertices, units, count, masses, numbers, out):
     """Does the same as `evaluate_serial`, with the points divided among threads."""
     for i in numba.prange(points.shape[0]):
-        _evaluate_point(
-            points[i], ends, corners, vertices, edges, facets, masses, factor, limits, out[i]
-        )
+        _evaluate_point(points[i], corners, vertices, units, count, masses, numbers, out[i])

@@ -16,6 +16,7 @@ import numpy as np
 from proxops.systems.common import InputError
 from proxops.systems.gravity import _polyhedral_kernel as kernel
 from proxops.systems.gravity._far_field import fit_masses
+from proxops.systems.gravity._polyhedral_tables import make_tables
 from proxops.systems.shapes import Polyhedron, halves
 
 GRAVITATIONAL_CONSTANT = 6.67430e-11
@@ -172,26 +173,32 @@ class _UniformPart:
         self.mass = density * shape.volume
         # The tables are relative to the centre of mass, where the sums far away cancel least.
         self.centre_of_mass = shape.centre_of_mass
-        self._tables = _tables(shape, self.centre_of_mass)
-        self._factor = GRAVITATIONAL_CONSTANT * density
         size = float(np.linalg.norm(shape.vertices - self.centre_of_mass, axis=1).max())
-        self._masses, self._limits = np.empty((4, 0)), (size, np.inf)
-        self._masses, switch = fit_masses(lambda offsets: self._evaluate(offsets)[:, 0], size)
-        self._limits = (size, switch)
+        tables = make_tables(shape, self.centre_of_mass)
+
+        def with_masses(masses: np.ndarray, switch: float) -> tuple:
+            numbers = (
+                GRAVITATIONAL_CONSTANT * density,
+                size,
+                switch,
+                *self.centre_of_mass.tolist(),
+            )
+            return (*tables, masses, numbers)
+
+        self._arguments = with_masses(np.empty((4, 0)), np.inf)
+        self._arguments = with_masses(
+            *fit_masses(lambda offsets: self.columns(offsets + self.centre_of_mass)[:, 0], size)
+        )
 
     def columns(self, points: np.ndarray) -> np.ndarray:
         """The kernel's columns (N, 14) at points (N, 3) in m in the mesh's frame."""
-        return self._evaluate(points - self.centre_of_mass)
-
-    def _evaluate(self, offsets: np.ndarray) -> np.ndarray:
-        columns = np.empty((len(offsets), 14))
-        arguments = (*self._tables, self._masses, self._factor, self._limits, columns)
+        columns = np.empty((len(points), 14))
         # A tuple of known length, which pyright does not see.
-        if len(offsets) < _PARALLEL_FROM:
-            kernel.evaluate_serial(offsets, *arguments)  # pyright: ignore[reportCallIssue]
+        if len(points) < _PARALLEL_FROM:
+            kernel.evaluate_serial(points, *self._arguments, columns)  # pyright: ignore[reportCallIssue]
         else:
             with _PARALLEL:
-                kernel.evaluate_parallel(offsets, *arguments)  # pyright: ignore[reportCallIssue]
+                kernel.evaluate_parallel(points, *self._arguments, columns)  # pyright: ignore[reportCallIssue]
         return columns
 
 
@@ -225,38 +232,3 @@ def _announce_compilation() -> None:
     stats = kernel.evaluate_serial.stats
     if not stats.cache_hits and not list(Path(str(stats.cache_path)).glob("*evaluate_serial*.nbi")):
         sys.stderr.write("proxops: compiling gravity for this machine (once, about 5 s)\n")
-
-
-def _tables(shape: Polyhedron, origin: np.ndarray) -> tuple[np.ndarray, ...]:
-    """The kernel's arrays of the shape relative to `origin`.
-
-    Returns:
-      The arguments ends, corners, vertices, edges and facets of `kernel.evaluate_serial`.
-    """
-    vertices = shape.vertices - origin
-    normals = shape.normals
-    ends, neighbours = shape.edges
-    start = vertices[ends[:, 0]]
-    along = vertices[ends[:, 1]] - start
-    length = np.linalg.norm(along, axis=1)
-    along = along / length[:, None]
-    n_a, n_b = normals[neighbours[:, 0]], normals[neighbours[:, 1]]
-    # The edge's outward normals in the planes of its facets. Facet b runs along it backwards.
-    dyad = n_a[:, :, None] * np.cross(along, n_a)[:, None, :]
-    dyad -= n_b[:, :, None] * np.cross(along, n_b)[:, None, :]
-    dyad = 0.5 * (dyad + dyad.transpose(0, 2, 1))
-    moved = np.einsum("nij,nj->ni", dyad, start)
-    rows = [dyad[:, i, j] for i, j in ((0, 0), (1, 1), (0, 1), (0, 2), (1, 2))]
-    rows += [*moved.T, np.einsum("ni,ni->n", moved, start), length]
-
-    a, b, c = np.moveaxis(vertices[shape.facets], 1, 0)
-    twice_area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
-    height = np.einsum("fi,fi->f", normals, a)
-    squares = [np.sum(side**2, axis=1) for side in (b - c, c - a, a - b)]
-    return (
-        np.ascontiguousarray(ends.T.astype(np.uint32)),
-        np.ascontiguousarray(shape.facets.T.astype(np.uint32)),
-        np.ascontiguousarray(vertices.T),
-        np.ascontiguousarray(rows),
-        np.ascontiguousarray([*normals.T, height, twice_area, *squares]),
-    )

@@ -53,14 +53,14 @@ class Motion:
             half = 0.5 * step * mean[VELOCITY]
             middle = mean[POSITION] + half - mean[CENTRE_OF_MASS]
             gravity = self._field.evaluate(middle + _POINTS * half)
-            pull = gravity.acceleration.mean(0)
+            pull = 0.5 * (gravity.acceleration[0] + gravity.acceleration[1])
             moved = predict(
                 mean,
                 estimate.rotation,
                 estimate.covariance,
                 estimate.spent,
                 pull,
-                gravity.gradient.mean(0),
+                0.5 * (gravity.gradient[0] + gravity.gradient[1]),
                 force,
                 time + k * step,
                 step,

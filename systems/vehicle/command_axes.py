@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
 from pydrake.systems.framework import LeafSystem
 
 from proxops.systems.common import check_positive
@@ -48,4 +47,6 @@ class CommandAxes(LeafSystem):
         x, y, z = self._command_port.Eval(context).tolist()
         a, b, c, d = self._attitude_port.Eval(context).tolist()
         force = rotated(inverse((a, b, c, d)), (x, y, z))
-        output.SetFromVector(np.clip(force, -self.limit, self.limit))
+        # The comparisons let NaN through.
+        limit = self.limit
+        output.SetFromVector([limit if f > limit else -limit if f < -limit else f for f in force])

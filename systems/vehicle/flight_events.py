@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+import numba
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 from scipy.optimize import brentq
@@ -83,7 +84,8 @@ class FlightEvents:
 
     def is_in_body(self, position: np.ndarray) -> bool:
         """Whether a position (3,) in m lies inside the true mesh."""
-        if np.sum((position / self._around) ** 2) >= 1.0:
+        x, y, z = (position / self._around).tolist()
+        if x * x + y * y + z * z >= 1.0:
             return False
         return bool(self._field.evaluate(position[None]).inside[0])
 
@@ -94,8 +96,12 @@ class FlightEvents:
     def after(self, outcome: np.ndarray, path: FlownPath) -> np.ndarray:
         """The outcome (4,) after a path, from that at its start."""
         outcome = outcome.copy()
+        (start, end), near = path.states, outcome[ENTERED_GOAL] < NEVER
+        if not near:
+            one = (start[None], end[None], path.targets[1:])
+            if self.nothing_happens(*one, path.span)[0]:
+                return outcome
         self._follow(outcome, path)
-        start, end = path.states
         if self._violates(start, end, path.span):
             outcome[VIOLATIONS] += 1.0
         blocked = blocks_segment(self._around, start[:3], end[:3])
@@ -114,16 +120,11 @@ class FlightEvents:
           starts, ends: (N, 6) states in m and m/s. targets: (N, 6), at the end.
           span: how long the paths take, in s.
         """
-        error = ends - targets
-        away = np.maximum(
-            np.linalg.norm(error[:, :3], axis=1) / self._radius,
-            np.linalg.norm(error[:, 3:], axis=1) / self._speed,
+        quiet = np.empty(len(starts), dtype=bool)
+        _find_uneventful(
+            starts, ends, targets, span, self._around, self._radius, self._speed, quiet
         )
-        longest = np.linalg.norm(_hull(starts, ends, span) - starts[:, None, :3], axis=2).max(1)
-        # The nearest point of an ellipsoid is at least this far away.
-        level = np.linalg.norm(starts[:, :3] / self._around, axis=1)
-        free = (level - 1.0) * self._around.min()
-        return (away > 1.0) & (free > longest)
+        return quiet
 
     def _level(self, error: np.ndarray) -> float:
         """How far away from the target (6,) the spacecraft is: the goal region is up to 1."""
@@ -184,6 +185,33 @@ class FlightEvents:
             return False
         direction = (end - start)[None] / length
         return bool(self._caster.distances(start[None], direction)[0] <= length)
+
+
+@numba.njit(cache=True, error_model="numpy", forceinline=True)
+def _uneventful(start, end, target, span, around, radius, speed):
+    """Whether a path between states (6,) ends outside the goal region, far from the ellipsoid."""
+    position = velocity = level = left = right = straight = 0.0
+    third = span / 3.0
+    for i in range(3):
+        position += (end[i] - target[i]) ** 2
+        velocity += (end[3 + i] - target[3 + i]) ** 2
+        level += (start[i] / around[i]) ** 2
+        # From the start to the other Bézier points, in whose convex hull the path lies.
+        left += (third * start[3 + i]) ** 2
+        right += (end[i] - third * end[3 + i] - start[i]) ** 2
+        straight += (end[i] - start[i]) ** 2
+    # The nearest point of an ellipsoid is at least this far away.
+    free = (math.sqrt(level) - 1.0) * min(around[0], around[1], around[2])
+    away = math.sqrt(position) > radius or math.sqrt(velocity) > speed
+    return away and free > math.sqrt(max(left, right, straight))
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _find_uneventful(starts, ends, targets, span, around, radius, speed, quiet):
+    """Fills ``quiet`` (N,): see `FlightEvents.nothing_happens`."""
+    for n in range(len(starts)):
+        start, end, target = starts[n], ends[n], targets[n]
+        quiet[n] = _uneventful(start, end, target, span, around, radius, speed)
 
 
 def _hull(starts: np.ndarray, ends: np.ndarray, span: float) -> np.ndarray:

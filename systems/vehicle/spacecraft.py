@@ -212,6 +212,8 @@ def Spacecraft_(T):  # noqa: N802 (Drake's own naming of templates)
             state = context.get_continuous_state_vector().CopyToVector()
             force, gravity = self._force_port.Eval(context), self._gravity_port.Eval(context)
             rates = state.copy()
+            if T is float and self.about_z:  # Python's numbers are faster than numpy's.
+                state, force, gravity = state.tolist(), force.tolist(), gravity.tolist()
             rates[:3], rates[3:6] = state[3:6], _acceleration(self, state, gravity, force)
             if self.burns_propellant:
                 rates[6:] = -self._flow_port.Eval(context)
