@@ -31,8 +31,8 @@ class Tables(NamedTuple):
     """(K, ROWS, BLOCK + _GAP): of both facets, first that with two edges, the normal, height of the
     plane over the origin, four times the area, and squares of the edges opposite to the corners;
     of the edges, which run from the corners 0, 1 and 3 to the next, nine moments and the length."""
-    count: int
-    """Number of units."""
+    number: int
+    """Of units."""
 
 
 def make_tables(shape: Polyhedron, origin: np.ndarray) -> Tables:
