@@ -36,6 +36,7 @@ SPECIFICATIONS = {
     # The words of docs/concepts.md, and what an environment of Gymnasium takes and gives.
     "| | |",
     "| | what it is |",
+    "| | how often | how |",
     # Of the formulas of the paper's gate, which are computed by hand.
     "| angle between u and v | printed | right |",
     # The networks' sizes.
@@ -71,8 +72,8 @@ DEFINITIONS = {
     "docs/method/navigation.md": {"2 % of the body's radius", "98.5 % of the variance"},
     "docs/method/pilot.md": {
         "less than 5 % of the thrust limit",
-        "perceptrons (69.5 %)",
-        "a map of the surface (30.5 %)",
+        "perceptrons (69.1 %)",
+        "a map of the surface (30.9 %)",
     },
     "docs/method/truth.md": {"5 % of the size off", "10 % of contrast"},
     "docs/results.md": {"differ by 10 or 20 per cent"},

@@ -26,7 +26,7 @@ from proxops.diagrams.meshcat import write_replay
 from proxops.diagrams.scenario import load_body, load_scenario, parse_scenario
 from proxops.systems.common import InputError, open_session
 from proxops.systems.lidar import LidarBundle
-from proxops.systems.policy import PolicyBundle
+from proxops.systems.policy import PolicyBundle, run_network
 from proxops.training.data.flight_columns import read_columns
 from proxops.training.data.packed_flights import PackedFlights
 from proxops.training.loop.checkpoints import load_checkpoint
@@ -257,12 +257,33 @@ def test_a_lidar_with_weights_elsewhere(tmp_path: Path) -> None:
 # --- bundles of earlier versions ------------------------------------------------------------------
 
 
-def test_the_bundle_that_0_2_0_wrote_is_read() -> None:
-    """The shipped policy is as 0.2.0 wrote it, but for the body's hash, which 0.6.0 changed."""
-    bundle = PolicyBundle.load(asset_path("end_to_end"))
-    assert bundle.sha256 == "d7650c8c0ddbf93159731506371fde846a2e219cda314708dd7f9d025f8a46a3"
-    assert (bundle.planes, bundle.rays, bundle.period) == (12, 360, 10.0)
-    assert bundle.estimates
+def renamed(graph: onnx.GraphProto, name: str, other: str) -> None:
+    """Renames a value of a graph, in the graphs of its conditions too."""
+    for value in graph.input:
+        value.name = other if value.name == name else value.name
+    for node in graph.node:
+        node.input[:] = [other if each == name else each for each in node.input]
+        for attribute in node.attribute:
+            if attribute.HasField("g"):
+                renamed(attribute.g, name, other)
+
+
+def test_a_network_with_the_input_of_0_2_0_is_read(tmp_path: Path) -> None:
+    folder = Path(shutil.copytree(asset_path("end_to_end"), tmp_path / "bundle"))
+    bundle = PolicyBundle.load(folder)
+    model = onnx.load(folder / "model.onnx")
+    renamed(model.graph, "commanded_force", "applied_force")
+    put_network(folder / "policy.json", model.SerializeToString())
+    old = PolicyBundle.load(folder)
+    assert "applied_force" in [value.name for value in old.session.get_inputs()]
+    random = np.random.default_rng(0)
+    given = [random.uniform(1e5, 2e5, 12 * 360), random.normal(size=6) * 1e5, np.ones(3)]
+    for got, wanted in zip(
+        run_network(old.session, *given, np.zeros(old.memory)),
+        run_network(bundle.session, *given, np.zeros(bundle.memory)),
+        strict=True,
+    ):
+        np.testing.assert_array_equal(got, wanted)
 
 
 # --- flight logs ----------------------------------------------------------------------------------
