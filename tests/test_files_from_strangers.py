@@ -277,13 +277,13 @@ def test_a_network_with_the_input_of_0_2_0_is_read(tmp_path: Path) -> None:
     old = PolicyBundle.load(folder)
     assert "applied_force" in [value.name for value in old.session.get_inputs()]
     random = np.random.default_rng(0)
-    given = [random.uniform(1e5, 2e5, 12 * 360), random.normal(size=6) * 1e5, np.ones(3)]
-    for got, wanted in zip(
-        run_network(old.session, *given, np.zeros(old.memory)),
-        run_network(bundle.session, *given, np.zeros(bundle.memory)),
-        strict=True,
-    ):
-        np.testing.assert_array_equal(got, wanted)
+    ranges, target = random.uniform(1e5, 2e5, 12 * 360), random.normal(size=6) * 1e5
+    got, wanted = (
+        run_network(each.session, ranges, target, np.ones(3), np.zeros(each.memory))
+        for each in (old, bundle)
+    )
+    for one, other in zip(got, wanted, strict=True):
+        np.testing.assert_array_equal(one, other)
 
 
 # --- flight logs ----------------------------------------------------------------------------------
