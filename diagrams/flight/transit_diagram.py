@@ -5,14 +5,16 @@ from __future__ import annotations
 import numpy as np
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import (
+    BasicVector,
     Diagram,
     DiagramBuilder,
     LeafSystem,
+    NumericParameterIndex,
     OutputPort,
     PortDataType,
     System,
 )
-from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput, ZeroOrderHold
+from pydrake.systems.primitives import LogVectorOutput, ZeroOrderHold
 
 from proxops.diagrams.flight.command_chain import add_assurance, add_disturbances, add_thrusters
 from proxops.diagrams.flight.navigation import (
@@ -52,6 +54,26 @@ _OPTIONAL_PORTS = {"enable", "covariance"}
 
 Signals = dict[str, OutputPort]
 """Output ports that feed a controller, by the names of its input ports."""
+
+
+class _Target(LeafSystem):
+    """The goal (6,), a parameter of the Context.
+
+    Drake's `ConstantVectorSource` counts as changed when time passes, and so does all that is
+    cached for a goal. The output port is named as there.
+    """
+
+    def __init__(self, goal: np.ndarray):
+        super().__init__()
+        index = NumericParameterIndex(self.DeclareNumericParameter(BasicVector(goal)))
+        self.DeclareVectorOutputPort(
+            name="y0",
+            size=goal.size,
+            calc=lambda context, output: output.SetFromVector(
+                context.get_numeric_parameter(index).value()
+            ),
+            prerequisites_of_calc={self.numeric_parameter_ticket(index)},
+        )
 
 
 def make_transit_diagram(
@@ -110,7 +132,7 @@ def make_transit_diagram(
     attitude = add_attitude(wiring)
     lidar = _add_lidar(wiring, craft.GetOutputPort("position"), attitude)
     goal = np.concatenate([wiring.transit.goal, np.zeros(3)])
-    target = wiring.add("target", ConstantVectorSource(goal))
+    target = wiring.add("target", _Target(goal))
     hold = wiring.add("hold", _make_hold(scenario.control_period_s, delay))
     add_thrust(wiring, hold.GetOutputPort("y"), attitude, craft)
     told = hold

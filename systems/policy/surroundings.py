@@ -86,12 +86,9 @@ class Surroundings:
         x, y, z = (float(axis) / length for axis in self.semi_axes)
         x, y = (y, x) if self.turned else (x, y)
         gravity = GRAVITATIONAL_CONSTANT * self.mass / (length**2 * self.acceleration)
-        spin, speed, period = (
-            abs(self.spin) * time,
-            self.speed_limit / self.speed,
-            self.period / time,
-        )
-        return dict(zip(NUMBERS, (x, y, z, gravity, spin, speed, period), strict=True))
+        turn, speed = abs(self.spin) * time, self.speed_limit / self.speed
+        values = (x, y, z, gravity, turn, speed, self.period / time)
+        return dict(zip(NUMBERS, values, strict=True))
 
     def told(self) -> list[float]:
         """Gives `numbers` as a network is told them: the nearest within `ranges`."""

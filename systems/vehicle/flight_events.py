@@ -96,11 +96,11 @@ class FlightEvents:
     def after(self, outcome: np.ndarray, path: FlownPath) -> np.ndarray:
         """The outcome (4,) after a path, from that at its start."""
         outcome = outcome.copy()
-        (start, end), near = path.states, outcome[ENTERED_GOAL] < NEVER
-        if not near:
-            one = (start[None], end[None], path.targets[1:])
-            if self.nothing_happens(*one, path.span)[0]:
-                return outcome
+        start, end = path.states
+        outside = outcome[ENTERED_GOAL] >= NEVER
+        one = start[None], end[None], path.targets[1:]
+        if outside and self.nothing_happens(*one, path.span)[0]:
+            return outcome
         self._follow(outcome, path)
         if self._violates(start, end, path.span):
             outcome[VIOLATIONS] += 1.0
