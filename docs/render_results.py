@@ -134,8 +134,25 @@ def _place(name: str) -> tuple[int, list[int], str]:
 # --- tables ---------------------------------------------------------------------------------------
 
 
-def _successes(figures: Mapping[str, Any]) -> str:
-    return f"{round(figures['success_rate'] * figures['transits'])} of {figures['transits']}"
+def _successes(*flown: Mapping[str, Any]) -> str:
+    """Of all flights of some controllers, how many succeed."""
+    good = sum(round(each["success_rate"] * each["transits"]) for each in flown)
+    return f"{good} of {sum(each['transits'] for each in flown)}"
+
+
+def _entries(*flown: Mapping[str, Any]) -> str:
+    """How many flights of some controllers enter the keep-out."""
+    return str(sum(each["keep_out_violations"] for each in flown))
+
+
+def _at_bodies(campaigns: Campaigns) -> dict[str, Campaign]:
+    """The campaigns at bodies that the policy never saw."""
+    return {name: each for name, each in campaigns.items() if name.startswith("at-")}
+
+
+def _of(who: str, campaigns: Campaigns) -> list[Mapping[str, Any]]:
+    """The figures of a controller, from the campaigns that it did not refuse."""
+    return [each["controllers"][who] for each in campaigns.values() if who in each["controllers"]]
 
 
 def _interval(figures: Mapping[str, Any]) -> str:
@@ -153,41 +170,31 @@ def _table(head: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
     return "\n".join(f"| {' | '.join(cells)} |" for cells in (head, rule, *lines))
 
 
+# Controllers that are shown at bodies that the policy never saw.
+_SHOWN = ("policy", "hybrid, assured")
+
+
 def _bodies(results: Mapping[str, Any]) -> str:
     """Bodies that the policy never saw: one line each, and their sum."""
-    campaigns = results["campaigns"]
-    lines = []
-    names = ("policy", "hybrid, assured")
-    total = {name: [0, 0, 0] for name in names}
-    for name, campaign in campaigns.items():
-        if not name.startswith("at-"):
-            continue
+    flown, lines = _at_bodies(results["campaigns"]), []
+    for name, campaign in flown.items():
         cells = [name.removeprefix("at-").replace("-", ":")]
-        for who in names:
+        for who in _SHOWN:
             found = campaign["controllers"].get(who)
             if found is None:
                 cells += ["refused", "", ""]
-                continue
-            cells += [
-                _successes(found),
-                str(found["keep_out_violations"]),
-                _number(found, "expert_delta_v_ratio", ".3f"),
-            ]
-            counted = (round(found["success_rate"] * found["transits"]), found["transits"],
-                       found["keep_out_violations"])  # fmt: skip
-            total[who] = [a + b for a, b in zip(total[who], counted, strict=True)]
+            else:
+                ratio = _number(found, "expert_delta_v_ratio", ".3f")
+                cells += [_successes(found), _entries(found), ratio]
         lines.append([*cells, _successes(campaign["controllers"]["mpc"])])
-    sums = [
-        cell
-        for who in names
-        for cell in (f"{total[who][0]} of {total[who][1]}", str(total[who][2]), "")
-    ]
+    sums = [cell for who in _SHOWN
+            for cell in (_successes(*_of(who, flown)), _entries(*_of(who, flown)), "")]  # fmt: skip
     head = [
         "body", "policy", "entries", "Δv / MPC's", "hybrid, assured", "entries", "Δv / MPC's",
         "MPC",
     ]  # fmt: skip
     bodies = [f"at-{name.replace(':', '-')}" for name in BODIES]
-    missing = [name for name in bodies if name not in campaigns]
+    missing = [name for name in bodies if name not in flown]
     told = [_table(head, [*lines, ["all", *sums, ""]])] if lines else []
     told += [_missing(results, missing)] if missing else []
     return "\n\n".join(told)
@@ -201,7 +208,7 @@ def _controllers(campaign: Campaign) -> str:
             _successes(found),
             _interval(found),
             _number(found, "success_shown_90", ".2f", 100.0),
-            str(found["keep_out_violations"]),
+            _entries(found),
             _number(found, "min_clearance_m", ".2f", 1e-3),
             _number(found, "terminal_position_error_m_median", ".0f"),
             _number(found, "terminal_position_error_m_max", ",.0f"),
@@ -244,18 +251,13 @@ def _headline(results: Mapping[str, Any]) -> str:
     for world, name, who in _HEADLINE:
         found = campaigns.get(name, {"controllers": {}})["controllers"].get(who)
         if found is not None:
-            entries = str(found["keep_out_violations"])
             ratio = _number(found, "expert_delta_v_ratio", ".3f")
-            lines.append([world, who, _successes(found), _interval(found), entries, ratio])
-    bodies = [each for name, each in campaigns.items() if name.startswith("at-")]
-    for who in ("policy", "hybrid, assured"):
-        flown = [each["controllers"][who] for each in bodies if who in each["controllers"]]
+            lines.append([world, who, _successes(found), _interval(found), _entries(found), ratio])
+    for who in _SHOWN:
+        flown = _of(who, _at_bodies(campaigns))
         if flown:
             world = f"as believed, {len(flown)} bodies that the policy never saw"
-            good = sum(round(each["success_rate"] * each["transits"]) for each in flown)
-            transits = sum(each["transits"] for each in flown)
-            entries = sum(each["keep_out_violations"] for each in flown)
-            lines.append([world, who, f"{good} of {transits}", "", str(entries), ""])
+            lines.append([world, who, _successes(*flown), "", _entries(*flown), ""])
     head = ["world", "controller", "success", "95 % interval", "entries", "Δv / MPC's"]
     told = [_table(head, lines)] if lines else []
     missing = [name for name in dict.fromkeys(each[1] for each in _HEADLINE)

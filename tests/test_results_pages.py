@@ -1,4 +1,4 @@
-"""The tables of README and docs that say they come from docs/results.json do."""
+"""The figures of README and docs come from the files that they name, and from nowhere else."""
 
 import dataclasses
 import importlib.util

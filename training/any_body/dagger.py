@@ -20,7 +20,15 @@ from proxops.diagrams.scenario import Scenario, draw_world, dump_scenario, load_
 from proxops.systems.common import InputError, silent
 from proxops.training.any_body.recipe import Family, known_family, learn
 from proxops.training.any_body.settings import AnyBodySettings
-from proxops.training.data import Labels, at_rest, hard_transits, joined_labels, label_flights
+from proxops.training.data import (
+    Labels,
+    at_rest,
+    hard_transits,
+    joined_labels,
+    label_flights,
+    round_logs,
+    round_outcome,
+)
 from proxops.training.export import write_folder
 from proxops.training.loop import Schedule
 
@@ -138,11 +146,7 @@ def _fly_and_label(
     rows = run_campaign(
         everything, folder / "flights", keep_logs=True, workers=workers.part(0.0, _FLOWN)
     )
-    # Worlds without a start have no log.
-    logs = [
-        [path for flight in group if (path := folder / "flights" / f"{flight.name}.nc").exists()]
-        for group in flights
-    ]
+    logs = [round_logs(group, folder / "flights") for group in flights]
     flown = [path for own in logs for path in own]
     label_flights(flown, folder / "labels", workers.part(_FLOWN, _LABELLED))
     parts, members = [], []
@@ -151,11 +155,4 @@ def _fly_and_label(
             parts.append(label_flights(own, folder / "labels"))  # They are in the folder now.
             members.append(np.full(len(parts[-1]["state"]), member))
     labels = joined_labels(parts) | {"member": np.concatenate(members)}
-    outcome = {
-        "flights": len(rows),
-        "arrived": sum(row.get("arrival_time_s") is not None for row in rows),
-        "violations": sum(bool(row.get("keep_out_violations")) for row in rows),
-        "collisions": sum(bool(row.get("collided")) for row in rows),
-        "labels": len(labels["state"]),
-    }
-    return outcome, labels
+    return round_outcome(rows, labels), labels

@@ -8,6 +8,7 @@ states.
 from proxops.training.data.collecting import collect
 from proxops.training.data.collection import collection_flights, learned_lidar_of
 from proxops.training.data.collection_report import histogram_rows, report_rows
+from proxops.training.data.dagger_rounds import round_logs, round_outcome
 from proxops.training.data.flight_labels import label_flights, plans_along
 from proxops.training.data.label_files import Labels, joined_labels
 from proxops.training.data.normalisation import Normalisation
@@ -53,6 +54,8 @@ __all__ = [
     "portion_labels",
     "portions_of",
     "report_rows",
+    "round_logs",
+    "round_outcome",
     "scaling_for",
     "scaling_of",
 ]

@@ -26,6 +26,8 @@ from proxops.training.data import (
     hard_transits,
     label_flights,
     pack_flights,
+    round_logs,
+    round_outcome,
 )
 from proxops.training.export import write_folder, write_report
 from proxops.training.loop import seeded, train
@@ -158,17 +160,9 @@ def _fly_and_label(
     rows = run_campaign(
         campaign, folder / "flights", keep_logs=True, workers=workers.part(0.0, _FLOWN)
     )
-    paths = [folder / "flights" / f"{flight.name}.nc" for flight in campaign]
-    logs = [path for path in paths if path.exists()]  # Worlds without a start have none.
+    logs = round_logs(campaign, folder / "flights")
     labels = label_flights(logs, folder / "labels", workers.part(_FLOWN, _LABELLED))
-    outcome = {
-        "flights": len(rows),
-        "arrived": sum(row.get("arrival_time_s") is not None for row in rows),
-        "violations": sum(bool(row.get("keep_out_violations")) for row in rows),
-        "collisions": sum(bool(row.get("collided")) for row in rows),
-        "labels": len(labels["state"]),
-    }
-    return outcome, labels
+    return round_outcome(rows, labels), labels
 
 
 def _train_round(
