@@ -42,8 +42,9 @@ class SpacecraftNumbers(NamedTuple):
     """Control period over sqrt(L / a)."""
 
 
-# Kleopatra's numbers are 0.33, 0.404 and 0.00707. Members have hover shares around that one, the
-# 2.5th part to 2.5 times its speed and a third to three times its period, all log-uniform.
+# Kleopatra's numbers are 0.33, 0.404 and 0.00707. Members have any hover share: what is hard is
+# hovering, so it is drawn uniformly. They have the 2.5th part to 2.5 times Kleopatra's speed and a
+# third to three times its period, log-uniform.
 RANGES: tuple[SpacecraftNumbers, SpacecraftNumbers] = (
     SpacecraftNumbers(0.02, 0.404 / 2.5, 0.00707 / 3.0),
     SpacecraftNumbers(0.8, 0.404 * 2.5, 0.00707 * 3.0),
@@ -130,8 +131,9 @@ def member_scenario(body: Body, body_path: str, numbers: SpacecraftNumbers) -> S
 def _drawn_numbers(seed: int, number: int) -> SpacecraftNumbers:
     low, high = (np.array(each) for each in RANGES)
     random = generator(derived_seed(seed, _STREAM), number)
-    drawn = low * (high / low) ** random.random(len(low))
-    return SpacecraftNumbers(*drawn.tolist())
+    shares = random.random(len(low))
+    drawn = SpacecraftNumbers(*(low * (high / low) ** shares).tolist())
+    return drawn._replace(hover_share=float(low[0] + shares[0] * (high[0] - low[0])))
 
 
 def _write_member(path: Path, seed: int, number: int, first_line: str) -> None:
