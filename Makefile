@@ -62,8 +62,9 @@ bench: export PROXOPS_BENCH_RESULTS := benchmarks/results.json
 bench: .venv/dev.stamp .venv/bench.stamp
 	$(bin)/python benchmarks/gravity.py
 	$(bin)/python benchmarks/lidar.py
-	$(bin)/python benchmarks/mpc_step.py
-	$(bin)/python benchmarks/flight.py --transits 10
+	for gravity in exact table; do \
+	    $(bin)/python benchmarks/mpc_step.py --gravity $$gravity && \
+	    $(bin)/python benchmarks/flight.py --transits 10 --gravity $$gravity || exit 1; done
 	$(bin)/python benchmarks/navigation.py --only step --transits 2
 	$(bin)/python benchmarks/environment.py
 
