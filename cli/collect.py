@@ -128,7 +128,8 @@ def collect_command(
         typer.echo(json.dumps(report, indent=2))
     else:
         _print(report)
-    status.print(f"Wrote {transits} logs, manifest.json, report.json and report.md in {out}")
+    logs = len(manifest["flights"])  # Of unflyable worlds there are none.
+    status.print(f"Wrote {logs} logs, manifest.json, report.json and report.md in {out}")
 
 
 def _learned_lidar(

@@ -60,7 +60,7 @@ def fly_command(
         typer.Option(
             metavar="FILE.obj",
             help="Write the map with what the navigation learned of its surface; "
-            "--set 'navigation={_tag: !LidarNavigation, map: FILE.obj}' flies with it.",
+            "--set navigation.map=FILE.obj flies with it.",
         ),
     ] = None,
     meshcat: Annotated[bool, typer.Option(help="Show the flight live in a browser.")] = False,

@@ -54,7 +54,7 @@ DEFINITIONS = {
     "docs/first_hour_gymnasium.md": {"A step takes 10 s"},
     "docs/how_to/collect_and_train.md": {
         "60, 20 and 20 % of the transits",
-        "differs by more than 1e-5 of its size",
+        "differs by more than 1e-4 of its size",
     },
     "docs/how_to/evaluate.md": {
         "Wilson's 95 % interval",

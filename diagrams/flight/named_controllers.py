@@ -30,8 +30,8 @@ def named_controller(name: str, scenario: Scenario, body: Body) -> System:
     """Makes the controller of a name: `mpc`, `policy`, `hybrid`, `pd`, `zero`, or `MODULE:FACTORY`.
 
     `policy:FOLDER` and `hybrid:FOLDER` fly the policy of the bundle in FOLDER. `mpc:FOLDER` and
-    `pd:FOLDER` fly the MPC and the PD controller on the state that this policy estimates, while
-    `mpc` and `pd` know the true state.
+    `pd:FOLDER` fly the MPC and the PD controller on the state that this policy estimates; `mpc` and
+    `pd` fly on what the navigation knows, or on the true state if the scenario says so.
 
     FACTORY is the user's function. It is called as `factory(scenario, body)` and returns a System
     with the ports that `make_transit_diagram` needs. MODULE may also be in the working directory.

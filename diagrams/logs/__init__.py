@@ -19,7 +19,6 @@ from proxops.diagrams.logs.flight_log import (
     make_dataset,
 )
 from proxops.diagrams.logs.flight_summary import (
-    INTERVENTION_TOLERANCE,
     KEEP_OUT_TOLERANCE,
     WIDE_ARRIVAL,
     dense_positions,
@@ -38,7 +37,6 @@ from proxops.diagrams.logs.navigation_figures import navigation_errors
 
 __all__ = [
     "CONTROLLER_COLUMNS",
-    "INTERVENTION_TOLERANCE",
     "KEEP_OUT_TOLERANCE",
     "LEGEND",
     "NAVIGATION_COLUMNS",

@@ -46,7 +46,7 @@ VARIABLES: dict[str, tuple[tuple[str, ...], str, str]] = {
     ),
     "mpc_force": (("axis",), "N", "the MPC's force in K; NaN where it was not asked"),
     "policy_force": (("axis",), "N", "the policy's force in K; NaN where there is none"),
-    "disturbance": (("axis",), "N", "applied less commanded (or assured) force in K"),
+    "disturbance": (("axis",), "N", "applied less commanded (or assured) force in S"),
     "intervention": ((), "N", "size of what runtime assurance changed the command by"),
     "intervention_reason": ((), "1", "why it did: see flag_meanings; NaN: the flight was over"),
     "assurance_margin": (
@@ -196,7 +196,8 @@ class FlightLog:
     """The log of one flight.
 
     `dataset` has the dimension `time` and the variables of `VARIABLES`; its last row is the end of
-    the flight. All vectors are in the body-fixed frame K. `position_inertial` and
+    the flight. Vectors are in the body-fixed frame K, but `force` and `disturbance` are along the
+    spacecraft's axes S and `thrust` along those of the thrusters. `position_inertial` and
     `velocity_inertial` are the same motion in the inertial frame that coincides with K at time 0.
 
     The force of row k acts from `force_delay_s` after the time of row k until `force_delay_s` after

@@ -25,7 +25,7 @@ _FAR, _LONG = 1e9, 1e8
 class SpacecraftConfig:
     """The spacecraft: a point mass with one thruster pair per axis.
 
-    Its axes S stay parallel to the axes of the body-fixed frame K.
+    It holds its axes S to those of the body-fixed frame K; `truth` says how they are turned.
     """
 
     mass_kg: float = number(100.0, at_least=1e-3, at_most=1e7, unit="kg")
@@ -124,7 +124,7 @@ class MpcConfig:
 
 @dc.dataclass
 class PolicyConfig:
-    """The learned policy; see `proxops.systems.NeuralPolicy`."""
+    """The learned policy: a `GuidancePolicy` or a `NeuralPolicy` of `proxops.systems`."""
 
     # The folder `bundle` that `proxops train` wrote. In a scenario file the path is relative to the
     # file; elsewhere it is relative to the working directory. null means the policy that ships

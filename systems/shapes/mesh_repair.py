@@ -56,8 +56,7 @@ def repair_mesh(vertices: np.ndarray, facets: np.ndarray, *, align: bool = False
     7. Shells are turned outwards, and the walls of voids inwards.
     8. Unused vertices are dropped.
     9. The centre of mass is moved to the origin. With `align`, the axes of least and greatest
-    moment
-       of inertia are turned onto x and z.
+       moment of inertia are turned onto x and z.
 
     Raises:
       InputError: the repaired mesh still bounds no body; the message gives the reason.

@@ -58,7 +58,11 @@ class Polyhedron:
 
     @classmethod
     def from_trimesh(cls, mesh: trimesh.Trimesh, unit: str, name: str = "mesh") -> Polyhedron:
-        """Takes a `trimesh.Trimesh` whose numbers are in `unit` ("km" or "m")."""
+        """Takes a `trimesh.Trimesh` whose numbers are in `unit` ("km" or "m").
+
+        Raises:
+          InputError: it holds no triangles, the unit is not known, or the mesh is not sound.
+        """
         if not isinstance(mesh, trimesh.Trimesh) or len(mesh.faces) == 0:
             raise InputError(f"{name} holds no triangles")
         return cls(mesh.vertices * metres_per(unit), mesh.faces, name)

@@ -39,7 +39,11 @@ class Surface:
 
     @classmethod
     def from_trimesh(cls, mesh: trimesh.Trimesh, unit: str, name: str = "mesh") -> Surface:
-        """Takes a `trimesh.Trimesh` whose numbers are in `unit` ("km" or "m")."""
+        """Takes a `trimesh.Trimesh` whose numbers are in `unit` ("km" or "m").
+
+        Raises:
+          InputError: it holds no triangles, the unit is not known, or a vertex is not finite.
+        """
         if not isinstance(mesh, trimesh.Trimesh) or len(mesh.faces) == 0:
             raise InputError(f"{name} holds no triangles")
         return cls(mesh.vertices * metres_per(unit), mesh.faces, name)

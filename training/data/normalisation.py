@@ -29,7 +29,7 @@ class Scale:
 class Normalisation:
     """Scales of the training part: of states in K, of the MPC's forces in K, of lidar ranges.
 
-    Targets use the scales of states, and applied forces those of the MPC's forces.
+    Targets use the scales of states, and commanded forces those of the MPC's forces.
     """
 
     position: Scale

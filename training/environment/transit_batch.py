@@ -57,7 +57,7 @@ class TransitBatch(gymnasium.vector.VectorEnv):
     `transit`, its number, and in the step that ends it `time_s`, `delta_v_m_s` (to the arrival, if
     it arrived), `violations` and `arrived`.
 
-    The motion is integrated by fourth-order Runge-Kutta steps, which end within a millimetre of
+    The motion is integrated by fourth-order Runge-Kutta steps, which end within a centimetre of
     the flight by the diagram as long as nothing is on the edge of an event.
     """
 

@@ -32,7 +32,7 @@ REPORT_FILE = "report.md"
 
 Example = tuple[np.ndarray, np.ndarray, np.ndarray]
 """Consecutive steps from a flight's start: ranges (T, planes * rays) in m, +inf where nothing
-returned; target (T, 6) in m and m/s; the force applied before each step (T, 3) in N."""
+returned; target (T, 6) in m and m/s; the force commanded before each step (T, 3) in N."""
 
 
 @dataclass(frozen=True)

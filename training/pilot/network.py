@@ -1,4 +1,4 @@
-"""The pilot: one exported network from lidar frame, goal and applied force to force."""
+"""The pilot: one exported network from lidar frame, goal and commanded force to force."""
 
 from __future__ import annotations
 
