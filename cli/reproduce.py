@@ -97,9 +97,13 @@ def reproduce_command(
 
     paper collects, trains and flies as the paper does, on the true state, and has a report of its
     own in the folder paper. believed flies on navigation, in a world that is as believed. worlds
-    draws each flight's world, and flies at other bodies. The command writes report.html, report.md
-    and results.json, and a folder for each stage. Run it again to continue after an interruption;
-    a stage that is done is repeated only if its inputs have changed.
+    draws each flight's world, and flies at other bodies. Beyond the paper no frames are logged,
+    gravity is that of its table unless --quick is given, and --scenario and --set count at the
+    scenario's own body only: at others all is as proxops shape sets it up.
+
+    The command writes report.html, report.md and results.json, and a folder for each stage. Run it
+    again to continue after an interruption; a stage that is done is repeated only if its inputs
+    have changed.
 
     Examples:
 

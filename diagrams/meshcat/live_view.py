@@ -39,7 +39,7 @@ class LiveView(LeafSystem):
 
     ```
     position (3), m, K ───────────────────►┌──────────┐
-    force (3), N ─────────────────────────►│ LiveView │
+    force (3), N, along the axes of S ────►│ LiveView │
     ranges (planes * rays), m ────────────►│          │
     plan (abstract Plan), if asked ───────►│          │
     navigation_state (6), if asked ───────►│          │
@@ -47,7 +47,8 @@ class LiveView(LeafSystem):
     navigation_return_use, if asked ──────►└──────────┘
     ```
 
-    What the navigation believes is drawn so many times too large that its ellipsoid of three
+    The force is drawn along the axes of K, which S holds to within its attitude error. What the
+    navigation believes is drawn so many times too large that its ellipsoid of three
     standard deviations is always about as large.
     """
 

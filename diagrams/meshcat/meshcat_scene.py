@@ -203,7 +203,7 @@ def move_spacecraft(
     Args:
       scene: the scene.
       position: (3,) in K, in m.
-      force: (3,) in K, in N.
+      force: (3,) in N; it is drawn along the axes of K.
       thrust_limit: greatest force per axis in N.
       time_in_recording: time in s in the animation; None: now.
     """

@@ -144,7 +144,7 @@ class BackupBraking:
             )
         if bounds.delay > period:
             raise InputError(
-                f"assurance.bounds.delay is {bounds.delay:g} s: runtime assurance can bound the "
+                f"assurance.bounds.delay_s is {bounds.delay:g} s: runtime assurance can bound the "
                 f"effect of a delay up to the control period, {period:g} s; a command that acts "
                 "later would have to be checked for a later period"
             )
@@ -253,8 +253,8 @@ class BackupBraking:
             f"{describe(points[worst])} of the keep-out ellipsoid is enough for a spacecraft at "
             f"rest there. The backup has to reach {outward:.3g} m/s outwards whatever the errors, "
             f"and seeks {cruise:.3g} m/s; of that the state's errors take "
-            f"{3.0 * self._given[2][kernel.VELOCITY]:.3g} m/s: tighten assurance.bounds.velocity, "
-            "position or delay, or "
+            f"{3.0 * self._given[2][kernel.VELOCITY]:.3g} m/s: tighten "
+            "assurance.bounds.velocity_m_s, position_m or delay_s, or "
             + tightest(budget(self.bounds, self._given[2][kernel.THRUST], self.table.strongest))
         )
 

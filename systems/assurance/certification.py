@@ -66,7 +66,7 @@ def rooms(
 
 
 def budget(bounds: AssuranceBounds, acceleration: float, pull: float) -> dict[str, float]:
-    """What each bound takes of the thrust acceleration along an axis, in m/s^2.
+    """What each bound takes of the thrust acceleration along an axis, in m/s^2; by scenario key.
 
     Args:
       bounds: the box.
@@ -76,9 +76,9 @@ def budget(bounds: AssuranceBounds, acceleration: float, pull: float) -> dict[st
     return {
         "gravity": bounds.gravity * pull,
         "thrust": bounds.thrust * acceleration,
-        "thrust_direction": bounds.across * acceleration,
+        "thrust_direction_deg": bounds.across * acceleration,
         "mass": (1.0 - 1.0 / (1.0 + bounds.mass)) * acceleration,
-        "acceleration": bounds.acceleration,
+        "acceleration_m_s2": bounds.acceleration,
     }
 
 

@@ -12,7 +12,6 @@ from proxops.training.any_body.export import export_guidance, ranges_of
 from proxops.training.any_body.family import (
     RANGES,
     SpacecraftNumbers,
-    family_scenarios,
     spacecraft_numbers,
     write_family,
 )
@@ -31,7 +30,6 @@ __all__ = [
     "examples_of",
     "export_guidance",
     "family_plans",
-    "family_scenarios",
     "mirrored",
     "ranges_of",
     "run_any_body_dagger",

@@ -19,9 +19,8 @@ from proxops.diagrams.scenario import (
     Scenario,
     change_scenario,
     dump_scenario,
-    load_scenario,
 )
-from proxops.systems.common import InputError, derived_seed, generator, write_whole
+from proxops.systems.common import derived_seed, generator, write_whole
 
 _STREAM = 8
 
@@ -73,18 +72,6 @@ def write_family(folder: Path, seed: int, count: int) -> list[Path]:
     return paths
 
 
-def family_scenarios(folder: Path) -> list[Scenario]:
-    """Loads the scenarios that `write_family` wrote, in the order of seeds and numbers.
-
-    Raises:
-      InputError: there is none, or one cannot be read.
-    """
-    paths = sorted(folder.glob("*-*/scenario.yaml"), key=lambda path: _numbers(path.parent.name))
-    if not paths:
-        raise InputError(f"{folder} holds no family: write_family writes one")
-    return [load_scenario(path) for path in paths]
-
-
 def spacecraft_numbers(scenario: Scenario, body: Body) -> SpacecraftNumbers:
     """Gives the dimensionless numbers of a scenario's spacecraft at its body."""
     craft = scenario.spacecraft
@@ -130,10 +117,10 @@ def member_scenario(body: Body, body_path: str, numbers: SpacecraftNumbers) -> S
 
 def _drawn_numbers(seed: int, number: int) -> SpacecraftNumbers:
     low, high = (np.array(each) for each in RANGES)
-    random = generator(derived_seed(seed, _STREAM), number)
-    shares = random.random(len(low))
-    drawn = SpacecraftNumbers(*(low * (high / low) ** shares).tolist())
-    return drawn._replace(hover_share=float(low[0] + shares[0] * (high[0] - low[0])))
+    shares = generator(derived_seed(seed, _STREAM), number).random(len(low))
+    hover_share = low[0] + shares[0] * (high[0] - low[0])
+    _, speed, period = low * (high / low) ** shares
+    return SpacecraftNumbers(float(hover_share), float(speed), float(period))
 
 
 def _write_member(path: Path, seed: int, number: int, first_line: str) -> None:
@@ -149,7 +136,3 @@ def _begins_with(path: Path, line: str) -> bool:
         return False
     with path.open(encoding="utf-8") as file:
         return file.readline().rstrip("\n") == line
-
-
-def _numbers(name: str) -> tuple[int, ...]:
-    return tuple(int(part) for part in name.split("-") if part.isdigit())
