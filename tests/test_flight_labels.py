@@ -29,6 +29,25 @@ def test_labels_along_the_experts_own_flight_are_its_commands():
     assert len(states) + whole * (log.scenario.mpc.intervals // 4) < len(labels["state"]) <= most
 
 
+def test_few_states_of_a_flight_have_the_experts_commands_too(tmp_path: Path):
+    logs = sorted(copy_flights(tmp_path).glob("*.nc"))[:1]
+    labels = label_flights(logs, tmp_path / "labels", Workers(1), 6)
+    data = flight(logs[0].stem).dataset
+    states, commands = data["state"].values[:-1], data["mpc_force"].values[:-1]
+    every = -(-len(states) // 6)
+    assert every > 1
+    seen = 0
+    for state, command in zip(states[::every], commands[::every], strict=True):
+        found = labels["force"][(labels["state"] == state).all(axis=1)]
+        seen += len(found)
+        # From a plan of several periods before: close, but not the same to the last digit.
+        np.testing.assert_allclose(found[0], command, atol=0.05)
+    assert seen == len(states[::every]) <= 6
+    assert not (labels["state"] == states[1]).all(axis=1).any()
+    with pytest.raises(InputError, match="labels of other flights"):
+        label_flights(logs, tmp_path / "labels", Workers(1))
+
+
 def test_labels_are_kept_and_belong_to_their_flight(tmp_path: Path, monkeypatch):
     logs = sorted(copy_flights(tmp_path).glob("*.nc"))[:2]
     told: list[float] = []

@@ -41,8 +41,11 @@ class AnyBodyDagger:
     """Settings of a run of DAgger at a family."""
 
     rounds: int = 2
-    flights: int = 3
-    """Flights of each round at each member; the straight line is blocked in two of three."""
+    flights: int = 8
+    """Flights of each round at each member; the straight line is blocked in most of them."""
+    labels: int = 150
+    """So many states of each flight are labelled at most: more flights teach more than more of the
+    states of one."""
     seed: int = 100
     """Seed of the transits of the first round; each further round uses the next seed."""
     epochs: int = 80
@@ -77,7 +80,7 @@ def run_any_body_dagger(
         share = workers.part((number - 1) / settings.rounds, number / settings.rounds)
         share.progress(0.0, f"round {number}")
         flights = round_flights(family, bundle, settings, number)
-        outcome, more = _fly_and_label(flights, folder, share)
+        outcome, more = _fly_and_label(flights, folder, settings.labels, share)
         labels = {name: np.concatenate([labels[name], more[name]]) for name in labels}
         rounds.append(outcome)
         schedule = dc.replace(first.schedule, epochs=settings.epochs, patience=settings.epochs)
@@ -139,20 +142,25 @@ def _member_flights(
 
 
 def _fly_and_label(
-    flights: Sequence[Sequence[Flight]], folder: Path, workers: Workers
+    flights: Sequence[Sequence[Flight]], folder: Path, most: int, workers: Workers
 ) -> tuple[dict[str, int], Labels]:
-    """How the flights of a round went, and the expert's forces along them, by member."""
+    """How the flights of a round went, and the expert's forces along them, by member.
+
+    Args:
+      most: so many states of each flight are labelled at most.
+    """
     everything = [flight for group in flights for flight in group]
     rows = run_campaign(
         everything, folder / "flights", keep_logs=True, workers=workers.part(0.0, _FLOWN)
     )
     logs = [round_logs(group, folder / "flights") for group in flights]
     flown = [path for own in logs for path in own]
-    label_flights(flown, folder / "labels", workers.part(_FLOWN, _LABELLED))
+    label_flights(flown, folder / "labels", workers.part(_FLOWN, _LABELLED), most)
     parts, members = [], []
     for member, own in enumerate(logs):
         if own:
-            parts.append(label_flights(own, folder / "labels"))  # They are in the folder now.
+            # They are in the folder now.
+            parts.append(label_flights(own, folder / "labels", most=most))
             members.append(np.full(len(parts[-1]["state"]), member))
     labels = joined_labels(parts) | {"member": np.concatenate(members)}
     return round_outcome(rows, labels), labels

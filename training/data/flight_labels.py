@@ -22,9 +22,11 @@ from proxops.training.data.label_files import (
     save_labels,
 )
 
-# At every eighth state the later knots of the plan are labels too: the states that follow if the
-# expert takes over.
+# At every eighth labelled state the later knots of the plan are labels too: the states that follow
+# if the expert takes over.
 _WHOLE_PLAN_EVERY = 8
+# A plan is linearised about the one before it, more often if that is of several periods before.
+_SOON, _LATER = 1, 2
 
 
 @dc.dataclass(frozen=True)
@@ -33,26 +35,30 @@ class _Piece:
 
     name: str
     log: Path
+    most: int | None
 
 
 def label_flights(
     logs: Sequence[Path],
     folder: Path,
     workers: Workers = Workers(),
+    most: int | None = None,
 ) -> Labels:
-    """Labels every state of flights, and the later knots of some plans from these states.
+    """Labels states of flights, and the later knots of some plans from these states.
 
     The expert is the one of each log's own scenario. The labels of a flight are kept in `folder`
     and not computed again.
 
     Args:
       workers: compute the labels, and report how many flights are ready.
+      most: so many states of each flight are labelled at most, evenly, because neighbours are
+        alike; None: all.
 
     Raises:
       InputError: a log or a file of labels is damaged, or the labels are of another flight.
     """
     make_folder(folder)
-    pieces = [_Piece(log.stem, log.resolve()) for log in logs]
+    pieces = [_Piece(log.stem, log.resolve(), most) for log in logs]
     todo = [piece for piece in pieces if not _path(piece, folder).exists()]
     task = functools.partial(_label, folder=folder.resolve())
     ready = len(logs) - len(todo)
@@ -60,7 +66,7 @@ def label_flights(
     for _ in workers.results(todo, task):
         ready += 1
         workers.progress(ready / len(logs), f"labelling, {ready} of {len(logs)}")
-    parts = [load_labels(folder / f"{log.stem}.npz", _origin(log)) for log in logs]
+    parts = [load_labels(_path(piece, folder), _origin(piece)) for piece in pieces]
     return joined_labels(parts)
 
 
@@ -71,15 +77,18 @@ def labels_along(
     period: float,
     cold_iterations: int,
     least_horizon: float,
+    iterations: int = _SOON,
 ) -> Labels:
     """Labels every state (N, 6) of a path, and the later knots of some plans.
 
     Args:
       target: (6,) in m and m/s. period: s from state to state. least_horizon: see `labels_of`.
+      cold_iterations, iterations: see `plans_along`.
     """
     own: list[Plan] = []
     whole: list[Plan] = []
-    for k, plan in enumerate(plans_along(program, states, target, period, cold_iterations)):
+    plans = plans_along(program, states, target, period, cold_iterations, iterations)
+    for k, plan in enumerate(plans):
         if plan is not None:
             (whole if k % _WHOLE_PLAN_EVERY == 0 else own).append(plan)
     return joined_labels([labels_of(own), labels_of(whole, least_horizon)])
@@ -91,10 +100,14 @@ def plans_along(
     target: np.ndarray,
     period: float,
     cold_iterations: int,
+    iterations: int = _SOON,
 ) -> Iterator[Plan | None]:
     """Gives the expert's plan from every state (N, 6) of a path; None where the solver fails.
 
-    Each plan is linearised once, about the plan before it, as the expert does in flight.
+    Args:
+      target: (6,) in m and m/s. period: s from state to state.
+      cold_iterations: number of times that the program is linearised where there is no last plan.
+      iterations: the same about the plan before; once, as the expert does in flight.
     """
     last: Plan | None = None
     for state in states:
@@ -102,7 +115,7 @@ def plans_along(
             if last is None:
                 last = program.solve(state, target, iterations=cold_iterations)
             else:
-                last = program.solve(state, target, last, period, iterations=1)
+                last = program.solve(state, target, last, period, iterations=iterations)
         except SolverFailure:
             last = None
         yield last
@@ -112,22 +125,26 @@ def _label(piece: _Piece, folder: Path) -> int:
     log = FlightLog.load(piece.log)
     scenario = log.scenario
     expert = make_mpc(scenario, log.body)
+    states = log.dataset["state"].values[:-1]
+    every = 1 if piece.most is None else max(1, -(-len(states) // piece.most))
     labels = labels_along(
         expert.program,
-        log.dataset["state"].values[:-1],
+        states[::every],
         log.dataset["target"].values[0],
-        scenario.control_period_s,
+        every * scenario.control_period_s,
         scenario.mpc.cold_iterations,
         scenario.mpc.min_horizon_s,
+        _SOON if every == 1 else _LATER,
     )
-    save_labels(_path(piece, folder), labels, _origin(piece.log))
+    save_labels(_path(piece, folder), labels, _origin(piece))
     return len(labels["state"])
 
 
-def _origin(log: Path) -> str:
+def _origin(piece: _Piece) -> str:
     """Names all that the labels of a flight depend on."""
-    made = f"proxops {metadata.version('proxops')}, flight {file_sha256(log)}"
-    return f"{made}, every state, whole plans every {_WHOLE_PLAN_EVERY}"
+    made = f"proxops {metadata.version('proxops')}, flight {file_sha256(piece.log)}"
+    states = "every state" if piece.most is None else f"{piece.most} states at most"
+    return f"{made}, {states}, whole plans every {_WHOLE_PLAN_EVERY}"
 
 
 def _path(piece: _Piece, folder: Path) -> Path:
