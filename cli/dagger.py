@@ -39,7 +39,7 @@ def dagger_command(
     flights: Annotated[
         int | None,
         typer.Option(
-            min=1, help="Flights of each round. Default: 240, or 8 at each body of a family."
+            min=1, help="Flights of each round. Default: 240, or 6 at each body of a family."
         ),
     ] = None,
     seed: Annotated[

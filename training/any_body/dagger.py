@@ -41,7 +41,7 @@ class AnyBodyDagger:
     """Settings of a run of DAgger at a family."""
 
     rounds: int = 2
-    flights: int = 8
+    flights: int = 6
     """Flights of each round at each member; the straight line is blocked in most of them."""
     labels: int = 150
     """So many states of each flight are labelled at most: more flights teach more than more of the
