@@ -82,10 +82,12 @@ def dagger_command(
                 raise InputError(f"name the folder of flights that {pilot} was trained from")
             if minutes < math.inf:
                 raise InputError("--minutes is for a pilot of one body: give --rounds")
-            own = AnyBodyDagger(rounds, flights or AnyBodyDagger.flights, seed)
+            count = flights or AnyBodyDagger.flights
+            own = AnyBodyDagger(rounds=rounds, flights=count, seed=seed)
             report = run_any_body_dagger(pilot, out, own, fleet)
         else:
-            settings = DaggerSettings(rounds, flights or DaggerSettings.flights, seed, minutes)
+            count = flights or DaggerSettings.flights
+            settings = DaggerSettings(rounds=rounds, flights=count, seed=seed, minutes=minutes)
             report = run_dagger(data, pilot, out, settings, fleet)
     if as_json:
         typer.echo(json.dumps(report, indent=2))

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from short_flights import kleopatra
 
+from proxops.cli.main import app
 from proxops.diagrams.flight import Workers, fly
 from proxops.diagrams.logs import FlightLog
 from proxops.diagrams.scenario import load_scenario
@@ -91,3 +92,19 @@ def test_from_nothing_to_a_flight(tmp_path: Path) -> None:
     kept = FlightLog.load(flown)
     assert kept.scenario.dispersed
     assert "navigation_state" in kept.dataset
+
+
+def test_the_command_line_asks_for_the_seed_and_no_other_labels(
+    tmp_path: Path, monkeypatch
+) -> None:
+    asked: list[AnyBodyDagger] = []
+
+    def run(pilot: Path, out: Path, settings: AnyBodyDagger, workers: Workers) -> dict:
+        asked.append(settings)
+        return {"rounds": []}
+
+    monkeypatch.setattr("proxops.training.any_body.run_any_body_dagger", run)
+    given = ("dagger", "--pilot", str(tmp_path), "--rounds", "3", "--seed", "7", "--json")
+    app([*given, "--out", str(tmp_path / "out")], standalone_mode=False)
+    assert asked == [AnyBodyDagger(rounds=3, seed=7)]
+    assert asked[0].labels == AnyBodyDagger().labels

@@ -36,14 +36,14 @@ from proxops.training.loop import Schedule
 _FLOWN, _LABELLED = 0.4, 0.6
 
 
-@dc.dataclass(frozen=True)
+@dc.dataclass(frozen=True, kw_only=True)
 class AnyBodyDagger:
     """Settings of a run of DAgger at a family."""
 
     rounds: int = 2
     flights: int = 6
     """Flights of each round at each member; the straight line is blocked in most of them."""
-    labels: int = 150
+    labels: int = 100
     """So many states of each flight are labelled at most: more flights teach more than more of the
     states of one."""
     seed: int = 100

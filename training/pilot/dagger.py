@@ -55,7 +55,7 @@ from proxops.training.pilot.tasks import guidance_task
 _FLOWN, _LABELLED = 0.35, 0.5
 
 
-@dc.dataclass(frozen=True)
+@dc.dataclass(frozen=True, kw_only=True)
 class DaggerSettings:
     """Settings of a run of DAgger."""
 
