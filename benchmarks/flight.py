@@ -61,8 +61,12 @@ def flight_times(controller: str, count: int, body: Body, gravity: str) -> np.nd
     times = np.zeros((count, 2))
     for index in range(count):
         for k, dispersions in enumerate((None, "after_survey")):
-            changes = {"transit.index": index, "dispersions": dispersions, "log_ranges": False}
-            changes["gravity"] = gravity
+            changes = {
+                "transit.index": index,
+                "dispersions": dispersions,
+                "log_ranges": False,
+                "gravity": gravity,
+            }
             started = time.process_time()
             fly(load_scenario(None, changes), controller, body=body)
             times[index, k] = time.process_time() - started

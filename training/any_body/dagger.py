@@ -25,7 +25,7 @@ from proxops.training.data import (
     at_rest,
     hard_transits,
     joined_labels,
-    label_flights,
+    labels_by_flight,
     round_logs,
     round_outcome,
 )
@@ -154,13 +154,9 @@ def _fly_and_label(
         everything, folder / "flights", keep_logs=True, workers=workers.part(0.0, _FLOWN)
     )
     logs = [round_logs(group, folder / "flights") for group in flights]
+    members = [member for member, own in enumerate(logs) for _ in own]
     flown = [path for own in logs for path in own]
-    label_flights(flown, folder / "labels", workers.part(_FLOWN, _LABELLED), most)
-    parts, members = [], []
-    for member, own in enumerate(logs):
-        if own:
-            # They are in the folder now.
-            parts.append(label_flights(own, folder / "labels", most=most))
-            members.append(np.full(len(parts[-1]["state"]), member))
-    labels = joined_labels(parts) | {"member": np.concatenate(members)}
+    parts = labels_by_flight(flown, folder / "labels", workers.part(_FLOWN, _LABELLED), most)
+    sizes = [len(part["state"]) for part in parts]
+    labels = joined_labels(parts) | {"member": np.repeat(members, sizes)}
     return round_outcome(rows, labels), labels

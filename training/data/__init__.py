@@ -9,7 +9,7 @@ from proxops.training.data.collecting import collect
 from proxops.training.data.collection import collection_flights, learned_lidar_of
 from proxops.training.data.collection_report import histogram_rows, report_rows
 from proxops.training.data.dagger_rounds import round_logs, round_outcome
-from proxops.training.data.flight_labels import label_flights, plans_along
+from proxops.training.data.flight_labels import label_flights, labels_by_flight, plans_along
 from proxops.training.data.label_files import Labels, joined_labels
 from proxops.training.data.normalisation import Normalisation
 from proxops.training.data.packed_flights import PackedFlight, PackedFlights, part_rows
@@ -45,6 +45,7 @@ __all__ = [
     "keep_out_of",
     "kind_of",
     "label_flights",
+    "labels_by_flight",
     "learned_lidar_of",
     "pack_flights",
     "parse_mix",

@@ -44,6 +44,16 @@ def label_flights(
     workers: Workers = Workers(),
     most: int | None = None,
 ) -> Labels:
+    """The labels of all flights together; see `labels_by_flight`."""
+    return joined_labels(labels_by_flight(logs, folder, workers, most))
+
+
+def labels_by_flight(
+    logs: Sequence[Path],
+    folder: Path,
+    workers: Workers = Workers(),
+    most: int | None = None,
+) -> list[Labels]:
     """Labels states of flights, and the later knots of some plans from these states.
 
     The expert is the one of each log's own scenario. The labels of a flight are kept in `folder`
@@ -53,6 +63,9 @@ def label_flights(
       workers: compute the labels, and report how many flights are ready.
       most: so many states of each flight are labelled at most, evenly, because neighbours are
         alike; None: all.
+
+    Returns:
+      The labels of each flight, in the order of `logs`.
 
     Raises:
       InputError: a log or a file of labels is damaged, or the labels are of another flight.
@@ -66,8 +79,7 @@ def label_flights(
     for _ in workers.results(todo, task):
         ready += 1
         workers.progress(ready / len(logs), f"labelling, {ready} of {len(logs)}")
-    parts = [load_labels(_path(piece, folder), _origin(piece)) for piece in pieces]
-    return joined_labels(parts)
+    return [load_labels(_path(piece, folder), _origin(piece)) for piece in pieces]
 
 
 def labels_along(
