@@ -8,10 +8,10 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from proxops.systems import InputError
-from proxops.systems.hybrid.agreement_gates import AgreementGate, GateKind
+from proxops.systems.hybrid.agreement_gates import AgreementGate, GateKind, angle_between
 
 GATES = {kind: AgreementGate(kind) for kind in GateKind}
-sizes = st.floats(0.0, 12.0) | st.floats(0.0, 0.5)
+sizes = st.floats(0.0, 12.0, allow_subnormal=False) | st.floats(0.0, 0.5, allow_subnormal=False)
 unit = st.tuples(*[st.floats(-1.0, 1.0)] * 3).map(np.array).filter(lambda v: v @ v > 0.01)
 forces = st.builds(lambda size, way: size * way / np.linalg.norm(way), sizes, unit)
 kinds = st.sampled_from(list(GateKind))
@@ -106,6 +106,15 @@ def test_rotation_changes_nothing(kind, one, other, axis, angle) -> None:
     levels += [abs(sizes[0] - sizes[1]) - gate.magnitude, *(np.array(sizes) - gate.dead_band)]
     assume(np.nanmin(np.abs(levels)) > 1e-6)  # Else rounding decides.
     assert after.agrees == before.agrees
+
+
+@pytest.mark.parametrize("size", [1.0, 1e-175, 1e-300, 5e-324])
+def test_angle_of_tiny_forces(size: float) -> None:
+    """Products of such forces are zero in floating point; their angle is what it is."""
+    one, other = np.array([1.0, 0.0, 0.0]), np.array([1.0, 1.0, 0.0])
+    assert angle_between(size * one, size * other) == pytest.approx(math.pi / 4, rel=1e-15)
+    assert angle_between(size * one, other) == pytest.approx(math.pi / 4, rel=1e-15)
+    assert math.isnan(angle_between(0.0 * one, other))
 
 
 @given(forces, forces)
