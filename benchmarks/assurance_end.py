@@ -23,7 +23,7 @@ import numpy as np
 from assurance import STATE, setting
 
 from proxops.systems.assurance import _braking_kernel as kernel
-from proxops.systems.assurance.certification import spread_directions
+from proxops.systems.common import spread_directions
 
 ERRORS = ("flattering", "jumping", "flipping", "none")
 # Greatest level above 1 at the start, and control steps of a flight.

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from proxops.diagrams.plots.room_plot import _mapped, plot_room
-from proxops.systems.assurance.certification import spread_directions
+from proxops.systems.common import spread_directions
 
 AXES = np.array([140e3, 70e3, 60e3])
 

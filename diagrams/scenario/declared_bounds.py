@@ -22,7 +22,7 @@ from proxops.diagrams.scenario.scenario_config import (
 from proxops.diagrams.scenario.truth_config import TruthConfig
 from proxops.diagrams.scenario.world_differences import differing_values
 from proxops.systems.assurance import AssuranceBounds
-from proxops.systems.common import InputError
+from proxops.systems.common import InputError, spread_directions
 from proxops.systems.gravity import GravityField
 from proxops.systems.shapes import Polyhedron, displaced
 from proxops.systems.vehicle import STANDARD_GRAVITY
@@ -288,10 +288,7 @@ def _gravity_differences(
     """
     if contrast == rms == size == 0.0:
         return 0.0, 0.0
-    k = np.arange(_PLACES) + 0.5
-    z, turn = 1.0 - 2.0 * k / _PLACES, math.pi * (1.0 + math.sqrt(5.0)) * k
-    across = np.sqrt(1.0 - z**2)
-    places = np.stack([across * np.cos(turn), across * np.sin(turn), z], axis=1) * semi_axes
+    places = spread_directions(_PLACES) * semi_axes
     believed = GravityField(shape, mass=mass).evaluate(places).acceleration
     greatest, shift = 0.0, 0.0
     for seed in range(_WORLDS):

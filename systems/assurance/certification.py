@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from proxops.systems.assurance import _braking_kernel as kernel
 from proxops.systems.assurance.assurance_bounds import AssuranceBounds
+from proxops.systems.common import spread_directions
 
 # Number of places on the ellipsoid.
 _PLACES = 300
@@ -15,14 +14,6 @@ _PLACES = 300
 # is found by bisection.
 _HEIGHTS = np.array([0.0, *np.geomspace(1e-4, 0.5, 24)])
 _BISECTIONS = 5
-
-
-def spread_directions(count: int) -> np.ndarray:
-    """Unit vectors (count, 3) evenly about the sphere, along a spiral."""
-    k = np.arange(count) + 0.5
-    z, turn = 1.0 - 2.0 * k / count, math.pi * (1.0 + math.sqrt(5.0)) * k
-    across = np.sqrt(1.0 - z**2)
-    return np.stack([across * np.cos(turn), across * np.sin(turn), z], axis=1)
 
 
 def rooms(

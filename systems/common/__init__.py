@@ -18,6 +18,7 @@ from proxops.systems.common.checks import (
 from proxops.systems.common.controller_offers import LegendEntry, LoggedPort
 from proxops.systems.common.counter_noise import derived_seed, generator
 from proxops.systems.common.deviations import error_bounds
+from proxops.systems.common.directions import spread_directions
 from proxops.systems.common.errors import InputError, SolverFailure
 from proxops.systems.common.files import file_sha256, make_folder, write_whole
 from proxops.systems.common.progress import Progress, part_of, silent
@@ -47,5 +48,6 @@ __all__ = [
     "read_bundle",
     "rotation_matrix",
     "silent",
+    "spread_directions",
     "write_whole",
 ]

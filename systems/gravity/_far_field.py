@@ -11,6 +11,8 @@ from functools import cache
 
 import numpy as np
 
+from proxops.systems.common import spread_directions
+
 SWITCH = 10.0
 """Distance from the centre of mass, in radii of the body, from which the masses are used."""
 
@@ -41,18 +43,9 @@ def fit_masses(
 @cache
 def _unit_fit() -> tuple[np.ndarray, ...]:
     """Places (K, 3), directions of the fit's points, and the fit's singular value decomposition."""
-    places, checks = _directions(_MASSES), _directions(2 * _MASSES)
+    places, checks = spread_directions(_MASSES), spread_directions(2 * _MASSES)
     unit_potentials = SWITCH / np.linalg.norm(SWITCH * checks[:, None] - places, axis=2)
     u, s, vt = np.linalg.svd(unit_potentials, full_matrices=False)
     # Singular values below the cut-off belong to degrees whose field has decayed at this distance.
     kept = s > 1e-13 * s[0]
     return places, checks, u[:, kept], s[kept], vt[kept]
-
-
-def _directions(count: int) -> np.ndarray:
-    """Unit vectors (count, 3) spread evenly: the Fibonacci spiral."""
-    k = np.arange(count) + 0.5
-    z = 1.0 - 2.0 * k / count
-    azimuth = np.pi * (1.0 + np.sqrt(5.0)) * k
-    across = np.sqrt(1.0 - z**2)
-    return np.stack([across * np.cos(azimuth), across * np.sin(azimuth), z], axis=1)

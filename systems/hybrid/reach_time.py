@@ -27,6 +27,7 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 
+from proxops.systems.common import spread_directions
 from proxops.systems.gravity import Field
 from proxops.systems.shapes import closest_point
 
@@ -125,11 +126,7 @@ def greatest_pulls(field: Field, semi_axes: np.ndarray, heights: np.ndarray) -> 
     height: by Minkowski's inequality the support function of that ellipsoid is at most the sum of
     the first ellipsoid's and the height. The body is inside.
     """
-    k = np.arange(_POINTS) + 0.5
-    z, turn = 1.0 - 2.0 * k / _POINTS, math.pi * (1.0 + math.sqrt(5.0)) * k  # A spiral, evenly.
-    across = np.sqrt(1.0 - z**2)
-    directions = np.stack([across * np.cos(turn), across * np.sin(turn), z], axis=1)
-    points = directions * (semi_axes + heights[:, None, None])
+    points = spread_directions(_POINTS) * (semi_axes + heights[:, None, None])
     gravity = field.evaluate(points.reshape(-1, 3)).acceleration
     sizes = np.linalg.norm(gravity, axis=1).reshape(len(heights), -1)
     return _GAPS * sizes.max(axis=1)
