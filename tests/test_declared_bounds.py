@@ -161,7 +161,7 @@ def test_bounds_that_hold_everything_are_not_warned_of() -> None:
         ("disturbance.max_relative_magnitude: {choice: [0.0, 2.0]}", "up to 2 times the command"),
         (
             "truth.thrusters.scale: {uniform: [0.0, 1.0]}",
-            r"assurance\.bounds\.thrust must be below",
+            r"assurance\.bounds: the bound thrust must be below",
         ),
         ("gravity: 0.1\nmas: 0.1", "no key 'mas'.*nearest is 'mass'"),
         ("gravity: -0.1", "gravity must not be negative"),

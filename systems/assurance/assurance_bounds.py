@@ -47,8 +47,7 @@ class AssuranceBounds:
             value = getattr(self, field.name)
             if not (isinstance(value, (int, float)) and 0.0 <= value < math.inf):
                 raise InputError(
-                    f"assurance.bounds.{field.name} must be a finite number that is not negative, "
-                    f"got {value}"
+                    f"the bound {field.name} must be finite and not negative, got {value}"
                 )
         for name, limit in (
             ("gravity", 1.0),
@@ -58,7 +57,7 @@ class AssuranceBounds:
         ):
             if getattr(self, name) >= limit:
                 raise InputError(
-                    f"assurance.bounds.{name} must be below {limit:.4g}, got {getattr(self, name)}"
+                    f"the bound {name} must be below {limit:.4g}, got {getattr(self, name)}"
                 )
 
     @property
