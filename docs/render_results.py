@@ -171,7 +171,7 @@ def _table(head: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
 
 
 # Controllers that are shown at bodies that the policy never saw.
-_SHOWN = ("policy", "hybrid, assured")
+_SHOWN = ("policy", "hybrid", "hybrid, assured")
 
 
 def _bodies(results: Mapping[str, Any]) -> str:
@@ -190,8 +190,7 @@ def _bodies(results: Mapping[str, Any]) -> str:
     sums = [cell for who in _SHOWN
             for cell in (_successes(*_of(who, flown)), _entries(*_of(who, flown)), "")]  # fmt: skip
     head = [
-        "body", "policy", "entries", "Δv / MPC's", "hybrid, assured", "entries", "Δv / MPC's",
-        "MPC",
+        "body", *(each for who in _SHOWN for each in (who, "entries", "Δv / MPC's")), "MPC",
     ]  # fmt: skip
     bodies = [f"at-{name.replace(':', '-')}" for name in BODIES]
     missing = [name for name in bodies if name not in flown]
