@@ -11,7 +11,7 @@ from proxops.systems import InputError
 from proxops.systems.hybrid.agreement_gates import AgreementGate, GateKind, angle_between
 
 GATES = {kind: AgreementGate(kind) for kind in GateKind}
-sizes = st.floats(0.0, 12.0, allow_subnormal=False) | st.floats(0.0, 0.5, allow_subnormal=False)
+sizes = st.floats(0.0, 12.0) | st.floats(0.0, 0.5)
 unit = st.tuples(*[st.floats(-1.0, 1.0)] * 3).map(np.array).filter(lambda v: v @ v > 0.01)
 forces = st.builds(lambda size, way: size * way / np.linalg.norm(way), sizes, unit)
 kinds = st.sampled_from(list(GateKind))
@@ -95,6 +95,8 @@ def test_symmetric(kind: GateKind, one: np.ndarray, other: np.ndarray) -> None:
 
 @given(kinds, forces, forces, unit, st.floats(-math.pi, math.pi))
 def test_rotation_changes_nothing(kind, one, other, axis, angle) -> None:
+    # A rotation rounds forces of few digits, and with them their direction.
+    assume(all(not 0.0 < np.abs(force).max() < 1e-300 for force in (one, other)))
     gate = GATES[kind]
     before = gate.compare(one, other)
     after = gate.compare(turned(axis, angle, one), turned(axis, angle, other))

@@ -57,7 +57,7 @@ _LEAST_NOISE = 1e-5
 # A map whose size differs by more than this share from the body's is a mistake.
 _OTHER_SIZE = 0.5
 _SHIPPED_POLICY = ASSETS / "any_body"
-# Of a policy for any body, over the MPC's: it cuts corners by some 2 % of the size.
+# Of a policy for any body, over the MPC's: it cuts corners by a few hundredths of the size.
 _MARGIN = 3.0
 # Bundles that ship beside it, by the names that a controller's name may have after the colon.
 _NAMED_BUNDLES = {"end-to-end": ASSETS / "end_to_end"}
