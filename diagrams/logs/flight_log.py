@@ -28,7 +28,7 @@ from proxops.diagrams.scenario import (
     parse_scenario,
 )
 from proxops.systems.assurance import InterventionReason
-from proxops.systems.common import InputError, write_whole
+from proxops.systems.common import InputError, interruption_waits, write_whole
 from proxops.systems.expert import PlanReason, PlanStatus
 from proxops.systems.hybrid import DecisionReason, FlownBy
 from proxops.systems.navigation import NavigationPhase, ReturnUse
@@ -247,8 +247,9 @@ class FlightLog:
         packed = {"zlib": True, "complevel": 1, "shuffle": True}
         encoding = {name: packed for name in _PACKED if name in self.dataset}
         # The file is made in memory, because on a full disk HDF5 ends the process without an error.
-        content = self.dataset.to_netcdf(engine="h5netcdf", encoding=encoding)
-        write_whole(Path(path), lambda name: name.write_bytes(content))
+        with interruption_waits():
+            content = self.dataset.to_netcdf(engine="h5netcdf", encoding=encoding)
+            write_whole(Path(path), lambda name: name.write_bytes(content))
 
     @classmethod
     def load(cls, path: str | Path) -> FlightLog:
@@ -263,7 +264,8 @@ class FlightLog:
             raise InputError(f"{path} is not a flight log: it is a folder; give its flight.nc")
         check_log_file(path)
         try:
-            dataset = xr.load_dataset(path, engine="h5netcdf")
+            with interruption_waits():
+                dataset = xr.load_dataset(path, engine="h5netcdf")
         except Exception as error:  # Damaged files raise errors of many types.
             raise InputError(f"{path} is not a flight log: {error}") from error
         missing = [name for name in _NEEDED_VARIABLES if name not in dataset.variables]
@@ -297,7 +299,7 @@ def check_log_file(path: str | Path) -> None:
     size.
     """
     try:
-        with h5py.File(path, "r") as file:
+        with interruption_waits(), h5py.File(path, "r") as file:
             fault = _foreign_data(file)
     except Exception as error:  # Damaged files raise errors of many types.
         raise InputError(f"{path} is not a flight log: {error}") from error

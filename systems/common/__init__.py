@@ -3,9 +3,10 @@
 `InputError` says what was wrong, where, and what to do. The `check_…` functions raise it for
 arguments that make no sense. Random numbers are pure functions of a seed and a step (`generator`,
 `derived_seed`), so that no generator has to be kept in a Context; `SeededSystem` is the base of the
-systems that draw them. `write_whole` gives a file its name only when all of it is written.
-`read_bundle` reads the folder of a trained network. Read `errors` and `counter_noise` first. This
-room imports nothing else of proxops, and every other room depends on it.
+systems that draw them. `write_whole` gives a file its name only when all of it is written;
+`interruption_waits` lets Ctrl-C wait meanwhile. `read_bundle` reads the folder of a trained
+network. Read `errors` and `counter_noise` first. This room imports nothing else of proxops, and
+every other room depends on it.
 """
 
 from proxops.systems.common.bundles import MODEL_FILE, BundleKind, open_session, read_bundle
@@ -21,6 +22,7 @@ from proxops.systems.common.deviations import error_bounds
 from proxops.systems.common.directions import spread_directions
 from proxops.systems.common.errors import InputError, SolverFailure
 from proxops.systems.common.files import file_sha256, make_folder, write_whole
+from proxops.systems.common.interruption import interruption_waits
 from proxops.systems.common.progress import Progress, part_of, silent
 from proxops.systems.common.rotations import rotation_matrix
 from proxops.systems.common.seeded_system import SeededSystem
@@ -42,6 +44,7 @@ __all__ = [
     "error_bounds",
     "file_sha256",
     "generator",
+    "interruption_waits",
     "make_folder",
     "open_session",
     "part_of",
