@@ -66,7 +66,7 @@ def controller_of(variant: str, bundle: Path) -> str:
 
 def solves_saved(rows: Sequence[Row]) -> float:
     """Share of steps at which the MPC was not asked."""
-    return 1.0 - sum(row["mpc_solves"] for row in rows) / sum(row["steps"] for row in rows)
+    return 1.0 - sum(row["mpc_solves"] for row in rows) / sum(row["steps"] + 1 for row in rows)
 
 
 def delta_v_ratios(rows: Sequence[Row], matched: Sequence[Row]) -> list[float]:

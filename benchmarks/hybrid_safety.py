@@ -73,7 +73,7 @@ def along_the_surface(scenario: Scenario, body: Body) -> Diagram:
 
 def figures(rows: Sequence[Row]) -> list[str]:
     """One line of the table."""
-    solves = sum(row["mpc_solves"] for row in rows) / sum(row["steps"] for row in rows)
+    solves = sum(row["mpc_solves"] for row in rows) / sum(row["steps"] + 1 for row in rows)
     return [
         f"{sum(row['keep_out_violations'] > 0 for row in rows)}/{len(rows)}",
         f"{min(row['min_clearance_m'] for row in rows) / 1e3:.2f}",

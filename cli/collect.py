@@ -136,6 +136,10 @@ def _learned_lidar(
     source: LidarSource, bundle: Path | None, scenario: Scenario
 ) -> LearnedLidarConfig | None:
     """The network that gives the frames in the logs; None if none does."""
+    if bundle is not None and source not in (LidarSource.LEARNED, LidarSource.PAPER):
+        raise InputError(
+            f"--lidar-bundle needs --lidar {LidarSource.LEARNED.value} or {LidarSource.PAPER.value}"
+        )
     if source == LidarSource.LEARNED:
         bundle = bundle or Path("out/lidar/bundle")
         return learned_lidar_of(scenario, bundle.resolve())

@@ -35,7 +35,8 @@ def evaluate_command(
         str,
         typer.Option(
             help="Comma-separated: mpc[:BUNDLE], policy[:BUNDLE], hybrid[:BUNDLE], pd[:BUNDLE], "
-            "zero, MODULE:FACTORY."
+            "zero, MODULE:FACTORY. BUNDLE is a folder, or end-to-end: the pilot for Kleopatra that "
+            "ships."
         ),
     ] = "mpc",
     transits: Annotated[

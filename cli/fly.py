@@ -42,7 +42,8 @@ def fly_command(
         str | None,
         typer.Option(
             help="mpc[:BUNDLE] (the default is mpc), policy[:BUNDLE], hybrid[:BUNDLE], "
-            "pd[:BUNDLE], zero, or MODULE:FACTORY for your own controller."
+            "pd[:BUNDLE], zero, or MODULE:FACTORY for your own controller. BUNDLE is a folder, or "
+            "end-to-end: the pilot for Kleopatra that ships."
         ),
     ] = None,
     seed: Annotated[int | None, typer.Option(help="Seed of the set of transits.")] = None,

@@ -11,7 +11,7 @@ from proxops.cli.common import check_folder, status
 from proxops.diagrams.exchange import EPOCH, write_mcap, write_oem
 from proxops.diagrams.logs import FlightLog
 from proxops.diagrams.meshcat import write_replay
-from proxops.systems.common import make_folder
+from proxops.systems.common import InputError, make_folder
 
 
 def replay_command(
@@ -24,8 +24,9 @@ def replay_command(
         Path | None, typer.Option(help="Write the motion as a CCSDS OEM too, in an inertial frame.")
     ] = None,
     epoch: Annotated[
-        str, typer.Option(help="Of time 0 in the OEM: YYYY-MM-DDThh:mm:ss in TDB.")
-    ] = EPOCH,
+        str | None,
+        typer.Option(help=f"Of time 0 in the OEM: YYYY-MM-DDThh:mm:ss in TDB. Default: {EPOCH}."),
+    ] = None,
 ) -> None:
     """Make the replay page of a flight log, and files for other tools.
 
@@ -37,6 +38,8 @@ def replay_command(
 
       proxops replay out/flight/flight.nc --mcap flight.mcap --oem flight.oem
     """
+    if epoch is not None and oem is None:
+        raise InputError("--epoch needs --oem: no other file has a date")
     path = out or log_file.with_name("replay.html")
     wanted = [file for file in (path, mcap, oem) if file is not None]
     for file in wanted:
@@ -44,10 +47,11 @@ def replay_command(
     log = FlightLog.load(log_file)
     for file in wanted:
         make_folder(file.parent)
-    write_replay(log, path)
+    # First those that may be refused.
+    if oem is not None:
+        write_oem(log, oem, epoch or EPOCH)
     if mcap is not None:
         write_mcap(log, mcap)
-    if oem is not None:
-        write_oem(log, oem, epoch)
+    write_replay(log, path)
     for file in wanted:
         status.print(f"Wrote {file}")

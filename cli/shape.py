@@ -92,7 +92,7 @@ def shape_command(
     from proxops.diagrams.new_body import Questions
 
     if random is not None:
-        others = (mesh_file, mass, density, period, fix, body, scenario)
+        others = (mesh_file, unit, mass, density, period, fix, body, scenario)
         if any(other is not None for other in others) or align or out.suffix.lower() == ".png":
             raise InputError(
                 "--random generates mesh, density and period, and writes to a folder: give only "
@@ -106,6 +106,8 @@ def shape_command(
         raise InputError("give the mesh file, or --random SEED:NUMBER to generate a body")
     if scenario is not None and body is None:
         raise InputError("--scenario needs --body: a scenario names the YAML file of its body")
+    if name is not None and body is None:
+        raise InputError("--name needs --body: it is written there")
     if align and fix is None:
         raise InputError("--align needs --fix: it changes the mesh")
     if body is not None and ((mass is None and density is None) or period is None):

@@ -71,7 +71,9 @@ def train_command(
     ] = 0,
     device: Annotated[
         str,
-        typer.Option(help="cpu, cuda, mps or auto: the fastest device, or the cpu for our pilot."),
+        typer.Option(
+            help="cpu, cuda, mps or auto: for the paper's recipe the fastest, else the cpu."
+        ),
     ] = "auto",
     precision: Annotated[
         Precision, typer.Option(help="Precision of the arithmetic.")
@@ -107,6 +109,8 @@ def train_command(
         raise InputError("--minutes needs --recipe paper: give --epochs or --quick")
     if recipe == Recipe.ANY_BODY and data is not None:
         raise InputError(f"--recipe any-body makes its own examples: leave out {data}")
+    if recipe == Recipe.PAPER and workers is not None:
+        raise InputError("--workers is for recipes that compute plans: leave it out")
     if recipe == Recipe.PAPER:
         train, show = _paper(minutes), print_report
     elif recipe == Recipe.ANY_BODY:
@@ -132,8 +136,8 @@ def _given(data: Path | None) -> Path:
 
 
 def _of_epochs(schedule: Any, epochs: int | None) -> Any:
-    """A schedule with another number of epochs; None: with its own."""
-    return schedule if epochs is None else replace(schedule, epochs=epochs)
+    """A schedule with another number of epochs, all of which are run; None: with its own."""
+    return schedule if epochs is None else replace(schedule, epochs=epochs, patience=epochs)
 
 
 def _paper(minutes: float | None) -> Training:

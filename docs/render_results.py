@@ -30,7 +30,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from proxops.studies.beyond import BODIES, all_campaigns
+from proxops.studies.beyond import BODIES, all_campaigns, campaign_name
 from proxops.studies.scoring import ScoreRow, load_row, load_track, row_table
 
 ROOT = Path(__file__).parents[1]
@@ -115,8 +115,11 @@ def merged(known: Mapping[str, Any], content: Mapping[str, Any], commit: str) ->
     """
     version = content["proxops_version"]
     same = known["proxops_version"] == version
-    new = {name: {"commit": commit, **each} for name, each in content["campaigns"].items()}
-    campaigns = (known["campaigns"] if same else {}) | new
+    campaigns = dict(known["campaigns"] if same else {})
+    for name, each in content["campaigns"].items():
+        taken_at = campaigns.get(name, {}).get("commit", commit)
+        before = {"commit": taken_at, **each}
+        campaigns[name] = before if before == campaigns.get(name) else {"commit": commit, **each}
     paper = content["paper"] or (known["paper"] if same else None)
     return {
         "proxops_version": version,
@@ -147,7 +150,8 @@ def _entries(*flown: Mapping[str, Any]) -> str:
 
 def _at_bodies(campaigns: Campaigns) -> dict[str, Campaign]:
     """The campaigns at bodies that the policy never saw."""
-    return {name: each for name, each in campaigns.items() if name.startswith("at-")}
+    names = {campaign_name(body) for body in BODIES}
+    return {name: each for name, each in campaigns.items() if name in names}
 
 
 def _of(who: str, campaigns: Campaigns) -> list[Mapping[str, Any]]:

@@ -77,6 +77,16 @@ def test_values() -> None:
         assert math.isnan(gate.compare(one, np.zeros(3)).angle)
 
 
+@pytest.mark.parametrize("value", [math.nan, math.inf])
+def test_forces_that_are_not_finite_never_agree(value: float) -> None:
+    wrong = np.array([value, 0.0, 0.0])
+    for gate in GATES.values():
+        for other in (np.array([0.1, 0.0, 0.0]), np.array([3.0, 0.0, 0.0]), wrong):
+            with np.errstate(invalid="ignore"):
+                assert not gate.compare(other, wrong).agrees
+                assert not gate.compare(wrong, other).agrees
+
+
 def test_dead_band_alone() -> None:
     """Below it two forces agree even where no other test would pass."""
     gate = AgreementGate(magnitude=0.0, angle=0.0, dead_band=0.2)

@@ -15,11 +15,13 @@ from typing import Any
 
 import psutil
 import pytest
-from short_flights import BRIEF, short_scenario
+from short_flights import BRIEF, kleopatra, short_scenario, write_blob
 
 from proxops.diagrams.flight import Workers, campaign
-from proxops.diagrams.flight.campaign import Flight, run_campaign, transit_flights
+from proxops.diagrams.flight.campaign import Flight, provenance, run_campaign, transit_flights
+from proxops.diagrams.flight.named_controllers import named_controller
 from proxops.diagrams.logs.flight_log import FlightLog
+from proxops.diagrams.scenario.navigation_config import LidarNavigationConfig
 from proxops.diagrams.scenario.scenario import parse_scenario
 from proxops.diagrams.scenario.scenario_config import Scenario
 from proxops.diagrams.scenario.transits import transit_set
@@ -310,3 +312,50 @@ def test_killed_with_workers_and_run_again(tmp_path: Path, flown: list[str]) -> 
     killed_campaign(tmp_path, made, workers=2, finished=3)
     time.sleep(8.0)  # The orphaned workers notice, and end.
     finish(tmp_path, made, flown)
+
+
+# --- what flights depend on -----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("processes", [0, -1])
+def test_no_processes_are_refused(processes: int) -> None:
+    with pytest.raises(InputError, match="at least 1 process"):
+        Workers(processes)
+
+
+def test_the_navigation_s_map_counts(tmp_path: Path) -> None:
+    """A mended map is written to the same file again and again."""
+    path = tmp_path / "mended.obj"
+    path.write_text("# only its content counts\n")
+    scenario = brief()
+    scenario.navigation = LidarNavigationConfig(map=str(path))
+    origins = [provenance(scenario, kleopatra(), "mpc")]
+    path.with_suffix(".npz").write_bytes(b"errors of the map")
+    origins.append(provenance(scenario, kleopatra(), "mpc"))
+    path.write_text(path.read_text() + "# mended again\n")
+    origins.append(provenance(scenario, kleopatra(), "mpc"))
+    assert len(set(origins)) == 3
+
+
+def test_a_body_s_file_that_changed_is_read_again(tmp_path: Path) -> None:
+    """A notebook's process flies at what the file holds now."""
+    for mass in (2.97e18, 3.3e18):
+        scenario = dc.replace(brief(), body=write_blob(tmp_path, mass_kg=mass))
+        (flight,) = transit_flights(scenario, "zero", 0, 1)
+        assert campaign._body_of(flight, scenario).gravity_field.mass == mass
+
+
+def test_a_controller_that_changed_is_imported_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    forces = []
+    for force in (1.0, 2.0):
+        Path("own_for_test.py").write_text(
+            "from pydrake.systems.primitives import ConstantVectorSource\n"
+            "def make(scenario, body):\n"
+            f"    return ConstantVectorSource([{force}, 0.0, 0.0])\n"
+        )
+        made = named_controller("own_for_test:make", brief(), kleopatra())
+        forces.append(made.GetOutputPort("y0").Eval(made.CreateDefaultContext())[0])
+    assert forces == [1.0, 2.0]

@@ -61,6 +61,21 @@ def test_propellant_counts_as_mass(tmp_path: Path) -> None:
     assert bounds_of(f"assurance={{bounds: {path}}}").mass == pytest.approx(burnt)
 
 
+def test_propellant_of_the_worst_thruster_counts(tmp_path: Path) -> None:
+    path = write(tmp_path, "truth.specific_impulse_s: {uniform: [100.0, 300.0]}\n")
+    burnt = 1.0 - math.exp(-6.0 * 40.0 / (9.80665 * 100.0))
+    assert bounds_of(f"assurance={{bounds: {path}}}").mass == pytest.approx(burnt)
+
+
+def test_a_surface_too_rough_for_the_mesh_still_counts(tmp_path: Path) -> None:
+    """The draws that are not refused are as rough as the mesh permits."""
+    contrast = "truth.density_contrast: {uniform: [-0.1, 0.1]}\n"
+    smooth = bounds_of(f"assurance={{bounds: {write(tmp_path, contrast, 'smooth.yaml')}}}")
+    text = contrast + "truth.surface_rms_m: {half_normal: 0.0, three_sigma: 4.0e4}\n"
+    rough = bounds_of(f"assurance={{bounds: {write(tmp_path, text)}, deviations: 4}}")
+    assert rough.acceleration > smooth.acceleration > 0.0
+
+
 def test_what_changes_gravity_and_surface(tmp_path: Path) -> None:
     """A density contrast of 1 % changes gravity by less than a slab of it, and by more than 0."""
     text = "truth.density_contrast: {uniform: [-0.01, 0.01]}\ntruth.size: {uniform: [0.99, 1.0]}\n"

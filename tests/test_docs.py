@@ -204,7 +204,8 @@ def working_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path / "minari"))
     (tmp_path / "out" / "flight").mkdir(parents=True)
     synthetic_log().to_netcdf(tmp_path / "out" / "flight" / "flight.nc")  # `make fly` leaves it.
-    copy_flights(tmp_path / "out").rename(tmp_path / "out" / "flights")
+    (tmp_path / "out" / "full").mkdir()
+    copy_flights(tmp_path / "out").rename(tmp_path / "out" / "full" / "flights")
     return tmp_path
 
 
@@ -222,6 +223,7 @@ def test_every_command_in_brief(
     for bundle in ("policy", "dagger/bundle"):
         write_policy(working_folder / "out" / bundle, DeadReckoning())
     write_guidance(working_folder / "out" / "any-body" / "bundle")
+    (working_folder / "out" / "full").rename(working_folder / "out" / "kept")
     run_already = set()
     for line in dict.fromkeys(line for _, line in proxops_lines()):
         words = shlex.split(line, comments=True)[1:]
@@ -230,7 +232,7 @@ def test_every_command_in_brief(
         if words[0] == "train":
             if "paper" not in words:
                 continue  # As what is in NOT_HERE.
-            words[1] = str(working_folder / "out" / "flights")
+            words[1] = str(working_folder / "out" / "kept" / "flights")
         brief = words if words[0].startswith("--") else in_brief(words)
         monkeypatch.setattr(sys, "argv", ["proxops", *brief])
         with pytest.raises(SystemExit) as end:

@@ -48,7 +48,7 @@ def row(**changes: Any) -> dict[str, Any]:
         "controller": "mpc", "seed": 1, "transit": 0, "success": True, "success_2km": True,
         "collided": False, "keep_out_violations": 0, "min_clearance_m": 3000.0,
         "terminal_position_error_m": 1.0, "terminal_speed_m_s": 0.1, "arrival_time_s": 4000.0,
-        "delta_v_m_s": 150.0, "hold_delta_v_m_s": 10.0, "steps": 460, "mpc_solves": 460,
+        "delta_v_m_s": 150.0, "hold_delta_v_m_s": 10.0, "steps": 459, "mpc_solves": 460,
         "policy_share": 0.0, "control_ms_median": 4.0, "control_ms_p99": 8.0,
         "control_ms_mean": 5.0, "policy_share_to_arrival": 0.0, "wall_s": 3.0,
         "scenario_sha256": "0" * 64, "policy_sha256": None,

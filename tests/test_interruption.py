@@ -91,7 +91,8 @@ def test_is_never_lost_at_a_log(tmp_path: Path, what: str) -> None:
     work()
     seconds = time.perf_counter() - begun
 
-    def work_on() -> None:
+    def work_on(interrupt: threading.Timer) -> None:
+        interrupt.start()
         until = time.monotonic() + 20.0
         while time.monotonic() < until:
             work()
@@ -100,8 +101,7 @@ def test_is_never_lost_at_a_log(tmp_path: Path, what: str) -> None:
     for _ in range(20):
         wait = chance.uniform(0.0, seconds)
         interrupt = threading.Timer(wait, os.kill, (os.getpid(), signal.SIGINT))
-        interrupt.start()
         with pytest.raises(KeyboardInterrupt):
-            work_on()
+            work_on(interrupt)
         interrupt.join()
         FlightLog.load(path)

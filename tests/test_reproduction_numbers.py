@@ -20,7 +20,7 @@ from proxops.studies.reproduction.numbers import (
 
 def row(**changes: Any) -> dict[str, Any]:
     nothing = {"policy_s": 0.0, "policy_s_median": None, "decision_s": 0.0}
-    mpc = {"steps": 100, "mpc_solves": 100, "solve_s": 1.0, "solve_s_median": 0.009}
+    mpc = {"steps": 99, "mpc_solves": 100, "solve_s": 1.0, "solve_s_median": 0.009}
     return {**mpc, **nothing, "blind_steps": 0, "checks": 0, "agreed": 0, **changes}
 
 
@@ -43,7 +43,7 @@ def test_gain_of_the_policy_alone_and_of_none() -> None:
 
 
 def test_costs_of_known_times() -> None:
-    results = {"mpc": {"flights": [row(), row(steps=300, mpc_solves=300, solve_s=3.0)]},
+    results = {"mpc": {"flights": [row(), row(steps=299, mpc_solves=300, solve_s=3.0)]},
                "hybrid": {"flights": [HYBRID]}}  # fmt: skip
     found = costs(results, "hybrid")
     assert found["saved"] == pytest.approx(0.8)

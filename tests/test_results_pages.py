@@ -43,12 +43,13 @@ def test_tables_are_those_of_the_sources(page: Path) -> None:
 
 def test_a_changed_figure_is_found() -> None:
     page = _place("results.json", "bodies")
-    before = render.rendered(page, SOURCES)
+    sources = dataclasses.replace(SOURCES, results=results_with_all())
+    before = render.rendered(page, sources)
     assert before.count("\n| ") > 3
-    changed = json.loads(json.dumps(SOURCES.results))
+    changed = json.loads(json.dumps(sources.results))
     changed["campaigns"]["at-20-0"]["controllers"]["policy"]["keep_out_violations"] += 7
-    assert render.rendered(before, dataclasses.replace(SOURCES, results=changed)) != before
-    assert render.rendered(before, SOURCES) == before
+    assert render.rendered(before, dataclasses.replace(sources, results=changed)) != before
+    assert render.rendered(before, sources) == before
 
 
 def test_every_campaign_can_be_shown_and_be_missing() -> None:
@@ -174,18 +175,21 @@ def test_no_definition_is_left_over() -> None:
 
 def test_results_of_two_runs_become_one() -> None:
     """Campaigns of the same version are kept, with their own commits; those of another are not."""
+    old = {"commit": "old", "seed": 1}
     known = {
         "proxops_version": "1.2.0",
         "paper": {"figure": 1},
-        "campaigns": {"at-20-10": {"commit": "old"}, "flagship": {"commit": "old"}},
+        "campaigns": {"at-20-10": old, "flagship": old, "navigation": old},
     }
-    new = {"proxops_version": "1.2.0", "paper": None, "campaigns": {"at-20-9": {}, "flagship": {}}}
+    campaigns = {"at-20-9": {"seed": 1}, "flagship": {"seed": 2}, "navigation": {"seed": 1}}
+    new = {"proxops_version": "1.2.0", "paper": None, "campaigns": campaigns}
     both = render.merged(known, new, "new")
-    assert list(both["campaigns"]) == ["flagship", "at-20-9", "at-20-10"]
-    assert [each["commit"] for each in both["campaigns"].values()] == ["new", "new", "old"]
+    assert list(both["campaigns"]) == ["flagship", "navigation", "at-20-9", "at-20-10"]
+    commits = [each["commit"] for each in both["campaigns"].values()]
+    assert commits == ["new", "old", "new", "old"], "what did not change keeps its commit"
     assert both["paper"] == {"figure": 1}
     later = render.merged(known, new | {"proxops_version": "1.3.0"}, "new")
-    assert list(later["campaigns"]) == ["flagship", "at-20-9"]
+    assert list(later["campaigns"]) == ["flagship", "navigation", "at-20-9"]
     assert later["paper"] is None
 
 

@@ -55,6 +55,8 @@ def scenarios(draw: st.DrawFn) -> Scenario:
     disturbance = st.builds(RandomWalkDisturbanceConfig, positive, not_negative, not_negative)
     expected = st.builds(ExpectedErrorsConfig, attitude_deg=st.floats(0.0, 11.0), gravity=positive)
     bounds = st.builds(AssuranceBoundsConfig, surface_m=not_negative)
+    bounds = st.none() | st.just("after_survey") | bounds
+    assurance = draw(st.none() | st.builds(AssuranceConfig, bounds, not_negative))
     return Scenario(
         body=draw(st.text(st.characters(categories=["L", "N", "P", "Zs"]), min_size=1)),
         spacecraft=draw(st.builds(SpacecraftConfig, positive, positive, positive)),
@@ -80,7 +82,8 @@ def scenarios(draw: st.DrawFn) -> Scenario:
                 positive,
                 not_negative,
                 st.booleans(),
-                st.floats(0.0, 1.0),
+                # Runtime assurance is refused with the MPC's estimator.
+                st.floats(0.0, 1.0) if assurance is None else st.just(0.0),
                 st.integers(1, 1000),
             )
         ),
@@ -90,10 +93,7 @@ def scenarios(draw: st.DrawFn) -> Scenario:
             thrusters=TrueThrustersConfig(scale=[draw(positive) for _ in range(3)]),
             specific_impulse_s=draw(st.none() | positive),
         ),
-        assurance=draw(
-            st.none()
-            | st.builds(AssuranceConfig, st.none() | st.just("after_survey") | bounds, not_negative)
-        ),
+        assurance=assurance,
         disturbance=draw(st.none() | disturbance),
         transit=TransitConfig(
             seed=draw(st.integers(0, 2**63 - 1)),
@@ -381,6 +381,7 @@ def test_zero_where_it_makes_sense(key: str) -> None:
         (["transit.start_m=[1, 2, 3]"], "transit needs both start_m and goal_m, or neither"),
         (["transit.start_m=[1, 2, 3]", "transit.goal_m=[1, 2]"], "goal_m must be three numbers"),
         (["transit.start_m=[1, 2, .nan]", "transit.goal_m=[1, 2, 3]"], "start_m must be three"),
+        (["mpc.estimator_gain=0.1", "assurance={}"], "leave out assurance or the estimator"),
     ],
 )
 def test_values_that_do_not_fit_each_other(overrides: list[str], complaint: str) -> None:

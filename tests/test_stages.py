@@ -1,6 +1,8 @@
 """Stages: done once for the same inputs, anew for others, gone on with when interrupted."""
 
 import json
+import shutil
+import time
 from pathlib import Path
 from typing import Any
 
@@ -52,9 +54,23 @@ def test_interrupted_stage_finds_its_folder(tmp_path: Path) -> None:
     assert not stage.skipped
 
 
+def test_wall_time_counts_all_runs(tmp_path: Path) -> None:
+    class Slow(Work):
+        def __call__(self, folder: Path, tell: Progress) -> dict[str, Any]:
+            time.sleep(0.2)
+            return super().__call__(folder, tell)
+
+    work = Slow(failures=2)
+    for _ in range(2):
+        with pytest.raises(KeyboardInterrupt):
+            Stages(tmp_path).run("fly", {}, work)
+    assert Stages(tmp_path).run("fly", {}, work).wall_s >= 0.6
+    assert Stages(tmp_path).run("fly", {}, work).wall_s >= 0.6
+
+
 def test_stage_whose_folder_is_gone_is_worked_on(tmp_path: Path) -> None:
     work = Work()
-    Stages(tmp_path).run("fly", {}, work).folder.rmdir()
+    shutil.rmtree(Stages(tmp_path).run("fly", {}, work).folder)
     assert Stages(tmp_path).latest("fly") is None
     assert not Stages(tmp_path).run("fly", {}, work).skipped
 

@@ -58,9 +58,12 @@ def write_oem(log: FlightLog, path: str | Path, epoch: str = EPOCH) -> None:
 
 def _parsed(epoch: str) -> datetime.datetime:
     try:
-        return datetime.datetime.fromisoformat(epoch).replace(tzinfo=None)
+        parsed = datetime.datetime.fromisoformat(epoch)
     except ValueError as error:
         raise InputError(f"the epoch must be YYYY-MM-DDThh:mm:ss, got {epoch!r}") from error
+    if parsed.tzinfo is not None:
+        raise InputError(f"the epoch is in TDB: give it without a time zone, not {epoch!r}")
+    return parsed
 
 
 def _text(start: datetime.datetime, time: float) -> str:

@@ -25,6 +25,7 @@ from proxops.diagrams.scenario import (
     Body,
     BodyConfig,
     LearnedLidarConfig,
+    LidarNavigationConfig,
     Scenario,
     UnflyableWorldError,
     dispersed_values,
@@ -36,6 +37,7 @@ from proxops.diagrams.scenario import (
 )
 from proxops.systems.common import InputError, file_sha256, make_folder, write_whole
 from proxops.systems.lidar import LidarBundle
+from proxops.systems.navigation import map_files
 
 # Greatest number of letters of a controller's name that a file's name contains.
 _LONGEST_LABEL = 60
@@ -60,10 +62,10 @@ class Flight:
     controller: str
     """Name of the controller, as `named_controller` takes it."""
     provenance: str
-    """The version of proxops and the hash of the body; also the hashes of the true mesh's file, of
-    the bundles of a learned lidar and of a policy, and of the file of a controller MODULE:FACTORY,
-    where the flight uses them. A campaign uses a stored flight again only if its provenance is the
-    same."""
+    """The version of proxops and the hash of the body; also the hashes of the files of a true
+    mesh and of the navigation's map, of the bundles of a learned lidar and of a policy, and of the
+    file of a controller MODULE:FACTORY, where the flight uses them. A campaign uses a stored flight
+    again only if its provenance is the same."""
 
 
 def body_sha256(body: Body) -> str:
@@ -86,6 +88,9 @@ def provenance(scenario: Scenario, body: Body, controller: str) -> str:
     origin = version_and_body(body)
     if scenario.truth.mesh is not None:
         origin += f", true mesh {file_sha256(Path(scenario.truth.mesh))}"
+    if isinstance(scenario.navigation, LidarNavigationConfig) and scenario.navigation.map:
+        for path in map_files(Path(scenario.navigation.map)):
+            origin += f", map {file_sha256(path)}"
     if isinstance(scenario.lidar, LearnedLidarConfig):
         origin += f", lidar {LidarBundle.load(scenario.lidar.bundle).sha256}"
     bundle = bundle_of(controller, scenario)
@@ -235,7 +240,7 @@ def _fly_one(
         scenario = parse_scenario(flight.scenario)
         path = folder / f"{flight.name}.nc" if keep_logs else None
         try:
-            log = fly(scenario, flight.controller, body=_body(scenario.body, scenario.gravity))
+            log = fly(scenario, flight.controller, body=_body_of(flight, scenario))
         except UnflyableWorldError as error:
             row = _unflyable(flight, scenario, error)
         else:
@@ -277,10 +282,16 @@ def _make_tables(flights: Iterable[Flight]) -> None:
         assert _body(scenario.body, scenario.gravity).gravity_field.mass > 0.0
 
 
-# Each worker loads the body only once, because loading it takes long.
+# Each worker loads the body only once, because loading it takes long. Where the file has changed,
+# the origin of the flights has, too.
 @functools.lru_cache(maxsize=1)
-def _body(name: str, gravity: str) -> Body:
+def _body(name: str, gravity: str, origin: str) -> Body:
     return load_body(name).with_gravity(gravity)
+
+
+def _body_of(flight: Flight, scenario: Scenario) -> Body:
+    version_and_body = ", ".join(flight.provenance.split(", ")[:2])
+    return _body(scenario.body, scenario.gravity, version_and_body)
 
 
 def _finished(flight: Flight, folder: Path, keep_logs: bool) -> Row | None:

@@ -6,6 +6,7 @@ import ast
 import contextlib
 import importlib.util
 import sys
+import types
 from collections.abc import Generator
 from pathlib import Path
 
@@ -23,7 +24,10 @@ from proxops.diagrams.flight.scenario_systems import (
     make_proportional_derivative,
 )
 from proxops.diagrams.scenario import Body, Scenario
-from proxops.systems.common import InputError
+from proxops.systems.common import InputError, file_sha256
+
+# Name of the attribute that holds the hash of a module when it was imported.
+_DIGEST = "_proxops_sha256"
 
 
 def named_controller(name: str, scenario: Scenario, body: Body) -> System:
@@ -60,13 +64,25 @@ def named_controller(name: str, scenario: Scenario, body: Body) -> System:
         )
     try:
         with _working_directory_importable():
-            factory = getattr(importlib.import_module(module_name), factory_name)
+            factory = getattr(_module(module_name), factory_name)
             controller = factory(scenario, body)
     except Exception as error:
         raise InputError(f"controller {name!r}: {type(error).__name__}: {error}") from error
     if not isinstance(controller, System):
         raise InputError(f"controller {name!r} made a {type(controller).__name__}, not a System")
     return controller
+
+
+def _module(name: str) -> types.ModuleType:
+    """A module as its file is now: in a notebook it may have been changed after it was imported."""
+    module = importlib.import_module(name)
+    file = getattr(module, "__file__", None)
+    if file is not None:
+        digest = file_sha256(Path(file))
+        if vars(module).get(_DIGEST, digest) != digest:
+            module = importlib.reload(module)
+        setattr(module, _DIGEST, digest)
+    return module
 
 
 def controller_files(name: str) -> list[Path]:

@@ -47,6 +47,11 @@ class Workers:
     of this machine under the same paths. Each worker should have one thread."""
     progress: Progress = silent
 
+    def __post_init__(self) -> None:
+        """Raises `InputError` if the number of processes is not at least 1."""
+        if self.processes is not None and self.processes < 1:
+            raise InputError(f"Workers needs at least 1 process, got {self.processes}")
+
     def results(
         self, pieces: Sequence[Work], task: Callable[[Work], Result]
     ) -> Generator[tuple[str, Result]]:

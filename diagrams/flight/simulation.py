@@ -77,35 +77,37 @@ def fly(
     if isinstance(controller, str):
         controller = named_controller(controller, believed(scenario), body)
     diagram = make_transit_diagram(scenario, controller, meshcat, body, true_body)
-    simulator = make_simulator(diagram, scenario)
-    if meshcat is not None:
-        simulator.set_target_realtime_rate(PLAYBACK_SPEED)  # A person can follow it.
-    latest = scenario.arrival.deadline_s + scenario.arrival.dwell_s
-    frames = KeptFrames(diagram, scenario.control_period_s) if scenario.log_ranges else None
+    try:
+        simulator = make_simulator(diagram, scenario)
+        if meshcat is not None:
+            simulator.set_target_realtime_rate(PLAYBACK_SPEED)  # A person can follow it.
+        latest = scenario.arrival.deadline_s + scenario.arrival.dwell_s
+        frames = KeptFrames(diagram, scenario.control_period_s) if scenario.log_ranges else None
 
-    def monitor(context: Context) -> EventStatus:
+        def monitor(context: Context) -> EventStatus:
+            if frames is not None:
+                frames.keep(context)
+            progress(context.get_time() / latest, f"{context.get_time():.0f} s")
+            return EventStatus.DidNothing()
+
+        if frames is not None or progress is not silent:
+            monitor(simulator.get_context())  # The start.
+            simulator.set_monitor(monitor)
+        started = time.perf_counter()
+        status = simulator.AdvanceTo(latest)
+        if status.reason() == SimulatorStatus.ReturnReason.kEventHandlerFailed:
+            raise RuntimeError(status.FormatMessage())
+        context = simulator.get_context()
         if frames is not None:
-            frames.keep(context)
-        progress(context.get_time() / latest, f"{context.get_time():.0f} s")
-        return EventStatus.DidNothing()
-
-    if frames is not None or progress is not silent:
-        monitor(simulator.get_context())  # The start.
-        simulator.set_monitor(monitor)
-    started = time.perf_counter()
-    status = simulator.AdvanceTo(latest)
-    if status.reason() == SimulatorStatus.ReturnReason.kEventHandlerFailed:
-        raise RuntimeError(status.FormatMessage())
-    context = simulator.get_context()
-    if frames is not None:
-        frames.keep_end(context)
-    flown = Flown(diagram, context, scenario, body, true_body, controller, name, frames)
-    log = make_log(flown, time.perf_counter() - started)
-    if meshcat is not None:
-        add_flight(meshcat, log)  # The replay.
-    if finished is not None:
-        finished(diagram, context)
-    let_go(diagram, None if own else controller)
+            frames.keep_end(context)
+        flown = Flown(diagram, context, scenario, body, true_body, controller, name, frames)
+        log = make_log(flown, time.perf_counter() - started)
+        if meshcat is not None:
+            add_flight(meshcat, log)  # The replay.
+        if finished is not None:
+            finished(diagram, context)
+    finally:
+        let_go(diagram, None if own else controller)
     return log
 
 

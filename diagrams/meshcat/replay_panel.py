@@ -169,8 +169,6 @@ _PAGE = """
 # Length in m up to which the curve of margins is linear, and the deepest and highest that it shows.
 _NEAR, _DEEPEST, _HIGHEST = 200.0, 2e3, 1e9
 _PASSES = "#ffffff"
-# A list of what differs that has more lines is shown when it is asked for.
-_MOST_OPEN = 8
 _NUMBERS = {
     "clock": "time",
     "range": "goal",

@@ -46,8 +46,8 @@ def examine(file: MeshFile, asked: Questions) -> ShapeReport:
       asked: mass, density, period and margins, as far as they are known.
 
     Raises:
-      InputError: the mass, density, period or margin is not positive, or mass and density are both
-        given.
+      InputError: the mass, density or period is not positive, the margin is negative, or mass and
+        density are both given.
     """
     _check(asked)
     vertices, facets = file.vertices, file.facets
@@ -151,6 +151,8 @@ def _check(asked: Questions) -> None:
         value = getattr(asked, name)
         if value is not None and not (np.isfinite(value) and value > 0.0):
             raise InputError(f"{name} must be positive, got {value}")
+    if not asked.margin >= 0.0:
+        raise InputError(f"margin must not be negative, got {asked.margin}")
 
 
 def _unit_defects(report: ShapeReport, size: float) -> list[Defect]:

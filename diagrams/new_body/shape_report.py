@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from proxops.diagrams.scenario import Body
-from proxops.systems.gravity import GRAVITATIONAL_CONSTANT
+from proxops.systems.gravity import synchronous_radius
 from proxops.systems.shapes import Defect, EnclosingEllipsoid, MassProperties, MeshFile
 
 SLIVER_ANGLE = 1.0
@@ -91,7 +91,7 @@ class ShapeReport:
         if self.mass is None or self.questions.rotation_period_h is None:
             return None
         spin = 2.0 * np.pi / (3600.0 * self.questions.rotation_period_h)
-        return float(np.cbrt(GRAVITATIONAL_CONSTANT * self.mass / spin**2))
+        return synchronous_radius(self.mass, spin)
 
     def to_dict(self) -> dict[str, typing.Any]:
         """Gives all findings as values that JSON can hold; lengths are in m."""

@@ -58,6 +58,8 @@ _NO_MATTER = (
     "disturbance.reset_period_s",
     "disturbance.increment_std_n",
 )
+# A surface that is too rough for the mesh is tried with half the roughness, so often.
+_MOST_HALVINGS = 6
 # Each bound in words, with what it is multiplied by, and the unit.
 _WORDS = {
     "gravity": ("gravity", 100.0, " %"),
@@ -237,10 +239,10 @@ def _mass(reach: Reach, velocity_change: float) -> float:
     """The greatest error of the mass, over it, after as much propellant as a flight may burn."""
     error = reach("truth.mass", 1.0) or 0.0
     left = 1.0
-    impulse = reach("truth.specific_impulse_s", 0.0)
-    if impulse:
-        # The reach is the greatest impulse; dispersions give one value, not a range.
-        left = math.exp(-velocity_change / (STANDARD_GRAVITY * impulse))
+    greatest = reach("truth.specific_impulse_s", 0.0)
+    if greatest:
+        least = greatest - (reach("truth.specific_impulse_s", greatest) or 0.0)
+        left = math.exp(-velocity_change / (STANDARD_GRAVITY * least))
     return max(error, 1.0 - (1.0 - error) * left)
 
 
@@ -294,13 +296,24 @@ def _gravity_differences(
     for seed in range(_WORLDS):
         # All four pairs of ends.
         denser, larger = 1.0 - 2.0 * (seed % 2), 1.0 - 2.0 * (seed // 2 % 2)
-        try:
-            surface = displaced(shape, rms, correlation, seed)
-        except InputError:  # No flight has such a surface.
-            continue
+        surface = _rough(shape, rms, correlation, seed)
         surface = Polyhedron((1.0 + larger * size) * surface.vertices, surface.facets)
         field = GravityField(surface, mass=mass, contrast=denser * contrast)
         true = field.evaluate(places).acceleration
         greatest = max(greatest, float(np.abs(true - believed).max()))
         shift = max(shift, float(np.linalg.norm(field.centre_of_mass)))
     return _GAPS * greatest, _GAPS * shift
+
+
+def _rough(shape: Polyhedron, rms: float, correlation: float, seed: int) -> Polyhedron:
+    """The roughest surface of a seed that a flight can have: where `rms` is too rough, of less."""
+    for halvings in range(_MOST_HALVINGS):
+        try:
+            return displaced(shape, rms / 2**halvings, correlation, seed)
+        except InputError:
+            continue
+    raise InputError(
+        f"truth.surface_rms_m is up to {rms:g} m, with which the surface of {shape.name} is not "
+        "sound, so its gravity cannot be bounded: give bounds, such as assurance.bounds={}, or "
+        "less roughness"
+    )

@@ -21,7 +21,7 @@ from proxops.diagrams.scenario.declared_bounds import (
     in_si,
     own_values,
 )
-from proxops.diagrams.scenario.distributions import Distribution, Fixed, parse_distribution
+from proxops.diagrams.scenario.distributions import Choice, Distribution, Fixed, parse_distribution
 from proxops.diagrams.scenario.limits import check_limits, limits_of
 from proxops.diagrams.scenario.navigation_config import LidarNavigationConfig
 from proxops.diagrams.scenario.scenario_checks import check_scenario
@@ -32,7 +32,7 @@ from proxops.diagrams.scenario.scenario_config import (
 )
 from proxops.diagrams.scenario.told_errors import errors_of_dispersions
 from proxops.diagrams.scenario.transits import scenario_transit
-from proxops.diagrams.scenario.typed_yaml import load_typed, read_mapping
+from proxops.diagrams.scenario.typed_yaml import fits, in_words, load_typed, read_mapping
 from proxops.systems.assurance import AssuranceBounds
 from proxops.systems.common import InputError, derived_seed, generator
 
@@ -332,6 +332,11 @@ def check_dispersions(
       InputError: one can; the message gives the key, the bound and the limit.
     """
     for each in dispersions:
+        if each.times == "value" and not (is_number(now := _get(scenario, each.key)) and now):
+            raise InputError(
+                f"{scenario.dispersions}: {each.key} has times: value, but its value is {now!r}: "
+                "give the values themselves"
+            )
         bounds, limits = each.distribution.bounds(), each.limits
         if bounds is None or limits is None:
             continue
@@ -371,15 +376,35 @@ def _uniform(seed: int, index: int, key: str, component: int) -> float:
 
 def _parse(key: str, entry: typing.Any) -> Dispersion:
     if not isinstance(entry, dict):
+        _check_values(key, Fixed(entry))
         return Dispersion(key, Fixed(entry))
     parameters = {name: value for name, value in entry.items() if name not in ("times", "source")}
     distribution = parse_distribution(parameters)
+    _check_values(key, distribution)
     times = entry.get("times")
     if times not in (None, *_TIMES):
         raise InputError(f"has times: {times}, which must be one of {', '.join(_TIMES)}")
     if times == "value" and Dispersion(key, distribution).size is not None:
         raise InputError("is a list, which cannot be dispersed as a multiple of its value")
     return Dispersion(key, distribution, times, str(entry.get("source", "")))
+
+
+def _check_values(key: str, distribution: Distribution) -> None:
+    """Raises `InputError` if a value may be drawn that the scenario's key does not take."""
+    kind = _field(key).type
+    # Of a list, each number is drawn by itself.
+    options = typing.get_args(kind) or (kind,)
+    if isinstance(distribution, Fixed | Choice):
+        values = [distribution.same] if isinstance(distribution, Fixed) else distribution.values
+    else:
+        values = [0.5]
+        options = [float if option is int else option for option in options]  # It is rounded.
+    for value in values:
+        if not any(fits(value, option) for option in options):
+            wanted = " or ".join(map(in_words, options))
+            each = " for each number of the list" if typing.get_origin(kind) is list else ""
+            got = f", got {value!r}" if isinstance(distribution, Fixed | Choice) else ""
+            raise InputError(f"needs {wanted}{each}{got}")
 
 
 def _check_key(key: str, source: str) -> None:

@@ -48,6 +48,8 @@ def load_scenario(
         tree.setdefault("navigation", {"_tag": "!TrueState"})
     scenario = load_typed(Scenario, tree, source)
     check_scenario(scenario, source)
+    if _is_path(scenario.body):
+        scenario.body = str(Path(scenario.body).resolve())
     if isinstance(scenario.lidar, LearnedLidarConfig):
         scenario.lidar.bundle = str(Path(scenario.lidar.bundle).resolve())
     if scenario.policy.bundle is not None:

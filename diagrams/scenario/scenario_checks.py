@@ -40,6 +40,11 @@ def _times(scenario: Scenario) -> Iterator[str]:
             "mpc.solve_delay_s must be from 0 to control_period_s, "
             f"got {scenario.mpc.solve_delay_s}"
         )
+    if scenario.mpc.estimator_gain > 0.0 and scenario.assurance is not None:
+        yield (
+            "mpc.estimator_gain takes what runtime assurance changes in a command for an "
+            "acceleration that nothing explains: leave out assurance or the estimator"
+        )
     kicks = scenario.kicks
     if kicks is not None and kicks.mean_interval_s < period:
         yield (

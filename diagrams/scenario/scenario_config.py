@@ -131,8 +131,8 @@ class PolicyConfig:
     # with proxops.
     bundle: str | None = None
     # Of a policy for any body (see `proxops.systems.GuidancePolicy`): what the semi-axes of the
-    # ellipsoid that it keeps out of are longer by than those of the keep-out. null means twice
-    # mpc.keep_out_margin_m.
+    # ellipsoid that it keeps out of are longer by than those of the keep-out. null means three
+    # times mpc.keep_out_margin_m.
     margin_m: float | None = number(None, at_least=0.0, at_most=1e9, unit="m")
     # Whether it may fly where body or spacecraft lie outside of what it learned.
     beyond_family: bool = False

@@ -156,8 +156,8 @@ def _check_tree(schema: type, tree: dict[str, typing.Any], source: str, key: str
             _check_tree(chosen, value, source, path)
             if str in options:  # pydrake takes a mapping without a tag for a text.
                 value["_tag"] = f"!{chosen.__name__}"
-        elif not any(_fits(value, option) for option in options):
-            wanted = "`key: value` lines" if nested else " or ".join(map(_in_words, options))
+        elif not any(fits(value, option) for option in options):
+            wanted = "`key: value` lines" if nested else " or ".join(map(in_words, options))
             wanted = f"a text or {wanted}" if nested and str in options else wanted
             raise InputError(f"{source}: {path} needs {wanted}, got {reprlib.repr(value)}")
 
@@ -178,7 +178,7 @@ def _choose(options: list[type], tree: dict[str, typing.Any], where: str) -> typ
     return options[names.index(tag)]
 
 
-def _fits(value: typing.Any, schema: typing.Any) -> bool:
+def fits(value: typing.Any, schema: typing.Any) -> bool:
     """Tells whether a YAML value fits the type `schema`; pydrake judges types not named here."""
     if schema is float and isinstance(value, str):  # YAML 1.1 reads 1e3 as text.
         try:
@@ -187,15 +187,24 @@ def _fits(value: typing.Any, schema: typing.Any) -> bool:
             return False
     if typing.get_origin(schema) is list:
         (item,) = typing.get_args(schema)
-        return isinstance(value, list) and all(_fits(element, item) for element in value)
+        return isinstance(value, list) and all(fits(element, item) for element in value)
+    if schema is bool:
+        return isinstance(value, bool)
     kinds = {float: (int, float), int: int, str: str, type(None): type(None)}
     if schema in kinds:
         return isinstance(value, kinds[schema]) and not isinstance(value, bool)
     return not dc.is_dataclass(schema)
 
 
-def _in_words(schema: typing.Any) -> str:
-    words = {float: "a number", int: "a whole number", str: "a text", type(None): "null"}
+def in_words(schema: typing.Any) -> str:
+    """What a value of a type is called in messages."""
+    words = {
+        bool: "true or false",
+        float: "a number",
+        int: "a whole number",
+        str: "a text",
+        type(None): "null",
+    }
     if typing.get_origin(schema) is list:
-        return "a list, each " + _in_words(typing.get_args(schema)[0])
+        return "a list, each " + in_words(typing.get_args(schema)[0])
     return words.get(schema, str(schema))

@@ -4,7 +4,13 @@ Start with `all_campaigns`, the list of what is flown, then read `fly_and_tell`.
 into `campaigns`, and a new section of the report into `report`.
 """
 
-from proxops.studies.beyond.campaigns import BODIES, PARTS, Campaign, all_campaigns
+from proxops.studies.beyond.campaigns import (
+    BODIES,
+    PARTS,
+    Campaign,
+    all_campaigns,
+    campaign_name,
+)
 from proxops.studies.beyond.story import (
     PAPER,
     chosen_campaigns,
@@ -19,6 +25,7 @@ __all__ = [
     "PARTS",
     "Campaign",
     "all_campaigns",
+    "campaign_name",
     "chosen_campaigns",
     "fly_and_tell",
     "own_bodies",

@@ -185,7 +185,7 @@ def _dispersed() -> list[Campaign]:
 
 def _at_body(body: str, title: str) -> Campaign:
     return Campaign(
-        f"at-{_label(body)}",
+        campaign_name(body),
         WORLDS,
         f"At {title}",
         "Nobody is told the state; the body is as its map. The policy never saw it.",
@@ -196,7 +196,7 @@ def _at_body(body: str, title: str) -> Campaign:
 
 def _dispersed_at(body: str) -> Campaign:
     return Campaign(
-        f"after-survey-at-{_label(body)}",
+        f"after-survey-{campaign_name(body)}",
         WORLDS,
         f"After the survey, at body {body}",
         "Nobody is told the state or the world. The policy never saw the body.",
@@ -206,5 +206,6 @@ def _dispersed_at(body: str) -> Campaign:
     )
 
 
-def _label(body: str) -> str:
-    return Path(body).stem.replace(":", "-")
+def campaign_name(body: str) -> str:
+    """Name of the campaign at a body: SEED:NUMBER, or the path of its file."""
+    return f"at-{Path(body).stem.replace(':', '-')}"

@@ -10,7 +10,7 @@ from typing import Any
 
 from proxops.diagrams.flight import Workers
 from proxops.diagrams.scenario import Scenario, load_body
-from proxops.studies.beyond.campaigns import PARTS, Campaign
+from proxops.studies.beyond.campaigns import PARTS, Campaign, all_campaigns, campaign_name
 from proxops.studies.beyond.flying import entry, fly_campaign
 from proxops.studies.beyond.report import Story, story_sections
 from proxops.studies.reproduction import Stage, Stages
@@ -40,7 +40,7 @@ def own_bodies(folder: Path) -> list[Path]:
     """The bodies' files in a folder of the user's.
 
     Raises:
-      InputError: there is none, or one cannot be read.
+      InputError: there is none, one cannot be read, or two campaigns would have the same name.
     """
     paths = sorted([*folder.glob("*.yaml"), *folder.glob("*.yml")])
     if not paths:
@@ -48,8 +48,12 @@ def own_bodies(folder: Path) -> list[Path]:
             f"--bodies {folder} holds no body's YAML file; proxops shape FILE --body "
             f"{folder / 'NAME.yaml'} with --mass and --period writes one"
         )
+    names = [each.name for each in all_campaigns(own_bodies=paths)]
     for path in paths:
         load_body(str(path))
+        name = campaign_name(str(path))
+        if names.count(name) > 1:
+            raise InputError(f"{path}: another campaign is named {name}, too: rename the file")
     return paths
 
 
@@ -66,7 +70,8 @@ def fly_and_tell(
     """Flies what is left of some campaigns, and writes report.html, report.md and results.json.
 
     These tell of all campaigns that have ended in the folder, now or earlier with this version, and
-    of the paper's reproduction, if it is in `out`/paper. They are written anew after each campaign.
+    of the paper's reproduction by this version, if it is in `out`/paper. They are written anew
+    after each campaign.
 
     Args:
       known: all campaigns, in the order in which they are told.
@@ -116,6 +121,8 @@ def _write(
     """Writes the report in all its forms; returns what results.json holds."""
     record = out / PAPER / "report.json"
     paper = json.loads(record.read_text()) if record.is_file() else None
+    if paper is not None and paper["proxops_version"] != metadata.version("proxops"):
+        paper = None
     told = [(each, flown[each.name]) for each in known if each.name in flown]
     missing = [each.name for each in known if each.name not in flown]
     story = Story(command, told, missing, paper, f"{PAPER}/report.html", scenario.arrival)

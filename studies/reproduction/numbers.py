@@ -46,7 +46,8 @@ def costs(results: Mapping[str, Mapping[str, Any]], name: str) -> Costs:
       step over `step_s`. A figure that a controller does not have is None.
     """
     flights, best = results[name]["flights"], results[EXPERT]["flights"]
-    steps, solves = _total(flights, "steps"), _total(flights, "mpc_solves")
+    # A controller commands once more at the end of a flight.
+    steps, solves = _total(flights, "steps") + len(flights), _total(flights, "mpc_solves")
     mpc_s, policy_s = _median(best, "solve_s_median"), _median(flights, "policy_s_median")
     spent = sum(_total(flights, key) for key in ("solve_s", "policy_s", "decision_s"))
     if spent == 0.0 or mpc_s is None:
@@ -61,7 +62,9 @@ def costs(results: Mapping[str, Mapping[str, Any]], name: str) -> Costs:
         "solve_s": _total(flights, "solve_s") / solves if solves else None,
         "step_s": spent / steps,
         "gain_arithmetic": gain(saved, policy_s or 0.0, mpc_s),
-        "gain_measured": _total(best, "solve_s") / _total(best, "steps") / (spent / steps),
+        "gain_measured": _total(best, "solve_s")
+        / (_total(best, "steps") + len(best))
+        / (spent / steps),
     }
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses as dc
+import functools
 import hashlib
 import json
 import time
@@ -15,6 +16,8 @@ from proxops.systems.common import InputError, Progress, make_folder, write_whol
 
 # Digits of the inputs' hash in the names of folders.
 _DIGITS = 8
+# The wall time of a stage that goes on is kept this often (s).
+_KEPT_EVERY_S = 5.0
 
 
 @dc.dataclass(frozen=True)
@@ -26,7 +29,8 @@ class Stage:
     result: dict[str, Any]
     """The result as JSON holds it."""
     wall_s: float
-    """Wall time in s of the run in which it ended."""
+    """Wall time in s of all runs up to its end, but of those that were killed only until they last
+    told of progress."""
     skipped: bool
     """Whether it had ended before, with the same inputs."""
 
@@ -72,9 +76,11 @@ class Stages:
         else:
             make_folder(folder)
             self._tell(name, 0.0, "")
-            started = time.monotonic()
-            result = work(folder, lambda done, text: self._tell(name, done, text))
-            wall = time.monotonic() - started
+            watch = _Watch(folder / ".wall_s")
+            try:
+                result = work(folder, functools.partial(self._told, name, watch))
+            finally:
+                wall = watch.stopped()
             content = {"inputs": known, "result": result, "wall_s": wall}
             text = json.dumps(content, indent=1) + "\n"
             write_whole(record, lambda path: path.write_text(text))
@@ -82,6 +88,10 @@ class Stages:
         self._tell(name, 1.0, "")
         self.over.append(stage)
         return stage
+
+    def _told(self, name: str, watch: _Watch, done: float, text: str) -> None:
+        watch.look()
+        self._tell(name, done, text)
 
     def latest(self, name: str, *, any_version: bool = True) -> Stage | None:
         """Returns the stage of a name that ended last, with any inputs; None if there is none.
@@ -109,6 +119,30 @@ class Stages:
                 f"{record} is not the record of a stage: remove it and run again"
             ) from error
         return Stage(name, self._out / record.stem, result, wall, skipped=True)
+
+
+class _Watch:
+    """Measures the wall time of a stage over all runs that it takes; a file keeps the sum."""
+
+    def __init__(self, path: Path):
+        self._path = path
+        self._started = self._kept = time.monotonic()
+        try:
+            self._before = float(path.read_text())
+        except (OSError, ValueError):
+            self._before = 0.0
+
+    def look(self) -> None:
+        """Keeps the time in the file, now and then."""
+        if time.monotonic() - self._kept >= _KEPT_EVERY_S:
+            self.stopped()
+
+    def stopped(self) -> float:
+        """Keeps the time in the file, and gives it in s."""
+        self._kept = time.monotonic()
+        total = self._before + self._kept - self._started
+        write_whole(self._path, lambda path: path.write_text(repr(total)))
+        return total
 
 
 def _is_of_this_version(record: Path) -> bool:

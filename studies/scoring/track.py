@@ -129,8 +129,11 @@ def load_track(name: str) -> Track:
         )
     try:
         track = Track(**json.loads(path.read_text(encoding="utf-8")))
+        track = dc.replace(track, scenario=str(track.scenario), changes=list(track.changes))
     except (TypeError, UnicodeDecodeError, ValueError) as error:
         raise InputError(f"{path} is not a track: {error}") from error
+    if not track.changes or not all(isinstance(each, dict) for each in track.changes):
+        raise InputError(f"{path} is not a track: its changes are no list of mappings")
     if name in TRACKS and track.sha256 != TRACKS[name]:
         raise InputError(
             f"{path} is not the track {name!r} any more: its hash is {track.sha256}, not "

@@ -194,7 +194,7 @@ def _tube_is_outward(r, v, wide, fast, world, lows, highs):
 
 
 @_inlined
-def _spread(i, low, high, most, least, world):
+def _spread(low, high, most, least, world):
     """Lower and upper bound of an axis's acceleration, with what thrust and all else may add.
 
     ``most`` and ``least`` are the bounds of the commanded thrust.
@@ -259,7 +259,7 @@ def _tube_step(r, v, wide, fast, u, by_law, scales, nodes, world, given, r_end, 
         else:
             most = least = u[i]
             low, high = pull + u[i] - spread, pull + u[i] + spread
-        low, high = _spread(i, low, high, most, least, world)
+        low, high = _spread(low, high, most, least, world)
         effect[i], spreads[i] = 0.5 * (low + high) - pull, 0.5 * (high - low)
     for i in range(3):
         before[i] = wide[i]

@@ -13,7 +13,7 @@ from proxops.systems.assurance.assurance_bounds import AssuranceBounds
 from proxops.systems.assurance.certification import budget, describe, rooms, tightest
 from proxops.systems.assurance.gravity_table import gravity_table
 from proxops.systems.assurance.least_change import Box, along_path, least_change
-from proxops.systems.common import InputError
+from proxops.systems.common import InputError, checked_semi_axes
 from proxops.systems.gravity import Field
 
 # The outward speed that the backup seeks, as a share of the speed limit.
@@ -135,7 +135,7 @@ class BackupBraking:
             thrust at its worst cannot hold against gravity at its worst.
         """
         bounds = AssuranceBounds() if bounds is None else bounds
-        axes = np.asarray(limits.keep_out_semi_axes, dtype=np.float64)
+        axes = checked_semi_axes("the keep-out ellipsoid", limits.keep_out_semi_axes)
         values = [limits.mass, limits.thrust, limits.speed, period, *axes]
         if not (np.isfinite(values).all() and min(values) > 0.0):
             raise InputError(
@@ -272,7 +272,7 @@ class BackupBraking:
 
     def _load_kernels(self) -> None:
         """Calls everything that is compiled once: loaded in flight, each takes 10 to 20 ms."""
-        state = np.concatenate([2.0 * self.limits.keep_out_semi_axes, np.zeros(3)])
+        state = np.concatenate([2.0 * np.asarray(self.limits.keep_out_semi_axes), np.zeros(3)])
         thrust, motion = np.zeros(3), (state[:3], state[3:], *self._given)
         kernel.bound_speed(*motion, thrust, np.empty(3), np.empty(3))
         kernel.margin(*motion, thrust)

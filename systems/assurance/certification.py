@@ -32,7 +32,7 @@ def rooms(
 
     Returns:
       Points (N, 3) of the ellipsoid in m, and the clearances (N,) in m, inf where no clearance of
-      up to half the shortest semi-axis is enough. They are at most 1 % too great.
+      up to half the shortest semi-axis is enough. They are at most 1.5 % too great.
     """
     points = spread_directions(places) * semi_axes
     normals = points / semi_axes**2

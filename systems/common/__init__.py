@@ -15,6 +15,7 @@ from proxops.systems.common.checks import (
     check_not_negative,
     check_positive,
     check_type,
+    checked_semi_axes,
 )
 from proxops.systems.common.controller_offers import LegendEntry, LoggedPort
 from proxops.systems.common.counter_noise import derived_seed, generator
@@ -40,6 +41,7 @@ __all__ = [
     "check_not_negative",
     "check_positive",
     "check_type",
+    "checked_semi_axes",
     "derived_seed",
     "error_bounds",
     "file_sha256",

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numbers
 import typing
 
+import numpy as np
+
 from proxops.systems.common.errors import InputError
 
 LARGEST = 1e15
@@ -44,3 +46,16 @@ def check_not_negative(owner: str, **values: float) -> None:
         check_type(owner, float, **{name: value})
         if not 0.0 <= value < LARGEST:
             raise InputError(f"{owner} needs {name} from 0 to below {LARGEST:g}, got {value}")
+
+
+def checked_semi_axes(owner: str, axes: typing.Any) -> np.ndarray:
+    """The semi-axes (3,) of an ellipsoid, in m.
+
+    Raises:
+      InputError: they are not three, or one is not above 0 and below `LARGEST`.
+    """
+    found = np.array(axes, dtype=np.float64)
+    if found.shape != (3,):
+        raise InputError(f"{owner} needs three semi-axes, got {axes}")
+    check_positive(owner, **dict(zip("xyz", found.tolist(), strict=True)))
+    return found

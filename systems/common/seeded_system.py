@@ -38,17 +38,25 @@ class SeededSystem(LeafSystem):
         """
         super().__init__()
         check_positive(type(self).__name__, period=period)
+        self._check_seed(seed)
+        self.period, self.seed = period, int(seed)
+        self._seed_index = self.DeclareNumericParameter(BasicVector([float(seed)]))
+
+    def set_seed(self, context, seed: int) -> None:
+        """Sets the seed in a Context of this system.
+
+        Raises:
+          InputError: it is no whole number from 0 to 2^53 - 1.
+        """
+        self._check_seed(seed)
+        context.get_mutable_numeric_parameter(self._seed_index).SetAtIndex(0, float(seed))
+
+    def _check_seed(self, seed: int) -> None:
         if not (0 <= seed < _SEED_LIMIT and seed == int(seed)):
             raise InputError(
                 f"{type(self).__name__} needs a seed that is a whole number from 0 to 2^53 - 1, "
                 f"got {seed}"
             )
-        self.period, self.seed = period, int(seed)
-        self._seed_index = self.DeclareNumericParameter(BasicVector([float(seed)]))
-
-    def set_seed(self, context, seed: int) -> None:
-        """Sets the seed in a Context of this system."""
-        context.get_mutable_numeric_parameter(self._seed_index).SetAtIndex(0, float(seed))
 
     def seed_of(self, context) -> int:
         """The seed in a Context of this system."""

@@ -9,7 +9,12 @@ from typing import Protocol
 import numba
 import numpy as np
 
-from proxops.systems.common import InputError, check_not_negative, check_positive
+from proxops.systems.common import (
+    InputError,
+    check_not_negative,
+    check_positive,
+    checked_semi_axes,
+)
 from proxops.systems.gravity import Field
 
 _MOST_INTERVALS = 1000
@@ -160,8 +165,7 @@ class TransitLimits:
     def __post_init__(self) -> None:
         """Raises `InputError` unless all limits are positive."""
         check_positive("TransitLimits", mass=self.mass, thrust=self.thrust, speed=self.speed)
-        axes = dict(zip(("x", "y", "z"), self.keep_out_semi_axes, strict=True))
-        check_positive("the keep-out ellipsoid", **axes)
+        checked_semi_axes("the keep-out ellipsoid", self.keep_out_semi_axes)
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ class PointMassField:
         self.mass = mass
 
     def evaluate(self, points: np.ndarray) -> Gravity:
-        """The field at points (N, 3) in m. It is infinite at the origin; no point is inside."""
+        """The field at points (N, 3) in m. It is not finite at the origin; no point is inside."""
         mu = GRAVITATIONAL_CONSTANT * self.mass
         r = np.linalg.norm(points, axis=1)
         pull = (mu / r**3)[:, None]

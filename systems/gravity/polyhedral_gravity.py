@@ -16,7 +16,7 @@ def _checked(field: BodyField) -> BodyField:
     if not hasattr(field, "evaluate"):
         raise InputError(
             f"PolyhedralGravity needs a field, got a {type(field).__name__}: give "
-            "body.gravity_field, or GravityField(shape, density)"
+            "body.gravity_field, or GravityField(shape, density=...)"
         )
     return field
 

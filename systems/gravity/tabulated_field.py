@@ -9,7 +9,7 @@ import sys
 
 import numpy as np
 
-from proxops.systems.common import InputError, check_positive
+from proxops.systems.common import InputError, checked_semi_axes
 from proxops.systems.gravity import _table_kernel as kernel
 from proxops.systems.gravity._far_field import SWITCH, fit_masses
 from proxops.systems.gravity._harmonic_boxes import DEGREE, Boxes, make_boxes, recursion
@@ -47,10 +47,7 @@ class TabulatedField:
         Raises:
           InputError: the body sticks out of the ellipsoid, or a value is out of range.
         """
-        axes = np.array(semi_axes, dtype=np.float64)
-        if axes.shape != (3,):
-            raise InputError(f"TabulatedField needs three semi-axes, got {semi_axes}")
-        check_positive("TabulatedField: the ellipsoid", **dict(zip("xyz", axes, strict=True)))
+        axes = checked_semi_axes("TabulatedField: the ellipsoid", semi_axes)
         low, high = _ERRORS
         if not low <= relative_error <= high:
             raise InputError(

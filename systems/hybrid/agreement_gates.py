@@ -78,7 +78,7 @@ class AgreementGate:
         along = angle < self.angle  # Never for NaN.
         if self.kind == GateKind.STRICT:
             sizes = float(np.linalg.norm(one)), float(np.linalg.norm(other))
-            if max(sizes) < self.dead_band:
+            if difference < math.inf and max(sizes) < self.dead_band:  # Never for NaN.
                 return Agreement(True, difference, angle)
             clear = min(sizes) >= self.dead_band
             along = along and clear and abs(sizes[0] - sizes[1]) < self.magnitude

@@ -12,7 +12,7 @@ from proxops.systems.navigation.estimate import Estimate
 from proxops.systems.navigation.expected_errors import ExpectedErrors
 from proxops.systems.navigation.lidar_navigation import LidarNavigation
 from proxops.systems.navigation.map_error import MapError, shift_of_centre
-from proxops.systems.navigation.mended_map import MendedMap, load_map, save_mended_map
+from proxops.systems.navigation.mended_map import MendedMap, load_map, map_files, save_mended_map
 from proxops.systems.navigation.phase import NavigationPhase
 from proxops.systems.navigation.return_use import ReturnUse
 
@@ -25,6 +25,7 @@ __all__ = [
     "NavigationPhase",
     "ReturnUse",
     "load_map",
+    "map_files",
     "save_mended_map",
     "shift_of_centre",
 ]

@@ -25,6 +25,8 @@ _ENOUGH = 240
 _GATE = 5.0
 # Fewer returns than this say too little.
 _FEWEST = 6
+# An attitude that is known exactly is taken to be known to this (rad).
+_LEAST_ATTITUDE_STD = 1e-9
 # Of the rays that are predicted to meet the body, at least this share must return.
 _RETURNING = 0.5
 # The greatest misfit that is believed, and what it grows by with the map's error over the size.
@@ -170,7 +172,7 @@ def _fitted(
     measured: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Robust Gauss-Newton steps of position and attitude; the attitude has a prior."""
-    turn = np.zeros(3)
+    turn, attitude_std = np.zeros(3), max(attitude_std, _LEAST_ATTITUDE_STD)
     for _ in range(_FIT_STEPS):
         directions = model.directions[rays] @ rotation.T
         distances, facets, _ = model.first_hits(position, directions)

@@ -84,6 +84,8 @@ class LidarNavigation(LeafSystem):
         super().__init__()
         check_positive("LidarNavigation", mass=mass, period=period, noise_std=noise_std)
         check_not_negative("LidarNavigation", frame_delay=frame_delay)
+        if frame_delay != int(frame_delay):
+            raise InputError(f"LidarNavigation needs a whole frame_delay, got {frame_delay}")
         if not math.isfinite(spin):
             raise InputError(f"LidarNavigation needs a finite spin, got {spin}")
         self.expected = expected or ExpectedErrors()

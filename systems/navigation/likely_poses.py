@@ -25,6 +25,8 @@ _MORE_KEPT, _MORE_REFINED, _MORE_SAMPLE = 16, 5, 160
 _WIDE, _CLOSE = (300, 0.45), (40, 0.07)
 # The error, over the body's length, that counts as one ray where poses are compared at first.
 _FAR = 0.05
+# So many searches differ; then they come again.
+_SEARCHES = 200
 
 
 class Sight:
@@ -130,7 +132,9 @@ def _balls(count: int, search: int) -> np.ndarray:
 
     # 27 % of the points of the cube lie in both balls.
     each = 6 * count + 200
-    points = 2.0 * qmc.Halton(6, scramble=False).fast_forward(1 + search * each).random(each) - 1.0
+    # Halton's sequence is drawn from its beginning; the searches of long ago come again.
+    begin = 1 + search % _SEARCHES * each
+    points = 2.0 * qmc.Halton(6, scramble=False).fast_forward(begin).random(each) - 1.0
     lengths = np.linalg.norm(points.reshape(each, 2, 3), axis=2)
     return points[(lengths <= 1.0).all(axis=1)][:count]
 

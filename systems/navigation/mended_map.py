@@ -104,6 +104,12 @@ def save_mended_map(mended: MendedMap, path: Path) -> None:
     write_whole(path, lambda name: name.write_bytes(content))
 
 
+def map_files(path: Path) -> list[Path]:
+    """The files that `load_map` reads."""
+    beside = path.with_suffix(".npz")
+    return [path, beside] if beside.is_file() else [path]
+
+
 def load_map(path: Path, unit: str) -> tuple[Polyhedron, MapError | None]:
     """Reads a map, and the error that is left of it if it was written by `save_mended_map`.
 

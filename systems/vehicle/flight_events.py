@@ -10,7 +10,7 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 from scipy.optimize import brentq
 
-from proxops.systems.common import check_not_negative, check_positive
+from proxops.systems.common import check_not_negative, check_positive, checked_semi_axes
 from proxops.systems.gravity import BodyField
 from proxops.systems.shapes import blocks_segment, clearances, ray_caster
 
@@ -72,11 +72,10 @@ class FlightEvents:
         Raises:
           InputError: one of them is not positive, or the dwell or the tolerance is negative.
         """
-        axes = dict(zip(("x", "y", "z"), keep_out_semi_axes, strict=True))
         check_positive("a flight", radius=radius, speed=speed)
-        check_positive("the keep-out ellipsoid", **axes)
         check_not_negative("a flight", dwell=dwell, tolerance=tolerance)
-        self._field, self._keep_out = field, np.asarray(keep_out_semi_axes, dtype=np.float64)
+        self._field = field
+        self._keep_out = checked_semi_axes("the keep-out ellipsoid", keep_out_semi_axes)
         self._around = containing_ellipsoid(self._keep_out, field.shape.vertices)
         self._radius, self._speed, self._dwell = radius, speed, dwell
         self._tolerance = tolerance

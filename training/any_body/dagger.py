@@ -17,7 +17,7 @@ import numpy as np
 
 from proxops.diagrams.flight import Flight, Workers, provenance, run_campaign
 from proxops.diagrams.scenario import Scenario, draw_world, dump_scenario, load_body, of_transit
-from proxops.systems.common import InputError, silent
+from proxops.systems.common import InputError, silent, write_whole
 from proxops.training.any_body.recipe import Family, known_family, learn
 from proxops.training.any_body.settings import AnyBodySettings
 from proxops.training.data import (
@@ -90,7 +90,8 @@ def run_any_body_dagger(
         report = learn(family, labels, own, folder, told, progress)
         bundle = folder / "bundle"
     for name in ("report.json", "report.md"):
-        (out / name).write_bytes((bundle.parent / name).read_bytes())
+        content = (bundle.parent / name).read_bytes()
+        write_whole(out / name, lambda path, content=content: path.write_bytes(content))
     write_folder(out / "bundle", {path.name: path.read_bytes() for path in bundle.iterdir()})
     workers.progress(1.0, "done")
     return report

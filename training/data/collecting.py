@@ -9,7 +9,7 @@ from pathlib import Path
 
 from proxops.diagrams.flight import Workers, run_campaign
 from proxops.diagrams.scenario import LearnedLidarConfig, Scenario, load_body
-from proxops.systems.common import write_whole
+from proxops.systems.common import InputError, write_whole
 from proxops.training.data.collection import (
     check_files,
     collection_flights,
@@ -39,7 +39,8 @@ def collect(
       learned_lidar: as of `collection_flights`.
 
     Raises:
-      InputError: see `collection_flights`, `run_campaign` and `check_files`.
+      InputError: no flight can begin in its world, or see `collection_flights`, `run_campaign` and
+        `check_files`.
     """
     body = load_body(scenario.body)
     rows = run_campaign(
@@ -51,6 +52,9 @@ def collect(
     )
     check_files(out / "flights", rows)
     manifest = make_manifest(scenario, body, mix, seed, rows)
+    if not manifest["flights"]:
+        reason = manifest["unflyable"][0]["unflyable"]
+        raise InputError(f"none of the {count} flights can begin in its world; the first: {reason}")
     report = collection_report(manifest)
     texts = {
         "manifest.json": json.dumps(manifest, indent=2) + "\n",

@@ -19,7 +19,11 @@ def round_logs(flights: Iterable[Flight], folder: Path) -> list[Path]:
 
 
 def round_outcome(rows: Sequence[Row], labels: Labels) -> dict[str, int]:
-    """How the flights of a round ended, and how many labels they gave."""
+    """How the flights of a round ended, and how many labels they gave.
+
+    A world that cannot be flown is no flight.
+    """
+    rows = [row for row in rows if "unflyable" not in row]
     return {
         "flights": len(rows),
         "arrived": sum(row.get("arrival_time_s") is not None for row in rows),

@@ -133,6 +133,10 @@ def train_pilot(
 @torch.no_grad()
 def _frames(flights: PackedFlights, part: str, settings: PilotSettings) -> Hits:
     """The returns of the frames that the position is learned from, or of those for validation."""
+    if not flights.part(part):
+        raise InputError(
+            f"{flights.folder} has no flights of the {part} part: collect more transits"
+        )
     setting, scaling = flights.setting, scaling_of(flights.setting)
     kept = max(_KEPT_RETURNS, settings.hits)
     selection = HitSelection(setting.planes, setting.rays, kept, scaling.length)
