@@ -1,5 +1,10 @@
 """The smooth displacements of a map, against surfaces that `displaced` draws."""
 
+import os
+import subprocess
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 import trimesh
@@ -142,3 +147,30 @@ def test_a_large_mesh_is_interpolated() -> None:
 def ellipsoid(subdivisions: int) -> Polyhedron:
     ball = trimesh.creation.icosphere(subdivisions)
     return Polyhedron(ball.vertices * [110e3, 60e3, 45e3], ball.faces)
+
+
+def test_does_not_depend_on_the_number_of_threads() -> None:
+    """Nor do drawn surfaces: a seed gives the same flight bit for bit."""
+    code = (
+        "import hashlib; from short_flights import kleopatra\n"
+        "from proxops.systems.navigation.map_error import MapError, shift_of_centre\n"
+        f"table = MapError(kleopatra().shape, {STD}, {CORRELATION}).table\n"
+        f"shift = shift_of_centre(kleopatra().shape, {STD}, {CORRELATION})\n"
+        "from proxops.systems.shapes import displaced\n"
+        "surfaces = [displaced(kleopatra().shape, 400.0, 15e3, k).vertices for k in range(4)]\n"
+        "hashes = [hashlib.sha256(each.tobytes()).hexdigest() for each in (table, *surfaces)]\n"
+        "print(hashes, repr(shift))"
+    )
+    found = set()
+    for threads in ("1", "2"):
+        names = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"), threads)
+        found.add(
+            subprocess.run(
+                [sys.executable, "-c", code],
+                env=os.environ | names | {"PYTHONPATH": str(Path(__file__).parent)},
+                capture_output=True,
+                text=True,
+                check=True,
+            ).stdout
+        )
+    assert len(found) == 1

@@ -27,6 +27,7 @@ from proxops.systems.common.interruption import interruption_waits
 from proxops.systems.common.progress import Progress, part_of, silent
 from proxops.systems.common.rotations import rotation_matrix
 from proxops.systems.common.seeded_system import SeededSystem
+from proxops.systems.common.threads import one_thread
 
 __all__ = [
     "LARGEST",
@@ -48,6 +49,7 @@ __all__ = [
     "generator",
     "interruption_waits",
     "make_folder",
+    "one_thread",
     "open_session",
     "part_of",
     "read_bundle",

@@ -7,6 +7,7 @@ import functools
 import numpy as np
 import scipy.linalg
 
+from proxops.systems.common import one_thread
 from proxops.systems.shapes import Polyhedron, vertex_normals
 
 # Points of the surface at which the smooth displacements are computed; between them they are
@@ -67,6 +68,12 @@ def _smooth_fields(shape: Polyhedron, correlation: float) -> tuple[np.ndarray, f
     The field has variance 1 before the rigid motions are taken out. The share is that of the
     variance that the M functions hold.
     """
+    with one_thread():
+        return _expanded(shape, correlation)
+
+
+def _expanded(shape: Polyhedron, correlation: float) -> tuple[np.ndarray, float]:
+    """Does what `_smooth_fields` does."""
     normals, weights = vertex_normals(shape)
     chosen = _spread(weights)
     points = shape.vertices[chosen]
@@ -111,8 +118,9 @@ def shift_of_centre(shape: Polyhedron, std: float, correlation: float) -> float:
     areas = areas * (weights.sum() / areas.sum())
     # By a height of 1 at each point.
     shifts = (points - shape.centre_of_mass).T * areas / shape.volume
-    shifts = shifts @ _without_rigid(points, normals[chosen], shape)
-    variances = np.einsum("kn,kn->k", shifts @ _covariance(points, points, correlation), shifts)
+    with one_thread():
+        shifts = shifts @ _without_rigid(points, normals[chosen], shape)
+        variances = np.einsum("kn,kn->k", shifts @ _covariance(points, points, correlation), shifts)
     return std * float(np.sqrt(variances.max()))
 
 

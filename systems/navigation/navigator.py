@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
-from threadpoolctl import ThreadpoolController
 
+from proxops.systems.common import one_thread
 from proxops.systems.navigation.acquisition import Acquired, acquire, strangers
 from proxops.systems.navigation.correction import Correction, corrected
 from proxops.systems.navigation.estimate import (
@@ -56,8 +56,6 @@ _SUSPECTED = ExpectedErrors(
 # Standard deviation of a position that was just acquired, over the size of the body, and of the
 # velocity over the speed of a low orbit: far more than they are off by.
 _REACH, _SPEED = 0.1, 3.0
-# Matrices of a map's error are slower on many threads, a hundred times so if the machine is busy.
-_LIBRARIES = ThreadpoolController()
 
 
 class Memory(NamedTuple):
@@ -138,7 +136,7 @@ class Navigator:
         """
         if memory.phase == NavigationPhase.FOLLOWING and not self.model.map_error.modes:
             return self._stepped(memory, ranges, force, time)  # Matrices too small for threads.
-        with _LIBRARIES.limit(limits=1, user_api="blas"):
+        with one_thread():
             return self._stepped(memory, ranges, force, time)
 
     def _stepped(self, memory: Memory, ranges: np.ndarray, force: np.ndarray, time: float) -> Step:

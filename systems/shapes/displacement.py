@@ -4,7 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from proxops.systems.common import InputError, check_not_negative, check_positive, generator
+from proxops.systems.common import (
+    InputError,
+    check_not_negative,
+    check_positive,
+    generator,
+    one_thread,
+)
 from proxops.systems.shapes.mesh_checks import find_defects
 from proxops.systems.shapes.polyhedron import Polyhedron
 from proxops.systems.shapes.self_intersection import self_intersections
@@ -42,9 +48,10 @@ def displaced(shape: Polyhedron, rms: float, correlation: float, seed: int) -> P
     if rms == 0.0:
         return shape
     normals, weights = vertex_normals(shape)
-    field = random_field(shape.vertices, correlation, seed)
-    heights = field - _rigid_heights(shape, normals, weights, field)
-    heights *= rms / np.sqrt(weights @ heights**2 / weights.sum())
+    with one_thread():
+        field = random_field(shape.vertices, correlation, seed)
+        heights = field - _rigid_heights(shape, normals, weights, field)
+        heights *= rms / np.sqrt(weights @ heights**2 / weights.sum())
     vertices = shape.vertices + heights[:, None] * normals
     _check_sound(shape, vertices, rms, correlation)
     return Polyhedron(vertices, shape.facets, shape.name)
