@@ -122,6 +122,7 @@ def collect_command(
         )
     if write is not None:
         files = [out / "flights" / row["file"] for row in manifest["flights"]]
+        status.print(f"Writing them as {minari}")  # About a second for each flight.
         write(map(FlightLog.load, files), wanted, seed)
         status.print(f"Wrote them as {minari}: minari.load_dataset({minari!r})")
     if as_json:

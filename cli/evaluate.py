@@ -90,7 +90,9 @@ def evaluate_command(
     results = aggregate_all(rows)
     write_json(out / "results.json", results)
     _print(results, wanted, seed)
-    _write_report(out, results, wanted, seed, keep_logs, Workers(workers, scheduler))
+    with work_bar("flying those that are shown") as progress:
+        fleet = Workers(workers, scheduler, progress)
+        _write_report(out, results, wanted, seed, keep_logs, fleet)
     status.print(f"Wrote results.json, report.html and report.md in {out}")
 
 

@@ -287,6 +287,23 @@ def test_full_disk(tmp_path: Path) -> None:
     assert len(logs_of(out)) == 2
 
 
+def test_logs_of_other_flights_are_refused(collect: Collect, capsys) -> None:
+    """A training learns from every log there is, and the manifest would not name them all."""
+    options = ("--recovery", "nominal=1", "--lidar", "none", "--out", "out")
+    assert collect("--transits", 2, *options) == 0
+    for others in (("--transits", 1), ("--transits", 2, "--seed", 3)):
+        assert collect(*others, *options) == 2
+        assert "logs of other flights, such as 0-0000" in capsys.readouterr().err
+    assert len(manifest_of(Path("out"))["flights"]) == 2
+
+
+def test_worlds_that_cannot_be_flown_are_told(collect: Collect, capsys) -> None:
+    weak = ("--set", "truth.thrusters.scale=[0.01, 0.01, 0.01]")
+    options = ("--recovery", "nominal=1", "--lidar", "none", "--out", "out")
+    assert collect("--transits", 2, *options, *weak) == 2
+    assert "none of the 2 flights can begin in its world" in capsys.readouterr().err
+
+
 # --- killed ---------------------------------------------------------------------------------------
 
 

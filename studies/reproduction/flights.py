@@ -121,10 +121,12 @@ def policy_forces(bundle: PolicyBundle, log: FlightLog) -> np.ndarray:
     """
     data = log.dataset
     ranges = data["ranges"].values[:-1].reshape(len(data["time"]) - 1, -1)
-    applied = np.vstack([np.zeros(3), data["force"].values[:-2]])
+    limit = log.scenario.spacecraft.thrust_limit_n
+    # A policy is told the command, without what disturbed it.
+    commanded = np.clip(data["force"].values - data["disturbance"].values, -limit, limit)
+    applied = np.vstack([np.zeros(3), commanded[:-2]])
     memory = np.zeros(bundle.memory)
     forces = np.empty((len(ranges), 3))
-    limit = log.scenario.spacecraft.thrust_limit_n
     for k, frame in enumerate(ranges):
         target = data["target"].values[k]
         answer = policy_answer(bundle, frame, target, applied[k], memory, limit)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import json
 import typing
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from proxops.diagrams.flight import Workers, run_campaign
+from proxops.diagrams.flight import Flight, Workers, run_campaign
 from proxops.diagrams.scenario import LearnedLidarConfig, Scenario, load_body
 from proxops.systems.common import InputError, write_whole
 from proxops.training.data.collection import (
@@ -39,12 +39,14 @@ def collect(
       learned_lidar: as of `collection_flights`.
 
     Raises:
-      InputError: no flight can begin in its world, or see `collection_flights`, `run_campaign` and
-        `check_files`.
+      InputError: the folder has logs of other flights, no flight can begin in its world, or see
+        `collection_flights`, `run_campaign` and `check_files`.
     """
     body = load_body(scenario.body)
+    flights = collection_flights(scenario, body, mix, seed, count, learned_lidar)
+    _refuse_others(flights, out / "flights")
     rows = run_campaign(
-        collection_flights(scenario, body, mix, seed, count, learned_lidar),
+        flights,
         out / "flights",
         keep_logs=True,
         describe=describe_flight,
@@ -65,3 +67,13 @@ def collect(
     title = f"Expert flights of seed {report['seed']}"
     write_markdown(out, title, collection_sections(report))
     return manifest, report
+
+
+def _refuse_others(flights: Sequence[Flight], folder: Path) -> None:
+    """Raises `InputError` if a folder has logs of other flights, which a training would learn."""
+    others = {path.name for path in folder.glob("*.nc")} - {f"{each.name}.nc" for each in flights}
+    if others:
+        raise InputError(
+            f"{folder} has {len(others)} logs of other flights, such as {min(others)}, from which "
+            "a training would learn too: remove them, or give another --out"
+        )

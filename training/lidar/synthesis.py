@@ -12,7 +12,14 @@ import numpy as np
 import torch
 
 from proxops.diagrams.scenario import Body, LidarConfig, Scenario
-from proxops.systems.common import InputError, Progress, make_folder, silent, write_whole
+from proxops.systems.common import (
+    InputError,
+    Progress,
+    make_folder,
+    part_of,
+    silent,
+    write_whole,
+)
 from proxops.systems.lidar import (
     ChordFan,
     LearnedLidar,
@@ -85,7 +92,7 @@ def train_lidar(
     """Trains both networks, exports them and compares them with the ray caster.
 
     Writes bundle/ (our ray network), paper_bundle/ (the paper's frame network), report.json,
-    report.md, figures/ and curves/ to `out`. After a kill it continues with the network and the
+    report.md, frames.png and curves/ to `out`. After a kill it continues with the network and the
     epoch where it was.
 
     Returns:
@@ -105,8 +112,8 @@ def train_lidar(
     examples = _Examples(body, lidar, cube, grid, settings)
     # One network after the other, so that only one set of examples is in memory.
     trained = {
-        OURS: _train_ray_network(examples, out, progress),
-        PAPERS: _train_frame_network(examples, out, progress),
+        OURS: _train_ray_network(examples, out, part_of(progress, 0.0, 0.5)),
+        PAPERS: _train_frame_network(examples, out, part_of(progress, 0.5, 1.0)),
     }
 
     geometry = LidarGeometry(lidar.planes, lidar.rays, np.inf)
