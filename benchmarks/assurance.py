@@ -42,6 +42,7 @@ from proxops.diagrams.flight import (
     adversarial_flight,
     bounded_backup,
     small_controller,
+    version_and_body,
 )
 from proxops.diagrams.plots import plot_room
 from proxops.diagrams.scenario import (
@@ -49,11 +50,12 @@ from proxops.diagrams.scenario import (
     Body,
     Scenario,
     assurance_bounds,
+    dump_scenario,
     load_body,
     load_scenario,
 )
 from proxops.systems.assurance import AssuranceBounds, BackupBraking, InterventionReason
-from proxops.systems.common import InputError
+from proxops.systems.common import InputError, write_whole
 
 # Errors of the state at Kleopatra with the default spacecraft, in m and m/s: four or more standard
 # deviations of what the navigation reaches there. Elsewhere they go with length and thrust.
@@ -179,7 +181,8 @@ def read_rows(path: Path, header: dict) -> list[dict]:
     lines = text[: text.rfind("\n") + 1].splitlines()
     if not lines or json.loads(lines[0]) != header:
         sys.exit(f"{path} holds flights of other settings: name another folder with --out")
-    path.write_text("\n".join(lines) + "\n")
+    text = "\n".join(lines) + "\n"
+    write_whole(path, lambda name: name.write_text(text))
     return [json.loads(line) for line in lines[1:]]
 
 
@@ -260,6 +263,9 @@ def main() -> None:
         return room(options) if options.room else search(options)
     kept = ("bounds", "scenario", "steps", "excess", "seed")
     header = {key: getattr(options, key) for key in kept}
+    scenario, body, _ = setting(options.scenario, options.bounds)
+    # Flights of another version, or at a body or in a scenario that was changed, are not the same.
+    header |= {"origin": version_and_body(body), "values": dump_scenario(scenario)}
     path = options.out / "rows.jsonl"
     rows = read_rows(path, header)
     done = {(row["number"], row["assured"]) for row in rows}
@@ -278,7 +284,7 @@ def main() -> None:
             rows.append(row)
             file.write(json.dumps(row) + "\n")
             file.flush()
-    limit = setting(options.scenario, options.bounds)[0].spacecraft.speed_limit_m_s
+    limit = scenario.spacecraft.speed_limit_m_s
     title = f"{options.bounds}, {options.steps} steps each"
     bare = [row for row in rows if not row["assured"]]
     if bare:
