@@ -226,7 +226,9 @@ def _controllers(campaign: Campaign) -> str:
         "least clearance (km)", "end error, median (m)", "greatest", "Δv, median (m/s)",
         "Δv / MPC's", "policy's share (%)",
     ]  # fmt: skip
-    command = f"`{campaign['command']}` (seed {campaign['seed']}, commit {campaign['commit']})"
+    command = (
+        f"`{campaign['command']}` (seed {campaign['seed']}, taken at commit {campaign['commit']})"
+    )
     return f"{_table(head, lines)}\n\nFlown by {command}."
 
 
