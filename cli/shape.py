@@ -7,6 +7,7 @@ import json
 import os
 import re
 import typing
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -104,10 +105,7 @@ def shape_command(
         body, scenario = mesh_file.with_suffix(".yaml"), out / "scenario.yaml"
     if mesh_file is None:
         raise InputError("give the mesh file, or --random SEED:NUMBER to generate a body")
-    if scenario is not None and body is None:
-        raise InputError("--scenario needs --body: a scenario names the YAML file of its body")
-    if name is not None and body is None:
-        raise InputError("--name needs --body: it is written there")
+    _need_body({"--scenario": scenario, "--name": name}, body)
     if align and fix is None:
         raise InputError("--align needs --fix: it changes the mesh")
     if body is not None and ((mass is None and density is None) or period is None):
@@ -119,6 +117,12 @@ def shape_command(
     asked = Questions(mass, density, period, craft_mass, margin)
     unit = _known_unit(unit, density)
     _set_up(_Files(mesh_file, unit, fix, align, body, scenario, name, out), asked, as_json)
+
+
+def _need_body(options: Mapping[str, object], body: Path | None) -> None:
+    for option, value in options.items():
+        if value is not None and body is None:
+            raise InputError(f"{option} needs --body: it belongs to the body's YAML file")
 
 
 def _known_unit(unit: str | None, density: float | None) -> str:

@@ -105,12 +105,7 @@ def train_command(
       proxops train --recipe any-body --out out/any-body
     """
     check_folder(out)
-    if minutes is not None and recipe != Recipe.PAPER:
-        raise InputError("--minutes needs --recipe paper: give --epochs or --quick")
-    if recipe == Recipe.ANY_BODY and data is not None:
-        raise InputError(f"--recipe any-body makes its own examples: leave out {data}")
-    if recipe == Recipe.PAPER and workers is not None:
-        raise InputError("--workers is for recipes that compute plans: leave it out")
+    _check_options(recipe, data, minutes, workers)
     if recipe == Recipe.PAPER:
         train, show = _paper(minutes), print_report
     elif recipe == Recipe.ANY_BODY:
@@ -127,6 +122,18 @@ def train_command(
     else:
         show(report)
     status.print(f"Wrote bundle, the trained policy, report.md and curves in {out}")
+
+
+def _check_options(
+    recipe: Recipe, data: Path | None, minutes: float | None, workers: int | None
+) -> None:
+    """Raises `InputError` if an option is given that the recipe does not take."""
+    if minutes is not None and recipe != Recipe.PAPER:
+        raise InputError("--minutes needs --recipe paper: give --epochs or --quick")
+    if recipe == Recipe.ANY_BODY and data is not None:
+        raise InputError(f"--recipe any-body makes its own examples: leave out {data}")
+    if recipe == Recipe.PAPER and workers is not None:
+        raise InputError("--workers is for recipes that compute plans: leave it out")
 
 
 def _given(data: Path | None) -> Path:

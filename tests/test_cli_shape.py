@@ -230,6 +230,8 @@ def test_what_cannot_be_mended_is_not_written(shape, tmp_path: Path) -> None:
         (("rock.obj", "--unit", "m", "--margin", -0.5), "margin"),
         (("rock.obj", "--body", "b.yaml"), "--body needs --mass or --density, and --period"),
         (("rock.obj", "--scenario", "s.yaml"), "--scenario needs --body"),
+        (("rock.obj", "--name", "Rock"), "--name needs --body"),
+        (("--random", "1:7", "--unit", "km"), "--random generates mesh"),
         (("rock.obj", "--align"), "--align needs --fix"),
         (("rock.obj", "--fix", "rock.gltf"), "must end in .obj or .ply or .stl or .tab"),
         (
