@@ -275,11 +275,10 @@ def _locked(folder: Path, name: str, wait: bool) -> Generator[bool]:
 
 def _make_tables(flights: Iterable[Flight]) -> None:
     """Makes the gravity tables of flights that have none yet, for the workers to read."""
-    texts = [flight.scenario for flight in flights]
-    wanted = {_BODY.findall(text)[0]: text for text in texts if _TABLE.search(text)}
-    for text in wanted.values():
-        scenario = parse_scenario(text)
-        assert _body(scenario.body, scenario.gravity).gravity_field.mass > 0.0
+    tabulated = [flight for flight in flights if _TABLE.search(flight.scenario)]
+    at_each = {_BODY.findall(flight.scenario)[0]: flight for flight in tabulated}
+    for flight in at_each.values():
+        assert _body_of(flight, parse_scenario(flight.scenario)).gravity_field.mass > 0.0
 
 
 # Each worker loads the body only once, because loading it takes long. Where the file has changed,
