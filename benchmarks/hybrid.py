@@ -29,7 +29,7 @@ from _campaign import campaign_parser, fly_with_bar, show
 from proxops.assets import ASSETS
 from proxops.diagrams.flight import Row
 from proxops.diagrams.scenario import load_scenario
-from proxops.studies.evaluation import Variant, delta_v_pairs
+from proxops.studies.evaluation import Variant, command_count, delta_v_pairs
 from proxops.systems.common import write_whole
 
 SHIPPED = ASSETS / "end_to_end"
@@ -66,7 +66,7 @@ def controller_of(variant: str, bundle: Path) -> str:
 
 def solves_saved(rows: Sequence[Row]) -> float:
     """Share of steps at which the MPC was not asked."""
-    return 1.0 - sum(row["mpc_solves"] for row in rows) / sum(row["steps"] + 1 for row in rows)
+    return 1.0 - sum(row["mpc_solves"] for row in rows) / command_count(rows)
 
 
 def delta_v_ratios(rows: Sequence[Row], matched: Sequence[Row]) -> list[float]:

@@ -22,7 +22,7 @@ from pydrake.systems.framework import Diagram, LeafSystem
 
 from proxops.diagrams.flight import ADVERSARIES, Row, make_backup, make_hybrid
 from proxops.diagrams.scenario import AssuranceConfig, Body, Scenario, load_scenario
-from proxops.studies.evaluation import Variant
+from proxops.studies.evaluation import Variant, command_count
 
 # Limit of the gate in N; thrust is at most 7 N per axis.
 OPEN = 1e3
@@ -73,7 +73,7 @@ def along_the_surface(scenario: Scenario, body: Body) -> Diagram:
 
 def figures(rows: Sequence[Row]) -> list[str]:
     """One line of the table."""
-    solves = sum(row["mpc_solves"] for row in rows) / sum(row["steps"] + 1 for row in rows)
+    solves = sum(row["mpc_solves"] for row in rows) / command_count(rows)
     return [
         f"{sum(row['keep_out_violations'] > 0 for row in rows)}/{len(rows)}",
         f"{min(row['min_clearance_m'] for row in rows) / 1e3:.2f}",

@@ -117,9 +117,9 @@ def merged(known: Mapping[str, Any], content: Mapping[str, Any], commit: str) ->
     same = known["proxops_version"] == version
     campaigns = dict(known["campaigns"] if same else {})
     for name, each in content["campaigns"].items():
-        taken_at = campaigns.get(name, {}).get("commit", commit)
-        before = {"commit": taken_at, **each}
-        campaigns[name] = before if before == campaigns.get(name) else {"commit": commit, **each}
+        before = campaigns.get(name)
+        if before is None or before != {"commit": before["commit"], **each}:
+            campaigns[name] = {"commit": commit, **each}
     paper = content["paper"] or (known["paper"] if same else None)
     return {
         "proxops_version": version,

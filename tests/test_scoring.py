@@ -113,6 +113,11 @@ def test_tracks_that_were_changed(
         other.flights("zero")
     with pytest.raises(InputError, match="no track 'nowhere': name one of state, lidar, "):
         load_track("nowhere")
+    fields = dc.asdict(brief)
+    for wrong in ({"changes": []}, {"changes": 5}, {"changes": [1]}, {"scenario": 3}):
+        path.write_text(json.dumps(fields | wrong))
+        with pytest.raises(InputError, match=r"brief\.json is not a track"):
+            load_track(str(path))
     path.write_text("{}")
     with pytest.raises(InputError, match=r"brief\.json is not a track"):
         load_track(str(path))

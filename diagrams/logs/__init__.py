@@ -15,6 +15,7 @@ from proxops.diagrams.logs.flight_log import (
     VARIABLES,
     FlightLog,
     check_log_file,
+    commanded_forces,
     differences,
     make_dataset,
 )
@@ -48,6 +49,7 @@ __all__ = [
     "FlightLog",
     "all_flown_by",
     "check_log_file",
+    "commanded_forces",
     "dense_positions",
     "differences",
     "fallback_steps",

@@ -437,6 +437,14 @@ def _mesh(name: str, dimension: str, shape: Polyhedron) -> dict[str, typing.Any]
     }  # fmt: skip
 
 
+def commanded_forces(force: np.ndarray, disturbance: np.ndarray, limit: float) -> np.ndarray:
+    """The commands (N, 3) in N of logged forces, without what disturbed them.
+
+    The difference is rounded, so it may exceed the thrust limit by a last bit; the commands do not.
+    """
+    return np.clip(force - disturbance, -limit, limit)
+
+
 def inertial_motion(
     times: np.ndarray, states: np.ndarray, spin: np.ndarray, axis_point: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:

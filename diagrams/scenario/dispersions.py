@@ -376,8 +376,7 @@ def _uniform(seed: int, index: int, key: str, component: int) -> float:
 
 def _parse(key: str, entry: typing.Any) -> Dispersion:
     if not isinstance(entry, dict):
-        _check_values(key, Fixed(entry))
-        return Dispersion(key, Fixed(entry))
+        entry = {"fixed": entry}
     parameters = {name: value for name, value in entry.items() if name not in ("times", "source")}
     distribution = parse_distribution(parameters)
     _check_values(key, distribution)
@@ -394,17 +393,18 @@ def _check_values(key: str, distribution: Distribution) -> None:
     kind = _field(key).type
     # Of a list, each number is drawn by itself.
     options = typing.get_args(kind) or (kind,)
-    if isinstance(distribution, Fixed | Choice):
-        values = [distribution.same] if isinstance(distribution, Fixed) else distribution.values
+    if isinstance(distribution, Fixed):
+        values = [distribution.same]
+    elif isinstance(distribution, Choice):
+        values = distribution.values
     else:
-        values = [0.5]
+        values = [distribution.value(0.5)]
         options = [float if option is int else option for option in options]  # It is rounded.
     for value in values:
         if not any(fits(value, option) for option in options):
             wanted = " or ".join(map(in_words, options))
             each = " for each number of the list" if typing.get_origin(kind) is list else ""
-            got = f", got {value!r}" if isinstance(distribution, Fixed | Choice) else ""
-            raise InputError(f"needs {wanted}{each}{got}")
+            raise InputError(f"needs {wanted}{each}, got {value!r}")
 
 
 def _check_key(key: str, source: str) -> None:

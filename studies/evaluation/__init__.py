@@ -6,7 +6,13 @@ transits, then read `aggregate_all` for the figures that are reported. A new fig
 flights show, and `sensitivity` ranks what drives failure.
 """
 
-from proxops.studies.evaluation.evaluation import EXPERT, aggregate, aggregate_all, delta_v_pairs
+from proxops.studies.evaluation.evaluation import (
+    EXPERT,
+    aggregate,
+    aggregate_all,
+    command_count,
+    delta_v_pairs,
+)
 from proxops.studies.evaluation.figures import Looks, controller_looks, draw_paths, plot_flights
 from proxops.studies.evaluation.flights import describe_flight, shown_logs
 from proxops.studies.evaluation.monte_carlo_report import driver_sections, write_worst
@@ -30,6 +36,7 @@ __all__ = [
     "aggregate",
     "aggregate_all",
     "arrival_text",
+    "command_count",
     "controller_looks",
     "delta_v_pairs",
     "describe_flight",

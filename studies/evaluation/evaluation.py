@@ -196,6 +196,11 @@ def _small_commands(rows: Sequence[Row]) -> dict[str, float]:
     return {"small_command_share": float(np.average(shares, weights=steps))}
 
 
+def command_count(rows: Sequence[Row]) -> int:
+    """How often a controller commanded: at each step, and once more at the end of each flight."""
+    return sum(row["steps"] + 1 for row in rows)
+
+
 def delta_v_pairs(rows: Sequence[Row], expert: Sequence[Row]) -> np.ndarray:
     """Returns the delta-v (N, 2) in m/s of a controller and of the MPC, where both succeeded.
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from proxops.diagrams.flight import Row, make_mpc
-from proxops.diagrams.logs import FlightLog
+from proxops.diagrams.logs import FlightLog, commanded_forces
 from proxops.diagrams.scenario import Scenario
 from proxops.studies import evaluation
 from proxops.studies.evaluation import EXPERT, Variant
@@ -123,7 +123,7 @@ def policy_forces(bundle: PolicyBundle, log: FlightLog) -> np.ndarray:
     ranges = data["ranges"].values[:-1].reshape(len(data["time"]) - 1, -1)
     limit = log.scenario.spacecraft.thrust_limit_n
     # A policy is told the command, without what disturbed it.
-    commanded = np.clip(data["force"].values - data["disturbance"].values, -limit, limit)
+    commanded = commanded_forces(data["force"].values, data["disturbance"].values, limit)
     applied = np.vstack([np.zeros(3), commanded[:-2]])
     memory = np.zeros(bundle.memory)
     forces = np.empty((len(ranges), 3))

@@ -6,7 +6,7 @@ import statistics
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from proxops.studies.evaluation import EXPERT
+from proxops.studies.evaluation import EXPERT, command_count
 
 MPC_S, POLICY_GPU_S, POLICY_CPU_S = 0.473, 0.053, 0.138
 """Time of a step: the MPC's solve, and the network's on each of the paper's machines (s)."""
@@ -46,8 +46,7 @@ def costs(results: Mapping[str, Mapping[str, Any]], name: str) -> Costs:
       step over `step_s`. A figure that a controller does not have is None.
     """
     flights, best = results[name]["flights"], results[EXPERT]["flights"]
-    # A controller commands once more at the end of a flight.
-    steps, solves = _total(flights, "steps") + len(flights), _total(flights, "mpc_solves")
+    steps, solves = command_count(flights), _total(flights, "mpc_solves")
     mpc_s, policy_s = _median(best, "solve_s_median"), _median(flights, "policy_s_median")
     spent = sum(_total(flights, key) for key in ("solve_s", "policy_s", "decision_s"))
     if spent == 0.0 or mpc_s is None:
@@ -62,9 +61,7 @@ def costs(results: Mapping[str, Mapping[str, Any]], name: str) -> Costs:
         "solve_s": _total(flights, "solve_s") / solves if solves else None,
         "step_s": spent / steps,
         "gain_arithmetic": gain(saved, policy_s or 0.0, mpc_s),
-        "gain_measured": _total(best, "solve_s")
-        / (_total(best, "steps") + len(best))
-        / (spent / steps),
+        "gain_measured": _total(best, "solve_s") / command_count(best) / (spent / steps),
     }
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses as dc
-import functools
 import hashlib
 import json
 import time
@@ -77,8 +76,13 @@ class Stages:
             make_folder(folder)
             self._tell(name, 0.0, "")
             watch = _Watch(folder / ".wall_s")
+
+            def told(done: float, text: str) -> None:
+                watch.look()
+                self._tell(name, done, text)
+
             try:
-                result = work(folder, functools.partial(self._told, name, watch))
+                result = work(folder, told)
             finally:
                 wall = watch.stopped()
             content = {"inputs": known, "result": result, "wall_s": wall}
@@ -88,10 +92,6 @@ class Stages:
         self._tell(name, 1.0, "")
         self.over.append(stage)
         return stage
-
-    def _told(self, name: str, watch: _Watch, done: float, text: str) -> None:
-        watch.look()
-        self._tell(name, done, text)
 
     def latest(self, name: str, *, any_version: bool = True) -> Stage | None:
         """Returns the stage of a name that ended last, with any inputs; None if there is none.

@@ -129,11 +129,11 @@ def load_track(name: str) -> Track:
         )
     try:
         track = Track(**json.loads(path.read_text(encoding="utf-8")))
-        track = dc.replace(track, scenario=str(track.scenario), changes=list(track.changes))
     except (TypeError, UnicodeDecodeError, ValueError) as error:
         raise InputError(f"{path} is not a track: {error}") from error
-    if not track.changes or not all(isinstance(each, dict) for each in track.changes):
-        raise InputError(f"{path} is not a track: its changes are no list of mappings")
+    listed = isinstance(track.changes, list) and all(isinstance(k, dict) for k in track.changes)
+    if not (isinstance(track.scenario, str) and listed and track.changes):
+        raise InputError(f"{path} is not a track: it needs a scenario's text and a list of changes")
     if name in TRACKS and track.sha256 != TRACKS[name]:
         raise InputError(
             f"{path} is not the track {name!r} any more: its hash is {track.sha256}, not "

@@ -136,11 +136,11 @@ class BackupBraking:
         """
         bounds = AssuranceBounds() if bounds is None else bounds
         axes = checked_semi_axes("the keep-out ellipsoid", limits.keep_out_semi_axes)
-        values = [limits.mass, limits.thrust, limits.speed, period, *axes]
+        values = [limits.mass, limits.thrust, limits.speed, period]
         if not (np.isfinite(values).all() and min(values) > 0.0):
             raise InputError(
-                "runtime assurance needs a positive mass, thrust limit, speed limit, period and "
-                f"semi-axes, got {limits} and {period}"
+                "runtime assurance needs a positive mass, thrust limit, speed limit and period, "
+                f"got {limits} and {period}"
             )
         if bounds.delay > period:
             raise InputError(

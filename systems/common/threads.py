@@ -5,17 +5,20 @@ from __future__ import annotations
 import contextlib
 import functools
 import importlib
+from collections.abc import Generator
 
 from threadpoolctl import ThreadpoolController
 
 
-def one_thread() -> contextlib.AbstractContextManager:
-    """Within the block, NumPy's and SciPy's linear algebra uses one thread.
+@contextlib.contextmanager
+def one_thread() -> Generator[None]:
+    """Within the block, or the function that it decorates, linear algebra uses one thread.
 
-    More threads add in another order. And for the matrices of a flight they are slower, a hundred
-    times so if the machine is busy.
+    More threads of NumPy's and SciPy's libraries add in another order. And for the matrices of a
+    flight they are slower, a hundred times so if the machine is busy.
     """
-    return _libraries().limit(limits=1, user_api="blas")
+    with _libraries().limit(limits=1, user_api="blas"):
+        yield
 
 
 @functools.cache

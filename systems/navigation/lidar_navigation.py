@@ -9,7 +9,7 @@ from pydrake.common.value import AbstractValue
 from pydrake.math import RotationMatrix
 from pydrake.systems.framework import LeafSystem, ValueProducer
 
-from proxops.systems.common import InputError, LoggedPort, check_positive
+from proxops.systems.common import InputError, LoggedPort, check_not_negative, check_positive
 from proxops.systems.gravity import GRAVITATIONAL_CONSTANT, BodyField
 from proxops.systems.lidar import DEFAULT_GEOMETRY, LidarGeometry
 from proxops.systems.navigation.estimate import BASE, Estimate
@@ -26,8 +26,6 @@ from proxops.systems.shapes import Polyhedron
 # Before the coefficients of the memory's vector: phase, contradictions, whether there is an
 # estimate, velocity change spent, and two rotations.
 _HEAD = 4 + 9 + 9
-# A frame is never older, in control periods.
-_MOST_DELAY = 1_000_000
 
 
 class LidarNavigation(LeafSystem):
@@ -85,10 +83,7 @@ class LidarNavigation(LeafSystem):
         """
         super().__init__()
         check_positive("LidarNavigation", mass=mass, period=period, noise_std=noise_std)
-        if frame_delay not in range(_MOST_DELAY):
-            raise InputError(f"LidarNavigation needs a whole frame_delay from 0, got {frame_delay}")
-        if not math.isfinite(spin):
-            raise InputError(f"LidarNavigation needs a finite spin, got {spin}")
+        _check(spin, frame_delay)
         self.expected = expected or ExpectedErrors()
         self.period, self.frame_delay = period, int(frame_delay)
         if map_error is None:
@@ -234,3 +229,11 @@ def _return_use(step: Step, rays: int) -> np.ndarray:
         use[step.correction.used_rays] = ReturnUse.USED
         use[step.correction.rejected_rays] = ReturnUse.REJECTED
     return use
+
+
+def _check(spin: float, frame_delay: float) -> None:
+    check_not_negative("LidarNavigation", frame_delay=frame_delay)
+    if frame_delay != int(frame_delay):
+        raise InputError(f"LidarNavigation needs a whole frame_delay, got {frame_delay}")
+    if not math.isfinite(spin):
+        raise InputError(f"LidarNavigation needs a finite spin, got {spin}")

@@ -133,7 +133,7 @@ def _balls(count: int, search: int) -> np.ndarray:
     # 27 % of the points of the cube lie in both balls.
     each = 6 * count + 200
     # Halton's sequence is drawn from its beginning; the searches of long ago come again.
-    begin = 1 + search % _SEARCHES * each
+    begin = 1 + (search % _SEARCHES) * each
     points = 2.0 * qmc.Halton(6, scramble=False).fast_forward(begin).random(each) - 1.0
     lengths = np.linalg.norm(points.reshape(each, 2, 3), axis=2)
     return points[(lengths <= 1.0).all(axis=1)][:count]

@@ -62,18 +62,13 @@ class MapError:
 
 
 @functools.lru_cache(maxsize=4)
+@one_thread()
 def _smooth_fields(shape: Polyhedron, correlation: float) -> tuple[np.ndarray, float]:
     """Eigenfunctions (V, M) at the vertices, times the roots of their eigenvalues, and their share.
 
     The field has variance 1 before the rigid motions are taken out. The share is that of the
     variance that the M functions hold.
     """
-    with one_thread():
-        return _expanded(shape, correlation)
-
-
-def _expanded(shape: Polyhedron, correlation: float) -> tuple[np.ndarray, float]:
-    """Does what `_smooth_fields` does."""
     normals, weights = vertex_normals(shape)
     chosen = _spread(weights)
     points = shape.vertices[chosen]
@@ -98,6 +93,7 @@ def _expanded(shape: Polyhedron, correlation: float) -> tuple[np.ndarray, float]
 
 
 @functools.lru_cache(maxsize=4)
+@one_thread()
 def shift_of_centre(shape: Polyhedron, std: float, correlation: float) -> float:
     """Computes how far the error of a map may move the centre of mass, if the density is uniform.
 
@@ -118,9 +114,8 @@ def shift_of_centre(shape: Polyhedron, std: float, correlation: float) -> float:
     areas = areas * (weights.sum() / areas.sum())
     # By a height of 1 at each point.
     shifts = (points - shape.centre_of_mass).T * areas / shape.volume
-    with one_thread():
-        shifts = shifts @ _without_rigid(points, normals[chosen], shape)
-        variances = np.einsum("kn,kn->k", shifts @ _covariance(points, points, correlation), shifts)
+    shifts = shifts @ _without_rigid(points, normals[chosen], shape)
+    variances = np.einsum("kn,kn->k", shifts @ _covariance(points, points, correlation), shifts)
     return std * float(np.sqrt(variances.max()))
 
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from proxops.diagrams.flight import Flight, Workers, provenance, run_campaign
 from proxops.diagrams.scenario import Scenario, draw_world, dump_scenario, load_body, of_transit
-from proxops.systems.common import InputError, silent, write_whole
+from proxops.systems.common import InputError, silent
 from proxops.training.any_body.recipe import Family, known_family, learn
 from proxops.training.any_body.settings import AnyBodySettings
 from proxops.training.data import (
@@ -29,7 +29,7 @@ from proxops.training.data import (
     round_logs,
     round_outcome,
 )
-from proxops.training.export import write_folder
+from proxops.training.export import publish
 from proxops.training.loop import Schedule
 
 # Shares of a round at which its flights and its labels end.
@@ -89,10 +89,7 @@ def run_any_body_dagger(
         progress = share.part(_LABELLED, 1.0).progress
         report = learn(family, labels, own, folder, told, progress)
         bundle = folder / "bundle"
-    for name in ("report.json", "report.md"):
-        content = (bundle.parent / name).read_bytes()
-        write_whole(out / name, lambda path, content=content: path.write_bytes(content))
-    write_folder(out / "bundle", {path.name: path.read_bytes() for path in bundle.iterdir()})
+    publish(bundle.parent, out, ("report.json", "report.md"))
     workers.progress(1.0, "done")
     return report
 

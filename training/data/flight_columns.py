@@ -9,7 +9,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from proxops.diagrams.logs import VARIABLES, check_log_file
+from proxops.diagrams.logs import VARIABLES, check_log_file, commanded_forces
 from proxops.diagrams.scenario import parse_scenario
 from proxops.systems.common import InputError, interruption_waits
 
@@ -97,7 +97,7 @@ def read_columns(path: Path) -> FlightColumns:
     step, ray = np.nonzero(np.isfinite(frames))
     # What controllers are told: the command, within the limits, without what disturbed it.
     limit = setting.thrust_limit_n
-    commanded = np.clip(raw["force"] - raw["disturbance"], -limit, limit)
+    commanded = commanded_forces(raw["force"], raw["disturbance"], limit)
     before = np.concatenate([np.zeros((1, 3)), commanded[: max(0, steps - 1)]])[:steps]
     rows = {name: raw[name][:steps] for name in ("time", "state", "target", "mpc_force")}
     rows |= {"commanded_force": before, "kick": raw.get("kick", np.zeros((steps + 1, 3)))[:steps]}

@@ -8,6 +8,7 @@ from proxops.training.export.onnx_export import (
     accepted_difference,
     describing,
     onnx_bytes,
+    publish,
     write_bundle_folder,
     write_folder,
 )
@@ -20,6 +21,7 @@ __all__ = [
     "export_policy",
     "export_recipe",
     "onnx_bytes",
+    "publish",
     "report_title",
     "write_bundle_folder",
     "write_folder",

@@ -18,7 +18,7 @@ import onnx
 import torch
 from torch import Tensor, nn
 
-from proxops.systems.common import MODEL_FILE, InputError, make_folder
+from proxops.systems.common import MODEL_FILE, InputError, make_folder, write_whole
 
 # Greatest difference of an output between the exported network and torch, relative to the greatest
 # magnitude of the output. It is not taken value by value: logits near 0 are differences of numbers
@@ -138,3 +138,19 @@ def write_folder(folder: Path, files: dict[str, bytes]) -> None:
             shutil.rmtree(part, ignore_errors=True)
     except OSError as error:
         raise InputError(f"cannot write {folder}: {error.strerror or error}") from error
+
+
+def publish(folder: Path, out: Path, names: Sequence[str]) -> None:
+    """Copies files of a training by their names, and its bundle; each appears only when complete.
+
+    Args:
+      folder: of the training. out: folder for the copies. names: of files in it.
+
+    Raises:
+      InputError: `out` cannot be written.
+    """
+    for name in names:
+        content = (folder / name).read_bytes()
+        write_whole(out / name, lambda path, content=content: path.write_bytes(content))
+    files = {path.name: path.read_bytes() for path in sorted((folder / "bundle").iterdir())}
+    write_folder(out / "bundle", files)

@@ -8,7 +8,6 @@ expert flies. Its own flights lead elsewhere, and a round of them shows it what 
 from __future__ import annotations
 
 import dataclasses as dc
-import functools
 import json
 import math
 import time
@@ -18,7 +17,7 @@ from typing import Any
 
 from proxops.diagrams.flight import Flight, Workers, provenance, run_campaign
 from proxops.diagrams.scenario import Scenario, draw_world, dump_scenario, load_body, of_transit
-from proxops.systems.common import InputError, Progress, silent, write_whole
+from proxops.systems.common import InputError, Progress, silent
 from proxops.training.data import (
     Labels,
     PackedFlights,
@@ -29,7 +28,7 @@ from proxops.training.data import (
     round_logs,
     round_outcome,
 )
-from proxops.training.export import write_folder, write_report
+from proxops.training.export import publish, write_report
 from proxops.training.loop import seeded, train
 from proxops.training.pilot.examples import Commands, commands_of, joined, labelled_commands
 from proxops.training.pilot.network import Pilot
@@ -140,7 +139,7 @@ def run_dagger(
             report, history = finished, finished["rounds"]
         if not resumed or number == settings.rounds:
             # An earlier run may have ended between the last round and this.
-            _publish(folder, out)
+            publish(folder, out, (PILOT_FILE, "report.json", "report.md", "forces.png"))
     workers.progress(1.0, "done")
     return report
 
@@ -241,16 +240,3 @@ def _finished(folder: Path, identity: str) -> dict[str, Any] | None:
         return None
     # The bundle is written last.
     return report if report.get("identity") == identity and (folder / "bundle").is_dir() else None
-
-
-def _publish(folder: Path, out: Path) -> None:
-    """Copies the files of a round to `out`; each appears only when it is complete."""
-    for name in (PILOT_FILE, "report.json", "report.md", "forces.png"):
-        content = (folder / name).read_bytes()
-        write_whole(out / name, functools.partial(_write, content=content))
-    files = {path.name: path.read_bytes() for path in sorted((folder / "bundle").iterdir())}
-    write_folder(out / "bundle", files)
-
-
-def _write(path: Path, content: bytes) -> None:
-    path.write_bytes(content)
