@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import math
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from known_guidance import write_guidance
 from short_flights import kleopatra, short_scenario
 
 from proxops.diagrams.flight import fly, surroundings
+from proxops.diagrams.scenario import load_scenario
 from proxops.systems import (
     GravityField,
     GuidanceBundle,
@@ -117,6 +119,46 @@ def test_forces_are_those_of_the_network_within_the_limit(bundle: Path) -> None:
     system.GetInputPort("state").FixValue(context, np.full(6, np.nan))
     np.testing.assert_array_equal(system.GetOutputPort("force").Eval(context), np.zeros(3))
     assert system.GetOutputPort("record").Eval(context)[1] == 1
+
+
+def test_it_hurries_where_it_would_be_late(bundle: Path) -> None:
+    """Without corrections the force is the law's, of the time that the deadline leaves."""
+    told = surroundings(short_scenario(), kleopatra())
+    state, goal = np.array([160e3, 0.0, 0.0, 1.0, -2.0, 0.5]), np.array([165e3, 3e4, 0.0])
+    row = told.inputs(state[None], goal[None])[0].astype(float)
+    away, velocity, natural = row[6:9] - row[:3], row[3:6], row[9:12]
+    unit = told.length / told.speed
+    plain, late = (GuidancePolicy(bundle, told, 7.0, latest=end) for end in (math.inf, 5000.0))
+    least = plain.bundle.network.least_time
+    forces = {}
+    for time in (0.0, 4100.0, 4500.0, 4950.0):
+        for system in (plain, late):
+            context = system.CreateDefaultContext()
+            context.SetTime(time)
+            system.GetInputPort("state").FixValue(context, state)
+            system.GetInputPort("target").FixValue(context, np.r_[goal, np.zeros(3)])
+            forces[system, time] = system.GetOutputPort("force").Eval(context)
+    for time in (4100.0, 4500.0):
+        longest = 1.7 * (5000.0 - time) / unit - least
+        law = 7.0 * (6.0 * away / longest**2 - 4.0 * velocity / longest - natural)
+        law = np.where(np.abs(law) < 7.0 * COAST, 0.0, np.clip(law, -7.0, 7.0))
+        np.testing.assert_allclose(forces[late, time], law, atol=1e-4)
+        assert forces[late, time][1] > forces[plain, time][1] + 0.1
+    for time in (0.0, 4950.0):  # There is time enough; it is too late.
+        np.testing.assert_array_equal(forces[late, time], forces[plain, time])
+    with pytest.raises(InputError, match="latest must be positive"):
+        GuidancePolicy(bundle, told, 7.0, latest=0.0)
+
+
+def test_an_earlier_deadline_is_met() -> None:
+    """The policy that ships would arrive after it; the flight is one that no choice was made on."""
+    changes = ["transit.seed=5", "transit.index=1", "navigation=!TrueState {}", "log_ranges=false"]
+    usual = fly(load_scenario(None, changes), "policy").summary
+    deadline = 0.9 * usual["arrival_time_s"]
+    hurried = fly(load_scenario(None, [*changes, f"arrival.deadline_s={deadline}"]), "policy")
+    assert usual["success"]
+    assert hurried.summary["success"]
+    assert hurried.summary["delta_v_m_s"] > usual["delta_v_m_s"]
 
 
 def test_what_it_did_not_learn_is_refused_by_name(bundle: Path) -> None:

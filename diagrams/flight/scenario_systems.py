@@ -92,8 +92,7 @@ def make_mpc(scenario: Scenario, body: Body) -> ModelPredictiveController:
         mpc.cold_iterations,
         mpc.estimator_gain,
         mpc.solve_delay_s,
-        # Close to the goal plans keep their least length, in which the goal region is reached.
-        max(scenario.arrival.deadline_s - horizon.minimum, horizon.minimum),
+        _latest(scenario, horizon.minimum),
     )
 
 
@@ -143,10 +142,16 @@ def make_policy(bundle: Path, scenario: Scenario, body: Body) -> NeuralPolicy | 
     if (bundle / GUIDANCE_FILE).exists():
         around = surroundings(scenario, body)
         beyond = scenario.policy.beyond_family
-        return GuidancePolicy(bundle, around, thrust, beyond_family=beyond)
+        latest = _latest(scenario, scenario.mpc.min_horizon_s)
+        return GuidancePolicy(bundle, around, thrust, beyond_family=beyond, latest=latest)
     return NeuralPolicy(
         bundle, thrust, period, _lidar_geometry(scenario), shape_sha256=body.shape.sha256
     )
+
+
+def _latest(scenario: Scenario, least: float) -> float:
+    """When in s motion should have ended that takes a `least` time in s even next to the goal."""
+    return max(scenario.arrival.deadline_s - least, least)
 
 
 def surroundings(scenario: Scenario, body: Body) -> Surroundings:

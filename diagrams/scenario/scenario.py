@@ -1,6 +1,8 @@
 """Reads, writes and changes scenarios: typed YAML with all that defines a flight."""
 
+import copy
 import dataclasses as dc
+import functools
 import typing
 from pathlib import Path
 
@@ -81,6 +83,12 @@ def parse_scenario(text: str, source: str = "scenario") -> Scenario:
     Raises:
       InputError: the text is not a scenario; see `load_scenario`.
     """
+    return copy.deepcopy(_parsed(text, source))
+
+
+# Reading YAML takes 20 ms, and each flight's text is read several times.
+@functools.lru_cache(maxsize=4)
+def _parsed(text: str, source: str) -> Scenario:
     tree = parse_mapping(text, source)
     translate_renamed(tree)
     scenario = load_typed(Scenario, tree, source)

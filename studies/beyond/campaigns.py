@@ -26,7 +26,7 @@ DISPERSED_BODIES = ("20:0", "20:1", "20:3")
 MAIN = "flagship"
 """Name of the campaign that says most: whole flights, dispersed, assured, nobody told anything."""
 
-_SEED = 23_000
+_SEED = 24_000
 _FLAGSHIP_FLIGHTS = 852
 _ASSURED = {"assurance": {}}
 _ASSURED_FOR_LESS = {"assurance": {"bounds": "before_survey"}}

@@ -75,7 +75,7 @@ def _features(given, bends, row):
 
 
 @_exact
-def _law(given, correction, acceleration, least_time_squared, force):
+def _law(given, correction, acceleration, least_time_squared, longest, force):
     """Fills ``force`` (3,): the law of least quadratic effort, and what the network corrects."""
     along = squared = 0.0
     for k in range(3):
@@ -90,6 +90,7 @@ def _law(given, correction, acceleration, least_time_squared, force):
         gains[k] = math.exp(min(max(correction[3 + k], -_GREATEST_LOG), _GREATEST_LOG))
     time_squared = 4.0 * gains[0] ** 2 * distance / (acceleration * (1.0 + 2.0 * share))
     time_squared += least_time_squared
+    time_squared = min(time_squared, longest * longest)
     time = math.sqrt(time_squared)
     for k in range(3):
         away = given[6 + k] - given[k]
@@ -98,8 +99,11 @@ def _law(given, correction, acceleration, least_time_squared, force):
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def run(given, network, force):
-    """Fills ``force`` (3,) float64 from one row ``given`` (22,) float32 and a `GuidanceNetwork`."""
+def run(given, network, longest, force):
+    """Fills ``force`` (3,) float64 from one row ``given`` (22,) float32 and a `GuidanceNetwork`.
+
+    The law's time is at most ``longest``.
+    """
     told = given.copy()
     for k in range(told.size):
         if not math.isnan(network.instead[k]):
@@ -115,4 +119,4 @@ def run(given, network, force):
     _layer(network.weights_3, network.biases_3, other, one)
     _bend(one)
     _layer(network.weights_4, network.biases_4, one, correction)
-    _law(given, correction, network.law[0], network.law[1], force)
+    _law(given, correction, network.law[0], network.law[1], longest, force)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -45,10 +46,20 @@ class GuidanceNetwork(NamedTuple):
     law: np.ndarray
     """(2,) the law's acceleration and the square of its least time."""
 
-    def run(self, given: np.ndarray) -> np.ndarray:
-        """The force (3,) over the thrust limit, without limits, for inputs (22,) float32."""
+    @property
+    def least_time(self) -> float:
+        """The least time of the law, in the unit L / sqrt(L a) of `Surroundings`."""
+        return math.sqrt(self.law[1])
+
+    def run(self, given: np.ndarray, longest: float = math.inf) -> np.ndarray:
+        """The force (3,) over the thrust limit, without limits, for inputs (22,) float32.
+
+        Args:
+          given: see `Surroundings.inputs`.
+          longest: the law's time is at most so long, in the unit L / sqrt(L a) of `Surroundings`.
+        """
         force = np.empty(3)
-        kernel.run(given, self, force)
+        kernel.run(given, self, longest, force)
         return force
 
     def to_bytes(self) -> bytes:

@@ -15,6 +15,9 @@ from proxops.systems.policy.guidance_bundle import GuidanceBundle
 from proxops.systems.policy.neural_policy import NeuralPolicy, PolicyStatus
 from proxops.systems.policy.surroundings import Surroundings
 
+# The law's time and its least time together are 1.9 times what the flight still takes (median along
+# flights at three bodies). A smaller number leaves a reserve.
+_LAW_OVER_FLIGHT = 1.7
 # Least force along an axis, over the thrust limit. The expert coasts, with no force at all; a
 # network that learned from it would command a little all the time, which takes 2 to 3 % more.
 COAST = 0.05
@@ -37,7 +40,11 @@ class GuidancePolicy(LeafSystem):
     `GuidanceBundle.fitted` leaves, and is none along an axis where it is below `COAST` of it. If it
     is not finite, as without a state, none is commanded.
 
-    The outputs depend on the inputs alone: there is no memory.
+    The network learned at no deadline. Where the flight would end after `latest`, it hurries: the
+    time of the law that the network corrects is then no longer than what is left allows for. It
+    takes its usual time again when it is too late, and next to the goal.
+
+    The outputs depend on the inputs and the time alone: there is no memory.
     """
 
     legend_entry = NeuralPolicy.legend_entry
@@ -49,6 +56,7 @@ class GuidancePolicy(LeafSystem):
         thrust_limit: float,
         *,
         beyond_family: bool = False,
+        latest: float = math.inf,
     ):
         """Takes a bundle that `proxops train --recipe any-body` made, and where it is to fly.
 
@@ -57,13 +65,17 @@ class GuidancePolicy(LeafSystem):
           surroundings: the body and the spacecraft as believed.
           thrust_limit: greatest force per axis in N.
           beyond_family: fly although body or spacecraft lie outside of what it learned.
+          latest: time in s at which it should have arrived.
 
         Raises:
-          InputError: there is no bundle, it is damaged, the limit is not positive, or body or
-            spacecraft lie too far outside of what it learned.
+          InputError: there is no bundle, it is damaged, the limit or `latest` is not positive, or
+            body or spacecraft lie too far outside of what it learned.
         """
         super().__init__()
         check_positive("GuidancePolicy", thrust_limit=thrust_limit)
+        if not latest > 0.0:
+            raise InputError(f"GuidancePolicy: latest must be positive, got {latest} s")
+        self.latest = float(latest)
         self.bundle = bundle if isinstance(bundle, GuidanceBundle) else GuidanceBundle.load(bundle)
         self.surroundings = self.bundle.fitted(surroundings)
         self.force_limit = thrust_limit * self.surroundings.acceleration / surroundings.acceleration
@@ -86,7 +98,7 @@ class GuidancePolicy(LeafSystem):
         self._answer = self.DeclareCacheEntry(
             "answer",
             ValueProducer(allocate=lambda: AbstractValue.Make(object()), calc=self._calc_answer),
-            {self._state_port.ticket(), self._target_port.ticket()},
+            {self._state_port.ticket(), self._target_port.ticket(), self.time_ticket()},
         )
         depends = {self._answer.ticket()}
         self._force_port = self.DeclareVectorOutputPort(
@@ -120,10 +132,17 @@ class GuidancePolicy(LeafSystem):
         if all(map(math.isfinite, state)):
             goals, constant = self._goal.Eval(context)
             given = np.concatenate([self.surroundings.way(state[None], goals), constant], axis=1)
-            answer = self.bundle.network.run(given[0])
+            answer = self.bundle.network.run(given[0], self._longest(context))
             if all(map(math.isfinite, answer)):
                 limit = self.force_limit
                 answer = np.where(np.abs(answer) < COAST, 0.0, answer)
                 force = self.surroundings.in_body_frame(np.clip(limit * answer, -limit, limit))
                 status = PolicyStatus.ANSWERED
         value.set_value((force, time.perf_counter() - started, status))
+
+    def _longest(self, context) -> float:
+        """The greatest time of the law, in the unit of `Surroundings`; inf: any."""
+        unit = self.surroundings.length / self.surroundings.speed
+        left, least = (self.latest - context.get_time()) / unit, self.bundle.network.least_time
+        longest = _LAW_OVER_FLIGHT * left - least
+        return longest if longest > least else math.inf
