@@ -16,14 +16,14 @@ import numpy as np
 from proxops.diagrams.flight.box_worlds import StateErrors, Truth, outward_normal
 from proxops.diagrams.flight.scenario_systems import make_backup
 from proxops.diagrams.logs import dense_positions
-from proxops.diagrams.scenario import AssuranceConfig, Body, Scenario
+from proxops.diagrams.scenario import AssuranceConfig, Body, Scenario, TransitConfig
 from proxops.systems.assurance import AssuranceBounds, BackupBraking, InterventionReason
 from proxops.systems.shapes import clearances
 
 # The adversary along the surface keeps its course for at most this many steps.
 _LONGEST_COURSE = 60
-# This share of the starts is within this distance (m) of the keep-out ellipsoid.
-_NEAR_SHARE, _NEAR = 0.5, 8e3
+# This share of the starts is as near to the keep-out ellipsoid as no transit begins.
+_NEAR_SHARE = 0.5
 # This share of the starts is at the edge of what is admitted, found by so many bisections.
 _EDGE_SHARE, _BISECTIONS = 0.5, 20
 
@@ -160,7 +160,7 @@ class AdversarialFlight:
 
 
 def random_admitted_state(
-    backup: BackupBraking, cube: float, random: np.random.Generator
+    backup: BackupBraking, transit: TransitConfig, random: np.random.Generator
 ) -> np.ndarray:
     """Draws an admitted state (6,) in a cube, half of the time close to the keep-out ellipsoid.
 
@@ -169,15 +169,16 @@ def random_admitted_state(
 
     Args:
       backup: decides which states are admitted.
-      cube: edge of the cube in m.
+      transit: gives the cube, and with `end_clearance_m` what is close.
       random: source of the draws.
     """
     axes, speed = backup.limits.keep_out_semi_axes, backup.limits.speed
+    cube, near = transit.cube_m, transit.end_clearance_m
     while True:
         position = random.uniform(-0.5 * cube, 0.5 * cube, 3)
         if random.random() < _NEAR_SHARE:
             position *= 1.0 / np.linalg.norm(position / axes)
-            position += random.uniform(0.0, _NEAR) * outward_normal(axes, position)
+            position += random.uniform(0.0, near) * outward_normal(axes, position)
         state = np.concatenate([position, random.uniform(-speed, speed, 3)])
         if backup.admitted(state):
             return _lowered(backup, state) if random.random() < _EDGE_SHARE else state
@@ -229,7 +230,7 @@ def adversarial_flight(
     if backup is None:
         backup = make_backup(scenario, body, scenario.assurance or AssuranceConfig())
     random = np.random.default_rng(seed)
-    believed = random_admitted_state(backup, scenario.transit.cube_m, random)
+    believed = random_admitted_state(backup, scenario.transit, random)
     adversary = ADVERSARIES[name](backup, random) if adversary is None else adversary
     period, limits = scenario.control_period_s, backup.limits
     axes, box = np.asarray(limits.keep_out_semi_axes), enlarged(backup.bounds, excess)
