@@ -1,6 +1,6 @@
 """Variants of the policy for any body with parts taken out, each trained and exported as a bundle.
 
-What is in its folder already is not made again.
+What is in its folder already is not made again, and refused if it was made from something else.
 """
 
 import dataclasses as dc
@@ -13,7 +13,8 @@ import torch
 
 from proxops.diagrams.flight import Workers
 from proxops.diagrams.scenario import load_scenario
-from proxops.systems.policy import GUIDANCE_FILE, INPUTS
+from proxops.systems.common import write_whole
+from proxops.systems.policy import GUIDANCE_FILE, INPUTS, GuidanceBundle
 from proxops.training.any_body import AnyBodyGuidance, export_guidance, family_plans, recipe
 from proxops.training.any_body.dagger import trained_settings
 
@@ -22,6 +23,8 @@ NATURAL, AT_GOAL, NUMBERS = slice(9, 12), slice(12, 15), slice(15, INPUTS)
 # What a network without body inputs takes for the constants: a ball, and proportions near the
 # middle of the family.
 BALL = (1.0, 1.0, 1.0, 0.3, 0.1, 0.5, 0.01)
+# Says what a variant was made from.
+_ORIGIN = "origin.json"
 # Of the transits at one body.
 ONE_BODY_SEED = 3
 
@@ -42,7 +45,8 @@ def bare_law(dagger: Path, folder: Path) -> Path:
     Args:
       dagger: what `proxops dagger` wrote.
     """
-    if _is_there(folder):
+    origin = {"dagger": _sha256(dagger)}
+    if _is_there(folder, origin):
         return folder / "bundle"
     rounds = sorted(dagger.glob("round-*"), key=lambda each: int(each.name.split("-")[1]))
     settings, report = trained_settings(dagger), json.loads((dagger / "report.json").read_text())
@@ -55,7 +59,7 @@ def bare_law(dagger: Path, folder: Path) -> Path:
     ranges = json.loads((dagger / "bundle" / GUIDANCE_FILE).read_text())["ranges"]
     examples = torch.from_numpy(np.random.default_rng(0).uniform(0.3, 1.0, (64, INPUTS))).float()
     export_guidance(network.eval(), folder / "bundle", examples, ranges, report, "The bare law.\n")
-    return folder / "bundle"
+    return _made(folder, origin)
 
 
 def no_body_inputs(guidance: Path, folder: Path, workers: Workers) -> Path:
@@ -64,12 +68,13 @@ def no_body_inputs(guidance: Path, folder: Path, workers: Workers) -> Path:
     Args:
       guidance: what `proxops train --recipe any-body` wrote; its plans are learned from.
     """
-    if not _is_there(folder):
+    origin = {"guidance": _sha256(guidance)}
+    if not _is_there(folder, origin):
         settings = trained_settings(guidance)
         family, labels = recipe.known_family(guidance, settings, workers)
         told = {"recipe": "ablation: no body inputs"}
         recipe.learn(family, labels, settings, folder, told, workers.progress, Blind)
-    return folder / "bundle"
+    return _made(folder, origin)
 
 
 def one_body(guidance: Path, transits: int, folder: Path, workers: Workers) -> Path:
@@ -79,7 +84,8 @@ def one_body(guidance: Path, transits: int, folder: Path, workers: Workers) -> P
       guidance: its settings are taken. transits: whose plans are learned from; a tenth of them
         again is held out.
     """
-    if not _is_there(folder):
+    origin = {"guidance": _sha256(guidance), "transits": transits}
+    if not _is_there(folder, origin):
         settings, scenario = dc.replace(trained_settings(guidance), held=1), load_scenario()
         counts = {"learned": transits, "held": max(1, transits // 10)}
         parts = [
@@ -91,8 +97,24 @@ def one_body(guidance: Path, transits: int, folder: Path, workers: Workers) -> P
         family = recipe.family_of([scenario, scenario], settings.held)
         told: Mapping = {"recipe": "ablation: one body"}
         recipe.learn(family, labels, settings, folder, dict(told), workers.progress)
+    return _made(folder, origin)
+
+
+def _sha256(trained: Path) -> str:
+    return GuidanceBundle.load(trained / "bundle").sha256
+
+
+def _is_there(folder: Path, origin: Mapping) -> bool:
+    """Whether a variant has been made; ends the program if it was made from something else."""
+    if not (folder / "bundle" / GUIDANCE_FILE).exists():
+        return False
+    path = folder / _ORIGIN
+    if path.is_file() and json.loads(path.read_text()) == origin:
+        return True
+    raise SystemExit(f"{folder} was made from something else: remove it, or name another --out")
+
+
+def _made(folder: Path, origin: Mapping) -> Path:
+    """The bundle of a variant that has just been made, or was there."""
+    write_whole(folder / _ORIGIN, lambda path: path.write_text(json.dumps(origin)))
     return folder / "bundle"
-
-
-def _is_there(folder: Path) -> bool:
-    return (folder / "bundle" / GUIDANCE_FILE).exists()

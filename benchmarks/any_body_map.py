@@ -31,6 +31,7 @@ for name in ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
 import matplotlib.pyplot as plt
 import numpy as np
 from _campaign import campaign_parser, show, workers_with_bar
+from matplotlib.ticker import NullLocator
 
 from proxops.diagrams.flight import Row, run_groups
 from proxops.diagrams.scenario import Body, Scenario, change_scenario, load_body, load_scenario
@@ -39,6 +40,8 @@ from proxops.systems.common import write_whole
 from proxops.systems.gravity import GRAVITATIONAL_CONSTANT
 from proxops.training.any_body import spacecraft_numbers, write_family
 
+# Where the axes have numbers.
+_TICKS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
 PARTS = ("least third", "middle", "greatest third")
 HEADINGS = ("from", "to", "success", "keep-out violations", "late or away", "Δv over the MPC's")
 
@@ -145,6 +148,9 @@ def draw(members: Sequence[Member], path: Path) -> None:
         axis.scatter(x[failed], y[failed], marker="x", s=110, c="tab:red", label="a flight failed")
         axis.set(xlabel=across, ylabel=up)
         axis.set_xscale("log")
+        ticks = [tick for tick in _TICKS if x.min() <= tick <= x.max()]
+        axis.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
+        axis.xaxis.set_minor_locator(NullLocator())
     axes[0].legend()
     figure.colorbar(dots, ax=axes, label="Δv over the MPC's")
     write_whole(path, lambda name: figure.savefig(name, dpi=120, format="png"))
