@@ -1,11 +1,10 @@
 """Variants of the policy for any body with parts taken out, each trained and exported as a bundle.
 
-What is in its folder already is not made again, and refused if it was made from something else.
+Each is a stage: it is made once from the same inputs, and goes on after an interruption.
 """
 
 import dataclasses as dc
 import json
-from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +12,8 @@ import torch
 
 from proxops.diagrams.flight import Workers
 from proxops.diagrams.scenario import load_scenario
-from proxops.systems.common import write_whole
+from proxops.studies.reproduction import Stages
+from proxops.systems.common import Progress
 from proxops.systems.policy import GUIDANCE_FILE, INPUTS, GuidanceBundle
 from proxops.training.any_body import AnyBodyGuidance, export_guidance, family_plans, recipe
 from proxops.training.any_body.dagger import trained_settings
@@ -23,8 +23,6 @@ NATURAL, AT_GOAL, NUMBERS = slice(9, 12), slice(12, 15), slice(15, INPUTS)
 # What a network without body inputs takes for the constants: a ball, and proportions near the
 # middle of the family.
 BALL = (1.0, 1.0, 1.0, 0.3, 0.1, 0.5, 0.01)
-# Says what a variant was made from.
-_ORIGIN = "origin.json"
 # Of the transits at one body.
 ONE_BODY_SEED = 3
 
@@ -39,82 +37,77 @@ class Blind(AnyBodyGuidance):
         super().__init__(width, instead)
 
 
-def bare_law(dagger: Path, folder: Path) -> Path:
+def bare_law(dagger: Path, stages: Stages) -> Path:
     """The bundle of a trained guidance whose corrections are all zero.
 
     Args:
       dagger: what `proxops dagger` wrote.
     """
-    origin = {"dagger": _sha256(dagger)}
-    if _is_there(folder, origin):
-        return folder / "bundle"
-    rounds = sorted(dagger.glob("round-*"), key=lambda each: int(each.name.split("-")[1]))
-    settings, report = trained_settings(dagger), json.loads((dagger / "report.json").read_text())
-    network = AnyBodyGuidance(settings.width)
-    network.load_state_dict(torch.load(rounds[-1] / "guidance.ckpt")["best"])
-    last = network.network[-1]
-    with torch.no_grad():
-        last.weight.zero_()
-        last.bias.zero_()
-    ranges = json.loads((dagger / "bundle" / GUIDANCE_FILE).read_text())["ranges"]
-    examples = torch.from_numpy(np.random.default_rng(0).uniform(0.3, 1.0, (64, INPUTS))).float()
-    export_guidance(network.eval(), folder / "bundle", examples, ranges, report, "The bare law.\n")
-    return _made(folder, origin)
+
+    def work(folder: Path, progress: Progress) -> dict:
+        rounds = sorted(dagger.glob("round-*"), key=lambda each: int(each.name.split("-")[1]))
+        settings, report = (
+            trained_settings(dagger),
+            json.loads((dagger / "report.json").read_text()),
+        )
+        network = AnyBodyGuidance(settings.width)
+        network.load_state_dict(torch.load(rounds[-1] / "guidance.ckpt")["best"])
+        last = network.network[-1]
+        with torch.no_grad():
+            last.weight.zero_()
+            last.bias.zero_()
+        ranges = json.loads((dagger / "bundle" / GUIDANCE_FILE).read_text())["ranges"]
+        rows = torch.from_numpy(np.random.default_rng(0).uniform(0.3, 1.0, (64, INPUTS))).float()
+        bundle, told = folder / "bundle", "The bare law.\n"
+        export_guidance(network.eval(), bundle, rows, ranges, report, told)
+        return {}
+
+    return stages.run("bare-law", {"dagger": _sha256(dagger)}, work).folder / "bundle"
 
 
-def no_body_inputs(guidance: Path, folder: Path, workers: Workers) -> Path:
+def no_body_inputs(guidance: Path, stages: Stages, workers: Workers) -> Path:
     """The bundle of a network that is told nothing of the body.
 
     Args:
       guidance: what `proxops train --recipe any-body` wrote; its plans are learned from.
     """
-    origin = {"guidance": _sha256(guidance)}
-    if not _is_there(folder, origin):
+
+    def work(folder: Path, progress: Progress) -> dict:
         settings = trained_settings(guidance)
-        family, labels = recipe.known_family(guidance, settings, workers)
+        family, labels = recipe.known_family(guidance, settings, workers.reporting(progress))
         told = {"recipe": "ablation: no body inputs"}
-        recipe.learn(family, labels, settings, folder, told, workers.progress, Blind)
-    return _made(folder, origin)
+        recipe.learn(family, labels, settings, folder, told, progress, Blind)
+        return {}
+
+    return stages.run("blind", {"guidance": _sha256(guidance)}, work).folder / "bundle"
 
 
-def one_body(guidance: Path, transits: int, folder: Path, workers: Workers) -> Path:
+def one_body(guidance: Path, transits: int, stages: Stages, workers: Workers) -> Path:
     """The bundle of a network that learned at Kleopatra alone.
 
     Args:
       guidance: its settings are taken. transits: whose plans are learned from; a tenth of them
         again is held out.
     """
-    origin = {"guidance": _sha256(guidance), "transits": transits}
-    if not _is_there(folder, origin):
+
+    def work(folder: Path, progress: Progress) -> dict:
         settings, scenario = dc.replace(trained_settings(guidance), held=1), load_scenario()
         counts = {"learned": transits, "held": max(1, transits // 10)}
+        plan = workers.reporting(progress)
         parts = [
-            family_plans([scenario], count, ONE_BODY_SEED + k, folder / f"plans-{name}", workers)
+            family_plans([scenario], count, ONE_BODY_SEED + k, folder / f"plans-{name}", plan)
             for k, (name, count) in enumerate(counts.items())
         ]
         parts[1]["member"] = parts[1]["member"] + 1
         labels = {name: np.concatenate([each[name] for each in parts]) for name in parts[0]}
         family = recipe.family_of([scenario, scenario], settings.held)
-        told: Mapping = {"recipe": "ablation: one body"}
-        recipe.learn(family, labels, settings, folder, dict(told), workers.progress)
-    return _made(folder, origin)
+        told = {"recipe": "ablation: one body"}
+        recipe.learn(family, labels, settings, folder, told, progress)
+        return {}
+
+    inputs = {"guidance": _sha256(guidance), "transits": transits}
+    return stages.run("one-body", inputs, work).folder / "bundle"
 
 
 def _sha256(trained: Path) -> str:
     return GuidanceBundle.load(trained / "bundle").sha256
-
-
-def _is_there(folder: Path, origin: Mapping) -> bool:
-    """Whether a variant has been made; ends the program if it was made from something else."""
-    if not (folder / "bundle" / GUIDANCE_FILE).exists():
-        return False
-    path = folder / _ORIGIN
-    if path.is_file() and json.loads(path.read_text()) == origin:
-        return True
-    raise SystemExit(f"{folder} was made from something else: remove it, or name another --out")
-
-
-def _made(folder: Path, origin: Mapping) -> Path:
-    """The bundle of a variant that has just been made, or was there."""
-    write_whole(folder / _ORIGIN, lambda path: path.write_text(json.dumps(origin)))
-    return folder / "bundle"

@@ -32,6 +32,7 @@ from any_body import HEADINGS, MPC, figures, label, scenario_of
 
 from proxops.diagrams.scenario import load_body
 from proxops.studies.evaluation import Variant
+from proxops.studies.reproduction import Stages
 
 ON_TRUTH = {"navigation": {"_tag": "!TrueState"}}
 # A network that learned at one body knows a family of one.
@@ -61,12 +62,12 @@ def trained_bundles(asked: argparse.Namespace) -> dict[str, Path]:
     # PyTorch takes a while to import, and nothing else here needs it.
     from _guidance_variants import bare_law, no_body_inputs, one_body
 
-    folder = asked.out / "trained"
     with workers_with_bar(asked) as workers:
+        stages = Stages(asked.out / "trained", lambda name, *done: workers.progress(*done))
         bundles = {
-            "bare law": bare_law(asked.dagger, folder / "bare-law"),
-            "no body inputs": no_body_inputs(asked.guidance, folder / "blind", workers),
-            "one body": one_body(asked.guidance, asked.one, folder / "one-body", workers),
+            "bare law": bare_law(asked.dagger, stages),
+            "no body inputs": no_body_inputs(asked.guidance, stages, workers),
+            "one body": one_body(asked.guidance, asked.one, stages, workers),
         }
     bundles["plans alone"] = asked.guidance / "bundle"
     if asked.as_believed is not None:

@@ -127,7 +127,7 @@ def test_it_hurries_where_it_would_be_late(bundle: Path) -> None:
     state, goal = np.array([160e3, 0.0, 0.0, 1.0, -2.0, 0.5]), np.array([165e3, 3e4, 0.0])
     row = told.inputs(state[None], goal[None])[0].astype(float)
     away, velocity, natural = row[6:9] - row[:3], row[3:6], row[9:12]
-    unit = told.length / told.speed
+    unit = math.sqrt(told.length / told.acceleration)
     plain, late = (GuidancePolicy(bundle, told, 7.0, latest=end) for end in (math.inf, 5000.0))
     least = plain.bundle.network.least_time
     forces = {}

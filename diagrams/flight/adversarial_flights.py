@@ -22,7 +22,7 @@ from proxops.systems.shapes import clearances
 
 # The adversary along the surface keeps its course for at most this many steps.
 _LONGEST_COURSE = 60
-# This share of the starts is as near to the keep-out ellipsoid as no transit begins.
+# This share of the starts is nearer to the keep-out ellipsoid than a transit may begin.
 _NEAR_SHARE = 0.5
 # This share of the starts is at the edge of what is admitted, found by so many bisections.
 _EDGE_SHARE, _BISECTIONS = 0.5, 20

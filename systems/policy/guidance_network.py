@@ -48,7 +48,7 @@ class GuidanceNetwork(NamedTuple):
 
     @property
     def least_time(self) -> float:
-        """The least time of the law, in the unit L / sqrt(L a) of `Surroundings`."""
+        """The least time of the law, in the unit of `Surroundings`."""
         return math.sqrt(self.law[1])
 
     def run(self, given: np.ndarray, longest: float = math.inf) -> np.ndarray:
@@ -56,7 +56,7 @@ class GuidanceNetwork(NamedTuple):
 
         Args:
           given: see `Surroundings.inputs`.
-          longest: the law's time is at most so long, in the unit L / sqrt(L a) of `Surroundings`.
+          longest: the law's time is at most so long, in the unit of `Surroundings`.
         """
         force = np.empty(3)
         kernel.run(given, self, longest, force)

@@ -142,7 +142,7 @@ class GuidancePolicy(LeafSystem):
 
     def _longest(self, context) -> float:
         """The greatest time of the law, in the unit of `Surroundings`; inf: any."""
-        unit = self.surroundings.length / self.surroundings.speed
-        left, least = (self.latest - context.get_time()) / unit, self.bundle.network.least_time
+        left = (self.latest - context.get_time()) / self.surroundings.time
+        least = self.bundle.network.least_time
         longest = _LAW_OVER_FLIGHT * left - least
         return longest if longest > least else math.inf

@@ -76,13 +76,18 @@ class Surroundings:
         """The unit of speed sqrt(L a) in m/s."""
         return math.sqrt(self.length * self.acceleration)
 
+    @cached_property
+    def time(self) -> float:
+        """The unit of time sqrt(L / a) in s."""
+        return self.length / self.speed
+
     def numbers(self) -> dict[str, float]:
         """All that is constant in a flight, by name: proportions of body and spacecraft.
 
         `semi_axis_x`, `semi_axis_y`, `semi_axis_z` over L; `gravity`, G M / (L^2 a); `spin`, the
         rate times sqrt(L / a); `speed_limit` over sqrt(L a); `period` over sqrt(L / a).
         """
-        length, time = self.length, self.length / self.speed
+        length, time = self.length, self.time
         x, y, z = (float(axis) / length for axis in self.semi_axes)
         x, y = (y, x) if self.turned else (x, y)
         gravity = GRAVITATIONAL_CONSTANT * self.mass / (length**2 * self.acceleration)
