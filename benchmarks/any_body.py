@@ -19,7 +19,7 @@ policy a folder of its own.
 
 import argparse
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 for name in ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
@@ -27,11 +27,11 @@ for name in ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
 
 import numpy as np
 from _bodies import GENERATED, KLEOPATRA, scenario_at
-from _campaign import campaign_parser, fly_with_bar, show
+from _campaign import Lines, campaign_parser, fly_with_bar, show
 
 from proxops.diagrams.flight import Row
 from proxops.diagrams.scenario import Scenario, dump_scenario, load_body, load_scenario
-from proxops.studies.evaluation import Variant, delta_v_pairs
+from proxops.studies.evaluation import Variant, command_count, delta_v_pairs
 from proxops.systems.common import InputError, make_folder, write_whole
 
 MPC = "MPC"
@@ -53,11 +53,16 @@ HEADINGS = (
 )  # fmt: skip
 
 
-def figures(rows: Sequence[Row], expert: Sequence[Row], size: float) -> list[str]:
-    """One line of the table; `size` is the longest semi-axis in m."""
+def figures(rows: Sequence[Row], expert: Sequence[Row], sizes: Sequence[float]) -> list[str]:
+    """One line of the table; `sizes` are the longest semi-axes in m of the rows' bodies."""
     flown = [row for row in rows if "unflyable" not in row]
     broken = sum(row["keep_out_violations"] > 0 or row["collided"] for row in flown)
     won = sum(row["success"] for row in flown)
+    room = min(
+        row["min_clearance_m"] / size
+        for row, size in zip(rows, sizes, strict=True)
+        if "unflyable" not in row
+    )
     ratios = [spent / best for spent, best in delta_v_pairs(rows, expert)]
     speedups = [
         best["control_ms_mean"] / row["control_ms_mean"]
@@ -65,21 +70,43 @@ def figures(rows: Sequence[Row], expert: Sequence[Row], size: float) -> list[str
         if "unflyable" not in row and "unflyable" not in best
     ]
     shares = [row["policy_share"] for row in flown if row.get("policy_share") is not None]
-    solves = [
-        row["mpc_solves"] / (row["steps"] + 1) for row in flown if row.get("mpc_solves") is not None
-    ]
+    asked = [row for row in flown if row.get("mpc_solves") is not None]
+    solves = sum(row["mpc_solves"] for row in asked)
     return [
         f"{won}/{len(flown)}",
         str(broken),
         str(len(flown) - won - broken),
-        f"{100.0 * min(row['min_clearance_m'] for row in flown) / size:.2f}",
+        f"{100.0 * room:.2f}",
         f"{np.mean(ratios):.3f}" if ratios else "–",
         f"{np.max(ratios):.3f}" if ratios else "–",
         f"{100.0 * np.mean(shares):.1f}" if shares else "–",
-        f"{100.0 * (1.0 - np.mean(solves)):.1f}" if solves else "–",
+        f"{100.0 * (1.0 - solves / command_count(asked)):.1f}" if asked else "–",
         f"{np.median([row['control_ms_mean'] for row in flown]):.2f}",
         f"{np.median(speedups):.1f}",
     ]
+
+
+def table(flown: Mapping[str, Mapping[str, Sequence[Row]]], sizes: Mapping[str, float]) -> Lines:
+    """The figures of each variant at each body, then at all bodies together if there are several.
+
+    Args:
+      flown: the rows of each variant by its name, by body.
+      sizes: longest semi-axis in m of each body.
+    """
+    lines = {
+        f"{body}, {name}": figures(rows, variants[MPC], [sizes[body]] * len(rows))
+        for body, variants in flown.items()
+        for name, rows in variants.items()
+    }
+    if len(flown) > 1:
+        together = {
+            name: [row for variants in flown.values() for row in variants[name]]
+            for name in next(iter(flown.values()))
+        }
+        each = [sizes[body] for body, variants in flown.items() for _ in variants[MPC]]
+        for name, rows in together.items():
+            lines[f"all bodies, {name}"] = figures(rows, together[MPC], each)
+    return lines
 
 
 def options() -> argparse.Namespace:
@@ -114,6 +141,11 @@ def scenario_of(body: str, asked: argparse.Namespace) -> Scenario:
     return load_scenario(path, changes)
 
 
+def longest_axis(scenario: Scenario) -> float:
+    """The longest semi-axis in m of the keep-out ellipsoid."""
+    return float(load_body(scenario.body).keep_out_semi_axes.max())
+
+
 def label(body: str) -> str:
     """A body's name, as part of the name of a file."""
     return Path(body).stem.replace(":", "-")
@@ -126,22 +158,20 @@ def main() -> None:
     for name in dict.fromkeys([MPC, *asked.only]):
         controller, changes = VARIANTS[name]
         variants.append(Variant(name, controller if name == MPC else controller + bundle, changes))
-    lines = {}
+    flown, sizes = {}, {}
     for body in asked.bodies:
         try:
             scenario = scenario_of(body, asked)
         except InputError as error:
             raise SystemExit(f"{body}: {error}") from error
         own = argparse.Namespace(**vars(asked) | {"out": asked.out / label(body)})
-        rows = fly_with_bar(variants, scenario, own)
-        size = float(load_body(scenario.body).keep_out_semi_axes.max())
-        for name, flown in rows.items():
-            lines[f"{label(body)}, {name}"] = figures(flown, rows[MPC], size)
+        flown[label(body)] = fly_with_bar(variants, scenario, own)
+        sizes[label(body)] = longest_axis(scenario)
     world, state = asked.dispersions or "as believed", "navigation"
     if asked.true_state:
         state = "the true state"
     title = f"Transits 0 … {asked.transits - 1} of seed {asked.seed} on {state}, {world}"
-    show(title, HEADINGS, lines, asked.markdown)
+    show(title, HEADINGS, table(flown, sizes), asked.markdown)
 
 
 if __name__ == "__main__":

@@ -28,9 +28,8 @@ from pathlib import Path
 
 from _bodies import KLEOPATRA
 from _campaign import campaign_parser, fly_with_bar, show, workers_with_bar
-from any_body import HEADINGS, MPC, figures, label, scenario_of
+from any_body import HEADINGS, MPC, label, longest_axis, scenario_of, table
 
-from proxops.diagrams.scenario import load_body
 from proxops.studies.evaluation import Variant
 from proxops.studies.reproduction import Stages
 
@@ -87,15 +86,14 @@ def variants(asked: argparse.Namespace) -> list[Variant]:
 
 def main() -> None:
     asked = options()
-    flown, lines = variants(asked), {}
+    flying, flown, sizes = variants(asked), {}, {}
     for body in asked.bodies:
         scenario = scenario_of(body, asked)
         own = argparse.Namespace(**vars(asked) | {"out": asked.out / label(body)})
-        size = float(load_body(scenario.body).keep_out_semi_axes.max())
-        rows = fly_with_bar(flown, scenario, own)
-        for name, group in rows.items():
-            cells = dict(zip(HEADINGS, figures(group, rows[MPC], size), strict=True))
-            lines[f"{label(body)}, {name}"] = [cells[heading] for heading in KEPT]
+        flown[label(body)] = fly_with_bar(flying, scenario, own)
+        sizes[label(body)] = longest_axis(scenario)
+    kept = [HEADINGS.index(heading) for heading in KEPT]
+    lines = {name: [line[k] for k in kept] for name, line in table(flown, sizes).items()}
     title = f"Transits 0 … {asked.transits - 1} of seed {asked.seed} on navigation, as believed"
     show(title, KEPT, lines, asked.markdown)
 
