@@ -83,16 +83,7 @@ def fly(
             simulator.set_target_realtime_rate(PLAYBACK_SPEED)  # A person can follow it.
         latest = scenario.arrival.deadline_s + scenario.arrival.dwell_s
         frames = KeptFrames(diagram, scenario.control_period_s) if scenario.log_ranges else None
-
-        def monitor(context: Context) -> EventStatus:
-            if frames is not None:
-                frames.keep(context)
-            progress(context.get_time() / latest, f"{context.get_time():.0f} s")
-            return EventStatus.DidNothing()
-
-        if frames is not None or progress is not silent:
-            monitor(simulator.get_context())  # The start.
-            simulator.set_monitor(monitor)
+        _watch(simulator, frames, progress, latest)
         started = time.perf_counter()
         status = simulator.AdvanceTo(latest)
         if status.reason() == SimulatorStatus.ReturnReason.kEventHandlerFailed:
@@ -109,6 +100,23 @@ def fly(
     finally:
         let_go(diagram, None if own else controller)
     return log
+
+
+def _watch(
+    simulator: Simulator, frames: KeptFrames | None, progress: Progress, latest: float
+) -> None:
+    """Has the simulator keep frames and report the share of `latest`, in s, at every step."""
+    if frames is None and progress is silent:
+        return
+
+    def monitor(context: Context) -> EventStatus:
+        if frames is not None:
+            frames.keep(context)
+        progress(context.get_time() / latest, f"{context.get_time():.0f} s")
+        return EventStatus.DidNothing()
+
+    monitor(simulator.get_context())  # The start.
+    simulator.set_monitor(monitor)
 
 
 def let_go(diagram: Diagram, kept: System | None) -> None:
