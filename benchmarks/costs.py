@@ -2,8 +2,8 @@
 
 Each campaign flies transits of a seed with `run_campaign`, with their logs, in a new folder. Its
 wall time has the start of the workers in it; its processor time is that of this process and of all
-workers. What a million flights would take is arithmetic: a million times the processor time of a
-flight in the largest campaign on the fewest workers. Nothing else should run.
+workers. What a million flights would take is arithmetic: a million times what one flight of the
+line takes. Nothing else should run.
 
     python benchmarks/costs.py [--controllers mpc policy hybrid] [--flights 1 10 100]
         [--workers 1 2 4 8] [--seed 10000] [--set gravity=table …] [--markdown FILE]

@@ -9,8 +9,8 @@ What lies between the lines is replaced. `FILE` is one of
 
 * `results.json`: docs/results.json, the campaigns of `proxops reproduce`. `NAME` is a campaign, or
   `bodies` (all campaigns at bodies that the policy never saw), `headline` (the most telling line
-  of each) or `paper` (the paper's figures and ours). A campaign that is not there is said not to
-  be flown.
+  of each), `steps` (how long controllers compute), `versions` (by what they were flown) or `paper`
+  (the paper's figures and ours). A campaign that is not there is said not to be flown.
 * `measured.json`: docs/measured.json, what other commands measured; `NAME` is an entry there.
 * `benchmark`: the rows in docs/benchmark; `NAME` is a track.
 * `benchmarks/results.json`: what `make bench` measured; `NAME` is `speed`.
@@ -27,10 +27,12 @@ import re
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
 from proxops.studies.beyond import BODIES, all_campaigns, campaign_name
+from proxops.studies.evaluation import exact_interval
 from proxops.studies.scoring import ScoreRow, load_row, load_track, row_table
 
 ROOT = Path(__file__).parents[1]
@@ -41,6 +43,9 @@ ROWS = ROOT / "docs" / "benchmark"
 _PLACE = re.compile(
     r"(^<!-- from ([\w./]+): ([\w-]+) -->\n)(.*?)(^<!-- end -->$)", re.DOTALL | re.MULTILINE
 )
+
+# Those that move the last bits of a flight.
+_PACKAGES = ("drake", "numpy", "scipy", "numba", "embreex")
 
 Campaign = Mapping[str, Any]
 Campaigns = Mapping[str, Campaign]
@@ -92,7 +97,7 @@ def own_text(text: str) -> str:
 
 
 def take(folder: Path) -> None:
-    """Copies the results of `proxops reproduce`, with the commit of this repository.
+    """Copies the results of `proxops reproduce`, with this repository's commit and its packages.
 
     Campaigns of the same version that the folder does not have are kept, each with its own commit.
     """
@@ -105,7 +110,9 @@ def take(folder: Path) -> None:
         capture_output=True,
         text=True,
     ).stdout.strip()
-    RESULTS.write_text(json.dumps(merged(known, content, commit), indent=1) + "\n")
+    packages = {name: metadata.version(name) for name in _PACKAGES}
+    taken = {**merged(known, content, commit), "packages": packages}
+    RESULTS.write_text(json.dumps(taken, indent=1) + "\n")
 
 
 def merged(known: Mapping[str, Any], content: Mapping[str, Any], commit: str) -> Mapping[str, Any]:
@@ -137,14 +144,19 @@ def _place(name: str) -> tuple[int, list[int], str]:
 # --- tables ---------------------------------------------------------------------------------------
 
 
+def _counts(*flown: Mapping[str, Any]) -> tuple[int, int]:
+    """Of all flights of some controllers, how many succeed, and how many there are."""
+    good = sum(round(each["success_rate"] * each["transits"]) for each in flown)
+    return good, sum(each["transits"] for each in flown)
+
+
 def _successes(*flown: Mapping[str, Any]) -> str:
     """Of all flights of some controllers, how many succeed."""
-    good = sum(round(each["success_rate"] * each["transits"]) for each in flown)
-    return f"{good} of {sum(each['transits'] for each in flown)}"
+    return "{} of {}".format(*_counts(*flown))
 
 
 def _entries(*flown: Mapping[str, Any]) -> str:
-    """How many flights of some controllers enter the keep-out."""
+    """How often flights of some controllers enter the keep-out."""
     return str(sum(each["keep_out_violations"] for each in flown))
 
 
@@ -159,14 +171,24 @@ def _of(who: str, campaigns: Campaigns) -> list[Mapping[str, Any]]:
     return [each["controllers"][who] for each in campaigns.values() if who in each["controllers"]]
 
 
-def _interval(figures: Mapping[str, Any]) -> str:
-    low, high = figures["success_rate_exact_interval"]
+def _interval(*flown: Mapping[str, Any]) -> str:
+    """The exact interval of 95 % of the probability of success."""
+    low, high = exact_interval(*_counts(*flown))
     return f"{100 * low:.1f} to {100 * high:.1f} %"
 
 
 def _number(figures: Mapping[str, Any], name: str, form: str, scale: float = 1.0) -> str:
     value = figures.get(name)
     return "–" if value is None else format(scale * value, form)
+
+
+def _digits(figures: Mapping[str, Any], name: str, digits: int, scale: float = 1.0) -> str:
+    """A figure with so many digits: bodies differ in size by a factor of thousands."""
+    value = figures.get(name)
+    if value is None:
+        return "–"
+    form = f".{digits}g" if abs(scale * value) < 10**digits else ",.0f"
+    return format(scale * value, form)
 
 
 def _table(head: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
@@ -198,9 +220,38 @@ def _bodies(results: Mapping[str, Any]) -> str:
     ]  # fmt: skip
     bodies = [f"at-{name.replace(':', '-')}" for name in BODIES]
     missing = [name for name in bodies if name not in flown]
-    told = [_table(head, [*lines, ["all", *sums, ""]])] if lines else []
+    told = [_table(head, [*lines, ["all", *sums, ""]]), _intervals(flown)] if lines else []
     told += [_missing(results, missing)] if missing else []
     return "\n\n".join(told)
+
+
+def _intervals(campaigns: Campaigns) -> str:
+    """What the successes that are shown say of the probability of success."""
+    shown = [found for who in (*_SHOWN, "mpc") for found in _of(who, campaigns)]
+    known = {_counts(found): f"{_successes(found)}: {_interval(found)}" for found in shown}
+    return f"Exact 95 % intervals: {'; '.join(known[each] for each in sorted(known))}."
+
+
+# What moves an outcome, in words.
+_OUTCOMES = {
+    "failure": "failures",
+    "terminal_position_error_m": "end error",
+    "delta_v_m_s": "Δv",
+}
+
+
+def _drivers(campaign: Campaign) -> str:
+    """What drives the outcomes of a dispersed campaign."""
+    told = [
+        f"{_OUTCOMES[output]} of {who}: {', '.join(f'`{each}`' for each in names)}"
+        for who, found in campaign["controllers"].items()
+        for output, names in found.get("drivers", {}).items()
+        if names
+    ]
+    return (
+        "What drives an outcome more than chance would, strongest first: "
+        f"{'; '.join(told) if told else 'nothing that was drawn'}."
+    )
 
 
 def _controllers(campaign: Campaign) -> str:
@@ -212,10 +263,11 @@ def _controllers(campaign: Campaign) -> str:
             _interval(found),
             _number(found, "success_shown_90", ".2f", 100.0),
             _entries(found),
-            _number(found, "min_clearance_m", ".2f", 1e-3),
-            _number(found, "terminal_position_error_m_median", ".0f"),
-            _number(found, "terminal_position_error_m_max", ",.0f"),
-            _number(found, "delta_v_m_s_median", ".1f"),
+            _digits(found, "min_clearance_m", 3, 1e-3),
+            _digits(found, "terminal_position_error_m_median", 3),
+            _digits(found, "terminal_position_error_m_max", 3),
+            _digits(found, "delta_v_m_s_median", 4),
+            _digits(found, "delta_v_99_m_s", 4),
             _number(found, "expert_delta_v_ratio", ".3f"),
             _number(found, "policy_share", ".1f", 100.0),
         ]
@@ -224,12 +276,47 @@ def _controllers(campaign: Campaign) -> str:
     head = [
         "", "success", "95 % interval", "shown with 90 % confidence (%)", "entries",
         "least clearance (km)", "end error, median (m)", "greatest", "Δv, median (m/s)",
-        "Δv / MPC's", "policy's share (%)",
+        "Δv99 (m/s)", "Δv / MPC's", "policy's share (%)",
     ]  # fmt: skip
     command = (
         f"`{campaign['command']}` (seed {campaign['seed']}, taken at commit {campaign['commit']})"
     )
-    return f"{_table(head, lines)}\n\nFlown by {command}."
+    told = [_table(head, lines), *([_drivers(campaign)] if campaign["dispersions"] else [])]
+    return "\n\n".join([*told, f"Flown by {command}."])
+
+
+# The campaigns that show how long controllers compute, and the navigation's step in their worlds,
+# which `make bench` measures: all fly with the gravity table.
+_STEPS = {
+    "navigation": "a navigation step, following, gravity: table (ms)",
+    "after-survey": "a navigation step, following, after_survey (ms)",
+    "true-state": None,
+}
+
+
+def _steps(sources: Sources) -> str:
+    """How long controllers compute a step, without the navigation and with it."""
+    campaigns, lines = sources.results["campaigns"], []
+    for name, key in _STEPS.items():
+        if name not in campaigns:
+            continue
+        own = 0.0 if key is None else float(sources.speed[-1]["figures"][key])
+        flown = campaigns[name]["controllers"]
+        expert = flown["mpc"]["control_ms_mean"]
+        for who in ("mpc", "policy", "hybrid", "hybrid, adaptive"):
+            step = flown[who]["control_ms_mean"]
+            both = ["–", "–"] if key is None else [
+                f"{step + own:.2f}", f"{(expert + own) / (step + own):.1f}"
+            ]  # fmt: skip
+            lines.append([f"`{name}`: {who}", f"{step:.2f}", f"{expert / step:.1f}", *both])
+    head = [
+        "", "a step without the navigation (ms)", "the MPC's over it",
+        "with it (ms)", "the MPC's over it",
+    ]  # fmt: skip
+    missing = [name for name in _STEPS if name not in campaigns]
+    told = [_table(head, lines)] if lines else []
+    told += [_missing(sources.results, missing)] if missing else []
+    return "\n\n".join(told)
 
 
 def _missing(results: Mapping[str, Any], names: Sequence[str]) -> str:
@@ -262,14 +349,15 @@ def _headline(results: Mapping[str, Any]) -> str:
         flown = _of(who, _at_bodies(campaigns))
         if flown:
             world = f"as believed, {len(flown)} bodies that the policy never saw"
-            lines.append([world, who, _successes(*flown), "", _entries(*flown), ""])
+            told = _successes(*flown), _interval(*flown), _entries(*flown)
+            lines.append([world, who, *told, ""])
     head = ["world", "controller", "success", "95 % interval", "entries", "Δv / MPC's"]
-    told = [_table(head, lines)] if lines else []
+    shown = [_table(head, lines)] if lines else []
     missing = [name for name in dict.fromkeys(each[1] for each in _HEADLINE)
                if name not in campaigns]  # fmt: skip
     if missing:
-        told.append(_missing(results, missing))
-    return "\n\n".join(told)
+        shown.append(_missing(results, missing))
+    return "\n\n".join(shown)
 
 
 def _paper(results: Mapping[str, Any]) -> str:
@@ -281,6 +369,12 @@ def _paper(results: Mapping[str, Any]) -> str:
     return _table(["", "paper", "ours"], lines)
 
 
+def _versions(results: Mapping[str, Any]) -> str:
+    """By what the campaigns were flown."""
+    flown = {"proxops": results["proxops_version"], **results.get("packages", {})}
+    return f"Flown by {', '.join(f'{name} {version}' for name, version in flown.items())}."
+
+
 def _of_campaigns(sources: Sources, name: str) -> str:
     campaigns = sources.results["campaigns"]
     if name == "headline":
@@ -289,6 +383,10 @@ def _of_campaigns(sources: Sources, name: str) -> str:
         return _paper(sources.results)
     if name == "bodies":
         return _bodies(sources.results)
+    if name == "steps":
+        return _steps(sources)
+    if name == "versions":
+        return _versions(sources.results)
     if name not in {each.name for each in all_campaigns()}:
         raise KeyError(name)
     if name not in campaigns:

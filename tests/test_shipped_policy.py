@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from proxops.diagrams.flight import Workers, run_campaign, transit_flights
@@ -27,3 +28,18 @@ def test_nine_of_ten_transits_arrive_and_none_enters_the_keep_out(
     # It is the network that flies: alone always, in the hybrid most of the time.
     least = 0.5 if controller == "hybrid" else 1.0
     assert all(row["policy_share"] >= least for row in rows)
+
+
+@pytest.mark.slow
+def test_a_greater_margin_is_flown_wider(tmp_path: Path) -> None:
+    def nearest(margin: float) -> list[float]:
+        scenario = load_scenario(None, {"log_ranges": False, "policy.margin_m": margin})
+        flights = transit_flights(scenario, "policy", SEED, 8)
+        blocked = [flights[number] for number in (1, 4, 7)]
+        rows = run_campaign(blocked, tmp_path / f"{margin:.0f}", workers=Workers(1))
+        assert all(row["success"] for row in rows)
+        return [row["min_clearance_m"] for row in rows]
+
+    wider = np.subtract(nearest(15e3), nearest(9e3))
+    assert wider.min() > 0.0
+    assert wider.mean() > 2e3

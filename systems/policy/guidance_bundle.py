@@ -25,8 +25,8 @@ _KIND = BundleKind(
 )  # fmt: skip
 
 # How far below and above its range a number may be, as factors of the range's ends. The network is
-# told the end then. Weaker gravity, a slower spin, a higher speed limit and a shorter period make a
-# flight easier; an ellipsoid that is a little flatter is flown around as the flattest that it
+# told the end then. Weaker gravity, a slower spin, a higher speed limit and a shorter period ask
+# for no more thrust; an ellipsoid that is a little flatter is flown around as the flattest that it
 # learned. A force that is held longer comes late, by half of the period in the mean.
 _BEYOND = {
     "semi_axis_y": (0.9, 1.0),
