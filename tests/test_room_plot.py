@@ -38,3 +38,10 @@ def test_figure_tells_median_most_and_where() -> None:
     at = np.cos(np.radians(north)) * np.array([np.cos(np.radians(east)), np.sin(np.radians(east))])
     np.testing.assert_allclose(at, direction[:2], atol=1e-12)
     assert bar.get_ylim() == (0.0, 2.5)
+
+
+def test_a_small_body_has_metres() -> None:
+    places = spread_directions(300) * AXES / 500.0
+    first, bar = plot_room({"small": (places, np.full(300, 5.0))}).axes
+    assert first.get_title() == "small\nmedian 5.0, most 5.0 m"
+    assert bar.get_ylabel() == "clearance needed (m)"

@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from proxops.diagrams.logs import REASONS, FlightLog, all_flown_by, flown_by, legend_of
+from proxops.diagrams.plots.plots import length_unit
 from proxops.diagrams.scenario import described_bounds
 from proxops.systems.hybrid import FlownBy
 
@@ -86,17 +87,17 @@ def _plot_changes(ax: Axes, log: FlightLog) -> None:
 def _plot_margins(ax: Axes, log: FlightLog) -> None:
     """The margin of each command, and the errors of the state that it allows for."""
     data, minutes = log.dataset, _minutes(log)
-    margin = data["assurance_margin"].values / 1e3
+    length, unit = length_unit(float(log.body.shape.extents.max()))
+    margin = data["assurance_margin"].values / length
     ax.plot(minutes, np.where(np.isfinite(margin), margin, np.nan), color=_LIMIT, label="margin")
     unsafe = np.nonzero(margin < 0.0)[0]
     low = np.maximum(margin[unsafe], -1.0)
     ax.plot(minutes[unsafe], low, "v", markersize=4.0, color=_DIFFER, label="not safe")
-    ax.plot(
-        minutes, data["assurance_position"].values / 1e3, color=_AGREE, label="error of position"
-    )
+    error = data["assurance_position"].values / length
+    ax.plot(minutes, error, color=_AGREE, label="error of position")
     ax.axhline(0.0, color="black", linewidth=0.8)
     ax.set_yscale("symlog", linthresh=1.0)
-    ax.set_ylabel("margin (km)")
+    ax.set_ylabel(f"margin ({unit})")
     ax.legend(loc="upper right", fontsize="small", ncols=3)
     ax.set_title(f"it allows for: {described_bounds(log.scenario)}", fontsize="small", loc="left")
 

@@ -8,6 +8,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy.spatial import KDTree
 
+from proxops.diagrams.plots.plots import length_unit
+
 # Degrees between the points of the maps, and places from which each is interpolated.
 _STEP, _NEIGHBOURS = 2.0, 6
 _LEVELS = 20
@@ -25,23 +27,24 @@ def plot_room(found: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> Figure:
         in m above them, as `BackupBraking.rooms` gives them.
     """
     most = max(float(needed[np.isfinite(needed)].max(initial=1.0)) for _, needed in found.values())
-    levels = np.linspace(0.0, most / 1e3, _LEVELS + 1)
+    length, unit = length_unit(max(float(np.abs(places).max()) for places, _ in found.values()))
+    levels = np.linspace(0.0, most / length, _LEVELS + 1)
     figure = Figure(figsize=(1.0 + 3.6 * len(found), 3.0), layout="constrained")
     row = figure.subplots(1, len(found), sharey=True, squeeze=False)[0]
     filled = None
     for ax, (title, (places, needed)) in zip(row, found.items(), strict=True):
-        longitude, latitude, values = _mapped(places, needed / 1e3)
+        longitude, latitude, values = _mapped(places, needed / length)
         filled = ax.contourf(longitude, latitude, values, levels, cmap="viridis")
         worst = places[int(needed.argmax())]
         ax.plot(*_angles(worst), "+", color="white", markersize=9)
-        middle, greatest = np.median(needed) / 1e3, needed.max() / 1e3
-        ax.set_title(f"{title}\nmedian {middle:.1f}, most {greatest:.1f} km", fontsize="medium")
+        middle, greatest = np.median(needed) / length, needed.max() / length
+        ax.set_title(f"{title}\nmedian {middle:.1f}, most {greatest:.1f} {unit}", fontsize="medium")
         ax.set_xticks([-180, -90, 0, 90, 180])
         ax.set_yticks([-90, -45, 0, 45, 90])
         ax.set_xlabel("longitude (°)")
     row[0].set_ylabel("latitude (°)")
     if filled is not None:
-        figure.colorbar(filled, ax=list(row), label="clearance needed (km)", format="%.1f")
+        figure.colorbar(filled, ax=list(row), label=f"clearance needed ({unit})", format="%.1f")
     return figure
 
 
