@@ -167,8 +167,10 @@ class _Asked(NamedTuple):
     def check(self) -> None:
         """Raises `InputError` if a name is wrong."""
         from proxops.studies import beyond
+        from proxops.studies.reproduction import paper_policy
 
-        beyond.chosen_campaigns(self.names, self.campaigns())
+        known = self.campaigns(paper_policy(self.out / beyond.PAPER))
+        beyond.chosen_campaigns(self.names, known)
 
 
 def _reproduce_paper(asked: _Asked, seed: int, lidar: LidarNetwork, tell: Tell) -> dict[str, Any]:

@@ -83,12 +83,13 @@ def all_campaigns(
     """Returns all campaigns, in the order in which they are flown and told.
 
     Args:
-      paper_policy: the bundle of the paper's recipe; without it, it does not fly.
+      paper_policy: the bundle of the paper's recipe; without it, there is no campaign of it.
       own_bodies: body files of the user's, each flown as the generated bodies are.
       bodies: number of generated bodies.
     """
     return [
-        *_believed(paper_policy),
+        *_believed(),
+        *([] if paper_policy is None else [_papers(paper_policy)]),
         *_dispersed(),
         *(_at_body(name, f"body {name}") for name in BODIES[:bodies]),
         *(_dispersed_at(name) for name in DISPERSED_BODIES[:bodies]),
@@ -96,8 +97,7 @@ def all_campaigns(
     ]
 
 
-def _believed(paper_policy: Path | None) -> list[Campaign]:
-    papers = [] if paper_policy is None else [Variant(PAPER_POLICY, f"policy:{paper_policy}")]
+def _believed() -> list[Campaign]:
     return [
         Campaign(
             "navigation",
@@ -113,7 +113,6 @@ def _believed(paper_policy: Path | None) -> list[Campaign]:
                 _ADAPTIVE_HYBRID,
                 _PILOT,
                 Variant(PILOT_HYBRID, "hybrid:end-to-end"),
-                *papers,
                 Variant("PD", "pd"),
                 Variant("no force", "zero"),
                 Variant("no force, assured", "zero", _ASSURED),
@@ -128,6 +127,17 @@ def _believed(paper_policy: Path | None) -> list[Campaign]:
             true_state=True,
         ),
     ]
+
+
+def _papers(bundle: Path) -> Campaign:
+    """A campaign of its own: nothing else has to be flown anew when it is trained."""
+    return Campaign(
+        "paper-recipe",
+        BELIEVED,
+        "The paper's recipe on the same transits",
+        "It flies from the frames alone.",
+        [Variant(PAPER_POLICY, f"policy:{bundle}")],
+    )
 
 
 def _dispersed() -> list[Campaign]:

@@ -94,7 +94,8 @@ def _broke(story: Story) -> str:
         for who, result in _paper_controllers(story.paper)
     ]
     places = (
-        ("navigation", "on navigation, in a world that is as believed,"),
+        ("paper-recipe", "in a world that is as believed"),
+        ("navigation", "in a world that is as believed"),
         ("after-survey", "after a survey that leaves errors"),
         ("before-survey", "before the survey"),
     )
