@@ -46,10 +46,8 @@ def bare_law(dagger: Path, stages: Stages) -> Path:
 
     def work(folder: Path, progress: Progress) -> dict:
         rounds = sorted(dagger.glob("round-*"), key=lambda each: int(each.name.split("-")[1]))
-        settings, report = (
-            trained_settings(dagger),
-            json.loads((dagger / "report.json").read_text()),
-        )
+        settings = trained_settings(dagger)
+        report = json.loads((dagger / "report.json").read_text())
         network = AnyBodyGuidance(settings.width)
         network.load_state_dict(torch.load(rounds[-1] / "guidance.ckpt")["best"])
         last = network.network[-1]

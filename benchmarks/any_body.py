@@ -141,14 +141,23 @@ def scenario_of(body: str, asked: argparse.Namespace) -> Scenario:
     return load_scenario(path, changes)
 
 
-def longest_axis(scenario: Scenario) -> float:
-    """The longest semi-axis in m of the keep-out ellipsoid."""
-    return float(load_body(scenario.body).keep_out_semi_axes.max())
-
-
 def label(body: str) -> str:
     """A body's name, as part of the name of a file."""
     return Path(body).stem.replace(":", "-")
+
+
+def table_of_flights(variants: Sequence[Variant], asked: argparse.Namespace) -> Lines:
+    """Flies all variants at all bodies as the command line asks; wrong input ends the program."""
+    flown, sizes = {}, {}
+    for body in asked.bodies:
+        try:
+            scenario = scenario_of(body, asked)
+        except InputError as error:
+            raise SystemExit(f"{body}: {error}") from error
+        own = argparse.Namespace(**vars(asked) | {"out": asked.out / label(body)})
+        flown[label(body)] = fly_with_bar(variants, scenario, own)
+        sizes[label(body)] = float(load_body(scenario.body).keep_out_semi_axes.max())
+    return table(flown, sizes)
 
 
 def main() -> None:
@@ -158,20 +167,12 @@ def main() -> None:
     for name in dict.fromkeys([MPC, *asked.only]):
         controller, changes = VARIANTS[name]
         variants.append(Variant(name, controller if name == MPC else controller + bundle, changes))
-    flown, sizes = {}, {}
-    for body in asked.bodies:
-        try:
-            scenario = scenario_of(body, asked)
-        except InputError as error:
-            raise SystemExit(f"{body}: {error}") from error
-        own = argparse.Namespace(**vars(asked) | {"out": asked.out / label(body)})
-        flown[label(body)] = fly_with_bar(variants, scenario, own)
-        sizes[label(body)] = longest_axis(scenario)
+    lines = table_of_flights(variants, asked)
     world, state = asked.dispersions or "as believed", "navigation"
     if asked.true_state:
         state = "the true state"
     title = f"Transits 0 … {asked.transits - 1} of seed {asked.seed} on {state}, {world}"
-    show(title, HEADINGS, table(flown, sizes), asked.markdown)
+    show(title, HEADINGS, lines, asked.markdown)
 
 
 if __name__ == "__main__":

@@ -27,8 +27,8 @@ import dataclasses as dc
 from pathlib import Path
 
 from _bodies import KLEOPATRA
-from _campaign import campaign_parser, fly_with_bar, show, workers_with_bar
-from any_body import HEADINGS, MPC, label, longest_axis, scenario_of, table
+from _campaign import campaign_parser, show, workers_with_bar
+from any_body import HEADINGS, MPC, table_of_flights
 
 from proxops.studies.evaluation import Variant
 from proxops.studies.reproduction import Stages
@@ -86,14 +86,9 @@ def variants(asked: argparse.Namespace) -> list[Variant]:
 
 def main() -> None:
     asked = options()
-    flying, flown, sizes = variants(asked), {}, {}
-    for body in asked.bodies:
-        scenario = scenario_of(body, asked)
-        own = argparse.Namespace(**vars(asked) | {"out": asked.out / label(body)})
-        flown[label(body)] = fly_with_bar(flying, scenario, own)
-        sizes[label(body)] = longest_axis(scenario)
     kept = [HEADINGS.index(heading) for heading in KEPT]
-    lines = {name: [line[k] for k in kept] for name, line in table(flown, sizes).items()}
+    flown = table_of_flights(variants(asked), asked)
+    lines = {name: [line[k] for k in kept] for name, line in flown.items()}
     title = f"Transits 0 … {asked.transits - 1} of seed {asked.seed} on navigation, as believed"
     show(title, KEPT, lines, asked.markdown)
 

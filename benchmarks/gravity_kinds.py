@@ -56,7 +56,7 @@ class Kind(NamedTuple):
     """Evaluations of the field that a fit and its check take."""
     fit: Fit
     look_up: Callable[[np.ndarray, np.ndarray, np.ndarray], None]
-    """Fills out (N, 4) from coefficients of some boxes and points (N, 3) in them, in turn."""
+    """Fills at least four columns of out (N, 14) from boxes and points (N, 3) in them, in turn."""
 
 
 class Octant(NamedTuple):

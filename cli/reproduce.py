@@ -153,12 +153,14 @@ class _Asked(NamedTuple):
         """Whether a part or a campaign is asked for by its name, or all are."""
         return not self.names or name in self.names
 
-    def campaigns(self, paper_policy: Path | None = None) -> list[Campaign]:
-        """All campaigns; with --quick or --transits they are shorter."""
+    def campaigns(self) -> list[Campaign]:
+        """All campaigns that can be flown now; with --quick or --transits they are shorter."""
         from proxops.studies import beyond
+        from proxops.studies.reproduction import paper_policy
 
+        papers = paper_policy(self.out / beyond.PAPER)
         bodies = _QUICK_BODIES if self.quick else len(beyond.BODIES)
-        known = beyond.all_campaigns(paper_policy, self.bodies, bodies)
+        known = beyond.all_campaigns(papers, self.bodies, bodies)
         count = self.transits if self.transits is not None else _QUICK_TRANSITS
         if not self.quick and self.transits is None:
             return known
@@ -167,10 +169,8 @@ class _Asked(NamedTuple):
     def check(self) -> None:
         """Raises `InputError` if a name is wrong."""
         from proxops.studies import beyond
-        from proxops.studies.reproduction import paper_policy
 
-        known = self.campaigns(paper_policy(self.out / beyond.PAPER))
-        beyond.chosen_campaigns(self.names, known)
+        beyond.chosen_campaigns(self.names, self.campaigns())
 
 
 def _reproduce_paper(asked: _Asked, seed: int, lidar: LidarNetwork, tell: Tell) -> dict[str, Any]:
@@ -196,9 +196,8 @@ def _reproduce_paper(asked: _Asked, seed: int, lidar: LidarNetwork, tell: Tell) 
 def _go_beyond(asked: _Asked, tell: Tell) -> dict[str, Any]:
     """Flies what is left of the campaigns that are asked for; returns what results.json holds."""
     from proxops.studies import beyond
-    from proxops.studies.reproduction import paper_policy
 
-    known = asked.campaigns(paper_policy(asked.out / beyond.PAPER))
+    known = asked.campaigns()
     chosen = beyond.chosen_campaigns(asked.names, known)
     wanted = load_scenario(asked.scenario, asked.settings)
     # Frames of so many flights would fill a disk, and a table takes a minute at each body.

@@ -31,7 +31,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from proxops.studies.beyond import BODIES, all_campaigns, campaign_name
+from proxops.studies.beyond import BODIES, PAPER_RECIPE, all_campaigns, campaign_name
 from proxops.studies.evaluation import exact_interval
 from proxops.studies.scoring import ScoreRow, load_row, load_track, row_table
 
@@ -218,8 +218,7 @@ def _bodies(results: Mapping[str, Any]) -> str:
     head = [
         "body", *(each for who in _SHOWN for each in (who, "entries", "Δv / MPC's")), "MPC",
     ]  # fmt: skip
-    bodies = [f"at-{name.replace(':', '-')}" for name in BODIES]
-    missing = [name for name in bodies if name not in flown]
+    missing = [name for body in BODIES if (name := campaign_name(body)) not in flown]
     told = [_table(head, [*lines, ["all", *sums, ""]]), _intervals(flown)] if lines else []
     told += [_missing(results, missing)] if missing else []
     return "\n\n".join(told)
@@ -324,8 +323,6 @@ def _missing(results: Mapping[str, Any], names: Sequence[str]) -> str:
     return f"Not flown with version {results['proxops_version']} yet: {commands}."
 
 
-# Only flown once `proxops reproduce paper` has trained it.
-_PAPERS = "paper-recipe"
 # World, campaign and controller of each line that the front has.
 _HEADLINE = (
     ("after the survey of the body, drawn anew for each flight", "flagship", "hybrid, assured"),
@@ -334,7 +331,7 @@ _HEADLINE = (
     ("as believed, Kleopatra", "navigation", "policy"),
     ("as believed, Kleopatra", "navigation", "hybrid"),
     ("as believed, Kleopatra", "navigation", "hybrid, adaptive"),
-    ("as believed, Kleopatra", _PAPERS, "paper's recipe"),
+    ("as believed, Kleopatra", PAPER_RECIPE, "paper's recipe"),
 )
 
 
@@ -356,7 +353,7 @@ def _headline(results: Mapping[str, Any]) -> str:
     head = ["world", "controller", "success", "95 % interval", "entries", "Δv / MPC's"]
     shown = [_table(head, lines)] if lines else []
     missing = [name for name in dict.fromkeys(each[1] for each in _HEADLINE)
-               if name not in campaigns and name != _PAPERS]  # fmt: skip
+               if name not in campaigns and name != PAPER_RECIPE]  # fmt: skip
     if missing:
         shown.append(_missing(results, missing))
     return "\n\n".join(shown)
@@ -389,7 +386,7 @@ def _of_campaigns(sources: Sources, name: str) -> str:
         return _steps(sources)
     if name == "versions":
         return _versions(sources.results)
-    if name not in {_PAPERS, *(each.name for each in all_campaigns())}:
+    if name not in {PAPER_RECIPE, *(each.name for each in all_campaigns())}:
         raise KeyError(name)
     if name not in campaigns:
         return _missing(sources.results, [name])

@@ -6,6 +6,7 @@ into `campaigns`, and a new section of the report into `report`.
 
 from proxops.studies.beyond.campaigns import (
     BODIES,
+    PAPER_RECIPE,
     PARTS,
     Campaign,
     all_campaigns,
@@ -22,6 +23,7 @@ from proxops.studies.beyond.story import (
 __all__ = [
     "BODIES",
     "PAPER",
+    "PAPER_RECIPE",
     "PARTS",
     "Campaign",
     "all_campaigns",

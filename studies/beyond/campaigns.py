@@ -25,6 +25,8 @@ DISPERSED_BODIES = ("20:0", "20:1", "20:3")
 
 MAIN = "flagship"
 """Name of the campaign that says most: whole flights, dispersed, assured, nobody told anything."""
+PAPER_RECIPE = "paper-recipe"
+"""Name of the campaign that is there only once `proxops reproduce paper` has trained the recipe."""
 
 _SEED = 24_000
 _FLAGSHIP_FLIGHTS = 852
@@ -132,7 +134,7 @@ def _believed() -> list[Campaign]:
 def _papers(bundle: Path) -> Campaign:
     """A campaign of its own: nothing else has to be flown anew when it is trained."""
     return Campaign(
-        "paper-recipe",
+        PAPER_RECIPE,
         BELIEVED,
         "The paper's recipe on the same transits",
         "It flies from the frames alone.",

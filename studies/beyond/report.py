@@ -8,7 +8,13 @@ from importlib import metadata
 from typing import Any
 
 from proxops.diagrams.scenario import ArrivalConfig
-from proxops.studies.beyond.campaigns import MAIN, PAPER_POLICY, PILOT, Campaign
+from proxops.studies.beyond.campaigns import (
+    MAIN,
+    PAPER_POLICY,
+    PAPER_RECIPE,
+    PILOT,
+    Campaign,
+)
 from proxops.studies.evaluation import arrival_text, driver_sections, figure_rows
 from proxops.studies.reproduction import Stage
 from proxops.training.reports import Block, Link, Section, Table, Text
@@ -94,7 +100,7 @@ def _broke(story: Story) -> str:
         for who, result in _paper_controllers(story.paper)
     ]
     places = (
-        ("paper-recipe", "in a world that is as believed"),
+        (PAPER_RECIPE, "in a world that is as believed"),
         ("navigation", "in a world that is as believed"),
         ("after-survey", "after a survey that leaves errors"),
         ("before-survey", "before the survey"),
