@@ -7,15 +7,18 @@ scenario permits is set to its limit, and the line says so. In the last three li
 starts where no transit of the set starts. Flights are kept in the folder of `--out`: run the
 command again to finish what was interrupted, or to add transits.
 
-    python benchmarks/robustness.py [--controller policy:end-to-end] [--dispersions after_survey]
-        [--only truth.gravity "truth.mass x 3" …] [--transits 40] [--seed 10001] [--workers N]
-        [--out out/robustness] [--markdown table.md]
+    python benchmarks/robustness.py [--controller policy] [--dispersions after_survey]
+        [--only truth.gravity "truth.mass x 3" …] [--set gravity=table …] [--transits 40]
+        [--seed 10001] [--workers N] [--out out/robustness] [--markdown table.md]
 
 `--controller` takes the names that `proxops evaluate` takes: `policy:out/mine/bundle`, or `mpc` for
-the expert under the same conditions. `--only` takes quantities and whole lines. Give each
-controller and each name of dispersions a folder of its own.
+the expert under the same conditions. The navigation is told the dispersions, in every line the
+same: it does not know which quantity is off, nor how far. Where all are off together, it is told
+those. `--only` takes quantities and whole lines. Give each controller and each name of dispersions
+a folder of its own.
 """
 
+import dataclasses
 import difflib
 import functools
 import os
@@ -30,8 +33,10 @@ from _campaign import campaign_parser, fly_with_bar, show
 from proxops.diagrams.flight import Row
 from proxops.diagrams.scenario import (
     Body,
+    Quantity,
     Scenario,
     Transit,
+    draw_world,
     far_out_world,
     hover_force,
     load_body,
@@ -121,6 +126,19 @@ STARTS: dict[str, Callable[[Transit, Scenario, Body], Start]] = {
 }
 
 
+def as_believed(scenario: Scenario, body: Body, dispersions: str) -> Scenario:
+    """The scenario as it is, but for its navigation, which is told the dispersions."""
+    drawn = draw_world(dataclasses.replace(scenario, dispersions=dispersions), body)
+    return dataclasses.replace(scenario, navigation=drawn.navigation)
+
+
+def one_off(
+    scenario: Scenario, body: Body, dispersions: str, quantity: Quantity, multiple: int
+) -> Scenario:
+    """As `as_believed`, but in the world of `far_out_world`."""
+    return far_out_world(as_believed(scenario, body, dispersions), body, quantity, multiple)
+
+
 def variants(controller: str, dispersions: str, scenario: Scenario) -> dict[str, list[Variant]]:
     """All lines of the table in order, by the quantity or the conditions that they show.
 
@@ -128,19 +146,22 @@ def variants(controller: str, dispersions: str, scenario: Scenario) -> dict[str,
       InputError: see `load_dispersions`.
     """
     body = load_body(scenario.body)
-    lines = {NOMINAL: [Variant(NOMINAL, controller)]}
+    nominal = functools.partial(as_believed, dispersions=dispersions)
+    lines = {NOMINAL: [Variant(NOMINAL, controller, world=nominal)]}
     for quantity in quantities(load_dispersions(dispersions)):
         key = quantity.main.key
         lines[key] = []
         for multiple in MULTIPLES if quantity.has_multiples else MULTIPLES[:1]:
             clipped = CLIPPED if quantity.is_clipped(scenario, body, multiple) else ""
-            world = functools.partial(far_out_world, quantity=quantity, multiple=multiple)
+            world = functools.partial(
+                one_off, dispersions=dispersions, quantity=quantity, multiple=multiple
+            )
             name = f"{key} x {multiple}{clipped}"
             lines[key].append(Variant(name, controller, world=world))
     for name, changes in TOGETHER.items():
         lines[name] = [Variant(name, controller, changes)]
     for name, start in STARTS.items():
-        lines[name] = [Variant(name, controller, start=start)]
+        lines[name] = [Variant(name, controller, start=start, world=nominal)]
     return lines
 
 
@@ -192,15 +213,16 @@ def figures(rows: Sequence[Row]) -> list[str]:
 
 def main() -> None:
     parser = campaign_parser(__doc__, "out/robustness", transits=40, seed=10001)
-    parser.add_argument("--controller", default="policy:end-to-end")
+    parser.add_argument("--controller", default="policy")
     parser.add_argument(
         "--dispersions", default="after_survey", help="a name that ships, or a YAML file"
     )
+    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE")
     parser.add_argument(
         "--only", nargs="+", metavar="LINE", help="quantities or lines; default: all"
     )
     asked = parser.parse_args()
-    scenario = load_scenario(None, {"log_ranges": False}, on_true_state=True)
+    scenario = load_scenario(None, ["log_ranges=false", *asked.set])
     try:
         wanted = chosen(variants(asked.controller, asked.dispersions, scenario), asked.only)
     except InputError as error:

@@ -116,7 +116,8 @@ def test_a_line_sets_its_quantity_alone(robustness: ModuleType) -> None:
         if variant.world is not None:
             key = variant.name.rpartition(" x ")[0]
             scenario = variant.world(nominal, kleopatra())
-            assert changed_keys(scenario, nominal) == together.get(key, {key})
+            changed = together.get(key, {key}) if key else set()
+            assert changed_keys(scenario, nominal) == changed
     for name in ("after_survey", "before_survey"):
         drawn = draw_world(dataclasses.replace(nominal, dispersions=name), kleopatra())
         assert flown(robustness, f"all of {name}", 1) == [drawn]
@@ -150,6 +151,23 @@ def test_deviations_are_multiples_of_three_sigma(robustness: ModuleType, multipl
     np.testing.assert_allclose(found("lidar.noise_std_m"), 50.0 * 2.0**multiple)
     mass = np.array(found("spacecraft.mass_kg"))
     np.testing.assert_allclose(np.abs(mass - 100.0), multiple * 2.0)
+
+
+def test_the_navigation_is_told_the_dispersions_and_nothing_of_the_world(
+    robustness: ModuleType,
+) -> None:
+    plain = load_scenario(None, PLAIN)
+    of_flight, body = of_transit(plain, 10001, 3), kleopatra()
+    told = draw_world(dataclasses.replace(of_flight, dispersions="after_survey"), body).navigation
+    assert told.expected.gravity == pytest.approx(0.0005)
+    for variant in every_line(robustness):
+        if variant.world is not None:
+            assert variant.world(of_flight, body).navigation == told
+    for name in ("after_survey", "before_survey"):
+        [variant] = [each for each in every_line(robustness) if each.name == f"all of {name}"]
+        [flight] = variant_flights(variant, plain, 10001, [3])
+        asked = dataclasses.replace(of_flight, dispersions=name)
+        assert parse_scenario(flight.scenario).navigation == draw_world(asked, body).navigation
 
 
 def test_the_side_is_that_of_the_draw(robustness: ModuleType) -> None:
@@ -274,11 +292,11 @@ def test_flies_resumes_and_writes_the_table(
     capsys: pytest.CaptureFixture[str],
 ) -> None:  # fmt: skip
     bundle = write_policy(tmp_path / "policy", DeadReckoning())
-    brief = {"arrival.deadline_s": 50.0, "arrival.dwell_s": 50.0}
+    brief = ("arrival.deadline_s=50.0", "arrival.dwell_s=50.0")
     monkeypatch.setattr(
         robustness,
         "load_scenario",
-        lambda path, settings, **options: load_scenario(path, settings | brief, **options),
+        lambda path, settings: load_scenario(path, [*settings, *brief], on_true_state=True),
     )
     worlds = tmp_path / "worlds.yaml"
     worlds.write_text("truth.mass: {half_normal: 1.0, three_sigma: 10.0}\n")
