@@ -248,7 +248,7 @@ def _drivers(campaign: Campaign) -> str:
         if names
     ]
     return (
-        "What drives an outcome more than chance would, strongest first: "
+        "Quantities that change an outcome by more than chance does, strongest first: "
         f"{'; '.join(told) if told else 'nothing that was drawn'}."
     )
 
@@ -273,7 +273,7 @@ def _controllers(campaign: Campaign) -> str:
         for who, found in campaign["controllers"].items()
     ]
     head = [
-        "", "success", "95 % interval", "shown with 90 % confidence (%)", "entries",
+        "", "success", "exact 95 % interval", "shown with 90 % confidence (%)", "entries",
         "least clearance (km)", "end error, median (m)", "greatest", "Δv, median (m/s)",
         "Δv99 (m/s)", "Δv / MPC's", "policy's share (%)",
     ]  # fmt: skip
@@ -309,8 +309,8 @@ def _steps(sources: Sources) -> str:
             ]  # fmt: skip
             lines.append([f"`{name}`: {who}", f"{step:.2f}", f"{expert / step:.1f}", *both])
     head = [
-        "", "a step without the navigation (ms)", "the MPC's over it",
-        "with it (ms)", "the MPC's over it",
+        "", "a step without the navigation (ms)", "the MPC's step over this one",
+        "with it (ms)", "the MPC's step over this one",
     ]  # fmt: skip
     missing = [name for name in _STEPS if name not in campaigns]
     told = [_table(head, lines)] if lines else []
@@ -350,7 +350,7 @@ def _headline(results: Mapping[str, Any]) -> str:
             world = f"as believed, {len(flown)} bodies that the policy never saw"
             told = _successes(*flown), _interval(*flown), _entries(*flown)
             lines.append([world, who, *told, ""])
-    head = ["world", "controller", "success", "95 % interval", "entries", "Δv / MPC's"]
+    head = ["world", "controller", "success", "exact 95 % interval", "entries", "Δv / MPC's"]
     shown = [_table(head, lines)] if lines else []
     missing = [name for name in dict.fromkeys(each[1] for each in _HEADLINE)
                if name not in campaigns and name != PAPER_RECIPE]  # fmt: skip

@@ -45,6 +45,11 @@ class ScoreRow:
     """The outcome of each transit, in their order."""
 
     @property
+    def version(self) -> str:
+        """The version of proxops that flew it."""
+        return self.provenance.partition(",")[0].removeprefix("proxops ")
+
+    @property
     def sha256(self) -> str:
         """Hash of all of the row."""
         return hashlib.sha256(json.dumps(dc.asdict(self), sort_keys=True).encode()).hexdigest()
@@ -152,8 +157,8 @@ def row_table(track: Track, rows: Sequence[ScoreRow]) -> list[list[str]]:
     Raises:
       InputError: a row is of another track.
     """
-    head = ["controller", "success", "95 % interval (%)", "keep-out violated", "Δv over the MPC's"]
-    head += ["error (m)", "time (s)", "row"]
+    head = ["controller", "proxops", "success", "exact 95 % interval (%)", "keep-out violated"]
+    head += ["Δv over the MPC's", "error (m)", "time (s)", "row"]
     found = [(row, row.figures(track)) for row in rows]
 
     def place(each: tuple[ScoreRow, dict[str, typing.Any]]) -> tuple[float, ...]:
@@ -170,6 +175,7 @@ def _cells(row: ScoreRow, figures: dict[str, typing.Any]) -> list[str]:
     low, high = figures["interval"]
     return [
         row.name,
+        row.version,
         f"{figures['successes']} of {figures['transits']}",
         f"{100 * low:.1f} to {100 * high:.1f}",
         str(figures["violations"]),
