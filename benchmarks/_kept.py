@@ -1,7 +1,7 @@
 """Figures of speed that are kept from version to version, in `benchmarks/results.json`.
 
 `make bench` names the file in the environment; without it nothing is kept. The file holds one entry
-for each version and machine, oldest first: `version`, `machine`, `packages` and `figures`.
+for each version, machine and set of packages, oldest first: `version`, `machine`, `packages` and `figures`.
 """
 
 import json
@@ -24,13 +24,14 @@ def keep(figures: Mapping[str, float]) -> None:
     path = Path(os.environ[FILE])
     entries = json.loads(path.read_text()) if path.exists() else []
     version, machine = metadata.version("proxops"), f"{processor()}, {os.cpu_count()} cores"
+    packages = {name: found for name in PACKAGES if (found := installed(name))}
+    flown_by = {"version": version, "machine": machine, "packages": packages}
     for entry in entries:
-        if (entry["version"], entry["machine"]) == (version, machine):
+        if all(entry[key] == value for key, value in flown_by.items()):
             break
     else:
-        entry = {"version": version, "machine": machine, "figures": {}}
+        entry = {**flown_by, "figures": {}}
         entries.append(entry)
-    entry["packages"] = {name: found for name in PACKAGES if (found := installed(name))}
     entry["figures"] |= {name: float(f"{value:.3g}") for name, value in figures.items()}
     write_whole(path, lambda file: file.write_text(json.dumps(entries, indent=1) + "\n"))
 

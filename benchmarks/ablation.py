@@ -44,7 +44,7 @@ SHIPPED = (
     Variant("bare law on the policy's estimate", "_bare_law:on_estimate"),
 )
 HEADINGS = (
-    "success", "clear transits", "blocked transits", "collisions", "keep-out violations",
+    "success", "clear transits", "blocked transits", "collisions", "flights that entered",
     "Δv over the MPC's", "end error, median (km)", "p95 (km)", "position error, median (m)",
     "velocity error, median (m/s)",
 )  # fmt: skip

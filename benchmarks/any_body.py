@@ -47,7 +47,7 @@ VARIANTS: dict[str, tuple[str, dict]] = {
 }
 RANDOM = [f"20:{number}" for number in range(10)]
 HEADINGS = (
-    "success", "keep-out violations", "late or away", "least clearance (% of size)",
+    "success", "flights that entered", "late or away", "least clearance (% of size)",
     "Δv over the MPC's", "greatest", "policy share (%)", "solves saved (%)", "a step (ms)",
     "times less than the MPC",
 )  # fmt: skip

@@ -35,7 +35,7 @@ from proxops.studies.evaluation import Variant, delta_v_pairs
 # What says how errors are drawn, not how large they are.
 NO_ERRORS = ("seed", "correlation", "latency", "mesh", "specific_impulse", "failed", "failure")
 HEADINGS = (
-    "success", "keep-out violations", "least clearance (km)", "Δv over that without", "greatest",
+    "success", "flights that entered", "least clearance (km)", "Δv over that without", "greatest",
     "greatest, blocked", "changed steps", "flights with any", "to keep out",
 )  # fmt: skip
 

@@ -19,7 +19,7 @@ Sections, of which `--only` chooses:
 
 Bodies are `kleopatra`, those that are generated, mesh files in km (2,000 kg/m^3, 6 h), and YAML
 files of bodies. Flights are kept in the folder of `--out`: run the command again to finish what was
-interrupted, or to add transits.
+interrupted, or to add transits. Poses and the flights of `mended` are not kept.
 
     python benchmarks/navigation.py [--only accuracy hard …] [--transits 20] [--seed 7001]
         [--poses 2000] [--bodies kleopatra two-ellipsoids rock.obj …] [--workers N]

@@ -108,12 +108,9 @@ def fly_all(known: dict[str, dict[str, str]] | None) -> tuple[dict[str, dict[str
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("action", nargs="?", choices=["record", "compare"])
-    parser.add_argument("file", nargs="?", type=Path, help="JSON file of the hashes")
+    parser.add_argument("action", choices=["record", "compare"])
+    parser.add_argument("file", type=Path, help="JSON file of the hashes")
     asked = parser.parse_args()
-    if asked.file is None:
-        parser.print_help()  # No failure: `make bench` runs all programs without arguments.
-        return
     if asked.action == "compare":
         sys.exit(1 if fly_all(json.loads(asked.file.read_text()))[1] else 0)
     found, _ = fly_all(None)

@@ -9,8 +9,9 @@ What lies between the lines is replaced. `FILE` is one of
 
 * `results.json`: docs/results.json, the campaigns of `proxops reproduce`. `NAME` is a campaign, or
   `bodies` (all campaigns at bodies that the policy never saw), `headline` (the most telling line
-  of each), `steps` (how long controllers compute), `versions` (by what they were flown) or `paper`
-  (the paper's figures and ours). A campaign that is not there is said not to be flown.
+  of each), `steps` (how long controllers compute), `versions` (by what they were flown), `paper`
+  (the paper's figures and ours) or `paper-controllers` (who flew in the paper's setting). A campaign
+  that is not there is said not to be flown.
 * `measured.json`: docs/measured.json, what other commands measured; `NAME` is an entry there.
 * `benchmark`: the rows in docs/benchmark; `NAME` is a track.
 * `benchmarks/results.json`: what `make bench` measured; `NAME` is `speed`.
@@ -34,6 +35,7 @@ from typing import Any
 from proxops.studies.beyond import BODIES, PAPER_RECIPE, all_campaigns, campaign_name
 from proxops.studies.evaluation import exact_interval
 from proxops.studies.scoring import ScoreRow, load_row, load_track, row_table
+from proxops.systems.common import write_whole
 
 ROOT = Path(__file__).parents[1]
 RESULTS = ROOT / "docs" / "results.json"
@@ -100,8 +102,10 @@ def take(folder: Path) -> None:
     """Copies the results of `proxops reproduce`, with this repository's commit and its packages.
 
     Campaigns of the same version that the folder does not have are kept, each with its own commit.
+    Campaigns that were flown on other transits than the documentation tells of end the program.
     """
     content = json.loads((folder / "results.json").read_text())
+    check_flown(content["campaigns"])
     known = json.loads(RESULTS.read_text())
     commit = subprocess.run(
         ["git", "rev-parse", "--short", "HEAD"],
@@ -112,7 +116,20 @@ def take(folder: Path) -> None:
     ).stdout.strip()
     packages = {name: metadata.version(name) for name in _PACKAGES}
     taken = {**merged(known, content, commit), "packages": packages}
-    RESULTS.write_text(json.dumps(taken, indent=1) + "\n")
+    write_whole(RESULTS, lambda path: path.write_text(json.dumps(taken, indent=1) + "\n"))
+
+
+def check_flown(campaigns: Campaigns) -> None:
+    """Ends the program if a campaign flew other transits than those of its definition."""
+    for each in all_campaigns():
+        for who, found in campaigns.get(each.name, {"controllers": {}})["controllers"].items():
+            flown = campaigns[each.name]["seed"], found["transits"] + found["unflyable"]
+            if flown != (each.seed, each.transits):
+                raise SystemExit(
+                    f"{each.name}, {who}: {flown[1]} transits of seed {flown[0]}, not "
+                    f"{each.transits} of seed {each.seed}: run proxops reproduce {each.name} "
+                    "without --quick, --transits and --seed"
+                )
 
 
 def merged(known: Mapping[str, Any], content: Mapping[str, Any], commit: str) -> Mapping[str, Any]:
@@ -267,6 +284,7 @@ def _controllers(campaign: Campaign) -> str:
             _digits(found, "terminal_position_error_m_max", 3),
             _digits(found, "delta_v_m_s_median", 4),
             _digits(found, "delta_v_99_m_s", 4),
+            _digits(found, "delta_v_99_m_s_bound", 4),
             _number(found, "expert_delta_v_ratio", ".3f"),
             _number(found, "policy_share", ".1f", 100.0),
         ]
@@ -275,7 +293,7 @@ def _controllers(campaign: Campaign) -> str:
     head = [
         "", "success", "exact 95 % interval", "shown with 90 % confidence (%)", "entries",
         "least clearance (km)", "end error, median (m)", "greatest", "Δv, median (m/s)",
-        "Δv99 (m/s)", "Δv / MPC's", "policy's share (%)",
+        "Δv99 (m/s)", "at most (m/s)", "Δv / MPC's", "policy's share (%)",
     ]  # fmt: skip
     command = (
         f"`{campaign['command']}` (seed {campaign['seed']}, taken at commit {campaign['commit']})"
@@ -293,13 +311,18 @@ _STEPS = {
 }
 
 
+def _latest(speed: Sequence[Mapping[str, Any]], key: str) -> float:
+    """A figure of the last version that has it."""
+    return next(each["figures"][key] for each in reversed(speed) if key in each["figures"])
+
+
 def _steps(sources: Sources) -> str:
     """How long controllers compute a step, without the navigation and with it."""
     campaigns, lines = sources.results["campaigns"], []
     for name, key in _STEPS.items():
         if name not in campaigns:
             continue
-        own = 0.0 if key is None else float(sources.speed[-1]["figures"][key])
+        own = 0.0 if key is None else _latest(sources.speed, key)
         flown = campaigns[name]["controllers"]
         expert = flown["mpc"]["control_ms_mean"]
         for who in ("mpc", "policy", "hybrid", "hybrid, adaptive"):
@@ -368,24 +391,52 @@ def _paper(results: Mapping[str, Any]) -> str:
     return _table(["", "paper", "ours"], lines)
 
 
+def _paper_controllers(results: Mapping[str, Any]) -> str:
+    """Who flew in the paper's setting, and how."""
+    if results["paper"] is None:
+        return _missing(results, ["paper"])
+    lines = [
+        [
+            who,
+            _successes(found),
+            _interval(found),
+            _entries(found),
+            _number(found, "expert_delta_v_ratio", ".3f"),
+            _number(found, "policy_share", ".1f", 100.0),
+            _number(found["costs"], "saved", ".1f", 100.0),
+            _number(found["costs"], "step_s", ".2f", 1e3),
+        ]
+        for who, found in results["paper"]["controllers"].items()
+    ]
+    head = [
+        "", "success", "exact 95 % interval", "entries", "Δv / MPC's", "policy's share (%)",
+        "solves saved (%)", "a step, mean (ms)",
+    ]  # fmt: skip
+    return _table(head, lines)
+
+
 def _versions(results: Mapping[str, Any]) -> str:
     """By what the campaigns were flown."""
     flown = {"proxops": results["proxops_version"], **results.get("packages", {})}
     return f"Flown by {', '.join(f'{name} {version}' for name, version in flown.items())}."
 
 
+# Tables of several campaigns.
+_TOGETHER: dict[str, Callable[[Mapping[str, Any]], str]] = {
+    "headline": _headline,
+    "bodies": _bodies,
+    "paper": _paper,
+    "paper-controllers": _paper_controllers,
+    "versions": _versions,
+}
+
+
 def _of_campaigns(sources: Sources, name: str) -> str:
     campaigns = sources.results["campaigns"]
-    if name == "headline":
-        return _headline(sources.results)
-    if name == "paper":
-        return _paper(sources.results)
-    if name == "bodies":
-        return _bodies(sources.results)
+    if name in _TOGETHER:
+        return _TOGETHER[name](sources.results)
     if name == "steps":
         return _steps(sources)
-    if name == "versions":
-        return _versions(sources.results)
     if name not in {PAPER_RECIPE, *(each.name for each in all_campaigns())}:
         raise KeyError(name)
     if name not in campaigns:
@@ -440,7 +491,7 @@ def main() -> None:
         text = page.read_text()
         new = rendered(text, sources)
         if new != text:
-            page.write_text(new)
+            write_whole(page, lambda path, text=new: path.write_text(text))
 
 
 if __name__ == "__main__":

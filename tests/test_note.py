@@ -7,10 +7,9 @@ from types import ModuleType
 from typing import Any
 
 import pytest
+import typst
 from pages import ROOT
 from whole_results import results_with_all
-
-typst = pytest.importorskip("typst")
 
 
 def _module() -> ModuleType:

@@ -53,7 +53,8 @@ def test_a_changed_figure_is_found() -> None:
 
 
 def test_every_campaign_can_be_shown_and_be_missing() -> None:
-    names = ["headline", "bodies", "paper", *(each.name for each in all_campaigns())]
+    names = ["headline", "bodies", "paper", "paper-controllers"]
+    names += [each.name for each in all_campaigns()]
     page = "".join(_place("results.json", name) for name in names)
     empty = SOURCES.results | {"campaigns": {}, "paper": None}
     nothing = dataclasses.replace(SOURCES, results=empty)
@@ -191,6 +192,16 @@ def test_results_of_two_runs_become_one() -> None:
     later = render.merged(known, new | {"proxops_version": "1.3.0"}, "new")
     assert list(later["campaigns"]) == ["flagship", "navigation", "at-20-9"]
     assert later["paper"] is None
+
+
+def test_flights_on_other_transits_are_not_taken() -> None:
+    campaigns = results_with_all()["campaigns"]
+    render.check_flown(campaigns)
+    campaigns["flagship"]["controllers"]["hybrid, assured"]["transits"] = 2
+    with pytest.raises(
+        SystemExit, match=r"flagship, hybrid, assured: 2 transits of seed .* not 852"
+    ):
+        render.check_flown(campaigns)
 
 
 def test_no_path_of_a_machine_is_in_the_results() -> None:
