@@ -1,7 +1,8 @@
 """Figures of speed that are kept from version to version, in `benchmarks/results.json`.
 
 `make bench` names the file in the environment; without it nothing is kept. The file holds one entry
-for each version, machine and set of packages, oldest first: `version`, `machine`, `packages` and `figures`.
+for each version, machine and set of packages, oldest first: `version`, `machine`, `packages` and
+`figures`.
 """
 
 import json

@@ -43,7 +43,9 @@ from proxops.training.any_body import spacecraft_numbers, write_family
 # Where the axes have numbers.
 _TICKS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
 PARTS = ("least third", "middle", "greatest third")
-HEADINGS = ("from", "to", "success", "flights that entered", "late or away", "Δv over the MPC's")
+HEADINGS = (
+    "from", "to", "success", "flights that entered", "late or away", "Δv over the MPC's, mean",
+)  # fmt: skip
 
 
 class Member(NamedTuple):
