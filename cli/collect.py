@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses as dc
 import enum
 import json
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -14,6 +14,7 @@ from rich import box
 from rich.table import Table
 
 from proxops.cli.common import (
+    EVALUATION_SEEDS,
     AsJson,
     DispersionsName,
     Processes,
@@ -28,7 +29,7 @@ from proxops.cli.common import (
 from proxops.diagrams.flight import Workers
 from proxops.diagrams.logs import FlightLog
 from proxops.diagrams.scenario import LearnedLidarConfig, Scenario, load_scenario
-from proxops.systems.common import InputError
+from proxops.systems.common import InputError, Progress
 from proxops.systems.lidar import FRAME_NETWORK
 from proxops.training.data import collect, histogram_rows, learned_lidar_of, parse_mix, report_rows
 
@@ -109,6 +110,7 @@ def collect_command(
     """
     mix = parse_mix(recovery)
     check_folder(out)
+    _warn_of_seed(seed)
     write = None if minari is None else _minari_writer(minari)
     changes = with_dispersions(settings, dispersions)
     wanted = load_scenario(scenario, changes, on_true_state=True)
@@ -121,9 +123,8 @@ def collect_command(
             wanted, mix, seed, transits, out, learned_lidar=learned, workers=fleet
         )
     if write is not None:
-        files = [out / "flights" / row["file"] for row in manifest["flights"]]
-        status.print(f"Writing them as {minari}")  # About a second for each flight.
-        write(map(FlightLog.load, files), wanted, seed)
+        with work_bar(f"writing them as {minari}") as progress:  # A second for each flight.
+            write(_loaded(out, manifest, progress), wanted, seed)
         status.print(f"Wrote them as {minari}: minari.load_dataset({minari!r})")
     if as_json:
         typer.echo(json.dumps(report, indent=2))
@@ -131,6 +132,22 @@ def collect_command(
         _print(report)
     logs = len(manifest["flights"])  # Of unflyable worlds there are none.
     status.print(f"Wrote {logs} logs, manifest.json, report.json and report.md in {out}")
+
+
+def _warn_of_seed(seed: int) -> None:
+    if seed >= EVALUATION_SEEDS:
+        status.print(
+            f"warning: seeds from {EVALUATION_SEEDS:,} on are for evaluation: train nothing on "
+            f"the flights of seed {seed}"
+        )
+
+
+def _loaded(out: Path, manifest: dict[str, Any], progress: Progress) -> Iterator[FlightLog]:
+    """Reads the logs of a set, one after the other, and reports how many have been used."""
+    files, count = [row["file"] for row in manifest["flights"]], len(manifest["flights"])
+    for number, file in enumerate(files):
+        progress(number / count, f"writing, {number} of {count} flights")
+        yield FlightLog.load(out / "flights" / file)
 
 
 def _learned_lidar(

@@ -48,6 +48,10 @@ AsJson = typing.Annotated[
 """Options of most commands."""
 
 
+EVALUATION_SEEDS = 10_000
+"""Seeds from here on are for evaluation: nothing is to be trained on their transits."""
+
+
 def with_dispersions(changes: list[str] | None, name: str | None) -> list[str]:
     """Gives the changes of a scenario with those that --dispersions asks for."""
     return [*(changes or []), *([] if name is None else [f"dispersions={name}"])]
@@ -93,16 +97,20 @@ def work_bar(text: str = "") -> Iterator[Progress]:
         yield lambda done, text: bar.update(task, completed=done, description=text)
 
 
-def check_folder(folder: Path) -> None:
-    """Raises `InputError` if `folder` cannot be created or written, before any work is done."""
+def check_folder(folder: Path, option: str = "--out") -> None:
+    """Raises `InputError` if `folder` cannot be created or written, before any work is done.
+
+    Args:
+      option: names the folder, or a file in it.
+    """
     nearest = folder.absolute()
     # Unlike this, Path.exists raises if a parent is not accessible or a name is too long.
     while not os.path.exists(nearest):  # noqa: PTH110
         nearest = nearest.parent
     if not nearest.is_dir():
-        raise InputError(f"--out {folder}: {nearest} is a file, not a folder")
+        raise InputError(f"{option} {folder}: {nearest} is a file, not a folder")
     if not os.access(nearest, os.W_OK | os.X_OK):
-        raise InputError(f"--out {folder}: no permission to write in {nearest}")
+        raise InputError(f"{option} {folder}: no permission to write in {nearest}")
 
 
 def write_json(path: Path, content: typing.Any) -> None:

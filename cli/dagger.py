@@ -10,6 +10,7 @@ from typing import Annotated
 import typer
 
 from proxops.cli.common import (
+    EVALUATION_SEEDS,
     AsJson,
     Processes,
     SchedulerAddress,
@@ -35,7 +36,9 @@ def dagger_command(
             help="Folder that `proxops train` wrote: from the same data, or for any body."
         ),
     ] = Path("out/pilot"),
-    rounds: Annotated[int, typer.Option(min=1, help="Number of rounds.")] = 2,
+    rounds: Annotated[
+        int, typer.Option(min=1, help="Number of rounds, of which the last trains for longest.")
+    ] = 2,
     flights: Annotated[
         int | None,
         typer.Option(
@@ -45,7 +48,9 @@ def dagger_command(
     seed: Annotated[
         int,
         typer.Option(
-            min=0, help="Seed of the first round's transits; each further round uses the next."
+            min=0,
+            help="Seed of the first round's transits; each further round uses the next. All must "
+            "be below 10,000: the others are for evaluation.",
         ),
     ] = 100,
     minutes: Annotated[
@@ -63,7 +68,8 @@ def dagger_command(
     Each round leaves its flights, their labels and its pilot in OUT/round-N. The bundle, the report
     and the weights of the last pilot are in OUT. Without DATA it is a policy for any body that
     flies at each body of its family on navigation, first in worlds of after_survey. Run it again to
-    continue after an interruption, or with more --rounds to add rounds.
+    continue after an interruption, or with more --rounds to add rounds: as the last round trains
+    for longest, that of before is then trained anew (with DATA).
 
     Example:
 
@@ -71,6 +77,7 @@ def dagger_command(
 
       proxops dagger --pilot out/any-body --out out/any-body-dagger
     """
+    _check_seeds(seed, rounds)
     check_folder(out)
     with training_extra():
         from proxops.training.any_body import AnyBodyDagger, run_any_body_dagger
@@ -97,3 +104,14 @@ def dagger_command(
             flown = f"{row['arrived']} of {row['flights']} arrived, {row['violations']} violations"
             print_rows(f"round {number}", [("before it", flown), ("labels", str(row["labels"]))])
     status.print(f"Wrote bundle, report.md and report.json in {out}")
+
+
+def _check_seeds(seed: int, rounds: int) -> None:
+    """Raises `InputError` if a round would learn from transits that are for evaluation."""
+    last = seed + rounds - 1
+    if last >= EVALUATION_SEEDS:
+        raise InputError(
+            f"--seed {seed} --rounds {rounds}: the last round would learn from transits of seed "
+            f"{last}; seeds from {EVALUATION_SEEDS:,} on are for evaluation, on which nothing is "
+            "trained"
+        )

@@ -85,9 +85,9 @@ def fly_command(
     keep = _MapKeeper(mended_map)
     server = None
     if meshcat:
-        from proxops.diagrams.meshcat import start_server
+        from pydrake.geometry import StartMeshcat
 
-        server = start_server()
+        server = StartMeshcat()
         status.print(f"Meshcat is at {server.web_url()}")
     if log_file is not None:
         given = (scenario, settings or None, seed, transit, dispersions)
@@ -123,7 +123,7 @@ class _MapKeeper:
         self._path = path
         self._found: MendedMap | InputError | None = None
         if path is not None:
-            check_folder(path.parent)
+            check_folder(path.parent, "--mended-map")
             if path.suffix != ".obj":
                 raise InputError(f"--mended-map writes an OBJ file: name FILE.obj, not {path}")
 

@@ -41,9 +41,11 @@ def replay_command(
     if epoch is not None and oem is None:
         raise InputError("--epoch needs --oem: no other file has a date")
     path = out or log_file.with_name("replay.html")
-    wanted = [file for file in (path, mcap, oem) if file is not None]
-    for file in wanted:
-        check_folder(file.parent)
+    named = {"--out": path, "--mcap": mcap, "--oem": oem}
+    for option, file in named.items():
+        if file is not None:
+            check_folder(file.parent, option)
+    wanted = [file for file in named.values() if file is not None]
     log = FlightLog.load(log_file)
     for file in wanted:
         make_folder(file.parent)

@@ -15,6 +15,7 @@ import typer
 from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
 
 from proxops.cli.common import (
+    EVALUATION_SEEDS,
     Processes,
     ScenarioChanges,
     SchedulerAddress,
@@ -77,10 +78,10 @@ def reproduce_command(
     seed: Annotated[
         int,
         typer.Option(
-            min=10_000,
+            min=EVALUATION_SEEDS,
             help="Seed of the paper's transits; seeds below 10,000 are for training.",
         ),
-    ] = 10_000,
+    ] = EVALUATION_SEEDS,
     lidar: FramesNetwork = LidarNetwork.LEARNED,
     bodies: Annotated[
         Path | None,

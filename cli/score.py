@@ -48,7 +48,7 @@ def score_command(
       proxops score lidar-after-survey --controller hybrid --set hybrid.period_rule=adaptive
     """
     # matplotlib is slow to import.
-    from proxops.studies.scoring import load_track, row_table, save_row, score
+    from proxops.studies.scoring import TRACKS, load_track, row_table, save_row, score
 
     check_folder(out)
     chosen = load_track(track)
@@ -63,7 +63,9 @@ def score_command(
             settings=settings or [],
             workers=Workers(workers, scheduler, progress),
         )
-    path = out / f"{Path(track).stem}-{label}.json"
+    # Two files may have one name.
+    stem = track if track in TRACKS else f"{Path(track).stem}-{chosen.sha256[:12]}"
+    path = out / f"{stem}-{label}.json"
     save_row(row, path)
     head, cells = row_table(chosen, [row])
     print_rows(f"track {chosen.name}", list(zip(head, cells, strict=True)))

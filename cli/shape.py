@@ -110,9 +110,9 @@ def shape_command(
         raise InputError("--align needs --fix: it changes the mesh")
     if body is not None and ((mass is None and density is None) or period is None):
         raise InputError("--body needs --mass or --density, and --period")
-    _check_output(fix, MESH_FORMATS)
-    _check_output(body, (".yaml", ".yml"))
-    _check_output(scenario, (".yaml", ".yml"))
+    _check_output("--fix", fix, MESH_FORMATS)
+    _check_output("--body", body, (".yaml", ".yml"))
+    _check_output("--scenario", scenario, (".yaml", ".yml"))
     check_folder(out.parent if out.suffix.lower() == ".png" else out)
     asked = Questions(mass, density, period, craft_mass, margin)
     unit = _known_unit(unit, density)
@@ -203,11 +203,11 @@ def _set_up(files: _Files, asked: Questions, as_json: bool) -> None:
         raise typer.Exit(1)
 
 
-def _check_output(path: Path | None, suffixes: tuple[str, ...]) -> None:
+def _check_output(option: str, path: Path | None, suffixes: tuple[str, ...]) -> None:
     """Raises `InputError` if a file, where one is asked for, could not be written or named so."""
     if path is None:
         return
-    check_folder(path.parent)
+    check_folder(path.parent, option)
     if path.suffix.lower() not in suffixes:
         raise InputError(f"{path}: its name must end in {' or '.join(suffixes)}")
 

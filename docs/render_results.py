@@ -10,8 +10,8 @@ What lies between the lines is replaced. `FILE` is one of
 * `results.json`: docs/results.json, the campaigns of `proxops reproduce`. `NAME` is a campaign, or
   `bodies` (all campaigns at bodies that the policy never saw), `headline` (the most telling line
   of each), `steps` (how long controllers compute), `versions` (by what they were flown), `paper`
-  (the paper's figures and ours) or `paper-controllers` (who flew in the paper's setting). A campaign
-  that is not there is said not to be flown.
+  (the paper's figures and ours) or `paper-controllers` (who flew in the paper's setting). Of a
+  campaign that is not there, the page says that it was not flown.
 * `measured.json`: docs/measured.json, what other commands measured; `NAME` is an entry there.
 * `benchmark`: the rows in docs/benchmark; `NAME` is a track.
 * `benchmarks/results.json`: what `make bench` measured; `NAME` is `speed`.
@@ -354,6 +354,7 @@ _HEADLINE = (
     ("as believed, Kleopatra", "navigation", "policy"),
     ("as believed, Kleopatra", "navigation", "hybrid"),
     ("as believed, Kleopatra", "navigation", "hybrid, adaptive"),
+    ("as believed, Kleopatra", "navigation", "end-to-end pilot"),
     ("as believed, Kleopatra", PAPER_RECIPE, "paper's recipe"),
 )
 

@@ -12,14 +12,14 @@ from proxops.cli.main import app
 from proxops.diagrams.flight import Workers, fly
 from proxops.diagrams.logs import FlightLog
 from proxops.diagrams.scenario import load_scenario
-from proxops.systems import GuidanceBundle, PointMassField, Surroundings
+from proxops.systems import GuidanceBundle, InputError, PointMassField, Surroundings
 from proxops.training.any_body import (
     AnyBodyDagger,
     AnyBodySettings,
-    examples_of,
     run_any_body_dagger,
     train_any_body,
 )
+from proxops.training.any_body.examples import examples_of
 from proxops.training.loop import Schedule
 
 SMALL = dataclasses.replace(
@@ -82,7 +82,11 @@ def test_from_nothing_to_a_flight(tmp_path: Path) -> None:
     # Its own flights teach it: on navigation, in worlds that differ, at the member it learns at.
     before = report["force_errors"]["training"]["states"]
     settings = AnyBodyDagger(rounds=1, flights=1, epochs=2)
-    report = run_any_body_dagger(tmp_path, tmp_path / "dagger", settings, Workers(1))
+    told: list[str] = []
+    workers = Workers(1, progress=lambda done, text: told.append(text))
+    report = run_any_body_dagger(tmp_path, tmp_path / "dagger", settings, workers)
+    assert told[0] == "making bodies"
+    assert told[1].startswith("plans of transits")
     [outcome] = report["rounds"]
     assert report["training"]["epochs"] == 2
     assert outcome["flights"] == 1
@@ -92,6 +96,27 @@ def test_from_nothing_to_a_flight(tmp_path: Path) -> None:
     kept = FlightLog.load(flown)
     assert kept.scenario.dispersed
     assert "navigation_state" in kept.dataset
+
+
+@pytest.mark.parametrize(("seed", "rounds", "taken"), [(9998, 2, True), (9999, 2, False)])
+def test_no_round_learns_from_a_seed_of_evaluation(
+    tmp_path: Path, monkeypatch, seed: int, rounds: int, taken: bool
+) -> None:
+    asked: list[AnyBodyDagger] = []
+
+    def run(pilot: Path, out: Path, settings: AnyBodyDagger, workers: Workers) -> dict:
+        asked.append(settings)
+        return {"rounds": []}
+
+    monkeypatch.setattr("proxops.training.any_body.run_any_body_dagger", run)
+    given = ("--rounds", str(rounds), "--seed", str(seed), "--json", "--out", str(tmp_path / "out"))
+    words = ["dagger", "--pilot", str(tmp_path), *given]
+    if taken:
+        app(words, standalone_mode=False)
+    else:
+        with pytest.raises(InputError, match=r"transits of seed 10000; seeds from 10,000 on"):
+            app(words, standalone_mode=False)
+    assert len(asked) == taken
 
 
 def test_the_command_line_asks_for_the_seed_and_no_other_labels(

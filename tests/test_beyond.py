@@ -11,7 +11,13 @@ import pytest
 from short_flights import BRIEF, short_scenario, write_blob
 
 from proxops.diagrams.flight import Workers, named_controller
-from proxops.diagrams.scenario import Scenario, load_body, load_dispersions
+from proxops.diagrams.scenario import (
+    PolicyConfig,
+    Scenario,
+    dump_scenario,
+    load_body,
+    load_dispersions,
+)
 from proxops.studies.beyond.campaigns import (
     BODIES,
     DISPERSED_BODIES,
@@ -19,7 +25,7 @@ from proxops.studies.beyond.campaigns import (
     Campaign,
     all_campaigns,
 )
-from proxops.studies.beyond.flying import campaign_scenario
+from proxops.studies.beyond.flying import _inputs, campaign_scenario
 from proxops.studies.beyond.story import (
     chosen_campaigns,
     fly_and_tell,
@@ -87,6 +93,28 @@ def test_choosing() -> None:
     ]
     with pytest.raises(InputError, match="no 'flagshp': name paper, believed, worlds, or"):
         chosen_campaigns(["flagship", "flagshp"], known)
+
+
+def test_the_papers_recipe_must_be_trained_first() -> None:
+    with pytest.raises(InputError, match=r"train it first: proxops reproduce paper$"):
+        chosen_campaigns(["paper-recipe"], all_campaigns())
+    (papers,) = chosen_campaigns(["paper-recipe"], all_campaigns(Path("recipe")))
+    assert papers.name == "paper-recipe"
+
+
+@pytest.mark.parametrize("key", ["margin_m", "beyond_family"])
+def test_how_a_policy_flies_counts_and_where_it_lies_does_not(key: str, tmp_path: Path) -> None:
+    """What was flown with another margin is flown anew; the usual inputs are as they were."""
+    body = load_body("kleopatra")
+
+    def inputs(policy: PolicyConfig) -> dict[str, Any]:
+        return _inputs(small("one"), Scenario(policy=policy), body)
+
+    usual = inputs(PolicyConfig())
+    assert usual["scenario"] == dump_scenario(Scenario(policy=PolicyConfig(), body=""))
+    assert inputs(PolicyConfig(bundle=str(tmp_path))) == usual
+    changed: Any = {"margin_m": 500.0, "beyond_family": True}
+    assert inputs(PolicyConfig(**{key: changed[key]})) != usual
 
 
 def test_dispersions_ship() -> None:
@@ -172,6 +200,57 @@ def test_report_tells_what_is_missing(told: tuple[Path, dict[str, Any]]) -> None
     assert "Not run: proxops reproduce paper." in text
     assert "| FIRST: zero | " in text
     assert "proxops reproduce first" in text
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("changes", [{"transits": 3}, {"seed": 24_001}])
+def test_what_was_flown_with_other_settings_is_not_told_as_these(
+    told: tuple[Path, dict[str, Any]], changes: dict[str, int], tmp_path: Path
+) -> None:
+    out, _ = told
+    shutil.copytree(out, tmp_path / "again")
+    known = [small("first", **changes), small("second")]
+    content = fly_and_tell(known, [], brief(), tmp_path / "again")
+    assert content["campaigns"] == {}
+    text = (tmp_path / "again" / "report.md").read_text()
+    assert "Flown with other settings, and so not shown: first." in text
+    assert "Not run: second." in text
+    assert "of 2" not in text
+
+
+@pytest.mark.slow
+def test_what_was_flown_is_told(told: tuple[Path, dict[str, Any]], tmp_path: Path) -> None:
+    """Dispersions may also come from the scenario that all campaigns share."""
+    (entry,) = told[1]["campaigns"].values()
+    assert (entry["seed"], entry["transits"], entry["dispersions"]) == (24_000, 2, None)
+    known = [small("first", variants=[Variant("zero", "zero")])]
+    scenario = dc.replace(brief(), dispersions="after_survey")
+    content = fly_and_tell(known, known, scenario, tmp_path, workers=Workers(1))
+    assert content["campaigns"]["first"]["dispersions"] == "after_survey"
+    assert "worlds are drawn from after_survey." in (tmp_path / "report.md").read_text()
+
+
+@pytest.mark.slow
+def test_a_stage_that_does_not_say_how_it_was_flown_is_told(
+    told: tuple[Path, dict[str, Any]], tmp_path: Path
+) -> None:
+    """Those that were flown before version 1.0.0 came out do not; nor do their figures count."""
+    out, before = told
+    shutil.copytree(out, tmp_path / "again")
+    (record,) = (tmp_path / "again" / "stages").glob("first-*.json")
+    content = json.loads(record.read_text())
+    for key in ("seed", "transits", "dispersions"):
+        del content["result"][key]
+    for figures in content["result"]["results"].values():
+        del figures["successes"], figures["successes_2km"]
+    record.write_text(json.dumps(content))
+    known = [small("first"), small("second")]
+    found = fly_and_tell(known, [], brief(), tmp_path / "again")
+    entry, usual = found["campaigns"]["first"], before["campaigns"]["first"]
+    assert {key: entry[key] for key in usual if key != "controllers"} == {
+        key: usual[key] for key in usual if key != "controllers"
+    }
+    assert success_lines(found) == success_lines(before)
 
 
 @pytest.mark.slow

@@ -233,6 +233,36 @@ def test_no_scheduler(tmp_path: Path) -> None:
         run_campaign(flights(1), tmp_path, workers=Workers(scheduler="tcp://127.0.0.1:9"))
 
 
+def test_no_scheduler_is_asked_for_nothing(tmp_path: Path) -> None:
+    workers = Workers(scheduler="tcp://127.0.0.1:9")
+    assert list(workers.results([], attrgetter("name"))) == []
+    made = flights(1)
+    rows = run_campaign(made, tmp_path, workers=Workers(1))
+    assert run_campaign(made, tmp_path, workers=workers) == rows
+
+
+ONE_CORE = """
+from threadpoolctl import threadpool_info
+from proxops.diagrams.flight.parallel import _on_one_thread
+
+def threads(piece):
+    return {each["num_threads"] for each in threadpool_info() if each["user_api"] == "blas"}
+
+print(_on_one_thread(threads, None))
+"""
+
+
+@pytest.mark.slow
+def test_a_worker_takes_one_core() -> None:
+    """Threads of linear algebra would only be in the way of the other workers."""
+    limits = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+    free = {name: value for name, value in os.environ.items() if name not in limits}
+    told = subprocess.run(
+        [sys.executable, "-c", ONE_CORE], env=free, check=True, capture_output=True, text=True
+    )
+    assert told.stdout.strip() == "{1}"
+
+
 @pytest.mark.slow
 def test_a_local_cluster_listens_on_this_machine_alone() -> None:
     """Whoever reaches a scheduler or a worker can run code; the dashboard shows what runs."""
@@ -315,6 +345,17 @@ def test_killed_with_workers_and_run_again(tmp_path: Path, flown: list[str]) -> 
 
 
 # --- what flights depend on -----------------------------------------------------------------------
+
+
+def test_a_draw_that_is_too_heavy_ends_its_flight_alone(tmp_path: Path) -> None:
+    path = tmp_path / "heavy.yaml"
+    path.write_text("spacecraft.mass_kg: {choice: [100.0, 5000.0]}\n")
+    scenario = dc.replace(brief(), dispersions=str(path))
+    rows = run_campaign(transit_flights(scenario, "zero", 0, 4), tmp_path / "out")
+    for row in rows:
+        heavy = row["dispersed"]["spacecraft.mass_kg"] > 1000.0
+        assert ("cannot be held" in row.get("unflyable", "")) == heavy
+    assert 0 < sum("unflyable" in row for row in rows) < 4
 
 
 @pytest.mark.parametrize("processes", [0, -1])

@@ -519,6 +519,24 @@ def test_out_without_permission(run, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    ("option", "command"),
+    [
+        ("--out", ("fly", *BRIEF)),
+        ("--mended-map", ("fly", *BRIEF)),
+        ("--mcap", ("replay", "flight.nc")),
+        ("--oem", ("replay", "flight.nc")),
+        ("--fix", ("shape", "rock.obj", "--unit", "m")),
+        ("--body", ("shape", "rock.obj", "--unit", "m", "--mass", "1", "--period", "1")),
+    ],
+)
+def test_what_cannot_be_written_is_named_by_its_option(
+    run, tmp_path: Path, option: str, command: tuple[str, ...]
+) -> None:
+    (tmp_path / "file").write_text("not a folder")
+    refused(run(*command, option, "file/it.obj"), f"{option} file")
+
+
+@pytest.mark.parametrize(
     ("name", "words"),
     [
         ("pid", ["controller 'pid' is not known: use mpc"]),

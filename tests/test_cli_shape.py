@@ -132,6 +132,21 @@ def test_defects_are_reported(shape, tmp_path: Path) -> None:
     assert "pairs of facets cut or touch each other" in out
 
 
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        ("f 1 2 3\n", "its facets name vertices, but it has none"),
+        ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n", "names a vertex outside 0…2"),
+        ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "has 1 facets"),
+    ],
+)
+def test_a_facet_alone(shape, tmp_path: Path, text: str, complaint: str) -> None:
+    (tmp_path / "facet.obj").write_text(text)
+    code, out, _ = shape("facet.obj")
+    assert code == 1
+    assert complaint in " ".join(out.split())
+
+
 def test_slivers_are_remarks(shape, tmp_path: Path) -> None:
     cylinder = trimesh.creation.cylinder(1.0, 300.0, sections=64)
     write(tmp_path / "needle.obj", cylinder)

@@ -19,11 +19,13 @@ from ball_lidar import write_ball_bundle, write_ball_frame_bundle
 from commands import proxops, settings
 from short_flights import kleopatra
 
+from proxops.cli.collect import _loaded
 from proxops.diagrams.flight.simulation import fly
 from proxops.diagrams.logs.flight_log import FlightLog, differences
 from proxops.diagrams.scenario.body import load_body
 from proxops.diagrams.scenario.scenario import load_scenario, parse_scenario
 from proxops.diagrams.scenario.scenario_config import LearnedLidarConfig
+from proxops.systems import InputError
 from proxops.training.data.collection import describe_flight
 from proxops.training.data.recovery import flight_scenario, kind_of
 
@@ -96,6 +98,31 @@ def run_command(
 ) -> subprocess.CompletedProcess[str]:
     command = command_line(out, transits, *options, workers=workers)
     return subprocess.run(command, capture_output=True, text=True, check=True)
+
+
+@pytest.mark.parametrize(("seed", "warned"), [(9_999, False), (10_000, True)])
+def test_seeds_of_evaluation_are_warned_of(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str],
+    seed: int, warned: bool,
+) -> None:  # fmt: skip
+    def stop(*given: object, **options: object) -> None:
+        raise InputError("not flown")
+
+    monkeypatch.setattr("proxops.cli.collect.collect", stop)
+    assert proxops("collect", "--seed", seed, "--out", tmp_path / "out") == 2
+    told = " ".join(capfd.readouterr().err.split())
+    assert ("seeds from 10,000 on are for evaluation: train nothing on" in told) == warned
+
+
+def test_logs_are_read_one_by_one_and_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    told: list[tuple[float, str]] = []
+    monkeypatch.setattr(FlightLog, "load", str)
+    manifest = {"flights": [{"file": "a"}, {"file": "b"}]}
+    logs = _loaded(Path(), manifest, lambda done, text: told.append((done, text)))
+    assert next(logs) == "flights/a"
+    assert told == [(0.0, "writing, 0 of 2 flights")]
+    assert [*logs] == ["flights/b"]
+    assert told[1:] == [(0.5, "writing, 1 of 2 flights")]
 
 
 def test_manifest_and_logs(full_set: Path) -> None:

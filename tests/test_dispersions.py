@@ -92,6 +92,13 @@ def test_far_out_is_a_multiple_of_the_bound() -> None:
     assert Fixed(0.01).far_out(0.1, 3.0) == pytest.approx(0.03)
 
 
+def test_a_truth_value_is_no_number() -> None:
+    assert Fixed(True).far_out(0.1, 3.0) is True
+    for found in (Fixed(True), Choice((True, False)), Choice((1.0, True))):
+        assert found.bounds() is None
+        assert found.rms(0.0) is None
+
+
 # --- draws ----------------------------------------------------------------------------------------
 
 

@@ -8,6 +8,7 @@ import pytest
 
 from proxops.studies.evaluation.evaluation import aggregate, aggregate_all, delta_v_pairs, every_row
 from proxops.studies.evaluation.statistics_of_flights import success_interval
+from proxops.studies.evaluation.table import successes_text
 
 
 def test_interval_of_published_examples() -> None:
@@ -149,6 +150,20 @@ def test_controllers_without_the_mpc() -> None:
     for name, value in ESTIMATE_ERRORS.items():
         assert found[f"estimate_{name}"] == 2.0 * value
     assert not [name for name in aggregate(rows[3:]) if name.startswith("estimate")]
+
+
+@pytest.mark.parametrize("good", [0, 1, 426, 851, 852])
+def test_successes_are_counted(good: int) -> None:
+    rows = [row(transit=k, success=k < good, success_2km=k < min(good + 1, 852))
+            for k in range(852)]  # fmt: skip
+    found = aggregate(rows)
+    assert (found["successes"], found["successes_2km"]) == (good, min(good + 1, 852))
+    assert successes_text(found) == f"{good} of 852"
+    assert successes_text(found, wide=True) == f"{min(good + 1, 852)} of 852"
+    # A rate with six digits, as results.json has them, and no count, as earlier ones had none.
+    older = {"success_rate": float(f"{good / 852:.6g}"), "transits": 852}
+    assert successes_text(older) == f"{good} of 852"
+    assert successes_text(aggregate([])) == "0 of 0"
 
 
 def test_share_of_small_commands_counts_steps() -> None:

@@ -23,7 +23,7 @@ from synthetic_log import synthetic_log
 from proxops.assets import asset_path
 from proxops.diagrams.logs import FlightLog
 from proxops.diagrams.meshcat import write_replay
-from proxops.diagrams.scenario import load_body, load_scenario, parse_scenario
+from proxops.diagrams.scenario import load_body, load_scenario, parse_mapping, parse_scenario
 from proxops.systems.common import InputError, open_session
 from proxops.systems.lidar import LidarBundle
 from proxops.systems.policy import PolicyBundle, run_network
@@ -371,6 +371,26 @@ def test_a_log_with_a_hostile_scenario_and_body(what: str, tmp_path: Path) -> No
     refused(lambda: FlightLog.load(path).scenario, "the log's scenario", word)
     path = written(tmp_path, lambda data: data.attrs.update(body=text))
     refused(lambda: FlightLog.load(path), "flight.nc")
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("rotation_period_h", "0.0"),
+        ("mass_kg", "-1.0"),
+        ("keep_out_semi_axes_m", "[140.0e+3, 70.0e+3]"),
+        ("keep_out_semi_axes_m", "[140.0e+3, 70.0e+3, .nan]"),
+    ],
+)
+def test_a_log_with_a_body_that_cannot_be(key: str, value: str, tmp_path: Path) -> None:
+    def change(data: xr.Dataset) -> None:
+        body = parse_mapping(data.attrs["body"], "body")
+        assert key in body
+        data.attrs["body"] = "".join(
+            f"{name}: {value if name == key else given}\n" for name, given in body.items()
+        )
+
+    refused(lambda: FlightLog.load(written(tmp_path, change)), "is damaged: its body: ", key)
 
 
 def test_a_log_brings_its_body_and_reads_none(tmp_path: Path) -> None:

@@ -48,6 +48,11 @@ def test_few_states_of_a_flight_have_the_experts_commands_too(tmp_path: Path):
         label_flights(logs, tmp_path / "labels", Workers(1))
 
 
+def test_where_no_flight_could_begin_it_says_so(tmp_path: Path):
+    with pytest.raises(InputError, match="none of the round could begin in its world"):
+        label_flights([], tmp_path / "labels", Workers(1))
+
+
 def test_labels_are_kept_and_belong_to_their_flight(tmp_path: Path, monkeypatch):
     logs = sorted(copy_flights(tmp_path).glob("*.nc"))[:2]
     told: list[float] = []

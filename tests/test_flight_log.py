@@ -5,6 +5,7 @@ import gc
 import hashlib
 import json
 import os
+import pickle
 import subprocess
 import sys
 from importlib import metadata
@@ -38,6 +39,7 @@ from proxops.diagrams.logs.flight_log import (
 from proxops.diagrams.logs.flight_summary import fallback_steps
 from proxops.diagrams.meshcat.replay import write_replay
 from proxops.diagrams.scenario.scenario import dump_scenario, load_scenario, parse_scenario
+from proxops.diagrams.scenario.truth_config import TruthConfig
 from proxops.systems import InputError, TransitProgram
 from proxops.systems.common.errors import SolverFailure
 from proxops.systems.common.files import write_whole
@@ -567,3 +569,18 @@ def test_a_log_of_0_2_0_is_read_and_flown_again(tmp_path: Path) -> None:
     write_replay(read, tmp_path / "replay.html")
     again = fly(read.scenario, read.dataset.attrs["controller"], body=read.body)
     assert differences(read, again) == []
+
+
+def test_the_true_body_is_made_once() -> None:
+    """And a copy, by pickling for instance, does not carry it along."""
+    plain = synthetic_log(3, ranges=False)
+    scenario = dc.replace(plain.scenario, truth=TruthConfig(pole_deg=[3.0, 0.0], spin=1.1))
+    data = plain.dataset.assign_attrs(scenario=dump_scenario(scenario))
+    log = FlightLog(data, plain.body)
+    assert log.true_body is log.true_body
+    assert log.differing_body is log.true_body
+    assert plain.differing_body is None
+    again = pickle.loads(pickle.dumps(log))
+    assert vars(again).keys() == {"dataset", "body"}
+    assert differences(log, again) == []
+    np.testing.assert_array_equal(again.true_body.spin, log.true_body.spin)

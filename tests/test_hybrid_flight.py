@@ -29,6 +29,7 @@ from proxops.systems import (
     PolicyBundle,
     ReachModel,
 )
+from proxops.systems.common import LoggedPort
 from proxops.systems.shapes.ellipsoid import clearances
 
 # 45 steps, wherever it is then; both forces always agree by `TRUSTING`.
@@ -434,3 +435,28 @@ def test_adaptive_keeps_out_a_policy_that_means_harm(index: int) -> None:
 
     assert clearance(period_rule="adaptive") > 0.0
     assert clearance(check_period=30) < 0.0
+
+
+class WithColumns(PdController):
+    """A policy of a user's own that offers columns to the log, one of them by a known name."""
+
+    def __init__(self):
+        super().__init__()
+        self._clock = self.DeclareVectorOutputPort(
+            "clock", 1, lambda context, out: out.SetFromVector([context.get_time()])
+        )
+
+    def logged_ports(self) -> dict[str, LoggedPort]:
+        return {
+            "own_clock": LoggedPort(self._clock, "s", "what its clock says"),
+            "policy_force": LoggedPort(self.GetOutputPort("force")),
+        }
+
+
+def test_columns_of_a_user_s_own_policy_are_kept() -> None:
+    scenario = short_scenario(**(BRIEF | {"arrival__deadline_s": 50.0, "arrival__dwell_s": 10.0}))
+    log = fly(scenario, make_hybrid(scenario, kleopatra(), WithColumns()))
+    column = log.dataset["own_clock"]
+    np.testing.assert_array_equal(column[:-1], log.dataset["time"][:-1])
+    assert column.attrs == {"units": "s", "long_name": "what its clock says"}
+    assert np.isfinite(log.dataset["policy_force"][:-1]).all()

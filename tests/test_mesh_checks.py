@@ -94,6 +94,20 @@ def test_all_defects_are_named_with_their_places() -> None:
     assert found["holes"].about("the rock").startswith("the rock has holes: ")
 
 
+@pytest.mark.parametrize(
+    ("vertices", "kind", "text"),
+    [
+        (np.empty((0, 3)), "no such vertex", ": its facets name vertices, but it has none"),
+        (np.eye(3)[:2], "no such vertex", ": a facet names a vertex outside 0…1, the first is "),
+        (np.full((3, 3), np.nan), "not finite", ": vertex 0 is"),
+        (np.eye(3), "too few facets", " has 1 facets; a closed body has at least 4"),
+    ],
+)
+def test_defects_of_a_single_facet(vertices: np.ndarray, kind: str, text: str) -> None:
+    (defect,) = find_defects(vertices, np.array([[0, 1, 2]]))
+    assert (defect.kind, defect.text[: len(text)]) == (kind, text)
+
+
 def test_shells_and_winding_numbers() -> None:
     vertices, facets = joined(ball(2.0), ball(1.0, inwards=True), ball(1.0, x=5.0))
     count, labels = shell_labels(facets, len(vertices))

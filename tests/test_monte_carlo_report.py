@@ -87,7 +87,7 @@ def test_strongest_are_taken_in_turns() -> None:
     assert strongest({"failure": CHANCE}) == strongest({}) == []
 
 
-def test_bars_end_at_the_index_and_the_dummies_are_marked() -> None:
+def test_bars_end_at_the_index_and_chance_is_marked() -> None:
     figure = plot_drivers(RANKINGS | {"delta_v_m_s": []})
     assert [axis.get_title() for axis in figure.axes] == ["failure", "end error"]
     axis = figure.axes[0]
@@ -100,11 +100,11 @@ def test_bars_end_at_the_index_and_the_dummies_are_marked() -> None:
     np.testing.assert_allclose(np.asarray(floor.get_xdata(), dtype=float), 0.15)
 
 
-def test_dummies_are_drawn_below_many_quantities() -> None:
+def test_chance_is_drawn_below_many_quantities() -> None:
     ranking = [entry(f"x{k}", 0.9 - 0.01 * k) for k in range(30)] + CHANCE
     [axis] = plot_drivers({"failure": ranking}).axes
     labels = [label.get_text() for label in axis.get_yticklabels()]
-    assert labels == ["dummy", *(f"x{k}" for k in range(10, -1, -1))]
+    assert labels == ["chance", *(f"x{k}" for k in range(10, -1, -1))]
 
 
 def test_failures_are_crosses() -> None:

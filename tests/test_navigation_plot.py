@@ -1,5 +1,8 @@
 """The plot of the navigation shows its errors, what it knew of them, and what it did."""
 
+import dataclasses
+from pathlib import Path
+
 import numpy as np
 import pytest
 from known_navigation import ACQUIRING, AXES, DEVIATIONS, ERROR, LOST, TURN, navigated_log
@@ -9,8 +12,10 @@ from synthetic_log import synthetic_log
 
 from proxops.diagrams.logs import FlightLog
 from proxops.diagrams.plots import plot_frame, plot_navigation
+from proxops.diagrams.scenario import LidarNavigationConfig, dump_scenario
 from proxops.systems import InputError
 from proxops.systems.navigation import ReturnUse
+from proxops.systems.shapes.shape_files import mesh_bytes
 
 
 @pytest.fixture(scope="module")
@@ -67,6 +72,57 @@ def test_flights_that_end_at_once(steps: int, tmp_path) -> None:
 def test_a_flight_without_a_navigation_is_refused() -> None:
     with pytest.raises(InputError, match="has no navigation"):
         plot_navigation(synthetic_log(3, ranges=False))
+
+
+def with_frames(log: FlightLog, delay: int = 0, map_path: Path | None = None) -> FlightLog:
+    """A log whose navigation knew the truth; its noiseless frames arrive some rows late."""
+    data, rows = log.dataset, log.dataset.sizes["time"]
+    ranges = np.full_like(data["ranges"].values, np.inf)
+    ranges[delay:] = data["ranges"].values[: rows - delay]
+    use = np.where(np.isfinite(ranges), ReturnUse.USED, ReturnUse.NOT_USED).astype(np.int8)
+    given = LidarNavigationConfig(
+        frame_delay_steps=delay, map=None if map_path is None else str(map_path), map_unit="m"
+    )
+    scenario = dataclasses.replace(log.scenario, navigation=given)
+    columns = {
+        "navigation_state": data["state"].copy(),
+        "navigation_attitude": (("time", "quaternion"), np.tile([1.0, 0.0, 0.0, 0.0], (rows, 1))),
+        "navigation_return_use": (("time", "plane", "ray"), use),
+        "ranges": (("time", "plane", "ray"), ranges),
+    }
+    data = data.assign(columns).assign_attrs(scenario=dump_scenario(scenario))
+    return FlightLog(data, log.body)
+
+
+@pytest.mark.parametrize("row", [2, 3, -1])
+def test_a_late_frame_beside_what_was_believed_when_it_was_measured(row: int) -> None:
+    log = with_frames(synthetic_log(3), delay=2)
+    shown = plot_frame(log, row)
+    residuals = values(shown.axes[1], 0)
+    assert residuals.size > 100
+    np.testing.assert_allclose(residuals, 0.0, atol=1.0)
+    taken = row % 4 - 2
+    title = f"frame at {10 * taken} s, received at {10 * (row % 4)} s"
+    assert shown.axes[0].get_title() == title
+
+
+@pytest.mark.parametrize("row", [0, 1, -3])
+def test_a_frame_from_before_the_log_is_refused(row: int) -> None:
+    with pytest.raises(InputError, match=r"2 rows old .*: it was measured before the log begins"):
+        plot_frame(with_frames(synthetic_log(3), delay=2), row)
+
+
+def test_the_prediction_is_that_of_the_navigation_s_map(tmp_path: Path) -> None:
+    plain, path = synthetic_log(3), tmp_path / "map.obj"
+    shape = plain.body.shape
+    path.write_bytes(mesh_bytes(0.99 * shape.vertices, shape.facets, ".obj"))
+    log = with_frames(plain, map_path=path)
+    residuals = values(plot_frame(log, 2).axes[1], 0)
+    # The map is smaller by 1 %, so that the true surface is nearer.
+    assert -1500.0 < np.median(residuals) < -50.0
+    path.unlink()
+    with pytest.raises(InputError, match=r"navigation\.map of the log: .*map\.obj does not exist"):
+        plot_frame(log, 2)
 
 
 def test_a_frame_beside_what_the_map_predicts() -> None:

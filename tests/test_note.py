@@ -6,7 +6,6 @@ import json
 from types import ModuleType
 from typing import Any
 
-import pytest
 import typst
 from pages import ROOT
 from whole_results import results_with_all

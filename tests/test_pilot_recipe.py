@@ -18,7 +18,13 @@ from proxops.diagrams.flight.simulation import fly
 from proxops.diagrams.logs.flight_log import FlightLog
 from proxops.diagrams.scenario.scenario import load_scenario
 from proxops.systems import InputError
-from proxops.training.pilot.dagger import DaggerSettings, dagger_flights, restarted, run_dagger
+from proxops.training.pilot.dagger import (
+    DaggerSettings,
+    _forget_shorter_or_longer,
+    dagger_flights,
+    restarted,
+    run_dagger,
+)
 from proxops.training.pilot.network import Pilot
 from proxops.training.pilot.recipe import collected_scenario, train_pilot
 from proxops.training.pilot.settings import PilotSettings, settings_of
@@ -147,6 +153,21 @@ def test_a_round_flies_what_is_hard(tmp_path: Path):
     assert all(int(flight.name.split("-")[0]) < 10_000 for flight in first + second)
 
 
+def test_of_another_number_of_epochs_nothing_is_kept(tmp_path: Path):
+    """What differs in more stays, and is then refused."""
+    left = tmp_path / "guidance.ckpt"
+    for identity, stays in (
+        ("round 1, seed 3, 8 epochs", True),
+        ("round 1, seed 3, 8 epochs", True),
+        ("round 1, seed 3, 7 epochs", False),
+        ("round 1, seed 4, 8 epochs", True),
+    ):
+        left.write_text("a checkpoint")
+        (tmp_path / "bundle").mkdir(exist_ok=True)
+        _forget_shorter_or_longer(tmp_path, identity)
+        assert left.exists() == (tmp_path / "bundle").exists() == stays, identity
+
+
 def test_data_must_be_a_collection(tmp_path: Path):
     with pytest.raises(InputError, match="manifest"):
         collected_scenario(tmp_path)
@@ -256,3 +277,31 @@ def test_dagger_learns_from_its_flights_and_goes_on_after_a_kill(
     scenario = load_scenario(None, {"policy.bundle": str(tmp_path / "bundle")})
     assert np.isfinite(fly(scenario, "policy").dataset["policy_force"].values[:-1]).all()
     assert settings_of(origin) == PilotSettings().quick()
+
+
+@pytest.mark.slow
+def test_rounds_that_are_added_end_as_if_asked_for_at_once(
+    collected: Path, trained: Path, tmp_path: Path
+):
+    """What was the last round is trained anew, for fewer epochs, from the same flights."""
+    one, two = (DaggerSettings(rounds=rounds, flights=3, seed=SEED) for rounds in (1, 2))
+    added, fresh = tmp_path / "added", tmp_path / "fresh"
+    run_dagger(collected, trained, added, one, Workers(1))
+    stamps = {path: path.stat().st_mtime_ns for path in added.glob("round-1/*/*.n*")}
+
+    def epochs() -> int:
+        return json.loads((added / "round-1" / "report.json").read_text())["training"]["epochs"]
+
+    before, told = epochs(), list[tuple[float, str]]()
+    workers = Workers(1, progress=lambda done, text: told.append((done, text)))
+    run_dagger(collected, trained, added, two, workers)
+    assert told[0][1].startswith("plans of transits")
+    assert [done for done, _ in told] == sorted(done for done, _ in told)
+    assert epochs() < before == PilotSettings().quick().guidance.epochs
+    assert {path: path.stat().st_mtime_ns for path in stamps} == stamps
+    # The flights of round 2 would be refused if they were by another pilot.
+    for name in ("round-1/flights", "round-1/labels", "round-2/flights", "round-2/labels"):
+        shutil.copytree(added / name, fresh / name)
+    run_dagger(collected, trained, fresh, two, Workers(1))
+    for name in ("round-1/bundle/model.onnx", "round-2/bundle/model.onnx", "bundle/model.onnx"):
+        assert (added / name).read_bytes() == (fresh / name).read_bytes()

@@ -13,7 +13,7 @@ from short_flights import kleopatra
 from torch import nn
 
 from proxops.systems import InputError, NeuralPolicy, PolicyBundle
-from proxops.training.export import policy_export
+from proxops.training.export import policy_export, write_folder
 from proxops.training.export.policy_export import export_policy
 
 
@@ -66,6 +66,29 @@ def test_module_is_left_as_it_was(tmp_path: Path) -> None:
     export_policy(module, tmp_path / "policy", facts_of(Dropping), example_steps())
     assert module.training
     assert module.dropout.training
+
+
+def test_what_a_kill_left_is_removed(tmp_path: Path) -> None:
+    """But no file that is being written, which has such a name too."""
+    folder, other = tmp_path / "bundle", tmp_path / ".bundle.json.abcdefgh.part"
+    write_folder(folder, {"model": b"1"})
+    other.write_text("{")
+    for end in ("old", "part"):
+        (tmp_path / f".bundle.abcdefgh.{end}").mkdir()
+        (tmp_path / f".bundle.abcdefgh.{end}" / "model").write_bytes(b"0")
+    write_folder(folder, {"model": b"2"})
+    assert set(tmp_path.iterdir()) == {folder, other}
+    assert (folder / "model").read_bytes() == b"2"
+
+
+def test_after_a_kill_between_two_bundles_the_older_one_is_put_back(tmp_path: Path) -> None:
+    folder = tmp_path / "bundle"
+    write_folder(folder, {"model": b"1"})
+    folder.rename(tmp_path / ".bundle.abcdefgh.old")
+    with pytest.raises(InputError, match="cannot write"):
+        write_folder(folder, {"no/such/file": b"2"})
+    assert set(tmp_path.iterdir()) == {folder}
+    assert (folder / "model").read_bytes() == b"1"
 
 
 # --- what is not written --------------------------------------------------------------------------

@@ -348,7 +348,7 @@ def test_thin_but_sound_bodies_pass_at_any_size(size: float) -> None:
         (np.eye(3), np.array([[0, 1, 2]]), "has 1 facets"),
         (np.eye(3), np.empty((0, 3), int), "has 0 facets"),
         (np.empty((0, 3)), np.empty((0, 3), int), "has 0 facets"),
-        (np.empty((0, 3)), np.zeros((4, 3), int), "names a vertex outside"),
+        (np.empty((0, 3)), np.zeros((4, 3), int), "name vertices, but it has none"),
     ],
 )
 def test_arrays_of_wrong_shape(vertices: np.ndarray, facets: np.ndarray, complaint: str) -> None:

@@ -15,10 +15,14 @@ from short_flights import BRIEF, short_scenario
 
 from proxops.diagrams.flight import Workers
 from proxops.diagrams.flight.campaign import Flight
-from proxops.diagrams.scenario.scenario_config import Scenario
+from proxops.diagrams.scenario import PolicyConfig, Scenario, dump_scenario
 from proxops.studies.evaluation.variants import Variant, fly_variants
 from proxops.studies.reproduction.flights import variants
-from proxops.studies.reproduction.reproduction import ReproductionSettings, reproduce
+from proxops.studies.reproduction.reproduction import (
+    ReproductionSettings,
+    _origin,
+    reproduce,
+)
 from proxops.studies.reproduction.training import TrainingSettings
 from proxops.systems import InputError
 from proxops.training.data.collecting import collect
@@ -127,6 +131,18 @@ def test_what_it_cannot_use_is_refused_at_once(bundle: Path, tmp_path: Path) -> 
     with pytest.raises(InputError, match="the policy that is trained"):
         reproduce(wanted, tmp_path, ReproductionSettings(transits=1), TrainingSettings())
     assert not list(tmp_path.iterdir())
+
+
+def test_a_policys_margin_counts() -> None:
+    """Where the bundle lies does not: it counts by its content."""
+    settings, flown = ReproductionSettings(transits=2), [Variant("zero", "zero")]
+
+    def scenario_of(**policy: Any) -> str:
+        return _origin(Scenario(policy=PolicyConfig(**policy)), settings, flown)["scenario"]
+
+    usual = scenario_of()
+    assert usual == dump_scenario(Scenario(policy=PolicyConfig())) == scenario_of(bundle="anywhere")
+    assert len({usual, scenario_of(margin_m=500.0), scenario_of(beyond_family=True)}) == 3
 
 
 def test_moved_it_is_still_done(reproduced: tuple[Path, Any], bundle: Path, tmp_path: Path) -> None:

@@ -17,6 +17,7 @@ from test_evaluation import row
 from proxops.assets import ASSETS
 from proxops.diagrams.flight.campaign import Flight
 from proxops.diagrams.scenario.dispersions import draw_world
+from proxops.diagrams.scenario.navigation_config import LidarNavigationConfig
 from proxops.diagrams.scenario.scenario import load_scenario, parse_scenario
 from proxops.diagrams.scenario.scenario_config import Scenario
 from proxops.diagrams.scenario.transits import (
@@ -159,6 +160,8 @@ def test_the_navigation_is_told_the_dispersions_and_nothing_of_the_world(
     plain = load_scenario(None, PLAIN)
     of_flight, body = of_transit(plain, 10001, 3), kleopatra()
     told = draw_world(dataclasses.replace(of_flight, dispersions="after_survey"), body).navigation
+    assert isinstance(told, LidarNavigationConfig)
+    assert told.expected is not None
     assert told.expected.gravity == pytest.approx(0.0005)
     for variant in every_line(robustness):
         if variant.world is not None:

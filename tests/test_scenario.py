@@ -1,7 +1,10 @@
 """Scenario and body files: what is read, what is written back, and what is refused and how."""
 
 import dataclasses as dc
+import operator
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -184,6 +187,66 @@ def test_body_path_is_relative_to_the_file(tmp_path: Path) -> None:
     path = write(tmp_path / "sub", "body: ../rock.yaml")
     assert load_scenario(path).body == str((tmp_path / "rock.yaml").resolve())
     assert load_scenario(write(tmp_path, "body: kleopatra")).body == "kleopatra"
+
+
+# A path by each key that takes one, and whether the key takes names as well.
+PATHS = {
+    "body": ("rock.yaml", True),
+    "policy.bundle": ("bundle", False),
+    "truth.mesh": ("true.obj", False),
+    "navigation.map": ("map.obj", False),
+    "dispersions": ("mine.yaml", True),
+    "assurance.bounds": ("bounds.yaml", True),
+}
+
+
+def at(scenario: Scenario, key: str) -> object:
+    return operator.attrgetter(key)(scenario)
+
+
+@pytest.mark.parametrize("key", PATHS)
+def test_relative_paths_become_absolute(
+    key: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Those of a file from its folder, all others from the working directory."""
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    name, may_be_a_name = PATHS[key]
+    here, above = str(tmp_path / "here" / name), str(tmp_path / name)
+    assert at(load_scenario(None, {key: f"../{name}"}), key) == above
+    changed = change_scenario(load_scenario(), {key: name})
+    assert at(changed, key) == here
+    assert at(change_scenario(changed, {"noise_seed": 3}), key) == here
+    section, dot, last = key.partition(".")
+    line = f"{section}: {{{last}: {name}}}" if dot else f"{section}: {name}"
+    assert at(load_scenario(write(tmp_path, line)), key) == above
+    if may_be_a_name:
+        assert at(load_scenario(None, {key: "kleopatra"}), key) == "kleopatra"
+
+
+def test_a_learned_lidar_s_path_becomes_absolute(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    given: dict[str, object] = {"_tag": "!LearnedLidar", "bundle": "lidar"}
+    for scenario in (
+        load_scenario(None, {"lidar": given}),
+        change_scenario(Scenario(), {"lidar": given}),
+    ):
+        assert scenario.lidar == LearnedLidarConfig(str(tmp_path / "lidar"))
+    assert given["bundle"] == "lidar"
+
+
+@pytest.mark.parametrize("key", ["policy.bundle", "assurance.bounds"])
+def test_no_path_stays_none(key: str, tmp_path: Path) -> None:
+    """It would become that of the folder."""
+    section, last = key.split(".")
+    for read in (
+        lambda: load_scenario(None, {key: ""}),
+        lambda: load_scenario(write(tmp_path, f"{section}: {{{last}: ''}}")),
+    ):
+        with pytest.raises(InputError, match=rf"{key} must name .*, or be null"):
+            read()
 
 
 @pytest.mark.parametrize(
@@ -490,6 +553,15 @@ def test_body_refused(rock, changes: dict[str, object], complaint: str) -> None:
         load_body(rock(**changes))
 
 
+def test_a_wrong_mass_is_reported_without_assertions(rock) -> None:
+    """Python -O takes out assert statements."""
+    code = "import sys; from proxops.diagrams.scenario import load_body; load_body(sys.argv[1])"
+    command = [sys.executable, "-O", "-c", code, rock(mass_kg=1e15)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert "which no body has" in done.stderr
+
+
 def test_body_with_unsound_mesh(rock, tmp_path: Path) -> None:
     mesh = star_shaped(0, subdivisions=1, size=60.0)
     trimesh.Trimesh(mesh.vertices, mesh.faces[1:], process=False).export(tmp_path / "open.obj")
@@ -544,3 +616,19 @@ def test_an_old_name_is_refused_with_the_new_one(old: str, new: str, tmp_path: P
         load_scenario(write(tmp_path, f"mpc:\n  {old.removeprefix('mpc.')}: 12\n"))
     with pytest.raises(InputError, match=re.escape(message)):
         change_scenario(Scenario(), {old: 12})
+
+
+@pytest.mark.parametrize(
+    ("key", "complaint"),
+    [
+        ("nope", "there is no key 'nope' in a scenario; the nearest is"),
+        ("truth.gravty", "there is no key 'truth.gravty' in a scenario; the nearest is truth.grav"),
+        ("truth", "there is no key 'truth' in a scenario"),
+        ("mpc.intervals", "mpc.intervals cannot be dispersed"),
+    ],
+)
+def test_what_cannot_have_been_drawn(key: str, complaint: str, tmp_path: Path) -> None:
+    text = dump_scenario(Scenario()).replace("dispersed: []", f"dispersed: [{key}]")
+    for read in (parse_scenario, lambda text: load_scenario(write(tmp_path, text))):
+        with pytest.raises(InputError, match=f"dispersed is what proxops writes .*: {complaint}"):
+            read(text)

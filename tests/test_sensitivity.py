@@ -9,10 +9,13 @@ import numpy as np
 import pytest
 from test_evaluation import row
 
+from proxops.studies.evaluation import sensitivity
 from proxops.studies.evaluation.evaluation import aggregate_all
 from proxops.studies.evaluation.sensitivity import (
     DUMMY,
     OUTPUTS,
+    _indices,
+    _pawn,
     drawn_columns,
     rank_drivers,
     told_from_chance,
@@ -74,6 +77,57 @@ def test_the_rest_is_not_told_from_chance(found: dict[str, Any]) -> None:
                 assert entry["above_chance"] == (entry["index"] > dummy["high"])
     told = {name for ranking in found.values() for name in told_from_chance(ranking)}
     assert all("gravity" in name or "attitude" in name for name in told)
+
+
+@pytest.mark.parametrize("count", [50, 200, 201, 301])
+def test_indices_are_salibs(count: int) -> None:
+    """Also of 0/1 outputs, of outputs with ties, and of inputs with ties."""
+    random = generator(1, count)
+    inputs = np.argsort(random.random((count, 6)), axis=0).astype(float)
+    inputs[:, 3:] = inputs[random.integers(count, size=count), 3:]
+    for output in (
+        random.random(count), random.random(count) < 0.1, np.round(random.random(count), 1),
+    ):  # fmt: skip
+        found = _indices(inputs, output.astype(float))
+        np.testing.assert_allclose(found, _pawn(inputs, output.astype(float)), rtol=0.0, atol=1e-12)
+
+
+@pytest.fixture
+def fast(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Indices that are as SALib's, and take a twentieth of the time."""
+    monkeypatch.setattr(sensitivity, "_pawn", _indices)
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("fast")
+def test_one_ranking_in_twenty_names_something_where_nothing_has_an_effect() -> None:
+    """Of 30 quantities, of which any may be named. Each alone would be in one ranking of 4."""
+    count, sets = 60, 200
+    named = 0
+    for seed in range(sets):
+        drawn = generator(seed, 5).normal(size=(count, 31))
+        rows = [
+            row(transit=k, seed=seed, delta_v_m_s=drawn[k, 0],
+                dispersed={f"x{j}": drawn[k, j] for j in range(1, 31)})
+            for k in range(count)
+        ]  # fmt: skip
+        named += bool(told_from_chance(rank_drivers(rows)["delta_v_m_s"]))
+    # 10 are expected; a binomial distribution exceeds 19 in one case of 500.
+    assert 2 <= named <= 19
+
+
+@pytest.mark.usefixtures("fast")
+def test_a_driver_is_named_among_thirty_quantities() -> None:
+    drawn = generator(4, 5).normal(size=(200, 31))
+    rows = [
+        row(transit=k, seed=4, delta_v_m_s=drawn[k, 0] + 2.0 * drawn[k, 7],
+            dispersed={f"x{j}": drawn[k, j] for j in range(1, 31)})
+        for k in range(200)
+    ]  # fmt: skip
+    ranking = rank_drivers(rows)["delta_v_m_s"]
+    assert told_from_chance(ranking) == ["x7"]
+    [chance] = [entry for entry in ranking if entry["quantity"] == DUMMY]
+    assert 0.0 < chance["low"] <= chance["index"] <= chance["high"] < ranking[0]["index"]
 
 
 def test_equal_rows_give_equal_rankings() -> None:

@@ -84,12 +84,16 @@ def test_plate_models(tmp_path: Path, form: str, unit: str) -> None:
 @pytest.mark.parametrize(
     ("text", "complaint"),
     [
-        ("", "could not be read"),
+        ("", "could not be read as a mesh: it holds no rows of numbers"),
+        ("# a remark\n\n", "could not be read as a mesh: it holds no rows of numbers"),
+        ("8\n" + _rows(VERTICES), "after 8 vertices there is no count of plates"),
+        ("8\n" + _rows(VERTICES) + "0\n", "holds no triangles"),
+        ("v 0 0 0\nv 1 0 0\n", "holds no triangles"),
         ("8 12\n" + _rows(VERTICES) + _rows(FACETS[:-1] + 1), "counts 8 vertices and 12 plates"),
         ("9 12\n" + _rows(VERTICES) + _rows(FACETS + 1), "counts 9 vertices and 12 plates"),
         ("8 12\n" + _rows(VERTICES) + _rows(FACETS + 1) + "1 2 3\n", "12 plates, but 8 and 13"),
         ("8 12\n" + _rows(VERTICES, 1)[:-30] + _rows(FACETS + 1, 1), "could not be read"),
-        (_rows(VERTICES), "could not be read"),
+        (_rows(VERTICES), "holds no triangles"),
         ("8 12\n" + _rows(VERTICES)[1:].replace(" ", " 1 ", 3) + _rows(FACETS), "too few|inhomo"),
         (
             "8 12\n" + _rows(VERTICES, 1).replace("\n4 ", "\n7 ") + _rows(FACETS + 1),

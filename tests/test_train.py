@@ -20,8 +20,8 @@ from proxops.training.loop import WindowDataset
 from proxops.training.loop.training_loop import Schedule
 from proxops.training.paper.recipe import (
     PaperSettings,
-    force_loss,
     make_policy,
+    rms_force_loss,
     train_paper_policy,
 )
 
@@ -110,9 +110,11 @@ def test_loss_is_the_root_mean_square_in_newtons_where_there_is_a_label(packed: 
     batch["labelled"][1, 3:] = False
     kept = batch["labelled"].numpy()
     errors = (said - batch["mpc_force"]).numpy()[kept]
-    assert float(force_loss(policy, batch)) == pytest.approx(np.sqrt((errors**2).mean()), rel=1e-5)
+    assert float(rms_force_loss(policy, batch)) == pytest.approx(
+        np.sqrt((errors**2).mean()), rel=1e-5
+    )
     batch["labelled"][:] = False
-    assert float(force_loss(policy, batch)) == pytest.approx(0.0, abs=1e-5)
+    assert float(rms_force_loss(policy, batch)) == pytest.approx(0.0, abs=1e-5)
 
 
 @pytest.mark.slow

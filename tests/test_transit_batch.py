@@ -19,11 +19,13 @@ from proxops.training.environment import TransitBatch, TransitEnvironment
 # The table takes a while to make.
 EXACT = {"gravity": "exact"}
 TRUE = dc.replace(load_scenario(), navigation=TrueStateConfig())
+SEED = 10000
 SHORT = {"arrival.deadline_s": 95.0, "arrival.dwell_s": 10.0}
 
 
 def batch(number: int = 2, **options) -> TransitBatch:
     options.setdefault("changes", EXACT)
+    options.setdefault("transits", SEED)
     mode = "vector_entry_point"
     made = gymnasium.make_vec("proxops/Transit-v0", number, vectorization_mode=mode, **options)
     assert isinstance(made, TransitBatch)
@@ -31,7 +33,7 @@ def batch(number: int = 2, **options) -> TransitBatch:
 
 
 def single(**options) -> TransitEnvironment:
-    made = gymnasium.make("proxops/Transit-v0", **options).unwrapped
+    made = gymnasium.make("proxops/Transit-v0", transits=SEED, **options).unwrapped
     assert isinstance(made, TransitEnvironment)
     return made
 

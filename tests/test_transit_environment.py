@@ -1,6 +1,7 @@
 """Transits as environments of Gymnasium: the same flights as `fly`, and Gymnasium's own checks."""
 
 import functools
+import inspect
 
 import gymnasium
 import numpy as np
@@ -21,6 +22,7 @@ from proxops.training.environment import (
     ARRIVAL,
     FUEL,
     VIOLATION,
+    TransitBatch,
     TransitEnvironment,
     step_reward,
 )
@@ -28,10 +30,11 @@ from proxops.training.environment import (
 # With a limit of 8 N, forces over the limit are exact.
 SHORT = {"spacecraft.thrust_limit_n": 8.0, "arrival.deadline_s": 200.0, "arrival.dwell_s": 10.0}
 PERIOD = 10.0
+SEED = 10000
 
 
 def made(**options) -> TransitEnvironment:
-    env = gymnasium.make("proxops/Transit-v0", changes=SHORT, **options).unwrapped
+    env = gymnasium.make("proxops/Transit-v0", transits=SEED, changes=SHORT, **options).unwrapped
     assert isinstance(env, TransitEnvironment)
     return env
 
@@ -42,7 +45,7 @@ def mpc_episode(transit: int) -> tuple[TransitEnvironment, list[float], dict]:
     env = made()
     seen, told = env.reset(options={"transit": transit})
     assert told == {"transit": transit}
-    scenario = believed(of_transit(env.scenario, 10000, transit))
+    scenario = believed(of_transit(env.scenario, SEED, transit))
     mpc = make_mpc(scenario, load_body(scenario.body))
     simulator = Simulator(mpc)
     context, rewards = simulator.get_mutable_context(), []
@@ -62,7 +65,7 @@ def mpc_episode(transit: int) -> tuple[TransitEnvironment, list[float], dict]:
 def test_the_mpc_flies_as_in_fly_bit_for_bit() -> None:
     env, rewards, info = mpc_episode(1)
     scenario = change_scenario(load_scenario(), SHORT | {"log_ranges": False})
-    log = fly(of_transit(scenario, 10000, 1), "mpc")
+    log = fly(of_transit(scenario, SEED, 1), "mpc")
     assert env.log is not None
     assert len(rewards) == 21
     for name in ("time", "state", "navigation_state", "navigation_covariance"):
@@ -106,6 +109,12 @@ def test_a_collision_ends_the_episode() -> None:
         rewards.append(reward)
     assert info["summary"]["collided"]
     assert min(rewards) < 0.9 * VIOLATION
+
+
+@pytest.mark.parametrize("kind", [TransitEnvironment, TransitBatch])
+def test_nobody_learns_on_transits_of_evaluation_unless_asked_to(kind: type) -> None:
+    """Those of seeds from 10,000 on."""
+    assert 0 <= inspect.signature(kind).parameters["transits"].default < 10_000
 
 
 def test_a_step_needs_a_reset() -> None:

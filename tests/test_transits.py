@@ -11,6 +11,7 @@ from proxops.diagrams.scenario.scenario import load_scenario
 from proxops.diagrams.scenario.scenario_config import Scenario
 from proxops.diagrams.scenario.transits import (
     Transit,
+    UnflyableWorldError,
     draw_transit,
     scenario_transit,
     transit_set,
@@ -160,4 +161,17 @@ def test_senseless_ends_refused(start: list[float], goal: list[float], complaint
     scenario = Scenario()
     scenario.transit = dc.replace(scenario.transit, start_m=start, goal_m=goal)
     with pytest.raises(InputError, match=complaint):
+        scenario_transit(scenario, kleopatra())
+
+
+def test_a_mass_that_was_drawn_is_to_blame() -> None:
+    """A scenario that nobody can fly is a mistake; one draw of many is not."""
+    scenario = Scenario()
+    far = [160e3, 0.0, 0.0], [900e3, 0.0, 0.0]
+    scenario.transit = dc.replace(scenario.transit, start_m=far[0], goal_m=far[1])
+    with pytest.raises(InputError, match="cannot be held") as caught:
+        scenario_transit(scenario, kleopatra())
+    assert not isinstance(caught.value, UnflyableWorldError)
+    scenario.dispersed = ["spacecraft.mass_kg"]
+    with pytest.raises(UnflyableWorldError, match="cannot be held"):
         scenario_transit(scenario, kleopatra())

@@ -19,7 +19,8 @@ from proxops.diagrams.scenario.body import load_body
 from proxops.diagrams.scenario.dispersions import draw_world
 from proxops.diagrams.scenario.scenario import believed, load_scenario, parse_scenario
 from proxops.diagrams.scenario.scenario_config import Scenario
-from proxops.diagrams.scenario.true_body import TrueBody, UnflyableWorldError, make_true_body
+from proxops.diagrams.scenario.transits import UnflyableWorldError
+from proxops.diagrams.scenario.true_body import TrueBody, make_true_body
 from proxops.diagrams.scenario.truth_config import TruthConfig
 from proxops.systems.common.errors import InputError
 

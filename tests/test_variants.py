@@ -10,7 +10,7 @@ from synthetic_log import synthetic_log
 
 from proxops.diagrams.flight.parallel import Workers
 from proxops.diagrams.scenario.body import Body
-from proxops.diagrams.scenario.scenario import load_scenario, parse_scenario
+from proxops.diagrams.scenario.scenario import dump_scenario, load_scenario, parse_scenario
 from proxops.diagrams.scenario.scenario_config import Scenario
 from proxops.diagrams.scenario.transits import Transit, draw_transit, scenario_transit
 from proxops.studies.evaluation.flights import describe_flight
@@ -104,3 +104,18 @@ def test_share_of_small_commands_is_of_what_was_commanded() -> None:
     steps = len(data["time"]) - 1
     changed = dataclasses.replace(log, dataset=data)
     assert describe_flight(changed)["small_command_share"] == pytest.approx((steps - 1) / steps)
+
+
+@pytest.mark.parametrize(("limit", "small"), [(7.0, 1), (0.07, 0), (140.0, 2)])
+def test_a_small_command_is_a_share_of_what_the_thrusters_give(limit: float, small: int) -> None:
+    """At a small body all commands are below 0.2 N; 0.1 and 3 N are less than 0.2 of 7 N or not."""
+    log = synthetic_log()
+    data = log.dataset.copy(deep=True)
+    data["disturbance"][:] = 0.0
+    data["force"][:] = [0.0, 0.0, limit]
+    data["force"][1], data["force"][2] = [0.1, 0.0, 0.0], [0.0, 3.0, 0.0]
+    craft = dataclasses.replace(log.scenario.spacecraft, thrust_limit_n=limit)
+    told = dump_scenario(dataclasses.replace(log.scenario, spacecraft=craft))
+    changed = dataclasses.replace(log, dataset=data.assign_attrs(scenario=told))
+    steps = len(data["time"]) - 1
+    assert describe_flight(changed)["small_command_share"] == pytest.approx(small / steps)

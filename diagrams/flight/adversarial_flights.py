@@ -13,7 +13,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from proxops.diagrams.flight.box_worlds import StateErrors, Truth, outward_normal
+from proxops.diagrams.flight.box_worlds import StateErrors, Truth, check_known, outward_normal
 from proxops.diagrams.flight.scenario_systems import make_backup
 from proxops.diagrams.logs import dense_positions
 from proxops.diagrams.scenario import AssuranceConfig, Body, Scenario, TransitConfig
@@ -224,9 +224,14 @@ def adversarial_flight(
       backup: of the body; None: as the scenario says.
       truth: one of `TRUTHS`.
       state_errors: one of `STATE_ERRORS`.
-      adversary: flies instead of the named one, which only names the draws.
+      adversary: flies instead of the named one.
       excess: the worlds and state errors are drawn from bounds that are greater by this factor.
+
+    Raises:
+      InputError: there is no adversary, truth or error of the state of this name; see also
+        `make_backup`.
     """
+    check_known("adversary", name, ADVERSARIES)
     if backup is None:
         backup = make_backup(scenario, body, scenario.assurance or AssuranceConfig())
     random = np.random.default_rng(seed)

@@ -9,11 +9,13 @@ prediction is used.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
 from proxops.systems.assurance import AssuranceBounds
+from proxops.systems.common import InputError
 
 # Mean number of steps for which a truth that turns keeps its mood.
 _MOOD = 20.0
@@ -41,6 +43,25 @@ def _turned(force: np.ndarray, toward: np.ndarray, angle: float) -> np.ndarray:
     return size * (math.cos(angle) * along + math.sin(angle) * across / length)
 
 
+TRUTHS = ("as believed", "corner", "drawn", "hurting", "helping", "turning")
+STATE_ERRORS = (
+    "none",
+    "constant",
+    "flattering",
+    "drifting",
+    "jumping",
+    "flipping",
+    "sideways",
+)
+
+
+def check_known(what: str, name: str, known: Iterable[str]) -> None:
+    """Raises `InputError` unless a name is one of the known ones; `what` says what it names."""
+    known = tuple(known)
+    if name not in known:
+        raise InputError(f"no {what} is called {name!r}: use one of {', '.join(known)}")
+
+
 @dataclass
 class Truth:
     """How one world differs, within its bounds.
@@ -60,6 +81,12 @@ class Truth:
     random: np.random.Generator
 
     def __post_init__(self):
+        """Draws the world.
+
+        Raises:
+          InputError: the kind is not one of `TRUTHS`.
+        """
+        check_known("truth", self.kind, TRUTHS)
         bounds, random = self.bounds, self.random
         size = {"as believed": 0.0, "drawn": 1.0}.get(self.kind)
         ends = random.choice([-1.0, 1.0], 2)
@@ -108,9 +135,6 @@ class Truth:
         return turned, -bounds.acceleration * np.sign(normal)
 
 
-TRUTHS = ("as believed", "corner", "drawn", "hurting", "helping", "turning")
-
-
 @dataclass
 class StateErrors:
     """How far the believed state is from the true one, within its bounds.
@@ -132,6 +156,12 @@ class StateErrors:
     steps: int
 
     def __post_init__(self):
+        """Draws the directions.
+
+        Raises:
+          InputError: the kind is not one of `STATE_ERRORS`.
+        """
+        check_known("error of the state", self.kind, STATE_ERRORS)
         self._directions = self.random.normal(size=(2, 3))
         self._step = 0
 
@@ -161,14 +191,3 @@ class StateErrors:
         elif self.kind == "flipping":
             size = 1.0 if step % 2 else -1.0
         return size * np.concatenate([position, velocity])
-
-
-STATE_ERRORS = (
-    "none",
-    "constant",
-    "flattering",
-    "drifting",
-    "jumping",
-    "flipping",
-    "sideways",
-)

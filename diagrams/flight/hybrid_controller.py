@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses as dc
 import math
 
 import numpy as np
@@ -9,28 +10,29 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, System
 from pydrake.systems.primitives import ConstantVectorSource
 
 from proxops.diagrams.flight.scenario_systems import make_mpc
+from proxops.diagrams.flight.wiring import STATE_NOISE_STREAM
 from proxops.diagrams.scenario import Body, Scenario, assurance_bounds
 from proxops.systems import (
     AgreementGate,
     CheckSchedule,
     EnabledValue,
     GateKind,
-    GuidancePolicy,
     HybridSelector,
     InputError,
     ModelPredictiveController,
-    NeuralPolicy,
     PeriodRule,
     ReachModel,
     StateNoise,
 )
 from proxops.systems.common import LoggedPort, derived_seed
 
-# Stream of the derived seed; it differs from the streams of the transit diagram.
-_STATE_NOISE_STREAM = 100
 # The selector assumes that the true state is within this many standard deviations of the noisy
 # state. For normal errors in three dimensions this fails 15 times in a million.
 _DEVIATIONS = 5.0
+# The hybrid's own output ports; a log has a column for each but the first.
+_OWN_OUTPUTS = (
+    "force", "decision", "decision_record", "mpc_force", "mpc_record", "policy_force",
+)  # fmt: skip
 
 
 def make_hybrid(scenario: Scenario, body: Body, policy: System) -> HybridController:
@@ -63,19 +65,19 @@ def make_hybrid(scenario: Scenario, body: Body, policy: System) -> HybridControl
         ReachModel.of(
             body.gravity_field,
             body.keep_out_semi_axes,
-            body.spin_rate,
-            (bounds.strongest + bounds.across) * acceleration,
-            max(bounds.weakest - bounds.across, 0.0) * acceleration,
-            bounds.gravity,
-            bounds.acceleration,
+            spin=body.spin_rate,
+            acceleration=(bounds.strongest + bounds.across) * acceleration,
+            weakest=max(bounds.weakest - bounds.across, 0.0) * acceleration,
+            gravity=bounds.gravity,
+            other=bounds.acceleration,
         ),
-        period,
+        period=period,
         # Semi-axes that are longer by a length move the ellipsoid's surface by at most this length.
-        _DEVIATIONS * position_std + bounds.position + bounds.surface,
-        _DEVIATIONS * velocity_std + bounds.velocity,
-        0.0 if assurance is None else assurance.deviations,
+        position_error=_DEVIATIONS * position_std + bounds.position + bounds.surface,
+        velocity_error=_DEVIATIONS * velocity_std + bounds.velocity,
+        deviations=0.0 if assurance is None else assurance.deviations,
     )
-    seed = derived_seed(scenario.noise_seed, transit.seed, transit.index, _STATE_NOISE_STREAM)
+    seed = derived_seed(scenario.noise_seed, transit.seed, transit.index, STATE_NOISE_STREAM)
     noise = StateNoise(position_std, velocity_std, period, seed)
     return HybridController(make_mpc(scenario, body), policy, selector, noise)
 
@@ -107,8 +109,9 @@ class HybridController(Diagram):
 
     More outputs come from the parts. `mpc_force` (3) and `mpc_record` (3) are the MPC's; at a step
     without a check they are NaN, and evaluating them does not make the MPC solve. `policy_force`
-    (3), `policy_record` (2) and `estimate` (6) are the policy's. The MPC and the selector get the
-    state with noise; the policy gets what its ports name, a state without this noise.
+    (3), `policy_record` (2) and `estimate` (6) are the policy's; a policy of one's own may offer
+    other ports to the log, which then are outputs too. The MPC and the selector get the state with
+    noise; the policy gets what its ports name, a state without this noise.
     """
 
     def __init__(
@@ -122,7 +125,9 @@ class HybridController(Diagram):
 
         Args:
           expert: the MPC that checks.
-          policy: a learned policy, or any system with an output port `force` (3).
+          policy: a learned policy, or any system with an output port `force` (3). If it has
+            `logged_ports`, these are outputs of the hybrid, but for those whose names the hybrid
+            has itself.
           selector: decides at each step which force acts.
           noise: is added to the state that the MPC and the selector get.
 
@@ -175,13 +180,15 @@ class HybridController(Diagram):
             builder.Connect(expert.GetOutputPort(name), asked.GetInputPort("value"))
             builder.ExportOutput(asked.GetOutputPort("value"), f"mpc_{name}")
         builder.ExportOutput(policy.GetOutputPort("force"), "policy_force")
-        if isinstance(policy, (NeuralPolicy, GuidancePolicy)):
-            for name, logged in policy.logged_ports().items():
-                if name != "policy_force":
-                    builder.ExportOutput(logged.port, name)
+        offered: dict[str, LoggedPort] = getattr(policy, "logged_ports", dict)()
+        self._offered = {name: each for name, each in offered.items() if name not in _OWN_OUTPUTS}
+        for name, logged in self._offered.items():
+            builder.ExportOutput(logged.port, name)
         builder.BuildInto(self)
 
     def logged_ports(self) -> dict[str, LoggedPort]:
         """Gives the ports that a log records, by the names of their columns."""
-        ports = [self.get_output_port(i) for i in range(self.num_output_ports())]
-        return {port.get_name(): LoggedPort(port) for port in ports if port.get_name() != "force"}
+        ports = {name: LoggedPort(self.GetOutputPort(name)) for name in _OWN_OUTPUTS[1:]}
+        for name, logged in self._offered.items():
+            ports[name] = dc.replace(logged, port=self.GetOutputPort(name))
+        return ports

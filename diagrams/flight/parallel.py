@@ -12,7 +12,7 @@ from uuid import uuid4
 
 import numba
 
-from proxops.systems.common import InputError, Progress, part_of, silent
+from proxops.systems.common import InputError, Progress, one_thread, part_of, silent
 
 # A process is replaced after this many pieces of work, because the memory of Drake's diagrams with
 # Python systems, about 2 MB each, is never freed.
@@ -64,6 +64,8 @@ class Workers:
         Raises:
           InputError: no scheduler answers, or a piece of work repeatedly ended its process.
         """
+        if not pieces:
+            return  # A cluster would be asked, or started, for nothing.
         processes = min(self.processes or os.cpu_count() or 1, len(pieces))
         if self.scheduler is not None:
             yield from _distributed(pieces, task, processes, self.scheduler)
@@ -158,5 +160,5 @@ def _on_one_thread(task: Callable[[Work], Result], piece: Work) -> Result:
 
     numba.set_num_threads(1)
     # Otherwise xarray would write its files under locks that all workers share.
-    with dask.config.set(scheduler="synchronous"):
+    with dask.config.set(scheduler="synchronous"), one_thread():
         return task(piece)

@@ -9,7 +9,6 @@ import numpy as np
 
 from proxops.assets import ASSETS
 from proxops.diagrams.flight.estimate_feedback import EstimateFeedback
-from proxops.diagrams.logs import KEEP_OUT_TOLERANCE
 from proxops.diagrams.scenario import (
     AssuranceConfig,
     Body,
@@ -88,11 +87,11 @@ def make_mpc(scenario: Scenario, body: Body) -> ModelPredictiveController:
         program = TransitProgram(field, body.spin_rate, limits, horizon)
     return ModelPredictiveController(
         program,
-        scenario.control_period_s,
-        mpc.cold_iterations,
-        mpc.estimator_gain,
-        mpc.solve_delay_s,
-        _latest(scenario, horizon.minimum),
+        period=scenario.control_period_s,
+        cold_iterations=mpc.cold_iterations,
+        estimator_gain=mpc.estimator_gain,
+        delay=mpc.solve_delay_s,
+        latest=_latest(scenario, horizon.minimum),
     )
 
 
@@ -160,13 +159,13 @@ def surroundings(scenario: Scenario, body: Body) -> Surroundings:
     if margin is None:
         margin = _MARGIN * scenario.mpc.keep_out_margin_m
     return Surroundings(
-        body.gravity_field,
-        body.gravity_field.mass,
-        body.spin_rate,
-        body.keep_out_semi_axes + margin,
-        craft.thrust_limit_n / craft.mass_kg,
-        craft.speed_limit_m_s,
-        scenario.control_period_s,
+        field=body.gravity_field,
+        mass=body.gravity_field.mass,
+        spin=body.spin_rate,
+        semi_axes=body.keep_out_semi_axes + margin,
+        acceleration=craft.thrust_limit_n / craft.mass_kg,
+        speed_limit=craft.speed_limit_m_s,
+        period=scenario.control_period_s,
     )
 
 
@@ -279,10 +278,9 @@ def make_events(scenario: Scenario, body: Body, field: BodyField) -> FlightEvent
     return FlightEvents(
         field,
         body.keep_out_semi_axes,
-        arrival.radius_m,
-        arrival.speed_m_s,
-        arrival.dwell_s,
-        KEEP_OUT_TOLERANCE,
+        radius=arrival.radius_m,
+        speed=arrival.speed_m_s,
+        dwell=arrival.dwell_s,
     )
 
 
@@ -297,17 +295,18 @@ def make_navigation(scenario: Scenario, body: Body) -> LidarNavigation:
     shape, map_error = _navigation_map(scenario.navigation, body)
     if map_error is not None:
         expected = replace(expected, surface=0.0, size=0.0)
+    least_noise = _LEAST_NOISE * float(body.shape.extents.max())
     return LidarNavigation(
         shape,
         body.gravity_field,
-        body.spin_rate,
-        scenario.spacecraft.mass_kg,
-        max(scenario.lidar.noise_std_m, _LEAST_NOISE * float(body.shape.extents.max())),
-        _lidar_geometry(scenario),
-        expected,
-        scenario.control_period_s,
-        scenario.navigation.frame_delay_steps,
-        map_error,
+        spin=body.spin_rate,
+        mass=scenario.spacecraft.mass_kg,
+        noise_std=max(scenario.lidar.noise_std_m, least_noise),
+        geometry=_lidar_geometry(scenario),
+        expected=expected,
+        period=scenario.control_period_s,
+        frame_delay=scenario.navigation.frame_delay_steps,
+        map_error=map_error,
     )
 
 

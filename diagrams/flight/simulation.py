@@ -65,7 +65,7 @@ def fly(
       except for wall times.
 
     Raises:
-      UnflyableWorldError: the flight cannot begin in the true world.
+      UnflyableWorldError: the flight cannot begin in its world.
       InputError: the scenario cannot be flown or the controller does not fit.
       RuntimeError: an event of the simulation failed.
     """

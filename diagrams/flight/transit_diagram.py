@@ -113,20 +113,21 @@ def make_transit_diagram(
       true_body: the body as it is; None: it is made from `scenario.truth`.
 
     Returns:
-      A Diagram, named in its parts: gravity, spacecraft, lidar, target, controller, thrusters, hold
-      and monitor; navigation, navigation_parts, command_axes, assurance, disturbance, force_noise,
-      kicks, attitude, actual_thrust, unexplained_acceleration and frame_delay, if the flight has
-      them; log_NAME for every logged port. Its default Context is the start of the transit.
+      A Diagram, named in its parts: gravity, spacecraft, lidar, target, controller (or as it calls
+      itself), thrusters, hold, monitor; and, if the flight has them, navigation, navigation_parts,
+      command_axes, assurance, disturbance, force_noise, command_limits, command_hold, kicks,
+      attitude, attitude_hold, actual_thrust, unexplained_acceleration, acceleration_hold,
+      accelerations, frame_delay, live_view, and log_NAME for every logged port. Its default Context
+      is the start of the transit.
 
     Raises:
-      UnflyableWorldError: the flight cannot begin in the true world.
+      UnflyableWorldError: the flight cannot begin in its world.
       InputError: the controller's ports do not fit, or the scenario cannot be flown.
     """
     wiring = _begin(scenario, body, true_body)
     scenario, builder = wiring.scenario, wiring.builder
     controller = _controller(controller, wiring)
     delay = float(getattr(controller, "delay", 0.0))
-
     craft = add_spacecraft(wiring)
     add_accelerations(wiring, craft)
     attitude = add_attitude(wiring)

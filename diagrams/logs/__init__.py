@@ -20,7 +20,6 @@ from proxops.diagrams.logs.flight_log import (
     make_dataset,
 )
 from proxops.diagrams.logs.flight_summary import (
-    KEEP_OUT_TOLERANCE,
     WIDE_ARRIVAL,
     dense_positions,
     fallback_steps,
@@ -38,7 +37,6 @@ from proxops.diagrams.logs.navigation_figures import navigation_errors
 
 __all__ = [
     "CONTROLLER_COLUMNS",
-    "KEEP_OUT_TOLERANCE",
     "LEGEND",
     "NAVIGATION_COLUMNS",
     "REASONS",

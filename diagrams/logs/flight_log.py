@@ -6,6 +6,7 @@ import typing
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import IntEnum
+from functools import cached_property
 from pathlib import Path
 
 import h5py
@@ -21,6 +22,7 @@ from proxops.diagrams.scenario import (
     Scenario,
     TrueBody,
     TruthConfig,
+    check_constants,
     dump_scenario,
     load_typed,
     make_true_body,
@@ -96,14 +98,14 @@ VARIABLES: dict[str, tuple[tuple[str, ...], str, str]] = {
     ),
     "navigation_returns": ((), "1", "lidar returns that the navigation used"),
     "navigation_rejected": ((), "1", "lidar returns that it rejected"),
-    "navigation_innovation": ((), "1", "normalised innovation squared over its degrees of freedom"),
+    "navigation_innovation": ((), "1", "normalised innovation squared over the returns used"),
     "navigation_phase": ((), "1", "what the navigation does: see flag_meanings"),
     "navigation_return_use": (
         ("plane", "ray"),
         "1",
         "what the navigation made of each return: see flag_meanings",
     ),
-    "ranges": (("plane", "ray"), "m", "lidar ranges; +inf where nothing returned"),
+    "ranges": (("plane", "ray"), "m", "lidar ranges as received; +inf where nothing returned"),
 }
 # The codes of a column, written as flag_values and flag_meanings after the CF conventions.
 _FLAGS: dict[str, type[IntEnum]] = {
@@ -201,8 +203,12 @@ class FlightLog:
     `velocity_inertial` are the same motion in the inertial frame that coincides with K at time 0.
 
     The force of row k acts from `force_delay_s` after the time of row k until `force_delay_s` after
-    the time of row k + 1. No force acts before the first. This global attribute is 0 unless the MPC
-    flies with `mpc.solve_delay_s`; it may be missing.
+    the time of row k + 1. No force acts before the first. This global attribute is the `delay` of
+    the controller, as the MPC has one with `mpc.solve_delay_s`, and 0 for one without; it may be
+    missing, which means 0.
+
+    The frame of row k is the one that was received then. With `truth.lidar.latency_steps` it was
+    measured so many rows earlier.
 
     Other global attributes hold the scenario, the body's constants, the package version and the
     shape's hash. `mesh_vertices` and `mesh_facets` hold the body's mesh as believed, the map;
@@ -217,15 +223,19 @@ class FlightLog:
         """The scenario of the flight."""
         return parse_scenario(self.dataset.attrs["scenario"], "the log's scenario")
 
-    @property
+    def __getstate__(self) -> dict[str, typing.Any]:
+        """Gives what a copy is made from: the fields, without what was computed from them."""
+        return {"dataset": self.dataset, "body": self.body}
+
+    @cached_property
     def true_body(self) -> TrueBody:
-        """The body as it was in the flight."""
+        """The body as it was in the flight; it is made at the first use."""
         data, shape = self.dataset, self.body.shape
         if "true_vertices" in data:
             shape = Polyhedron(data["true_vertices"].values, data["true_facets"].values, "true")
         return make_true_body(self.body, self.scenario.truth, shape)
 
-    @property
+    @cached_property
     def differing_body(self) -> TrueBody | None:
         """The body as it was, if its surface or its spin axis is not as believed; else None."""
         truth = self.scenario.truth
@@ -279,6 +289,7 @@ class FlightLog:
             config = load_typed(
                 BodyConfig, parse_mapping(dataset.attrs["body"], str(path)), str(path)
             )
+            check_constants(config, "its body")
             with np.errstate(all="ignore"):  # Damaged numbers may overflow before they are refused.
                 shape = Polyhedron(
                     dataset["mesh_vertices"].values, dataset["mesh_facets"].values, name=config.mesh

@@ -13,10 +13,9 @@ from proxops.diagrams.logs.navigation_figures import navigation_figures
 from proxops.diagrams.scenario import Body, Scenario, dispersed_values
 from proxops.systems.assurance import InterventionReason
 from proxops.systems.expert import PlanReason, PlanStatus
+from proxops.systems.hybrid import FlownBy
 from proxops.systems.shapes import clearances
 
-# A keep-out violation is deeper inside the ellipsoid than this (m).
-KEEP_OUT_TOLERANCE = 1.0
 # A second figure, `success_2km`, accepts arrival within this multiple of the scenario's radius and
 # speed, because a policy that only has lidar knows its state less well. Its name comes from the
 # values with the default scenario, 2 km and 2 m/s.
@@ -42,7 +41,7 @@ def summarise(data: xr.Dataset, scenario: Scenario, body: Body) -> dict[str, typ
     until = np.clip((arrival if arrived else np.inf) - starts, 0.0, lengths)
     error = states[-1] - data["target"].values[-1]
     control_ms = _control_ms(data)
-    by_policy = data["decision"].values[:-1] == 2
+    by_policy = data["decision"].values[:-1] == FlownBy.POLICY
     under_way = by_policy[times[:-1] < arrival] if arrived else by_policy
     collided = bool(attrs["collided"])
     violations = int(attrs["keep_out_violations"])

@@ -5,7 +5,7 @@ notebook. `meshcat_scene` defines the objects of the scene and their places; the
 views, panels, lidar returns and paths to it.
 """
 
-from proxops.diagrams.meshcat.live_view import LiveView, add_live_view, start_server
+from proxops.diagrams.meshcat.live_view import LiveView, add_live_view
 from proxops.diagrams.meshcat.meshcat_scene import Scene
 from proxops.diagrams.meshcat.notebook_view import show_body, show_flight, show_lidar
 from proxops.diagrams.meshcat.path_scene import paths_page
@@ -21,6 +21,5 @@ __all__ = [
     "show_body",
     "show_flight",
     "show_lidar",
-    "start_server",
     "write_replay",
 ]

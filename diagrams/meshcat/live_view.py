@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from pydrake.common.value import AbstractValue
-from pydrake.geometry import Meshcat, StartMeshcat
 from pydrake.systems.framework import DiagramBuilder, LeafSystem, OutputPort
 
 from proxops.diagrams.meshcat.camera_views import look_at_flight
@@ -27,11 +26,6 @@ from proxops.diagrams.meshcat.navigation_scene import (
 )
 from proxops.diagrams.scenario import Transit
 from proxops.systems import Plan, PlanarLidar
-
-
-def start_server() -> Meshcat:
-    """Starts a Meshcat that a browser can open at its `web_url()`."""
-    return StartMeshcat()
 
 
 class LiveView(LeafSystem):

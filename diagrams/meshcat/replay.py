@@ -50,6 +50,7 @@ PATH_PIECES = 240
 
 _ROUTE = Rgba(0.45, 0.45, 0.50)
 _PATH_RADIUS = 0.007  # Meshcat units.
+_SIDES = 6  # Of the tube that is the path.
 _TINY = 1e-12  # It avoids a division by zero where a path reverses.
 
 
@@ -185,15 +186,14 @@ def _add_returns(scene: Scene, data: xr.Dataset) -> list[tuple[str, int]]:
     return frames
 
 
-def tube(points: np.ndarray, sides: int = 6) -> tuple[np.ndarray, np.ndarray]:
-    """Makes a tube about a polyline.
+def tube(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Makes a tube of six sides about a polyline.
 
     Args:
       points: (N, 3) in Meshcat units; successive points must differ.
-      sides: number of sides of the tube.
 
     Returns:
-      Vertices (N (sides + 1), 3) in Meshcat units, and facets (F, 3).
+      Vertices (7 N, 3) in Meshcat units, and facets (F, 3).
     """
     tangents = np.gradient(points, axis=0)
     tangents /= np.linalg.norm(tangents, axis=1, keepdims=True) + _TINY
@@ -201,8 +201,8 @@ def tube(points: np.ndarray, sides: int = 6) -> tuple[np.ndarray, np.ndarray]:
     first = np.cross(tangents, aside)
     first /= np.linalg.norm(first, axis=1, keepdims=True) + _TINY
     second = np.cross(tangents, first)
-    turn = np.linspace(0.0, 2.0 * np.pi, sides + 1)[None, :, None]
+    turn = np.linspace(0.0, 2.0 * np.pi, _SIDES + 1)[None, :, None]
     rings = points[:, None] + _PATH_RADIUS * (
         np.cos(turn) * first[:, None] + np.sin(turn) * second[:, None]
     )
-    return rings.reshape(-1, 3), grid_facets(len(points), sides + 1)
+    return rings.reshape(-1, 3), grid_facets(len(points), _SIDES + 1)

@@ -11,12 +11,12 @@ from matplotlib.patches import Circle, Ellipse
 
 from proxops.diagrams.new_body.shape_report import SLIVER_ANGLE, ShapeReport, spin_axis_error
 from proxops.diagrams.plots import length_unit
+from proxops.systems.gravity import AXES
 
 _BODY = np.array([0.71, 0.68, 0.64])
 _DEFECT = np.array([0.85, 0.10, 0.10])
 _KEEP_OUT, _SYNCHRONOUS = "#5577bb", "#128a3a"
 _PRINCIPAL = ("#7a3fa0", "#c07a1f", "#1f8a9a")
-_AXIS = {"x": 0, "y": 1, "z": 2}
 
 
 def plot_shape(report: ShapeReport) -> Figure:
@@ -25,7 +25,7 @@ def plot_shape(report: ShapeReport) -> Figure:
     grid = figure.subplots(2, 3)
     for ax, plane in zip(grid[0], ("xy", "xz", "yz"), strict=True):
         plot_view(ax, report, plane)
-    plot_hover(grid[1, 0], report)
+    draw_hover_map(grid[1, 0], report)
     plot_angles(grid[1, 1], report)
     _write_figures(grid[1, 2], report)
     figure.legend(handles=_legend(report), loc="outside lower center", ncols=7, frameon=False)
@@ -45,7 +45,7 @@ def plot_view(ax: Axes, report: ShapeReport, plane: str = "xy") -> None:
       report: the findings.
       plane: "xy", "xz" or "yz".
     """
-    across, up = (_AXIS[letter] for letter in plane)
+    across, up = (AXES[letter] for letter in plane)
     depth = 3 - across - up
     sign = -1.0 if plane == "xz" else 1.0  # The view is from -y, so that x points to the right.
     length, unit = _unit(report)
@@ -91,7 +91,7 @@ def plot_view(ax: Axes, report: ShapeReport, plane: str = "xy") -> None:
     ax.grid(alpha=0.25)
 
 
-def plot_hover(ax: Axes, report: ShapeReport) -> None:
+def draw_hover_map(ax: Axes, report: ShapeReport) -> None:
     """Draws the greatest force per axis that hovering over the keep-out ellipsoid takes."""
     hover = report.hover
     ax.set_title("hover force per axis, over the keep-out", fontsize="medium")

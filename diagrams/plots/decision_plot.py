@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from proxops.diagrams.logs import REASONS, FlightLog, all_flown_by, flown_by, legend_of
+from proxops.diagrams.plots._over_time import minutes_of
 from proxops.diagrams.plots.plots import length_unit
 from proxops.diagrams.scenario import described_bounds
 from proxops.systems.hybrid import FlownBy
@@ -54,7 +55,7 @@ def plot_decisions(log: FlightLog) -> Figure:
 
 
 def _plot_who(ax: Axes, log: FlightLog) -> None:
-    who, minutes = flown_by(log.dataset)[:-1], _minutes(log)
+    who, minutes = flown_by(log.dataset)[:-1], minutes_of(log)
     legend = legend_of(log.dataset)
     for each in all_flown_by(log.dataset):
         spans = [
@@ -70,13 +71,13 @@ def _plot_changes(ax: Axes, log: FlightLog) -> None:
     """The size of each change of the command, by its reason."""
     change = log.dataset["intervention"].values[:-1]
     reasons = log.dataset["intervention_reason"].values[:-1]
-    ax.stairs(change, _minutes(log), color=legend_of(log.dataset)[FlownBy.SAFETY_FILTER].colour)
+    ax.stairs(change, minutes_of(log), color=legend_of(log.dataset)[FlownBy.SAFETY_FILTER].colour)
     for reason, (why, colour) in REASONS.items():
         rows = np.nonzero(reasons == reason)[0]
         if rows.size:
             label = f"{why} ({rows.size} steps)"
             ax.plot(
-                _minutes(log)[rows], change[rows], "o", markersize=2.5, color=colour, label=label
+                minutes_of(log)[rows], change[rows], "o", markersize=2.5, color=colour, label=label
             )
     if ax.get_legend_handles_labels()[1]:
         ax.legend(loc="upper right", fontsize="small")
@@ -86,7 +87,7 @@ def _plot_changes(ax: Axes, log: FlightLog) -> None:
 
 def _plot_margins(ax: Axes, log: FlightLog) -> None:
     """The margin of each command, and the errors of the state that it allows for."""
-    data, minutes = log.dataset, _minutes(log)
+    data, minutes = log.dataset, minutes_of(log)
     length, unit = length_unit(float(log.body.shape.extents.max()))
     margin = data["assurance_margin"].values / length
     ax.plot(minutes, np.where(np.isfinite(margin), margin, np.nan), color=_LIMIT, label="margin")
@@ -106,7 +107,7 @@ def _plot_checks(ax: Axes, log: FlightLog, values: np.ndarray) -> None:
     agreed = log.dataset["agreement"].values
     for wanted, colour in ((1.0, _AGREE), (0.0, _DIFFER)):
         rows = np.nonzero(agreed == wanted)[0]
-        ax.plot(_minutes(log)[rows], values[rows], "o", markersize=3.5, color=colour)
+        ax.plot(minutes_of(log)[rows], values[rows], "o", markersize=3.5, color=colour)
     ax.set_ylim(bottom=0.0)
 
 
@@ -124,7 +125,3 @@ def _legend(log: FlightLog, compared: bool) -> list[Line2D]:
             Line2D([], [], color=_LIMIT, linestyle="--", label="limit of the gate"),
         ]
     return handles
-
-
-def _minutes(log: FlightLog) -> np.ndarray:
-    return log.dataset["time"].values / 60.0

@@ -29,14 +29,9 @@ class DiagramPicture:
         }
 
 
-def diagram_picture(diagram: Diagram, max_depth: int = 1) -> DiagramPicture:
-    """Draws the systems of a Diagram and their connections.
-
-    Args:
-      diagram: the Diagram.
-      max_depth: number of levels of subsystems that Graphviz draws; Mermaid draws one.
-    """
-    return DiagramPicture(_graphviz_svg(diagram, max_depth), mermaid_text(diagram))
+def diagram_picture(diagram: Diagram) -> DiagramPicture:
+    """Draws the systems of a Diagram and their connections, but not the inside of a system."""
+    return DiagramPicture(_graphviz_svg(diagram), mermaid_text(diagram))
 
 
 def mermaid_text(diagram: Diagram) -> str:
@@ -64,9 +59,9 @@ def _label(text: str) -> str:
     )
 
 
-def _graphviz_svg(system: System, max_depth: int) -> str | None:
+def _graphviz_svg(system: System) -> str | None:
     if shutil.which("dot") is None:
         return None
-    text = system.GetGraphvizString(max_depth=max_depth)
+    text = system.GetGraphvizString(max_depth=1)
     drawn = subprocess.run(["dot", "-Tsvg"], input=text, capture_output=True, text=True, check=True)
     return drawn.stdout

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 from matplotlib.figure import Figure
 from scipy.spatial.transform import Rotation
 
 from proxops.diagrams.logs import FlightLog
 from proxops.diagrams.plots.plots import length_unit
+from proxops.diagrams.scenario import LidarNavigationConfig
 from proxops.systems.common import InputError
 from proxops.systems.lidar import ray_directions
-from proxops.systems.navigation import ReturnUse
-from proxops.systems.shapes import ray_caster
+from proxops.systems.navigation import ReturnUse, load_map
+from proxops.systems.shapes import Polyhedron, ray_caster
 
 _PREDICTED = "#a8b0bd"
 # Residuals up to so many times the noise are drawn to scale.
@@ -27,27 +30,41 @@ def plot_frame(log: FlightLog, row: int) -> Figure:
     """Draws the frame of a row of a log, as the navigation saw it.
 
     Returns are numbered in the order of the rays, plane by plane. The upper panel shows their
-    ranges, those that the map predicts at the pose in which the navigation believed to be after the
-    frame, and what it made of each. The lower panel shows measured less predicted, where both are.
+    ranges, those that the map predicts, and what the navigation made of each. The lower panel shows
+    measured less predicted, where both are.
+
+    The log holds frames as they are received. So the prediction is made at the pose in which the
+    navigation believed to be `navigation.frame_delay_steps` rows earlier, as old as it took the
+    frame to be; without a delay, that is the pose after the frame. The map is that of the
+    navigation: `navigation.map`, read from its file again, or else the body of the log.
 
     Args:
       log: of a flight with a navigation and with frames.
       row: of the log, from 0; negative: from its end.
 
     Raises:
-      InputError: the log has no frames or no navigation, or the navigation had no state there.
+      InputError: the log has no frames or no navigation; the frame was measured before the log
+        begins, or the navigation had no state then; or `navigation.map` cannot be read any more.
     """
-    data = log.dataset
-    if "navigation_return_use" not in data or "ranges" not in data:
+    data, settings = log.dataset, log.scenario.navigation
+    there = "navigation_return_use" in data and "ranges" in data
+    if not there or not isinstance(settings, LidarNavigationConfig):
         raise InputError(
             "the log does not say what became of its lidar returns: fly on navigation, and with "
             "log_ranges: true"
         )
-    if not -data.sizes["time"] <= row < data.sizes["time"]:
-        raise InputError(f"the log has {data.sizes['time']} rows: there is no row {row}")
+    rows = data.sizes["time"]
+    if not -rows <= row < rows:
+        raise InputError(f"the log has {rows} rows: there is no row {row}")
+    taken = row % rows - settings.frame_delay_steps
+    if taken < 0:
+        raise InputError(
+            f"the frame of row {row % rows} is {settings.frame_delay_steps} rows old "
+            "(navigation.frame_delay_steps): it was measured before the log begins"
+        )
     measured = data["ranges"].values[row]
     use = data["navigation_return_use"].values[row].ravel()
-    predicted = _predicted(log, row, measured.shape)
+    predicted = _predicted(log, _map(log, settings), taken, measured.shape)
     measured = measured.ravel().astype(float)
     returned = np.flatnonzero(np.isfinite(measured))
     measured, use, predicted = measured[returned], use[returned], predicted[returned]
@@ -63,7 +80,8 @@ def plot_frame(log: FlightLog, row: int) -> Figure:
         both = np.intersect1d(chosen, met)
         left.plot(both, measured[both] - predicted[both], ".", color=colour, ms=5)
     ranges.set_ylabel(f"range ({name})")
-    ranges.set_title(f"frame at {float(data['time'][row]):.0f} s")
+    received = f", received at {float(data['time'][row]):.0f} s" if taken != row % rows else ""
+    ranges.set_title(f"frame at {float(data['time'][taken]):.0f} s{received}")
     left.set_yscale("symlog", linthresh=_LINEAR * max(log.scenario.lidar.noise_std_m, 1.0))
     left.set_ylabel("measured less predicted (m)")
     left.set_xlabel("return")
@@ -74,12 +92,27 @@ def plot_frame(log: FlightLog, row: int) -> Figure:
     return figure
 
 
-def _predicted(log: FlightLog, row: int, shape: tuple[int, ...]) -> np.ndarray:
-    """The ranges (planes * rays,) in m that the map predicts; +inf where the body is not met."""
+def _map(log: FlightLog, settings: LidarNavigationConfig) -> Polyhedron:
+    """The map by which the navigation flew."""
+    if settings.map is None:
+        return log.body.shape
+    try:
+        return load_map(Path(settings.map), settings.map_unit)[0]
+    except InputError as error:
+        raise InputError(f"navigation.map of the log: {error}") from error
+
+
+def _predicted(
+    log: FlightLog, map_shape: Polyhedron, row: int, shape: tuple[int, ...]
+) -> np.ndarray:
+    """The ranges (planes * rays,) in m that a map predicts at the pose believed in a row.
+
+    They are +inf where the body is not met.
+    """
     state = log.dataset["navigation_state"].values[row]
     if not np.isfinite(state).all():
         raise InputError(f"in row {row} of the log the navigation has no state")
     turn = Rotation.from_quat(log.dataset["navigation_attitude"].values[row], scalar_first=True)
     directions = turn.apply(ray_directions(*shape))
-    distances, facets, _ = ray_caster(log.body.shape).first_hits(state[:3], directions)
+    distances, facets, _ = ray_caster(map_shape).first_hits(state[:3], directions)
     return np.where(facets >= 0, distances, np.inf)

@@ -9,8 +9,7 @@ from matplotlib.figure import Figure
 
 from proxops.diagrams.plots.plots import draw_body, length_unit
 from proxops.diagrams.scenario import Body, Scenario, hover_force
-
-_AXES = {"x": 0, "y": 1, "z": 2}
+from proxops.systems.gravity import AXES
 
 
 def plot_hover(body: Body, scenario: Scenario, count: int = 121) -> Figure:
@@ -48,7 +47,7 @@ def draw_hover(
     line = np.linspace(-half, half, count)
     across, up = np.meshgrid(line, line)
     points = np.zeros((count * count, 3))
-    points[:, _AXES[plane[0]]], points[:, _AXES[plane[1]]] = across.ravel(), up.ravel()
+    points[:, AXES[plane[0]]], points[:, AXES[plane[1]]] = across.ravel(), up.ravel()
     force = hover_force(points, scenario, body)
     force[body.gravity_field.evaluate(points).inside] = np.nan
     force = force.reshape(count, count)

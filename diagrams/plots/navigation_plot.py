@@ -8,11 +8,10 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from proxops.diagrams.logs import FlightLog, navigation_errors
+from proxops.diagrams.plots._over_time import AXIS_COLOURS, minutes_of
 from proxops.systems.common import InputError
 from proxops.systems.navigation import NavigationPhase
 
-_MINUTE = 60.0
-_COLOURS = {"x": "#33415c", "y": "#c07a1f", "z": "#1f8a9a"}
 _PHASES = {
     NavigationPhase.ACQUIRING: ("acquiring", "#c9b458"),
     NavigationPhase.FOLLOWING: ("following", "#8fb996"),
@@ -49,16 +48,16 @@ def plot_navigation(log: FlightLog) -> Figure:
     _plot_phase(phase, log)
     errors, deviations = navigation_errors(log.dataset)
     for ax, (label, first, factor) in zip(panels, _ERRORS, strict=True):
-        for axis, colour in enumerate(_COLOURS.values()):
+        for axis, colour in enumerate(AXIS_COLOURS.values()):
             error = factor * np.abs(errors[:, first + axis])
             limit = factor * _DEVIATIONS * deviations[:, first + axis]
-            ax.plot(_minutes(log), error, color=colour, linewidth=1.2)
-            ax.plot(_minutes(log), limit, color=colour, linewidth=1.0, linestyle="--")
+            ax.plot(minutes_of(log), error, color=colour, linewidth=1.2)
+            ax.plot(minutes_of(log), limit, color=colour, linewidth=1.0, linestyle="--")
         ax.set_yscale("log")
         ax.set_ylabel(label)
     for name, colour in (("returns", _USED), ("rejected", _REJECTED)):
         values = log.dataset[f"navigation_{name}"].values
-        returns.plot(_minutes(log), values, color=colour, linewidth=1.2)
+        returns.plot(minutes_of(log), values, color=colour, linewidth=1.2)
     returns.set_yscale("symlog")
     returns.set_ylim(bottom=0.0)
     returns.set_ylabel("returns")
@@ -71,7 +70,7 @@ def plot_navigation(log: FlightLog) -> Figure:
 
 
 def _plot_phase(ax: Axes, log: FlightLog) -> None:
-    phases, minutes = log.dataset["navigation_phase"].values[:-1], _minutes(log)
+    phases, minutes = log.dataset["navigation_phase"].values[:-1], minutes_of(log)
     for phase, (_, colour) in _PHASES.items():
         rows = np.flatnonzero(phases == phase)
         spans = [(minutes[row], minutes[row + 1] - minutes[row]) for row in rows]
@@ -89,7 +88,7 @@ def _legend(log: FlightLog) -> list[Line2D]:
     ]
     handles += [
         Line2D([], [], color=colour, label=f"error along {letter}")
-        for letter, colour in _COLOURS.items()
+        for letter, colour in AXIS_COLOURS.items()
     ]
     return [
         *handles,
@@ -97,7 +96,3 @@ def _legend(log: FlightLog) -> list[Line2D]:
         Line2D([], [], color=_USED, label="returns used"),
         Line2D([], [], color=_REJECTED, label="rejected"),
     ]
-
-
-def _minutes(log: FlightLog) -> np.ndarray:
-    return log.dataset["time"].values / _MINUTE

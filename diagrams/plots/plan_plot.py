@@ -5,24 +5,23 @@ from __future__ import annotations
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from proxops.diagrams.plots._over_time import AXIS_COLOURS, MINUTE
 from proxops.diagrams.plots.plots import draw_body, length_unit
 from proxops.diagrams.scenario import Body, Scenario
 from proxops.systems import Plan
 from proxops.systems.shapes import clearances
 
-_MINUTE = 60.0
 _LIMIT = "#b03030"
-_COLOURS = {"x": "#33415c", "y": "#c07a1f", "z": "#1f8a9a"}
 
 
 def plot_plan(plan: Plan, body: Body, scenario: Scenario) -> Figure:
     """Draws path, force, velocity and clearance of one plan, with the limits of the scenario."""
     figure = Figure(figsize=(12.0, 8.0), layout="constrained")
     grid = figure.subplots(2, 2)
-    minutes = plan.times / _MINUTE
+    minutes = plan.times / MINUTE
     _draw_way(grid[0, 0], plan, body)
     craft = scenario.spacecraft
-    for axis, (letter, colour) in enumerate(_COLOURS.items()):
+    for axis, (letter, colour) in enumerate(AXIS_COLOURS.items()):
         force, velocity = plan.forces[:, axis], plan.states[:, 3 + axis]
         grid[0, 1].stairs(force, minutes, baseline=None, color=colour, label=letter, linewidth=1.5)
         grid[1, 0].plot(minutes, velocity, "o-", color=colour, label=letter, markersize=3)
@@ -31,11 +30,12 @@ def plot_plan(plan: Plan, body: Body, scenario: Scenario) -> Figure:
     clearance = clearances(body.keep_out_semi_axes, plan.states[:, :3])
     length, unit = length_unit(float(body.shape.extents.max()))
     ax = grid[1, 1]
-    ax.plot(minutes, clearance / length, "o-", color=_COLOURS["x"], markersize=3)
+    ax.plot(minutes, clearance / length, "o-", color=AXIS_COLOURS["x"], markersize=3)
     margin = scenario.mpc.keep_out_margin_m / length
     ax.axhline(margin, color=_LIMIT, linestyle="--", linewidth=1.0)
     _over_time(ax, f"keep-out clearance at the knots ({unit})")
-    ax.set_ylim(bottom=0.0)
+    if clearance.min() >= 0.0:
+        ax.set_ylim(bottom=0.0)  # Where the plan enters the ellipsoid, that is to be seen.
     figure.legend(
         *grid[1, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3, frameon=False
     )
@@ -46,7 +46,7 @@ def plot_plan(plan: Plan, body: Body, scenario: Scenario) -> Figure:
 def _draw_way(ax: Axes, plan: Plan, body: Body) -> None:
     length, unit = length_unit(float(body.shape.extents.max()))
     draw_body(ax, body, "xy")
-    ax.plot(*(plan.states[:, :2] / length).T, "o-", color=_COLOURS["x"], markersize=3)
+    ax.plot(*(plan.states[:, :2] / length).T, "o-", color=AXIS_COLOURS["x"], markersize=3)
     ax.plot(*(plan.target[:2] / length), "*", color="#128a3a", markersize=13)
     ax.autoscale_view()
     ax.margins(0.08)

@@ -22,18 +22,18 @@ from proxops.diagrams.logs import (
     flown_by,
     legend_of,
 )
+from proxops.diagrams.plots._over_time import MINUTE, minutes_of
 from proxops.diagrams.plots.outlines import outline
 from proxops.diagrams.scenario import Body, TrueBody, spin_axes
+from proxops.systems.gravity import AXES
 from proxops.systems.shapes import clearances
 
-_MINUTE = 60.0
 _BODY = "#b5aea4"
 _KEEP_OUT = "#5577bb"
 _GOAL = "#128a3a"
 _LIMIT = "#b03030"
 _LINE = "#33415c"
 MAP, BELIEVED_AXIS, TRUE_AXIS = "#0f6f9c", "#0f6f9c", "#c2186b"
-_AXIS = {"x": 0, "y": 1, "z": 2}
 
 
 def length_unit(size: float) -> tuple[float, str]:
@@ -68,7 +68,7 @@ def plot_path(ax: Axes, log: FlightLog, plane: str = "xy") -> None:
     The colours tell which controller flew each step. The silhouette of the body, the outline of the
     keep-out ellipsoid, the start and the goal are drawn too.
     """
-    across, up = (_AXIS[letter] for letter in plane)
+    across, up = (AXES[letter] for letter in plane)
     length, unit = _unit(log.body)
     positions = log.dataset["state"].values[:, :3] / length
     goal = log.dataset["target"].values[-1, :3] / length
@@ -98,7 +98,7 @@ def draw_body(ax: Axes, body: Body, plane: str = "xy", true_body: TrueBody | Non
     a dot.
     """
     length, _ = _unit(body)
-    across, up = (_AXIS[letter] for letter in plane)
+    across, up = (AXES[letter] for letter in plane)
     shape = body.shape if true_body is None else true_body.shape
     triangles = shape.vertices[shape.facets][:, :, [across, up]] / length
     # One colour for facets and edges merges all facets into one silhouette, also of concave bodies.
@@ -130,7 +130,7 @@ def plot_distance(ax: Axes, log: FlightLog) -> None:
     length, unit = _unit(log.body)
     distance = np.linalg.norm((data["state"] - data["target"]).values[:, :3], axis=1)
     # A logarithmic scale has no zero, so distances are cut off below 0.001 of the radius.
-    ax.semilogy(_minutes(log), np.maximum(distance, 1e-3 * radius) / length, color=_LINE)
+    ax.semilogy(minutes_of(log), np.maximum(distance, 1e-3 * radius) / length, color=_LINE)
     ax.axhline(radius / length, color=_GOAL, linestyle="--", linewidth=1.0)
     _over_time(ax, log, f"distance to the goal ({unit})")
 
@@ -138,7 +138,7 @@ def plot_distance(ax: Axes, log: FlightLog) -> None:
 def plot_speed(ax: Axes, log: FlightLog) -> None:
     """Draws the speed in K over time, its greatest component, and the limit per axis."""
     velocity = log.dataset["state"].values[:, 3:]
-    minutes = _minutes(log)
+    minutes = minutes_of(log)
     ax.plot(minutes, np.linalg.norm(velocity, axis=1), color=_LINE, label="speed")
     ax.plot(
         minutes, np.abs(velocity).max(axis=1), color=_LINE, alpha=0.5, linewidth=1.0,
@@ -157,7 +157,7 @@ def plot_clearance(ax: Axes, log: FlightLog) -> None:
     length, unit = _unit(log.body)
     clearance = clearances(log.body.keep_out_semi_axes, dense_positions(times, states)) / length
     row = np.arange(len(clearance)) / max(1, (len(clearance) - 1)) * (len(times) - 1)
-    minutes = np.interp(row, np.arange(len(times)), times) / _MINUTE
+    minutes = np.interp(row, np.arange(len(times)), times) / MINUTE
     ax.plot(minutes, clearance, color=_LINE)
     inside = np.minimum(clearance, 0.0)
     ax.fill_between(minutes, inside, 0.0, color=_LIMIT, alpha=0.4, linewidth=0.0)
@@ -166,11 +166,11 @@ def plot_clearance(ax: Axes, log: FlightLog) -> None:
 
 
 def plot_force(ax: Axes, log: FlightLog, axis: str) -> None:
-    """Draws the force along the axis "x", "y" or "z" of K over time, and its limits."""
+    """Draws the force along the axis "x", "y" or "z" of S over time, and its limits."""
     # The last row is the end of the flight; no force acts after it.
-    force = log.dataset["force"].values[:-1, _AXIS[axis]]
+    force = log.dataset["force"].values[:-1, AXES[axis]]
     times, delay = log.dataset["time"].values, log.dataset.attrs.get("force_delay_s", 0.0)
-    minutes = np.minimum(times + delay, times[-1]) / _MINUTE
+    minutes = np.minimum(times + delay, times[-1]) / MINUTE
     ax.stairs(force, minutes, baseline=None, color=_LINE, linewidth=1.2)
     limit = log.scenario.spacecraft.thrust_limit_n
     for sign in (-1.0, 1.0):
@@ -205,14 +205,10 @@ def _unit(body: Body) -> tuple[float, str]:
     return length_unit(float(body.shape.extents.max()))
 
 
-def _minutes(log: FlightLog) -> np.ndarray:
-    return log.dataset["time"].values / _MINUTE
-
-
 def _over_time(ax: Axes, log: FlightLog, label: str) -> None:
     arrival = float(log.dataset.attrs["arrival_time_s"])
     if np.isfinite(arrival):
-        ax.axvline(arrival / _MINUTE, color=_GOAL, linewidth=1.0)
+        ax.axvline(arrival / MINUTE, color=_GOAL, linewidth=1.0)
     ax.set_xlabel("time (min)")
     ax.set_ylabel(label)
     ax.margins(x=0.01)

@@ -42,6 +42,8 @@ VIEWS = {
     "+x": ("+y", "+z"),
     "-x": ("-y", "+z"),
 }
+# Number of contour levels of a plane cut.
+_LEVELS = 40
 _LABEL_EDGE = [Stroke(linewidth=2.5, foreground="black"), Normal()]
 # Colour and legend text of an equilibrium, by its number of growing modes.
 _MODES = {
@@ -185,7 +187,7 @@ def plot_equilibria(
 
 
 def draw_plane_cut(
-    ax: Axes, cut: PlaneCut, equilibria: Sequence[Equilibrium] = (), levels: int = 40
+    ax: Axes, cut: PlaneCut, equilibria: Sequence[Equilibrium] = ()
 ) -> QuadContourSet:
     """Draws contours of the effective potential on a plane, the body's section, and equilibria.
 
@@ -197,14 +199,13 @@ def draw_plane_cut(
       ax: the axes to draw on.
       cut: the potential on the plane.
       equilibria: the equilibria.
-      levels: number of contour levels.
 
     Returns:
       The filled contours, for a colour bar.
     """
     length, unit = _plane_unit(cut)
     across, up = cut.across / length, cut.up / length
-    quantiles = np.unique(np.quantile(cut.potential, np.linspace(0.0, 1.0, levels)))
+    quantiles = np.unique(np.quantile(cut.potential, np.linspace(0.0, 1.0, _LEVELS)))
     norm = BoundaryNorm(quantiles, 256)
     filled = ax.contourf(across, up, cut.potential, quantiles, cmap="cividis", norm=norm)
     thin = {"colors": "black", "linewidths": 0.3, "linestyles": "solid", "alpha": 0.5}

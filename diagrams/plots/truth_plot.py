@@ -7,11 +7,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from proxops.diagrams.logs import FlightLog
+from proxops.diagrams.plots._over_time import AXIS_COLOURS, MINUTE, minutes_of
 from proxops.systems.common import InputError
 
-_MINUTE = 60.0
 _LINE = "#33415c"
-_COLOURS = {"x": "#33415c", "y": "#c07a1f", "z": "#1f8a9a"}
 
 
 def plot_truth(log: FlightLog) -> Figure:
@@ -51,13 +50,13 @@ def _plot_attitude(ax: Axes, log: FlightLog) -> None:
     quaternions = log.dataset["attitude"].values
     # The angle from the sine of its half is exact for small angles too.
     half = np.arctan2(np.linalg.norm(quaternions[:, 1:], axis=1), np.abs(quaternions[:, 0]))
-    ax.plot(_minutes(log), np.degrees(2.0 * half), color=_LINE)
+    ax.plot(minutes_of(log), np.degrees(2.0 * half), color=_LINE)
     ax.set_ylabel("attitude error\n(degrees)")
     ax.set_ylim(bottom=0.0)
 
 
 def _plot_mass(ax: Axes, log: FlightLog) -> None:
-    ax.plot(_minutes(log), log.dataset["mass"].values, color=_LINE)
+    ax.plot(minutes_of(log), log.dataset["mass"].values, color=_LINE)
     believed = log.scenario.spacecraft.mass_kg
     ax.axhline(believed, color=_LINE, linestyle="--", linewidth=1.0, label="believed")
     ax.legend(fontsize="small", frameon=False)
@@ -67,13 +66,9 @@ def _plot_mass(ax: Axes, log: FlightLog) -> None:
 def _plot_thrust(ax: Axes, log: FlightLog) -> None:
     # The last row is the end of the flight; no force acts after it.
     times, delay = log.dataset["time"].values, log.dataset.attrs.get("force_delay_s", 0.0)
-    edges = np.minimum(times + delay, times[-1]) / _MINUTE
+    edges = np.minimum(times + delay, times[-1]) / MINUTE
     less = (log.dataset["thrust"] - log.dataset["force"]).values[:-1]
-    for axis, (letter, colour) in enumerate(_COLOURS.items()):
+    for axis, (letter, colour) in enumerate(AXIS_COLOURS.items()):
         ax.stairs(less[:, axis], edges, baseline=None, color=colour, label=letter)
     ax.legend(fontsize="small", frameon=False, ncols=3)
     ax.set_ylabel("true thrust less that\nasked for (N)")
-
-
-def _minutes(log: FlightLog) -> np.ndarray:
-    return log.dataset["time"].values / _MINUTE

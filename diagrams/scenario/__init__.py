@@ -9,16 +9,16 @@ within which runtime assurance keeps out. To add a value to the scenario, add a
 field to one of these dataclasses. Nothing in this room simulates.
 """
 
-from proxops.diagrams.scenario.body import Body, BodyConfig, load_body
+from proxops.diagrams.scenario.body import Body, BodyConfig, check_constants, load_body
 from proxops.diagrams.scenario.declared_bounds import described_bounds
 from proxops.diagrams.scenario.dispersions import (
-    KNOWN_ON_THE_DAY,
     Dispersion,
     assurance_bounds,
     dispersed_values,
     draw_world,
     load_dispersions,
 )
+from proxops.diagrams.scenario.dotted_keys import KNOWN_ON_THE_DAY
 from proxops.diagrams.scenario.far_out import Quantity, far_out_world, quantities
 from proxops.diagrams.scenario.navigation_config import (
     ExpectedErrorsConfig,
@@ -53,6 +53,7 @@ from proxops.diagrams.scenario.scenario_config import (
 from proxops.diagrams.scenario.told_errors import expected_errors
 from proxops.diagrams.scenario.transits import (
     Transit,
+    UnflyableWorldError,
     draw_transit,
     hover_force,
     is_blocked,
@@ -62,7 +63,6 @@ from proxops.diagrams.scenario.transits import (
 )
 from proxops.diagrams.scenario.true_body import (
     TrueBody,
-    UnflyableWorldError,
     check_flyable,
     make_true_body,
     turns_the_axes,
@@ -112,6 +112,7 @@ __all__ = [
     "assurance_bounds",
     "believed",
     "change_scenario",
+    "check_constants",
     "check_flyable",
     "check_scenario",
     "described_bounds",

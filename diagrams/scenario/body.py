@@ -110,9 +110,8 @@ def load_body(name_or_path: str) -> Body:
     return body
 
 
-def check_body(body: Body, source: str) -> None:
-    """Raises `InputError` if the constants are beyond their limits or do not fit the shape."""
-    config = body.config
+def check_constants(config: BodyConfig, source: str) -> None:
+    """Raises `InputError` if a body's constants are beyond their limits."""
     check_limits(config, source)
     axes = config.keep_out_semi_axes_m
     low, high = _AXES
@@ -120,8 +119,14 @@ def check_body(body: Body, source: str) -> None:
         raise InputError(
             f"{source}: keep_out_semi_axes_m must be three positive lengths, got {axes}"
         )
-    # The field is built here, so that a wrong mass or unit is reported now.
-    assert body.gravity_field.mass > 0
+
+
+def check_body(body: Body, source: str) -> None:
+    """Raises `InputError` if the constants are beyond their limits or do not fit the shape."""
+    axes = body.config.keep_out_semi_axes_m
+    check_constants(body.config, source)
+    # The body keeps its field. It is built here, so that a wrong mass or unit is reported now.
+    _ = body.gravity_field
     level = np.linalg.norm(body.shape.vertices / axes, axis=1)
     if level.max() >= 1.0:
         raise InputError(

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import copy
 import dataclasses as dc
-import difflib
 import functools
 import hashlib
-import math
 import typing
 import warnings
 from collections.abc import Callable
@@ -22,6 +20,14 @@ from proxops.diagrams.scenario.declared_bounds import (
     own_values,
 )
 from proxops.diagrams.scenario.distributions import Choice, Distribution, Fixed, parse_distribution
+from proxops.diagrams.scenario.dotted_keys import (
+    KNOWN_ON_THE_DAY,
+    default_at,
+    field_at,
+    set_value,
+    value_at,
+    why_not_dispersed,
+)
 from proxops.diagrams.scenario.limits import check_limits, limits_of
 from proxops.diagrams.scenario.navigation_config import LidarNavigationConfig
 from proxops.diagrams.scenario.scenario_checks import check_scenario
@@ -32,14 +38,16 @@ from proxops.diagrams.scenario.scenario_config import (
 )
 from proxops.diagrams.scenario.told_errors import errors_of_dispersions
 from proxops.diagrams.scenario.transits import scenario_transit
-from proxops.diagrams.scenario.typed_yaml import fits, in_words, load_typed, read_mapping
+from proxops.diagrams.scenario.typed_yaml import (
+    fits,
+    in_words,
+    is_number,
+    load_typed,
+    read_mapping,
+)
 from proxops.systems.assurance import AssuranceBounds
 from proxops.systems.common import InputError, derived_seed, generator
 
-KNOWN_ON_THE_DAY = ("lidar.noise_std_m", "spacecraft.mass_kg")
-"""Keys of belief that may be dispersed: they differ from flight to flight, and the controllers are
-told. Whatever else is dispersed, they never know (Hanson and Beard, NASA/TP-2010-216447)."""
-_WORLD = ("truth.", "disturbance.", "force_noise.", "kicks.")
 _FOLDER = ASSETS / "dispersions"
 # A number that is drawn may be given as a multiple of these.
 _TIMES = ("value", "size", "thrust", "thrust_acceleration")
@@ -67,13 +75,13 @@ class Dispersion:
     @property
     def size(self) -> int | None:
         """How many numbers the value has, if it is a list; None if it is not."""
-        template = _template(self.key)
+        template = default_at(self.key)
         return len(template) if isinstance(template, list) else None
 
     @property
     def limits(self) -> tuple[float, float] | None:
         """The least and the greatest number that the scenario permits; None without limits."""
-        return limits_of(_field(self.key))
+        return limits_of(field_at(self.key))
 
     def in_its_unit(self, value: typing.Any, scenario: Scenario, body: Body) -> typing.Any:
         """Gives a value of the distribution, multiplied by its unit if it is a number."""
@@ -87,7 +95,7 @@ class Dispersion:
             return scenario.spacecraft.thrust_limit_n
         if self.times == "thrust_acceleration":
             return scenario.spacecraft.thrust_limit_n / scenario.spacecraft.mass_kg
-        return float(_get(scenario, self.key)) if self.times == "value" else 1.0
+        return float(value_at(scenario, self.key)) if self.times == "value" else 1.0
 
 
 def load_dispersions(name_or_path: str) -> list[Dispersion]:
@@ -112,7 +120,9 @@ def load_dispersions(name_or_path: str) -> list[Dispersion]:
     tree = read_mapping(path)
     found = []
     for key, entry in tree.items():
-        _check_key(key, name_or_path)
+        complaint = why_not_dispersed(key)
+        if complaint is not None:
+            raise InputError(f"{name_or_path}: {complaint}")
         try:
             found.append(_parse(key, entry))
         except InputError as error:
@@ -194,7 +204,7 @@ def world_of(
             value(each, _uniform(transit.seed, transit.index, each.key, k))
             for k in range(size or 1)
         ]
-        _set(world, each.key, values[0] if size is None else values)
+        set_value(world, each.key, values[0] if size is None else values)
     if isinstance(world.navigation, LidarNavigationConfig) and world.navigation.expected is None:
         spread = _spread(dispersions, scenario, body)
         world.navigation.expected = errors_of_dispersions(spread, scenario, body)
@@ -320,7 +330,7 @@ def _ends(
 
 def dispersed_values(scenario: Scenario) -> dict[str, typing.Any]:
     """Gives the values that were drawn for a scenario, by their keys."""
-    return {key: _get(scenario, key) for key in scenario.dispersed}
+    return {key: value_at(scenario, key) for key in scenario.dispersed}
 
 
 def check_dispersions(
@@ -332,7 +342,7 @@ def check_dispersions(
       InputError: one can; the message gives the key, the bound and the limit.
     """
     for each in dispersions:
-        if each.times == "value" and not (is_number(now := _get(scenario, each.key)) and now):
+        if each.times == "value" and not (is_number(now := value_at(scenario, each.key)) and now):
             raise InputError(
                 f"{scenario.dispersions}: {each.key} has times: value, but its value is {now!r}: "
                 "give the values themselves"
@@ -390,7 +400,7 @@ def _parse(key: str, entry: typing.Any) -> Dispersion:
 
 def _check_values(key: str, distribution: Distribution) -> None:
     """Raises `InputError` if a value may be drawn that the scenario's key does not take."""
-    kind = _field(key).type
+    kind = field_at(key).type
     # Of a list, each number is drawn by itself.
     options = typing.get_args(kind) or (kind,)
     if isinstance(distribution, Fixed):
@@ -405,85 +415,3 @@ def _check_values(key: str, distribution: Distribution) -> None:
             wanted = " or ".join(map(in_words, options))
             each = " for each number of the list" if typing.get_origin(kind) is list else ""
             raise InputError(f"needs {wanted}{each}, got {value!r}")
-
-
-def _check_key(key: str, source: str) -> None:
-    keys = list(_leaves(Scenario))
-    allowed = [name for name in keys if name in KNOWN_ON_THE_DAY or name.startswith(_WORLD)]
-    if key not in keys:
-        near = difflib.get_close_matches(str(key), allowed, n=1, cutoff=0.0)[0]
-        raise InputError(f"{source}: there is no key {key!r} in a scenario; the nearest is {near}")
-    if key not in allowed:
-        raise InputError(
-            f"{source}: {key} cannot be dispersed, because it is a setting of what is on board, "
-            "not of the world; disperse keys of truth, disturbance, force_noise and kicks, or "
-            f"what is known on the day: {', '.join(KNOWN_ON_THE_DAY)}"
-        )
-
-
-def _leaves(schema: type, prefix: str = "") -> typing.Iterator[str]:
-    """Yields the dotted keys of all values of a dataclass."""
-    for field in dc.fields(schema):
-        nested = _section(field)
-        if nested is None:
-            yield prefix + field.name
-        else:
-            yield from _leaves(nested, f"{prefix}{field.name}.")
-
-
-def _section(field: dc.Field) -> type | None:
-    """Gives the dataclass of a field that is a section; None for a value."""
-    options = typing.get_args(field.type) or (field.type,)
-    return next(
-        (each for each in options if isinstance(each, type) and dc.is_dataclass(each)), None
-    )
-
-
-def _field(key: str) -> dc.Field:
-    """Gives the field of a dotted key."""
-    schema: typing.Any = Scenario
-    *parents, last = key.split(".")
-    for name in parents:
-        schema = _section(_field_of(schema, name))
-    return _field_of(schema, last)
-
-
-def _field_of(schema: type, name: str) -> dc.Field:
-    return next(each for each in dc.fields(schema) if each.name == name)
-
-
-def _template(key: str) -> typing.Any:
-    """Gives the default of a dotted key."""
-    field = _field(key)
-    if field.default_factory is not dc.MISSING:
-        return field.default_factory()
-    return field.default
-
-
-def _get(scenario: Scenario, key: str) -> typing.Any:
-    value: typing.Any = scenario
-    for name in key.split("."):
-        if value is None:  # A section that the scenario does not have.
-            return _template(key)
-        value = getattr(value, name)
-    return value
-
-
-def _set(scenario: Scenario, key: str, value: typing.Any) -> None:
-    """Sets a value in place; a section that the scenario does not have is made."""
-    *parents, last = key.split(".")
-    section: typing.Any = scenario
-    for name in parents:
-        if getattr(section, name) is None:
-            field = _field_of(type(section), name)
-            setattr(section, name, typing.cast(type, _section(field))())
-        section = getattr(section, name)
-    kind = _field(key).type
-    if kind is int and is_number(value):
-        value = math.floor(value + 0.5)
-    setattr(section, last, value)
-
-
-def is_number(value: typing.Any) -> bool:
-    """Tells whether a value is a number; a truth value is none."""
-    return isinstance(value, int | float) and not isinstance(value, bool)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from scipy.special import ndtr, ndtri
 
+from proxops.diagrams.scenario.typed_yaml import is_number
 from proxops.systems.common import InputError
 
 # Values are cut at this many standard deviations, so that bounds exist.
@@ -150,7 +151,7 @@ class Choice:
 
     def bounds(self) -> tuple[float, float] | None:
         """Gives the least and the greatest value; None if the values are no numbers."""
-        numbers = [value for value in self.values if isinstance(value, int | float)]
+        numbers = [value for value in self.values if is_number(value)]
         return (min(numbers), max(numbers)) if len(numbers) == len(self.values) else None
 
     def far_out(self, uniform: float, multiple: float) -> typing.Any:
@@ -176,16 +177,15 @@ class Fixed:
 
     def bounds(self) -> tuple[float, float] | None:
         """Gives the value twice; None if it is no number."""
-        number = isinstance(self.same, int | float)
-        return (self.same, self.same) if number else None
+        return (self.same, self.same) if is_number(self.same) else None
 
     def far_out(self, uniform: float, multiple: float) -> typing.Any:
-        """Gives `multiple` times the value."""
-        return multiple * self.same if isinstance(self.same, int | float) else self.same
+        """Gives `multiple` times the value; the value itself if it is no number."""
+        return multiple * self.same if is_number(self.same) else self.same
 
     def rms(self, about: float) -> float | None:
         """Gives what the value differs by from `about`; None if it is no number."""
-        return abs(self.same - about) if isinstance(self.same, int | float) else None
+        return abs(self.same - about) if is_number(self.same) else None
 
 
 Distribution = Normal | HalfNormal | Uniform | LogUniform | Choice | Fixed

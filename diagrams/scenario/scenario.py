@@ -8,10 +8,10 @@ from pathlib import Path
 
 from pydrake.common.yaml import yaml_dump_typed
 
-from proxops.diagrams.scenario.navigation_config import LidarNavigationConfig
+from proxops.diagrams.scenario.path_keys import make_paths_absolute
 from proxops.diagrams.scenario.renamed_keys import refuse_renamed, translate_renamed
 from proxops.diagrams.scenario.scenario_checks import check_scenario
-from proxops.diagrams.scenario.scenario_config import LearnedLidarConfig, Scenario
+from proxops.diagrams.scenario.scenario_config import Scenario
 from proxops.diagrams.scenario.truth_config import TruthConfig
 from proxops.diagrams.scenario.typed_yaml import (
     apply_overrides,
@@ -30,9 +30,10 @@ def load_scenario(
     """Reads a scenario: the defaults, changed by a file, if any, and then by the overrides.
 
     Args:
-      path: YAML file with the values that differ from the defaults; None: no file.
+      path: YAML file with the values that differ from the defaults; None: no file. A path in it is
+        relative to its folder.
       overrides: texts `key.subkey=value` with the value in YAML, or a mapping of such keys to
-        values.
+        values. A path among them is relative to the working directory.
       on_true_state: whether the default of `navigation` is `!TrueState`, as the paper flies and as
         training data need it.
 
@@ -43,28 +44,13 @@ def load_scenario(
     source = "scenario" if path is None else str(path)
     tree = {} if path is None else read_mapping(Path(path))
     if path is not None:
-        _from_file(tree, Path(path).parent)
-    apply_overrides(tree, overrides)
+        make_paths_absolute(tree, Path(path).parent)
+    _change(tree, overrides)
     refuse_renamed(tree, source)
     if on_true_state:
         tree.setdefault("navigation", {"_tag": "!TrueState"})
     scenario = load_typed(Scenario, tree, source)
     check_scenario(scenario, source)
-    if _is_path(scenario.body):
-        scenario.body = str(Path(scenario.body).resolve())
-    if isinstance(scenario.lidar, LearnedLidarConfig):
-        scenario.lidar.bundle = str(Path(scenario.lidar.bundle).resolve())
-    if scenario.policy.bundle is not None:
-        scenario.policy.bundle = str(Path(scenario.policy.bundle).resolve())
-    if scenario.truth.mesh is not None:
-        scenario.truth.mesh = str(Path(scenario.truth.mesh).resolve())
-    settings = scenario.navigation
-    if isinstance(settings, LidarNavigationConfig) and settings.map is not None:
-        settings.map = str(Path(settings.map).resolve())
-    if _is_path(scenario.dispersions):
-        scenario.dispersions = str(Path(scenario.dispersions or "").resolve())
-    if scenario.assurance is not None and _is_path(scenario.assurance.bounds):
-        scenario.assurance.bounds = str(Path(str(scenario.assurance.bounds)).resolve())
     return scenario
 
 
@@ -103,13 +89,14 @@ def change_scenario(
 
     Args:
       changes: dotted keys and their new values, such as `{"hybrid.gate": "paper"}`, or texts
-        `key.subkey=value` with the value in YAML.
+        `key.subkey=value` with the value in YAML. A path among them is relative to the working
+        directory.
 
     Raises:
       InputError: a key is unknown, or a value has the wrong type or is beyond its limits.
     """
     tree = parse_mapping(dump_scenario(scenario), "scenario")
-    apply_overrides(tree, changes)
+    _change(tree, changes)
     refuse_renamed(tree, "scenario")
     changed = load_typed(Scenario, tree, "scenario")
     check_scenario(changed, "scenario")
@@ -121,21 +108,9 @@ def believed(scenario: Scenario) -> Scenario:
     return dc.replace(scenario, truth=TruthConfig(), dispersions=None, dispersed=[])
 
 
-def _from_file(tree: dict[str, typing.Any], folder: Path) -> None:
-    """Makes the paths in a scenario file absolute, in place; they are relative to its folder."""
-    for key in ("body", "dispersions"):
-        if _is_path(tree.get(key)):
-            tree[key] = str((folder / tree[key]).resolve())
-    assurance = tree.get("assurance")
-    if isinstance(assurance, dict) and _is_path(assurance.get("bounds")):
-        assurance["bounds"] = str((folder / assurance["bounds"]).resolve())
-    for section, key in (
-        ("lidar", "bundle"), ("policy", "bundle"), ("truth", "mesh"), ("navigation", "map"),
-    ):  # fmt: skip
-        part = tree.get(section)
-        if isinstance(part, dict) and isinstance(part.get(key), str) and "\0" not in part[key]:
-            part[key] = str((folder / part[key]).resolve())
-
-
-def _is_path(body: typing.Any) -> bool:
-    return isinstance(body, str) and body.endswith((".yaml", ".yml")) and "\0" not in body
+def _change(
+    tree: dict[str, typing.Any], changes: typing.Sequence[str] | typing.Mapping[str, typing.Any]
+) -> None:
+    """Changes values in nested dicts, in place; what the caller gave is not changed."""
+    apply_overrides(tree, copy.deepcopy(changes))
+    make_paths_absolute(tree, Path())

@@ -4,7 +4,9 @@ import itertools
 import math
 from collections.abc import Iterator
 
+from proxops.diagrams.scenario.dotted_keys import why_not_dispersed
 from proxops.diagrams.scenario.limits import check_limits
+from proxops.diagrams.scenario.path_keys import names_and_paths
 from proxops.diagrams.scenario.scenario_config import LearnedLidarConfig, Scenario, TransitConfig
 from proxops.systems.common import InputError
 
@@ -27,7 +29,10 @@ def check_scenario(scenario: Scenario, source: str = "scenario") -> None:
     check_limits(scenario, source)
     fastest = scenario.spacecraft.speed_limit_m_s
     for complaint in itertools.chain(
-        _times(scenario), _bundles(scenario), _transit(scenario.transit, fastest)
+        _times(scenario),
+        _bundles(scenario),
+        _dispersed(scenario),
+        _transit(scenario.transit, fastest),
     ):
         raise InputError(f"{source}: {complaint}")
 
@@ -67,24 +72,15 @@ def _bundles(scenario: Scenario) -> Iterator[str]:
         yield "assurance.bounds must name dispersions or a YAML file, or be null"
     if scenario.policy.bundle == "":
         yield "policy.bundle must name the bundle's folder, or be null"
-    for key, name in (
-        ("lidar.bundle", getattr(lidar, "bundle", "")),
-        ("body", scenario.body),
-        ("truth.mesh", scenario.truth.mesh or ""),
-        ("navigation.map", getattr(scenario.navigation, "map", None) or ""),
-        ("dispersions", scenario.dispersions or ""),
-        ("assurance.bounds", _named_bounds(scenario)),
-    ):
+    for key, name in names_and_paths(scenario):
         if "\0" in name:
             yield f"{key} must be a path, got {name!r}"
-    if "\0" in (scenario.policy.bundle or ""):
-        yield f"policy.bundle must be a path, got {scenario.policy.bundle!r}"
 
 
-def _named_bounds(scenario: Scenario) -> str:
-    """Gives the name or path of the bounds of runtime assurance; "" if they have none."""
-    bounds = None if scenario.assurance is None else scenario.assurance.bounds
-    return bounds if isinstance(bounds, str) else ""
+def _dispersed(scenario: Scenario) -> Iterator[str]:
+    """Yields a message for each key of a drawn value that cannot have been drawn."""
+    for complaint in filter(None, map(why_not_dispersed, scenario.dispersed)):
+        yield f"dispersed is what proxops writes when it draws: {complaint}"
 
 
 def _transit(transit: TransitConfig, fastest: float) -> Iterator[str]:

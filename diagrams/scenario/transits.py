@@ -13,8 +13,13 @@ from proxops.systems.shapes import blocks_segment, clearances
 
 # Of every ten transits, the ones with these numbers are blocked by the keep-out ellipsoid.
 _BLOCKED = (1, 4, 7)
+_MASS = "spacecraft.mass_kg"
 # Draws before the search for a transit is given up.
 _ATTEMPTS = 100_000
+
+
+class UnflyableWorldError(InputError):
+    """A flight cannot begin in the world that was drawn for it."""
 
 
 @dc.dataclass(frozen=True)
@@ -108,6 +113,8 @@ def scenario_transit(scenario: Scenario, body: Body) -> Transit:
     """Gives the transit of a scenario: its given start and goal, or one that is drawn.
 
     Raises:
+      UnflyableWorldError: hovering at the start or goal exceeds the thrust limit, with a mass that
+        was drawn for this flight.
       InputError: the start or goal is inside the body or the keep-out ellipsoid, hovering there
         exceeds the thrust limit, or no transit was found (see `draw_transit`).
     """
@@ -130,7 +137,9 @@ def scenario_transit(scenario: Scenario, body: Body) -> Transit:
         if depth[k] > 0.0:
             raise InputError(f"{where} is {depth[k] / 1e3:.3g} km inside the keep-out ellipsoid")
         if force[k] > limit:
-            raise InputError(
+            # Of a mass that was drawn, only this flight is to blame: a campaign goes on.
+            drawn = _MASS in scenario.dispersed
+            raise (UnflyableWorldError if drawn else InputError)(
                 f"{where} cannot be held: hovering there takes {force[k]:.3g} N per axis, but the "
                 f"thrusters give only {limit:.3g} N"
             )

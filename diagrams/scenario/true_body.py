@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from proxops.diagrams.scenario.body import Body
 from proxops.diagrams.scenario.scenario_config import Scenario
-from proxops.diagrams.scenario.transits import Transit
+from proxops.diagrams.scenario.transits import Transit, UnflyableWorldError
 from proxops.diagrams.scenario.truth_config import TruthConfig
 from proxops.systems.common import InputError
 from proxops.systems.gravity import BodyField, GravityField
@@ -20,10 +20,6 @@ from proxops.systems.shapes import Polyhedron, displaced, registered
 # A mesh whose size differs from the map's by more than this share of the map's is a mistake, unless
 # the scenario says that it is meant.
 _OTHER_SIZE = 0.5
-
-
-class UnflyableWorldError(InputError):
-    """A flight cannot begin in the world that was drawn for it."""
 
 
 @dataclass(frozen=True)

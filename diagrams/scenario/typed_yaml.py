@@ -182,18 +182,26 @@ def fits(value: typing.Any, schema: typing.Any) -> bool:
     """Tells whether a YAML value fits the type `schema`; pydrake judges types not named here."""
     if schema is float and isinstance(value, str):  # YAML 1.1 reads 1e3 as text.
         try:
-            return float(value) is not None
+            float(value)
         except ValueError:
             return False
+        return True
     if typing.get_origin(schema) is list:
         (item,) = typing.get_args(schema)
         return isinstance(value, list) and all(fits(element, item) for element in value)
     if schema is bool:
         return isinstance(value, bool)
-    kinds = {float: (int, float), int: int, str: str, type(None): type(None)}
+    if schema is float:
+        return is_number(value)
+    kinds = {int: int, str: str, type(None): type(None)}
     if schema in kinds:
         return isinstance(value, kinds[schema]) and not isinstance(value, bool)
     return not dc.is_dataclass(schema)
+
+
+def is_number(value: typing.Any) -> typing.TypeGuard[int | float]:
+    """Tells whether a value is a number; a truth value is none."""
+    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def in_words(schema: typing.Any) -> str:

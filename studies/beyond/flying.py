@@ -16,7 +16,7 @@ from proxops.diagrams.flight import (
 )
 from proxops.diagrams.new_body import scaled_scenario, write_generated_body
 from proxops.diagrams.scenario import (
-    PolicyConfig,
+    Body,
     Scenario,
     UnflyableWorldError,
     change_scenario,
@@ -32,11 +32,12 @@ from proxops.studies.evaluation import (
     fly_variants,
     told_from_chance,
     variant_flights,
+    without_flights,
 )
 from proxops.studies.reproduction import Stage, Stages
 from proxops.systems.common import InputError, Progress
 
-_OF_THE_FLIGHTS = ("flights", "unflyable_worlds", "sensitivity")
+_SAID = ("seed", "transits", "dispersions")
 
 
 def fly_campaign(
@@ -53,28 +54,14 @@ def fly_campaign(
     Returns:
       The stage. Its result has `results`, the figures of each controller by its name with the rows
       of the flights, as `aggregate_all` makes them; `refused`, the reason of each controller that
-      refuses to fly there; `body`, the body's name; and `arrival`, the fields of the
-      `ArrivalConfig` by which flights were judged.
+      refuses to fly there; `body`, the body's name; `arrival`, the fields of the `ArrivalConfig` by
+      which flights were judged; and `seed`, `transits` and `dispersions`, as they were flown.
 
     Raises:
       InputError: see `fly_variants`.
     """
     flown = campaign_scenario(campaign, scenario, bodies)
     body = load_body(flown.body)
-    inputs = {
-        # Policies count by their content, and bodies by theirs, not by where they lie.
-        "scenario": dump_scenario(dc.replace(flown, policy=PolicyConfig(), body="")),
-        "variants": [
-            {
-                "name": each.name,
-                "changes": dict(each.changes),
-                "controller": provenance(each.applied_to(flown), body, each.controller),
-            }
-            for each in campaign.variants
-        ],
-        "seed": campaign.seed,
-        "transits": campaign.transits,
-    }
 
     def work(folder: Path, progress: Progress) -> dict[str, Any]:
         refused = {each.name: _refusal(each, flown, campaign.seed) for each in campaign.variants}
@@ -88,9 +75,54 @@ def fly_campaign(
             "refused": {name: reason for name, reason in refused.items() if reason is not None},
             "body": body.config.name,
             "arrival": dc.asdict(flown.arrival),
+            "seed": campaign.seed,
+            "transits": campaign.transits,
+            "dispersions": flown.dispersions,
         }
 
-    return stages.run(campaign.name, inputs, work)
+    return stages.run(campaign.name, _inputs(campaign, flown, body), work)
+
+
+def flown_campaign(
+    stages: Stages, campaign: Campaign, scenario: Scenario, bodies: Path
+) -> Stage | None:
+    """The stage of a campaign that was flown just as `fly_campaign` would fly it; None without one.
+
+    The arguments are those of `fly_campaign`.
+
+    Raises:
+      InputError: the record of the stage is damaged, or a file that the flights need is missing.
+    """
+    flown = campaign_scenario(campaign, scenario, bodies)
+    return stages.ended(campaign.name, _inputs(campaign, flown, load_body(flown.body)))
+
+
+def as_flown(campaign: Campaign, stage: Stage) -> Campaign:
+    """The campaign with the seed, transits and dispersions with which its stage was flown."""
+    # A stage that was flown before version 1.0.0 came out may not say them; it is as asked for.
+    kept = {key: stage.result[key] for key in _SAID if key in stage.result}
+    return dc.replace(campaign, **kept)
+
+
+def _inputs(campaign: Campaign, flown: Scenario, body: Body) -> dict[str, Any]:
+    """Everything that a campaign's flights depend on.
+
+    Policies count by their content, and bodies by theirs, not by where they lie.
+    """
+    policy = dc.replace(flown.policy, bundle=None)
+    return {
+        "scenario": dump_scenario(dc.replace(flown, policy=policy, body="")),
+        "variants": [
+            {
+                "name": each.name,
+                "changes": dict(each.changes),
+                "controller": provenance(each.applied_to(flown), body, each.controller),
+            }
+            for each in campaign.variants
+        ],
+        "seed": campaign.seed,
+        "transits": campaign.transits,
+    }
 
 
 def campaign_scenario(campaign: Campaign, scenario: Scenario, bodies: Path) -> Scenario:
@@ -133,9 +165,11 @@ def _refusal(variant: Variant, flown: Scenario, seed: int) -> str | None:
 def entry(campaign: Campaign, stage: Stage) -> dict[str, Any]:
     """A campaign's entry of results.json: figures without the flights that they were made from.
 
-    Where worlds were dispersed, `drivers` has, for each output, what drives it by more than chance.
+    Seed, transits and dispersions are those that were flown. Where worlds were dispersed, `drivers`
+    has, for each output, what drives it by more than chance.
     """
     results: Mapping[str, Mapping[str, Any]] = stage.result["results"]
+    campaign = as_flown(campaign, stage)
     return {
         "part": campaign.part,
         "title": campaign.title,
@@ -144,10 +178,11 @@ def entry(campaign: Campaign, stage: Stage) -> dict[str, Any]:
         "body": stage.result["body"],
         "dispersions": campaign.dispersions,
         "seed": campaign.seed,
+        "transits": campaign.transits,
         "wall_s": round(stage.wall_s),
         "refused": stage.result["refused"],
         "controllers": {
-            name: {key: _rounded(v) for key, v in result.items() if key not in _OF_THE_FLIGHTS}
+            name: {key: _rounded(value) for key, value in without_flights(result).items()}
             | ({"drivers": _drivers(result["sensitivity"])} if "sensitivity" in result else {})
             for name, result in results.items()
         },

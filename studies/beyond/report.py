@@ -15,7 +15,12 @@ from proxops.studies.beyond.campaigns import (
     PILOT,
     Campaign,
 )
-from proxops.studies.evaluation import arrival_text, driver_sections, figure_rows
+from proxops.studies.evaluation import (
+    arrival_text,
+    driver_sections,
+    figure_rows,
+    successes_text,
+)
 from proxops.studies.reproduction import Stage
 from proxops.training.reports import Block, Link, Section, Table, Text
 
@@ -30,9 +35,11 @@ class Story:
 
     command: str
     flown: Flown
-    """The campaigns that have ended, in the order in which they are told."""
+    """The campaigns that have ended, as they were flown, in the order in which they are told."""
     missing: Sequence[str]
     """Names of campaigns that have not been flown."""
+    others: Sequence[str]
+    """Names of campaigns that were flown with other settings than these."""
     paper: Mapping[str, Any] | None
     """The content of the report.json of the paper's reproduction, if it was run."""
     paper_page: str
@@ -74,6 +81,9 @@ def _asked(story: Story) -> Section:
     ]
     if story.missing:
         blocks.append(Text(f"Not run: {', '.join(story.missing)}."))
+    if story.others:
+        names = ", ".join(story.others)
+        blocks.append(Text(f"Flown with other settings, and so not shown: {names}."))
     return Section("What was asked", blocks)
 
 
@@ -96,7 +106,7 @@ def _paper(story: Story) -> Section:
 def _broke(story: Story) -> str:
     """Says what leaves the paper's world, and how often it still arrives."""
     told = [
-        f"In the paper's world {who} succeeds in {_successes(result)} transits"
+        f"In the paper's world {who} succeeds in {successes_text(result)} transits"
         for who, result in _paper_controllers(story.paper)
     ]
     places = (
@@ -109,7 +119,7 @@ def _broke(story: Story) -> str:
     for name, place in places:
         for controller in (PAPER_POLICY, PILOT):
             if controller in results.get(name, {}):
-                found = _successes(results[name][controller])
+                found = successes_text(results[name][controller])
                 told.append(f"{place} the {controller} succeeds in {found}")
     if not told:
         return "Nothing of it was run."
@@ -134,7 +144,7 @@ def _holds(flown: Flown) -> Section:
             lines.append(
                 [
                     f"{each.title}: {name}",
-                    _successes(result),
+                    successes_text(result),
                     f"{100 * low:.1f}–{100 * high:.1f} %",
                     str(result["keep_out_violations"]),
                     _NONE if ratio is None else f"{ratio:.3f}",
@@ -165,7 +175,3 @@ def _campaign(campaign: Campaign, stage: Stage) -> Section:
         for section in driver_sections(results):
             blocks += section.blocks
     return Section(campaign.title, blocks)
-
-
-def _successes(result: Mapping[str, Any]) -> str:
-    return f"{round((result['success_rate'] or 0.0) * result['transits'])} of {result['transits']}"

@@ -10,9 +10,16 @@ from typing import Any
 
 from proxops.diagrams.flight import Workers
 from proxops.diagrams.scenario import Scenario, load_body
-from proxops.studies.beyond.campaigns import PARTS, Campaign, all_campaigns, campaign_name
-from proxops.studies.beyond.flying import entry, fly_campaign
+from proxops.studies.beyond.campaigns import (
+    PAPER_RECIPE,
+    PARTS,
+    Campaign,
+    all_campaigns,
+    campaign_name,
+)
+from proxops.studies.beyond.flying import as_flown, entry, flown_campaign, fly_campaign
 from proxops.studies.beyond.report import Story, story_sections
+from proxops.studies.evaluation import successes_text
 from proxops.studies.reproduction import Stage, Stages
 from proxops.systems.common import InputError, write_whole
 from proxops.training.reports import write_report
@@ -25,9 +32,14 @@ def chosen_campaigns(names: Sequence[str], known: Sequence[Campaign]) -> list[Ca
     """Picks campaigns by the names of parts or their own; without names, all of them.
 
     Raises:
-      InputError: a name is neither a part nor a campaign.
+      InputError: a name is neither a part nor a campaign, or of a campaign that can't be flown yet.
     """
     for name in names:
+        if name == PAPER_RECIPE and all(name != each.name for each in known):
+            raise InputError(
+                f"{name} flies the policy that the paper's recipe gives, and none was trained in "
+                f"this folder by this version: train it first: proxops reproduce {PAPER}"
+            )
         if name not in (PAPER, *PARTS) and all(name != each.name for each in known):
             raise InputError(
                 f"there is no {name!r}: name {', '.join((PAPER, *PARTS))}, or one of the campaigns "
@@ -69,8 +81,9 @@ def fly_and_tell(
 ) -> dict[str, Any]:
     """Flies what is left of some campaigns, and writes report.html, report.md and results.json.
 
-    These tell of all campaigns that have ended in the folder, now or earlier with this version, and
-    of the paper's reproduction by this version, if it is in `out`/paper. They are written anew
+    These tell of all campaigns that have ended in the folder, now or earlier with this version and
+    the same settings, and of the paper's reproduction by this version, if it is in `out`/paper. Of
+    campaigns that were flown with other settings they tell the names alone. They are written anew
     after each campaign.
 
     Args:
@@ -90,24 +103,29 @@ def fly_and_tell(
     """
     stages = Stages(out, tell)
     flown: dict[str, Stage] = {}
+    others: list[str] = []
     for each in known:
-        stage = stages.latest(each.name, any_version=False)
-        if stage is not None:
+        if stages.latest(each.name) is None:
+            continue
+        stage = flown_campaign(stages, each, scenario, out / "bodies")
+        if stage is None:
+            others.append(each.name)
+        else:
             flown[each.name] = stage
-    content = _write(out, known, flown, scenario, command)
+    content = _write(out, known, flown, others, scenario, command)
     for each in wanted:
         flown[each.name] = fly_campaign(stages, each, scenario, out / "bodies", workers)
-        content = _write(out, known, flown, scenario, command)
+        content = _write(out, known, flown, others, scenario, command)
     return content
 
 
 def success_lines(content: Mapping[str, Any]) -> list[tuple[str, str]]:
     """A line for each controller of each campaign in what results.json holds: name and success."""
     return [
-        (f"{campaign['title']}: {name}", f"{round(figures['success_rate'] * count)} of {count}")
+        (f"{campaign['title']}: {name}", successes_text(figures))
         for campaign in content["campaigns"].values()
         for name, figures in campaign["controllers"].items()
-        if (count := figures["transits"])
+        if figures["transits"]
     ]
 
 
@@ -115,17 +133,26 @@ def _write(
     out: Path,
     known: Sequence[Campaign],
     flown: Mapping[str, Stage],
+    others: Sequence[str],
     scenario: Scenario,
     command: str,
 ) -> dict[str, Any]:
-    """Writes the report in all its forms; returns what results.json holds."""
+    """Writes the report in all its forms; returns what results.json holds.
+
+    Args:
+      others: names of campaigns that were flown with other settings, before.
+    """
     record = out / PAPER / "report.json"
     paper = json.loads(record.read_text()) if record.is_file() else None
     if paper is not None and paper["proxops_version"] != metadata.version("proxops"):
         paper = None
-    told = [(each, flown[each.name]) for each in known if each.name in flown]
-    missing = [each.name for each in known if each.name not in flown]
-    story = Story(command, told, missing, paper, f"{PAPER}/report.html", scenario.arrival)
+    told = [
+        (as_flown(each, flown[each.name]), flown[each.name]) for each in known if each.name in flown
+    ]
+    left = [each.name for each in known if each.name not in flown]
+    missing = [name for name in left if name not in others]
+    others = [name for name in left if name in others]
+    story = Story(command, told, missing, others, paper, f"{PAPER}/report.html", scenario.arrival)
     write_report(out, "Close to an asteroid, and nobody on board sees the truth",
                  story_sections(story))  # fmt: skip
     content = {

@@ -8,10 +8,10 @@ flights show, and `sensitivity` ranks what drives failure.
 
 from proxops.studies.evaluation.evaluation import (
     EXPERT,
-    aggregate,
     aggregate_all,
     command_count,
     delta_v_pairs,
+    without_flights,
 )
 from proxops.studies.evaluation.figures import Looks, controller_looks, draw_paths, plot_flights
 from proxops.studies.evaluation.flights import describe_flight, shown_logs
@@ -19,7 +19,12 @@ from proxops.studies.evaluation.monte_carlo_report import driver_sections, write
 from proxops.studies.evaluation.report import Evaluation, evaluation_sections
 from proxops.studies.evaluation.sensitivity import told_from_chance
 from proxops.studies.evaluation.statistics_of_flights import exact_interval
-from proxops.studies.evaluation.table import arrival_text, figure_rows, outcome
+from proxops.studies.evaluation.table import (
+    arrival_text,
+    figure_rows,
+    outcome,
+    successes_text,
+)
 from proxops.studies.evaluation.variants import (
     Variant,
     fly_logs,
@@ -33,7 +38,6 @@ __all__ = [
     "Evaluation",
     "Looks",
     "Variant",
-    "aggregate",
     "aggregate_all",
     "arrival_text",
     "command_count",
@@ -51,7 +55,9 @@ __all__ = [
     "outcome",
     "plot_flights",
     "shown_logs",
+    "successes_text",
     "told_from_chance",
     "variant_flights",
+    "without_flights",
     "write_worst",
 ]

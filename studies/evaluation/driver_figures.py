@@ -42,7 +42,7 @@ def plot_drivers(rankings: Mapping[str, Ranking]) -> Figure:
     """Draws the twelve strongest quantities of each output as bars, with their 90 % intervals.
 
     Bars of quantities that stand above chance are blue, the others grey. The hatched bar is the
-    dummies' median, and the dashed line the greatest of them, below which chance reaches.
+    median of what chance gives, and the dashed line the greatest of it: see `rank_drivers`.
 
     Args:
       rankings: of `rank_drivers`; at least one is not empty.
@@ -58,7 +58,7 @@ def plot_drivers(rankings: Mapping[str, Ranking]) -> Figure:
         indices = np.array([entry["index"] for entry in bars])
         ends = np.array([[entry["low"], entry["high"]] for entry in bars]).T
         drawn = axis.barh(
-            [entry["quantity"] for entry in bars],
+            ["chance" if entry is dummy else entry["quantity"] for entry in bars],
             indices,
             xerr=np.abs(ends - indices),
             color=[_ABOVE if entry["above_chance"] else _CHANCE for entry in bars],

@@ -21,6 +21,7 @@ EXPERT = "mpc"
 
 Row = dict[str, typing.Any]
 
+_OF_THE_FLIGHTS = ("flights", "unflyable_worlds", "sensitivity")
 # A summary has these if the policy estimates its state.
 _ESTIMATE_ERRORS = (
     "estimate_position_error_m_median",
@@ -83,6 +84,14 @@ def aggregate(rows: Sequence[Row], expert: Sequence[Row] | None = None) -> dict[
     }
 
 
+def without_flights(result: Mapping[str, typing.Any]) -> dict[str, typing.Any]:
+    """A controller's figures without what has a part for each flight or quantity.
+
+    These are the rows of its flights and of its unflyable worlds, and `sensitivity`.
+    """
+    return {name: value for name, value in result.items() if name not in _OF_THE_FLIGHTS}
+
+
 def _navigation(flown: Sequence[Row]) -> dict[str, float | None]:
     """Gives the figures of the navigation; {} if no flight had one that settled."""
     settled = [row for row in flown if "navigation_consistent" in row]
@@ -107,10 +116,12 @@ def _successes(flown: Sequence[Row]) -> dict[str, typing.Any]:
     wide = sum(row["success_2km"] for row in flown)
     return {
         "transits": trials,
+        "successes": successes,
         "success_rate": successes / trials if trials else None,
         "success_rate_interval": success_interval(successes, trials),
         "success_rate_exact_interval": exact_interval(successes, trials),
         "success_shown_90": shown_success(successes, trials),
+        "successes_2km": wide,
         "success_rate_2km": wide / trials if trials else None,
         "success_rate_2km_interval": success_interval(wide, trials),
     }

@@ -9,15 +9,16 @@ from pathlib import Path
 
 import numpy as np
 
-from proxops.diagrams.logs import FlightLog
+from proxops.diagrams.logs import FlightLog, commanded_forces
 from proxops.diagrams.scenario import Scenario
 from proxops.studies.evaluation.evaluation import Row
 from proxops.studies.evaluation.table import Result, Results
 from proxops.studies.evaluation.variants import Logs, Variant, fly_logs
-from proxops.training.reports import SMALL_COMMAND_N
 
 PATHS = 4
 """Greatest number of transits whose paths are drawn."""
+# A command below this share of the thrust limit counts as none: 0.2 N at Kleopatra.
+_SMALL_COMMAND = 0.2 / 7.0
 _WORST = 3
 _REPLAYED = 5
 
@@ -25,12 +26,12 @@ _REPLAYED = 5
 def describe_flight(log: FlightLog, path: Path | None = None) -> Row:
     """Returns a flight's summary and its `small_command_share`.
 
-    This is the share of steps at which the commanded force is below 0.2 N in magnitude. `path` is
-    not used; `run_campaign` gives it.
+    This is the share of steps at which the commanded force is below 3 % of the thrust limit (0.2 N
+    of 7 N) in magnitude. `path` is not used; `run_campaign` gives it.
     """
-    data = log.dataset
-    commands = (data["force"] - data["disturbance"]).values[:-1]
-    small = np.linalg.norm(commands, axis=1) < SMALL_COMMAND_N
+    data, limit = log.dataset, log.scenario.spacecraft.thrust_limit_n
+    commands = commanded_forces(data["force"].values, data["disturbance"].values, limit)[:-1]
+    small = np.linalg.norm(commands, axis=1) < _SMALL_COMMAND * limit
     return log.summary | {"small_command_share": float(small.mean())}
 
 

@@ -26,8 +26,10 @@ from proxops.training.reports import Block, Link, Section, Table, Text, picture
 _FOLDER = "worst"
 _MOST_WORLDS_TOLD = 30
 _DRIVERS_CAPTION = (
-    "Blue: above chance. Hatched: the median of 99 dummies, which are random numbers that no "
-    "flight knew; dashed: the greatest of them. Lines are 90 % intervals."
+    "Blue: above chance. Hatched: the greatest index of all quantities where the outcomes are "
+    "shuffled among the flights, as the median of 19 shuffles; dashed: the greatest of the 19, "
+    "which chance exceeds in one ranking of 20. Lines are 90 % intervals: what the index would be "
+    "with other flights."
 )
 _SCATTER_CAPTION = "Each mark is a flight; crosses are flights without success."
 

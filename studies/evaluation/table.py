@@ -39,6 +39,19 @@ def arrival_text(arrival: ArrivalConfig, multiple: float = 1.0) -> str:
     return f"{place}, {multiple * arrival.speed_m_s:g} m/s"
 
 
+def successes_text(result: Result, *, wide: bool = False) -> str:
+    """How many flights of a controller succeeded, for instance "199 of 200".
+
+    Args:
+      result: its figures, as `aggregate_all` makes them.
+      wide: counts arrivals within twice the limits, too.
+    """
+    count, rate = ("successes_2km", "success_rate_2km") if wide else ("successes", "success_rate")
+    # Figures from before version 1.0.0 came out have the rate alone.
+    good = result[count] if count in result else round((result[rate] or 0.0) * result["transits"])
+    return f"{good} of {result['transits']}"
+
+
 def outcome(row: Row) -> str:
     """How a flight ended, in a few words."""
     if row["collided"]:
@@ -61,12 +74,6 @@ def _number(key: str, form: str = ".1f", scale: float = 1.0) -> Callable[[Result
     return tell
 
 
-def _share(key: str) -> Callable[[Result], str]:
-    return lambda result: (
-        f"{round((result[key] or 0.0) * result['transits'])} of {result['transits']}"
-    )
-
-
 def _interval(key: str) -> Callable[[Result], str]:
     def tell(result: Result) -> str:
         low, high = result[key]
@@ -85,11 +92,11 @@ def _clearance(key: str) -> Callable[[Result], str]:
 
 _FIGURES: tuple[tuple[str, Callable[[Result], str]], ...] = (
     ("worlds that can't be flown", _unflyable),
-    ("success ({near})", _share("success_rate")),
+    ("success ({near})", successes_text),
     ("95 % interval", _interval("success_rate_interval")),
     ("exact 95 % interval", _interval("success_rate_exact_interval")),
     ("shown with 90 % confidence (%)", _number("success_shown_90", ".2f", 100.0)),
-    ("success ({wide})", _share("success_rate_2km")),
+    ("success ({wide})", lambda result: successes_text(result, wide=True)),
     ("95 % interval", _interval("success_rate_2km_interval")),
     ("collisions", _number("collisions", "d", 1)),
     ("keep-out violations", _number("keep_out_violations", "d", 1)),
@@ -125,7 +132,7 @@ _FIGURES: tuple[tuple[str, Callable[[Result], str]], ...] = (
     ("its attitude off, median (deg)", _number("navigation_attitude_error_deg_median", ".4f")),
     ("within its 3 sigma (%)", _number("navigation_consistent", ".1f", 100.0)),
     ("policy's share (%)", _number("policy_share", ".1f", 100.0)),
-    ("steps below 0.2 N (%)", _number("small_command_share", ".1f", 100.0)),
+    ("steps below 3 % of the thrust limit (%)", _number("small_command_share", ".1f", 100.0)),
     ("MPC solves", _number("mpc_solves", "d", 1)),
     ("step, median (ms)", _number("control_ms_median", ".2f")),
     ("step, greatest p99 (ms)", _number("control_ms_p99", ".2f")),

@@ -102,7 +102,8 @@ def label(name: str) -> str:
 def expert_forces(log: FlightLog) -> np.ndarray:
     """Returns the MPC's commands (N, 3) in N at the states of another controller's flight.
 
-    They are solved after the flight, at its true states; NaN where the solver finds no plan.
+    They are solved after the flight, at its true states, without its deadline and the push that the
+    MPC estimates in flight; NaN where the solver finds no plan.
     """
     scenario = log.scenario
     program = make_mpc(scenario, log.body).program

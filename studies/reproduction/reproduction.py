@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from proxops.diagrams.flight import Workers, bundle_of, provenance
 from proxops.diagrams.logs import FlightLog
-from proxops.diagrams.scenario import PolicyConfig, Scenario, dump_scenario, load_body
+from proxops.diagrams.scenario import Scenario, dump_scenario, load_body
 from proxops.studies.evaluation import (
     EXPERT,
     Variant,
@@ -40,6 +40,8 @@ if TYPE_CHECKING:
 TRAINING_STAGES = ("data-full", "policy-pilot", "policy-dagger", "lidar", "data-paper",
                    "policy-paper")  # fmt: skip
 """Names of the stages that collect and train, in the order in which they run."""
+DRAWN = 1
+"""The transit that is drawn; the ellipsoid blocks its straight line."""
 
 
 @dc.dataclass(frozen=True)
@@ -50,8 +52,6 @@ class ReproductionSettings:
     """Seed of the transits; nothing was trained on them."""
     transits: int = 200
     """Number of transits that each controller flies."""
-    shown: int = 1
-    """The transit that is drawn; the ellipsoid blocks its straight line."""
     along: int = 8
     """Number of flights of the MPC along which forces are compared."""
 
@@ -111,7 +111,7 @@ def reproduce(
         scenario=scenario,
         body=load_body(scenario.body),
         seed=settings.seed,
-        transit=settings.shown,
+        transit=DRAWN,
         stages=stages.over,
         trained=trained,
         missing=[name for name in TRAINING_STAGES if name not in trained],
@@ -121,15 +121,16 @@ def reproduce(
         forces={
             name: forces_along(each, list(logs[EXPERT].values())) for name, each in compared.items()
         },
-        efforts={
-            name: expert_forces(logs[name][settings.shown]) for name in HYBRIDS if name in logs
-        },
+        efforts={name: expert_forces(logs[name][DRAWN]) for name in HYBRIDS if name in logs},
     )
     return _write(out, findings)
 
 
 def paper_policy(out: Path) -> Path | None:
-    """The bundle of the paper's recipe that `reproduce` trained in a folder; None without one."""
+    """The bundle of the paper's recipe that `reproduce` of this version trained in a folder.
+
+    None without one.
+    """
     return _bundle(Stages(out).latest("policy-paper"))
 
 
@@ -149,9 +150,15 @@ def _trained(
     training: TrainingSettings | None,
     workers: Workers,
 ) -> dict[str, Stage]:
-    """The stages of training by name: those run now, or without `training` those of earlier."""
+    """The stages of training by name: those run now, or without `training` those of earlier.
+
+    Where this version trained none, one of another version counts: the report says so.
+    """
     if training is None:
-        found = {name: stages.latest(name) for name in TRAINING_STAGES}
+        found = {
+            name: stages.latest(name) or stages.latest(name, any_version=True)
+            for name in TRAINING_STAGES
+        }
         return {name: stage for name, stage in found.items() if stage is not None}
     # PyTorch takes a while to import, and nothing else here needs it.
     from proxops.studies.reproduction.training import train_everything
@@ -231,21 +238,22 @@ def _origin(
 ) -> dict[str, Any]:
     """Everything that the flights depend on; policies by their content, not by their folder."""
     body = load_body(scenario.body)
+    policy = dc.replace(scenario.policy, bundle=None)
     return {
-        "scenario": dump_scenario(dc.replace(scenario, policy=PolicyConfig())),
+        "scenario": dump_scenario(dc.replace(scenario, policy=policy)),
         "variants": [
             dc.asdict(each)
             | {"controller": provenance(each.applied_to(scenario), body, each.controller)}
             for each in flown
         ],
         "seed": settings.seed,
-        "shown": settings.shown,
+        "shown": DRAWN,
     }
 
 
 def _shown_transits(
     flown: Sequence[Variant], settings: ReproductionSettings
 ) -> dict[str, list[int]]:
-    shown = {each.name: [settings.shown] for each in flown if each.name in SHOWN}
-    shown[EXPERT] = sorted({settings.shown, *range(min(settings.along, settings.transits))})
+    shown = {each.name: [DRAWN] for each in flown if each.name in SHOWN}
+    shown[EXPERT] = sorted({DRAWN, *range(min(settings.along, settings.transits))})
     return shown

@@ -32,6 +32,8 @@ class Stage:
     told of progress."""
     skipped: bool
     """Whether it had ended before, with the same inputs."""
+    version: str
+    """The version of proxops that ran it."""
 
 
 class Stages:
@@ -65,12 +67,10 @@ class Stages:
           InputError: the record of the stage is damaged, or cannot be written; or what `work`
             raises.
         """
-        known = json.loads(json.dumps({**inputs, "proxops": metadata.version("proxops")}))
-        digest = hashlib.sha256(json.dumps(known, sort_keys=True).encode()).hexdigest()
-        label = f"{name}-{digest[:_DIGITS]}"
+        known, label = _identified(name, inputs)
         folder, record = self._out / label, self._records / f"{label}.json"
         make_folder(self._records)
-        if record.is_file() and folder.is_dir():
+        if self._has(record):
             stage = self._read(name, record)
         else:
             make_folder(folder)
@@ -88,21 +88,35 @@ class Stages:
             content = {"inputs": known, "result": result, "wall_s": wall}
             text = json.dumps(content, indent=1) + "\n"
             write_whole(record, lambda path: path.write_text(text))
-            stage = Stage(name, folder, json.loads(text)["result"], wall, skipped=False)
+            stage = Stage(
+                name, folder, json.loads(text)["result"], wall, False, metadata.version("proxops")
+            )
         self._tell(name, 1.0, "")
         self.over.append(stage)
         return stage
 
-    def latest(self, name: str, *, any_version: bool = True) -> Stage | None:
+    def ended(self, name: str, inputs: Mapping[str, Any]) -> Stage | None:
+        """Returns the stage of a name with these inputs that this version ran; None if none ended.
+
+        Raises:
+          InputError: the record of the stage is damaged.
+        """
+        record = self._records / f"{_identified(name, inputs)[1]}.json"
+        return self._read(name, record) if self._has(record) else None
+
+    def latest(self, name: str, *, any_version: bool = False) -> Stage | None:
         """Returns the stage of a name that ended last, with any inputs; None if there is none.
 
         Args:
           any_version: whether a stage of another version of proxops counts, too.
+
+        Raises:
+          InputError: the record of the stage is damaged.
         """
         records = [
             record
             for record in self._records.glob(f"{name}-{'[0-9a-f]' * _DIGITS}.json")
-            if (self._out / record.stem).is_dir() and (any_version or _is_of_this_version(record))
+            if self._has(record) and (any_version or _is_of_this_version(record))
         ]
         if not records:
             return None
@@ -110,15 +124,20 @@ class Stages:
         self.over.append(stage)
         return stage
 
+    def _has(self, record: Path) -> bool:
+        """Whether there are a record and the folder of its stage."""
+        return record.is_file() and (self._out / record.stem).is_dir()
+
     def _read(self, name: str, record: Path) -> Stage:
         try:
             content = json.loads(record.read_text())
             result, wall = dict(content["result"]), float(content["wall_s"])
+            version = str(content["inputs"]["proxops"])
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise InputError(
                 f"{record} is not the record of a stage: remove it and run again"
             ) from error
-        return Stage(name, self._out / record.stem, result, wall, skipped=True)
+        return Stage(name, self._out / record.stem, result, wall, True, version)
 
 
 class _Watch:
@@ -143,6 +162,13 @@ class _Watch:
         total = self._before + self._kept - self._started
         write_whole(self._path, lambda path: path.write_text(repr(total)))
         return total
+
+
+def _identified(name: str, inputs: Mapping[str, Any]) -> tuple[dict[str, Any], str]:
+    """Inputs with this version of proxops, as JSON holds them, and the name of their folder."""
+    known = json.loads(json.dumps({**inputs, "proxops": metadata.version("proxops")}))
+    digest = hashlib.sha256(json.dumps(known, sort_keys=True).encode()).hexdigest()
+    return known, f"{name}-{digest[:_DIGITS]}"
 
 
 def _is_of_this_version(record: Path) -> bool:

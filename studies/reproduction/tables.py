@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from importlib import metadata
 from typing import Any
 
 from proxops.diagrams.logs import length_text
 from proxops.diagrams.scenario import Scenario
-from proxops.studies.evaluation import EXPERT
+from proxops.studies.evaluation import EXPERT, successes_text, without_flights
 from proxops.studies.reproduction import flights, numbers
 from proxops.studies.reproduction.stages import Stage
 from proxops.training.reports import Table
@@ -26,11 +27,15 @@ def number(figures: Mapping[str, Any], key: str, form: str = ".0f", scale: float
 
 def stage_table(stages: Sequence[Stage]) -> Table:
     """Makes the table of the stages, with their folders and wall times."""
-    lines = [
-        [each.name, each.folder.name, f"{each.wall_s:.0f}", "before" if each.skipped else "now"]
-        for each in stages
-    ]
+    lines = [[each.name, each.folder.name, f"{each.wall_s:.0f}", _run(each)] for each in stages]
     return Table(["stage", "folder", "wall time (s)", "run"], lines)
+
+
+def _run(stage: Stage) -> str:
+    """When a stage was run; and by which version, if by another than this."""
+    if stage.version != metadata.version("proxops"):
+        return f"before, by proxops {stage.version}"
+    return "before" if stage.skipped else "now"
 
 
 def controller_table(results: Results) -> Table:
@@ -38,16 +43,12 @@ def controller_table(results: Results) -> Table:
     lines = []
     for name, result in results.items():
         low, high = result["success_rate_interval"]
-        near, wide = (
-            f"{round(result[key] * result['transits'])} of {result['transits']}"
-            for key in ("success_rate", "success_rate_2km")
-        )
         lines.append(
             [
                 name,
-                near,
+                successes_text(result),
                 f"{100 * low:.1f}–{100 * high:.1f}",
-                wide,
+                successes_text(result, wide=True),
                 str(result["collisions"]),
                 str(result["keep_out_violations"]),
                 str(numbers.blind_flights(result)),
@@ -77,7 +78,7 @@ def gate_table(results: Results, names: Sequence[str]) -> Table:
                 number(result, "policy_share_to_arrival", ".1f", 100.0),
                 number(cost, "saved", ".1f", 100.0),
                 _NONE if passed is None else f"{100 * passed:.1f}",
-                f"{round(result['success_rate'] * result['transits'])} of {result['transits']}",
+                successes_text(result),
                 str(result["keep_out_violations"]),
                 number(result, "expert_delta_v_ratio", ".3f"),
             ]
@@ -117,9 +118,9 @@ def cost_table(results: Results) -> Table:
 
 
 def controller_figures(results: Results) -> dict[str, dict[str, Any]]:
-    """Returns each controller's figures with its costs, without its flights' rows."""
+    """Returns each controller's figures with its costs; see `without_flights`."""
     return {
-        name: {key: value for key, value in result.items() if key != "flights"}
+        name: without_flights(result)
         | {
             "checks_passed": numbers.checks_passed(result),
             "flights_that_lost_the_body": numbers.blind_flights(result),
@@ -207,10 +208,9 @@ def _success(results: Results, name: str) -> str:
         return _NOT_RUN
     result = results[name]
     low, high = result["success_rate_interval"]
-    arrived = round(result["success_rate"] * result["transits"])
     crashed = result["collisions"]
     return (
-        f"{arrived} of {result['transits']} ({100 * low:.0f}–{100 * high:.0f} %), "
+        f"{successes_text(result)} ({100 * low:.0f}–{100 * high:.0f} %), "
         f"{crashed} crash{'' if crashed == 1 else 'es'}"
     )
 

@@ -69,10 +69,11 @@ class ScoreRow:
         if self.track_sha256 != track.sha256:
             raise InputError(f"the row {self.name!r} is not of the track {track.name!r} as it is")
         low, high = exact_interval(sum(f["success"] for f in self.flights), len(self.flights))
+        expert = track.expert_delta_v_m_s or [None] * len(self.flights)
         good = [flight for flight in self.flights if flight["success"]]
         pairs = [
             (flight["delta_v_m_s"], best)
-            for flight, best in zip(self.flights, track.expert_delta_v_m_s, strict=False)
+            for flight, best in zip(self.flights, expert, strict=True)
             if flight["success"] and best
         ]
 
@@ -124,6 +125,24 @@ def score(
         track.sha256,
         [_kept(row) for row in rows],
     )
+
+
+def with_expert(track: Track, row: ScoreRow) -> Track:
+    """The track with what the MPC took for each transit.
+
+    It is another track with another hash: score the MPC and all others over it anew.
+
+    Args:
+      track: without or with such figures.
+      row: of the MPC over this track.
+
+    Raises:
+      InputError: the row is of another track.
+    """
+    if row.track_sha256 != track.sha256:
+        raise InputError(f"the row {row.name!r} is not of the track {track.name!r} as it is")
+    taken = [each["delta_v_m_s"] if each["success"] else None for each in row.flights]
+    return dc.replace(track, expert_delta_v_m_s=taken)
 
 
 def save_row(row: ScoreRow, path: Path) -> None:

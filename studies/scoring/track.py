@@ -50,7 +50,8 @@ class Track:
     changes: Sequence[Mapping[str, typing.Any]]
     """What each transit changes in the scenario: values by dotted keys."""
     expert_delta_v_m_s: Sequence[float | None]
-    """What the MPC took for each transit; None: it did not succeed. Empty: it was not flown."""
+    """Δv in m/s of the MPC in each transit, which `with_expert` tells; None: it did not succeed.
+    Empty: it was not flown."""
 
     @property
     def sha256(self) -> str:
@@ -134,6 +135,14 @@ def load_track(name: str) -> Track:
     listed = isinstance(track.changes, list) and all(isinstance(k, dict) for k in track.changes)
     if not (isinstance(track.scenario, str) and listed and track.changes):
         raise InputError(f"{path} is not a track: it needs a scenario's text and a list of changes")
+    taken = track.expert_delta_v_m_s
+    if not isinstance(taken, list) or any(not isinstance(k, int | float | None) for k in taken):
+        raise InputError(f"{path} is not a track: expert_delta_v_m_s is no list of figures in m/s")
+    if len(taken) not in (0, len(track.changes)):
+        raise InputError(
+            f"{path} is not a track: it has {len(track.changes)} transits, and what the MPC took "
+            f"for {len(taken)}"
+        )
     if name in TRACKS and track.sha256 != TRACKS[name]:
         raise InputError(
             f"{path} is not the track {name!r} any more: its hash is {track.sha256}, not "

@@ -20,7 +20,6 @@ def rooms(
     arguments: tuple[np.ndarray, np.ndarray, np.ndarray],
     semi_axes: np.ndarray,
     speed: float = 0.0,
-    places: int = _PLACES,
 ) -> tuple[np.ndarray, np.ndarray]:
     """The clearance that a state needs to be admitted, at places all around the ellipsoid.
 
@@ -28,16 +27,15 @@ def rooms(
       arguments: the kernel's arguments after position and velocity.
       semi_axes: (3,) in m of the keep-out ellipsoid.
       speed: inward speed in m/s along the normal.
-      places: number of places.
 
     Returns:
       Points (N, 3) of the ellipsoid in m, and the clearances (N,) in m, inf where no clearance of
       up to half the shortest semi-axis is enough. They are at most 1.5 % too great.
     """
-    points = spread_directions(places) * semi_axes
+    points = spread_directions(_PLACES) * semi_axes
     normals = points / semi_axes**2
     normals /= np.linalg.norm(normals, axis=1)[:, None]
-    needed = np.full(places, np.inf)
+    needed = np.full(_PLACES, np.inf)
     for row, (point, normal) in enumerate(zip(points, normals, strict=True)):
 
         def enough(height: float, point=point, normal=normal) -> bool:

@@ -70,19 +70,19 @@ class RuntimeAssurance(LeafSystem):
                 self._covariance_port.ticket(),
             },
         )
-        self._force_port = self.DeclareVectorOutputPort(
+        self.DeclareVectorOutputPort(
             name="force",
             size=3,
             calc=lambda context, output: output.SetFromVector(self._assured.Eval(context)[0].force),
             prerequisites_of_calc={self._assured.ticket()},
         )
-        self._intervention_port = self.DeclareVectorOutputPort(
+        self.DeclareVectorOutputPort(
             name="intervention",
             size=2,
             calc=self._calc_intervention,
             prerequisites_of_calc={self._assured.ticket(), self._command_port.ticket()},
         )
-        self._margin_port = self.DeclareVectorOutputPort(
+        self.DeclareVectorOutputPort(
             name="margin",
             size=3,
             calc=self._calc_margin,

@@ -40,7 +40,7 @@ from proxops.systems.common import SolverFailure
 from proxops.systems.expert.condensed_motion import condensed_motion
 from proxops.systems.expert.initial_guess import initial_paths
 from proxops.systems.expert.path_limits import PathLimits, slack_of_limits
-from proxops.systems.expert.plan import Horizon, Plan, TransitLimits
+from proxops.systems.expert.plan import Horizon, Plan, PlanStatus, TransitLimits
 from proxops.systems.gravity import Field
 
 # Prices of one scaled unit of slack, against an effort of 0 to 3. They are above every multiplier,
@@ -187,7 +187,19 @@ class LinearisedTransit:
             times = (longer if free_time else 1.0) * duration * self.fractions
             states = np.hstack([positions, np.gradient(positions, times, axis=0)])
             forces = np.zeros((self.horizon.intervals, 3))
-            plans.append(Plan(times, states, forces, target, 0.0, 0.0, 0, 0, 0.0))
+            plans.append(
+                Plan(
+                    times=times,
+                    states=states,
+                    forces=forces,
+                    target=target,
+                    cost=0.0,
+                    slack=0.0,
+                    status=PlanStatus.SOLVED,
+                    iterations=0,
+                    solve_time=0.0,
+                )
+            )
         return plans
 
     def remaining_plan(
@@ -328,7 +340,7 @@ class LinearisedTransit:
             target=target,
             cost=cost,
             slack=solution.slack,
-            status=0,
+            status=PlanStatus.SOLVED,
             iterations=iterations,
             solve_time=time.perf_counter() - started,
         )

@@ -48,9 +48,9 @@ class ModelPredictiveController(LeafSystem):
                      └───────────────────────────┴─► planned_force (3), N
     ```
 
-    All vectors are in K, in m, m/s and N. The command depends on the state and the target alone.
-    The last plan, which is discrete state in the Context and is replaced every `period`, only says
-    where to linearise first:
+    All vectors are in K, in m, m/s and N. The command depends on the state and the target alone,
+    and with a finite `latest` on the time that is left. The last plan, which is discrete state in
+    the Context and is replaced every `period`, only says where to linearise first:
 
     * If it is one period old and fits the state and the target, the program is linearised once.
     * If it does not fit, or if there is none, the program is linearised `cold_iterations` times.
@@ -71,6 +71,9 @@ class ModelPredictiveController(LeafSystem):
     With `delay` above 0 the command is assumed to act that much later, as through a `DelayedHold`.
     The plan then begins at the predicted state at that time, under the last command and the assumed
     gravity. The last command is kept as well, and the command depends on it.
+
+    With a finite `latest` a plan takes no longer than the time that is left until then. Once less
+    is left than the shortest horizon, it is too late for any, and plans are as long as they need.
 
     If the solver fails, the flight goes on: the last plan is continued (status 1), or the
     spacecraft brakes if there is none (status 2). `Plan.reason` says why.
@@ -95,12 +98,11 @@ class ModelPredictiveController(LeafSystem):
           cold_iterations: number of linearisations without a recent plan.
           estimator_gain: from 0 to 1; 0: no estimate of an unexplained acceleration.
           delay: time in s from a command's evaluation until it acts.
-          latest: time in s at which plans should have ended.
+          latest: time in s of the flight at which plans should have ended; inf: at none.
 
         Raises:
           InputError: the period or the number of iterations is not positive, the gain is not from
-            0 to 1, or the delay not from 0 to the period, or `latest` is not
-            positive.
+            0 to 1, the delay is not from 0 to the period, or `latest` is not positive.
         """
         super().__init__()
         check_positive("ModelPredictiveController", period=period)
@@ -149,7 +151,7 @@ class ModelPredictiveController(LeafSystem):
         self._record_port = self.DeclareVectorOutputPort(
             name="record", size=3, calc=self._calc_record, prerequisites_of_calc=depends
         )
-        self._planned_port = self.DeclareVectorOutputPort(
+        self.DeclareVectorOutputPort(
             name="planned_force",
             size=3,
             calc=self._calc_planned_force,

@@ -8,10 +8,10 @@ from pydrake.systems.framework import LeafSystem_
 from pydrake.systems.scalar_conversion import TemplateSystem
 
 from proxops.systems.common import InputError
-from proxops.systems.gravity.gravity_field import BodyField, Gravity
+from proxops.systems.gravity.gravity_field import Field, Gravity
 
 
-def _checked(field: BodyField) -> BodyField:
+def _checked(field: Field) -> Field:
     """The field; raises `InputError` if it is none."""
     if not hasattr(field, "evaluate"):
         raise InputError(
@@ -21,7 +21,7 @@ def _checked(field: BodyField) -> BodyField:
     return field
 
 
-def _evaluate(field: BodyField, position: np.ndarray) -> Gravity:
+def _evaluate(field: Field, position: np.ndarray) -> Gravity:
     """The field at one position (3,), given as numbers or as AutoDiffXd."""
     if position.dtype == object:
         position = ExtractValue(position)
@@ -56,32 +56,31 @@ def PolyhedralGravity_(T):  # noqa: N802 (Drake's own naming of templates)
         its derivative would need the third derivatives of the potential.
 
         Args:
-          field: a `GravityField` or a `TabulatedField` whose frame is K, such as
-            `load_body(path).gravity_field`.
+          field: any field whose frame is K, such as `load_body(path).gravity_field`.
 
         Raises:
           InputError: the argument is no field.
         """
 
-        def _construct(self, field: BodyField, *, converter=None):
+        def _construct(self, field: Field, *, converter=None):
             super().__init__(converter=converter)
             self.field = _checked(field)
             self._position_port = self.DeclareVectorInputPort(name="position", size=3)
             depends = {self._position_port.ticket()}
-            self._acceleration_port = self.DeclareVectorOutputPort(
+            self.DeclareVectorOutputPort(
                 name="acceleration",
                 size=3,
                 calc=self._calc_acceleration,
                 prerequisites_of_calc=depends,
             )
             if T is float:
-                self._gradient_port = self.DeclareVectorOutputPort(
+                self.DeclareVectorOutputPort(
                     name="gradient",
                     size=9,
                     calc=self._calc_gradient,
                     prerequisites_of_calc=depends,
                 )
-            self._potential_port = self.DeclareVectorOutputPort(
+            self.DeclareVectorOutputPort(
                 name="potential",
                 size=1,
                 calc=self._calc_potential,

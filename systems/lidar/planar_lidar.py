@@ -55,7 +55,7 @@ class PlanarLidar(SeededSystem):
             calc=self._calc_ranges,
             prerequisites_of_calc=depends,
         )
-        self._point_cloud_port = self.DeclareAbstractOutputPort(
+        self.DeclareAbstractOutputPort(
             name="point_cloud",
             alloc=lambda: AbstractValue.Make(PointCloud(0)),
             calc=self._calc_point_cloud,

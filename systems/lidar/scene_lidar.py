@@ -175,4 +175,5 @@ class BodyPose(LeafSystem):
             "X_WF",
             alloc=lambda: AbstractValue.Make(RigidTransform()),
             calc=lambda context, output: output.set_value(port.Eval(context)[index] @ offset),
+            prerequisites_of_calc={port.ticket()},
         )

@@ -94,10 +94,10 @@ class LidarNavigation(LeafSystem):
             self.model,
             Motion(field, shape.extents, spin, mass, self.expected),
             self.expected,
-            spin,
-            low_orbit,
-            period,
-            self.frame_delay,
+            spin=spin,
+            orbit=low_orbit,
+            period=period,
+            frame_delay=self.frame_delay,
         )
         self._size = BASE + map_error.modes
         self._ranges_port = self.DeclareVectorInputPort(name="ranges", size=geometry.size)

@@ -50,7 +50,7 @@ class Sight:
         self._rotation, self._rotation_std = rotation, rotation_std
         self._search = search
         self._kept, self._refined = (_MORE_KEPT, _MORE_REFINED) if search else (_KEPT, _REFINED)
-        blank = np.setdiff1d(np.flatnonzero(np.isinf(ranges)), rays)
+        blank = np.flatnonzero(np.isinf(ranges))  # `rays` have a return.
         each = (_MORE_SAMPLE if search else _SAMPLE) // 2
         sample = np.concatenate([thinned(rays, each), thinned(blank, each)])
         self._directions = model.directions[sample] @ rotation.T
@@ -140,5 +140,5 @@ def _balls(count: int, search: int) -> np.ndarray:
 
 
 def thinned(indices: np.ndarray, count: int) -> np.ndarray:
-    """Not many more than `count` of the indices, evenly chosen."""
+    """Fewer than twice `count` of the indices, evenly chosen; all of them if they are so few."""
     return indices[:: max(1, indices.size // count)]

@@ -1,4 +1,4 @@
-"""`Navigator`: one step of navigation after the other, as plain functions on arrays."""
+"""`Navigator`: one step of navigation after the other; it is no system, and keeps no state."""
 
 from __future__ import annotations
 

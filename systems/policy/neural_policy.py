@@ -48,9 +48,10 @@ class NeuralPolicy(LeafSystem):
                               └──────────────┴─► record (2): wall time in s, PolicyStatus
     ```
 
-    Ranges are in m, +inf where nothing returned. The other vectors are in K, in m, m/s and N.
-    `commanded_force` is the command that was held over the last period, after runtime assurance and
-    the thrust limit. What truly acted may differ, and the policy is not told.
+    Ranges are in m, +inf where nothing returned. Target, force and estimate are in K, in m, m/s and
+    N. `commanded_force` is the command along the spacecraft's axes S that was held over the last
+    period, after runtime assurance and the thrust limit. What truly acted may differ, and the
+    policy is not told.
 
     The network's memory is discrete state in the Context. It is zero at first and is replaced every
     `period`. The command is clipped to the thrust limit. A policy must not end a flight: if its

@@ -57,7 +57,7 @@ class ProportionalDerivative(LeafSystem):
         """Gain of velocity, m k, in kg/s."""
         self._state_port = self.DeclareVectorInputPort(name="state", size=6)
         self._target_port = self.DeclareVectorInputPort(name="target", size=6)
-        self._force_port = self.DeclareVectorOutputPort(
+        self.DeclareVectorOutputPort(
             name="force",
             size=3,
             calc=self._calc_force,

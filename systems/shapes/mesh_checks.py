@@ -134,18 +134,19 @@ def find_defects(vertices: np.ndarray, facets: np.ndarray) -> list[Defect]:
     if vertices.ndim != 2 or vertices.shape[1] != 3 or facets.ndim != 2 or facets.shape[1] != 3:
         shapes = f"{vertices.shape} and {facets.shape}"
         return [_defect("shape", f": vertices must be (V, 3) and facets (F, 3), got {shapes}")]
-    if len(facets) < 4:
-        text = f" has {len(facets)} facets; a closed body has at least 4"
-        return [_defect("too few facets", text)]
     bad = np.flatnonzero(~np.isfinite(vertices).all(axis=1))
     if bad.size:
         return [_defect("not finite", f": vertex {bad[0]} is {vertices[bad[0]]}, not finite", bad)]
     bad = np.flatnonzero(((facets < 0) | (facets >= len(vertices))).any(axis=1))
     if bad.size:
-        text = (
-            f": a facet names a vertex outside 0…{len(vertices) - 1}, the first is facet {bad[0]}"
-        )
+        text = ": its facets name vertices, but it has none"
+        if len(vertices):
+            there = f"0…{len(vertices) - 1}"
+            text = f": a facet names a vertex outside {there}, the first is facet {bad[0]}"
         return [_defect("no such vertex", text, bad)]
+    if len(facets) < 4:
+        text = f" has {len(facets)} facets; a closed body has at least 4"
+        return [_defect("too few facets", text)]
     found = []
     unique, index = np.unique(vertices, axis=0, return_index=True)
     if len(unique) < len(vertices):

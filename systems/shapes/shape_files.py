@@ -147,13 +147,15 @@ def _read_tab(text: str) -> tuple[np.ndarray, np.ndarray, str]:
     text = re.sub(r"\A\s*PDS_VERSION_ID.*?^\s*END\s*$", "", text, flags=re.DOTALL | re.MULTILINE)
     rows = [line.replace(",", " ").split() for line in text.splitlines()]
     rows = [row for row in rows if row and not row[0].startswith("#")]
+    if not rows:
+        raise ValueError("it holds no rows of numbers")
     if any(row[0] in ("v", "f") for row in rows):
         vertices = _numbers([row[1:4] for row in rows if row[0] == "v"])
         facets = _whole([row[1:4] for row in rows if row[0] == "f"])
         numbered_from, header = None, "v and f lines"
     else:
         vertices, facets, numbered_from, header = _read_tables(rows)
-    base = 0 if numbered_from == 0 or facets.min() == 0 else 1
+    base = 0 if numbered_from == 0 or facets.min(initial=1) == 0 else 1
     counts = f"{len(vertices)} vertices, {len(facets)} facets"
     return vertices, facets - base, f"PDS plate model ({header}, from {base}), {counts}"
 
@@ -164,6 +166,8 @@ def _read_tables(rows: list[list[str]]) -> tuple[np.ndarray, np.ndarray, int | N
         vertex_count = int(rows[0][0])
         header = "counts first" if len(rows[0]) == 2 else "each table after its count"
         table, rest = rows[1 : 1 + vertex_count], rows[1 + vertex_count :]
+        if len(rows[0]) == 1 and not rest:
+            raise ValueError(f"after {len(table)} vertices there is no count of plates")
         plate_count = int(rows[0][1]) if len(rows[0]) == 2 else int(rest.pop(0)[0])
         rest = [row for row in rest if len(row) > 1]  # A row `3` is the next plate's corner count.
         if len(table) != vertex_count or len(rest) != plate_count:

@@ -8,8 +8,8 @@ are turned against K, and `CommandAxes` turns a command into S as the attitude i
 adds errors to a state. `FlightMonitor` finds arrival, collision and keep-out violations as events;
 `FlightEvents` says what a path does to them.
 `state_prediction` has plain functions that predict the motion, and `gauss_markov_at` is the process
-behind errors that vary slowly. A new disturbance is a `SeededSystem` with a force in and a force
-out. Its random numbers must depend on its seed and on time alone.
+behind errors that vary slowly. A new disturbance of the force is a `ForceDisturbance`, which says
+what it adds. Its random numbers must depend on its seed and on time alone.
 """
 
 from proxops.systems.vehicle.actual_thrust import (
@@ -31,6 +31,7 @@ from proxops.systems.vehicle.flight_events import (
     FlownPath,
 )
 from proxops.systems.vehicle.flight_monitor import FlightMonitor
+from proxops.systems.vehicle.force_disturbance import ForceDisturbance
 from proxops.systems.vehicle.force_noise import ForceNoise
 from proxops.systems.vehicle.gauss_markov import gauss_markov_at
 from proxops.systems.vehicle.random_walk_disturbance import RandomWalkDisturbance
@@ -66,6 +67,7 @@ __all__ = [
     "FlightEvents",
     "FlightMonitor",
     "FlownPath",
+    "ForceDisturbance",
     "ForceNoise",
     "RandomWalkDisturbance",
     "Spacecraft",

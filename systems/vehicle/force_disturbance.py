@@ -10,8 +10,15 @@ from proxops.systems.common import SeededSystem, check_positive
 class ForceDisturbance(SeededSystem):
     """Adds a random force to a commanded one, and limits the sum.
 
+    ```
+                  ┌──────────────────┐
+    force (3) ───►│ ForceDisturbance ├─► force (3), N
+                  └──────────────────┘
+    ```
+
     A subclass says in `next_added` what is added over the period that begins. The last force that
-    was added is discrete state.
+    was added is discrete state, which is updated at every control step. So read the output at
+    control steps alone, through a hold: between them it is already what follows on the update.
     """
 
     def __init__(self, thrust_limit: float, period: float, seed: int):
@@ -25,7 +32,7 @@ class ForceDisturbance(SeededSystem):
         self.thrust_limit = thrust_limit
         self._force_in_port = self.DeclareVectorInputPort(name="force", size=3)
         self._added_index = self.DeclareDiscreteState(3)
-        self._force_out_port = self.DeclareVectorOutputPort(
+        self.DeclareVectorOutputPort(
             name="force",
             size=3,
             calc=self._calc_force,

@@ -7,31 +7,22 @@ what the expert commands there. `run_any_body_dagger` lets the guidance fly at a
 """
 
 from proxops.training.any_body.dagger import AnyBodyDagger, run_any_body_dagger
-from proxops.training.any_body.examples import Examples, examples_of, mirrored
-from proxops.training.any_body.export import export_guidance, ranges_of
-from proxops.training.any_body.family import (
-    RANGES,
-    SpacecraftNumbers,
-    spacecraft_numbers,
-    write_family,
-)
+from proxops.training.any_body.examples import Examples, mirrored
+from proxops.training.any_body.export import export_guidance
+from proxops.training.any_body.family import spacecraft_numbers, write_family
 from proxops.training.any_body.member_plans import family_plans
 from proxops.training.any_body.network import AnyBodyGuidance
 from proxops.training.any_body.recipe import train_any_body
 from proxops.training.any_body.settings import AnyBodySettings
 
 __all__ = [
-    "RANGES",
     "AnyBodyDagger",
     "AnyBodyGuidance",
     "AnyBodySettings",
     "Examples",
-    "SpacecraftNumbers",
-    "examples_of",
     "export_guidance",
     "family_plans",
     "mirrored",
-    "ranges_of",
     "run_any_body_dagger",
     "spacecraft_numbers",
     "train_any_body",

@@ -17,7 +17,7 @@ import numpy as np
 
 from proxops.diagrams.flight import Flight, Workers, provenance, run_campaign
 from proxops.diagrams.scenario import Scenario, draw_world, dump_scenario, load_body, of_transit
-from proxops.systems.common import InputError, silent
+from proxops.systems.common import InputError
 from proxops.training.any_body.recipe import Family, known_family, learn
 from proxops.training.any_body.settings import AnyBodySettings
 from proxops.training.data import (
@@ -32,6 +32,9 @@ from proxops.training.data import (
 from proxops.training.export import publish
 from proxops.training.loop import Schedule
 
+# Share of the whole work at which bodies and plans end that have to be made anew; mostly there are
+# none.
+_PLANNED = 0.02
 # Shares of a round at which its flights and its labels end.
 _FLOWN, _LABELLED = 0.4, 0.6
 
@@ -73,11 +76,13 @@ def run_any_body_dagger(
         `train`.
     """
     first = trained_settings(guidance)
-    family, labels = known_family(guidance, first, workers.reporting(silent))
+    family, labels = known_family(guidance, first, workers.part(0.0, _PLANNED))
     bundle, rounds, report = guidance / "bundle", [], {}
     for number in range(1, settings.rounds + 1):
         folder = out / f"round-{number}"
-        share = workers.part((number - 1) / settings.rounds, number / settings.rounds)
+        share = workers.part(_PLANNED, 1.0).part(
+            (number - 1) / settings.rounds, number / settings.rounds
+        )
         share.progress(0.0, f"round {number}")
         flights = round_flights(family, bundle, settings, number)
         outcome, more = _fly_and_label(flights, folder, settings.labels, share)

@@ -12,7 +12,7 @@ from proxops.training.data.dagger_rounds import round_logs, round_outcome
 from proxops.training.data.flight_labels import label_flights, labels_by_flight, plans_along
 from proxops.training.data.label_files import Labels, joined_labels
 from proxops.training.data.normalisation import Normalisation
-from proxops.training.data.packed_flights import PackedFlight, PackedFlights, part_rows
+from proxops.training.data.packed_flights import PackedFlights, part_rows
 from proxops.training.data.packing import pack_flights
 from proxops.training.data.plans import expert_plans, portion_labels, portions_of
 from proxops.training.data.recovery import MIXES, at_rest, kind_of, parse_mix
@@ -24,14 +24,13 @@ from proxops.training.data.scaling import (
     scaling_of,
 )
 from proxops.training.data.transit_choice import hard_transits
-from proxops.training.data.transit_split import PARTS, part_of_transit
+from proxops.training.data.transit_split import PARTS
 
 __all__ = [
     "MIXES",
     "PARTS",
     "Labels",
     "Normalisation",
-    "PackedFlight",
     "PackedFlights",
     "Scaling",
     "at_rest",
@@ -49,7 +48,6 @@ __all__ = [
     "learned_lidar_of",
     "pack_flights",
     "parse_mix",
-    "part_of_transit",
     "part_rows",
     "plans_along",
     "portion_labels",

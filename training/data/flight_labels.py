@@ -12,7 +12,7 @@ import numpy as np
 
 from proxops.diagrams.flight import Workers, make_mpc
 from proxops.diagrams.logs import FlightLog
-from proxops.systems.common import SolverFailure, file_sha256, make_folder
+from proxops.systems.common import InputError, SolverFailure, file_sha256, make_folder
 from proxops.systems.expert import Plan, PlanProgram
 from proxops.training.data.label_files import (
     Labels,
@@ -68,8 +68,13 @@ def labels_by_flight(
       The labels of each flight, in the order of `logs`.
 
     Raises:
-      InputError: a log or a file of labels is damaged, or the labels are of another flight.
+      InputError: there are no logs; a log or a file of labels is damaged; or the labels are of
+        another flight.
     """
+    if not logs:
+        raise InputError(
+            f"there is no flight to label for {folder}: none of the round could begin in its world"
+        )
     make_folder(folder)
     pieces = [_Piece(log.stem, log.resolve(), most) for log in logs]
     todo = [piece for piece in pieces if not _path(piece, folder).exists()]
@@ -119,7 +124,8 @@ def plans_along(
     Args:
       target: (6,) in m and m/s. period: s from state to state.
       cold_iterations: number of times that the program is linearised where there is no last plan.
-      iterations: the same about the plan before; once, as the expert does in flight.
+      iterations: the same about the plan before; once, as the expert does in flight, but without
+        the deadline of its flight and the push that it estimates.
     """
     last: Plan | None = None
     for state in states:

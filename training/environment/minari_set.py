@@ -40,7 +40,10 @@ def write_minari(
     seed: int,
     observation: str = "state",
 ) -> Path:
-    """Writes logs of flights as episodes of `proxops/Transit-v0`, whole or not at all.
+    """Writes logs of flights as episodes of `proxops/Transit-v0`.
+
+    If it fails, or is interrupted by Ctrl-C, nothing is left of the data set. A process that is
+    killed leaves a part of it, which has to be deleted: see `check_minari_name`.
 
     Observations, rewards and ends are those of `TransitEnvironment`; an action is the force that
     the thrusters were to give, over the thrust limit. An episode whose start and goal are those of

@@ -69,7 +69,7 @@ class TransitBatch(gymnasium.vector.VectorEnv):
         scenario: Scenario | str | None = None,
         observation: str = "state",
         dispersions: str | None = None,
-        transits: int = 10000,
+        transits: int = 0,
         changes: typing.Mapping[str, typing.Any] | None = None,
     ):
         """Takes the scenario and what the pilots see of it.
@@ -79,7 +79,8 @@ class TransitBatch(gymnasium.vector.VectorEnv):
           scenario: a scenario, or the path of its YAML file; None: the usual one, at Kleopatra.
           observation: `state` or `lidar`.
           dispersions: None; there is no other world here than the believed one.
-          transits: seed of the transits.
+          transits: seed of the transits. Seeds from 10,000 on are for evaluation: learn on none of
+            their transits.
           changes: keys and values of the scenario, as `change_scenario` takes them. Gravity is that
             of the table if they do not say `gravity: exact`.
 

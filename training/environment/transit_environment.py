@@ -66,7 +66,7 @@ class TransitEnvironment(gymnasium.Env):
         scenario: Scenario | str | None = None,
         observation: str = "state",
         dispersions: str | None = None,
-        transits: int = 10000,
+        transits: int = 0,
         changes: typing.Mapping[str, typing.Any] | None = None,
     ):
         """Takes the scenario and what the pilot sees of it.
@@ -76,7 +76,8 @@ class TransitEnvironment(gymnasium.Env):
             usual one, at Kleopatra.
           observation: `state` or `lidar`.
           dispersions: name or file of those that each episode's world is drawn from.
-          transits: seed of the transits.
+          transits: seed of the transits. Seeds from 10,000 on are for evaluation: learn on none of
+            their transits.
           changes: keys and values of the scenario, as `change_scenario` takes them.
 
         Raises:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import glob
 import hashlib
 import json
 import logging
@@ -117,13 +118,16 @@ def write_bundle_folder(folder: Path, model: bytes, texts: dict[str, str]) -> No
 def write_folder(folder: Path, files: dict[str, bytes]) -> None:
     """Writes a folder of files by their names; an older folder is replaced.
 
-    The folder appears under its name only when it is complete.
+    The folder appears under its name only when it is complete. What an earlier call left that was
+    killed is removed; if it was killed between taking the older folder away and putting the new one
+    in its place, the older one is put back first. No two processes may write one folder at once.
 
     Raises:
       InputError: the folder cannot be written.
     """
     make_folder(folder.parent)
     try:
+        _tidy_up(folder)
         part = Path(tempfile.mkdtemp(dir=folder.parent, prefix=f".{folder.name}.", suffix=".part"))
         part.chmod(0o755)
         try:
@@ -138,6 +142,19 @@ def write_folder(folder: Path, files: dict[str, bytes]) -> None:
             shutil.rmtree(part, ignore_errors=True)
     except OSError as error:
         raise InputError(f"cannot write {folder}: {error.strerror or error}") from error
+
+
+def _tidy_up(folder: Path) -> None:
+    """Removes what calls of `write_folder` left that were killed."""
+    name = f".{glob.escape(folder.name)}.*"
+    left = [path for end in (".old", ".part") for path in folder.parent.glob(name + end)]
+    for path in left:
+        if not path.is_dir():
+            continue  # `write_whole` is writing a file whose name begins so.
+        if path.suffix == ".old" and not folder.exists():
+            path.rename(folder)
+        else:
+            shutil.rmtree(path)
 
 
 def publish(folder: Path, out: Path, names: Sequence[str]) -> None:

@@ -181,8 +181,8 @@ class _Training:
         }
         if not math.isfinite(row["validation_loss"]):
             raise InputError(
-                f"{self._task.name}: the loss is {row['validation_loss']} in epoch {epoch}; "
-                "lower the learning rate"
+                f"{self._task.name}: the loss is {row['validation_loss']} in epoch {epoch + 1}: "
+                "train in full precision (32-true), or anew in another folder with another seed"
             )
         self._history.append(row)
         if best_epoch(self._history) == epoch:

@@ -4,11 +4,9 @@ Start with `train_paper_policy` in `recipe`, which `proxops train --recipe paper
 has the network. Sizes that the paper does not give are fields of `PaperSettings`.
 """
 
-from proxops.training.paper.policy import PaperPolicy
 from proxops.training.paper.recipe import PaperSettings, train_paper_policy
 
 __all__ = [
-    "PaperPolicy",
     "PaperSettings",
     "train_paper_policy",
 ]

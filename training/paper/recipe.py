@@ -58,7 +58,7 @@ class PaperSettings:
         )
 
 
-def force_loss(policy: PaperPolicy, batch: Batch) -> Tensor:
+def rms_force_loss(policy: PaperPolicy, batch: Batch) -> Tensor:
     """The paper's loss: root mean square difference from the MPC's force in N, over all axes."""
     force, _, _ = policy.sequence(batch["frames"], batch["target"], batch["commanded_force"])
     squares = ((force - batch["mpc_force"]) ** 2).mean(dim=-1) * batch["labelled"]
@@ -131,7 +131,13 @@ def _task(flights: PackedFlights, policy: PaperPolicy, settings: PaperSettings) 
         f"windows of {settings.window} every {settings.stride}, precision {settings.precision}"
     )
     return TrainingTask(
-        "policy", policy, force_loss, *batches, settings.schedule, identity, methods=("sequence",)
+        "policy",
+        policy,
+        rms_force_loss,
+        *batches,
+        settings.schedule,
+        identity,
+        methods=("sequence",),
     )
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import dataclasses as dc
 import json
 import math
+import shutil
 import time
 from importlib import metadata
 from pathlib import Path
@@ -17,7 +18,7 @@ from typing import Any
 
 from proxops.diagrams.flight import Flight, Workers, provenance, run_campaign
 from proxops.diagrams.scenario import Scenario, draw_world, dump_scenario, load_body, of_transit
-from proxops.systems.common import InputError, Progress, silent
+from proxops.systems.common import InputError, Progress, write_whole
 from proxops.training.data import (
     Labels,
     PackedFlights,
@@ -50,8 +51,12 @@ from proxops.training.pilot.shape import (
 )
 from proxops.training.pilot.tasks import guidance_task
 
-# Shares of a round at which its flights, its labels and its training end.
+# Shares of the whole work at which flights are packed and plans computed that are missing.
+_PACKED, _PLANNED = 0.01, 0.02
+# Shares of a round at which its flights and its labels end.
 _FLOWN, _LABELLED = 0.35, 0.5
+# A round's folder has the identity of its training in this file.
+_NOTE = "training.txt"
 
 
 @dc.dataclass(frozen=True, kw_only=True)
@@ -92,8 +97,11 @@ def run_dagger(
 
     Each round leaves flights/, labels/, the guidance's checkpoint and curves, pilot.ckpt, bundle/,
     report.json, report.md and forces.png in `out`/round-N. The last five of the last round are in
-    `out` too. After a kill it continues with the flight, the labels or the epoch where it was. With
-    more rounds it adds to those that are there.
+    `out` too. After a kill it continues with the flight, the labels or the epoch where it was.
+
+    The last round is trained for longer than the others. So with more rounds than before, what was
+    the last round is trained anew, from its flights and labels, and the rounds that are new follow:
+    the pilot is the same as if all rounds had been asked for at once.
 
     Args:
       data: what `proxops collect` wrote, from which the pilot was trained.
@@ -106,8 +114,8 @@ def run_dagger(
     """
     started = time.monotonic()
     scenario = collected_scenario(data)
-    first = _first_training(data, pilot_folder)
-    plans = expert_labels(scenario, pilot_folder, first.settings, workers.reporting(silent))
+    first = _first_training(data, pilot_folder, workers.part(0.0, _PACKED).progress)
+    plans = expert_labels(scenario, pilot_folder, first.settings, workers.part(_PACKED, _PLANNED))
     commands = known_commands(first.flights, plans)
     expert_only = len(commands.force)
     bundle, history, report, resumed = pilot_folder / "bundle", [], {}, False
@@ -115,7 +123,9 @@ def run_dagger(
         if history and not resumed and time.monotonic() - started > 60.0 * settings.minutes:
             break
         folder = out / f"round-{number}"
-        this_round = workers.part((number - 1) / settings.rounds, number / settings.rounds)
+        this_round = workers.part(_PLANNED, 1.0).part(
+            (number - 1) / settings.rounds, number / settings.rounds
+        )
         this_round.progress(0.0, f"round {number}")
         campaign = dagger_flights(scenario, bundle, settings, number)
         outcome, labels = _fly_and_label(campaign, folder, this_round)
@@ -124,17 +134,19 @@ def run_dagger(
         # A round takes as many steps as the first training, although it has more examples. Only
         # the last, whose pilot is kept, shows each example as often as the first training did.
         share = 1.0 if number == settings.rounds else expert_only / len(commands.force)
+        epochs = max(1, round(share * first.settings.guidance.epochs))
         identity = (
             f"proxops {metadata.version('proxops')}, DAgger round {number} of "
             f"{pilot_sha256(pilot_folder)}, {settings.flights} flights, seed {settings.seed}, "
-            f"{first.settings}, {data_sha256(first.flights, commands)}"
+            f"{first.settings}, {data_sha256(first.flights, commands)}, {epochs} epochs"
         )
         bundle, finished = folder / "bundle", _finished(folder, identity)
         resumed = finished is not None
         if finished is None:
+            _forget_shorter_or_longer(folder, identity)
             progress = this_round.part(_LABELLED, 1.0).progress
             told = {"identity": identity, "rounds": list(history)}
-            report = _train_round(first, commands, number, share, told, folder, progress)
+            report = _train_round(first, commands, number, epochs, told, folder, progress)
         else:
             report, history = finished, finished["rounds"]
         if not resumed or number == settings.rounds:
@@ -144,8 +156,8 @@ def run_dagger(
     return report
 
 
-def _first_training(data: Path, pilot_folder: Path) -> _FirstTraining:
-    flights = pack_flights(data / "flights")
+def _first_training(data: Path, pilot_folder: Path, progress: Progress) -> _FirstTraining:
+    flights = pack_flights(data / "flights", progress=progress)
     shape, pilot, origin = load_pilot(pilot_folder)
     if origin.get("logs_sha256") != flights.logs_sha256:
         raise InputError(f"the pilot in {pilot_folder} was trained from other data than {data}")
@@ -168,7 +180,7 @@ def _train_round(
     first: _FirstTraining,
     commands: Commands,
     number: int,
-    share: float,
+    epochs: int,
     told: dict[str, Any],
     folder: Path,
     progress: Progress,
@@ -177,12 +189,10 @@ def _train_round(
 
     Args:
       commands: all that is known of the expert by now.
-      share: number of epochs over that of the first training.
       told: `identity` and `rounds`, for the report.
     """
     settings, flights = first.settings, first.flights
     seed = settings.seed + number
-    epochs = max(1, round(share * settings.guidance.epochs))
     schedule = dc.replace(settings.guidance, epochs=epochs)
     pilot = restarted(first.shape, first.pilot, seed)
     held = commands_of(flights, "validation")
@@ -230,6 +240,22 @@ def restarted(shape: PilotShape, pilot: Pilot, seed: int) -> Pilot:
     fresh.load_state_dict(kept, strict=False)
     fresh.filter.motion.requires_grad_(False)
     return fresh
+
+
+def _forget_shorter_or_longer(folder: Path, identity: str) -> None:
+    """Removes what a training of the same, but for another number of epochs, left of a round.
+
+    What any other training left stays, and `train` refuses it.
+    """
+    note = folder / _NOTE
+    known = note.read_text(encoding="utf-8") if note.is_file() else identity
+    same, _, _ = identity.rpartition(", ")
+    if known != identity and known.rpartition(", ")[0] == same:
+        # The bundle too: it says that a round is over.
+        for name in ("bundle", "curves"):
+            shutil.rmtree(folder / name, ignore_errors=True)
+        (folder / "guidance.ckpt").unlink(missing_ok=True)
+    write_whole(note, lambda path: path.write_text(identity, encoding="utf-8"))
 
 
 def _finished(folder: Path, identity: str) -> dict[str, Any] | None:

@@ -7,7 +7,6 @@ reports on. `force_figures` compares forces with the expert's, and `plot_frames`
 
 from proxops.training.reports.force_errors import (
     HISTOGRAMS_CAPTION,
-    SMALL_COMMAND_N,
     force_figures,
     plot_forces,
     policy_sections,
@@ -30,7 +29,6 @@ from proxops.training.reports.report_writer import (
 
 __all__ = [
     "HISTOGRAMS_CAPTION",
-    "SMALL_COMMAND_N",
     "Block",
     "Link",
     "Page",

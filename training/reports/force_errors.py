@@ -12,8 +12,8 @@ from proxops.training.reports.report_writer import Block, Picture, Section, Tabl
 if typing.TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-SMALL_COMMAND_N = 0.2
-"""Below this a command counts as none."""
+# A command below this counts as none (N).
+_SMALL_COMMAND_N = 0.2
 # The paper's cap of the colours: most commands are near zero and would hide all others.
 _MOST_SHOWN = 1000
 _BINS = 71
@@ -44,8 +44,8 @@ def force_figures(wanted: np.ndarray, said: np.ndarray) -> Figures:
         "zero_rmse_n": float(np.sqrt(zero_squares.mean())),
         "zero_rmse_axes_n": np.sqrt(zero_squares).tolist(),
         "correlation": [_correlation(wanted[:, k], said[:, k]) for k in range(3)],
-        "small_mpc": float((np.linalg.norm(wanted, axis=1) < SMALL_COMMAND_N).mean()),
-        "small_policy": float((np.linalg.norm(said, axis=1) < SMALL_COMMAND_N).mean()),
+        "small_mpc": float((np.linalg.norm(wanted, axis=1) < _SMALL_COMMAND_N).mean()),
+        "small_policy": float((np.linalg.norm(said, axis=1) < _SMALL_COMMAND_N).mean()),
     }
 
 
