@@ -4,8 +4,8 @@ Every variant flies the same transits from the same starts to the same goals, wi
 `time_and_fuel` is the default cost, in a plant as the expert believes it; `weighted` is the paper's
 cost. In the other variants the plant differs from the expert's model, each without and with the
 estimator of unexpected acceleration. Δv is that of the plant's force. The last column is the share
-of steps at which the expert commands less than 0.2 N. Flights are kept in the folder of `--out`:
-run the command again to finish what was interrupted, or to add transits.
+of steps at which the expert commands less than 3 % of the thrust limit. Flights are kept in the
+folder of `--out`: run the command again to finish what was interrupted, or to add transits.
 
     python benchmarks/expert.py [--transits 50] [--seed 10001] [--only NAME ...] [--workers N]
         [--out out/expert] [--markdown table.md]
@@ -49,7 +49,7 @@ VARIANTS: dict[str, dict] = {
 HEADINGS = (
     "success", "end error, median (m)", "greatest (m)", "end speed, greatest (m/s)",
     "Δv, median (m/s)", "Δv over matched", "arrival, median (s)", "keep-out violations",
-    "collisions", "least clearance (km)", "steps below 0.2 N (%)",
+    "collisions", "least clearance (km)", "steps below 3 % of the thrust (%)",
 )  # fmt: skip
 
 
