@@ -13,9 +13,9 @@ command again to finish what was interrupted, or to add transits.
 
 `--controller` takes the names that `proxops evaluate` takes: `policy:out/mine/bundle`, or `mpc` for
 the expert under the same conditions. The navigation is told the dispersions, in every line the
-same: it does not know which quantity is off, nor how far. Where all are off together, it is told
-those. `--only` takes quantities and whole lines. Give each controller and each name of dispersions
-a folder of its own.
+same: it does not know which quantity is off, nor how far. Only where all are off together, and with
+the paper's disturbance, is it told of those instead. `--only` takes quantities and whole lines.
+Give each controller and each name of dispersions a folder of its own.
 """
 
 import dataclasses

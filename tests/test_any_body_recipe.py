@@ -98,17 +98,23 @@ def test_from_nothing_to_a_flight(tmp_path: Path) -> None:
     assert "navigation_state" in kept.dataset
 
 
-@pytest.mark.parametrize(("seed", "rounds", "taken"), [(9998, 2, True), (9999, 2, False)])
-def test_no_round_learns_from_a_seed_of_evaluation(
-    tmp_path: Path, monkeypatch, seed: int, rounds: int, taken: bool
-) -> None:
-    asked: list[AnyBodyDagger] = []
+@pytest.fixture
+def asked(monkeypatch: pytest.MonkeyPatch) -> list[AnyBodyDagger]:
+    """The settings with which the command line calls DAgger, which then does nothing."""
+    settings_of_calls: list[AnyBodyDagger] = []
 
     def run(pilot: Path, out: Path, settings: AnyBodyDagger, workers: Workers) -> dict:
-        asked.append(settings)
+        settings_of_calls.append(settings)
         return {"rounds": []}
 
     monkeypatch.setattr("proxops.training.any_body.run_any_body_dagger", run)
+    return settings_of_calls
+
+
+@pytest.mark.parametrize(("seed", "rounds", "taken"), [(9998, 2, True), (9999, 2, False)])
+def test_no_round_learns_from_a_seed_of_evaluation(
+    tmp_path: Path, asked: list[AnyBodyDagger], seed: int, rounds: int, taken: bool
+) -> None:
     given = ("--rounds", str(rounds), "--seed", str(seed), "--json", "--out", str(tmp_path / "out"))
     words = ["dagger", "--pilot", str(tmp_path), *given]
     if taken:
@@ -120,15 +126,8 @@ def test_no_round_learns_from_a_seed_of_evaluation(
 
 
 def test_the_command_line_asks_for_the_seed_and_no_other_labels(
-    tmp_path: Path, monkeypatch
+    tmp_path: Path, asked: list[AnyBodyDagger]
 ) -> None:
-    asked: list[AnyBodyDagger] = []
-
-    def run(pilot: Path, out: Path, settings: AnyBodyDagger, workers: Workers) -> dict:
-        asked.append(settings)
-        return {"rounds": []}
-
-    monkeypatch.setattr("proxops.training.any_body.run_any_body_dagger", run)
     given = ("dagger", "--pilot", str(tmp_path), "--rounds", "3", "--seed", "7", "--json")
     app([*given, "--out", str(tmp_path / "out")], standalone_mode=False)
     assert asked == [AnyBodyDagger(rounds=3, seed=7)]

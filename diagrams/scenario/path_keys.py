@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import typing
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from proxops.diagrams.scenario.scenario_config import Scenario
@@ -14,7 +14,9 @@ _PATHS = ("lidar.bundle", "policy.bundle", "truth.mesh", "navigation.map")
 _NAMES_OR_PATHS = ("body", "dispersions", "assurance.bounds")
 
 
-def make_paths_absolute(tree: dict[str, typing.Any], folder: Path) -> None:
+def make_paths_absolute(
+    tree: dict[str, typing.Any], folder: Path, changed: Iterable[str] | None = None
+) -> None:
     """Makes the relative paths among the values of a scenario absolute, in place.
 
     What is no path is left as it is, for the checks to complain about: a value that is no text, an
@@ -23,8 +25,12 @@ def make_paths_absolute(tree: dict[str, typing.Any], folder: Path) -> None:
     Args:
       tree: keys and values of a scenario in nested dicts.
       folder: the paths are relative to it; a relative one is relative to the working directory.
+      changed: dotted keys of values and sections; only paths at or in them are made absolute.
+        None: all are.
     """
     for key in (*_PATHS, *_NAMES_OR_PATHS):
+        if changed is not None and not any(f"{key}.".startswith(f"{part}.") for part in changed):
+            continue
         *parents, last = key.split(".")
         section = tree
         for name in parents:

@@ -16,6 +16,7 @@ from proxops.diagrams.scenario.truth_config import TruthConfig
 from proxops.diagrams.scenario.typed_yaml import (
     apply_overrides,
     load_typed,
+    overrides_of,
     parse_mapping,
     read_mapping,
 )
@@ -112,5 +113,6 @@ def _change(
     tree: dict[str, typing.Any], changes: typing.Sequence[str] | typing.Mapping[str, typing.Any]
 ) -> None:
     """Changes values in nested dicts, in place; what the caller gave is not changed."""
-    apply_overrides(tree, copy.deepcopy(changes))
-    make_paths_absolute(tree, Path())
+    given = copy.deepcopy(overrides_of(changes))
+    apply_overrides(tree, given)
+    make_paths_absolute(tree, Path(), given)

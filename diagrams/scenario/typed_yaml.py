@@ -79,12 +79,18 @@ def apply_overrides(
     Raises:
       InputError: a text has another form, or its value is not YAML.
     """
-    if isinstance(overrides, str):
-        overrides = [overrides]
-    if not isinstance(overrides, typing.Mapping):
-        overrides = dict(_split_override(text) for text in overrides)
-    for key, value in overrides.items():
+    for key, value in overrides_of(overrides).items():
         _assign(tree, key, value)
+
+
+def overrides_of(
+    overrides: typing.Sequence[str] | typing.Mapping[str, typing.Any],
+) -> typing.Mapping[str, typing.Any]:
+    """Gives overrides, as `apply_overrides` takes them, as a mapping of dotted keys to values."""
+    if isinstance(overrides, typing.Mapping):
+        return overrides
+    texts = [overrides] if isinstance(overrides, str) else overrides
+    return dict(_split_override(text) for text in texts)
 
 
 def _split_override(text: str) -> tuple[str, typing.Any]:

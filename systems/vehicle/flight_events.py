@@ -14,8 +14,6 @@ from proxops.systems.common import check_not_negative, check_positive, checked_s
 from proxops.systems.gravity import BodyField
 from proxops.systems.shapes import blocks_segment, clearances, ray_caster
 
-# A keep-out violation is deeper inside the ellipsoid than this, in m.
-_TOLERANCE = 1.0
 # A time that never comes.
 NEVER = 1e15
 # Indices of the outcome vector.
@@ -60,7 +58,7 @@ class FlightEvents:
         radius: float,
         speed: float,
         dwell: float,
-        tolerance: float = _TOLERANCE,
+        tolerance: float = 1.0,
     ):
         """Takes the true body and what counts as arrival and as violation.
 

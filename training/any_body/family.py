@@ -112,9 +112,7 @@ def member_scenario(body: Body, body_path: str, numbers: SpacecraftNumbers) -> S
         "arrival.deadline_s": given.arrival.deadline_s * time * later,
     }
     scenario = scenario_in_proportion(body_path, mass, thrust, length, time)
-    made = change_scenario(scenario, {key: float(f"{v:.4g}") for key, v in changes.items()})
-    made.body = body_path  # As it was given: `change_scenario` makes a relative path absolute.
-    return made
+    return change_scenario(scenario, {key: float(f"{v:.4g}") for key, v in changes.items()})
 
 
 def _drawn_numbers(seed: int, number: int) -> SpacecraftNumbers:
