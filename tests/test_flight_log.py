@@ -57,7 +57,8 @@ SUMMARY = [
     "min_clearance_m", "terminal_position_error_m", "terminal_speed_m_s", "arrival_time_s",
     "delta_v_m_s", "hold_delta_v_m_s", "steps", "mpc_solves", "policy_share",
     "policy_share_to_arrival", "control_ms_median", "control_ms_p99", "control_ms_mean", "wall_s",
-    "scenario_sha256", "policy_sha256", "dispersed",
+    "scenario_sha256", "policy_sha256", "dispersed", "transit_distance_m",
+    "transit_start_clearance_m", "transit_goal_clearance_m", "transit_line_clearance_m",
 ]  # fmt: skip
 AXES = np.array([140e3, 70e3, 65e3])
 
@@ -272,6 +273,36 @@ def test_least_clearance(flight) -> None:
         )
         found.append(sign[index] * 1e4 * np.sqrt(result.fun))
     assert log.summary["min_clearance_m"] == pytest.approx(min(found), abs=50.0)
+
+
+@pytest.mark.parametrize(
+    ("start_km", "goal_km", "line_km"),
+    [
+        # Through the body along its shortest axis, and past it at right angles to the longest.
+        ([0.0, 0.0, 100.0], [0.0, 0.0, -100.0], -65.0),
+        ([200.0, 0.0, 100.0], [200.0, 0.0, -100.0], 60.0),
+        ([200.0, 0.0, 0.0], [260.0, 0.0, 0.0], 60.0),
+    ],
+)
+def test_what_the_transit_asks_for(
+    start_km: list[float], goal_km: list[float], line_km: float
+) -> None:
+    log = placed([0.0, 0.0])
+    data = log.dataset.copy(deep=True)
+    data["state"].values[0, :3], data["target"].values[:, :3] = 1e3 * np.array([start_km, goal_km])
+    summary = FlightLog(data, log.body).summary
+    distance = 1e3 * np.linalg.norm(np.subtract(goal_km, start_km))
+    assert summary["transit_distance_m"] == pytest.approx(distance)
+    assert summary["transit_line_clearance_m"] == pytest.approx(1e3 * line_km)
+    # All of these points are on axes, or their nearest point is found by minimisation.
+    for name, point in (("start", start_km), ("goal", goal_km)):
+        found = minimize(
+            lambda place, point=point: np.sum((place - point) ** 2),
+            1e-3 * AXES / np.sqrt(3.0) * np.where(np.array(point) < 0.0, -1.0, 1.0),
+            constraints={"type": "eq", "fun": lambda at: np.sum((1e3 * at / AXES) ** 2) - 1.0},
+        )
+        clearance = 1e3 * np.sqrt(found.fun)
+        assert summary[f"transit_{name}_clearance_m"] == pytest.approx(clearance, rel=1e-3)
 
 
 def test_success_at_two_kilometres_is_easier() -> None:

@@ -24,6 +24,8 @@ WIDE_ARRIVAL = 2.0
 INTERVENTION_TOLERANCE = 1e-3
 # Number of samples from one row to the next for the least clearance.
 _SUBSTEPS = 10
+# Number of samples of the straight line from start to goal.
+_LINE_SAMPLES = 201
 
 
 def summarise(data: xr.Dataset, scenario: Scenario, body: Body) -> dict[str, typing.Any]:
@@ -75,9 +77,22 @@ def summarise(data: xr.Dataset, scenario: Scenario, body: Body) -> dict[str, typ
         "scenario_sha256": attrs["scenario_sha256"],
         "policy_sha256": attrs.get("policy_sha256"),
         "dispersed": dispersed_values(scenario),
+        **_transit(data, body),
         **_estimate_errors(data),
         **navigation_figures(data),
         **_interventions(data, scenario),
+    }
+
+
+def _transit(data: xr.Dataset, body: Body) -> dict[str, float]:
+    """Gives the distance from start to goal, and the clearance of both and of the line between."""
+    start, goal = data["state"].values[0, :3], data["target"].values[-1, :3]
+    line = clearances(body.keep_out_semi_axes, np.linspace(start, goal, _LINE_SAMPLES))
+    return {
+        "transit_distance_m": float(np.linalg.norm(goal - start)),
+        "transit_start_clearance_m": float(line[0]),
+        "transit_goal_clearance_m": float(line[-1]),
+        "transit_line_clearance_m": float(line.min()),
     }
 
 

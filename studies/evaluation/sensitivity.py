@@ -1,4 +1,8 @@
-"""Which dispersed quantity drives failure, end error and Δv, from the flights as they were flown.
+"""What drives failure, end error and Δv: the dispersed quantities, or the transit itself.
+
+It is found from the flights as they were flown. The transits are drawn as the world is, so what a
+transit asks for is ranked beside the dispersed quantities: distance, and clearances. Where the
+transit drives an output, it is told so, and the dispersions that do less are seen to do less.
 
 The index is PAWN (F. Pianosi and T. Wagener, Environmental Modelling & Software 108 (2018) 197), as
 `SALib.analyze.pawn` computes it: the flights are cut into ten slices of equal size by the quantity,
@@ -45,6 +49,13 @@ OUTPUTS = ("failure", "terminal_position_error_m", "delta_v_m_s")
 succeeded."""
 DUMMY = "dummy"
 """Name of the entry in a ranking that says how great an index is by chance."""
+TRANSIT = (
+    "transit_distance_m",
+    "transit_start_clearance_m",
+    "transit_goal_clearance_m",
+    "transit_line_clearance_m",
+)
+"""What is ranked of the transit; see `proxops.diagrams.logs.FlightLog.summary`."""
 LEAST_FLIGHTS = 50
 """With fewer flights, nothing is ranked."""
 # The greatest of 20 equals is the true one in 5 % of the cases.
@@ -71,7 +82,7 @@ class Column:
 
 
 def rank_drivers(rows: Sequence[Row]) -> dict[str, Ranking]:
-    """Ranks the dispersed quantities by what they do to each output.
+    """Ranks the dispersed quantities and those of the transit by what they do to each output.
 
     Equal rows give equal rankings: shuffles and resamples depend on the rows' seed and number.
 
@@ -89,7 +100,7 @@ def rank_drivers(rows: Sequence[Row]) -> dict[str, Ranking]:
 
 
 def drawn_columns(rows: Sequence[Row]) -> dict[str, Column]:
-    """Returns what was drawn of each quantity, by its name; what never varied is left out.
+    """Returns what was drawn of the world and of the transit; what never varied is left out.
 
     A vector gives a column for each component, as in `truth.thrusters.scale[0]`. If each component
     has both signs, the vector's size says what no component does: `|truth.attitude|` is its norm.
@@ -98,7 +109,11 @@ def drawn_columns(rows: Sequence[Row]) -> dict[str, Column]:
     """
     drawn = dict.fromkeys(name for row in rows for name in row["dispersed"])
     names = [name for name in drawn if not name.endswith("seed")]
-    columns: dict[str, Column] = {}
+    columns = {
+        name: _column([row[name] for row in rows])
+        for name in TRANSIT
+        if rows and all(name in row for row in rows)
+    }
     for name in names:
         values = [row["dispersed"].get(name) for row in rows]
         if not any(isinstance(value, Sequence) and not isinstance(value, str) for value in values):
