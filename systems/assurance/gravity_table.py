@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass
-from dataclasses import field as dc_field
 
 import numpy as np
 
 from proxops.systems.assurance import _braking_kernel as kernel
-from proxops.systems.gravity import Field, GravityField, TabulatedField
+from proxops.systems.gravity import Field, FieldKey, TabulatedField
 
 # Spacing of the nodes, where the ellipsoid is the unit ball. The error of Kleopatra's table is then
 # below 5e-5 m/s^2 outside the keep-out ellipsoid, and 5e-6 on average.
@@ -92,21 +90,9 @@ def gravity_table(field: Field, semi_axes: np.ndarray) -> GravityTable:
     """The table of a field; a process makes each table once (about a second for Kleopatra)."""
     if isinstance(field, TabulatedField):
         field = field.exact
-    identity: tuple = (id(field),)
-    if isinstance(field, GravityField):
-        identity = (field.shape.sha256, field.mass, field.contrast)
-    return _table(_Source(identity, tuple(map(float, semi_axes)), field))
-
-
-@dataclass(frozen=True)
-class _Source:
-    """The key of a table; it is equal for fields of the same shape, mass and contrast."""
-
-    identity: tuple
-    semi_axes: tuple[float, ...]
-    field: Field = dc_field(compare=False)
+    return _table(FieldKey.of(field), tuple(map(float, semi_axes)))
 
 
 @functools.lru_cache(maxsize=4)
-def _table(source: _Source) -> GravityTable:
-    return GravityTable(source.field, np.array(source.semi_axes))
+def _table(key: FieldKey, semi_axes: tuple[float, ...]) -> GravityTable:
+    return GravityTable(key.field, np.array(semi_axes))
