@@ -8,9 +8,10 @@ from short_flights import kleopatra
 
 from proxops.diagrams.flight.hybrid_controller import zero_hybrid
 from proxops.diagrams.scenario.declared_bounds import described_bounds
-from proxops.diagrams.scenario.dispersions import assurance_bounds, draw_world
+from proxops.diagrams.scenario.drawn_world import draw_world
 from proxops.diagrams.scenario.scenario import load_scenario, parse_scenario
 from proxops.diagrams.scenario.scenario_config import AssuranceBoundsConfig
+from proxops.diagrams.scenario.told_bounds import assurance_bounds
 from proxops.systems import AssuranceBounds, InputError
 
 # Everything that a bound is made of, but what changes gravity, which takes longer.

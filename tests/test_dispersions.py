@@ -11,12 +11,7 @@ from scipy import stats
 from short_flights import kleopatra
 
 from proxops.assets import ASSETS
-from proxops.diagrams.scenario.dispersions import (
-    KNOWN_ON_THE_DAY,
-    dispersed_values,
-    draw_world,
-    load_dispersions,
-)
+from proxops.diagrams.scenario.dispersions import load_dispersions
 from proxops.diagrams.scenario.distributions import (
     Choice,
     Distribution,
@@ -26,6 +21,8 @@ from proxops.diagrams.scenario.distributions import (
     Normal,
     Uniform,
 )
+from proxops.diagrams.scenario.dotted_keys import KNOWN_ON_THE_DAY
+from proxops.diagrams.scenario.drawn_world import dispersed_values, draw_world
 from proxops.diagrams.scenario.scenario import load_scenario
 from proxops.diagrams.scenario.scenario_checks import check_scenario
 from proxops.diagrams.scenario.transits import of_transit, scenario_transit

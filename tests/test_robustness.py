@@ -16,7 +16,7 @@ from test_evaluation import row
 
 from proxops.assets import ASSETS
 from proxops.diagrams.flight.campaign import Flight
-from proxops.diagrams.scenario.dispersions import draw_world
+from proxops.diagrams.scenario.drawn_world import draw_world
 from proxops.diagrams.scenario.navigation_config import LidarNavigationConfig
 from proxops.diagrams.scenario.scenario import load_scenario, parse_scenario
 from proxops.diagrams.scenario.scenario_config import Scenario

@@ -16,7 +16,7 @@ from proxops.diagrams.flight.simulation import fly
 from proxops.diagrams.flight.transit_diagram import make_transit_diagram
 from proxops.diagrams.logs.flight_log import FlightLog, differences
 from proxops.diagrams.scenario.body import load_body
-from proxops.diagrams.scenario.dispersions import draw_world
+from proxops.diagrams.scenario.drawn_world import draw_world
 from proxops.diagrams.scenario.scenario import believed, load_scenario, parse_scenario
 from proxops.diagrams.scenario.scenario_config import Scenario
 from proxops.diagrams.scenario.transits import UnflyableWorldError

@@ -11,14 +11,9 @@ field to one of these dataclasses. Nothing in this room simulates.
 
 from proxops.diagrams.scenario.body import Body, BodyConfig, check_constants, load_body
 from proxops.diagrams.scenario.declared_bounds import described_bounds
-from proxops.diagrams.scenario.dispersions import (
-    Dispersion,
-    assurance_bounds,
-    dispersed_values,
-    draw_world,
-    load_dispersions,
-)
+from proxops.diagrams.scenario.dispersions import Dispersion, load_dispersions
 from proxops.diagrams.scenario.dotted_keys import KNOWN_ON_THE_DAY
+from proxops.diagrams.scenario.drawn_world import dispersed_values, draw_world
 from proxops.diagrams.scenario.far_out import Quantity, far_out_world, quantities
 from proxops.diagrams.scenario.navigation_config import (
     ExpectedErrorsConfig,
@@ -50,6 +45,7 @@ from proxops.diagrams.scenario.scenario_config import (
     TransitConfig,
     WeightedCostConfig,
 )
+from proxops.diagrams.scenario.told_bounds import assurance_bounds
 from proxops.diagrams.scenario.told_errors import expected_errors
 from proxops.diagrams.scenario.transits import (
     Transit,

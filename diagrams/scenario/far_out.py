@@ -8,8 +8,9 @@ import typing
 from collections.abc import Sequence
 
 from proxops.diagrams.scenario.body import Body
-from proxops.diagrams.scenario.dispersions import Dispersion, world_of
+from proxops.diagrams.scenario.dispersions import Dispersion
 from proxops.diagrams.scenario.distributions import Fixed
+from proxops.diagrams.scenario.drawn_world import world_of
 from proxops.diagrams.scenario.scenario_checks import check_scenario
 from proxops.diagrams.scenario.scenario_config import Scenario
 from proxops.diagrams.scenario.typed_yaml import is_number
