@@ -265,7 +265,7 @@ def _drivers(campaign: Campaign) -> str:
         if names
     ]
     return (
-        "Quantities that change an outcome by more than chance does, strongest first: "
+        "Quantities whose association with an outcome is told from chance, strongest first: "
         f"{'; '.join(told) if told else 'nothing that was drawn'}."
     )
 
