@@ -33,6 +33,7 @@ PUSH = THRUST / MASS
 BALL = AssuranceLimits(MASS, THRUST, 40.0, np.full(3, RADIUS))
 AFTER = AssuranceBounds(0.0015, 0.05, math.radians(1.0), 0.02, 3e-4, 120.0, 0.3)
 BEFORE = AssuranceBounds(0.11, 0.05, math.radians(1.0), 0.03, 3e-3, 300.0, 0.5)
+LATE = dataclasses.replace(AFTER, surface=150.0, delay=3.0)
 
 
 class NoField:
@@ -139,7 +140,7 @@ UNIT = st.tuples(*[st.floats(-1.0, 1.0)] * 3).map(np.array).filter(lambda u: u @
     st.tuples(*[st.floats(-40.0, 40.0)] * 3),
     st.sampled_from(TRUTHS[1:]),
     st.sampled_from(STATE_ERRORS[1:]),
-    st.sampled_from([AFTER, BEFORE]),
+    st.sampled_from([AFTER, BEFORE, LATE]),
     st.integers(0, 1000),
 )
 def test_the_backup_keeps_out_in_every_world_of_the_box(
@@ -153,18 +154,48 @@ def test_the_backup_keeps_out_in_every_world_of_the_box(
     world = Truth(truth, bounds, axes, np.random.default_rng(seed))
     error_of = StateErrors(errors, bounds, axes, np.random.default_rng(seed + 1), 150)
     state = believed - error_of(believed)
-    outward = []
+    outward, last = [], np.zeros(3)
     for _ in range(150):
         force = backup.force(state + error_of(state))
         acting, other = world.act(state, force)
-        state = moved(state, acting / (world.mass * MASS) + other, 10.0, kleopatra(), world.gravity)
-        assert clearances(axes, state[None, :3])[0] > 0.0
+        push = acting / (world.mass * MASS) + other
+        # The force that was chosen acts late; until then that of the period before does.
+        for length, acts in ((bounds.delay, last), (10.0 - bounds.delay, push)):
+            state = moved(state, acts, length, kleopatra(), world.gravity) if length else state
+            assert clearances(axes, state[None, :3])[0] > bounds.surface
+        last = push
         normal = state[:3] / axes**2
         outward.append(float(state[3:] @ normal / np.linalg.norm(normal)))
     # Once it moves outwards fast enough for the law to brake sideways, it never stops to.
     fast = np.array(outward) > backup.outward_speed + 2.0 * bounds.velocity
     if fast.any():
         assert min(outward[int(fast.argmax()) :]) > 0.0
+
+
+@pytest.mark.parametrize("kind", ["corner", "hurting", "helping", "turning"])
+def test_worlds_reach_the_ends_of_the_box_and_go_no_further(kind: str) -> None:
+    axes, random, found = kleopatra().keep_out_semi_axes, np.random.default_rng(0), []
+    for seed in range(60):
+        world = Truth(kind, BEFORE, axes, np.random.default_rng(seed))
+        state = np.r_[1.05 * axes * random.normal(size=3), np.zeros(3)]
+        acting, other = world.act(state, np.array([7.0, 0.0, 0.0]))
+        size = np.linalg.norm(acting)
+        angle = np.arccos(np.clip(acting[0] / size, -1.0, 1.0))
+        errors = [world.gravity - 1.0, world.mass - 1.0, size / 7.0 - 1.0, angle]
+        found.append([*np.abs(errors), np.abs(other).max()])
+    ends = [
+        BEFORE.gravity, BEFORE.mass, BEFORE.thrust, BEFORE.thrust_direction, BEFORE.acceleration,
+    ]  # fmt: skip
+    assert np.max(found, axis=0) == pytest.approx(ends, rel=1e-6)
+
+
+@pytest.mark.parametrize("kind", STATE_ERRORS[1:])
+def test_errors_of_the_state_are_all_that_is_allowed(kind: str) -> None:
+    axes = kleopatra().keep_out_semi_axes
+    error_of = StateErrors(kind, BEFORE, axes, np.random.default_rng(1), 60)
+    errors = np.array([error_of(np.r_[1.1 * axes, np.zeros(3)]) for _ in range(60)])
+    for part, bound in ((errors[:, :3], BEFORE.position), (errors[:, 3:], BEFORE.velocity)):
+        assert np.linalg.norm(part, axis=1).max() == pytest.approx(bound, rel=1e-9)
 
 
 @pytest.mark.parametrize("bounds", [AssuranceBounds(), AFTER, BEFORE])

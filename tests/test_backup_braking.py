@@ -142,6 +142,21 @@ def test_what_is_assured_keeps_the_state_admitted(state: np.ndarray, command: np
         assert (force != command).any()
 
 
+def test_at_the_border_what_is_assured_keeps_the_state_admitted() -> None:
+    """Commands straight at the body, where they have to be changed."""
+    backup, random, changed = kleopatras(), np.random.default_rng(11), 0
+    while changed < 20:
+        state = np.concatenate([random.normal(size=3), random.uniform(-40.0, 40.0, 3)])
+        state[:3] *= 1.03 * kleopatra().keep_out_semi_axes / np.linalg.norm(state[:3])
+        if not backup.admitted(state):
+            continue
+        force, reason, _ = backup.assure(state, -THRUST * np.sign(state[:3]))
+        changed += reason == InterventionReason.KEEP_OUT
+        after = step(state, force)
+        assert backup.backup_margin(after) > -0.5
+        assert least_clearance([state, after]) > 0.0
+
+
 def test_the_change_is_nearly_the_least() -> None:
     """Among thousands of nearer forces almost none is safe, and none is much nearer."""
     backup, random = kleopatras(), np.random.default_rng(3)

@@ -259,6 +259,7 @@ def test_run_again_it_flies_only_what_is_new(
 ) -> None:
     out, before = told
     stamps = {path: path.stat().st_mtime_ns for path in out.glob("first-*/*")}
+    assert len(stamps) >= 4
     known = [small("first"), small("second", dispersions="after_survey")]
     content = fly_and_tell(known, known, brief(), out, workers=Workers(1))
     assert {path: path.stat().st_mtime_ns for path in out.glob("first-*/*")} == stamps

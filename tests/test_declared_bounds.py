@@ -1,9 +1,12 @@
 """The bounds of runtime assurance: from values, from dispersions, and what is refused."""
 
 import math
+import warnings
 from pathlib import Path
 
+import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from short_flights import kleopatra
 
 from proxops.diagrams.flight.hybrid_controller import zero_hybrid
@@ -12,7 +15,11 @@ from proxops.diagrams.scenario.drawn_world import draw_world
 from proxops.diagrams.scenario.scenario import load_scenario, parse_scenario
 from proxops.diagrams.scenario.scenario_config import AssuranceBoundsConfig
 from proxops.diagrams.scenario.told_bounds import assurance_bounds
+from proxops.diagrams.scenario.transits import of_transit
+from proxops.diagrams.scenario.true_body import make_true_body
+from proxops.diagrams.scenario.truth_config import TruthConfig
 from proxops.systems import AssuranceBounds, InputError
+from proxops.systems.vehicle.attitude_error import believed_axes
 
 # Everything that a bound is made of, but what changes gravity, which takes longer.
 DISPERSIONS = """
@@ -83,6 +90,58 @@ def test_what_changes_gravity_and_surface(tmp_path: Path) -> None:
     bounds = bounds_of(f"assurance={{bounds: {write(tmp_path, text)}}}")
     assert 1e-4 < bounds.acceleration < 3e-3
     assert bounds.surface == pytest.approx(0.005 * kleopatra().shape.extents.max())
+
+
+def test_gravity_of_drawn_worlds_is_within_the_bound(tmp_path: Path) -> None:
+    text = (
+        "truth.density_contrast: {uniform: [-0.05, 0.05]}\ntruth.size: {uniform: [0.99, 1.01]}\n"
+        "truth.surface_rms_m: {half_normal: 0.0, three_sigma: 200.0}\n"
+    )
+    path, body = write(tmp_path, text), kleopatra()
+    bounds = bounds_of(f"assurance={{bounds: {path}}}")
+    ways = np.random.default_rng(4).normal(size=(500, 3))
+    points = ways * body.keep_out_semi_axes / np.linalg.norm(ways, axis=1, keepdims=True)
+    believed, worst = body.gravity_field.evaluate(points).acceleration, 0.0
+    for index in range(6):
+        scenario = of_transit(load_scenario(None, [f"dispersions={path}"]), 7, index)
+        true = make_true_body(body, draw_world(scenario, body).truth)
+        off = true.gravity_field.evaluate(points).acceleration - believed
+        worst = max(worst, float(np.abs(off).max()))
+    assert 0.2 * bounds.acceleration < worst <= bounds.acceleration
+
+
+def test_pole_and_spin_are_covered(tmp_path: Path) -> None:
+    """Coriolis and centrifugal acceleration by the textbook's cross products."""
+    text = "truth.pole_deg: {uniform: [-0.5, 0.5]}\ntruth.spin: {uniform: [0.99, 1.01]}\n"
+    bounds = bounds_of(f"assurance={{bounds: {write(tmp_path, text)}}}", TRUE_STATE)
+    body, random = kleopatra(), np.random.default_rng(2)
+    true = make_true_body(body, TruthConfig(pole_deg=[0.5, -0.5], spin=1.01)).spin
+    places = random.normal(size=(2000, 3))
+    places *= 280e3 / np.linalg.norm(places, axis=1, keepdims=True)
+    speeds = random.choice([-40.0, 40.0], (2000, 3))
+
+    def felt(spin: np.ndarray) -> np.ndarray:
+        return -2.0 * np.cross(spin, speeds) - np.cross(spin, np.cross(spin, places))
+
+    off = np.abs(felt(np.array(true)) - felt(np.array([0.0, 0.0, body.spin_rate]))).max()
+    assert 0.3 * bounds.acceleration < off <= bounds.acceleration
+    for time in np.linspace(0.0, 7800.0, 40):
+        axes = believed_axes(time, believed_spin=body.spin_rate, true_spin=tuple(true), phase=0.0)
+        turned = Rotation.from_quat(axes, scalar_first=True).magnitude()
+        assert turned <= bounds.thrust_direction
+
+
+@pytest.mark.parametrize(
+    ("text", "acceleration"),
+    [
+        # Half a quantum of force; four deviations of a kick each period.
+        ("truth.thrusters.quantum_n: {fixed: 0.2}", 0.1 / 100.0),
+        ("kicks.velocity_std_m_s: {fixed: 0.01}", 4.0 * 0.01 / 10.0),
+    ],
+)
+def test_closed_forms(tmp_path: Path, text: str, acceleration: float) -> None:
+    bounds = bounds_of(f"assurance={{bounds: {write(tmp_path, text)}}}")
+    assert bounds.acceleration == pytest.approx(acceleration)
 
 
 def test_values_one_by_one_and_from_a_file(tmp_path: Path) -> None:
@@ -166,7 +225,12 @@ def test_warns_of_what_cannot_be_bounded() -> None:
 
 def test_bounds_that_hold_everything_are_not_warned_of() -> None:
     overrides = ["assurance={bounds: {gravity: 0.1, thrust: 0.1, acceleration_m_s2: 0.002}}", *OWN]
-    draw_world(load_scenario(None, overrides), kleopatra())
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        world = draw_world(load_scenario(None, overrides), kleopatra())
+    assert world.assurance is not None
+    assert isinstance(world.assurance.bounds, AssuranceBoundsConfig)
+    assert world.assurance.bounds.acceleration_m_s2 == 0.002
 
 
 @pytest.mark.parametrize(

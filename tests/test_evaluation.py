@@ -59,19 +59,20 @@ def row(**changes: Any) -> dict[str, Any]:
 
 def test_aggregate_of_navigation() -> None:
     """Of the flights whose navigation settled: medians of errors, means of shares."""
-    known = {f"navigation_{name}": 0.0 for name in (
-        "position_error_m_p95", "velocity_error_m_s_median", "velocity_error_m_s_p95",
-        "attitude_error_deg_median", "attitude_error_deg_p95",
-    )}  # fmt: skip
+    names = [
+        f"navigation_{part}_{end}"
+        for part in ("position_error_m", "velocity_error_m_s", "attitude_error_deg")
+        for end in ("median", "p95")
+    ]
     rows = [
         row(
-            transit=k, **known, navigation_position_error_m_median=error,
-            navigation_consistent=share, navigation_following=1.0,
+            transit=k, navigation_consistent=share, navigation_following=1.0,
+            **{name: factor * (1.0 + place) for place, name in enumerate(names)},
         )
-        for k, (error, share) in enumerate([(1.0, 1.0), (2.0, 0.9), (9.0, 0.8)])
+        for k, (factor, share) in enumerate([(1.0, 1.0), (2.0, 0.9), (9.0, 0.8)])
     ]  # fmt: skip
     found = aggregate([*rows, row(transit=3, navigation_following=0.5)])
-    assert found["navigation_position_error_m_median"] == 2.0
+    assert [found[name] for name in names] == [2.0 * (1.0 + place) for place in range(6)]
     assert found["navigation_consistent"] == pytest.approx(0.9)
     assert found["navigation_following"] == 1.0
     assert not [name for name in aggregate([row()]) if name.startswith("navigation")]
@@ -191,6 +192,8 @@ def test_percentiles_and_worst() -> None:
         assert [found[key] for key in keys] == pytest.approx([50.0, 90.0, 99.0, 100.0])
     lows = ("min_clearance_m", "min_clearance_m_p1", "min_clearance_m_p10")
     assert [found[key] for key in lows] == pytest.approx([0.0, 1.0, 10.0])
+    assert found["terminal_position_error_m_p95"] == pytest.approx(95.0)
+    assert found["min_clearance_m_median"] == pytest.approx(50.0)
     assert found["delta_v_99_m_s_bound"] is None  # 230 flights are needed.
     more = aggregate([row(transit=k, delta_v_m_s=float(k)) for k in range(230)])
     assert more["delta_v_99_m_s_bound"] == 229.0

@@ -305,6 +305,15 @@ def test_what_the_transit_asks_for(
         assert summary[f"transit_{name}_clearance_m"] == pytest.approx(clearance, rel=1e-3)
 
 
+def test_least_clearance_is_looked_for_between_rows() -> None:
+    """A dip over the pole: half-way a cubic is T v / 4 = 50 m below its equal ends."""
+    log = placed([0.0, 0.0])
+    data = log.dataset.copy(deep=True)
+    data["state"].values[:] = [[0, 0, 66e3, 0, 0, -20.0], [0, 0, 66e3, 0, 0, 20.0]]
+    clearance = FlightLog(data, log.body).summary["min_clearance_m"]
+    assert clearance == pytest.approx(950.0, abs=1e-6)
+
+
 def test_success_at_two_kilometres_is_easier() -> None:
     assert kleopatra_flight().summary["success_2km"]
     assert not falling_flight().summary["success_2km"]

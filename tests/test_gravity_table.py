@@ -64,6 +64,18 @@ def test_made_once_for_the_same_field(table: GravityTable) -> None:
     assert gravity_table(one, 2.0 * axes) is not first
 
 
+def test_what_it_says_of_itself_holds_between_its_samples(table: GravityTable) -> None:
+    level = 1.0 + np.random.default_rng(2).exponential(0.3, (3000, 1))
+    points = level * directions(3000) * kleopatra().keep_out_semi_axes
+    true = kleopatra().gravity_field.evaluate(points)
+    error = np.linalg.norm(table.acceleration(points) - true.acceleration, axis=1).max()
+    assert 0.3 * table.error < error <= table.error
+    size = np.linalg.norm(true.acceleration, axis=1).max()
+    assert 0.8 * table.strongest < size <= table.strongest
+    steep = level[:, 0] ** 3 * np.linalg.norm(true.gradient, ord=2, axis=(1, 2))
+    assert 0.3 * table.steepness < steep.max() <= table.steepness
+
+
 def test_greatest_bounds_the_field_outside(table: GravityTable) -> None:
     levels = np.random.default_rng(1).uniform(1.0, 3.0, (2000, 1))
     points = levels * directions(2000) * kleopatra().keep_out_semi_axes

@@ -163,8 +163,35 @@ def test_adaptive_leaves_room_to_brake(height: float) -> None:
     in_hand = reach().steps_out_of_reach(state, PERIOD, 60, stopping=True)
     assert periods.max() == max(1, in_hand)
     assert in_hand < reach().steps_out_of_reach(state, PERIOD, 60)
-    sure = flown(200, lambda k: 2.0, lambda k: 2.0, schedule, state=state, position_error=500.0)[0]
-    assert np.isfinite(sure["record"][:, 4]).sum() >= len(periods)
+    sure = flown(200, lambda k: 2.0, lambda k: 2.0, schedule, state=state, position_error=2e3)[0]
+    allowed = reach().steps_out_of_reach(state, PERIOD, 60, 2e3, stopping=True)
+    periods = sure["record"][np.isfinite(sure["record"][:, 4]), 5]
+    assert periods.max() == max(1, allowed)
+    assert allowed < in_hand or in_hand == 0
+
+
+def test_the_period_allows_for_the_covariance() -> None:
+    """Four deviations along the longest axis, on top of what is known of the errors."""
+    schedule = CheckSchedule(PeriodRule.ADAPTIVE, check_period=60, longest=60)
+    selector = HybridSelector(
+        AgreementGate(GateKind.PAPER), schedule, reach(), PERIOD, 100.0, 0.1, deviations=4.0
+    )
+    state = np.array([0.0, 0.0, 85e3, 0.0, 0.0, -5.0])
+    turn = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
+    covariance = np.zeros((9, 9))
+    covariance[:3, :3] = turn @ np.diag([10.0, 50.0, 200.0]) ** 2 @ turn.T
+    covariance[3:6, 3:6] = turn @ np.diag([0.01, 0.05, 0.2]) ** 2 @ turn.T
+    context = selector.CreateDefaultContext()
+    for name, value in (("mpc_force", [2, 0, 0]), ("policy_force", [2, 0, 0]), ("state", state)):
+        selector.GetInputPort(name).FixValue(context, value)
+    known = selector.GetOutputPort("record").Eval(context)[5]
+    selector.GetInputPort("covariance").FixValue(context, covariance.ravel())
+    unsure = selector.GetOutputPort("record").Eval(context)[5]
+    assert known == reach().steps_out_of_reach(state, PERIOD, 60, 100.0, 0.1, stopping=True)
+    assert unsure == reach().steps_out_of_reach(state, PERIOD, 60, 900.0, 0.9, stopping=True)
+    assert 1 <= unsure < known
+    selector.GetInputPort("covariance").FixValue(context, np.full(81, np.nan))
+    assert selector.GetOutputPort("record").Eval(context)[5] == 1.0
 
 
 @pytest.mark.parametrize("rule", list(PeriodRule))

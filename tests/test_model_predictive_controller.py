@@ -437,7 +437,8 @@ def test_a_thousand_states_are_answered_in_time():
         assert np.isfinite(force).all()
         assert np.abs(force).max() <= limit
         times.append(plan.solve_time)
-    assert np.percentile(times, 99) < PERIOD  # Even from nothing, well within a control period.
+    # Even from nothing, well within a control period, also on a slow and busy machine.
+    assert np.percentile(times, 99) < 0.1 * PERIOD
 
 
 @pytest.mark.slow

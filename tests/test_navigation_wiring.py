@@ -5,6 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from known_navigation import ERROR, navigated_log
+from known_navigation import TURN as KNOWN_TURN
 from navigation_double import IDENTITY, NavigationDouble, use
 from pydrake.systems.framework import Diagram, System
 from scipy.spatial.transform import Rotation
@@ -202,7 +204,8 @@ def test_lost_on_the_way_the_plan_is_continued(monkeypatch: pytest.MonkeyPatch) 
 
 @pytest.fixture
 def log(monkeypatch: pytest.MonkeyPatch) -> FlightLog:
-    """PD flies 150 s; the navigation begins at 40 s, and is off by (3, 4, 0) m and 0.03 rad."""
+    """Nothing is commanded for 150 s. The navigation begins at 40 s, and is off by (3, 4, 0) m and
+    0.03 rad."""
     off = np.array([3.0, 4.0, 0.0, 0.0, 0.0, 0.5])
     turn = np.array([np.cos(0.015), 0.0, np.sin(0.015), 0.0])
     use(
@@ -243,6 +246,24 @@ def test_figures(log: FlightLog) -> None:
     assert summary["navigation_consistent"] == pytest.approx(inside.min())
     steps = summary["steps"]
     assert summary["navigation_following"] == pytest.approx(1.0 - 4.0 / steps)
+
+
+def test_figures_of_known_errors() -> None:
+    """All within three deviations, but one velocity in a quarter of the rows that count."""
+    log = navigated_log(100)
+    data = log.dataset.copy(deep=True)
+    rows = np.flatnonzero(data["time"].values >= 200.0)
+    wrong = rows[: len(rows) // 4]
+    data["navigation_state"].values[wrong, 4] -= 0.1
+    found = FlightLog(data, log.body).summary
+    assert found["navigation_consistent"] == pytest.approx(1.0 - len(wrong) / len(rows))
+    assert found["navigation_following"] == pytest.approx(0.87)
+    turn = np.degrees(np.linalg.norm(KNOWN_TURN))
+    for end in ("median", "p95"):
+        assert found[f"navigation_position_error_m_{end}"] == pytest.approx(130.0)
+        assert found[f"navigation_attitude_error_deg_{end}"] == pytest.approx(turn, rel=1e-6)
+    off = np.linalg.norm(ERROR[3:] + [0.0, 0.1, 0.0])
+    assert found["navigation_velocity_error_m_s_p95"] == pytest.approx(off)
 
 
 def test_a_flight_without_navigation_has_none_of_it() -> None:

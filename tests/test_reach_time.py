@@ -136,6 +136,41 @@ def test_straight_out_thrust_stops_what_was_pushed_in(model: ReachModel) -> None
     assert flown(2 * steps).mean() > 0.5
 
 
+class Stronger:
+    """A field that is stronger by a share, and also pushes inwards along each axis."""
+
+    def __init__(self, field, share: float, push: float):
+        self.field, self.share, self.push = field, share, push
+
+    def evaluate(self, points: np.ndarray):
+        found = self.field.evaluate(points)
+        pull = (1.0 + self.share) * found.acceleration - self.push * np.sign(points)
+        return found._replace(acceleration=pull)
+
+
+@pytest.mark.slow
+def test_room_to_stop_holds_for_all_that_is_declared() -> None:
+    """Pushed in by the strongest thrust, then out by the weakest, from a state that is off."""
+    body, share, other = kleopatra(), 0.1, 2e-3
+    strong, weak = 1.05 * LIMIT / MASS, 0.9 * LIMIT / MASS
+    model = ReachModel.of(body.gravity_field, AXES, body.spin_rate, strong, weak, share, other)
+    starts = random_starts(60, 5)
+    steps = np.array(
+        [model.steps_out_of_reach(start, STEP, 60, 300.0, 0.5, stopping=True) for start in starts]
+    )
+    starts, steps = starts[steps > 0], steps[steps > 0]
+    assert len(set(steps)) > 5
+    normals = starts[:, :3] / AXES**2
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    off = starts - np.hstack([300.0 * normals, 0.5 * normals])
+
+    def forces(step: int, states: np.ndarray) -> np.ndarray:
+        return np.where((step < steps)[:, None], 1.05 * inward(states), -0.9 * inward(states))
+
+    worst = Stronger(body.gravity_field, share, other)
+    assert not (reached(model, worst, off, forces, 250) <= 250).any()
+
+
 def test_moving_away_is_safer_and_towards_less(model: ReachModel) -> None:
     place = [0.0, 100e3, 0.0]
     steps = [

@@ -117,6 +117,7 @@ def test_report_asks_nothing_of_a_network(reproduced: tuple[Path, Any]) -> None:
 def test_run_again_it_flies_nothing(reproduced: tuple[Path, Any], bundle: Path) -> None:
     out, before = reproduced
     flown = {path: path.stat().st_mtime_ns for path in out.glob("*-*/*.json")}
+    assert len(flown) >= 2
     wanted = short_scenario(**BRIEF, policy__bundle=os.fspath(bundle))
     again = reproduce(wanted, out, ReproductionSettings(transits=2, along=1), workers=Workers(1))
     assert all(stage["skipped"] for stage in again["stages"])

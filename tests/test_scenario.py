@@ -429,7 +429,8 @@ def test_zero_where_it_makes_no_sense(key: str) -> None:
 
 @pytest.mark.parametrize("key", NOT_NEGATIVE)
 def test_zero_where_it_makes_sense(key: str) -> None:
-    load_scenario(None, [f"{key}=0"])
+    scenario = load_scenario(None, [f"{key}=0"])
+    assert operator.attrgetter(key)(scenario) == 0
 
 
 @pytest.mark.parametrize(
