@@ -165,8 +165,9 @@ def test_adaptive_leaves_room_to_brake(height: float) -> None:
     assert in_hand < reach().steps_out_of_reach(state, PERIOD, 60)
     sure = flown(200, lambda k: 2.0, lambda k: 2.0, schedule, state=state, position_error=2e3)[0]
     allowed = reach().steps_out_of_reach(state, PERIOD, 60, 2e3, stopping=True)
-    periods = sure["record"][np.isfinite(sure["record"][:, 4]), 5]
-    assert periods.max() == max(1, allowed)
+    shorter = sure["record"][np.isfinite(sure["record"][:, 4]), 5]
+    assert len(shorter) >= len(periods)
+    assert shorter.max() == max(1, allowed)
     assert allowed < in_hand or in_hand == 0
 
 

@@ -82,6 +82,7 @@ def test_what_is_left_out_counts_ten_times() -> None:
         fit, *_ = np.linalg.lstsq(root * errors.table, root[:, 0] * drawn)
         rest = root[:, 0] * (drawn - errors.table @ fit)
         left.append(rest @ rest / (root**2).sum())
+    assert 0.0 < errors.rest < STD**2
     assert errors.rest == pytest.approx(10.0 * np.mean(left), rel=0.6)
 
 

@@ -166,6 +166,7 @@ def test_registration_of_a_ball() -> None:
     """It is moved back; its rotation, of which nothing can be seen, may be any."""
     shape = Polyhedron.from_trimesh(ball(), "m")
     found = registered(Polyhedron(shape.vertices + 0.05, shape.facets), shape)
+    np.testing.assert_allclose(found.volume, shape.volume, rtol=1e-12)
     np.testing.assert_allclose(found.centre_of_mass, 0.0, atol=1e-3)
     distances = np.linalg.norm(found.vertices, axis=1)
     np.testing.assert_allclose(distances, np.linalg.norm(shape.vertices, axis=1), atol=5e-3)
