@@ -21,6 +21,7 @@ from proxops.cli.common import (
     ScenarioChanges,
     SchedulerAddress,
     check_folder,
+    check_transits_drawn,
     console,
     status,
     with_dispersions,
@@ -31,7 +32,14 @@ from proxops.diagrams.logs import FlightLog
 from proxops.diagrams.scenario import LearnedLidarConfig, Scenario, load_scenario
 from proxops.systems.common import InputError, Progress
 from proxops.systems.lidar import FRAME_NETWORK
-from proxops.training.data import collect, histogram_rows, learned_lidar_of, parse_mix, report_rows
+from proxops.training.data import (
+    check_disturbances,
+    collect,
+    histogram_rows,
+    learned_lidar_of,
+    parse_mix,
+    report_rows,
+)
 
 
 class LidarSource(enum.StrEnum):
@@ -47,7 +55,7 @@ MinariName = Annotated[
     str | None,
     typer.Option(
         help="Also write the flights as a data set of Minari, such as proxops/expert-v0, with "
-        "frames if the logs have them. It takes proxops[gym]."
+        "frames if the logs have them. It takes proxops[gym]. No data set may have this name yet."
     ),
 ]
 
@@ -114,10 +122,12 @@ def collect_command(
     write = None if minari is None else _minari_writer(minari)
     changes = with_dispersions(settings, dispersions)
     wanted = load_scenario(scenario, changes, on_true_state=True)
+    check_transits_drawn(wanted, settings)
+    check_disturbances(wanted, mix)
     if lidar == LidarSource.NONE:
         wanted = dc.replace(wanted, log_ranges=False)
     learned = _learned_lidar(lidar, lidar_bundle, wanted)
-    with work_bar("flying") as progress:
+    with work_bar("preparing the flights") as progress:
         fleet = Workers(workers, scheduler, progress)
         manifest, report = collect(
             wanted, mix, seed, transits, out, learned_lidar=learned, workers=fleet
@@ -177,7 +187,7 @@ def _minari_writer(name: str) -> Callable[[Iterable[FlightLog], Scenario, int], 
         from proxops.training.environment import check_minari_name, write_minari
     except ModuleNotFoundError as error:
         raise InputError(
-            f"--minari: {error.name} is not installed: pip install 'proxops[gym]'"
+            f"--minari: {error.name} is not installed: run make gym, or pip install 'proxops[gym]'"
         ) from error
     check_minari_name(name)
     return lambda logs, scenario, seed: write_minari(

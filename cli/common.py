@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import time
 import typing
 from collections.abc import Iterator
 from pathlib import Path
@@ -21,6 +22,7 @@ from rich.progress import (
 )
 from rich.table import Table
 
+from proxops.diagrams.scenario import Scenario
 from proxops.systems.common import InputError, Progress, write_whole
 
 Processes = typing.Annotated[
@@ -48,6 +50,8 @@ AsJson = typing.Annotated[
 """Options of most commands."""
 
 
+_SECONDS_PER_LINE = 600.0
+
 EVALUATION_SEEDS = 10_000
 """Seeds from here on are for evaluation: nothing is to be trained on their transits."""
 
@@ -57,17 +61,50 @@ def with_dispersions(changes: list[str] | None, name: str | None) -> list[str]:
     return [*(changes or []), *([] if name is None else [f"dispersions={name}"])]
 
 
-console = Console()
+def check_transits_drawn(scenario: Scenario, changes: list[str] | None) -> None:
+    """Checks that a scenario does not ask for a transit of its own, where a set of them is flown.
+
+    Raises:
+      InputError: it gives a start and a goal, or a change names seed or number of the transit.
+    """
+    if scenario.transit.start_m is not None:
+        raise InputError(
+            "the scenario gives a start and a goal, but this command draws its transits: leave out "
+            "transit.start_m and transit.goal_m, or use proxops fly"
+        )
+    for text in changes or []:
+        key = text.partition("=")[0].strip()
+        if key in ("transit.seed", "transit.index"):
+            raise InputError(f"--set {key}: this command flies transits 0, 1, … of its --seed")
+
+
+console = Console(markup=False)
 """The console for results: standard output."""
-status = Console(stderr=True, soft_wrap=True)
+status = Console(stderr=True, soft_wrap=True, markup=False)
 """The console for progress and remarks: standard error."""
 
 
+class _Bar(rich.progress.Progress):
+    """A progress bar; without a terminal it prints a line every ten minutes, and nothing else."""
+
+    def __init__(self, *columns: ProgressColumn):
+        quiet = not status.is_terminal
+        super().__init__(*columns, console=status, transient=True, disable=quiet)
+        self._last_line = time.monotonic()
+
+    def update(self, task_id: rich.progress.TaskID, **changes: typing.Any) -> None:
+        super().update(task_id, **changes)
+        now = time.monotonic()
+        if self.disable and now - self._last_line >= _SECONDS_PER_LINE:
+            self._last_line = now
+            task = self.tasks[task_id]
+            words = (task.fields.get("stage", ""), f"{task.percentage:.0f} %", task.description)
+            status.print(" ".join(word for word in words if word))
+
+
 def progress_bar(*columns: ProgressColumn) -> rich.progress.Progress:
-    """Makes a progress bar. It prints nothing, not even an empty line, without a terminal."""
-    return rich.progress.Progress(
-        *columns, console=status, transient=True, disable=not status.is_terminal
-    )
+    """Makes a progress bar. Without a terminal it prints a line every ten minutes in its place."""
+    return _Bar(*columns)
 
 
 @contextlib.contextmanager

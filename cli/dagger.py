@@ -65,11 +65,11 @@ def dagger_command(
 ) -> None:
     """Let the pilot fly, label its flights with the MPC's forces, and train on them: DAgger.
 
-    Each round leaves its flights, their labels and its pilot in OUT/round-N. The bundle, the report
-    and the weights of the last pilot are in OUT. Without DATA it is a policy for any body that
-    flies at each body of its family on navigation, first in worlds of after_survey. Run it again to
-    continue after an interruption, or with more --rounds to add rounds: as the last round trains
-    for longest, that of before is then trained anew (with DATA).
+    Each round leaves its flights, their labels and its pilot in OUT/round-N. The bundle and the
+    report of the last pilot are in OUT, with DATA its weights, too. Without DATA it is a policy for
+    any body that flies at each body of its family on navigation, first in worlds of after_survey.
+    Run it again to continue after an interruption, or with more --rounds to add rounds: as the last
+    round trains for longest, that of before is then trained anew (with DATA).
 
     Example:
 
@@ -78,6 +78,8 @@ def dagger_command(
       proxops dagger --pilot out/any-body --out out/any-body-dagger
     """
     _check_seeds(seed, rounds)
+    if math.isnan(minutes):
+        raise InputError("--minutes must be a number")
     check_folder(out)
     with training_extra():
         from proxops.training.any_body import AnyBodyDagger, run_any_body_dagger

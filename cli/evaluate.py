@@ -16,6 +16,7 @@ from proxops.cli.common import (
     ScenarioChanges,
     SchedulerAddress,
     check_folder,
+    check_transits_drawn,
     console,
     status,
     with_dispersions,
@@ -71,6 +72,7 @@ def evaluate_command(
         raise InputError(f"--controllers {controllers!r} must name each controller once")
     check_folder(out)
     wanted = load_scenario(scenario, with_dispersions(settings, dispersions))
+    check_transits_drawn(wanted, settings)
     # Errors are reported now, before workers and folders exist.
     body = load_body(wanted.body)
     for name in names:
@@ -79,7 +81,7 @@ def evaluate_command(
         draw_transit(seed, index, wanted, body)
     variants = [Variant(name, name) for name in names]
     flights = out / "flights"
-    with work_bar("flying") as progress:
+    with work_bar("preparing the flights") as progress:
         fleet = Workers(workers, scheduler, progress)
         rows = fly_variants(
             variants, wanted, seed, transits, flights, keep_logs=keep_logs,

@@ -93,6 +93,8 @@ def fly_command(
         given = (scenario, settings or None, seed, transit, dispersions)
         if any(value is not None for value in given):
             raise InputError("--from repeats a flight as it was: give no scenario or settings")
+        if (out / "flight.nc").resolve() == log_file.resolve():
+            raise InputError(f"--out {out} holds the log that is repeated: give another folder")
         _fly_again(log_file, controller, server, out, as_json, keep)
     else:
         overrides = with_dispersions(settings, dispersions)
@@ -190,8 +192,8 @@ def _check_controller(log: FlightLog, named: str | None) -> None:
     A log may come from a stranger, and flying MODULE:FACTORY imports and runs a module.
 
     Raises:
-      InputError: the user names another controller than the log's; or the log's controller is
-        MODULE:FACTORY and the user names none.
+      InputError: the user names another controller than the log's; the log's controller is
+        MODULE:FACTORY and the user names none; or it has no name by which it can be made.
     """
     flown = str(log.dataset.attrs["controller"])
     if named is not None and named != flown:
@@ -199,6 +201,12 @@ def _check_controller(log: FlightLog, named: str | None) -> None:
             f"--from repeats the flight of controller {flown!r}: give no other --controller"
         )
     kind, colon, _ = flown.partition(":")
+    if not colon and kind not in (*WITH_BUNDLE, "zero"):
+        raise InputError(
+            f"the log's controller, {flown}, is a System that was made in Python: repeat the "
+            "flight there, with fly(log.scenario, YourSystem(), body=log.body, "
+            "true_body=log.true_body)"
+        )
     if named is None and colon and kind not in WITH_BUNDLE:
         raise InputError(
             f"the log names the controller {flown!r}, a module that would be imported and run: "
@@ -209,6 +217,7 @@ def _check_controller(log: FlightLog, named: str | None) -> None:
 def _save(log: FlightLog, out: Path, as_json: bool) -> None:
     summary = log.summary
     make_folder(out)
+    (out / "replay.html").unlink(missing_ok=True)  # It may be of another flight.
     log.to_netcdf(out / "flight.nc")
     write_json(out / "summary.json", summary)
     write_replay(log, out / "replay.html")

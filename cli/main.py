@@ -87,6 +87,9 @@ def main() -> None:
         # The reader of the output has ended, so nothing more is printed.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(1)
+    except OSError as error:  # Such as a folder that may not be read.
+        print(f"proxops: error: {_one_line(str(error))}", file=sys.stderr)
+        sys.exit(2)
 
 
 def _warning(message: Warning | str, *_: object) -> str:

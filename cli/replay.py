@@ -46,6 +46,9 @@ def replay_command(
         if file is not None:
             check_folder(file.parent, option)
     wanted = [file for file in named.values() if file is not None]
+    places = [file.resolve() for file in (log_file, *wanted)]
+    if len(set(places)) < len(places):
+        raise InputError("--out, --mcap and --oem must name files of their own, and not the log")
     log = FlightLog.load(log_file)
     for file in wanted:
         make_folder(file.parent)

@@ -20,6 +20,7 @@ from proxops.cli.common import (
     ScenarioChanges,
     SchedulerAddress,
     check_folder,
+    check_transits_drawn,
     print_rows,
     progress_bar,
     status,
@@ -27,6 +28,7 @@ from proxops.cli.common import (
 )
 from proxops.diagrams.flight import Workers
 from proxops.diagrams.scenario import load_body, load_scenario
+from proxops.systems.common import InputError
 
 if typing.TYPE_CHECKING:
     from proxops.studies.beyond import Campaign
@@ -118,11 +120,14 @@ def reproduce_command(
     # matplotlib is slow to import.
     from proxops.studies import beyond
 
-    load_body(load_scenario(scenario, settings or []).body)
+    wanted = load_scenario(scenario, settings or [])
+    check_transits_drawn(wanted, settings)
+    load_body(wanted.body)
     own = [] if bodies is None else beyond.own_bodies(bodies)
     fleet = Workers(workers, scheduler)
     asked = _Asked(names or [], scenario, settings or [], quick, transits, own, out, fleet)
     asked.check()
+    _check_paper_options(asked, seed, lidar)
     with _stage_bar() as tell:
         paper = None
         if asked.wants(beyond.PAPER):
@@ -136,6 +141,17 @@ def reproduce_command(
             status.print(f"Not run: {', '.join(paper['not_run'])}")
     print_rows("success", beyond.success_lines(found))
     status.print(f"Wrote report.html, report.md and results.json in {out}")
+
+
+def _check_paper_options(asked: _Asked, seed: int, lidar: LidarNetwork) -> None:
+    """Raises `InputError` if an option is given that nothing that is asked for heeds."""
+    from proxops.studies import beyond
+
+    paper = asked.wants(beyond.PAPER)
+    if seed != EVALUATION_SEEDS and not paper:
+        raise InputError("--seed is that of the paper's transits: name paper too, or leave it out")
+    if lidar != LidarNetwork.LEARNED and (asked.quick or not paper):
+        raise InputError("--lidar is for the paper's training: name paper too, without --quick")
 
 
 class _Asked(NamedTuple):
@@ -171,7 +187,9 @@ class _Asked(NamedTuple):
         """Raises `InputError` if a name is wrong."""
         from proxops.studies import beyond
 
-        beyond.chosen_campaigns(self.names, self.campaigns())
+        chosen = beyond.chosen_campaigns(self.names, self.campaigns())
+        if self.bodies and not {str(path) for path in self.bodies} & {each.body for each in chosen}:
+            raise InputError("--bodies names bodies at which nothing is flown: name worlds too")
 
 
 def _reproduce_paper(asked: _Asked, seed: int, lidar: LidarNetwork, tell: Tell) -> dict[str, Any]:

@@ -54,7 +54,7 @@ def score_command(
     chosen = load_track(track)
     label = controller_label(" ".join([controller, *(settings or [])]))
     folder = out / f"{chosen.sha256[:12]}-{label}"
-    with work_bar("flying") as progress:
+    with work_bar("preparing the flights") as progress:
         row = score(
             chosen,
             controller,

@@ -22,7 +22,7 @@ from proxops.cli.common import (
     status,
     write_json,
 )
-from proxops.diagrams.scenario import dump_scenario
+from proxops.diagrams.scenario import check_constants, dump_scenario
 from proxops.systems.common import InputError, make_folder, write_whole
 from proxops.systems.shapes import (
     MESH_FORMATS,
@@ -110,6 +110,8 @@ def shape_command(
         raise InputError("--align needs --fix: it changes the mesh")
     if body is not None and ((mass is None and density is None) or period is None):
         raise InputError("--body needs --mass or --density, and --period")
+    if fix is not None and fix.resolve() == mesh_file.resolve():
+        raise InputError(f"--fix {fix} is the mesh that is read: give another name")
     _check_output("--fix", fix, MESH_FORMATS)
     _check_output("--body", body, (".yaml", ".yml"))
     _check_output("--scenario", scenario, (".yaml", ".yml"))
@@ -179,6 +181,7 @@ def _set_up(files: _Files, asked: Questions, as_json: bool) -> None:
 
     out = files.out
     picture = out if out.suffix.lower() == ".png" else out / "shape.png"
+    status.print(f"Examining {files.mesh}")  # 4,000 facets take 12 s.
     report = examine(read_mesh(files.mesh, files.unit), asked)
     findings: dict[str, Any] = {}
     if files.fix is not None:
@@ -280,6 +283,7 @@ def _write_body(
         name=name or path.stem,
         mesh=Path(os.path.relpath(mesh, path.parent)).as_posix(),
     )
+    check_constants(config, str(path))
     remark = f"Set up by proxops shape from {report.file.name}, {report.questions.margin:g} margin"
     write_whole(path, lambda file: file.write_text(body_yaml(config, remark), encoding="utf-8"))
     status.print(f"Wrote {path}")

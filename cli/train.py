@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import enum
 import json
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -128,6 +129,8 @@ def _check_options(
     recipe: Recipe, data: Path | None, minutes: float | None, workers: int | None
 ) -> None:
     """Raises `InputError` if an option is given that the recipe does not take."""
+    if minutes is not None and math.isnan(minutes):
+        raise InputError("--minutes must be a number")
     if minutes is not None and recipe != Recipe.PAPER:
         raise InputError("--minutes needs --recipe paper: give --epochs or --quick")
     if recipe == Recipe.ANY_BODY and data is not None:

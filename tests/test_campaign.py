@@ -2,6 +2,7 @@
 
 import contextlib
 import dataclasses as dc
+import errno
 import json
 import os
 import random
@@ -13,8 +14,10 @@ from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
+import dask.config
 import psutil
 import pytest
+from dask.distributed import LocalCluster
 from short_flights import BRIEF, kleopatra, short_scenario, write_blob
 
 from proxops.diagrams.flight import Workers, campaign
@@ -196,9 +199,24 @@ def test_unfinished_files_are_ignored(tmp_path: Path, flown: list[str]) -> None:
 def test_another_scenario_under_the_same_names(tmp_path: Path, flown: list[str]) -> None:
     run_campaign(flights(1), tmp_path, workers=Workers(1))
     heavy = short_scenario(**BRIEF, spacecraft__mass_kg=120.0)
-    with pytest.raises(InputError, match=r"another scenario, body, .*: give another output"):
+    with pytest.raises(InputError, match=r"another scenario, such as .*: give another output"):
         run_campaign(transit_flights(heavy, "mpc", 10000, 1), tmp_path, workers=Workers(1))
     assert len(flown) == 1
+
+
+def test_another_version_under_the_same_names(tmp_path: Path) -> None:
+    made = flights(1)
+    run_campaign(made, tmp_path, workers=Workers(1))
+    later = [dc.replace(each, provenance="proxops 99, body 0") for each in made]
+    with pytest.raises(InputError, match="another version of proxops, body, or file"):
+        run_campaign(later, tmp_path, workers=Workers(1))
+
+
+def test_worker_with_another_version(tmp_path: Path) -> None:
+    made = [dc.replace(each, provenance="proxops 99, body 0") for each in flights(1)]
+    with pytest.raises(InputError, match=r"a worker has proxops .* campaign is of proxops"):
+        run_campaign(made, tmp_path, workers=Workers(1))
+    assert visible(tmp_path) == []
 
 
 @pytest.mark.parametrize("content", ["", "{", "[]", '{"flight": 3}', "\x00\x01"])
@@ -222,7 +240,8 @@ def test_nothing_to_fly(tmp_path: Path) -> None:
 def test_impossible_flight_is_told_apart(tmp_path: Path) -> None:
     """A refusal comes through a worker process as what it is."""
     made = flights(2, "json:no_such_factory")
-    with pytest.raises(InputError, match="no attribute 'no_such_factory'"):
+    name = made[0].name
+    with pytest.raises(InputError, match=f"flight {name}: .*no attribute 'no_such_factory'"):
         run_campaign(made, tmp_path, workers=Workers(1))
     assert visible(tmp_path) == []
 
@@ -231,6 +250,41 @@ def test_impossible_flight_is_told_apart(tmp_path: Path) -> None:
 def test_no_scheduler(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no Dask scheduler answers"):
         run_campaign(flights(1), tmp_path, workers=Workers(scheduler="tcp://127.0.0.1:9"))
+
+
+def test_encrypted_scheduler_without_certificates(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"no Dask scheduler answers at tls://127\.0\.0\.1:9"):
+        run_campaign(flights(1), tmp_path, workers=Workers(scheduler="tls://127.0.0.1:9"))
+
+
+def test_processes_of_this_machine_or_a_scheduler() -> None:
+    with pytest.raises(InputError, match="not both"):
+        Workers(2, "tcp://127.0.0.1:9")
+
+
+def test_scheduler_without_workers_is_told_of() -> None:
+    pieces = flights(1)
+    with LocalCluster(n_workers=0, processes=False, dashboard_address=":0") as cluster:
+        work = Workers(scheduler=cluster.scheduler_address).results(pieces, attrgetter("name"))
+        with pytest.raises(UserWarning, match="has no workers yet"):
+            next(work)
+
+
+@pytest.mark.slow
+def test_settings_for_a_cluster_with_encryption() -> None:
+    """A user may have them for another machine's scheduler; processes of this one need none."""
+    pieces = [Flight(name, name.upper(), "mpc", "") for name in ("ab", "cd")]
+    with dask.config.set({"distributed.comm.require-encryption": True}):
+        assert dict(Workers(2).results(pieces, attrgetter("scenario"))) == {"ab": "AB", "cd": "CD"}
+
+
+def test_folder_without_locks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def no_locks(*_: object) -> None:
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    monkeypatch.setattr(campaign.fcntl, "lockf", no_locks)
+    with pytest.raises(InputError, match="without locks"):
+        run_campaign(flights(1), tmp_path, workers=Workers(1))
 
 
 def test_no_scheduler_is_asked_for_nothing(tmp_path: Path) -> None:

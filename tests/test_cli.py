@@ -15,12 +15,13 @@ import pytest
 import short_flights
 import trimesh
 from commands import proxops, settings
-from short_flights import blob, kleopatra, kleopatra_flight, short_scenario, write_blob
+from short_flights import blob, kleopatra, short_scenario, write_blob
 from synthetic_log import synthetic_log
 from test_flight_log import SUMMARY
 from test_navigation_wiring import NAVIGATION_SUMMARY
 
-from proxops.cli.common import console
+from proxops.cli import common
+from proxops.cli.common import console, work_bar
 from proxops.cli.fly import _table
 from proxops.diagrams.flight.transit_diagram import make_transit_diagram
 from proxops.diagrams.logs.flight_log import FlightLog, differences
@@ -200,6 +201,7 @@ def test_own_controller_from_the_working_directory(run, tmp_path: Path) -> None:
 
 def test_own_body(run, tmp_path: Path) -> None:
     """From a scenario file that names it relative to itself; repeated when the body is gone."""
+    (tmp_path / "bodies").mkdir()
     (tmp_path / "bodies").mkdir()
     write_blob(tmp_path / "bodies")
     (tmp_path / "bodies" / "scenario.yaml").write_text("body: blob.yaml\n")
@@ -567,19 +569,110 @@ def test_from_what_is_no_log(run, tmp_path: Path) -> None:
     refused(run("fly", "--from", "absent.nc", "--out", "out"), "there is no file absent.nc")
     refused(run("fly", "--from", ".", "--out", "out"), "is not a flight log")
     refused(run("replay", "notes.nc"), "notes.nc is not a flight log")
-    refused(run("replay", "absent.nc"), "there is no file absent.nc")
+    ran = run("replay", "absent.nc")
+    assert (ran.code, ran.err) == (2, "proxops: error: there is no file absent.nc\n")
     assert entries(tmp_path) == {"notes.nc"}
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "extra",
     [["--set", "noise_seed=1"], ["--seed", "3"], ["--transit", "3"], ["short.yaml"]],
 )
 def test_from_with_settings(run, tmp_path: Path, extra: list[str]) -> None:
-    kleopatra_flight().to_netcdf(tmp_path / "flight.nc")
     refused(run("fly", "--from", "flight.nc", *extra), "--from repeats a flight as it was")
-    assert entries(tmp_path) == {"flight.nc"}
+    assert entries(tmp_path) == set()
+
+
+def test_a_repeated_flight_does_not_replace_its_log(run, tmp_path: Path) -> None:
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "flight.nc").write_text("the only record of a flight")
+    ran = run("fly", "--from", "out/flight.nc", "--out", "out")
+    refused(ran, "--out out holds the log that is repeated")
+    assert (tmp_path / "out" / "flight.nc").read_text() == "the only record of a flight"
+
+
+def test_from_the_log_of_a_system_made_in_python(run, tmp_path: Path) -> None:
+    log = synthetic_log(30, ranges=False)
+    log.dataset.attrs["controller"] = "Proportional"
+    log.to_netcdf(tmp_path / "flight.nc")
+    ran = run("fly", "--from", "flight.nc", "--out", "again")
+    refused(ran, "Proportional, is a System that was made in Python", "body=log.body")
+
+
+@pytest.mark.parametrize(
+    "files", [["--out", "a.nc"], ["--mcap", "./a.nc"], ["--oem", "x", "--mcap", "x"]]
+)
+def test_replay_does_not_replace_its_log(run, tmp_path: Path, files: list[str]) -> None:
+    (tmp_path / "a.nc").write_text("a log")
+    refused(run("replay", "a.nc", *files), "must name files of their own, and not the log")
+    assert (tmp_path / "a.nc").read_text() == "a log"
+
+
+# --- options that would count for nothing ---------------------------------------------------------
+
+
+@pytest.mark.parametrize("command", ["fly", "evaluate", "collect"])
+def test_a_value_that_dispersions_draw(run, tmp_path: Path, command: str) -> None:
+    drawn = ["--set", "truth.gravity=0.8", "--dispersions", "after_survey"]
+    refused(run(command, *drawn, "--out", "out"), "truth.gravity is given", "after_survey draw it")
+    assert entries(tmp_path) == set()
+
+
+@pytest.mark.parametrize("command", ["evaluate", "collect", "reproduce"])
+def test_transits_of_a_set_are_not_given(run, tmp_path: Path, command: str) -> None:
+    ends = ["--set", "transit.start_m=[160e3, 0, 0]", "--set", "transit.goal_m=[160e3, 8e3, 0]"]
+    refused(run(command, *ends, "--out", "out"), "draws its transits", "proxops fly")
+    refused(run(command, "--set", "transit.seed=3", "--out", "out"), "--set transit.seed")
+    assert entries(tmp_path) == set()
+
+
+def test_disturbance_that_no_flight_of_a_mix_has(run, tmp_path: Path) -> None:
+    ran = run("collect", "--recovery", "paper", "--set", "force_noise.std_n=2", "--out", "out")
+    refused(ran, "force_noise", "kind noise")
+    assert entries(tmp_path) == set()
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["flagship", "--seed", "20000"], "--seed is that of the paper's transits"),
+        (["--quick", "--lidar", "paper"], "--lidar is for the paper's training"),
+        (["worlds", "--lidar", "paper"], "--lidar is for the paper's training"),
+    ],
+)
+def test_reproduce_refuses_what_it_would_not_heed(
+    run, tmp_path: Path, options: list[str], words: str
+) -> None:
+    refused(run("reproduce", *options, "--out", "out"), words)
+    assert entries(tmp_path) == set()
+
+
+def test_bodies_at_which_nothing_is_flown(run, tmp_path: Path) -> None:
+    (tmp_path / "bodies").mkdir()
+    write_blob(tmp_path / "bodies")
+    ran = run("reproduce", "flagship", "--bodies", "bodies", "--out", "out")
+    refused(ran, "--bodies names bodies at which nothing is flown")
+
+
+# --- what is printed ------------------------------------------------------------------------------
+
+
+def test_long_work_without_a_terminal_tells_of_its_progress(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    with work_bar("flying") as progress:
+        progress(0.2, "2 of 10 flights")
+        assert capfd.readouterr().err == ""  # Ten minutes have not passed.
+        monkeypatch.setattr(common, "_SECONDS_PER_LINE", 0.0)
+        progress(0.5, "5 of 10 flights")
+        assert capfd.readouterr().err == "50 % 5 of 10 flights\n"
+
+
+def test_brackets_in_a_name_are_no_style(run, tmp_path: Path) -> None:
+    synthetic_log(30, ranges=False).to_netcdf(tmp_path / "a.nc")
+    ran = run("replay", "a.nc", "--out", "b[v2][/b].html")
+    assert ran.code == 0
+    assert "b[v2][/b].html" in ran.err
 
 
 # --- help -----------------------------------------------------------------------------------------
@@ -629,12 +722,6 @@ def test_version(run) -> None:
     ran = run("--version")
     assert ran.code == 0
     assert ran.out == f"proxops {metadata.version('proxops')}\n"
-
-
-def test_replay_of_a_missing_file(run) -> None:
-    ran = run("replay", "missing.nc")
-    assert ran.code == 2
-    assert ran.err == "proxops: error: there is no file missing.nc\n"
 
 
 def test_a_log_runs_no_code_of_its_own(run, tmp_path: Path) -> None:

@@ -235,6 +235,7 @@ def _fly_one(
         row = _finished(flight, folder, keep_logs)
         if row is not None:
             return row  # Another process has flown it meanwhile.
+        _check_version(flight)
         for part in folder.glob(f".{flight.name}.*.part"):
             part.unlink()  # A process that was killed left it.
         scenario = parse_scenario(flight.scenario)
@@ -243,6 +244,8 @@ def _fly_one(
             log = fly(scenario, flight.controller, body=_body_of(flight, scenario))
         except UnflyableWorldError as error:
             row = _unflyable(flight, scenario, error)
+        except InputError as error:
+            raise InputError(f"flight {flight.name}: {error}") from error
         else:
             if path is not None:
                 log.to_netcdf(path)
@@ -250,6 +253,14 @@ def _fly_one(
         text = json.dumps({"flight": dc.asdict(flight), "summary": row})
         write_whole(folder / f"{flight.name}.json", lambda name: name.write_text(text))
         return row
+
+
+def _check_version(flight: Flight) -> None:
+    """Raises `InputError` if this process, perhaps of a cluster, has another version of proxops."""
+    own = f"proxops {metadata.version('proxops')}"
+    asked, _, _ = flight.provenance.partition(", ")
+    if asked != own:
+        raise InputError(f"a worker has {own}, but the campaign is of {asked}: install that there")
 
 
 @contextlib.contextmanager
@@ -269,6 +280,11 @@ def _locked(folder: Path, name: str, wait: bool) -> Generator[bool]:
             fcntl.lockf(file, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB), 1, place)
         except (BlockingIOError, PermissionError):
             yield False
+        except OSError as error:
+            raise InputError(
+                f"{folder} is on a file system without locks ({error.strerror}): use a folder on "
+                "another one"
+            ) from error
         else:
             yield True
 
@@ -306,12 +322,27 @@ def _finished(flight: Flight, folder: Path, keep_logs: bool) -> Row | None:
         raise InputError(f"{path} is not the summary of a flight; remove this file") from error
     if flown != dc.asdict(flight):
         raise InputError(
-            f"{path} is from a flight with another scenario, body, controller or version: "
-            "give another output folder, or remove this one"
+            f"{folder} holds flights with another {_difference(flown, flight)}, such as "
+            f"{path.name}: give another output folder, or remove this one"
         )
     if keep_logs and "unflyable" not in summary and not (folder / f"{flight.name}.nc").is_file():
         return None
     return summary
+
+
+def _difference(stored: typing.Any, flight: Flight) -> str:
+    """Says in words what differs between a stored flight, as a dict, and one that is wanted."""
+    names = {
+        "scenario": "scenario",
+        "controller": "controller",
+        "provenance": "version of proxops, body, or file of bundle, map or controller",
+    }
+    differing = [
+        text
+        for name, text in names.items()
+        if not isinstance(stored, dict) or stored.get(name) != getattr(flight, name)
+    ]
+    return ", or another ".join(differing) or "name"
 
 
 def _unflyable(flight: Flight, scenario: Scenario, error: UnflyableWorldError) -> Row:

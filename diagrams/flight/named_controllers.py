@@ -6,6 +6,7 @@ import ast
 import contextlib
 import importlib.util
 import sys
+import traceback
 import types
 from collections.abc import Generator
 from pathlib import Path
@@ -67,7 +68,11 @@ def named_controller(name: str, scenario: Scenario, body: Body) -> System:
             factory = getattr(_module(module_name), factory_name)
             controller = factory(scenario, body)
     except Exception as error:
-        raise InputError(f"controller {name!r}: {type(error).__name__}: {error}") from error
+        place = traceback.extract_tb(error.__traceback__)[-1]
+        raise InputError(
+            f"controller {name!r}: {type(error).__name__}: {error} "
+            f"({Path(place.filename).name}, line {place.lineno})"
+        ) from error
     if not isinstance(controller, System):
         raise InputError(f"controller {name!r} made a {type(controller).__name__}, not a System")
     return controller

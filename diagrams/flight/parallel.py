@@ -7,6 +7,7 @@ import dataclasses as dc
 import logging
 import os
 import typing
+import warnings
 from collections.abc import Callable, Generator, Sequence
 from uuid import uuid4
 
@@ -48,9 +49,14 @@ class Workers:
     progress: Progress = silent
 
     def __post_init__(self) -> None:
-        """Raises `InputError` if the number of processes is not at least 1."""
+        """Raises `InputError` if `processes` is below 1, or there is a scheduler too."""
         if self.processes is not None and self.processes < 1:
             raise InputError(f"Workers needs at least 1 process, got {self.processes}")
+        if self.processes is not None and self.scheduler is not None:
+            raise InputError(
+                f"Workers takes a number of processes ({self.processes}) or a scheduler "
+                f"({self.scheduler}), not both: the scheduler has workers of its own"
+            )
 
     def results(
         self, pieces: Sequence[Work], task: Callable[[Work], Result]
@@ -110,7 +116,7 @@ def _distributed(
             except KilledWorker as error:
                 raise InputError(
                     f"{names[future.key]} ended {_LIVES} worker processes one after the "
-                    "other: is there enough memory? Run again with fewer --workers to go on"
+                    "other: is there enough memory? Run again with fewer workers to go on"
                 ) from error
             yield names[future.key], result
             future.release()
@@ -124,9 +130,16 @@ def _client(processes: int, scheduler: str | None):
     if scheduler is not None:
         try:
             client = Client(scheduler, timeout="10s")
-        except (OSError, ValueError, TimeoutError) as error:
+        # Dask raises the last two where certificates are missing or encryption is required.
+        except (OSError, ValueError, TimeoutError, TypeError, RuntimeError) as error:
             raise InputError(f"no Dask scheduler answers at {scheduler}: {error}") from error
         with client:
+            if not client.nthreads():
+                warnings.warn(
+                    f"the scheduler at {scheduler} has no workers yet; the work begins when they "
+                    "are there",
+                    stacklevel=1,
+                )
             yield client
         return
     settings = {
@@ -135,6 +148,8 @@ def _client(processes: int, scheduler: str | None):
         "distributed.nanny.pre-spawn-environ": {},
         # A worker that is killed is replaced, and its work is done again.
         "distributed.scheduler.allowed-failures": _LIVES - 1,
+        # A user's settings for a cluster don't count here: it has no certificates.
+        "distributed.comm.require-encryption": False,
     }
     with (
         dask.config.set(settings),
@@ -144,6 +159,7 @@ def _client(processes: int, scheduler: str | None):
             processes=True,
             # Only this machine can reach it. It takes any free port, because several may run.
             host=_THIS_MACHINE,
+            protocol="tcp://",
             dashboard_address=f"{_THIS_MACHINE}:0",
             silence_logs=logging.CRITICAL,
             # Ctrl-C reaches all processes of a terminal; the workers end when this one does.

@@ -104,8 +104,9 @@ _BOUNDED = (
 def bounds_of_dispersions(
     reach: Reach, keys: Iterable[str], scenario: Scenario, body: Body
 ) -> AssuranceBoundsConfig:
-    """Gives bounds that all worlds of dispersions keep.
+    """Gives bounds for the worlds of dispersions.
 
+    They are the ends of what is drawn, four deviations of what has no end, and samples for gravity.
     Errors of position and velocity are not among them: they are the navigation's to tell.
 
     Args:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from pydrake.common.yaml import yaml_dump_typed
 
+from proxops.diagrams.scenario.dispersions import loaded_dispersions
 from proxops.diagrams.scenario.path_keys import make_paths_absolute
 from proxops.diagrams.scenario.renamed_keys import refuse_renamed, translate_renamed
 from proxops.diagrams.scenario.scenario_checks import check_scenario
@@ -20,6 +21,7 @@ from proxops.diagrams.scenario.typed_yaml import (
     parse_mapping,
     read_mapping,
 )
+from proxops.systems.common import InputError
 
 
 def load_scenario(
@@ -40,7 +42,8 @@ def load_scenario(
 
     Raises:
       InputError: the file cannot be read or is not YAML, a key is unknown (the message gives the
-        nearest valid one), or a value has the wrong type or is beyond its limits.
+        nearest valid one), a value has the wrong type or is beyond its limits, or an override
+        gives a value that the scenario's dispersions draw for each flight.
     """
     source = "scenario" if path is None else str(path)
     tree = {} if path is None else read_mapping(Path(path))
@@ -52,6 +55,7 @@ def load_scenario(
         tree.setdefault("navigation", {"_tag": "!TrueState"})
     scenario = load_typed(Scenario, tree, source)
     check_scenario(scenario, source)
+    _check_not_drawn(scenario, overrides)
     return scenario
 
 
@@ -94,19 +98,46 @@ def change_scenario(
         directory.
 
     Raises:
-      InputError: a key is unknown, or a value has the wrong type or is beyond its limits.
+      InputError: a key is unknown, a value has the wrong type or is beyond its limits, or the
+        scenario's dispersions draw it for each flight.
     """
     tree = parse_mapping(dump_scenario(scenario), "scenario")
     _change(tree, changes)
     refuse_renamed(tree, "scenario")
     changed = load_typed(Scenario, tree, "scenario")
     check_scenario(changed, "scenario")
+    _check_not_drawn(changed, changes)
     return changed
 
 
 def believed(scenario: Scenario) -> Scenario:
     """Gives the scenario as the controllers know it: the world is as they are told."""
     return dc.replace(scenario, truth=TruthConfig(), dispersions=None, dispersed=[])
+
+
+def _check_not_drawn(
+    scenario: Scenario, changes: typing.Sequence[str] | typing.Mapping[str, typing.Any]
+) -> None:
+    """Raises `InputError` if a changed value would be replaced by one that dispersions draw."""
+    if scenario.dispersions is None:
+        return
+    drawn = {each.key for each in loaded_dispersions(scenario.dispersions) if each.times != "value"}
+    for given, value in overrides_of(changes).items():
+        for key in _leaves(given, value):
+            if key in drawn:
+                raise InputError(
+                    f"{key} is given, but dispersions {scenario.dispersions} draw it for each "
+                    "flight: leave out one of them, or fly dispersions of your own with your value"
+                )
+
+
+def _leaves(key: str, value: typing.Any) -> typing.Iterator[str]:
+    """Gives the dotted keys of the plain values in a value of nested dicts."""
+    if not isinstance(value, dict):
+        yield key
+        return
+    for name, inner in value.items():
+        yield from _leaves(f"{key}.{name}", inner)
 
 
 def _change(

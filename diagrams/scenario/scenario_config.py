@@ -159,7 +159,7 @@ class HybridConfig:
     # after two forces that disagree or that barely agree.
     check_period: int = number(10, at_least=1, at_most=1000000)
     # The longest period of the adaptive rule, after equal forces. Every period ends early enough
-    # that the spacecraft can still stop before the keep-out ellipsoid, whatever force acted.
+    # that the spacecraft should be able to stop before the keep-out ellipsoid, whatever acted.
     longest_period: int = number(100, at_least=1, at_most=1000000)
     # Standard deviations, per axis, of the errors of the state that the MPC gets.
     state_noise_position_m: float = number(0.0, at_least=0.0, at_most=_FAR, unit="m")

@@ -110,7 +110,7 @@ def _warn_of_exceeded(
 def _declared(
     dispersions: typing.Sequence[Dispersion], scenario: Scenario, body: Body
 ) -> AssuranceBoundsConfig:
-    """Gives the bounds that all worlds keep which a scenario and its dispersions declare."""
+    """Gives the bounds for the worlds that a scenario and its dispersions declare."""
     own = own_values(scenario, [each.key for each in dispersions])
     return _ends(dispersions, scenario.dispersions or "", own, scenario, body)
 
@@ -122,7 +122,7 @@ def _ends(
     scenario: Scenario,
     body: Body,
 ) -> AssuranceBoundsConfig:
-    """Gives the bounds that all worlds keep of dispersions of a name, and of a scenario's own."""
+    """Gives the bounds for the worlds of dispersions of a name, and of a scenario's own."""
     by_key = {each.key: each for each in dispersions}
 
     def reach(key: str, about: float) -> float | None:

@@ -48,7 +48,13 @@ def write_worst(folder: Path, results: Results, logs: Logs) -> None:
       InputError: the folder cannot be made or written.
     """
     for name, result in results.items():
-        for row in replayed_flights(result):
+        worst = replayed_flights(result)
+        shown = {folder / _page(name, row) for row in worst}
+        # Those of an earlier run are no longer linked.
+        for old in (folder / _FOLDER).glob(f"{controller_label(name)}-{'[0-9]' * 5}.html"):
+            if old not in shown:
+                old.unlink()
+        for row in worst:
             make_folder(folder / _FOLDER)
             write_replay(logs[name][row["transit"]], folder / _page(name, row))
 

@@ -316,7 +316,10 @@ def _advance(r, v, gravity, u, before, after, spreads, world, r_end, v_end):
 
 @_inlined
 def _clearance(level, world):
-    """A lower bound of the distance (m) to the ellipsoid, from the level |(x/a, y/b, z/c)|."""
+    """A lower bound of the distance (m) to the ellipsoid, from the level |(x/a, y/b, z/c)|.
+
+    Inside, where it is negative, only its sign counts.
+    """
     return (level - 1.0) * min(world[0], world[1], world[2])
 
 

@@ -197,8 +197,8 @@ class BackupBraking:
         wider = 0.5 * (shortest + longest) / np.sqrt(shortest * longest)
         wider *= position + bounds.surface
         curvature = longest / shortest**2
-        # Braking sideways for one period loses at most this outward speed; and the law may take an
-        # axis for faster than it is.
+        # Braking two axes for one period loses at most this outward speed (of three, c is left);
+        # and the law may take an axis for faster than it is.
         loss = np.sqrt(2.0) * acceleration * (bounds.strongest + bounds.across)
         loss = self.period * (loss + gravity + self._other())
         outward = loss + 2.0 * velocity + 2.0 * self.cruise_speed * curvature * position
@@ -310,8 +310,8 @@ class BackupBraking:
     def backup_margin(self, state: np.ndarray) -> float:
         """The least clearance in m, from the ellipsoid with its margin, if the backup flies.
 
-        It is a lower bound, which is closer the nearer it is to 0. It is -inf if the backup's
-        flight does not settle.
+        It is a lower bound, which is closer the nearer it is to 0; of a negative one, only the sign
+        counts. It is -inf if the backup's flight does not settle.
         """
         r, v = self._split(state)
         return kernel.backup_margin(r, v, *self._given)

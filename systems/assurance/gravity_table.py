@@ -71,7 +71,7 @@ class GravityTable:
             steep.append(level**3 * np.linalg.norm(gradient, ord=2, axis=(1, 2)).max())
         self.steepness = _GAPS * float(max(steep))
         """In 1/s^2: outside, at the level L, the spectral norm of the gradient is at most this over
-        the cube of L."""
+        the cube of L, as sampled up to level 3."""
         # Between the nodes, where cubics are worst.
         between = np.concatenate([level * some * axes for level in (1.0, *_LEVELS)])
         error = self.acceleration(between) - field.evaluate(between).acceleration

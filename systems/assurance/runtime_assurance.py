@@ -23,8 +23,8 @@ class RuntimeAssurance(LeafSystem):
     ```
 
     All vectors are in K, in m, m/s and N. Keeping out of the ellipsoid has priority over the speed
-    limit; the thrust limit always holds. A safe command passes bit for bit. `BackupBraking`
-    explains how this is decided, and why it is enough.
+    limit; the thrust limit always holds. A safe command within both limits passes bit for bit.
+    `BackupBraking` explains how this is decided, and why it is enough.
 
     From a state that `BackupBraking` admits, the flight stays out whatever is commanded, as long
     as all errors are within the bounds. From any other state the backup brakes as hard as it can,
@@ -33,13 +33,15 @@ class RuntimeAssurance(LeafSystem):
     `covariance` (9, 9) is that of `LidarNavigation`: of position, velocity and attitude. The errors
     of the state are then bounded by those of the box plus so many standard deviations along the
     longest axis, of position and of velocity. Along one axis, a normal error is beyond 4 of them
-    once in 16,000 steps. Without this input the errors are those of the box.
+    once in 16,000 steps; the length of an error that is alike in all directions, once in 900. That
+    of the attitude is not used. Without this input the errors are those of the box.
 
     The outputs depend on the inputs alone. A command that is not finite passes unchanged; the
     thrusters refuse it. If the state is not finite, because the navigation has none, every command
     passes unchanged: without a state nothing can be said of a command, nor of another. The same
     holds while the errors of the state are so great that the backup would not settle even from
-    rest, as in the first steps of a navigation, which has seen few frames.
+    rest: in the first steps of a navigation, which has seen few frames, when frames are missing for
+    long, and in the steps after something acted that the navigation did not expect.
     """
 
     def __init__(self, backup: BackupBraking, deviations: float = 4.0):

@@ -43,9 +43,9 @@ from proxops.systems.expert.path_limits import PathLimits, slack_of_limits
 from proxops.systems.expert.plan import Horizon, Plan, PlanStatus, TransitLimits
 from proxops.systems.gravity import Field
 
-# Prices of one scaled unit of slack, against an effort of 0 to 3. They are above every multiplier,
-# so that slack is used only where nothing else is feasible (an exact penalty). Staying out of the
-# keep-out ellipsoid has priority over everything else.
+# Prices of one scaled unit of slack, against an effort of 0 to 3. They are meant to be above every
+# multiplier, so that slack is used only where nothing else is feasible (an exact penalty). Staying
+# out of the keep-out ellipsoid has priority over everything else.
 KEEP_OUT_PRICE, SLACK_PRICE = 1000.0, 100.0
 # A plan is close if its state now and its target are within this many units: 0.5 km and 0.5 m/s.
 _CLOSE = 0.05

@@ -86,7 +86,9 @@ class AgreementGate:
 
 
 def angle_between(one: np.ndarray, other: np.ndarray) -> float:
-    """atan2(|u x v|, u.v), in rad from 0 to pi; NaN if a vector (3,) is zero."""
+    """atan2(|u x v|, u.v), in rad from 0 to pi; NaN if a vector (3,) is zero or not finite."""
+    if not (np.isfinite(one).all() and np.isfinite(other).all()):
+        return math.nan
     one, other = _near_unit(one), _near_unit(other)
     across = float(np.linalg.norm(np.cross(one, other)))
     along = float(one @ other)

@@ -34,8 +34,8 @@ class CheckSchedule:
     slowly: it is at most twice the last period or twice `check_period`, whichever is longer. After
     a disagreement it is `check_period`, and until then the MPC's plan of the check is continued.
     The period never exceeds `longest`, nor the number of steps after which the spacecraft, whatever
-    its thrusters do, could still be braked before the keep-out ellipsoid (`ReachModel`). It is at
-    least one step.
+    its thrusters do, should still have room to brake before the keep-out ellipsoid (`ReachModel`).
+    It is at least one step.
     """
 
     rule: PeriodRule = PeriodRule.FIXED

@@ -176,7 +176,8 @@ def fit(columns, rows, innovations, before, after):
 def squared_deviation(covariance, columns, moved):
     """The square of a step (n,) of some quantities, over their covariance, which is in (n, n).
 
-    By Cholesky's decomposition, of a few rows, because numba takes long to compile a solver.
+    By Cholesky's decomposition, of a few rows, because numba takes long to compile a solver. What
+    is known exactly, with variance 0, is left out.
     """
     count = columns.size
     root, white, total = np.zeros((count, count)), np.zeros(count), 0.0
@@ -186,9 +187,13 @@ def squared_deviation(covariance, columns, moved):
             left = covariance[columns[i], columns[j]]
             for k in range(j):
                 left -= root[i, k] * root[j, k]
-            root[i, j] = left / root[j, j] if j < i else np.sqrt(left)
+            if j == i:
+                root[i, i] = np.sqrt(left) if left > 0.0 else 0.0
+            elif root[j, j] > 0.0:
+                root[i, j] = left / root[j, j]
         for k in range(i):
             step -= root[i, k] * white[k]
-        white[i] = step / root[i, i]
-        total += white[i] ** 2
+        if root[i, i] > 0.0:
+            white[i] = step / root[i, i]
+            total += white[i] ** 2
     return total

@@ -31,7 +31,7 @@ class MapError:
     eigenfunctions of this covariance over the surface (Karhunen-Loeve): few hold nearly all of it.
 
     Attributes:
-      std: its standard deviation in m, the root mean square over the vertices.
+      std: its standard deviation in m, before what moves or turns the body is taken off.
       modes: M, their number; 0 if the map has no error.
       table: (V, M) float64: displacement of each vertex along its normal, in m, by each of the
         coefficients, which are independent, with variance 1.

@@ -15,7 +15,13 @@ from proxops.training.data.normalisation import Normalisation
 from proxops.training.data.packed_flights import PackedFlights, part_rows
 from proxops.training.data.packing import pack_flights
 from proxops.training.data.plans import expert_plans, portion_labels, portions_of
-from proxops.training.data.recovery import MIXES, at_rest, kind_of, parse_mix
+from proxops.training.data.recovery import (
+    MIXES,
+    at_rest,
+    check_disturbances,
+    kind_of,
+    parse_mix,
+)
 from proxops.training.data.scaling import (
     Scaling,
     body_length,
@@ -35,6 +41,7 @@ __all__ = [
     "Scaling",
     "at_rest",
     "body_length",
+    "check_disturbances",
     "collect",
     "collection_flights",
     "expert_plans",

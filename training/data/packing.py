@@ -141,7 +141,7 @@ def _write_columns(
     if not any(flight.part == "training" and flight.steps for flight in flights):
         raise InputError(
             f"{logs[0].parent}: none of its transits is of the training part, which normalisation "
-            "needs: collect more (of five in a row three are), or give another split seed"
+            "needs: collect more (of five in a row three are)"
         )
     assert setting is not None
     normalisation = Normalisation(**{name: each.scale() for name, each in moments.items()})

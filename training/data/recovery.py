@@ -69,6 +69,16 @@ def parse_mix(text: str) -> dict[str, int]:
     return mix
 
 
+def check_disturbances(scenario: Scenario, mix: Mapping[str, int]) -> None:
+    """Raises `InputError` if a scenario has a disturbance that no flight of a mix would have."""
+    for key, kind in (("disturbance", "random_walk"), ("force_noise", "noise"), ("kicks", "kicks")):
+        if getattr(scenario, key) is not None and not mix.get(kind):
+            raise InputError(
+                f"the scenario has {key}, which only flights of kind {kind} have, and there are "
+                f"none in the mix: give --recovery with {kind}, or leave out {key}"
+            )
+
+
 def kind_of(mix: Mapping[str, int], index: int) -> str:
     """The kind of flight number `index`; it depends on the mix and the index alone.
 

@@ -109,7 +109,7 @@ def check_minari_name(name: str) -> Path:
     if folder.exists():
         raise InputError(
             f"Minari has a data set {name!r} already, in {folder}: choose another name or version, "
-            f"or delete it (minari delete {name})"
+            f"or delete it (minari delete {name}); it may be incomplete if a command was killed"
         )
     return folder
 

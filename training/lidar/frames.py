@@ -29,6 +29,8 @@ _SILHOUETTE_REACH = 2
 # Number of positions whose chords are computed together.
 _BLOCK = 64
 _FEWEST_POSITIONS = 64
+# Their frames take some 9 GB.
+_MOST_POSITIONS = 500_000
 
 
 def grid_positions(body: Body, cube: float, spacing: float) -> np.ndarray:
@@ -38,10 +40,20 @@ def grid_positions(body: Body, cube: float, spacing: float) -> np.ndarray:
       cube: edge in m that the grid fills. spacing: in m between neighbours.
 
     Raises:
-      InputError: too few are left to learn from.
+      InputError: the spacing is not from 0 to the cube's edge, or the grid has more positions than
+        memory holds frames of, or too few outside the body to learn from.
     """
     if not 0.0 < spacing <= cube:
-        raise InputError(f"spacing must be positive and at most the cube's {cube:g} m, {spacing:g}")
+        raise InputError(
+            f"the spacing must be above 0 and at most the cube's {cube / 1e3:g} km, got "
+            f"{spacing / 1e3:g} km"
+        )
+    if (cube / spacing + 1.0) ** 3 > _MOST_POSITIONS:
+        least = cube / (_MOST_POSITIONS ** (1.0 / 3.0) - 1.0)
+        raise InputError(
+            f"a spacing of {spacing / 1e3:g} km makes too many positions in the cube of "
+            f"{cube / 1e3:g} km: give at least {least / 1e3:.3g} km"
+        )
     steps = int(cube / spacing * (1.0 + 1e-12))
     line = spacing * (np.arange(steps + 1) - 0.5 * steps)
     grid = np.stack(np.meshgrid(line, line, line, indexing="ij"), axis=-1).reshape(-1, 3)

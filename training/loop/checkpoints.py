@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -19,7 +20,10 @@ def save_checkpoint(path: Path, identity: str, state: dict[str, Any]) -> None:
     The file is replaced only when the new one is complete.
     """
     content = {"proxops": metadata.version("proxops"), "identity": identity, **state}
-    write_whole(path, lambda name: torch.save(content, name))
+    # PyTorch would report a full disk as an error of its own.
+    memory = io.BytesIO()
+    torch.save(content, memory)
+    write_whole(path, lambda name: name.write_bytes(memory.getbuffer()))
 
 
 def load_checkpoint(path: Path, identity: str) -> dict[str, Any] | None:
