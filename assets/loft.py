@@ -35,6 +35,8 @@ MESH = ASSETS / "kleopatra" / "kleopatra.obj"
 
 # 10 cap (cap + band) = 4,000 facets; a band this long suits a body so much longer than thick.
 CAP, BAND = 8, 42
+# Weight of a vertex's move against the distance of a sample, both squared.
+_STIFFNESS = 0.1
 
 HEADER = """\
 # (216) Kleopatra, km: x the long axis, z the spin axis, origin the centre of mass
@@ -171,11 +173,11 @@ def smooth(mesh: trimesh.Trimesh, nearest: NearestPoint, steps: int) -> None:
         mesh.vertices = nearest(vertices + 0.7 * move)[0]
 
 
-def balance(mesh: trimesh.Trimesh, surface: trimesh.Trimesh, stiffness: float = 0.1) -> None:
+def balance(mesh: trimesh.Trimesh, surface: trimesh.Trimesh) -> None:
     """Move the vertices in place along their normals to the least mean square distance.
 
     With d the distance of a sample of the surface outward from the mesh, and b the barycentric
-    weights of the mesh's closest point, the moves m minimise sum (b . m - d)^2 + stiffness |m|^2.
+    weights of the mesh's closest point, the moves m minimise sum (b . m - d)^2 + 0.1 |m|^2.
     """
     samples, _ = sample(surface)
     closest, facet = NearestPoint(mesh)(samples)
@@ -186,7 +188,7 @@ def balance(mesh: trimesh.Trimesh, surface: trimesh.Trimesh, stiffness: float = 
     row = np.repeat(np.arange(len(samples)), 3)
     shape = (len(samples), len(mesh.vertices))
     design = sparse.coo_array((weight.ravel(), (row, corners.ravel())), shape).tocsc()
-    normal_matrix = design.T @ design + stiffness * sparse.eye_array(shape[1])
+    normal_matrix = design.T @ design + _STIFFNESS * sparse.eye_array(shape[1])
     move = spsolve(normal_matrix.tocsc(), design.T @ distance)
     mesh.vertices = mesh.vertices + np.asarray(move)[:, None] * mesh.vertex_normals
 

@@ -32,6 +32,8 @@ _GRAVITY = 6.6743e-11
 # The integral of 1 / distance from a corner of an equilateral triangle, over area / distance of its
 # centroid.
 _CORNER = 4.0 * np.arcsinh(np.sqrt(1.0 / 3.0)) / np.sqrt(3.0)
+# Waves that relief is the sum of.
+_WAVES = 16
 # Points along a meridian, from which its rings are interpolated.
 _STATIONS = 4001
 # A ring's distance from the next, over its radius, times the number of rings in a cap: a net with
@@ -101,7 +103,6 @@ def relief(
     points: FloatArray,
     random: np.random.Generator,
     wave_numbers: tuple[float, float] = (3.0, 9.0),
-    waves: int = 16,
 ) -> FloatArray:
     """A smooth random function (N,) of points (N, 3); its root mean square is about 1.
 
@@ -109,12 +110,11 @@ def relief(
       points: (N, 3) in any unit.
       random: draws the waves.
       wave_numbers: the least and the greatest, in rad per unit of the points.
-      waves: number of waves that are added up.
     """
-    ways = random.standard_normal((waves, 3))
-    ways *= random.uniform(*wave_numbers, (waves, 1)) / np.linalg.norm(ways, axis=1, keepdims=True)
-    phases = random.uniform(0.0, 2.0 * np.pi, waves)
-    return np.sqrt(2.0 / waves) * np.cos(points @ ways.T + phases).sum(axis=1)
+    ways = random.standard_normal((_WAVES, 3))
+    ways *= random.uniform(*wave_numbers, (_WAVES, 1)) / np.linalg.norm(ways, axis=1, keepdims=True)
+    phases = random.uniform(0.0, 2.0 * np.pi, _WAVES)
+    return np.sqrt(2.0 / _WAVES) * np.cos(points @ ways.T + phases).sum(axis=1)
 
 
 def shortest_period_h(vertices: FloatArray, facets: IntArray, density: float) -> float:

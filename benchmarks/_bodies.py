@@ -9,7 +9,13 @@ import numpy as np
 import trimesh
 
 from proxops.assets.random_bodies import relief
-from proxops.diagrams.scenario import Scenario, change_scenario, load_body, load_scenario
+from proxops.diagrams.scenario import (
+    Scenario,
+    change_scenario,
+    is_yaml_path,
+    load_body,
+    load_scenario,
+)
 from proxops.systems.common import InputError, generator, make_folder, write_whole
 from proxops.systems.shapes import mesh_bytes, read_mesh
 
@@ -79,7 +85,7 @@ def scenario_at(name: str, folder: Path) -> Scenario:
     from proxops.diagrams.new_body import scaled_scenario  # Slow to import.
 
     path = Path(name)
-    if not name.endswith((".yaml", ".yml")):
+    if not is_yaml_path(name):
         path = _written(name, folder)
     return change_scenario(scaled_scenario(load_body(str(path)), str(path.resolve())), quiet)
 

@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from importlib import metadata
 from pathlib import Path
 
-from proxops.systems.common import write_whole
+from proxops.systems.common import write_json
 
 FILE = "PROXOPS_BENCH_RESULTS"
 PACKAGES = ("drake", "numpy", "numba", "torch", "polyhedral-gravity", "bsk", "casadi", "embreex")
@@ -34,7 +34,7 @@ def keep(figures: Mapping[str, float]) -> None:
         entry = {**flown_by, "figures": {}}
         entries.append(entry)
     entry["figures"] |= {name: float(f"{value:.3g}") for name, value in figures.items()}
-    write_whole(path, lambda file: file.write_text(json.dumps(entries, indent=1) + "\n"))
+    write_json(path, entries, indent=1)
 
 
 def installed(name: str) -> str | None:

@@ -80,8 +80,8 @@ class Mapped(Pilot):
 
 def pilot_variant(kind: type[Pilot], folder: Path) -> Pilot:
     """The pilot of a folder, with the navigation of `kind`."""
-    shape, whole, _ = load_pilot(folder)
-    made = shape.make()
+    dimensions, whole, _ = load_pilot(folder)
+    made = dimensions.make()
     pilot = kind(made.hits, made.coarse, made.geometry, made.filter, made.guidance)
     pilot.load_state_dict(whole.state_dict())
     if isinstance(pilot, Mapped):

@@ -36,6 +36,7 @@ from _campaign import campaign_parser, fly_with_bar, show
 from proxops.diagrams.flight import Row
 from proxops.diagrams.scenario import is_blocked, load_scenario
 from proxops.studies.evaluation import Variant, aggregate_all
+from proxops.training.reports import number_text
 
 SHIPPED = (
     Variant("mpc", "mpc"),
@@ -73,11 +74,6 @@ def arrivals(rows: Sequence[Row]) -> str:
 
 def cells(result: dict[str, Any]) -> list[str]:
     """One line of the table, from an entry of `results.json`."""
-
-    def figure(name: str, form: str, unit: float = 1.0) -> str:
-        value = result.get(name)
-        return "–" if value is None else format(value / unit, form)
-
     rows = result["flights"]
     return [
         arrivals(rows),
@@ -85,11 +81,11 @@ def cells(result: dict[str, Any]) -> list[str]:
         arrivals([row for row in rows if is_blocked(row["transit"])]),
         str(result["collisions"]),
         str(sum(row["keep_out_violations"] > 0 for row in rows)),
-        figure("expert_delta_v_ratio", ".3f"),
-        figure("terminal_position_error_m_median", ".3f", 1e3),
-        figure("terminal_position_error_m_p95", ".3f", 1e3),
-        figure("estimate_position_error_m_median", ".0f"),
-        figure("estimate_velocity_error_m_s_median", ".3f"),
+        number_text(result.get("expert_delta_v_ratio"), ".3f"),
+        number_text(result.get("terminal_position_error_m_median"), ".3f", 1e-3),
+        number_text(result.get("terminal_position_error_m_p95"), ".3f", 1e-3),
+        number_text(result.get("estimate_position_error_m_median"), ".0f"),
+        number_text(result.get("estimate_velocity_error_m_s_median"), ".3f"),
     ]
 
 

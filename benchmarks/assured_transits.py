@@ -12,52 +12,24 @@ interrupted, or to add transits.
         [--out out/assured-transits] [--markdown table.md]
 """
 
-import dataclasses as dc
+import functools
 import os
 from collections.abc import Sequence
 
 for name in ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ[name] = "1"
 
-import numpy as np
 from _campaign import campaign_parser, fly_with_bar, show
+from _farther_off import farther_off
 
 from proxops.diagrams.flight import Row
-from proxops.diagrams.scenario import (
-    Body,
-    Scenario,
-    change_scenario,
-    is_blocked,
-    load_scenario,
-)
+from proxops.diagrams.scenario import is_blocked, load_scenario
 from proxops.studies.evaluation import Variant, delta_v_pairs
 
-# What says how errors are drawn, not how large they are.
-NO_ERRORS = ("seed", "correlation", "latency", "mesh", "specific_impulse", "failed", "failure")
 HEADINGS = (
     "success", "flights that entered", "least clearance (km)", "Δv over that without", "greatest",
     "greatest, blocked", "changed steps", "flights with any", "to keep out",
 )  # fmt: skip
-
-
-def twice_as_far_off(scenario: Scenario, body: Body) -> Scenario:
-    """A `World`: every error of the truth is twice as large, and nobody on board is told."""
-    drawn, usual = dc.asdict(scenario.truth), dc.asdict(Scenario().truth)
-    return change_scenario(scenario, {"truth": doubled(drawn, usual)})
-
-
-def doubled(drawn: dict, usual: dict) -> dict:
-    """Numbers of nested mappings, twice as far from the usual ones; shares stay below 1."""
-    found = {}
-    for key, value in drawn.items():
-        nominal = usual.get(key)
-        if isinstance(value, dict):
-            found[key] = doubled(value, nominal or {})
-        elif isinstance(value, str | bool | None) or any(part in key for part in NO_ERRORS):
-            found[key] = value
-        else:
-            found[key] = (2.0 * np.array(value) - np.array(nominal)).tolist()
-    return found
 
 
 def figures(rows: Sequence[Row], without: Sequence[Row]) -> list[str]:
@@ -105,7 +77,8 @@ def main() -> None:
         ]
         if asked.twice:
             name = f"{controller}, assured, twice as far off"
-            variants.append(Variant(name, controller, told, world=twice_as_far_off))
+            twice = functools.partial(farther_off, times=2.0)
+            variants.append(Variant(name, controller, told, world=twice))
         rows = fly_with_bar(variants, scenario, asked)
         lines |= {name: figures(flown, rows[controller]) for name, flown in rows.items()}
     title = f"Transits 0 … {asked.transits - 1} of seed {asked.seed}, worlds of {asked.dispersions}"

@@ -147,14 +147,14 @@ def turned_and_wide(body: Body) -> None:
 def batches(body: Body, poses: np.ndarray) -> None:
     """All poses at once; the peer gets every ray's origin and direction, as it needs them."""
     directions = ray_directions()
-    caster = RayCaster(body.shape)
+    fan = RayCaster(body.shape).fan(directions)
     peer = RayMeshIntersector(body.shape.to_trimesh())
     few = poses[:50]
     origins = np.repeat(few, len(directions), axis=0)
     rays = np.tile(directions, (len(few), 1))
     lidar, times = Lidar(body.shape), 10.0 * np.arange(len(poses))
     calls: dict[str, tuple[int, Callable]] = {
-        "ours: RayCaster.frames": (len(poses), lambda: caster.frames(poses, directions)),
+        "ours: RayFan.frames": (len(poses), lambda: fan.frames(poses)),
         "ours: Lidar.frames, with noise": (len(poses), lambda: lidar.frames(times, poses, 0)),
         "trimesh: intersects_location": (
             len(few), lambda: peer.intersects_location(origins, rays, multiple_hits=False)
@@ -165,7 +165,7 @@ def batches(body: Body, poses: np.ndarray) -> None:
     for _ in range(5):
         for name, (count, call) in calls.items():
             found[name].append(timed(call) / (count * len(directions)))
-    best = statistics.median(found["ours: RayCaster.frames"])
+    best = statistics.median(found["ours: RayFan.frames"])
     table = Table(title=f"batches: {len(poses)} poses (trimesh: {len(few)}), one core")
     for heading in ("", "M rays/s", "over ours"):
         table.add_column(heading, justify="right" if heading else "left")
@@ -174,7 +174,7 @@ def batches(body: Body, poses: np.ndarray) -> None:
         table.add_row(name, f"{1e-6 / median:.1f}", f"{median / best:.1f} x")
     CONSOLE.print(table)
     tracemalloc.start()
-    frames = caster.frames(poses, directions)
+    frames = fan.frames(poses)
     beside = tracemalloc.get_traced_memory()[1] - frames.nbytes
     CONSOLE.print(f"memory beside the frames at the peak: {beside / 2**20:.1f} MiB")
 

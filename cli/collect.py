@@ -120,12 +120,10 @@ def collect_command(
     check_folder(out)
     _warn_of_seed(seed)
     write = None if minari is None else _minari_writer(minari)
-    changes = with_dispersions(settings, dispersions)
-    wanted = load_scenario(scenario, changes, on_true_state=True)
+    wanted = load_scenario(scenario, with_dispersions(settings, dispersions), on_true_state=True)
     check_transits_drawn(wanted, settings)
     check_disturbances(wanted, mix)
-    if lidar == LidarSource.NONE:
-        wanted = dc.replace(wanted, log_ranges=False)
+    wanted = dc.replace(wanted, log_ranges=wanted.log_ranges and lidar != LidarSource.NONE)
     learned = _learned_lidar(lidar, lidar_bundle, wanted)
     with work_bar("preparing the flights") as progress:
         fleet = Workers(workers, scheduler, progress)

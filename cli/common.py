@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import json
 import os
 import time
 import typing
@@ -23,7 +22,7 @@ from rich.progress import (
 from rich.table import Table
 
 from proxops.diagrams.scenario import Scenario
-from proxops.systems.common import InputError, Progress, write_whole
+from proxops.systems.common import InputError, Progress
 
 Processes = typing.Annotated[
     int | None, typer.Option(min=1, help="Processes. Default: one for each core.")
@@ -148,12 +147,6 @@ def check_folder(folder: Path, option: str = "--out") -> None:
         raise InputError(f"{option} {folder}: {nearest} is a file, not a folder")
     if not os.access(nearest, os.W_OK | os.X_OK):
         raise InputError(f"{option} {folder}: no permission to write in {nearest}")
-
-
-def write_json(path: Path, content: typing.Any) -> None:
-    """Writes `content` as JSON; the file appears only when it is complete."""
-    text = json.dumps(content, indent=2) + "\n"
-    write_whole(path, lambda name: name.write_text(text))
 
 
 def print_rows(title: str, rows: list[tuple[str, str]]) -> None:

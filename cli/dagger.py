@@ -77,9 +77,7 @@ def dagger_command(
 
       proxops dagger --pilot out/any-body --out out/any-body-dagger
     """
-    _check_seeds(seed, rounds)
-    if math.isnan(minutes):
-        raise InputError("--minutes must be a number")
+    _check_numbers(seed, rounds, minutes)
     check_folder(out)
     with training_extra():
         from proxops.training.any_body import AnyBodyDagger, run_any_body_dagger
@@ -108,8 +106,10 @@ def dagger_command(
     status.print(f"Wrote bundle, report.md and report.json in {out}")
 
 
-def _check_seeds(seed: int, rounds: int) -> None:
-    """Raises `InputError` if a round would learn from transits that are for evaluation."""
+def _check_numbers(seed: int, rounds: int, minutes: float) -> None:
+    """Raises `InputError` for no number, or if a round would learn from transits of evaluation."""
+    if math.isnan(minutes):
+        raise InputError("--minutes must be a number")
     last = seed + rounds - 1
     if last >= EVALUATION_SEEDS:
         raise InputError(

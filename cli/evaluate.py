@@ -21,11 +21,10 @@ from proxops.cli.common import (
     status,
     with_dispersions,
     work_bar,
-    write_json,
 )
 from proxops.diagrams.flight import Workers, named_controller
 from proxops.diagrams.scenario import Scenario, draw_transit, load_body, load_scenario
-from proxops.systems.common import InputError
+from proxops.systems.common import InputError, write_json
 
 
 def evaluate_command(

@@ -24,13 +24,12 @@ from proxops.cli.common import (
     progress_bar,
     status,
     with_dispersions,
-    write_json,
 )
 from proxops.diagrams.flight import WITH_BUNDLE, fly, mended_map_of_flight
 from proxops.diagrams.logs import FlightLog, differences, fallback_steps, length_text
 from proxops.diagrams.meshcat import write_replay
 from proxops.diagrams.scenario import load_scenario
-from proxops.systems.common import InputError, make_folder
+from proxops.systems.common import InputError, make_folder, write_json
 from proxops.systems.navigation import MendedMap, save_mended_map
 
 
@@ -93,8 +92,6 @@ def fly_command(
         given = (scenario, settings or None, seed, transit, dispersions)
         if any(value is not None for value in given):
             raise InputError("--from repeats a flight as it was: give no scenario or settings")
-        if (out / "flight.nc").resolve() == log_file.resolve():
-            raise InputError(f"--out {out} holds the log that is repeated: give another folder")
         _fly_again(log_file, controller, server, out, as_json, keep)
     else:
         overrides = with_dispersions(settings, dispersions)
@@ -165,6 +162,8 @@ def _fly_again(
     keep: _MapKeeper,
 ) -> None:
     """Repeats the flight of a log, in the world that was drawn for it."""
+    if (out / "flight.nc").resolve() == log_file.resolve():
+        raise InputError(f"--out {out} holds the log that is repeated: give another folder")
     original = FlightLog.load(log_file)
     _check_controller(original, controller)
     with _progress_bar() as progress:

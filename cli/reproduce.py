@@ -126,8 +126,7 @@ def reproduce_command(
     own = [] if bodies is None else beyond.own_bodies(bodies)
     fleet = Workers(workers, scheduler)
     asked = _Asked(names or [], scenario, settings or [], quick, transits, own, out, fleet)
-    asked.check()
-    _check_paper_options(asked, seed, lidar)
+    asked.check(seed, lidar)
     with _stage_bar() as tell:
         paper = None
         if asked.wants(beyond.PAPER):
@@ -141,17 +140,6 @@ def reproduce_command(
             status.print(f"Not run: {', '.join(paper['not_run'])}")
     print_rows("success", beyond.success_lines(found))
     status.print(f"Wrote report.html, report.md and results.json in {out}")
-
-
-def _check_paper_options(asked: _Asked, seed: int, lidar: LidarNetwork) -> None:
-    """Raises `InputError` if an option is given that nothing that is asked for heeds."""
-    from proxops.studies import beyond
-
-    paper = asked.wants(beyond.PAPER)
-    if seed != EVALUATION_SEEDS and not paper:
-        raise InputError("--seed is that of the paper's transits: name paper too, or leave it out")
-    if lidar != LidarNetwork.LEARNED and (asked.quick or not paper):
-        raise InputError("--lidar is for the paper's training: name paper too, without --quick")
 
 
 class _Asked(NamedTuple):
@@ -183,13 +171,24 @@ class _Asked(NamedTuple):
             return known
         return [each.of_transits(count) for each in known]
 
-    def check(self) -> None:
-        """Raises `InputError` if a name is wrong."""
+    def check(self, seed: int, lidar: LidarNetwork) -> None:
+        """Raises `InputError` if a name is wrong, or if nothing heeds an option that is given.
+
+        Args:
+          seed, lidar: options of the paper's reproduction.
+        """
         from proxops.studies import beyond
 
         chosen = beyond.chosen_campaigns(self.names, self.campaigns())
         if self.bodies and not {str(path) for path in self.bodies} & {each.body for each in chosen}:
             raise InputError("--bodies names bodies at which nothing is flown: name worlds too")
+        paper = self.wants(beyond.PAPER)
+        if seed != EVALUATION_SEEDS and not paper:
+            raise InputError(
+                "--seed is that of the paper's transits: name paper too, or leave it out"
+            )
+        if lidar != LidarNetwork.LEARNED and (self.quick or not paper):
+            raise InputError("--lidar is for the paper's training: name paper too, without --quick")
 
 
 def _reproduce_paper(asked: _Asked, seed: int, lidar: LidarNetwork, tell: Tell) -> dict[str, Any]:

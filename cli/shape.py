@@ -20,10 +20,10 @@ from proxops.cli.common import (
     console,
     print_rows,
     status,
-    write_json,
+    work_bar,
 )
 from proxops.diagrams.scenario import check_constants, dump_scenario
-from proxops.systems.common import InputError, make_folder, write_whole
+from proxops.systems.common import InputError, make_folder, write_json, write_whole
 from proxops.systems.shapes import (
     MESH_FORMATS,
     MeshFile,
@@ -106,13 +106,9 @@ def shape_command(
     if mesh_file is None:
         raise InputError("give the mesh file, or --random SEED:NUMBER to generate a body")
     _need_body({"--scenario": scenario, "--name": name}, body)
-    if align and fix is None:
-        raise InputError("--align needs --fix: it changes the mesh")
     if body is not None and ((mass is None and density is None) or period is None):
         raise InputError("--body needs --mass or --density, and --period")
-    if fix is not None and fix.resolve() == mesh_file.resolve():
-        raise InputError(f"--fix {fix} is the mesh that is read: give another name")
-    _check_output("--fix", fix, MESH_FORMATS)
+    _check_fix(fix, align, mesh_file)
     _check_output("--body", body, (".yaml", ".yml"))
     _check_output("--scenario", scenario, (".yaml", ".yml"))
     check_folder(out.parent if out.suffix.lower() == ".png" else out)
@@ -125,6 +121,14 @@ def _need_body(options: Mapping[str, object], body: Path | None) -> None:
     for option, value in options.items():
         if value is not None and body is None:
             raise InputError(f"{option} needs --body: it belongs to the body's YAML file")
+
+
+def _check_fix(fix: Path | None, align: bool, mesh_file: Path) -> None:
+    if align and fix is None:
+        raise InputError("--align needs --fix: it changes the mesh")
+    if fix is not None and fix.resolve() == mesh_file.resolve():
+        raise InputError(f"--fix {fix} is the mesh that is read: give another name")
+    _check_output("--fix", fix, MESH_FORMATS)
 
 
 def _known_unit(unit: str | None, density: float | None) -> str:
@@ -181,8 +185,8 @@ def _set_up(files: _Files, asked: Questions, as_json: bool) -> None:
 
     out = files.out
     picture = out if out.suffix.lower() == ".png" else out / "shape.png"
-    status.print(f"Examining {files.mesh}")  # 4,000 facets take 12 s.
-    report = examine(read_mesh(files.mesh, files.unit), asked)
+    with work_bar("examining"):  # 4,000 facets take 12 s.
+        report = examine(read_mesh(files.mesh, files.unit), asked)
     findings: dict[str, Any] = {}
     if files.fix is not None:
         findings["before"] = report.to_dict()

@@ -20,6 +20,7 @@ from proxops.cli.common import (
     work_bar,
 )
 from proxops.diagrams.scenario import load_body, load_scenario
+from proxops.training.reports import DASH, number_text
 
 
 def train_lidar_command(
@@ -88,13 +89,12 @@ def _print(report: dict[str, Any]) -> None:
         overall, errors = figures["all"], figures["all"]["range_error_m"]
         table.add_row(
             name,
-            *(_text(overall[key], ".4f") for key in ("mask_iou", "false_hits", "missed_hits")),
-            *(_text(errors[key], ".3f", 1e-3) for key in ("median", "p95")),
-            _text(figures["frame_ms"], ".2f"),
+            *(
+                number_text(overall[key], ".4f")
+                for key in ("mask_iou", "false_hits", "missed_hits")
+            ),
+            *(number_text(errors[key], ".3f", 1e-3) for key in ("median", "p95")),
+            number_text(figures["frame_ms"], ".2f"),
         )
-    table.add_row("ray-caster", *["–"] * 5, _text(report["ray_caster_frame_ms"], ".2f"))
+    table.add_row("ray-caster", *[DASH] * 5, number_text(report["ray_caster_frame_ms"], ".2f"))
     console.print(table)
-
-
-def _text(value: float | None, form: str, scale: float = 1.0) -> str:
-    return "–" if value is None else format(value * scale, form)

@@ -35,7 +35,8 @@ from typing import Any
 from proxops.studies.beyond import BODIES, PAPER_RECIPE, all_campaigns, campaign_name
 from proxops.studies.evaluation import exact_interval
 from proxops.studies.scoring import ScoreRow, load_row, load_track, row_table
-from proxops.systems.common import write_whole
+from proxops.systems.common import write_json, write_whole
+from proxops.training.reports import DASH, number_text
 
 ROOT = Path(__file__).parents[1]
 RESULTS = ROOT / "docs" / "results.json"
@@ -116,7 +117,7 @@ def take(folder: Path) -> None:
     ).stdout.strip()
     packages = {name: metadata.version(name) for name in _PACKAGES}
     taken = {**merged(known, content, commit), "packages": packages}
-    write_whole(RESULTS, lambda path: path.write_text(json.dumps(taken, indent=1) + "\n"))
+    write_json(RESULTS, taken, indent=1)
 
 
 def check_flown(campaigns: Campaigns) -> None:
@@ -194,18 +195,11 @@ def _interval(*flown: Mapping[str, Any]) -> str:
     return f"{100 * low:.1f} to {100 * high:.1f} %"
 
 
-def _number(figures: Mapping[str, Any], name: str, form: str, scale: float = 1.0) -> str:
-    value = figures.get(name)
-    return "–" if value is None else format(scale * value, form)
-
-
 def _digits(figures: Mapping[str, Any], name: str, digits: int, scale: float = 1.0) -> str:
     """A figure with so many digits: bodies differ in size by a factor of thousands."""
     value = figures.get(name)
-    if value is None:
-        return "–"
-    form = f".{digits}g" if abs(scale * value) < 10**digits else ",.0f"
-    return format(scale * value, form)
+    small = value is not None and abs(scale * value) < 10**digits
+    return number_text(value, f".{digits}g" if small else ",.0f", scale)
 
 
 def _table(head: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
@@ -227,7 +221,7 @@ def _bodies(results: Mapping[str, Any]) -> str:
             if found is None:
                 cells += ["refused", "", ""]
             else:
-                ratio = _number(found, "expert_delta_v_ratio", ".3f")
+                ratio = number_text(found.get("expert_delta_v_ratio"), ".3f")
                 cells += [_successes(found), _entries(found), ratio]
         lines.append([*cells, _successes(campaign["controllers"]["mpc"])])
     sums = [cell for who in _SHOWN
@@ -277,7 +271,7 @@ def _controllers(campaign: Campaign) -> str:
             who,
             _successes(found),
             _interval(found),
-            _number(found, "success_shown_90", ".2f", 100.0),
+            number_text(found.get("success_shown_90"), ".2f", 100.0),
             _entries(found),
             _digits(found, "min_clearance_m", 3, 1e-3),
             _digits(found, "terminal_position_error_m_median", 3),
@@ -285,8 +279,8 @@ def _controllers(campaign: Campaign) -> str:
             _digits(found, "delta_v_m_s_median", 4),
             _digits(found, "delta_v_99_m_s", 4),
             _digits(found, "delta_v_99_m_s_bound", 4),
-            _number(found, "expert_delta_v_ratio", ".3f"),
-            _number(found, "policy_share", ".1f", 100.0),
+            number_text(found.get("expert_delta_v_ratio"), ".3f"),
+            number_text(found.get("policy_share"), ".1f", 100.0),
         ]
         for who, found in campaign["controllers"].items()
     ]
@@ -327,7 +321,7 @@ def _steps(sources: Sources) -> str:
         expert = flown["mpc"]["control_ms_mean"]
         for who in ("mpc", "policy", "hybrid", "hybrid, adaptive"):
             step = flown[who]["control_ms_mean"]
-            both = ["–", "–"] if key is None else [
+            both = [DASH, DASH] if key is None else [
                 f"{step + own:.2f}", f"{(expert + own) / (step + own):.1f}"
             ]  # fmt: skip
             lines.append([f"`{name}`: {who}", f"{step:.2f}", f"{expert / step:.1f}", *both])
@@ -366,7 +360,7 @@ def _headline(results: Mapping[str, Any]) -> str:
     for world, name, who in _HEADLINE:
         found = campaigns.get(name, {"controllers": {}})["controllers"].get(who)
         if found is not None:
-            ratio = _number(found, "expert_delta_v_ratio", ".3f")
+            ratio = number_text(found.get("expert_delta_v_ratio"), ".3f")
             lines.append([world, who, _successes(found), _interval(found), _entries(found), ratio])
     for who in _SHOWN:
         flown = _of(who, _at_bodies(campaigns))
@@ -402,10 +396,10 @@ def _paper_controllers(results: Mapping[str, Any]) -> str:
             _successes(found),
             _interval(found),
             _entries(found),
-            _number(found, "expert_delta_v_ratio", ".3f"),
-            _number(found, "policy_share", ".1f", 100.0),
-            _number(found["costs"], "saved", ".1f", 100.0),
-            _number(found["costs"], "step_s", ".2f", 1e3),
+            number_text(found.get("expert_delta_v_ratio"), ".3f"),
+            number_text(found.get("policy_share"), ".1f", 100.0),
+            number_text(found["costs"].get("saved"), ".1f", 100.0),
+            number_text(found["costs"].get("step_s"), ".2f", 1e3),
         ]
         for who, found in results["paper"]["controllers"].items()
     ]
@@ -470,7 +464,9 @@ def _of_speed(sources: Sources, name: str) -> str:
     entries = sources.speed
     names = dict.fromkeys(name for entry in entries for name in entry["figures"])
     head = ["", *(f"{entry['version']}, {entry['machine']}" for entry in entries)]
-    lines = [[each, *(f"{entry['figures'].get(each, '–')}" for entry in entries)] for each in names]
+    lines = [
+        [each, *(f"{entry['figures'].get(each, DASH)}" for entry in entries)] for each in names
+    ]
     packages = ", ".join(f"{each} {found}" for each, found in entries[-1]["packages"].items())
     return f"{_table(head, lines)}\n\nPackages of the last column: {packages}."
 

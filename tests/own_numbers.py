@@ -69,7 +69,7 @@ DEFINITIONS = {
     "docs/method/expert.md": {"of at most 10 % a step"},
     "docs/method/gravity.md": {"at most 1e-4 of the body's length", "a bound of 1e-9"},
     "docs/method/hybrid.md": {"21.6 % and 29.2 % of the MPC's energy"},  # The paper's.
-    "docs/method/navigation.md": {"2 % of the body's radius", "98.5 % of the variance"},
+    "docs/method/navigation.md": {"more than 2 % of half", "98.5 % of the variance"},
     "docs/method/pilot.md": {
         "less than 5 % of the thrust limit",
         "perceptrons (69.1 %)",

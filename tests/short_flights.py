@@ -5,9 +5,10 @@ from pathlib import Path
 
 import numpy as np
 import trimesh
-from pydrake.systems.framework import LeafSystem
+from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
+from pydrake.systems.framework import Context, Diagram, LeafSystem
 
-from proxops.diagrams.flight.simulation import fly
+from proxops.diagrams.flight.simulation import fly, make_simulator
 from proxops.diagrams.logs.flight_log import FlightLog
 from proxops.diagrams.scenario.body import load_body
 from proxops.diagrams.scenario.scenario import load_scenario
@@ -54,6 +55,20 @@ def falling_flight() -> FlightLog:
 @cache
 def kleopatra():
     return load_body("kleopatra")
+
+
+def flown_and_taken_up(
+    diagram: Diagram, scenario: Scenario, cloned_at: float, end: float
+) -> tuple[Context, Context]:
+    """The Contexts at the end (s) of a flight, and of one that goes on from a clone of its own."""
+    simulator = make_simulator(diagram, scenario)
+    simulator.AdvanceTo(cloned_at)
+    clone = simulator.get_context().Clone()
+    simulator.AdvanceTo(end)
+    again = Simulator(diagram, clone)
+    ResetIntegratorFromFlags(again, "runge_kutta5", 10.0).set_fixed_step_mode(True)
+    again.AdvanceTo(end)
+    return simulator.get_context(), again.get_context()
 
 
 class PdController(LeafSystem):

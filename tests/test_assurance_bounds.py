@@ -6,6 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from braking_ball import BALL, MASS, PUSH, RADIUS, THRUST, NoField
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
@@ -17,9 +18,7 @@ from proxops.diagrams.flight.scenario_systems import bounded_backup
 from proxops.diagrams.scenario.scenario import load_scenario
 from proxops.systems import (
     AssuranceBounds,
-    AssuranceLimits,
     BackupBraking,
-    Gravity,
     InputError,
     InterventionReason,
     PointMassField,
@@ -28,18 +27,9 @@ from proxops.systems.assurance import _braking_kernel as kernel
 from proxops.systems.gravity.gravity_field import GRAVITATIONAL_CONSTANT
 from proxops.systems.shapes.ellipsoid import clearances
 
-RADIUS, MASS, THRUST = 50e3, 100.0, 7.0
-PUSH = THRUST / MASS
-BALL = AssuranceLimits(MASS, THRUST, 40.0, np.full(3, RADIUS))
 AFTER = AssuranceBounds(0.0015, 0.05, math.radians(1.0), 0.02, 3e-4, 120.0, 0.3)
 BEFORE = AssuranceBounds(0.11, 0.05, math.radians(1.0), 0.03, 3e-3, 300.0, 0.5)
 LATE = dataclasses.replace(AFTER, surface=150.0, delay=3.0)
-
-
-class NoField:
-    def evaluate(self, points: np.ndarray) -> Gravity:
-        n = len(points)
-        return Gravity(np.zeros(n), np.zeros((n, 3)), np.zeros((n, 3, 3)), np.zeros(n, bool))
 
 
 @cache

@@ -5,6 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from braking_ball import BALL, MASS, PUSH, RADIUS, THRUST, NoField
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
@@ -17,7 +18,6 @@ from proxops.systems import (
     AssuranceBounds,
     AssuranceLimits,
     BackupBraking,
-    Gravity,
     InputError,
     InterventionReason,
     PointMassField,
@@ -25,16 +25,6 @@ from proxops.systems import (
 from proxops.systems.gravity.gravity_field import GRAVITATIONAL_CONSTANT
 from proxops.systems.shapes.ellipsoid import clearances
 from proxops.systems.vehicle.state_prediction import predicted_state
-
-RADIUS, MASS, THRUST = 50e3, 100.0, 7.0
-PUSH = THRUST / MASS
-BALL = AssuranceLimits(MASS, THRUST, 40.0, np.full(3, RADIUS))
-
-
-class NoField:
-    def evaluate(self, points: np.ndarray) -> Gravity:
-        n = len(points)
-        return Gravity(np.zeros(n), np.zeros((n, 3)), np.zeros((n, 3, 3)), np.zeros(n, bool))
 
 
 @cache

@@ -16,7 +16,7 @@ from synthetic_log import similar_log, synthetic_log
 
 from proxops.diagrams.flight.simulation import fly
 from proxops.diagrams.logs.flight_log import FlightLog
-from proxops.diagrams.meshcat.replay import PLAYBACK_SPEED, write_replay
+from proxops.diagrams.meshcat import PLAYBACK_SPEED, write_replay
 
 pytestmark = pytest.mark.browser
 

@@ -202,7 +202,6 @@ def test_own_controller_from_the_working_directory(run, tmp_path: Path) -> None:
 def test_own_body(run, tmp_path: Path) -> None:
     """From a scenario file that names it relative to itself; repeated when the body is gone."""
     (tmp_path / "bodies").mkdir()
-    (tmp_path / "bodies").mkdir()
     write_blob(tmp_path / "bodies")
     (tmp_path / "bodies" / "scenario.yaml").write_text("body: blob.yaml\n")
     ran = run("fly", "bodies/scenario.yaml", *SHORT, *BRIEF[:4], "--out", "out")

@@ -5,6 +5,7 @@ import json
 import os
 import random
 import resource
+import shutil
 import signal
 import subprocess
 import sys
@@ -85,19 +86,26 @@ def full_set(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
+@pytest.fixture(scope="module")
+def two_flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two flights of the mix that is the default."""
+    out = tmp_path_factory.mktemp("collection") / "out"
+    assert proxops("collect", "--transits", 2, *SETTINGS, "--workers", 1, "--out", out) == 0
+    return out
+
+
+@pytest.fixture
+def two(collect: Collect, two_flown: Path) -> Path:
+    """A copy of these, `out` in the folder of `collect`."""
+    return Path(shutil.copytree(two_flown, "out"))
+
+
 def command_line(out: Path, transits: int, *options: str, workers: int = 1) -> list[str]:
     return [
         sys.executable, "-c", "from proxops.cli.main import main; main()", "collect",
         "--transits", str(transits), "--out", str(out), "--workers", str(workers), *SETTINGS,
         *options,
     ]  # fmt: skip
-
-
-def run_command(
-    out: Path, transits: int, *options: str, workers: int = 1
-) -> subprocess.CompletedProcess[str]:
-    command = command_line(out, transits, *options, workers=workers)
-    return subprocess.run(command, capture_output=True, text=True, check=True)
 
 
 @pytest.mark.parametrize(("seed", "warned"), [(9_999, False), (10_000, True)])
@@ -227,10 +235,13 @@ def test_report(full_set: Path) -> None:
         assert f"| {kind} |" in page
 
 
-def test_json_is_the_report(collect: Collect, capsys: pytest.CaptureFixture[str]) -> None:
-    assert collect("--transits", 2, "--out", "out", "--json") == 0
+def test_json_is_the_report(
+    collect: Collect, two: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (two / "report.json").unlink()
+    assert collect("--transits", 2, "--out", two, "--json") == 0
     printed = json.loads(capsys.readouterr().out)
-    assert printed == json.loads(Path("out/report.json").read_text())
+    assert printed == json.loads((two / "report.json").read_text())
     assert printed["kinds"].keys() == {"nominal", "random_walk"}
 
 
@@ -241,49 +252,39 @@ def test_without_frames(collect: Collect) -> None:
     assert differences(log, fly(log.scenario, "mpc", body=log.body)) == []
 
 
-@pytest.mark.slow
-def test_the_same_with_two_workers(full_set: Path, tmp_path: Path) -> None:
-    run_command(tmp_path / "two", 7, "--recovery", "full", "--seed", "5", workers=2)
-    for one, other in zip(logs_of(full_set), logs_of(tmp_path / "two"), strict=True):
-        assert differences(one, other) == []
-        assert one.scenario == other.scenario
-
-
 # --- again ----------------------------------------------------------------------------------------
 
 
-def test_a_longer_set_adds_to_the_shorter(collect: Collect) -> None:
-    assert collect("--transits", 2, "--out", "out") == 0
-    before = times_of(Path("out"))
-    assert collect("--transits", 4, "--out", "out") == 0
-    assert len(manifest_of(Path("out"))["flights"]) == 4
-    after = times_of(Path("out"))
+def test_a_longer_set_adds_to_the_shorter(collect: Collect, two: Path) -> None:
+    before = times_of(two)
+    assert len(before) == 2
+    assert collect("--transits", 4, "--out", two) == 0
+    assert len(manifest_of(two)["flights"]) == 4
+    after = times_of(two)
     assert len(after) == 4
     assert before.items() <= after.items()
 
 
 def test_another_set_in_the_same_folder_is_refused(
-    collect: Collect, capsys: pytest.CaptureFixture[str]
+    collect: Collect, two: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert collect("--transits", 1, "--out", "out") == 0
-    manifest = Path("out/manifest.json").read_text()
-    assert collect("--transits", 1, "--recovery", "holding=1", "--out", "out") == 2
+    manifest = (two / "manifest.json").read_text()
+    assert collect("--transits", 2, "--recovery", "holding=1", "--out", two) == 2
     assert "another scenario" in capsys.readouterr().err
-    assert Path("out/manifest.json").read_text() == manifest
+    assert (two / "manifest.json").read_text() == manifest
 
 
 def test_a_log_cut_short_is_told_and_flown_anew(
-    collect: Collect, capsys: pytest.CaptureFixture[str]
+    collect: Collect, two: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert collect("--transits", 2, "--out", "out") == 0
-    path = Path("out/flights/0-00001.nc")
+    path = two / "flights" / "0-00001.nc"
     whole = path.stat().st_size
     os.truncate(path, whole // 2)
-    assert collect("--transits", 2, "--out", "out") == 2
+    assert collect("--transits", 2, "--out", two) == 2
     assert f"0-00001.nc has {whole // 2} bytes and had {whole}" in capsys.readouterr().err
     path.unlink()
-    assert collect("--transits", 2, "--out", "out") == 0
-    assert len(logs_of(Path("out"))) == 2
+    assert collect("--transits", 2, "--out", two) == 0
+    assert len(logs_of(two)) == 2
 
 
 @pytest.mark.parametrize("mix", ["paperr", "kicks=x"])
@@ -296,7 +297,7 @@ def test_senseless_mix_is_refused(
 
 
 @pytest.mark.slow
-def test_full_disk(tmp_path: Path) -> None:
+def test_full_disk(collect: Collect, tmp_path: Path) -> None:
     """A limit on the size of files makes every write of a log fail half-way."""
     out = tmp_path / "out"
     ran = subprocess.run(
@@ -310,7 +311,7 @@ def test_full_disk(tmp_path: Path) -> None:
     assert "cannot write" in line
     assert "File too large" in line
     assert [path.name for path in (out / "flights").iterdir()] == [".lock"]
-    run_command(out, 2)
+    assert collect("--transits", 2, "--out", out) == 0
     assert len(logs_of(out)) == 2
 
 
@@ -334,74 +335,50 @@ def test_worlds_that_cannot_be_flown_are_told(collect: Collect, capsys) -> None:
 # --- killed ---------------------------------------------------------------------------------------
 
 
-def killed_again_and_again(out: Path, transits: int, workers: int, times: int) -> None:
-    """Starts the command and ends it at a random moment, again and again; nothing done is redone.
+@pytest.mark.slow
+def test_killed_and_interrupted_at_random_moments(collect: Collect, tmp_path: Path) -> None:
+    """Ended three times and then run to its end: nothing done is redone, and the set is right.
 
-    Every other time it is interrupted as by Ctrl-C, all its processes at once; otherwise it is
-    killed by `kill -9`, alone.
+    The second time it is interrupted as by Ctrl-C, all its processes at once; otherwise it is
+    killed by `kill -9`.
     """
-    chance = random.Random(transits)
+    out, transits, chance = tmp_path / "out", 24, random.Random(1)
     done: dict[str, int] = {}
-    for attempt in range(times):
+    for attempt in range(3):
         process = subprocess.Popen(
-            command_line(out, transits, "--recovery", "full", workers=workers),
+            command_line(out, transits, "--recovery", "full"),
             stdout=subprocess.DEVNULL,
             stderr=subprocess.PIPE,
             text=True,
             start_new_session=True,
         )
-        count = len(done)
         until = time.monotonic() + 120.0
-        # Killed at any time, even early; interrupted when something has been flown: until its
-        # modules are imported, the answer to Ctrl-C is theirs.
-        if attempt % 5 or attempt % 2:
-            while len(times_of(out)) <= count and process.poll() is None:
-                assert time.monotonic() < until
-                time.sleep(0.01)
-        time.sleep(chance.uniform(0.0, 0.5))
-        if attempt % 2:
+        # Killed even while it starts; interrupted when something has been flown: until its modules
+        # are imported, the answer to Ctrl-C is theirs.
+        while attempt and len(times_of(out)) <= len(done) and process.poll() is None:
+            assert time.monotonic() < until
+            time.sleep(0.01)
+        time.sleep(chance.uniform(0.0, 0.3))
+        if attempt == 1:
             os.killpg(process.pid, signal.SIGINT)
-            process.communicate(timeout=60.0)
-            assert process.returncode in (0, 130, -signal.SIGINT)
         else:
             process.kill()
-            process.communicate(timeout=60.0)
+        process.communicate(timeout=60.0)
+        assert process.returncode in ((130, -signal.SIGINT) if attempt == 1 else (-signal.SIGKILL,))
         now = times_of(out)
         assert done.items() <= now.items()
         for name in now.keys() - done.keys():
             FlightLog.load(out / "flights" / name)
         done = now
-
-
-def finished_and_right(out: Path, transits: int) -> None:
-    """Runs it to its end; the set is what undisturbed flights are."""
-    done = times_of(out)
     assert 0 < len(done) < transits
-    run_command(out, transits, "--recovery", "full")
+    assert collect("--transits", transits, "--out", out, "--recovery", "full") == 0
     assert done.items() <= times_of(out).items()
     assert len(times_of(out)) == transits
     assert not list(out.rglob("*.part"))
+    scenario = load_scenario(None, BRIEF, on_true_state=True)
     for index, log in list(enumerate(logs_of(out)))[::4]:
-        flown = flight_scenario(
-            kind_of(FULL, index),
-            load_scenario(None, BRIEF, on_true_state=True),
-            kleopatra(),
-            0,
-            index,
-        )
+        flown = flight_scenario(kind_of(FULL, index), scenario, kleopatra(), 0, index)
         assert differences(log, fly(flown, "mpc", body=kleopatra())) == []
-
-
-@pytest.mark.slow
-def test_killed_at_random_moments(tmp_path: Path) -> None:
-    killed_again_and_again(tmp_path / "out", 60, workers=1, times=3)
-    finished_and_right(tmp_path / "out", 60)
-
-
-@pytest.mark.slow
-def test_killed_ten_times_with_two_workers(tmp_path: Path) -> None:
-    killed_again_and_again(tmp_path / "out", 150, workers=2, times=10)
-    finished_and_right(tmp_path / "out", 150)
 
 
 def workers_of(process: int) -> list[int]:
@@ -413,21 +390,27 @@ def workers_of(process: int) -> list[int]:
 
 
 @pytest.mark.slow
-def test_killed_worker_is_replaced(tmp_path: Path) -> None:
-    """The command goes on, and loses nothing."""
+def test_two_workers_of_which_each_is_killed(full_set: Path, tmp_path: Path) -> None:
+    """The command goes on with others in their place, and the set is as one process flies it."""
     out = tmp_path / "out"
     with subprocess.Popen(
-        command_line(out, 60, "--recovery", "full", workers=2),
+        command_line(out, 20, "--recovery", "full", "--seed", "5", workers=2),
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
     ) as process:
-        chance = random.Random(0)
-        for killed in range(3):
-            while len(times_of(out)) < 10 * (killed + 1):
+        chance, workers = random.Random(0), list[int]()
+        for count in (2, 6):
+            while len(times_of(out)) < count:
                 assert process.poll() is None
                 time.sleep(0.01)
+            workers = workers or workers_of(process.pid)
             time.sleep(chance.uniform(0.0, 0.3))
-            os.kill(chance.choice(workers_of(process.pid)), signal.SIGKILL)
+            os.kill(workers.pop(), signal.SIGKILL)
+        assert workers == []  # So the rest is flown by those that came in their place.
         assert process.wait(300.0) == 0
-    assert len(logs_of(out)) == 60
     assert not list(out.rglob("*.part"))
+    logs = logs_of(out)
+    assert len(logs) == 20
+    for one, other in zip(logs_of(full_set), logs[:7], strict=True):
+        assert differences(one, other) == []
+        assert one.scenario == other.scenario

@@ -15,10 +15,9 @@ from typing import Any
 
 import pytest
 from commands import proxops, settings
-from short_flights import SHORT
+from short_flights import SHORT, blob, obj_text
 from typer.main import get_command
 
-from proxops.assets import asset_path
 from proxops.cli.main import app
 
 COMMANDS = sorted(str(command.name) for command in app.registered_commands)
@@ -108,7 +107,8 @@ def test_fly_as_json(
 @pytest.mark.slow
 def test_pipes_get_plain_text(tmp_path: Path) -> None:
     """There are no colours and no bars; results and remarks go to different streams."""
-    ran = run("shape", asset_path("kleopatra/kleopatra.obj"), folder=tmp_path)
+    (tmp_path / "blob.obj").write_text(obj_text(blob()))
+    ran = run("shape", "blob.obj", folder=tmp_path)
     assert ran.returncode == 0, ran.stderr
     assert "\x1b" not in ran.stdout + ran.stderr
     assert "\r" not in ran.stdout + ran.stderr
@@ -119,8 +119,8 @@ def test_pipes_get_plain_text(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_terminals_get_colours_unless_they_are_refused(tmp_path: Path) -> None:
-    shape = ("shape", asset_path("kleopatra/kleopatra.obj"), "--out", tmp_path / "out")
-    for arguments in (shape, ("fly", "--help")):
+    (tmp_path / "blob.obj").write_text(obj_text(blob()))
+    for arguments in (("shape", "blob.obj"), ("fly", "--help")):
         assert COLOUR.search(on_terminal(*arguments, folder=tmp_path))
         assert not COLOUR.search(on_terminal(*arguments, folder=tmp_path, NO_COLOR="1"))
 

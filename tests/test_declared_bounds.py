@@ -187,12 +187,13 @@ def test_what_the_scenario_itself_declares_is_bounded(tmp_path: Path) -> None:
     assert bounds.acceleration == pytest.approx(4.0 * (0.02 / 100.0 + 0.001 / 10.0))
     # Dispersions take the place of what they disperse, and of nothing else.
     path = write(tmp_path, "truth.gravity: {uniform: [1.0, 1.02]}\n")
-    both = bounds_of("assurance={}", f"dispersions={path}", *OWN)
-    assert (both.gravity, both.thrust) == pytest.approx((0.02, 0.1))
+    file = tmp_path / "own.yaml"
+    file.write_text("truth: {gravity: 0.95}\n")
+    both = load_scenario(file, [f"dispersions={path}", "assurance={}", *OWN[1:]])
+    bounds = assurance_bounds(both, kleopatra())
+    assert (bounds.gravity, bounds.thrust) == pytest.approx((0.02, 0.1))
     # A drawn world is not bounded by its draw.
-    drawn = draw_world(
-        load_scenario(None, [f"dispersions={path}", "assurance={}", *OWN]), kleopatra()
-    )
+    drawn = draw_world(both, kleopatra())
     assert drawn.dispersed == ["truth.gravity"]
     assert draw_world(drawn, kleopatra()) is drawn
     # Bounds that are given hold nothing else.

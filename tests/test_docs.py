@@ -194,6 +194,8 @@ def in_brief(words: list[str]) -> list[str]:
         rest += BRIEF
     if name in ("train", "train-lidar"):
         rest += ["--quick"]
+    if name == "train-lidar":
+        rest += ["--spacing", "35"]
     return [name, *rest]
 
 
@@ -225,8 +227,9 @@ def test_every_command_in_brief(
     write_guidance(working_folder / "out" / "any-body" / "bundle")
     (working_folder / "out" / "full").rename(working_folder / "out" / "kept")
     run_already = set()
-    for line in dict.fromkeys(line for _, line in proxops_lines()):
-        words = shlex.split(line, comments=True)[1:]
+    commands = {tuple(shlex.split(line, comments=True)[1:]): line for _, line in proxops_lines()}
+    for typed, line in commands.items():
+        words = list(typed)
         if words[0] in NOT_HERE or NOT_RUN & set(words) or "--from" in words:
             continue
         if words[0] == "train":

@@ -10,7 +10,7 @@ from short_flights import kleopatra
 from proxops.diagrams.flight import Workers
 from proxops.diagrams.flight.scenario_systems import make_mpc
 from proxops.systems import InputError
-from proxops.training.data.flight_labels import label_flights, labels_along
+from proxops.training.data.flight_labels import label_flights, labels_along, labels_by_flight
 
 
 def test_labels_along_the_experts_own_flight_are_its_commands():
@@ -31,7 +31,7 @@ def test_labels_along_the_experts_own_flight_are_its_commands():
 
 def test_few_states_of_a_flight_have_the_experts_commands_too(tmp_path: Path):
     logs = sorted(copy_flights(tmp_path).glob("*.nc"))[:1]
-    labels = label_flights(logs, tmp_path / "labels", Workers(1), 6)
+    (labels,) = labels_by_flight(logs, tmp_path / "labels", Workers(1), 6)
     data = flight(logs[0].stem).dataset
     states, commands = data["state"].values[:-1], data["mpc_force"].values[:-1]
     every = -(-len(states) // 6)

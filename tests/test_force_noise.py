@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from scipy import stats
-from test_random_walk_disturbance import PERIOD, constant, step_on, walks
+from test_random_walk_disturbance import PERIOD, clone_replays_and_seed_counts, constant, walks
 
 from proxops.systems import ForceNoise, InputError
 
@@ -58,16 +58,7 @@ def test_noise_does_not_depend_on_the_command_and_the_sum_is_clipped():
 
 
 def test_clone_replays_and_seed_is_a_parameter_of_the_context():
-    commands = constant([2.0, 1.0, -3.0], 40)
-    source = ForceNoise(7.0, seed=4)
-    context = source.CreateDefaultContext()
-    begun = step_on(source, context, commands[:17])
-    twin = context.Clone()
-    rest = step_on(source, context, commands[17:], first_step=17)
-    assert np.array_equal(rest, step_on(source, twin, commands[17:], first_step=17))
-    whole = np.concatenate([begun, rest])
-    assert np.array_equal(whole, walks(source, commands, seed=4))
-    assert np.all(np.any(walks(source, commands, seed=5) != whole, axis=1))
+    clone_replays_and_seed_counts(lambda seed: ForceNoise(7.0, seed=seed), 40, 17)
 
 
 @pytest.mark.parametrize(

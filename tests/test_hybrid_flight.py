@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 from commands import proxops
 from known_policies import Counting, DeadReckoning, write_policy
-from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
 from pydrake.systems.framework import Context, DiagramBuilder, LeafSystem
-from short_flights import PdController, kleopatra, short_scenario
+from short_flights import PdController, flown_and_taken_up, kleopatra, short_scenario
 
 from proxops.cli.common import console
 from proxops.cli.fly import _table
@@ -17,7 +16,7 @@ from proxops.diagrams.flight.campaign import provenance, transit_flights
 from proxops.diagrams.flight.hybrid_controller import make_hybrid
 from proxops.diagrams.flight.named_controllers import named_controller
 from proxops.diagrams.flight.scenario_systems import make_mpc
-from proxops.diagrams.flight.simulation import fly, make_simulator
+from proxops.diagrams.flight.simulation import fly
 from proxops.diagrams.flight.transit_diagram import make_transit_diagram
 from proxops.diagrams.logs.flight_log import FlightLog, differences
 from proxops.diagrams.scenario.scenario import load_scenario
@@ -231,13 +230,6 @@ def test_cloned_context_goes_on_alike(bundle: Path, rule: str) -> None:
         bundle, disturbance={}, hybrid__period_rule=rule, hybrid__state_noise_velocity_m_s=0.1
     )
     diagram = make_transit_diagram(scenario, named_controller("hybrid", scenario, kleopatra()))
-    simulator = make_simulator(diagram, scenario)
-    simulator.AdvanceTo(95.0)
-    clone = simulator.get_context().Clone()
-    simulator.AdvanceTo(305.0)
-    again = Simulator(diagram, clone)
-    ResetIntegratorFromFlags(again, "runge_kutta5", 10.0).set_fixed_step_mode(True)
-    again.AdvanceTo(305.0)
 
     def values(context: Context) -> np.ndarray:
         hybrid = diagram.GetSubsystemByName("controller").GetMyContextFromRoot(context)
@@ -246,7 +238,7 @@ def test_cloned_context_goes_on_alike(bundle: Path, rule: str) -> None:
         motion = context.get_continuous_state_vector().CopyToVector()
         return np.concatenate([*memory, motion])
 
-    one, other = values(simulator.get_context()), values(again.get_context())
+    one, other = map(values, flown_and_taken_up(diagram, scenario, 95.0, 305.0))
     assert one.size > 50
     np.testing.assert_array_equal(one, other)
 

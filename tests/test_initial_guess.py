@@ -88,7 +88,7 @@ def plan_by(program: TransitProgram, ends: tuple[np.ndarray, np.ndarray], side: 
     positions = (1.0 - share) * start[:3] + share * target[:3] + 6.0 * share * (1.0 - share) * bow
     times = 6000.0 * FRACTIONS
     states = np.hstack([positions, np.gradient(positions, times, axis=0)])
-    guess = Plan(times, states, np.zeros((16, 3)), target, 0.0, 0.0, 0, 0, 0.0)
+    guess = Plan(times, states, np.zeros((16, 3)), target, 0.0, 0.0, 0, 0)
     return program.solve(start, target, guess, iterations=25)
 
 

@@ -98,7 +98,7 @@ def test_is_never_lost_at_a_log(tmp_path: Path, what: str) -> None:
             work()
 
     chance = random.Random(0)
-    for _ in range(20):
+    for _ in range(10):
         wait = chance.uniform(0.0, seconds)
         interrupt = threading.Timer(wait, os.kill, (os.getpid(), signal.SIGINT))
         with pytest.raises(KeyboardInterrupt):

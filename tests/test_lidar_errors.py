@@ -342,7 +342,7 @@ def test_fan_meets_what_every_ray_alone_meets(name: str) -> None:
     expected = caster.distances(
         np.repeat(places, len(directions), axis=0), np.tile(directions, (len(places), 1))
     )
-    frames = caster.frames(places, directions)
+    frames = caster.fan(directions).frames(places)
     assert frames.dtype == np.float32
     assert np.array_equal(frames, expected.reshape(frames.shape).astype(np.float32))
     assert np.isfinite(frames).any()
@@ -350,7 +350,7 @@ def test_fan_meets_what_every_ray_alone_meets(name: str) -> None:
     middle = shape.vertices[shape.facets[0]].mean(axis=0)
     for distance in (1e6, 1e8):
         far = middle + distance * shape.normals[0]
-        assert np.isfinite(caster.frames(far[None], -shape.normals[:1])).all()
+        assert np.isfinite(caster.fan(-shape.normals[:1]).frames(far[None])).all()
 
 
 def test_hits_name_the_facet_met(kleopatra: Polyhedron) -> None:
@@ -367,11 +367,11 @@ def test_hits_name_the_facet_met(kleopatra: Polyhedron) -> None:
 def test_batch_takes_no_more_memory_than_its_result(kleopatra: Polyhedron) -> None:
     random = np.random.default_rng(6)
     places = random.uniform(-40e3, 40e3, (600, 3))  # Mostly within the ellipsoid: the worst case.
-    caster, directions = RayCaster(kleopatra), ray_directions()
-    caster.frames(places[:1], directions)
+    fan = RayCaster(kleopatra).fan(ray_directions())
+    fan.frames(places[:1])
     tracemalloc.start()
     try:
-        frames = caster.frames(places, directions)
+        frames = fan.frames(places)
         peak = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()
@@ -380,8 +380,9 @@ def test_batch_takes_no_more_memory_than_its_result(kleopatra: Polyhedron) -> No
 
 def test_wrong_shapes_are_refused(kleopatra: Polyhedron) -> None:
     caster = RayCaster(kleopatra)
-    assert caster.frames(np.zeros((0, 3)), ray_directions()).shape == (0, 4320)
+    fan = caster.fan(ray_directions())
+    assert fan.frames(np.zeros((0, 3))).shape == (0, 4320)
     with pytest.raises(InputError, match=r"positions must have shape \(N, 3\)"):
-        caster.frames(np.zeros(3), ray_directions())
+        fan.frames(np.zeros(3))
     with pytest.raises(InputError, match=r"directions must have shape \(R, 3\)"):
-        caster.frames(np.zeros((1, 3)), np.zeros((4, 2)))
+        caster.fan(np.zeros((4, 2)))

@@ -72,7 +72,7 @@ def test_ray_examples_say_where_the_surface_is():
     points = grid.positions[places] + grid.frames[places, rays, None] * directions[rays]
     assert np.linalg.norm((points - centre) / axes, axis=1).max() < 1.0
     chords = ChordFan(centre, axes, directions)
-    (ends, hit, depth, length), near = ray_examples(chords, grid.positions, grid.frames, 6, 8.0)
+    (ends, hit, depth, length), near = ray_examples(chords, grid.positions, grid.frames, 6)
     assert int(hit.sum()) == np.isfinite(grid.frames).sum()
     seen = hit.numpy() == 1.0
     assert 0.0 < depth.numpy()[seen].min() < depth.numpy()[seen].max() < 1.0
@@ -95,7 +95,7 @@ def test_frame_examples_are_the_papers():
 @torch.no_grad()
 def test_losses():
     torch.manual_seed(0)
-    network = RayNetwork(width=8, layers=1)
+    network = RayNetwork(width=8)
     chords = torch.randn(4, 6)
     logit, depth = network(chords)
     hit, length = torch.tensor([1.0, 0.0, 1.0, 0.0]), torch.tensor([2.0, 9.0, 4.0, 9.0])
@@ -106,6 +106,6 @@ def test_losses():
     got = ray_loss(network, chords, hit, wanted, length)
     assert float(got) == pytest.approx(float(entropy + error), rel=1e-5)
     assert torch.isfinite(ray_loss(network, chords, torch.zeros(4), wanted, length))
-    frames = FrameNetwork(rays=5, width=8)
+    frames = FrameNetwork(rays=5)
     places = torch.randn(3, 3)
     assert float(frame_loss(frames, places, frames(places) + 3.0)) == pytest.approx(3.0, rel=1e-5)

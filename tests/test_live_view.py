@@ -50,7 +50,7 @@ class Silent(LeafSystem):
             made = Plan(
                 times=np.arange(3.0), states=np.outer([1e5, 2e5, 4e5], np.ones(6)),
                 forces=np.zeros((2, 3)), target=np.zeros(6), cost=0.0, slack=0.0, status=0,
-                iterations=0, solve_time=0.0,
+                iterations=0,
             )  # fmt: skip
             self.DeclareAbstractOutputPort(
                 name="plan",

@@ -47,7 +47,7 @@ def test_estimator_removes_the_offset(mismatch):
 @pytest.mark.parametrize(("quantity", "scale"), [("mass", 1.1), ("thrust", 0.9)])
 def test_plant_has_the_mass_and_thrust_it_is_given(quantity, scale):
     key = {"mass": f"truth.mass={scale}", "thrust": f"truth.thrusters.scale={[scale] * 3}"}
-    scenario = holding(0.0, key[quantity])
+    scenario = holding(0.0, key[quantity], "arrival.dwell_s=20")
     state = fly(scenario).dataset
     # From the first two rows: the acceleration that the logged force made.
     field, spin = load_body("kleopatra").gravity_field, load_body("kleopatra").spin_rate

@@ -422,12 +422,12 @@ def test_disabled_it_still_answers_who_asks():
 
 
 @pytest.mark.slow
-def test_a_thousand_states_are_answered_in_time():
+def test_many_states_are_answered_in_time():
     """Anywhere in the cube, moving up to twice the speed limit: finite, within limits, in time."""
     random = np.random.default_rng(11)
     limit = expert().program.limits.thrust
     times = []
-    for _ in range(1000):
+    for _ in range(250):
         place, goal = random.uniform(-170e3, 170e3, (2, 3))
         state = np.append(place, random.uniform(-80.0, 80.0, 3))
         context = alone(state, np.append(goal, np.zeros(3)))

@@ -202,18 +202,26 @@ def test_lost_on_the_way_the_plan_is_continued(monkeypatch: pytest.MonkeyPatch) 
 # --- the log --------------------------------------------------------------------------------------
 
 
-@pytest.fixture
-def log(monkeypatch: pytest.MonkeyPatch) -> FlightLog:
+@pytest.fixture(scope="module")
+def drifting() -> FlightLog:
     """Nothing is commanded for 150 s. The navigation begins at 40 s, and is off by (3, 4, 0) m and
     0.03 rad."""
     off = np.array([3.0, 4.0, 0.0, 0.0, 0.0, 0.5])
     turn = np.array([np.cos(0.015), 0.0, np.sin(0.015), 0.0])
-    use(
-        monkeypatch,
-        NavigationDouble(lambda time: NOWHERE if time < 35.0 else START + off, lambda time: turn),
+    double = NavigationDouble(
+        lambda time: NOWHERE if time < 35.0 else START + off, lambda time: turn
     )
+    scenario = on_lidar(log_ranges=True, **BRIEF)
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        use(monkeypatch, double)
+        return fly(scenario, Scripted(ports=[("state", 6)]), body=kleopatra())
+
+
+@pytest.fixture
+def log(drifting: FlightLog, monkeypatch: pytest.MonkeyPatch) -> FlightLog:
+    """The drifting flight, whose figures count from 60 s on. Do not change it."""
     monkeypatch.setattr("proxops.diagrams.logs.navigation_figures._SETTLED", 60.0)
-    return fly(on_lidar(log_ranges=True, **BRIEF), Scripted(ports=[("state", 6)]), body=kleopatra())
+    return drifting
 
 
 def test_columns(log: FlightLog, tmp_path: Path) -> None:

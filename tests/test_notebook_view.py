@@ -55,7 +55,7 @@ def notebook(monkeypatch: pytest.MonkeyPatch) -> Notebook:
     module.IFrame = lambda address, _width, _height: address
     module.display = shown.display
     monkeypatch.setitem(sys.modules, "IPython.display", module)
-    monkeypatch.setattr(notebook_view.show_meshcat, "__defaults__", (None, 0.2))
+    monkeypatch.setattr(notebook_view, "_PATIENCE", 0.2)
     return shown
 
 
@@ -69,7 +69,9 @@ def test_without_a_browser_a_whole_page_takes_its_place(notebook: Notebook) -> N
     assert notebook.page == meshcat.StaticHtml()
 
 
-def test_a_browser_that_comes_keeps_the_live_page(notebook: Notebook) -> None:
+def test_a_browser_that_comes_keeps_the_live_page(
+    notebook: Notebook, monkeypatch: pytest.MonkeyPatch
+) -> None:
     meshcat = quiet_meshcat()
     with socket.create_connection(("localhost", meshcat.port())) as browser:
         lines = (
@@ -78,7 +80,9 @@ def test_a_browser_that_comes_keeps_the_live_page(notebook: Notebook) -> None:
             "Sec-WebSocket-Version: 13", "", "",
         )  # fmt: skip
         notebook.opens = lambda: browser.sendall("\r\n".join(lines).encode())
-        show_meshcat(meshcat, "saved", patience=20.0)
+        with monkeypatch.context() as patched:
+            patched.setattr(notebook_view, "_PATIENCE", 20.0)
+            show_meshcat(meshcat, "saved")
         assert notebook.address == meshcat.web_url()
         assert notebook.page == ""
         # Somebody who looks already is not a reader of this cell.

@@ -179,11 +179,9 @@ def test_exported_pilot_says_what_the_trained_one_says(bundle: Path):
 
 
 @pytest.mark.slow
-def test_export_is_the_same_each_time_and_names_no_source(bundle: Path, tmp_path: Path):
-    export_policy(small_pilot(), tmp_path / "again", facts(), [flight()])
-    model = (bundle / "model.onnx").read_bytes()
-    assert (tmp_path / "again" / "model.onnx").read_bytes() == model
-    assert b"pilot.py" not in model
+def test_export_names_no_source(bundle: Path):
+    """That it is the same each time is seen where a training is run again: test_pilot_recipe."""
+    assert b"pilot.py" not in (bundle / "model.onnx").read_bytes()
 
 
 @torch.no_grad()

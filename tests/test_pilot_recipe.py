@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from known_policies import Counting, write_policy
+from known_policies import Counting, DeadReckoning, write_policy
 
 from proxops.cli.main import app
 from proxops.diagrams.flight import Workers
@@ -18,6 +18,8 @@ from proxops.diagrams.flight.simulation import fly
 from proxops.diagrams.logs.flight_log import FlightLog
 from proxops.diagrams.scenario.scenario import load_scenario
 from proxops.systems import InputError
+from proxops.training.export import policy_report
+from proxops.training.pilot import dagger
 from proxops.training.pilot.dagger import (
     DaggerSettings,
     _forget_shorter_or_longer,
@@ -25,12 +27,13 @@ from proxops.training.pilot.dagger import (
     restarted,
     run_dagger,
 )
+from proxops.training.pilot.dimensions import PilotDimensions
 from proxops.training.pilot.network import Pilot
+from proxops.training.pilot.pilot_file import load_pilot, save_pilot
 from proxops.training.pilot.recipe import collected_scenario, train_pilot
 from proxops.training.pilot.settings import PilotSettings, settings_of
-from proxops.training.pilot.shape import PilotShape, load_pilot, save_pilot
 
-SHAPE = PilotShape(
+DIMENSIONS = PilotDimensions(
     planes=12, rays=360, hits=16, period=10.0, mass=100.0, thrust_limit=7.0, length=98e3,
     keep_out=(140e3, 70e3, 65e3), low=(-130e3, -50e3, -50e3), high=(130e3, 50e3, 50e3),
     spacing=40e3, coarse_width=8, motion_width=8, guidance_width=8,
@@ -41,7 +44,7 @@ SEED = 3
 
 def small_pilot(seed: int = 0) -> Pilot:
     torch.manual_seed(seed)
-    return SHAPE.make().eval()
+    return DIMENSIONS.make().eval()
 
 
 def same(first: Pilot, second: Pilot, part: str) -> bool:
@@ -53,9 +56,9 @@ def same(first: Pilot, second: Pilot, part: str) -> bool:
 def test_pilot_is_kept_whole(tmp_path: Path):
     pilot = small_pilot()
     pilot.fit_residual(torch.tensor([90.0, 100.0, 110.0]))
-    save_pilot(tmp_path, SHAPE, pilot, {"logs_sha256": "abc"})
-    shape, again, origin = load_pilot(tmp_path)
-    assert (shape, origin) == (SHAPE, {"logs_sha256": "abc"})
+    save_pilot(tmp_path, DIMENSIONS, pilot, {"logs_sha256": "abc"})
+    dimensions, again, origin = load_pilot(tmp_path)
+    assert (dimensions, origin) == (DIMENSIONS, {"logs_sha256": "abc"})
     assert same(pilot, again, "")
     assert float(again.usual_residual) == 100.0
     (tmp_path / "pilot.ckpt").write_bytes(b"half a pil")
@@ -74,7 +77,7 @@ def test_pilot_is_kept_whole(tmp_path: Path):
     ],
 )
 def test_a_pilot_that_cannot_be_is_refused(tmp_path: Path, changes: dict[str, object]):
-    save_pilot(tmp_path, SHAPE, small_pilot(), {})
+    save_pilot(tmp_path, DIMENSIONS, small_pilot(), {})
     content = torch.load(tmp_path / "pilot.ckpt", weights_only=True)
     content["shape"] |= changes
     torch.save(content, tmp_path / "pilot.ckpt")
@@ -95,11 +98,11 @@ def test_settings_come_back_from_a_file():
 
 def test_restarted_pilot_sees_as_before_and_knows_nothing():
     pilot = small_pilot()
-    fresh = restarted(SHAPE, pilot, seed=7)
+    fresh = restarted(DIMENSIONS, pilot, seed=7)
     for part in ("coarse.", "geometry.", "filter."):
         assert same(pilot, fresh, part)
     assert not same(pilot, fresh, "guidance.network.")
-    assert same(fresh, restarted(SHAPE, small_pilot(), seed=7), "guidance.")
+    assert same(fresh, restarted(DIMENSIONS, small_pilot(), seed=7), "guidance.")
     assert not any(weights.requires_grad for weights in fresh.filter.motion.parameters())
 
 
@@ -114,7 +117,7 @@ def some_frames() -> torch.Tensor:
 def test_all_parts_learn_from_a_force():
     """The pilot is one network: an error of the last force has a slope in each part's weights."""
     torch.manual_seed(0)
-    pilot = replace(SHAPE, thrust_limit=1e6).make()
+    pilot = replace(DIMENSIONS, thrust_limit=1e6).make()
     pilot.fit_residual(torch.tensor([1e5]))
     forces, _, _ = pilot.sequence(some_frames(), torch.ones(2, 5, 6), torch.zeros(2, 5, 3))
     forces[:, -1].sum().backward()
@@ -191,6 +194,13 @@ def trained(collected: Path) -> Path:
     return out
 
 
+@pytest.fixture
+def without_replays(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Only to save time: no logged flight is replayed for what a report says of the forces."""
+    nothing = np.zeros((0, 3))
+    monkeypatch.setattr(policy_report, "replay_flights", lambda *given: (nothing, nothing))
+
+
 @pytest.mark.slow
 def test_every_part_learns(trained: Path):
     for part in ("coarse", "geometry", "motion", "filter", "guidance", "end_to_end"):
@@ -224,21 +234,23 @@ def test_the_bundle_arrives(trained: Path):
 
 
 @pytest.mark.slow
-def test_run_again_it_ends_the_same(collected: Path, trained: Path):
-    policy = (trained / "bundle" / "policy.json").read_text()
+@pytest.mark.usefixtures("without_replays")
+def test_run_again_it_ends_the_same(collected: Path, trained: Path, tmp_path: Path):
+    again = Path(shutil.copytree(trained, tmp_path / "again"))
     told: list[str] = []
     workers = Workers(progress=lambda done, text: told.append(text))
-    train_pilot(collected, trained, PilotSettings().quick(), workers)
+    train_pilot(collected, again, PilotSettings().quick(), workers)
     assert not [text for text in told if "epoch" in text]
-    model = json.loads(policy)["model_sha256"]
-    assert json.loads((trained / "bundle" / "policy.json").read_text())["model_sha256"] == model
+    bundles = [json.loads((out / "bundle" / "policy.json").read_text()) for out in (trained, again)]
+    assert bundles[0]["model_sha256"] == bundles[1]["model_sha256"]
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("without_replays")
 def test_dagger_learns_from_its_flights_and_goes_on_after_a_kill(
     collected: Path, trained: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
-    settings = DaggerSettings(rounds=1, flights=2, seed=SEED)
+    settings = DaggerSettings(rounds=1, flights=1, seed=SEED)
     calls = 0
 
     class KilledError(Exception):
@@ -254,10 +266,10 @@ def test_dagger_learns_from_its_flights_and_goes_on_after_a_kill(
         run_dagger(collected, trained, tmp_path, settings, Workers(1, progress=kill))
     flown = sorted((tmp_path / "round-1" / "flights").glob("*.nc"))
     written = [path.stat().st_mtime_ns for path in flown]
-    assert len(flown) == 2
+    assert len(flown) == 1
     report = run_dagger(collected, trained, tmp_path, settings, workers=Workers(1))
     assert [path.stat().st_mtime_ns for path in flown] == written
-    options = ("--rounds", "1", "--flights", "2", "--seed", str(SEED), "--workers", "1", "--json")
+    options = ("--rounds", "1", "--flights", "1", "--seed", str(SEED), "--workers", "1", "--json")
     given = ("dagger", str(collected), "--pilot", str(trained), *options, "--out", str(tmp_path))
     app([*given], standalone_mode=False)
     assert json.loads(capsys.readouterr().out) == json.loads((tmp_path / "report.json").read_text())
@@ -268,7 +280,7 @@ def test_dagger_learns_from_its_flights_and_goes_on_after_a_kill(
     assert (tmp_path / "bundle" / "model.onnx").read_bytes() == network
     row = report["rounds"][0]
     states = sum(len(FlightLog.load(path).dataset["time"]) - 1 for path in flown)
-    assert row["flights"] == 2
+    assert row["flights"] == 1
     assert row["labels"] >= states
     _, before, origin = load_pilot(trained)
     _, after, _ = load_pilot(tmp_path)
@@ -279,12 +291,25 @@ def test_dagger_learns_from_its_flights_and_goes_on_after_a_kill(
     assert settings_of(origin) == PilotSettings().quick()
 
 
+@pytest.fixture
+def light_bundles(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Only to save time: a round's bundle has a closed form in place of its pilot, another one for
+    each guidance."""
+
+    def export(pilot: Pilot, _flights: object, _report: object, folder: Path, _data: str) -> None:
+        weights = torch.cat([each.detach().flatten() for each in pilot.guidance.parameters()])
+        write_policy(folder, DeadReckoning(derivative=4.0 + float(weights.double().std())))
+
+    monkeypatch.setattr(dagger, "export_pilot", export)
+
+
 @pytest.mark.slow
+@pytest.mark.usefixtures("without_replays", "light_bundles")
 def test_rounds_that_are_added_end_as_if_asked_for_at_once(
     collected: Path, trained: Path, tmp_path: Path
 ):
     """What was the last round is trained anew, for fewer epochs, from the same flights."""
-    one, two = (DaggerSettings(rounds=rounds, flights=3, seed=SEED) for rounds in (1, 2))
+    one, two = (DaggerSettings(rounds=rounds, flights=1, seed=SEED) for rounds in (1, 2))
     added, fresh = tmp_path / "added", tmp_path / "fresh"
     run_dagger(collected, trained, added, one, Workers(1))
     stamps = {path: path.stat().st_mtime_ns for path in added.glob("round-1/*/*.n*")}
@@ -303,5 +328,8 @@ def test_rounds_that_are_added_end_as_if_asked_for_at_once(
     for name in ("round-1/flights", "round-1/labels"):
         shutil.copytree(added / name, fresh / name)
     run_dagger(collected, trained, fresh, two, Workers(1))
-    for name in ("round-1/bundle/model.onnx", "round-2/bundle/model.onnx", "bundle/model.onnx"):
-        assert (added / name).read_bytes() == (fresh / name).read_bytes()
+    for name in ("round-1", "round-2", "."):
+        models = [(out / name / "bundle" / "model.onnx").read_bytes() for out in (added, fresh)]
+        assert models[0] == models[1]
+        pilots = [load_pilot(out / name)[1] for out in (added, fresh)]
+        assert same(*pilots, "")

@@ -12,7 +12,7 @@ from synthetic_log import similar_log, synthetic_log
 
 from proxops.diagrams.logs.flight_log import FlightLog
 from proxops.diagrams.logs.legend import legend_of
-from proxops.diagrams.plots import plot_flight, plots
+from proxops.diagrams.plots import flight_plot, length_unit, plot_flight, plot_ranges
 from proxops.systems.shapes.ellipsoid import clearances
 
 
@@ -66,7 +66,7 @@ def test_flight_is_one_page_of_labelled_axes(log: FlightLog) -> None:
     [(0.0, (1.0, "m")), (500.0, (1.0, "m")), (4999.0, (1.0, "m")), (5e3, (1e3, "km"))],
 )
 def test_unit_goes_by_size(size: float, unit: tuple[float, str]) -> None:
-    assert plots.length_unit(size) == unit
+    assert length_unit(size) == unit
 
 
 @pytest.mark.slow
@@ -89,7 +89,7 @@ def test_flight_about_a_small_body_is_in_metres(log: FlightLog, small: FlightLog
 
 def test_near_ranges_are_in_metres(small: FlightLog, ax: Axes) -> None:
     frame = small.dataset["ranges"].values[100]
-    shown = np.ma.asarray(plots.plot_ranges(ax, frame).get_array()).compressed()
+    shown = np.ma.asarray(plot_ranges(ax, frame).get_array()).compressed()
     np.testing.assert_allclose(shown, frame[np.isfinite(frame)])
     figure = ax.get_figure()
     assert isinstance(figure, Figure)
@@ -98,7 +98,7 @@ def test_near_ranges_are_in_metres(small: FlightLog, ax: Axes) -> None:
 
 @pytest.mark.parametrize(("plane", "axes"), [("xy", [0, 1]), ("xz", [0, 2]), ("yz", [1, 2])])
 def test_path(log: FlightLog, ax: Axes, plane: str, axes: list[int]) -> None:
-    plots.plot_path(ax, log, plane)
+    flight_plot.plot_path(ax, log, plane)
     [path] = only(LineCollection, list(ax.collections))
     segments = np.array(path.get_segments())
     expected = log.dataset["state"].values[:, axes] / 1e3
@@ -118,7 +118,7 @@ def test_path(log: FlightLog, ax: Axes, plane: str, axes: list[int]) -> None:
 
 @pytest.mark.parametrize(("plane", "axes"), [("xy", [0, 1]), ("xz", [0, 2]), ("yz", [1, 2])])
 def test_body_and_ellipsoid(log: FlightLog, ax: Axes, plane: str, axes: list[int]) -> None:
-    plots.draw_body(ax, log.body, plane)
+    flight_plot.draw_body(ax, log.body, plane)
     [silhouette] = only(PolyCollection, list(ax.collections))
     corners = np.concatenate([path.vertices for path in silhouette.get_paths()])
     np.testing.assert_allclose(np.ptp(corners, axis=0), log.body.shape.extents[axes] / 1e3)
@@ -129,7 +129,7 @@ def test_body_and_ellipsoid(log: FlightLog, ax: Axes, plane: str, axes: list[int
 
 
 def test_distance(log: FlightLog, ax: Axes) -> None:
-    plots.plot_distance(ax, log)
+    flight_plot.plot_distance(ax, log)
     distance = np.linalg.norm((log.dataset["state"] - log.dataset["target"]).values[:, :3], axis=1)
     minutes, shown = curve(ax, 0)
     np.testing.assert_allclose(minutes, log.dataset["time"].values / 60.0)
@@ -138,14 +138,14 @@ def test_distance(log: FlightLog, ax: Axes) -> None:
 
 
 def test_speed(log: FlightLog, ax: Axes) -> None:
-    plots.plot_speed(ax, log)
+    flight_plot.plot_speed(ax, log)
     speed = np.linalg.norm(log.dataset["state"].values[:, 3:], axis=1)
     np.testing.assert_allclose(curve(ax, 0)[1], speed)
     np.testing.assert_allclose(curve(ax, 2)[1], log.scenario.spacecraft.speed_limit_m_s)
 
 
 def test_clearance(log: FlightLog, ax: Axes) -> None:
-    plots.plot_clearance(ax, log)
+    flight_plot.plot_clearance(ax, log)
     minutes, shown = curve(ax, 0)
     positions = log.dataset["state"].values[:, :3]
     at_rows = np.interp(log.dataset["time"].values / 60.0, minutes, shown)
@@ -156,7 +156,7 @@ def test_clearance(log: FlightLog, ax: Axes) -> None:
 
 @pytest.mark.parametrize(("axis", "index"), [("x", 0), ("y", 1), ("z", 2)])
 def test_force(log: FlightLog, ax: Axes, axis: str, index: int) -> None:
-    plots.plot_force(ax, log, axis)
+    flight_plot.plot_force(ax, log, axis)
     [steps] = only(StepPatch, list(ax.patches))
     values, edges, _ = steps.get_data()
     np.testing.assert_allclose(values, log.dataset["force"].values[:-1, index])
@@ -168,7 +168,7 @@ def test_force(log: FlightLog, ax: Axes, axis: str, index: int) -> None:
 
 def test_delayed_force_is_drawn_when_it_acts(log: FlightLog, ax: Axes) -> None:
     late = FlightLog(log.dataset.assign_attrs(force_delay_s=4.0), log.body)
-    plots.plot_force(ax, late, "x")
+    flight_plot.plot_force(ax, late, "x")
     [steps] = only(StepPatch, list(ax.patches))
     times = log.dataset["time"].values
     np.testing.assert_allclose(steps.get_data().edges[:-1], (times[:-1] + 4.0) / 60.0)
@@ -177,7 +177,7 @@ def test_delayed_force_is_drawn_when_it_acts(log: FlightLog, ax: Axes) -> None:
 
 def test_ranges(log: FlightLog, ax: Axes) -> None:
     frame = log.dataset["ranges"].values[100]
-    image = plots.plot_ranges(ax, frame)
+    image = plot_ranges(ax, frame)
     shown = np.ma.asarray(image.get_array())
     np.testing.assert_array_equal(np.ma.getmaskarray(shown), np.isinf(frame))
     np.testing.assert_allclose(shown.compressed(), frame[np.isfinite(frame)] / 1e3)
@@ -187,7 +187,7 @@ def test_ranges(log: FlightLog, ax: Axes) -> None:
 
 
 def test_frame_without_a_return(ax: Axes) -> None:
-    plots.plot_ranges(ax, np.full((12, 360), np.inf))
+    plot_ranges(ax, np.full((12, 360), np.inf))
     figure = ax.get_figure()
     assert isinstance(figure, Figure)
     assert png(figure)

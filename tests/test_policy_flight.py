@@ -8,15 +8,14 @@ import numpy as np
 import pytest
 from commands import proxops, settings
 from known_policies import Counting, DeadReckoning, NotANumber, write_policy
-from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
-from short_flights import BRIEF, kleopatra, short_scenario
+from short_flights import BRIEF, flown_and_taken_up, kleopatra, short_scenario
 
 from proxops.cli.common import console
 from proxops.cli.fly import _table
-from proxops.diagrams.flight import Workers, campaign, scenario_systems
+from proxops.diagrams.flight import Workers, campaign, named_bundles
 from proxops.diagrams.flight.campaign import run_campaign, transit_flights
+from proxops.diagrams.flight.named_bundles import bundle_of
 from proxops.diagrams.flight.named_controllers import named_controller
-from proxops.diagrams.flight.scenario_systems import bundle_of
 from proxops.diagrams.flight.simulation import fly, make_simulator
 from proxops.diagrams.flight.transit_diagram import make_transit_diagram
 from proxops.diagrams.logs.flight_log import FlightLog, differences
@@ -143,13 +142,6 @@ def test_one_run_of_the_network_a_step(counting: Path, monkeypatch: pytest.Monke
 def test_cloned_context_goes_on_alike(reckoning: Path) -> None:
     scenario = brief(reckoning, disturbance={})
     diagram = make_transit_diagram(scenario, named_controller("policy", scenario, kleopatra()))
-    simulator = make_simulator(diagram, scenario)
-    simulator.AdvanceTo(55.0)
-    clone = simulator.get_context().Clone()
-    simulator.AdvanceTo(125.0)
-    again = Simulator(diagram, clone)
-    ResetIntegratorFromFlags(again, "runge_kutta5", 10.0).set_fixed_step_mode(True)
-    again.AdvanceTo(125.0)
 
     def values(context) -> list[np.ndarray]:
         policy = diagram.GetSubsystemByName("controller")
@@ -157,7 +149,8 @@ def test_cloned_context_goes_on_alike(reckoning: Path) -> None:
         assert memory[0] == 1.0
         return [memory, context.get_continuous_state_vector().CopyToVector()]
 
-    for one, other in zip(values(simulator.get_context()), values(clone), strict=True):
+    both = map(values, flown_and_taken_up(diagram, scenario, 55.0, 125.0))
+    for one, other in zip(*both, strict=True):
         np.testing.assert_array_equal(one, other)
 
 
@@ -181,10 +174,10 @@ def test_bundle_of_a_file_is_relative_to_it(tmp_path: Path, monkeypatch: pytest.
 
 
 def test_no_policy_ships(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, counting: Path) -> None:
-    monkeypatch.setattr(scenario_systems, "_SHIPPED_POLICY", tmp_path / "policy")
+    monkeypatch.setattr(named_bundles, "_SHIPPED_POLICY", tmp_path / "policy")
     with pytest.raises(InputError, match=r"no policy ships .* proxops train"):
         named_controller("policy", short_scenario(), kleopatra())
-    monkeypatch.setattr(scenario_systems, "_SHIPPED_POLICY", counting)
+    monkeypatch.setattr(named_bundles, "_SHIPPED_POLICY", counting)
     policy = named_controller("policy", short_scenario(), kleopatra())
     assert policy.num_input_ports() == 3
 

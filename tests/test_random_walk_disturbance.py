@@ -152,19 +152,25 @@ def test_other_periods():
     assert len(np.unique(lengths[:, 0])) == 10
 
 
-def test_clone_replays_and_seed_is_a_parameter_of_the_context():
-    commands = constant([2.0, 1.0, -3.0], 60)
-    disturbance = RandomWalkDisturbance(7.0, seed=4)
+def clone_replays_and_seed_counts(make, steps: int, cloned_after: int) -> None:
+    """Asserts it of what `make` makes of a seed: the seed is a parameter of the Context."""
+    commands = constant([2.0, 1.0, -3.0], steps)
+    disturbance = make(4)
     context = disturbance.CreateDefaultContext()
-    whole = step_on(disturbance, context, commands[:37])
+    begun = step_on(disturbance, context, commands[:cloned_after])
     twin = context.Clone()
-    rest = step_on(disturbance, context, commands[37:], first_step=37)
-    assert np.array_equal(rest, step_on(disturbance, twin, commands[37:], first_step=37))
-    whole = np.concatenate([whole, rest])
+    left = commands[cloned_after:], cloned_after
+    rest = step_on(disturbance, context, *left)
+    assert np.array_equal(rest, step_on(disturbance, twin, *left))
+    whole = np.concatenate([begun, rest])
     assert np.array_equal(whole, walks(disturbance, commands, seed=4))
     other = walks(disturbance, commands, seed=5)
     assert np.all(np.any(other != whole, axis=1))
-    assert np.array_equal(other, walks(RandomWalkDisturbance(7.0, seed=5), commands, seed=5))
+    assert np.array_equal(other, walks(make(5), commands, seed=5))
+
+
+def test_clone_replays_and_seed_is_a_parameter_of_the_context():
+    clone_replays_and_seed_counts(lambda seed: RandomWalkDisturbance(7.0, seed=seed), 60, 37)
 
 
 def test_simulated_behind_a_hold_it_gives_the_same():

@@ -13,40 +13,40 @@ from proxops.systems import ray_directions
 from proxops.systems.shapes.ray_casting import ray_caster
 from proxops.training.data.packing import pack_flights
 from proxops.training.data.scaling import Scaling, scaling_for, scaling_of
-from proxops.training.pilot.shape import PilotShape
+from proxops.training.pilot.dimensions import PilotDimensions
 from proxops.training.pilot.state_filter import MEMORY
 from proxops.training.pilot.tasks import estimate_error, force_loss
 
 # As much smaller; a power of two, so that it rounds nothing.
 SMALL = 1.0 / 128.0
-SHAPE = PilotShape(
+DIMENSIONS = PilotDimensions(
     planes=12, rays=360, hits=64, period=10.0, mass=100.0, thrust_limit=7.0, length=98e3,
     keep_out=(140e3, 70e3, 65e3), low=(-130e3, -50e3, -50e3), high=(130e3, 50e3, 50e3),
     spacing=10e3, coarse_width=8, motion_width=8, guidance_width=8,
 )  # fmt: skip
 
 
-def scaled(shape: PilotShape, size: float) -> PilotShape:
-    """The shape for a body `size` times as large, of the same density and spin."""
+def scaled(dimensions: PilotDimensions, size: float) -> PilotDimensions:
+    """Those for a body `size` times as large, of the same density and spin."""
 
     def times(values: tuple[float, float, float]) -> tuple[float, float, float]:
         x, y, z = (size * value for value in values)
         return x, y, z
 
     return dc.replace(
-        shape,
-        thrust_limit=size * shape.thrust_limit,
-        length=size * shape.length,
-        spacing=size * shape.spacing,
-        keep_out=times(shape.keep_out),
-        low=times(shape.low),
-        high=times(shape.high),
+        dimensions,
+        thrust_limit=size * dimensions.thrust_limit,
+        length=size * dimensions.length,
+        spacing=size * dimensions.spacing,
+        keep_out=times(dimensions.keep_out),
+        low=times(dimensions.low),
+        high=times(dimensions.high),
     )
 
 
 @torch.no_grad()
 def test_a_pilot_of_a_small_body_flies_as_one_of_a_large_one():
-    large, small = (make(shape) for shape in (SHAPE, scaled(SHAPE, SMALL)))
+    large, small = (make(each) for each in (DIMENSIONS, scaled(DIMENSIONS, SMALL)))
     for pilot in (large, small):
         pilot.filter.motion.per_newton.copy_(1.02 * torch.eye(3))
     large.fit_residual(torch.tensor([300.0]))
@@ -69,9 +69,9 @@ def test_a_pilot_of_a_small_body_flies_as_one_of_a_large_one():
         torch.testing.assert_close(answers[1][1], answers[0][1], rtol=1e-5, atol=0.02)
 
 
-def make(shape: PilotShape):
+def make(dimensions: PilotDimensions):
     torch.manual_seed(0)
-    return shape.make().eval()
+    return dimensions.make().eval()
 
 
 def test_losses_of_similar_errors_are_the_same():

@@ -77,15 +77,16 @@ def test_tracks_are_what_was_drawn(name: str) -> None:
     given = load_scenario(None, {"log_ranges": False} | dispersed, on_true_state=name == "state")
     drawn = draw_track(name, given, SEED, 2)
     assert drawn.body_sha256 == track.body_sha256
-    fresh, kept = drawn.flights("zero"), track.flights("zero")
-    for one, other in zip(fresh, kept[:2], strict=True):
+    kept = dc.replace(track, changes=track.changes[:2])
+    for one, other in zip(drawn.flights("zero"), kept.flights("zero"), strict=True):
         assert values(one) == pytest.approx(values(other))
-    assert len({each.scenario for each in kept}) == len({each.name for each in kept}) == 200
+    assert len({json.dumps(change, sort_keys=True) for change in track.changes}) == 200
 
 
 def test_worlds_are_written_down() -> None:
     """Nothing is left to be drawn when a flight begins."""
-    for flight in load_track("lidar-after-survey").flights("zero")[::50]:
+    track = load_track("lidar-after-survey")
+    for flight in dc.replace(track, changes=track.changes[::25]).flights("zero"):
         scenario = parse_scenario(flight.scenario)
         assert scenario.dispersions is None
         assert scenario.transit.start_m is not None

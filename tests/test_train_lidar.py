@@ -100,7 +100,7 @@ def test_another_training_in_that_folder_is_refused(out: Path, capfd: pytest.Cap
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["--spacing", "0"], "spacing must be positive"),
+        (["--spacing", "0"], "spacing must be above 0"),
         (["--spacing", "300"], "leaves"),
         (["--set", "lidar=!LearnedLidar {bundle: b}"], "learns from the ray-cast lidar"),
     ],

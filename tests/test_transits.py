@@ -15,6 +15,7 @@ from proxops.diagrams.scenario.transits import (
     draw_transit,
     scenario_transit,
     transit_set,
+    with_ends,
 )
 from proxops.systems.common.errors import InputError
 
@@ -162,6 +163,18 @@ def test_senseless_ends_refused(start: list[float], goal: list[float], complaint
     scenario.transit = dc.replace(scenario.transit, start_m=start, goal_m=goal)
     with pytest.raises(InputError, match=complaint):
         scenario_transit(scenario, kleopatra())
+
+
+def test_given_ends_and_the_velocity_that_a_scenario_has() -> None:
+    scenario = Scenario()
+    start, goal, velocity = np.array([160e3, 0.0, 0.0]), np.array([0.0, 110e3, 0.0]), np.ones(3)
+    moving = with_ends(scenario, start, goal, velocity)
+    assert scenario == Scenario()
+    for given in (moving, with_ends(moving, start, goal)):
+        transit = scenario_transit(given, kleopatra())
+        assert np.array_equal([transit.start, transit.goal], [start, goal])
+        assert np.array_equal(transit.start_velocity, velocity)
+    assert with_ends(scenario, start, goal).transit.start_velocity_m_s is None
 
 
 def test_a_mass_that_was_drawn_is_to_blame() -> None:

@@ -21,7 +21,7 @@ from proxops.diagrams.flight.transit_diagram import make_transit_diagram
 from proxops.diagrams.logs.flight_log import FlightLog
 from proxops.diagrams.meshcat.meshcat_scene import quiet_meshcat
 from proxops.diagrams.meshcat.replay import add_flight, write_replay
-from proxops.diagrams.plots import plot_flight, plot_truth, plots
+from proxops.diagrams.plots import draw_body, plot_flight, plot_truth
 from proxops.diagrams.plots.outlines import outline
 from proxops.diagrams.scenario import TruthConfig, differing_values, make_true_body, spin_axes
 from proxops.systems.common.errors import InputError
@@ -228,7 +228,7 @@ def test_outline_parts_what_is_covered_from_what_is_not(name: str, plane: tuple[
 
 
 def test_plot_shows_truth_and_map(log: FlightLog, ax: Axes) -> None:
-    plots.draw_body(ax, log.body, "xz", log.true_body)
+    draw_body(ax, log.body, "xz", log.true_body)
     [silhouette] = [each for each in ax.collections if isinstance(each, PolyCollection)]
     corners = np.concatenate([path.vertices for path in silhouette.get_paths()])
     extents = log.body.shape.extents[[0, 2]] / 1e3
@@ -244,7 +244,7 @@ def test_plot_shows_truth_and_map(log: FlightLog, ax: Axes) -> None:
 
 
 def test_plot_of_a_body_as_believed_is_as_ever(ax: Axes) -> None:
-    plots.draw_body(ax, kleopatra(), "xy", make_true_body(kleopatra(), TruthConfig()))
+    draw_body(ax, kleopatra(), "xy", make_true_body(kleopatra(), TruthConfig()))
     assert not ax.lines
     plain = synthetic_log(3, ranges=False)
     named = {text.get_text() for text in plot_flight(plain).legends[0].get_texts()}

@@ -49,7 +49,7 @@ def straight(start: np.ndarray, end: np.ndarray) -> Plan:
     times = LENGTH * HORIZON.fractions()
     states = start + (times / LENGTH)[:, None] * (end - start)
     forces = np.zeros((HORIZON.intervals, 3))
-    return Plan(times, states, forces, end, 0.0, 0.0, 0, 0, 0.0)
+    return Plan(times, states, forces, end, 0.0, 0.0, 0, 0)
 
 
 def least_squares(about: Plan, start, target, weights: ErrorWeights, thrust: float, push):

@@ -24,6 +24,11 @@ from proxops.systems.lidar import ray_directions
 _BODY, _CRAFT, _BELIEVED = "K", "S", "S_believed"
 _FLOAT32 = 7
 _STILL = (1.0, 0.0, 0.0, 0.0)
+# The pose of what is given in its frame as it is.
+_IN_PLACE = {
+    "position": {"x": 0.0, "y": 0.0, "z": 0.0},
+    "orientation": {"w": 1.0, "x": 0.0, "y": 0.0, "z": 0.0},
+}
 # A message holds at most so many numbers; the frames of the lidar have a topic of their own.
 _MOST = 16
 Message = dict[str, typing.Any]
@@ -72,7 +77,7 @@ def _body(log: FlightLog) -> Iterator[Message]:
     """The true body's mesh, once, at the start."""
     shape = log.true_body.shape
     mesh = {
-        "pose": _pose((0.0, 0.0, 0.0), _STILL),
+        "pose": _IN_PLACE,
         "points": [_vector(vertex) for vertex in shape.vertices],
         "indices": shape.facets.ravel().tolist(),
         "color": {"r": 0.6, "g": 0.6, "b": 0.6, "a": 1.0},
@@ -127,7 +132,7 @@ def _clouds(data: xr.Dataset) -> Iterator[Message]:
         yield {
             "timestamp": _stamp(time),
             "frame_id": _CRAFT,
-            "pose": _pose((0.0, 0.0, 0.0), _STILL),
+            "pose": _IN_PLACE,
             "point_stride": 12,
             "fields": fields,
             "data": base64.b64encode(points.tobytes()).decode(),
@@ -167,7 +172,3 @@ def _vector(values: typing.Any) -> dict[str, float]:
 
 def _quaternion(values: typing.Any) -> dict[str, float]:
     return dict(zip("wxyz", (float(value) for value in values), strict=True))
-
-
-def _pose(position: typing.Any, rotation: typing.Any) -> Message:
-    return {"position": _vector(position), "orientation": _quaternion(rotation)}

@@ -27,14 +27,13 @@ from proxops.diagrams.flight.campaign import (
     version_and_body,
 )
 from proxops.diagrams.flight.hybrid_controller import make_hybrid
+from proxops.diagrams.flight.named_bundles import WITH_BUNDLE, bundle_of
 from proxops.diagrams.flight.named_controllers import named_controller
 from proxops.diagrams.flight.navigation import mended_map_of_flight
 from proxops.diagrams.flight.parallel import Workers
 from proxops.diagrams.flight.recording import Flown, make_log
 from proxops.diagrams.flight.scenario_systems import (
-    WITH_BUNDLE,
     bounded_backup,
-    bundle_of,
     make_backup,
     make_events,
     make_lidar,

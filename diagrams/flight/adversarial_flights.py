@@ -19,6 +19,7 @@ from proxops.diagrams.logs import dense_positions
 from proxops.diagrams.scenario import AssuranceConfig, Body, Scenario, TransitConfig
 from proxops.systems.assurance import AssuranceBounds, BackupBraking, InterventionReason
 from proxops.systems.shapes import clearances
+from proxops.systems.vehicle import runge_kutta_step
 
 # The adversary along the surface keeps its course for at most this many steps.
 _LONGEST_COURSE = 60
@@ -302,8 +303,4 @@ def moved(
     slope[3, 0] += spin**2
     slope[4, 1] += spin**2
     slope[3, 4], slope[4, 3] = 2.0 * spin, -2.0 * spin
-    first = slope @ state + constant
-    second = slope @ (state + 0.5 * period * first) + constant
-    third = slope @ (state + 0.5 * period * second) + constant
-    fourth = slope @ (state + period * third) + constant
-    return state + period / 6.0 * (first + 2.0 * (second + third) + fourth)
+    return runge_kutta_step(lambda at: slope @ at + constant, state, period)

@@ -16,9 +16,9 @@ from pathlib import Path
 
 from pydrake.common.yaml import yaml_dump_typed
 
+from proxops.diagrams.flight.named_bundles import WITH_BUNDLE, bundle_of, policy_sha256
 from proxops.diagrams.flight.named_controllers import controller_files
 from proxops.diagrams.flight.parallel import Workers
-from proxops.diagrams.flight.scenario_systems import WITH_BUNDLE, bundle_of, policy_sha256
 from proxops.diagrams.flight.simulation import fly
 from proxops.diagrams.logs import FlightLog
 from proxops.diagrams.scenario import (

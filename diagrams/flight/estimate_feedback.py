@@ -62,7 +62,8 @@ class EstimateFeedback(Diagram):
             port = controller.get_output_port(i)
             if port.get_data_type() == PortDataType.kAbstractValued:
                 builder.ExportOutput(port, port.get_name())
-        for name, each in _offered(controller).items():
+        offered: dict[str, LoggedPort] = getattr(controller, "logged_ports", dict)()
+        for name, each in offered.items():
             builder.ExportOutput(each.port, name)
             self._logged.append(name)
         builder.BuildInto(self)
@@ -70,11 +71,3 @@ class EstimateFeedback(Diagram):
     def logged_ports(self) -> dict[str, LoggedPort]:
         """Gives the ports that a log records, by the names of their columns."""
         return {name: LoggedPort(self.GetOutputPort(name)) for name in self._logged}
-
-
-def _offered(
-    controller: ProportionalDerivative | ModelPredictiveController,
-) -> dict[str, LoggedPort]:
-    if isinstance(controller, ModelPredictiveController):
-        return controller.logged_ports()
-    return {}

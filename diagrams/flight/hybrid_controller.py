@@ -5,11 +5,9 @@ from __future__ import annotations
 import dataclasses as dc
 import math
 
-import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
-from pydrake.systems.primitives import ConstantVectorSource
 
-from proxops.diagrams.flight.scenario_systems import make_mpc
+from proxops.diagrams.flight.scenario_systems import make_mpc, make_zero
 from proxops.diagrams.flight.wiring import STATE_NOISE_STREAM
 from proxops.diagrams.scenario import Body, Scenario, assurance_bounds
 from proxops.systems import (
@@ -88,10 +86,7 @@ def zero_hybrid(scenario: Scenario, body: Body) -> HybridController:
     It measures the share that a policy gets without having learned anything. Its name for
     `proxops fly` is `proxops.diagrams.flight.hybrid_controller:zero_hybrid`.
     """
-    builder = DiagramBuilder()
-    zero = builder.AddNamedSystem("zero", ConstantVectorSource(np.zeros(3)))
-    builder.ExportOutput(zero.get_output_port(), "force")
-    return make_hybrid(scenario, body, builder.Build())
+    return make_hybrid(scenario, body, make_zero())
 
 
 class HybridController(Diagram):

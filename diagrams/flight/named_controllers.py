@@ -11,18 +11,16 @@ import types
 from collections.abc import Generator
 from pathlib import Path
 
-import numpy as np
-from pydrake.systems.framework import DiagramBuilder, System
-from pydrake.systems.primitives import ConstantVectorSource
+from pydrake.systems.framework import System
 
 from proxops.diagrams.flight.hybrid_controller import make_hybrid
+from proxops.diagrams.flight.named_bundles import WITH_BUNDLE, bundle_of
 from proxops.diagrams.flight.scenario_systems import (
-    WITH_BUNDLE,
-    bundle_of,
     make_estimate_feedback,
     make_mpc,
     make_policy,
     make_proportional_derivative,
+    make_zero,
 )
 from proxops.diagrams.scenario import Body, Scenario
 from proxops.systems.common import InputError, file_sha256
@@ -56,7 +54,7 @@ def named_controller(name: str, scenario: Scenario, body: Body) -> System:
     if name == "pd":
         return make_proportional_derivative(scenario)
     if name == "zero":
-        return _zero_controller()
+        return make_zero()
     module_name, colon, factory_name = name.partition(":")
     if not colon:
         raise InputError(
@@ -153,10 +151,3 @@ def _working_directory_importable() -> Generator[None]:
         yield
     finally:
         sys.path.remove(here)
-
-
-def _zero_controller() -> System:
-    builder = DiagramBuilder()
-    source = builder.AddNamedSystem("zero", ConstantVectorSource(np.zeros(3)))
-    builder.ExportOutput(source.get_output_port(), "force")
-    return builder.Build()

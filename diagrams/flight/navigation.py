@@ -24,8 +24,7 @@ def needs_navigation(scenario: Scenario, controller: System) -> bool:
     """
     if not isinstance(scenario.navigation, LidarNavigationConfig):
         return False
-    ports = [controller.get_input_port(i) for i in range(controller.num_input_ports())]
-    return scenario.assurance is not None or any(port.get_name() in STATE_PORTS for port in ports)
+    return scenario.assurance is not None or any(map(controller.HasInputPort, STATE_PORTS))
 
 
 def add_navigation(wiring: Wiring, ranges: OutputPort, command: OutputPort) -> LidarNavigation:

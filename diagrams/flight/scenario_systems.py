@@ -6,8 +6,9 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from pydrake.systems.framework import DiagramBuilder, System
+from pydrake.systems.primitives import ConstantVectorSource
 
-from proxops.assets import ASSETS
 from proxops.diagrams.flight.estimate_feedback import EstimateFeedback
 from proxops.diagrams.scenario import (
     AssuranceConfig,
@@ -23,7 +24,6 @@ from proxops.systems import (
     AssuranceLimits,
     BackupBraking,
     ErrorWeights,
-    GuidanceBundle,
     GuidancePolicy,
     Horizon,
     InputError,
@@ -37,7 +37,6 @@ from proxops.systems import (
     NeuralPolicy,
     PlanarLidar,
     PointMassField,
-    PolicyBundle,
     Polyhedron,
     ProportionalDerivative,
     Surroundings,
@@ -55,11 +54,8 @@ from proxops.systems.vehicle import FlightEvents
 _LEAST_NOISE = 1e-5
 # A map whose size differs by more than this share from the body's is a mistake.
 _OTHER_SIZE = 0.5
-_SHIPPED_POLICY = ASSETS / "any_body"
 # Of a policy for any body, over the MPC's: it cuts corners by a few hundredths of the size.
 _MARGIN = 3.0
-# Bundles that ship beside it, by the names that a controller's name may have after the colon.
-_NAMED_BUNDLES = {"end-to-end": ASSETS / "end_to_end"}
 
 
 def make_mpc(scenario: Scenario, body: Body) -> ModelPredictiveController:
@@ -93,41 +89,6 @@ def make_mpc(scenario: Scenario, body: Body) -> ModelPredictiveController:
         delay=mpc.solve_delay_s,
         latest=_latest(scenario, horizon.minimum),
     )
-
-
-WITH_BUNDLE = ("policy", "hybrid", "pd", "mpc")
-"""Kinds of controllers whose names may contain a policy's bundle, such as `policy:out/bundle`."""
-_WITHOUT_BUNDLE = ("pd", "mpc")
-"""The kinds among them that fly without a policy if the name contains no bundle."""
-
-
-def bundle_of(name: str, scenario: Scenario) -> Path | None:
-    """Gives the folder of the bundle that a named controller flies; None if it flies none.
-
-    `policy` and `hybrid` fly the scenario's bundle; `pd` and `mpc` fly none. After a colon comes
-    `end-to-end`, the pilot that ships for Kleopatra, or a path relative to the working directory.
-
-    Raises:
-      InputError: the controller needs a bundle, but neither the name nor the scenario gives one,
-        and none ships with this proxops.
-    """
-    kind, colon, path = name.partition(":")
-    if kind not in WITH_BUNDLE or name in _WITHOUT_BUNDLE:
-        return None
-    if not colon:
-        return _scenario_bundle(scenario)
-    return _NAMED_BUNDLES.get(path, Path(path))
-
-
-def _scenario_bundle(scenario: Scenario) -> Path:
-    if scenario.policy.bundle is not None:
-        return Path(scenario.policy.bundle)
-    if not _SHIPPED_POLICY.is_dir():
-        raise InputError(
-            "no policy ships with this proxops: make one with proxops train, and name its bundle "
-            "with --set policy.bundle=FOLDER"
-        )
-    return _SHIPPED_POLICY
 
 
 def make_policy(bundle: Path, scenario: Scenario, body: Body) -> NeuralPolicy | GuidancePolicy:
@@ -169,22 +130,20 @@ def surroundings(scenario: Scenario, body: Body) -> Surroundings:
     )
 
 
-def policy_sha256(bundle: Path) -> str:
-    """Gives the hash that identifies a policy's bundle.
-
-    Raises:
-      InputError: there is no bundle in the folder, or it is damaged.
-    """
-    kind = GuidanceBundle if (bundle / GUIDANCE_FILE).exists() else PolicyBundle
-    return kind.load(bundle).sha256
-
-
 def make_proportional_derivative(scenario: Scenario) -> ProportionalDerivative:
     """Makes the PD controller; its gains follow from mass, limits and control period."""
     craft = scenario.spacecraft
     return ProportionalDerivative(
         craft.mass_kg, craft.thrust_limit_n, craft.speed_limit_m_s, scenario.control_period_s
     )
+
+
+def make_zero() -> System:
+    """Makes the controller whose force is always zero."""
+    builder = DiagramBuilder()
+    zero = builder.AddNamedSystem("zero", ConstantVectorSource(np.zeros(3)))
+    builder.ExportOutput(zero.get_output_port(), "force")
+    return builder.Build()
 
 
 def make_estimate_feedback(

@@ -177,8 +177,7 @@ def logged_ports(controller: System) -> dict[str, LoggedPort]:
       InputError: a name is not fit for a column, or a port does not have the size of the log's
         column of this name.
     """
-    offered = getattr(controller, "logged_ports", None)
-    ports: dict[str, LoggedPort] = {} if offered is None else offered()
+    ports: dict[str, LoggedPort] = getattr(controller, "logged_ports", dict)()
     for name, logged in ports.items():
         size = CONTROLLER_COLUMNS.get(name)
         if not name.isidentifier() or (size is None and name in RESERVED_COLUMNS):
@@ -343,11 +342,10 @@ def _add_view(
 ) -> None:
     """Draws the flight live, with the controller's plan if it has one."""
     seen = {name: signals[name] for name in ("position", "ranges", "force")}
-    for i in range(controller.num_output_ports()):
-        port = controller.get_output_port(i)
-        abstract = port.get_data_type() == PortDataType.kAbstractValued
-        if port.get_name() == "plan" and abstract:
-            seen["plan"] = port
+    if controller.HasOutputPort("plan"):
+        plan = controller.GetOutputPort("plan")
+        if plan.get_data_type() == PortDataType.kAbstractValued:
+            seen["plan"] = plan
     navigated = wiring.builder.HasSubsystemNamed("navigation")
     if navigated:
         navigation = wiring.builder.GetSubsystemByName("navigation")

@@ -3,18 +3,18 @@
 Start with `FlightLog`: an xarray dataset that is enough to repeat the flight, stored as NetCDF-4.
 `flight_summary` computes the figures of merit from it, and `navigation_figures` those of its
 navigation; `legend` tells which controller flew each step, and why the safety
-filter intervened. To add a column to the log, add a line
-to `VARIABLES`.
+filter intervened. To add a column to the log, add a line to `VARIABLES` in `columns`.
 """
 
-from proxops.diagrams.logs.flight_log import (
+from proxops.diagrams.logs.columns import (
     CONTROLLER_COLUMNS,
     NAVIGATION_COLUMNS,
     RECORDS,
     RESERVED_COLUMNS,
     VARIABLES,
+)
+from proxops.diagrams.logs.flight_log import (
     FlightLog,
-    check_log_file,
     commanded_forces,
     differences,
     make_dataset,
@@ -33,6 +33,7 @@ from proxops.diagrams.logs.legend import (
     legend_of,
     legend_text,
 )
+from proxops.diagrams.logs.log_file_checks import check_log_file
 from proxops.diagrams.logs.navigation_figures import navigation_errors
 
 __all__ = [

@@ -8,6 +8,7 @@ import numpy as np
 
 from proxops.diagrams.meshcat.meshcat_scene import FIELD_OF_VIEW, Scene
 from proxops.diagrams.scenario import Body
+from proxops.systems.common import directions_of
 from proxops.systems.shapes import blocks_segment
 
 # Elevation of the camera in degrees.
@@ -96,5 +97,4 @@ def _middle(points: np.ndarray) -> np.ndarray:
 
 def _towards(azimuth: float, elevation: float) -> np.ndarray:
     """Gives the unit vector (3,) in K of two angles in degrees."""
-    a, e = np.radians([azimuth, elevation])
-    return np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
+    return directions_of(*np.radians([azimuth, elevation]))

@@ -9,9 +9,7 @@ from pydrake.systems.framework import DiagramBuilder, LeafSystem, OutputPort
 from proxops.diagrams.meshcat.camera_views import look_at_flight
 from proxops.diagrams.meshcat.meshcat_scene import (
     Scene,
-    add_body,
     add_goal,
-    add_keep_out,
     add_plan,
     add_returns,
     add_spacecraft,
@@ -120,8 +118,6 @@ def add_live_view(
     """
     scene = view.scene
     prepare_scene(scene)
-    add_body(scene)
-    add_keep_out(scene)
     add_goal(scene, transit.goal)
     add_spacecraft(scene)
     for leftover in ("/lidar", "/navigation"):  # Of an earlier flight.

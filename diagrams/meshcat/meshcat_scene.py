@@ -18,6 +18,7 @@ from pydrake.math import RigidTransform
 from pydrake.perception import PointCloud
 
 from proxops.diagrams.scenario import Body, TrueBody, spin_axes
+from proxops.systems.common import directions_of
 from proxops.systems.lidar import ray_directions
 from proxops.systems.navigation import ReturnUse
 
@@ -85,6 +86,13 @@ def quiet_meshcat() -> Meshcat:
 
 
 def prepare_scene(scene: Scene) -> None:
+    """Sets background, lights and camera, and adds the body and its keep-out ellipsoid."""
+    _light_scene(scene)
+    add_body(scene)
+    add_keep_out(scene)
+
+
+def _light_scene(scene: Scene) -> None:
     """Sets background, lights and camera: dark, without grid or axes, and with one sun.
 
     `look_at_flight` sets the place of the sun.
@@ -137,9 +145,7 @@ def add_keep_out(scene: Scene) -> None:
     axes = scene.body.keep_out_semi_axes / scene.unit
     turns, rises = np.linspace(0.0, 2.0 * np.pi, 97), np.linspace(-np.pi / 2.0, np.pi / 2.0, 49)
     turn, rise = np.meshgrid(turns, rises)
-    points = axes * np.stack(
-        [np.cos(rise) * np.cos(turn), np.cos(rise) * np.sin(turn), np.sin(rise)], axis=-1
-    )
+    points = axes * directions_of(turn, rise)
     facets = grid_facets(*turn.shape)
     # Only facets that face the viewer are drawn; otherwise the far side shows through in patches.
     side = Meshcat.SideOfFaceToRender.kFrontSide
@@ -156,11 +162,16 @@ def add_goal(scene: Scene, position: np.ndarray, name: str = "/goal") -> None:
     """Adds a marker at a position (3,) in m in K: a ball with three long thin bars through it."""
     meshcat = scene.meshcat
     meshcat.SetObject(f"{name}/ball", Sphere(0.022), GOAL)
-    for axis in range(3):
-        edges = np.full(3, 0.004)
-        edges[axis] = 0.16
-        meshcat.SetObject(f"{name}/bar_{axis}", Box(*edges), GOAL)
+    add_bars(scene, name, 0.004, 0.16, GOAL)
     meshcat.SetTransform(name, scene.pose(position))
+
+
+def add_bars(scene: Scene, name: str, width: float, length: float, colour: Rgba) -> None:
+    """Adds three crossed bars along the axes, of a width and a length in Meshcat units."""
+    for axis in range(3):
+        edges = np.full(3, width)
+        edges[axis] = length
+        scene.meshcat.SetObject(f"{name}/bar_{axis}", Box(*edges), colour)
 
 
 def add_spacecraft(scene: Scene) -> None:

@@ -14,11 +14,11 @@ from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
-from pydrake.geometry import Box, Rgba, Sphere
+from pydrake.geometry import Rgba, Sphere
 from pydrake.math import RigidTransform, RotationMatrix
 
 from proxops.diagrams.logs import navigation_errors
-from proxops.diagrams.meshcat.meshcat_scene import Scene
+from proxops.diagrams.meshcat.meshcat_scene import Scene, add_bars
 from proxops.systems.common import LARGEST
 
 NAVIGATION = Rgba(0.35, 0.95, 0.95)
@@ -107,12 +107,8 @@ def exaggeration(region: Region, unit: float) -> float:
 
 def add_navigation(scene: Scene) -> None:
     """Adds the marker and the ellipsoid; see `move_navigation`."""
-    meshcat = scene.meshcat
-    meshcat.SetObject("/navigation/region/ball", Sphere(1.0), _REGION)
-    for axis in range(3):
-        edges = np.full(3, 0.005)
-        edges[axis] = 0.06
-        meshcat.SetObject(f"/navigation/marker/bar_{axis}", Box(*edges), NAVIGATION)
+    scene.meshcat.SetObject("/navigation/region/ball", Sphere(1.0), _REGION)
+    add_bars(scene, "/navigation/marker", 0.005, 0.06, NAVIGATION)
 
 
 def move_navigation(

@@ -22,9 +22,7 @@ from proxops.diagrams.meshcat.camera_views import look_at_flight
 from proxops.diagrams.meshcat.lidar_scene import add_planes, plane_edges
 from proxops.diagrams.meshcat.meshcat_scene import (
     Scene,
-    add_body,
     add_goal,
-    add_keep_out,
     add_spacecraft,
     move_spacecraft,
     prepare_scene,
@@ -38,17 +36,16 @@ _HEIGHT = 480
 _PATIENCE = 2.0
 
 
-def show_meshcat(meshcat: Meshcat, page: str | None = None, patience: float = _PATIENCE) -> None:
+def show_meshcat(meshcat: Meshcat, page: str | None = None) -> None:
     """Displays a Meshcat under the cell.
 
-    It first shows the live server's page. If no browser has connected to it within `patience`
-    seconds (a remote kernel, an exported notebook, a run without a browser), a self-contained page
-    replaces it. This page is saved with the notebook.
+    It first shows the live server's page. If no browser has connected to it within two seconds (a
+    remote kernel, an exported notebook, a run without a browser), a self-contained page replaces
+    it. This page is saved with the notebook.
 
     Args:
       meshcat: the Meshcat.
       page: HTML of the self-contained page; None: the present scene of the Meshcat.
-      patience: time in s to wait for a browser.
     """
     from IPython.display import (  # pyright: ignore[reportMissingImports]
         HTML,
@@ -58,7 +55,7 @@ def show_meshcat(meshcat: Meshcat, page: str | None = None, patience: float = _P
 
     before = meshcat.GetNumActiveConnections()
     shown = display(IFrame(meshcat.web_url(), "100%", _HEIGHT), display_id=True)
-    until = time.monotonic() + patience
+    until = time.monotonic() + _PATIENCE
     while time.monotonic() < until:
         if meshcat.GetNumActiveConnections() > before:
             return
@@ -131,6 +128,4 @@ def show_lidar(
 def _scene(body: Body) -> Scene:
     scene = Scene(quiet_meshcat(), body)
     prepare_scene(scene)
-    add_body(scene)
-    add_keep_out(scene)
     return scene

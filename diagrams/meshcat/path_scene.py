@@ -14,16 +14,15 @@ from pydrake.geometry import Rgba, Sphere
 
 from proxops.diagrams.logs import FlightLog
 from proxops.diagrams.meshcat.camera_views import look_at_flight
+from proxops.diagrams.meshcat.meshcat_page import FRAMES_PER_SECOND, PLAYBACK_SPEED, page_with
 from proxops.diagrams.meshcat.meshcat_scene import (
     Scene,
-    add_body,
     add_goal,
-    add_keep_out,
     prepare_scene,
     quiet_meshcat,
     set_mesh,
 )
-from proxops.diagrams.meshcat.replay import FRAMES_PER_SECOND, PLAYBACK_SPEED, tube
+from proxops.diagrams.meshcat.replay import tube
 
 _BALL = 0.03  # Radius in Meshcat units.
 # A path is cut off beyond this multiple of the first flight's greatest distance from the body,
@@ -43,8 +42,6 @@ def paths_page(logs: Mapping[str, FlightLog], colours: Mapping[str, str], title:
     meshcat = quiet_meshcat()
     scene = Scene(meshcat, first.body)
     prepare_scene(scene)
-    add_body(scene)
-    add_keep_out(scene)
     goal = first.dataset["target"].values[-1, :3]
     add_goal(scene, goal)
     reach = _FARTHEST * np.linalg.norm(first.dataset["state"].values[:, :3], axis=1).max()
@@ -62,10 +59,7 @@ def paths_page(logs: Mapping[str, FlightLog], colours: Mapping[str, str], title:
         for time, position in zip(times / PLAYBACK_SPEED, positions, strict=True):
             meshcat.SetTransform(f"/ball/{k:02d}", scene.pose(position), float(time))
     meshcat.PublishRecording()
-    page = meshcat.StaticHtml()
-    page = page.replace("<title>Drake MeshCat</title>", f"<title>{html.escape(title)}</title>", 1)
-    head, end_of_body, tail = page.rpartition("</body>")
-    return head + _legend(colours, shown, title) + end_of_body + tail
+    return page_with(meshcat, title, _legend(colours, shown, title))
 
 
 def _positions(log: FlightLog, reach: float) -> np.ndarray:

@@ -7,7 +7,6 @@ panel below them.
 
 from __future__ import annotations
 
-import html
 import typing
 from collections.abc import Sequence
 from pathlib import Path
@@ -18,11 +17,10 @@ from pydrake.geometry import Meshcat, Rgba
 
 from proxops.diagrams.logs import FlightLog, flown_by, legend_of
 from proxops.diagrams.meshcat.camera_views import look_at_flight, viewpoints
+from proxops.diagrams.meshcat.meshcat_page import FRAMES_PER_SECOND, PLAYBACK_SPEED, page_with
 from proxops.diagrams.meshcat.meshcat_scene import (
     Scene,
-    add_body,
     add_goal,
-    add_keep_out,
     add_returns,
     add_spacecraft,
     grid_facets,
@@ -41,8 +39,6 @@ from proxops.diagrams.meshcat.navigation_scene import (
 from proxops.diagrams.meshcat.replay_panel import panel
 from proxops.systems.common import write_whole
 
-PLAYBACK_SPEED = 160.0
-FRAMES_PER_SECOND = 16.0
 # Greatest number of lidar frames that a replay shows.
 LIDAR_FRAMES = 40
 # Greatest number of pieces of the path, not counting those that changes of colour add.
@@ -62,13 +58,9 @@ def write_replay(log: FlightLog, path: str | Path) -> None:
     """
     meshcat = quiet_meshcat()
     add_flight(meshcat, log)
-    page = meshcat.StaticHtml()
     title = f"{log.body.config.name}, {log.dataset.attrs['controller']}"
-    page = page.replace("<title>Drake MeshCat</title>", f"<title>{html.escape(title)}</title>", 1)
-    head, end_of_body, tail = page.rpartition("</body>")
-    scene = Scene(meshcat, log.body)
     views = viewpoints(log.body, _shown(log))
-    page = head + panel(log, title, PLAYBACK_SPEED, views, scene.unit) + end_of_body + tail
+    page = page_with(meshcat, title, panel(log, title, views, Scene(meshcat, log.body).unit))
     write_whole(Path(path), lambda name: name.write_text(page, encoding="utf-8"))
 
 
@@ -87,8 +79,6 @@ def add_flight(meshcat: Meshcat, log: FlightLog) -> None:
         meshcat.Delete(leftover)
     scene = Scene(meshcat, log.body, log.differing_body)
     prepare_scene(scene)
-    add_body(scene)
-    add_keep_out(scene)
     add_goal(scene, goal)
     add_spacecraft(scene)
     legend = legend_of(data)

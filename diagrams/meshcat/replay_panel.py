@@ -13,6 +13,7 @@ from pydrake.geometry import Rgba
 
 from proxops.diagrams.logs import REASONS, FlightLog, all_flown_by, flown_by, legend_of
 from proxops.diagrams.meshcat.camera_views import View
+from proxops.diagrams.meshcat.meshcat_page import PLAYBACK_SPEED
 from proxops.diagrams.meshcat.meshcat_scene import (
     BELIEVED_AXIS,
     GOAL,
@@ -181,15 +182,12 @@ _ASSURANCE_NUMBERS = {"margin": "safety margin", "reason": "safety filter"}
 _NAVIGATION_NUMBERS = {"error": "navigation error", "region": "3σ", "phase": "navigation"}
 
 
-def panel(
-    log: FlightLog, title: str, playback_speed: float, views: dict[str, View], unit: float
-) -> str:
+def panel(log: FlightLog, title: str, views: dict[str, View], unit: float) -> str:
     """Gives the HTML of the panel, for a page whose Meshcat plays the flight.
 
     Args:
       log: the log of the flight.
       title: title of the panel.
-      playback_speed: speed of the replay, in multiples of real time.
       views: cameras to choose from, in m in K, by name.
       unit: length of a Meshcat unit in m.
     """
@@ -214,10 +212,10 @@ def panel(
             **(_NAVIGATION_NUMBERS if navigated else {}),
         }.items()
     )
-    content = json.dumps(_flight(log, playback_speed, views, unit), separators=(",", ":"))
+    content = json.dumps(_flight(log, views, unit), separators=(",", ":"))
     parts = {
         "title": html.escape(title),
-        "speed": f"{playback_speed:.0f}",
+        "speed": f"{PLAYBACK_SPEED:.0f}",
         "numbers": numbers,
         "strip": _strip(log),
         "margins": _margin_curve(log),
@@ -229,9 +227,7 @@ def panel(
     return re.sub(r"\{\{(\w+)\}\}", lambda found: parts[found[1]], _PAGE)
 
 
-def _flight(
-    log: FlightLog, playback_speed: float, views: dict[str, View], unit: float
-) -> dict[str, Any]:
+def _flight(log: FlightLog, views: dict[str, View], unit: float) -> dict[str, Any]:
     """Gives the data of the page's script: columns with one entry for each row, names and views."""
     data, legend = log.dataset, legend_of(log.dataset)
     state, times = data["state"].values, data["time"].values
@@ -245,7 +241,7 @@ def _flight(
         return [x, z, -y]
 
     return {
-        "speed": playback_speed,
+        "speed": PLAYBACK_SPEED,
         "time": (times - times[0]).round(2).tolist(),
         "range": np.linalg.norm(away, axis=1).round(1).tolist(),
         "velocity": np.linalg.norm(state[:, 3:], axis=1).round(3).tolist(),

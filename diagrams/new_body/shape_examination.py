@@ -14,7 +14,7 @@ from proxops.diagrams.new_body.shape_report import (
     spin_axis_error,
 )
 from proxops.diagrams.scenario import Body, BodyConfig, Scenario, SpacecraftConfig, hover_force
-from proxops.systems.common import InputError
+from proxops.systems.common import InputError, directions_of
 from proxops.systems.gravity import PLAUSIBLE_DENSITY
 from proxops.systems.shapes import (
     Defect,
@@ -71,7 +71,7 @@ def examine(file: MeshFile, asked: Questions) -> ShapeReport:
 def _look_at_facets(report: ShapeReport, unwelded: bool) -> ShapeReport:
     vertices, facets = report.file.vertices, report.file.facets
     defects, remarks = list(report.defects), list(report.remarks)
-    angles = smallest_angles(vertices, facets)
+    report = dataclasses.replace(report, angles=smallest_angles(vertices, facets))
     crossings = None
     if not unwelded:  # Otherwise all neighbours would be found to touch each other.
         some = np.setdiff1d(np.arange(len(facets)), flat_facets(vertices, facets))
@@ -83,9 +83,10 @@ def _look_at_facets(report: ShapeReport, unwelded: bool) -> ShapeReport:
                 f"{first} and {second}"
             )
             defects.append(Defect("self-intersection", text, np.unique(crossings)))
-    slivers = int(np.sum(angles < SLIVER_ANGLE))
-    if slivers:
-        remarks.append(f"{slivers} facets are slivers, with an angle below {SLIVER_ANGLE:g} degree")
+    if report.slivers:
+        remarks.append(
+            f"{report.slivers} facets are slivers, with an angle below {SLIVER_ANGLE:g} degree"
+        )
     shells, _ = shell_labels(facets, len(vertices))
     if shells > 1:
         remarks.append(f"{shells} separate shells")
@@ -93,7 +94,7 @@ def _look_at_facets(report: ShapeReport, unwelded: bool) -> ShapeReport:
     if unused:
         remarks.append(f"{unused} vertices belong to no facet")
     return dataclasses.replace(
-        report, defects=defects, remarks=remarks, angles=angles, shells=shells, crossings=crossings
+        report, defects=defects, remarks=remarks, shells=shells, crossings=crossings
     )
 
 
@@ -137,8 +138,7 @@ def hover_map(body: Body, craft_mass_kg: float, grow: float = 0.0) -> HoverMap:
     longitudes = np.arange(-180.0, 180.0 + _MAP_STEP, _MAP_STEP)
     latitudes = np.arange(-90.0, 90.0 + _MAP_STEP, _MAP_STEP)
     a, b = np.meshgrid(np.radians(longitudes), np.radians(latitudes))
-    sphere = np.stack([np.cos(b) * np.cos(a), np.cos(b) * np.sin(a), np.sin(b)], axis=-1)
-    places = sphere.reshape(-1, 3) * (body.keep_out_semi_axes + grow)
+    places = directions_of(a, b).reshape(-1, 3) * (body.keep_out_semi_axes + grow)
     scenario = Scenario(spacecraft=SpacecraftConfig(mass_kg=craft_mass_kg))
     forces = hover_force(places, scenario, body).reshape(a.shape)
     return HoverMap(craft_mass_kg, longitudes, latitudes, forces)

@@ -136,7 +136,7 @@ def figure_rows(report: ShapeReport) -> list[tuple[str, str]]:
     rows = [
         ("mesh", f"{len(file.vertices)} vertices, {len(file.facets)} facets, in {file.unit}"),
         ("smallest angle", f"{report.angles.min():.3g}°" if report.angles.size else "–"),
-        ("slivers", f"{np.sum(report.angles < SLIVER_ANGLE)} below {SLIVER_ANGLE:g}°"),
+        ("slivers", f"{report.slivers} below {SLIVER_ANGLE:g}°"),
     ]
     if report.shells is not None:
         rows.append(("shells", str(report.shells)))
@@ -145,11 +145,11 @@ def figure_rows(report: ShapeReport) -> list[tuple[str, str]]:
     if solid is not None and keep_out is not None:
         moments = solid.principal_moments / solid.principal_moments.max()
         size = np.ptp(file.vertices, axis=0).max()
-        over = keep_out.volume / (1.0 + keep_out.margin) ** 3 / keep_out.volume_bound - 1.0
+        over = keep_out.volume_over_bound - 1.0
         rows += [
             ("extents", lengths(np.ptp(file.vertices, axis=0))),
             ("volume", f"{solid.volume / length**3:.5g} {unit}³"),
-            ("sphere of that volume", f"{np.cbrt(6 * solid.volume / np.pi) / length:.5g} {unit}"),
+            ("sphere of that volume", f"{solid.equivalent_diameter / length:.5g} {unit}"),
             ("centre of mass", f"{_vector(solid.centre_of_mass, size)} m"),
             ("principal moments", " : ".join(f"{m:.4f}" for m in moments)),
             ("z off the greatest", f"{spin_axis_error(solid):.2f}°"),

@@ -70,6 +70,11 @@ class ShapeReport:
         return not self.defects
 
     @property
+    def slivers(self) -> int:
+        """Number of facets that are slivers: see `SLIVER_ANGLE`."""
+        return int(np.sum(self.angles < SLIVER_ANGLE))
+
+    @property
     def mass(self) -> float | None:
         """Mass in kg, given or from density and volume; None if unknown."""
         asked = self.questions
@@ -112,7 +117,7 @@ class ShapeReport:
             "shells": self.shells,
             "self_intersections": None if self.crossings is None else len(self.crossings),
             "smallest_angle_deg": self.angles.min() if self.angles.size else None,
-            "slivers": int(np.sum(self.angles < SLIVER_ANGLE)),
+            "slivers": self.slivers,
             "sliver_angle_deg": SLIVER_ANGLE,
             "extents_m": np.ptp(finite, axis=0) if len(finite) else None,
             "mass_kg": self.mass,
@@ -125,7 +130,7 @@ class ShapeReport:
             figures |= {
                 "volume_m3": solid.volume,
                 "area_m2": solid.area,
-                "equivalent_diameter_m": float(np.cbrt(6.0 * solid.volume / np.pi)),
+                "equivalent_diameter_m": solid.equivalent_diameter,
                 "centre_of_mass_m": solid.centre_of_mass,
                 "principal_axes": solid.principal_axes,
                 "principal_moments_m5": solid.principal_moments,
@@ -139,9 +144,7 @@ class ShapeReport:
                 "largest_level": keep_out.level,
                 "farthest_vertex": keep_out.farthest,
                 "volume_m3": keep_out.volume,
-                "volume_over_least_possible": keep_out.volume
-                / (1.0 + keep_out.margin) ** 3
-                / keep_out.volume_bound,
+                "volume_over_least_possible": keep_out.volume_over_bound,
             }
         if hover is not None:
             figures["hover_on_keep_out"] = {

@@ -6,22 +6,21 @@ returns it; no module writes files.
 
 from proxops.diagrams.plots.decision_plot import plot_decisions
 from proxops.diagrams.plots.diagram_drawing import DiagramPicture, diagram_picture
-from proxops.diagrams.plots.frame_plot import plot_frame
-from proxops.diagrams.plots.hover_plot import plot_hover
-from proxops.diagrams.plots.navigation_plot import plot_navigation
-from proxops.diagrams.plots.plan_plot import plot_plan
-from proxops.diagrams.plots.plots import (
+from proxops.diagrams.plots.flight_plot import (
     draw_body,
-    length_unit,
     plot_clearance,
     plot_distance,
     plot_flight,
     plot_path,
-    plot_ranges,
 )
+from proxops.diagrams.plots.frame_plot import plot_frame, plot_ranges
+from proxops.diagrams.plots.hover_plot import plot_hover
+from proxops.diagrams.plots.navigation_plot import plot_navigation
+from proxops.diagrams.plots.plan_plot import plot_plan
 from proxops.diagrams.plots.room_plot import plot_room
 from proxops.diagrams.plots.surface_plots import plot_equilibria, plot_surface_maps
 from proxops.diagrams.plots.truth_plot import plot_truth
+from proxops.diagrams.plots.units import length_unit
 
 __all__ = [
     "DiagramPicture",

@@ -9,7 +9,7 @@ from matplotlib.lines import Line2D
 
 from proxops.diagrams.logs import REASONS, FlightLog, all_flown_by, flown_by, legend_of
 from proxops.diagrams.plots._over_time import minutes_of
-from proxops.diagrams.plots.plots import length_unit
+from proxops.diagrams.plots.units import length_unit
 from proxops.diagrams.scenario import described_bounds
 from proxops.systems.hybrid import FlownBy
 

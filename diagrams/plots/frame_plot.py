@@ -1,15 +1,20 @@
-"""Draws a lidar frame beside what the map predicts, and what the navigation made of its returns."""
+"""Draws a lidar frame as a picture, or beside what the map predicts.
+
+`plot_frame` also shows what the navigation made of the returns.
+"""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.image import AxesImage
 from scipy.spatial.transform import Rotation
 
 from proxops.diagrams.logs import FlightLog
-from proxops.diagrams.plots.plots import length_unit
+from proxops.diagrams.plots.units import length_unit
 from proxops.diagrams.scenario import LidarNavigationConfig
 from proxops.systems.common import InputError
 from proxops.systems.lidar import ray_directions
@@ -24,6 +29,27 @@ _KINDS = {
     ReturnUse.REJECTED: ("rejected", "#b03030"),
     ReturnUse.NOT_USED: ("left alone", "#c07a1f"),
 }
+
+
+def plot_ranges(ax: Axes, frame: np.ndarray) -> AxesImage:
+    """Draws a lidar frame (planes, rays) in m as a picture; rays without a return stay blank."""
+    planes, rays = frame.shape
+    step = 360.0 / rays
+    finite = frame[np.isfinite(frame)]
+    length, unit = length_unit(float(finite.max(initial=0.0)))
+    ranges = np.ma.masked_invalid(frame / length)
+    image = ax.imshow(
+        ranges, aspect="auto", origin="lower", interpolation="nearest", cmap="viridis_r",
+        extent=(-step / 2.0, 360.0 - step / 2.0, -0.5, planes - 0.5),
+    )  # fmt: skip
+    ax.set_facecolor("#eeeeee")
+    ax.set_xlabel(f"angle in the plane (degrees), {rays} rays")
+    ax.set_ylabel("plane")
+    ax.set_xticks(np.arange(0, 361, 60))
+    figure = ax.get_figure()
+    if figure is not None and finite.size:
+        figure.colorbar(image, ax=ax, label=f"range ({unit})", fraction=0.05, pad=0.02)
+    return image
 
 
 def plot_frame(log: FlightLog, row: int) -> Figure:

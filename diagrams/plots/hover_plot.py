@@ -7,7 +7,8 @@ from matplotlib.axes import Axes
 from matplotlib.contour import QuadContourSet
 from matplotlib.figure import Figure
 
-from proxops.diagrams.plots.plots import draw_body, length_unit
+from proxops.diagrams.plots.flight_plot import draw_body
+from proxops.diagrams.plots.units import length_unit
 from proxops.diagrams.scenario import Body, Scenario, hover_force
 from proxops.systems.gravity import AXES
 

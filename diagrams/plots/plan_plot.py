@@ -6,7 +6,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from proxops.diagrams.plots._over_time import AXIS_COLOURS, MINUTE
-from proxops.diagrams.plots.plots import draw_body, length_unit
+from proxops.diagrams.plots.flight_plot import draw_body
+from proxops.diagrams.plots.units import length_unit
 from proxops.diagrams.scenario import Body, Scenario
 from proxops.systems import Plan
 from proxops.systems.shapes import clearances

@@ -8,7 +8,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy.spatial import KDTree
 
-from proxops.diagrams.plots.plots import length_unit
+from proxops.diagrams.plots.units import length_unit
+from proxops.systems.common import directions_of
 
 # Degrees between the points of the maps, and places from which each is interpolated.
 _STEP, _NEIGHBOURS = 2.0, 6
@@ -53,9 +54,9 @@ def _mapped(places: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndar
     longitude = np.arange(-180.0, 180.0 + _STEP, _STEP)
     latitude = np.arange(-90.0, 90.0 + _STEP, _STEP)
     across, up = np.radians(np.meshgrid(longitude, latitude))
-    grid = np.stack([np.cos(up) * np.cos(across), np.cos(up) * np.sin(across), np.sin(up)], axis=-1)
     directions = places / np.linalg.norm(places, axis=1)[:, None]
-    distance, nearest = KDTree(directions).query(grid, k=min(_NEIGHBOURS, len(places)))
+    grid, count = directions_of(across, up), min(_NEIGHBOURS, len(places))
+    distance, nearest = KDTree(directions).query(grid, k=count)
     weights = 1.0 / (distance**2 + 1e-6)
     interpolated = np.sum(weights * values[nearest], axis=-1) / weights.sum(axis=-1)
     return longitude, latitude, np.where(np.isfinite(interpolated), interpolated, np.nan)

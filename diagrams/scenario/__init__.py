@@ -56,6 +56,7 @@ from proxops.diagrams.scenario.transits import (
     of_transit,
     scenario_transit,
     transit_set,
+    with_ends,
 )
 from proxops.diagrams.scenario.true_body import (
     TrueBody,
@@ -70,7 +71,7 @@ from proxops.diagrams.scenario.truth_config import (
     TrueThrustersConfig,
     TruthConfig,
 )
-from proxops.diagrams.scenario.typed_yaml import load_typed, parse_mapping
+from proxops.diagrams.scenario.typed_yaml import is_yaml_path, load_typed, parse_mapping
 from proxops.diagrams.scenario.world_differences import differing_values, spin_axes
 
 __all__ = [
@@ -121,6 +122,7 @@ __all__ = [
     "far_out_world",
     "hover_force",
     "is_blocked",
+    "is_yaml_path",
     "load_body",
     "load_dispersions",
     "load_scenario",
@@ -134,4 +136,5 @@ __all__ = [
     "spin_axes",
     "transit_set",
     "turns_the_axes",
+    "with_ends",
 ]

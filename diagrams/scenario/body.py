@@ -9,7 +9,7 @@ import numpy as np
 
 from proxops.assets import ASSETS
 from proxops.diagrams.scenario.limits import check_limits, number
-from proxops.diagrams.scenario.typed_yaml import load_typed, read_mapping
+from proxops.diagrams.scenario.typed_yaml import is_yaml_path, load_typed, read_mapping
 from proxops.systems.common import InputError
 from proxops.systems.gravity import BodyField, GravityField, TabulatedField
 from proxops.systems.shapes import Polyhedron
@@ -89,7 +89,7 @@ def load_body(name_or_path: str) -> Body:
     """
     shipped = ASSETS / name_or_path / f"{name_or_path}.yaml"
     path = Path(name_or_path)
-    if not name_or_path.endswith((".yaml", ".yml")):
+    if not is_yaml_path(name_or_path):
         if not shipped.is_file():
             known = sorted(
                 p.parent.name for p in ASSETS.glob("*/*.yaml") if p.stem == p.parent.name

@@ -18,7 +18,13 @@ from proxops.diagrams.scenario.dotted_keys import (
 )
 from proxops.diagrams.scenario.limits import limits_of
 from proxops.diagrams.scenario.scenario_config import Scenario
-from proxops.diagrams.scenario.typed_yaml import fits, in_words, is_number, read_mapping
+from proxops.diagrams.scenario.typed_yaml import (
+    fits,
+    in_words,
+    is_number,
+    is_yaml_path,
+    read_mapping,
+)
 from proxops.systems.common import InputError
 
 _FOLDER = ASSETS / "dispersions"
@@ -82,7 +88,7 @@ def load_dispersions(name_or_path: str) -> list[Dispersion]:
         distribution is wrong. The message names the file and the key.
     """
     path = Path(name_or_path)
-    if not name_or_path.endswith((".yaml", ".yml")):
+    if not is_yaml_path(name_or_path):
         path = _FOLDER / f"{name_or_path}.yaml"
         if not path.is_file():
             known = ", ".join(sorted(file.stem for file in _FOLDER.glob("*.yaml")))

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from proxops.diagrams.scenario.scenario_config import Scenario
+from proxops.diagrams.scenario.typed_yaml import is_yaml_path
 
 # The value of each key is a path, or null.
 _PATHS = ("lidar.bundle", "policy.bundle", "truth.mesh", "navigation.map")
@@ -46,7 +47,7 @@ def _is_path(value: typing.Any, named: bool) -> bool:
     """Tells whether a value is a path; with `named`, a text may be a name as well."""
     if not isinstance(value, str) or not value or "\0" in value:
         return False
-    return not named or value.endswith((".yaml", ".yml"))
+    return not named or is_yaml_path(value)
 
 
 def names_and_paths(scenario: Scenario) -> Iterator[tuple[str, str]]:

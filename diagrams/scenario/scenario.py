@@ -9,6 +9,7 @@ from pathlib import Path
 from pydrake.common.yaml import yaml_dump_typed
 
 from proxops.diagrams.scenario.dispersions import loaded_dispersions
+from proxops.diagrams.scenario.dotted_keys import why_not_dispersed
 from proxops.diagrams.scenario.path_keys import make_paths_absolute
 from proxops.diagrams.scenario.renamed_keys import refuse_renamed, translate_renamed
 from proxops.diagrams.scenario.scenario_checks import check_scenario
@@ -119,16 +120,16 @@ def _check_not_drawn(
     scenario: Scenario, changes: typing.Sequence[str] | typing.Mapping[str, typing.Any]
 ) -> None:
     """Raises `InputError` if a changed value would be replaced by one that dispersions draw."""
-    if scenario.dispersions is None:
+    leaves = (key for pair in overrides_of(changes).items() for key in _leaves(*pair))
+    given = [key for key in leaves if why_not_dispersed(key) is None]
+    if scenario.dispersions is None or not given:
         return
-    drawn = {each.key for each in loaded_dispersions(scenario.dispersions) if each.times != "value"}
-    for given, value in overrides_of(changes).items():
-        for key in _leaves(given, value):
-            if key in drawn:
-                raise InputError(
-                    f"{key} is given, but dispersions {scenario.dispersions} draw it for each "
-                    "flight: leave out one of them, or fly dispersions of your own with your value"
-                )
+    for each in loaded_dispersions(scenario.dispersions):
+        if each.key in given and each.times != "value":
+            raise InputError(
+                f"{each.key} is given, but dispersions {scenario.dispersions} draw it for each "
+                "flight: leave out one of them, or fly dispersions of your own with your value"
+            )
 
 
 def _leaves(key: str, value: typing.Any) -> typing.Iterator[str]:

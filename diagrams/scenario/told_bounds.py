@@ -21,7 +21,7 @@ from proxops.diagrams.scenario.scenario_config import (
     AssuranceConfig,
     Scenario,
 )
-from proxops.diagrams.scenario.typed_yaml import load_typed, read_mapping
+from proxops.diagrams.scenario.typed_yaml import is_yaml_path, load_typed, read_mapping
 from proxops.systems.assurance import AssuranceBounds
 from proxops.systems.common import InputError
 
@@ -76,7 +76,7 @@ def _bounds(
 def _named_bounds(name: str, scenario: Scenario, body: Body) -> AssuranceBoundsConfig:
     """Reads bounds: their values in a YAML file, or dispersions."""
     path = Path(name)
-    if name.endswith((".yaml", ".yml")):
+    if is_yaml_path(name):
         tree = read_mapping(path)
         if not any("." in str(key) for key in tree):
             bounds = load_typed(AssuranceBoundsConfig, tree, name)

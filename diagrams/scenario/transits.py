@@ -61,6 +61,22 @@ def of_transit(scenario: Scenario, seed: int, index: int) -> Scenario:
     return dc.replace(scenario, transit=transit)
 
 
+def with_ends(
+    scenario: Scenario, start: np.ndarray, goal: np.ndarray, velocity: np.ndarray | None = None
+) -> Scenario:
+    """Gives a copy of the scenario whose transit has these ends.
+
+    Args:
+      scenario: the scenario; its transit keeps seed and number.
+      start, goal: positions (3,) in K, in m.
+      velocity: (3,) in K at the start, in m/s; None: that of the scenario.
+    """
+    transit = dc.replace(scenario.transit, start_m=start.tolist(), goal_m=goal.tolist())
+    if velocity is not None:
+        transit.start_velocity_m_s = velocity.tolist()
+    return dc.replace(scenario, transit=transit)
+
+
 def is_blocked(index: int) -> bool:
     """Tells whether the keep-out ellipsoid blocks the straight line of transit number `index`."""
     return index % 10 in _BLOCKED

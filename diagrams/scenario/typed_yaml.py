@@ -35,6 +35,11 @@ def load_typed(schema: type, tree: dict[str, typing.Any], source: str) -> typing
         raise InputError(f"{source}: {error}") from error
 
 
+def is_yaml_path(text: str) -> bool:
+    """Tells whether a text that may be a name or a path is the path of a YAML file."""
+    return text.endswith((".yaml", ".yml"))
+
+
 def read_mapping(path: Path) -> dict[str, typing.Any]:
     """Reads the mapping at the root of a YAML file; tags are kept under the key `_tag`.
 

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import dataclasses as dc
 import typing
 
 import numpy as np
 
 from proxops.diagrams.scenario.body import Body
+from proxops.diagrams.scenario.dotted_keys import default_at, dotted_keys, value_at
 from proxops.diagrams.scenario.scenario_config import Scenario
 from proxops.diagrams.scenario.true_body import TrueBody
-from proxops.diagrams.scenario.truth_config import TruthConfig
 
 # A drawn spin axis is this many times as long as the body's greatest extent, so that it sticks out.
 _AXIS_LENGTH = 1.2
@@ -38,20 +37,9 @@ def differing_values(scenario: Scenario) -> dict[str, typing.Any]:
 
     They are what was drawn from dispersions, and every value of `truth` that is not the default.
     """
-    default = dict(_leaves(TruthConfig(), "truth."))
     drawn = {*scenario.dispersed}
     return {
-        key: value
-        for key, value in _leaves(scenario, "")
-        if key in drawn or (key in default and value != default[key])
+        key: value_at(scenario, key)
+        for key in dotted_keys()
+        if key in drawn or (key.startswith("truth.") and value_at(scenario, key) != default_at(key))
     }
-
-
-def _leaves(section: typing.Any, prefix: str) -> typing.Iterator[tuple[str, typing.Any]]:
-    """Yields the dotted keys of all values of a dataclass, in their order, with the values."""
-    for field in dc.fields(section):
-        value = getattr(section, field.name)
-        if dc.is_dataclass(value):
-            yield from _leaves(value, f"{prefix}{field.name}.")
-        else:
-            yield prefix + field.name, value

@@ -22,9 +22,7 @@ from proxops.studies.evaluation import (
     successes_text,
 )
 from proxops.studies.reproduction import Stage
-from proxops.training.reports import Block, Link, Section, Table, Text
-
-_NONE = "–"
+from proxops.training.reports import Block, Link, Section, Table, Text, number_text
 
 Flown = Sequence[tuple[Campaign, Stage]]
 
@@ -140,14 +138,13 @@ def _holds(flown: Flown) -> Section:
     for each, stage in flown:
         for name, result in stage.result["results"].items():
             low, high = result["success_rate_exact_interval"]
-            ratio = result.get("expert_delta_v_ratio")
             lines.append(
                 [
                     f"{each.title}: {name}",
                     successes_text(result),
                     f"{100 * low:.1f}–{100 * high:.1f} %",
                     str(result["keep_out_violations"]),
-                    _NONE if ratio is None else f"{ratio:.3f}",
+                    number_text(result.get("expert_delta_v_ratio"), ".3f"),
                     f"proxops reproduce {each.name}",
                 ]
             )

@@ -21,7 +21,7 @@ from proxops.studies.beyond.flying import as_flown, entry, flown_campaign, fly_c
 from proxops.studies.beyond.report import Story, story_sections
 from proxops.studies.evaluation import successes_text
 from proxops.studies.reproduction import Stage, Stages
-from proxops.systems.common import InputError, write_whole
+from proxops.systems.common import InputError, write_json
 from proxops.training.reports import write_report
 
 PAPER = "paper"
@@ -160,6 +160,5 @@ def _write(
         "paper": paper,
         "campaigns": {each.name: entry(each, stage) for each, stage in told},
     }
-    text = json.dumps(content, indent=1) + "\n"
-    write_whole(out / "results.json", lambda path: path.write_text(text))
+    write_json(out / "results.json", content, indent=1)
     return content

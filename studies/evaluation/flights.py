@@ -23,7 +23,7 @@ _WORST = 3
 _REPLAYED = 5
 
 
-def describe_flight(log: FlightLog, path: Path | None = None) -> Row:
+def describe_flight(log: FlightLog, path: Path | None) -> Row:
     """Returns a flight's summary and its `small_command_share`.
 
     This is the share of steps at which the commanded force is below 3 % of the thrust limit (0.2 N

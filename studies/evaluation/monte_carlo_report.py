@@ -21,7 +21,7 @@ from proxops.studies.evaluation.sensitivity import LEAST_FLIGHTS, told_from_chan
 from proxops.studies.evaluation.table import Result, Results, outcome
 from proxops.studies.evaluation.variants import Logs
 from proxops.systems.common import make_folder
-from proxops.training.reports import Block, Link, Section, Table, Text, picture
+from proxops.training.reports import DASH, Block, Link, Section, Table, Text, picture
 
 _FOLDER = "worst"
 _MOST_WORLDS_TOLD = 30
@@ -128,7 +128,7 @@ def _value(value: typing.Any) -> str:
         return f"({', '.join(_value(part) for part in value)})"
     if isinstance(value, float):
         return f"{value:.4g}"
-    return "–" if value is None else str(value)
+    return DASH if value is None else str(value)
 
 
 def _drivers(number: int, name: str, result: Result) -> list[Block]:

@@ -29,17 +29,15 @@ def exact_interval(successes: int, trials: int) -> tuple[float, float]:
     return _interval(successes, trials, "exact")
 
 
-def shown_success(successes: int, trials: int, confidence: float = CONFIDENCE) -> float:
-    """Returns the greatest probability of success that flights show with a confidence.
+def shown_success(successes: int, trials: int) -> float:
+    """Returns the greatest probability of success that flights show with 90 % confidence.
 
     It is Clopper and Pearson's lower bound, one-sided: with this probability of success, so many
-    successes or more have a probability of 1 - confidence. With no failure in n flights it is
-    (1 - confidence)^(1/n).
+    successes or more have a probability of 0.1. With no failure in n flights it is 0.1^(1/n).
 
     Args:
       successes: the number of flights that succeeded.
       trials: the number of flights.
-      confidence: above 0 and below 1.
 
     Returns:
       A probability; 0 without a success.
@@ -48,7 +46,7 @@ def shown_success(successes: int, trials: int, confidence: float = CONFIDENCE) -
         return 0.0
     from scipy.stats import beta  # It is slow to import, so only when it is needed.
 
-    return float(beta.ppf(1.0 - confidence, successes, trials - successes + 1))
+    return float(beta.ppf(1.0 - CONFIDENCE, successes, trials - successes + 1))
 
 
 def percentile(values: Sequence[float], percent: float) -> float | None:
@@ -56,20 +54,17 @@ def percentile(values: Sequence[float], percent: float) -> float | None:
     return float(np.percentile(values, percent)) if len(values) else None
 
 
-def percentile_bound(
-    values: Sequence[float], share: float = 0.99, confidence: float = CONFIDENCE
-) -> float | None:
-    """Returns an upper confidence bound of a quantile that assumes no distribution.
+def percentile_bound(values: Sequence[float], share: float = 0.99) -> float | None:
+    """Returns an upper bound of a quantile, of 90 % confidence, that assumes no distribution.
 
     It is the smallest order statistic x_(r) for which r - 1 draws or fewer lie below the quantile
-    with a probability of at least the confidence, P(Bin(n, share) < r) >= confidence: the quantile
-    then is at most x_(r) with that confidence. See H. A. David and H. N. Nagaraja, Order
-    Statistics, 3rd edition, section 7.1. The 99 % quantile needs 230 values at 90 % confidence.
+    with a probability of at least the confidence, P(Bin(n, share) < r) >= 0.9: the quantile then is
+    at most x_(r) with that confidence. See H. A. David and H. N. Nagaraja, Order Statistics, 3rd
+    edition, section 7.1. The 99 % quantile needs 230 values.
 
     Args:
       values: one figure of each flight.
       share: of the quantile, above 0 and below 1.
-      confidence: above 0 and below 1.
 
     Returns:
       One of the values, or None if there are too few.
@@ -77,7 +72,7 @@ def percentile_bound(
     from scipy.stats import binom  # It is slow to import, so only when it is needed.
 
     count = len(values)
-    rank = int(binom.ppf(confidence, count, share)) + 1 if count else 1
+    rank = int(binom.ppf(CONFIDENCE, count, share)) + 1 if count else 1
     return float(np.sort(values)[rank - 1]) if rank <= count else None
 
 

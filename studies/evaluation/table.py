@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping
 from proxops.diagrams.logs import WIDE_ARRIVAL, length_text
 from proxops.diagrams.scenario import ArrivalConfig
 from proxops.studies.evaluation.evaluation import Row
+from proxops.training.reports import DASH, number_text
 
 Result = Mapping[str, typing.Any]
 Results = Mapping[str, Result]
@@ -29,7 +30,7 @@ def figure_rows(results: Results, arrival: ArrivalConfig) -> list[tuple[str, lis
         (label.format(near=near, wide=wide), [tell(result) for result in results.values()])
         for label, tell in _FIGURES
     ]
-    return [(label, cells) for label, cells in rows if any(cell != _NONE for cell in cells)]
+    return [(label, cells) for label, cells in rows if any(cell != DASH for cell in cells)]
 
 
 def arrival_text(arrival: ArrivalConfig, multiple: float = 1.0) -> str:
@@ -63,15 +64,8 @@ def outcome(row: Row) -> str:
     return "no arrival" if row["arrival_time_s"] is None else "arrived too late"
 
 
-_NONE = "–"
-
-
 def _number(key: str, form: str = ".1f", scale: float = 1.0) -> Callable[[Result], str]:
-    def tell(result: Result) -> str:
-        value = result.get(key)
-        return _NONE if value is None else format(scale * value, form)
-
-    return tell
+    return lambda result: number_text(result.get(key), form, scale)
 
 
 def _interval(key: str) -> Callable[[Result], str]:
@@ -83,11 +77,11 @@ def _interval(key: str) -> Callable[[Result], str]:
 
 
 def _unflyable(result: Result) -> str:
-    return str(result["unflyable"]) if result["unflyable"] else _NONE
+    return str(result["unflyable"]) if result["unflyable"] else DASH
 
 
 def _clearance(key: str) -> Callable[[Result], str]:
-    return lambda result: _NONE if result[key] is None else length_text(result[key])
+    return lambda result: DASH if result[key] is None else length_text(result[key])
 
 
 _FIGURES: tuple[tuple[str, Callable[[Result], str]], ...] = (

@@ -28,6 +28,7 @@ from proxops.diagrams.scenario import (
     dump_scenario,
     load_body,
     parse_scenario,
+    with_ends,
 )
 from proxops.systems.common import InputError
 
@@ -172,13 +173,8 @@ def _moved(flight: Flight, start: Start, body: Body) -> Flight:
     scenario = parse_scenario(flight.scenario)
     transit = draw_transit(scenario.transit.seed, scenario.transit.index, scenario, body)
     position, velocity = start(transit, scenario, body)
-    changed = dc.replace(
-        scenario.transit,
-        start_m=position.tolist(),
-        goal_m=transit.goal.tolist(),
-        start_velocity_m_s=velocity.tolist(),
-    )
-    return dc.replace(flight, scenario=dump_scenario(dc.replace(scenario, transit=changed)))
+    moved = with_ends(scenario, position, transit.goal, velocity)
+    return dc.replace(flight, scenario=dump_scenario(moved))
 
 
 def _flight_name(name: str, seed: int, number: int) -> str:

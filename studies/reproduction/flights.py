@@ -90,7 +90,7 @@ def describe_flight(log: FlightLog, path: Path | None) -> Row:
     checks = {
         "checks": int(np.isfinite(agreement).sum()), "agreed": int((agreement == 1.0).sum())
     }  # fmt: skip
-    return evaluation.describe_flight(log) | {"blind_steps": blind, **checks, **times}
+    return evaluation.describe_flight(log, path) | {"blind_steps": blind, **checks, **times}
 
 
 def label(name: str) -> str:

@@ -58,10 +58,7 @@ def _frame(findings: Findings) -> Picture:
     row = int(np.argmin(np.linalg.norm(positions, axis=1)))
     ranges = log.dataset["ranges"].values[row]
     planes, rays = ranges.shape
-    reshaped = (rays // 6, 6 * planes) if rays % 6 == 0 else (rays, planes)
-    figure = plot_frames(
-        positions[[row]], {"as flown, with noise": ranges.reshape(1, -1)}, planes, reshaped
-    )
+    figure = plot_frames(positions[[row]], {"as flown, with noise": ranges.reshape(1, -1)}, planes)
     caption = (
         f"A frame of {planes} planes of {rays} rays from the MPC's flight, where it is nearest to "
         "the body; dark: no return. figures/replay-….html shows the returns in flight."

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses as dc
-import json
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -30,7 +29,7 @@ from proxops.studies.reproduction.flights import (
 )
 from proxops.studies.reproduction.report import findings_json, reproduction_sections
 from proxops.studies.reproduction.stages import Stage, Stages
-from proxops.systems.common import InputError, Progress, write_whole
+from proxops.systems.common import InputError, Progress, write_json
 from proxops.systems.policy import PolicyBundle
 from proxops.training.reports import write_report
 
@@ -159,7 +158,9 @@ def _trained(
             name: stages.latest(name) or stages.latest(name, any_version=True)
             for name in TRAINING_STAGES
         }
-        return {name: stage for name, stage in found.items() if stage is not None}
+        earlier = {name: stage for name, stage in found.items() if stage is not None}
+        stages.over.extend(earlier.values())  # The report's table of stages shows them, too.
+        return earlier
     # PyTorch takes a while to import, and nothing else here needs it.
     from proxops.studies.reproduction.training import train_everything
 
@@ -213,8 +214,7 @@ def _write(out: Path, findings: Findings) -> dict[str, Any]:
     sections = reproduction_sections(findings)
     write_report(out, "End-to-end imitation learning near an asteroid, reproduced", sections)
     content = findings_json(findings)
-    text = json.dumps(content, indent=1) + "\n"
-    write_whole(out / "report.json", lambda path: path.write_text(text))
+    write_json(out / "report.json", content, indent=1)
     return content
 
 

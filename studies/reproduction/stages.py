@@ -11,7 +11,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from proxops.systems.common import InputError, Progress, make_folder, write_whole
+from proxops.systems.common import InputError, Progress, make_folder, write_json, write_whole
 
 # Digits of the inputs' hash in the names of folders.
 _DIGITS = 8
@@ -46,6 +46,7 @@ class Stages:
 
     def __init__(self, out: Path, tell: Callable[[str, float, str], Any] | None = None):
         """Takes the folder, and `tell`, which gets a stage's name, the share done and a text."""
+        # All that `run` returned, in this order.
         self.over: list[Stage] = []
         self._out = out
         self._records = out / "stages"
@@ -86,11 +87,8 @@ class Stages:
             finally:
                 wall = watch.stopped()
             content = {"inputs": known, "result": result, "wall_s": wall}
-            text = json.dumps(content, indent=1) + "\n"
-            write_whole(record, lambda path: path.write_text(text))
-            stage = Stage(
-                name, folder, json.loads(text)["result"], wall, False, metadata.version("proxops")
-            )
+            write_json(record, content, indent=1)
+            stage = dc.replace(self._read(name, record), skipped=False)
         self._tell(name, 1.0, "")
         self.over.append(stage)
         return stage
@@ -120,9 +118,7 @@ class Stages:
         ]
         if not records:
             return None
-        stage = self._read(name, max(records, key=lambda record: record.stat().st_mtime_ns))
-        self.over.append(stage)
-        return stage
+        return self._read(name, max(records, key=lambda record: record.stat().st_mtime_ns))
 
     def _has(self, record: Path) -> bool:
         """Whether there are a record and the folder of its stage."""

@@ -11,18 +11,16 @@ from proxops.diagrams.scenario import Scenario
 from proxops.studies.evaluation import EXPERT, successes_text, without_flights
 from proxops.studies.reproduction import flights, numbers
 from proxops.studies.reproduction.stages import Stage
-from proxops.training.reports import Table
+from proxops.training.reports import DASH, Table, number_text
 
 Results = Mapping[str, Mapping[str, Any]]
 
-_NONE = "–"
 _NOT_RUN = "not run"
 
 
 def number(figures: Mapping[str, Any], key: str, form: str = ".0f", scale: float = 1.0) -> str:
     """Formats a figure; a dash stands for one that there is not."""
-    value = figures.get(key)
-    return _NONE if value is None else format(scale * value, form)
+    return number_text(figures.get(key), form, scale)
 
 
 def stage_table(stages: Sequence[Stage]) -> Table:
@@ -77,7 +75,7 @@ def gate_table(results: Results, names: Sequence[str]) -> Table:
                 f"{100 * result['policy_share']:.1f}",
                 number(result, "policy_share_to_arrival", ".1f", 100.0),
                 number(cost, "saved", ".1f", 100.0),
-                _NONE if passed is None else f"{100 * passed:.1f}",
+                number_text(passed, ".1f", 100.0),
                 successes_text(result),
                 str(result["keep_out_violations"]),
                 number(result, "expert_delta_v_ratio", ".3f"),
@@ -170,22 +168,22 @@ def comparison_lines(
          f"{100 * energy:.1f}"],
         ["pure policy, paper's recipe", "does not arrive, may crash",
          _success(results, flights.PAPER_POLICY)],
-        ["pure policy, ours", _NONE, _success(results, flights.POLICY)],
+        ["pure policy, ours", DASH, _success(results, flights.POLICY)],
         ["its flights that lose the body from lidar range", "the one shown",
          _lost(results, flights.PAPER_POLICY)],
-        ["the same, ours", _NONE, _lost(results, flights.POLICY)],
+        ["the same, ours", DASH, _lost(results, flights.POLICY)],
     ]  # fmt: skip
     share = f"up to {100 * numbers.POLICY_SHARE:.0f}"
     for name in (flights.PAPER_HYBRID, flights.PAPER_GATE, flights.STRICT, flights.ADAPTIVE):
         paper = name == flights.PAPER_HYBRID
-        lines.append([f"{name}: success", "arrives" if paper else _NONE, _success(results, name)])
+        lines.append([f"{name}: success", "arrives" if paper else DASH, _success(results, name)])
         lines += [
             [f"{name}: flown by the policy (%)", share, _share(results, name, "policy_share")],
-            [f"{name}: before arrival (%)", _NONE,
+            [f"{name}: before arrival (%)", DASH,
              _share(results, name, "policy_share_to_arrival")],
         ]  # fmt: skip
     for name in (flights.ZERO_PAPER, flights.ZERO_STRICT, flights.ZERO_ADAPTIVE):
-        lines.append([f"{name}: flown by it (%)", _NONE, _share(results, name, "policy_share")])
+        lines.append([f"{name}: flown by it (%)", DASH, _share(results, name, "policy_share")])
     told = ", ".join(f"{value:.2f} ({name})" for name, value in paper_gain.items())
     for name in (flights.PAPER_GATE, flights.STRICT, flights.ADAPTIVE):
         cost = numbers.costs(results, name)
@@ -194,7 +192,7 @@ def comparison_lines(
              number(cost, "gain_arithmetic", ".2f")]
         )  # fmt: skip
         lines.append(
-            [f"{name}: the same by all solves' cost", _NONE, number(cost, "gain_measured", ".2f")]
+            [f"{name}: the same by all solves' cost", DASH, number(cost, "gain_measured", ".2f")]
         )
     return lines
 

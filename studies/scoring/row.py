@@ -14,7 +14,8 @@ import numpy as np
 from proxops.diagrams.flight import Workers, run_campaign
 from proxops.studies.evaluation import exact_interval
 from proxops.studies.scoring.track import Track
-from proxops.systems.common import InputError, write_whole
+from proxops.systems.common import InputError, write_json
+from proxops.training.reports import number_text
 
 # Of a flight's summary, with the digits that are kept.
 _KEPT = {
@@ -147,8 +148,7 @@ def with_expert(track: Track, row: ScoreRow) -> Track:
 
 def save_row(row: ScoreRow, path: Path) -> None:
     """Writes a row as a JSON file, with its hash."""
-    content = dc.asdict(row) | {"sha256": row.sha256}
-    write_whole(path, lambda name: name.write_text(json.dumps(content) + "\n", encoding="utf-8"))
+    write_json(path, dc.asdict(row) | {"sha256": row.sha256}, indent=None)
 
 
 def load_row(path: Path) -> ScoreRow:
@@ -188,9 +188,6 @@ def row_table(track: Track, rows: Sequence[ScoreRow]) -> list[list[str]]:
 
 
 def _cells(row: ScoreRow, figures: dict[str, typing.Any]) -> list[str]:
-    def number(key: str, form: str) -> str:
-        return "–" if figures[key] is None else format(figures[key], form)
-
     low, high = figures["interval"]
     return [
         row.name,
@@ -198,9 +195,9 @@ def _cells(row: ScoreRow, figures: dict[str, typing.Any]) -> list[str]:
         f"{figures['successes']} of {figures['transits']}",
         f"{100 * low:.1f} to {100 * high:.1f}",
         str(figures["violations"]),
-        number("delta_v_ratio", ".3f"),
-        number("error_m", ".0f"),
-        number("time_s", ".0f"),
+        number_text(figures["delta_v_ratio"], ".3f"),
+        number_text(figures["error_m"], ".0f"),
+        number_text(figures["time_s"], ".0f"),
         row.sha256[:12],
     ]
 

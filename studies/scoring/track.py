@@ -23,6 +23,7 @@ from proxops.diagrams.scenario import (
     parse_mapping,
     parse_scenario,
     scenario_transit,
+    with_ends,
 )
 from proxops.systems.common import InputError, write_whole
 
@@ -109,8 +110,7 @@ def draw_track(name: str, scenario: Scenario, seed: int, count: int) -> Track:
         ends = scenario_transit(own, body)
         world = draw_world(own, body)
         check_flyable(make_true_body(body, world.truth), ends, world)
-        fixed = dc.replace(world.transit, start_m=ends.start.tolist(), goal_m=ends.goal.tolist())
-        worlds.append(dump_scenario(dc.replace(world, transit=fixed)))
+        worlds.append(dump_scenario(with_ends(world, ends.start, ends.goal)))
     first, *_ = trees = [dict(_leaves(parse_mapping(world, name))) for world in worlds]
     changes = [{key: tree[key] for key in tree if tree[key] != first[key]} for tree in trees]
     return Track(name, worlds[0], body_sha256(body), changes, [])

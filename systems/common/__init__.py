@@ -3,10 +3,10 @@
 `InputError` says what was wrong, where, and what to do. The `check_…` functions raise it for
 arguments that make no sense. Random numbers are pure functions of a seed and a step (`generator`,
 `derived_seed`), so that no generator has to be kept in a Context; `SeededSystem` is the base of the
-systems that draw them. `write_whole` gives a file its name only when all of it is written;
-`interruption_waits` lets Ctrl-C wait meanwhile. `read_bundle` reads the folder of a trained
-network. Read `errors` and `counter_noise` first. This room imports nothing else of proxops, and
-every other room depends on it.
+systems that draw them. `write_whole` and `write_json` give a file its name only when all of it is
+written; `interruption_waits` lets Ctrl-C wait meanwhile. `read_bundle` reads the folder of a
+trained network. Read `errors` and `counter_noise` first. This room imports nothing else of proxops,
+and every other room depends on it.
 """
 
 from proxops.systems.common.bundles import MODEL_FILE, BundleKind, open_session, read_bundle
@@ -20,9 +20,9 @@ from proxops.systems.common.checks import (
 from proxops.systems.common.controller_offers import LegendEntry, LoggedPort
 from proxops.systems.common.counter_noise import derived_seed, generator
 from proxops.systems.common.deviations import error_bounds
-from proxops.systems.common.directions import spread_directions
+from proxops.systems.common.directions import directions_of, spread_directions
 from proxops.systems.common.errors import InputError, SolverFailure
-from proxops.systems.common.files import file_sha256, make_folder, write_whole
+from proxops.systems.common.files import file_sha256, make_folder, write_json, write_whole
 from proxops.systems.common.interruption import interruption_waits
 from proxops.systems.common.progress import Progress, part_of, silent
 from proxops.systems.common.rotations import rotation_matrix
@@ -44,6 +44,7 @@ __all__ = [
     "check_type",
     "checked_semi_axes",
     "derived_seed",
+    "directions_of",
     "error_bounds",
     "file_sha256",
     "generator",
@@ -56,5 +57,6 @@ __all__ = [
     "rotation_matrix",
     "silent",
     "spread_directions",
+    "write_json",
     "write_whole",
 ]

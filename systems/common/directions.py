@@ -1,10 +1,18 @@
-"""Directions that are spread evenly about the sphere."""
+"""Directions: of a longitude and a latitude, and spread evenly about the sphere."""
 
 from __future__ import annotations
 
 import math
 
 import numpy as np
+
+
+def directions_of(longitude: np.ndarray | float, latitude: np.ndarray | float) -> np.ndarray:
+    """Unit vectors (..., 3) of longitudes from x about z and of latitudes, (...) in radians."""
+    across = np.cos(latitude)
+    return np.stack(
+        [across * np.cos(longitude), across * np.sin(longitude), np.sin(latitude)], axis=-1
+    )
 
 
 def spread_directions(count: int) -> np.ndarray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import os
 import tempfile
 import typing
@@ -48,6 +49,19 @@ def write_whole(path: Path, write: Callable[[Path], typing.Any]) -> None:
         raise InputError(f"cannot write {path}: {error.strerror or error}") from error
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def write_json(path: Path, content: typing.Any, indent: int | None = 2) -> None:
+    """Writes `content` as JSON, completely or not at all.
+
+    Args:
+      indent: of nested values; None: all stands on one line.
+
+    Raises:
+      InputError: see `write_whole`.
+    """
+    text = json.dumps(content, indent=indent) + "\n"
+    write_whole(path, lambda name: name.write_text(text, encoding="utf-8"))
 
 
 def file_sha256(path: Path) -> str:

@@ -22,7 +22,6 @@ program is solved with it.
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass
 
 import numpy as np
@@ -197,7 +196,6 @@ class LinearisedTransit:
                     slack=0.0,
                     status=PlanStatus.SOLVED,
                     iterations=0,
-                    solve_time=0.0,
                 )
             )
         return plans
@@ -330,9 +328,8 @@ class LinearisedTransit:
         duration: float,
         cost: float,
         iterations: int,
-        started: float,
     ) -> Plan:
-        """The plan of a solution; `started` is the value of `time.perf_counter` at its start."""
+        """The plan of a solution, `duration` s long, after so many linearisations."""
         return Plan(
             times=duration * self.fractions,
             states=solution.states,
@@ -342,7 +339,6 @@ class LinearisedTransit:
             slack=solution.slack,
             status=PlanStatus.SOLVED,
             iterations=iterations,
-            solve_time=time.perf_counter() - started,
         )
 
     def fits(self, plan: Plan, age: float, state: np.ndarray, target: np.ndarray) -> bool:

@@ -277,19 +277,20 @@ class ModelPredictiveController(LeafSystem):
         else:
             reason, iterations = PlanReason.SOLVED_ABOUT_LAST_PLAN, 1
         try:
+            if last is not None and reason == PlanReason.SOLVED_ANEW_PLAN_TOO_OLD:
+                plan = self._solve_about_old_plan(state, target, last, age, push, longest)
+                return plan, reason
+            return solve(state, target, last, age, iterations, push, longest), reason
+        except SolverFailure as failure:
+            result = failure.result
+        if last is not None:
+            # The last plan may be the cause of the failure: try again without it.
             try:
-                if last is not None and reason == PlanReason.SOLVED_ANEW_PLAN_TOO_OLD:
-                    plan = self._solve_about_old_plan(state, target, last, age, push, longest)
-                    return plan, reason
-                return solve(state, target, last, age, iterations, push, longest), reason
-            except SolverFailure:
-                if last is None:
-                    raise
-                # The last plan may be the cause of the failure: try again without it.
                 plan = solve(state, target, None, 0.0, self.cold_iterations, push, longest)
                 return plan, PlanReason.SOLVED_ANEW_AFTER_FAILURE
-        except SolverFailure as failure:
-            return None, _FAILURES.get(failure.result, PlanReason.SOLVER_ERROR)
+            except SolverFailure as failure:
+                result = failure.result
+        return None, _FAILURES.get(result, PlanReason.SOLVER_ERROR)
 
     def _solve_about_old_plan(
         self,

@@ -75,8 +75,8 @@ class Plan:
     """A `PlanStatus`. 0: solved; 1: the last plan, continued; 2: braking, for there is no plan."""
     iterations: int
     """Number of linearisations."""
-    solve_time: float
-    """Wall time in s."""
+    solve_time: float = 0.0
+    """Wall time of the MPC's step in s; the controller sets it."""
     reason: int = PlanReason.SOLVED_ANEW_NO_PLAN
     """A `PlanReason`; the controller sets it."""
     push: np.ndarray = field(default_factory=lambda: np.zeros(3))
@@ -145,7 +145,6 @@ def empty_plan(intervals: int) -> Plan:
         slack=np.nan,
         status=PlanStatus.BRAKING,
         iterations=0,
-        solve_time=0.0,
     )
 
 

@@ -24,8 +24,6 @@ The program knows no particular body and no Drake system.
 
 from __future__ import annotations
 
-import time
-
 import numba
 import numpy as np
 from pydrake.solvers import SolutionResult
@@ -92,16 +90,15 @@ class TransitProgram:
         Raises:
           SolverFailure: the state or the target is not finite, or the solver fails.
         """
-        started = time.perf_counter()
         if not (np.isfinite(state).all() and np.isfinite(target).all()):
             raise SolverFailure(SolutionResult.kInvalidInput)  # Drake would end the process.
         push = np.zeros(3) if push is None else push
         last, done = previous, 0
         if last is None:
             done = min(iterations, _TRIED)
-            last, age = self._best_start(state, target, done, push, longest, started), 0.0
+            last, age = self._best_start(state, target, done, push, longest), 0.0
         for iteration in range(done + 1, iterations + 1):
-            last = self._improved(state, target, last, age, push, longest, iteration, started)
+            last = self._improved(state, target, last, age, push, longest, iteration)
             age = 0.0
         return last
 
@@ -112,7 +109,6 @@ class TransitProgram:
         iterations: int,
         push: np.ndarray,
         longest: float,
-        started: float,
     ) -> Plan:
         """The best of the plans that so many iterations make of the initial guesses.
 
@@ -124,8 +120,7 @@ class TransitProgram:
         for plan in self.transit.initial_plans(state, target, duration, True):
             try:
                 for k in range(1, iterations + 1):
-                    free = k > 1
-                    plan = self._improved(state, target, plan, 0.0, push, longest, k, started, free)
+                    plan = self._improved(state, target, plan, 0.0, push, longest, k, k > 1)
             except SolverFailure as error:
                 failure = error
                 continue
@@ -149,7 +144,6 @@ class TransitProgram:
         push: np.ndarray,
         longest: float,
         iteration: int,
-        started: float,
         free_time: bool = True,
     ) -> Plan:
         """The solution of the program linearised about `last`, `age` s old."""
@@ -168,7 +162,7 @@ class TransitProgram:
         found = transit.solve()
         duration *= 1.0 + found.stretch
         cost = duration * (self.time_price + self._mean_effort(found.controls, duration))
-        return transit.plan_of(found, target, duration, cost, iteration, started)
+        return transit.plan_of(found, target, duration, cost, iteration)
 
     def fuel_weight(self, duration: float) -> float:
         """The weight c for a plan of this length: 0 for the shortest, full from 3 times that on."""

@@ -16,7 +16,6 @@ The interface is that of `TransitProgram`, which flies better. This program is f
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass
 
 import numpy as np
@@ -84,7 +83,6 @@ class WeightedProgram:
         `Plan.cost` is the minimised mean times the plan's length, which is fixed: `longest` changes
         nothing.
         """
-        started = time.perf_counter()
         if not (np.isfinite(state).all() and np.isfinite(target).all()):
             raise SolverFailure(SolutionResult.kInvalidInput)  # Drake would end the process.
         duration = self.horizon.minimum
@@ -96,7 +94,7 @@ class WeightedProgram:
             self._weigh_errors(target)
             found = self.transit.solve()
             cost = duration * self._mean_cost(found, target)
-            last = self.transit.plan_of(found, target, duration, cost, iteration, started)
+            last = self.transit.plan_of(found, target, duration, cost, iteration)
             age = 0.0
         return last
 

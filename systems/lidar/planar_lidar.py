@@ -11,7 +11,6 @@ from proxops.systems.lidar.lidar_errors import (
     LidarErrors,
     TrueReturns,
     check_false_returns,
-    frame_is_lost,
     received_ranges,
 )
 from proxops.systems.lidar.lidar_geometry import LidarGeometry
@@ -101,11 +100,9 @@ class PlanarLidar(SeededSystem):
         self, position: np.ndarray, rotation: np.ndarray | None, seed: int, step: int
     ) -> np.ndarray:
         """The frame (planes * rays,) in m, float64."""
-        errors, geometry = self.errors, self.geometry
-        if errors.frame_loss > 0.0 and frame_is_lost(errors.frame_loss, seed, step):
-            return np.full(geometry.size, np.inf)  # Without a ray cast.
+        size, max_range = self.geometry.size, self.geometry.max_range
         returns = self.true_returns(position, rotation)
-        return received_ranges(returns, geometry.size, geometry.max_range, errors, seed, step)
+        return received_ranges(returns, size, max_range, self.errors, seed, step)
 
     def _calc_ranges(self, context, output):
         position, rotation = self._position_port.Eval(context), None

@@ -31,6 +31,11 @@ class EnclosingEllipsoid:
         """Volume in m^3."""
         return float(4.0 / 3.0 * np.pi * self.semi_axes.prod())
 
+    @property
+    def volume_over_bound(self) -> float:
+        """The volume without the margin over its lower bound: nearly 1 for the smallest one."""
+        return self.volume / (1.0 + self.margin) ** 3 / self.volume_bound
+
 
 def smallest_ellipsoid(points: np.ndarray, margin: float = 0.0) -> EnclosingEllipsoid:
     """The ellipsoid of least volume that contains points (N, 3) in m, with a margin.

@@ -30,6 +30,11 @@ class MassProperties:
     that spins about z they are close to the unit matrix.
     """
 
+    @property
+    def equivalent_diameter(self) -> float:
+        """Diameter in m of the sphere of the same volume."""
+        return float(np.cbrt(6.0 * self.volume / np.pi))
+
 
 def mass_properties(vertices: np.ndarray, facets: np.ndarray) -> MassProperties:
     """The exact mass properties of the body bounded by vertices (V, 3) in m and facets (F, 3).

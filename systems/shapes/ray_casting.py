@@ -91,14 +91,6 @@ class RayCaster:
         """A fan of rays along unit directions (R, 3), to cast from many positions."""
         return RayFan(self, directions)
 
-    def frames(self, positions: np.ndarray, directions: np.ndarray) -> np.ndarray:
-        """Distances (N, R) in m, float32, from positions (N, 3) along unit directions (R, 3).
-
-        +inf where a ray meets nothing. The result is that of `distances`, ray by ray, but three
-        times as fast from far away. Besides the result it needs a few MB for any N.
-        """
-        return self.fan(directions).frames(positions)
-
 
 class RayFan:
     """Rays in fixed directions, cast from any position, and turned as a whole if need be.
@@ -162,7 +154,14 @@ class RayFan:
         return (-q).astype(np.float32) @ self._scaled >= tangent.astype(np.float32)[:, None]
 
     def frames(self, positions: np.ndarray) -> np.ndarray:
-        """Distances (N, R) in m from positions (N, 3): see `RayCaster.frames`."""
+        """Distances (N, R) in m, float32, from positions (N, 3) in m along the rays.
+
+        +inf where a ray meets nothing. The result is that of `RayCaster.distances`, ray by ray, but
+        three times as fast from far away. Besides the result it needs a few MB for any N.
+
+        Raises:
+          InputError: the positions are not an (N, 3) array.
+        """
         positions = np.asarray(positions, dtype=np.float64)
         if positions.ndim != 2 or positions.shape[1] != 3:
             raise InputError(f"positions must have shape (N, 3), got {positions.shape}")

@@ -47,6 +47,7 @@ from proxops.systems.vehicle.state_noise import StateNoise
 from proxops.systems.vehicle.state_prediction import (
     moved_by,
     predicted_state,
+    runge_kutta_step,
     unexplained_acceleration,
 )
 from proxops.systems.vehicle.thrusters import Thrusters
@@ -84,6 +85,7 @@ __all__ = [
     "moved_by",
     "predicted_state",
     "rotating_frame_acceleration",
+    "runge_kutta_step",
     "spinning_frame_acceleration",
     "thrust_given",
     "unexplained_acceleration",

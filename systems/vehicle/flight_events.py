@@ -18,6 +18,8 @@ from proxops.systems.shapes import blocks_segment, clearances, ray_caster
 NEVER = 1e15
 # Indices of the outcome vector.
 ENTERED_GOAL, VIOLATIONS, COLLIDED, FINISHED = range(4)
+# Depth in m from which the keep-out ellipsoid counts as violated.
+_TOLERANCE = 1.0
 
 
 def containing_ellipsoid(semi_axes: np.ndarray, vertices: np.ndarray) -> np.ndarray:
@@ -48,7 +50,8 @@ class FlightEvents:
     """Follows the outcome of a flight over paths.
 
     An outcome (4,) is the time in s of the last entry into the goal region (NEVER outside it), the
-    number of keep-out violations, 1 after a collision, and 1 after the dwell in the goal region.
+    number of keep-out violations, by a metre or more, 1 after a collision, and 1 after the dwell in
+    the goal region.
     """
 
     def __init__(
@@ -58,7 +61,6 @@ class FlightEvents:
         radius: float,
         speed: float,
         dwell: float,
-        tolerance: float = 1.0,
     ):
         """Takes the true body and what counts as arrival and as violation.
 
@@ -67,18 +69,16 @@ class FlightEvents:
           keep_out_semi_axes: (3,) in m, of the keep-out ellipsoid. The true mesh may stick out.
           radius, speed: size of the goal region in m and m/s.
           dwell: time in s in the goal region after which the flight ends.
-          tolerance: depth in m from which the keep-out ellipsoid counts as violated.
 
         Raises:
-          InputError: one of them is not positive, or the dwell or the tolerance is negative.
+          InputError: one of them is not positive, or the dwell is negative.
         """
         check_positive("a flight", radius=radius, speed=speed)
-        check_not_negative("a flight", dwell=dwell, tolerance=tolerance)
+        check_not_negative("a flight", dwell=dwell)
         self._field = field
         self._keep_out = checked_semi_axes("the keep-out ellipsoid", keep_out_semi_axes)
         self._around = containing_ellipsoid(self._keep_out, field.shape.vertices)
         self._radius, self._speed, self._dwell = radius, speed, dwell
-        self._tolerance = tolerance
         self._caster = ray_caster(field.shape)
 
     def is_in_body(self, position: np.ndarray) -> bool:
@@ -167,16 +167,18 @@ class FlightEvents:
         It lies in the convex hull of its Bézier points, so far from the ellipsoid it need not be
         evaluated.
         """
-        ends = clearances(self._keep_out, np.stack([start[:3], end[:3]])) + self._tolerance
+        ends = clearances(self._keep_out, np.stack([start[:3], end[:3]])) + _TOLERANCE
         if ends[0] <= 0.0 or ends[1] <= 0.0:
             return bool(ends[0] > 0.0)
-        hull = _hull(start[None], end[None], duration)[0]
-        if ends[0] > np.linalg.norm(hull - start[:3], axis=1).max():
+        third = duration / 3.0
+        left, right = start[:3] + third * start[3:], end[:3] - third * end[3:]
+        others = np.stack([left, right, end[:3]])
+        if ends[0] > np.linalg.norm(others - start[:3], axis=1).max():
             return False
         states, times = np.stack([start, end]), np.array([0.0, duration])
         path = CubicHermiteSpline(times, states[:, :3], states[:, 3:])
         along = clearances(self._keep_out, path(np.linspace(0.0, duration, 11)[1:-1]))
-        return bool(along.min() + self._tolerance <= 0.0)
+        return bool(along.min() + _TOLERANCE <= 0.0)
 
     def _hits_body(self, start: np.ndarray, end: np.ndarray) -> bool:
         length = float(np.linalg.norm(end - start))
@@ -211,11 +213,3 @@ def _find_uneventful(starts, ends, targets, span, around, radius, speed, quiet):
     for n in range(len(starts)):
         start, end, target = starts[n], ends[n], targets[n]
         quiet[n] = _uneventful(start, end, target, span, around, radius, speed)
-
-
-def _hull(starts: np.ndarray, ends: np.ndarray, span: float) -> np.ndarray:
-    """The Bézier points (N, 3, 3) but the first of paths between states (N, 6)."""
-    third = span / 3.0
-    left = starts[:, :3] + third * starts[:, 3:]
-    right = ends[:, :3] - third * ends[:, 3:]
-    return np.stack([left, right, ends[:, :3]], axis=1)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 
@@ -31,13 +32,23 @@ def predicted_state(
 
     steps = math.ceil(duration / _LONGEST_STEP)
     for _ in range(steps):
-        step = duration / steps
-        first = rate(state)
-        second = rate(state + 0.5 * step * first)
-        third = rate(state + 0.5 * step * second)
-        fourth = rate(state + step * third)
-        state = state + step / 6.0 * (first + 2.0 * (second + third) + fourth)
+        state = runge_kutta_step(rate, state, duration / steps)
     return state
+
+
+def runge_kutta_step(
+    rate: Callable[[np.ndarray], np.ndarray], state: np.ndarray, step: float
+) -> np.ndarray:
+    """The state, an array of any shape, after a step in s of the classical Runge-Kutta method.
+
+    Args:
+      rate: the derivative of a state by the time in s; it does not depend on time itself.
+    """
+    first = rate(state)
+    second = rate(state + 0.5 * step * first)
+    third = rate(state + 0.5 * step * second)
+    fourth = rate(state + step * third)
+    return state + step / 6.0 * (first + 2.0 * (second + third) + fourth)
 
 
 def moved_by(push: np.ndarray, duration: float) -> np.ndarray:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses as dc
 import hashlib
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -15,7 +14,7 @@ from torch import Tensor, nn
 
 from proxops.diagrams.flight import Workers, surroundings
 from proxops.diagrams.scenario import Scenario, load_body, load_scenario
-from proxops.systems.common import Progress, write_whole
+from proxops.systems.common import Progress, write_json, write_whole
 from proxops.systems.policy import Surroundings
 from proxops.training.any_body.examples import Examples, examples_of, mirrored
 from proxops.training.any_body.export import export_guidance, ranges_of
@@ -144,7 +143,7 @@ def learn(
     compared = examples.given[:: max(1, len(held) // _COMPARED)]
     export_guidance(network, out / "bundle", compared, ranges, report, text)
     write_whole(out / "report.md", lambda path: path.write_text(text, encoding="utf-8"))
-    write_whole(out / "report.json", lambda path: path.write_text(json.dumps(report, indent=2)))
+    write_json(out / "report.json", report)
     progress(1.0, "done")
     return report
 

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import typing
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from proxops.diagrams.flight import Flight, Workers, run_campaign
 from proxops.diagrams.scenario import LearnedLidarConfig, Scenario, load_body
-from proxops.systems.common import InputError, write_whole
+from proxops.systems.common import InputError, write_json
 from proxops.training.data.collection import (
     check_files,
     collection_flights,
@@ -58,12 +57,8 @@ def collect(
         reason = manifest["unflyable"][0]["unflyable"]
         raise InputError(f"none of the {count} flights can begin in its world; the first: {reason}")
     report = collection_report(manifest)
-    texts = {
-        "manifest.json": json.dumps(manifest, indent=2) + "\n",
-        "report.json": json.dumps(report, indent=2) + "\n",
-    }
-    for name, text in texts.items():
-        write_whole(out / name, lambda path, text=text: path.write_text(text, encoding="utf-8"))
+    write_json(out / "manifest.json", manifest)
+    write_json(out / "report.json", report)
     title = f"Expert flights of seed {report['seed']}"
     write_markdown(out, title, collection_sections(report))
     return manifest, report

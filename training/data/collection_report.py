@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from proxops.training.data.collection import CLEARANCE_EDGES, GOAL_EDGES, ZERO_COMMAND
-from proxops.training.reports import Section, Table, Text
+from proxops.training.reports import Section, Table, Text, number_text
 
 Figures = dict[str, typing.Any]
 
@@ -81,8 +81,8 @@ def report_rows(report: Figures) -> tuple[list[str], list[list[str]]]:
                 str(figures["successes"]),
                 str(figures["collisions"]),
                 str(figures["keep_out_violations"]),
-                _text(figures["delta_v_m_s_median"], ".1f"),
-                _text(figures["arrival_time_s_median"], ".0f"),
+                number_text(figures["delta_v_m_s_median"], ".1f"),
+                number_text(figures["arrival_time_s_median"], ".0f"),
                 f"{figures['min_clearance_m'] / 1e3:.2f}",
                 ", ".join(shares),
                 str(figures["steps"]),
@@ -119,7 +119,3 @@ def collection_sections(report: Figures) -> list[Section]:
         table = Table(["radii", "share"], histogram_rows(edges, counts))
         sections.append(Section(title, [Text("In radii of arrival, share of all rows."), table]))
     return sections
-
-
-def _text(value: float | None, form: str) -> str:
-    return "–" if value is None else format(value, form)

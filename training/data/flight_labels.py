@@ -38,21 +38,13 @@ class _Piece:
     most: int | None
 
 
-def label_flights(
-    logs: Sequence[Path],
-    folder: Path,
-    workers: Workers = Workers(),
-    most: int | None = None,
-) -> Labels:
-    """The labels of all flights together; see `labels_by_flight`."""
-    return joined_labels(labels_by_flight(logs, folder, workers, most))
+def label_flights(logs: Sequence[Path], folder: Path, workers: Workers = Workers()) -> Labels:
+    """The labels of all states of all flights together; see `labels_by_flight`."""
+    return joined_labels(labels_by_flight(logs, folder, workers, None))
 
 
 def labels_by_flight(
-    logs: Sequence[Path],
-    folder: Path,
-    workers: Workers = Workers(),
-    most: int | None = None,
+    logs: Sequence[Path], folder: Path, workers: Workers, most: int | None
 ) -> list[Labels]:
     """Labels states of flights, and the later knots of some plans from these states.
 

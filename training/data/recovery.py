@@ -23,6 +23,7 @@ from proxops.diagrams.scenario import (
     draw_transit,
     hover_force,
     of_transit,
+    with_ends,
 )
 from proxops.systems.common import InputError, derived_seed, generator
 from proxops.systems.shapes import clearances, closest_point
@@ -157,7 +158,7 @@ def _overshoot(plain: Scenario, wanted: Scenario, body: Body) -> Scenario:
         place = drawn.goal + plain.transit.end_clearance_m * random.random() * ways[0]
         velocity = 8.0 * plain.arrival.speed_m_s * random.random() * ways[1]
         if (ways @ line > 0.5).all() and _can_start(place, velocity, plain, body):
-            return _starting(plain, drawn, place, velocity)
+            return with_ends(plain, place, drawn.goal, velocity)
     raise _no_start("overshoot", drawn)
 
 
@@ -183,7 +184,7 @@ def _keep_out(plain: Scenario, wanted: Scenario, body: Body) -> Scenario:
         distance = float(np.linalg.norm(place - drawn.goal))
         fits = rules.min_distance_m <= distance <= furthest
         if fits and _can_start(place, velocity, plain, body):
-            return _starting(plain, drawn, place, velocity)
+            return with_ends(plain, place, drawn.goal, velocity)
     raise _no_start("keep_out", drawn)
 
 
@@ -194,7 +195,7 @@ def _holding(plain: Scenario, wanted: Scenario, body: Body) -> Scenario:
     ways /= np.linalg.norm(ways, axis=1, keepdims=True)
     reaches = np.array([plain.arrival.radius_m, plain.arrival.speed_m_s])
     away = (reaches * np.cbrt(random.random(2)))[:, None] * ways
-    return _starting(plain, drawn, drawn.goal + away[0], away[1])
+    return with_ends(plain, drawn.goal + away[0], drawn.goal, away[1])
 
 
 KINDS: dict[str, Callable[[Scenario, Scenario, Body], Scenario]] = {
@@ -233,16 +234,6 @@ def _can_start(place: np.ndarray, velocity: np.ndarray, plain: Scenario, body: B
     inward_speed = max(0.0, -float(velocity @ outward) / float(np.linalg.norm(outward)))
     braking = _BRAKING_SHARE * craft.thrust_limit_n / craft.mass_kg
     return inward_speed**2 / (2.0 * braking) < clearance
-
-
-def _starting(plain: Scenario, drawn: Transit, place: np.ndarray, velocity: np.ndarray) -> Scenario:
-    transit = dc.replace(
-        plain.transit,
-        start_m=place.tolist(),
-        goal_m=drawn.goal.tolist(),
-        start_velocity_m_s=velocity.tolist(),
-    )
-    return dc.replace(plain, transit=transit)
 
 
 def _no_start(kind: str, drawn: Transit) -> InputError:

@@ -32,6 +32,7 @@ from proxops.systems.vehicle import (
     VIOLATIONS,
     FlownPath,
     rotating_frame_acceleration,
+    runge_kutta_step,
 )
 from proxops.training.environment.observations import (
     LARGEST_TRANSIT,
@@ -272,11 +273,7 @@ class _Motion:
         steps = math.ceil(span * self._rate / _TURN)
         step, now = span / steps, states.T
         for _ in range(steps):
-            first = self._rates(now, forces.T)
-            second = self._rates(now + 0.5 * step * first, forces.T)
-            third = self._rates(now + 0.5 * step * second, forces.T)
-            fourth = self._rates(now + step * third, forces.T)
-            now = now + step / 6.0 * (first + 2.0 * (second + third) + fourth)
+            now = runge_kutta_step(lambda at: self._rates(at, forces.T), now, step)
         return now.T
 
     def _rates(self, states: np.ndarray, forces: np.ndarray) -> np.ndarray:

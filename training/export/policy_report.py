@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -11,7 +10,7 @@ import numpy as np
 import torch
 from pydrake.common.yaml import yaml_load
 
-from proxops.systems.common import write_whole
+from proxops.systems.common import write_json
 from proxops.training.data import PARTS, PackedFlights, part_rows
 from proxops.training.export.policy_export import PolicyFacts, export_policy
 from proxops.training.reports import (
@@ -81,8 +80,7 @@ def write_report(
     figure = plot_forces(*forces["test"], flights.setting.thrust_limit_n)
     histograms = picture("forces", figure, HISTOGRAMS_CAPTION)
     write_markdown(out, report_title(report), policy_sections(report, histograms))
-    text = json.dumps(report, indent=2) + "\n"
-    write_whole(out / "report.json", lambda path: path.write_text(text))
+    write_json(out / "report.json", report)
     return report
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from proxops.training.lidar.frames import GridFrames, near_silhouette
-from proxops.training.reports import Picture, Section, Table, Text
+from proxops.training.reports import DASH, Picture, Section, Table, Text, number_text
 
 _NEIGHBOURS = 8
 # Limits of bands of distance from the body's centre, over half of the cube's edge.
@@ -140,10 +140,10 @@ def frame_sections(report: Figures, pictures: Picture) -> list[Section]:
         test=report["test_positions"],
     )
     lines = [
-        [name, *_cells(entry["all"]), _number(entry["frame_ms"], ".3f")]
+        [name, *_cells(entry["all"]), number_text(entry["frame_ms"], ".3f")]
         for name, entry in methods.items()
     ]
-    lines.append(["ray-caster", *["–"] * 6, _number(report["ray_caster_frame_ms"], ".3f")])
+    lines.append(["ray-caster", *[DASH] * 6, number_text(report["ray_caster_frame_ms"], ".3f")])
     outlines = [[name, *_cells(entry["near_silhouettes"])] for name, entry in methods.items()]
     near = Text("Rays within two rays of the outline, in their plane.")
     return [
@@ -189,15 +189,11 @@ _HEAD = ["method", "mask IoU", "false hits", "missed hits", "mean error", "media
 def _cells(figures: Figures) -> list[str]:
     errors = figures["range_error_m"]
     return [
-        _number(figures["mask_iou"], ".4f"),
-        _number(figures["false_hits"], ".2%"),
-        _number(figures["missed_hits"], ".2%"),
-        *(_number(errors[k], ".3f", 1e-3) for k in ("mean", "median", "p95")),
+        number_text(figures["mask_iou"], ".4f"),
+        number_text(figures["false_hits"], ".2%"),
+        number_text(figures["missed_hits"], ".2%"),
+        *(number_text(errors[k], ".3f", 1e-3) for k in ("mean", "median", "p95")),
     ]
-
-
-def _number(value: float | None, form: str, scale: float = 1.0) -> str:
-    return "–" if value is None else format(value * scale, form)
 
 
 def _share(part: typing.Any, whole: typing.Any) -> float | None:

@@ -28,6 +28,8 @@ _MARGIN = 0.02
 _SILHOUETTE_REACH = 2
 # Number of positions whose chords are computed together.
 _BLOCK = 64
+# A depth error as long as the ellipsoid's mean semi-axis weighs as much as this many nats.
+_LENGTH_WEIGHT = 8.0
 _FEWEST_POSITIONS = 64
 # Their frames take some 9 GB.
 _MOST_POSITIONS = 500_000
@@ -126,15 +128,14 @@ def cast_grid(body: Body, fan: RayFan, cube: float, spacing: float, seed: int) -
 
 
 def ray_examples(
-    fan: ChordFan, positions: np.ndarray, frames: np.ndarray, planes: int, length_weight: float
+    fan: ChordFan, positions: np.ndarray, frames: np.ndarray, planes: int
 ) -> tuple[tuple[Tensor, Tensor, Tensor, Tensor], Tensor]:
     """The arguments of `ray_loss` for all chords, and which of them are near a silhouette (K,).
 
     Args:
       positions: (N, 3) in m. frames: (N, R) in m, without noise.
-      length_weight: weight of an error in depth as long as the ellipsoid's mean semi-axis.
     """
-    unit = np.cbrt(fan.semi_axes.prod()) / length_weight
+    unit = np.cbrt(fan.semi_axes.prod()) / _LENGTH_WEIGHT
     parts = []
     for start in range(0, len(positions), _BLOCK):
         block = frames[start : start + _BLOCK]

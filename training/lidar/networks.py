@@ -10,6 +10,10 @@ from torch import Tensor, nn
 
 NO_RETURN = -100.0
 """The label of the paper's network for a ray without a return, in its unit of length."""
+# Hidden layers of the ray network, and the number of frequencies of its inputs.
+_LAYERS, _FREQUENCIES = 4, 4
+# Widths of the frame network's hidden layers.
+_WIDTHS = (128, 256, 512)
 
 
 class RayNetwork(nn.Module):
@@ -21,10 +25,9 @@ class RayNetwork(nn.Module):
     so that no answer lies outside the ellipsoid.
     """
 
-    def __init__(self, width: int = 128, layers: int = 4, frequencies: int = 4):
+    def __init__(self, width: int):
         super().__init__()
-        self.frequencies = frequencies
-        sizes = [6 * (1 + 2 * frequencies)] + [width] * layers
+        sizes = [6 * (1 + 2 * _FREQUENCIES)] + [width] * _LAYERS
         blocks: list[nn.Module] = []
         for wide, narrow in itertools.pairwise(sizes):
             blocks += [nn.Linear(wide, narrow), nn.SiLU()]
@@ -37,7 +40,7 @@ class RayNetwork(nn.Module):
           chords: (K, 6), entry and exit as `systems.ray_chords` gives them.
         """
         lifted = [chords]
-        for power in range(self.frequencies):
+        for power in range(_FREQUENCIES):
             angle = chords * (math.pi / 2.0 * 2.0**power)
             lifted += [angle.sin(), angle.cos()]
         hit, depth = self.layers(torch.cat(lifted, dim=1)).unbind(dim=1)
@@ -50,17 +53,12 @@ class FrameNetwork(nn.Module):
     The attitude is held to K and a frame does not depend on velocity, so the position suffices.
     """
 
-    def __init__(self, rays: int, width: int = 512):
+    def __init__(self, rays: int):
         super().__init__()
-        self.layers = nn.Sequential(
-            nn.Linear(3, width // 4),
-            nn.ReLU(),
-            nn.Linear(width // 4, width // 2),
-            nn.ReLU(),
-            nn.Linear(width // 2, width),
-            nn.ReLU(),
-            nn.Linear(width, rays),
-        )
+        blocks: list[nn.Module] = []
+        for wide, narrow in itertools.pairwise((3, *_WIDTHS)):
+            blocks += [nn.Linear(wide, narrow), nn.ReLU()]
+        self.layers = nn.Sequential(*blocks, nn.Linear(_WIDTHS[-1], rays))
 
     def forward(self, positions: Tensor) -> Tensor:
         """Frames (N, rays) in the unit of length, near `NO_RETURN` where no ray returns.

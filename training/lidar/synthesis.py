@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -18,7 +17,7 @@ from proxops.systems.common import (
     make_folder,
     part_of,
     silent,
-    write_whole,
+    write_json,
 )
 from proxops.systems.lidar import (
     ChordFan,
@@ -43,8 +42,6 @@ from proxops.training.lidar.networks import FrameNetwork, RayNetwork, frame_loss
 from proxops.training.loop import Schedule, TensorBatches, Trained, TrainingTask, seeded, train
 from proxops.training.reports import Picture, picture, plot_frames, write_markdown
 
-# A depth error as long as the ellipsoid's mean semi-axis weighs as much as this many nats.
-_LENGTH_WEIGHT = 8.0
 _RAY_SCHEDULE = Schedule(epochs=24, batch=8192, learning_rate=4e-3, patience=8)
 _FRAME_SCHEDULE = Schedule(epochs=60, batch=64, learning_rate=1e-3, patience=15)
 # Added to the seed for the test positions, so that no other numbers come from the same seed.
@@ -143,8 +140,7 @@ def train_lidar(
     positions = random_positions(body, cube, settings.test_positions, settings.seed + _TEST_STREAM)
     figures, pictures = _judge(methods, fan, positions, lidar, cube)
     report |= figures
-    text = json.dumps(report, indent=2) + "\n"
-    write_whole(out / "report.json", lambda name: name.write_text(text))
+    write_json(out / "report.json", report)
     title = f"The learned lidar of {body.config.name}"
     write_markdown(out, title, frame_errors.frame_sections(report, pictures))
     return report
@@ -227,7 +223,6 @@ def _judge(
         positions[:_PICTURES],
         {name: frames[:_PICTURES] for name, frames in sources.items()},
         lidar.planes,
-        _reshaped(lidar.planes, lidar.rays),
     )
     caption = "Frames of the ray-caster and of the two networks, from the same positions."
     figures = {
@@ -253,12 +248,8 @@ def _ray_task(
     with seeded(settings.seed):
         network = RayNetwork(settings.width)
     kept = ~grid.held_out
-    examples, near = ray_examples(
-        fan, grid.positions[kept], grid.frames[kept], planes, _LENGTH_WEIGHT
-    )
-    validation, _ = ray_examples(
-        fan, grid.positions[~kept], grid.frames[~kept], planes, _LENGTH_WEIGHT
-    )
+    examples, near = ray_examples(fan, grid.positions[kept], grid.frames[kept], planes)
+    validation, _ = ray_examples(fan, grid.positions[~kept], grid.frames[~kept], planes)
     often = near.nonzero()[:, 0]
     return _task(
         "ray_network", network, ray_loss, examples, validation, settings.ray, settings.seed,
@@ -320,8 +311,3 @@ def _training_figures(trained: Trained) -> dict[str, float]:
         "best_validation_loss": best["validation_loss"],
         "cpu_s": trained.cpu_s,
     }
-
-
-def _reshaped(planes: int, rays: int) -> tuple[int, int]:
-    """Shape of a picture: six rays of all planes in a row if possible, the paper's 60 × 72."""
-    return (rays // 6, 6 * planes) if rays % 6 == 0 else (rays, planes)

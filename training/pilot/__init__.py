@@ -11,9 +11,9 @@ from proxops.training.pilot.examples import Hits, hits_of
 from proxops.training.pilot.guidance import least_effort, way_round
 from proxops.training.pilot.lidar_hits import HitSelection
 from proxops.training.pilot.network import Pilot
+from proxops.training.pilot.pilot_file import load_pilot
 from proxops.training.pilot.recipe import train_pilot
-from proxops.training.pilot.settings import PilotSettings, shape_of
-from proxops.training.pilot.shape import load_pilot
+from proxops.training.pilot.settings import PilotSettings, dimensions_of
 from proxops.training.pilot.state_filter import MEMORY, measurement_noise
 from proxops.training.pilot.surface_picture import plot_surface
 from proxops.training.pilot.tasks import geometry_task
@@ -25,6 +25,7 @@ __all__ = [
     "Hits",
     "Pilot",
     "PilotSettings",
+    "dimensions_of",
     "geometry_task",
     "hits_of",
     "least_effort",
@@ -32,7 +33,6 @@ __all__ = [
     "measurement_noise",
     "plot_surface",
     "run_dagger",
-    "shape_of",
     "train_pilot",
     "way_round",
 ]

@@ -31,8 +31,10 @@ from proxops.training.data import (
 )
 from proxops.training.export import publish, write_report
 from proxops.training.loop import seeded, train
+from proxops.training.pilot.dimensions import PilotDimensions
 from proxops.training.pilot.examples import Commands, commands_of, joined, labelled_commands
 from proxops.training.pilot.network import Pilot
+from proxops.training.pilot.pilot_file import PILOT_FILE, load_pilot, pilot_sha256, save_pilot
 from proxops.training.pilot.recipe import (
     collected_scenario,
     data_sha256,
@@ -42,13 +44,6 @@ from proxops.training.pilot.recipe import (
     pilot_report,
 )
 from proxops.training.pilot.settings import PilotSettings, settings_of
-from proxops.training.pilot.shape import (
-    PILOT_FILE,
-    PilotShape,
-    load_pilot,
-    pilot_sha256,
-    save_pilot,
-)
 from proxops.training.pilot.tasks import guidance_task
 
 # Shares of the whole work at which flights are packed and plans computed that are missing.
@@ -77,7 +72,7 @@ class _FirstTraining:
     """The training that all rounds build on: its data, its pilot, its settings."""
 
     flights: PackedFlights
-    shape: PilotShape
+    dimensions: PilotDimensions
     pilot: Pilot
     origin: dict[str, Any]
     settings: PilotSettings
@@ -158,10 +153,10 @@ def run_dagger(
 
 def _first_training(data: Path, pilot_folder: Path, progress: Progress) -> _FirstTraining:
     flights = pack_flights(data / "flights", progress=progress)
-    shape, pilot, origin = load_pilot(pilot_folder)
+    dimensions, pilot, origin = load_pilot(pilot_folder)
     if origin.get("logs_sha256") != flights.logs_sha256:
         raise InputError(f"the pilot in {pilot_folder} was trained from other data than {data}")
-    return _FirstTraining(flights, shape, pilot, origin, settings_of(origin))
+    return _FirstTraining(flights, dimensions, pilot, origin, settings_of(origin))
 
 
 def _fly_and_label(
@@ -194,14 +189,14 @@ def _train_round(
     settings, flights = first.settings, first.flights
     seed = settings.seed + number
     schedule = dc.replace(settings.guidance, epochs=epochs)
-    pilot = restarted(first.shape, first.pilot, seed)
+    pilot = restarted(first.dimensions, first.pilot, seed)
     held = commands_of(flights, "validation")
     motion, identity = pilot.filter.motion, told["identity"]
     task = guidance_task(pilot.guidance, motion, commands, held, schedule, seed, identity)
     options: Any = {"device": settings.device, "precision": settings.precision}
     trained = train(task, folder, seed, progress=progress, **options)
     pilot.cpu().eval()
-    save_pilot(folder, first.shape, pilot, first.origin)
+    save_pilot(folder, first.dimensions, pilot, first.origin)
     report = pilot_report(pilot, settings, {"guidance": trained}, flights.logs_sha256)
     report = report | {"recipe": "proxops, DAgger"} | told
     report = write_report(pilot, flights, report, folder)
@@ -228,10 +223,10 @@ def dagger_flights(
     return flights
 
 
-def restarted(shape: PilotShape, pilot: Pilot, seed: int) -> Pilot:
+def restarted(dimensions: PilotDimensions, pilot: Pilot, seed: int) -> Pilot:
     """A pilot with the parts of the one given, but with a new guidance."""
     with seeded(seed):
-        fresh = shape.make()
+        fresh = dimensions.make()
     kept = {
         name: weights
         for name, weights in pilot.state_dict().items()

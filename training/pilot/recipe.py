@@ -28,8 +28,8 @@ from proxops.training.pilot.examples import (
 )
 from proxops.training.pilot.lidar_hits import HitSelection
 from proxops.training.pilot.network import Pilot
-from proxops.training.pilot.settings import PilotSettings, origin_of, shape_of
-from proxops.training.pilot.shape import save_pilot
+from proxops.training.pilot.pilot_file import save_pilot
+from proxops.training.pilot.settings import PilotSettings, dimensions_of, origin_of
 from proxops.training.pilot.state_filter import MEMORY
 from proxops.training.pilot.tasks import (
     coarse_task,
@@ -96,9 +96,9 @@ def train_pilot(
 
     progress(_STAGES["packing"], "choosing frames")
     frames, held_frames = (_frames(flights, part, settings) for part in _LEARNED_PARTS)
-    shape = shape_of(flights, frames, settings)
+    dimensions = dimensions_of(flights, frames, settings)
     with seeded(seed):
-        pilot = shape.make()
+        pilot = dimensions.make()
     motion = pilot.filter.motion
     train_part(coarse_task(pilot.coarse, frames, held_frames, settings.coarse, seed, identity))
     train_part(geometry_task(pilot.geometry, frames, held_frames, scaling, settings.geometry, seed,
@@ -124,7 +124,7 @@ def train_pilot(
     report = pilot_report(pilot, settings, trained, flights.logs_sha256)
     report |= {"position_errors": position_errors}
     report = write_report(pilot, flights, report, out)
-    save_pilot(out, shape, pilot, origin_of(flights, settings))
+    save_pilot(out, dimensions, pilot, origin_of(flights, settings))
     export_pilot(pilot, flights, report, out / "bundle", learned_from)
     progress(1.0, "done")
     return report

@@ -9,8 +9,8 @@ from typing import Any
 from proxops.systems.common import InputError
 from proxops.training.data import PackedFlights, body_length, keep_out_of
 from proxops.training.loop import Schedule
+from proxops.training.pilot.dimensions import PilotDimensions
 from proxops.training.pilot.examples import Hits, box_of
-from proxops.training.pilot.shape import PilotShape
 
 # The surface is learned in a box this many grid spacings beyond the returns.
 _BOX_MARGIN = 1.5
@@ -56,7 +56,7 @@ class PilotSettings:
             windows=32,
             width=64,
             coarse=dc.replace(self.coarse, epochs=20, batch=64),
-            geometry=dc.replace(self.geometry, epochs=12, batch=64),
+            geometry=dc.replace(self.geometry, batch=64),
             motion=dc.replace(self.motion, epochs=20, batch=256),
             filter=dc.replace(self.filter, epochs=6, batch=8),
             guidance=dc.replace(self.guidance, epochs=8, batch=256),
@@ -95,7 +95,7 @@ def settings_of(origin: dict[str, Any]) -> PilotSettings:
         raise InputError(f"the pilot does not say how it was trained: {error}") from error
 
 
-def shape_of(flights: PackedFlights, hits: Hits, settings: PilotSettings) -> PilotShape:
+def dimensions_of(flights: PackedFlights, hits: Hits, settings: PilotSettings) -> PilotDimensions:
     """The dimensions of a pilot for the lidar, spacecraft and body of the flights."""
     setting = flights.setting
     keep_out = keep_out_of(setting)
@@ -103,7 +103,7 @@ def shape_of(flights: PackedFlights, hits: Hits, settings: PilotSettings) -> Pil
     spacing = float((high - low).max()) / settings.cells
     low, high = low - _BOX_MARGIN * spacing, high + _BOX_MARGIN * spacing
     x, y, z = (_KEEP_OUT_SHARE * keep_out).tolist()
-    return PilotShape(
+    return PilotDimensions(
         planes=setting.planes,
         rays=setting.rays,
         hits=settings.hits,

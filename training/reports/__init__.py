@@ -2,9 +2,11 @@
 
 Start with `write_report`, which writes sections of text, tables and pictures as one HTML page and
 as Markdown. To add a report, write a function that returns such sections, beside the code that it
-reports on. `force_figures` compares forces with the expert's, and `plot_frames` draws lidar frames.
+reports on; `number_text` gives the figures of its tables. `force_figures` compares forces with the
+expert's, and `plot_frames` draws lidar frames.
 """
 
+from proxops.training.reports.figure_text import DASH, number_text
 from proxops.training.reports.force_errors import (
     HISTOGRAMS_CAPTION,
     force_figures,
@@ -28,6 +30,7 @@ from proxops.training.reports.report_writer import (
 )
 
 __all__ = [
+    "DASH",
     "HISTOGRAMS_CAPTION",
     "Block",
     "Link",
@@ -39,6 +42,7 @@ __all__ = [
     "force_figures",
     "markdown_page",
     "markdown_table",
+    "number_text",
     "picture",
     "plot_forces",
     "plot_frames",

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from proxops.training.reports.figure_text import number_text
 from proxops.training.reports.report_writer import Block, Picture, Section, Table, Text
 
 if typing.TYPE_CHECKING:
@@ -144,8 +145,8 @@ def _cells(figures: Figures) -> list[str]:
     return [
         str(figures["flights"]),
         str(figures["steps"]),
-        *("–" if number is None else f"{number:.3f}" for number in numbers),
-        *("–" if share is None else f"{100 * share:.1f}" for share in shares),
+        *(number_text(number, ".3f") for number in numbers),
+        *(number_text(share, ".1f", 100.0) for share in shares),
     ]
 
 

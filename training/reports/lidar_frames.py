@@ -12,18 +12,15 @@ if typing.TYPE_CHECKING:
 _INCHES_WIDE = 11.0
 
 
-def plot_frames(
-    positions: np.ndarray, frames: dict[str, np.ndarray], planes: int, reshaped: tuple[int, int]
-) -> Figure:
+def plot_frames(positions: np.ndarray, frames: dict[str, np.ndarray], planes: int) -> Figure:
     """Draws a row of pictures for each position, with a column for each source of frames.
 
-    Each frame is drawn twice: as planes by rays, and reshaped.
+    Each frame is drawn twice: as planes by rays, and filled ray by ray with all planes of each ray,
+    six rays to a row where their number allows it: the paper's 60 rows and 72 columns.
 
     Args:
       positions: (N, 3) in m in K.
       frames: by source, (N, R) in m, +inf where nothing returns.
-      reshaped: rows and columns of the second picture, which is filled ray by ray with all planes
-        of each ray; the paper's is (60, 72).
     """
     from matplotlib.figure import Figure  # It is slow to import, so only when it is needed.
 
@@ -39,7 +36,7 @@ def plot_frames(
         image = None
         for column, (name, source) in enumerate(frames.items()):
             whole = np.where(np.isfinite(source[k]), source[k] / 1e3, np.nan).reshape(planes, -1)
-            for row, picture in enumerate((whole, whole.T.reshape(reshaped))):
+            for row, picture in enumerate((whole, _reshaped(whole))):
                 axis = axes[row, column]
                 image = axis.imshow(picture, aspect="auto", vmin=low, vmax=high, cmap="viridis")
                 axis.set_facecolor("0.15")
@@ -51,3 +48,9 @@ def plot_frames(
         bar.set_label("range (km)", fontsize="x-small")
         bar.ax.tick_params(labelsize="xx-small")
     return figure
+
+
+def _reshaped(frame: np.ndarray) -> np.ndarray:
+    """A frame (planes, rays) with six rays of all planes in a row if possible."""
+    planes, rays = frame.shape
+    return frame.T.reshape((rays // 6, 6 * planes) if rays % 6 == 0 else (rays, planes))

@@ -1,4 +1,4 @@
-"""Plots of flight logs.
+"""Draws a flight: its path, and distance, speed, clearance and force over time.
 
 `plot_flight` makes a whole figure; the other functions draw on given axes. Lengths are in km, or
 in m for small bodies. The functions use plain matplotlib and need no display. To write a file, call
@@ -11,7 +11,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
-from matplotlib.image import AxesImage
 from matplotlib.lines import Line2D
 from matplotlib.patches import Ellipse
 
@@ -24,6 +23,7 @@ from proxops.diagrams.logs import (
 )
 from proxops.diagrams.plots._over_time import MINUTE, minutes_of
 from proxops.diagrams.plots.outlines import outline
+from proxops.diagrams.plots.units import length_unit
 from proxops.diagrams.scenario import Body, TrueBody, spin_axes
 from proxops.systems.gravity import AXES
 from proxops.systems.shapes import clearances
@@ -34,11 +34,6 @@ _GOAL = "#128a3a"
 _LIMIT = "#b03030"
 _LINE = "#33415c"
 MAP, BELIEVED_AXIS, TRUE_AXIS = "#0f6f9c", "#0f6f9c", "#c2186b"
-
-
-def length_unit(size: float) -> tuple[float, str]:
-    """Gives the unit for lengths up to about `size` (m), in m and by name: km from 5 km up."""
-    return (1e3, "km") if size >= 5e3 else (1.0, "m")
 
 
 def plot_flight(log: FlightLog) -> Figure:
@@ -177,27 +172,6 @@ def plot_force(ax: Axes, log: FlightLog, axis: str) -> None:
         ax.axhline(sign * limit, color=_LIMIT, linestyle="--", linewidth=1.0)
     ax.set_ylim(-1.15 * limit, 1.15 * limit)
     _over_time(ax, log, f"force along {axis} (N)")
-
-
-def plot_ranges(ax: Axes, frame: np.ndarray) -> AxesImage:
-    """Draws a lidar frame (planes, rays) in m as a picture; rays without a return stay blank."""
-    planes, rays = frame.shape
-    step = 360.0 / rays
-    finite = frame[np.isfinite(frame)]
-    length, unit = length_unit(float(finite.max(initial=0.0)))
-    ranges = np.ma.masked_invalid(frame / length)
-    image = ax.imshow(
-        ranges, aspect="auto", origin="lower", interpolation="nearest", cmap="viridis_r",
-        extent=(-step / 2.0, 360.0 - step / 2.0, -0.5, planes - 0.5),
-    )  # fmt: skip
-    ax.set_facecolor("#eeeeee")
-    ax.set_xlabel(f"angle in the plane (degrees), {rays} rays")
-    ax.set_ylabel("plane")
-    ax.set_xticks(np.arange(0, 361, 60))
-    figure = ax.get_figure()
-    if figure is not None and finite.size:
-        figure.colorbar(image, ax=ax, label=f"range ({unit})", fraction=0.05, pad=0.02)
-    return image
 
 
 def _unit(body: Body) -> tuple[float, str]:

@@ -1,0 +1,122 @@
+"""Checks that a file is a flight log: it may come from a stranger, or be damaged."""
+
+from __future__ import annotations
+
+import typing
+from pathlib import Path
+
+import h5py
+import numpy as np
+import xarray as xr
+
+from proxops.diagrams.logs.columns import (
+    COORDINATES,
+    FLAGS,
+    NAVIGATION_COLUMNS,
+    OUTCOMES,
+    RECORDS,
+    VARIABLES,
+)
+from proxops.systems.common import InputError, interruption_waits
+from proxops.systems.hybrid import FlownBy
+
+# A file without the needed variables is not a log. The optional ones may be missing: frames need
+# not be logged, the oldest logs have no reasons, and not every flight has kicks, a policy with an
+# estimate, a hybrid's decisions, runtime assurance, a navigation, or a world that differs from what
+# is believed.
+_OPTIONAL_VARIABLES = (
+    "ranges", "navigation_return_use", "solve_reason", "kick", "thrust", "mass", "attitude",
+    "estimate", *RECORDS["policy_record"], *RECORDS["decision_record"],
+    *RECORDS["intervention_record"], *RECORDS["assurance_record"], *NAVIGATION_COLUMNS,
+)  # fmt: skip
+_NEEDED_VARIABLES = ["time", *(name for name in VARIABLES if name not in _OPTIONAL_VARIABLES)]
+_NEEDED_VARIABLES += ["mesh_vertices", "mesh_facets"]
+_NEEDED_ATTRIBUTES = ["scenario", "body", "controller", "shape_sha256", "arrival_time_s"]
+_NEEDED_ATTRIBUTES += ["collided", "keep_out_violations", "wall_s", "scenario_sha256"]
+_TEXTS = ("scenario", "body", "controller", "shape_sha256", "scenario_sha256")
+_NUMBERS = (*OUTCOMES, "wall_s", "force_delay_s")
+# Variables that are finite in every row, and the greatest size of their values, in SI.
+_FINITE = ("time", "state", "target", "force")
+_LARGEST = 1e15
+# No flight fills so many bytes.
+_LARGEST_LOG = 2**34
+_SIZES = {name: len(labels) for name, labels in COORDINATES.items()}
+# Sizes of dimensions that not every log has.
+_SIZES_IF_THERE = {"quaternion": 4, "known": 9, "known_with": 9}
+
+
+def check_log_file(path: str | Path) -> None:
+    """Raises `InputError` unless a log holds all its data itself, in a size that fits a flight.
+
+    HDF5 can take data from any other file, and a few bytes of it can stand for an array of any
+    size.
+    """
+    try:
+        with interruption_waits(), h5py.File(path, "r") as file:
+            fault = _foreign_data(file)
+    except Exception as error:  # Damaged files raise errors of many types.
+        raise InputError(f"{path} is not a flight log: {error}") from error
+    if fault is not None:
+        raise InputError(f"{path} is not a flight log: {fault}")
+
+
+def _foreign_data(file: h5py.File) -> str | None:
+    """Says what a file takes from elsewhere, or that it stands for too much; None: neither."""
+    size = 0
+    for name in file:
+        if not isinstance(file.get(name, getlink=True), h5py.HardLink):
+            return f"{name} is a link"
+        entry = file[name]
+        if isinstance(entry, h5py.Dataset):
+            if entry.external or entry.is_virtual:
+                return f"{name} is in another file"
+            size += entry.nbytes
+    return f"it holds {size / 1e9:.0f} GB" if size > _LARGEST_LOG else None
+
+
+def missing_entries(data: xr.Dataset) -> list[str]:
+    """Lists the variables and attributes that every log has and this one has not."""
+    missing = [name for name in _NEEDED_VARIABLES if name not in data.variables]
+    return missing + [name for name in _NEEDED_ATTRIBUTES if name not in data.attrs]
+
+
+def wrong_entries(data: xr.Dataset) -> list[str]:
+    """Lists the variables and attributes whose types, dimensions or values no flight gives."""
+    schema = {"time": (), **{name: dimensions for name, (dimensions, _, _) in VARIABLES.items()}}
+    wrong = [
+        name
+        for name, dimensions in schema.items()
+        if name in data.variables
+        and (data[name].dims != ("time", *dimensions) or data[name].dtype.kind not in "fiub")
+    ]
+    wrong += [name for name, size in _SIZES.items() if data.sizes.get(name) != size]
+    wrong += [name for name, n in _SIZES_IF_THERE.items() if data.sizes.get(name, n) != n]
+    there = [name in data.variables for name in NAVIGATION_COLUMNS]
+    if any(there):
+        pairs = zip(NAVIGATION_COLUMNS, there, strict=True)
+        wrong += [name for name, found in pairs if not found]
+    wrong += [name for name in _TEXTS if not isinstance(data.attrs[name], str)]
+    numbers = [name for name in _NUMBERS if name in data.attrs]
+    wrong += [name for name in numbers if not isinstance(data.attrs[name], float | int | np.number)]
+    if wrong:
+        return wrong
+    wrong = [name for name in _FINITE if not (np.abs(data[name].values) <= _LARGEST).all()]
+    if "time" not in wrong and not (data.sizes["time"] and _increases(data["time"].values)):
+        wrong.append("time")
+    if not np.isin(data["decision"].values, list(FlownBy)).all():
+        wrong.append("decision")
+    for name, codes in FLAGS.items():
+        if name in data:
+            values = data[name].values
+            if not (np.isnan(values) | np.isin(values, list(codes))).all():
+                wrong.append(name)
+    wrong += [name for name in ("collided", "keep_out_violations") if not _counts(data.attrs[name])]
+    return wrong
+
+
+def _increases(values: np.ndarray) -> bool:
+    return bool((np.diff(values) > 0.0).all())
+
+
+def _counts(value: typing.Any) -> bool:
+    return bool(np.isfinite(value)) and value >= 0
