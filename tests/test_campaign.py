@@ -264,9 +264,9 @@ def test_processes_of_this_machine_or_a_scheduler() -> None:
 
 def test_scheduler_without_workers_is_told_of() -> None:
     pieces = flights(1)
-    with LocalCluster(n_workers=0, processes=False, dashboard_address=":0") as cluster:
-        address = str(cluster.scheduler_address)
-        work = Workers(scheduler=address).results(pieces, attrgetter("name"))
+    cluster = LocalCluster(n_workers=0, processes=False, dashboard_address=":0")
+    with cluster:
+        work = Workers(scheduler=cluster.scheduler_address).results(pieces, attrgetter("name"))
         with pytest.raises(UserWarning, match="has no workers yet"):
             next(work)
 

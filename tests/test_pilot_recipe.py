@@ -332,4 +332,4 @@ def test_rounds_that_are_added_end_as_if_asked_for_at_once(
         models = [(out / name / "bundle" / "model.onnx").read_bytes() for out in (added, fresh)]
         assert models[0] == models[1]
         pilots = [load_pilot(out / name)[1] for out in (added, fresh)]
-        assert same(*pilots, "")
+        assert same(pilots[0], pilots[1], "")
