@@ -21,7 +21,7 @@ from rich.progress import (
 )
 from rich.table import Table
 
-from proxops.diagrams.scenario import Scenario
+from proxops.diagrams.scenario import Scenario, given_keys
 from proxops.systems.common import InputError, Progress
 
 Processes = typing.Annotated[
@@ -71,8 +71,7 @@ def check_transits_drawn(scenario: Scenario, changes: list[str] | None) -> None:
             "the scenario gives a start and a goal, but this command draws its transits: leave out "
             "transit.start_m and transit.goal_m, or use proxops fly"
         )
-    for text in changes or []:
-        key = text.partition("=")[0].strip()
+    for key in given_keys(changes or []):
         if key in ("transit.seed", "transit.index"):
             raise InputError(f"--set {key}: this command flies transits 0, 1, … of its --seed")
 

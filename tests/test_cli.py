@@ -621,7 +621,8 @@ def test_a_value_that_dispersions_draw(run, tmp_path: Path, command: str) -> Non
 def test_transits_of_a_set_are_not_given(run, tmp_path: Path, command: str) -> None:
     ends = ["--set", "transit.start_m=[160e3, 0, 0]", "--set", "transit.goal_m=[160e3, 8e3, 0]"]
     refused(run(command, *ends, "--out", "out"), "draws its transits", "proxops fly")
-    refused(run(command, "--set", "transit.seed=3", "--out", "out"), "--set transit.seed")
+    for seed in ("transit.seed=3", "transit={seed: 3}"):
+        refused(run(command, "--set", seed, "--out", "out"), "--set transit.seed")
     assert entries(tmp_path) == set()
 
 

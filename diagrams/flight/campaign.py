@@ -76,7 +76,11 @@ def body_sha256(body: Body) -> str:
 
 def version_and_body(body: Body) -> str:
     """Gives the part of a provenance that all flights and plans have: version and body."""
-    return f"proxops {metadata.version('proxops')}, body {body_sha256(body)}"
+    return f"{_version()}, body {body_sha256(body)}"
+
+
+def _version() -> str:
+    return f"proxops {metadata.version('proxops')}"
 
 
 def provenance(scenario: Scenario, body: Body, controller: str) -> str:
@@ -257,7 +261,7 @@ def _fly_one(
 
 def _check_version(flight: Flight) -> None:
     """Raises `InputError` if this process, perhaps of a cluster, has another version of proxops."""
-    own = f"proxops {metadata.version('proxops')}"
+    own = _version()
     asked, _, _ = flight.provenance.partition(", ")
     if asked != own:
         raise InputError(f"a worker has {own}, but the campaign is of {asked}: install that there")

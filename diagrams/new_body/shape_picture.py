@@ -10,7 +10,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Ellipse
 
 from proxops.diagrams.new_body.shape_report import SLIVER_ANGLE, ShapeReport, spin_axis_error
-from proxops.diagrams.plots import length_unit
+from proxops.diagrams.plots import frame_plane, length_unit
 from proxops.systems.gravity import AXES
 
 _BODY = np.array([0.71, 0.68, 0.64])
@@ -83,12 +83,7 @@ def plot_view(ax: Axes, report: ShapeReport, plane: str = "xy") -> None:
         radius = synchronous / length
         ax.add_patch(Circle((0.0, 0.0), radius, fill=False, edgecolor=_SYNCHRONOUS, linestyle=":"))
         reach = max(reach, min(radius, 2.0 * reach))
-    ax.set_xlim(-1.05 * reach, 1.05 * reach)
-    ax.set_ylim(-1.05 * reach, 1.05 * reach)
-    ax.set_aspect("equal")
-    ax.set_xlabel(f"{plane[0]} ({unit})")
-    ax.set_ylabel(f"{plane[1]} ({unit})")
-    ax.grid(alpha=0.25)
+    frame_plane(ax, plane, unit, 1.05 * reach)
 
 
 def draw_hover_map(ax: Axes, report: ShapeReport) -> None:

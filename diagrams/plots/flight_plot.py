@@ -23,6 +23,7 @@ from proxops.diagrams.logs import (
 )
 from proxops.diagrams.plots._over_time import MINUTE, minutes_of
 from proxops.diagrams.plots.outlines import outline
+from proxops.diagrams.plots.plane_axes import frame_plane
 from proxops.diagrams.plots.units import length_unit
 from proxops.diagrams.scenario import Body, TrueBody, spin_axes
 from proxops.systems.gravity import AXES
@@ -77,12 +78,7 @@ def plot_path(ax: Axes, log: FlightLog, plane: str = "xy") -> None:
     ax.plot(goal[across], goal[up], "*", color=_GOAL, markersize=13, zorder=4)
     keep_out = log.body.keep_out_semi_axes.max() / length
     reach = max(np.abs(positions).max(), np.abs(goal).max(), keep_out)
-    ax.set_xlim(-1.08 * reach, 1.08 * reach)
-    ax.set_ylim(-1.08 * reach, 1.08 * reach)
-    ax.set_aspect("equal")
-    ax.set_xlabel(f"{plane[0]} ({unit})")
-    ax.set_ylabel(f"{plane[1]} ({unit})")
-    ax.grid(alpha=0.25)
+    frame_plane(ax, plane, unit, 1.08 * reach)
 
 
 def draw_body(ax: Axes, body: Body, plane: str = "xy", true_body: TrueBody | None = None) -> None:

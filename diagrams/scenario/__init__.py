@@ -71,7 +71,13 @@ from proxops.diagrams.scenario.truth_config import (
     TrueThrustersConfig,
     TruthConfig,
 )
-from proxops.diagrams.scenario.typed_yaml import is_yaml_path, load_typed, parse_mapping
+from proxops.diagrams.scenario.typed_yaml import (
+    dotted_leaves,
+    given_keys,
+    is_yaml_path,
+    load_typed,
+    parse_mapping,
+)
 from proxops.diagrams.scenario.world_differences import differing_values, spin_axes
 
 __all__ = [
@@ -115,11 +121,13 @@ __all__ = [
     "described_bounds",
     "differing_values",
     "dispersed_values",
+    "dotted_leaves",
     "draw_transit",
     "draw_world",
     "dump_scenario",
     "expected_errors",
     "far_out_world",
+    "given_keys",
     "hover_force",
     "is_blocked",
     "is_yaml_path",

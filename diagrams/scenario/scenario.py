@@ -17,6 +17,7 @@ from proxops.diagrams.scenario.scenario_config import Scenario
 from proxops.diagrams.scenario.truth_config import TruthConfig
 from proxops.diagrams.scenario.typed_yaml import (
     apply_overrides,
+    given_keys,
     load_typed,
     overrides_of,
     parse_mapping,
@@ -120,25 +121,17 @@ def _check_not_drawn(
     scenario: Scenario, changes: typing.Sequence[str] | typing.Mapping[str, typing.Any]
 ) -> None:
     """Raises `InputError` if a changed value would be replaced by one that dispersions draw."""
-    leaves = (key for pair in overrides_of(changes).items() for key in _leaves(*pair))
-    given = [key for key in leaves if why_not_dispersed(key) is None]
-    if scenario.dispersions is None or not given:
+    if scenario.dispersions is None:
         return
+    given = [key for key in given_keys(changes) if why_not_dispersed(key) is None]
+    if not given:
+        return  # So the dispersions need not be there yet.
     for each in loaded_dispersions(scenario.dispersions):
         if each.key in given and each.times != "value":
             raise InputError(
                 f"{each.key} is given, but dispersions {scenario.dispersions} draw it for each "
                 "flight: leave out one of them, or fly dispersions of your own with your value"
             )
-
-
-def _leaves(key: str, value: typing.Any) -> typing.Iterator[str]:
-    """Gives the dotted keys of the plain values in a value of nested dicts."""
-    if not isinstance(value, dict):
-        yield key
-        return
-    for name, inner in value.items():
-        yield from _leaves(f"{key}.{name}", inner)
 
 
 def _change(

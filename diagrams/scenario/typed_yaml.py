@@ -98,6 +98,22 @@ def overrides_of(
     return dict(_split_override(text) for text in texts)
 
 
+def dotted_leaves(
+    tree: typing.Mapping[str, typing.Any], prefix: str = ""
+) -> typing.Iterator[tuple[str, typing.Any]]:
+    """Yields the dotted keys of all values of nested mappings, with the values."""
+    for key, value in tree.items():
+        if isinstance(value, dict) and value:
+            yield from dotted_leaves(value, f"{prefix}{key}.")
+        else:
+            yield prefix + key, value
+
+
+def given_keys(overrides: typing.Sequence[str] | typing.Mapping[str, typing.Any]) -> list[str]:
+    """Lists the dotted keys of the values that overrides give, those in nested mappings too."""
+    return [key for key, _ in dotted_leaves(overrides_of(overrides))]
+
+
 def _split_override(text: str) -> tuple[str, typing.Any]:
     key, equals, value = text.partition("=")
     if not equals or not key.strip():

@@ -6,7 +6,7 @@ import dataclasses as dc
 import hashlib
 import json
 import typing
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from proxops import assets
@@ -15,6 +15,7 @@ from proxops.diagrams.scenario import (
     Scenario,
     change_scenario,
     check_flyable,
+    dotted_leaves,
     draw_world,
     dump_scenario,
     load_body,
@@ -111,7 +112,7 @@ def draw_track(name: str, scenario: Scenario, seed: int, count: int) -> Track:
         world = draw_world(own, body)
         check_flyable(make_true_body(body, world.truth), ends, world)
         worlds.append(dump_scenario(with_ends(world, ends.start, ends.goal)))
-    first, *_ = trees = [dict(_leaves(parse_mapping(world, name))) for world in worlds]
+    first, *_ = trees = [dict(dotted_leaves(parse_mapping(world, name))) for world in worlds]
     changes = [{key: tree[key] for key in tree if tree[key] != first[key]} for tree in trees]
     return Track(name, worlds[0], body_sha256(body), changes, [])
 
@@ -168,12 +169,3 @@ def _text(track: Track) -> str:
 
 def _rows(changes: Sequence[Mapping[str, typing.Any]]) -> str:
     return "[\n" + ",\n".join(json.dumps(change) for change in changes) + "\n]"
-
-
-def _leaves(tree: Mapping[str, typing.Any], prefix: str = "") -> Iterator[tuple[str, typing.Any]]:
-    """Yields the dotted keys of all values of nested mappings, with the values."""
-    for key, value in tree.items():
-        if isinstance(value, dict) and value:
-            yield from _leaves(value, f"{prefix}{key}.")
-        else:
-            yield prefix + key, value

@@ -5,6 +5,7 @@ batches, schedule) and continues after a kill behind the last complete epoch. A 
 new task, not a new loop. The batches come from `TensorBatches` or `WindowBatches`.
 """
 
+from proxops.training.loop.checkpoints import write_tensors
 from proxops.training.loop.losses import force_loss
 from proxops.training.loop.random_weights import seeded
 from proxops.training.loop.tensor_batches import TensorBatches
@@ -24,4 +25,5 @@ __all__ = [
     "frame_batches",
     "seeded",
     "train",
+    "write_tensors",
 ]

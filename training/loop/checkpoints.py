@@ -20,6 +20,15 @@ def save_checkpoint(path: Path, identity: str, state: dict[str, Any]) -> None:
     The file is replaced only when the new one is complete.
     """
     content = {"proxops": metadata.version("proxops"), "identity": identity, **state}
+    write_tensors(path, content)
+
+
+def write_tensors(path: Path, content: dict[str, Any]) -> None:
+    """Writes tensors and plain values as PyTorch does; the file is complete or not there.
+
+    Raises:
+      InputError: see `write_whole`.
+    """
     # PyTorch would report a full disk as an error of its own.
     memory = io.BytesIO()
     torch.save(content, memory)

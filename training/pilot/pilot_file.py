@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from proxops.systems.common import InputError, file_sha256, write_whole
+from proxops.systems.common import InputError, file_sha256
+from proxops.training.loop import write_tensors
 from proxops.training.pilot.dimensions import PilotDimensions
 from proxops.training.pilot.network import Pilot
 
@@ -22,7 +23,7 @@ _GREATEST_SIZE = 2**16
 def save_pilot(folder: Path, dimensions: PilotDimensions, pilot: Pilot, origin: dict) -> None:
     """Writes a pilot, its dimensions and origin to `folder`; the file is complete or not there."""
     content = {_DIMENSIONS: dc.asdict(dimensions), "weights": pilot.state_dict(), "origin": origin}
-    write_whole(folder / PILOT_FILE, lambda name: torch.save(content, name))
+    write_tensors(folder / PILOT_FILE, content)
 
 
 def load_pilot(folder: Path) -> tuple[PilotDimensions, Pilot, dict]:
