@@ -6,7 +6,8 @@ FLIGHT ?= out/flight
 REPRODUCTION ?= out/reproduction
 
 bin := .venv/bin
-pip_install := $(bin)/python -m pip install --quiet --constraint constraints.txt
+# Python compiles what is imported; to compile all that is installed takes a minute.
+pip_install := $(bin)/python -m pip install --quiet --no-compile --constraint constraints.txt
 # The folders that hold an `__init__.py` are the subpackages of proxops.
 folders := $(patsubst %/__init__.py,%,$(wildcard */__init__.py))
 

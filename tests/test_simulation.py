@@ -1,8 +1,5 @@
 """Flights obey physics: the log's motion, events and outcomes are each computed a second way."""
 
-import os
-import subprocess
-import sys
 from itertools import pairwise
 
 import numpy as np
@@ -190,27 +187,6 @@ def test_another_noise_seed_changes_the_sensor_and_the_push_alone() -> None:
     scenario.noise_seed = 1
     other = fly(scenario, body=kleopatra())
     assert differences(one, other) == ["ranges"]
-
-
-@pytest.mark.slow
-def test_first_flight_on_a_machine_repeats_bit_for_bit(tmp_path) -> None:
-    """Compiled in this process or loaded from numba's cache: the same numbers."""
-    program = (
-        "import sys\n"
-        "from short_flights import BRIEF, fly, short_scenario\n"
-        "fly(short_scenario(**BRIEF)).to_netcdf(sys.argv[1])\n"
-    )
-    environment = {
-        **os.environ,
-        "NUMBA_CACHE_DIR": str(tmp_path / "numba"),
-        "PYTHONPATH": os.pathsep.join(filter(None, sys.path)),
-    }
-    logs = []
-    for name in ("compiled.nc", "cached.nc"):
-        command = [sys.executable, "-c", program, str(tmp_path / name)]
-        subprocess.run(command, env=environment, check=True, timeout=120)
-        logs.append(FlightLog.load(tmp_path / name))
-    assert differences(*logs) == []
 
 
 # --- events ---------------------------------------------------------------------------------------

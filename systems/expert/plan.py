@@ -122,7 +122,9 @@ def _of_intervals(times, knots, values):
     found = np.empty((times.size, values.shape[1]))
     for m in range(times.size):
         at = np.searchsorted(knots, times[m], side="right") - 1
-        found[m] = values[min(max(at, 0), values.shape[0] - 1)]
+        at = min(max(at, 0), values.shape[0] - 1)
+        for k in range(values.shape[1]):  # A slice takes numba seconds to compile.
+            found[m, k] = values[at, k]
     return found
 
 

@@ -116,7 +116,8 @@ def _owners(neighbours, facets):
     """
     size = len(neighbours)
     joins = np.empty((size + facets // 2, 2), dtype=np.int64)
-    joins[:size] = neighbours
+    for k in range(size):  # A slice takes numba seconds to compile.
+        joins[k, 0], joins[k, 1] = neighbours[k, 0], neighbours[k, 1]
     for k in range(facets // 2):
         joins[size + k, 0], joins[size + k, 1] = 2 * k, 2 * k + 1
     at, filled = np.empty((facets, 4), dtype=np.int64), np.zeros(facets, dtype=np.int64)

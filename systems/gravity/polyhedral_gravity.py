@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+
 import numpy as np
 from pydrake.autodiffutils import AutoDiffXd, ExtractGradient, ExtractValue, InitializeAutoDiff
 from pydrake.systems.framework import LeafSystem_
@@ -36,7 +38,7 @@ def _with_derivatives(value: np.ndarray, jacobian: np.ndarray, position: np.ndar
     return InitializeAutoDiff(value.reshape(-1, 1), jacobian @ derivatives).ravel()
 
 
-@TemplateSystem.define("PolyhedralGravity_")
+@TemplateSystem.define("PolyhedralGravity_", scope=sys.modules[__name__])
 def PolyhedralGravity_(T):  # noqa: N802 (Drake's own naming of templates)
     """`PolyhedralGravity` for the scalar type T, float or AutoDiffXd."""
 

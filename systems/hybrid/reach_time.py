@@ -148,17 +148,17 @@ def _steps_out_of_reach(
     state, semi_axes, spin, acceleration, weakest, heights, pulls, step, longest, position_error,
     velocity_error, stopping,
 ):  # fmt: skip
-    position = state[:3].copy()
-    velocity = state[3:].copy()  # In the frame that does not turn.
-    velocity[0] -= spin * position[1]
-    velocity[1] += spin * position[0]
+    position = state[:3]
+    # In the frame that does not turn.
+    vx, vy, vz = state[3] - spin * state[1], state[4] + spin * state[0], state[5]
     drift_error = velocity_error + abs(spin) * position_error
     # The greatest change of speed and of position by gravity so far.
     pulled_speed, pulled = 0.0, 0.0
     # Upper bounds of the speed in K and of the distance from the spin axis.
-    speed = np.sqrt(np.sum(state[3:] ** 2)) + velocity_error
-    radius = np.sqrt(position[0] ** 2 + position[1] ** 2) + position_error
-    thrust = np.sqrt(3.0) * acceleration
+    speed = math.sqrt(state[3] ** 2 + state[4] ** 2 + state[5] ** 2) + velocity_error
+    radius = math.sqrt(state[0] ** 2 + state[1] ** 2) + position_error
+    thrust = math.sqrt(3.0) * acceleration
+    centre = np.empty(3)
     # Over a step the bounds of speed and radius depend on each other; this factor solves for both.
     slack = 1.0 - (spin * step) ** 2
     if not slack > 0.0:
@@ -180,11 +180,10 @@ def _steps_out_of_reach(
         speed = (speed + gained) / slack
         radius += step * speed
         time = (k + 1) * step
-        cos, sin = np.cos(spin * time), np.sin(spin * time)
-        moved = position + time * velocity
-        centre = np.array(
-            [cos * moved[0] + sin * moved[1], cos * moved[1] - sin * moved[0], moved[2]]
-        )
+        cos, sin = math.cos(spin * time), math.sin(spin * time)
+        x, y = position[0] + time * vx, position[1] + time * vy
+        centre[0], centre[1] = cos * x + sin * y, cos * y - sin * x
+        centre[2] = position[2] + time * vz
         normal = _normal(centre, semi_axes)
         box = acceleration * _greatest_box_support(normal, spin * time)
         after = _gap(centre, semi_axes, normal, 0.5 * box * time**2 + pulled)
@@ -192,18 +191,14 @@ def _steps_out_of_reach(
         if not 0.5 * (before + after - step * speed) > 0.0:
             return k
         if stopping:
-            drift = np.array(
-                [
-                    cos * velocity[0] + sin * velocity[1] + spin * centre[1],
-                    cos * velocity[1] - sin * velocity[0] - spin * centre[0],
-                    velocity[2],
-                ]
-            )
-            inward = box * time + pulled_speed + drift_error - np.sum(normal * drift)
+            ahead = cos * vx + sin * vy + spin * centre[1]
+            aside = cos * vy - sin * vx - spin * centre[0]
+            drift = normal[0] * ahead + normal[1] * aside + normal[2] * vz
+            inward = box * time + pulled_speed + drift_error - drift
             # The terms of the rotating frame: centrifugal, and Coriolis -2 w x v.
-            outward = weakest * np.sum(np.abs(normal)) - pull
+            outward = weakest * (abs(normal[0]) + abs(normal[1]) + abs(normal[2])) - pull
             outward += spin**2 * (normal[0] * centre[0] + normal[1] * centre[1])
-            outward += 2.0 * spin * (normal[0] * drift[1] - normal[1] * drift[0])
+            outward += 2.0 * spin * (normal[0] * aside - normal[1] * ahead)
             if inward > 0.0 and not inward**2 < 2.0 * outward * after:
                 return k
         before = after
@@ -213,22 +208,36 @@ def _steps_out_of_reach(
 @numba.njit(cache=True, error_model="numpy")
 def _normal(point, semi_axes):
     """The ellipsoid's unit normal below an outside point; for an inside point, its direction."""
-    if not np.sum((point / semi_axes) ** 2) > 1.0:
-        return point / np.sqrt(np.sum(point**2))
-    normal = closest_point(semi_axes, point) / semi_axes**2
-    return normal / np.sqrt(np.sum(normal**2))
+    # By loops, here and below: whole arrays take numba seconds to compile.
+    level = square = 0.0
+    for i in range(3):
+        level += (point[i] / semi_axes[i]) ** 2
+    outside = level > 1.0
+    normal = closest_point(semi_axes, point) if outside else point.copy()
+    for i in range(3):
+        if outside:
+            normal[i] /= semi_axes[i] ** 2
+        square += normal[i] ** 2
+    size = math.sqrt(square)
+    for i in range(3):
+        normal[i] /= size
+    return normal
 
 
 @numba.njit(cache=True, error_model="numpy")
 def _gap(centre, semi_axes, normal, moved):
     """A lower bound of the distance to the ellipsoid from points within `moved` of `centre`."""
-    return np.sum(normal * centre) - np.sqrt(np.sum((semi_axes * normal) ** 2)) - moved
+    along = square = 0.0
+    for i in range(3):
+        along += normal[i] * centre[i]
+        square += (semi_axes[i] * normal[i]) ** 2
+    return along - math.sqrt(square) - moved
 
 
 @numba.njit(cache=True, error_model="numpy")
 def _greatest_box_support(normal, turned):
     """The greatest |n|_1 while n turns about z by up to `turned`, in rad, in either direction."""
-    across = np.sqrt(normal[0] ** 2 + normal[1] ** 2)
+    across = math.sqrt(normal[0] ** 2 + normal[1] ** 2)
     # |cos| + |sin| has a period of a quarter turn and is greatest in the middle of it.
     quarter = 0.5 * np.pi
     first = np.arctan2(normal[1], normal[0])

@@ -42,7 +42,8 @@ def _length(x, y, z):
 @_exact
 def _features(given, bends, row):
     """Fills ``row`` (59,) with the inputs and with what is computed from them."""
-    row[:22] = given
+    for k in range(22):  # A slice takes numba seconds to compile.
+        row[k] = given[k]
     p, v, axes = given[0:3], given[3:6], given[15:18]
     e, here, way, closest = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     for k in range(3):

@@ -18,35 +18,38 @@ def closest_point(semi_axes, point):
     ellipsoid, on the planes of symmetry, that form degenerates: there the coordinate along the
     shortest axis is moved off the plane by a rounding error.
     """
-    shortest = 0  # By a loop, as below: np.argmin and np.where take numba seconds to compile.
+    shortest = 0  # By loops, here and below: whole arrays take numba seconds to compile.
     for i in range(3):
         if semi_axes[i] < semi_axes[shortest]:
             shortest = i
     scale = semi_axes[shortest]
-    y = np.abs(point)
-    if y[shortest] < 1e-14 * scale:
-        y[shortest] = 1e-14 * scale
-    z = y / semi_axes
-    ratio = (semi_axes / scale) ** 2
-    # The pole of the shortest axis is the greatest. s is measured from there, so that it keeps its
-    # digits close to the pole.
-    beyond = (semi_axes - scale) * (semi_axes + scale) / scale**2
-    # g(s) = sum (ratio z / (s + beyond))^2 - 1 changes sign in [low, high].
-    low = z[shortest]
-    high = np.sqrt(np.sum((ratio * z) ** 2))
-    if high < low:
-        high = low
+    y, scaled, beyond, nearest = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    for i in range(3):
+        axis = semi_axes[i]
+        y[i] = abs(point[i])
+        if i == shortest and y[i] < 1e-14 * scale:
+            y[i] = 1e-14 * scale
+        scaled[i] = (axis / scale) ** 2 * (y[i] / axis)
+        # The pole of the shortest axis is the greatest. s is measured from there, so that it keeps
+        # its digits close to the pole.
+        beyond[i] = (axis - scale) * (axis + scale) / scale**2
+    # g(s) = sum (scaled / (s + beyond))^2 - 1 changes sign in [low, high].
+    low = y[shortest] / scale
+    high = max(math.sqrt(scaled[0] ** 2 + scaled[1] ** 2 + scaled[2] ** 2), low)
     s = low
     for _ in range(200):
         s = 0.5 * (low + high)
         if s in (low, high):
             break
-        if np.sum((ratio * z / (s + beyond)) ** 2) > 1.0:
+        total = 0.0
+        for i in range(3):
+            total += (scaled[i] / (s + beyond[i])) ** 2
+        if total > 1.0:
             low = s
         else:
             high = s
-    nearest = ratio * y / (s + beyond)
     for i in range(3):
+        nearest[i] = (semi_axes[i] / scale) ** 2 * y[i] / (s + beyond[i])
         if point[i] < 0.0:
             nearest[i] = -nearest[i]
     return nearest
@@ -56,11 +59,13 @@ def closest_point(semi_axes, point):
 def clearances(semi_axes, points):
     """Signed Euclidean distances (N,) of points (N, 3) to the surface, negative inside."""
     out = np.empty(len(points))
-    for i in range(len(points)):
-        away = points[i] - closest_point(semi_axes, points[i])
-        inside = np.sum((points[i] / semi_axes) ** 2) < 1.0
-        distance = np.sqrt(np.sum(away**2))
-        out[i] = -distance if inside else distance
+    for k in range(len(points)):
+        nearest = closest_point(semi_axes, points[k])
+        away = level = 0.0
+        for i in range(3):
+            away += (points[k, i] - nearest[i]) ** 2
+            level += (points[k, i] / semi_axes[i]) ** 2
+        out[k] = -math.sqrt(away) if level < 1.0 else math.sqrt(away)
     return out
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 
 import numpy as np
@@ -143,7 +144,7 @@ def _mass_left(first: float, mass):
     return mass
 
 
-@TemplateSystem.define("Spacecraft_")
+@TemplateSystem.define("Spacecraft_", scope=sys.modules[__name__])
 def Spacecraft_(T):  # noqa: N802 (Drake's own naming of templates)
     """`Spacecraft` for the scalar type T, float or AutoDiffXd."""
 
