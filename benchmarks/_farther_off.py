@@ -11,7 +11,10 @@ _NO_ERRORS = ("seed", "correlation", "latency", "mesh", "specific_impulse", "fai
 
 
 def farther_off(scenario: Scenario, body: Body, times: float) -> Scenario:
-    """A `World`: every error of the truth is `times` as large, and nobody on board is told."""
+    """A `World`: every error of the truth is `times` as large, and nobody on board is told.
+
+    The specific impulse stays: its error is the propellant that the believed mass leaves out.
+    """
     drawn, usual = dc.asdict(scenario.truth), dc.asdict(Scenario().truth)
     return change_scenario(scenario, {"truth": _scaled(drawn, usual, times)})
 

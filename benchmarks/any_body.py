@@ -56,6 +56,8 @@ HEADINGS = (
 def figures(rows: Sequence[Row], expert: Sequence[Row], sizes: Sequence[float]) -> list[str]:
     """One line of the table; `sizes` are the longest semi-axes in m of the rows' bodies."""
     flown = [row for row in rows if "unflyable" not in row]
+    if not flown:
+        return ["0/0", *["–"] * (len(HEADINGS) - 1)]
     broken = sum(row["keep_out_violations"] > 0 or row["collided"] for row in flown)
     won = sum(row["success"] for row in flown)
     room = min(

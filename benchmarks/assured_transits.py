@@ -3,9 +3,9 @@
 The MPC, the policy and the hybrid fly the same transits on navigation, in worlds that are drawn
 from dispersions: without assurance; with it, told these dispersions as its bounds; and, with
 `--twice`, with it in worlds that are twice as far off, of which neither assurance nor navigation is
-told. Δv is over that of the same controller without assurance, on the transits in which both
-succeed. Flights are kept in the folder of `--out`: run the command again to finish what was
-interrupted, or to add transits.
+told. Δv is over that of the same controller without assurance in the worlds as drawn, on the
+transits in which both succeed. Flights are kept in the folder of `--out`: run the command again to
+finish what was interrupted, or to add transits.
 
     python benchmarks/assured_transits.py [--controllers mpc policy hybrid]
         [--dispersions after_survey] [--twice] [--transits 20] [--seed 62] [--workers N]
@@ -35,6 +35,8 @@ HEADINGS = (
 def figures(rows: Sequence[Row], without: Sequence[Row]) -> list[str]:
     """One line of the table."""
     flown = [row for row in rows if "unflyable" not in row]
+    if not flown:
+        return ["0/0", *["–"] * (len(HEADINGS) - 1)]
     changes = [row.get("interventions") for row in flown]
     kept_out = sum(row.get("interventions_keep_out") or 0 for row in flown)
     pairs = delta_v_pairs(rows, without)

@@ -3,8 +3,8 @@
 A controller flies the same transits in the same worlds again and again; each time every error of
 the truth is larger by another factor. Navigation and runtime assurance are told the dispersions as
 they are declared, whatever the factor. What is measured before a flight (the spacecraft's mass, the
-size of the lidar's noise) stays as drawn. Flights are kept in the folder of `--out`: run the
-command again to finish what was interrupted, or to add transits.
+size of the lidar's noise) stays as drawn, and so does the specific impulse. Flights are kept in the
+folder of `--out`: run the command again to finish what was interrupted, or to add transits.
 
     python benchmarks/error_scale.py [--controller hybrid] [--dispersions after_survey]
         [--unassured] [--scales 1 2 3 4 6] [--transits 60] [--seed 24700] [--workers N]
@@ -28,19 +28,22 @@ from proxops.studies.evaluation import Variant, delta_v_pairs, exact_interval
 
 HEADINGS = (
     "success", "exact 95 % interval", "flights that entered", "least clearance (km)",
-    "end error, median (m)", "99th percentile", "Δv over that at 1 ×",
-    "steps within 3σ of the navigation (%)", "flights changed to keep out",
+    "end error, median (m)", "greatest", "Δv over that at 1 × (both arrive)",
+    "within 3σ of the navigation (%)", "flights changed to keep out",
 )  # fmt: skip
 
 
 def figures(rows: Sequence[Row], declared: Sequence[Row]) -> list[str]:
     """One line of the table; `declared` are the flights with errors as declared."""
     flown = [row for row in rows if "unflyable" not in row]
+    if not flown:
+        return ["0 of 0", *["–"] * (len(HEADINGS) - 1)]
     successes = sum(row["success"] for row in flown)
     low, high = exact_interval(successes, len(flown))
     ends = [row["terminal_position_error_m"] for row in flown]
     pairs = delta_v_pairs(rows, declared)
-    # In a flight that never had a state, the navigation is right nowhere.
+    # Of a flight, the share of steps of the worst component; the mean is over flights. In a flight
+    # that never had a state, the navigation is right nowhere.
     within = np.mean([row.get("navigation_consistent", 0.0) for row in flown])
     changed = [row.get("interventions_keep_out") for row in flown]
     return [
@@ -49,7 +52,7 @@ def figures(rows: Sequence[Row], declared: Sequence[Row]) -> list[str]:
         str(sum(row["keep_out_violations"] > 0 for row in flown)),
         f"{min(row['min_clearance_m'] for row in flown) / 1e3:.2f}",
         f"{np.median(ends):.0f}",
-        f"{np.percentile(ends, 99.0):,.0f}",
+        f"{np.max(ends):,.0f}",
         f"{pairs[:, 0].sum() / pairs[:, 1].sum():.3f}" if len(pairs) else "–",
         f"{100.0 * within:.1f}",
         "–" if changed[0] is None else str(sum(count > 0 for count in changed)),

@@ -48,7 +48,8 @@ VARIANTS: dict[str, dict] = {
 }
 HEADINGS = (
     "success", "end error, median (m)", "greatest (m)", "end speed, greatest (m/s)",
-    "Δv, median (m/s)", "Δv over matched", "arrival, median (s)", "keep-out violations",
+    "Δv, median (m/s)", "Δv over matched, median", "arrival, median (s)",
+    "keep-out violations",
     "collisions", "least clearance (km)", "steps below 3 % of the thrust (%)",
 )  # fmt: skip
 

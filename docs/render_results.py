@@ -36,7 +36,7 @@ from proxops.studies.beyond import BODIES, PAPER_RECIPE, all_campaigns, campaign
 from proxops.studies.evaluation import exact_interval
 from proxops.studies.scoring import ScoreRow, load_row, load_track, row_table
 from proxops.systems.common import write_json, write_whole
-from proxops.training.reports import DASH, number_text
+from proxops.training.reports import DASH, interval_text, number_text
 
 ROOT = Path(__file__).parents[1]
 RESULTS = ROOT / "docs" / "results.json"
@@ -191,8 +191,7 @@ def _of(who: str, campaigns: Campaigns) -> list[Mapping[str, Any]]:
 
 def _interval(*flown: Mapping[str, Any]) -> str:
     """The exact interval of 95 % of the probability of success."""
-    low, high = exact_interval(*_counts(*flown))
-    return f"{100 * low:.1f} to {100 * high:.1f} %"
+    return interval_text(exact_interval(*_counts(*flown)), " to ")
 
 
 def _digits(figures: Mapping[str, Any], name: str, digits: int, scale: float = 1.0) -> str:
@@ -264,6 +263,14 @@ def _drivers(campaign: Campaign) -> str:
     )
 
 
+def _percentile(figures: Mapping[str, Any]) -> list[str]:
+    """The 99th percentile of delta-v and its bound; from too few flights for a bound, neither."""
+    names = "delta_v_99_m_s", "delta_v_99_m_s_bound"
+    if figures.get(names[1]) is None:
+        return [DASH, DASH]
+    return [_digits(figures, name, 4) for name in names]
+
+
 def _controllers(campaign: Campaign) -> str:
     """The controllers of one campaign, a line each."""
     lines = [
@@ -277,8 +284,8 @@ def _controllers(campaign: Campaign) -> str:
             _digits(found, "terminal_position_error_m_median", 3),
             _digits(found, "terminal_position_error_m_max", 3),
             _digits(found, "delta_v_m_s_median", 4),
-            _digits(found, "delta_v_99_m_s", 4),
-            _digits(found, "delta_v_99_m_s_bound", 4),
+            _digits(found, "delta_v_m_s_max", 4),
+            *_percentile(found),
             number_text(found.get("expert_delta_v_ratio"), ".3f"),
             number_text(found.get("policy_share"), ".1f", 100.0),
         ]
@@ -287,12 +294,13 @@ def _controllers(campaign: Campaign) -> str:
     head = [
         "", "success", "exact 95 % interval", "shown with 90 % confidence (%)", "entries",
         "least clearance (km)", "end error, median (m)", "greatest", "Δv, median (m/s)",
-        "Δv99 (m/s)", "at most (m/s)", "Δv / MPC's", "policy's share (%)",
+        "Δv, greatest (m/s)", "Δv99 (m/s)", "at most (m/s)", "Δv / MPC's", "policy's share (%)",
     ]  # fmt: skip
     command = (
         f"`{campaign['command']}` (seed {campaign['seed']}, taken at commit {campaign['commit']})"
     )
-    told = [_table(head, lines), *([_drivers(campaign)] if campaign["dispersions"] else [])]
+    ranked = any("drivers" in found for found in campaign["controllers"].values())
+    told = [_table(head, lines), *([_drivers(campaign)] if ranked else [])]
     return "\n\n".join([*told, f"Flown by {command}."])
 
 
@@ -340,6 +348,8 @@ def _missing(results: Mapping[str, Any], names: Sequence[str]) -> str:
     return f"Not flown with version {results['proxops_version']} yet: {commands}."
 
 
+# Flights at the other bodies led to choices: docs/method/pilot.md says which.
+_UNSEEN = ("at-20-6", "at-20-7", "at-20-8")
 # World, campaign and controller of each line that the front has.
 _HEADLINE = (
     ("after the survey of the body, drawn anew for each flight", "flagship", "hybrid, assured"),
@@ -366,8 +376,12 @@ def _headline(results: Mapping[str, Any]) -> str:
         flown = _of(who, _at_bodies(campaigns))
         if flown:
             world = f"as believed, {len(flown)} bodies that the policy never saw"
-            told = _successes(*flown), _interval(*flown), _entries(*flown)
-            lines.append([world, who, *told, ""])
+            # No interval: transits of one number are alike at all bodies.
+            lines.append([world, who, _successes(*flown), DASH, _entries(*flown), ""])
+    unseen = _of("policy", {name: each for name, each in campaigns.items() if name in _UNSEEN})
+    if unseen:
+        world = f"as believed, the {len(unseen)} of them at which no choice was made"
+        lines.append([world, "policy", _successes(*unseen), DASH, _entries(*unseen), ""])
     head = ["world", "controller", "success", "exact 95 % interval", "entries", "Δv / MPC's"]
     shown = [_table(head, lines)] if lines else []
     missing = [name for name in dict.fromkeys(each[1] for each in _HEADLINE)

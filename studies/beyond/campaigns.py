@@ -21,7 +21,7 @@ FLAGSHIP = "hybrid, assured"
 BODIES = tuple(f"20:{number}" for number in range(10))
 """Generated bodies, SEED:NUMBER, on which nothing was trained."""
 DISPERSED_BODIES = ("20:0", "20:1", "20:3")
-"""Those at which flights are dispersed, too."""
+"""Those at which flights are dispersed, too: three at which runtime assurance flies."""
 
 MAIN = "flagship"
 """Name of the campaign that says most: whole flights, dispersed, assured, nobody told anything."""

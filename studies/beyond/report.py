@@ -22,7 +22,7 @@ from proxops.studies.evaluation import (
     successes_text,
 )
 from proxops.studies.reproduction import Stage
-from proxops.training.reports import Block, Link, Section, Table, Text, number_text
+from proxops.training.reports import Block, Link, Section, Table, Text, interval_text, number_text
 
 Flown = Sequence[tuple[Campaign, Stage]]
 
@@ -137,12 +137,11 @@ def _holds(flown: Flown) -> Section:
     lines = []
     for each, stage in flown:
         for name, result in stage.result["results"].items():
-            low, high = result["success_rate_exact_interval"]
             lines.append(
                 [
                     f"{each.title}: {name}",
                     successes_text(result),
-                    f"{100 * low:.1f}–{100 * high:.1f} %",
+                    interval_text(result["success_rate_exact_interval"]),
                     str(result["keep_out_violations"]),
                     number_text(result.get("expert_delta_v_ratio"), ".3f"),
                     f"proxops reproduce {each.name}",

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from proxops.diagrams.logs import WIDE_ARRIVAL, length_text
 from proxops.diagrams.scenario import ArrivalConfig
 from proxops.studies.evaluation.evaluation import Row
-from proxops.training.reports import DASH, number_text
+from proxops.training.reports import DASH, interval_text, number_text
 
 Result = Mapping[str, typing.Any]
 Results = Mapping[str, Result]
@@ -69,11 +69,7 @@ def _number(key: str, form: str = ".1f", scale: float = 1.0) -> Callable[[Result
 
 
 def _interval(key: str) -> Callable[[Result], str]:
-    def tell(result: Result) -> str:
-        low, high = result[key]
-        return f"{100 * low:.1f}–{100 * high:.1f} %"
-
-    return tell
+    return lambda result: interval_text(result[key])
 
 
 def _unflyable(result: Result) -> str:

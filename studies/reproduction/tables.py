@@ -11,7 +11,7 @@ from proxops.diagrams.scenario import Scenario
 from proxops.studies.evaluation import EXPERT, successes_text, without_flights
 from proxops.studies.reproduction import flights, numbers
 from proxops.studies.reproduction.stages import Stage
-from proxops.training.reports import DASH, Table, number_text
+from proxops.training.reports import DASH, Table, interval_text, number_text
 
 Results = Mapping[str, Mapping[str, Any]]
 
@@ -40,12 +40,11 @@ def controller_table(results: Results) -> Table:
     """Makes the table of the controllers' flights, one line each."""
     lines = []
     for name, result in results.items():
-        low, high = result["success_rate_interval"]
         lines.append(
             [
                 name,
                 successes_text(result),
-                f"{100 * low:.1f}–{100 * high:.1f}",
+                interval_text(result["success_rate_exact_interval"]),
                 successes_text(result, wide=True),
                 str(result["collisions"]),
                 str(result["keep_out_violations"]),
@@ -57,8 +56,8 @@ def controller_table(results: Results) -> Table:
             ]
         )
     head = [
-        "", "success", "95 % (%)", "success, twice as wide", "collisions", "violations", "lost",
-        "least clearance", "end error, median (m)", "Δv, median (m/s)", "Δv / MPC's",
+        "", "success", "exact 95 % interval", "success, twice as wide", "collisions", "violations",
+        "lost", "least clearance", "end error, median (m)", "Δv, median (m/s)", "Δv / MPC's",
     ]  # fmt: skip
     return Table(head, lines)
 
@@ -205,10 +204,9 @@ def _success(results: Results, name: str) -> str:
     if name not in results:
         return _NOT_RUN
     result = results[name]
-    low, high = result["success_rate_interval"]
     crashed = result["collisions"]
     return (
-        f"{successes_text(result)} ({100 * low:.0f}–{100 * high:.0f} %), "
+        f"{successes_text(result)} ({interval_text(result['success_rate_exact_interval'])}), "
         f"{crashed} crash{'' if crashed == 1 else 'es'}"
     )
 

@@ -228,7 +228,12 @@ def _check_density(shape: Polyhedron, density: float) -> None:
 
 @functools.cache
 def _announce_compilation() -> None:
-    """Prints once that the first use on a machine takes a few seconds."""
+    """Prints once that the first use on a machine takes longer.
+
+    Gravity is the first of the kernels that a flight needs, and takes a sixth of their time.
+    """
     stats = kernel.evaluate_serial.stats
     if not stats.cache_hits and not list(Path(str(stats.cache_path)).glob("*evaluate_serial*.nbi")):
-        sys.stderr.write("proxops: compiling gravity for this machine (once, about 5 s)\n")
+        sys.stderr.write(
+            "proxops: compiling for this machine, once: a first flight takes a minute longer\n"
+        )

@@ -6,7 +6,7 @@ reports on; `number_text` gives the figures of its tables. `force_figures` compa
 expert's, and `plot_frames` draws lidar frames.
 """
 
-from proxops.training.reports.figure_text import DASH, number_text
+from proxops.training.reports.figure_text import DASH, interval_text, number_text
 from proxops.training.reports.force_errors import (
     HISTOGRAMS_CAPTION,
     force_figures,
@@ -40,6 +40,7 @@ __all__ = [
     "Table",
     "Text",
     "force_figures",
+    "interval_text",
     "markdown_page",
     "markdown_table",
     "number_text",
