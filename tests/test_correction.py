@@ -158,8 +158,19 @@ def test_false_returns_are_rejected(std: float) -> None:
     assert np.linalg.norm(off) < np.linalg.norm(before) + 30.0
 
 
-def test_one_false_return_close_to_the_gate() -> None:
-    """A return that is off by many times the noise, and by less than the prior's own error."""
+@pytest.mark.parametrize(("deviations", "rejected"), [(4.5, 0), (5.5, 1)])
+def test_the_gate_is_at_five_standard_deviations(deviations: float, rejected: int) -> None:
+    """All else is without noise, and the pose is known: the one residual has that of a range."""
+    ranges = frame(3, 0.0)
+    known = prior(1e-3, turn=1e-8)
+    clean = corrected(model(), known, ranges)
+    ranges[int(np.flatnonzero(ranges < np.inf)[40])] += deviations * NOISE
+    found = corrected(model(), known, ranges)
+    assert (clean.rejected, found.rejected) == (0, rejected)
+    assert found.used + rejected == clean.used
+
+
+def test_one_return_that_is_far_off() -> None:
     ranges = frame(3)
     straight = int(np.flatnonzero(ranges < np.inf)[40])
     clean = corrected(model(), prior(3.0), ranges)

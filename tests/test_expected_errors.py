@@ -180,7 +180,8 @@ def test_large_errors_of_attitude_add_up_within_limits(tmp_path: Path) -> None:
     )
     assert told(tmp_path, text).attitude == pytest.approx(math.radians(5.0))
     text = "truth.attitude.constant_deg: {normal: 0.0, three_sigma: 90.0}\n"
-    assert told(tmp_path, text).attitude == pytest.approx(math.radians(11.0))
+    with pytest.raises(InputError, match=r"attitude_deg of 30, and can expect at most 11"):
+        told(tmp_path, text)
 
 
 def test_thrust_has_the_mass_in_it(tmp_path: Path) -> None:

@@ -115,8 +115,12 @@ def errors_of_dispersions(spread: Spread, scenario: Scenario, body: Body) -> Exp
 
     Args:
       spread: of the dispersed values.
-      scenario: the scenario before the draw.
+      scenario: the scenario before the draw. A specific impulse that it gives is told, too, because
+        engines are known.
       body: the body as believed.
+
+    Raises:
+      InputError: errors are greater than the navigation can expect.
     """
     errors = _in_proportion(body)
     for name, (key, believed) in _KEYS.items():
@@ -196,7 +200,19 @@ def _shift(shape: Polyhedron, mass: float, contrast: float) -> float:
 
 
 def _within_limits(errors: ExpectedErrorsConfig) -> ExpectedErrorsConfig:
+    """Raises what is below its limit to it.
+
+    Raises:
+      InputError: a value is above its limit: with less, the navigation would be too sure of itself.
+    """
     for field in dc.fields(errors):
         low, high = limits_of(field) or (-math.inf, math.inf)
-        setattr(errors, field.name, min(max(getattr(errors, field.name), low), high))
+        value = getattr(errors, field.name)
+        if value > high:
+            raise InputError(
+                f"the navigation would have to expect {field.name} of {value:.4g}, and can expect "
+                f"at most {high:g}: narrow what the scenario or its dispersions spread, or fly with "
+                "navigation: !TrueState {}"
+            )
+        setattr(errors, field.name, max(value, low))
     return errors

@@ -52,6 +52,8 @@ class LidarNavigation(LeafSystem):
     are NaN where no frame was used. `return_use` has the `ReturnUse` of each ray.
 
     Outputs are computed when they are asked for, then cached. What it remembers is discrete state.
+    It holds no time: outputs are those of a frame only at a control step, at whole multiples of the
+    period. Between steps they predict as if a whole period had passed.
     """
 
     def __init__(
@@ -141,18 +143,21 @@ class LidarNavigation(LeafSystem):
         return {f"navigation_{name}": LoggedPort(port) for name, port in kept.items()}
 
     def estimate(self, context) -> Estimate | None:
-        """The whole estimate in a Context of this system, at its time; None: there is none."""
+        """The whole estimate in a Context of this system, at a control step; None: there is none."""
         return self._step.Eval(context).now
 
     def mended_map(self, context) -> MendedMap:
         """Makes the map with what was learned of its surface by the last step of a Context.
 
         Raises:
-          InputError: the navigation has no estimate, or the map is not one of its unknowns.
+          InputError: the navigation has no estimate or is lost, or the map is not one of its
+            unknowns.
         """
         memory = self._unpacked(context.get_discrete_state(self._memory).value())
         if memory.estimate is None:
             raise InputError("the map is not mended: the navigation never knew where it was")
+        if memory.phase == NavigationPhase.LOST:
+            raise InputError("the map is not mended: the navigation was lost in the end")
         return mended_map(self.model.shape, self.model.map_error, memory.estimate)
 
     def _calc_step(self, context, value):
