@@ -80,7 +80,12 @@ def random_body(seed: int, number: int) -> RandomBody:
     Args:
       seed: seed of the family, from 0 to 2^64 - 1.
       number: number of the body in it, in the same range.
+
+    Raises:
+      ValueError: one of them is not in the range.
     """
+    if not (0 <= seed < 2**64 and 0 <= number < 2**64):
+        raise ValueError(f"seed and number must be from 0 to 2^64 - 1, got {seed} and {number}")
     key = np.array([seed, number], dtype=np.uint64)
     random = np.random.Generator(np.random.Philox(key=key))
     kind = KINDS[int(random.choice(len(KINDS), p=_SHARES))]

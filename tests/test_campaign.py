@@ -112,9 +112,32 @@ def test_the_files_of_a_controller_are_part_of_it(
         made += transit_flights(brief(), "controller_with_files:make", 1, 1)
     assert made[0] == made[1]
     assert made[0].provenance != made[2].provenance
-    module.write_text("FILES = names()\n")
-    with pytest.raises(InputError, match=r"controller_with_files\.py: ValueError"):
-        transit_flights(brief(), "controller_with_files:make", 1, 1)
+    typed = "FILES: list[str] = ['net.pt', 'more.pt']\n"
+    for text, complaint in (
+        ("FILES = names()\n", r"controller_with_files\.py: ValueError"),
+        (typed, r"more\.pt, one of its FILES"),
+        ("FILES = 'net.pt'\n", "a list of texts"),
+        ("FILES = ['net.pt']\nFILES += ['more.pt']\n", "written out once"),
+    ):
+        module.write_text(text)
+        with pytest.raises(InputError, match=complaint):
+            transit_flights(brief(), "controller_with_files:make", 1, 1)
+
+
+def test_an_error_in_a_factory_names_the_user_s_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    lines = (
+        "import numpy as np",
+        "",
+        "",
+        "def make(scenario, body):",
+        "    np.linalg.inv(np.zeros(3))",
+    )
+    Path("failing_factory.py").write_text("\n".join(lines))
+    with pytest.raises(InputError, match=r"LinAlgError: .*\(failing_factory\.py, line 5\)"):
+        named_controller("failing_factory:make", brief(), kleopatra())
 
 
 def test_one_worker(tmp_path: Path, flown: list[str]) -> None:

@@ -69,6 +69,13 @@ YAML = {
     "Python name": ("body: !!python/name:os.system\n", "is not YAML"),
     "Python object": ("mpc: !!python/object:os.Popen {intervals: 3}\n", "cannot be"),
     "unknown tag": ("lidar: !Lidar2 {rays: 3}\n", "cannot be !Lidar2"),
+    "key twice": (
+        "mpc: {intervals: 3}\nbody: kleopatra\nmpc: {}\n",
+        "'mpc' twice, again in line 3",
+    ),
+    "key twice, deeper": ("transit:\n  seed: 1\n  cube_m: 3.4e5\n  seed: 2\n", "'seed' twice"),
+    "private key": ("_spacecraft: {mass_kg: 200.0}\n", "_spacecraft"),
+    "tag without a value": ("navigation: !TrueState\n", "!TrueState {}"),
     "depth": ("transit: {start_m: " + 600 * "[" + 600 * "]" + "}\n", "too deeply"),
     "long list": (f"body: [{3_000 * '1,'}]\n", "body needs a text"),
     "long text": (f"control_period_s: {10_000 * 'x'}\n", "control_period_s needs a number"),

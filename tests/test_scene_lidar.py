@@ -176,6 +176,7 @@ GROUND = {"Ground": Surface(np.eye(3), [[0, 1, 2]])}
     ("options", "message"),
     [
         ({"scene": {}}, "at least one surface"),
+        ({"scene": {"S": Surface(np.eye(3), [[0, 1, 2]])}}, "called S"),
         ({"directions": np.ones((4, 3))}, "unit vectors"),
         ({"directions": np.ones(3)}, "shape"),
         ({"max_range": 0.0}, "max_range"),

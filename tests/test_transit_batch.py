@@ -159,6 +159,11 @@ def test_what_it_leaves_out_is_refused(changes: dict) -> None:
         batch(changes=EXACT | changes)
 
 
+def test_what_means_nothing_by_itself_is_as_believed() -> None:
+    """The scenarios of `proxops shape` have it, in proportion to the body."""
+    batch(changes=EXACT | {"truth.surface_correlation_m": 30.0})
+
+
 # --- which paths need no closer look ------------------------------------------------------------
 
 

@@ -194,6 +194,21 @@ def test_wrong_ports_refused(controller: System, complaint: str) -> None:
     assert "controller 'mine'" in str(caught.value)
 
 
+def test_offers_that_cannot_be_are_refused() -> None:
+    late, talking = Scripted(), Scripted()
+    late.delay = -1.0
+    with pytest.raises(InputError, match="the controller needs delay"):
+        build(late)
+    talking.logged_ports = lambda: {"mine": talking.GetOutputPort("force")}
+    with pytest.raises(InputError, match="gives a LeafOutputPort for 'mine', not a LoggedPort"):
+        build(talking)
+
+
+def test_a_path_in_place_of_a_scenario_is_refused() -> None:
+    with pytest.raises(InputError, match="fly needs a Scenario as scenario, got a str"):
+        fly("visit.yaml", "mpc")  # pyright: ignore[reportArgumentType]
+
+
 @pytest.mark.parametrize("value", [np.nan, np.inf])
 def test_force_that_is_no_number_refused(value: float) -> None:
     """An integrator would look for a step that copes with it, for ever."""

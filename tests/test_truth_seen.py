@@ -179,6 +179,9 @@ def test_damaged_true_mesh_is_refused_as_the_log_is_read(
 def test_a_world_as_believed_differs_in_nothing() -> None:
     scenario = short_scenario(disturbance={}, lidar__noise_std_m=20.0)
     assert differing_values(scenario) == {}
+    assert differing_values(short_scenario(truth__surface_correlation_m=30.0)) == {}
+    rough = short_scenario(truth__surface_correlation_m=30.0, truth__surface_rms_m=2.0)
+    assert [*differing_values(rough)] == ["truth.surface_rms_m", "truth.surface_correlation_m"]
     true_body = make_true_body(kleopatra(), scenario.truth)
     assert spin_axes(kleopatra(), true_body) is None
 

@@ -66,7 +66,7 @@ def named_controller(name: str, scenario: Scenario, body: Body) -> System:
             factory = getattr(_module(module_name), factory_name)
             controller = factory(scenario, body)
     except Exception as error:
-        place = traceback.extract_tb(error.__traceback__)[-1]
+        place = _place(error, module_name)
         raise InputError(
             f"controller {name!r}: {type(error).__name__}: {error} "
             f"({Path(place.filename).name}, line {place.lineno})"
@@ -74,6 +74,14 @@ def named_controller(name: str, scenario: Scenario, body: Body) -> System:
     if not isinstance(controller, System):
         raise InputError(f"controller {name!r} made a {type(controller).__name__}, not a System")
     return controller
+
+
+def _place(error: Exception, module_name: str) -> traceback.FrameSummary:
+    """Where an error was raised: the last line of the user's module, if it got as far as that."""
+    places = traceback.extract_tb(error.__traceback__)
+    source = _module_file(f"{module_name}:")
+    own = [each for each in places if source and Path(each.filename).resolve() == source.resolve()]
+    return (own or places)[-1]
 
 
 def _module(name: str) -> types.ModuleType:
@@ -116,13 +124,24 @@ def _named_files(source: Path) -> list[str]:
     if source.suffix != ".py":
         return []
     try:
-        statements = ast.parse(source.read_bytes(), str(source)).body
-        for each in statements:
-            if isinstance(each, ast.Assign) and ast.unparse(each.targets[0]) == "FILES":
-                return [str(path) for path in ast.literal_eval(each.value)]
+        values = [
+            each.value
+            for each in ast.parse(source.read_bytes(), str(source)).body
+            if isinstance(each, ast.Assign | ast.AnnAssign | ast.AugAssign)
+            and ast.unparse(each.targets[0] if isinstance(each, ast.Assign) else each.target)
+            == "FILES"
+        ]
+        found = [ast.literal_eval(value) for value in values if value is not None]
     except (SyntaxError, TypeError, ValueError) as error:
         raise InputError(f"{source}: {type(error).__name__}: {error}") from error
-    return []
+    if not found:
+        return []
+    [files] = found if len(found) == 1 else [None]
+    if not (isinstance(files, list | tuple) and all(isinstance(path, str) for path in files)):
+        raise InputError(
+            f'{source}: FILES must be a list of texts that is written out once, as FILES = ["a.pt"]'
+        )
+    return list(files)
 
 
 def _module_file(name: str) -> Path | None:

@@ -25,7 +25,7 @@ from proxops.diagrams.scenario import (
     load_body,
     make_true_body,
 )
-from proxops.systems.common import Progress, silent
+from proxops.systems.common import Progress, check_type, silent
 
 # Relative accuracy with which the time of an event is found.
 _EVENT_ACCURACY = 1e-6
@@ -69,6 +69,7 @@ def fly(
       InputError: the scenario cannot be flown or the controller does not fit.
       RuntimeError: an event of the simulation failed.
     """
+    check_type("fly", Scenario, scenario=scenario)
     body = (body or load_body(scenario.body)).with_gravity(scenario.gravity)
     name = controller if isinstance(controller, str) else type(controller).__name__
     scenario = draw_world(scenario, body)

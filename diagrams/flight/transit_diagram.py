@@ -47,7 +47,7 @@ from proxops.diagrams.scenario import (
     scenario_transit,
 )
 from proxops.systems import DelayedHold, FlightMonitor, FrameDelay, InputError, PlanarLidar
-from proxops.systems.common import LoggedPort
+from proxops.systems.common import LoggedPort, check_not_negative
 
 # Input ports of a controller that may remain unconnected.
 _OPTIONAL_PORTS = {"enable", "covariance"}
@@ -128,6 +128,7 @@ def make_transit_diagram(
     scenario, builder = wiring.scenario, wiring.builder
     controller = _controller(controller, wiring)
     delay = float(getattr(controller, "delay", 0.0))
+    check_not_negative("the controller", delay=delay)
     craft = add_spacecraft(wiring)
     add_accelerations(wiring, craft)
     attitude = add_attitude(wiring)
@@ -179,6 +180,11 @@ def logged_ports(controller: System) -> dict[str, LoggedPort]:
     """
     ports: dict[str, LoggedPort] = getattr(controller, "logged_ports", dict)()
     for name, logged in ports.items():
+        if not isinstance(logged, LoggedPort):
+            raise InputError(
+                f"controller {controller.get_name()!r}: logged_ports gives a "
+                f"{type(logged).__name__} for {name!r}, not a LoggedPort(port, units, description)"
+            )
         size = CONTROLLER_COLUMNS.get(name)
         if not name.isidentifier() or (size is None and name in RESERVED_COLUMNS):
             raise InputError(

@@ -79,7 +79,7 @@ class Body:
         return other
 
 
-def load_body(name_or_path: str) -> Body:
+def load_body(name_or_path: str | Path) -> Body:
     """Loads the body that ships under a name ("kleopatra") or that a YAML file describes.
 
     Raises:

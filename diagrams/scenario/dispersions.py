@@ -77,7 +77,7 @@ class Dispersion:
         return float(value_at(scenario, self.key)) if self.times == "value" else 1.0
 
 
-def load_dispersions(name_or_path: str) -> list[Dispersion]:
+def load_dispersions(name_or_path: str | Path) -> list[Dispersion]:
     """Reads dispersions: a name that ships with proxops, or the path of a YAML file.
 
     Each key of the file is a dotted key of the scenario. Its value is a distribution, such as

@@ -13,18 +13,9 @@ from proxops.diagrams.scenario.distributions import Fixed
 from proxops.diagrams.scenario.drawn_world import world_of
 from proxops.diagrams.scenario.scenario_checks import check_scenario
 from proxops.diagrams.scenario.scenario_config import Scenario
+from proxops.diagrams.scenario.truth_config import PARTS
 from proxops.diagrams.scenario.typed_yaml import is_number
 
-# Keys that mean something only together with another key.
-_PARTS = {
-    "truth.surface_correlation_m": "truth.surface_rms_m",
-    "truth.surface_seed": "truth.surface_rms_m",
-    "truth.mesh_unit": "truth.mesh",
-    "truth.mesh_of_any_size": "truth.mesh",
-    "truth.attitude.correlation_time_s": "truth.attitude.varying_std_deg",
-    "truth.thrusters.failure_time_s": "truth.thrusters.failed_axis",
-    "truth.acceleration.correlation_time_s": "truth.acceleration.varying_std_m_s2",
-}
 # A fixed value of these is worse if it is smaller.
 _SMALLER_IS_WORSE = ("truth.specific_impulse_s",)
 
@@ -78,7 +69,7 @@ def quantities(dispersions: Sequence[Dispersion]) -> list[Quantity]:
     parts: dict[str, list[Dispersion]] = {key: [] for key in keys}
     mains = []
     for each in dispersions:
-        whole = _PARTS.get(each.key)
+        whole = PARTS.get(each.key)
         if whole in keys:
             parts[typing.cast(str, whole)].append(each)
         else:

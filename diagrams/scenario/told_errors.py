@@ -211,8 +211,8 @@ def _within_limits(errors: ExpectedErrorsConfig) -> ExpectedErrorsConfig:
         if value > high:
             raise InputError(
                 f"the navigation would have to expect {field.name} of {value:.4g}, and can expect "
-                f"at most {high:g}: narrow what the scenario or its dispersions spread, or fly with "
-                "navigation: !TrueState {}"
+                f"at most {high:g}: narrow what the scenario or its dispersions spread, or fly "
+                "with navigation: !TrueState {}"
             )
         setattr(errors, field.name, max(value, low))
     return errors

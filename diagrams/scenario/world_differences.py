@@ -10,6 +10,7 @@ from proxops.diagrams.scenario.body import Body
 from proxops.diagrams.scenario.dotted_keys import default_at, dotted_keys, value_at
 from proxops.diagrams.scenario.scenario_config import Scenario
 from proxops.diagrams.scenario.true_body import TrueBody
+from proxops.diagrams.scenario.truth_config import PARTS
 
 # A drawn spin axis is this many times as long as the body's greatest extent, so that it sticks out.
 _AXIS_LENGTH = 1.2
@@ -35,11 +36,18 @@ def spin_axes(body: Body, true_body: TrueBody) -> tuple[np.ndarray, np.ndarray] 
 def differing_values(scenario: Scenario) -> dict[str, typing.Any]:
     """Gives the values by which the world of a flight differs, by their keys as in the scenario.
 
-    They are what was drawn from dispersions, and every value of `truth` that is not the default.
+    They are what was drawn from dispersions, and every value of `truth` that is not the default,
+    but for values that mean nothing as the scenario is, such as the correlation of a surface
+    without roughness.
     """
+
+    def differs(key: str) -> bool:
+        return value_at(scenario, key) != default_at(key)
+
     drawn = {*scenario.dispersed}
     return {
         key: value_at(scenario, key)
         for key in dotted_keys()
-        if key in drawn or (key.startswith("truth.") and value_at(scenario, key) != default_at(key))
+        if key in drawn
+        or (key.startswith("truth.") and differs(key) and differs(PARTS.get(key, key)))
     }

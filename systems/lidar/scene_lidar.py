@@ -80,6 +80,8 @@ class SceneLidar(SeededSystem):
         check_false_returns(errors, max_range)
         if not scene:
             raise InputError("SceneLidar needs at least one surface")
+        if "S" in scene:
+            raise InputError("SceneLidar: no surface can be called S: X_WS is the sensor's pose")
         if errors.beam_width > 0.0:
             raise InputError("SceneLidar casts rays without a width; Lidar has beam_width")
         if directions.ndim != 2 or directions.shape[1] != 3 or len(directions) == 0:

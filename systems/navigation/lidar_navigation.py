@@ -143,7 +143,7 @@ class LidarNavigation(LeafSystem):
         return {f"navigation_{name}": LoggedPort(port) for name, port in kept.items()}
 
     def estimate(self, context) -> Estimate | None:
-        """The whole estimate in a Context of this system, at a control step; None: there is none."""
+        """The whole estimate in a Context of this system, at a control step; None: it has none."""
         return self._step.Eval(context).now
 
     def mended_map(self, context) -> MendedMap:

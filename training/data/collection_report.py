@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from proxops.diagrams.logs import length_text
 from proxops.training.data.collection import CLEARANCE_EDGES, GOAL_EDGES, ZERO_COMMAND
 from proxops.training.reports import Section, Table, Text, number_text
 
@@ -69,7 +70,7 @@ def report_rows(report: Figures) -> tuple[list[str], list[list[str]]]:
     """A table: its head, and a line for each kind and for all."""
     head = [
         "kind", "flights", "success", "collisions", "keep-out", "Δv (m/s)", "arrival (s)",
-        "least clearance (km)", "zero x, y, z, all (%)", "steps", "MB",
+        "least clearance", "zero x, y, z, all (%)", "steps", "MB",
     ]  # fmt: skip
     lines = []
     for kind, figures in (*report["kinds"].items(), ("all", report["all"])):
@@ -83,7 +84,7 @@ def report_rows(report: Figures) -> tuple[list[str], list[list[str]]]:
                 str(figures["keep_out_violations"]),
                 number_text(figures["delta_v_m_s_median"], ".1f"),
                 number_text(figures["arrival_time_s_median"], ".0f"),
-                f"{figures['min_clearance_m'] / 1e3:.2f}",
+                length_text(figures["min_clearance_m"]),
                 ", ".join(shares),
                 str(figures["steps"]),
                 f"{figures['bytes'] / 1e6:.1f}",
@@ -108,7 +109,7 @@ def collection_sections(report: Figures) -> list[Section]:
     size = f"{figures['flights']} flights, {figures['steps']} control steps"
     notes = (
         "Δv and arrival are medians of the flights that succeeded; a command is zero below "
-        f"{ZERO_COMMAND:g} N; keep-out counts violations."
+        f"{100.0 * ZERO_COMMAND:.1f} % of the thrust limit; keep-out counts violations."
     )
     text = Text(f"{size}, {figures['bytes'] / 1e6:.0f} MB. {notes}")
     sections = [Section("Flights by kind", [text, Table(*report_rows(report))])]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import typing
+from pathlib import Path
 
 import gymnasium
 import numpy as np
@@ -15,8 +16,8 @@ from proxops.diagrams.flight import LIDAR_STREAM, make_events, make_lidar
 from proxops.diagrams.scenario import (
     Body,
     Scenario,
-    TruthConfig,
     change_scenario,
+    differing_values,
     load_body,
     load_scenario,
     of_transit,
@@ -67,7 +68,7 @@ class TransitBatch(gymnasium.vector.VectorEnv):
     def __init__(
         self,
         num_envs: int = 1,
-        scenario: Scenario | str | None = None,
+        scenario: Scenario | str | Path | None = None,
         observation: str = "state",
         dispersions: str | None = None,
         transits: int = 0,
@@ -289,7 +290,7 @@ def _check_plain(scenario: Scenario) -> None:
     """Raises `InputError` if the scenario has what the batch leaves out."""
     parts = ("dispersions", "disturbance", "force_noise", "kicks", "assurance")
     there = [name for name in parts if getattr(scenario, name) is not None]
-    if scenario.truth != TruthConfig():
+    if any(key.startswith("truth.") for key in differing_values(scenario)):
         there.append("truth")
     if scenario.transit.start_m is not None or scenario.transit.goal_m is not None:
         there.append("transit.start_m and goal_m")

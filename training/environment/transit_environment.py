@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses as dc
 import time
 import typing
+from pathlib import Path
 
 import gymnasium
 import numpy as np
@@ -63,7 +64,7 @@ class TransitEnvironment(gymnasium.Env):
 
     def __init__(
         self,
-        scenario: Scenario | str | None = None,
+        scenario: Scenario | str | Path | None = None,
         observation: str = "state",
         dispersions: str | None = None,
         transits: int = 0,
@@ -190,11 +191,11 @@ class TransitEnvironment(gymnasium.Env):
         return found | {"state": state, "known": np.array([known], dtype=np.int8)}
 
 
-def _given(scenario: Scenario | str | None) -> Scenario:
+def _given(scenario: Scenario | str | Path | None) -> Scenario:
     """The scenario that the argument of an environment gives."""
     if isinstance(scenario, Scenario):
         return scenario
-    if scenario is not None and "\n" in scenario:
+    if isinstance(scenario, str) and "\n" in scenario:
         return parse_scenario(scenario)
     return load_scenario(scenario)
 
