@@ -128,7 +128,6 @@ def make_transit_diagram(
     scenario, builder = wiring.scenario, wiring.builder
     controller = _controller(controller, wiring)
     delay = float(getattr(controller, "delay", 0.0))
-    check_not_negative("the controller", delay=delay)
     craft = add_spacecraft(wiring)
     add_accelerations(wiring, craft)
     attitude = add_attitude(wiring)
@@ -275,6 +274,7 @@ def _received(wiring: Wiring, lidar: PlanarLidar) -> OutputPort:
 
 
 def _make_hold(period: float, delay: float) -> LeafSystem:
+    check_not_negative("the controller", delay=delay)
     return DelayedHold(period, delay, 3) if delay > 0.0 else ZeroOrderHold(period, 3)
 
 

@@ -130,9 +130,9 @@ class PolicyConfig:
     # file; elsewhere it is relative to the working directory. null means the policy that ships
     # with proxops.
     bundle: str | None = None
-    # Of a policy for any body (see `proxops.systems.GuidancePolicy`): what the semi-axes of the
-    # ellipsoid that it keeps out of are longer by than those of the keep-out. null means three
-    # times mpc.keep_out_margin_m.
+    # Of a policy for any body (see `proxops.systems.GuidancePolicy`): it keeps out of an ellipsoid
+    # that is larger than the keep-out ellipsoid. This length is added to each semi-axis. null means
+    # three times mpc.keep_out_margin_m.
     margin_m: float | None = number(None, at_least=0.0, at_most=1e9, unit="m")
     # Whether it may fly where body or spacecraft lie outside of what it learned.
     beyond_family: bool = False
@@ -249,7 +249,10 @@ class KicksConfig:
 
 @dc.dataclass
 class TransitConfig:
-    """The transit to fly: number `index` of the set of `seed`, or a given start and goal."""
+    """The transit to fly: number `index` of the set of `seed`, or a given start and goal.
+
+    Commands that fly many transits take seed and number from their options, not from here.
+    """
 
     seed: int = number(10000, at_least=0, at_most=_LARGEST_WHOLE)
     index: int = number(0, at_least=0, at_most=_LARGEST_WHOLE)

@@ -36,7 +36,7 @@ class Setting:
 
 @dc.dataclass(frozen=True)
 class FlightColumns:
-    """One flight of N steps; all vectors in K.
+    """One flight of N steps; vectors are in K, but `commanded_force` is along S.
 
     The last row of a log is the end of the flight. Nothing was commanded there, so it is no step.
     """

@@ -44,10 +44,11 @@ class PackedFlight:
 
 
 class PackedFlights:
-    """The steps of many flights: one row for each step, flight by flight; vectors in K.
+    """The steps of many flights: one row for each step, flight by flight; vectors are in K.
 
     - `time` (N,) in s; `state` and `target` (N, 6) in m and m/s.
-    - `commanded_force` (N, 3) in N: what was commanded over the period before the step, at first 0.
+    - `commanded_force` (N, 3) in N, along S: what was commanded over the period before the step, at
+      first 0.
     - `mpc_force` (N, 3) in N: the label; NaN where the MPC was not asked.
     - `kick` (N, 3) in m/s^2: the acceleration by a velocity kick from this step to the next.
     - `ray`, `range` (m) and `offset`: the returns of row k are those from `offset[k]` up to

@@ -56,7 +56,8 @@ class TransitEnvironment(gymnasium.Env):
     The action is the force along each axis over the thrust limit, from -1 to 1. As with every
     controller, it is along the axes of K, and command axes turn it where the scenario has a
     navigation and the observation is its state. `step_reward` gives the reward. An episode is
-    terminated by arrival or collision, and truncated at the deadline. At its end, `info["summary"]`
+    terminated by arrival or collision, and truncated when the deadline and the dwell after it are
+    over. At its end, `info["summary"]`
     is the summary of the flight's log, and the log itself is `log`.
     """
 

@@ -18,7 +18,7 @@ class WindowDataset(Dataset[Batch]):
     """Windows of T consecutive steps; each window lies within one flight.
 
     A window is a dict of tensors, and a batch has one more axis in front. All are float32 unless
-    the table says otherwise; all are in SI, and vectors are in K.
+    the table says otherwise; all are in SI, and vectors are in K, but `commanded_force` is along S.
 
     ```
     time           (T,)       s since the start of the flight
