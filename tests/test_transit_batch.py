@@ -25,7 +25,7 @@ SHORT = {"arrival.deadline_s": 95.0, "arrival.dwell_s": 10.0}
 
 def batch(number: int = 2, **options) -> TransitBatch:
     options.setdefault("changes", EXACT)
-    options.setdefault("transits", SEED)
+    options.setdefault("transit_seed", SEED)
     mode = "vector_entry_point"
     made = gymnasium.make_vec("proxops/Transit-v0", number, vectorization_mode=mode, **options)
     assert isinstance(made, TransitBatch)
@@ -33,7 +33,7 @@ def batch(number: int = 2, **options) -> TransitBatch:
 
 
 def single(**options) -> TransitEnvironment:
-    made = gymnasium.make("proxops/Transit-v0", transits=SEED, **options).unwrapped
+    made = gymnasium.make("proxops/Transit-v0", transit_seed=SEED, **options).unwrapped
     assert isinstance(made, TransitEnvironment)
     return made
 

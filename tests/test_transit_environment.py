@@ -34,7 +34,9 @@ SEED = 10000
 
 
 def made(**options) -> TransitEnvironment:
-    env = gymnasium.make("proxops/Transit-v0", transits=SEED, changes=SHORT, **options).unwrapped
+    env = gymnasium.make(
+        "proxops/Transit-v0", transit_seed=SEED, changes=SHORT, **options
+    ).unwrapped
     assert isinstance(env, TransitEnvironment)
     return env
 
@@ -114,7 +116,7 @@ def test_a_collision_ends_the_episode() -> None:
 @pytest.mark.parametrize("kind", [TransitEnvironment, TransitBatch])
 def test_nobody_learns_on_transits_of_evaluation_unless_asked_to(kind: type) -> None:
     """Those of seeds from 10,000 on."""
-    assert 0 <= inspect.signature(kind).parameters["transits"].default < 10_000
+    assert 0 <= inspect.signature(kind).parameters["transit_seed"].default < 10_000
 
 
 def test_a_step_needs_a_reset() -> None:

@@ -71,7 +71,7 @@ def write_minari(
         kwargs={
             "scenario": dump_scenario(scenario),
             "observation": observation,
-            "transits": seed,
+            "transit_seed": seed,
         },
     )
     episodes = (_episode(log, observation) for log in logs)

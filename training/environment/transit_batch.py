@@ -71,7 +71,7 @@ class TransitBatch(gymnasium.vector.VectorEnv):
         scenario: Scenario | str | Path | None = None,
         observation: str = "state",
         dispersions: str | None = None,
-        transits: int = 0,
+        transit_seed: int = 0,
         changes: typing.Mapping[str, typing.Any] | None = None,
     ):
         """Takes the scenario and what the pilots see of it.
@@ -81,8 +81,8 @@ class TransitBatch(gymnasium.vector.VectorEnv):
           scenario: a scenario, or the path of its YAML file; None: the usual one, at Kleopatra.
           observation: `state` or `lidar`.
           dispersions: None; there is no other world here than the believed one.
-          transits: seed of the transits. Seeds from 10,000 on are for evaluation: learn on none of
-            their transits.
+          transit_seed: draws the transits. Seeds from 10,000 on are for evaluation: learn on none
+            of their transits.
           changes: keys and values of the scenario, as `change_scenario` takes them. Gravity is that
             of the table if they do not say `gravity: exact`.
 
@@ -95,7 +95,7 @@ class TransitBatch(gymnasium.vector.VectorEnv):
         given = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
         own = {"gravity": "table"} | dict(changes or {})
         own |= {} if dispersions is None else {"dispersions": dispersions}
-        self.scenario, self._transits = change_scenario(given, own), transits
+        self.scenario, self._transit_seed = change_scenario(given, own), transit_seed
         _check_plain(self.scenario)
         self._body = load_body(self.scenario.body).with_gravity(self.scenario.gravity)
         self._motion = _Motion(self.scenario, self._body)
@@ -188,7 +188,7 @@ class TransitBatch(gymnasium.vector.VectorEnv):
 
     def _begin(self, index: int, number: int) -> None:
         """Begins transit `number` as the `index`-th of the batch."""
-        scenario = of_transit(self.scenario, self._transits, number)
+        scenario = of_transit(self.scenario, self._transit_seed, number)
         transit = scenario_transit(scenario, self._body)
         self._numbers[index] = number
         self._states[index, :3], self._states[index, 3:] = transit.start, transit.start_velocity
@@ -196,7 +196,7 @@ class TransitBatch(gymnasium.vector.VectorEnv):
         self._way[index] = np.linalg.norm(transit.goal - transit.start)
         self._outcomes[index] = [NEVER, 0.0, 0.0, 0.0]
         self._steps[index] = self._spent[index] = 0
-        parts = scenario.noise_seed, self._transits, number, LIDAR_STREAM
+        parts = scenario.noise_seed, self._transit_seed, number, LIDAR_STREAM
         self._seeds[index] = derived_seed(*parts)
         self._over[index] = False
 

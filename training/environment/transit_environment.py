@@ -68,7 +68,7 @@ class TransitEnvironment(gymnasium.Env):
         scenario: Scenario | str | Path | None = None,
         observation: str = "state",
         dispersions: str | None = None,
-        transits: int = 0,
+        transit_seed: int = 0,
         changes: typing.Mapping[str, typing.Any] | None = None,
     ):
         """Takes the scenario and what the pilot sees of it.
@@ -78,8 +78,8 @@ class TransitEnvironment(gymnasium.Env):
             usual one, at Kleopatra.
           observation: `state` or `lidar`.
           dispersions: name or file of those that each episode's world is drawn from.
-          transits: seed of the transits. Seeds from 10,000 on are for evaluation: learn on none of
-            their transits.
+          transit_seed: draws the transits. Seeds from 10,000 on are for evaluation: learn on none
+            of their transits.
           changes: keys and values of the scenario, as `change_scenario` takes them.
 
         Raises:
@@ -90,7 +90,7 @@ class TransitEnvironment(gymnasium.Env):
         given = _given(scenario)
         own = {"log_ranges": False} | dict(changes or {})
         own |= {} if dispersions is None else {"dispersions": dispersions}
-        self.scenario, self._transits = change_scenario(given, own), transits
+        self.scenario, self._transit_seed = change_scenario(given, own), transit_seed
         check_known_dispersions(self.scenario)
         self._body = load_body(self.scenario.body).with_gravity(self.scenario.gravity)
         self._observation = observation
@@ -119,7 +119,7 @@ class TransitEnvironment(gymnasium.Env):
         super().reset(seed=seed)
         self.close()
         number = int(self.np_random.integers(LARGEST_TRANSIT) if asked is None else asked)
-        scenario = of_transit(self.scenario, self._transits, number)
+        scenario = of_transit(self.scenario, self._transit_seed, number)
         given = self.scenario.transit
         if given.start_m is not None or given.goal_m is not None:
             scenario = dc.replace(self.scenario, transit=dc.replace(given, index=number))
