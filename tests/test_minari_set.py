@@ -30,7 +30,7 @@ def _own_sets(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize("observation", ["state", "lidar"])
 def test_an_episode_as_the_environment_gives_it(observation: str) -> None:
     given = load_scenario(on_true_state=observation == "lidar")
-    env = TransitEnvironment(given, observation, transits=10000, changes=SHORT)
+    env = TransitEnvironment(given, observation, transit_seed=10000, changes=SHORT)
     kept = change_scenario(env.scenario, {"log_ranges": observation == "lidar"})
     log = fly(of_transit(kept, 10000, 5), "pd")
     write_minari("proxops/one-v0", [log, log], env.scenario, 10000, observation)
@@ -56,7 +56,7 @@ def test_an_episode_as_the_environment_gives_it(observation: str) -> None:
 
 def test_actions_are_along_the_axes_of_the_body() -> None:
     """Of those that the environment was given, whatever the axes of the spacecraft are."""
-    env = TransitEnvironment(changes=SHORT, dispersions="after_survey", transits=10000)
+    env = TransitEnvironment(changes=SHORT, dispersions="after_survey", transit_seed=10000)
     env.reset(options={"transit": 5})
     actions, over = np.random.default_rng(2).uniform(-1.0, 1.0, (16, 3)), False
     for action in actions:

@@ -34,9 +34,8 @@ SEED = 10000
 
 
 def made(**options) -> TransitEnvironment:
-    env = gymnasium.make(
-        "proxops/Transit-v0", transit_seed=SEED, changes=SHORT, **options
-    ).unwrapped
+    options = {"transit_seed": SEED, "changes": SHORT} | options
+    env = gymnasium.make("proxops/Transit-v0", **options).unwrapped
     assert isinstance(env, TransitEnvironment)
     return env
 
