@@ -75,7 +75,10 @@ class _Tube(NamedTuple):
 
 
 def random_body(seed: int, number: int) -> RandomBody:
-    """Generates body number `number` of a seed; the result depends on the arguments alone.
+    """Generates body number `number` of a seed.
+
+    The result depends on the arguments alone, up to what numpy's libraries for linear algebra leave
+    open: last bits, and half turns about a principal axis.
 
     Args:
       seed: seed of the family, from 0 to 2^64 - 1.

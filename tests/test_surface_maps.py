@@ -86,6 +86,18 @@ def test_potential_is_jacobis_at_rest(kleopatra: GravityField) -> None:
     assert felt.inside.tolist() == [False, False, True]
 
 
+def test_a_body_of_two_densities_turns_about_its_centre_of_mass(sphere: GravityField) -> None:
+    """There, on the axis, only gravity acts; beside it, what pulls outwards is w^2 times the arm."""
+    field = GravityField(sphere.shape, mass=sphere.mass, contrast=0.3)
+    centre, spin = field.centre_of_mass, 3e-4
+    assert np.linalg.norm(centre) > 0.01 * sphere.shape.extents.max()
+    points = centre + np.array([[0.0, 0.0, 2.0], [3.0, 0.0, 0.0], [0.0, -4.0, 1.0]])
+    apparent = effective_field(field, spin, points)
+    outwards = spin**2 * np.array([[0.0, 0.0, 0.0], [3.0, 0.0, 0.0], [0.0, -4.0, 0.0]])
+    pull = field.evaluate(points).acceleration
+    np.testing.assert_allclose(apparent.acceleration - pull, outwards, atol=1e-12)
+
+
 # --- over the surface -----------------------------------------------------------------------------
 
 

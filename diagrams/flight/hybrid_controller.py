@@ -103,10 +103,10 @@ class HybridController(Diagram):
     ```
 
     More outputs come from the parts. `mpc_force` (3) and `mpc_record` (3) are the MPC's; at a step
-    without a check they are NaN, and evaluating them does not make the MPC solve. `policy_force`
-    (3), `policy_record` (2) and `estimate` (6) are the policy's; a policy of one's own may offer
-    other ports to the log, which then are outputs too. The MPC and the selector get the state with
-    noise; the policy gets what its ports name, a state without this noise.
+    at which the MPC is not asked they are NaN, and evaluating them does not make the MPC solve.
+    `policy_force` (3), `policy_record` (2) and `estimate` (6) are the policy's; a policy of one's
+    own may offer other ports to the log, which then are outputs too. The MPC and the selector get
+    the state with noise; the policy gets what its ports name, a state without this noise.
     """
 
     def __init__(

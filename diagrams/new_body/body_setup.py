@@ -45,9 +45,10 @@ def scaled_scenario(body: Body, body_path: str, craft_mass_kg: float = 100.0) ->
     Lengths are multiplied by the ratio of the keep-out ellipsoids' sizes: the cube root of the
     ratio of their volumes, or the ratio of their longest semi-axes, whichever is greater. Times are
     multiplied by the ratio of sqrt(w^2 + n^2), Kleopatra's over the body's, where w is the spin
-    rate and n the rate of a low orbit. Gravity, centrifugal and Coriolis accelerations then have
-    the same proportion to the thrust as at Kleopatra. If this thrust is too small for hovering over
-    the keep-out ellipsoid, it is made larger. The force limits of the hybrid scale with the thrust.
+    rate and n the rate of a low orbit. Gravity, centrifugal and Coriolis accelerations together
+    then have about the same proportion to the thrust as at Kleopatra. If this thrust is too small
+    for hovering over the keep-out ellipsoid, it is made larger. The force limits of the hybrid
+    scale with the thrust.
 
     Args:
       body: the body.

@@ -121,7 +121,7 @@ def _look_at_solid(report: ShapeReport) -> ShapeReport:
     if synchronous is not None and synchronous < reach:
         remarks.append(
             f"the synchronous radius, {synchronous:.4g} m, is inside the body ({reach:.4g} m): "
-            "loose material at the ends would fly off"
+            "loose material at the ends may fly off"
         )
     defects = report.defects + _unit_defects(report, size)
     return dataclasses.replace(report, defects=defects, remarks=remarks)

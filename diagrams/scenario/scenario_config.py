@@ -90,7 +90,8 @@ class LearnedLidarConfig:
 class MpcConfig:
     """The MPC; see `proxops.systems.ModelPredictiveController`."""
 
-    # Number of intervals of a plan; the force is constant over each.
+    # Number of intervals of a plan; the force is constant over each. Limits hold at their ends:
+    # with few intervals a path may cut through the body between them.
     intervals: int = number(16, at_least=2, at_most=500)
     # Ratio of the length of a plan's last interval to the length of its first.
     interval_growth: float = number(4.0, at_least=1e-3, at_most=1e3)
@@ -100,9 +101,11 @@ class MpcConfig:
     # Weight of the thrust's 1-norm (fuel) against its square in the cost; both are relative to the
     # limit. 0 gives the smoothest thrust, 1 gives nearly the least fuel.
     fuel_weight: float = number(0.8, at_least=0.0, at_most=1e6)
-    # No plan is shorter than this time.
+    # No plan is shorter than this time. Below twice the control period the MPC is not stable at the
+    # goal.
     min_horizon_s: float = number(300.0, at_least=1e-2, at_most=_LONG, unit="s")
-    # For its plans the MPC adds this length to every semi-axis of the keep-out ellipsoid.
+    # For its plans the MPC adds this length to every semi-axis of the keep-out ellipsoid. It does
+    # not reach a goal that lies within.
     keep_out_margin_m: float = number(3.0e3, at_least=0.0, at_most=_FAR, unit="m")
     # If true, the MPC computes gravity from a point mass, not from the polyhedron.
     point_mass: bool = False

@@ -1,4 +1,4 @@
-"""`GravityTable`: gravity outside an ellipsoid by interpolation, in 0.25 instead of 30 µs."""
+"""`GravityTable`: gravity outside an ellipsoid by interpolation, in a hundredth of the time."""
 
 from __future__ import annotations
 
@@ -58,7 +58,8 @@ class GravityTable:
         found = field.evaluate(surface)
         sizes = np.abs(found.acceleration)
         self.greatest = sizes.max(axis=0)
-        """(3,) in m/s^2: the greatest size of each component of the field outside the ellipsoid."""
+        """(3,) in m/s^2: the greatest size of each component of the field outside the ellipsoid, as
+        sampled: it may be up to 1 % more."""
         self.places = surface[sizes.argmax(axis=0)]
         """(3, 3) in m: where on the ellipsoid each component is greatest."""
         self.strongest = _GAPS * float(np.linalg.norm(found.acceleration, axis=1).max())

@@ -22,7 +22,9 @@ import numpy as np
 
 from proxops.systems.gravity import Field
 
-# Terms of the exponential's series for one interval, after 1; |A| dt is at most about 0.3.
+# Terms of the exponential's series for one interval, after 1. With 16 intervals |A| dt is at most
+# about 0.5 at Kleopatra, and the next term 1e-8; with a few intervals it grows, and with it the
+# error of the plan, not that of the flight.
 _EXPONENTIAL_TERMS = 8
 
 

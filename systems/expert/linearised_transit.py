@@ -46,11 +46,14 @@ from proxops.systems.gravity import Field
 # multiplier, so that slack is used only where nothing else is feasible (an exact penalty). Staying
 # out of the keep-out ellipsoid has priority over everything else.
 KEEP_OUT_PRICE, SLACK_PRICE = 1000.0, 100.0
-# A plan is close if its state now and its target are within this many units: 0.5 km and 0.5 m/s.
+# A plan is close if its state now and its target are within this many units: at Kleopatra 0.5 km
+# and 0.5 m/s.
 _CLOSE = 0.05
-# Limits that the last plan is this near to, in units (1 km, 1 m/s), are in the program at first.
+# Limits that the last plan is this near to, in units (1 km, 1 m/s there), are in the program at
+# first.
 _NEAR = 0.1
-# The others are added if the solution breaks them by more than this, in units (0.1 mm, 0.1 um/s).
+# The others are added if the solution breaks them by more than this, in units (0.1 mm, 0.1 um/s
+# there).
 _TOLERANCE = 1e-8
 
 
@@ -106,7 +109,7 @@ class LinearisedTransit:
         self.field, self.spin, self.limits, self.horizon = field, spin, limits, horizon
         self.fractions = horizon.fractions()
         self.shares = np.diff(self.fractions)
-        # Scaled to numbers of order one.
+        # Scaled to numbers of order one: some 10 m/s and 10 km at Kleopatra.
         speed_unit = limits.speed / 4.0
         length_unit = float(np.min(limits.keep_out_semi_axes)) / 7.0
         self.units = np.repeat([length_unit, speed_unit], 3)

@@ -49,7 +49,8 @@ class ModelPredictiveController(LeafSystem):
     ```
 
     All vectors are in K, in m, m/s and N. The command depends on the state and the target alone,
-    and with a finite `latest` on the time that is left. The last plan, which is discrete state in
+    up to the side of the body on which the last plan passes it, and with a finite `latest` on the
+    time that is left. The last plan, which is discrete state in
     the Context and is replaced every `period`, only says where to linearise first:
 
     * If it is one period old and fits the state and the target, the program is linearised once.
@@ -72,8 +73,10 @@ class ModelPredictiveController(LeafSystem):
     The plan then begins at the predicted state at that time, under the last command and the assumed
     gravity. The last command is kept as well, and the command depends on it.
 
-    With a finite `latest` a plan takes no longer than the time that is left until then. Once less
-    is left than the shortest horizon, it is too late for any, and plans are as long as they need.
+    With a finite `latest` a plan takes no longer than the time that is left until then, after
+    enough linearisations, each of which shortens it by a tenth. Where the thrust does not allow
+    that, the plan misses the target. Once less is left than the shortest horizon, it is too late
+    for any, and plans are as long as they need.
 
     If the solver fails, the flight goes on: the last plan is continued (status 1), or the
     spacecraft brakes if there is none (status 2). `Plan.reason` says why.

@@ -9,12 +9,13 @@ subject to
 
 * the motion in K, with gravity linearised about the previous plan and the step linear in T,
 * the thrust limit per axis,
-* the speed limit per axis, the half-space that touches the keep-out ellipsoid below each knot, and
-  the target at the last knot. Each of these has an exactly penalised slack, so that every state is
-  feasible.
+* the speed limit per axis, the half-space that touches the keep-out ellipsoid where the line from
+  its centre to a knot leaves it, for each knot, and the target at the last knot. Each of these has
+  an exactly penalised slack, so that every state is feasible.
 
 T is chosen by the same cost. So the rest of an optimal plan is the optimal plan from there on
-(Bellman): no clock is needed to keep the plan's end where it is during the flight.
+(Bellman), while T is above three times its least value: no clock is needed to keep the plan's end
+where it is during the flight.
 `Horizon.nominal_acceleration` sets w. `Horizon.fuel_weight`, c, trades smoothness for fuel. Close
 to the target T reaches its least value, and from then on the horizon recedes. There c falls to
 zero, because 1-norm effort over a receding horizon postpones thrust for ever.
@@ -36,7 +37,9 @@ from proxops.systems.gravity import Field
 # T changes by at most this share in one linearisation.
 _TRUSTED_STRETCH = 0.1
 # Curvature of the cost in T over its slope. The linearised program has only two thirds of it by
-# itself; without the rest T would jump to and fro across its best value.
+# itself; without the rest T would jump to and fro across its best value. From rest to rest, with
+# c = 0, the cost is w T + K / T^3, least where 3 K = w T^4. In the relative change of T the true
+# curvature there is 4 w T; linearised motion gives 8 w T / 3.
 _STRETCH_CURVATURE = 1.0
 # Without a plan, all initial guesses are improved for so many linearisations, then only the best. A
 # guess is better than an earlier one if its plan costs less than this share of the other's.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from proxops.systems.common import InputError
-from proxops.systems.gravity.gravity_field import GRAVITATIONAL_CONSTANT, Gravity
+from proxops.systems.gravity.gravity_field import GRAVITATIONAL_CONSTANT, Gravity, as_points
 
 
 class PointMassField:
@@ -22,7 +22,12 @@ class PointMassField:
         self.mass = mass
 
     def evaluate(self, points: np.ndarray) -> Gravity:
-        """The field at points (N, 3) in m. It is not finite at the origin; no point is inside."""
+        """The field at points (N, 3) in m. It is not finite at the origin; no point is inside.
+
+        Raises:
+          InputError: the points are not an (N, 3) array.
+        """
+        points = as_points(points)
         mu = GRAVITATIONAL_CONSTANT * self.mass
         r = np.linalg.norm(points, axis=1)
         pull = (mu / r**3)[:, None]

@@ -69,15 +69,15 @@ class PlaneCut(NamedTuple):
 def effective_field(field: BodyField, spin: float, points: np.ndarray) -> EffectiveField:
     """The effective field at points (N, 3) in m in K of a body that spins at `spin` rad/s about z.
 
-    Scheeres, Orbital Motion in Strongly Perturbed Environments (2012), ch. 2, with the sign of U
-    as in `Gravity`: positive.
+    The axis goes through the centre of mass. Scheeres, Orbital Motion in Strongly Perturbed
+    Environments (2012), ch. 2, with the sign of U as in `Gravity`: positive.
 
     Raises:
       InputError: the points are not an (N, 3) array.
     """
     gravity = field.evaluate(points)
     centrifugal = spin**2 * np.array([1.0, 1.0, 0.0])
-    points = np.asarray(points, dtype=np.float64)
+    points = np.asarray(points, dtype=np.float64) - field.centre_of_mass
     return EffectiveField(
         potential=-gravity.potential - 0.5 * (points**2 @ centrifugal),
         acceleration=gravity.acceleration + points * centrifugal,

@@ -26,9 +26,10 @@ _ERRORS = (1e-11, 1e-2)
 class TabulatedField:
     """The field of a `GravityField`, from a table outside an ellipsoid and exact inside.
 
-    Outside, the relative error of potential and acceleration is below `relative_error`: each box of
-    an octree has a harmonic polynomial, and the octree is divided until the error at 20 points of
-    every box's surface is below half of that. Acceleration
+    Outside, the relative error of potential and acceleration is meant to be below `relative_error`:
+    each box of an octree has a harmonic polynomial, and the octree is divided until the error at 20
+    points of every box's surface is below half of that, which leaves a factor of two for what lies
+    between the points. Acceleration
     and gradient are the derivatives of the potential that is returned, so a free flight keeps its
     energy. From 10 radii on, the field is that of point masses.
 

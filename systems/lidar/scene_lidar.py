@@ -13,7 +13,7 @@ from pydrake.multibody.tree import Frame, RigidBody
 from pydrake.perception import PointCloud
 from pydrake.systems.framework import LeafSystem
 
-from proxops.systems.common import InputError, SeededSystem, check_positive, check_type
+from proxops.systems.common import InputError, SeededSystem, check_type
 from proxops.systems.lidar.lidar_errors import (
     LidarErrors,
     TrueReturns,
@@ -68,7 +68,9 @@ class SceneLidar(SeededSystem):
         super().__init__(period, seed)
         errors = LidarErrors() if errors is None else errors
         directions = np.array(directions, dtype=np.float64)
-        check_positive("SceneLidar", max_range=max_range)
+        check_type("SceneLidar", float, max_range=max_range)
+        if not max_range > 0.0:
+            raise InputError(f"SceneLidar needs a positive max_range, got {max_range}")
         check_type("SceneLidar", LidarErrors, errors=errors)
         check_type("SceneLidar", Mapping, scene=scene)
         for name, surface in scene.items():

@@ -19,7 +19,7 @@ from proxops.systems.policy.surroundings import Surroundings
 # flights at three bodies). A smaller number leaves a reserve.
 _LAW_OVER_FLIGHT = 1.7
 # Least force along an axis, over the thrust limit. The expert coasts, with no force at all; a
-# network that learned from it would command a little all the time, which takes 2 to 3 % more.
+# network that learned from it would command a little all the time, which takes 2 to 5 % more.
 COAST = 0.05
 
 

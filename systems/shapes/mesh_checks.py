@@ -11,7 +11,7 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-# A facet with a height below about this share of the body's length has no area.
+# A facet of which twice the area is below this share of the square of the body's length has none.
 FLAT = 1e-12
 # A volume below this share of the cube of the body's length is none.
 _NO_VOLUME = 1e-9

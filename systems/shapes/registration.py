@@ -7,7 +7,7 @@ import trimesh
 from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
-from proxops.systems.common import InputError
+from proxops.systems.common import InputError, one_thread
 from proxops.systems.shapes.mesh_checks import areas
 from proxops.systems.shapes.polyhedron import Polyhedron
 
@@ -19,13 +19,15 @@ _SMALL = 1e-9
 _UNSETTLED = 1e-4
 
 
+@one_thread()
 def registered(mesh: Polyhedron, onto: Polyhedron) -> Polyhedron:
     """The mesh turned and moved so that its surface lies on the map's as well as it can.
 
     The distances of its facets' centroids to the nearest facets' planes, weighted by area, become
     least in squares: Chen & Medioni, Image Vis. Comput. 10 (1992) 145. The start may be off by
-    5 % of the body's length and 5 degrees. Of a body of revolution the rotation about its axis
-    stays what it is. The result depends on the two meshes alone.
+    5 % of the body's length and 5 degrees. Of a body of revolution the rotation about its axis may
+    be any. The result depends on the two meshes alone. It ends when a step is below 1e-9 of the
+    body's length, or after 100 steps if the last is below 1e-4 of it.
 
     Args:
       mesh: the mesh to move.
