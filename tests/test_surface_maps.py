@@ -87,7 +87,7 @@ def test_potential_is_jacobis_at_rest(kleopatra: GravityField) -> None:
 
 
 def test_a_body_of_two_densities_turns_about_its_centre_of_mass(sphere: GravityField) -> None:
-    """There, on the axis, only gravity acts; beside it, what pulls outwards is w^2 times the arm."""
+    """On the axis only gravity acts; beside it, what pulls outwards is w^2 times the arm."""
     field = GravityField(sphere.shape, mass=sphere.mass, contrast=0.3)
     centre, spin = field.centre_of_mass, 3e-4
     assert np.linalg.norm(centre) > 0.01 * sphere.shape.extents.max()
