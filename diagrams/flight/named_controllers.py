@@ -136,7 +136,7 @@ def _named_files(source: Path) -> list[str]:
         raise InputError(f"{source}: {type(error).__name__}: {error}") from error
     if not found:
         return []
-    [files] = found if len(found) == 1 else [None]
+    files = found[0] if len(found) == 1 else None
     if not (isinstance(files, list | tuple) and all(isinstance(path, str) for path in files)):
         raise InputError(
             f'{source}: FILES must be a list of texts that is written out once, as FILES = ["a.pt"]'

@@ -144,6 +144,7 @@ def _mass_left(first: float, mass):
     return mass
 
 
+# Without the scope Drake searches the stack for this module, which slows each import.
 @TemplateSystem.define("Spacecraft_", scope=sys.modules[__name__])
 def Spacecraft_(T):  # noqa: N802 (Drake's own naming of templates)
     """`Spacecraft` for the scalar type T, float or AutoDiffXd."""
