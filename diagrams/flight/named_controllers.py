@@ -79,8 +79,8 @@ def named_controller(name: str, scenario: Scenario, body: Body) -> System:
 def _place(error: Exception, module_name: str) -> traceback.FrameSummary:
     """Where an error was raised: the last line of the user's module, if it got as far as that."""
     places = traceback.extract_tb(error.__traceback__)
-    source = _module_file(f"{module_name}:")
-    own = [each for each in places if source and Path(each.filename).resolve() == source.resolve()]
+    source = getattr(sys.modules.get(module_name), "__file__", None)
+    own = [each for each in places if each.filename == source]
     return (own or places)[-1]
 
 

@@ -138,7 +138,9 @@ def _read_yaml(text: str, source: str) -> typing.Any:
                 f"{source} is not YAML that proxops reads: it has an alias, *name; write the values"
             )
         _refuse_twice(text, source)
-        return yaml_load(data=text, private=True)
+        found = yaml_load(data=text, private=True)
+        _check_keys(found, source)
+        return found
     except InputError:
         raise
     except yaml.constructor.ConstructorError as error:
@@ -153,6 +155,20 @@ def _read_yaml(text: str, source: str) -> typing.Any:
         ) from error
     except Exception as error:  # Impossible values make the reader raise errors of many types.
         raise InputError(f"{source} is not YAML: {' '.join(str(error).split())}") from error
+
+
+def _check_keys(found: typing.Any, source: str) -> None:
+    """Raises `InputError` if a key is no text, such as a number."""
+    if isinstance(found, dict):
+        for key, value in found.items():
+            if not isinstance(key, str):
+                raise InputError(
+                    f"{source} is not YAML that proxops reads: the key {key} is no text"
+                )
+            _check_keys(value, source)
+    elif isinstance(found, list):
+        for value in found:
+            _check_keys(value, source)
 
 
 def _refuse_twice(text: str, source: str) -> None:
