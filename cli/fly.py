@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import shlex
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,7 +12,7 @@ from typing import Annotated, Any
 
 import numpy as np
 import typer
-from pydrake.geometry import Meshcat
+from pydrake.geometry import Meshcat, MeshcatParams
 from pydrake.systems.framework import Context, Diagram
 from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
 
@@ -84,9 +85,8 @@ def fly_command(
     keep = _MapKeeper(mended_map)
     server = None
     if meshcat:
-        from pydrake.geometry import StartMeshcat
-
-        server = StartMeshcat()
+        # Its usual host is every network interface.
+        server = Meshcat(MeshcatParams(host="localhost"))
         status.print(f"Meshcat is at {server.web_url()}")
     if log_file is not None:
         given = (scenario, settings or None, seed, transit, dispersions)
@@ -209,7 +209,7 @@ def _check_controller(log: FlightLog, named: str | None) -> None:
     if named is None and colon and kind not in WITH_BUNDLE:
         raise InputError(
             f"the log names the controller {flown!r}, a module that would be imported and run: "
-            f"if you trust it, add --controller {flown}"
+            f"if you trust it, add --controller {shlex.quote(flown)}"
         )
 
 

@@ -432,6 +432,27 @@ def in_a_virtual_array(file: h5py.File, other: Path) -> None:
     file.create_virtual_dataset("wall", layout)
 
 
+def opaque() -> h5py.h5t.TypeID:
+    """A type that h5py reads as addresses of Python's objects: reading it would end the process."""
+    kind = h5py.h5t.create(h5py.h5t.OPAQUE, 8)
+    kind.set_tag(b"NUMPY:|O")
+    return kind
+
+
+def of_opaque_bytes(file: h5py.File, other: Path) -> None:
+    del file["wall"]
+    h5py.h5d.create(file.id, b"wall", opaque(), h5py.h5s.create_simple((3,)))
+
+
+def with_an_opaque_attribute(file: h5py.File, other: Path) -> None:
+    h5py.h5a.create(file.id, b"wall", opaque(), h5py.h5s.create_simple((3,)))
+
+
+def never_written(file: h5py.File, other: Path) -> None:
+    del file["wall"]
+    file.create_dataset("wall", (10**8,), "f8", chunks=(1000,), compression="gzip")
+
+
 def of_any_size(file: h5py.File, other: Path) -> None:
     """A few bytes that stand for a terabyte of zeros."""
     del file["wall"]
@@ -444,7 +465,10 @@ def of_any_size(file: h5py.File, other: Path) -> None:
         (in_a_link, "wall is a link"),
         (in_raw_bytes, "wall is in another file"),
         (in_a_virtual_array, "wall is in another file"),
-        (of_any_size, "it holds 1000 GB"),
+        (of_opaque_bytes, "wall has opaque bytes"),
+        (with_an_opaque_attribute, "an attribute of opaque bytes"),
+        (never_written, "wall stands for more than it holds"),
+        (of_any_size, "wall stands for more than it holds"),
     ],
 )
 def test_a_log_holds_its_data_itself(change: Callable, why: str, tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ from proxops.systems.shapes.enclosing_ellipsoid import smallest_ellipsoid
 from proxops.systems.shapes.mass import mass_properties
 from proxops.systems.shapes.mesh_checks import (
     find_defects,
+    inside_out_shells,
     shell_labels,
     smallest_angles,
     winding_number,
@@ -334,3 +335,17 @@ def test_binary_is_what_it_says() -> None:
     assert mesh.extents[0] == pytest.approx(500.0)
     # It has a neck: it is smaller than its convex hull.
     assert mesh.volume < 0.95 * mesh.convex_hull.volume
+
+
+def test_thousands_of_shells_side_by_side() -> None:
+    """Each pair of them was looked at in full, which took an hour."""
+    count = 3000
+    tetrahedron = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], dtype=float)
+    corners = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+    shift = np.arange(count)[:, None, None] * np.array([2.0, 0.0, 0.0])
+    vertices = (tetrahedron + shift).reshape(-1, 3)
+    facets = (corners + 4 * np.arange(count)[:, None, None]).reshape(-1, 3)
+    labels = np.repeat(np.arange(count), 4)
+    assert inside_out_shells(vertices, facets, count, labels) == []
+    facets[8:12] = facets[8:12, ::-1]
+    assert inside_out_shells(vertices, facets, count, labels) == [2]

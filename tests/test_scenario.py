@@ -538,6 +538,8 @@ def test_body_needs_every_key(rock, key: str) -> None:
         ({"mass_kg": 1e15}, "which no body has"),
         ({"rotation_period_h": 0}, "rotation_period_h must be positive"),
         ({"rotation_period_h": ".inf"}, "rotation_period_h must be positive"),
+        ({"name": '"Kleopatra\\nMETA_STOP"'}, "characters that can be printed"),
+        ({"name": '"\\e[2J"'}, "characters that can be printed"),
         ({"keep_out_semi_axes_m": [160, 160]}, "must be three positive lengths"),
         ({"keep_out_semi_axes_m": [160, 160, -160]}, "must be three positive lengths"),
         ({"keep_out_semi_axes_m": [160, 160, 0]}, "must be three positive lengths"),

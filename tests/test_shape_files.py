@@ -10,7 +10,7 @@ from plain_polyhedral_gravity import box, star_shaped
 from proxops.assets import asset_path
 from proxops.systems.common.errors import InputError
 from proxops.systems.shapes.polyhedron import Polyhedron
-from proxops.systems.shapes.shape_files import mesh_bytes, read_mesh
+from proxops.systems.shapes.shape_files import _read_tab, mesh_bytes, read_mesh
 
 VERTICES, FACETS = box(np.array([-1.5, 0.25, 3.0]), np.array([2.0, 1.0, 4.5]))
 
@@ -172,3 +172,9 @@ def test_refused(tmp_path: Path) -> None:
         read_mesh(path)
     with pytest.raises(InputError, match=r"is written as one of .* not '\.gltf'"):
         mesh_bytes(VERTICES, FACETS, ".gltf")
+
+
+def test_a_label_of_blank_lines_takes_no_time() -> None:
+    """With time that grows with the square of the lines, this would take hours."""
+    with pytest.raises(ValueError, match=r"."):
+        _read_tab("PDS_VERSION_ID" + 1_000_000 * "\n")

@@ -6,6 +6,7 @@ import contextlib
 import dataclasses as dc
 import logging
 import os
+import tempfile
 import typing
 import warnings
 from collections.abc import Callable, Generator, Sequence
@@ -152,7 +153,9 @@ def _client(processes: int, scheduler: str | None):
         "distributed.comm.require-encryption": False,
     }
     with (
-        dask.config.set(settings),
+        # Workers import from this folder. Dask's own has a known name in a folder of all users.
+        tempfile.TemporaryDirectory(prefix="proxops-", ignore_cleanup_errors=True) as private,
+        dask.config.set(settings | {"temporary-directory": private}),
         LocalCluster(
             n_workers=processes,
             threads_per_worker=1,

@@ -40,6 +40,9 @@ _FINITE = ("time", "state", "target", "force")
 _LARGEST = 1e15
 # No flight fills so many bytes.
 _LARGEST_LOG = 2**34
+# The bytes for which one byte of a file may stand: compression gives no more than a thousand. What
+# was never written takes no room in the file at all.
+_DENSEST = 2000
 _SIZES = {name: len(labels) for name, labels in COORDINATES.items()}
 # Sizes of dimensions that not every log has.
 _SIZES_IF_THERE = {"quaternion": 4, "known": 9, "known_with": 9}
@@ -63,15 +66,33 @@ def check_log_file(path: str | Path) -> None:
 def _foreign_data(file: h5py.File) -> str | None:
     """Says what a file takes from elsewhere, or that it stands for too much; None: neither."""
     size = 0
+    if _has_opaque(file):
+        return "it has an attribute of opaque bytes"
     for name in file:
         if not isinstance(file.get(name, getlink=True), h5py.HardLink):
             return f"{name} is a link"
         entry = file[name]
+        if _has_opaque(entry):
+            return f"{name} has opaque bytes"
         if isinstance(entry, h5py.Dataset):
             if entry.external or entry.is_virtual:
                 return f"{name} is in another file"
+            if entry.nbytes > _DENSEST * (entry.id.get_storage_size() + 1000):
+                return f"{name} stands for more than it holds"
             size += entry.nbytes
     return f"it holds {size / 1e9:.0f} GB" if size > _LARGEST_LOG else None
+
+
+def _has_opaque(entry: h5py.Group | h5py.Dataset) -> bool:
+    """Whether an entry or one of its attributes has opaque bytes.
+
+    h5py takes some of them for addresses of Python's objects, so nothing may read them.
+    """
+    count = h5py.h5a.get_num_attrs(entry.id)
+    kinds = [h5py.h5a.open(entry.id, index=k).get_type() for k in range(count)]
+    if isinstance(entry, h5py.Dataset):
+        kinds.append(entry.id.get_type())
+    return any(kind.detect_class(h5py.h5t.OPAQUE) for kind in kinds)
 
 
 def missing_entries(data: xr.Dataset) -> list[str]:

@@ -18,6 +18,7 @@ from proxops.systems.shapes import Polyhedron
 GRAVITY = ("exact", "table")
 # The least and the greatest semi-axis (m) of a keep-out ellipsoid.
 _AXES = (1e-3, 1e9)
+_LONGEST_NAME = 200
 
 
 @dc.dataclass
@@ -113,6 +114,10 @@ def load_body(name_or_path: str | Path) -> Body:
 def check_constants(config: BodyConfig, source: str) -> None:
     """Raises `InputError` if a body's constants are beyond their limits."""
     check_limits(config, source)
+    if not (0 < len(config.name) <= _LONGEST_NAME and config.name.isprintable()):
+        raise InputError(
+            f"{source}: name must be 1 to {_LONGEST_NAME} characters that can be printed"
+        )
     axes = config.keep_out_semi_axes_m
     low, high = _AXES
     if len(axes) != 3 or not all(low <= axis <= high for axis in axes):

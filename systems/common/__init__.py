@@ -22,7 +22,13 @@ from proxops.systems.common.counter_noise import derived_seed, generator
 from proxops.systems.common.deviations import error_bounds
 from proxops.systems.common.directions import directions_of, spread_directions
 from proxops.systems.common.errors import InputError, SolverFailure
-from proxops.systems.common.files import file_sha256, make_folder, write_json, write_whole
+from proxops.systems.common.files import (
+    check_unpacked_size,
+    file_sha256,
+    make_folder,
+    write_json,
+    write_whole,
+)
 from proxops.systems.common.interruption import interruption_waits
 from proxops.systems.common.progress import Progress, part_of, silent
 from proxops.systems.common.rotations import rotation_matrix
@@ -42,6 +48,7 @@ __all__ = [
     "check_not_negative",
     "check_positive",
     "check_type",
+    "check_unpacked_size",
     "checked_semi_axes",
     "derived_seed",
     "directions_of",

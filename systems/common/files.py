@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import hashlib
+import io
 import json
 import os
 import tempfile
 import typing
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 
 from proxops.systems.common.errors import InputError
+
+# To ask for it means to set it, which is done once, before there are threads.
+_umask = os.umask(0)
+os.umask(_umask)
 
 
 def make_folder(folder: Path) -> None:
@@ -43,7 +49,7 @@ def write_whole(path: Path, write: Callable[[Path], typing.Any]) -> None:
         write(temporary)
         with temporary.open("rb") as file:
             os.fsync(file.fileno())
-        temporary.chmod(0o644)
+        temporary.chmod(0o666 & ~_umask)
         temporary.replace(path)
     except OSError as error:
         raise InputError(f"cannot write {path}: {error.strerror or error}") from error
@@ -75,3 +81,16 @@ def file_sha256(path: Path) -> str:
             return hashlib.file_digest(file, "sha256").hexdigest()
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror}") from error
+
+
+def check_unpacked_size(content: bytes, most: int) -> None:
+    """Raises `InputError` if a ZIP archive, such as of `numpy.savez`, unpacks to too much.
+
+    Args:
+      content: the archive; another content raises what `zipfile` raises.
+      most: greatest size in bytes of all that is in it.
+    """
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        size = sum(entry.file_size for entry in archive.infolist())
+    if size > most:
+        raise InputError(f"it unpacks to {size / 1e6:.0f} MB, more than {most / 1e6:.0f} MB")

@@ -47,6 +47,7 @@ def _fits(boxes: Boxes) -> bool:
         children.dtype == np.int32
         and places.dtype == coefficients.dtype == np.float64
         and children.ndim == 2
+        and len(children) > 0
         and children.shape[1] == 8
         and places.shape == (len(places), 4)
         and coefficients.shape == (len(places), entries(DEGREE), 2)

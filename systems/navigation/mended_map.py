@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from proxops.systems.common import InputError, write_whole
+from proxops.systems.common import InputError, check_unpacked_size, write_whole
 from proxops.systems.navigation.estimate import BASE, SIZE, Estimate
 from proxops.systems.navigation.map_error import MapError
 from proxops.systems.shapes import Polyhedron, mesh_bytes, metres_per, vertex_normals
@@ -22,6 +22,8 @@ _NEGLIGIBLE = 1e-6
 # A mesh that is off from the one in the file of errors by more than this share of its size is
 # another one.
 _SAME = 1e-9
+# No file of errors unpacks to more bytes.
+_LARGEST = 2**28
 
 
 class MendedMap(NamedTuple):
@@ -125,7 +127,9 @@ def load_map(path: Path, unit: str) -> tuple[Polyhedron, MapError | None]:
     if not beside.is_file():
         return shape, None
     try:
-        with np.load(io.BytesIO(beside.read_bytes()), allow_pickle=False) as file:
+        content = beside.read_bytes()
+        check_unpacked_size(content, _LARGEST)
+        with np.load(io.BytesIO(content), allow_pickle=False) as file:
             vertices, left, rest = (file[name] for name in ("vertices", "left", "rest"))
             left, rest = left.astype(float), float(rest)
     except Exception as error:  # Damaged files raise errors of many types.

@@ -100,9 +100,12 @@ def inside_out_shells(
 ) -> list[int]:
     """The closed shells that wind the wrong way: a void's wall outwards, or another inwards."""
     parts = [facets[labels == k] for k in range(count)]
+    lows = np.array([vertices[part].min(axis=(0, 1)) for part in parts])
+    highs = np.array([vertices[part].max(axis=(0, 1)) for part in parts])
     wrong = []
     for k, part in enumerate(parts):
-        others = (other for j, other in enumerate(parts) if j != k)
+        around = ((lows <= lows[k]) & (highs >= highs[k])).all(axis=1)
+        others = (parts[j] for j in np.flatnonzero(around) if j != k)
         depth = sum(_contains(vertices, other, part) for other in others)
         if (six_volumes(vertices, part).sum() > 0) != (depth % 2 == 0):
             wrong.append(k)

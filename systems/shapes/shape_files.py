@@ -144,7 +144,9 @@ def _read_obj(text: str) -> tuple[np.ndarray, np.ndarray, str]:
 
 
 def _read_tab(text: str) -> tuple[np.ndarray, np.ndarray, str]:
-    text = re.sub(r"\A\s*PDS_VERSION_ID.*?^\s*END\s*$", "", text, flags=re.DOTALL | re.MULTILINE)
+    text = re.sub(
+        r"\A\s*PDS_VERSION_ID.*?^[ \t]*END[ \t\r]*$", "", text, flags=re.DOTALL | re.MULTILINE
+    )
     rows = [line.replace(",", " ").split() for line in text.splitlines()]
     rows = [row for row in rows if row and not row[0].startswith("#")]
     if not rows:

@@ -129,7 +129,7 @@ def write_folder(folder: Path, files: dict[str, bytes]) -> None:
     try:
         _tidy_up(folder)
         part = Path(tempfile.mkdtemp(dir=folder.parent, prefix=f".{folder.name}.", suffix=".part"))
-        part.chmod(0o755)
+        part.chmod(folder.parent.stat().st_mode & 0o777)
         try:
             for name, content in files.items():
                 (part / name).write_bytes(content)
