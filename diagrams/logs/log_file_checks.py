@@ -83,7 +83,7 @@ def _foreign_data(file: h5py.File) -> str | None:
     return f"it holds {size / 1e9:.0f} GB" if size > _LARGEST_LOG else None
 
 
-def _has_opaque(entry: h5py.Group | h5py.Dataset) -> bool:
+def _has_opaque(entry: h5py.Group | h5py.Dataset | h5py.Datatype) -> bool:
     """Whether an entry or one of its attributes has opaque bytes.
 
     h5py takes some of them for addresses of Python's objects, so nothing may read them.
