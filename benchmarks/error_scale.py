@@ -25,6 +25,7 @@ from _farther_off import farther_off
 from proxops.diagrams.flight import Row
 from proxops.diagrams.scenario import load_scenario
 from proxops.studies.evaluation import Variant, delta_v_pairs, exact_interval
+from proxops.training.reports import interval_text
 
 HEADINGS = (
     "success", "exact 95 % interval", "flights that entered", "least clearance (km)",
@@ -39,7 +40,6 @@ def figures(rows: Sequence[Row], declared: Sequence[Row]) -> list[str]:
     if not flown:
         return ["0 of 0", *["–"] * (len(HEADINGS) - 1)]
     successes = sum(row["success"] for row in flown)
-    low, high = exact_interval(successes, len(flown))
     ends = [row["terminal_position_error_m"] for row in flown]
     pairs = delta_v_pairs(rows, declared)
     # Of a flight, the share of steps of the worst component; the mean is over flights. In a flight
@@ -48,7 +48,7 @@ def figures(rows: Sequence[Row], declared: Sequence[Row]) -> list[str]:
     changed = [row.get("interventions_keep_out") for row in flown]
     return [
         f"{successes} of {len(flown)}",
-        f"{100.0 * low:.1f} to {100.0 * high:.1f} %",
+        interval_text(exact_interval(successes, len(flown)), " to "),
         str(sum(row["keep_out_violations"] > 0 for row in flown)),
         f"{min(row['min_clearance_m'] for row in flown) / 1e3:.2f}",
         f"{np.median(ends):.0f}",

@@ -11,7 +11,13 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from proxops.diagrams.logs import WIDE_ARRIVAL, FlightLog
-from proxops.diagrams.plots import draw_body, length_unit, plot_clearance, plot_distance
+from proxops.diagrams.plots import (
+    draw_body,
+    frame_plane,
+    length_unit,
+    plot_clearance,
+    plot_distance,
+)
 from proxops.studies.evaluation.evaluation import EXPERT
 
 # Okabe and Ito's colours, which the colour-blind tell apart; the expert is black.
@@ -149,12 +155,7 @@ def draw_paths(axis: Axes, flights: Mapping[str, FlightLog], plane: str, looks: 
     axis.plot(goal[across], goal[up], "*", color=_GOAL, markersize=13)
     keep_out = first.body.keep_out_semi_axes.max() / length
     reach = _ROOM * max(np.abs(start).max(), np.abs(goal).max(), keep_out)
-    axis.set_xlim(-reach, reach)
-    axis.set_ylim(-reach, reach)
-    axis.set_aspect("equal")
-    axis.set_xlabel(f"{plane[0]} ({unit})")
-    axis.set_ylabel(f"{plane[1]} ({unit})")
-    axis.grid(alpha=0.25)
+    frame_plane(axis, plane, unit, reach)
 
 
 def plot_flights(logs: Sequence[FlightLog], titles: Sequence[str]) -> Figure:
