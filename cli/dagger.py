@@ -82,8 +82,7 @@ def dagger_command(
     with training_extra():
         from proxops.training.any_body import AnyBodyDagger, run_any_body_dagger
         from proxops.training.pilot import DaggerSettings, run_dagger
-    with work_bar() as tell:
-        fleet = Workers(workers, scheduler, tell)
+    with work_bar() as tell, Workers(workers, scheduler, tell).kept() as fleet:
         if data is None:
             if (pilot / "pilot.ckpt").exists():
                 raise InputError(f"name the folder of flights that {pilot} was trained from")

@@ -74,7 +74,7 @@ def reproduce_command(
         typer.Option(
             min=2,
             help="Number of transits for each controller. Default: 200 and, of the flagship, 852; "
-            "with --quick 2, and 10 of the paper's.",
+            "with --quick 2, and 4 of the paper's.",
         ),
     ] = None,
     seed: Annotated[
@@ -124,10 +124,9 @@ def reproduce_command(
     check_transits_drawn(wanted, settings)
     load_body(wanted.body)
     own = [] if bodies is None else beyond.own_bodies(bodies)
-    fleet = Workers(workers, scheduler)
-    asked = _Asked(names or [], scenario, settings or [], quick, transits, own, out, fleet)
-    asked.check(seed, lidar)
-    with _stage_bar() as tell:
+    with _stage_bar() as tell, Workers(workers, scheduler).kept() as fleet:
+        asked = _Asked(names or [], scenario, settings or [], quick, transits, own, out, fleet)
+        asked.check(seed, lidar)
         paper = None
         if asked.wants(beyond.PAPER):
             paper = _reproduce_paper(asked, seed, lidar, tell)

@@ -20,7 +20,7 @@ import pytest
 from dask.distributed import LocalCluster
 from short_flights import BRIEF, kleopatra, short_scenario, write_blob
 
-from proxops.diagrams.flight import Workers, campaign
+from proxops.diagrams.flight import Workers, campaign, parallel
 from proxops.diagrams.flight.campaign import Flight, provenance, run_campaign, transit_flights
 from proxops.diagrams.flight.named_controllers import named_controller
 from proxops.diagrams.logs.flight_log import FlightLog
@@ -355,6 +355,39 @@ def test_a_local_cluster_listens_on_this_machine_alone() -> None:
         ]
     assert len(listening) >= 4  # The scheduler, its dashboard, and two workers.
     assert {address.ip for address in listening} == {"127.0.0.1"}
+
+
+def has_ended(process: int) -> bool:
+    return not psutil.pid_exists(process) or psutil.Process(process).status() == "zombie"
+
+
+@pytest.mark.slow
+def test_processes_that_are_kept_do_later_work_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    def process_of(piece: Flight) -> int:
+        time.sleep(1.0)  # So that each worker has something to do.
+        return os.getpid()
+
+    monkeypatch.setattr(parallel, "_PIECES_PER_PROCESS", 4)
+    with Workers(2).kept() as workers, workers.kept() as same:
+        first = set(dict(workers.results(flights(4), process_of)).values())
+        second = set(dict(same.reporting(print).results(flights(4), process_of)).values())
+        assert len(first) == 2
+        assert second == first
+        # They have done four pieces each.
+        third = set(dict(workers.results(flights(2), process_of)).values())
+        assert not third & first
+        assert all(has_ended(process) for process in first)
+    assert all(has_ended(process) for process in third)
+
+
+def test_no_process_is_kept_where_none_is_started() -> None:
+    with Workers(1).kept() as workers:
+        assert set(dict(workers.results(flights(2), attrgetter("name")))) == {
+            flight.name for flight in flights(2)
+        }
+    scheduled = Workers(scheduler="tcp://127.0.0.1:9")
+    with scheduled.kept() as same:
+        assert same is scheduled
 
 
 CAMPAIGN = """

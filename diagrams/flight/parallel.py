@@ -16,6 +16,9 @@ import numba
 
 from proxops.systems.common import InputError, Progress, one_thread, part_of, silent
 
+if typing.TYPE_CHECKING:
+    from dask.distributed import Client
+
 # A process is replaced after this many pieces of work, because the memory of Drake's diagrams with
 # Python systems, about 2 MB each, is never freed.
 _PIECES_PER_PROCESS = 150
@@ -48,6 +51,7 @@ class Workers:
     """Address of a Dask scheduler; its workers then do the work. They need proxops, and the folders
     of this machine under the same paths. Each worker should have one thread."""
     progress: Progress = silent
+    _processes: _Processes | None = dc.field(default=None, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         """Raises `InputError` if `processes` is below 1, or there is a scheduler too."""
@@ -75,14 +79,29 @@ class Workers:
             return  # A cluster would be asked, or started, for nothing.
         processes = min(self.processes or os.cpu_count() or 1, len(pieces))
         if self.scheduler is not None:
-            yield from _distributed(pieces, task, processes, self.scheduler)
+            with _cluster(self.scheduler) as client:
+                yield from _distributed(client, pieces, task)
         elif processes <= 1 and len(pieces) <= _PIECES_PER_PROCESS:
             for piece in pieces:
                 yield piece.name, task(piece)
+        elif self._processes is not None:
+            yield from self._processes.results(pieces, task)
         else:
-            batch = processes * _PIECES_PER_PROCESS
-            for start in range(0, len(pieces), batch):
-                yield from _distributed(pieces[start : start + batch], task, processes, None)
+            with contextlib.closing(_Processes(processes)) as started:
+                yield from started.results(pieces, task)
+
+    @contextlib.contextmanager
+    def kept(self) -> Generator[Workers]:
+        """Gives the same workers; processes that they start on this machine are kept.
+
+        To start them takes seconds. They start with the first work that needs them, do all work of
+        the block, and end with it.
+        """
+        if self.scheduler is not None or self._processes is not None:
+            yield self
+            return
+        with contextlib.closing(_Processes(self.processes or os.cpu_count() or 1)) as started:
+            yield dc.replace(self, _processes=started)
 
     def part(self, start: float, end: float) -> Workers:
         """Gives the same workers for a part of the work, from share `start` to share `end`."""
@@ -93,56 +112,89 @@ class Workers:
         return dc.replace(self, progress=progress)
 
 
+class _Processes:
+    """Processes of this machine; they start with the first work, and end with `close`."""
+
+    def __init__(self, count: int):
+        self._count = count
+        # What more they may do before they are replaced.
+        self._room = 0
+        self._started = contextlib.ExitStack()
+        self._client: Client | None = None
+
+    def results(
+        self, pieces: Sequence[Work], task: Callable[[Work], Result]
+    ) -> Generator[tuple[str, Result]]:
+        """Does what `Workers.results` does."""
+        most = self._count * _PIECES_PER_PROCESS
+        for start in range(0, len(pieces), most):
+            batch = pieces[start : start + most]
+            if self._client is None or len(batch) > self._room:
+                self.close()
+                self._client = self._started.enter_context(_local_cluster(self._count))
+                self._room = most
+            self._room -= len(batch)
+            yield from _distributed(self._client, batch, task)
+
+    def close(self) -> None:
+        """Ends the processes; without any it does nothing."""
+        self._client = None
+        self._started.close()
+
+
 def _distributed(
-    pieces: Sequence[Work], task: Callable[[Work], Result], processes: int, scheduler: str | None
+    client: Client, pieces: Sequence[Work], task: Callable[[Work], Result]
 ) -> Generator[tuple[str, Result]]:
-    """Does what `Workers.results` does, by Dask's workers."""
+    """Does what `Workers.results` does, by the workers of a Dask cluster."""
     # Dask is slow to import.
     from dask.distributed import KilledWorker, as_completed
 
-    with _client(processes, scheduler) as client:
-        futures = [
-            # The keys are unique, because others may use the scheduler for work of the same names.
-            client.submit(
-                _on_one_thread, task, piece, key=f"{piece.name}-{uuid4().hex}", pure=False
-            )
-            for piece in pieces
-        ]
-        names = {future.key: piece.name for future, piece in zip(futures, pieces, strict=True)}
-        done = as_completed(futures)
-        del futures
-        for future in done:
-            try:
-                result = future.result()
-            except KilledWorker as error:
-                raise InputError(
-                    f"{names[future.key]} ended {_LIVES} worker processes one after the "
-                    "other: is there enough memory? Run again with fewer workers to go on"
-                ) from error
-            yield names[future.key], result
-            future.release()
+    futures = [
+        # The keys are unique, because others may use the scheduler for work of the same names.
+        client.submit(_on_one_thread, task, piece, key=f"{piece.name}-{uuid4().hex}", pure=False)
+        for piece in pieces
+    ]
+    names = {future.key: piece.name for future, piece in zip(futures, pieces, strict=True)}
+    done = as_completed(futures)
+    del futures
+    for future in done:
+        try:
+            result = future.result()
+        except KilledWorker as error:
+            raise InputError(
+                f"{names[future.key]} ended {_LIVES} worker processes one after the "
+                "other: is there enough memory? Run again with fewer workers to go on"
+            ) from error
+        yield names[future.key], result
+        future.release()
 
 
 @contextlib.contextmanager
-def _client(processes: int, scheduler: str | None):
+def _cluster(scheduler: str) -> Generator[Client]:
+    """A client of the scheduler at an address."""
+    from dask.distributed import Client
+
+    try:
+        client = Client(scheduler, timeout="10s")
+    # Dask raises the last two where certificates are missing or encryption is required.
+    except (OSError, ValueError, TimeoutError, TypeError, RuntimeError) as error:
+        raise InputError(f"no Dask scheduler answers at {scheduler}: {error}") from error
+    with client:
+        if not client.nthreads():
+            warnings.warn(
+                f"the scheduler at {scheduler} has no workers yet; the work begins when they "
+                "are there",
+                stacklevel=1,
+            )
+        yield client
+
+
+@contextlib.contextmanager
+def _local_cluster(processes: int) -> Generator[Client]:
+    """A client of worker processes of this machine, which end with the block."""
     import dask.config
     from dask.distributed import Client, LocalCluster
 
-    if scheduler is not None:
-        try:
-            client = Client(scheduler, timeout="10s")
-        # Dask raises the last two where certificates are missing or encryption is required.
-        except (OSError, ValueError, TimeoutError, TypeError, RuntimeError) as error:
-            raise InputError(f"no Dask scheduler answers at {scheduler}: {error}") from error
-        with client:
-            if not client.nthreads():
-                warnings.warn(
-                    f"the scheduler at {scheduler} has no workers yet; the work begins when they "
-                    "are there",
-                    stacklevel=1,
-                )
-            yield client
-        return
     settings = {
         "distributed.worker.multiprocessing-method": "spawn",
         # Otherwise Dask would set these variables in this process's environment too.

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from proxops.diagrams.flight import (
+    Flight,
     Workers,
     make_transit_diagram,
     named_controller,
@@ -26,7 +27,6 @@ from proxops.diagrams.scenario import (
 )
 from proxops.studies.beyond.campaigns import Campaign
 from proxops.studies.evaluation import (
-    Variant,
     aggregate_all,
     describe_flight,
     fly_variants,
@@ -64,15 +64,16 @@ def fly_campaign(
     body = load_body(flown.body)
 
     def work(folder: Path, progress: Progress) -> dict[str, Any]:
-        refused = {each.name: _refusal(each, flown, campaign.seed) for each in campaign.variants}
-        rows = fly_variants(
-            [each for each in campaign.variants if refused[each.name] is None],
-            flown, campaign.seed, campaign.transits, folder, describe=describe_flight,
-            workers=workers.reporting(progress),
-        )  # fmt: skip
+        with workers.reporting(progress).kept() as fleet:
+            refused = _refused(campaign, flown, fleet)
+            rows = fly_variants(
+                [each for each in campaign.variants if each.name not in refused],
+                flown, campaign.seed, campaign.transits, folder,
+                describe=describe_flight, workers=fleet,
+            )  # fmt: skip
         return {
             "results": aggregate_all(rows),
-            "refused": {name: reason for name, reason in refused.items() if reason is not None},
+            "refused": refused,
             "body": body.config.name,
             "arrival": dc.asdict(flown.arrival),
             "seed": campaign.seed,
@@ -143,12 +144,22 @@ def campaign_scenario(campaign: Campaign, scenario: Scenario, bodies: Path) -> S
     return change_scenario(scaled, campaign.changes)
 
 
-def _refusal(variant: Variant, flown: Scenario, seed: int) -> str | None:
-    """Why a controller refuses to fly in a scenario, or None.
+def _refused(campaign: Campaign, flown: Scenario, workers: Workers) -> dict[str, str]:
+    """The reason of each controller that refuses to fly, by its name.
 
     The policy refuses bodies outside its family, and assurance errors that thrust can't hold.
     """
-    (flight,) = variant_flights(variant, flown, seed, [0])
+    first = {each.name: variant_flights(each, flown, campaign.seed, [0])[0]
+             for each in campaign.variants}  # fmt: skip
+    reasons = dict(workers.results(list(first.values()), _refusal))
+    return {
+        name: reason
+        for name, flight in first.items()
+        if (reason := reasons[flight.name]) is not None
+    }
+
+
+def _refusal(flight: Flight) -> str | None:
     scenario = dc.replace(parse_scenario(flight.scenario), gravity="exact")
     body = load_body(scenario.body)
     try:
