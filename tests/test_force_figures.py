@@ -11,7 +11,7 @@ SAID = np.array([[0.0, 0.5, 0.0], [3.0, 0.5, -3.0], [0.1, 0.5, 0.1], [5.0, 0.5, 
 
 
 def test_figures():
-    figures = force_figures(WANTED, SAID)
+    figures = force_figures(WANTED, SAID, 7.0)
     assert figures["steps"] == 4
     assert figures["rmse_axes_n"] == pytest.approx([1.0, 0.5, 2.0])
     assert figures["rmse_n"] == pytest.approx(np.sqrt((1.0 + 0.25 + 4.0) / 3.0))
@@ -25,11 +25,17 @@ def test_figures():
     assert 0.9 < figures["correlation"][0] < 1.0
 
 
+def test_small_is_for_the_thrust_limit():
+    """At a small body all forces are below 0.2 N."""
+    figures = force_figures(0.001 * WANTED, 0.001 * SAID, 0.007)
+    assert (figures["small_mpc"], figures["small_policy"]) == (0.5, 0.0)
+
+
 def test_figures_of_nothing_are_none():
-    figures = force_figures(np.zeros((0, 3)), np.zeros((0, 3)))
+    figures = force_figures(np.zeros((0, 3)), np.zeros((0, 3)), 7.0)
     assert figures.pop("steps") == 0
     assert set(figures.values()) == {None}
-    assert figures.keys() == force_figures(WANTED, SAID).keys() - {"steps"}
+    assert figures.keys() == force_figures(WANTED, SAID, 7.0).keys() - {"steps"}
 
 
 def test_histograms_show_actual_across_and_predicted_up():

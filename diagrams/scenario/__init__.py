@@ -20,6 +20,7 @@ from proxops.diagrams.scenario.navigation_config import (
     LidarNavigationConfig,
     TrueStateConfig,
 )
+from proxops.diagrams.scenario.overrides import dotted_leaves, given_keys
 from proxops.diagrams.scenario.scenario import (
     believed,
     change_scenario,
@@ -71,13 +72,7 @@ from proxops.diagrams.scenario.truth_config import (
     TrueThrustersConfig,
     TruthConfig,
 )
-from proxops.diagrams.scenario.typed_yaml import (
-    dotted_leaves,
-    given_keys,
-    is_yaml_path,
-    load_typed,
-    parse_mapping,
-)
+from proxops.diagrams.scenario.typed_yaml import is_yaml_path, load_typed, parse_mapping
 from proxops.diagrams.scenario.world_differences import differing_values, spin_axes
 
 __all__ = [

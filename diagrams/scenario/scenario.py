@@ -10,25 +10,24 @@ from pydrake.common.yaml import yaml_dump_typed
 
 from proxops.diagrams.scenario.dispersions import loaded_dispersions
 from proxops.diagrams.scenario.dotted_keys import why_not_dispersed
+from proxops.diagrams.scenario.overrides import (
+    Overrides,
+    apply_overrides,
+    given_keys,
+    overrides_of,
+)
 from proxops.diagrams.scenario.path_keys import make_paths_absolute
 from proxops.diagrams.scenario.renamed_keys import refuse_renamed, translate_renamed
 from proxops.diagrams.scenario.scenario_checks import check_scenario
 from proxops.diagrams.scenario.scenario_config import Scenario
 from proxops.diagrams.scenario.truth_config import TruthConfig
-from proxops.diagrams.scenario.typed_yaml import (
-    apply_overrides,
-    given_keys,
-    load_typed,
-    overrides_of,
-    parse_mapping,
-    read_mapping,
-)
+from proxops.diagrams.scenario.typed_yaml import load_typed, parse_mapping, read_mapping
 from proxops.systems.common import InputError
 
 
 def load_scenario(
     path: str | Path | None = None,
-    overrides: typing.Sequence[str] | typing.Mapping[str, typing.Any] = (),
+    overrides: Overrides = (),
     *,
     on_true_state: bool = False,
 ) -> Scenario:
@@ -89,9 +88,7 @@ def _parsed(text: str, source: str) -> Scenario:
     return scenario
 
 
-def change_scenario(
-    scenario: Scenario, changes: typing.Sequence[str] | typing.Mapping[str, typing.Any]
-) -> Scenario:
+def change_scenario(scenario: Scenario, changes: Overrides) -> Scenario:
     """Gives a copy of a scenario in which some values are changed.
 
     Args:
@@ -117,9 +114,7 @@ def believed(scenario: Scenario) -> Scenario:
     return dc.replace(scenario, truth=TruthConfig(), dispersions=None, dispersed=[])
 
 
-def _check_not_drawn(
-    scenario: Scenario, changes: typing.Sequence[str] | typing.Mapping[str, typing.Any]
-) -> None:
+def _check_not_drawn(scenario: Scenario, changes: Overrides) -> None:
     """Raises `InputError` if a changed value would be replaced by one that dispersions draw."""
     if scenario.dispersions is None:
         return
@@ -134,9 +129,7 @@ def _check_not_drawn(
             )
 
 
-def _change(
-    tree: dict[str, typing.Any], changes: typing.Sequence[str] | typing.Mapping[str, typing.Any]
-) -> None:
+def _change(tree: dict[str, typing.Any], changes: Overrides) -> None:
     """Changes values in nested dicts, in place; what the caller gave is not changed."""
     given = copy.deepcopy(overrides_of(changes))
     apply_overrides(tree, given)

@@ -6,7 +6,6 @@ import reprlib
 import typing
 from pathlib import Path
 
-import numpy as np
 import yaml
 from pydrake.common.yaml import yaml_dump, yaml_load, yaml_load_typed
 
@@ -67,7 +66,7 @@ def parse_mapping(text: str, source: str) -> dict[str, typing.Any]:
       InputError: the text is not YAML, is empty, or does not hold a mapping; the message begins
         with `source`.
     """
-    tree = _read_yaml(text, source) if text.strip() else None
+    tree = read_yaml(text, source) if text.strip() else None
     if tree is None:
         raise InputError(f"{source} is empty; it needs at least one `key: value` line")
     if not isinstance(tree, dict):
@@ -75,56 +74,7 @@ def parse_mapping(text: str, source: str) -> dict[str, typing.Any]:
     return tree
 
 
-def apply_overrides(
-    tree: dict[str, typing.Any], overrides: typing.Sequence[str] | typing.Mapping[str, typing.Any]
-) -> None:
-    """Sets values in nested dicts, in place.
-
-    Args:
-      tree: the nested dicts.
-      overrides: texts `key.subkey=value`, or a mapping of such keys to values.
-
-    Raises:
-      InputError: a text has another form, or its value is not YAML.
-    """
-    for key, value in overrides_of(overrides).items():
-        _assign(tree, key, value)
-
-
-def overrides_of(
-    overrides: typing.Sequence[str] | typing.Mapping[str, typing.Any],
-) -> typing.Mapping[str, typing.Any]:
-    """Gives overrides, as `apply_overrides` takes them, as a mapping of dotted keys to values."""
-    if isinstance(overrides, typing.Mapping):
-        return overrides
-    texts = [overrides] if isinstance(overrides, str) else overrides
-    return dict(_split_override(text) for text in texts)
-
-
-def dotted_leaves(
-    tree: typing.Mapping[str, typing.Any], prefix: str = ""
-) -> typing.Iterator[tuple[str, typing.Any]]:
-    """Yields the dotted keys of all values of nested mappings, with the values."""
-    for key, value in tree.items():
-        if isinstance(value, dict) and value:
-            yield from dotted_leaves(value, f"{prefix}{key}.")
-        else:
-            yield prefix + key, value
-
-
-def given_keys(overrides: typing.Sequence[str] | typing.Mapping[str, typing.Any]) -> list[str]:
-    """Lists the dotted keys of the values that overrides give, those in nested mappings too."""
-    return [key for key, _ in dotted_leaves(overrides_of(overrides))]
-
-
-def _split_override(text: str) -> tuple[str, typing.Any]:
-    key, equals, value = text.partition("=")
-    if not equals or not key.strip():
-        raise InputError(f"override {text!r} is not of the form key.subkey=value")
-    return key.strip(), _read_yaml(f"value: {value}", f"override {text!r}: the value")["value"]
-
-
-def _read_yaml(text: str, source: str) -> typing.Any:
+def read_yaml(text: str, source: str) -> typing.Any:
     """Reads the plain values in a YAML text; its tags create no objects.
 
     Raises:
@@ -192,16 +142,6 @@ def _refuse_twice(text: str, source: str) -> None:
             levels.append(None)
         elif isinstance(event, yaml.CollectionEndEvent):
             levels.pop()
-
-
-def _assign(tree: dict[str, typing.Any], dotted_key: str, value: typing.Any) -> None:
-    *parents, last = dotted_key.split(".")
-    for name in parents:
-        child = tree.get(name)
-        if not isinstance(child, dict):
-            child = tree[name] = {}
-        tree = child
-    tree[last] = value.tolist() if isinstance(value, np.ndarray | np.generic) else value
 
 
 def _check_tree(schema: type, tree: dict[str, typing.Any], source: str, key: str = "") -> None:

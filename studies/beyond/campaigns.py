@@ -15,7 +15,7 @@ PARTS = (BELIEVED, WORLDS)
 POLICY, HYBRID, ADAPTIVE = "policy", "hybrid", "hybrid, adaptive"
 PILOT, PILOT_HYBRID = "end-to-end pilot", "hybrid, end-to-end pilot"
 PAPER_POLICY = "paper's recipe"
-FLAGSHIP = "hybrid, assured"
+ASSURED_HYBRID = "hybrid, assured"
 """Names of controllers in the report and in results.json."""
 
 BODIES = tuple(f"20:{number}" for number in range(10))
@@ -23,7 +23,7 @@ BODIES = tuple(f"20:{number}" for number in range(10))
 DISPERSED_BODIES = ("20:0", "20:1", "20:3")
 """Those at which flights are dispersed, too: three at which runtime assurance flies."""
 
-MAIN = "flagship"
+FLAGSHIP = "flagship"
 """Name of the campaign that says most: whole flights, dispersed, assured, nobody told anything."""
 PAPER_RECIPE = "paper-recipe"
 """Name of the campaign that is there only once `proxops reproduce paper` has trained the recipe."""
@@ -39,7 +39,7 @@ _MPC = Variant(EXPERT, "mpc")
 _POLICY = Variant(POLICY, "policy")
 _ASSURED_POLICY = Variant("policy, assured", "policy", _ASSURED)
 _HYBRID = Variant(HYBRID, "hybrid")
-_ASSURED_HYBRID = Variant(FLAGSHIP, "hybrid", _ASSURED)
+_ASSURED_HYBRID = Variant(ASSURED_HYBRID, "hybrid", _ASSURED)
 _ADAPTIVE_HYBRID = Variant(ADAPTIVE, "hybrid", _ADAPTIVE)
 _PILOT = Variant(PILOT, "policy:end-to-end")
 
@@ -149,7 +149,7 @@ def _dispersed() -> list[Campaign]:
     )
     return [
         Campaign(
-            MAIN,
+            FLAGSHIP,
             WORLDS,
             "After the survey: the flagship",
             told,

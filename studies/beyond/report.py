@@ -9,7 +9,7 @@ from typing import Any
 
 from proxops.diagrams.scenario import ArrivalConfig
 from proxops.studies.beyond.campaigns import (
-    MAIN,
+    FLAGSHIP,
     PAPER_POLICY,
     PAPER_RECIPE,
     PILOT,
@@ -167,7 +167,7 @@ def _campaign(campaign: Campaign, stage: Stage) -> Section:
         Text(f"{name} refuses to fly: {reason}.")
         for name, reason in stage.result["refused"].items()
     ]
-    if campaign.name == MAIN:
+    if campaign.name == FLAGSHIP:
         for section in driver_sections(results):
             blocks += section.blocks
     return Section(campaign.title, blocks)

@@ -14,11 +14,10 @@ from proxops.diagrams.scenario import Scenario
 from proxops.studies.evaluation.evaluation import Row
 from proxops.studies.evaluation.table import Result, Results
 from proxops.studies.evaluation.variants import Logs, Variant, fly_logs
+from proxops.training.reports import SMALL_COMMAND
 
 PATHS = 4
 """Greatest number of transits whose paths are drawn."""
-# A command below this share of the thrust limit counts as none: 0.2 N at Kleopatra.
-_SMALL_COMMAND = 0.2 / 7.0
 _WORST = 3
 _REPLAYED = 5
 
@@ -31,7 +30,7 @@ def describe_flight(log: FlightLog, path: Path | None) -> Row:
     """
     data, limit = log.dataset, log.scenario.spacecraft.thrust_limit_n
     commands = commanded_forces(data["force"].values, data["disturbance"].values, limit)[:-1]
-    small = np.linalg.norm(commands, axis=1) < _SMALL_COMMAND * limit
+    small = np.linalg.norm(commands, axis=1) < SMALL_COMMAND * limit
     return log.summary | {"small_command_share": float(small.mean())}
 
 

@@ -138,7 +138,7 @@ def _histograms(findings: Findings) -> list[Block]:
             )
             blocks.append(_file(f"forces-{name}", stage.folder / "forces.png", caption))
     for name, (wanted, said) in findings.forces.items():
-        figures = force_figures(wanted, said)
+        figures = force_figures(wanted, said, limit)
         caption = (
             f"{name}, along {len(findings.logs[EXPERT])} undisturbed flights of the MPC of the "
             f"evaluation: RMSE {number(figures, 'rmse_n', '.3f')} N, always zero "

@@ -58,7 +58,8 @@ def findings_json(findings: Findings) -> dict[str, Any]:
         ],
         "controllers": controller_figures(findings.results),
         "forces_along_the_mpc": {
-            name: force_figures(*forces) for name, forces in findings.forces.items()
+            name: force_figures(*forces, findings.scenario.spacecraft.thrust_limit_n)
+            for name, forces in findings.forces.items()
         },
         "forces_on_the_test_part": {
             name: stage.result["parts"]["test"]

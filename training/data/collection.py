@@ -23,9 +23,8 @@ from proxops.systems.common import InputError, file_sha256
 from proxops.systems.lidar import LidarBundle
 from proxops.systems.shapes import clearances
 from proxops.training.data.recovery import flight_scenario, kind_of
+from proxops.training.reports import SMALL_COMMAND
 
-# A command below this share of the thrust limit, per axis, counts as zero: 0.2 N at Kleopatra.
-ZERO_COMMAND = 0.2 / 7.0
 # Edges of the distance histograms, as multiples of the radius of arrival (1 km).
 GOAL_EDGES = (0.0, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)
 CLEARANCE_EDGES = (0.0, 1.0, 3.0, 8.0, 20.0, 50.0, 100.0)
@@ -84,15 +83,15 @@ def learned_lidar_of(
 def describe_flight(log: FlightLog, path: Path | None) -> Row:
     """The manifest's row of a flight: its summary, its file, and statistics of its commands.
 
-    `zero_commands` counts the `commands` below `ZERO_COMMAND` of the thrust limit on x, on y, on z,
-    and on all three. `goal_distances` and `clearances` are histograms of the rows over `GOAL_EDGES`
-    and `CLEARANCE_EDGES`, with one more bin at either end.
+    `zero_commands` counts the `commands` below `SMALL_COMMAND` of the thrust limit on x, on y, on
+    z, and on all three. `goal_distances` and `clearances` are histograms of the rows over
+    `GOAL_EDGES` and `CLEARANCE_EDGES`, with one more bin at either end.
     """
     data, unit = log.dataset, log.scenario.arrival.radius_m
     states = data["state"].values
     commands = data["mpc_force"].values
     commands = commands[np.isfinite(commands).all(axis=1)]
-    small = np.abs(commands) < ZERO_COMMAND * log.scenario.spacecraft.thrust_limit_n
+    small = np.abs(commands) < SMALL_COMMAND * log.scenario.spacecraft.thrust_limit_n
     distances = np.linalg.norm(states[:, :3] - data["target"].values[:, :3], axis=1)
     heights = clearances(log.body.keep_out_semi_axes, states[:, :3])
     row = log.summary | {

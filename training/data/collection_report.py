@@ -9,8 +9,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from proxops.diagrams.logs import length_text
-from proxops.training.data.collection import CLEARANCE_EDGES, GOAL_EDGES, ZERO_COMMAND
-from proxops.training.reports import Section, Table, Text, number_text
+from proxops.training.data.collection import CLEARANCE_EDGES, GOAL_EDGES
+from proxops.training.reports import SMALL_COMMAND, Section, Table, Text, number_text
 
 Figures = dict[str, typing.Any]
 
@@ -109,7 +109,7 @@ def collection_sections(report: Figures) -> list[Section]:
     size = f"{figures['flights']} flights, {figures['steps']} control steps"
     notes = (
         "Δv and arrival are medians of the flights that succeeded; a command is zero below "
-        f"{100.0 * ZERO_COMMAND:.1f} % of the thrust limit; keep-out counts violations."
+        f"{100.0 * SMALL_COMMAND:.1f} % of the thrust limit; keep-out counts violations."
     )
     text = Text(f"{size}, {figures['bytes'] / 1e6:.0f} MB. {notes}")
     sections = [Section("Flights by kind", [text, Table(*report_rows(report))])]

@@ -71,13 +71,14 @@ def write_report(
       report: with `recipe`, `settings` and `training`, the last as `policy_sections` takes it.
     """
     forces = {part: replay_flights(policy, flights, part) for part in PARTS}
+    limit = flights.setting.thrust_limit_n
     report = report | {
         "parts": {
-            part: {"flights": len(flights.part(part)), **force_figures(*forces[part])}
+            part: {"flights": len(flights.part(part)), **force_figures(*forces[part], limit)}
             for part in PARTS
         }
     }
-    figure = plot_forces(*forces["test"], flights.setting.thrust_limit_n)
+    figure = plot_forces(*forces["test"], limit)
     histograms = picture("forces", figure, HISTOGRAMS_CAPTION)
     write_markdown(out, report_title(report), policy_sections(report, histograms))
     write_json(out / "report.json", report)

@@ -6,7 +6,7 @@ reports on; `number_text` gives the figures of its tables. `force_figures` compa
 expert's, and `plot_frames` draws lidar frames.
 """
 
-from proxops.training.reports.figure_text import DASH, interval_text, number_text
+from proxops.training.reports.figure_text import DASH, SMALL_COMMAND, interval_text, number_text
 from proxops.training.reports.force_errors import (
     HISTOGRAMS_CAPTION,
     force_figures,
@@ -32,6 +32,7 @@ from proxops.training.reports.report_writer import (
 __all__ = [
     "DASH",
     "HISTOGRAMS_CAPTION",
+    "SMALL_COMMAND",
     "Block",
     "Link",
     "Page",

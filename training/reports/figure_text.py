@@ -6,6 +6,8 @@ from collections.abc import Sequence
 
 DASH = "–"
 """Stands in a table for a figure that there is not."""
+SMALL_COMMAND = 0.2 / 7.0
+"""A command below this share of the thrust limit counts as none: 0.2 N at Kleopatra."""
 
 
 def number_text(value: float | None, form: str, scale: float = 1.0) -> str:

@@ -7,14 +7,12 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from proxops.training.reports.figure_text import number_text
+from proxops.training.reports.figure_text import SMALL_COMMAND, number_text
 from proxops.training.reports.report_writer import Block, Picture, Section, Table, Text
 
 if typing.TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# A command below this counts as none (N).
-_SMALL_COMMAND_N = 0.2
 # The paper's cap of the colours: most commands are near zero and would hide all others.
 _MOST_SHOWN = 1000
 _BINS = 71
@@ -22,14 +20,18 @@ _BINS = 71
 Figures = dict[str, typing.Any]
 
 
-def force_figures(wanted: np.ndarray, said: np.ndarray) -> Figures:
-    """Compares a policy's forces `said` (N, 3) with the MPC's `wanted` (N, 3), in N in K.
+def force_figures(wanted: np.ndarray, said: np.ndarray, limit: float) -> Figures:
+    """Compares a policy's forces with the MPC's.
+
+    Args:
+      wanted, said: the MPC's forces and the policy's, (N, 3) in N in K.
+      limit: of the thrusters, in N.
 
     Returns:
       `steps` is N. `rmse_n` is over all axes, `rmse_axes_n` over each axis. `zero_rmse_n` and
       `zero_rmse_axes_n` are those of a policy that is always zero. `correlation` has a figure for
-      each axis. `small_mpc` and `small_policy` are the shares of steps whose force is below 0.2 N
-      in magnitude. Figures of no steps, and correlations with a constant, are None.
+      each axis. `small_mpc` and `small_policy` are the shares of steps whose force is below
+      `SMALL_COMMAND` of the limit. Figures of no steps, and correlations with a constant, are None.
     """
     if len(wanted) == 0:
         names = (
@@ -45,8 +47,8 @@ def force_figures(wanted: np.ndarray, said: np.ndarray) -> Figures:
         "zero_rmse_n": float(np.sqrt(zero_squares.mean())),
         "zero_rmse_axes_n": np.sqrt(zero_squares).tolist(),
         "correlation": [_correlation(wanted[:, k], said[:, k]) for k in range(3)],
-        "small_mpc": float((np.linalg.norm(wanted, axis=1) < _SMALL_COMMAND_N).mean()),
-        "small_policy": float((np.linalg.norm(said, axis=1) < _SMALL_COMMAND_N).mean()),
+        "small_mpc": _small(wanted, limit),
+        "small_policy": _small(said, limit),
     }
 
 
@@ -104,7 +106,8 @@ _INTRODUCTION = (
 )
 _HEAD = [
     "part", "flights", "steps", "RMSE (N)", "x", "y", "z", "always zero: RMSE (N)", "x", "y",
-    "z", "correlation x", "y", "z", "below 0.2 N: MPC (%)", "policy (%)",
+    "z", "correlation x", "y", "z", f"below {SMALL_COMMAND:.1%} of the limit: MPC (%)",
+    "policy (%)",
 ]  # fmt: skip
 HISTOGRAMS_CAPTION = (
     "Steps of the test part by the MPC's force (actual) and the policy's (predicted); colours end "
@@ -148,6 +151,10 @@ def _cells(figures: Figures) -> list[str]:
         *(number_text(number, ".3f") for number in numbers),
         *(number_text(share, ".1f", 100.0) for share in shares),
     ]
+
+
+def _small(forces: np.ndarray, limit: float) -> float:
+    return float((np.linalg.norm(forces, axis=1) < SMALL_COMMAND * limit).mean())
 
 
 def _correlation(wanted: np.ndarray, said: np.ndarray) -> float | None:
