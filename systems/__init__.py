@@ -5,7 +5,6 @@ Each room below has a face of its own; what is used most is here too.
 
 from proxops.systems.assurance import (
     AssuranceBounds,
-    AssuranceLimits,
     BackupBraking,
     InterventionReason,
     RuntimeAssurance,
@@ -18,7 +17,6 @@ from proxops.systems.expert import (
     Plan,
     PlanReason,
     PlanStatus,
-    TransitLimits,
     TransitProgram,
     WeightedProgram,
 )
@@ -79,6 +77,7 @@ from proxops.systems.vehicle import (
     AttitudeError,
     CommandAxes,
     DelayedHold,
+    FlightLimits,
     FlightMonitor,
     ForceNoise,
     RandomWalkDisturbance,
@@ -96,7 +95,6 @@ __all__ = [
     "ActualThrust",
     "AgreementGate",
     "AssuranceBounds",
-    "AssuranceLimits",
     "AttitudeError",
     "BackupBraking",
     "BodyPose",
@@ -107,6 +105,7 @@ __all__ = [
     "EnabledValue",
     "ErrorWeights",
     "ExpectedErrors",
+    "FlightLimits",
     "FlightMonitor",
     "FlownBy",
     "ForceNoise",
@@ -159,7 +158,6 @@ __all__ = [
     "TabulatedField",
     "ThrusterErrors",
     "Thrusters",
-    "TransitLimits",
     "TransitProgram",
     "UnexplainedAcceleration",
     "VelocityKicks",

@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from proxops.systems import AssuranceLimits, Gravity
+from proxops.systems import FlightLimits, Gravity
 
 RADIUS, MASS, THRUST = 50e3, 100.0, 7.0
 PUSH = THRUST / MASS
-BALL = AssuranceLimits(MASS, THRUST, 40.0, np.full(3, RADIUS))
+BALL = FlightLimits(MASS, THRUST, 40.0, np.full(3, RADIUS))
 
 
 class NoField:

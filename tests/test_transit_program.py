@@ -13,12 +13,12 @@ from proxops.diagrams.scenario.body import load_body
 from proxops.diagrams.scenario.scenario_config import Scenario
 from proxops.diagrams.scenario.transits import transit_set
 from proxops.systems import (
+    FlightLimits,
     GravityField,
     Horizon,
     InputError,
     Plan,
     Polyhedron,
-    TransitLimits,
     TransitProgram,
 )
 from proxops.systems.shapes.ellipsoid import blocks_segment, clearances
@@ -156,7 +156,7 @@ def test_blocked_plan_goes_round_the_ellipsoid_and_touches_it(start, target):
 def free_program(speed: float = 1e3, thrust: float = THRUST, horizon=None) -> TransitProgram:
     """Beside a rock of 1 km that does not spin: no force but the thrusters'."""
     rock = Polyhedron.from_trimesh(trimesh.creation.box(extents=3 * [1e3]), "m")
-    limits = TransitLimits(MASS, thrust, speed, np.array([70e3, 70e3, 70e3]))
+    limits = FlightLimits(MASS, thrust, speed, np.array([70e3, 70e3, 70e3]))
     return TransitProgram(GravityField(rock, density=1000.0), 0.0, limits, horizon or Horizon())
 
 
@@ -342,7 +342,7 @@ def test_senseless_horizon_is_refused(setting, why):
 def test_senseless_limits_are_refused(name, value):
     sound = {"mass": 100.0, "thrust": 7.0, "speed": 40.0}
     with pytest.raises(InputError, match=f"needs {name} above 0"):
-        TransitLimits(**{**sound, name: value}, keep_out_semi_axes=np.ones(3))
+        FlightLimits(**{**sound, name: value}, keep_out_semi_axes=np.ones(3))
 
 
 # A function of state and target

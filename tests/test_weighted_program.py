@@ -16,11 +16,11 @@ from proxops.diagrams.scenario.scenario_config import Scenario
 from proxops.diagrams.scenario.transits import transit_set
 from proxops.systems import (
     ErrorWeights,
+    FlightLimits,
     Horizon,
     InputError,
     Plan,
     PointMassField,
-    TransitLimits,
     TransitProgram,
     WeightedProgram,
 )
@@ -40,7 +40,7 @@ FIELD = PointMassField(2.97e18)
 
 def unlimited(weights: ErrorWeights = WEIGHTS, thrust: float = 200.0) -> WeightedProgram:
     """Limits so wide that none binds."""
-    limits = TransitLimits(MASS, thrust, 1e3, np.array([70e3, 70e3, 70e3]))
+    limits = FlightLimits(MASS, thrust, 1e3, np.array([70e3, 70e3, 70e3]))
     return WeightedProgram(FIELD, SPIN, limits, HORIZON, weights)
 
 

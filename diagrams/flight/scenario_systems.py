@@ -21,9 +21,9 @@ from proxops.diagrams.scenario import (
 )
 from proxops.systems import (
     AssuranceBounds,
-    AssuranceLimits,
     BackupBraking,
     ErrorWeights,
+    FlightLimits,
     GuidancePolicy,
     Horizon,
     InputError,
@@ -40,7 +40,6 @@ from proxops.systems import (
     Polyhedron,
     ProportionalDerivative,
     Surroundings,
-    TransitLimits,
     TransitProgram,
     WeightedProgram,
 )
@@ -62,7 +61,7 @@ def make_mpc(scenario: Scenario, body: Body) -> ModelPredictiveController:
     """Makes the MPC that the scenario configures."""
     craft, mpc = scenario.spacecraft, scenario.mpc
     field = PointMassField(body.gravity_field.mass) if mpc.point_mass else body.gravity_field
-    limits = TransitLimits(
+    limits = FlightLimits(
         mass=craft.mass_kg,
         thrust=craft.thrust_limit_n,
         speed=craft.speed_limit_m_s,
@@ -184,7 +183,7 @@ def bounded_backup(scenario: Scenario, body: Body, bounds: AssuranceBounds) -> B
       InputError: see `BackupBraking`.
     """
     craft = scenario.spacecraft
-    limits = AssuranceLimits(
+    limits = FlightLimits(
         mass=craft.mass_kg,
         thrust=craft.thrust_limit_n,
         speed=craft.speed_limit_m_s,

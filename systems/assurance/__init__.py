@@ -10,7 +10,6 @@ law changes the safety argument in docs/method/safety.md, too.
 
 from proxops.systems.assurance.assurance_bounds import AssuranceBounds
 from proxops.systems.assurance.backup_braking import (
-    AssuranceLimits,
     BackupBraking,
     InterventionReason,
 )
@@ -18,7 +17,6 @@ from proxops.systems.assurance.runtime_assurance import RuntimeAssurance
 
 __all__ = [
     "AssuranceBounds",
-    "AssuranceLimits",
     "BackupBraking",
     "InterventionReason",
     "RuntimeAssurance",

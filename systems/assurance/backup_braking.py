@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from enum import IntEnum
 from typing import NamedTuple
 
@@ -13,8 +12,9 @@ from proxops.systems.assurance.assurance_bounds import AssuranceBounds
 from proxops.systems.assurance.certification import budget, describe, rooms, tightest
 from proxops.systems.assurance.gravity_table import gravity_table
 from proxops.systems.assurance.least_change import Box, along_path, least_change
-from proxops.systems.common import InputError, checked_semi_axes
+from proxops.systems.common import InputError, check_positive
 from proxops.systems.gravity import Field
+from proxops.systems.vehicle import FlightLimits
 
 # The outward speed that the backup seeks, as a share of the speed limit.
 _CRUISE = 0.25
@@ -59,20 +59,6 @@ class Assured(NamedTuple):
     margin: float = np.nan
     """The command's own margin in m, within thrust and speed limit. If it is negative, the command
     was not safe; -inf: its backup's flight does not settle. NaN: it was not judged."""
-
-
-@dataclass(frozen=True)
-class AssuranceLimits:
-    """Limits of the spacecraft and its flight."""
-
-    mass: float
-    """kg."""
-    thrust: float
-    """Greatest force per axis, N."""
-    speed: float
-    """Greatest speed per axis in K, m/s."""
-    keep_out_semi_axes: np.ndarray
-    """(3,) in m, of the ellipsoid to stay out of."""
 
 
 class BackupBraking:
@@ -122,7 +108,7 @@ class BackupBraking:
         self,
         field: Field,
         spin: float,
-        limits: AssuranceLimits,
+        limits: FlightLimits,
         bounds: AssuranceBounds | None = None,
         period: float = 10.0,
     ):
@@ -131,17 +117,12 @@ class BackupBraking:
         Without `bounds` everything is as believed.
 
         Raises:
-          InputError: a limit is not positive, the delay is longer than the control period, or
+          InputError: the period is not positive, the delay is longer than the control period, or
             thrust at its worst cannot hold against gravity at its worst.
         """
         bounds = AssuranceBounds() if bounds is None else bounds
-        axes = checked_semi_axes("the keep-out ellipsoid", limits.keep_out_semi_axes)
-        values = [limits.mass, limits.thrust, limits.speed, period]
-        if not (np.isfinite(values).all() and min(values) > 0.0):
-            raise InputError(
-                "runtime assurance needs a positive mass, thrust limit, speed limit and period, "
-                f"got {limits} and {period}"
-            )
+        axes = np.asarray(limits.keep_out_semi_axes, dtype=np.float64)
+        check_positive("BackupBraking", period=period)
         if bounds.delay > period:
             raise InputError(
                 f"assurance.bounds.delay_s is {bounds.delay:g} s: runtime assurance can bound the "

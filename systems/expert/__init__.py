@@ -15,7 +15,6 @@ from proxops.systems.expert.plan import (
     PlanProgram,
     PlanReason,
     PlanStatus,
-    TransitLimits,
 )
 from proxops.systems.expert.transit_program import TransitProgram
 from proxops.systems.expert.weighted_program import ErrorWeights, WeightedProgram
@@ -30,7 +29,6 @@ __all__ = [
     "PlanProgram",
     "PlanReason",
     "PlanStatus",
-    "TransitLimits",
     "TransitProgram",
     "WeightedProgram",
 ]

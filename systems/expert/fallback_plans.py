@@ -6,8 +6,9 @@ import dataclasses
 
 import numpy as np
 
-from proxops.systems.expert.plan import Horizon, Plan, PlanStatus, TransitLimits, empty_plan
+from proxops.systems.expert.plan import Horizon, Plan, PlanStatus, empty_plan
 from proxops.systems.gravity import Field
+from proxops.systems.vehicle import FlightLimits
 
 
 def continued_plan(last: Plan, age: float, horizon: Horizon, least: float) -> Plan:
@@ -33,7 +34,7 @@ def braking(
     state: np.ndarray,
     field: Field,
     spin: float,
-    limits: TransitLimits,
+    limits: FlightLimits,
     horizon: Horizon,
     period: float,
 ) -> Plan:

@@ -39,8 +39,9 @@ from proxops.systems.common import SolverFailure
 from proxops.systems.expert.condensed_motion import condensed_motion
 from proxops.systems.expert.initial_guess import initial_paths
 from proxops.systems.expert.path_limits import PathLimits, slack_of_limits
-from proxops.systems.expert.plan import Horizon, Plan, PlanStatus, TransitLimits
+from proxops.systems.expert.plan import Horizon, Plan, PlanStatus
 from proxops.systems.gravity import Field
+from proxops.systems.vehicle import FlightLimits
 
 # Prices of one scaled unit of slack, against an effort of 0 to 3. They are meant to be above every
 # multiplier, so that slack is used only where nothing else is feasible (an exact penalty). Staying
@@ -89,7 +90,7 @@ class LinearisedTransit:
         self,
         field: Field,
         spin: float,
-        limits: TransitLimits,
+        limits: FlightLimits,
         horizon: Horizon,
         free_time: bool,
         one_norm: bool = False,

@@ -15,14 +15,14 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-from proxops.systems.expert.plan import TransitLimits
 from proxops.systems.shapes import tangent_half_spaces
+from proxops.systems.vehicle import FlightLimits
 
 
 class PathLimits:
     """The limits along a plan, in scaled units."""
 
-    def __init__(self, limits: TransitLimits, units: np.ndarray, states: np.ndarray):
+    def __init__(self, limits: FlightLimits, units: np.ndarray, states: np.ndarray):
         """Puts the half-spaces below the plan.
 
         Args:

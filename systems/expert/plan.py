@@ -1,4 +1,4 @@
-"""`Plan`, the result of the MPC, with the `TransitLimits` and the `Horizon` it is made for."""
+"""`Plan`, the result of the MPC, with the `Horizon` it is made for."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from proxops.systems.common import (
     InputError,
     check_not_negative,
     check_positive,
-    checked_semi_axes,
 )
 from proxops.systems.gravity import Field
+from proxops.systems.vehicle import FlightLimits
 
 _MOST_INTERVALS = 1000
 
@@ -151,25 +151,6 @@ def empty_plan(intervals: int) -> Plan:
 
 
 @dataclass(frozen=True)
-class TransitLimits:
-    """Limits of the spacecraft and its path."""
-
-    mass: float
-    """kg."""
-    thrust: float
-    """N per axis."""
-    speed: float
-    """m/s per axis, in K."""
-    keep_out_semi_axes: np.ndarray
-    """(3,) in m, of the ellipsoid to stay out of, with its margin."""
-
-    def __post_init__(self) -> None:
-        """Raises `InputError` unless all limits are positive."""
-        check_positive("TransitLimits", mass=self.mass, thrust=self.thrust, speed=self.speed)
-        checked_semi_axes("the keep-out ellipsoid", self.keep_out_semi_axes)
-
-
-@dataclass(frozen=True)
 class Horizon:
     """Length of a plan, its trade of time against effort, and its division into intervals."""
 
@@ -236,7 +217,7 @@ class PlanProgram(Protocol):
 
     field: Field
     spin: float
-    limits: TransitLimits
+    limits: FlightLimits
     horizon: Horizon
 
     def solve(

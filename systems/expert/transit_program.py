@@ -31,8 +31,9 @@ from pydrake.solvers import SolutionResult
 
 from proxops.systems.common import SolverFailure
 from proxops.systems.expert.linearised_transit import KEEP_OUT_PRICE, LinearisedTransit
-from proxops.systems.expert.plan import Horizon, Plan, TransitLimits
+from proxops.systems.expert.plan import Horizon, Plan
 from proxops.systems.gravity import Field
+from proxops.systems.vehicle import FlightLimits
 
 # T changes by at most this share in one linearisation.
 _TRUSTED_STRETCH = 0.1
@@ -49,7 +50,7 @@ _TRIED, _CLEARLY_LESS = 5, 0.999
 class TransitProgram:
     """The convex program of one linearisation, built once and updated at every call."""
 
-    def __init__(self, field: Field, spin: float, limits: TransitLimits, horizon: Horizon):
+    def __init__(self, field: Field, spin: float, limits: FlightLimits, horizon: Horizon):
         """Takes the assumed field and spin (rad/s about z), the limits and the horizon."""
         self.transit = LinearisedTransit(
             field, spin, limits, horizon, free_time=True, one_norm=True, meets_target=True

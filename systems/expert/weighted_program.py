@@ -23,8 +23,9 @@ from pydrake.solvers import SolutionResult
 
 from proxops.systems.common import SolverFailure, check_positive
 from proxops.systems.expert.linearised_transit import LinearisedTransit, TransitSolution
-from proxops.systems.expert.plan import Horizon, Plan, TransitLimits
+from proxops.systems.expert.plan import Horizon, Plan
 from proxops.systems.gravity import Field
+from proxops.systems.vehicle import FlightLimits
 
 
 @dataclass(frozen=True)
@@ -44,7 +45,7 @@ class WeightedProgram:
         self,
         field: Field,
         spin: float,
-        limits: TransitLimits,
+        limits: FlightLimits,
         horizon: Horizon,
         weights: ErrorWeights,
     ):

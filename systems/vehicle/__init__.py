@@ -6,7 +6,8 @@ of the held command what thrusters with errors give. `AttitudeError` is how the 
 are turned against K, and `CommandAxes` turns a command into S as the attitude is believed.
 `VelocityKicks` and `UnexplainedAcceleration` push the spacecraft from outside, and `StateNoise`
 adds errors to a state. `FlightMonitor` finds arrival, collision and keep-out violations as events;
-`FlightEvents` says what a path does to them.
+`FlightEvents` says what a path does to them. `FlightLimits` are what plans and
+runtime assurance keep within.
 `state_prediction` has plain functions that predict the motion, and `gauss_markov_at` is the process
 behind errors that vary slowly. A new disturbance of the force is a `ForceDisturbance`, which says
 what it adds. Its random numbers must depend on its seed and on time alone.
@@ -30,6 +31,7 @@ from proxops.systems.vehicle.flight_events import (
     FlightEvents,
     FlownPath,
 )
+from proxops.systems.vehicle.flight_limits import FlightLimits
 from proxops.systems.vehicle.flight_monitor import FlightMonitor
 from proxops.systems.vehicle.force_disturbance import ForceDisturbance
 from proxops.systems.vehicle.force_noise import ForceNoise
@@ -66,6 +68,7 @@ __all__ = [
     "CommandAxes",
     "DelayedHold",
     "FlightEvents",
+    "FlightLimits",
     "FlightMonitor",
     "FlownPath",
     "ForceDisturbance",
