@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import os
+import shlex
+import sys
 import time
 import typing
 from collections.abc import Iterator
@@ -53,6 +55,11 @@ _SECONDS_PER_LINE = 600.0
 
 EVALUATION_SEEDS = 10_000
 """Seeds from here on are for evaluation: nothing is to be trained on their transits."""
+
+
+def typed_command() -> str:
+    """The command as it was typed, for a report."""
+    return shlex.join(["proxops", *sys.argv[1:]])
 
 
 def with_dispersions(changes: list[str] | None, name: str | None) -> list[str]:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
-import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -19,6 +17,7 @@ from proxops.cli.common import (
     check_transits_drawn,
     console,
     status,
+    typed_command,
     with_dispersions,
     work_bar,
 )
@@ -124,6 +123,6 @@ def _write_report(
     logs = shown_logs(results, scenario, seed, folder, frames=keep_logs, workers=workers)
     write_worst(out, results, logs)
     name = load_body(scenario.body).config.name
-    command = shlex.join(["proxops", *sys.argv[1:]])
+    command = typed_command()
     evaluation = Evaluation(command, name, seed, scenario, results, logs)
     write_report(out, f"{name}: {', '.join(results)}", evaluation_sections(evaluation))

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import enum
-import shlex
-import sys
 import typing
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -25,6 +23,7 @@ from proxops.cli.common import (
     progress_bar,
     status,
     training_extra,
+    typed_command,
 )
 from proxops.diagrams.flight import Workers
 from proxops.diagrams.scenario import load_body, load_scenario
@@ -206,7 +205,7 @@ def _reproduce_paper(asked: _Asked, seed: int, lidar: LidarNetwork, tell: Tell) 
         training = TrainingSettings(lidar_network=lidar.value)
     return reproduce(
         wanted, asked.out / beyond.PAPER, judged, training,
-        command=_typed(), workers=asked.workers, tell=tell,
+        command=typed_command(), workers=asked.workers, tell=tell,
     )  # fmt: skip
 
 
@@ -221,12 +220,8 @@ def _go_beyond(asked: _Asked, tell: Tell) -> dict[str, Any]:
     wanted.log_ranges = False
     wanted.gravity = wanted.gravity if asked.quick else "table"
     return beyond.fly_and_tell(
-        known, chosen, wanted, asked.out, command=_typed(), workers=asked.workers, tell=tell
+        known, chosen, wanted, asked.out, command=typed_command(), workers=asked.workers, tell=tell
     )
-
-
-def _typed() -> str:
-    return shlex.join(["proxops", *sys.argv[1:]])
 
 
 @contextlib.contextmanager

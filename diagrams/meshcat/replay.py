@@ -70,12 +70,8 @@ def add_flight(meshcat: Meshcat, log: FlightLog) -> None:
     times, positions = data["time"].values, data["state"].values[:, :3]
     goal = data["target"].values[-1, :3]
     limit = log.scenario.spacecraft.thrust_limit_n
-    for leftover in (
-        "/path",
-        "/lidar",
-        "/plan",
-        "/navigation",
-    ):  # An earlier flight or the live view left it.
+    # An earlier flight or the live view left them.
+    for leftover in ("/path", "/lidar", "/plan", "/navigation"):
         meshcat.Delete(leftover)
     scene = Scene(meshcat, log.body, log.differing_body)
     prepare_scene(scene)

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from proxops.studies.evaluation.evaluation import Row
+from proxops.diagrams.flight import Row
 from proxops.studies.evaluation.sensitivity import (
     DUMMY,
     Column,

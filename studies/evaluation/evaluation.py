@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from proxops.diagrams.flight import Row
 from proxops.studies.evaluation.sensitivity import rank_drivers
 from proxops.studies.evaluation.statistics_of_flights import (
     exact_interval,
@@ -19,7 +20,6 @@ from proxops.studies.evaluation.statistics_of_flights import (
 EXPERT = "mpc"
 """The controller that the others are measured against."""
 
-Row = dict[str, typing.Any]
 
 _OF_THE_FLIGHTS = ("flights", "unflyable_worlds", "sensitivity")
 # A summary has these if the policy estimates its state.

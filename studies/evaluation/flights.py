@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
+from proxops.diagrams.flight import Row
 from proxops.diagrams.logs import FlightLog, commanded_forces
 from proxops.diagrams.scenario import Scenario
-from proxops.studies.evaluation.evaluation import Row
 from proxops.studies.evaluation.table import Result, Results
 from proxops.studies.evaluation.variants import Logs, Variant, fly_logs
 from proxops.training.reports import SMALL_COMMAND

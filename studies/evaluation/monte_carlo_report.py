@@ -6,7 +6,7 @@ import typing
 from collections.abc import Sequence
 from pathlib import Path
 
-from proxops.diagrams.flight import controller_label
+from proxops.diagrams.flight import Row, controller_label
 from proxops.diagrams.logs import length_text
 from proxops.diagrams.meshcat import write_replay
 from proxops.studies.evaluation.driver_figures import (
@@ -15,7 +15,6 @@ from proxops.studies.evaluation.driver_figures import (
     plot_scatter,
     strongest,
 )
-from proxops.studies.evaluation.evaluation import Row
 from proxops.studies.evaluation.flights import replayed_flights
 from proxops.studies.evaluation.sensitivity import LEAST_FLIGHTS, told_from_chance
 from proxops.studies.evaluation.table import Result, Results, outcome

@@ -8,9 +8,10 @@ from importlib import metadata
 
 import numpy as np
 
+from proxops.diagrams.flight import Row
 from proxops.diagrams.logs import length_text
 from proxops.diagrams.scenario import Scenario
-from proxops.studies.evaluation.evaluation import EXPERT, Row, delta_v_pairs, every_row
+from proxops.studies.evaluation.evaluation import EXPERT, delta_v_pairs, every_row
 from proxops.studies.evaluation.figures import (
     Looks,
     controller_looks,

@@ -40,6 +40,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from proxops.diagrams.flight import Row
 from proxops.systems.common import generator
 
 OUTPUTS = ("failure", "terminal_position_error_m", "delta_v_m_s")
@@ -65,7 +66,6 @@ _NINETY = 1.645
 # Indices that are equal may differ by rounding, which is less than this.
 _ROUNDING = 1e-9
 
-Row = dict[str, typing.Any]
 Ranking = list[dict[str, typing.Any]]
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import typing
 from collections.abc import Callable, Mapping
 
+from proxops.diagrams.flight import Row
 from proxops.diagrams.logs import WIDE_ARRIVAL, length_text
 from proxops.diagrams.scenario import ArrivalConfig
-from proxops.studies.evaluation.evaluation import Row
 from proxops.training.reports import DASH, interval_text, number_text
 
 Result = Mapping[str, typing.Any]

@@ -62,7 +62,7 @@ class RuntimeAssurance(LeafSystem):
         self._covariance_port = self.DeclareVectorInputPort(name="covariance", size=81)
         nothing = Assured(np.zeros(3), InterventionReason.NONE)
         blank = nothing, 0.0, 0.0
-        # One cache entry, so that both outputs share one computation.
+        # One cache entry, so that all outputs share one computation.
         self._assured = self.DeclareCacheEntry(
             "assured",
             ValueProducer(allocate=lambda: AbstractValue.Make(blank), calc=self._calc_assured),

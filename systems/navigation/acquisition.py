@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from proxops.systems.navigation._motion_kernel import turned
+from proxops.systems.navigation.correction import ENOUGH, GATE
 from proxops.systems.navigation.frame_model import FrameModel
 from proxops.systems.navigation.likely_poses import Sight, thinned
 
@@ -19,12 +20,8 @@ _FLATTEST = 0.15
 _MEAN_STEPS, _FIT_STEPS = 12, 12
 # A nearest return below this share of the length is close to the body.
 _NEAR = 0.25
-# Rays that a pose is refined by.
-_ENOUGH = 240
-# Residuals beyond this many of their standard deviations disagree.
-_GATE = 5.0
 # Fewer returns than this say too little.
-_FEWEST = 6
+FEWEST = 6
 # An attitude that is known exactly is taken to be known to this (rad).
 _LEAST_ATTITUDE_STD = 1e-9
 # Of the rays that are predicted to meet the body, at least this share must return.
@@ -69,7 +66,7 @@ def acquire(
       The pose, or None if none explains the frame.
     """
     rays = _neighbourly(model, ranges)
-    if rays.size < _FEWEST:
+    if rays.size < FEWEST:
         return None
     measured = ranges[rays]
     cloud = measured[:, None] * (model.directions[rays] @ attitude.T)
@@ -78,7 +75,7 @@ def acquire(
     allowed = _MISFIT + _MISFIT_OF_MAP * model.map_error.std / size
     allowed += _false_on_body(ranges, rays)
 
-    fitted = thinned(rays, _ENOUGH)
+    fitted = thinned(rays, ENOUGH)
 
     def tried(starts: Sequence[tuple[np.ndarray, np.ndarray]]) -> Acquired | None:
         poses = (_fitted(model, *start, attitude_std, fitted, ranges[fitted]) for start in starts)
@@ -142,7 +139,7 @@ def _neighbourly(model: FrameModel, ranges: np.ndarray) -> np.ndarray:
             alike += close
             alike += np.roll(close, -shift, axis=1)
     kept = np.flatnonzero((alike >= 2) & (frame < np.inf))
-    if kept.size >= _FEWEST:
+    if kept.size >= FEWEST:
         return kept
     return np.flatnonzero(ranges < np.inf)
 
@@ -177,7 +174,7 @@ def _fitted(
         directions = model.directions[rays] @ rotation.T
         distances, facets, _ = model.first_hits(position, directions)
         met = np.flatnonzero(facets >= 0)
-        if met.size < _FEWEST:
+        if met.size < FEWEST:
             break
         directions, r = directions[met], distances[met]
         normals = model.normals[facets[met]]
@@ -185,7 +182,7 @@ def _fitted(
         usable = q >= _FLATTEST
         directions, normals, r, q = directions[usable], normals[usable], r[usable], q[usable]
         e = q * (measured[met][usable] - r)
-        if e.size < _FEWEST:
+        if e.size < FEWEST:
             break
         scale = max(3.0 * model.noise_std, 1.5 * float(np.median(np.abs(e))), 1e-9)
         weights = 1.0 / (1.0 + (e / scale) ** 2)
@@ -229,7 +226,7 @@ def _judged(
         off = np.abs(ranges[rays] - predicted[rays])
         off[np.isnan(off)] = np.inf
     disagree = np.count_nonzero(~(off < tolerance))
-    greatest = _GATE * np.hypot(model.noise_std, model.map_error.std)
+    greatest = GATE * np.hypot(model.noise_std, model.map_error.std)
     squares = np.minimum(cosine[rays] * off / greatest, 1.0) ** 2
     # A return may be lost, but hardly three rays beside one another.
     geometry = model.geometry

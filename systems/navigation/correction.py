@@ -14,13 +14,14 @@ from proxops.systems.navigation.estimate import ATTITUDE, MEASURED, POSITION, Es
 from proxops.systems.navigation.frame_model import FrameModel
 
 # A residual beyond this many of its standard deviations is rejected.
-_GATE = 5.0
+GATE = 5.0
 # The frame is linearised anew until the predicted ranges change by less than this share of the
 # noise (root mean square). More returns than the second number give a better estimate, which is
 # to be met as well: then the changes are to be smaller.
 _CLOSE, _USUAL, _MOST_ITERATIONS = 0.3, 160, 8
-# Where the map's error is estimated, more returns than this take longer and say little more.
-_ENOUGH = 240
+# Where the map's error is estimated, or a place is sought, more returns than this take longer and
+# say little more.
+ENOUGH = 240
 _POSE = np.r_[POSITION, ATTITUDE]
 (_cholesky,) = get_lapack_funcs(("potrf",), dtype=np.float64)
 (_solved_triangle,) = get_blas_funcs(("trsm",), dtype=np.float64)
@@ -91,8 +92,8 @@ def corrected(
             frame.residuals,
             frame.variances,
             moved,
-            _GATE,
-            _ENOUGH,
+            GATE,
+            ENOUGH,
             own,
         )
         used = variances.size

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from proxops.systems.common import one_thread
-from proxops.systems.navigation.acquisition import Acquired, acquire, strangers
+from proxops.systems.navigation.acquisition import FEWEST, Acquired, acquire, strangers
 from proxops.systems.navigation.correction import Correction, corrected
 from proxops.systems.navigation.estimate import (
     ATTITUDE,
@@ -26,9 +26,8 @@ from proxops.systems.navigation.frame_model import FrameModel
 from proxops.systems.navigation.motion import Motion
 from proxops.systems.navigation.phase import NavigationPhase
 
-# A frame with fewer returns on the body is not used. If less than this share of the returns on the
-# body agree with the prediction, the frame contradicts it.
-_FEWEST, _AGREEING = 6, 0.5
+# If a smaller share of the returns on the body agrees with the prediction, the frame is refused.
+_AGREEING = 0.5
 # Fewer returns than this fit several places, so that the search for the first one waits for more.
 _FEWEST_AT_FIRST = 20
 # So few returns may have been explained by a wrong place: if the next ones are this many standard
@@ -166,7 +165,7 @@ class Navigator:
         contradictions = memory.contradictions
         following = memory.phase == NavigationPhase.FOLLOWING
         returned = np.count_nonzero(ranges < np.inf)
-        if returned < (_FEWEST if following else _FEWEST_AT_FIRST):
+        if returned < (FEWEST if following else _FEWEST_AT_FIRST):
             return prior, memory.phase, contradictions, None
         if prior is not None:
             found = self._followed(prior, ranges)
@@ -189,7 +188,7 @@ class Navigator:
         found = self._compared(prior, ranges)
         if found.shift > _SURPRISE:
             found = self._compared(self._doubted(prior, found), ranges)
-        if found.used < max(_FEWEST, _AGREEING * (found.used + found.rejected)):
+        if found.used < max(FEWEST, _AGREEING * (found.used + found.rejected)):
             return None
         limit = _IMPOSSIBLE if found.used >= _FEW else 1.0 + _TOO_FAR_OFF * _spread(found.used)
         return found if found.surprise < limit else None
@@ -259,7 +258,7 @@ class Navigator:
             spent,
         )
         found = corrected(self.model, prior, ranges, _way_to(pose, prior))
-        if found.used < _FEWEST:
+        if found.used < FEWEST:
             return None
         now = found.estimate
         strange = strangers(self.model, now.mean[POSITION], now.rotation, ranges)

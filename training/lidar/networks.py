@@ -37,7 +37,7 @@ class RayNetwork(nn.Module):
         """Logit of the hit's probability (K,) and share of the chord before it (K,).
 
         Args:
-          chords: (K, 6), entry and exit as `systems.ray_chords` gives them.
+          chords: (K, 6), entry and exit as `ChordFan.chords` of `systems.lidar` gives them.
         """
         lifted = [chords]
         for power in range(_FREQUENCIES):
