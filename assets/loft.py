@@ -15,10 +15,12 @@ the mesh itself in ``build_mesh``'s result.
 ``python -m proxops.assets.loft`` rebuilds ``kleopatra/kleopatra.obj`` and prints how good it is.
 """
 
+from __future__ import annotations
+
+import typing
 from pathlib import Path
 
 import numpy as np
-import trimesh
 from numpy.typing import NDArray
 from scipy import sparse
 from scipy.interpolate import RegularGridInterpolator
@@ -26,6 +28,9 @@ from scipy.sparse.linalg import spsolve
 from scipy.spatial import KDTree
 
 from proxops.assets import ASSETS
+
+if typing.TYPE_CHECKING:
+    import trimesh
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -72,6 +77,8 @@ def loft(sections: FloatArray) -> trimesh.Trimesh:
 
     Each quadrangle between two stations is split along its shorter diagonal.
     """
+    import trimesh  # It is slow to import, so only when it is needed.
+
     tips, body = sections[[0, -1], 0], sections[1:-1].reshape(-1, 3)
     vertices = np.concatenate([tips[:1], body, tips[1:]])
     ring = 1 + np.arange(len(body)).reshape(-1, sections.shape[1])
@@ -148,6 +155,8 @@ class NearestPoint:
 
     def __call__(self, points: FloatArray) -> tuple[FloatArray, IntArray]:
         """Closest point (N, 3) and its facet (N,) for each of the points (N, 3), km."""
+        import trimesh  # It is slow to import, so only when it is needed.
+
         facet = self._facet[self._tree.query(points, k=8)[1]]
         repeated = np.repeat(points, facet.shape[1], axis=0)
         closest = trimesh.triangles.closest_point(self._triangles[facet.ravel()], repeated)
@@ -179,6 +188,8 @@ def balance(mesh: trimesh.Trimesh, surface: trimesh.Trimesh) -> None:
     With d the distance of a sample of the surface outward from the mesh, and b the barycentric
     weights of the mesh's closest point, the moves m minimise sum (b . m - d)^2 + 0.1 |m|^2.
     """
+    import trimesh  # It is slow to import, so only when it is needed.
+
     samples, _ = sample(surface)
     closest, facet = NearestPoint(mesh)(samples)
     corners = np.asarray(mesh.faces)[facet]
@@ -195,6 +206,8 @@ def balance(mesh: trimesh.Trimesh, surface: trimesh.Trimesh) -> None:
 
 def build_mesh(sections: FloatArray) -> trimesh.Trimesh:
     """The shipped mesh: 4,000 facets, outward, km, origin at its centre of mass."""
+    import trimesh  # It is slow to import, so only when it is needed.
+
     surface = loft(sections)
     ring, azimuth, faces = geodesic_capsule(CAP, BAND)
 
@@ -222,6 +235,8 @@ def write_obj(mesh: trimesh.Trimesh, path: Path) -> None:
 
 def main() -> None:
     """Rebuild the shipped mesh beside its table and print how it compares with the loft."""
+    import trimesh  # It is slow to import, so only when it is needed.
+
     sections = read_sections()
     surface = loft(sections)
     write_obj(build_mesh(sections), MESH)

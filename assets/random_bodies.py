@@ -8,13 +8,16 @@ lengths is added along its normals. Densities and spin periods are those of aste
 from __future__ import annotations
 
 import dataclasses as dc
+import typing
 from typing import NamedTuple
 
 import numpy as np
-import trimesh
 from scipy.spatial.distance import cdist
 
 from proxops.assets.loft import FloatArray, IntArray, geodesic_capsule
+
+if typing.TYPE_CHECKING:
+    import trimesh
 
 ELLIPSOID, BINARY, TOP = "lumpy ellipsoid", "contact binary", "top"
 KINDS = (ELLIPSOID, BINARY, TOP)
@@ -217,6 +220,8 @@ def _mesh(tube: _Tube) -> trimesh.Trimesh:
     So the facets are about equilateral. Near a tip, where rings have ever fewer vertices, the
     distances are equal.
     """
+    import trimesh  # It is slow to import, so only when it is needed.
+
     along, radius = tube.along, tube.radius * np.sqrt(tube.wide * tube.high)
     steps = np.hypot(np.diff(along), np.diff(radius))
     length = np.concatenate([[0.0], np.cumsum(steps)])
@@ -256,6 +261,8 @@ def _with_relief(
       rough: that of the shorter ones; the shortest are half as long as the body is thick, and have
         half of the height.
     """
+    import trimesh  # It is slow to import, so only when it is needed.
+
     heights = [
         (lumps, (1.2, 2.8)), (rough, (3.0, 5.5)), (0.5 * rough, (6.0, 11.0)),
     ]  # fmt: skip

@@ -58,6 +58,7 @@ def _section(field: dc.Field) -> type | None:
     )
 
 
+@functools.cache
 def field_at(key: str) -> dc.Field:
     """Gives the field of a dotted key."""
     schema: typing.Any = Scenario

@@ -75,12 +75,19 @@ def parse_scenario(text: str, source: str = "scenario") -> Scenario:
     Raises:
       InputError: the text is not a scenario; see `load_scenario`.
     """
-    return copy.deepcopy(_parsed(text, source))
+    try:
+        return copy.deepcopy(_parsed(text))
+    except InputError:
+        return _read(text, source)  # The message says where the text is from.
 
 
 # Reading YAML takes 20 ms, and each flight's text is read several times.
 @functools.lru_cache(maxsize=4)
-def _parsed(text: str, source: str) -> Scenario:
+def _parsed(text: str) -> Scenario:
+    return _read(text, "scenario")
+
+
+def _read(text: str, source: str) -> Scenario:
     tree = parse_mapping(text, source)
     translate_renamed(tree)
     scenario = load_typed(Scenario, tree, source)

@@ -9,7 +9,7 @@ import numpy as np
 
 from proxops.systems.assurance import _braking_kernel as kernel
 from proxops.systems.assurance.assurance_bounds import AssuranceBounds
-from proxops.systems.assurance.certification import budget, describe, rooms, tightest
+from proxops.systems.assurance.certification import budget, certified, describe, rooms, tightest
 from proxops.systems.assurance.gravity_table import gravity_table
 from proxops.systems.assurance.least_change import Box, along_path, least_change
 from proxops.systems.common import InputError, check_positive
@@ -224,6 +224,8 @@ class BackupBraking:
           InputError: there is a place where no room is enough.
         """
         axes = np.asarray(self.limits.keep_out_semi_axes, dtype=np.float64)
+        if certified(self._given, axes):
+            return
         points, needed = rooms(self._given, axes)
         worst = int(needed.argmax())
         if needed[worst] < np.inf:

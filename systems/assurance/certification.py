@@ -32,9 +32,7 @@ def rooms(
       Points (N, 3) of the ellipsoid in m, and the clearances (N,) in m, inf where no clearance of
       up to half the shortest semi-axis is enough. They are at most 1.5 % too great.
     """
-    points = spread_directions(_PLACES) * semi_axes
-    normals = points / semi_axes**2
-    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    points, normals = _places(semi_axes)
     needed = np.full(_PLACES, np.inf)
     for row, (point, normal) in enumerate(zip(points, normals, strict=True)):
 
@@ -52,6 +50,27 @@ def rooms(
                 break
             low = high
     return points, needed
+
+
+def certified(arguments: tuple[np.ndarray, np.ndarray, np.ndarray], semi_axes: np.ndarray) -> bool:
+    """Whether at rest, at the greatest height of `rooms`, a spacecraft is admitted everywhere.
+
+    If so, `rooms` finds a clearance at each place; this takes a tenth of the time.
+    """
+    points, normals = _places(semi_axes)
+    height, still = _HEIGHTS[-1] * semi_axes.min(), np.zeros(3)
+    return all(
+        kernel.backup_margin(point + height * normal, still, *arguments) >= 0.0
+        for point, normal in zip(points, normals, strict=True)
+    )
+
+
+def _places(semi_axes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Points (N, 3) in m all around the ellipsoid, and its normals (N, 3) there."""
+    points = spread_directions(_PLACES) * semi_axes
+    normals = points / semi_axes**2
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    return points, normals
 
 
 def budget(bounds: AssuranceBounds, acceleration: float, pull: float) -> dict[str, float]:

@@ -49,9 +49,10 @@ def judged(covariance, columns, rows, residuals, variances, moved, gate, most, o
         if covariance[columns[i], columns[i]] > 0.0:
             known[count] = i
             count += 1
-    for i in range(count):
-        for j in range(count):
-            among[i, j] = covariance[columns[known[i]], columns[known[j]]]
+    if not few:
+        for i in range(count):
+            for j in range(count):
+                among[i, j] = covariance[columns[known[i]], columns[known[j]]]
     noise, innovations = variances[chosen], residuals[chosen]
     bad, used = np.empty_like(chosen), 0
     for k in range(chosen.size):
@@ -72,11 +73,12 @@ def judged(covariance, columns, rows, residuals, variances, moved, gate, most, o
                         total += among[i, j] * kept[k, known[j]]
                 spread += row * total
         if residual**2 < gate**2 * spread:
-            chosen[used], noise[used], innovations[used] = chosen[k], noise[k], innovations[k]
-            for j in range(size):
-                kept[used, j] = kept[k, j]
-            for j in range(crossed.shape[1]):
-                crossed[used, j] = crossed[k, j]
+            if used < k:
+                chosen[used], noise[used], innovations[used] = chosen[k], noise[k], innovations[k]
+                for j in range(size):
+                    kept[used, j] = kept[k, j]
+                for j in range(crossed.shape[1]):
+                    crossed[used, j] = crossed[k, j]
             used += 1
         else:
             bad[k - used] = chosen[k]

@@ -137,7 +137,7 @@ def _by_returns(
     """
     # The triangular solvers of LAPACK and BLAS: scipy's checks take as long as these matrices.
     total = crossed[:, columns] @ rows.T
-    total[np.diag_indices_from(total)] += variances
+    total.flat[:: len(total) + 1] += variances  # On the diagonal.
     factor, failed = _cholesky(total.T, lower=1, clean=0, overwrite_a=1)
     if failed:
         raise np.linalg.LinAlgError("the covariance of the residuals is not positive definite")

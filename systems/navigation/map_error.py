@@ -74,11 +74,12 @@ def _smooth_fields(shape: Polyhedron, correlation: float) -> tuple[np.ndarray, f
     points = shape.vertices[chosen]
     covariance = _covariance(points, points, correlation)
     left = _without_rigid(points, normals[chosen], shape)
+    inner = left @ covariance @ left
     values, vectors = scipy.linalg.eigh(
-        left @ covariance @ left, subset_by_index=[max(0, len(points) - _MOST), len(points) - 1]
+        inner, subset_by_index=[max(0, len(points) - _MOST), len(points) - 1]
     )
     values, vectors = values[::-1], vectors[:, ::-1]
-    total = float(np.trace(left @ covariance @ left))
+    total = float(np.trace(inner))
     held = np.cumsum(values) / total
     modes = min(int(np.searchsorted(held, _SHARE)) + 1, values.size)
     values, vectors = values[:modes], vectors[:, :modes]

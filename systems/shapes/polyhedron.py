@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import hashlib
 import math
+import typing
 from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-import trimesh
 
 from proxops.systems.common import InputError
 from proxops.systems.shapes.mesh_checks import directed_edges, find_defects, six_volumes
 from proxops.systems.shapes.shape_files import metres_per, read_mesh
+
+if typing.TYPE_CHECKING:
+    import trimesh
 
 
 class Polyhedron:
@@ -63,12 +66,16 @@ class Polyhedron:
         Raises:
           InputError: it holds no triangles, the unit is not known, or the mesh is not sound.
         """
+        import trimesh  # It is slow to import, so only when it is needed.
+
         if not isinstance(mesh, trimesh.Trimesh) or len(mesh.faces) == 0:
             raise InputError(f"{name} holds no triangles")
         return cls(mesh.vertices * metres_per(unit), mesh.faces, name)
 
     def to_trimesh(self, unit: str = "m") -> trimesh.Trimesh:
         """The same mesh as a `trimesh.Trimesh` in `unit`."""
+        import trimesh  # It is slow to import, so only when it is needed.
+
         scale = metres_per(unit)
         return trimesh.Trimesh(self.vertices / scale, self.facets, process=False)
 

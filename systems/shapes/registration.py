@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import trimesh
 from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
@@ -63,6 +62,8 @@ def _nearest_planes(
     onto: Polyhedron, tree: KDTree, points: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """The normal (N, 3) of the facet nearest to each point, and the height (N,) over its plane."""
+    import trimesh  # It is slow to import, so only when it is needed.
+
     count = min(_CANDIDATES, len(onto.facets))
     _, near = tree.query(points, k=count)
     corners = onto.vertices[onto.facets[near.ravel()]]

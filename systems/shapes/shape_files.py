@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import trimesh
 
 from proxops.systems.common import InputError
 
@@ -97,6 +96,8 @@ def mesh_bytes(vertices: np.ndarray, facets: np.ndarray, suffix: str, comment: s
     Raises:
       InputError: the suffix is not one of `MESH_FORMATS`.
     """
+    import trimesh  # It is slow to import, so only when it is needed.
+
     suffix = suffix.lower()
     if suffix in (".obj", ".tab"):
         lines = [f"# {line}" for line in comment.splitlines()] if suffix == ".obj" else []
@@ -112,6 +113,8 @@ def mesh_bytes(vertices: np.ndarray, facets: np.ndarray, suffix: str, comment: s
 
 
 def _read_binary(path: Path) -> tuple[np.ndarray, np.ndarray, str]:
+    import trimesh  # It is slow to import, so only when it is needed.
+
     kind = path.suffix.lower()[1:]
     mesh = trimesh.load_mesh(io.BytesIO(path.read_bytes()), file_type=kind, process=False)
     if not isinstance(mesh, trimesh.Trimesh):

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import typing
+
 import numpy as np
-import trimesh
 from numpy.typing import ArrayLike
 
 from proxops.systems.common import InputError
 from proxops.systems.shapes.shape_files import metres_per
+
+if typing.TYPE_CHECKING:
+    import trimesh
 
 
 class Surface:
@@ -44,6 +48,8 @@ class Surface:
         Raises:
           InputError: it holds no triangles, the unit is not known, or a vertex is not finite.
         """
+        import trimesh  # It is slow to import, so only when it is needed.
+
         if not isinstance(mesh, trimesh.Trimesh) or len(mesh.faces) == 0:
             raise InputError(f"{name} holds no triangles")
         return cls(mesh.vertices * metres_per(unit), mesh.faces, name)
