@@ -73,7 +73,7 @@ def reproduce_command(
         typer.Option(
             min=2,
             help="Number of transits for each controller. Default: 200 and, of the flagship, 852; "
-            "with --quick 2, and 4 of the paper's.",
+            "with --quick 2.",
         ),
     ] = None,
     seed: Annotated[

@@ -56,7 +56,7 @@ class ReproductionSettings:
 
     def quick(self) -> ReproductionSettings:
         """The same for a small evaluation, as a first look."""
-        return dc.replace(self, transits=4, along=4)
+        return dc.replace(self, transits=2, along=2)
 
     def of_transits(self, transits: int) -> ReproductionSettings:
         """The same with another number of transits."""
