@@ -100,7 +100,7 @@ def inside_margin(transit: Transit, scenario: Scenario, body: Body) -> Start:
         if not rules.min_distance_m <= distance <= furthest:
             continue
         limit = rules.max_hover_share * scenario.spacecraft.thrust_limit_n
-        if hover_force(place[None], scenario, body)[0] <= limit:
+        if hover_force(place[None], scenario.spacecraft.mass_kg, body)[0] <= limit:
             return place, np.zeros(3)
     raise InputError(f"no start inside the margin for transit {transit.index}")
 

@@ -13,7 +13,7 @@ from proxops.diagrams.new_body.shape_report import (
     ShapeReport,
     spin_axis_error,
 )
-from proxops.diagrams.scenario import Body, BodyConfig, Scenario, SpacecraftConfig, hover_force
+from proxops.diagrams.scenario import Body, BodyConfig, hover_force
 from proxops.systems.common import InputError, directions_of
 from proxops.systems.gravity import PLAUSIBLE_DENSITY
 from proxops.systems.shapes import (
@@ -139,8 +139,7 @@ def hover_map(body: Body, craft_mass_kg: float, grow: float = 0.0) -> HoverMap:
     latitudes = np.arange(-90.0, 90.0 + _MAP_STEP, _MAP_STEP)
     a, b = np.meshgrid(np.radians(longitudes), np.radians(latitudes))
     places = directions_of(a, b).reshape(-1, 3) * (body.keep_out_semi_axes + grow)
-    scenario = Scenario(spacecraft=SpacecraftConfig(mass_kg=craft_mass_kg))
-    forces = hover_force(places, scenario, body).reshape(a.shape)
+    forces = hover_force(places, craft_mass_kg, body).reshape(a.shape)
     return HoverMap(craft_mass_kg, longitudes, latitudes, forces)
 
 

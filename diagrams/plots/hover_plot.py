@@ -49,7 +49,7 @@ def draw_hover(
     across, up = np.meshgrid(line, line)
     points = np.zeros((count * count, 3))
     points[:, AXES[plane[0]]], points[:, AXES[plane[1]]] = across.ravel(), up.ravel()
-    force = hover_force(points, scenario, body)
+    force = hover_force(points, scenario.spacecraft.mass_kg, body)
     force[body.gravity_field.evaluate(points).inside] = np.nan
     force = force.reshape(count, count)
     length, unit = length_unit(half)

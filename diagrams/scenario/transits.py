@@ -102,7 +102,7 @@ def draw_transit(seed: int, index: int, scenario: Scenario, body: Body) -> Trans
         outer = body.keep_out_semi_axes + rules.end_clearance_m
         if min(np.linalg.norm(start / outer), np.linalg.norm(goal / outer)) <= 1.0:
             continue
-        share = hover_force(np.stack([start, goal]), scenario, body).max()
+        share = hover_force(np.stack([start, goal]), scenario.spacecraft.mass_kg, body).max()
         if share <= rules.max_hover_share * scenario.spacecraft.thrust_limit_n:
             return Transit(seed, index, start, goal)
     raise InputError(
@@ -112,17 +112,17 @@ def draw_transit(seed: int, index: int, scenario: Scenario, body: Body) -> Trans
     )
 
 
-def hover_force(positions: np.ndarray, scenario: Scenario, body: Body) -> np.ndarray:
+def hover_force(positions: np.ndarray, mass: float, body: Body) -> np.ndarray:
     """Gives the greatest force per axis (N,), in N, that hovering takes.
 
     Args:
       positions: (N, 3) in K, in m.
-      scenario: gives the mass of the spacecraft.
+      mass: of the spacecraft, in kg.
       body: gives gravity and spin.
     """
     apparent = body.gravity_field.evaluate(positions).acceleration.copy()
     apparent[:, :2] += body.spin_rate**2 * positions[:, :2]
-    return scenario.spacecraft.mass_kg * np.abs(apparent).max(axis=1)
+    return mass * np.abs(apparent).max(axis=1)
 
 
 def scenario_transit(scenario: Scenario, body: Body) -> Transit:
@@ -144,7 +144,7 @@ def scenario_transit(scenario: Scenario, body: Body) -> Transit:
     ends = np.stack([start, goal])
     inside = body.gravity_field.evaluate(ends).inside
     depth = -clearances(body.keep_out_semi_axes, ends)
-    force = hover_force(ends, scenario, body)
+    force = hover_force(ends, scenario.spacecraft.mass_kg, body)
     limit = scenario.spacecraft.thrust_limit_n
     for k, name in enumerate(("start_m", "goal_m")):
         where = f"transit.{name} = {ends[k].tolist()}"

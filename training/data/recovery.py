@@ -226,9 +226,8 @@ def _can_start(place: np.ndarray, velocity: np.ndarray, plain: Scenario, body: B
     clearance = float(clearances(axes, place[None])[0])
     if clearance <= 0.0:
         return False
-    if hover_force(place[None], plain, body)[0] > plain.transit.max_hover_share * (
-        craft.thrust_limit_n
-    ):
+    most = plain.transit.max_hover_share * craft.thrust_limit_n
+    if hover_force(place[None], craft.mass_kg, body)[0] > most:
         return False
     outward = place - closest_point(axes, place)
     inward_speed = max(0.0, -float(velocity @ outward) / float(np.linalg.norm(outward)))
