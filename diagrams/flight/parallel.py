@@ -126,13 +126,12 @@ class _Processes:
         self, pieces: Sequence[Work], task: Callable[[Work], Result]
     ) -> Generator[tuple[str, Result]]:
         """Does what `Workers.results` does."""
-        most = self._count * _PIECES_PER_PROCESS
-        for start in range(0, len(pieces), most):
-            batch = pieces[start : start + most]
-            if self._client is None or len(batch) > self._room:
+        while pieces:
+            if self._client is None or not self._room:
                 self.close()
                 self._client = self._started.enter_context(_local_cluster(self._count))
-                self._room = most
+                self._room = self._count * _PIECES_PER_PROCESS
+            batch, pieces = pieces[: self._room], pieces[self._room :]
             self._room -= len(batch)
             yield from _distributed(self._client, batch, task)
 
