@@ -1,11 +1,15 @@
 """The table against the polyhedron, and against a field that it must have exactly."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
+import trimesh
 from short_flights import kleopatra
 
 from proxops.diagrams.scenario.body import load_body
-from proxops.systems import PointMassField
+from proxops.systems import GravityField, PointMassField, Polyhedron
+from proxops.systems.assurance import gravity_table as gravity_table_module
 from proxops.systems.assurance.gravity_table import GravityTable, gravity_table
 
 
@@ -50,7 +54,7 @@ def test_continuous_where_it_ends(table: GravityTable) -> None:
 def test_a_point_mass_is_exact() -> None:
     field = PointMassField(1e15)
     points = 1.3 * directions(50) * [4e3, 3e3, 2e3]
-    found = GravityTable(field, np.array([4e3, 3e3, 2e3])).acceleration(points)
+    found = gravity_table(field, np.array([4e3, 3e3, 2e3])).acceleration(points)
     assert found == pytest.approx(field.evaluate(points).acceleration, rel=1e-12)
 
 
@@ -82,3 +86,49 @@ def test_greatest_bounds_the_field_outside(table: GravityTable) -> None:
     found = np.abs(kleopatra().gravity_field.evaluate(points).acceleration).max(axis=0)
     assert (found <= 1.01 * table.greatest).all()
     assert (found >= 0.8 * table.greatest).all()
+
+
+@pytest.fixture
+def low_ball() -> GravityField:
+    ball = trimesh.creation.icosphere(subdivisions=1)
+    shape = Polyhedron(ball.vertices * [1000.0, 600.0, 500.0], ball.faces, "a low ball")
+    return GravityField(shape, density=2000.0)
+
+
+def test_kept_on_disk_for_the_next_process(
+    low_ball: GravityField, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setenv("LOCALAPPDATA", str(tmp_path))
+    axes = np.array([1400.0, 900.0, 800.0])
+    made = []
+    make = gravity_table_module._made
+    monkeypatch.setattr(
+        gravity_table_module, "_made", lambda *given: made.append(given) or make(*given)
+    )
+
+    def again(axes: np.ndarray = axes) -> GravityTable:
+        gravity_table_module._table.cache_clear()
+        return gravity_table(low_ball, axes)
+
+    first = again()
+    (file,) = (tmp_path / "proxops" / "assurance").iterdir()
+    whole = file.read_bytes()
+    for name, value in vars(again()).items():
+        np.testing.assert_array_equal(value, getattr(first, name))
+    assert len(made) == 1
+    # Of another ellipsoid; then with a file that is damaged, and with arrays of another form.
+    again(1.1 * axes)
+    assert len(made) == 2
+    file.write_bytes(whole[: len(whole) // 2])
+    np.testing.assert_array_equal(again().nodes, first.nodes)
+    assert len(made) == 3
+    assert file.read_bytes() == whole
+    with np.load(file) as stored:
+        arrays = dict(stored)
+    np.savez(file, **(arrays | {"nodes": arrays["nodes"][1:]}))
+    np.testing.assert_array_equal(again().nodes, first.nodes)
+    assert len(made) == 4
+    np.savez(file, **(arrays | {"error": np.array(np.nan)}))
+    assert again().error == first.error
+    assert len(made) == 5

@@ -4,9 +4,10 @@
 arguments that make no sense. Random numbers are pure functions of a seed and a step (`generator`,
 `derived_seed`), so that no generator has to be kept in a Context; `SeededSystem` is the base of the
 systems that draw them. `write_whole` and `write_json` give a file its name only when all of it is
-written; `interruption_waits` lets Ctrl-C wait meanwhile. `read_bundle` reads the folder of a
-trained network. Read `errors` and `counter_noise` first. This room imports nothing else of proxops,
-and every other room depends on it.
+written; `interruption_waits` lets Ctrl-C wait meanwhile. `keep_arrays` puts what took long to
+compute into the user's cache folder, and `kept_arrays` finds it there. `read_bundle` reads the
+folder of a trained network. Read `errors` and `counter_noise` first. This room imports nothing else
+of proxops, and every other room depends on it.
 """
 
 from proxops.systems.common.bundles import MODEL_FILE, BundleKind, open_session, read_bundle
@@ -34,6 +35,7 @@ from proxops.systems.common.progress import Progress, part_of, silent
 from proxops.systems.common.rotations import rotation_matrix
 from proxops.systems.common.seeded_system import SeededSystem
 from proxops.systems.common.threads import one_thread
+from proxops.systems.common.user_cache import keep_arrays, kept_arrays, name_of
 
 __all__ = [
     "LARGEST",
@@ -56,7 +58,10 @@ __all__ = [
     "file_sha256",
     "generator",
     "interruption_waits",
+    "keep_arrays",
+    "kept_arrays",
     "make_folder",
+    "name_of",
     "one_thread",
     "open_session",
     "part_of",

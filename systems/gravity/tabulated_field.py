@@ -3,22 +3,26 @@
 from __future__ import annotations
 
 import functools
-import hashlib
-import json
 import sys
 
 import numpy as np
 
-from proxops.systems.common import InputError, checked_semi_axes
+from proxops.systems.common import (
+    InputError,
+    checked_semi_axes,
+    keep_arrays,
+    kept_arrays,
+    name_of,
+)
 from proxops.systems.gravity import _table_kernel as kernel
 from proxops.systems.gravity._far_field import SWITCH, fit_masses
-from proxops.systems.gravity._harmonic_boxes import DEGREE, Boxes, make_boxes, recursion
-from proxops.systems.gravity._table_file import read_boxes, store_boxes
+from proxops.systems.gravity._harmonic_boxes import DEGREE, Boxes, entries, make_boxes, recursion
 from proxops.systems.gravity.gravity_field import Gravity, GravityField, as_points
 from proxops.systems.shapes import Polyhedron
 
-# Of the files on disk. Whoever changes how a table is made raises it.
-_FORMAT = 1
+# Of the files on disk, and their kind. Whoever changes how a table is made, or a last bit of the
+# exact field, raises the format.
+_FORMAT, _KIND = 1, "gravity"
 # Below the first, rounding is no longer small against the bound.
 _ERRORS = (1e-11, 1e-2)
 
@@ -115,9 +119,8 @@ class _Source:
 
     def __init__(self, field: GravityField, axes: np.ndarray, error: float, half: float):
         self.field, self.axes, self.error, self.half = field, axes, error, half
-        numbers = [field.mass, field.contrast, *axes, error]
-        key = [_FORMAT, field.shape.sha256, *(float(number).hex() for number in numbers)]
-        self.name = hashlib.sha256(json.dumps(key).encode()).hexdigest()
+        numbers = map(float, (field.mass, field.contrast, *axes, error))
+        self.name = name_of(_FORMAT, field.shape.sha256, *numbers)
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, _Source) and self.name == other.name
@@ -129,15 +132,37 @@ class _Source:
 # Flights of one process share the arrays; they are never written to.
 @functools.lru_cache(maxsize=2)
 def _boxes(source: _Source) -> Boxes:
-    boxes = read_boxes(source.name)
+    boxes = _kept_boxes(source.name)
     if boxes is None:
         sys.stderr.write(
             f"proxops: making the gravity table of {source.field.shape.name} "
             "(once on this machine, up to a minute)\n"
         )
         boxes = make_boxes(source.field.columns, source.axes, source.half, source.error)
-        store_boxes(source.name, boxes)
+        keep_arrays(_KIND, source.name, boxes._asdict())
     return boxes
+
+
+def _kept_boxes(name: str) -> Boxes | None:
+    """The boxes kept under a name, if the compiled kernel, which checks no index, can read them."""
+    arrays = kept_arrays(_KIND, name)
+    if arrays is None or set(arrays) != set(Boxes._fields):
+        return None
+    children, places, coefficients = boxes = Boxes(**arrays)
+    fits = (
+        children.dtype == np.int32
+        and places.dtype == coefficients.dtype == np.float64
+        and children.ndim == 2
+        and len(children) > 0
+        and children.shape[1] == 8
+        and places.shape == (len(places), 4)
+        and coefficients.shape == (len(places), entries(DEGREE), 2)
+        # A child comes after its node, so that every descent ends.
+        and bool(np.all((children < 0) | (children > np.arange(len(children))[:, None])))
+        and bool(np.all(children < len(children)))
+        and bool(np.all(children >= -1 - len(places)))
+    )
+    return boxes if fits else None
 
 
 def _far_masses(field: GravityField) -> tuple[float, np.ndarray]:

@@ -1,0 +1,61 @@
+"""Arrays that take long to compute, kept in the user's cache folder under a name that says all."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import sys
+import zipfile
+import zlib
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from proxops.systems.common.errors import InputError
+from proxops.systems.common.files import make_folder, write_whole
+
+
+def name_of(*made_from: str | int | float) -> str:
+    """A name for arrays that depend on these texts and numbers alone, to the last bit."""
+    key = [each.hex() if isinstance(each, float) else each for each in made_from]
+    return hashlib.sha256(json.dumps(key).encode()).hexdigest()
+
+
+def kept_arrays(kind: str, name: str) -> dict[str, np.ndarray] | None:
+    """The arrays kept under a name; None if there are none or the file is damaged.
+
+    Args:
+      kind: what they are, in one word: the folder within the cache.
+    """
+    path = _folder(kind) / f"{name}.npz"
+    try:
+        # numpy leaves a file open that it cannot read. It checks a checksum of each array.
+        with path.open("rb") as stored, np.load(stored, allow_pickle=False) as file:
+            return dict(file)
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error):
+        return None
+
+
+def keep_arrays(kind: str, name: str, arrays: Mapping[str, np.ndarray | float]) -> None:
+    """Keeps arrays under a name. If that is not possible, it says so on stderr."""
+
+    def write(path: Path) -> None:
+        with path.open("wb") as file:  # To a path, numpy would add a suffix.
+            np.savez(file, allow_pickle=False, **arrays)
+
+    try:
+        make_folder(_folder(kind))
+        write_whole(_folder(kind) / f"{name}.npz", write)
+    except InputError as error:
+        sys.stderr.write(f"proxops: a table ({kind}) is not kept: {error}\n")
+
+
+def _folder(kind: str) -> Path:
+    """The user's folder for files that can be made again."""
+    if sys.platform == "win32":
+        base = os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local"
+    else:
+        base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    return Path(base) / "proxops" / kind
