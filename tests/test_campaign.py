@@ -460,7 +460,7 @@ def test_killed_and_run_again(tmp_path: Path, flown: list[str], finished: int) -
 
 @pytest.mark.slow
 def test_killed_with_workers_and_run_again(tmp_path: Path, flown: list[str]) -> None:
-    made = flights(20)
+    made = flights(10)
     killed_campaign(tmp_path, made, workers=2, finished=3)
     finish(tmp_path, made, flown)
 

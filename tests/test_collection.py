@@ -342,7 +342,7 @@ def test_killed_and_interrupted_at_random_moments(collect: Collect, tmp_path: Pa
     The second time it is interrupted as by Ctrl-C, all its processes at once; otherwise it is
     killed by `kill -9`.
     """
-    out, transits, chance = tmp_path / "out", 24, random.Random(1)
+    out, transits, chance = tmp_path / "out", 12, random.Random(1)
     done: dict[str, int] = {}
     for attempt in range(3):
         process = subprocess.Popen(
@@ -376,7 +376,7 @@ def test_killed_and_interrupted_at_random_moments(collect: Collect, tmp_path: Pa
     assert len(times_of(out)) == transits
     assert not list(out.rglob("*.part"))
     scenario = load_scenario(None, BRIEF, on_true_state=True)
-    for index, log in list(enumerate(logs_of(out)))[::4]:
+    for index, log in list(enumerate(logs_of(out)))[::2]:
         flown = flight_scenario(kind_of(FULL, index), scenario, kleopatra(), 0, index)
         assert differences(log, fly(flown, "mpc", body=kleopatra())) == []
 
@@ -394,7 +394,7 @@ def test_two_workers_of_which_each_is_killed(full_set: Path, tmp_path: Path) -> 
     """The command goes on with others in their place, and the set is as one process flies it."""
     out = tmp_path / "out"
     with subprocess.Popen(
-        command_line(out, 20, "--recovery", "full", "--seed", "5", workers=2),
+        command_line(out, 14, "--recovery", "full", "--seed", "5", workers=2),
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
     ) as process:
@@ -410,7 +410,7 @@ def test_two_workers_of_which_each_is_killed(full_set: Path, tmp_path: Path) -> 
         assert process.wait(300.0) == 0
     assert not list(out.rglob("*.part"))
     logs = logs_of(out)
-    assert len(logs) == 20
+    assert len(logs) == 14
     for one, other in zip(logs_of(full_set), logs[:7], strict=True):
         assert differences(one, other) == []
         assert one.scenario == other.scenario

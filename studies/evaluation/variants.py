@@ -57,7 +57,7 @@ class Variant:
 
     def applied_to(self, scenario: Scenario) -> Scenario:
         """The scenario that this variant flies, made from the one that all share."""
-        return change_scenario(scenario, self.changes)
+        return change_scenario(scenario, self.changes) if self.changes else scenario
 
 
 def fly_variants(
