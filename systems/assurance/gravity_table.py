@@ -101,8 +101,10 @@ def _kept(name: str) -> GravityTable | None:
         return None
     if any(value.dtype != np.float64 or not np.isfinite(value).all() for value in arrays.values()):
         return None
-    return GravityTable(**{each: value if value.ndim else float(value)
-                           for each, value in arrays.items()})  # fmt: skip
+    return GravityTable(
+        arrays["nodes"], arrays["scales"], arrays["greatest"], arrays["places"],
+        *(float(arrays[each]) for each in ("strongest", "steepness", "error")),
+    )  # fmt: skip
 
 
 def _made(field: Field, axes: np.ndarray) -> GravityTable:

@@ -43,7 +43,11 @@ def keep_arrays(kind: str, name: str, arrays: Mapping[str, np.ndarray | float]) 
 
     def write(path: Path) -> None:
         with path.open("wb") as file:  # To a path, numpy would add a suffix.
-            np.savez(file, allow_pickle=False, **arrays)
+            np.savez(
+                file,
+                allow_pickle=False,
+                **{name: np.asarray(each) for name, each in arrays.items()},
+            )
 
     try:
         make_folder(_folder(kind))
