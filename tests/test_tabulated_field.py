@@ -162,7 +162,7 @@ def test_without_a_cache_folder_it_works_and_says_so(monkeypatch, tmp_path, caps
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
     tabulated_field._boxes.cache_clear()
     TabulatedField(exact(0.0), 2.0 * AXES, 1e-2)
-    assert "a table (gravity) is not kept" in capsys.readouterr().err
+    assert "the gravity table is not kept" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

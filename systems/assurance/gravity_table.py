@@ -80,8 +80,7 @@ def _table(key: FieldKey, semi_axes: tuple[float, ...]) -> GravityTable:
     field = key.field
     if not isinstance(field, GravityField):
         return _made(field, np.array(semi_axes))
-    numbers = float(field.mass), float(field.contrast), *semi_axes
-    name = name_of(_FORMAT, field.shape.sha256, *numbers)
+    name = name_of(_FORMAT, *key.identity, *semi_axes)
     found = _kept(name)
     if found is None:
         found = _made(field, np.array(semi_axes))

@@ -27,7 +27,7 @@ def kept_arrays(kind: str, name: str) -> dict[str, np.ndarray] | None:
     """The arrays kept under a name; None if there are none or the file is damaged.
 
     Args:
-      kind: what they are, in one word: the folder within the cache.
+      kind: what they are a table of, in one word: the folder within the cache.
     """
     path = _folder(kind) / f"{name}.npz"
     try:
@@ -53,7 +53,7 @@ def keep_arrays(kind: str, name: str, arrays: Mapping[str, np.ndarray | float]) 
         make_folder(_folder(kind))
         write_whole(_folder(kind) / f"{name}.npz", write)
     except InputError as error:
-        sys.stderr.write(f"proxops: a table ({kind}) is not kept: {error}\n")
+        sys.stderr.write(f"proxops: the {kind} table is not kept: {error}\n")
 
 
 def _folder(kind: str) -> Path:
