@@ -87,17 +87,17 @@ def _gather(corners, count, r, seen):
 
 @_fast
 def _half_edge(length, both):
-    """Whether an edge is near, and L / 2; 0 if it is near."""
+    """Whether an edge is near, and L / 2, which is right if it is not."""
     x = length / both
     q = x * x
     series = _LOG[0] + q * (_LOG[1] + q * (_LOG[2] + q * (_LOG[3] + q * _LOG[4])))
     near = x > _SERIES_LIMIT
-    return near, (0.0 if near else x + x * q * series)
+    return near, x + x * q * series
 
 
 @_fast
 def _half_angle(px, py, pz, units, f, u, ra, rb, rc):
-    """Whether a facet is near, and -w / 2; 0 if it is near.
+    """Whether a facet is near, and -w / 2, which is right if it is not.
 
     tan(w / 2) is r_a . (r_b x r_c), the height over the facet's plane times twice its area, over
     r_a r_b r_c + sum r_a (r_b . r_c), where r_b . r_c = (r_b^2 + r_c^2 - l_bc^2) / 2. Here both
@@ -115,7 +115,7 @@ def _half_angle(px, py, pz, units, f, u, ra, rb, rc):
     q = t * t
     series = _TAN[0] + q * (_TAN[1] + q * (_TAN[2] + q * (_TAN[3] + q * _TAN[4])))
     near = (abs(t) > _SERIES_LIMIT) | (denominator <= _WIDE_FACET * cube)
-    return near, (0.0 if near else t + t * q * series)
+    return near, t + t * q * series
 
 
 @_fast
@@ -129,6 +129,8 @@ def _sum_units(px, py, pz, units, count, seen, near, sums):
       Whether there are any.
     """
     found = 0.0
+    # What is near is left out in this loop, not in the helpers: with a choice beside their `return`,
+    # Python 3.12 makes two returns of it, and LLVM no loop over several units at a time.
     xx = yy = xy = xz = yz = bx = by = bz = c = total = 0.0
     for u in range(count):
         ra, rb, rc, rd, re, rf = (
@@ -140,24 +142,29 @@ def _sum_units(px, py, pz, units, count, seen, near, sums):
             seen[5, u],
         )
         near_f, w = _half_angle(px, py, pz, units, 0, u, ra, rb, rc)
+        w = 0.0 if near_f else w
         nx, ny, nz, h = units[0, u], units[1, u], units[2, u], units[3, u]
         wx, wy, wh = w * nx, w * ny, w * h
         xx, yy, xy, xz, yz = xx + wx * nx, yy + wy * ny, xy + wx * ny, xz + wx * nz, yz + wy * nz
         bx, by, bz, c, total = bx + wh * nx, by + wh * ny, bz + wh * nz, c + wh * h, total + w
         near_g, w = _half_angle(px, py, pz, units, 8, u, rd, re, rf)
+        w = 0.0 if near_g else w
         nx, ny, nz, h = units[8, u], units[9, u], units[10, u], units[11, u]
         wx, wy, wh = w * nx, w * ny, w * h
         xx, yy, xy, xz, yz = xx + wx * nx, yy + wy * ny, xy + wx * ny, xz + wx * nz, yz + wy * nz
         bx, by, bz, c, total = bx + wh * nx, by + wh * ny, bz + wh * nz, c + wh * h, total + w
         near_0, v = _half_edge(units[25, u], ra + rb)
+        v = 0.0 if near_0 else v
         xx, yy, xy = xx + units[16, u] * v, yy + units[17, u] * v, xy + units[18, u] * v
         xz, yz, bx = xz + units[19, u] * v, yz + units[20, u] * v, bx + units[21, u] * v
         by, bz, c = by + units[22, u] * v, bz + units[23, u] * v, c + units[24, u] * v
         near_1, v = _half_edge(units[35, u], rb + rc)
+        v = 0.0 if near_1 else v
         xx, yy, xy = xx + units[26, u] * v, yy + units[27, u] * v, xy + units[28, u] * v
         xz, yz, bx = xz + units[29, u] * v, yz + units[30, u] * v, bx + units[31, u] * v
         by, bz, c = by + units[32, u] * v, bz + units[33, u] * v, c + units[34, u] * v
         near_2, v = _half_edge(units[45, u], rd + re)
+        v = 0.0 if near_2 else v
         xx, yy, xy = xx + units[36, u] * v, yy + units[37, u] * v, xy + units[38, u] * v
         xz, yz, bx = xz + units[39, u] * v, yz + units[40, u] * v, bx + units[41, u] * v
         by, bz, c = by + units[42, u] * v, bz + units[43, u] * v, c + units[44, u] * v
