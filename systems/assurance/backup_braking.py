@@ -121,7 +121,7 @@ class BackupBraking:
             thrust at its worst cannot hold against gravity at its worst.
         """
         bounds = AssuranceBounds() if bounds is None else bounds
-        axes = np.asarray(limits.keep_out_semi_axes, dtype=np.float64)
+        axes = limits.keep_out_semi_axes
         check_positive("BackupBraking", period=period)
         if bounds.delay > period:
             raise InputError(
@@ -165,7 +165,7 @@ class BackupBraking:
     def _arguments(self, position: float, velocity: float) -> _Arguments:
         """The kernel's arguments after position and velocity, for these errors of the state."""
         limits, bounds, table = self.limits, self.bounds, self.table
-        axes = np.asarray(limits.keep_out_semi_axes, dtype=np.float64)
+        axes = limits.keep_out_semi_axes
         acceleration, shortest, longest = limits.thrust / limits.mass, axes.min(), axes.max()
         gravity = (1.0 + bounds.gravity) * table.strongest
         if bounds.delay:
@@ -223,7 +223,7 @@ class BackupBraking:
         Raises:
           InputError: there is a place where no room is enough.
         """
-        axes = np.asarray(self.limits.keep_out_semi_axes, dtype=np.float64)
+        axes = self.limits.keep_out_semi_axes
         if certified(self._given, axes):
             return
         points, needed = rooms(self._given, axes)
@@ -251,11 +251,11 @@ class BackupBraking:
           Points (N, 3) in m, evenly about the ellipsoid, and the clearances (N,) in m above them;
           inf where no clearance of up to half the shortest semi-axis is enough.
         """
-        return rooms(self._given, np.asarray(self.limits.keep_out_semi_axes), speed)
+        return rooms(self._given, self.limits.keep_out_semi_axes, speed)
 
     def _load_kernels(self) -> None:
         """Calls everything that is compiled once: loaded in flight, each takes 10 to 20 ms."""
-        state = np.concatenate([2.0 * np.asarray(self.limits.keep_out_semi_axes), np.zeros(3)])
+        state = np.concatenate([2.0 * self.limits.keep_out_semi_axes, np.zeros(3)])
         thrust, motion = np.zeros(3), (state[:3], state[3:], *self._given)
         kernel.bound_speed(*motion, thrust, np.empty(3), np.empty(3))
         kernel.margin(*motion, thrust)

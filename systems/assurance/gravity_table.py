@@ -13,7 +13,7 @@ from proxops.systems.gravity import Field, FieldKey, GravityField, TabulatedFiel
 
 # Of the files on disk, and their kind. Whoever changes how a table is made, or a last bit of the
 # exact field, raises the format.
-_FORMAT, _KIND = 1, "assurance"
+_FORMAT, _KIND = 2, "assurance"
 # Spacing of the nodes, where the ellipsoid is the unit ball. The error of Kleopatra's table is then
 # below 5e-5 m/s^2 outside the keep-out ellipsoid, and 5e-6 on average.
 _SPACING = 0.05

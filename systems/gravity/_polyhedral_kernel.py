@@ -129,8 +129,8 @@ def _sum_units(px, py, pz, units, count, seen, near, sums):
       Whether there are any.
     """
     found = 0.0
-    # What is near is left out in this loop, not in the helpers: with a choice beside their `return`,
-    # Python 3.12 makes two returns of it, and LLVM no loop over several units at a time.
+    # What is near is left out here, not in the helpers: of a choice in their `return`, Python 3.12
+    # makes two returns, and then LLVM makes no loop over several units at a time.
     xx = yy = xy = xz = yz = bx = by = bz = c = total = 0.0
     for u in range(count):
         ra, rb, rc, rd, re, rf = (

@@ -22,7 +22,7 @@ from proxops.systems.shapes import Polyhedron
 
 # Of the files on disk, and their kind. Whoever changes how a table is made, or a last bit of the
 # exact field, raises the format.
-_FORMAT, _KIND = 1, "gravity"
+_FORMAT, _KIND = 2, "gravity"
 # Below the first, rounding is no longer small against the bound.
 _ERRORS = (1e-11, 1e-2)
 

@@ -25,4 +25,5 @@ class FlightLimits:
     def __post_init__(self) -> None:
         """Raises `InputError` unless all limits are positive."""
         check_positive("FlightLimits", mass=self.mass, thrust=self.thrust, speed=self.speed)
-        checked_semi_axes("the keep-out ellipsoid", self.keep_out_semi_axes)
+        axes = checked_semi_axes("the keep-out ellipsoid", self.keep_out_semi_axes)
+        object.__setattr__(self, "keep_out_semi_axes", axes)
