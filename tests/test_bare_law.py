@@ -1,12 +1,12 @@
 """The bare guidance law of benchmarks/ablation.py: made from a scenario, and what it commands."""
 
 import numpy as np
-from benchmark_scripts import load_script
 from pydrake.systems.framework import Diagram
+from scripts import load_script
 
 from proxops.diagrams.scenario import load_body, load_scenario
 
-LAW = load_script("_bare_law")
+LAW = load_script("benchmarks/_bare_law.py")
 
 
 def test_at_rest_at_the_goal_it_hovers() -> None:

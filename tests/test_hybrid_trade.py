@@ -5,8 +5,8 @@ from pathlib import Path
 from types import ModuleType
 
 import pytest
-from benchmark_scripts import load_script
 from known_policies import DeadReckoning, write_policy
+from scripts import load_script
 from test_evaluation import row
 
 from proxops.diagrams.scenario.scenario import load_scenario
@@ -14,7 +14,7 @@ from proxops.diagrams.scenario.scenario import load_scenario
 
 @pytest.fixture(scope="module")
 def trade() -> ModuleType:
-    return load_script("hybrid")
+    return load_script("benchmarks/hybrid.py")
 
 
 def test_variants_are_what_they_are_named(trade: ModuleType) -> None:

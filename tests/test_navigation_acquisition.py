@@ -6,8 +6,8 @@ from types import ModuleType
 
 import numpy as np
 import pytest
-from benchmark_scripts import load_script
 from scipy.spatial.transform import Rotation
+from scripts import load_script
 
 from proxops.diagrams.flight import make_navigation
 from proxops.diagrams.scenario import Body, load_body
@@ -21,7 +21,7 @@ ACQUIRING, FOLLOWING, LOST = NavigationPhase
 
 @functools.cache
 def bodies() -> ModuleType:
-    return load_script("_bodies")
+    return load_script("benchmarks/_bodies.py")
 
 
 class At:

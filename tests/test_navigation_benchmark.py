@@ -7,8 +7,8 @@ from types import ModuleType
 
 import numpy as np
 import pytest
-from benchmark_scripts import load_script
 from scipy.spatial.transform import Rotation
+from scripts import load_script
 from short_flights import BRIEF, SHORT, kleopatra, short_scenario
 
 from proxops.diagrams.flight import fly
@@ -26,22 +26,22 @@ from proxops.systems.shapes import Polyhedron
 
 @pytest.fixture(scope="module")
 def navigation() -> ModuleType:
-    return load_script("navigation")
+    return load_script("benchmarks/navigation.py")
 
 
 @pytest.fixture(scope="module")
 def flights() -> ModuleType:
-    return load_script("_navigation_flights")
+    return load_script("benchmarks/_navigation_flights.py")
 
 
 @pytest.fixture(scope="module")
 def poses() -> ModuleType:
-    return load_script("_navigation_poses")
+    return load_script("benchmarks/_navigation_poses.py")
 
 
 @pytest.fixture(scope="module")
 def bodies() -> ModuleType:
-    return load_script("_bodies")
+    return load_script("benchmarks/_bodies.py")
 
 
 def on_lidar_for_150_s() -> FlightLog:
@@ -208,7 +208,8 @@ def test_measures_resumes_and_writes_the_tables(
     monkeypatch.setattr(sys, "argv", words)
     # Short ways at Kleopatra, and by one wrong map.
     for name in ("navigation", "_bodies", "_navigation_mended", "_navigation_poses"):
-        monkeypatch.setattr(load_script(name), "load_scenario", short_way)
+        script = load_script(f"benchmarks/{name}.py")
+        monkeypatch.setattr(script, "load_scenario", short_way)
     monkeypatch.setattr(navigation, "SURFACE_ERRORS", (110.0,))
     navigation.main()
     text = (tmp_path / "tables.md").read_text()

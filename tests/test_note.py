@@ -1,26 +1,15 @@
 """The technical note builds, with whatever campaigns were flown, and says what the files say."""
 
 import copy
-import importlib.util
 import json
-from types import ModuleType
 from typing import Any
 
 import typst
 from pages import ROOT
+from scripts import load_script
 from whole_results import results_with_all
 
-
-def _module() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("note_build", ROOT / "docs" / "note" / "build.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-build = _module()
+build = load_script("docs/note/build.py")
 SOURCES = build.sources()
 
 

@@ -1,33 +1,19 @@
 """The figures of README and docs come from the files that they name, and from nowhere else."""
 
 import dataclasses
-import importlib.util
 import json
 import re
-import sys
 from pathlib import Path
-from types import ModuleType
 
 import pytest
 from own_numbers import DEFINITIONS, SPECIFICATIONS, own_figures
 from pages import ROOT
+from scripts import load_script
 from whole_results import results_with_all
 
 from proxops.studies.beyond import all_campaigns
 
-
-def _module() -> ModuleType:
-    path = ROOT / "docs" / "render_results.py"
-    spec = importlib.util.spec_from_file_location("render_results", path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # dataclasses look there
-    spec.loader.exec_module(module)
-    return module
-
-
-render = _module()
+render = load_script("docs/render_results.py")
 SOURCES = render.load_sources()
 
 

@@ -9,8 +9,8 @@ from types import ModuleType
 
 import numpy as np
 import pytest
-from benchmark_scripts import load_script
 from known_policies import DeadReckoning, write_policy
+from scripts import load_script
 from short_flights import kleopatra
 from test_evaluation import row
 
@@ -37,7 +37,7 @@ PLAIN = {"log_ranges": False, "transit.seed": 10001}
 
 @pytest.fixture(scope="module")
 def robustness() -> ModuleType:
-    return load_script("robustness")
+    return load_script("benchmarks/robustness.py")
 
 
 @functools.cache

@@ -197,11 +197,21 @@ def test_wrong_ports_refused(controller: System, complaint: str) -> None:
 def test_offers_that_cannot_be_are_refused() -> None:
     late, talking = Scripted(), Scripted()
     late.delay = -1.0
-    with pytest.raises(InputError, match="the controller needs delay"):
+    with pytest.raises(InputError, match="needs delay from 0"):
         build(late)
     talking.logged_ports = lambda: {"mine": talking.GetOutputPort("force")}
     with pytest.raises(InputError, match="gives a LeafOutputPort for 'mine', not a LoggedPort"):
         build(talking)
+    talking.logged_ports = lambda: [talking.GetOutputPort("force")]
+    with pytest.raises(InputError, match="must give a dict of LoggedPort, not list"):
+        build(talking)
+    packed, painted = Scripted(), Scripted()
+    packed.bundle = "out/policy"
+    with pytest.raises(InputError, match="its bundle, a str, has no hash `sha256`"):
+        build(packed)
+    painted.legend_entry = "red"
+    with pytest.raises(InputError, match="legend_entry must be a LegendEntry"):
+        build(painted)
 
 
 def test_a_path_in_place_of_a_scenario_is_refused() -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pydrake.systems.framework import Diagram, DiagramBuilder, PortDataType
 
-from proxops.systems.common import InputError, LegendEntry, LoggedPort
+from proxops.systems.common import InputError, LegendEntry, LoggedPort, offers_of
 from proxops.systems.expert import ModelPredictiveController
 from proxops.systems.policy import GuidancePolicy, NeuralPolicy, ProportionalDerivative
 
@@ -43,8 +43,9 @@ class EstimateFeedback(Diagram):
                 "one: fly it as a policy"
             )
         self.bundle = policy.bundle
-        self.delay = float(getattr(controller, "delay", 0.0))
-        own: LegendEntry | None = getattr(controller, "legend_entry", None)
+        offers = offers_of(controller)
+        self.delay = offers.delay
+        own = offers.legend_entry
         self.legend_entry = own and LegendEntry(f"{own.name} on the estimate", own.colour)
         builder = DiagramBuilder()
         builder.AddNamedSystem("policy", policy)
@@ -62,8 +63,7 @@ class EstimateFeedback(Diagram):
             port = controller.get_output_port(i)
             if port.get_data_type() == PortDataType.kAbstractValued:
                 builder.ExportOutput(port, port.get_name())
-        offered: dict[str, LoggedPort] = getattr(controller, "logged_ports", dict)()
-        for name, each in offered.items():
+        for name, each in offers.logged_ports.items():
             builder.ExportOutput(each.port, name)
             self._logged.append(name)
         builder.BuildInto(self)

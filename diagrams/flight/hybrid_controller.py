@@ -22,7 +22,7 @@ from proxops.systems import (
     ReachModel,
     StateNoise,
 )
-from proxops.systems.common import LoggedPort, derived_seed
+from proxops.systems.common import LoggedPort, derived_seed, offers_of
 
 # The selector assumes that the true state is within this many standard deviations of the noisy
 # state. For normal errors in three dimensions this fails 15 times in a million.
@@ -136,7 +136,8 @@ class HybridController(Diagram):
                 "the hybrid cannot fly with mpc.solve_delay_s: the MPC predicts over the delay "
                 "with its own last command, but the policy's command may act"
             )
-        self.bundle = getattr(policy, "bundle", None)
+        offers = offers_of(policy)
+        self.bundle = offers.bundle
         builder = DiagramBuilder()
         builder.AddNamedSystem("mpc", expert)
         builder.AddNamedSystem("policy", policy)
@@ -175,8 +176,9 @@ class HybridController(Diagram):
             builder.Connect(expert.GetOutputPort(name), asked.GetInputPort("value"))
             builder.ExportOutput(asked.GetOutputPort("value"), f"mpc_{name}")
         builder.ExportOutput(policy.GetOutputPort("force"), "policy_force")
-        offered: dict[str, LoggedPort] = getattr(policy, "logged_ports", dict)()
-        self._offered = {name: each for name, each in offered.items() if name not in _OWN_OUTPUTS}
+        self._offered = {
+            name: each for name, each in offers.logged_ports.items() if name not in _OWN_OUTPUTS
+        }
         for name, logged in self._offered.items():
             builder.ExportOutput(logged.port, name)
         builder.BuildInto(self)

@@ -23,6 +23,7 @@ from proxops.diagrams.logs import (
     make_dataset,
 )
 from proxops.diagrams.scenario import Body, Scenario, TrueBody, dump_scenario
+from proxops.systems.common import offers_of
 from proxops.systems.hybrid import FlownBy
 from proxops.systems.lidar import LearnedLidar, PlanarLidar
 from proxops.systems.vehicle import (
@@ -186,10 +187,9 @@ def _attributes(flown: Flown, wall_time: float) -> dict[str, Any]:
     lidar = flown.diagram.GetSubsystemByName("lidar")
     if isinstance(lidar, LearnedLidar):
         attributes["lidar_sha256"] = lidar.bundle.sha256
-    bundle = getattr(flown.controller, "bundle", None)
-    if bundle is not None:
-        attributes["policy_sha256"] = bundle.sha256
-    entry = getattr(flown.controller, "legend_entry", None)
-    if entry is not None:
-        attributes[LEGEND] = legend_text(entry)
+    offers = offers_of(flown.controller)
+    if offers.bundle is not None:
+        attributes["policy_sha256"] = offers.bundle.sha256
+    if offers.legend_entry is not None:
+        attributes[LEGEND] = legend_text(offers.legend_entry)
     return attributes

@@ -47,7 +47,7 @@ from proxops.diagrams.scenario import (
     scenario_transit,
 )
 from proxops.systems import DelayedHold, FlightMonitor, FrameDelay, InputError, PlanarLidar
-from proxops.systems.common import LoggedPort, check_not_negative
+from proxops.systems.common import LoggedPort, offers_of
 
 # Input ports of a controller that may remain unconnected.
 _OPTIONAL_PORTS = {"enable", "covariance"}
@@ -127,7 +127,7 @@ def make_transit_diagram(
     wiring = _begin(scenario, body, true_body)
     scenario, builder = wiring.scenario, wiring.builder
     controller = _controller(controller, wiring)
-    delay = float(getattr(controller, "delay", 0.0))
+    delay = offers_of(controller).delay
     craft = add_spacecraft(wiring)
     add_accelerations(wiring, craft)
     attitude = add_attitude(wiring)
@@ -177,13 +177,8 @@ def logged_ports(controller: System) -> dict[str, LoggedPort]:
       InputError: a name is not fit for a column, or a port does not have the size of the log's
         column of this name.
     """
-    ports: dict[str, LoggedPort] = getattr(controller, "logged_ports", dict)()
+    ports = offers_of(controller).logged_ports
     for name, logged in ports.items():
-        if not isinstance(logged, LoggedPort):
-            raise InputError(
-                f"controller {controller.get_name()!r}: logged_ports gives a "
-                f"{type(logged).__name__} for {name!r}, not a LoggedPort(port, units, description)"
-            )
         size = CONTROLLER_COLUMNS.get(name)
         if not name.isidentifier() or (size is None and name in RESERVED_COLUMNS):
             raise InputError(
@@ -274,7 +269,6 @@ def _received(wiring: Wiring, lidar: PlanarLidar) -> OutputPort:
 
 
 def _make_hold(period: float, delay: float) -> LeafSystem:
-    check_not_negative("the controller", delay=delay)
     return DelayedHold(period, delay, 3) if delay > 0.0 else ZeroOrderHold(period, 3)
 
 

@@ -6,8 +6,9 @@ arguments that make no sense. Random numbers are pure functions of a seed and a 
 systems that draw them. `write_whole` and `write_json` give a file its name only when all of it is
 written; `interruption_waits` lets Ctrl-C wait meanwhile. `keep_arrays` puts what took long to
 compute into the user's cache folder, and `kept_arrays` finds it there. `read_bundle` reads the
-folder of a trained network. Read `errors` and `counter_noise` first. This room imports nothing else
-of proxops, and every other room depends on it.
+folder of a trained network, and `offers_of` what a controller offers to a flight and its log. Read
+`errors` and `counter_noise` first. This room imports nothing else of proxops, and every other room
+depends on it.
 """
 
 from proxops.systems.common.bundles import MODEL_FILE, BundleKind, open_session, read_bundle
@@ -18,7 +19,12 @@ from proxops.systems.common.checks import (
     check_type,
     checked_semi_axes,
 )
-from proxops.systems.common.controller_offers import LegendEntry, LoggedPort
+from proxops.systems.common.controller_offers import (
+    ControllerOffers,
+    LegendEntry,
+    LoggedPort,
+    offers_of,
+)
 from proxops.systems.common.counter_noise import derived_seed, generator
 from proxops.systems.common.deviations import error_bounds
 from proxops.systems.common.directions import directions_of, spread_directions
@@ -41,6 +47,7 @@ __all__ = [
     "LARGEST",
     "MODEL_FILE",
     "BundleKind",
+    "ControllerOffers",
     "InputError",
     "LegendEntry",
     "LoggedPort",
@@ -62,6 +69,7 @@ __all__ = [
     "kept_arrays",
     "make_folder",
     "name_of",
+    "offers_of",
     "one_thread",
     "open_session",
     "part_of",

@@ -1,11 +1,22 @@
-"""What a controller may offer to the log and to the legend of a flight."""
+"""What a controller may offer to a flight: names that a System has or does not have.
+
+Any System with an output port `force` is a controller. It may have these attributes, too:
+
+    delay            time in s from a command's evaluation until it acts
+    bundle           the bundle that it flies; the log keeps its hash
+    legend_entry     a `LegendEntry`: how plots and replays show the controller
+    logged_ports()   gives a `LoggedPort` for each column that the log keeps
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import dataclass, field
+from typing import NamedTuple, Protocol
 
-from pydrake.systems.framework import OutputPort
+from pydrake.systems.framework import OutputPort, System
+
+from proxops.systems.common.checks import check_not_negative
+from proxops.systems.common.errors import InputError
 
 
 class LegendEntry(NamedTuple):
@@ -23,3 +34,57 @@ class LoggedPort:
     port: OutputPort
     units: str = "1"
     description: str = ""
+
+
+class Hashed(Protocol):
+    """Files that are known by their hash."""
+
+    @property
+    def sha256(self) -> str:
+        """The hash, in hexadecimal digits."""
+        ...
+
+
+@dataclass(frozen=True)
+class ControllerOffers:
+    """What one controller offers; the defaults are those of a controller that offers nothing."""
+
+    delay: float = 0.0
+    bundle: Hashed | None = None
+    legend_entry: LegendEntry | None = None
+    logged_ports: dict[str, LoggedPort] = field(default_factory=dict)
+
+
+def offers_of(controller: System) -> ControllerOffers:
+    """Collects what a controller offers.
+
+    Raises:
+      InputError: an offer has another type than this module says.
+    """
+    name = controller.get_name()
+    delay = getattr(controller, "delay", 0.0)
+    check_not_negative(f"controller {name!r}", delay=delay)
+    entry = getattr(controller, "legend_entry", None)
+    if not isinstance(entry, LegendEntry | None):
+        raise InputError(
+            f"controller {name!r}: legend_entry must be a LegendEntry(name, colour), not {entry!r}"
+        )
+    bundle = getattr(controller, "bundle", None)
+    if bundle is not None and not isinstance(getattr(bundle, "sha256", None), str):
+        raise InputError(
+            f"controller {name!r}: its bundle, a {type(bundle).__name__}, has no hash `sha256` for "
+            "the log; give the attribute another name if it is none"
+        )
+    ports = getattr(controller, "logged_ports", dict)()
+    if not isinstance(ports, dict):
+        raise InputError(
+            f"controller {name!r}: logged_ports() must give a dict of LoggedPort, not "
+            f"{type(ports).__name__}"
+        )
+    for column, logged in ports.items():
+        if not isinstance(logged, LoggedPort):
+            raise InputError(
+                f"controller {name!r}: logged_ports gives a {type(logged).__name__} for "
+                f"{column!r}, not a LoggedPort(port, units, description)"
+            )
+    return ControllerOffers(float(delay), bundle, entry, ports)
