@@ -62,7 +62,6 @@ def synthetic_log(steps: int = 480, ranges: bool = True) -> FlightLog:
         "collided": 0,
         "keep_out_violations": 0,
         "wall_s": 1.0,
-        "scenario_sha256": "0" * 64,
     }
     return FlightLog(make_dataset(columns, times, scenario, body, attributes), body)
 

@@ -326,7 +326,7 @@ def placed(distances_km: list[float], dwell: float = 600.0, **arrival: float) ->
     columns = {"state": states, "target": target, "force": np.zeros((count, 3))}
     columns |= {"decision": np.zeros(count), "solve_time": nothing}
     attributes = {"controller": "none", "arrival_time_s": np.nan, "collided": 0, "wall_s": 1.0}
-    attributes |= {"keep_out_violations": 0, "scenario_sha256": ""}
+    attributes |= {"keep_out_violations": 0}
     times = 10.0 * np.arange(count)
     return FlightLog(make_dataset(columns, times, scenario, body, attributes), body)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import dataclass
 from importlib import metadata
 from typing import Any
@@ -22,7 +21,7 @@ from proxops.diagrams.logs import (
     legend_text,
     make_dataset,
 )
-from proxops.diagrams.scenario import Body, Scenario, TrueBody, dump_scenario
+from proxops.diagrams.scenario import Body, Scenario, TrueBody
 from proxops.systems.common import offers_of
 from proxops.systems.hybrid import FlownBy
 from proxops.systems.lidar import LearnedLidar, PlanarLidar
@@ -174,7 +173,6 @@ def _attributes(flown: Flown, wall_time: float) -> dict[str, Any]:
     attributes = {
         "proxops_version": metadata.version("proxops"),
         "controller": flown.name,
-        "scenario_sha256": hashlib.sha256(dump_scenario(scenario).encode()).hexdigest(),
         "seed": scenario.transit.seed,
         "transit": scenario.transit.index,
         "noise_seed": scenario.noise_seed,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import typing
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -199,12 +200,14 @@ def make_dataset(
     if true_body.shape is not body.shape:
         data |= _mesh("true", "true_", true_body.shape)
     time = ("time", times, {"units": "s", "long_name": "time since the start of the flight"})
+    text = dump_scenario(scenario)
     return xr.Dataset(
         data,
         coords={"time": time, **COORDINATES},
         attrs={
             "title": f"proxops flight near {body.config.name}",
-            "scenario": dump_scenario(scenario),
+            "scenario": text,
+            "scenario_sha256": hashlib.sha256(text.encode()).hexdigest(),
             "body": yaml_dump_typed(body.config, schema=BodyConfig),
             "shape_sha256": body.shape.sha256,
             **attributes,
