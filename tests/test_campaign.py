@@ -21,8 +21,9 @@ from dask.distributed import LocalCluster
 from short_flights import BRIEF, kleopatra, short_scenario, write_blob
 
 from proxops.diagrams.flight import Workers, campaign, parallel
-from proxops.diagrams.flight.campaign import Flight, provenance, run_campaign, transit_flights
+from proxops.diagrams.flight.campaign import Flight, run_campaign, transit_flights
 from proxops.diagrams.flight.named_controllers import named_controller
+from proxops.diagrams.flight.origin import provenance
 from proxops.diagrams.logs.flight_log import FlightLog
 from proxops.diagrams.scenario.navigation_config import LidarNavigationConfig
 from proxops.diagrams.scenario.scenario import parse_scenario

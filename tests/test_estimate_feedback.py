@@ -8,8 +8,9 @@ from known_policies import Counting, DeadReckoning, NotANumber, write_policy
 from short_flights import BRIEF, kleopatra, short_scenario
 
 from proxops.diagrams.flight import Workers, make_mpc
-from proxops.diagrams.flight.campaign import provenance, run_campaign, transit_flights
+from proxops.diagrams.flight.campaign import run_campaign, transit_flights
 from proxops.diagrams.flight.named_controllers import named_controller
+from proxops.diagrams.flight.origin import provenance
 from proxops.diagrams.flight.simulation import fly
 from proxops.diagrams.logs.flight_log import FlightLog, differences
 from proxops.diagrams.logs.legend import legend_of

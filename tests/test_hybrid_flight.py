@@ -12,9 +12,10 @@ from short_flights import PdController, flown_and_taken_up, kleopatra, short_sce
 
 from proxops.cli.common import console
 from proxops.cli.fly import _table
-from proxops.diagrams.flight.campaign import provenance, transit_flights
+from proxops.diagrams.flight.campaign import transit_flights
 from proxops.diagrams.flight.hybrid_controller import make_hybrid
 from proxops.diagrams.flight.named_controllers import named_controller
+from proxops.diagrams.flight.origin import provenance
 from proxops.diagrams.flight.scenario_systems import make_mpc
 from proxops.diagrams.flight.simulation import fly
 from proxops.diagrams.flight.transit_diagram import make_transit_diagram

@@ -17,19 +17,17 @@ from proxops.diagrams.flight.box_worlds import STATE_ERRORS, TRUTHS
 from proxops.diagrams.flight.campaign import (
     Flight,
     Row,
-    body_sha256,
     controller_label,
     file_label,
-    provenance,
     run_campaign,
     run_groups,
     transit_flights,
-    version_and_body,
 )
 from proxops.diagrams.flight.hybrid_controller import make_hybrid
 from proxops.diagrams.flight.named_bundles import WITH_BUNDLE, bundle_of
 from proxops.diagrams.flight.named_controllers import named_controller
 from proxops.diagrams.flight.navigation import mended_map_of_flight
+from proxops.diagrams.flight.origin import body_sha256, provenance, version_and_body
 from proxops.diagrams.flight.parallel import Workers
 from proxops.diagrams.flight.recording import Flown, make_log
 from proxops.diagrams.flight.scenario_systems import (

@@ -11,21 +11,15 @@ import json
 import re
 import typing
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
-from importlib import metadata
 from pathlib import Path
 
-from pydrake.common.yaml import yaml_dump_typed
-
-from proxops.diagrams.flight.named_bundles import WITH_BUNDLE, bundle_of, policy_sha256
-from proxops.diagrams.flight.named_controllers import controller_files
+from proxops.diagrams.flight.named_bundles import WITH_BUNDLE
+from proxops.diagrams.flight.origin import own_version, provenance
 from proxops.diagrams.flight.parallel import Workers
 from proxops.diagrams.flight.simulation import fly
 from proxops.diagrams.logs import FlightLog
 from proxops.diagrams.scenario import (
     Body,
-    BodyConfig,
-    LearnedLidarConfig,
-    LidarNavigationConfig,
     Scenario,
     UnflyableWorldError,
     dispersed_values,
@@ -35,9 +29,7 @@ from proxops.diagrams.scenario import (
     of_transit,
     parse_scenario,
 )
-from proxops.systems.common import InputError, file_sha256, make_folder, write_whole
-from proxops.systems.lidar import LidarBundle
-from proxops.systems.navigation import map_files
+from proxops.systems.common import InputError, make_folder, write_whole
 
 # Greatest number of letters of a controller's name that a file's name contains.
 _LONGEST_LABEL = 60
@@ -66,43 +58,6 @@ class Flight:
     mesh and of the navigation's map, of the bundles of a learned lidar and of a policy, and of the
     file of a controller MODULE:FACTORY, where the flight uses them. A campaign uses a stored flight
     again only if its provenance is the same."""
-
-
-def body_sha256(body: Body) -> str:
-    """Gives the SHA-256 hash of a body's constants and shape."""
-    constants = yaml_dump_typed(body.config, schema=BodyConfig) or ""
-    return hashlib.sha256((constants + body.shape.sha256).encode()).hexdigest()
-
-
-def version_and_body(body: Body) -> str:
-    """Gives the part of a provenance that all flights and plans have: version and body."""
-    return f"{_version()}, body {body_sha256(body)}"
-
-
-def _version() -> str:
-    return f"proxops {metadata.version('proxops')}"
-
-
-def provenance(scenario: Scenario, body: Body, controller: str) -> str:
-    """Gives the `Flight.provenance` of flights of a scenario by a controller and this version.
-
-    Raises:
-      InputError: a bundle, a module or a file that the flights need does not exist.
-    """
-    origin = version_and_body(body)
-    if scenario.truth.mesh is not None:
-        origin += f", true mesh {file_sha256(Path(scenario.truth.mesh))}"
-    if isinstance(scenario.navigation, LidarNavigationConfig) and scenario.navigation.map:
-        for path in map_files(Path(scenario.navigation.map)):
-            origin += f", map {file_sha256(path)}"
-    if isinstance(scenario.lidar, LearnedLidarConfig):
-        origin += f", lidar {LidarBundle.load(scenario.lidar.bundle).sha256}"
-    bundle = bundle_of(controller, scenario)
-    if bundle is not None:
-        origin += f", policy {policy_sha256(bundle)}"
-    for number, path in enumerate(controller_files(controller)):
-        origin += f"{'' if number else ', controller'} {file_sha256(path)}"
-    return origin
 
 
 def transit_flights(scenario: Scenario, controller: str, seed: int, count: int) -> list[Flight]:
@@ -261,7 +216,7 @@ def _fly_one(
 
 def _check_version(flight: Flight) -> None:
     """Raises `InputError` if this process, perhaps of a cluster, has another version of proxops."""
-    own = _version()
+    own = own_version()
     asked, _, _ = flight.provenance.partition(", ")
     if asked != own:
         raise InputError(f"a worker has {own}, but the campaign is of {asked}: install that there")
@@ -310,8 +265,8 @@ def _body(name: str, gravity: str, origin: str) -> Body:
 
 
 def _body_of(flight: Flight, scenario: Scenario) -> Body:
-    version_and_body = ", ".join(flight.provenance.split(", ")[:2])
-    return _body(scenario.body, scenario.gravity, version_and_body)
+    origin = ", ".join(flight.provenance.split(", ")[:2])  # Version and body.
+    return _body(scenario.body, scenario.gravity, origin)
 
 
 def _finished(flight: Flight, folder: Path, keep_logs: bool) -> Row | None:

@@ -1,0 +1,60 @@
+"""What flights were flown with: the version, the body, and the files of controller and world."""
+
+from __future__ import annotations
+
+import hashlib
+from importlib import metadata
+from pathlib import Path
+
+from pydrake.common.yaml import yaml_dump_typed
+
+from proxops.diagrams.flight.named_bundles import bundle_of, policy_sha256
+from proxops.diagrams.flight.named_controllers import controller_files
+from proxops.diagrams.scenario import (
+    Body,
+    BodyConfig,
+    LearnedLidarConfig,
+    LidarNavigationConfig,
+    Scenario,
+)
+from proxops.systems.common import file_sha256
+from proxops.systems.lidar import LidarBundle
+from proxops.systems.navigation import map_files
+
+
+def body_sha256(body: Body) -> str:
+    """Gives the SHA-256 hash of a body's constants and shape."""
+    constants = yaml_dump_typed(body.config, schema=BodyConfig) or ""
+    return hashlib.sha256((constants + body.shape.sha256).encode()).hexdigest()
+
+
+def version_and_body(body: Body) -> str:
+    """Gives the part of a provenance that all flights and plans have: version and body."""
+    return f"{own_version()}, body {body_sha256(body)}"
+
+
+def own_version() -> str:
+    """Gives the version of proxops in this process."""
+    return f"proxops {metadata.version('proxops')}"
+
+
+def provenance(scenario: Scenario, body: Body, controller: str) -> str:
+    """Gives the `Flight.provenance` of flights of a scenario by a controller and this version.
+
+    Raises:
+      InputError: a bundle, a module or a file that the flights need does not exist.
+    """
+    origin = version_and_body(body)
+    if scenario.truth.mesh is not None:
+        origin += f", true mesh {file_sha256(Path(scenario.truth.mesh))}"
+    if isinstance(scenario.navigation, LidarNavigationConfig) and scenario.navigation.map:
+        for path in map_files(Path(scenario.navigation.map)):
+            origin += f", map {file_sha256(path)}"
+    if isinstance(scenario.lidar, LearnedLidarConfig):
+        origin += f", lidar {LidarBundle.load(scenario.lidar.bundle).sha256}"
+    bundle = bundle_of(controller, scenario)
+    if bundle is not None:
+        origin += f", policy {policy_sha256(bundle)}"
+    for number, path in enumerate(controller_files(controller)):
+        origin += f"{'' if number else ', controller'} {file_sha256(path)}"
+    return origin
