@@ -200,6 +200,11 @@ def _local_cluster(processes: int) -> Generator[Client]:
         "distributed.nanny.pre-spawn-environ": {},
         # A worker that is killed is replaced, and its work is done again.
         "distributed.scheduler.allowed-failures": _LIVES - 1,
+        # Dask looks at its workers' stacks a hundred times a second, and at their load as often.
+        "distributed.worker.profile.enabled": False,
+        "distributed.worker.memory.monitor-interval": "1s",
+        "distributed.admin.tick.interval": "1s",
+        "distributed.admin.system-monitor.interval": "10s",
         # A user's settings for a cluster don't count here: it has no certificates.
         "distributed.comm.require-encryption": False,
     }
