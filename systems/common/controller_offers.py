@@ -10,7 +10,7 @@ Any System with an output port `force` is a controller. It may have these attrib
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
 from pydrake.systems.framework import OutputPort, System
@@ -45,14 +45,15 @@ class Hashed(Protocol):
         ...
 
 
-@dataclass(frozen=True)
-class ControllerOffers:
-    """What one controller offers; the defaults are those of a controller that offers nothing."""
+class ControllerOffers(NamedTuple):
+    """What one controller offers."""
 
-    delay: float = 0.0
-    bundle: Hashed | None = None
-    legend_entry: LegendEntry | None = None
-    logged_ports: dict[str, LoggedPort] = field(default_factory=dict)
+    delay: float
+    """In s; 0 without one."""
+    bundle: Hashed | None
+    legend_entry: LegendEntry | None
+    logged_ports: dict[str, LoggedPort]
+    """By the names of their columns."""
 
 
 def offers_of(controller: System) -> ControllerOffers:
