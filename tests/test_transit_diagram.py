@@ -197,7 +197,7 @@ def test_wrong_ports_refused(controller: System, complaint: str) -> None:
 def test_offers_that_cannot_be_are_refused() -> None:
     late, talking = Scripted(), Scripted()
     late.delay = -1.0
-    with pytest.raises(InputError, match="needs delay from 0"):
+    with pytest.raises(InputError, match=r"controller '.*' needs delay from 0"):
         build(late)
     talking.logged_ports = lambda: {"mine": talking.GetOutputPort("force")}
     with pytest.raises(InputError, match="gives a LeafOutputPort for 'mine', not a LoggedPort"):
