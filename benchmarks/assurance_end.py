@@ -31,8 +31,8 @@ _HIGHEST, _STEPS = 0.1, 180
 
 
 @numba.njit(cache=True, error_model="numpy")
-def rate(x, v, push, gravity, spin, scales, nodes, out):
-    kernel.interpolate(x[0], x[1], x[2], scales, nodes, out)
+def rate(x, v, push, gravity, spin, tables, out):
+    kernel.gravity_outside(x[0], x[1], x[2], tables, out)
     out *= gravity
     out += push
     out[0] += 2.0 * spin * v[1] + spin**2 * x[0]
@@ -57,7 +57,7 @@ def hurt(u, normal, thrust, angle):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def fly(r, v, errors, axes, box, steps, seed, scales, nodes, world):
+def fly(r, v, errors, axes, box, steps, seed, tables, world):
     """Least outward speed (m/s) of a flight by the law, and the greatest fall of its level."""
     np.random.seed(seed)  # noqa: NPY002
     gravity, thrust, angle, mass, other, position, velocity = box
@@ -79,16 +79,16 @@ def fly(r, v, errors, axes, box, steps, seed, scales, nodes, world):
             error = -error
         elif errors == 3:
             error *= 0.0
-        kernel.backup(r + position * error, v + velocity * error, scales, nodes, world, u)
+        kernel.backup(r + position * error, v + velocity * error, tables, world, u)
         push = hurt(u, normal, thrust, angle) / (1.0 + mass) - other * np.sign(normal)
         strong, half = 1.0 + gravity, 0.5 * period
-        rate(r, v, push, strong, spin, scales, nodes, a1)
+        rate(r, v, push, strong, spin, tables, a1)
         v2 = v + half * a1
-        rate(r + half * v, v2, push, strong, spin, scales, nodes, a2)
+        rate(r + half * v, v2, push, strong, spin, tables, a2)
         v3 = v + half * a2
-        rate(r + half * v2, v3, push, strong, spin, scales, nodes, a3)
+        rate(r + half * v2, v3, push, strong, spin, tables, a3)
         v4 = v + period * a3
-        rate(r + period * v3, v4, push, strong, spin, scales, nodes, a4)
+        rate(r + period * v3, v4, push, strong, spin, tables, a4)
         r = r + period / 6.0 * (v + 2.0 * (v2 + v3) + v4)
         v = v + period / 6.0 * (a1 + 2.0 * (a2 + a3) + a4)
     return least, down
@@ -96,7 +96,7 @@ def fly(r, v, errors, axes, box, steps, seed, scales, nodes, world):
 
 def starts(backup, bounds, count: int, random: np.random.Generator) -> np.ndarray:
     """States at which the law, if it is flattered, begins to brake sideways."""
-    world, axes = backup.arguments[2], np.asarray(backup.limits.keep_out_semi_axes)
+    world, axes = backup.arguments[1], np.asarray(backup.limits.keep_out_semi_axes)
     position = random.permutation(spread_directions(count)) * axes
     position *= random.uniform(1.0, 1.0 + _HIGHEST, (count, 1))
     normal = position / axes**2

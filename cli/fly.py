@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses as dc
 import json
 import shlex
 import time
@@ -29,7 +30,7 @@ from proxops.cli.common import (
 from proxops.diagrams.flight import WITH_BUNDLE, fly, mended_map_of_flight
 from proxops.diagrams.logs import FlightLog, differences, fallback_steps, length_text
 from proxops.diagrams.meshcat import write_replay
-from proxops.diagrams.scenario import load_scenario
+from proxops.diagrams.scenario import Scenario, load_body, load_scenario
 from proxops.systems.common import InputError, make_folder, write_json
 from proxops.systems.navigation import MendedMap, save_mended_map
 
@@ -105,6 +106,7 @@ def fly_command(
                 "the scenario gives a start and a goal: leave out either --seed and --transit, or "
                 "transit.start_m and transit.goal_m"
             )
+        wanted = _without_waiting(wanted)
         with _progress_bar() as progress:
             log = fly(wanted, controller or "mpc", meshcat=server, progress=progress, finished=keep)
         _save(log, out, as_json)
@@ -151,6 +153,20 @@ class _MapKeeper:
                 f"{self._path.with_suffix('.npz').name}: one standard deviation of a vertex is "
                 f"{middle:.3g} m (median; {low:.3g} to {high:.3g} m for 90 % of them)"
             )
+
+
+def _without_waiting(scenario: Scenario) -> Scenario:
+    """The scenario, with exact gravity if its table would have to be made for this one flight."""
+    if scenario.gravity == "exact":
+        return scenario
+    body = load_body(scenario.body)
+    if body.gravity_table_is_kept:
+        return scenario
+    status.print(
+        f"This machine has no gravity table of {body.config.name} yet, so the flight takes exact "
+        "gravity; its log says so. The first campaign (proxops evaluate) makes the table."
+    )
+    return dc.replace(scenario, gravity="exact")
 
 
 def _fly_again(

@@ -1,15 +1,27 @@
-"""A ball to stay clear of, and a field without gravity, for tests of the backup braking."""
+"""A ball to stay clear of, and balls that pull as point masses, for tests of the backup braking."""
+
+import functools
 
 import numpy as np
+import trimesh
 
-from proxops.systems import FlightLimits, Gravity
+from proxops.systems import FlightLimits, GravityField, Polyhedron
 
 RADIUS, MASS, THRUST = 50e3, 100.0, 7.0
 PUSH = THRUST / MASS
 BALL = FlightLimits(MASS, THRUST, 40.0, np.full(3, RADIUS))
 
 
-class NoField:
-    def evaluate(self, points: np.ndarray) -> Gravity:
-        n = len(points)
-        return Gravity(np.zeros(n), np.zeros((n, 3)), np.zeros((n, 3, 3)), np.zeros(n, bool))
+@functools.cache
+def ball_field(mass: float, radius: float) -> GravityField:
+    """The field of a ball of many facets: a point mass, but for its sixth degree and higher ones.
+
+    At twice the radius they are below a millionth of it.
+    """
+    mesh = trimesh.creation.icosphere(3, radius)
+    return GravityField(Polyhedron(mesh.vertices, mesh.faces, "a ball"), mass=mass)
+
+
+def no_gravity() -> GravityField:
+    """As good as none: a grain that pulls with less than 1e-17 m/s^2 at the ball's surface."""
+    return ball_field(1e3, 1.0)

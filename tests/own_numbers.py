@@ -67,7 +67,11 @@ DEFINITIONS = {
     },
     "docs/limits.md": {"a turn rate of 3.2e-4 rad/s", "size is uncertain by 25 %"},
     "docs/method/expert.md": {"of at most 10 % a"},
-    "docs/method/gravity.md": {"at most 1e-4 of the body's length", "a bound of 1e-9"},
+    "docs/method/gravity.md": {
+        "at most 1e-4 of the body's length",
+        "a bound of 1e-9",
+        "a relative error of 1e-4",
+    },
     "docs/method/hybrid.md": {"21.6 % and 29.2 % of the MPC's energy"},  # The paper's.
     "docs/method/navigation.md": {"more than 2 % of half", "98.5 % of the variance"},
     "docs/method/pilot.md": {

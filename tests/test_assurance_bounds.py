@@ -6,7 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from braking_ball import BALL, MASS, PUSH, RADIUS, THRUST, NoField
+from braking_ball import BALL, MASS, PUSH, RADIUS, THRUST, ball_field, no_gravity
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
@@ -21,7 +21,6 @@ from proxops.systems import (
     BackupBraking,
     InputError,
     InterventionReason,
-    PointMassField,
 )
 from proxops.systems.assurance import _braking_kernel as kernel
 from proxops.systems.gravity.gravity_field import GRAVITATIONAL_CONSTANT
@@ -62,7 +61,7 @@ def test_the_margin_is_that_of_the_worst_case_in_empty_space(bounds: AssuranceBo
     expected = start - (speed + bounds.velocity) ** 2 / (2.0 * weakest)
     # Thrust that is turned pushes sideways; along the axis of a stop it takes 1 - cos of the rest.
     turned = PUSH * bounds.across / weakest
-    found = BackupBraking(NoField(), 0.0, BALL, bounds).backup_margin(inwards(height, speed))
+    found = BackupBraking(no_gravity(), 0.0, BALL, bounds).backup_margin(inwards(height, speed))
     slack = PUSH * 10.0**2 / 8.0 + (2e-3 + 1.2 * turned) * (height - expected)
     assert expected - slack <= found <= expected
 
@@ -70,7 +69,7 @@ def test_the_margin_is_that_of_the_worst_case_in_empty_space(bounds: AssuranceBo
 def test_stronger_gravity_is_counted_over_a_point_mass() -> None:
     """The worst case is a stop over a point mass that is heavier: energy says where it ends."""
     share, lowest, speed = 0.2, RADIUS + 2e3, 20.0
-    field = PointMassField(1e18)
+    field = ball_field(1e18, 24e3)
     mu = GRAVITATIONAL_CONSTANT * field.mass * (1.0 + share)
     level = 0.5 * speed**2 + PUSH * lowest + mu / lowest
     start = (level + np.sqrt(level**2 - 4.0 * PUSH * mu)) / (2.0 * PUSH)
@@ -111,7 +110,7 @@ def test_the_wish_never_falls_with_the_normal_and_never_rises_with_speed(
     hold: float, settled: float
 ) -> None:
     """The tube's ends are those of its intervals because of this."""
-    world = kleopatras(BEFORE).arguments[2]
+    world = kleopatras(BEFORE).arguments[1]
     normals, speeds = np.linspace(-1.0, 1.0, 81), np.linspace(-45.0, 45.0, 181)
     wish = np.array([[kernel._wanted(n, v, hold, settled, world) for v in speeds] for n in normals])
     assert (np.diff(wish, axis=0) >= -1e-12).all()

@@ -5,7 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from braking_ball import BALL, MASS, PUSH, RADIUS, THRUST, NoField
+from braking_ball import BALL, MASS, PUSH, RADIUS, THRUST, ball_field, no_gravity
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
@@ -20,7 +20,6 @@ from proxops.systems import (
     FlightLimits,
     InputError,
     InterventionReason,
-    PointMassField,
 )
 from proxops.systems.gravity.gravity_field import GRAVITATIONAL_CONSTANT
 from proxops.systems.shapes.ellipsoid import clearances
@@ -63,7 +62,7 @@ FORCES = arrays(np.float64, 3, elements=st.floats(-THRUST, THRUST))
 @pytest.mark.parametrize("speed", [3.0, 15.0, 40.0])
 @pytest.mark.parametrize("height", [100.0, 2e3, 12e3])
 def test_stops_within_the_closed_form_in_empty_space(speed: float, height: float) -> None:
-    backup = BackupBraking(NoField(), 0.0, BALL)
+    backup = BackupBraking(no_gravity(), 0.0, BALL)
     for axis in range(3):
         state = np.zeros(6)
         state[axis], state[3 + axis] = -(RADIUS + height), speed
@@ -75,7 +74,7 @@ def test_stops_within_the_closed_form_in_empty_space(speed: float, height: float
 
 @pytest.mark.parametrize("lowest", [RADIUS + 50.0, RADIUS + 5e3])
 def test_stops_where_energy_says_over_a_point_mass(lowest: float) -> None:
-    field, speed = PointMassField(2e18), 30.0
+    field, speed = ball_field(2e18, 30e3), 30.0
     mu = GRAVITATIONAL_CONSTANT * field.mass
     # v^2 / 2 = a (r - lowest) - mu (1 / lowest - 1 / r): a quadratic in r.
     level = 0.5 * speed**2 + PUSH * lowest + mu / lowest
@@ -86,7 +85,7 @@ def test_stops_where_energy_says_over_a_point_mass(lowest: float) -> None:
 
 def test_diagonal_brakes_with_all_axes() -> None:
     """The box of thrust reaches further along its diagonal: by the root of 3."""
-    backup = BackupBraking(NoField(), 0.0, BALL)
+    backup = BackupBraking(no_gravity(), 0.0, BALL)
     diagonal = np.ones(3) / np.sqrt(3.0)
     state = np.concatenate([(RADIUS + 10e3) * diagonal, -30.0 * diagonal])
     expected = 10e3 - 30.0**2 / (2.0 * np.sqrt(3.0) * PUSH)
@@ -222,7 +221,7 @@ def test_nothing_is_made_for_one_size_of_body(scale: float) -> None:
     for s in (1.0, scale):
         limits = FlightLimits(MASS, s * THRUST, s * 40.0, s * axes)
         bounds = AssuranceBounds(position=s * 100.0)
-        backup = BackupBraking(PointMassField(s**3 * 2e18), 3e-4, limits, bounds)
+        backup = BackupBraking(ball_field(s**3 * 2e18, s * 30e3), 3e-4, limits, bounds)
         force, reason, _ = backup.assure(s * state, s * np.array([-3.0, -7.0, -7.0]))
         found.append((backup.backup_margin(s * state) / s, *force / s, reason))
     assert found[1] == pytest.approx(found[0], rel=1e-6)

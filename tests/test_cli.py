@@ -97,6 +97,30 @@ def test_table_tells_of_steps_without_a_fresh_plan() -> None:
     assert not [name for name in dict(_table(log, log.summary)) if name.startswith("steps")]
 
 
+def test_one_flight_does_not_wait_for_a_gravity_table(
+    run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It says so and flies in exact gravity. Where there is a table, it flies with it."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.setenv("LOCALAPPDATA", str(tmp_path / "cache"))
+    asked = ("fly", "--controller", "zero", *BRIEF, "--set", f"body={write_blob(tmp_path)}")
+    ran = run(*asked, "--set", "gravity=table", "--out", "without")
+    assert ran.code == 0, ran.err
+    assert "has no gravity table of Blob yet" in " ".join(ran.err.split())
+    assert not (tmp_path / "cache").exists()
+    log = FlightLog.load(tmp_path / "without" / "flight.nc")
+    assert log.scenario.gravity == "exact"
+    assert run(*asked, "--out", "exact").code == 0
+    assert differences(log, FlightLog.load(tmp_path / "exact" / "flight.nc")) == []
+
+    assert not log.body.gravity_table_is_kept
+    _ = log.body.with_gravity("table").gravity_field
+    assert log.body.gravity_table_is_kept
+    ran = run(*asked, "--set", "gravity=table", "--out", "with")
+    assert "no gravity table" not in ran.err
+    assert FlightLog.load(tmp_path / "with" / "flight.nc").scenario.gravity == "table"
+
+
 def test_fly(run, tmp_path: Path) -> None:
     (tmp_path / "short.yaml").write_text(
         "mpc: {intervals: 10}  # coarse\narrival: {dwell_s: 100}\n"

@@ -14,7 +14,7 @@ from proxops.diagrams.scenario import change_scenario, load_body, make_true_body
 from proxops.diagrams.scenario.scenario_config import Scenario
 from proxops.diagrams.scenario.truth_config import TruthConfig
 from proxops.systems.common.errors import InputError
-from proxops.systems.gravity import GravityField, TabulatedField, table_at, tabulated_field
+from proxops.systems.gravity import GravityField, TabulatedField, pull_at, tabulated_field
 from proxops.systems.shapes.polyhedron import Polyhedron
 
 AXES = np.array([1700.0, 1200.0, 1100.0])
@@ -105,6 +105,12 @@ def test_within_the_ellipsoid_it_is_the_exact_field():
     np.testing.assert_array_equal(mixed.acceleration[: len(points)], want.acceleration)
 
 
+def test_a_body_far_smaller_than_the_ellipsoid_is_point_masses_everywhere_outside():
+    axes = 20.0 * AXES
+    found = TabulatedField(exact(0.3), axes, ERROR)
+    assert max(errors(found, outside(500, axes))) < 1e-9
+
+
 def test_a_free_orbit_keeps_its_energy():
     found = table()
     spin = 3e-4
@@ -137,8 +143,11 @@ def test_it_is_made_once_and_a_damaged_file_is_made_again(cache_folder, monkeypa
         return field.evaluate(outside(30, 2.0 * AXES)).acceleration
 
     before = set(cache_folder.glob("*"))
+    assert not TabulatedField.is_kept(exact(0.0), 2.0 * AXES, 1e-2)
     first = again()
     assert len(made) == 1
+    assert TabulatedField.is_kept(exact(0.0), 2.0 * AXES, 1e-2)
+    assert not TabulatedField.is_kept(exact(0.0), 2.0 * AXES, 2e-3)
     assert "making the gravity table of a low ball" in capsys.readouterr().err
     np.testing.assert_array_equal(again(), first)
     assert len(made) == 1
@@ -147,6 +156,7 @@ def test_it_is_made_once_and_a_damaged_file_is_made_again(cache_folder, monkeypa
     whole = path.read_bytes()
     for damaged in (whole[:-100], whole[:2000] + b"xxxx" + whole[2004:], b""):
         path.write_bytes(damaged)
+        assert not TabulatedField.is_kept(exact(0.0), 2.0 * AXES, 1e-2)
         np.testing.assert_array_equal(again(), first)
         assert path.read_bytes() == whole
     with np.load(path) as file:
@@ -223,10 +233,10 @@ def test_a_scenario_chooses_the_table_for_what_is_believed(monkeypatch):
 
 @numba.njit
 def _sum_of_pulls(tables, points):
-    out, total = np.empty(14), np.zeros(3)
+    out, total = np.empty(3), np.zeros(3)
     for i in range(len(points)):
-        if table_at(tables, points[i, 0], points[i, 1], points[i, 2], out):
-            total += out[1:4]
+        if pull_at(tables, points[i, 0], points[i, 1], points[i, 2], out):
+            total += out
     return total
 
 

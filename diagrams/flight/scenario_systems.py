@@ -190,7 +190,7 @@ def bounded_backup(scenario: Scenario, body: Body, bounds: AssuranceBounds) -> B
         keep_out_semi_axes=body.keep_out_semi_axes,
     )
     period = scenario.control_period_s
-    return BackupBraking(body.gravity_field, body.spin_rate, limits, bounds, period)
+    return BackupBraking(body.exact_field, body.spin_rate, limits, bounds, period)
 
 
 def make_lidar(scenario: Scenario, shape: Polyhedron, seed: int) -> PlanarLidar:

@@ -71,6 +71,11 @@ class Body:
         """Gravity by the sums over the polyhedron."""
         return GravityField(self.shape, mass=self.config.mass_kg)
 
+    @property
+    def gravity_table_is_kept(self) -> bool:
+        """Whether this machine has the gravity table already; to make it takes time."""
+        return TabulatedField.is_kept(self.exact_field, self.keep_out_semi_axes)
+
     def with_gravity(self, gravity: str) -> Self:
         """Gives this body with gravity computed in this way, `exact` or `table`."""
         if gravity == self.gravity:

@@ -4,7 +4,7 @@ Start with `RuntimeAssurance`, the system. `BackupBraking` decides whether a com
 whether a backup law could still keep the spacecraft out of the keep-out ellipsoid after it.
 `AssuranceBounds` are the errors within which that holds. `least_change` searches the safe command
 that is nearest to the given one. `_braking_kernel` is the compiled part; it predicts step by step
-where the backup's flight may be, with gravity from a `GravityTable`. Whoever changes the backup's
+where the backup's flight may be, with gravity from a `TabulatedField`. Whoever changes the backup's
 law changes the safety argument in docs/method/safety.md, too.
 """
 

@@ -2,20 +2,22 @@
 
 Most functions share these arguments:
 
-* ``scales`` (5,), ``nodes`` (2 n + 1, 2 n + 1, 2 n + 1, 4): those of a `GravityTable`.
+* ``tables``: those of an `OuterGravity`.
 * ``world`` (WORLD,): see the indices below.
 * ``r``, ``v``: position (3,) in m and velocity (3,) in m/s in K; ``u``: thrust acceleration (3,).
 * ``wide``, ``fast`` (3,): half widths of the tube about them, in m and m/s, along each axis.
 
-All functions are in one file, because a compiled function contains the functions that it calls, and
-numba's cache on disk checks only the function's own file. After a change in another file the old
-code would still run.
+All functions but `pull_at` are in one file, because a compiled function contains the functions that
+it calls, and numba's cache on disk checks only the function's own file. After a change in another
+file the old code would still run, until this file is changed, too.
 """
 
 import math
 
 import numba
 import numpy as np
+
+from proxops.systems.gravity import pull_at
 
 # Indices of ``world``. First what is believed: semi-axes of the inflated ellipsoid, spin, greatest
 # thrust acceleration per axis, control period, outward speed that the backup seeks, speed across
@@ -31,8 +33,10 @@ GRAVITY, WEAK, STRONG, ACROSS, OTHER, POSITION, VELOCITY, STEEPNESS, CURVATURE, 
 )
 WORLD = 19
 
-# Least level, |(x/a, y/b, z/c)|, of the table. Below it, gravity at that level is used.
-LOWEST_LEVEL = 0.95
+# Least level, |(x/a, y/b, z/c)|, for which bounds of curvature and of the gradient are evaluated.
+_LOWEST_LEVEL = 0.95
+# The level of places on the surface, with room for rounding.
+_SURFACE = 1.0 + 1e-12
 # A backup that does not fly outwards after so many steps counts as failed.
 _LONGEST_BACKUP = 300
 # An axis with at most this share of the normal is braked even if it moves outwards.
@@ -42,44 +46,22 @@ _compiled = numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
 _inlined = numba.njit(cache=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
 
 
-@_inlined
-def _weights(t):
-    """Lagrange's weights of nodes at -1, 0, 1 and 2, for t from 0 to 1."""
-    return (
-        -t * (t - 1.0) * (t - 2.0) / 6.0,
-        (t + 1.0) * (t - 1.0) * (t - 2.0) / 2.0,
-        -(t + 1.0) * t * (t - 2.0) / 2.0,
-        (t + 1.0) * t * (t - 1.0) / 6.0,
-    )
-
-
 @_compiled
-def interpolate(x, y, z, scales, nodes, out):
-    """Fills gravity (3,) at a point: a point mass, and the table's difference by cubics."""
-    wx, wy, wz = x / scales[0], y / scales[1], z / scales[2]
-    level2 = wx * wx + wy * wy + wz * wz
+def gravity_outside(x, y, z, tables, out):
+    """Fills gravity (3,) at a point; in the ellipsoid, that of the place on its surface above.
+
+    Returns whether the table has it. If not, ``out`` is 0.
+    """
+    scales = tables[5]
+    wx, wy, wz = x * scales[0], y * scales[1], z * scales[2]
+    level = math.sqrt(wx * wx + wy * wy + wz * wz)
+    if level < 1.0:
+        stretch = _SURFACE / level
+        x, y, z = stretch * x, stretch * y, stretch * z
+    if pull_at(tables, x, y, z, out):
+        return True
     out[0] = out[1] = out[2] = 0.0
-    # The point is the centre, or it is not finite.
-    if not 0.0 < level2 < math.inf:
-        return
-    shrink = 1.0 / (scales[4] * max(level2, LOWEST_LEVEL * math.sqrt(level2)))
-    middle = nodes.shape[0] // 2
-    qx, qy, qz = wx * shrink + middle, wy * shrink + middle, wz * shrink + middle
-    i, j, k = int(qx), int(qy), int(qz)
-    a, b, (c0, c1, c2, c3) = _weights(qx - i), _weights(qy - j), _weights(qz - k)
-    for p in range(4):
-        for q in range(4):
-            share = a[p] * b[q]
-            row = nodes[i - 1 + p, j - 1 + q]
-            for m in range(3):
-                out[m] += share * (
-                    c0 * row[k - 1, m] + c1 * row[k, m] + c2 * row[k + 1, m] + c3 * row[k + 2, m]
-                )
-    r2 = x * x + y * y + z * z
-    mass = scales[3] / (r2 * math.sqrt(r2))
-    out[0] -= mass * x
-    out[1] -= mass * y
-    out[2] -= mass * z
+    return False
 
 
 @_inlined
@@ -88,10 +70,14 @@ def _within(value, low, high):
 
 
 @_inlined
-def _gravity_ahead(r, v, scales, nodes, world, gravity):
-    """Fills gravity (3,) half a period ahead, which is near the mean over the period."""
+def _gravity_ahead(r, v, tables, world, gravity):
+    """Fills gravity (3,) half a period ahead, which is near the mean over the period.
+
+    Returns whether the table has it.
+    """
     half = 0.5 * world[PERIOD]
-    interpolate(r[0] + half * v[0], r[1] + half * v[1], r[2] + half * v[2], scales, nodes, gravity)
+    x, y, z = r[0] + half * v[0], r[1] + half * v[1], r[2] + half * v[2]
+    return gravity_outside(x, y, z, tables, gravity)
 
 
 @_inlined
@@ -188,7 +174,7 @@ def _tube_is_outward(r, v, wide, fast, world, lows, highs):
         outward -= max(abs(v[i]) + fast[i] + world[VELOCITY] - _settled(i, world), 0.0)
         speed += abs(v[i]) + fast[i] + world[VELOCITY]
         reach += abs(r[i]) / world[i] ** 2 * wide[i]
-    lowest = max(level - reach / level, LOWEST_LEVEL)
+    lowest = max(level - reach / level, _LOWEST_LEVEL)
     outward -= world[CURVATURE] / lowest * world[POSITION] * speed
     return outward > world[OUTWARD]
 
@@ -223,17 +209,17 @@ def _bounds_of_law(least_n, most_n, v, fast, pull, spread, judged, settled, worl
 
 
 @_inlined
-def _tube_step(r, v, wide, fast, u, by_law, scales, nodes, world, given, r_end, v_end):
+def _tube_step(r, v, wide, fast, u, by_law, tables, world, given, r_end, v_end):
     """Moves the tube by one period; returns a lower bound of its clearance on the way (m).
 
-    It flies u (3,), or, if ``by_law``, the law without any sideways braking. ``r_end`` and
-    ``v_end`` may be r and v; ``wide``, ``fast`` and ``given`` (6, 3) are
-    overwritten. ``given[4:]`` are the bounds of the normal.
+    It is -inf where the table has no gravity. The tube flies u (3,), or, if ``by_law``, the law
+    without any sideways braking. ``r_end`` and ``v_end`` may be r and v; ``wide``, ``fast`` and
+    ``given`` (6, 3) are overwritten. ``given[4:]`` are the bounds of the normal.
     """
     period, spin = world[PERIOD], abs(world[SPIN])
     gravity, effect, spreads, before = given[0], given[1], given[2], given[3]
     lows, highs = given[4], given[5]
-    _gravity_ahead(r, v, scales, nodes, world, gravity)
+    known = _gravity_ahead(r, v, tables, world, gravity)
     level = _normal(r, world)[3]
     size2, reach = 0.0, 0.0
     for i in range(3):
@@ -242,7 +228,7 @@ def _tube_step(r, v, wide, fast, u, by_law, scales, nodes, world, given, r_end, 
         size2 += width**2
         reach += abs(r[i]) / world[i] ** 2 * width
     size = math.sqrt(size2)
-    lowest = max(level - reach / level, LOWEST_LEVEL)
+    lowest = max(level - reach / level, _LOWEST_LEVEL)
     steepness = world[STEEPNESS] * (1.0 + world[GRAVITY]) / lowest**3
     for i in range(3):
         pull = gravity[i] + _coriolis(i, r, v, world)
@@ -265,7 +251,8 @@ def _tube_step(r, v, wide, fast, u, by_law, scales, nodes, world, given, r_end, 
         before[i] = wide[i]
         wide[i] = max(wide[i] + period * fast[i] + 0.5 * period**2 * spreads[i], 0.0)
         fast[i] = max(fast[i] + period * spreads[i], 0.0)
-    return _advance(r, v, gravity, effect, before, wide, spreads, world, r_end, v_end)
+    clearance = _advance(r, v, gravity, effect, before, wide, spreads, world, r_end, v_end)
+    return clearance if known else -math.inf
 
 
 @_inlined
@@ -324,7 +311,7 @@ def _clearance(level, world):
 
 
 @_compiled
-def _tube_margin(r, v, wide, fast, least, scales, nodes, world, given):
+def _tube_margin(r, v, wide, fast, least, tables, world, given):
     """The least of ``least`` and the clearances (m) of a tube that the law flies on.
 
     It is -inf if the tube does not move outwards in the end. All arrays are overwritten.
@@ -332,13 +319,13 @@ def _tube_margin(r, v, wide, fast, least, scales, nodes, world, given):
     for _ in range(_LONGEST_BACKUP):
         if _tube_is_outward(r, v, wide, fast, world, given[4], given[5]):
             return least
-        clearance = _tube_step(r, v, wide, fast, given[0], True, scales, nodes, world, given, r, v)
+        clearance = _tube_step(r, v, wide, fast, given[0], True, tables, world, given, r, v)
         least = min(least, clearance)
     return -math.inf
 
 
 @_compiled
-def backup_margin(r_start, v_start, scales, nodes, world):
+def backup_margin(r_start, v_start, tables, world):
     """The least clearance (m) if the backup flies from here on; -inf if it ends nowhere.
 
     It is a lower bound at and between the steps, for every error within the bounds.
@@ -348,30 +335,30 @@ def backup_margin(r_start, v_start, scales, nodes, world):
     for i in range(3):
         r[i], v[i], wide[i], fast[i] = r_start[i], v_start[i], 0.0, world[VELOCITY]
     least = _clearance(_normal(r, world)[3], world)
-    return _tube_margin(r, v, wide, fast, least, scales, nodes, world, work[4:])
+    return _tube_margin(r, v, wide, fast, least, tables, world, work[4:])
 
 
 @_compiled
-def backup(r, v, scales, nodes, world, u):
+def backup(r, v, tables, world, u):
     """Fills the backup's thrust acceleration (3,) at a state."""
     gravity = np.empty(3)
-    _gravity_ahead(r, v, scales, nodes, world, gravity)
+    _gravity_ahead(r, v, tables, world, gravity)
     _law(r, v, gravity, world, u)
 
 
 @_compiled
-def margin(r_start, v_start, scales, nodes, world, u):
+def margin(r_start, v_start, tables, world, u):
     """The least clearance (m) if u (3,) acts for one period and the backup flies after it."""
     work = np.empty((10, 3))
     r, v, wide, fast, given = work[0], work[1], work[2], work[3], work[4:]
     for i in range(3):
         wide[i], fast[i] = 0.0, world[VELOCITY]
-    least = _tube_step(r_start, v_start, wide, fast, u, False, scales, nodes, world, given, r, v)
-    return _tube_margin(r, v, wide, fast, least, scales, nodes, world, given)
+    least = _tube_step(r_start, v_start, wide, fast, u, False, tables, world, given, r, v)
+    return _tube_margin(r, v, wide, fast, least, tables, world, given)
 
 
 @_compiled
-def bound_speed(r, v, scales, nodes, world, u, low, high):
+def bound_speed(r, v, tables, world, u, low, high):
     """Changes u by the least that ends the period below the speed limit, as far as thrust allows.
 
     Every state of the tube stays below the limit. Fills the bounds of u (3,) by thrust and speed.
@@ -383,7 +370,7 @@ def bound_speed(r, v, scales, nodes, world, u, low, high):
     for i in range(3):
         u[i] = _within(u[i], -limit, limit)
         wide[i], fast[i] = 0.0, world[VELOCITY]
-    _tube_step(r, v, wide, fast, u, False, scales, nodes, world, given, r_end, v_end)
+    _tube_step(r, v, wide, fast, u, False, tables, world, given, r_end, v_end)
     moved = False
     for i in range(3):
         moved = moved or abs(v_end[i]) + fast[i] > world[SPEED]
@@ -394,7 +381,7 @@ def bound_speed(r, v, scales, nodes, world, u, low, high):
     for _ in range(3):
         for i in range(3):
             wide[i], fast[i] = 0.0, world[VELOCITY]
-        _tube_step(r, v, wide, fast, u, False, scales, nodes, world, given, r_end, v_end)
+        _tube_step(r, v, wide, fast, u, False, tables, world, given, r_end, v_end)
         for i in range(3):
             high[i] = _within(u[i] + (speed - fast[i] - v_end[i]) / period, -limit, limit)
             low[i] = _within(u[i] - (speed - fast[i] + v_end[i]) / period, -limit, limit)

@@ -9,11 +9,18 @@ import numpy as np
 
 from proxops.systems.assurance import _braking_kernel as kernel
 from proxops.systems.assurance.assurance_bounds import AssuranceBounds
-from proxops.systems.assurance.certification import budget, certified, describe, rooms, tightest
-from proxops.systems.assurance.gravity_table import gravity_table
+from proxops.systems.assurance.certification import (
+    Arguments,
+    budget,
+    certified,
+    describe,
+    rooms,
+    tightest,
+)
 from proxops.systems.assurance.least_change import Box, along_path, least_change
+from proxops.systems.assurance.outer_gravity import outer_gravity
 from proxops.systems.common import InputError, check_positive
-from proxops.systems.gravity import Field
+from proxops.systems.gravity import GravityField
 from proxops.systems.vehicle import FlightLimits
 
 # The outward speed that the backup seeks, as a share of the speed limit.
@@ -28,10 +35,8 @@ _INTEGRATION = 1e-3
 # (7 mm at Kleopatra).
 _NEAR_ENOUGH = 1e-3
 
-_Arguments = tuple[np.ndarray, np.ndarray, np.ndarray]
-"""A table's scales and nodes, and the kernel's `world`."""
-_Motion = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
-"""Position, velocity, a table's scales and nodes, and the kernel's `world`."""
+_Motion = tuple[np.ndarray, np.ndarray, tuple[np.ndarray, ...], np.ndarray]
+"""Position, velocity, and the kernel's `tables` and `world`."""
 
 
 class InterventionReason(IntEnum):
@@ -106,7 +111,7 @@ class BackupBraking:
 
     def __init__(
         self,
-        field: Field,
+        field: GravityField,
         spin: float,
         limits: FlightLimits,
         bounds: AssuranceBounds | None = None,
@@ -130,7 +135,7 @@ class BackupBraking:
                 "later would have to be checked for a later period"
             )
         self.limits, self.bounds, self.period = limits, bounds, period
-        self.table = gravity_table(field, axes)
+        self.gravity = outer_gravity(field, axes)
         self.spin = float(spin)
         self.cruise_speed = _CRUISE * limits.speed
         """The outward speed in m/s that the backup seeks."""
@@ -150,7 +155,7 @@ class BackupBraking:
         limits, bounds = self.limits, self.bounds
         acceleration = limits.thrust / limits.mass
         usable = acceleration * (bounds.weakest - bounds.across - _RESERVE) - self._other()
-        spare = usable - (1.0 + bounds.gravity) * self.table.greatest
+        spare = usable - (1.0 + bounds.gravity) * self.gravity.greatest
         # Coriolis acts across the spin.
         settled = min(spare[:2]) / (2.0 * abs(self.spin)) if self.spin else np.inf
         if spare.min() < 0.0 or settled < self.cruise_speed:
@@ -160,14 +165,14 @@ class BackupBraking:
     def _other(self) -> float:
         """Accelerations (m/s^2) that nothing else counts: declared, by table, by integration."""
         integration = _INTEGRATION * self.limits.thrust / self.limits.mass
-        return self.bounds.acceleration + self.table.error + integration
+        return self.bounds.acceleration + self.gravity.error + integration
 
-    def _arguments(self, position: float, velocity: float) -> _Arguments:
+    def _arguments(self, position: float, velocity: float) -> Arguments:
         """The kernel's arguments after position and velocity, for these errors of the state."""
-        limits, bounds, table = self.limits, self.bounds, self.table
+        limits, bounds, field = self.limits, self.bounds, self.gravity
         axes = limits.keep_out_semi_axes
         acceleration, shortest, longest = limits.thrust / limits.mass, axes.min(), axes.max()
-        gravity = (1.0 + bounds.gravity) * table.strongest
+        gravity = (1.0 + bounds.gravity) * field.strongest
         if bounds.delay:
             # What another force, gravity and Coriolis do to speed until the chosen force acts.
             speed = np.sqrt(3.0) * limits.speed
@@ -201,21 +206,21 @@ class BackupBraking:
             self._other(),
             position,
             velocity,
-            table.steepness,
+            field.steepness,
             curvature,
             outward + velocity,
         ]
-        return table.scales, table.nodes, world
+        return field.tables, world
 
     @property
-    def arguments(self) -> _Arguments:
+    def arguments(self) -> Arguments:
         """The compiled functions' arguments after position and velocity, for the bounds."""
         return self._given
 
     @property
     def outward_speed(self) -> float:
         """The outward speed in m/s from which the backup brakes sideways."""
-        return float(self._given[2][kernel.OUTWARD])
+        return float(self._given[1][kernel.OUTWARD])
 
     def _check_box(self) -> None:
         """Checks that a spacecraft at rest is admitted somewhere above each place.
@@ -236,9 +241,9 @@ class BackupBraking:
             f"{describe(points[worst])} of the keep-out ellipsoid is enough for a spacecraft at "
             f"rest there. The backup has to reach {outward:.3g} m/s outwards whatever the errors, "
             f"and seeks {cruise:.3g} m/s; of that the state's errors take "
-            f"{3.0 * self._given[2][kernel.VELOCITY]:.3g} m/s: tighten "
+            f"{3.0 * self._given[1][kernel.VELOCITY]:.3g} m/s: tighten "
             "assurance.bounds.velocity_m_s, position_m or delay_s, or "
-            + tightest(budget(self.bounds, self._given[2][kernel.THRUST], self.table.strongest))
+            + tightest(budget(self.bounds, self._given[1][kernel.THRUST], self.gravity.strongest))
         )
 
     def rooms(self, speed: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
@@ -267,18 +272,18 @@ class BackupBraking:
         Args:
           spare: (3,) what thrust along each axis has left for Coriolis, in m/s^2.
         """
-        limits, bounds, table = self.limits, self.bounds, self.table
+        limits, bounds, field = self.limits, self.bounds, self.gravity
         # Across the spin the backup's speed needs thrust, too.
         spare = spare - 2.0 * abs(self.spin) * self.cruise_speed * np.array([1.0, 1.0, 0.0])
         axis = int(spare.argmin())
-        pull = float(table.greatest[axis])
+        pull = float(field.greatest[axis])
         parts = budget(bounds, limits.thrust / limits.mass, pull)
         missing = ""
         if any(parts.values()):
             missing = f"; within assurance.bounds {limits.mass * -spare[axis]:.3g} N are missing"
         return (
             f"runtime assurance: a thrust of {limits.thrust:g} N per axis does not hold "
-            f"{limits.mass:g} kg at {describe(table.places[axis])} of the keep-out ellipsoid, "
+            f"{limits.mass:g} kg at {describe(field.places[axis])} of the keep-out ellipsoid, "
             f"where gravity along {'xyz'[axis]} takes {limits.mass * pull:.3g} N{missing}: fly "
             f"without runtime assurance, or {tightest(parts)}"
         )
@@ -371,7 +376,7 @@ class BackupBraking:
             return found, InterventionReason.KEEP_OUT
         return way_out, InterventionReason.BACKUP
 
-    def _given_errors(self, position: float | None, velocity: float | None) -> _Arguments:
+    def _given_errors(self, position: float | None, velocity: float | None) -> Arguments:
         if position is None and velocity is None:
             return self._given
         position = self.bounds.position if position is None else float(position)

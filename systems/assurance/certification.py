@@ -15,9 +15,12 @@ _PLACES = 300
 _HEIGHTS = np.array([0.0, *np.geomspace(1e-4, 0.5, 24)])
 _BISECTIONS = 5
 
+Arguments = tuple[tuple[np.ndarray, ...], np.ndarray]
+"""The kernel's arguments after position and velocity: `tables` and `world`."""
+
 
 def rooms(
-    arguments: tuple[np.ndarray, np.ndarray, np.ndarray],
+    arguments: Arguments,
     semi_axes: np.ndarray,
     speed: float = 0.0,
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -52,7 +55,7 @@ def rooms(
     return points, needed
 
 
-def certified(arguments: tuple[np.ndarray, np.ndarray, np.ndarray], semi_axes: np.ndarray) -> bool:
+def certified(arguments: Arguments, semi_axes: np.ndarray) -> bool:
     """Whether at rest, at the greatest height of `rooms`, a spacecraft is admitted everywhere.
 
     If so, `rooms` finds a clearance at each place; this takes a tenth of the time.

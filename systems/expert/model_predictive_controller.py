@@ -25,7 +25,7 @@ from proxops.systems.vehicle import moved_by, predicted_state, unexplained_accel
 
 # About an old plan, the program is linearised up to so many times, until the first force changes by
 # less than this share of the thrust limit. Two or three times are usual.
-_MOST_FOR_OLD_PLAN, _SETTLED = 5, 1e-3
+_MOST_FOR_OLD_PLAN, _SETTLED = 5, 1e-2
 _MOST_ITERATIONS = 1000
 # The reasons in the log for the solver's results. All others are SOLVER_ERROR.
 _FAILURES = {

@@ -57,14 +57,15 @@ def make_boxes(evaluate: Evaluate, semi_axes: np.ndarray, half: float, error: fl
     octants = np.array(list(np.ndindex(2, 2, 2))) - 0.5
     numbers = 2 * entries(DEGREE)
     children = [np.full((1, 8), -1, dtype=np.int32)]
-    boxes, coefficients = [], []
+    boxes, coefficients = [np.empty((0, 4))], [np.empty((0, entries(DEGREE), 2))]
     centres, nodes, made = np.zeros((1, 3)), 1, 0
     for _ in range(_DEEPEST):
         half *= 0.5
         cells = (centres[:, None] + 2.0 * half * octants).reshape(-1, 3)
         entry = np.full(len(cells), -1, dtype=np.int32)
         some = np.sum(((np.abs(cells) + half) / semi_axes) ** 2, axis=1) > 1.0
-        if (made + np.count_nonzero(some)) * numbers > _MOST_NUMBERS:
+        # None sticks out, or there is no room for so many.
+        if not some.any() or (made + np.count_nonzero(some)) * numbers > _MOST_NUMBERS:
             break
         places, halves = _outer_boxes(cells[some], half, semi_axes)
         fitted, errors = _fit(evaluate, places, halves)

@@ -24,9 +24,13 @@ _FAST = {"reassoc", "nsz", "arcp", "contract"}
 _fast = numba.njit(cache=True, fastmath=_FAST, error_model="numpy", forceinline=True)
 _exact = numba.njit(cache=True, error_model="numpy", forceinline=True)
 
+# In place of a box: the point is far away, or the table does not have it.
+_FAR, _NONE = -1, -2
+
 
 @_fast
-def _fill(u, gx, gy, gz, xx, yy, zz, xy, xz, yz, out):
+def _fill(numbers, out):
+    u, gx, gy, gz, xx, yy, zz, xy, xz, yz = numbers
     out[0], out[1], out[2], out[3] = u, gx, gy, gz
     out[4], out[5], out[6] = xx, xy, xz
     out[7], out[8], out[9] = xy, yy, yz
@@ -35,8 +39,11 @@ def _fill(u, gx, gy, gz, xx, yy, zz, xy, xz, yz, out):
 
 
 @_fast
-def _expand(x, y, z, coefficients, steps, degree, out):
-    """Fills ``out`` (14,) from the coefficients of one box, in its units of length."""
+def _expand(x, y, z, coefficients, steps, degree):
+    """Potential, acceleration and the gradient's six numbers of one box, in its units of length.
+
+    Whoever uses some of them pays for these only: the compiler leaves out the other sums.
+    """
     r2 = x * x + y * y + z * z
     u = gz = gzz = d_re = d_im = dz_re = dz_im = dd_re = dd_im = 0.0
     w_re, w_im = 1.0, 0.0
@@ -89,15 +96,15 @@ def _expand(x, y, z, coefficients, steps, degree, out):
         column = after
     # D = d/dx - i d/dy, and half of each sum counts; D D = d2/dx2 - d2/dy2 - 2 i d2/dxdy.
     xx, yy = 0.25 * dd_re - 0.5 * gzz, -0.25 * dd_re - 0.5 * gzz
-    _fill(
+    return (
         u, 0.5 * d_re, -0.5 * d_im, gz,
-        xx, yy, gzz, -0.25 * dd_im, 0.5 * dz_re, -0.5 * dz_im, out,
+        xx, yy, gzz, -0.25 * dd_im, 0.5 * dz_re, -0.5 * dz_im,
     )  # fmt: skip
 
 
 @_fast
-def _point_masses(x, y, z, masses, out):
-    """Fills ``out`` (14,) from point masses (4, K)."""
+def _point_masses(x, y, z, masses):
+    """The ten numbers of `_expand` from point masses (4, K)."""
     u = gx = gy = gz = xx = yy = xy = xz = yz = 0.0
     for k in range(masses.shape[1]):
         dx, dy, dz = masses[0, k] - x, masses[1, k] - y, masses[2, k] - z
@@ -110,33 +117,20 @@ def _point_masses(x, y, z, masses, out):
         xx += steep * dx * dx - pull
         yy += steep * dy * dy - pull
         xy, xz, yz = xy + steep * dx * dy, xz + steep * dx * dz, yz + steep * dy * dz
-    _fill(u, gx, gy, gz, xx, yy, -xx - yy, xy, xz, yz, out)
+    return u, gx, gy, gz, xx, yy, -xx - yy, xy, xz, yz
 
 
 @_exact
-def at(tables, x, y, z, out):
-    """Fills ``out`` (14,) at the point x, y, z in m, if the table has the point.
-
-    The columns are those of the exact kernel: potential, acceleration (3), gradient (9, row by
-    row), and 0 for the solid angle.
-
-    Args:
-      tables: the `tables` of a `TabulatedField`.
-
-    Returns:
-      Whether the table has the point. It has not if the point is in the ellipsoid, is not finite,
-      or is so close to the surface that no box was small enough. ``out`` is then as it was.
-    """
-    children, boxes, coefficients, steps, masses, scales = tables
+def _box_at(tables, x, y, z):
+    """The index of the box that has the point; _FAR far away, _NONE where there is none."""
+    children, scales = tables[0], tables[5]
     sx, sy, sz = x * scales[0], y * scales[1], z * scales[2]
     if not sx * sx + sy * sy + sz * sz >= 1.0:
-        return False
-    half, degree = scales[3], int(scales[4])
+        return _NONE
+    half = scales[3]
     if max(abs(x), abs(y), abs(z)) > half:
-        if x - x != 0.0 or y - y != 0.0 or z - z != 0.0:
-            return False
-        _point_masses(x, y, z, masses, out)
-        return True
+        finite = x - x == 0.0 and y - y == 0.0 and z - z == 0.0
+        return _FAR if finite else _NONE
     cx = cy = cz = 0.0
     node = 0
     while node >= 0:
@@ -155,18 +149,64 @@ def at(tables, x, y, z, out):
         else:
             cz -= half
         node = children[node, octant]
-    box = -2 - node
-    if box < 0:
+    return -2 - node if node < -1 else _NONE
+
+
+@_exact
+def _in_box(tables, box, x, y, z):
+    """The point's place in a box, in its units, and 1 over the half edge."""
+    places = tables[1]
+    over = places[box, 3]
+    return (
+        (x - places[box, 0]) * over,
+        (y - places[box, 1]) * over,
+        (z - places[box, 2]) * over,
+        over,
+    )
+
+
+@_exact
+def at(tables, x, y, z, out):
+    """Fills ``out`` (14,) at the point x, y, z in m, if the table has the point.
+
+    The columns are those of the exact kernel: potential, acceleration (3), gradient (9, row by
+    row), and 0 for the solid angle.
+
+    Args:
+      tables: the `tables` of a `TabulatedField`.
+
+    Returns:
+      Whether the table has the point. It has not if the point is in the ellipsoid, is not finite,
+      or is so close to the surface that no box was small enough. ``out`` is then as it was.
+    """
+    box = _box_at(tables, x, y, z)
+    if box == _NONE:
         return False
-    over = boxes[box, 3]
-    _expand(
-        (x - boxes[box, 0]) * over, (y - boxes[box, 1]) * over, (z - boxes[box, 2]) * over,
-        coefficients[box], steps, degree, out,
-    )  # fmt: skip
+    if box == _FAR:
+        _fill(_point_masses(x, y, z, tables[4]), out)
+        return True
+    px, py, pz, over = _in_box(tables, box, x, y, z)
+    _fill(_expand(px, py, pz, tables[2][box], tables[3], int(tables[5][4])), out)
     for k in range(1, 4):
         out[k] *= over
     for k in range(4, 13):
         out[k] *= over * over
+    return True
+
+
+@_exact
+def pull_at(tables, x, y, z, out):
+    """Fills ``out`` (3,) with the acceleration alone, in half the time of `at`; returns as it."""
+    box = _box_at(tables, x, y, z)
+    if box == _NONE:
+        return False
+    if box == _FAR:
+        numbers = _point_masses(x, y, z, tables[4])
+        out[0], out[1], out[2] = numbers[1], numbers[2], numbers[3]
+        return True
+    px, py, pz, over = _in_box(tables, box, x, y, z)
+    numbers = _expand(px, py, pz, tables[2][box], tables[3], int(tables[5][4]))
+    out[0], out[1], out[2] = over * numbers[1], over * numbers[2], over * numbers[3]
     return True
 
 
@@ -191,4 +231,4 @@ def expand(points, coefficients, steps, degree, out):
     for box in range(coefficients.shape[0]):
         for i in range(points.shape[0]):
             x, y, z = points[i]
-            _expand(x, y, z, coefficients[box], steps, degree, out[box, i])
+            _fill(_expand(x, y, z, coefficients[box], steps, degree), out[box, i])

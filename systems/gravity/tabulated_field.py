@@ -73,7 +73,15 @@ class TabulatedField:
         boxes = _boxes(_Source(field, axes, self.relative_error, half))
         scales = np.array([*(1.0 / axes), half, DEGREE])
         self.tables = (*boxes, recursion(DEGREE), masses, scales)
-        """What `proxops.systems.gravity.table_at` takes, in other compiled functions too."""
+        """What `proxops.systems.gravity.pull_at` takes, in other compiled functions too."""
+
+    @staticmethod
+    def is_kept(field: GravityField, semi_axes: np.ndarray, relative_error: float = 1e-9) -> bool:
+        """Whether this machine has the table already, so that nobody waits for it.
+
+        Args: as those of the constructor.
+        """
+        return _kept_boxes(_name_of(field, semi_axes, relative_error)) is not None
 
     @property
     def shape(self) -> Polyhedron:
@@ -114,13 +122,17 @@ class TabulatedField:
         return Gravity(columns[:, 0], columns[:, 1:4], gradient, inside)
 
 
+def _name_of(field: GravityField, axes: np.ndarray, error: float) -> str:
+    numbers = map(float, (field.mass, field.contrast, *axes, error))
+    return name_of(_FORMAT, field.shape.sha256, *numbers)
+
+
 class _Source:
     """What a table is made from; equal if the tables are."""
 
     def __init__(self, field: GravityField, axes: np.ndarray, error: float, half: float):
         self.field, self.axes, self.error, self.half = field, axes, error, half
-        numbers = map(float, (field.mass, field.contrast, *axes, error))
-        self.name = name_of(_FORMAT, field.shape.sha256, *numbers)
+        self.name = _name_of(field, axes, error)
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, _Source) and self.name == other.name
@@ -129,8 +141,9 @@ class _Source:
         return hash(self.name)
 
 
-# Flights of one process share the arrays; they are never written to.
-@functools.lru_cache(maxsize=2)
+# Flights of one process share the arrays; they are never written to. Runtime assurance has a second
+# table of each body.
+@functools.lru_cache(maxsize=4)
 def _boxes(source: _Source) -> Boxes:
     boxes = _kept_boxes(source.name)
     if boxes is None:
