@@ -22,7 +22,7 @@ from proxops.training.any_body.dagger import trained_settings
 NATURAL, AT_GOAL, NUMBERS = slice(9, 12), slice(12, 15), slice(15, INPUTS)
 # What a network without body inputs takes for the constants: a ball, and proportions near the
 # middle of the family.
-BALL = (1.0, 1.0, 1.0, 0.3, 0.1, 0.5, 0.01)
+BALL = (1.0, 1.0, 1.0, 0.3, 0.1, 0.5, 0.01, 0.3)
 # Of the transits at one body.
 ONE_BODY_SEED = 3
 

@@ -6,6 +6,7 @@ import torch
 from short_flights import kleopatra, short_scenario
 
 from proxops.diagrams.flight import surroundings
+from proxops.systems.policy import INPUTS
 from proxops.training.any_body.export import export_guidance, ranges_of
 from proxops.training.any_body.network import AnyBodyGuidance
 from proxops.training.loop import seeded
@@ -14,7 +15,7 @@ from proxops.training.loop import seeded
 def write_guidance(folder: Path) -> Path:
     """Writes its bundle, for the default scenario's proportions; gives the folder."""
     with seeded(0):
-        network, rows = AnyBodyGuidance(16), torch.rand(8, 22) + 0.5
+        network, rows = AnyBodyGuidance(16), torch.rand(8, INPUTS) + 0.5
     last = network.network[-1]
     assert isinstance(last, torch.nn.Linear)
     torch.nn.init.zeros_(last.weight)

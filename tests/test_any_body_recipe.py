@@ -35,7 +35,7 @@ SMALL = dataclasses.replace(
 def test_examples_are_over_the_thrust_of_their_own_spacecraft() -> None:
     axes = kleopatra().keep_out_semi_axes
     members = [
-        Surroundings(PointMassField(mass), mass, 3e-4, axes, push, 40.0, 10.0)
+        Surroundings(PointMassField(mass), mass, 3e-4, axes, push, 40.0, 10.0, 0.03)
         for mass, push in ((3e18, 0.07), (1e18, 0.02))
     ]
     random = np.random.default_rng(1)

@@ -25,7 +25,7 @@ from proxops.systems import (
     Polyhedron,
     Surroundings,
 )
-from proxops.systems.policy import GuidanceNetwork
+from proxops.systems.policy import INPUTS, GuidanceNetwork
 from proxops.systems.policy.guidance_policy import COAST
 from proxops.training.any_body.examples import mirrored
 from proxops.training.any_body.network import AnyBodyGuidance
@@ -39,7 +39,7 @@ def around(scale: float = 1.0, push: float = 0.07) -> Surroundings:
     mass = 3e18 * scale**2 * push / 0.07
     return Surroundings(
         PointMassField(mass), mass, 3.2e-4 * rate, scale * AXES, push,
-        40.0 * scale * rate, 10.0 / rate,
+        40.0 * scale * rate, 10.0 / rate, 0.03 * push / 0.07,
     )  # fmt: skip
 
 
@@ -244,12 +244,12 @@ def test_strong_thrusters_at_a_low_speed_limit_are_used_in_part(bundle: Path) ->
 def test_what_flies_is_the_network_that_was_trained(blind: bool) -> None:
     """At states far from the ellipsoid and in it, at the goal, at rest, and beyond all limits."""
     random = np.random.default_rng(0)
-    instead = torch.full((22,), torch.nan)
+    instead = torch.full((INPUTS,), torch.nan)
     if blind:
-        instead[9:] = torch.rand(13, generator=torch.Generator().manual_seed(1)) + 0.1
+        instead[9:] = torch.rand(INPUTS - 9, generator=torch.Generator().manual_seed(1)) + 0.1
     network = AnyBodyGuidance(32, instead)
-    rows = random.uniform(-1.0, 1.0, (300, 22)) * 10.0 ** random.uniform(-4.0, 1.0, (300, 1))
-    rows[:, 15:] = random.uniform(0.2, 1.5, (300, 7))
+    rows = random.uniform(-1.0, 1.0, (300, INPUTS)) * 10.0 ** random.uniform(-4.0, 1.0, (300, 1))
+    rows[:, 15:] = random.uniform(0.2, 1.5, (300, INPUTS - 15))
     rows[::7, 6:9] = rows[::7, :3]  # At the goal.
     rows[::5, 3:6] = 0.0
     rows = rows.astype(np.float32)

@@ -126,6 +126,7 @@ def surroundings(scenario: Scenario, body: Body) -> Surroundings:
         acceleration=craft.thrust_limit_n / craft.mass_kg,
         speed_limit=craft.speed_limit_m_s,
         period=scenario.control_period_s,
+        nominal_acceleration=scenario.mpc.nominal_acceleration_m_s2,
     )
 
 

@@ -14,6 +14,8 @@ _FAST = {"reassoc", "nsz", "arcp", "contract"}
 _fast = numba.njit(cache=True, fastmath=_FAST, error_model="numpy", forceinline=True)
 _exact = numba.njit(cache=True, error_model="numpy", forceinline=True)
 _ONE = np.float32(1.0)
+# Number of inputs, of which the last is the pace; and of all that the first layer is given.
+_INPUTS, _ROW = 23, 60
 # Greatest logarithm of what the law's time and gains are corrected by.
 _GREATEST_LOG = 1.0
 
@@ -41,8 +43,8 @@ def _length(x, y, z):
 
 @_exact
 def _features(given, bends, row):
-    """Fills ``row`` (59,) with the inputs and with what is computed from them."""
-    for k in range(22):  # A slice takes numba seconds to compile.
+    """Fills ``row`` (60,) with the inputs and with what is computed from them."""
+    for k in range(_INPUTS):  # A slice takes numba seconds to compile.
         row[k] = given[k]
     p, v, axes = given[0:3], given[3:6], given[15:18]
     e, here, way, closest = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
@@ -60,24 +62,26 @@ def _features(given, bends, row):
     for k in range(3):
         up, out = here[k] / (level + 1e-3), closest[k] / (depth + 0.05)
         rising += v[k] / axes[k] * up
-        row[22 + k] = math.asinh(e[k] / bends[k])
-        row[25 + k] = math.asinh(e[k] / bends[3 + k])
-        row[28 + k] = math.asinh(v[k] / bends[6 + k])
-        row[31 + k] = e[k] / (distance + 1e-3)
-        row[34 + k] = v[k] / (speed + 2.5e-3)
-        row[40 + k], row[43 + k] = up, out
-        row[46 + k] = 3.0 * max(1.3 - depth, 0.0) * out
-        row[53 + k], row[56 + k] = here[k], 2.0 * e[k]
-    row[37] = math.log(10.0 * distance + 0.01)
-    row[38] = math.log(speed + 1.25e-3)
-    row[39] = math.log(max(level - 1.0, 0.005))
-    row[49], row[50], row[51] = share, depth, rising
-    row[52] = 5.0 * max(1.2 - depth, 0.0)
+        row[23 + k] = math.asinh(e[k] / bends[k])
+        row[26 + k] = math.asinh(e[k] / bends[3 + k])
+        row[29 + k] = math.asinh(v[k] / bends[6 + k])
+        row[32 + k] = e[k] / (distance + 1e-3)
+        row[35 + k] = v[k] / (speed + 2.5e-3)
+        row[41 + k], row[44 + k] = up, out
+        row[47 + k] = 3.0 * max(1.3 - depth, 0.0) * out
+        row[54 + k], row[57 + k] = here[k], 2.0 * e[k]
+    row[38] = math.log(10.0 * distance + 0.01)
+    row[39] = math.log(speed + 1.25e-3)
+    row[40] = math.log(max(level - 1.0, 0.005))
+    row[50], row[51], row[52] = share, depth, rising
+    row[53] = 5.0 * max(1.2 - depth, 0.0)
 
 
 @_exact
-def _law(given, correction, acceleration, least_time_squared, longest, force):
+def _law(given, correction, law, longest, force):
     """Fills ``force`` (3,): the law of least quadratic effort, and what the network corrects."""
+    pace = given[_INPUTS - 1]
+    acceleration, least_time_squared = law[0] * pace, law[1] / pace
     along = squared = 0.0
     for k in range(3):
         away = given[6 + k] - given[k]
@@ -101,7 +105,7 @@ def _law(given, correction, acceleration, least_time_squared, longest, force):
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
 def run(given, network, longest, force):
-    """Fills ``force`` (3,) float64 from one row ``given`` (22,) float32 and a `GuidanceNetwork`.
+    """Fills ``force`` (3,) float64 from one row ``given`` (23,) float32 and a `GuidanceNetwork`.
 
     The law's time is at most ``longest``.
     """
@@ -110,7 +114,7 @@ def run(given, network, longest, force):
         if not math.isnan(network.instead[k]):
             told[k] = network.instead[k]
     width = network.biases_1.size
-    row, correction = np.empty(59, np.float32), np.empty(6, np.float32)
+    row, correction = np.empty(_ROW, np.float32), np.empty(6, np.float32)
     one, other = np.empty(width, np.float32), np.empty(width, np.float32)
     _features(told, network.bends, row)
     _layer(network.weights_1, network.biases_1, row, one)
@@ -120,4 +124,4 @@ def run(given, network, longest, force):
     _layer(network.weights_3, network.biases_3, other, one)
     _bend(one)
     _layer(network.weights_4, network.biases_4, one, correction)
-    _law(given, correction, network.law[0], network.law[1], longest, force)
+    _law(given, correction, network.law, longest, force)

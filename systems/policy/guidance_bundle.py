@@ -10,7 +10,7 @@ from proxops.systems.common import BundleKind, InputError, read_bundle
 from proxops.systems.policy.guidance_network import GuidanceNetwork
 from proxops.systems.policy.surroundings import NUMBERS, Surroundings
 
-GUIDANCE_FORMAT = "proxops guidance 2"
+GUIDANCE_FORMAT = "proxops guidance 3"
 GUIDANCE_FILE, WEIGHTS_FILE = "guidance.json", "weights.npz"
 _KIND = BundleKind(
     noun="guidance",
@@ -27,7 +27,8 @@ _KIND = BundleKind(
 # How far below and above its range a number may be, as factors of the range's ends. The network is
 # told the end then. Weaker gravity, a slower spin, a higher speed limit and a shorter period ask
 # for no more thrust; an ellipsoid that is a little flatter is flown around as the flattest that it
-# learned. A force that is held longer comes late, by half of the period in the mean.
+# learned. A force that is held longer comes late, by half of the period in the mean. At a pace that
+# it did not learn it takes another time than the expert would.
 _BEYOND = {
     "semi_axis_y": (0.9, 1.0),
     "semi_axis_z": (0.9, 1.0),
@@ -35,6 +36,7 @@ _BEYOND = {
     "spin": (0.0, 1.0),
     "speed_limit": (1.0, math.inf),
     "period": (0.0, 4.5),
+    "pace": (0.0, math.inf),
 }
 
 

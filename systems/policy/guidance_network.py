@@ -26,7 +26,7 @@ class GuidanceNetwork(NamedTuple):
     """
 
     weights_1: np.ndarray
-    """(width, 59)"""
+    """(width, 60)"""
     biases_1: np.ndarray
     """(width,)"""
     weights_2: np.ndarray
@@ -44,17 +44,16 @@ class GuidanceNetwork(NamedTuple):
     bends: np.ndarray
     """(9,) scales of the vector to the goal, twice, and of the velocity."""
     instead: np.ndarray
-    """(22,) what the network sees instead of an input; NaN: the input itself."""
+    """(23,) what the network sees instead of an input; NaN: the input itself."""
     law: np.ndarray
-    """(2,) the law's acceleration and the square of its least time."""
+    """(2,) the law's acceleration and the square of its least time, both at a pace of 1."""
 
-    @property
-    def least_time(self) -> float:
-        """The least time of the law, in the unit of `Surroundings`."""
-        return math.sqrt(self.law[1])
+    def least_time(self, pace: float) -> float:
+        """The least time of the law at a pace, in the unit of `Surroundings`."""
+        return math.sqrt(self.law[1] / pace)
 
     def run(self, given: np.ndarray, longest: float = math.inf) -> np.ndarray:
-        """The force (3,) over the thrust limit, without limits, for inputs (22,) float32.
+        """The force (3,) over the thrust limit, without limits, for inputs (23,) float32.
 
         Args:
           given: see `Surroundings.inputs`.

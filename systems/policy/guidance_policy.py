@@ -78,6 +78,7 @@ class GuidancePolicy(LeafSystem):
         self.latest = float(latest)
         self.bundle = bundle if isinstance(bundle, GuidanceBundle) else GuidanceBundle.load(bundle)
         self.surroundings = self.bundle.fitted(surroundings)
+        self._least_time = self.bundle.network.least_time(self.surroundings.told()[-1])
         self.force_limit = thrust_limit * self.surroundings.acceleration / surroundings.acceleration
         beyond = self.bundle.beyond(self.surroundings.numbers())
         if beyond and not beyond_family:
@@ -143,6 +144,6 @@ class GuidancePolicy(LeafSystem):
     def _longest(self, context) -> float:
         """The greatest time of the law, in the unit of `Surroundings`; inf: any."""
         left = (self.latest - context.get_time()) / self.surroundings.time
-        least = self.bundle.network.least_time
+        least = self._least_time
         longest = _LAW_OVER_FLIGHT * left - least
         return longest if longest > least else math.inf

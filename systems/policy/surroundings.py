@@ -15,10 +15,10 @@ from proxops.systems.gravity import GRAVITATIONAL_CONSTANT, Field
 
 # The unit of length is this share of the longest semi-axis, so that positions are about 1.
 _LENGTH_SHARE = 0.7
-INPUTS = 22
+INPUTS = 23
 """Number of inputs of a guidance network: see `Surroundings.inputs`."""
 NUMBERS = (
-    "semi_axis_x", "semi_axis_y", "semi_axis_z", "gravity", "spin", "speed_limit", "period",
+    "semi_axis_x", "semi_axis_y", "semi_axis_z", "gravity", "spin", "speed_limit", "period", "pace",
 )  # fmt: skip
 """Names of the proportions of body and spacecraft: see `Surroundings.numbers`."""
 
@@ -46,6 +46,8 @@ class Surroundings:
     """Greatest speed per axis in K, in m/s."""
     period: float
     """Control period in s."""
+    nominal_acceleration: float
+    """In m/s^2: that at which the expert's fuel and time cost the same; it sets its pace."""
     ranges: Mapping[str, tuple[float, float]] | None = None
     """Least and greatest value of each of `numbers` that a network is told; None: as they are."""
     turned: bool = False
@@ -62,6 +64,7 @@ class Surroundings:
             acceleration=self.acceleration,
             speed_limit=self.speed_limit,
             period=self.period,
+            nominal_acceleration=self.nominal_acceleration,
             shortest_semi_axis=float(np.min(self.semi_axes)),
             longest_semi_axis=float(np.max(self.semi_axes)),
         )
@@ -85,14 +88,16 @@ class Surroundings:
         """All that is constant in a flight, by name: proportions of body and spacecraft.
 
         `semi_axis_x`, `semi_axis_y`, `semi_axis_z` over L; `gravity`, G M / (L^2 a); `spin`, the
-        rate times sqrt(L / a); `speed_limit` over sqrt(L a); `period` over sqrt(L / a).
+        rate times sqrt(L / a); `speed_limit` over sqrt(L a); `period` over sqrt(L / a); `pace`, the
+        nominal acceleration over a.
         """
         length, time = self.length, self.time
         x, y, z = (float(axis) / length for axis in self.semi_axes)
         x, y = (y, x) if self.turned else (x, y)
         gravity = GRAVITATIONAL_CONSTANT * self.mass / (length**2 * self.acceleration)
         turn, speed = abs(self.spin) * time, self.speed_limit / self.speed
-        values = (x, y, z, gravity, turn, speed, self.period / time)
+        pace = self.nominal_acceleration / self.acceleration
+        values = (x, y, z, gravity, turn, speed, self.period / time, pace)
         return dict(zip(NUMBERS, values, strict=True))
 
     def told(self) -> list[float]:
@@ -110,7 +115,7 @@ class Surroundings:
           goals: (N, 3) positions in K in m, where the spacecraft is to rest.
 
         Returns:
-          (N, 22) float32: position, velocity and goal, three numbers each; the acceleration without
+          (N, 23) float32: position, velocity and goal, three numbers each; the acceleration without
           thrust at the state, and at rest at the goal, over a; and `told`.
         """
         return np.concatenate([self.way(states, goals), self.at_goal(goals)], axis=1)
@@ -132,7 +137,7 @@ class Surroundings:
         return np.array([-y, x, z]) if self.turned else vector
 
     def at_goal(self, goals: np.ndarray) -> np.ndarray:
-        """The columns (N, 10) of `inputs` that depend on goals (N, 3) alone."""
+        """The columns (N, 11) of `inputs` that depend on goals (N, 3) alone."""
         given = np.empty((len(goals), INPUTS - 12), dtype=np.float32)
         still = np.concatenate([goals, np.zeros_like(goals)], axis=1)
         given[:, :3] = self.way(still, goals)[:, 9:]

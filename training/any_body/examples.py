@@ -20,7 +20,7 @@ class Examples(NamedTuple):
     """Rows of inputs and the expert's forces there."""
 
     given: Tensor
-    """(N, 22): `Surroundings.inputs`."""
+    """(N, 23): `Surroundings.inputs`."""
     force: Tensor
     """(N, 3) over the thrust limit, in K."""
 
@@ -49,7 +49,7 @@ def mirrored(given: Tensor, force: Tensor, signs: Tensor) -> tuple[Tensor, Tenso
     about its axis: it is at another time.
 
     Args:
-      given, force: (B, 22) and (B, 3).
+      given, force: (B, 23) and (B, 3).
       signs: (B, 3) of 1 and -1, of the axes; those of x and y are equal.
     """
     vectors = given[:, : 3 * _VECTORS].unflatten(1, (_VECTORS, 3)) * signs[:, None]

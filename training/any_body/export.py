@@ -45,7 +45,7 @@ def export_guidance(
 
     Args:
       network: the guidance. folder: of the bundle.
-      examples: (N, 22) rows on which what flies is run against torch.
+      examples: (N, 23) rows on which what flies is run against torch.
       ranges: see `ranges_of`. report: of the training. text: content of `report.md`.
 
     Raises:

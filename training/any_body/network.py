@@ -15,9 +15,9 @@ _NEAR_SCALES = (0.05, 0.003)
 _SLOW_SCALE = 0.025
 # Added to a distance, so that it is never 0.
 _LEAST_DISTANCE = 1e-5
-# Times and accelerations that the law begins with, in the same units: at Kleopatra some 240 s and
-# 0.03 m/s^2.
-_LEAST_TIME, _ACCELERATION = 0.2, 0.43
+# Times and accelerations that the law begins with, in the same units, at a pace of 1: at Kleopatra
+# some 240 s and 0.03 m/s^2.
+_LEAST_TIME, _ACCELERATION = 0.13, 1.0
 # Where the state, the goal, the natural accelerations and the constants are in a row of inputs.
 _PARTS = (3, 3, 3, 3, 3, 3, INPUTS - 18)
 _FEATURES = 37
@@ -31,9 +31,10 @@ class AnyBodyGuidance(nn.Module):
         F = 6 e / T^2 - 4 v / T - natural acceleration + correction
 
     with e the vector to the goal and v the velocity. T is the time of rest-to-rest motion at an
-    acceleration that is learned. The network gets the row of inputs, and where the straight line to
-    the goal comes closest to the ellipsoid. It corrects T, both gains and the force, for all that
-    the law leaves out: gravity along the way, the way around the body, fuel and limits.
+    acceleration that is learned, times the pace. The network gets the row of inputs, and where the
+    straight line to the goal comes closest to the ellipsoid. It corrects T, both gains and the
+    force, for all that the law leaves out: gravity along the way, the way around the body, fuel and
+    limits.
     """
 
     bends: Tensor
@@ -44,7 +45,7 @@ class AnyBodyGuidance(nn.Module):
 
         Args:
           width: of three layers.
-          instead: (22,) for studies of what the inputs are good for; NaN: the input itself, as all
+          instead: (23,) for studies of what the inputs are good for; NaN: the input itself, as all
             are by default. The law always has its inputs.
         """
         super().__init__()
@@ -67,24 +68,25 @@ class AnyBodyGuidance(nn.Module):
             last.bias.zero_()
 
     def forward(self, given: Tensor) -> Tensor:
-        """Forces (B, 3) over the thrust limit, without limits, for rows (B, 22) of inputs."""
+        """Forces (B, 3) over the thrust limit, without limits, for rows (B, 23) of inputs."""
         position, velocity, goal, natural, *_ = given.split(_PARTS, dim=1)
         away = goal - position
         told = torch.where(self.instead.isnan(), given, self.instead)
         row = torch.cat([told, self._features(told)], dim=1)
         thrust, logs = self.network(row).split(3, dim=1)
+        log_pace = given[:, -1:].log()
         law = least_effort(
             away,
             velocity,
             away.norm(dim=1, keepdim=True) + _LEAST_DISTANCE,
             logs,
-            self.log_acceleration,
-            self.log_least_time,
+            self.log_acceleration + log_pace,
+            self.log_least_time - 0.5 * log_pace,
         )
         return law - natural + thrust
 
     def _features(self, told: Tensor) -> Tensor:
-        """What is computed from the network's inputs (B, 22) for it: (B, 37)."""
+        """What is computed from the network's inputs (B, 23) for it: (B, 37)."""
         p, v, goal, _, _, axes, _ = told.split(_PARTS, dim=1)
         e = goal - p
         distance, speed = e.norm(dim=1, keepdim=True), v.norm(dim=1, keepdim=True)

@@ -114,7 +114,7 @@ def least_effort(
       away: (B, 3) vector to the goal. velocity: (B, 3).
       distance: (B, 1) length of `away`, above 0.
       logs: (B, 3) logarithms of what T and both gains are corrected by; they are limited.
-      log_acceleration, log_least_time: logarithms of a and of the least T.
+      log_acceleration, log_least_time: logarithms of a and of the least T, of one number or (B, 1).
     """
     logs = logs.clamp(-_GREATEST_LOG, _GREATEST_LOG)
     scale_time, scale_error, scale_speed = torch.exp(logs).split(1, dim=1)
