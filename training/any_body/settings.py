@@ -17,7 +17,7 @@ class AnyBodySettings:
     """Of them, from the last: only their loss is looked at."""
     transits: int = 160
     """Transits at each body whose plans are learned from."""
-    width: int = 256
+    width: int = 320
     """Width of the network's layers."""
     schedule: Schedule = Schedule(epochs=30, batch=1024, learning_rate=2e-3, patience=30)
     seed: int = 0
