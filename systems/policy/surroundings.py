@@ -47,7 +47,7 @@ class Surroundings:
     period: float
     """Control period in s."""
     nominal_acceleration: float
-    """In m/s^2: that at which the expert's fuel and time cost the same; it sets its pace."""
+    """In m/s^2: that which sets the expert's price of time, and so its pace."""
     ranges: Mapping[str, tuple[float, float]] | None = None
     """Least and greatest value of each of `numbers` that a network is told; None: as they are."""
     turned: bool = False
