@@ -169,7 +169,7 @@ def test_figures_are_those_of_the_flights(told: tuple[Path, dict[str, Any]]) -> 
     assert json.loads((out / "results.json").read_text()) == content
     (folder,) = out.glob("first-*")
     for name, figures in content["campaigns"]["first"]["controllers"].items():
-        paths = folder.glob(f"{name}-24000-*.json")
+        paths = folder.glob(f"{name}-25000-*.json")
         flights = [json.loads(path.read_text())["summary"] for path in paths]
         assert figures["transits"] == len(flights) == 2
         assert figures["min_clearance_m"] == pytest.approx(

@@ -28,7 +28,7 @@ FLAGSHIP = "flagship"
 PAPER_RECIPE = "paper-recipe"
 """Name of the campaign that is there only once `proxops reproduce paper` has trained the recipe."""
 
-_SEED = 24_000
+_SEED = 25_000
 _FLAGSHIP_FLIGHTS = 852
 _ASSURED = {"assurance": {}}
 _ASSURED_FOR_LESS = {"assurance": {"bounds": "before_survey"}}
