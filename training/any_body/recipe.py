@@ -36,6 +36,8 @@ from proxops.training.reports import Section, Table, Text, markdown_page
 # Shares of the whole work at which the family is written, and its plans are computed.
 _WRITTEN, _PLANNED = 0.05, 0.7
 _FAMILY_SEED, _PLANS_SEED = 1, 1
+# Of the training, on any machine: last bits depend on it. Two take 0.6 of the time of one.
+_THREADS = 2
 # Number of examples on which the exported network is compared with the trained one.
 _COMPARED = 64
 
@@ -172,7 +174,7 @@ def guidance_task(
     held = TensorBatches(validation, 8192)
     text = f"{identity}, {settings}"
     return TrainingTask(
-        "guidance", network, loss, batches, held, schedule, text, threads=1, keep_last=True
+        "guidance", network, loss, batches, held, schedule, text, threads=_THREADS, keep_last=True
     )
 
 

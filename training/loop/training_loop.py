@@ -71,7 +71,7 @@ class TrainingTask:
     identity: str
     """Says what is learned from: a checkpoint with another identity is refused."""
     threads: int | None = None
-    """CPU threads; a small network trains as fast on one. None: as many as there are."""
+    """CPU threads. A small network trains about as fast on one. None: as many as there are."""
     methods: tuple[str, ...] = ()
     """Methods of the network, besides `forward`, that the loss calls."""
     keep_last: bool = False
