@@ -180,7 +180,8 @@ def _entries(*flown: Mapping[str, Any]) -> str:
 
 def _at_bodies(campaigns: Campaigns) -> dict[str, Campaign]:
     """The campaigns at bodies that the policy never saw."""
-    return {name: each for name, each in campaigns.items() if name.startswith("at-")}
+    names = {campaign_name(body) for body in BODIES}
+    return {name: each for name, each in campaigns.items() if name in names}
 
 
 def _of(who: str, campaigns: Campaigns) -> list[Mapping[str, Any]]:
@@ -228,7 +229,6 @@ def _bodies(results: Mapping[str, Any]) -> str:
         "body", *(each for who in _SHOWN for each in (who, "entries", "Δv / MPC's")), "MPC",
     ]  # fmt: skip
     missing = [name for body in BODIES if (name := campaign_name(body)) not in flown]
-    missing = missing if len(missing) < len(BODIES) else []  # An earlier version flew elsewhere.
     told = [_table(head, [*lines, ["all", *sums, ""]]), _intervals(flown)] if lines else []
     told += [_missing(results, missing)] if missing else []
     return "\n\n".join(told)
