@@ -129,7 +129,7 @@ def test_it_hurries_where_it_would_be_late(bundle: Path) -> None:
     away, velocity, natural = row[6:9] - row[:3], row[3:6], row[9:12]
     unit = math.sqrt(told.length / told.acceleration)
     plain, late = (GuidancePolicy(bundle, told, 7.0, latest=end) for end in (math.inf, 5000.0))
-    least = plain.bundle.network.least_time
+    least = plain.bundle.network.least_time(0.03 / 0.07)
     forces = {}
     for time in (0.0, 4100.0, 4500.0, 4950.0):
         for system in (plain, late):
