@@ -202,7 +202,7 @@ def test_where_nothing_is_safe_the_backup_flies() -> None:
 
 def test_senseless_or_too_weak_is_refused() -> None:
     limits = kleopatras().limits
-    field, spin = kleopatra().gravity_field, kleopatra().spin_rate
+    field, spin = kleopatra().exact_field, kleopatra().spin_rate
     with pytest.raises(InputError, match="does not hold 1000 kg"):
         BackupBraking(field, spin, dataclasses.replace(limits, mass=1000.0))
     with pytest.raises(InputError, match="needs period above 0"):

@@ -9,6 +9,7 @@ from proxops.diagrams.scenario import load_body
 from proxops.systems import BackupBraking, FlightLimits, GravityField, Polyhedron
 from proxops.systems.assurance._braking_kernel import gravity_outside
 from proxops.systems.assurance.outer_gravity import OuterGravity, outer_gravity
+from proxops.systems.gravity import TabulatedField
 
 
 def directions(count: int) -> np.ndarray:
@@ -66,6 +67,7 @@ def test_in_the_ellipsoid_it_is_that_of_the_surface_above(gravity: OuterGravity)
 def test_the_same_for_the_same_body(gravity: OuterGravity) -> None:
     axes = kleopatra().keep_out_semi_axes
     assert outer_gravity(load_body("kleopatra").exact_field, axes) is gravity
+    assert outer_gravity(TabulatedField(kleopatra().exact_field, axes, 1e-4), axes) is gravity
     assert outer_gravity(kleopatra().exact_field, 1.1 * axes) is not gravity
 
 

@@ -20,7 +20,7 @@ from proxops.systems.assurance.certification import (
 from proxops.systems.assurance.least_change import Box, along_path, least_change
 from proxops.systems.assurance.outer_gravity import outer_gravity
 from proxops.systems.common import InputError, check_positive
-from proxops.systems.gravity import GravityField
+from proxops.systems.gravity import GravityField, TabulatedField
 from proxops.systems.vehicle import FlightLimits
 
 # The outward speed that the backup seeks, as a share of the speed limit.
@@ -111,7 +111,7 @@ class BackupBraking:
 
     def __init__(
         self,
-        field: GravityField,
+        field: GravityField | TabulatedField,
         spin: float,
         limits: FlightLimits,
         bounds: AssuranceBounds | None = None,

@@ -44,15 +44,17 @@ class OuterGravity(NamedTuple):
     cube of L."""
 
 
-def outer_gravity(field: GravityField, semi_axes: np.ndarray) -> OuterGravity:
+def outer_gravity(field: GravityField | TabulatedField, semi_axes: np.ndarray) -> OuterGravity:
     """Gravity outside the ellipsoid with semi-axes (3,) in m, which contains the body.
 
-    A process samples each field once. The table is made once on a machine, in some two seconds.
+    A process samples each field once. The table is made once on a machine, in some two seconds, from
+    the exact field.
 
     Raises:
       InputError: the body sticks out of the ellipsoid.
     """
-    return _sampled(FieldKey.of(field), tuple(map(float, semi_axes)))
+    exact = field.exact if isinstance(field, TabulatedField) else field
+    return _sampled(FieldKey.of(exact), tuple(map(float, semi_axes)))
 
 
 @functools.lru_cache(maxsize=4)
