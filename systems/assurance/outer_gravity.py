@@ -47,7 +47,7 @@ class OuterGravity(NamedTuple):
 def outer_gravity(field: GravityField | TabulatedField, semi_axes: np.ndarray) -> OuterGravity:
     """Gravity outside the ellipsoid with semi-axes (3,) in m, which contains the body.
 
-    A process samples each field once. The table is made once on a machine, in some two seconds, from
+    A process samples each field once. The table is made once on a machine, in two seconds, from
     the exact field.
 
     Raises:
