@@ -19,6 +19,7 @@ import psutil
 import pytest
 from dask.distributed import LocalCluster
 from short_flights import BRIEF, kleopatra, short_scenario, write_blob
+from xarray.backends.locks import get_dask_scheduler
 
 from proxops.diagrams.flight import Workers, campaign, parallel
 from proxops.diagrams.flight.campaign import Flight, run_campaign, transit_flights
@@ -279,6 +280,8 @@ def test_no_scheduler(tmp_path: Path) -> None:
 def test_encrypted_scheduler_without_certificates(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"no Dask scheduler answers at tls://127\.0\.0\.1:9"):
         run_campaign(flights(1), tmp_path, workers=Workers(scheduler="tls://127.0.0.1:9"))
+    # A session that goes on asks no scheduler for the locks of the files that it writes.
+    assert get_dask_scheduler() == "threaded"
 
 
 def test_processes_of_this_machine_or_a_scheduler() -> None:

@@ -173,10 +173,16 @@ def _cluster(scheduler: str) -> Generator[Client]:
     """A client of the scheduler at an address."""
     from dask.distributed import Client
 
+    usual = _default_client()
     try:
         client = Client(scheduler, timeout="10s")
     # Dask raises the last two where certificates are missing or encryption is required.
     except (OSError, ValueError, TimeoutError, TypeError, RuntimeError) as error:
+        failed = _default_client()
+        if failed is not None and failed is not usual:
+            # Else it stays the default, whom xarray asks for the locks of its files.
+            with contextlib.suppress(TimeoutError):
+                failed.close(timeout=0.1)
         raise InputError(f"no Dask scheduler answers at {scheduler}: {error}") from error
     with client:
         if not client.nthreads():
@@ -186,6 +192,16 @@ def _cluster(scheduler: str) -> Generator[Client]:
                 stacklevel=1,
             )
         yield client
+
+
+def _default_client() -> Client | None:
+    """The client that Dask uses where none is named."""
+    from dask.distributed import default_client
+
+    try:
+        return default_client()
+    except ValueError:
+        return None
 
 
 @contextlib.contextmanager
