@@ -222,7 +222,7 @@ def test_what_was_flown_with_other_settings_is_not_told_as_these(
 def test_what_was_flown_is_told(told: tuple[Path, dict[str, Any]], tmp_path: Path) -> None:
     """Dispersions may also come from the scenario that all campaigns share."""
     (entry,) = told[1]["campaigns"].values()
-    assert (entry["seed"], entry["transits"], entry["dispersions"]) == (24_000, 2, None)
+    assert (entry["seed"], entry["transits"], entry["dispersions"]) == (25_000, 2, None)
     known = [small("first", variants=[Variant("zero", "zero")])]
     scenario = dc.replace(brief(), dispersions="after_survey")
     content = fly_and_tell(known, known, scenario, tmp_path, workers=Workers(1))
