@@ -106,11 +106,7 @@ def fly_command(
                 "the scenario gives a start and a goal: leave out either --seed and --transit, or "
                 "transit.start_m and transit.goal_m"
             )
-        wanted = _without_waiting(wanted)
-        with _progress_bar() as progress:
-            log = fly(wanted, controller or "mpc", meshcat=server, progress=progress, finished=keep)
-        _save(log, out, as_json)
-        keep.save()
+        _fly_new(wanted, controller or "mpc", server, out, as_json, keep)
     if server is not None:
         status.print("Press Ctrl-C to end.")
         with contextlib.suppress(KeyboardInterrupt):
@@ -155,18 +151,26 @@ class _MapKeeper:
             )
 
 
-def _without_waiting(scenario: Scenario) -> Scenario:
-    """The scenario, with exact gravity if its table would have to be made for this one flight."""
-    if scenario.gravity == "exact":
-        return scenario
+def _fly_new(
+    scenario: Scenario,
+    controller: str,
+    server: Meshcat | None,
+    out: Path,
+    as_json: bool,
+    keep: _MapKeeper,
+) -> None:
+    """Flies a scenario; in exact gravity, if a table would have to be made for one flight."""
     body = load_body(scenario.body)
-    if body.gravity_table_is_kept:
-        return scenario
-    status.print(
-        f"This machine has no gravity table of {body.config.name} yet, so the flight takes exact "
-        "gravity; its log says so. The first campaign (proxops evaluate) makes the table."
-    )
-    return dc.replace(scenario, gravity="exact")
+    if scenario.gravity == "table" and not body.gravity_table_is_kept:
+        status.print(
+            f"This machine has no gravity table of {body.config.name} yet, so the flight takes "
+            "exact gravity; its log says so. The first campaign (proxops evaluate) makes the table."
+        )
+        scenario = dc.replace(scenario, gravity="exact")
+    with _progress_bar() as progress:
+        log = fly(scenario, controller, meshcat=server, progress=progress, body=body, finished=keep)
+    _save(log, out, as_json)
+    keep.save()
 
 
 def _fly_again(

@@ -16,12 +16,12 @@ BALL = FlightLimits(MASS, THRUST, 40.0, np.full(3, RADIUS))
 def ball_field(mass: float, radius: float) -> GravityField:
     """The field of a ball of many facets: a point mass, but for its sixth degree and higher ones.
 
-    At twice the radius they are below a millionth of it.
+    From 1.6 radii on they are below a ten-thousandth of it.
     """
     mesh = trimesh.creation.icosphere(3, radius)
     return GravityField(Polyhedron(mesh.vertices, mesh.faces, "a ball"), mass=mass)
 
 
 def no_gravity() -> GravityField:
-    """As good as none: a grain that pulls with less than 1e-17 m/s^2 at the ball's surface."""
+    """As good as none: a grain that pulls with less than 3e-17 m/s^2 at the ball's surface."""
     return ball_field(1e3, 1.0)

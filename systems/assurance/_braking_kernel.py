@@ -36,7 +36,7 @@ WORLD = 19
 # Least level, |(x/a, y/b, z/c)|, for which bounds of curvature and of the gradient are evaluated.
 _LOWEST_LEVEL = 0.95
 # The level of places on the surface, with room for rounding.
-_SURFACE = 1.0 + 1e-12
+SURFACE = 1.0 + 1e-12
 # A backup that does not fly outwards after so many steps counts as failed.
 _LONGEST_BACKUP = 300
 # An axis with at most this share of the normal is braked even if it moves outwards.
@@ -56,7 +56,7 @@ def gravity_outside(x, y, z, tables, out):
     wx, wy, wz = x * scales[0], y * scales[1], z * scales[2]
     level = math.sqrt(wx * wx + wy * wy + wz * wz)
     if level < 1.0:
-        stretch = _SURFACE / level
+        stretch = SURFACE / level
         x, y, z = stretch * x, stretch * y, stretch * z
     if pull_at(tables, x, y, z, out):
         return True

@@ -169,10 +169,10 @@ class BackupBraking:
 
     def _arguments(self, position: float, velocity: float) -> Arguments:
         """The kernel's arguments after position and velocity, for these errors of the state."""
-        limits, bounds, field = self.limits, self.bounds, self.gravity
+        limits, bounds, outer = self.limits, self.bounds, self.gravity
         axes = limits.keep_out_semi_axes
         acceleration, shortest, longest = limits.thrust / limits.mass, axes.min(), axes.max()
-        gravity = (1.0 + bounds.gravity) * field.strongest
+        gravity = (1.0 + bounds.gravity) * outer.strongest
         if bounds.delay:
             # What another force, gravity and Coriolis do to speed until the chosen force acts.
             speed = np.sqrt(3.0) * limits.speed
@@ -206,11 +206,11 @@ class BackupBraking:
             self._other(),
             position,
             velocity,
-            field.steepness,
+            outer.steepness,
             curvature,
             outward + velocity,
         ]
-        return field.tables, world
+        return outer.tables, world
 
     @property
     def arguments(self) -> Arguments:
@@ -272,18 +272,18 @@ class BackupBraking:
         Args:
           spare: (3,) what thrust along each axis has left for Coriolis, in m/s^2.
         """
-        limits, bounds, field = self.limits, self.bounds, self.gravity
+        limits, bounds, outer = self.limits, self.bounds, self.gravity
         # Across the spin the backup's speed needs thrust, too.
         spare = spare - 2.0 * abs(self.spin) * self.cruise_speed * np.array([1.0, 1.0, 0.0])
         axis = int(spare.argmin())
-        pull = float(field.greatest[axis])
+        pull = float(outer.greatest[axis])
         parts = budget(bounds, limits.thrust / limits.mass, pull)
         missing = ""
         if any(parts.values()):
             missing = f"; within assurance.bounds {limits.mass * -spare[axis]:.3g} N are missing"
         return (
             f"runtime assurance: a thrust of {limits.thrust:g} N per axis does not hold "
-            f"{limits.mass:g} kg at {describe(field.places[axis])} of the keep-out ellipsoid, "
+            f"{limits.mass:g} kg at {describe(outer.places[axis])} of the keep-out ellipsoid, "
             f"where gravity along {'xyz'[axis]} takes {limits.mass * pull:.3g} N{missing}: fly "
             f"without runtime assurance, or {tightest(parts)}"
         )

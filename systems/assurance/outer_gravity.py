@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from proxops.systems.assurance._braking_kernel import SURFACE
 from proxops.systems.common import spread_directions
 from proxops.systems.gravity import (
     GRAVITATIONAL_CONSTANT,
@@ -21,7 +22,7 @@ _RELATIVE_ERROR = 1e-4
 # The field is sampled in so many directions at these levels, |(x/a, y/b, z/c)|. The factor covers
 # the gaps between the directions.
 _DIRECTIONS = 2000
-_LEVELS = (1.0 + 1e-12, 1.1, 1.25, 1.5, 2.0, 3.0, 5.0, 10.0)
+_LEVELS = (SURFACE, 1.1, 1.25, 1.5, 2.0, 3.0, 5.0, 10.0)
 _GAPS = 1.05
 
 
@@ -65,14 +66,14 @@ def _sampled(key: FieldKey, semi_axes: tuple[float, ...]) -> OuterGravity:
     places = spread_directions(_DIRECTIONS) * axes
     # The components of gravity are harmonic, so each is greatest on the surface; and so is the norm
     # of the gradient.
-    surface = field.evaluate(_LEVELS[0] * places).acceleration
+    sampled = [field.evaluate(level * places) for level in _LEVELS]
+    surface = sampled[0].acceleration
     sizes = np.abs(surface)
     strongest = _GAPS * float(np.linalg.norm(surface, axis=1).max())
     # Of a point mass, the field far away, along the shortest axis.
     steep = [2.0 * GRAVITATIONAL_CONSTANT * field.mass / axes.min() ** 3]
-    for level in _LEVELS:
-        gradient = field.evaluate(level * places).gradient
-        steep.append(level**3 * float(np.abs(np.linalg.eigvalsh(gradient)).max()))
+    for level, found in zip(_LEVELS, sampled, strict=True):
+        steep.append(level**3 * float(np.abs(np.linalg.eigvalsh(found.gradient)).max()))
     return OuterGravity(
         tables=field.tables,
         error=_RELATIVE_ERROR * strongest,

@@ -13,6 +13,9 @@ are sums of the same harmonics with shifted coefficients, and the gradient's tra
 A box's coefficients lie in columns of equal m, n upwards from m. Column m has p - m + 3 entries,
 the last two of which are 0, and m goes to p + 2, so that shifted reading needs no tests. A
 coefficient of column 0 is twice that in the sum.
+
+Compiled functions of runtime assurance contain `pull_at`. numba's cache on disk does not see a
+change here: change `_braking_kernel`, too.
 """
 
 import math
@@ -123,7 +126,7 @@ def _point_masses(x, y, z, masses):
 @_exact
 def _box_at(tables, x, y, z):
     """The index of the box that has the point; _FAR far away, _NONE where there is none."""
-    children, scales = tables[0], tables[5]
+    children, _, _, _, _, scales = tables
     sx, sy, sz = x * scales[0], y * scales[1], z * scales[2]
     if not sx * sx + sy * sy + sz * sz >= 1.0:
         return _NONE
@@ -153,16 +156,21 @@ def _box_at(tables, x, y, z):
 
 
 @_exact
-def _in_box(tables, box, x, y, z):
-    """The point's place in a box, in its units, and 1 over the half edge."""
-    places = tables[1]
+def _numbers_at(tables, box, x, y, z):
+    """The ten numbers of `_expand` at a point of a box or far away, and 1 over the unit of length.
+
+    Acceleration is to be multiplied by it, and the gradient by its square.
+    """
+    _, places, coefficients, steps, masses, scales = tables
+    if box == _FAR:
+        return _point_masses(x, y, z, masses), 1.0
     over = places[box, 3]
-    return (
+    px, py, pz = (
         (x - places[box, 0]) * over,
         (y - places[box, 1]) * over,
         (z - places[box, 2]) * over,
-        over,
     )
+    return _expand(px, py, pz, coefficients[box], steps, int(scales[4])), over
 
 
 @_exact
@@ -182,11 +190,8 @@ def at(tables, x, y, z, out):
     box = _box_at(tables, x, y, z)
     if box == _NONE:
         return False
-    if box == _FAR:
-        _fill(_point_masses(x, y, z, tables[4]), out)
-        return True
-    px, py, pz, over = _in_box(tables, box, x, y, z)
-    _fill(_expand(px, py, pz, tables[2][box], tables[3], int(tables[5][4])), out)
+    numbers, over = _numbers_at(tables, box, x, y, z)
+    _fill(numbers, out)
     for k in range(1, 4):
         out[k] *= over
     for k in range(4, 13):
@@ -200,12 +205,7 @@ def pull_at(tables, x, y, z, out):
     box = _box_at(tables, x, y, z)
     if box == _NONE:
         return False
-    if box == _FAR:
-        numbers = _point_masses(x, y, z, tables[4])
-        out[0], out[1], out[2] = numbers[1], numbers[2], numbers[3]
-        return True
-    px, py, pz, over = _in_box(tables, box, x, y, z)
-    numbers = _expand(px, py, pz, tables[2][box], tables[3], int(tables[5][4]))
+    numbers, over = _numbers_at(tables, box, x, y, z)
     out[0], out[1], out[2] = over * numbers[1], over * numbers[2], over * numbers[3]
     return True
 

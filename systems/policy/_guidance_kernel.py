@@ -15,7 +15,8 @@ _fast = numba.njit(cache=True, fastmath=_FAST, error_model="numpy", forceinline=
 _exact = numba.njit(cache=True, error_model="numpy", forceinline=True)
 _ONE = np.float32(1.0)
 # Number of inputs, of which the last is the pace; and of all that the first layer is given.
-_INPUTS, _ROW = 23, 60
+_INPUTS = 23
+_ROW = _INPUTS + 37
 # Greatest logarithm of what the law's time and gains are corrected by.
 _GREATEST_LOG = 1.0
 
@@ -62,19 +63,19 @@ def _features(given, bends, row):
     for k in range(3):
         up, out = here[k] / (level + 1e-3), closest[k] / (depth + 0.05)
         rising += v[k] / axes[k] * up
-        row[23 + k] = math.asinh(e[k] / bends[k])
-        row[26 + k] = math.asinh(e[k] / bends[3 + k])
-        row[29 + k] = math.asinh(v[k] / bends[6 + k])
-        row[32 + k] = e[k] / (distance + 1e-3)
-        row[35 + k] = v[k] / (speed + 2.5e-3)
-        row[41 + k], row[44 + k] = up, out
-        row[47 + k] = 3.0 * max(1.3 - depth, 0.0) * out
-        row[54 + k], row[57 + k] = here[k], 2.0 * e[k]
-    row[38] = math.log(10.0 * distance + 0.01)
-    row[39] = math.log(speed + 1.25e-3)
-    row[40] = math.log(max(level - 1.0, 0.005))
-    row[50], row[51], row[52] = share, depth, rising
-    row[53] = 5.0 * max(1.2 - depth, 0.0)
+        row[_INPUTS + k] = math.asinh(e[k] / bends[k])
+        row[_INPUTS + 3 + k] = math.asinh(e[k] / bends[3 + k])
+        row[_INPUTS + 6 + k] = math.asinh(v[k] / bends[6 + k])
+        row[_INPUTS + 9 + k] = e[k] / (distance + 1e-3)
+        row[_INPUTS + 12 + k] = v[k] / (speed + 2.5e-3)
+        row[_INPUTS + 18 + k], row[_INPUTS + 21 + k] = up, out
+        row[_INPUTS + 24 + k] = 3.0 * max(1.3 - depth, 0.0) * out
+        row[_INPUTS + 31 + k], row[_INPUTS + 34 + k] = here[k], 2.0 * e[k]
+    row[_INPUTS + 15] = math.log(10.0 * distance + 0.01)
+    row[_INPUTS + 16] = math.log(speed + 1.25e-3)
+    row[_INPUTS + 17] = math.log(max(level - 1.0, 0.005))
+    row[_INPUTS + 27], row[_INPUTS + 28], row[_INPUTS + 29] = share, depth, rising
+    row[_INPUTS + 30] = 5.0 * max(1.2 - depth, 0.0)
 
 
 @_exact

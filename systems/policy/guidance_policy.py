@@ -13,7 +13,7 @@ from pydrake.systems.framework import LeafSystem, ValueProducer
 from proxops.systems.common import InputError, LoggedPort, check_positive
 from proxops.systems.policy.guidance_bundle import GuidanceBundle
 from proxops.systems.policy.neural_policy import NeuralPolicy, PolicyStatus
-from proxops.systems.policy.surroundings import Surroundings
+from proxops.systems.policy.surroundings import NUMBERS, Surroundings
 
 # The law's time and its least time together are 1.9 times what the flight still takes (median along
 # flights at three bodies). A smaller number leaves a reserve.
@@ -78,7 +78,9 @@ class GuidancePolicy(LeafSystem):
         self.latest = float(latest)
         self.bundle = bundle if isinstance(bundle, GuidanceBundle) else GuidanceBundle.load(bundle)
         self.surroundings = self.bundle.fitted(surroundings)
-        self._least_time = self.bundle.network.least_time(self.surroundings.told()[-1])
+        self._least_time = self.bundle.network.least_time(
+            self.surroundings.told()[NUMBERS.index("pace")]
+        )
         self.force_limit = thrust_limit * self.surroundings.acceleration / surroundings.acceleration
         beyond = self.bundle.beyond(self.surroundings.numbers())
         if beyond and not beyond_family:
@@ -144,6 +146,5 @@ class GuidancePolicy(LeafSystem):
     def _longest(self, context) -> float:
         """The greatest time of the law, in the unit of `Surroundings`; inf: any."""
         left = (self.latest - context.get_time()) / self.surroundings.time
-        least = self._least_time
-        longest = _LAW_OVER_FLIGHT * left - least
-        return longest if longest > least else math.inf
+        longest = _LAW_OVER_FLIGHT * left - self._least_time
+        return longest if longest > self._least_time else math.inf
