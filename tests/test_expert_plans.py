@@ -1,11 +1,13 @@
 """Plans as labels: they say what the expert itself commands there, and are computed once."""
 
+import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
 from short_flights import kleopatra
 
+from proxops.assets import asset_path
 from proxops.diagrams.flight import Workers
 from proxops.diagrams.flight.scenario_systems import make_mpc
 from proxops.diagrams.scenario.scenario import load_scenario
@@ -87,6 +89,22 @@ def test_files_that_are_not_theirs_are_refused(tmp_path: Path):
     path.write_bytes(path.read_bytes()[:500])
     with pytest.raises(InputError, match="plans-5-000000"):
         expert_plans(load_scenario(), 5, 1, tmp_path, workers=Workers(1))
+
+
+def test_plans_are_those_of_the_body_wherever_its_files_lie(tmp_path: Path):
+    first = expert_plans(load_scenario(), 5, 1, tmp_path / "plans", workers=Workers(1))
+    moved, lighter = (
+        shutil.copytree(asset_path("kleopatra"), tmp_path / name) / "kleopatra.yaml"
+        for name in ("moved", "lighter")
+    )
+    scenario = load_scenario(None, [f"body={moved}"])
+    again = expert_plans(scenario, 5, 1, tmp_path / "plans", workers=Workers(1))
+    np.testing.assert_array_equal(first["force"], again["force"])
+    text = lighter.read_text(encoding="utf-8").replace("mass_kg: 2.97", "mass_kg: 2.96")
+    lighter.write_text(text, encoding="utf-8")
+    scenario = load_scenario(None, [f"body={lighter}"])
+    with pytest.raises(InputError, match="labels of other flights"):
+        expert_plans(scenario, 5, 1, tmp_path / "plans", workers=Workers(1))
 
 
 def test_plans_with_slack_label_their_start_alone():

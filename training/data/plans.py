@@ -195,9 +195,9 @@ def _compute(portion: Portion, folder: Path) -> int:
 
 
 def _origin(portion: Portion) -> str:
-    """Names all that the plans depend on."""
+    """Names all that the plans depend on; the body by its content, so that folders may move."""
     scenario = parse_scenario(portion.scenario)
-    parts = scenario.body, scenario.spacecraft, scenario.mpc, scenario.transit
+    parts = scenario.spacecraft, scenario.mpc, scenario.transit
     made = version_and_body(_body(scenario.body))
     count = f"{portion.first}, {portion.count}, {portion.seed}"
     return f"{made}, share {_BLOCKED_SHARE} blocked, of {count}, {parts}"
