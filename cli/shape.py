@@ -111,6 +111,8 @@ def shape_command(
     _check_fix(fix, align, mesh_file)
     _check_output("--body", body, (".yaml", ".yml"))
     _check_output("--scenario", scenario, (".yaml", ".yml"))
+    if body is not None and scenario is not None and body.resolve() == scenario.resolve():
+        raise InputError(f"--scenario {scenario} is the file of --body: give another name")
     check_folder(out.parent if out.suffix.lower() == ".png" else out)
     asked = Questions(mass, density, period, craft_mass, margin)
     unit = _known_unit(unit, density)
@@ -262,7 +264,7 @@ def _print(report: ShapeReport, findings: dict[str, Any], where: Console) -> Non
     for action in repair.get("actions", []):
         say(f"done: {action}")
     if "out" in repair:
-        say(f"Wrote {repair['out']}" if repair["actions"] else "nothing had to be mended")
+        say(f"Wrote {repair['out']}" + ("" if repair["actions"] else ": nothing had to be mended"))
     if "refused" in repair:
         say(f"not mended: {repair['refused']}")
     for defect in report.defects:

@@ -27,7 +27,7 @@ from proxops.diagrams.flight.named_controllers import named_controller
 from proxops.diagrams.flight.origin import provenance
 from proxops.diagrams.logs.flight_log import FlightLog
 from proxops.diagrams.scenario.navigation_config import LidarNavigationConfig
-from proxops.diagrams.scenario.scenario import parse_scenario
+from proxops.diagrams.scenario.scenario import load_scenario, parse_scenario
 from proxops.diagrams.scenario.scenario_config import Scenario
 from proxops.diagrams.scenario.transits import transit_set
 from proxops.systems import InputError
@@ -502,6 +502,19 @@ def test_the_navigation_s_map_counts(tmp_path: Path) -> None:
     path.write_text(path.read_text() + "# mended again\n")
     origins.append(provenance(scenario, kleopatra(), "mpc"))
     assert len(set(origins)) == 3
+
+
+@pytest.mark.parametrize("key", ["dispersions", "assurance"])
+def test_own_dispersions_count(key: str, tmp_path: Path) -> None:
+    """Also where only the bounds of runtime assurance follow from them."""
+    path = tmp_path / "mine.yaml"
+    origins = []
+    for sigma in (0.01, 0.02):
+        path.write_text(f"truth.gravity: {{normal: 1.0, three_sigma: {sigma}}}\n")
+        setting = str(path) if key == "dispersions" else {"bounds": str(path)}
+        scenario = load_scenario(None, {key: setting})
+        origins.append(provenance(scenario, kleopatra(), "mpc"))
+    assert len(set(origins)) == 2
 
 
 def test_a_body_s_file_that_changed_is_read_again(tmp_path: Path) -> None:

@@ -253,6 +253,11 @@ def test_what_cannot_be_mended_is_not_written(shape, tmp_path: Path) -> None:
             ("rock.obj", "--mass", 1, "--period", 1, "--body", "b.txt"),
             "must end in .yaml or .yml",
         ),
+        (
+            ("rock.obj", "--density", 2000, "--unit", "m", "--period", 9)
+            + ("--body", "rock.yaml", "--scenario", "./rock.yaml"),
+            "is the file of --body: give another name",
+        ),
         (("rock.obj", "--out", "rock.obj"), "is a file, not a folder"),
         ((), "give the mesh file, or --random"),
         (("--random", "1"), "must be SEED:NUMBER"),

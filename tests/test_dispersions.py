@@ -228,12 +228,13 @@ def test_a_file_beside_the_scenario(tmp_path: Path) -> None:
         ("truth.specific_impulse_s: {uniform: [1, 2], times: value}", "its value is None"),
         ("truth.mass: {normal: 1.0, three_sigma: 1.5}", "truth.mass may be drawn as -0.5"),
         ("truth.lidar.dropout: {uniform: [0.0, 2.0]}", "truth.lidar.dropout may be drawn as 2"),
+        ("truth.phase_deg: {uniform: [0.5, 1.5], times: value}", "phase_deg may be drawn as -225"),
     ],
 )
 def test_senseless_dispersions(text: str, complaint: str, tmp_path: Path) -> None:
     name = write(tmp_path, text + "\n")
     with pytest.raises(InputError, match=complaint) as caught:
-        drawn(name)
+        drawn(name, truth={"phase_deg": -150.0})
     assert "mine.yaml" in str(caught.value)
     assert "\n" not in str(caught.value)
 

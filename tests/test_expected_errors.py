@@ -125,6 +125,13 @@ def test_the_dispersions_are_told_and_never_the_draw(name: str) -> None:
     assert scenario.navigation == LidarNavigationConfig()
 
 
+def test_a_spread_has_no_sign(tmp_path: Path) -> None:
+    """It is in proportion to the size of the scenario's own value, which is below zero here."""
+    text = "truth.lidar.bias_m: {normal: 1.0, three_sigma: 0.3, times: value}\n"
+    found = [told(tmp_path, text, f"truth.lidar.bias_m={bias}") for bias in (-5.0, 5.0)]
+    assert found[0].lidar_bias == found[1].lidar_bias > 4.9
+
+
 def test_numbers_of_before_survey() -> None:
     """By hand from the file: a third of three sigma, in the units of the fields."""
     scenario = load_scenario(None, [LIDAR, "dispersions=before_survey"])

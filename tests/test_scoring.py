@@ -107,6 +107,12 @@ def test_flights_are_those_of_the_seed(brief: Track, tmp_path: Path) -> None:
     assert len(list(tmp_path.glob("*.json"))) == 2
 
 
+def test_a_world_that_cannot_be_flown_is_named(brief: Track, tmp_path: Path) -> None:
+    heavy = dc.replace(brief, changes=[brief.changes[0], brief.changes[1] | {"truth.gravity": 4.0}])
+    with pytest.raises(InputError, match="track brief: transit 1 cannot be flown: hovering at"):
+        score(heavy, "zero", tmp_path, workers=Workers(1))
+
+
 def test_settings(brief: Track) -> None:
     flights = brief.flights("mpc", ["mpc.intervals=12", "hybrid.gate=paper"])
     scenario = parse_scenario(flights[1].scenario)

@@ -39,7 +39,8 @@ def write_mcap(log: FlightLog, path: str | Path) -> None:
 
     Topics: `/tf` (foxglove.FrameTransforms) has the poses of S and S_believed in K; `/body`
     (foxglove.SceneUpdate) the body's mesh; `/lidar` (foxglove.PointCloud) the returns in S, if the
-    log has frames; `/flight` every other variable of the log, by its name, with NaN as null.
+    log has frames; `/flight` every other variable of the log with at most 16 numbers a
+    row, by its name, with null for what is not finite.
 
     Args:
       log: of a flight. path: of the file.

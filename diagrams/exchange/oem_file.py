@@ -28,8 +28,8 @@ def write_oem(log: FlightLog, path: str | Path, epoch: str = EPOCH) -> None:
       epoch: of time 0, as YYYY-MM-DDThh:mm:ss in TDB.
 
     Raises:
-      InputError: the package oem is not installed, the epoch is none, or the file cannot be
-        written.
+      InputError: the package oem is not installed, the epoch is not of this form, or the file
+        cannot be written.
     """
     oem, components = needed("oem"), needed("oem.components")
     start = _parsed(epoch)

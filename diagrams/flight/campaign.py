@@ -56,8 +56,8 @@ class Flight:
     provenance: str
     """The version of proxops and the hash of the body; also the hashes of the files of a true
     mesh and of the navigation's map, of the bundles of a learned lidar and of a policy, and of the
-    file of a controller MODULE:FACTORY, where the flight uses them. A campaign uses a stored flight
-    again only if its provenance is the same."""
+    files of dispersions and of a controller MODULE:FACTORY, where the flight uses them. A campaign
+    uses a stored flight again only if its provenance is the same."""
 
 
 def transit_flights(scenario: Scenario, controller: str, seed: int, count: int) -> list[Flight]:
@@ -174,6 +174,9 @@ def run_groups(
 
     The first flight of each group is flown before the second flight of any, so that an interrupted
     campaign has flights of all groups. `options` are those of `run_campaign`.
+
+    Raises:
+      InputError: see `run_campaign`.
     """
     places = [(k, name) for name, flights in groups.items() for k in range(len(flights))]
     places.sort(key=lambda place: place[0])
@@ -294,7 +297,7 @@ def _difference(stored: typing.Any, flight: Flight) -> str:
     names = {
         "scenario": "scenario",
         "controller": "controller",
-        "provenance": "version of proxops, body, or file of bundle, map or controller",
+        "provenance": "version of proxops, body, or file of bundle, map, dispersions or controller",
     }
     differing = [
         text

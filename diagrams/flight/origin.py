@@ -16,6 +16,7 @@ from proxops.diagrams.scenario import (
     LearnedLidarConfig,
     LidarNavigationConfig,
     Scenario,
+    is_yaml_path,
 )
 from proxops.systems.common import file_sha256
 from proxops.systems.lidar import LidarBundle
@@ -52,6 +53,10 @@ def provenance(scenario: Scenario, body: Body, controller: str) -> str:
             origin += f", map {file_sha256(path)}"
     if isinstance(scenario.lidar, LearnedLidarConfig):
         origin += f", lidar {LidarBundle.load(scenario.lidar.bundle).sha256}"
+    bounds = None if scenario.assurance is None else scenario.assurance.bounds
+    for named in (scenario.dispersions, bounds):
+        if isinstance(named, str) and is_yaml_path(named):
+            origin += f", dispersions {file_sha256(Path(named))}"
     bundle = bundle_of(controller, scenario)
     if bundle is not None:
         origin += f", policy {policy_sha256(bundle)}"

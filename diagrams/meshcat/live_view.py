@@ -39,9 +39,9 @@ class LiveView(LeafSystem):
     navigation_return_use, if asked ──────►└──────────┘
     ```
 
-    The force is drawn along the axes of K, which S holds to within its attitude error. What the
-    navigation believes is drawn so many times too large that its ellipsoid of three
-    standard deviations is always about as large.
+    The force is drawn along the axes of K, which S holds to within its attitude error. Errors of
+    the navigation are enlarged, by a factor that keeps its ellipsoid of three standard deviations
+    at about the same size.
     """
 
     def __init__(

@@ -2,7 +2,7 @@
 
 Both pages have Meshcat's own panel at the top right. Under *Animations* it has a slider for time,
 and under *Scene* a box to show or hide each layer (body, map, spin_axis, keep_out, path, lidar,
-spacecraft, goal).
+navigation, spacecraft, goal).
 
 This module needs IPython, which the extra `notebook` installs.
 """

@@ -198,7 +198,15 @@ def panel(log: FlightLog, title: str, views: dict[str, View], unit: float) -> st
     navigated = "navigation_state" in log.dataset
     if navigated:
         times = exaggeration(navigation_region(log.dataset), unit)
-        marks.append((NAVIGATION, f"where it believes to be, with 3σ: errors × {times:,.0f}"))
+        marks.append(
+            (
+                NAVIGATION,
+                (
+                    "where the navigation believes the spacecraft to be, with 3σ: "
+                    f"errors × {times:,.0f}"
+                ),
+            )
+        )
     entries += [(_rgb(colour), text) for colour, text in marks]
     legend = "\n".join(
         f'<span><i style="color: {_code(colour)}">&#9679;</i> {html.escape(text)}</span>'

@@ -8,7 +8,7 @@ import numpy as np
 
 from proxops.systems.shapes import Polyhedron, ray_caster
 
-# How far beside an edge it is looked whether the body is there, over the body's greatest extent.
+# How far beside an edge we look for the body, over the body's greatest extent.
 _BESIDE = 1e-4
 # Parts into which an edge is cut: of an edge that is half hidden, only some are on the outline.
 _PARTS = 8
@@ -53,7 +53,7 @@ def _cut(flat: np.ndarray, edges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _is_hit(shape: Polyhedron, points: np.ndarray, across: int, up: int) -> np.ndarray:
-    """Tells of which points (N, 2) of the picture show the body."""
+    """Tells which points (N, 2) of the picture show the body."""
     along = 3 - across - up
     origins, directions = np.zeros((2, len(points), 3))
     origins[:, [across, up]] = points

@@ -114,11 +114,8 @@ def check_dispersions(
         bounds, limits = each.distribution.bounds(), each.limits
         if bounds is None or limits is None:
             continue
-        unit = each.unit(scenario, body)
-        for bound, beyond in (
-            (unit * bounds[0], unit * bounds[0] < limits[0]),
-            (unit * bounds[1], unit * bounds[1] > limits[1]),
-        ):
+        low, high = sorted(each.unit(scenario, body) * bound for bound in bounds)
+        for bound, beyond in ((low, low < limits[0]), (high, high > limits[1])):
             if beyond:
                 raise InputError(
                     f"{scenario.dispersions}: {each.key} may be drawn as {bound:g}, but it must be "
@@ -137,7 +134,7 @@ def _spread(
             return None
         unit = by_key[key].unit(scenario, body)
         found = by_key[key].distribution.rms(about / unit)
-        return None if found is None else unit * found
+        return None if found is None else abs(unit) * found
 
     return spread
 

@@ -47,6 +47,9 @@ def with_bounds(
     """Gives a scenario in which the bounds of runtime assurance are values.
 
     It warns of what scenario and dispersions declare beyond them.
+
+    Raises:
+      InputError: see `assurance_bounds`.
     """
     assurance = scenario.assurance
     if assurance is None:

@@ -10,7 +10,8 @@ from proxops.studies.evaluation import EXPERT, Variant
 
 BELIEVED, WORLDS = "believed", "worlds"
 PARTS = (BELIEVED, WORLDS)
-"""Nobody is told the state; then neither the state nor the world."""
+"""In the first the world is as believed; in the second it is drawn for each flight, or the body is
+another one."""
 
 POLICY, HYBRID, ADAPTIVE = "policy", "hybrid", "hybrid, adaptive"
 PILOT, PILOT_HYBRID = "end-to-end pilot", "hybrid, end-to-end pilot"

@@ -130,6 +130,9 @@ def campaign_scenario(campaign: Campaign, scenario: Scenario, bodies: Path) -> S
     """The scenario that a campaign's controllers share; writes a generated body's files.
 
     At another body the spacecraft is in proportion to it, as `proxops shape` scales it.
+
+    Raises:
+      InputError: see `change_scenario`, `load_body` and `scaled_scenario`.
     """
     if campaign.body is None:
         return change_scenario(scenario, campaign.changes)

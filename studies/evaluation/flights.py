@@ -83,6 +83,9 @@ def shown_logs(
       frames: keeps lidar frames, as the logs in the folder of all flights do. The report does not
         need them, and they take most of the space.
       options: those of `run_campaign`.
+
+    Raises:
+      InputError: see `fly_logs`.
     """
     flown = dc.replace(scenario, log_ranges=scenario.log_ranges and frames)
     variants = [Variant(name, name) for name in results]

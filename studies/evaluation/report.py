@@ -87,10 +87,10 @@ def _head(evaluation: Evaluation) -> Section:
                 f"there for {arrival.dwell_s:g} s, with no collision and no keep-out violation. "
                 "Intervals are Wilson's, unless they are called exact (Clopper and Pearson's). "
                 "Δv and arrival count the flights that succeeded; Δv over the expert's counts the "
-                "transits in which both succeeded. What Δv's p99 is at most is a bound with 90 % "
-                "confidence, which needs 230 flights. Position off and "
-                "velocity off are errors of a policy's estimates: medians over flights of each "
-                "flight's median and p95."
+                "transits in which both succeeded. “Delta-v, p99, at most” is an upper bound of "
+                "that percentile with 90 % confidence; it needs 230 flights that succeeded. "
+                "Position off and velocity off are errors of a policy's estimates: medians over "
+                "flights of each flight's median and p95."
             ),
             Table(["", *results], lines),
         ],

@@ -120,7 +120,11 @@ def fly_logs(
 def load_logs(
     folder: Path, seed: int, transits: Mapping[str, Sequence[int]]
 ) -> dict[str, dict[int, FlightLog]]:
-    """The logs that `fly_logs` wrote into a folder."""
+    """The logs that `fly_logs` wrote into a folder.
+
+    Raises:
+      InputError: see `FlightLog.load`.
+    """
     return {
         name: {k: FlightLog.load(folder / f"{_flight_name(name, seed, k)}.nc") for k in numbers}
         for name, numbers in transits.items()
@@ -130,7 +134,11 @@ def load_logs(
 def variant_flights(
     variant: Variant, scenario: Scenario, seed: int, transits: Iterable[int]
 ) -> list[Flight]:
-    """The flights of one variant on some transits of a seed."""
+    """The flights of one variant on some transits of a seed.
+
+    Raises:
+      InputError: see `Variant.applied_to` and `transit_flights`.
+    """
     numbers = list(transits)
     if not numbers:
         return []

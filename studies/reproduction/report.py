@@ -81,7 +81,7 @@ def _head(findings: Findings) -> Section:
             f"flies the same {count} transits of seed {findings.seed}, which nothing was trained "
             f"on. Success is arrival within {arrival_text(arrival)} of the goal by "
             f"{arrival.deadline_s:g} s, to stay there for {arrival.dwell_s:g} s, with no "
-            "collision and no keep-out violation; intervals are Wilson's, of 95 %."
+            "collision and no keep-out violation; intervals are exact ones, of 95 %."
         ),
         stage_table(findings.stages),
     ]

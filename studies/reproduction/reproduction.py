@@ -45,7 +45,7 @@ DRAWN = 1
 
 @dc.dataclass(frozen=True)
 class ReproductionSettings:
-    """How many transits are flown for the evaluation, and which of them are drawn."""
+    """Which transits are flown and how many, and along how many of them forces are compared."""
 
     seed: int = 10_000
     """Seed of the transits; nothing was trained on them."""

@@ -28,8 +28,8 @@ class Stage:
     result: dict[str, Any]
     """The result as JSON holds it."""
     wall_s: float
-    """Wall time in s of all runs up to its end, but of those that were killed only until they last
-    told of progress."""
+    """Wall time in s of all its runs. Of a run that was killed, the time up to its last report of
+    progress counts."""
     skipped: bool
     """Whether it had ended before, with the same inputs."""
     version: str

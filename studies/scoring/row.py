@@ -114,10 +114,15 @@ def score(
       workers: fly.
 
     Raises:
-      InputError: see `Track.flights` and `run_campaign`.
+      InputError: a world of the track cannot be flown; or see `Track.flights` and `run_campaign`.
     """
     flights = track.flights(controller, settings)
     rows = run_campaign(flights, folder, workers=workers)
+    for row in rows:
+        if "unflyable" in row:
+            raise InputError(
+                f"track {track.name}: transit {row['transit']} cannot be flown: {row['unflyable']}"
+            )
     return ScoreRow(
         name or controller,
         " ".join([controller, *settings]),
@@ -147,7 +152,11 @@ def with_expert(track: Track, row: ScoreRow) -> Track:
 
 
 def save_row(row: ScoreRow, path: Path) -> None:
-    """Writes a row as a JSON file, with its hash."""
+    """Writes a row as a JSON file, with its hash.
+
+    Raises:
+      InputError: see `write_json`.
+    """
     write_json(path, dc.asdict(row) | {"sha256": row.sha256}, indent=None)
 
 

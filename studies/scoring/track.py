@@ -153,7 +153,11 @@ def load_track(name: str) -> Track:
 
 
 def save_track(track: Track, path: Path) -> None:
-    """Writes a track as a JSON file."""
+    """Writes a track as a JSON file.
+
+    Raises:
+      InputError: see `write_whole`.
+    """
     write_whole(path, lambda name: name.write_text(_text(track), encoding="utf-8"))
 
 

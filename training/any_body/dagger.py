@@ -133,12 +133,13 @@ def _member_flights(
     scenario: Scenario, member: int, bundle: Path, seed: int, settings: AnyBodyDagger
 ) -> list[Flight]:
     body = load_body(scenario.body)
-    # A dispersed spacecraft at the edge of the family may be just beyond it.
-    policy = dc.replace(scenario.policy, bundle=str(bundle.resolve()), beyond_family=True)
+    policy = dc.replace(scenario.policy, bundle=str(bundle.resolve()))
     plain = dc.replace(scenario, policy=policy, log_ranges=False, dispersions=settings.dispersions)
     origin, flights = provenance(plain, body, "policy"), []
     for index in hard_transits(settings.flights):
-        flown = draw_world(at_rest(of_transit(plain, seed, index)), body)
+        drawn = draw_world(at_rest(of_transit(plain, seed, index)), body)
+        # Of the drawn world, all but the mass: the examples are those of the member's own.
+        flown = dc.replace(drawn, spacecraft=scenario.spacecraft)
         name = f"member-{member:05d}-{seed}-{index:05d}"
         flights.append(Flight(name, dump_scenario(flown), "policy", origin))
     return flights
