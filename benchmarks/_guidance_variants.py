@@ -49,7 +49,7 @@ def bare_law(dagger: Path, stages: Stages) -> Path:
         settings = trained_settings(dagger)
         report = json.loads((dagger / "report.json").read_text())
         network = AnyBodyGuidance(settings.width)
-        network.load_state_dict(torch.load(rounds[-1] / "guidance.ckpt")["best"])
+        network.load_state_dict(torch.load(rounds[-1] / "guidance.ckpt")["network"])
         last = network.network[-1]
         with torch.no_grad():
             last.weight.zero_()

@@ -90,7 +90,7 @@ def pilot_variant(kind: type[Pilot], folder: Path) -> Pilot:
 
 
 def pilot_bundles(logs: Path, pilot: Path, dagger: Path, out: Path) -> dict[str, Path]:
-    """Exports the variants that are not exported yet; folders of their bundles by name.
+    """Exports the variants; gives the folders of their bundles by name.
 
     Args:
       logs: folder of the flights that the pilot learned from.
@@ -112,10 +112,9 @@ def pilot_bundles(logs: Path, pilot: Path, dagger: Path, out: Path) -> dict[str,
     folders = {}
     for label, (kind, folder) in kinds.items():
         folders[label] = out / file_label(label)
-        if not folders[label].exists():
-            export_recipe(
-                pilot_variant(kind, folder), data, folders[label],
-                recipe=f"ablation: {label}", memory=MEMORY, estimates=True,
-                data_sha256=data.logs_sha256, metrics={},
-            )  # fmt: skip
+        export_recipe(
+            pilot_variant(kind, folder), data, folders[label],
+            recipe=f"ablation: {label}", memory=MEMORY, estimates=True,
+            data_sha256=data.logs_sha256, metrics={},
+        )  # fmt: skip
     return folders

@@ -69,8 +69,10 @@ def gravity_apart(body: Body, points: np.ndarray) -> list[float]:
     )
     apart = []
     for mine, theirs in pairs:
-        error = np.linalg.norm(np.abs(mine) - np.abs(theirs), axis=1)
-        apart.append(float((error / np.linalg.norm(theirs, axis=1)).max()))
+        size = np.linalg.norm(theirs, axis=1)
+        # The other's sign may be the opposite one, but then of all of its values.
+        same, opposite = (np.linalg.norm(mine - sign * theirs, axis=1) / size for sign in (1, -1))
+        apart.append(float(min(same.max(), opposite.max())))
     return apart
 
 

@@ -133,7 +133,7 @@ def main() -> None:
                 *backup.arguments)
             for k, row in enumerate(states)
         ])  # fmt: skip
-        fall = found[:, 1].max() * axes.min()
+        fall = found[:, 1].max() * axes.max()  # In m, at most: as at the long ends.
         worst = max(worst, fall)
         print(
             f"{options.bounds}, {errors}: {len(states)} states, least outward speed "

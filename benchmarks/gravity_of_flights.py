@@ -27,7 +27,7 @@ HEADINGS = ("success, exact", "success, table", "apart on the way (m)", "apart a
 def apart(exact: FlightLog, table: FlightLog) -> tuple[float, float]:
     """Greatest distance in m on the way that both flew, and the distance of their ends."""
     one, other = (log.dataset["state"].values[:, :3] for log in (exact, table))
-    steps = min(len(one), len(other))
+    steps = min(len(one), len(other)) - 1  # The last row is the end, at a time of its own.
     way = np.linalg.norm(one[:steps] - other[:steps], axis=1).max()
     return float(way), float(np.linalg.norm(one[-1] - other[-1]))
 

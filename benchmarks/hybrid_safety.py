@@ -55,7 +55,7 @@ def hostile_hybrid(name: str, scenario: Scenario, body: Body) -> Diagram:
 
 
 def at_the_body(scenario: Scenario, body: Body) -> Diagram:
-    """The controller `hybrid_safety:at_the_body`; the next three are alike."""
+    """The controller `hybrid_safety:at_the_body`; the others are alike."""
     return hostile_hybrid("at the body", scenario, body)
 
 
@@ -69,6 +69,14 @@ def sign_flipped(scenario: Scenario, body: Body) -> Diagram:
 
 def along_the_surface(scenario: Scenario, body: Body) -> Diagram:
     return hostile_hybrid("along the surface", scenario, body)
+
+
+def zero(scenario: Scenario, body: Body) -> Diagram:
+    return hostile_hybrid("zero", scenario, body)
+
+
+def searched(scenario: Scenario, body: Body) -> Diagram:
+    return hostile_hybrid("searched", scenario, body)
 
 
 def figures(rows: Sequence[Row]) -> list[str]:

@@ -40,8 +40,8 @@ from proxops.systems import ExpectedErrors, InputError
 LIDAR = "navigation=!LidarNavigation {}"
 # What the lidar is told from the scenario, what it finds by itself, and what nobody tells it.
 NOT_TOLD = {
-    "truth.surface_seed", "truth.lidar.dropout", "truth.lidar.false_returns",
-    "truth.lidar.frame_loss", "truth.thrusters.least_impulse_n_s",
+    "truth.lidar.dropout", "truth.lidar.false_returns", "truth.lidar.frame_loss",
+    "truth.thrusters.least_impulse_n_s",
 }  # fmt: skip
 
 
@@ -175,9 +175,7 @@ def test_every_shipped_quantity_is_told_or_known_not_to_be() -> None:
             not_told.add(each.main.key)
     not_told -= {"lidar.noise_std_m", "spacecraft.mass_kg"}  # Known on the day.
     # The attitude is expected to be 1 degree off, in any case.
-    assert not_told - {"truth.attitude.constant_deg", "truth.phase_deg"} == NOT_TOLD - {
-        "truth.surface_seed"
-    }
+    assert not_told - {"truth.attitude.constant_deg", "truth.phase_deg"} == NOT_TOLD
 
 
 def test_large_errors_of_attitude_add_up_within_limits(tmp_path: Path) -> None:

@@ -372,8 +372,6 @@ OFTEN = ("alias bomb", "Python object", "unknown tag", "long list")
 @pytest.mark.parametrize("what", [what if what in OFTEN else slowly(what) for what in YAML])
 def test_a_log_with_a_hostile_scenario_and_body(what: str, tmp_path: Path) -> None:
     text, word = YAML[what]
-    if "\0" in text:
-        return
     path = written(tmp_path, lambda data: data.attrs.update(scenario=text))
     refused(lambda: FlightLog.load(path).scenario, "the log's scenario", word)
     path = written(tmp_path, lambda data: data.attrs.update(body=text))

@@ -132,7 +132,7 @@ def test_angular_momentum_changes_by_the_torque() -> None:
     times = data["time"].values
     position, velocity = data["position_inertial"].values, data["velocity_inertial"].values
     momentum = np.cross(position, velocity)[:, 2]
-    spot, rate = path(kleopatra_flight())
+    spot, _ = path(kleopatra_flight())
     nodes, weights = np.polynomial.legendre.leggauss(3)
     middle, half = 0.5 * (times[1:] + times[:-1]), 0.5 * np.diff(times)
     gained = np.zeros(len(middle))
@@ -144,7 +144,6 @@ def test_angular_momentum_changes_by_the_torque() -> None:
     scale = np.abs(momentum).max()
     np.testing.assert_allclose(np.diff(momentum), gained, atol=1e-6 * scale)
     assert np.abs(gained).sum() > 0.01 * scale
-    assert np.isfinite(rate(times)).all()
 
 
 def test_arrival_is_the_start_of_the_dwell() -> None:
@@ -314,7 +313,7 @@ def test_disturbed_flight() -> None:
         ({"body": "itokawa"}, "does not ship with proxops"),
     ],
 )
-def test_flights_that_cannot_be_refused(changes: dict[str, object], complaint: str) -> None:
+def test_flights_that_cannot_be_are_refused(changes: dict[str, object], complaint: str) -> None:
     with pytest.raises(InputError, match=complaint):
         fly(short_scenario(**changes))
 

@@ -32,7 +32,6 @@ def exact(contrast: float) -> GravityField:
 def cache_folder(tmp_path_factory, monkeypatch):
     folder = tmp_path_factory.getbasetemp() / "gravity_tables"
     monkeypatch.setenv("XDG_CACHE_HOME", str(folder))
-    monkeypatch.setenv("LOCALAPPDATA", str(folder))
     return folder / "proxops" / "gravity"
 
 

@@ -82,9 +82,9 @@ class BackupBraking:
     So each axis reaches the velocity c n as fast as it can. There are two exceptions. An axis that
     moves outwards faster than that (e n < 0) is not braked (e = 0) before the spacecraft as a whole
     moves outwards at `outward_speed`; from there on it is braked by the share of c by which the
-    outward speed is greater. And an axis across the spin is always braked to `settled_speed`, at
-    which thrust can still hold against gravity and Coriolis. An axis along which the normal is
-    nearly zero is always braked. The law is continuous in the state.
+    outward speed is greater. An axis with less than 0.2 of the normal is braked all the same: the
+    less, the more. And an axis across the spin is always braked to `settled_speed`, at which thrust
+    can still hold against gravity and Coriolis. The law is continuous in the state.
 
     **The backup margin** of a state is the least clearance of a *tube* along the backup's flight:
     for each axis an interval of positions and one of velocities that holds every spacecraft in any
@@ -122,8 +122,10 @@ class BackupBraking:
         Without `bounds` everything is as believed.
 
         Raises:
-          InputError: the period is not positive, the delay is longer than the control period, or
-            thrust at its worst cannot hold against gravity at its worst.
+          InputError: the period is not positive, the delay is longer than the control period, the
+            body sticks out of the keep-out ellipsoid, thrust at its worst cannot hold against
+            gravity at its worst, or the errors are so great that above some place no height is
+            enough.
         """
         bounds = AssuranceBounds() if bounds is None else bounds
         axes = limits.keep_out_semi_axes

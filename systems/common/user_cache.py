@@ -58,8 +58,5 @@ def keep_arrays(kind: str, name: str, arrays: Mapping[str, np.ndarray | float]) 
 
 def _folder(kind: str) -> Path:
     """The user's folder for files that can be made again."""
-    if sys.platform == "win32":
-        base = os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local"
-    else:
-        base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
     return Path(base) / "proxops" / kind

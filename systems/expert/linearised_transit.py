@@ -170,24 +170,21 @@ class LinearisedTransit:
     def _share_constraint(self, constraint: Binding) -> None:
         self.bare.AddConstraint(constraint)
 
-    def initial_plans(
-        self, state: np.ndarray, target: np.ndarray, duration: float, free_time: bool
-    ) -> list[Plan]:
+    def initial_plans(self, state: np.ndarray, target: np.ndarray, duration: float) -> list[Plan]:
         """Plans to linearise about, which depend on state and target alone; the likeliest is first.
 
         Args:
           state, target: (6,) in K, in m and m/s.
-          duration: length in s of a plan straight to the target.
-          free_time: whether plans round the body take longer than that: by the square root of the
-            ratio of the paths' lengths, as from rest to rest at one acceleration, and at most three
-            times as long.
+          duration: length in s of a plan straight to the target. If time is free, plans round the
+            body take longer: by the square root of the ratio of the paths' lengths, as from rest to
+            rest at one acceleration, and at most three times as long.
         """
         plans, axes = [], self.limits.keep_out_semi_axes
         for positions in initial_paths(self.fractions, state[:3], target[:3], axes):
             length = np.linalg.norm(np.diff(positions, axis=0), axis=1).sum()
             straight = np.linalg.norm(target[:3] - state[:3])
             longer = np.sqrt(np.clip(length / max(straight, 1e-9 * length, 1e-9), 1.0, 9.0))
-            times = (longer if free_time else 1.0) * duration * self.fractions
+            times = (longer if self.stretch.size else 1.0) * duration * self.fractions
             states = np.hstack([positions, np.gradient(positions, times, axis=0)])
             forces = np.zeros((self.horizon.intervals, 3))
             plans.append(

@@ -38,7 +38,7 @@ class PathLimits:
         return _room(self._normals, self._offsets, self._speed, states)
 
     def rows(self, affine: np.ndarray, size: int, included: np.ndarray) -> np.ndarray:
-        """The rows of some limits: the last column is the bound, which the others times z reach.
+        """The rows of some limits: the last column is the least value of the others times (z, s).
 
         Args:
           affine: (N, 6, M) coefficients of the scaled states in z and, in the last column, 1.

@@ -121,7 +121,7 @@ class TransitProgram:
         """
         best, failure = None, None
         duration = self.horizon.time_to_go(state, target)
-        for plan in self.transit.initial_plans(state, target, duration, True):
+        for plan in self.transit.initial_plans(state, target, duration):
             try:
                 for k in range(1, iterations + 1):
                     plan = self._improved(state, target, plan, 0.0, push, longest, k, k > 1)

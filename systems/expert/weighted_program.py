@@ -87,7 +87,7 @@ class WeightedProgram:
         if not (np.isfinite(state).all() and np.isfinite(target).all()):
             raise SolverFailure(SolutionResult.kInvalidInput)  # Drake would end the process.
         duration = self.horizon.minimum
-        last = previous or self.transit.initial_plans(state, target, duration, False)[0]
+        last = previous or self.transit.initial_plans(state, target, duration)[0]
         push = np.zeros(3) if push is None else push
         for iteration in range(1, iterations + 1):
             states, controls = self.transit.remaining_plan(last, age, duration)

@@ -22,7 +22,8 @@ from proxops.systems.shapes import Polyhedron, halves
 GRAVITATIONAL_CONSTANT = 6.67430e-11
 """G in m^3 kg^-1 s^-2 (CODATA 2018)."""
 
-# Densities in kg/m^3 between a light rubble pile and iridium. Outside, the mesh's unit is wrong.
+# Densities in kg/m^3 between a light rubble pile and iridium. Outside, the mesh's unit or the
+# contrast is wrong.
 PLAUSIBLE_DENSITY = (100.0, 23_000.0)
 
 # Below this many points one thread is faster than many.
@@ -122,9 +123,10 @@ class GravityField:
         self.contrast = float(contrast)
         self.density = float(value) if mass is None else float(value) / shape.volume
         self.mass = self.density * shape.volume
+        _check_density(shape, self.density, "is the mesh in the unit that was said (km or m)?")
         bodies = _uniform_bodies(shape, self.density, self.contrast)
         for body, own_density in bodies:
-            _check_density(body, own_density)
+            _check_density(body, own_density, "take a density contrast nearer to 0")
         _announce_compilation()
         self._parts = [_UniformPart(body, own_density) for body, own_density in bodies]
 
@@ -216,13 +218,12 @@ def _uniform_bodies(
     return [(lower, relative[0] * scale), (upper, relative[1] * scale)]
 
 
-def _check_density(shape: Polyhedron, density: float) -> None:
+def _check_density(shape: Polyhedron, density: float, remedy: str) -> None:
     low, high = PLAUSIBLE_DENSITY
     if not low <= density <= high:
         raise InputError(
             f"{shape.name}: {density * shape.volume:.4g} kg in {shape.extents.max():.4g} m of "
-            f"length is {density:.3g} kg/m^3, which no body has ({low:g} to {high:g}); "
-            "is the mesh in the unit that was said (km or m)?"
+            f"length is {density:.3g} kg/m^3, which no body has ({low:g} to {high:g}); {remedy}"
         )
 
 

@@ -35,7 +35,7 @@ class TabulatedField:
     points of every box's surface is below half of that, which leaves a factor of two for what lies
     between the points. Acceleration
     and gradient are the derivatives of the potential that is returned, so a free flight keeps its
-    energy. From 10 radii on, the field is that of point masses.
+    energy. Outside a cube with an edge of 20 radii, the field is that of point masses.
 
     The table is made at the first use on a machine and kept in the user's cache folder. It depends
     on body, mass, contrast, semi-axes and bound alone.

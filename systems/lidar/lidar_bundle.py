@@ -69,7 +69,10 @@ class LidarBundle:
         """
         folder = Path(path)
         content, sha256, model = read_bundle(folder, _KIND)
-        session = open_session(model)
+        try:
+            session = open_session(model)
+        except InputError as error:
+            raise InputError(f"{folder} is no learned lidar: {error}") from error
         source = folder / LIDAR_FILE
         kind = content.get("kind", RAY_NETWORK)
         centre = semi_axes = np.zeros(3)

@@ -48,7 +48,7 @@ DEFAULT_GEOMETRY = LidarGeometry()
 def ray_directions(
     planes: int = DEFAULT_GEOMETRY.planes, rays: int = DEFAULT_GEOMETRY.rays
 ) -> np.ndarray:
-    """Unit vectors (planes * rays, 3), plane by plane, in the spacecraft's axes (those of K).
+    """Unit vectors (planes * rays, 3), plane by plane, in the spacecraft's axes S.
 
     Ray (i, j) points along cos b (cos a, sin a, 0) + sin b z with a = i 180°/planes and
     b = j 360°/rays.

@@ -41,7 +41,9 @@ class ChordFan:
         self.centre, self.semi_axes = np.array(centre, float), np.array(semi_axes, float)
         sound = self.centre.shape == self.semi_axes.shape == (3,)
         if not (sound and np.isfinite([self.centre, self.semi_axes]).all()):
-            raise InputError(f"an ellipsoid needs a centre (3,) and semi-axes (3,), got {centre}")
+            raise InputError(
+                f"an ellipsoid needs a centre (3,) and semi-axes (3,), got {centre} and {semi_axes}"
+            )
         if not (self.semi_axes > 0.0).all():
             raise InputError(f"an ellipsoid needs positive semi-axes, got {semi_axes}")
         directions = np.asarray(directions, dtype=np.float64)

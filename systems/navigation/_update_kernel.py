@@ -19,8 +19,8 @@ def judged(covariance, columns, rows, residuals, variances, moved, gate, most, o
       variances: (K,) of the noise; +inf: not to be used.
       moved: (n,) that place less the prior's mean.
       gate: so many standard deviations a residual may be off by.
-      most: where so many residuals, or all there are, are not twice as many as the quantities, they
-        are thinned to so many.
+      most: if the lesser of this and the number of usable residuals is below 2 C, they are thinned
+        to at most so many.
       own: if the prior knows next to nothing of the first so many quantities, residuals are judged
         by the others alone, of variance 1, at the place where the frame was linearised. Else 0.
 

@@ -43,7 +43,8 @@ class Acquired(NamedTuple):
     misfit: float
     """Share of the rays of the measured and of the predicted body that disagree by far."""
     cost: float
-    """Mean square of the residuals over the greatest that noise can explain, each at most 1."""
+    """Mean square of the residuals, each divided by the greatest that noise explains and at most 1.
+    A ray that should return, and is blank as are its neighbours, counts 1."""
 
 
 def acquire(

@@ -16,8 +16,8 @@ from proxops.systems.navigation.frame_model import FrameModel
 # A residual beyond this many of its standard deviations is rejected.
 GATE = 5.0
 # The frame is linearised anew until the predicted ranges change by less than this share of the
-# noise (root mean square). More returns than the second number give a better estimate, which is
-# to be met as well: then the changes are to be smaller.
+# noise (root mean square). More returns than the second number give a closer estimate,
+# so the changes have to be smaller then.
 _CLOSE, _USUAL, _MOST_ITERATIONS = 0.3, 160, 8
 # Where the map's error is estimated, or a place is sought, more returns than this take longer and
 # say little more.
@@ -40,8 +40,8 @@ class Correction(NamedTuple):
     surprise: float
     """Normalised innovation squared, over the number of returns used: about 1."""
     shift: float
-    """How far the frame moved position and attitude, in standard deviations before it: a chi
-    square of six degrees of freedom."""
+    """The square of how far the frame moved position and attitude, in standard deviations before
+    it: a chi square of six degrees of freedom."""
 
     @property
     def used(self) -> int:

@@ -59,7 +59,11 @@ class ExpectedErrors:
     """Of the full angle of the lidar's beams, in rad."""
 
     def __post_init__(self) -> None:
-        """Raises `InputError` for a negative or infinite deviation, or a time or length of 0."""
+        """Raises `InputError` for an error that cannot be.
+
+        It is a negative or infinite deviation, a time or length of 0, or an attitude that is not
+        known to 0.2 rad.
+        """
         values = dc.asdict(self)
         scales = ("attitude_correlation", "acceleration_correlation", "surface_correlation")
         check_positive("the expected errors", **{name: values.pop(name) for name in scales})

@@ -150,8 +150,8 @@ class LidarNavigation(LeafSystem):
         """Makes the map with what was learned of its surface by the last step of a Context.
 
         Raises:
-          InputError: the navigation has no estimate or is lost, or the map is not one of its
-            unknowns.
+          InputError: the navigation has no estimate or is lost, the map is not one of its unknowns,
+            or the mended surface is not sound.
         """
         memory = self._unpacked(context.get_discrete_state(self._memory).value())
         if memory.estimate is None:

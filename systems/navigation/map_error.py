@@ -35,7 +35,7 @@ class MapError:
       modes: M, their number; 0 if the map has no error.
       table: (V, M) float64: displacement of each vertex along its normal, in m, by each of the
         coefficients, which are independent, with variance 1.
-      rest: variance in m^2 as which the displacement beyond the M counts in one frame.
+      rest: m^2; the displacement beyond the M counts in each frame as noise of this variance.
     """
 
     def __init__(self, shape: Polyhedron, std: float = 0.0, correlation: float = 1.0):

@@ -84,7 +84,7 @@ def save_mended_map(mended: MendedMap, path: Path) -> None:
 
     The second file has the suffix `.npz`: `vertices` (V, 3) of the mesh in m, `left` (V, M) in m,
     the displacement of each vertex along its normal by each of M independent errors of variance 1,
-    and `rest`, the variance in m^2 as which what is finer counts in one frame.
+    and `rest`, in m^2: what is finer counts in each frame as noise of this variance.
 
     Raises:
       InputError: the path does not end in `.obj`, or the folder cannot be written.

@@ -5,8 +5,8 @@ Start with `GuidancePolicy`, which flies from state and goal at any body of a fa
 force, at one body. Their networks are in the folders of a `GuidanceBundle` and a `PolicyBundle`,
 which say what they were trained for. `ProportionalDerivative` is a simple controller to compare
 others with. PyTorch is not needed here. The names of the network's inputs
-and outputs (`POLICY_INPUTS`, `POLICY_OUTPUTS`) are the format of all bundles: change them and every
-bundle has to be trained again.
+and outputs (`POLICY_INPUTS`, `POLICY_OUTPUTS`) are the format of every `PolicyBundle`: change them
+and each has to be trained again.
 """
 
 from proxops.systems.policy.guidance_bundle import (

@@ -40,8 +40,8 @@ class GuidancePolicy(LeafSystem):
     `GuidanceBundle.fitted` leaves, and is none along an axis where it is below `COAST` of it. If it
     is not finite, as without a state, none is commanded.
 
-    The network learned at no deadline. Where the flight would end after `latest`, it hurries: the
-    time of the law that the network corrects is then no longer than what is left allows for. It
+    The network learned without a deadline. Where the flight would end after `latest`, it hurries:
+    the time of the law that the network corrects is then no longer than what is left allows for. It
     takes its usual time again when it is too late, and next to the goal.
 
     The outputs depend on the inputs and the time alone: there is no memory.

@@ -22,10 +22,10 @@ POLICY_OUTPUTS = ("force", "estimate", "next_memory")
 
 Inputs: ranges (planes * rays) in m, +inf where nothing returned; target (6) in m and m/s; the force
 (3) in N that was commanded over the last period, 0 at the first step; memory, 0 at the start of a
-flight. Networks of 0.2.0 call the third input applied_force. Outputs: force (3) in N; estimate (6)
-of position and velocity in m and m/s, NaN if the network makes none; the memory for the next
-step."""
-# Today's names of the inputs of networks that 0.2.0 exported.
+flight. Networks of 0.2.0 and 0.3.0 call the third input applied_force. Outputs: force (3) in N;
+estimate (6) of position and velocity in m and m/s, NaN if the network makes none; the memory for
+the next step."""
+# Today's names of the inputs of networks that 0.2.0 and 0.3.0 exported.
 _OLD_INPUTS = {"applied_force": "commanded_force"}
 _KIND = BundleKind(
     noun="policy",
@@ -75,11 +75,11 @@ class PolicyBundle:
         """
         folder = Path(path)
         content, sha256, model = read_bundle(folder, _KIND)
-        session = open_session(model)
         for key in ("planes", "rays", "period_s", "thrust_limit_n", "memory"):
             if not 0 < content[key] < math.inf:
                 raise InputError(f"{folder / POLICY_FILE} is damaged: {key} is not positive")
         try:
+            session = open_session(model)
             check_network(session, content["planes"] * content["rays"], content["memory"])
         except InputError as error:
             raise InputError(f"{folder} is no policy: {error}") from error

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from proxops.systems.common import InputError
-from proxops.systems.shapes.mesh_checks import directed_edges
+from proxops.systems.shapes.mesh_checks import directed_edges, edge_groups
 
 LONGEST_RIM = 200
 
@@ -20,9 +20,7 @@ def boundary_loops(facets: np.ndarray, vertex_count: int) -> list[np.ndarray]:
       InputError: some edge has more than two facets, so that rims cannot be followed.
     """
     directed, owner, order = directed_edges(facets, vertex_count)
-    low = np.sort(directed[order], axis=1)
-    starts = np.flatnonzero(np.r_[True, (low[1:] != low[:-1]).any(axis=1)])
-    counts = np.diff(np.r_[starts, len(low)])
+    starts, counts = edge_groups(directed, order)
     if (counts > 2).any():
         at = owner[order[starts[counts > 2][0]]]
         raise InputError(

@@ -8,6 +8,8 @@ import numba
 import numpy as np
 
 
+# A compiled function of `proxops.systems.hybrid.reach_time` contains it. numba's cache on disk does
+# not see a change here: change that file, too.
 @numba.njit(cache=True, error_model="numpy")
 def closest_point(semi_axes, point):
     """The point (3,) of the ellipsoid's surface nearest to `point` (3,), all in one length unit.

@@ -43,6 +43,17 @@ def directed_edges(
     return directed, owner, np.lexsort((owner, key))
 
 
+def edge_groups(directed: np.ndarray, order: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Where each of E edges begins in the order of `directed_edges`, and how many facets it has.
+
+    Returns:
+      Indices in `order` (E,), and numbers of facets (E,).
+    """
+    low = np.sort(directed[order], axis=1)
+    starts = np.flatnonzero(np.r_[True, (low[1:] != low[:-1]).any(axis=1)])
+    return starts, np.diff(np.r_[starts, len(low)])
+
+
 def six_volumes(vertices: np.ndarray, facets: np.ndarray) -> np.ndarray:
     """Six times the signed volumes (F,) of the tetrahedra from the mean vertex to each facet."""
     a, b, c = np.moveaxis(vertices[facets] - vertices.mean(axis=0), 1, 0)
@@ -169,9 +180,7 @@ def find_defects(vertices: np.ndarray, facets: np.ndarray) -> list[Defect]:
 
 def _edge_defects(vertices: np.ndarray, facets: np.ndarray) -> list[Defect]:
     directed, owner, order = directed_edges(facets, len(vertices))
-    low = np.sort(directed[order], axis=1)
-    starts = np.flatnonzero(np.r_[True, (low[1:] != low[:-1]).any(axis=1)])
-    counts = np.diff(np.r_[starts, len(low)])
+    starts, counts = edge_groups(directed, order)
     found = []
     holes = owner[order[starts[counts == 1]]]
     if holes.size:

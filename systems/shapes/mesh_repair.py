@@ -15,6 +15,7 @@ from proxops.systems.shapes.mass import mass_properties
 from proxops.systems.shapes.mesh_checks import (
     areas,
     directed_edges,
+    edge_groups,
     find_defects,
     flat_facets,
     inside_out_shells,
@@ -132,9 +133,8 @@ def _wind_alike(mesh: Repair) -> None:
     """Reverses facets that wind against the majority of their shell."""
     facets, count = mesh.facets, len(mesh.facets)
     directed, owner, order = directed_edges(facets, len(mesh.vertices))
-    low = np.sort(directed, axis=1)[order]
-    starts = np.flatnonzero(np.r_[True, (low[1:] != low[:-1]).any(axis=1)])
-    shared = starts[np.diff(np.r_[starts, len(low)]) == 2]
+    starts, counts = edge_groups(directed, order)
+    shared = starts[counts == 2]
     first, second = order[shared], order[shared + 1]
     differ = (directed[first] == directed[second]).all(axis=1)
     if not differ.any():

@@ -58,9 +58,10 @@ class RayCaster:
     """
 
     def __init__(self, shape: Polyhedron | Surface):
-        # The robust flag makes rays watertight across the edges of facets.
+        """Takes the mesh, whose vertices are in m."""
         self.shape = shape
         self._device = EmbreeDevice()
+        # The robust flag makes rays watertight across the edges of facets.
         self.scene = EmbreeScene(self._device, True)
         vertices = shape.vertices.astype(np.float32)
         self._mesh = TriangleMesh(self.scene, vertices, shape.facets.astype(np.int32))

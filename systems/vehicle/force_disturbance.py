@@ -17,15 +17,16 @@ class ForceDisturbance(SeededSystem):
     ```
 
     A subclass says in `next_added` what is added over the period that begins. The last force that
-    was added is discrete state, which is updated at every control step. So read the output at
-    control steps alone, through a hold: between them it is already what follows on the update.
+    was added is discrete state, which is updated at every control step. So read the output
+    through a hold, at control steps before the update: after it, the next force would be added.
     """
 
     def __init__(self, thrust_limit: float, period: float, seed: int):
         """Takes the limit of each axis in N, the control period in s, and the default seed.
 
         Raises:
-          InputError: the limit or the period is not positive, or the seed is negative.
+          InputError: the limit or the period is not positive, or the seed is not a whole number
+            from 0 to 2^53 - 1.
         """
         super().__init__(period, seed)
         check_positive(type(self).__name__, thrust_limit=thrust_limit)

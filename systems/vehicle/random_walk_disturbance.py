@@ -23,10 +23,10 @@ class RandomWalkDisturbance(ForceDisturbance):
       (3), N    └───────────────────────┘
     ```
 
-    Each period a normal increment per axis is added to the walk. Every `reset_period` the walk
-    starts again from zero and its bound k is drawn from U(0, max_relative_magnitude). The walk's
-    length is limited to k ‖force‖, so it has no effect on a command of zero. The first increment
-    acts from time 0 on.
+    Each period a normal increment per axis is added to the walk. Every `reset_period`,
+    rounded to whole control periods, the walk starts again from zero and its bound k is drawn from
+    U(0, max_relative_magnitude). The walk's length is limited to k ‖force‖, so it has no effect on
+    a command of zero. The first increment acts from time 0 on.
     """
 
     def __init__(

@@ -40,7 +40,7 @@ class AnyBodyGuidance(nn.Module):
     bends: Tensor
     instead: Tensor
 
-    def __init__(self, width: int = 256, instead: Tensor | None = None):
+    def __init__(self, width: int, instead: Tensor | None = None):
         """Takes the width of the network's layers, and what it is told instead of its inputs.
 
         Args:

@@ -148,7 +148,7 @@ def _overshoot(plain: Scenario, wanted: Scenario, body: Body) -> Scenario:
     """A flight that begins behind the goal, as seen from the start, and moves away from it.
 
     The distance is uniform up to `transit.end_clearance_m` (8 km), and the speed up to 8 times
-    `arrival.speed_m_s`. Both directions are some 15 degrees off the line from start to goal.
+    `arrival.speed_m_s`. Both directions are some 10 degrees off the line from start to goal.
     """
     drawn, random = _draw(plain, body, "overshoot")
     line = (drawn.goal - drawn.start) / np.linalg.norm(drawn.goal - drawn.start)

@@ -64,7 +64,7 @@ class DaggerSettings:
     seed: int = 100
     """Seed of the transits of the first round; each further round uses the next seed."""
     minutes: float = math.inf
-    """No round begins after this time."""
+    """After this time no round begins but the first, or the first that was not finished before."""
 
 
 @dc.dataclass(frozen=True)
