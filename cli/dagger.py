@@ -37,10 +37,7 @@ def dagger_command(
         ),
     ] = Path("out/pilot"),
     rounds: Annotated[
-        int,
-        typer.Option(
-            min=1, help="Number of rounds. With DATA the last trains for longer than the others."
-        ),
+        int, typer.Option(min=1, help="Number of rounds. With DATA the last trains for longer.")
     ] = 2,
     flights: Annotated[
         int | None,
@@ -68,11 +65,11 @@ def dagger_command(
 ) -> None:
     """Let the pilot fly, label its flights with the MPC's forces, and train on them: DAgger.
 
-    Each round leaves its flights, their labels and its pilot in OUT/round-N. OUT has the bundle and
-    the report of the last round; with DATA, its weights too. Without DATA the policy is the one for
-    any body: it flies at each body of its family, on navigation, in the first round in worlds of
-    after_survey. Run it again to continue after an interruption, or with more --rounds to add
-    rounds. With DATA, the round that was the last before is then trained anew, for a shorter time.
+    Each round leaves its flights, their labels and its pilot in OUT/round-N. OUT has the last
+    round's bundle and report; with DATA, its weights too. Without DATA the policy is the one for any
+    body: it flies at each of its family, on navigation, first in worlds of after_survey. Run it
+    again to continue, or with more --rounds to add rounds. With DATA, the round that was the last
+    before is then trained anew, for a shorter time.
 
     Examples:
 

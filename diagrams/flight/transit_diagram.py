@@ -105,9 +105,8 @@ def make_transit_diagram(
       scenario: the scenario; its transit gives the start and the target. If it has dispersions, the
         world of its transit is drawn from them.
       controller: any system with an output port `force` (3), in N in K, and any of the input
-        ports `state` (6), `target` (6), `position` (3), `velocity` (3), `ranges`,
-        `commanded_force` (3) and, where there is a navigation, `covariance` (81). It may offer
-        more: see `fly`. None: the MPC.
+        ports `state` (6), `target` (6), `position` (3), `velocity` (3), `ranges`, `covariance` (81)
+        and `commanded_force` (3). It may offer more: see `fly`. None: the MPC.
       meshcat: shows the flight live, with the controller's plan if it has an output port `plan`
         (abstract Plan).
       body: the body as believed; None: the body that the scenario names.
