@@ -66,8 +66,8 @@ def dagger_command(
     """Let the pilot fly, label its flights with the MPC's forces, and train on them: DAgger.
 
     Each round leaves its flights, their labels and its pilot in OUT/round-N. OUT has the last
-    round's bundle and report; with DATA, its weights too. Without DATA the policy is the one for any
-    body: it flies at each of its family, on navigation, first in worlds of after_survey. Run it
+    round's bundle and report; with DATA, its weights too. Without DATA the policy is the one for
+    any body: it flies at each of its family, on navigation, first in worlds of after_survey. Run it
     again to continue, or with more --rounds to add rounds. With DATA, the round that was the last
     before is then trained anew, for a shorter time.
 

@@ -133,7 +133,7 @@ def _member_flights(
     scenario: Scenario, member: int, bundle: Path, seed: int, settings: AnyBodyDagger
 ) -> list[Flight]:
     body = load_body(scenario.body)
-    # With the margin of flights, which is not the expert's, a member at the edge may be just beyond.
+    # With the margin of flights, not the expert's, a member at the edge may be just beyond.
     policy = dc.replace(scenario.policy, bundle=str(bundle.resolve()), beyond_family=True)
     plain = dc.replace(scenario, policy=policy, log_ranges=False, dispersions=settings.dispersions)
     origin, flights = provenance(plain, body, "policy"), []
