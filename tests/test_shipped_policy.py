@@ -4,9 +4,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pydrake.systems.framework import Diagram
+from short_flights import kleopatra
 
-from proxops.diagrams.flight import Workers, run_campaign, transit_flights
+from proxops.diagrams.flight import Workers, named_controller, run_campaign, transit_flights
 from proxops.diagrams.scenario import load_scenario
+from proxops.systems import GuidancePolicy
 
 # Seeds from 10,000 on are kept for evaluation; the policies were trained on others than this one.
 SEED = 77
@@ -43,3 +46,14 @@ def test_a_greater_margin_is_flown_wider(tmp_path: Path) -> None:
     wider = np.subtract(nearest(15e3), nearest(9e3))
     assert wider.min() > 0.0
     assert wider.mean() > 2e3
+
+
+@pytest.mark.parametrize(("controller", "usual"), [("policy", 9e3), ("hybrid", 4.5e3)])
+def test_the_margin_is_smaller_where_the_mpc_checks(controller: str, usual: float) -> None:
+    for given, margin in ((None, usual), (1e3, 1e3)):
+        scenario = load_scenario(None, {"policy.margin_m": given})
+        system = named_controller(controller, scenario, kleopatra())
+        policy = system.GetSubsystemByName("policy") if isinstance(system, Diagram) else system
+        assert isinstance(policy, GuidancePolicy)
+        wider = policy.surroundings.semi_axes - kleopatra().keep_out_semi_axes
+        np.testing.assert_allclose(wider, margin)

@@ -49,7 +49,7 @@ def named_controller(name: str, scenario: Scenario, body: Body) -> System:
         kind, _, _ = name.partition(":")
         if kind in ("mpc", "pd"):
             return make_estimate_feedback(kind, bundle, scenario, body)
-        policy = make_policy(bundle, scenario, body)
+        policy = make_policy(bundle, scenario, body, checked=kind == "hybrid")
         return make_hybrid(scenario, body, policy) if kind == "hybrid" else policy
     if name == "pd":
         return make_proportional_derivative(scenario)

@@ -53,8 +53,9 @@ from proxops.systems.vehicle import FlightEvents
 _LEAST_NOISE = 1e-5
 # A map whose size differs by more than this share from the body's is a mistake.
 _OTHER_SIZE = 0.5
-# Of a policy for any body, over the MPC's: it cuts corners by a few hundredths of the size.
-_MARGIN = 3.0
+# Margins of a policy for any body, over the MPC's. Alone it cuts corners by a few hundredths of the
+# size. In a hybrid the MPC sees to that, and agrees more often if the policy flies no wider.
+_ALONE, _CHECKED = 3.0, 1.5
 
 
 def make_mpc(scenario: Scenario, body: Body) -> ModelPredictiveController:
@@ -90,8 +91,10 @@ def make_mpc(scenario: Scenario, body: Body) -> ModelPredictiveController:
     )
 
 
-def make_policy(bundle: Path, scenario: Scenario, body: Body) -> NeuralPolicy | GuidancePolicy:
-    """Makes the learned policy of a bundle's folder.
+def make_policy(
+    bundle: Path, scenario: Scenario, body: Body, checked: bool = False
+) -> NeuralPolicy | GuidancePolicy:
+    """Makes the learned policy of a bundle's folder; `checked`: for a hybrid.
 
     Raises:
       InputError: the bundle does not exist, is damaged, or was made for another body, lidar or
@@ -99,7 +102,7 @@ def make_policy(bundle: Path, scenario: Scenario, body: Body) -> NeuralPolicy | 
     """
     thrust, period = scenario.spacecraft.thrust_limit_n, scenario.control_period_s
     if (bundle / GUIDANCE_FILE).exists():
-        around = surroundings(scenario, body)
+        around = surroundings(scenario, body, checked)
         beyond = scenario.policy.beyond_family
         latest = _latest(scenario, scenario.mpc.min_horizon_s)
         return GuidancePolicy(bundle, around, thrust, beyond_family=beyond, latest=latest)
@@ -113,11 +116,11 @@ def _latest(scenario: Scenario, least: float) -> float:
     return max(scenario.arrival.deadline_s - least, least)
 
 
-def surroundings(scenario: Scenario, body: Body) -> Surroundings:
-    """Gives what a guidance is told of body and spacecraft."""
+def surroundings(scenario: Scenario, body: Body, checked: bool = False) -> Surroundings:
+    """Gives what a guidance is told of body and spacecraft, alone or where the MPC checks it."""
     craft, margin = scenario.spacecraft, scenario.policy.margin_m
     if margin is None:
-        margin = _MARGIN * scenario.mpc.keep_out_margin_m
+        margin = (_CHECKED if checked else _ALONE) * scenario.mpc.keep_out_margin_m
     return Surroundings(
         field=body.gravity_field,
         mass=body.gravity_field.mass,

@@ -135,7 +135,7 @@ class PolicyConfig:
     bundle: str | None = None
     # Of a policy for any body (see `proxops.systems.GuidancePolicy`): it keeps out of an ellipsoid
     # that is larger than the keep-out ellipsoid. This length is added to each semi-axis. null means
-    # three times mpc.keep_out_margin_m.
+    # three times mpc.keep_out_margin_m, or in a hybrid, where the MPC checks it, one and a half.
     margin_m: float | None = number(None, at_least=0.0, at_most=1e9, unit="m")
     # Whether it may fly where body or spacecraft lie outside of what it learned.
     beyond_family: bool = False
