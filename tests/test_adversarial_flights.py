@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scripts import load_script
 from short_flights import kleopatra
 
 from proxops.diagrams.flight.adversarial_flights import ADVERSARIES, adversarial_flight
@@ -37,6 +38,15 @@ def test_whole_flights_stay_out(adversary: str) -> None:
         assert flight.clearance > 0.0, seed
         # Where it has to, keeping out takes some of the speed limit.
         assert flight.speed < 40.05, seed
+
+
+def test_each_flies_in_a_hybrid_too() -> None:
+    """`benchmarks/hybrid_safety.py` names a controller for each."""
+    module = load_script("benchmarks/hybrid_safety.py")
+    scenario = load_scenario(on_true_state=True)
+    for name in ADVERSARIES:
+        hybrid = getattr(module, name.replace(" ", "_"))(scenario, kleopatra())
+        assert hybrid.GetSubsystemByName("policy").num_input_ports() == 1
 
 
 @pytest.mark.parametrize(
