@@ -42,7 +42,7 @@ def dagger_command(
     flights: Annotated[
         int | None,
         typer.Option(
-            min=1, help="Flights of each round. Default: 240, or 6 at each body of a family."
+            min=1, help="Flights of each round. Default: 240, or 3 at each body of a family."
         ),
     ] = None,
     seed: Annotated[

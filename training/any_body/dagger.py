@@ -44,7 +44,7 @@ class AnyBodyDagger:
     """Settings of a run of DAgger at a family."""
 
     rounds: int = 2
-    flights: int = 6
+    flights: int = 3
     """Flights of each round at each member; the straight line is blocked in most of them."""
     labels: int = 100
     """So many states of each flight are labelled at most: more flights teach more than more of the

@@ -11,7 +11,7 @@ from proxops.training.loop import Schedule
 class AnyBodySettings:
     """Settings of a training: sizes of the family and of the network, and the schedule."""
 
-    members: int = 90
+    members: int = 180
     """Bodies, each with a spacecraft of its own proportions."""
     held: int = 10
     """Of them, from the last: only their loss is looked at."""
