@@ -108,7 +108,7 @@ def test_flights_are_those_of_the_seed(brief: Track, tmp_path: Path) -> None:
 
 
 def test_a_world_that_cannot_be_flown_is_named(brief: Track, tmp_path: Path) -> None:
-    heavy = dc.replace(brief, changes=[brief.changes[0], brief.changes[1] | {"truth.mass": 20.0}])
+    heavy = dc.replace(brief, changes=[brief.changes[0], {**brief.changes[1], "truth.mass": 20.0}])
     with pytest.raises(InputError, match="track brief: transit 1 cannot be flown: hovering at"):
         score(heavy, "zero", tmp_path, workers=Workers(1))
 
