@@ -28,7 +28,7 @@ from _campaign import campaign_parser, fly_with_bar, show
 
 from proxops.diagrams.flight import Row
 from proxops.diagrams.scenario import Body, Scenario, change_scenario, load_body, load_scenario
-from proxops.studies.evaluation import Variant
+from proxops.studies.evaluation import Variant, delta_v_pairs
 from proxops.systems.common import generator, make_folder, write_whole
 from proxops.systems.shapes import Polyhedron, mesh_bytes
 
@@ -120,11 +120,7 @@ def figures(rows: Sequence[Row], told: Sequence[Row]) -> list[str]:
     """One line of the table, beside the flights of the first line."""
     flown = [row for row in rows if "unflyable" not in row]
     ends = [row["terminal_position_error_m"] for row in flown]
-    ratios = [
-        row["delta_v_m_s"] / other["delta_v_m_s"]
-        for row, other in zip(rows, told, strict=True)
-        if row.get("success") and other.get("success")
-    ]
+    ratios = [spent / as_told for spent, as_told in delta_v_pairs(rows, told)]
     known = [row for row in flown if "navigation_consistent" in row]
     return [
         f"{sum(row['success'] for row in flown)} of {len(flown)}",

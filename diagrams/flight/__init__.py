@@ -27,7 +27,12 @@ from proxops.diagrams.flight.hybrid_controller import make_hybrid
 from proxops.diagrams.flight.named_bundles import WITH_BUNDLE, bundle_of
 from proxops.diagrams.flight.named_controllers import named_controller
 from proxops.diagrams.flight.navigation import mended_map_of_flight
-from proxops.diagrams.flight.origin import body_sha256, provenance, version_and_body
+from proxops.diagrams.flight.origin import (
+    body_sha256,
+    named_files,
+    provenance,
+    version_and_body,
+)
 from proxops.diagrams.flight.parallel import Workers
 from proxops.diagrams.flight.recording import Flown, make_log
 from proxops.diagrams.flight.scenario_systems import (
@@ -74,6 +79,7 @@ __all__ = [
     "make_transit_diagram",
     "mended_map_of_flight",
     "named_controller",
+    "named_files",
     "provenance",
     "run_campaign",
     "run_groups",

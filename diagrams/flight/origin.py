@@ -45,7 +45,16 @@ def provenance(scenario: Scenario, body: Body, controller: str) -> str:
     Raises:
       InputError: a bundle, a module or a file that the flights need does not exist.
     """
-    origin = version_and_body(body)
+    return version_and_body(body) + named_files(scenario, controller)
+
+
+def named_files(scenario: Scenario, controller: str) -> str:
+    """Gives the part of a provenance that names files by their hashes; "" if there are none.
+
+    Raises:
+      InputError: as `provenance`.
+    """
+    origin = ""
     if scenario.truth.mesh is not None:
         origin += f", true mesh {file_sha256(Path(scenario.truth.mesh))}"
     if isinstance(scenario.navigation, LidarNavigationConfig) and scenario.navigation.map:

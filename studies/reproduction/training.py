@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from proxops.diagrams.flight import Workers, body_sha256, provenance, version_and_body
+from proxops.diagrams.flight import Workers, body_sha256, named_files
 from proxops.diagrams.scenario import LearnedLidarConfig, Scenario, dump_scenario, load_body
 from proxops.studies.reproduction.stages import Stage, Stages
 from proxops.systems.common import Progress
@@ -56,9 +56,11 @@ def train_everything(
       InputError: see the functions of the stages.
     """
     plain = dc.replace(scenario, policy=dc.replace(scenario.policy, bundle=None))
-    body = load_body(scenario.body)
-    origin = {"scenario": dump_scenario(plain), "body": body_sha256(body)}
-    if files := provenance(plain, body, "mpc").removeprefix(version_and_body(body)):
+    origin = {
+        "scenario": dump_scenario(plain),
+        "body": body_sha256(load_body(scenario.body)),
+    }
+    if files := named_files(plain, "mpc"):
         origin["files"] = files
     data = _collected(
         stages, "data-full", origin, plain, ("full", 1, settings.pilot_flights), workers
