@@ -180,8 +180,7 @@ def _entries(*flown: Mapping[str, Any]) -> str:
 
 def _at_bodies(campaigns: Campaigns) -> dict[str, Campaign]:
     """The campaigns at bodies that the policy never saw."""
-    names = {campaign_name(body) for body in BODIES}
-    return {name: each for name, each in campaigns.items() if name in names}
+    return {name: each for name, each in campaigns.items() if name.startswith("at-")}
 
 
 def _of(who: str, campaigns: Campaigns) -> list[Mapping[str, Any]]:

@@ -19,9 +19,9 @@ PAPER_POLICY = "paper's recipe"
 ASSURED_HYBRID = "hybrid, assured"
 """Names of controllers in the report and in results.json."""
 
-BODIES = tuple(f"20:{number}" for number in range(10))
-"""Generated bodies, SEED:NUMBER, on which nothing was trained."""
-DISPERSED_BODIES = ("20:0", "20:1", "20:3")
+BODIES = tuple(f"21:{number}" for number in range(10))
+"""Generated bodies, SEED:NUMBER, on which nothing was trained and no choice was made."""
+DISPERSED_BODIES = ("21:1", "21:4", "21:6")
 """Those at which flights are dispersed, too: three at which runtime assurance flies."""
 
 FLAGSHIP = "flagship"
