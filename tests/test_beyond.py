@@ -135,9 +135,9 @@ def test_own_bodies(tmp_path: Path) -> None:
         own_bodies(tmp_path)
 
 
-@pytest.mark.parametrize("name", ["blob.yml", "21-0.yaml"])
+@pytest.mark.parametrize("name", ["blob.yml", "22-0.yaml"])
 def test_bodies_of_one_name_are_refused(tmp_path: Path, name: str) -> None:
-    """Their campaigns would be one; 21:0 is generated."""
+    """Their campaigns would be one; 22:0 is generated."""
     shutil.copy(write_blob(tmp_path), tmp_path / name)
     with pytest.raises(InputError, match="rename the file"):
         own_bodies(tmp_path)
@@ -184,7 +184,7 @@ def test_who_refuses_is_told_and_the_others_fly(tmp_path: Path) -> None:
     """The policy did not learn to hold a force that long."""
     slow = {"control_period_s": 1800.0}
     flown = [Variant("zero", "zero"), Variant("policy", "policy", slow)]
-    known = [small("at", body="21:7", variants=flown)]
+    known = [small("at", body="22:7", variants=flown)]
     scenario = Scenario(log_ranges=False)
     content = fly_and_tell(known, known, scenario, tmp_path, workers=Workers(1))
     entry = content["campaigns"]["at"]

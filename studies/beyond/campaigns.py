@@ -19,10 +19,10 @@ PAPER_POLICY = "paper's recipe"
 ASSURED_HYBRID = "hybrid, assured"
 """Names of controllers in the report and in results.json."""
 
-BODIES = tuple(f"21:{number}" for number in range(10))
+BODIES = tuple(f"22:{number}" for number in range(10))
 """Generated bodies, SEED:NUMBER, on which nothing was trained and no choice was made."""
-DISPERSED_BODIES = ("21:1", "21:4", "21:6")
-"""Those at which flights are dispersed, too: three at which runtime assurance flies."""
+DISPERSED_BODIES = ("22:2", "22:3", "22:6")
+"""Those at which flights are dispersed, too: the first three at which runtime assurance flies."""
 
 FLAGSHIP = "flagship"
 """Name of the campaign that says most: whole flights, dispersed, assured, nobody told anything."""
