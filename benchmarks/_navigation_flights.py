@@ -89,8 +89,6 @@ class BlindedMpc(Diagram):
             (curtain, "ranges"), (navigation, "commanded_force"), (mpc, "target"),
         ):  # fmt: skip
             builder.ExportInput(system.GetInputPort(port), port)
-        if mpc.HasInputPort("commanded_force"):
-            builder.ConnectInput("commanded_force", mpc.GetInputPort("commanded_force"))
         builder.ExportOutput(axes.GetOutputPort("force"), "force")
         self._logged = []
         for name, each in (navigation.logged_ports() | mpc.logged_ports()).items():

@@ -30,7 +30,7 @@ from proxops.training.reports import interval_text
 HEADINGS = (
     "success", "exact 95 % interval", "flights that entered", "least clearance (km)",
     "end error, median (m)", "greatest", "Δv over that at 1 × (both arrive)",
-    "within 3σ of the navigation (%)", "flights changed to keep out",
+    "steps within 3σ of the navigation (%)", "flights changed to keep out",
 )  # fmt: skip
 
 

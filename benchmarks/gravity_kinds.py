@@ -89,7 +89,8 @@ def harmonic_kind(field: GravityField) -> Kind:
 def one_each(coefficients, points, steps, degree, out):
     for i in range(len(points)):
         x, y, z = points[i]
-        kernel._expand(x, y, z, coefficients[i % len(coefficients)], steps, degree, out[i])
+        box = coefficients[i % len(coefficients)]
+        kernel._fill(kernel._expand(x, y, z, box, steps, degree), out[i])
 
 
 def chebyshev_kind(field: GravityField, degree: int) -> Kind:

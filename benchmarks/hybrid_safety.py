@@ -10,6 +10,7 @@ are kept in the folder of `--out`.
         [--out out/hybrid-safety] [--markdown table.md]
 """
 
+import functools
 import os
 from collections.abc import Callable, Sequence
 
@@ -54,29 +55,13 @@ def hostile_hybrid(name: str, scenario: Scenario, body: Body) -> Diagram:
     return make_hybrid(scenario, body, Hostile(adversary))
 
 
-def at_the_body(scenario: Scenario, body: Body) -> Diagram:
-    """The controller `hybrid_safety:at_the_body`; the others are alike."""
-    return hostile_hybrid("at the body", scenario, body)
-
-
-def random(scenario: Scenario, body: Body) -> Diagram:
-    return hostile_hybrid("random", scenario, body)
-
-
-def sign_flipped(scenario: Scenario, body: Body) -> Diagram:
-    return hostile_hybrid("sign flipped", scenario, body)
-
-
-def along_the_surface(scenario: Scenario, body: Body) -> Diagram:
-    return hostile_hybrid("along the surface", scenario, body)
-
-
-def zero(scenario: Scenario, body: Body) -> Diagram:
-    return hostile_hybrid("zero", scenario, body)
-
-
-def searched(scenario: Scenario, body: Body) -> Diagram:
-    return hostile_hybrid("searched", scenario, body)
+# A controller is named MODULE:FACTORY, so each adversary has a factory.
+zero = functools.partial(hostile_hybrid, "zero")
+at_the_body = functools.partial(hostile_hybrid, "at the body")
+random = functools.partial(hostile_hybrid, "random")
+sign_flipped = functools.partial(hostile_hybrid, "sign flipped")
+along_the_surface = functools.partial(hostile_hybrid, "along the surface")
+searched = functools.partial(hostile_hybrid, "searched")
 
 
 def figures(rows: Sequence[Row]) -> list[str]:

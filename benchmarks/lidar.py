@@ -120,8 +120,7 @@ def turned_and_wide(body: Body) -> None:
     fan, now = ray_caster(body.shape).fan(ray_directions()), np.zeros(1)
     rotation = rotation_matrix(attitude[0])
     calls: dict[str, Callable] = {
-        "RayFan.hits": lambda pose: fan.hits(pose),
-        "RayFan.hits, turned": lambda pose: fan.hits(pose, rotation),
+        "RayFan.hits": lambda pose: fan.hits(pose, rotation),
         "Lidar.frames": lambda pose: lidars[0.0].frames(now, pose, 0),
         "Lidar.frames, with an attitude": lambda pose: lidars[0.0].frames(now, pose, 0, attitude),
         "Lidar.frames, beams of 1 mrad": lambda pose: lidars[1e-3].frames(now, pose, 0),

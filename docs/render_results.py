@@ -136,19 +136,18 @@ def check_flown(campaigns: Campaigns) -> None:
 def merged(known: Mapping[str, Any], content: Mapping[str, Any], commit: str) -> Mapping[str, Any]:
     """Results with those of another run in them; each campaign has the commit that it was taken at.
 
-    Figures of another version are left out: one table must not mix versions.
+    Campaigns of another version are left out: one table must not mix versions. The paper's tables
+    are apart, and say by which version they are.
     """
     version = content["proxops_version"]
-    same = known["proxops_version"] == version
-    campaigns = dict(known["campaigns"] if same else {})
+    campaigns = dict(known["campaigns"] if known["proxops_version"] == version else {})
     for name, each in content["campaigns"].items():
         before = campaigns.get(name)
         if before is None or before != {"commit": before["commit"], **each}:
             campaigns[name] = {"commit": commit, **each}
-    paper = content["paper"] or (known["paper"] if same else None)
     return {
         "proxops_version": version,
-        "paper": paper,
+        "paper": content["paper"] or known["paper"],
         "campaigns": {name: campaigns[name] for name in sorted(campaigns, key=_place)},
     }
 
@@ -347,12 +346,12 @@ def _missing(results: Mapping[str, Any], names: Sequence[str]) -> str:
     return f"Not flown with version {results['proxops_version']} yet: {commands}."
 
 
-# Flights at the other bodies led to choices: docs/method/pilot.md says which.
-_UNSEEN = ("at-20-6", "at-20-7", "at-20-8")
 # World, campaign and controller of each line that the front has.
 _HEADLINE = (
     ("after the survey of the body, drawn anew for each flight", "flagship", "hybrid, assured"),
     ("before the survey, drawn from wider dispersions", "before-survey", "hybrid, assured"),
+    ("at first look, drawn from wider ones still", "first-look", "hybrid"),
+    ("before the survey", "before-survey", "end-to-end pilot"),
     ("as believed, Kleopatra", "navigation", "mpc"),
     ("as believed, Kleopatra", "navigation", "policy"),
     ("as believed, Kleopatra", "navigation", "hybrid"),
@@ -377,10 +376,6 @@ def _headline(results: Mapping[str, Any]) -> str:
             world = f"as believed, {len(flown)} bodies that the policy never saw"
             # No interval: transits of one number are alike at all bodies.
             lines.append([world, who, _successes(*flown), DASH, _entries(*flown), ""])
-    unseen = _of("policy", {name: each for name, each in campaigns.items() if name in _UNSEEN})
-    if unseen:
-        world = f"as believed, the {len(unseen)} of them at which no choice was made"
-        lines.append([world, "policy", _successes(*unseen), DASH, _entries(*unseen), ""])
     head = ["world", "controller", "success", "exact 95 % interval", "entries", "Δv / MPC's"]
     shown = [_table(head, lines)] if lines else []
     missing = [name for name in dict.fromkeys(each[1] for each in _HEADLINE)
@@ -396,7 +391,7 @@ def _paper(results: Mapping[str, Any]) -> str:
         return _missing(results, ["paper"])
     lines = [[line[key] for key in ("what", "paper", "ours")]
              for line in results["paper"]["paper_and_ours"]]  # fmt: skip
-    return _table(["", "paper", "ours"], lines)
+    return f"{_table(['', 'paper', 'ours'], lines)}\n\n{_paper_flown(results)}"
 
 
 def _paper_controllers(results: Mapping[str, Any]) -> str:
@@ -420,7 +415,15 @@ def _paper_controllers(results: Mapping[str, Any]) -> str:
         "", "success", "exact 95 % interval", "entries", "Δv / MPC's", "policy's share (%)",
         "solves saved (%)", "a step, mean (ms)",
     ]  # fmt: skip
-    return _table(head, lines)
+    return f"{_table(head, lines)}\n\n{_paper_flown(results)}"
+
+
+def _paper_flown(results: Mapping[str, Any]) -> str:
+    paper = results["paper"]
+    return (
+        f"Flown by `proxops reproduce paper` (seed {paper['seed']}, version "
+        f"{paper['proxops_version']})."
+    )
 
 
 def _versions(results: Mapping[str, Any]) -> str:

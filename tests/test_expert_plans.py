@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from short_flights import kleopatra
 
-from proxops.assets import asset_path
+from proxops.assets import ASSETS
 from proxops.diagrams.flight import Workers
 from proxops.diagrams.flight.scenario_systems import make_mpc
 from proxops.diagrams.scenario.scenario import load_scenario
@@ -94,7 +94,7 @@ def test_files_that_are_not_theirs_are_refused(tmp_path: Path):
 def test_plans_are_those_of_the_body_wherever_its_files_lie(tmp_path: Path):
     first = expert_plans(load_scenario(), 5, 1, tmp_path / "plans", workers=Workers(1))
     moved, lighter = (
-        shutil.copytree(asset_path("kleopatra"), tmp_path / name) / "kleopatra.yaml"
+        shutil.copytree(ASSETS / "kleopatra", tmp_path / name) / "kleopatra.yaml"
         for name in ("moved", "lighter")
     )
     scenario = load_scenario(None, [f"body={moved}"])

@@ -228,35 +228,39 @@ def test_starting_inside_and_leaving():
 # Keep-out
 
 
-def over_the_top(times, heights) -> Script:
+def over_the_top(times, heights, keep_out=KEEP_OUT) -> Script:
     """Above the ellipsoid's pole on the z axis, where clearance is height."""
 
     def script(time: float) -> np.ndarray:
-        return np.array([0.0, 0.0, KEEP_OUT[2] + np.interp(time, times, heights), 0.0, 0.0, 0.0])
+        return np.array([0.0, 0.0, keep_out[2] + np.interp(time, times, heights), 0.0, 0.0, 0.0])
 
     return script
 
 
+@pytest.mark.parametrize(("factor", "tolerance"), [(1.0, 0.4), (5.0, 1.0)])
 @pytest.mark.parametrize(("depth", "count"), [(0.0, 0), (0.9, 0), (1.1, 1), (500.0, 1)])
-def test_only_deeper_than_a_metre_is_a_violation(depth, count):
-    script = over_the_top([0.0, 100.0, 200.0, 300.0], [400.0, -depth, -depth, 400.0])
-    flown = watch(script, until=320.0)
+def test_violations_are_deeper_than_the_tolerance(factor, tolerance, depth, count):
+    """A hundred-thousandth of the longest semi-axis, 40 km, or 1 m where it is 200 km."""
+    keep_out, depth = factor * KEEP_OUT, depth * tolerance
+    heights = [400.0, -depth, -depth, 400.0]
+    script = over_the_top([0.0, 100.0, 200.0, 300.0], heights, keep_out)
+    flown = watch(script, until=320.0, keep_out=keep_out)
     assert flown.last[VIOLATIONS] == count
     assert flown.reason == RAN_OUT  # It is counted; the flight goes on.
 
 
 def test_violation_is_found_when_it_happens():
-    # 5 m/s downwards from 401 m: at a depth of 1 m after 80.4 s.
+    # 5 m/s downwards from 401 m: at a depth of 0.4 m after 80.28 s.
     flown = watch(over_the_top([0.0, 100.0], [401.0, -99.0]), until=110.0)
     violations = flown.outcomes[:, VIOLATIONS]
-    assert np.all(violations[flown.times < 80.4] == 0.0)
-    assert np.all(violations[flown.times > 80.401] == 1.0)
+    assert np.all(violations[flown.times < 80.28] == 0.0)
+    assert np.all(violations[flown.times > 80.281] == 1.0)
 
 
 def test_each_entry_is_counted():
     times = [0.0, 50.0, 100.0, 150.0, 200.0, 250.0, 300.0]
-    heights = [100.0, -50.0, 30.0, -50.0, -0.5, -50.0, 100.0]
-    # The third dip comes from within the metre of tolerance: an entry too.
+    heights = [100.0, -50.0, 30.0, -50.0, -0.3, -50.0, 100.0]
+    # The third dip comes from within the tolerance: an entry too.
     assert watch(over_the_top(times, heights), until=310.0).last[VIOLATIONS] == 3.0
     heights[4] = -2.0
     assert watch(over_the_top(times, heights), until=310.0).last[VIOLATIONS] == 2.0
@@ -305,10 +309,10 @@ def test_collision_is_found_when_the_path_meets_the_mesh(body):
         assert flown.reason == REACHED
         assert flown.end == pytest.approx(time, abs=1e-3)
         assert flown.last.tolist() == [NEVER, 1.0, 1.0, 0.0]
-        # The keep-out was counted before, when its 1 m of tolerance was used up.
+        # The keep-out was counted before, when its tolerance was used up.
         first = flown.times[np.argmax(flown.outcomes[:, VIOLATIONS] > 0)]
         path = start + flown.times[:, None] * velocity
-        deep = clearances(keep_out, path) < -1.0
+        deep = clearances(keep_out, path) < -min(1.0, 1e-5 * keep_out.max())
         assert first == flown.times[np.argmax(deep)]
         assert first < flown.end
 

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from plain_polyhedral_gravity import G, PlainPolyhedralGravity, box, star_shaped
 
-from proxops.assets import asset_path
+from proxops.assets import ASSETS
 from proxops.diagrams.scenario.body import load_body
 from proxops.systems.common.errors import InputError
 from proxops.systems.gravity import _polyhedral_kernel as kernel
@@ -605,7 +605,7 @@ def test_mass_or_density_refused(arguments: dict, complaint: str) -> None:
 def test_wrong_unit_is_refused(kleopatra, tmp_path) -> None:
     """Kilometres read as metres, and metres as kilometres."""
     mass = kleopatra.config.mass_kg
-    too_small = Polyhedron.load(asset_path("kleopatra/kleopatra.obj"), unit="m")
+    too_small = Polyhedron.load(ASSETS / "kleopatra/kleopatra.obj", unit="m")
     with pytest.raises(InputError, match="in the unit that was said"):
         GravityField(too_small, mass=mass)
     path = tmp_path / "metres.obj"

@@ -8,7 +8,7 @@ import pytest
 from commands import proxops
 from known_policies import Counting, DeadReckoning, write_policy
 from pydrake.systems.framework import Context, DiagramBuilder, LeafSystem
-from short_flights import PdController, flown_and_taken_up, kleopatra, short_scenario
+from short_flights import PdController, Scripted, flown_and_taken_up, kleopatra, short_scenario
 
 from proxops.cli.common import console
 from proxops.cli.fly import _table
@@ -286,6 +286,19 @@ def test_scenario_is_checked() -> None:
 def test_no_solve_delay(bundle: Path) -> None:
     with pytest.raises(InputError, match=r"cannot fly with mpc\.solve_delay_s"):
         fly(brief(bundle, mpc__solve_delay_s=1.0), "hybrid")
+
+
+def test_policies_that_do_not_fit_are_refused() -> None:
+    """With the messages of the flight alone: see `test_transit_diagram`."""
+    late, wide, mute = Scripted(), Scripted(ports=[("target", 3)]), Scripted(output="thrust")
+    late.delay = 5.0
+    for policy, complaint in (
+        (late, "cannot fly .* with a delay of 5 s: the MPC's command has none"),
+        (wide, "input port 'target' has size 3, but the signal of this name has size 6"),
+        (mute, "needs an output port 'force' of size 3; it has thrust"),
+    ):
+        with pytest.raises(InputError, match=complaint):
+            make_hybrid(short_scenario(), kleopatra(), policy)
 
 
 def test_gate_and_limits_are_the_scenario_s(bundle: Path) -> None:

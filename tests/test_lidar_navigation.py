@@ -500,6 +500,7 @@ def test_a_cloned_context_continues_bit_for_bit() -> None:
     [
         {"truth__lidar__false_returns": 0.1, "disturbance": {}},
         {"truth__lidar__latency_steps": 1, "mpc__solve_delay_s": 3.0},
+        {"control_period_s": 5.3},  # Its multiples are not sums of it, to the last bit.
     ],
 )
 def test_the_log_says_what_became_of_each_return(changes: dict, tmp_path: Path) -> None:

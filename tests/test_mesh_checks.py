@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from plain_polyhedral_gravity import box, star_shaped
 
-from proxops.assets import asset_path
+from proxops.assets import ASSETS
 from proxops.systems.common.errors import InputError
 from proxops.systems.shapes.enclosing_ellipsoid import smallest_ellipsoid
 from proxops.systems.shapes.mass import mass_properties
@@ -246,7 +246,7 @@ def test_flat_sides_do_not_cut_themselves(seed: int) -> None:
 
 
 def test_kleopatra_is_sound() -> None:
-    mesh = read_mesh(asset_path("kleopatra/kleopatra.obj"))
+    mesh = read_mesh(ASSETS / "kleopatra/kleopatra.obj")
     assert find_defects(mesh.vertices, mesh.facets) == []
     assert len(self_intersections(mesh.vertices, mesh.facets)) == 0
 

@@ -7,7 +7,7 @@ import pytest
 import trimesh
 from plain_polyhedral_gravity import box, star_shaped
 
-from proxops.assets import asset_path
+from proxops.assets import ASSETS
 from proxops.systems.common.errors import InputError
 from proxops.systems.shapes.polyhedron import Polyhedron
 from proxops.systems.shapes.shape_files import _read_tab, mesh_bytes, read_mesh
@@ -127,7 +127,7 @@ def test_obj_as_it_is(tmp_path: Path) -> None:
 
 
 def test_kleopatra_is_read_as_trimesh_reads_it() -> None:
-    path = asset_path("kleopatra/kleopatra.obj")
+    path = ASSETS / "kleopatra/kleopatra.obj"
     mesh, expected = read_mesh(path), trimesh.load_mesh(path, process=False)
     np.testing.assert_array_equal(mesh.vertices, expected.vertices * 1e3)
     np.testing.assert_array_equal(mesh.facets, expected.faces)

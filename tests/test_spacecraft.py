@@ -158,6 +158,8 @@ def test_autodiff_versions_exist_and_keep_values():
     twin = gravity.ToAutoDiffXd()
     assert isinstance(twin, PolyhedralGravity_[AutoDiffXd])
     assert isinstance(Spacecraft(100.0, SPIN).ToAutoDiffXd(), Spacecraft_[AutoDiffXd])
+    for system in (gravity, Spacecraft(100.0, SPIN)):
+        assert system.ToSymbolicMaybe() is None
     position = np.array([90e3, -50e3, 20e3])
     values = {}
     for system, scalar in ((gravity, float), (twin, AutoDiffXd)):

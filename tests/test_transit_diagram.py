@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Diagram, System
 from pydrake.systems.primitives import ZeroOrderHold
 from short_flights import (
@@ -19,9 +20,10 @@ from short_flights import (
 
 from proxops.diagrams.flight.scenario_systems import make_mpc
 from proxops.diagrams.flight.simulation import fly, make_simulator
-from proxops.diagrams.flight.transit_diagram import make_transit_diagram
+from proxops.diagrams.flight.transit_diagram import PARTS, make_transit_diagram
 from proxops.diagrams.logs.flight_log import FlightLog
 from proxops.diagrams.meshcat.replay import write_replay
+from proxops.diagrams.scenario.scenario import load_scenario
 from proxops.systems import (
     InputError,
     LegendEntry,
@@ -192,6 +194,34 @@ def test_wrong_ports_refused(controller: System, complaint: str) -> None:
     with pytest.raises(InputError, match=complaint) as caught:
         build(controller)
     assert "controller 'mine'" in str(caught.value)
+
+
+@pytest.mark.parametrize("name", ["lidar", "navigation", "kicks", "live_view", "log_state"])
+def test_a_part_s_name_is_refused(name: str) -> None:
+    """Parts are found by their names, whether they are there or not."""
+    controller = Scripted()
+    controller.set_name(name)
+    with pytest.raises(InputError, match="a part of the diagram is called so"):
+        build(controller)
+
+
+@pytest.mark.filterwarnings("ignore:the scenario may exceed assurance.bounds")
+def test_no_part_has_a_name_that_a_controller_may_have() -> None:
+    """A diagram with all that can be in it."""
+    truth = {
+        "attitude": {"constant_deg": [0.5, 0.0, 0.0]},
+        "lidar": {"latency_steps": 1},
+        "thrusters": {"scale": [0.99, 1.0, 1.0]},
+        "acceleration": {"constant_m_s2": [1e-6, 0.0, 0.0]},
+    }
+    scenario = load_scenario(
+        None, {"disturbance": {}, "force_noise": {}, "kicks": {}, "assurance": {"bounds": {}}, "truth": truth}
+    )
+    diagram = make_transit_diagram(scenario, PdController(), Meshcat(), kleopatra())
+    names = {system.get_name() for system in diagram.GetSystems()}
+    parts = {name for name in names if not name.startswith("log_")} - {"controller"}
+    assert parts <= set(PARTS)
+    assert set(PARTS) - parts == set()
 
 
 def test_offers_that_cannot_be_are_refused() -> None:

@@ -1,5 +1,6 @@
 """Transits as environments of Gymnasium: the same flights as `fly`, and Gymnasium's own checks."""
 
+import dataclasses as dc
 import functools
 import inspect
 
@@ -8,6 +9,7 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 from pydrake.systems.analysis import Simulator
+from short_flights import Scripted
 
 from proxops.diagrams.flight import fly, make_mpc
 from proxops.diagrams.scenario import (
@@ -75,6 +77,35 @@ def test_the_mpc_flies_as_in_fly_bit_for_bit() -> None:
     assert np.array_equal(log.dataset["force"][:-1], env.log.dataset["force"][:-1])
     assert info["summary"]["delta_v_m_s"] == log.summary["delta_v_m_s"]
     assert not info["summary"]["success"]
+
+
+@pytest.mark.filterwarnings("ignore:the scenario may exceed assurance.bounds")
+def test_the_log_has_what_acted() -> None:
+    """Thrust, disturbance and assurance are those of the same actions in `fly`."""
+    acting = {
+        "disturbance": {},
+        "truth.thrusters.scale": [0.5, 1.0, 0.8],
+        "assurance": {"bounds": {}},
+        "arrival.deadline_s": 60.0,
+        "transit.start_m": [0.0, 0.0, 65.02e3],
+        "transit.goal_m": [150e3, 0.0, 0.0],
+    }
+    env = made(changes=SHORT | acting)
+    # Near the pole of the ellipsoid, and inwards, so that assurance changes commands.
+    actions = np.random.default_rng(3).uniform(-0.9, [0.9, 0.9, 0.0], (7, 3))
+    env.reset(options={"transit": 1})
+    for action in actions:
+        *_, info = env.step(action)
+    assert env.log is not None
+    scenario = dc.replace(env.scenario, transit=dc.replace(env.scenario.transit, index=1))
+    played = Scripted(lambda time: 8.0 * actions[min(round(time / PERIOD), 6)], [("state", 6)])
+    log = fly(scenario, played)
+    names = ("force", "thrust", "disturbance", "intervention", "assurance_margin")
+    for name in names:
+        flown = log.dataset[name].values[:-1]
+        assert np.nanstd(flown) > 0.0, name
+        assert np.array_equal(flown, env.log.dataset[name].values[:-1], equal_nan=True), name
+    assert info["summary"]["delta_v_m_s"] == log.summary["delta_v_m_s"]
 
 
 def test_rewards_are_progress_less_fuel() -> None:

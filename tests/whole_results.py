@@ -79,6 +79,8 @@ def results_with_all() -> dict[str, Any]:
             "controllers": controllers,
         }
     paper = {
+        "proxops_version": "1.0.0",
+        "seed": 10_000,
         "paper_and_ours": [{"what": "a share", "paper": "70 %", "ours": "71 %"}],
         "controllers": {
             "policy, paper's recipe": copy.deepcopy(_FIGURES)

@@ -22,7 +22,7 @@ from proxops.systems import (
     ReachModel,
     StateNoise,
 )
-from proxops.systems.common import LoggedPort, derived_seed, offers_of
+from proxops.systems.common import LoggedPort, derived_seed, force_port, offers_of
 
 # The selector assumes that the true state is within this many standard deviations of the noisy
 # state. For normal errors in three dimensions this fails 15 times in a million.
@@ -128,7 +128,8 @@ class HybridController(Diagram):
 
         Raises:
           InputError: the MPC has a delay. It predicts over the delay with its own last command,
-            but in a hybrid the policy's command may act.
+            but in a hybrid the policy's command may act. Or the policy has a delay, which the
+            MPC's command has not, or its ports do not fit.
         """
         super().__init__()
         if expert.delay > 0.0:
@@ -136,22 +137,32 @@ class HybridController(Diagram):
                 "the hybrid cannot fly with mpc.solve_delay_s: the MPC predicts over the delay "
                 "with its own last command, but the policy's command may act"
             )
-        offers = offers_of(policy)
+        offers, force = offers_of(policy), force_port(policy)
+        if offers.delay > 0.0:
+            raise InputError(
+                f"the hybrid cannot fly {policy.get_name()!r} with a delay of {offers.delay:g} s: "
+                "the MPC's command has none"
+            )
         self.bundle = offers.bundle
         builder = DiagramBuilder()
         builder.AddNamedSystem("mpc", expert)
         builder.AddNamedSystem("policy", policy)
         builder.AddNamedSystem("selector", selector)
         builder.AddNamedSystem("noise", noise)
-        inputs: set[str] = set()
+        inputs: dict[str, int] = {}
 
         def take(port) -> None:
-            name = port.get_name()
-            if name in inputs:
+            name, size = port.get_name(), port.size()
+            if name not in inputs:
+                builder.ExportInput(port, name)
+                inputs[name] = size
+            elif inputs[name] == size:
                 builder.ConnectInput(name, port)
             else:
-                builder.ExportInput(port, name)
-                inputs.add(name)
+                raise InputError(
+                    f"the hybrid's policy {policy.get_name()!r}: input port {name!r} has size "
+                    f"{size}, but the signal of this name has size {inputs[name]}"
+                )
 
         for port in (noise.GetInputPort("state"), expert.GetInputPort("target")):
             take(port)
@@ -166,7 +177,7 @@ class HybridController(Diagram):
         builder.Connect(expert.GetOutputPort("force"), selector.GetInputPort("mpc_force"))
         planned = expert.GetOutputPort("planned_force")
         builder.Connect(planned, selector.GetInputPort("planned_force"))
-        builder.Connect(policy.GetOutputPort("force"), selector.GetInputPort("policy_force"))
+        builder.Connect(force, selector.GetInputPort("policy_force"))
         builder.ExportOutput(selector.GetOutputPort("force"), "force")
         builder.ExportOutput(selector.GetOutputPort("decision"), "decision")
         builder.ExportOutput(selector.GetOutputPort("record"), "decision_record")
@@ -175,7 +186,7 @@ class HybridController(Diagram):
             builder.Connect(wanted, asked.GetInputPort("enable"))
             builder.Connect(expert.GetOutputPort(name), asked.GetInputPort("value"))
             builder.ExportOutput(asked.GetOutputPort("value"), f"mpc_{name}")
-        builder.ExportOutput(policy.GetOutputPort("force"), "policy_force")
+        builder.ExportOutput(force, "policy_force")
         self._offered = {
             name: each for name, each in offers.logged_ports.items() if name not in _OWN_OUTPUTS
         }

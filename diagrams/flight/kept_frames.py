@@ -40,6 +40,8 @@ class KeptFrames:
         steps = round(now / self._period)
         if now <= self._last or abs(now - steps * self._period) > self._slack:
             return
+        if self._last >= steps * self._period:
+            return  # A rounding after the control step, whose frame is kept and used.
         if now <= self._last + self._slack:
             # The sum of several steps was a rounding short of the control step, which is now.
             self.ranges.pop()

@@ -111,8 +111,10 @@ def _sampled(flown: Flown) -> tuple[np.ndarray, Columns]:
         for system in flown.diagram.GetSystems()
         if isinstance(system, VectorLogSink)
     }
-    columns = {name: log.data().T for name, log in sinks.items()}
-    return sinks["state"].sample_times(), columns
+    times = sinks["state"].sample_times()
+    # Of a control step that was sampled twice, as the training environment does, the second counts.
+    last = np.append(np.diff(times) > 0.0, True)
+    return times[last], {name: log.data().T[last] for name, log in sinks.items()}
 
 
 def _with_end(flown: Flown, times: np.ndarray, columns: Columns) -> tuple[np.ndarray, Columns]:

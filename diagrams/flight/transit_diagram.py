@@ -47,10 +47,17 @@ from proxops.diagrams.scenario import (
     scenario_transit,
 )
 from proxops.systems import DelayedHold, FlightMonitor, FrameDelay, InputError, PlanarLidar
-from proxops.systems.common import LoggedPort, offers_of
+from proxops.systems.common import LoggedPort, force_port, offers_of
 
 # Input ports of a controller that may remain unconnected.
 _OPTIONAL_PORTS = {"enable", "covariance"}
+PARTS = (
+    "acceleration_hold", "accelerations", "actual_thrust", "attitude_hold", "assurance", "attitude", "command_axes", "command_hold",
+    "command_limits", "disturbance", "force_noise", "frame_delay", "gravity", "hold", "kicks",
+    "lidar", "live_view", "monitor", "navigation", "navigation_parts", "spacecraft", "target",
+    "thrusters", "unexplained_acceleration",
+)  # fmt: skip
+"""Names of all parts that a diagram may have beside the controller and the log sinks."""
 
 Signals = dict[str, OutputPort]
 """Output ports that feed a controller, by the names of its input ports."""
@@ -276,18 +283,18 @@ def _add_controller(wiring: Wiring, controller: System, signals: Signals) -> Out
     """Adds the controller and connects its input ports by name; returns its force.
 
     Raises:
-      InputError: the controller has no output `force` (3), or an input port that nothing feeds.
+      InputError: the controller is called as a part of the diagram is, or has no output `force`
+        (3), or an input port that nothing feeds.
     """
     if not controller.get_name():
         controller.set_name("controller")
-    wiring.builder.AddSystem(controller)
-    outputs = [controller.get_output_port(i) for i in range(controller.num_output_ports())]
-    names = [port.get_name() for port in outputs]
-    if "force" not in names or controller.GetOutputPort("force").size() != 3:
+    if controller.get_name() in PARTS or controller.get_name().startswith("log_"):
         raise InputError(
-            f"controller {controller.get_name()!r} needs an output port 'force' of size 3; "
-            f"it has {', '.join(names) or 'none'}"
+            f"controller {controller.get_name()!r}: a part of the diagram is called so; give the "
+            "controller another name"
         )
+    wiring.builder.AddSystem(controller)
+    force = force_port(controller)
     for i in range(controller.num_input_ports()):
         port = controller.get_input_port(i)
         name = port.get_name()
@@ -303,7 +310,7 @@ def _add_controller(wiring: Wiring, controller: System, signals: Signals) -> Out
                 f"controller {controller.get_name()!r}: nothing feeds input port {name!r}; "
                 f"the signals are {', '.join(signals)}"
             )
-    return controller.GetOutputPort("force")
+    return force
 
 
 def _add_monitor(wiring: Wiring, signals: Signals) -> None:

@@ -66,8 +66,8 @@ def _asked(story: Story) -> Section:
             f"{arrival.deadline_s:g} s, to stay there for {arrival.dwell_s:g} s. It must not enter "
             "the keep-out ellipsoid round the body. That is a success; at other bodies, lengths "
             "and times are in proportion. Each controller of a campaign flies the same transits, "
-            "on which nothing was trained or tuned. Intervals are exact ones of 95 % (Clopper and "
-            f"Pearson). proxops {metadata.version('proxops')}."
+            "on which nothing was trained. Intervals of 95 % are Wilson's, unless they are called "
+            f"exact (Clopper and Pearson's). proxops {metadata.version('proxops')}."
         ),
         Table(
             ["campaign", "flights of each controller", "folder", "wall time (s)"],
@@ -147,7 +147,7 @@ def _holds(flown: Flown) -> Section:
                     f"proxops reproduce {each.name}",
                 ]
             )
-    head = ["", "success", "95 %", "violations", "Δv / MPC's", "command for it alone"]
+    head = ["", "success", "95 %, exact", "violations", "Δv / MPC's", "command for it alone"]
     return Section("What holds now", [Table(head, lines)])
 
 

@@ -120,7 +120,7 @@ _FIGURES: tuple[tuple[str, Callable[[Result], str]], ...] = (
     ("navigation off, p95 (m)", _number("navigation_position_error_m_p95")),
     ("its velocity off, median (m/s)", _number("navigation_velocity_error_m_s_median", ".4f")),
     ("its attitude off, median (deg)", _number("navigation_attitude_error_deg_median", ".4f")),
-    ("within its 3 sigma (%)", _number("navigation_consistent", ".1f", 100.0)),
+    ("steps within its 3 sigma (%)", _number("navigation_consistent", ".1f", 100.0)),
     ("policy's share (%)", _number("policy_share", ".1f", 100.0)),
     ("steps below 3 % of the thrust limit (%)", _number("small_command_share", ".1f", 100.0)),
     ("MPC solves", _number("mpc_solves", "d", 1)),

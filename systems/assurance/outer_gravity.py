@@ -11,7 +11,6 @@ from proxops.systems.assurance._braking_kernel import SURFACE
 from proxops.systems.common import spread_directions
 from proxops.systems.gravity import (
     GRAVITATIONAL_CONSTANT,
-    FieldKey,
     GravityField,
     TabulatedField,
 )
@@ -55,14 +54,13 @@ def outer_gravity(field: GravityField | TabulatedField, semi_axes: np.ndarray) -
       InputError: the body sticks out of the ellipsoid.
     """
     exact = field.exact if isinstance(field, TabulatedField) else field
-    return _sampled(FieldKey.of(exact), tuple(map(float, semi_axes)))
+    return _sampled(exact, tuple(map(float, semi_axes)))
 
 
 @functools.lru_cache(maxsize=4)
-def _sampled(key: FieldKey, semi_axes: tuple[float, ...]) -> OuterGravity:
+def _sampled(exact: GravityField, semi_axes: tuple[float, ...]) -> OuterGravity:
     axes = np.array(semi_axes)
-    assert isinstance(key.field, GravityField)
-    field = TabulatedField(key.field, axes, _RELATIVE_ERROR)
+    field = TabulatedField(exact, axes, _RELATIVE_ERROR)
     places = spread_directions(_DIRECTIONS) * axes
     # The components of gravity are harmonic, so each is greatest on the surface; and so is the norm
     # of the gradient.

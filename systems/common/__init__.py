@@ -23,6 +23,7 @@ from proxops.systems.common.controller_offers import (
     ControllerOffers,
     LegendEntry,
     LoggedPort,
+    force_port,
     offers_of,
 )
 from proxops.systems.common.counter_noise import derived_seed, generator
@@ -63,6 +64,7 @@ __all__ = [
     "directions_of",
     "error_bounds",
     "file_sha256",
+    "force_port",
     "generator",
     "interruption_waits",
     "keep_arrays",

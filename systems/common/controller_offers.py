@@ -89,3 +89,20 @@ def offers_of(controller: System) -> ControllerOffers:
                 f"{column!r}, not a LoggedPort(port, units, description)"
             )
     return ControllerOffers(float(delay), bundle, entry, ports)
+
+
+def force_port(controller: System) -> OutputPort:
+    """The output port `force` (3) of a controller.
+
+    Raises:
+      InputError: it has none.
+    """
+    ports = [controller.get_output_port(k) for k in range(controller.num_output_ports())]
+    for port in ports:
+        if port.get_name() == "force" and port.size() == 3:
+            return port
+    names = ", ".join(port.get_name() for port in ports)
+    raise InputError(
+        f"controller {controller.get_name()!r} needs an output port 'force' of size 3; "
+        f"it has {names or 'none'}"
+    )

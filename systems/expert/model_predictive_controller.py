@@ -62,7 +62,7 @@ class ModelPredictiveController(LeafSystem):
     `enable`, if connected, gates the periodic update. While it is 0, the controller solves only if
     one of the outputs `force`, `plan` and `record` is evaluated. `planned_force` never solves: it
     is the force that the last plan has for the present time, or the braking force if there is no
-    last plan.
+    last plan, or none if there is no state either.
 
     With `estimator_gain` above 0 the control is offset-free. The acceleration that gravity and the
     last force do not explain is estimated from the motion over the last period, smoothed by that
@@ -79,7 +79,8 @@ class ModelPredictiveController(LeafSystem):
     for any, and plans are as long as they need.
 
     If the solver fails, the flight goes on: the last plan is continued (status 1), or the
-    spacecraft brakes if there is none (status 2). `Plan.reason` says why.
+    spacecraft brakes if there is none (status 2); without a state, there is no force.
+    `Plan.reason` says why.
     """
 
     legend_entry = LegendEntry("MPC", (0.22, 0.55, 0.95))

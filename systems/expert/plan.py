@@ -28,7 +28,7 @@ class PlanStatus(IntEnum):
     LAST_PLAN_CONTINUED = 1
     """The solver failed: the rest of the last plan that was solved."""
     BRAKING = 2
-    """The solver failed and there is no last plan: braking to rest."""
+    """The solver failed and there is no last plan: braking to rest, or no force without a state."""
 
 
 class PlanReason(IntEnum):
@@ -72,7 +72,8 @@ class Plan:
     slack: float
     """Sum of all slacks in scaled units; 0 if the plan keeps every limit and reaches the target."""
     status: int
-    """A `PlanStatus`. 0: solved; 1: the last plan, continued; 2: braking, for there is no plan."""
+    """A `PlanStatus`. 0: solved; 1: the last plan, continued; 2: braking, for there is no plan,
+    or no force, for there is no state either."""
     iterations: int
     """Number of linearisations."""
     solve_time: float = 0.0

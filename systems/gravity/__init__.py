@@ -10,7 +10,6 @@ flight, so a change there raises the version.
 
 from proxops.systems.gravity._table_kernel import pull_at
 from proxops.systems.gravity.equilibria import Equilibrium, find_equilibria, synchronous_radius
-from proxops.systems.gravity.field_key import FieldKey
 from proxops.systems.gravity.gravity_field import (
     GRAVITATIONAL_CONSTANT,
     PLAUSIBLE_DENSITY,
@@ -37,7 +36,6 @@ __all__ = [
     "BodyField",
     "Equilibrium",
     "Field",
-    "FieldKey",
     "Gravity",
     "GravityField",
     "PlaneCut",

@@ -88,6 +88,9 @@ class GravityField:
 
     A body with a density contrast is two polyhedra of one density each, and the field is the sum of
     theirs. On the cut the gradient is the mean of both sides.
+
+    Fields of equal shape, mass and contrast are equal, so that what takes long to compute of one is
+    found again in a cache.
     """
 
     def __init__(
@@ -129,6 +132,15 @@ class GravityField:
             _check_density(body, own_density, "take a density contrast nearer to 0")
         _announce_compilation()
         self._parts = [_UniformPart(body, own_density) for body, own_density in bodies]
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, GravityField) and self._key() == other._key()
+
+    def __hash__(self) -> int:
+        return hash(self._key())
+
+    def _key(self) -> tuple[str, float, float]:
+        return self.shape.sha256, self.mass, self.contrast
 
     @property
     def centre_of_mass(self) -> np.ndarray:

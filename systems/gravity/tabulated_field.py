@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import sys
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -70,7 +71,7 @@ class TabulatedField:
         """The field that the table was made from."""
         self.semi_axes, self.relative_error = axes, float(relative_error)
         half, masses = _far_masses(field)
-        boxes = _boxes(_Source(field, axes, self.relative_error, half))
+        boxes = _boxes(field, tuple(axes.tolist()), self.relative_error, half)
         scales = np.array([*(1.0 / axes), half, DEGREE])
         self.tables = (*boxes, recursion(DEGREE), masses, scales)
         """What `proxops.systems.gravity.pull_at` takes, in other compiled functions too."""
@@ -122,37 +123,24 @@ class TabulatedField:
         return Gravity(columns[:, 0], columns[:, 1:4], gradient, inside)
 
 
-def _name_of(field: GravityField, axes: np.ndarray, error: float) -> str:
+def _name_of(field: GravityField, axes: Iterable[float], error: float) -> str:
     numbers = map(float, (field.mass, field.contrast, *axes, error))
     return name_of(_FORMAT, field.shape.sha256, *numbers)
-
-
-class _Source:
-    """What a table is made from; equal if the tables are."""
-
-    def __init__(self, field: GravityField, axes: np.ndarray, error: float, half: float):
-        self.field, self.axes, self.error, self.half = field, axes, error, half
-        self.name = _name_of(field, axes, error)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Source) and self.name == other.name
-
-    def __hash__(self) -> int:
-        return hash(self.name)
 
 
 # Flights of one process share the arrays; they are never written to. Runtime assurance has a second
 # table of each body.
 @functools.lru_cache(maxsize=4)
-def _boxes(source: _Source) -> Boxes:
-    boxes = _kept_boxes(source.name)
+def _boxes(field: GravityField, axes: tuple[float, ...], error: float, half: float) -> Boxes:
+    name = _name_of(field, axes, error)
+    boxes = _kept_boxes(name)
     if boxes is None:
         sys.stderr.write(
-            f"proxops: making the gravity table of {source.field.shape.name} "
+            f"proxops: making the gravity table of {field.shape.name} "
             "(once on this machine, up to a minute)\n"
         )
-        boxes = make_boxes(source.field.columns, source.axes, source.half, source.error)
-        keep_arrays(_KIND, source.name, boxes._asdict())
+        boxes = make_boxes(field.columns, np.array(axes), half, error)
+        keep_arrays(_KIND, name, boxes._asdict())
     return boxes
 
 

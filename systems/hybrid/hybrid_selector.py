@@ -40,8 +40,6 @@ class Decision(NamedTuple):
 
     force: np.ndarray
     """(3,) in N in K."""
-    flown_by: FlownBy
-    """`FlownBy.MPC` or `FlownBy.POLICY`."""
     reason: DecisionReason
     left: int
     """Steps from this one to the next check."""
@@ -130,7 +128,7 @@ class HybridSelector(LeafSystem):
         self._covariance_port = self.DeclareVectorInputPort(name="covariance", size=81)
         # Steps to the next check, by whom they are flown, and the period.
         self._memory = self.DeclareDiscreteState(BasicVector([0.0, FlownBy.MPC, 0.0]))
-        blank = Decision(np.zeros(3), FlownBy.MPC, DecisionReason.CHECK_AGREED, 0, FlownBy.MPC, 0)
+        blank = Decision(np.zeros(3), DecisionReason.CHECK_AGREED, 0, FlownBy.MPC, 0)
         # One cache entry for all outputs and the update, so that each step is decided once.
         self._choice = self.DeclareCacheEntry(
             "decision",
@@ -166,10 +164,10 @@ class HybridSelector(LeafSystem):
         policy_force = self._policy_port.Eval(context)
         if left > 0 and until_check == FlownBy.POLICY:
             reason = DecisionReason.POLICY_AGREED_BEFORE
-            choice = Decision(policy_force, FlownBy.POLICY, reason, left, FlownBy.POLICY, period)
+            choice = Decision(policy_force, reason, left, FlownBy.POLICY, period)
         elif not self._wanted(left, until_check):
             reason, force = DecisionReason.PLAN_CONTINUED, self._planned_port.Eval(context)
-            choice = Decision(force, FlownBy.MPC, reason, left, FlownBy.MPC, period)
+            choice = Decision(force, reason, left, FlownBy.MPC, period)
         else:
             force = self._mpc_port.Eval(context)
             state = self._state_port.Eval(context) if left == 0 else None
@@ -177,7 +175,7 @@ class HybridSelector(LeafSystem):
             agreement = self.gate.compare(force, policy_force)
             if state is None:
                 reason = DecisionReason.POLICY_DISAGREED_BEFORE
-                choice = Decision(force, FlownBy.MPC, reason, left, FlownBy.MPC, period, agreement)
+                choice = Decision(force, reason, left, FlownBy.MPC, period, agreement)
             else:
                 choice = self._check(context, force, agreement, state, period)
             choice = choice._replace(wall_time=time.perf_counter() - started)
@@ -211,7 +209,6 @@ class HybridSelector(LeafSystem):
         agrees = agreement.agrees
         return Decision(
             force=mpc_force,
-            flown_by=FlownBy.MPC,
             reason=DecisionReason.CHECK_AGREED if agrees else DecisionReason.CHECK_DISAGREED,
             left=period,
             until_check=FlownBy.POLICY if agrees else FlownBy.MPC,

@@ -29,7 +29,7 @@ import numba
 import numpy as np
 
 from proxops.systems.common import spread_directions
-from proxops.systems.gravity import Field, FieldKey
+from proxops.systems.gravity import Field
 from proxops.systems.shapes import closest_point
 
 # Heights of the table relative to the keep-out ellipsoid's shortest semi-axis, number of points at
@@ -128,17 +128,17 @@ def greatest_pulls(field: Field, semi_axes: np.ndarray, heights: np.ndarray) -> 
     the first ellipsoid's and the height. The body is inside.
     """
     numbers = tuple(map(float, semi_axes)), tuple(map(float, heights))
-    return np.array(_greatest_pulls(FieldKey.of(field), *numbers))
+    return np.array(_greatest_pulls(field, *numbers))
 
 
 # The exact field at all of these points takes a tenth of the time of a flight with the hybrid.
 @functools.lru_cache(maxsize=4)
 def _greatest_pulls(
-    key: FieldKey, semi_axes: tuple[float, ...], heights: tuple[float, ...]
+    field: Field, semi_axes: tuple[float, ...], heights: tuple[float, ...]
 ) -> tuple[float, ...]:
     scaled = np.array(semi_axes) + np.array(heights)[:, None, None]
     points = spread_directions(_POINTS) * scaled
-    gravity = key.field.evaluate(points.reshape(-1, 3)).acceleration
+    gravity = field.evaluate(points.reshape(-1, 3)).acceleration
     sizes = np.linalg.norm(gravity, axis=1).reshape(len(heights), -1)
     return tuple((_GAPS * sizes.max(axis=1)).tolist())
 

@@ -157,7 +157,8 @@ class BodyPose(LeafSystem):
                   └──────────┘
     ```
 
-    `poses` is the plant's port `body_poses`.
+    `poses` is the plant's port `body_poses`. The frame's pose in its body is read once, when this
+    system is made: one that is set in the plant's Context does not count.
     """
 
     def __init__(self, frame: RigidBody | Frame):

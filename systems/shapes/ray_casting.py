@@ -23,6 +23,7 @@ _INFLATION = 1e-3
 _COSINE_MARGIN = 1e-5
 # The least semi-axis of that ellipsoid, over the greatest.
 _FLATTEST = 1e-3
+_UNTURNED = np.eye(3)
 
 
 class Hits(NamedTuple):
@@ -118,17 +119,13 @@ class RayFan:
         if directions.ndim != 2 or directions.shape[1] != 3:
             raise InputError(f"directions must have shape (R, 3), got {directions.shape}")
         self._scene = caster.scene
-        self._exact = np.array(directions, dtype=np.float64)
-        self._directions = np.ascontiguousarray(directions, dtype=np.float32)
+        self._directions = np.array(directions, dtype=np.float64)
         vertices = caster.shape.vertices
         self._centre = 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))
         # Terrain may be flat.
         axes = 0.5 * np.maximum(caster.shape.extents, _FLATTEST * caster.shape.extents.max())
         reach = np.linalg.norm((vertices - self._centre) / axes, axis=1).max()
         self._axes = axes * reach * (1.0 + _INFLATION)
-        scaled = directions / self._axes
-        scaled /= np.linalg.norm(scaled, axis=1, keepdims=True)
-        self._scaled = np.ascontiguousarray(scaled.T, dtype=np.float32)
 
     def hits(self, positions: np.ndarray, rotation: np.ndarray | None = None) -> Hits:
         """The hits of the rays from positions (N, 3) in m; the memory needed grows with N R.
@@ -138,26 +135,13 @@ class RayFan:
           rotation: a matrix (3, 3): every ray points along it times its direction. None: along its
             direction.
         """
-        if rotation is None:
-            aimed = self._aimed(positions)
-            places, rays = np.divmod(np.flatnonzero(aimed), aimed.shape[1])
-            origins = positions.astype(np.float32).take(places, axis=0)
-            directions = self._directions.take(rays, axis=0)
-        else:
-            places, rays, origins, directions = turned_rays(
-                positions, self._centre, self._axes, _COSINE_MARGIN, rotation, self._exact
-            )
+        rotation = _UNTURNED if rotation is None else rotation
+        places, rays, origins, directions = turned_rays(
+            positions, self._centre, self._axes, _COSINE_MARGIN, rotation, self._directions
+        )
         found = self._scene.run(origins, directions, output=True)
         met = np.flatnonzero(found["primID"] >= 0)
         return Hits(places[met], rays[met], found["tfar"][met], found["primID"][met])
-
-    def _aimed(self, positions: np.ndarray) -> np.ndarray:
-        """Which rays (N, R), bool, meet the ellipsoid from positions (N, 3)."""
-        q = (positions - self._centre) / self._axes
-        squared = np.einsum("ni,ni->n", q, q)
-        tangent = np.sqrt(np.maximum(squared - 1.0, 0.0)) - _COSINE_MARGIN * np.sqrt(squared)
-        tangent[squared <= 1.0] = -np.inf  # From inside, every ray may meet the mesh.
-        return (-q).astype(np.float32) @ self._scaled >= tangent.astype(np.float32)[:, None]
 
     def frames(self, positions: np.ndarray) -> np.ndarray:
         """Distances (N, R) in m, float32, from positions (N, 3) in m along the rays.

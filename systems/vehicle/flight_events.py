@@ -18,8 +18,9 @@ from proxops.systems.shapes import blocks_segment, clearances, ray_caster
 NEVER = 1e15
 # Indices of the outcome vector.
 ENTERED_GOAL, VIOLATIONS, COLLIDED, FINISHED = range(4)
-# Depth in m from which the keep-out ellipsoid counts as violated.
-_TOLERANCE = 1.0
+# The keep-out ellipsoid counts as violated from this depth in m on, or from this share of its longest
+# semi-axis, whichever is less.
+_DEPTH, _SHARE = 1.0, 1e-5
 
 
 def containing_ellipsoid(semi_axes: np.ndarray, vertices: np.ndarray) -> np.ndarray:
@@ -50,8 +51,8 @@ class FlightEvents:
     """Follows the outcome of a flight over paths.
 
     An outcome (4,) is the time in s of the last entry into the goal region (NEVER outside it), the
-    number of keep-out violations, by a metre or more, 1 after a collision, and 1 after the dwell in
-    the goal region.
+    number of keep-out violations, 1 after a collision, and 1 after the dwell in the goal region. A
+    violation is a metre deep or more; at bodies of less than some 100 km, less deep in proportion.
     """
 
     def __init__(
@@ -77,6 +78,7 @@ class FlightEvents:
         check_not_negative("a flight", dwell=dwell)
         self._field = field
         self._keep_out = checked_semi_axes("the keep-out ellipsoid", keep_out_semi_axes)
+        self._tolerance = min(_DEPTH, _SHARE * float(self._keep_out.max()))
         self._around = containing_ellipsoid(self._keep_out, field.shape.vertices)
         self._radius, self._speed, self._dwell = radius, speed, dwell
         self._caster = ray_caster(field.shape)
@@ -167,7 +169,7 @@ class FlightEvents:
         It lies in the convex hull of its Bézier points, so far from the ellipsoid it need not be
         evaluated.
         """
-        ends = clearances(self._keep_out, np.stack([start[:3], end[:3]])) + _TOLERANCE
+        ends = clearances(self._keep_out, np.stack([start[:3], end[:3]])) + self._tolerance
         if ends[0] <= 0.0 or ends[1] <= 0.0:
             return bool(ends[0] > 0.0)
         third = duration / 3.0
@@ -178,7 +180,7 @@ class FlightEvents:
         states, times = np.stack([start, end]), np.array([0.0, duration])
         path = CubicHermiteSpline(times, states[:, :3], states[:, 3:])
         along = clearances(self._keep_out, path(np.linspace(0.0, duration, 11)[1:-1]))
-        return bool(along.min() + _TOLERANCE <= 0.0)
+        return bool(along.min() + self._tolerance <= 0.0)
 
     def _hits_body(self, start: np.ndarray, end: np.ndarray) -> bool:
         length = float(np.linalg.norm(end - start))

@@ -6,6 +6,7 @@ import sys
 from collections.abc import Sequence
 
 import numpy as np
+from pydrake.autodiffutils import AutoDiffXd
 from pydrake.systems.framework import BasicVector_, LeafSystem_
 from pydrake.systems.scalar_conversion import TemplateSystem
 
@@ -145,7 +146,7 @@ def _mass_left(first: float, mass):
 
 
 # Without the scope Drake searches the stack for this module, which slows each import.
-@TemplateSystem.define("Spacecraft_", scope=sys.modules[__name__])
+@TemplateSystem.define("Spacecraft_", T_list=[float, AutoDiffXd], scope=sys.modules[__name__])
 def Spacecraft_(T):  # noqa: N802 (Drake's own naming of templates)
     """`Spacecraft` for the scalar type T, float or AutoDiffXd."""
 

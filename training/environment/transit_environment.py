@@ -9,7 +9,7 @@ from pathlib import Path
 
 import gymnasium
 import numpy as np
-from pydrake.systems.analysis import Simulator, SimulatorStatus
+from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from proxops.diagrams.flight import (
@@ -151,7 +151,7 @@ class TransitEnvironment(gymnasium.Env):
         craft, began, was = scenario.spacecraft, context.get_time(), episode.distance
         force = craft.thrust_limit_n * taken_action(action, (3,))
         latest = scenario.arrival.deadline_s + scenario.arrival.dwell_s
-        episode.hold(force, min((len(episode.forces) + 1) * scenario.control_period_s, latest))
+        episode.hold(force, min((episode.steps + 1) * scenario.control_period_s, latest))
         outcome = episode.flown.value("monitor", "outcome")
         broken = int(outcome[VIOLATIONS] + outcome[COLLIDED])
         # Each axis has its own thrusters.
@@ -206,8 +206,8 @@ class _Episode:
 
     def __init__(self, flown: Flown, simulator: Simulator, pilot: _Pilot):
         self.flown, self.simulator, self.pilot = flown, simulator, pilot
-        self.forces: list[np.ndarray] = []
-        """(3,) in N in S, held in each control step so far."""
+        self.steps = 0
+        """Control steps so far."""
         self.broken = 0
         """Entries of the keep-out ellipsoid and collisions so far."""
         self.way = self.distance
@@ -228,21 +228,14 @@ class _Episode:
         """
         context = self.simulator.get_mutable_context()
         self.pilot.command(self.pilot.GetMyMutableContextFromRoot(context), force)
-        status = self.simulator.AdvanceTo(until)
-        if status.reason() == SimulatorStatus.ReturnReason.kEventHandlerFailed:
-            raise RuntimeError(status.FormatMessage())
-        self.forces.append(self.flown.value("hold", "y").copy())
+        # Drake sampled this control step for the log before its action was known.
+        self.flown.diagram.ForcedPublish(context)
+        self.simulator.AdvanceTo(until)
+        self.steps += 1
 
     def log(self) -> FlightLog:
-        """The log of the flight.
-
-        Drake samples a control step before the step's action is known, so the forces come from the
-        hold.
-        """
-        log = make_log(self.flown, time.perf_counter() - self._began)
-        forces = log.dataset["force"]
-        rows = [*self.forces, *self.forces[-1:] * (len(forces) - len(self.forces))]
-        return dc.replace(log, dataset=log.dataset.assign(force=forces.copy(data=rows)))
+        """The log of the flight; its last row repeats the action before."""
+        return make_log(self.flown, time.perf_counter() - self._began)
 
 
 class _Pilot(LeafSystem):
