@@ -13,7 +13,7 @@ from contact_binary import contact_binary, together
 from plain_polyhedral_gravity import star_shaped
 from short_flights import kleopatra, obj_text
 
-from proxops.assets import asset_path
+from proxops.assets import ASSETS
 from proxops.assets.random_bodies import random_body
 from proxops.cli.common import console
 from proxops.diagrams.new_body.body_setup import body_yaml, scaled_scenario
@@ -58,7 +58,7 @@ def damaged() -> trimesh.Trimesh:
 
 
 def test_kleopatra(shape, tmp_path: Path) -> None:
-    arguments = (asset_path("kleopatra/kleopatra.obj"), "--mass", 2.97e18, "--period", 5.38528)
+    arguments = (ASSETS / "kleopatra/kleopatra.obj", "--mass", 2.97e18, "--period", 5.38528)
     code, out, err = shape(*arguments)
     assert code == 0
     assert "kleopatra.obj (OBJ, 2002 vertices, 4000 facets): sound" in out

@@ -20,7 +20,7 @@ from commands import proxops
 from onnx import TensorProto, helper
 from synthetic_log import synthetic_log
 
-from proxops.assets import asset_path
+from proxops.assets import ASSETS
 from proxops.diagrams.logs import FlightLog
 from proxops.diagrams.meshcat import write_replay
 from proxops.diagrams.scenario import load_body, load_scenario, parse_mapping, parse_scenario
@@ -167,7 +167,7 @@ def test_a_network_has_built_in_operators_only(
 
 @pytest.mark.parametrize("location", ["secret", "../secret"])
 def test_a_policy_with_weights_elsewhere(location: str, tmp_path: Path) -> None:
-    folder = Path(shutil.copytree(asset_path("end_to_end"), tmp_path / "bundle"))
+    folder = Path(shutil.copytree(ASSETS / "end_to_end", tmp_path / "bundle"))
     (folder / "secret").write_bytes(bytes(12))
     put_network(folder / "policy.json", network_with_weights_at(location))
     refused(lambda: PolicyBundle.load(folder), "weights from other files")
@@ -198,7 +198,7 @@ POLICY_CHANGES = {
 
 @pytest.mark.parametrize("what", POLICY_CHANGES)
 def test_hostile_policy(what: str, tmp_path: Path) -> None:
-    folder = Path(shutil.copytree(asset_path("end_to_end"), tmp_path / "bundle"))
+    folder = Path(shutil.copytree(ASSETS / "end_to_end", tmp_path / "bundle"))
     change(folder / "policy.json", **POLICY_CHANGES[what])
     with pytest.raises(InputError):
         PolicyBundle.load(folder)
@@ -211,7 +211,7 @@ def test_hostile_policy(what: str, tmp_path: Path) -> None:
     ids=["lists", "mappings", "digits", "bytes", "list", "null", "empty"],
 )  # fmt: skip
 def test_hostile_json(text: str, tmp_path: Path) -> None:
-    folder = Path(shutil.copytree(asset_path("end_to_end"), tmp_path / "bundle"))
+    folder = Path(shutil.copytree(ASSETS / "end_to_end", tmp_path / "bundle"))
     for name in ("policy.json", "bundle.json", "packed_flights.json"):
         (folder / name).write_text(text, encoding="latin-1")
     refused(lambda: PolicyBundle.load(folder), "policy.json is")
@@ -223,7 +223,7 @@ def test_hostile_json(text: str, tmp_path: Path) -> None:
 def test_texts_of_a_bundle_name_no_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The body and the recipe of a bundle are names for messages: nothing is opened by them."""
     monkeypatch.chdir(tmp_path)
-    folder = Path(shutil.copytree(asset_path("end_to_end"), tmp_path / "bundle"))
+    folder = Path(shutil.copytree(ASSETS / "end_to_end", tmp_path / "bundle"))
     change(folder / "policy.json", body="../../../etc/passwd", recipe="../secret")
     bundle = PolicyBundle.load(folder)
     assert (bundle.body, bundle.recipe) == ("../../../etc/passwd", "../secret")
@@ -276,7 +276,7 @@ def renamed(graph: onnx.GraphProto, name: str, other: str) -> None:
 
 
 def test_a_network_with_the_input_of_0_2_0_is_read(tmp_path: Path) -> None:
-    folder = Path(shutil.copytree(asset_path("end_to_end"), tmp_path / "bundle"))
+    folder = Path(shutil.copytree(ASSETS / "end_to_end", tmp_path / "bundle"))
     bundle = PolicyBundle.load(folder)
     model = onnx.load(folder / "model.onnx")
     renamed(model.graph, "commanded_force", "applied_force")

@@ -215,7 +215,14 @@ def test_no_part_has_a_name_that_a_controller_may_have() -> None:
         "acceleration": {"constant_m_s2": [1e-6, 0.0, 0.0]},
     }
     scenario = load_scenario(
-        None, {"disturbance": {}, "force_noise": {}, "kicks": {}, "assurance": {"bounds": {}}, "truth": truth}
+        None,
+        {
+            "disturbance": {},
+            "force_noise": {},
+            "kicks": {},
+            "assurance": {"bounds": {}},
+            "truth": truth,
+        },
     )
     diagram = make_transit_diagram(scenario, PdController(), Meshcat(), kleopatra())
     names = {system.get_name() for system in diagram.GetSystems()}

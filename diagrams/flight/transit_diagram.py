@@ -52,10 +52,11 @@ from proxops.systems.common import LoggedPort, force_port, offers_of
 # Input ports of a controller that may remain unconnected.
 _OPTIONAL_PORTS = {"enable", "covariance"}
 PARTS = (
-    "acceleration_hold", "accelerations", "actual_thrust", "attitude_hold", "assurance", "attitude", "command_axes", "command_hold",
-    "command_limits", "disturbance", "force_noise", "frame_delay", "gravity", "hold", "kicks",
-    "lidar", "live_view", "monitor", "navigation", "navigation_parts", "spacecraft", "target",
-    "thrusters", "unexplained_acceleration",
+    "acceleration_hold", "accelerations", "actual_thrust", "assurance", "attitude",
+    "attitude_hold", "command_axes", "command_hold", "command_limits", "disturbance",
+    "force_noise", "frame_delay", "gravity", "hold", "kicks", "lidar", "live_view", "monitor",
+    "navigation", "navigation_parts", "spacecraft", "target", "thrusters",
+    "unexplained_acceleration",
 )  # fmt: skip
 """Names of all parts that a diagram may have beside the controller and the log sinks."""
 

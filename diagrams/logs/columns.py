@@ -43,7 +43,11 @@ VARIABLES: dict[str, tuple[tuple[str, ...], str, str]] = {
     "steps_to_check": ((), "1", "control steps from this one to the next check"),
     "decision_time": ((), "s", "wall time of comparing and deciding"),
     "solve_time": ((), "s", "wall time of the MPC's step; NaN where it was not asked"),
-    "solve_status": ((), "1", "0 solved, 1 last plan continued, 2 braking, or no state; NaN: not asked"),
+    "solve_status": (
+        (),
+        "1",
+        "0 solved, 1 last plan continued, 2 braking or no state; NaN: not asked",
+    ),
     "solve_reason": ((), "1", "why the MPC did so: see flag_meanings; NaN: not asked"),
     "policy_time": ((), "s", "wall time of the policy's network; NaN where it was not asked"),
     "policy_status": ((), "1", "0 answered, 1 not finite: no force; NaN: not asked"),

@@ -39,7 +39,9 @@ def _with_derivatives(value: np.ndarray, jacobian: np.ndarray, position: np.ndar
 
 
 # Without the scope Drake searches the stack for this module, which slows each import.
-@TemplateSystem.define("PolyhedralGravity_", T_list=[float, AutoDiffXd], scope=sys.modules[__name__])
+@TemplateSystem.define(
+    "PolyhedralGravity_", T_list=[float, AutoDiffXd], scope=sys.modules[__name__]
+)
 def PolyhedralGravity_(T):  # noqa: N802 (Drake's own naming of templates)
     """`PolyhedralGravity` for the scalar type T, float or AutoDiffXd."""
 

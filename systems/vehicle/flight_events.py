@@ -18,8 +18,8 @@ from proxops.systems.shapes import blocks_segment, clearances, ray_caster
 NEVER = 1e15
 # Indices of the outcome vector.
 ENTERED_GOAL, VIOLATIONS, COLLIDED, FINISHED = range(4)
-# The keep-out ellipsoid counts as violated from this depth in m on, or from this share of its longest
-# semi-axis, whichever is less.
+# The keep-out ellipsoid counts as violated from this depth in m on, or from this share of its
+# longest semi-axis, whichever is less.
 _DEPTH, _SHARE = 1.0, 1e-5
 
 
