@@ -132,17 +132,8 @@ class HybridController(Diagram):
             MPC's command has not, or its ports do not fit.
         """
         super().__init__()
-        if expert.delay > 0.0:
-            raise InputError(
-                "the hybrid cannot fly with mpc.solve_delay_s: the MPC predicts over the delay "
-                "with its own last command, but the policy's command may act"
-            )
         offers, force = offers_of(policy), force_port(policy)
-        if offers.delay > 0.0:
-            raise InputError(
-                f"the hybrid cannot fly {policy.get_name()!r} with a delay of {offers.delay:g} s: "
-                "the MPC's command has none"
-            )
+        _check_delays(expert, policy)
         self.bundle = offers.bundle
         builder = DiagramBuilder()
         builder.AddNamedSystem("mpc", expert)
@@ -200,3 +191,18 @@ class HybridController(Diagram):
         for name, logged in self._offered.items():
             ports[name] = dc.replace(logged, port=self.GetOutputPort(name))
         return ports
+
+
+def _check_delays(expert: ModelPredictiveController, policy: System) -> None:
+    """Raises `InputError` if a command acts late."""
+    if expert.delay > 0.0:
+        raise InputError(
+            "the hybrid cannot fly with mpc.solve_delay_s: the MPC predicts over the delay "
+            "with its own last command, but the policy's command may act"
+        )
+    delay = offers_of(policy).delay
+    if delay > 0.0:
+        raise InputError(
+            f"the hybrid cannot fly {policy.get_name()!r} with a delay of {delay:g} s: the MPC's "
+            "command has none"
+        )
