@@ -22,7 +22,7 @@ from proxops.systems import (
     ReachModel,
     StateNoise,
 )
-from proxops.systems.common import LoggedPort, derived_seed, force_port, offers_of
+from proxops.systems.common import LoggedPort, check_port_size, derived_seed, force_port, offers_of
 
 # The selector assumes that the true state is within this many standard deviations of the noisy
 # state. For normal errors in three dimensions this fails 15 times in a million.
@@ -133,7 +133,7 @@ class HybridController(Diagram):
         """
         super().__init__()
         offers, force = offers_of(policy), force_port(policy)
-        _check_delays(expert, policy)
+        _check_delays(expert, policy, offers.delay)
         self.bundle = offers.bundle
         builder = DiagramBuilder()
         builder.AddNamedSystem("mpc", expert)
@@ -143,17 +143,13 @@ class HybridController(Diagram):
         inputs: dict[str, int] = {}
 
         def take(port) -> None:
-            name, size = port.get_name(), port.size()
-            if name not in inputs:
-                builder.ExportInput(port, name)
-                inputs[name] = size
-            elif inputs[name] == size:
+            name = port.get_name()
+            if name in inputs:
+                check_port_size(policy, port, inputs[name])
                 builder.ConnectInput(name, port)
             else:
-                raise InputError(
-                    f"the hybrid's policy {policy.get_name()!r}: input port {name!r} has size "
-                    f"{size}, but the signal of this name has size {inputs[name]}"
-                )
+                builder.ExportInput(port, name)
+                inputs[name] = port.size()
 
         for port in (noise.GetInputPort("state"), expert.GetInputPort("target")):
             take(port)
@@ -193,14 +189,13 @@ class HybridController(Diagram):
         return ports
 
 
-def _check_delays(expert: ModelPredictiveController, policy: System) -> None:
-    """Raises `InputError` if a command acts late."""
+def _check_delays(expert: ModelPredictiveController, policy: System, delay: float) -> None:
+    """Raises `InputError` if the MPC's command or the policy's, by its delay in s, acts late."""
     if expert.delay > 0.0:
         raise InputError(
             "the hybrid cannot fly with mpc.solve_delay_s: the MPC predicts over the delay "
             "with its own last command, but the policy's command may act"
         )
-    delay = offers_of(policy).delay
     if delay > 0.0:
         raise InputError(
             f"the hybrid cannot fly {policy.get_name()!r} with a delay of {delay:g} s: the MPC's "

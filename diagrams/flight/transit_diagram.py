@@ -47,7 +47,7 @@ from proxops.diagrams.scenario import (
     scenario_transit,
 )
 from proxops.systems import DelayedHold, FlightMonitor, FrameDelay, InputError, PlanarLidar
-from proxops.systems.common import LoggedPort, force_port, offers_of
+from proxops.systems.common import LoggedPort, check_port_size, force_port, offers_of
 
 # Input ports of a controller that may remain unconnected.
 _OPTIONAL_PORTS = {"enable", "covariance"}
@@ -300,11 +300,7 @@ def _add_controller(wiring: Wiring, controller: System, signals: Signals) -> Out
         port = controller.get_input_port(i)
         name = port.get_name()
         if name in signals:
-            if port.size() != signals[name].size():
-                raise InputError(
-                    f"controller {controller.get_name()!r}: input port {name!r} has size "
-                    f"{port.size()}, but the signal of this name has size {signals[name].size()}"
-                )
+            check_port_size(controller, port, signals[name].size())
             wiring.builder.Connect(signals[name], port)
         elif name not in _OPTIONAL_PORTS:
             raise InputError(

@@ -23,6 +23,7 @@ from proxops.systems.common.controller_offers import (
     ControllerOffers,
     LegendEntry,
     LoggedPort,
+    check_port_size,
     force_port,
     offers_of,
 )
@@ -56,6 +57,7 @@ __all__ = [
     "SeededSystem",
     "SolverFailure",
     "check_not_negative",
+    "check_port_size",
     "check_positive",
     "check_type",
     "check_unpacked_size",

@@ -13,7 +13,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
-from pydrake.systems.framework import OutputPort, System
+from pydrake.systems.framework import InputPort, OutputPort, System
 
 from proxops.systems.common.checks import check_not_negative
 from proxops.systems.common.errors import InputError
@@ -106,3 +106,12 @@ def force_port(controller: System) -> OutputPort:
         f"controller {controller.get_name()!r} needs an output port 'force' of size 3; "
         f"it has {names or 'none'}"
     )
+
+
+def check_port_size(controller: System, port: InputPort, size: int) -> None:
+    """Raises `InputError` if an input port of a controller has another size than its signal."""
+    if port.size() != size:
+        raise InputError(
+            f"controller {controller.get_name()!r}: input port {port.get_name()!r} has size "
+            f"{port.size()}, but the signal of this name has size {size}"
+        )

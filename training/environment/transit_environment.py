@@ -151,7 +151,8 @@ class TransitEnvironment(gymnasium.Env):
         craft, began, was = scenario.spacecraft, context.get_time(), episode.distance
         force = craft.thrust_limit_n * taken_action(action, (3,))
         latest = scenario.arrival.deadline_s + scenario.arrival.dwell_s
-        episode.hold(force, min((episode.steps + 1) * scenario.control_period_s, latest))
+        period = scenario.control_period_s
+        episode.hold(force, min((round(began / period) + 1) * period, latest))
         outcome = episode.flown.value("monitor", "outcome")
         broken = int(outcome[VIOLATIONS] + outcome[COLLIDED])
         # Each axis has its own thrusters.
@@ -206,8 +207,6 @@ class _Episode:
 
     def __init__(self, flown: Flown, simulator: Simulator, pilot: _Pilot):
         self.flown, self.simulator, self.pilot = flown, simulator, pilot
-        self.steps = 0
-        """Control steps so far."""
         self.broken = 0
         """Entries of the keep-out ellipsoid and collisions so far."""
         self.way = self.distance
@@ -231,7 +230,6 @@ class _Episode:
         # Drake sampled this control step for the log before its action was known.
         self.flown.diagram.ForcedPublish(context)
         self.simulator.AdvanceTo(until)
-        self.steps += 1
 
     def log(self) -> FlightLog:
         """The log of the flight; its last row repeats the action before."""
