@@ -135,7 +135,7 @@ def memory(logs: Path, cache: Path) -> None:
     paths = sorted(logs.glob("*.nc"))
     peaks = []
     with tempfile.TemporaryDirectory(dir=cache.parent) as name:
-        for count in (max(1, len(paths) // 2), len(paths)):
+        for count in sorted({max(1, len(paths) // 2), len(paths)}):
             folder = Path(name) / str(count)
             folder.mkdir()
             for path in paths[:count]:
