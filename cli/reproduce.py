@@ -156,12 +156,17 @@ class _Asked(NamedTuple):
         """Whether a part or a campaign is asked for by its name, or all are."""
         return not self.names or name in self.names
 
-    def campaigns(self) -> list[Campaign]:
-        """All campaigns that can be flown now; with --quick or --transits they are shorter."""
+    def campaigns(self, to_be_trained: bool = False) -> list[Campaign]:
+        """All campaigns that can be flown now; with --quick or --transits they are shorter.
+
+        Args:
+          to_be_trained: whether those of the paper's recipe count before it is trained.
+        """
         from proxops.studies import beyond
         from proxops.studies.reproduction import paper_policy
 
-        papers = paper_policy(self.out / beyond.PAPER)
+        folder = self.out / beyond.PAPER
+        papers = paper_policy(folder) or (folder if to_be_trained else None)
         bodies = _QUICK_BODIES if self.quick else len(beyond.BODIES)
         known = beyond.all_campaigns(papers, self.bodies, bodies)
         count = self.transits if self.transits is not None else _QUICK_TRANSITS
@@ -177,10 +182,11 @@ class _Asked(NamedTuple):
         """
         from proxops.studies import beyond
 
-        chosen = beyond.chosen_campaigns(self.names, self.campaigns())
+        paper = self.wants(beyond.PAPER)
+        known = self.campaigns(to_be_trained=paper and not self.quick)
+        chosen = beyond.chosen_campaigns(self.names, known)
         if self.bodies and not {str(path) for path in self.bodies} & {each.body for each in chosen}:
             raise InputError("--bodies names bodies at which nothing is flown: name worlds too")
-        paper = self.wants(beyond.PAPER)
         if seed != EVALUATION_SEEDS and not paper:
             raise InputError(
                 "--seed is that of the paper's transits: name paper too, or leave it out"

@@ -651,6 +651,15 @@ def test_reproduce_refuses_what_it_would_not_heed(
     assert entries(tmp_path) == set()
 
 
+def test_the_papers_recipe_can_be_flown_once_it_is_trained(run, tmp_path: Path) -> None:
+    """In one command it is trained first; here that stops at what training refuses."""
+    stops = ["--set", "policy.bundle=policy.zip", "--out", "out"]
+    refused(run("reproduce", "paper-recipe", *stops), "train it first")
+    refused(run("reproduce", "paper", "paper-recipe", "--quick", *stops), "train it first")
+    refused(run("reproduce", "paper", "paper-recipe", *stops), "the policy that is trained")
+    assert entries(tmp_path) == set()
+
+
 def test_bodies_at_which_nothing_is_flown(run, tmp_path: Path) -> None:
     (tmp_path / "bodies").mkdir()
     write_blob(tmp_path / "bodies")
