@@ -23,13 +23,9 @@ from it, `--paper` the one of `proxops train --recipe paper`.
 """
 
 import argparse
-import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
-
-for name in ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-    os.environ[name] = "1"
 
 from _campaign import campaign_parser, fly_with_bar, show
 

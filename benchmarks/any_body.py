@@ -18,12 +18,8 @@ policy a folder of its own.
 """
 
 import argparse
-import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-
-for name in ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-    os.environ[name] = "1"
 
 import numpy as np
 from _bodies import GENERATED, KLEOPATRA, scenario_at

@@ -20,13 +20,9 @@ to add members or transits.
 
 import argparse
 import dataclasses as dc
-import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
-
-for name in ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-    os.environ[name] = "1"
 
 import matplotlib.pyplot as plt
 import numpy as np

@@ -13,11 +13,7 @@ finish what was interrupted, or to add transits.
 """
 
 import functools
-import os
 from collections.abc import Sequence
-
-for name in ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-    os.environ[name] = "1"
 
 from _campaign import campaign_parser, fly_with_bar, show
 from _farther_off import farther_off

@@ -11,11 +11,7 @@ folder of `--out`: run the command again to finish what was interrupted, or to a
         [--out out/expert] [--markdown table.md]
 """
 
-import os
 from collections.abc import Sequence
-
-for name in ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-    os.environ[name] = "1"
 
 import numpy as np
 from _campaign import campaign_parser, fly_with_bar, show

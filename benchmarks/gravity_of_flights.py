@@ -8,11 +8,6 @@ first of them ends, and at their ends. Flights are kept in the folder of `--out`
         [--seed 10000] [--workers N] [--out out/gravity-of-flights] [--markdown table.md]
 """
 
-import os
-
-for name in ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-    os.environ[name] = "1"
-
 import numpy as np
 from _campaign import campaign_parser, logs_with_bar, show
 

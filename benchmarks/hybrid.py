@@ -15,12 +15,8 @@ folder of `--out`: run the command again to finish what was interrupted, or to a
         [--workers N] [--out out/hybrid] [--markdown table.md] [--plot trade.png]
 """
 
-import os
 from collections.abc import Sequence
 from pathlib import Path
-
-for name in ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-    os.environ[name] = "1"
 
 import matplotlib.figure
 import numpy as np

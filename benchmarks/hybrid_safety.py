@@ -11,11 +11,7 @@ are kept in the folder of `--out`.
 """
 
 import functools
-import os
 from collections.abc import Callable, Sequence
-
-for name in ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-    os.environ[name] = "1"
 
 import numpy as np
 from _campaign import campaign_parser, fly_with_bar, show

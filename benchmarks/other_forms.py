@@ -15,13 +15,9 @@ the map's flat facets would be chords of (PN triangles: Vlachos et al., Curved P
 
 import argparse
 import functools
-import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
-
-for name in ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-    os.environ[name] = "1"
 
 import numpy as np
 from _campaign import campaign_parser, fly_with_bar, show

@@ -21,11 +21,7 @@ Give each controller and each name of dispersions a folder of its own.
 import dataclasses
 import difflib
 import functools
-import os
 from collections.abc import Callable, Sequence
-
-for name in ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-    os.environ[name] = "1"
 
 import numpy as np
 from _campaign import campaign_parser, fly_with_bar, show

@@ -123,6 +123,8 @@ class _MapKeeper:
             check_folder(path.parent, "--mended-map")
             if path.suffix != ".obj":
                 raise InputError(f"--mended-map writes an OBJ file: name FILE.obj, not {path}")
+            if path.exists() and not path.with_suffix(".npz").exists():
+                raise InputError(f"--mended-map {path}: this file is no mended map: name another")
 
     def __call__(self, diagram: Diagram, context: Context) -> None:
         if self._path is None:

@@ -205,6 +205,12 @@ def test_mended_map_is_written_and_flown_with(run: Callable[..., Ran], tmp_path:
     assert run("fly", "--mended-map", "mended.stl").code != 0
 
 
+def test_a_mended_map_does_not_replace_a_mesh(run: Callable[..., Ran], tmp_path: Path) -> None:
+    (tmp_path / "rock.obj").write_text("a mesh of the user's")
+    refused(run("fly", "--mended-map", "rock.obj"), "this file is no mended map")
+    assert (tmp_path / "rock.obj").read_text() == "a mesh of the user's"
+
+
 @pytest.mark.slow
 def test_own_controller_from_the_working_directory(run, tmp_path: Path) -> None:
     (tmp_path / "mine_for_the_cli.py").write_text(
