@@ -274,3 +274,16 @@ def test_a_device_that_is_not_there_is_refused(
 ):
     with pytest.raises(InputError, match="cannot train on device"):
         train(task(packed), tmp_path, 1, device=device, precision=precision)
+
+
+def test_tiny_numbers_are_zero_while_it_learns_and_no_longer(packed: PackedFlights, tmp_path: Path):
+    """Processors are slow with them, and other code in this process may count on them."""
+    tiny, seen = torch.tensor([1e-39]), []
+
+    def loss(policy: Straight, batch: Batch) -> Tensor:
+        seen.append(float(tiny * 1.0))
+        return squares(policy, batch)
+
+    train(task(packed, loss), tmp_path, 1)
+    assert set(seen) == {0.0}
+    assert float(tiny * 1.0) > 0.0
