@@ -30,7 +30,7 @@ from proxops.cli.common import (
 from proxops.diagrams.flight import WITH_BUNDLE, fly, mended_map_of_flight
 from proxops.diagrams.logs import FlightLog, differences, fallback_steps, length_text
 from proxops.diagrams.meshcat import write_replay
-from proxops.diagrams.scenario import Scenario, load_body, load_scenario
+from proxops.diagrams.scenario import Scenario, load_body, load_scenario, scenario_remarks
 from proxops.systems.common import InputError, make_folder, write_json
 from proxops.systems.navigation import MendedMap, save_mended_map
 
@@ -169,6 +169,8 @@ def _fly_new(
             "exact gravity; its log says so. The first campaign (proxops evaluate) makes the table."
         )
         scenario = dc.replace(scenario, gravity="exact")
+    for remark in scenario_remarks(scenario, body):
+        status.print(f"Note: {remark}.")
     with _progress_bar() as progress:
         log = fly(scenario, controller, meshcat=server, progress=progress, body=body, finished=keep)
     _save(log, out, as_json)
@@ -253,7 +255,7 @@ def _table(log: FlightLog, summary: dict[str, Any]) -> list[tuple[str, str]]:
     flown = float(log.dataset["time"].values[-1])
     arrival = summary["arrival_time_s"]
     rows = [
-        ("transit", f"{summary['transit']} of seed {summary['seed']}"),
+        ("transit", _transit_text(log)),
         *([("values drawn", str(len(summary["dispersed"])))] if summary["dispersed"] else []),
         ("success", "yes" if summary["success"] else "no"),
         ("collision", "yes" if summary["collided"] else "no"),
@@ -262,7 +264,10 @@ def _table(log: FlightLog, summary: dict[str, Any]) -> list[tuple[str, str]]:
         ("arrival", "never" if arrival is None else f"{arrival:.0f} s"),
         ("position error at the end", length_text(summary["terminal_position_error_m"])),
         ("speed at the end", f"{summary['terminal_speed_m_s']:.3f} m/s"),
-        ("delta-v to arrival", f"{summary['delta_v_m_s']:.1f} m/s"),
+        (
+            "delta-v" if arrival is None else "delta-v to arrival",
+            f"{summary['delta_v_m_s']:.1f} m/s",
+        ),
         ("delta-v of the hold", f"{summary['hold_delta_v_m_s']:.1f} m/s"),
         ("control steps", str(summary["steps"])),
         ("MPC solves", str(summary["mpc_solves"])),
@@ -285,11 +290,15 @@ def _table(log: FlightLog, summary: dict[str, Any]) -> list[tuple[str, str]]:
         median, p95 = (summary[f"estimate_position_error_m_{part}"] for part in ("median", "p95"))
         error = f"{length_text(median)}, {length_text(p95)}"
         rows.append(("position error of the estimate, median and p95", error))
+    if "navigation_following" in summary:
+        followed = f"{summary['navigation_following']:.1%}"
+        rows.append(("steps at which the navigation knew where it is", followed))
     if "navigation_position_error_m_median" in summary:
         median, p95 = (summary[f"navigation_position_error_m_{part}"] for part in ("median", "p95"))
         error = f"{length_text(median)}, {length_text(p95)}"
         rows.append(("position error of the navigation, median and p95", error))
-        rows.append(("navigation within its 3 sigma", f"{summary['navigation_consistent']:.1%}"))
+        consistent = f"{summary['navigation_consistent']:.1%}"
+        rows.append(("navigation within its 3 sigma, worst of 9 components", consistent))
     if "interventions" in summary:
         counts = f"{summary['interventions']}, {summary['interventions_keep_out']}"
         rows.append(("interventions of runtime assurance, all and to keep out", counts))
@@ -297,6 +306,12 @@ def _table(log: FlightLog, summary: dict[str, Any]) -> list[tuple[str, str]]:
     rows.append(("simulated", f"{flown:.0f} s in {summary['wall_s']:.1f} s"))
     rows.append(("speed against real time", f"{flown / summary['wall_s']:.0f} x"))
     return rows
+
+
+def _transit_text(log: FlightLog) -> str:
+    if log.scenario.transit.start_m is not None:
+        return "from start_m to goal_m"
+    return f"{log.summary['transit']} of seed {log.summary['seed']}"
 
 
 @contextlib.contextmanager

@@ -95,7 +95,7 @@ def test_a_controller_that_was_edited_is_another(
     [second] = transit_flights(brief(), "edited_controller:make", 1, 1)
     assert dc.replace(second, provenance=first.provenance) == first
     assert second.provenance != first.provenance
-    with pytest.raises(InputError, match="No module named 'no_such_controller'"):
+    with pytest.raises(InputError, match="there is no module no_such_controller"):
         transit_flights(brief(), "no_such_controller:make", 1, 1)
 
 
@@ -233,7 +233,7 @@ def test_another_version_under_the_same_names(tmp_path: Path) -> None:
     made = flights(1)
     run_campaign(made, tmp_path, workers=Workers(1))
     later = [dc.replace(each, provenance="proxops 99, body 0") for each in made]
-    with pytest.raises(InputError, match="another version of proxops, body, or file"):
+    with pytest.raises(InputError, match="another version of proxops, or another body, such"):
         run_campaign(later, tmp_path, workers=Workers(1))
 
 
@@ -266,7 +266,7 @@ def test_impossible_flight_is_told_apart(tmp_path: Path) -> None:
     """A refusal comes through a worker process as what it is."""
     made = flights(2, "json:no_such_factory")
     name = made[0].name
-    with pytest.raises(InputError, match=f"flight {name}: .*no attribute 'no_such_factory'"):
+    with pytest.raises(InputError, match=f"flight {name}: .*no function 'no_such_factory'"):
         run_campaign(made, tmp_path, workers=Workers(1))
     assert visible(tmp_path) == []
 

@@ -551,9 +551,9 @@ def test_what_cannot_be_written_is_named_by_its_option(
     ("name", "words"),
     [
         ("pid", ["controller 'pid' is not known: use mpc"]),
-        ("no_such_module:make", ["No module named 'no_such_module'"]),
+        ("no_such_module:make", ["there is no module no_such_module in"]),
         ("short_flights:none", ["none"]),
-        ("short_flights:BRIEF", ["not callable"]),
+        ("short_flights:BRIEF", ["no function 'BRIEF'; it should take (scenario, body)"]),
         ("short_flights:load_scenario", ["controller 'short_flights:load_scenario'"]),
     ],
 )

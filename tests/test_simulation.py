@@ -323,10 +323,12 @@ def test_flights_that_cannot_be_are_refused(changes: dict[str, object], complain
     [
         ("pid", "controller 'pid' is not known: use mpc"),
         ("", "is not known"),
-        ("no_such_module:make", "No module named 'no_such_module'"),
-        ("short_flights:no_such_factory", "no attribute 'no_such_factory'"),
-        ("short_flights:blob", "blob"),  # Takes no arguments.
+        ("no_such_module:make", "there is no module no_such_module in"),
+        ("short_flights:no_such_factory", "no function 'no_such_factory'"),
         ("builtins:isinstance", "isinstance"),
+        ("folder/mine:make", "as mine:make, and run the command in its folder"),
+        ("mine.py:make", "as mine:make, and run the command in its folder"),
+        ("short_flights:blob", r"blob must take \(scenario, body\)"),
     ],
 )
 def test_controllers_refused(name: str, complaint: str) -> None:

@@ -176,7 +176,10 @@ def test_a_column_of_the_log_s_own_is_refused(column: str) -> None:
 @pytest.mark.parametrize(
     ("controller", "complaint"),
     [
-        (Scripted(output="thrust"), "needs an output port 'force' of size 3; it has thrust"),
+        (
+            Scripted(output="thrust"),
+            "needs an output port 'force' of size 3; it has 'thrust' of size 3",
+        ),
         (Scripted(force=lambda time: np.zeros(2), size=2), "needs an output port 'force' of size"),
         (
             Scripted(ports=[("state", 3)]),

@@ -285,7 +285,7 @@ def _finished(flight: Flight, folder: Path, keep_logs: bool) -> Row | None:
     if flown != dc.asdict(flight):
         raise InputError(
             f"{folder} holds flights with another {_difference(flown, flight)}, such as "
-            f"{path.name}: give another output folder, or remove this one"
+            f"{path.name}: give another output folder, or remove these files to fly them anew"
         )
     if keep_logs and "unflyable" not in summary and not (folder / f"{flight.name}.nc").is_file():
         return None
@@ -294,17 +294,29 @@ def _finished(flight: Flight, folder: Path, keep_logs: bool) -> Row | None:
 
 def _difference(stored: typing.Any, flight: Flight) -> str:
     """Says in words what differs between a stored flight, as a dict, and one that is wanted."""
-    names = {
-        "scenario": "scenario",
-        "controller": "controller",
-        "provenance": "version of proxops, body, or file of bundle, map, dispersions or controller",
-    }
-    differing = [
-        text
-        for name, text in names.items()
-        if not isinstance(stored, dict) or stored.get(name) != getattr(flight, name)
-    ]
+    stored = stored if isinstance(stored, dict) else {}
+    names = ("scenario", "controller")
+    differing = [name for name in names if stored.get(name) != getattr(flight, name)]
+    if stored.get("provenance") != flight.provenance:
+        differing += _different_origins(str(stored.get("provenance")), flight.provenance)
     return ", or another ".join(differing) or "name"
+
+
+def _different_origins(stored: str, wanted: str) -> list[str]:
+    """Says in words in what two provenances differ; see `provenance`."""
+    before, now = (dict(_origin(part) for part in text.split(", ")) for text in (stored, wanted))
+    return [
+        {"proxops": "version of proxops", "body": "body"}.get(name, f"content of the {name}'s file")
+        for name in dict.fromkeys([*before, *now])
+        if before.get(name) != now.get(name)
+    ]
+
+
+def _origin(part: str) -> tuple[str, str]:
+    """The name and the rest of a part of a provenance, such as `true mesh` and its hash."""
+    words = part.split(" ")
+    count = 2 if words[0] == "true" else 1
+    return " ".join(words[:count]), " ".join(words[count:])
 
 
 def _unflyable(flight: Flight, scenario: Scenario, error: UnflyableWorldError) -> Row:

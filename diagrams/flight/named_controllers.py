@@ -5,10 +5,11 @@ from __future__ import annotations
 import ast
 import contextlib
 import importlib.util
+import inspect
 import sys
 import traceback
 import types
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from pathlib import Path
 
 from pydrake.systems.framework import System
@@ -61,11 +62,16 @@ def named_controller(name: str, scenario: Scenario, body: Body) -> System:
             f"controller {name!r} is not known: use mpc, policy, hybrid, pd, zero, one of "
             "policy:FOLDER, hybrid:FOLDER, mpc:FOLDER and pd:FOLDER, or MODULE:FACTORY"
         )
+    _check_module_name(name)
     try:
         with _working_directory_importable():
-            factory = getattr(_module(module_name), factory_name)
+            factory = _factory(name, _module(module_name), factory_name)
             controller = factory(scenario, body)
+    except _UnfitFactoryError as error:
+        raise InputError(str(error)) from error
     except Exception as error:
+        if isinstance(error, ModuleNotFoundError) and error.name == module_name.partition(".")[0]:
+            raise InputError(_not_found(name)) from error
         place = _place(error, module_name)
         raise InputError(
             f"controller {name!r}: {type(error).__name__}: {error} "
@@ -74,6 +80,53 @@ def named_controller(name: str, scenario: Scenario, body: Body) -> System:
     if not isinstance(controller, System):
         raise InputError(f"controller {name!r} made a {type(controller).__name__}, not a System")
     return controller
+
+
+def _check_module_name(name: str) -> None:
+    """Raises `InputError` if a controller's name has a path in place of a module."""
+    module, _, factory = name.partition(":")
+    path = Path(module)
+    if path.suffix == ".py" or path.name != module:
+        raise InputError(
+            f"controller {name!r}: name the module without folder and .py, as "
+            f"{path.stem}:{factory}, and run the command in its folder"
+        )
+
+
+class _UnfitFactoryError(Exception):
+    """A factory is missing or takes other arguments; the message says which."""
+
+
+def _factory(name: str, module: types.ModuleType, factory_name: str) -> Callable[..., object]:
+    """The factory of a module.
+
+    Raises:
+      _UnfitFactoryError: there is none of this name, or it does not take a scenario and a body.
+    """
+    factory = getattr(module, factory_name, None)
+    if not callable(factory):
+        raise _UnfitFactoryError(
+            f"controller {name!r}: {module.__name__} has no function {factory_name!r}; it should "
+            "take (scenario, body) and return a System"
+        )
+    try:
+        inspect.signature(factory).bind(None, None)
+    except TypeError as error:
+        raise _UnfitFactoryError(
+            f"controller {name!r}: {factory_name} must take (scenario, body) and return a System: "
+            f"{error}"
+        ) from error
+    except ValueError:  # It tells no signature.
+        pass
+    return factory
+
+
+def _not_found(name: str) -> str:
+    module, _, _ = name.partition(":")
+    return (
+        f"controller {name!r}: there is no module {module} in {Path.cwd()}, and none is installed: "
+        "run the command in its folder, or set PYTHONPATH"
+    )
 
 
 def _place(error: Exception, module_name: str) -> traceback.FrameSummary:
@@ -149,6 +202,7 @@ def _module_file(name: str) -> Path | None:
     module_name, colon, _ = name.partition(":")
     if not colon or module_name in WITH_BUNDLE:
         return None
+    _check_module_name(name)
     if module_name in sys.modules:
         file = getattr(sys.modules[module_name], "__file__", None)
         return None if file is None else Path(file)
@@ -158,7 +212,7 @@ def _module_file(name: str) -> Path | None:
     except Exception as error:  # find_spec imports the parent packages.
         raise InputError(f"controller {name!r}: {type(error).__name__}: {error}") from error
     if spec is None:
-        raise InputError(f"controller {name!r}: No module named {module_name!r}")
+        raise InputError(_not_found(name))
     return Path(spec.origin) if spec.has_location and spec.origin else None
 
 

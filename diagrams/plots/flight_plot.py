@@ -7,6 +7,8 @@ the figure's `savefig`.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
@@ -142,14 +144,18 @@ def plot_speed(ax: Axes, log: FlightLog) -> None:
     _over_time(ax, log, "speed (m/s)")
 
 
-def plot_clearance(ax: Axes, log: FlightLog) -> None:
-    """Draws the Euclidean distance to the keep-out ellipsoid over time; it is negative inside."""
+def plot_clearance(ax: Axes, log: FlightLog, **line: Any) -> None:
+    """Draws the Euclidean distance to the keep-out ellipsoid over time; it is negative inside.
+
+    Args:
+      line: properties of the line, such as `label` and `color`, for several flights in one plot.
+    """
     times, states = log.dataset["time"].values, log.dataset["state"].values
     length, unit = _unit(log.body)
     clearance = clearances(log.body.keep_out_semi_axes, dense_positions(times, states)) / length
     row = np.arange(len(clearance)) / max(1, (len(clearance) - 1)) * (len(times) - 1)
     minutes = np.interp(row, np.arange(len(times)), times) / MINUTE
-    ax.plot(minutes, clearance, color=_LINE)
+    ax.plot(minutes, clearance, **{"color": _LINE, **line})
     inside = np.minimum(clearance, 0.0)
     ax.fill_between(minutes, inside, 0.0, color=_LIMIT, alpha=0.4, linewidth=0.0)
     ax.axhline(0.0, color=_KEEP_OUT, linestyle="--", linewidth=1.2)

@@ -21,6 +21,7 @@ from proxops.diagrams.scenario.navigation_config import (
     TrueStateConfig,
 )
 from proxops.diagrams.scenario.overrides import dotted_leaves, given_keys
+from proxops.diagrams.scenario.remarks import scenario_remarks
 from proxops.diagrams.scenario.scenario import (
     believed,
     change_scenario,
@@ -135,6 +136,7 @@ __all__ = [
     "parse_mapping",
     "parse_scenario",
     "quantities",
+    "scenario_remarks",
     "scenario_transit",
     "spin_axes",
     "transit_set",

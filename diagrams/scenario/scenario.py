@@ -46,6 +46,11 @@ def load_scenario(
         nearest valid one), a value has the wrong type or is beyond its limits, or an override
         gives a value that the scenario's dispersions draw for each flight.
     """
+    if not isinstance(path, str | Path | None):
+        raise InputError(
+            f"load_scenario takes a file's path first, not a {type(path).__name__}; changes are "
+            "its second argument: load_scenario(None, changes)"
+        )
     source = "scenario" if path is None else str(path)
     tree = {} if path is None else read_mapping(Path(path))
     if path is not None:

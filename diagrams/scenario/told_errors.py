@@ -40,8 +40,7 @@ _USUAL_COMMAND = 0.05
 # mean square: all worlds keep within the third multiple. A surface that is rougher than the
 # navigation expects makes it too sure of itself; one that is smoother costs it little.
 _ROUGHER = 3.0
-# The key of truth behind each expected error that has one, and what is believed of its value.
-_KEYS = {
+ERROR_BEHIND = {
     "attitude_varying_deg": ("truth.attitude.varying_std_deg", 0.0),
     "attitude_correlation_s": ("truth.attitude.correlation_time_s", 0.0),
     "pole_deg": ("truth.pole_deg", 0.0),
@@ -58,6 +57,7 @@ _KEYS = {
     "lidar_scale": ("truth.lidar.scale_error", 0.0),
     "beam_width_rad": ("truth.lidar.beam_width_rad", 0.0),
 }
+"""The key of truth behind each expected error that has one, and what is believed of its value."""
 
 
 def expected_errors(scenario: Scenario, body: Body) -> ExpectedErrors:
@@ -123,7 +123,7 @@ def errors_of_dispersions(spread: Spread, scenario: Scenario, body: Body) -> Exp
       InputError: errors are greater than the navigation can expect.
     """
     errors = _in_proportion(body)
-    for name, (key, believed) in _KEYS.items():
+    for name, (key, believed) in ERROR_BEHIND.items():
         found = spread(key, believed)
         if found is not None:
             setattr(errors, name, found)

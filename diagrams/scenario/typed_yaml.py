@@ -175,6 +175,9 @@ def _check_tree(schema: type, tree: dict[str, typing.Any], source: str, key: str
         elif not any(fits(value, option) for option in options):
             wanted = "`key: value` lines" if nested else " or ".join(map(in_words, options))
             wanted = f"a text or {wanted}" if nested and str in options else wanted
+            if len(nested) > 1:
+                tags = (f"!{option.__name__.removesuffix('Config')} {{}}" for option in nested)
+                wanted += f", or one of {', '.join(tags)}"
             raise InputError(f"{source}: {path} needs {wanted}, got {reprlib.repr(value)}")
 
 
@@ -188,7 +191,8 @@ def _choose(options: list[type], tree: dict[str, typing.Any], where: str) -> typ
     if tag not in names and f"{tag}Config" in names:
         tag = tree["_tag"] = f"{tag}Config"
     if tag not in names:
-        raise InputError(f"{where} cannot be {tag}; choose from {', '.join(names)}")
+        known = ", ".join(each.removesuffix("Config") for each in names)
+        raise InputError(f"{where} cannot be {tag}; choose from {known}")
     if len(options) == 1:
         tree.pop("_tag", None)
     return options[names.index(tag)]

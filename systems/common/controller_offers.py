@@ -101,7 +101,7 @@ def force_port(controller: System) -> OutputPort:
     for port in ports:
         if port.get_name() == "force" and port.size() == 3:
             return port
-    names = ", ".join(port.get_name() for port in ports)
+    names = ", ".join(f"{port.get_name()!r} of size {port.size()}" for port in ports)
     raise InputError(
         f"controller {controller.get_name()!r} needs an output port 'force' of size 3; "
         f"it has {names or 'none'}"

@@ -98,6 +98,14 @@ class GuidanceBundle:
             turned=numbers["semi_axis_x"] < self.ranges["semi_axis_x"][0] * (1.0 - 1e-6),
         )
 
+    def thrust_short(self, numbers: dict[str, float]) -> float:
+        """By which factor thrust falls short of gravity and spin, by `Surroundings.numbers`.
+
+        Gravity is told over the thrust's acceleration, and spin over the root of it.
+        """
+        gravity, spin = (numbers[name] / self.ranges[name][1] for name in ("gravity", "spin"))
+        return max(gravity, spin**2)
+
     def beyond(self, numbers: dict[str, float]) -> list[str]:
         """Says which of `Surroundings.numbers` are too far outside the family to fly there.
 

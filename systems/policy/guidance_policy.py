@@ -82,12 +82,14 @@ class GuidancePolicy(LeafSystem):
             self.surroundings.told()[NUMBERS.index("pace")]
         )
         self.force_limit = thrust_limit * self.surroundings.acceleration / surroundings.acceleration
-        beyond = self.bundle.beyond(self.surroundings.numbers())
+        numbers = self.surroundings.numbers()
+        beyond = self.bundle.beyond(numbers)
         if beyond and not beyond_family:
             raise InputError(
-                f"{self.bundle.path} did not learn to fly in such proportions: "
+                f"the policy in {self.bundle.path} did not learn to fly in such proportions: "
                 + "; ".join(beyond)
-                + ". Change the spacecraft or the control period, fly the MPC, or let it try with "
+                + f" (see help(Surroundings.numbers)). {self._way_out(numbers, thrust_limit)} Or "
+                "change the control period, fly the MPC, or let it try with "
                 "policy.beyond_family=true"
             )
         self._state_port = self.DeclareVectorInputPort(name="state", size=6)
@@ -116,6 +118,14 @@ class GuidancePolicy(LeafSystem):
             calc=lambda context, output: output.SetFromVector(self._answer.Eval(context)[1:]),
             prerequisites_of_calc=depends,
         )
+
+    def _way_out(self, numbers: dict[str, float], thrust_limit: float) -> str:
+        """A sentence on how much thrust would do, where gravity or spin are too great."""
+        short = self.bundle.thrust_short(numbers)
+        if short <= 1.0 or self.force_limit < thrust_limit:
+            return "Change the spacecraft."
+        enough = 1.01 * short * thrust_limit
+        return f"A thrust limit of {enough:.3g} N is enough for gravity and spin."
 
     def logged_ports(self) -> dict[str, LoggedPort]:
         """The ports whose values a log keeps, by the names of their columns."""

@@ -68,6 +68,11 @@ class PackedFlights:
     range: np.ndarray
     offset: np.ndarray
 
+    def __repr__(self) -> str:
+        return (
+            f"PackedFlights({str(self.folder)!r}: {len(self.flights)} flights, {len(self)} steps)"
+        )
+
     def __init__(self, folder: str | Path, *, verify: bool = True):
         """Opens what `pack_flights` wrote.
 

@@ -58,7 +58,9 @@ def pack_flights(
     cache = folder / "packed" if cache is None else Path(cache)
     logs = sorted(folder.glob("*.nc"))
     if not logs:
-        raise InputError(f"{folder} holds no flight logs (*.nc)")
+        inside = folder / "flights"
+        there = f": give {inside}" if any(inside.glob("*.nc")) else ""
+        raise InputError(f"{folder} holds no flight logs (*.nc){there}")
     if cache.exists() and not (cache / INDEX).exists():
         raise InputError(f"{cache} exists and is no packed set of flights: give another name")
     make_folder(cache.parent)

@@ -1,0 +1,84 @@
+"""What a scenario may be flown with, but surprises whoever did not mean it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from proxops.diagrams.scenario.body import Body
+from proxops.diagrams.scenario.dotted_keys import value_at
+from proxops.diagrams.scenario.navigation_config import LidarNavigationConfig
+from proxops.diagrams.scenario.scenario_config import Scenario
+from proxops.diagrams.scenario.told_errors import ERROR_BEHIND, usual_errors
+from proxops.systems.shapes import clearances
+
+# Expected errors with the keys behind them, and what is believed of their values.
+_BEHIND = (
+    *((name, key, believed) for name, (key, believed) in ERROR_BEHIND.items()),
+    ("thrust", "truth.thrusters.scale", 1.0),
+    ("thrust", "truth.mass", 1.0),
+    ("centre_of_mass_m", "truth.density_contrast", 0.0),
+)
+# What a mended map tells of itself.
+_OF_MAP = ("surface_rms_m", "size")
+# Transits in a cube of so many lengths of the body are far away from it.
+_FAR = 10.0
+# The MPC is not stable with a shorter horizon, in control periods.
+_LEAST_HORIZON = 2.0
+
+
+def scenario_remarks(scenario: Scenario, body: Body) -> list[str]:
+    """Gives a sentence on each setting that spoils flights and that may be a mistake.
+
+    Args:
+      scenario: as the user gave it, before a draw. body: as believed.
+    """
+    return [*_untold(scenario, body), *_proportions(scenario, body), *_mpc(scenario, body)]
+
+
+def _untold(scenario: Scenario, body: Body) -> Iterator[str]:
+    """On errors of the world that the navigation does not expect at all."""
+    settings = scenario.navigation
+    # Dispersions tell the navigation what they disperse.
+    if not isinstance(settings, LidarNavigationConfig) or scenario.dispersions is not None:
+        return
+    expected = settings.expected or usual_errors(scenario, body)
+    for name, key, believed in _BEHIND:
+        if settings.map is not None and name in _OF_MAP:
+            continue
+        differs = np.any(np.not_equal(value_at(scenario, key), believed))
+        if differs and getattr(expected, name) == 0.0:
+            yield (
+                f"{key} is set, but the navigation expects no such error, so it may get lost: give "
+                f"navigation.expected.{name} (one standard deviation), or disperse the value, "
+                "which tells the navigation (docs/method/truth.md)"
+            )
+
+
+def _proportions(scenario: Scenario, body: Body) -> Iterator[str]:
+    """On transits that are not made for this body."""
+    ratio = scenario.transit.cube_m / float(body.shape.extents.max())
+    if scenario.transit.start_m is None and ratio > _FAR:
+        yield (
+            f"transit.cube_m is {ratio:.0f} times the length of {body.config.name}: the scenario "
+            "is made for another body; proxops shape FILE --scenario writes one in its proportions"
+        )
+
+
+def _mpc(scenario: Scenario, body: Body) -> Iterator[str]:
+    """On settings that the MPC can't fly well with."""
+    least = _LEAST_HORIZON * scenario.control_period_s
+    if scenario.mpc.min_horizon_s < least:
+        yield (
+            f"mpc.min_horizon_s, {scenario.mpc.min_horizon_s:g} s, is below twice "
+            f"control_period_s: the MPC is not stable then; give at least {least:g}"
+        )
+    goal, margin = scenario.transit.goal_m, scenario.mpc.keep_out_margin_m
+    if goal is not None:
+        clearance = float(clearances(body.keep_out_semi_axes, np.array([goal]))[0])
+        if 0.0 <= clearance < margin:
+            yield (
+                f"transit.goal_m is {clearance:.4g} m outside the keep-out ellipsoid, less than "
+                f"mpc.keep_out_margin_m, {margin:g} m: the MPC stops short of it"
+            )
