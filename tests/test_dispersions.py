@@ -109,6 +109,26 @@ def test_shipped_dispersions_give_sound_scenarios(name: str) -> None:
         assert dispersed_values(scenario).keys() == set(scenario.dispersed)
 
 
+def test_a_file_may_change_dispersions_that_ship(tmp_path: Path) -> None:
+    """Only what it says itself differs; draws of other keys do not move."""
+    key = "truth.surface_rms_m"
+    twice = "{half_normal: 0.0, three_sigma: 0.001, times: size}"  # It ships with half of that.
+    mine = write(tmp_path, f"based_on: after_survey\n{key}: {twice}\ntruth.gravity: 1.0\n")
+    before, after = (dispersed_values(drawn(name)) for name in ("after_survey", mine))
+    assert after[key] == pytest.approx(2.0 * before[key], rel=1e-12)
+    assert after.keys() == before.keys() - {"truth.gravity"}
+    assert {k: v for k, v in after.items() if k != key} == {
+        k: v for k, v in before.items() if k not in (key, "truth.gravity")
+    }
+
+
+@pytest.mark.parametrize("base", ["after_surveys", "mine.yaml", "../dispersions/after_survey", 3])
+def test_a_file_is_based_on_what_ships_alone(tmp_path: Path, base: object) -> None:
+    name = write(tmp_path, f"based_on: {base}\ntruth.gravity: 1.0\n")
+    with pytest.raises(InputError, match=r"based_on must name .* after_survey, before_survey"):
+        load_dispersions(name)
+
+
 @pytest.mark.parametrize("name", SHIPPED)
 def test_every_shipped_number_has_a_source(name: str) -> None:
     assert all(each.source for each in load_dispersions(name))

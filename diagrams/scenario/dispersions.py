@@ -28,6 +28,8 @@ from proxops.diagrams.scenario.typed_yaml import (
 from proxops.systems.common import InputError
 
 _FOLDER = ASSETS / "dispersions"
+# The key of a file that names the dispersions that it changes.
+_BASE = "based_on"
 # A number that is drawn may be given as a multiple of these.
 _TIMES = ("value", "size", "thrust", "thrust_acceleration")
 
@@ -81,7 +83,8 @@ def load_dispersions(name_or_path: str | Path) -> list[Dispersion]:
     """Reads dispersions: a name that ships with proxops, or the path of a YAML file.
 
     Each key of the file is a dotted key of the scenario. Its value is a distribution, such as
-    `{normal: 1.0, three_sigma: 0.1}`, or a plain value, which every flight has.
+    `{normal: 1.0, three_sigma: 0.1}`, or a plain value, which every flight has. The key `based_on`
+    names dispersions that ship: what the file does not say itself is as they say.
 
     Raises:
       InputError: there are no such dispersions; a key is unknown, or not of the world; or a
@@ -90,15 +93,13 @@ def load_dispersions(name_or_path: str | Path) -> list[Dispersion]:
     path = Path(name_or_path)
     if not is_yaml_path(name_or_path):
         path = _FOLDER / f"{name_or_path}.yaml"
-        if not path.is_file():
-            known = ", ".join(sorted(file.stem for file in _FOLDER.glob("*.yaml")))
+        if path not in _shipped():
             raise InputError(
-                f"no dispersions {name_or_path!r} ship with proxops ({known} do); for your own, "
+                f"no dispersions {name_or_path!r} ship with proxops ({_known()} do); for your own, "
                 "give the path of a .yaml file"
             )
-    tree = read_mapping(path)
     found = []
-    for key, entry in tree.items():
+    for key, entry in _with_base(read_mapping(path), name_or_path).items():
         complaint = why_not_dispersed(key)
         if complaint is not None:
             raise InputError(f"{name_or_path}: {complaint}")
@@ -107,6 +108,31 @@ def load_dispersions(name_or_path: str | Path) -> list[Dispersion]:
         except InputError as error:
             raise InputError(f"{name_or_path}: {key} {error}") from error
     return found
+
+
+def _with_base(tree: dict[str, typing.Any], source: str | Path) -> dict[str, typing.Any]:
+    """Gives the keys of a file with those of the dispersions that it is based on.
+
+    Raises:
+      InputError: no such dispersions ship.
+    """
+    if _BASE not in tree:
+        return tree
+    own = {key: entry for key, entry in tree.items() if key != _BASE}
+    base = _FOLDER / f"{tree[_BASE]}.yaml"
+    if base not in _shipped():
+        raise InputError(
+            f"{source}: {_BASE} must name dispersions that ship with proxops: {_known()}"
+        )
+    return read_mapping(base) | own
+
+
+def _shipped() -> list[Path]:
+    return sorted(_FOLDER.glob("*.yaml"))
+
+
+def _known() -> str:
+    return ", ".join(path.stem for path in _shipped())
 
 
 def loaded_dispersions(name_or_path: str) -> list[Dispersion]:
