@@ -636,3 +636,16 @@ def test_what_cannot_have_been_drawn(key: str, complaint: str, tmp_path: Path) -
     for read in (parse_scenario, lambda text: load_scenario(write(tmp_path, text))):
         with pytest.raises(InputError, match=f"dispersed is what proxops writes .*: {complaint}"):
             read(text)
+
+
+def test_a_misspelt_attribute_is_refused_in_python_too() -> None:
+    scenario = load_scenario()
+    sections = [scenario, *filter(dc.is_dataclass, vars_of(scenario))]
+    assert len(sections) > 8
+    for section in sections:
+        with pytest.raises(AttributeError):
+            setattr(section, "mas_kg", 5.0)  # noqa: B010 - pyright would refuse it, too.
+
+
+def vars_of(section: Scenario) -> list[object]:
+    return [getattr(section, field.name) for field in dc.fields(section)]

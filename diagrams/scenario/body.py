@@ -21,7 +21,7 @@ _AXES = (1e-3, 1e9)
 _LONGEST_NAME = 200
 
 
-@dc.dataclass
+@dc.dataclass(slots=True)
 class BodyConfig:
     """The keys of a body's YAML file; all of them are required."""
 

@@ -10,7 +10,7 @@ from proxops.diagrams.scenario.limits import number, one_of
 _FAR, _LONG = 1e9, 1e8
 
 
-@dc.dataclass
+@dc.dataclass(slots=True)
 class ExpectedErrorsConfig:
     """One standard deviation of what the navigation may be wrong about.
 
@@ -54,7 +54,7 @@ class ExpectedErrorsConfig:
     beam_width_rad: float = number(0.0, at_least=0.0, at_most=0.1, unit="rad")
 
 
-@dc.dataclass
+@dc.dataclass(slots=True)
 class LidarNavigationConfig:
     """The controllers know what the navigation makes of lidar frames and of their own commands.
 
@@ -75,7 +75,7 @@ class LidarNavigationConfig:
     frame_delay_steps: int = number(0, at_least=0, at_most=1000)
 
 
-@dc.dataclass
+@dc.dataclass(slots=True)
 class TrueStateConfig:
     """The controllers know the true state.
 

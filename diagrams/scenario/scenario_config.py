@@ -21,7 +21,7 @@ _FAR, _LONG = 1e9, 1e8
 # pydrake's yaml_load_typed takes neither frozen dataclasses, nor tuples, nor postponed annotations.
 
 
-@dc.dataclass
+@dc.dataclass(slots=True)
 class SpacecraftConfig:
     """The spacecraft: a point mass with one thruster pair per axis.
 
@@ -36,7 +36,7 @@ class SpacecraftConfig:
     speed_limit_m_s: float = number(40.0, at_least=1e-6, at_most=1e5, unit="m/s")
 
 
-@dc.dataclass
+@dc.dataclass(slots=True)
 class LidarConfig:
     """The lidar that casts rays against the mesh; see `proxops.systems.Lidar`.
 
@@ -55,7 +55,7 @@ class LidarConfig:
     max_incidence_deg: float = number(90.0, at_least=1e-3, at_most=90.0, unit="degrees")
 
 
-@dc.dataclass
+@dc.dataclass(slots=True)
 class WeightedCostConfig:
     """The paper's cost; see `proxops.systems.WeightedProgram`."""
 
@@ -66,7 +66,7 @@ class WeightedCostConfig:
     speed_error_m_s: float = number(20.0, at_least=1e-6, at_most=1e5, unit="m/s")
 
 
-@dc.dataclass
+@dc.dataclass(slots=True)
 class LearnedLidarConfig:
     """A network that takes the place of the ray-caster; see `proxops.systems.LearnedLidar`.
 
@@ -86,7 +86,7 @@ class LearnedLidarConfig:
     hit_probability: float = number(0.5, at_least=1e-9, below=1.0)
 
 
-@dc.dataclass
+@dc.dataclass(slots=True)
 class MpcConfig:
     """The MPC; see `proxops.systems.ModelPredictiveController`."""
 
@@ -125,7 +125,7 @@ class MpcConfig:
     solve_delay_s: float = number(0.0, at_least=0.0, at_most=1e6, unit="s")
 
 
-@dc.dataclass
+@dc.dataclass(slots=True)
 class PolicyConfig:
     """The learned policy: a `GuidancePolicy` or a `NeuralPolicy` of `proxops.systems`."""
 
@@ -141,7 +141,7 @@ class PolicyConfig:
     beyond_family: bool = False
 
 
-@dc.dataclass
+@dc.dataclass(slots=True)
 class HybridConfig:
     """The hybrid: the policy flies, and the MPC checks it; see `proxops.systems.HybridSelector`."""
 
@@ -169,7 +169,7 @@ class HybridConfig:
     state_noise_velocity_m_s: float = number(0.0, at_least=0.0, at_most=1e5, unit="m/s")
 
 
-@dc.dataclass
+@dc.dataclass(slots=True)
 class RandomWalkDisturbanceConfig:
     """The paper's disturbance: a slow random walk that is added to the commanded force."""
 
@@ -181,7 +181,7 @@ class RandomWalkDisturbanceConfig:
     increment_std_n: float = number(0.5, at_least=0.0, at_most=1e7, unit="N")
 
 
-@dc.dataclass
+@dc.dataclass(slots=True)
 class AssuranceBoundsConfig:
     """The greatest errors for which runtime assurance keeps out; see `AssuranceBounds`.
 
@@ -208,7 +208,7 @@ class AssuranceBoundsConfig:
     delay_s: float = number(0.0, at_least=0.0, at_most=3600.0, unit="s")
 
 
-@dc.dataclass
+@dc.dataclass(slots=True)
 class AssuranceConfig:
     """The safety filter that keeps any controller out of the keep-out ellipsoid.
 
@@ -227,7 +227,7 @@ class AssuranceConfig:
     deviations: float = number(4.0, at_least=0.0, at_most=1e3)
 
 
-@dc.dataclass
+@dc.dataclass(slots=True)
 class ForceNoiseConfig:
     """Normal noise that is added to the commanded force.
 
@@ -240,7 +240,7 @@ class ForceNoiseConfig:
     correlation_time_s: float = number(100.0, at_least=0.0, at_most=_LONG, unit="s")
 
 
-@dc.dataclass
+@dc.dataclass(slots=True)
 class KicksConfig:
     """Pushes from outside at random times; each acts over one control period."""
 
@@ -250,7 +250,7 @@ class KicksConfig:
     mean_interval_s: float = number(900.0, at_least=1e-2, at_most=_LONG, unit="s")
 
 
-@dc.dataclass
+@dc.dataclass(slots=True)
 class TransitConfig:
     """The transit to fly: number `index` of the set of `seed`, or a given start and goal.
 
@@ -276,7 +276,7 @@ class TransitConfig:
     max_hover_share: float = number(0.7, at_least=1e-6, at_most=1e3)
 
 
-@dc.dataclass
+@dc.dataclass(slots=True)
 class ArrivalConfig:
     """When a flight counts as arrived.
 
@@ -291,7 +291,7 @@ class ArrivalConfig:
     deadline_s: float = number(7200.0, at_least=1e-2, at_most=_LONG, unit="s")
 
 
-@dc.dataclass
+@dc.dataclass(slots=True)
 class Scenario:
     """All values that define a flight near a small body.
 

@@ -11,7 +11,7 @@ _FAR, _LONG = 1e9, 1e8
 _LARGEST_SEED = 2**53 - 1
 
 
-@dc.dataclass
+@dc.dataclass(slots=True)
 class TrueAttitudeConfig:
     """How the spacecraft's axes S are turned against what it takes for them: the body's axes K.
 
@@ -27,7 +27,7 @@ class TrueAttitudeConfig:
     correlation_time_s: float = number(3600.0, at_least=1e-2, at_most=_LONG, unit="s")
 
 
-@dc.dataclass
+@dc.dataclass(slots=True)
 class TrueLidarConfig:
     """How the true lidar differs from the one on the data sheet."""
 
@@ -49,7 +49,7 @@ class TrueLidarConfig:
     latency_steps: int = number(0, at_least=0, at_most=1000)
 
 
-@dc.dataclass
+@dc.dataclass(slots=True)
 class TrueThrustersConfig:
     """How the true thrust differs from the commanded force."""
 
@@ -66,7 +66,7 @@ class TrueThrustersConfig:
     failure_time_s: float = number(0.0, at_least=0.0, at_most=_LONG, unit="s")
 
 
-@dc.dataclass
+@dc.dataclass(slots=True)
 class TrueAccelerationConfig:
     """Accelerations in K that nothing on board explains."""
 
@@ -77,7 +77,7 @@ class TrueAccelerationConfig:
     correlation_time_s: float = number(600.0, at_least=1e-2, at_most=_LONG, unit="s")
 
 
-@dc.dataclass
+@dc.dataclass(slots=True)
 class TruthConfig:
     """How the true world differs from the believed one.
 
