@@ -271,10 +271,14 @@ def _print(report: ShapeReport, findings: dict[str, Any], where: Console) -> Non
         say(f"defect: {defect.about(report.file.name)}")
     for remark in report.remarks:
         say(f"note: {remark}")
-    verdict = "sound" if report.sound else f"{len(report.defects)} kinds of defects"
+    verdict = "sound" if report.sound else _counted(len(report.defects))
     title = f"{report.file.name} ({report.file.format}): {verdict}"
     if where is console:
         print_rows(title, figure_rows(report))
+
+
+def _counted(kinds: int) -> str:
+    return "1 kind of defect" if kinds == 1 else f"{kinds} kinds of defects"
 
 
 def _write_body(

@@ -144,13 +144,19 @@ def figure_rows(report: ShapeReport) -> list[tuple[str, str]]:
         rows += [
             ("extents", lengths(np.ptp(file.vertices, axis=0))),
             ("volume", f"{solid.volume / length**3:.5g} {unit}³"),
-            ("sphere of that volume", f"{solid.equivalent_diameter / length:.5g} {unit}"),
+            (
+                "diameter as a sphere",
+                f"{solid.equivalent_diameter / length:.5g} {unit}",
+            ),
             ("centre of mass", f"{_vector(solid.centre_of_mass, size)} m"),
             ("principal moments", " : ".join(f"{m:.4f}" for m in moments)),
             ("z off the greatest", f"{spin_axis_error(solid):.2f}°"),
             (f"keep-out, margin {100 * keep_out.margin:g} %", lengths(keep_out.semi_axes)),
-            ("its farthest vertex", f"{keep_out.farthest}, level {keep_out.level:.6f} < 1"),
-            ("its volume over the least", f"{max(over, 0.0):.1e}, margin aside"),
+            (
+                "vertex nearest to it",
+                f"{keep_out.farthest}, at {100.0 * keep_out.level:.4f} % of it",
+            ),
+            ("volume over least possible", f"{100.0 * max(over, 0.0):.1g} %"),
         ]
     if report.mass is not None and report.density is not None:
         rows += [("mass", f"{report.mass:.5g} kg"), ("density", f"{report.density:.5g} kg/m³")]
@@ -158,7 +164,8 @@ def figure_rows(report: ShapeReport) -> list[tuple[str, str]]:
         rows.append(("synchronous radius", f"{report.synchronous_radius / length:.5g} {unit}"))
     if report.hover is not None:
         low, high = report.hover.forces.min(), report.hover.forces.max()
-        rows.append((f"hover, {report.hover.craft_mass_kg:g} kg", f"{low:.3g} to {high:.3g} N"))
+        mass = f"{report.hover.craft_mass_kg:g} kg"
+        rows.append((f"hover on keep-out, {mass}", f"{low:.3g} to {high:.3g} N"))
     return rows
 
 
