@@ -98,6 +98,15 @@ def test_table_tells_of_steps_without_a_fresh_plan() -> None:
     assert not [name for name in dict(_table(log, log.summary)) if name.startswith("steps")]
 
 
+def test_the_table_says_whether_the_navigation_knew_where_it_is(run) -> None:
+    wrong = ["--set", "truth.gravity=0.9", "--set", "arrival.deadline_s=200"]
+    ran = run("fly", "--controller", "zero", *wrong, "--set", "log_ranges=false", "--out", "out")
+    assert ran.code == 0, ran.err
+    assert "Note: truth.gravity is set, but the navigation" in " ".join(ran.err.split())
+    ran = run("fly", *BRIEF, *wrong, "--set", "log_ranges=false", "--out", "out")
+    assert "steps at which the navigation knew where it is" in ran.out
+
+
 def test_one_flight_does_not_wait_for_a_gravity_table(
     run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -167,6 +168,12 @@ def test_what_it_did_not_learn_is_refused_by_name(bundle: Path) -> None:
     with pytest.raises(InputError, match=r"gravity is .*, and it flies 0 to .*beyond_family"):
         GuidancePolicy(bundle, weak, 3.5)
     GuidancePolicy(bundle, weak, 3.5, beyond_family=True)
+    with pytest.raises(InputError) as caught:
+        GuidancePolicy(bundle, weak, 3.5)
+    (enough,) = map(float, re.findall(r"A thrust limit of (\S+) N is enough", str(caught.value)))
+    assert enough > 3.5
+    stronger = dataclasses.replace(told, acceleration=enough / 7.0 * told.acceleration)
+    GuidancePolicy(bundle, stronger, enough)
     with pytest.raises(InputError, match="shortest_semi_axis"):
         dataclasses.replace(told, semi_axes=np.array([1.0, 1.0, 0.0]))
 

@@ -280,8 +280,15 @@ def test_a_killed_process_leaves_the_old_set(logs: Path) -> None:
 
 
 def test_no_logs(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="holds no flight logs"):
+    with pytest.raises(InputError, match=r"holds no flight logs \(\*\.nc\)$"):
         pack_flights(tmp_path)
+
+
+def test_the_folder_above_the_logs(logs: Path) -> None:
+    """`proxops collect` writes logs into `flights` of its folder."""
+    assert logs.name == "flights"
+    with pytest.raises(InputError, match=f"give {logs}"):
+        pack_flights(logs.parent)
 
 
 def test_no_training_flights(logs: Path) -> None:

@@ -152,6 +152,8 @@ def test_clearance(log: FlightLog, ax: Axes) -> None:
     expected = clearances(log.body.keep_out_semi_axes, positions) / 1e3
     np.testing.assert_allclose(at_rows, expected, atol=1e-3)
     assert shown.min() == pytest.approx(log.summary["min_clearance_m"] / 1e3)
+    flight_plot.plot_clearance(ax, log, label="mine", color="tab:red")
+    assert [line.get_color() for line in ax.lines if line.get_label() == "mine"] == ["tab:red"]
 
 
 @pytest.mark.parametrize(("axis", "index"), [("x", 0), ("y", 1), ("z", 2)])
