@@ -295,7 +295,7 @@ def test_policies_that_do_not_fit_are_refused() -> None:
     for policy, complaint in (
         (late, "cannot fly .* with a delay of 5 s: the MPC's command has none"),
         (wide, "input port 'target' has size 3, but the signal of this name has size 6"),
-        (mute, "needs an output port 'force' of size 3; it has thrust"),
+        (mute, "needs an output port 'force' of size 3; it has 'thrust' of size 3"),
     ):
         with pytest.raises(InputError, match=complaint):
             make_hybrid(short_scenario(), kleopatra(), policy)
