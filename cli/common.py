@@ -23,7 +23,7 @@ from rich.progress import (
 )
 from rich.table import Table
 
-from proxops.diagrams.scenario import Scenario, given_keys
+from proxops.diagrams.scenario import Body, Scenario, given_keys, scenario_remarks
 from proxops.systems.common import InputError, Progress
 
 Processes = typing.Annotated[
@@ -153,6 +153,12 @@ def check_folder(folder: Path, option: str = "--out") -> None:
         raise InputError(f"{option} {folder}: {nearest} is a file, not a folder")
     if not os.access(nearest, os.W_OK | os.X_OK):
         raise InputError(f"{option} {folder}: no permission to write in {nearest}")
+
+
+def print_remarks(scenario: Scenario, body: Body) -> None:
+    """Tells of settings that spoil flights and may be a mistake."""
+    for remark in scenario_remarks(scenario, body):
+        status.print(f"Note: {remark}.")
 
 
 def print_rows(title: str, rows: list[tuple[str, str]]) -> None:

@@ -16,19 +16,14 @@ from proxops.cli.common import (
     check_folder,
     check_transits_drawn,
     console,
+    print_remarks,
     status,
     typed_command,
     with_dispersions,
     work_bar,
 )
 from proxops.diagrams.flight import Workers, named_controller
-from proxops.diagrams.scenario import (
-    Scenario,
-    draw_transit,
-    load_body,
-    load_scenario,
-    scenario_remarks,
-)
+from proxops.diagrams.scenario import Scenario, draw_transit, load_body, load_scenario
 from proxops.systems.common import InputError, write_json
 
 
@@ -81,8 +76,7 @@ def evaluate_command(
     body = load_body(wanted.body)
     for name in names:
         named_controller(name, wanted, body)
-    for remark in scenario_remarks(wanted, body):
-        status.print(f"Note: {remark}.")
+    print_remarks(wanted, body)
     for index in range(min(transits, 2)):  # One clear transit and one blocked transit.
         draw_transit(seed, index, wanted, body)
     variants = [Variant(name, name) for name in names]

@@ -22,6 +22,7 @@ from proxops.cli.common import (
     DispersionsName,
     ScenarioChanges,
     check_folder,
+    print_remarks,
     print_rows,
     progress_bar,
     status,
@@ -30,7 +31,7 @@ from proxops.cli.common import (
 from proxops.diagrams.flight import WITH_BUNDLE, fly, mended_map_of_flight
 from proxops.diagrams.logs import FlightLog, differences, fallback_steps, length_text
 from proxops.diagrams.meshcat import write_replay
-from proxops.diagrams.scenario import Scenario, load_body, load_scenario, scenario_remarks
+from proxops.diagrams.scenario import Scenario, TransitConfig, load_body, load_scenario
 from proxops.systems.common import InputError, make_folder, write_json
 from proxops.systems.navigation import MendedMap, save_mended_map
 
@@ -169,8 +170,7 @@ def _fly_new(
             "exact gravity; its log says so. The first campaign (proxops evaluate) makes the table."
         )
         scenario = dc.replace(scenario, gravity="exact")
-    for remark in scenario_remarks(scenario, body):
-        status.print(f"Note: {remark}.")
+    print_remarks(scenario, body)
     with _progress_bar() as progress:
         log = fly(scenario, controller, meshcat=server, progress=progress, body=body, finished=keep)
     _save(log, out, as_json)
@@ -255,7 +255,7 @@ def _table(log: FlightLog, summary: dict[str, Any]) -> list[tuple[str, str]]:
     flown = float(log.dataset["time"].values[-1])
     arrival = summary["arrival_time_s"]
     rows = [
-        ("transit", _transit_text(log)),
+        ("transit", _transit_text(log.scenario.transit)),
         *([("values drawn", str(len(summary["dispersed"])))] if summary["dispersed"] else []),
         ("success", "yes" if summary["success"] else "no"),
         ("collision", "yes" if summary["collided"] else "no"),
@@ -308,10 +308,10 @@ def _table(log: FlightLog, summary: dict[str, Any]) -> list[tuple[str, str]]:
     return rows
 
 
-def _transit_text(log: FlightLog) -> str:
-    if log.scenario.transit.start_m is not None:
+def _transit_text(transit: TransitConfig) -> str:
+    if transit.start_m is not None:
         return "from start_m to goal_m"
-    return f"{log.summary['transit']} of seed {log.summary['seed']}"
+    return f"{transit.index} of seed {transit.seed}"
 
 
 @contextlib.contextmanager

@@ -176,9 +176,13 @@ def _check_tree(schema: type, tree: dict[str, typing.Any], source: str, key: str
             wanted = "`key: value` lines" if nested else " or ".join(map(in_words, options))
             wanted = f"a text or {wanted}" if nested and str in options else wanted
             if len(nested) > 1:
-                tags = (f"!{option.__name__.removesuffix('Config')} {{}}" for option in nested)
-                wanted += f", or one of {', '.join(tags)}"
+                wanted += f", or one of {', '.join(f'{_tag(option)} {{}}' for option in nested)}"
             raise InputError(f"{source}: {path} needs {wanted}, got {reprlib.repr(value)}")
+
+
+def _tag(option: type) -> str:
+    """The tag of a dataclass as the documentation writes it."""
+    return "!" + option.__name__.removesuffix("Config")
 
 
 def _choose(options: list[type], tree: dict[str, typing.Any], where: str) -> type:
@@ -191,8 +195,7 @@ def _choose(options: list[type], tree: dict[str, typing.Any], where: str) -> typ
     if tag not in names and f"{tag}Config" in names:
         tag = tree["_tag"] = f"{tag}Config"
     if tag not in names:
-        known = ", ".join(each.removesuffix("Config") for each in names)
-        raise InputError(f"{where} cannot be {tag}; choose from {known}")
+        raise InputError(f"{where} cannot be {tag}; choose from {', '.join(map(_tag, options))}")
     if len(options) == 1:
         tree.pop("_tag", None)
     return options[names.index(tag)]
