@@ -81,9 +81,12 @@ def held_by(start: object) -> Iterator[object]:
             continue
         seen.add(id(each))
         yield each
+        names = set(vars(each)) if hasattr(each, "__dict__") else set()
+        for kind in type(each).__mro__:  # Slots may be unset, and one name is a string by itself.
+            slots = vars(kind).get("__slots__", ())
+            names |= {slots} if isinstance(slots, str) else set(slots)
         # pydrake keeps a diagram alive through each of its systems; they hold nothing of it.
-        names = vars(each) if hasattr(each, "__dict__") else {}
-        todo += [value for name, value in names.items() if not name.startswith("_pydrake")]
+        todo += [getattr(each, name, None) for name in names if not name.startswith("_pydrake")]
         if isinstance(each, dict):
             todo += [*each.keys(), *each.values()]
         elif isinstance(each, list | tuple | set | frozenset):

@@ -75,7 +75,8 @@ def learned_lidar_of(
     if kind not in (None, found):
         raise InputError(f"{bundle} is a {found}, not a {kind}")
     names = {field.name for field in dc.fields(LearnedLidarConfig)}
-    known: dict[str, typing.Any] = {k: v for k, v in vars(scenario.lidar).items() if k in names}
+    given = [each.name for each in dc.fields(scenario.lidar) if each.name in names]
+    known: dict[str, typing.Any] = {name: getattr(scenario.lidar, name) for name in given}
     known["bundle"] = str(bundle)
     return LearnedLidarConfig(**known)
 
