@@ -14,7 +14,7 @@ from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from pathlib import Path
 
 from proxops.diagrams.flight.named_bundles import WITH_BUNDLE
-from proxops.diagrams.flight.origin import own_version, provenance
+from proxops.diagrams.flight.origin import differing_parts, own_version, provenance
 from proxops.diagrams.flight.parallel import Workers
 from proxops.diagrams.flight.simulation import fly
 from proxops.diagrams.logs import FlightLog
@@ -297,26 +297,11 @@ def _difference(stored: typing.Any, flight: Flight) -> str:
     stored = stored if isinstance(stored, dict) else {}
     names = ("scenario", "controller")
     differing = [name for name in names if stored.get(name) != getattr(flight, name)]
-    if stored.get("provenance") != flight.provenance:
-        differing += _different_origins(str(stored.get("provenance")), flight.provenance)
-    return ", or another ".join(differing) or "name"
-
-
-def _different_origins(stored: str, wanted: str) -> list[str]:
-    """Says in words in what two provenances differ; see `provenance`."""
-    before, now = (dict(_origin(part) for part in text.split(", ")) for text in (stored, wanted))
-    return [
+    differing += [
         {"proxops": "version of proxops", "body": "body"}.get(name, f"content of the {name}'s file")
-        for name in dict.fromkeys([*before, *now])
-        if before.get(name) != now.get(name)
+        for name in differing_parts(str(stored.get("provenance")), flight.provenance)
     ]
-
-
-def _origin(part: str) -> tuple[str, str]:
-    """The name and the rest of a part of a provenance, such as `true mesh` and its hash."""
-    words = part.split(" ")
-    count = 2 if words[0] == "true" else 1
-    return " ".join(words[:count]), " ".join(words[count:])
+    return ", or another ".join(differing) or "name"
 
 
 def _unflyable(flight: Flight, scenario: Scenario, error: UnflyableWorldError) -> Row:

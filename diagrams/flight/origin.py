@@ -22,6 +22,9 @@ from proxops.systems.common import file_sha256
 from proxops.systems.lidar import LidarBundle
 from proxops.systems.navigation import map_files
 
+# How each part of a provenance begins.
+_PARTS = ("proxops", "body", "true mesh", "map", "lidar", "dispersions", "policy", "controller")
+
 
 def body_sha256(body: Body) -> str:
     """Gives the SHA-256 hash of a body's constants and shape."""
@@ -46,6 +49,15 @@ def provenance(scenario: Scenario, body: Body, controller: str) -> str:
       InputError: a bundle, a module or a file that the flights need does not exist.
     """
     return version_and_body(body) + named_files(scenario, controller)
+
+
+def differing_parts(one: str, other: str) -> list[str]:
+    """Names the parts in which two provenances differ."""
+
+    def named(name: str, text: str) -> list[str]:
+        return [part for part in text.split(", ") if part.startswith(f"{name} ")]
+
+    return [name for name in _PARTS if named(name, one) != named(name, other)]
 
 
 def named_files(scenario: Scenario, controller: str) -> str:

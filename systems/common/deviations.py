@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 
@@ -19,11 +21,11 @@ def error_bounds(
       Two bounds; NaN where the covariance is not finite.
     """
     square = covariance.reshape(9, 9)
-    blocks = square[:3, :3], square[3:6, 3:6]
-    longest = [
-        float(np.sqrt(max(np.linalg.eigvalsh(block)[-1], 0.0)))
-        if np.isfinite(block).all()
-        else np.nan
-        for block in blocks
-    ]
-    return position + deviations * longest[0], velocity + deviations * longest[1]
+    blocks = np.stack([square[:3, :3], square[3:6, 3:6]])
+    if not np.isfinite(blocks).all():
+        return np.nan, np.nan
+    of_position, of_velocity = np.linalg.eigvalsh(blocks)[:, -1].tolist()
+    return (
+        position + deviations * math.sqrt(max(of_position, 0.0)),
+        velocity + deviations * math.sqrt(max(of_velocity, 0.0)),
+    )

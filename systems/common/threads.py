@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import contextlib
+import contextvars
 import functools
 import importlib
 from collections.abc import Generator
 
 from threadpoolctl import ThreadpoolController
+
+_WITHIN: contextvars.ContextVar[bool] = contextvars.ContextVar("one_thread", default=False)
 
 
 @contextlib.contextmanager
@@ -17,13 +20,15 @@ def one_thread() -> Generator[None]:
     More threads of NumPy's and SciPy's libraries add in another order. And for the matrices of a
     flight they are slower, a hundred times so if the machine is busy.
     """
-    libraries = _libraries()
-    # To look takes a thirtieth of the time that it takes to limit.
-    if all(library.get_num_threads() == 1 for library in libraries.lib_controllers):
+    if _WITHIN.get():
         yield
         return
-    with libraries.limit(limits=1):
-        yield
+    within = _WITHIN.set(True)
+    try:
+        with _libraries().limit(limits=1):
+            yield
+    finally:
+        _WITHIN.reset(within)
 
 
 @functools.cache

@@ -200,7 +200,8 @@ class LidarNavigation(LeafSystem):
     def _packed(self, memory: Memory) -> np.ndarray:
         """A memory as a vector, so that Drake's discrete state can hold it."""
         n, estimate = self._size, memory.estimate
-        vector = np.zeros(_HEAD + memory.forces.size + n + n * n)
+        size = _HEAD + memory.forces.size + n + n * n
+        vector = np.zeros(size) if estimate is None else np.empty(size)  # It fills all of it.
         vector[:2] = memory.phase, memory.contradictions
         vector[4:13] = memory.attitude.ravel()
         held, mean, covariance = self._parts(vector)

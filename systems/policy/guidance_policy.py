@@ -136,22 +136,27 @@ class GuidancePolicy(LeafSystem):
 
     def _calc_goal(self, context, value):
         goals = self._target_port.Eval(context)[None, :3]
-        value.set_value((goals, self.surroundings.at_goal(goals)))
+        value.set_value((goals, self.surroundings.at_rest(goals)))
 
     def _calc_answer(self, context, value):
         state = self._state_port.Eval(context)
         started = time.perf_counter()
         force, status = np.zeros(3), PolicyStatus.NOT_FINITE
         if all(map(math.isfinite, state)):
-            goals, constant = self._goal.Eval(context)
-            given = np.concatenate([self.surroundings.way(state[None], goals), constant], axis=1)
-            answer = self.bundle.network.run(given[0], self._longest(context))
+            goals, at_rest = self._goal.Eval(context)
+            given = at_rest.copy()
+            self.surroundings.fill_way(state[None], goals, given)
+            answer = self.bundle.network.run(given[0], self._longest(context)).tolist()
             if all(map(math.isfinite, answer)):
-                limit = self.force_limit
-                answer = np.where(np.abs(answer) < COAST, 0.0, answer)
-                force = self.surroundings.in_body_frame(np.clip(limit * answer, -limit, limit))
+                force = self.surroundings.in_body_frame(*map(self._force, answer))
                 status = PolicyStatus.ANSWERED
         value.set_value((force, time.perf_counter() - started, status))
+
+    def _force(self, answer: float) -> float:
+        """The force in N along an axis, for the network's answer."""
+        if abs(answer) < COAST:
+            return 0.0
+        return min(max(self.force_limit * answer, -self.force_limit), self.force_limit)
 
     def _longest(self, context) -> float:
         """The greatest time of the law, in the unit of `Surroundings`; inf: any."""

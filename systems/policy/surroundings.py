@@ -118,37 +118,34 @@ class Surroundings:
           (N, 23) float32: position, velocity and goal, three numbers each; the acceleration without
           thrust at the state, and at rest at the goal, over a; and `told`.
         """
-        return np.concatenate([self.way(states, goals), self.at_goal(goals)], axis=1)
+        given = self.at_rest(goals)
+        self.fill_way(states, goals, given)
+        return given
 
-    def way(self, states: np.ndarray, goals: np.ndarray) -> np.ndarray:
-        """The columns (N, 12) of `inputs` that change along the way; its arguments."""
-        given = np.empty((len(states), 12), dtype=np.float32)
+    def at_rest(self, goals: np.ndarray) -> np.ndarray:
+        """Gives `inputs` (N, 23) at rest at goals (N, 3)."""
+        given = np.empty((len(goals), INPUTS), dtype=np.float32)
+        self.fill_way(np.concatenate([goals, np.zeros_like(goals)], axis=1), goals, given)
+        given[:, 12:15] = given[:, 9:12]
+        given[:, 15:] = self.told()
+        return given
+
+    def fill_way(self, states: np.ndarray, goals: np.ndarray, given: np.ndarray) -> None:
+        """Fills the twelve columns of `inputs` that change along the way; its arguments."""
         gravity = self.field.evaluate(states[:, :3]).acceleration
-        units = np.array([self.length, self.speed, self.acceleration])
-        _fill_way(states, goals, gravity, self.spin, units, given)
-        if self.turned:
-            vectors = given.reshape(-1, 3)
-            vectors[:, 0], vectors[:, 1] = vectors[:, 1].copy(), -vectors[:, 0]
-        return given
+        _fill_way(
+            states, goals, gravity, self.spin, self.length, self.speed, self.acceleration,
+            self.turned, given,
+        )  # fmt: skip
 
-    def in_body_frame(self, vector: np.ndarray) -> np.ndarray:
-        """Gives a vector (3,) of the network in K."""
-        x, y, z = vector
-        return np.array([-y, x, z]) if self.turned else vector
-
-    def at_goal(self, goals: np.ndarray) -> np.ndarray:
-        """The columns (N, 11) of `inputs` that depend on goals (N, 3) alone."""
-        given = np.empty((len(goals), INPUTS - 12), dtype=np.float32)
-        still = np.concatenate([goals, np.zeros_like(goals)], axis=1)
-        given[:, :3] = self.way(still, goals)[:, 9:]
-        given[:, 3:] = self.told()
-        return given
+    def in_body_frame(self, x: float, y: float, z: float) -> np.ndarray:
+        """Gives a vector of the network as (3,) in K."""
+        return np.array([-y, x, z] if self.turned else [x, y, z])
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _fill_way(states, goals, gravity, spin, units, given):
-    """Fills ``given`` (N, 12): state and goal, and acceleration without thrust, in their units."""
-    length, speed, acceleration = units
+def _fill_way(states, goals, gravity, spin, length, speed, acceleration, turned, given):
+    """Fills twelve columns: state and goal, and acceleration without thrust, in their units."""
     for k in range(len(states)):
         x, y, _, v_x, v_y, _ = states[k]
         for axis in range(3):
@@ -158,3 +155,7 @@ def _fill_way(states, goals, gravity, spin, units, given):
         given[k, 9] = (gravity[k, 0] + (spin**2 * x + 2.0 * spin * v_y)) / acceleration
         given[k, 10] = (gravity[k, 1] + (spin**2 * y - 2.0 * spin * v_x)) / acceleration
         given[k, 11] = gravity[k, 2] / acceleration
+        if turned:
+            for first in range(0, 12, 3):
+                along_x, along_y = given[k, first], given[k, first + 1]
+                given[k, first], given[k, first + 1] = along_y, -along_x
