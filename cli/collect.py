@@ -168,10 +168,10 @@ def _learned_lidar(
         )
     if source == LidarSource.LEARNED:
         bundle = bundle or Path("out/lidar/bundle")
-        return learned_lidar_of(scenario, bundle.resolve())
+        return learned_lidar_of(scenario, bundle)
     if source == LidarSource.PAPER:
         bundle = bundle or Path("out/lidar/paper_bundle")
-        return learned_lidar_of(scenario, bundle.resolve(), FRAME_NETWORK)
+        return learned_lidar_of(scenario, bundle, FRAME_NETWORK)
     return None
 
 

@@ -79,6 +79,8 @@ def dagger_command(
     """
     _check_numbers(seed, rounds, minutes)
     check_folder(out)
+    if out.resolve() == pilot.resolve():
+        raise InputError(f"--out {out} is the folder of --pilot: give another, to keep the pilot")
     with training_extra():
         from proxops.training.any_body import AnyBodyDagger, run_any_body_dagger
         from proxops.training.pilot import DaggerSettings, run_dagger

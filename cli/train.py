@@ -36,6 +36,14 @@ class Recipe(enum.StrEnum):
     ANY_BODY = "any-body"
 
 
+# One for each: in the other's folder, a training would replace the bundle.
+_FOLDERS = {
+    Recipe.PROXOPS: Path("out/pilot"),
+    Recipe.PAPER: Path("out/paper-policy"),
+    Recipe.ANY_BODY: Path("out/any-body"),
+}
+
+
 class Precision(enum.StrEnum):
     """The precision of the network's arithmetic in training."""
 
@@ -79,9 +87,13 @@ def train_command(
     precision: Annotated[
         Precision, typer.Option(help="Precision of the arithmetic.")
     ] = Precision.FULL,
-    out: Annotated[Path, typer.Option(help="Folder for the policy and its report.")] = Path(
-        "out/pilot"
-    ),
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder for the policy and its report. Default: out/pilot; paper: "
+            "out/paper-policy; any-body: out/any-body."
+        ),
+    ] = None,
     workers: Annotated[
         int | None,
         typer.Option(min=1, help="Processes that compute plans. Default: one for each core."),
@@ -105,14 +117,10 @@ def train_command(
 
       proxops train --recipe any-body --out out/any-body
     """
+    out = out or _FOLDERS[recipe]
     check_folder(out)
     _check_options(recipe, data, minutes, workers)
-    if recipe == Recipe.PAPER:
-        train, show = _paper(minutes), print_report
-    elif recipe == Recipe.ANY_BODY:
-        train, show = _any_body(Workers(workers)), print_any_body
-    else:
-        train, show = _pilot(Workers(workers)), print_report
+    train = _training(recipe, minutes, Workers(workers))
     # The networks of our recipes are small, so a CPU is as fast as any other device.
     device = "cpu" if device == "auto" and recipe != Recipe.PAPER else device
     common = {"seed": seed, "device": device, "precision": precision.value}
@@ -121,7 +129,7 @@ def train_command(
     if as_json:
         typer.echo(json.dumps(report, indent=2))
     else:
-        show(report)
+        (print_any_body if recipe == Recipe.ANY_BODY else print_report)(report)
     status.print(f"Wrote bundle, the trained policy, report.md and curves in {out}")
 
 
@@ -137,6 +145,12 @@ def _check_options(
         raise InputError(f"--recipe any-body makes its own examples: leave out {data}")
     if recipe == Recipe.PAPER and workers is not None:
         raise InputError("--workers is for recipes that compute plans: leave it out")
+
+
+def _training(recipe: Recipe, minutes: float | None, workers: Workers) -> Training:
+    if recipe == Recipe.PAPER:
+        return _paper(minutes)
+    return _any_body(workers) if recipe == Recipe.ANY_BODY else _pilot(workers)
 
 
 def _given(data: Path | None) -> Path:

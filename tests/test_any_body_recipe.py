@@ -98,6 +98,24 @@ def test_from_nothing_to_a_flight(tmp_path: Path) -> None:
     assert "navigation_state" in kept.dataset
 
 
+@pytest.mark.parametrize("version", ["1.3.0", None])
+def test_a_guidance_of_another_version_is_refused_and_left_as_it_is(
+    tmp_path: Path, version: str | None
+) -> None:
+    report = {"settings": dataclasses.asdict(SMALL)} | ({"proxops": version} if version else {})
+    (tmp_path / "report.json").write_text(json.dumps(report))
+    (tmp_path / "family").mkdir()
+    with pytest.raises(InputError, match=f"by proxops {version or 'before'}.*, and this is"):
+        run_any_body_dagger(tmp_path, tmp_path / "dagger", AnyBodyDagger(rounds=1))
+    assert sorted(path.name for path in tmp_path.rglob("*")) == ["family", "report.json"]
+
+
+def test_a_pilot_is_not_replaced_by_what_learns_from_it(tmp_path: Path) -> None:
+    words = ["dagger", "--pilot", str(tmp_path), "--out", str(tmp_path / "." / "")]
+    with pytest.raises(InputError, match="is the folder of --pilot"):
+        app(words, standalone_mode=False)
+
+
 @pytest.fixture
 def asked(monkeypatch: pytest.MonkeyPatch) -> list[AnyBodyDagger]:
     """The settings with which the command line calls DAgger, which then does nothing."""

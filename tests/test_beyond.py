@@ -231,29 +231,6 @@ def test_what_was_flown_is_told(told: tuple[Path, dict[str, Any]], tmp_path: Pat
 
 
 @pytest.mark.slow
-def test_a_stage_that_does_not_say_how_it_was_flown_is_told(
-    told: tuple[Path, dict[str, Any]], tmp_path: Path
-) -> None:
-    """Those that were flown before version 1.0.0 came out do not; nor do their figures count."""
-    out, before = told
-    shutil.copytree(out, tmp_path / "again")
-    (record,) = (tmp_path / "again" / "stages").glob("first-*.json")
-    content = json.loads(record.read_text())
-    for key in ("seed", "transits", "dispersions"):
-        del content["result"][key]
-    for figures in content["result"]["results"].values():
-        del figures["successes"], figures["successes_2km"]
-    record.write_text(json.dumps(content))
-    known = [small("first"), small("second")]
-    found = fly_and_tell(known, [], brief(), tmp_path / "again")
-    entry, usual = found["campaigns"]["first"], before["campaigns"]["first"]
-    assert {key: entry[key] for key in usual if key != "controllers"} == {
-        key: usual[key] for key in usual if key != "controllers"
-    }
-    assert success_lines(found) == success_lines(before)
-
-
-@pytest.mark.slow
 def test_run_again_it_flies_only_what_is_new(
     told: tuple[Path, dict[str, Any]], tmp_path: Path
 ) -> None:

@@ -27,7 +27,7 @@ from proxops.diagrams.scenario.body import load_body
 from proxops.diagrams.scenario.scenario import load_scenario, parse_scenario
 from proxops.diagrams.scenario.scenario_config import LearnedLidarConfig
 from proxops.systems import InputError
-from proxops.training.data.collection import describe_flight
+from proxops.training.data.collection import describe_flight, learned_lidar_of
 from proxops.training.data.recovery import flight_scenario, kind_of
 
 # Over after 15 steps, wherever it is then.
@@ -190,6 +190,18 @@ def test_learned_lidar_gives_the_frames_of_disturbed_flights(
         assert sensor.noise_std_m == 7.0
         assert isinstance(sensor, LearnedLidarConfig) == (row["kind"] == "random_walk")
         assert ("lidar_sha256" in log.dataset.attrs) == (row["kind"] == "random_walk")
+
+
+def test_flights_name_a_learned_lidar_by_its_whole_path(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Workers, and whoever flies a log again, may be in another folder."""
+    write_ball_bundle(tmp_path / "bundle")
+    monkeypatch.chdir(tmp_path)
+    scenario = load_scenario(None, {"lidar.noise_std_m": 7})
+    found = learned_lidar_of(scenario, Path("bundle"))
+    assert Path(found.bundle) == (tmp_path / "bundle").resolve()
+    assert found.noise_std_m == 7.0
 
 
 def test_learned_lidar_that_is_not_there(collect, capsys: pytest.CaptureFixture[str]) -> None:

@@ -161,9 +161,6 @@ def test_successes_are_counted(good: int) -> None:
     assert (found["successes"], found["successes_2km"]) == (good, min(good + 1, 852))
     assert successes_text(found) == f"{good} of 852"
     assert successes_text(found, wide=True) == f"{min(good + 1, 852)} of 852"
-    # A rate with six digits, as results.json has them, and no count, as earlier ones had none.
-    older = {"success_rate": float(f"{good / 852:.6g}"), "transits": 852}
-    assert successes_text(older) == f"{good} of 852"
     assert successes_text(aggregate([])) == "0 of 0"
 
 

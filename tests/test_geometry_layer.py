@@ -57,6 +57,11 @@ def test_solution_is_numpys():
     np.testing.assert_allclose(_solve(matrix, right).numpy(), expected, rtol=2e-2, atol=2e-2)
 
 
+def test_solution_stays_on_its_device():
+    """The meta device computes nothing, but refuses what is elsewhere."""
+    assert _solve(torch.ones(4, 3, 3, device="meta"), torch.ones(4, 3, device="meta")).is_meta
+
+
 def test_field_is_linear_between_its_points_and_constant_beyond():
     field = SurfaceField(np.full(3, -10e3), np.full(3, 10e3), 5e3)
     grid = [np.linspace(-10e3, 10e3, 5)] * 3

@@ -189,14 +189,6 @@ def test_follows_a_change_that_keeps_the_size(logs: Path) -> None:
     assert after.state[changed[0][0], 0] == 1.5e5
 
 
-def test_follows_the_split_seed(logs: Path) -> None:
-    splits = {
-        tuple(each.part for each in pack_flights(logs, split_seed=seed).flights)
-        for seed in range(4)
-    }
-    assert len(splits) > 1
-
-
 def test_the_same_logs_give_the_same_files(tmp_path: Path, packed: PackedFlights) -> None:
     again = pack_flights(copy_flights(tmp_path), tmp_path / "elsewhere")
     assert again.folder == tmp_path / "elsewhere"
@@ -489,7 +481,7 @@ def test_a_damaged_column(packed_logs: Path, damage: Callable[[Path], None], nam
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"schema": 1}, "is of version 1, not 2"),
+        ({"schema": 1}, "is of version 1, not 3"),
         ({"flights": []}, "is damaged"),
         ({"setting": {"planes": 12}}, "is damaged"),
         ({"columns": {}}, "is damaged"),

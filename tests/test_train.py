@@ -14,6 +14,7 @@ from flight_folders import copy_flights
 from short_flights import BRIEF, short_scenario
 
 from proxops.diagrams.flight.simulation import fly
+from proxops.systems import InputError
 from proxops.training.data import PackedFlights, pack_flights
 from proxops.training.export.policy_report import replay_flights
 from proxops.training.loop import WindowDataset
@@ -160,6 +161,31 @@ def test_senseless_calls_are_refused(
     monkeypatch.chdir(tmp_path)
     assert proxops("train", "--recipe", "paper", *arguments, "--out", tmp_path / "out") == 2
     assert words in capfd.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("recipe", "function", "folder"),
+    [
+        ("proxops", "pilot.train_pilot", "out/pilot"),
+        ("paper", "paper.train_paper_policy", "out/paper-policy"),
+        ("any-body", "any_body.train_any_body", "out/any-body"),
+    ],
+)
+def test_each_recipe_has_a_folder_of_its_own(
+    recipe: str, function: str, folder: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    """In the folder of another, it would replace the bundle."""
+    given: list[Any] = []
+
+    def stop(*arguments: Any) -> None:
+        given.extend(arguments)
+        raise InputError("far enough")
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(f"proxops.training.{function}", stop)
+    data = [] if recipe == "any-body" else ["data"]
+    assert proxops("train", *data, "--recipe", recipe) == 2
+    assert Path(folder) in given
 
 
 def test_without_torch_it_says_what_to_do(

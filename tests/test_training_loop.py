@@ -1,5 +1,6 @@
 """The training loop: learning, the best epoch, resuming, budgets, refusals."""
 
+import contextlib
 import csv
 from collections.abc import Callable
 from dataclasses import replace
@@ -195,8 +196,9 @@ def test_a_budget_of_minutes_ends_it(packed: PackedFlights, tmp_path: Path):
 
 def test_checkpoint_of_another_training_is_refused(packed: PackedFlights, tmp_path: Path):
     run(task(packed), SCHEDULE, tmp_path)
-    with pytest.raises(InputError, match="with other settings, data or body"):
-        run(task(packed), SCHEDULE, tmp_path, seed=2)
+    for other in ({"seed": 2}, {"precision": "bf16-mixed"}):
+        with pytest.raises(InputError, match="with other settings, data or body"):
+            run(task(packed), SCHEDULE, tmp_path, **other)
     (tmp_path / "straight.ckpt").write_bytes(b"half a checkpo")
     with pytest.raises(InputError, match="is not a checkpoint"):
         run(task(packed), SCHEDULE, tmp_path)
@@ -274,6 +276,26 @@ def test_a_device_that_is_not_there_is_refused(
 ):
     with pytest.raises(InputError, match="cannot train on device"):
         train(task(packed), tmp_path, 1, device=device, precision=precision)
+
+
+@pytest.mark.parametrize("ends", [True, False])
+def test_the_number_of_threads_is_as_before(packed: PackedFlights, tmp_path: Path, ends: bool):
+    """A network that is trained next may be large."""
+    seen: list[int] = []
+
+    def loss(policy: Straight, batch: Batch) -> Tensor:
+        seen.append(torch.get_num_threads())
+        return squares(policy, batch) if ends else torch.tensor(torch.nan)
+
+    before = torch.get_num_threads()
+    torch.set_num_threads(2)
+    try:
+        with contextlib.nullcontext() if ends else pytest.raises(Exception):  # noqa: B017
+            train(replace(task(packed, loss), threads=1), tmp_path, 1)
+        assert set(seen) == {1}
+        assert torch.get_num_threads() == 2
+    finally:
+        torch.set_num_threads(before)
 
 
 def test_tiny_numbers_are_zero_while_it_learns_and_no_longer(packed: PackedFlights, tmp_path: Path):

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hn
 
-from proxops.diagrams.scenario import TrueStateConfig, load_body, load_scenario
+from proxops.diagrams.scenario import TrueStateConfig, change_scenario, load_body, load_scenario
 from proxops.systems import InputError
 from proxops.systems.vehicle import NEVER, FlightEvents, FlownPath
 from proxops.training.environment import TransitBatch, TransitEnvironment
@@ -69,6 +69,19 @@ def test_a_transit_as_the_diagram_flies_it() -> None:
     assert info["time_s"][1] == 10.0 * steps
     assert info["delta_v_m_s"][1] == pytest.approx(summary["delta_v_m_s"], rel=1e-3)
     assert info["violations"][1] == summary["keep_out_violations"] == 0
+
+
+def test_who_begins_at_the_goal_has_arrived_then() -> None:
+    """As in the diagram: the dwell counts from the start."""
+    wide = {"arrival.radius_m": 1e6, "arrival.dwell_s": 30.0}
+    many = batch(1, changes=EXACT | wide)
+    one = single(scenario=change_scenario(TRUE, wide))
+    many.reset(options={"transit": [0]})
+    one.reset(options={"transit": 0})
+    for number in range(1, 4):
+        _, _, over, _, _ = many.step(np.zeros((1, 3)))
+        _, _, over_alone, _, _ = one.step(np.zeros(3))
+        assert bool(over[0]) == over_alone == (number == 3)
 
 
 def test_into_the_body_as_the_diagram_flies_it() -> None:

@@ -37,8 +37,6 @@ from proxops.studies.evaluation import (
 from proxops.studies.reproduction import Stage, Stages
 from proxops.systems.common import InputError, Progress
 
-_SAID = ("seed", "transits", "dispersions")
-
 
 def fly_campaign(
     stages: Stages, campaign: Campaign, scenario: Scenario, bodies: Path, workers: Workers
@@ -55,7 +53,7 @@ def fly_campaign(
       The stage. Its result has `results`, the figures of each controller by its name with the rows
       of the flights, as `aggregate_all` makes them; `refused`, the reason of each controller that
       refuses to fly there; `body`, the body's name; `arrival`, the fields of the `ArrivalConfig` by
-      which flights were judged; and `seed`, `transits` and `dispersions`, as they were flown.
+      which flights were judged; and `dispersions`, as they were flown.
 
     Raises:
       InputError: see `fly_variants`.
@@ -76,8 +74,6 @@ def fly_campaign(
             "refused": refused,
             "body": body.config.name,
             "arrival": dc.asdict(flown.arrival),
-            "seed": campaign.seed,
-            "transits": campaign.transits,
             "dispersions": flown.dispersions,
         }
 
@@ -99,10 +95,8 @@ def flown_campaign(
 
 
 def as_flown(campaign: Campaign, stage: Stage) -> Campaign:
-    """The campaign with the seed, transits and dispersions with which its stage was flown."""
-    # A stage that was flown before version 1.0.0 came out may not say them; it is as asked for.
-    kept = {key: stage.result[key] for key in _SAID if key in stage.result}
-    return dc.replace(campaign, **kept)
+    """The campaign with the dispersions with which its stage was flown."""
+    return dc.replace(campaign, dispersions=stage.result["dispersions"])
 
 
 def _inputs(campaign: Campaign, flown: Scenario, body: Body) -> dict[str, Any]:
@@ -179,11 +173,13 @@ def _refusal(flight: Flight) -> str | None:
 def entry(campaign: Campaign, stage: Stage) -> dict[str, Any]:
     """A campaign's entry of results.json: figures without the flights that they were made from.
 
-    Seed, transits and dispersions are those that were flown. Where worlds were dispersed, `drivers`
-    has, for each output, what drives it by more than chance.
+    Where worlds were dispersed, `drivers` has, for each output, what drives it by more than chance.
+
+    Args:
+      campaign: as its stage was flown: see `as_flown`.
+      stage: what `fly_campaign` gives.
     """
     results: Mapping[str, Mapping[str, Any]] = stage.result["results"]
-    campaign = as_flown(campaign, stage)
     return {
         "part": campaign.part,
         "title": campaign.title,

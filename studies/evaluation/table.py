@@ -47,10 +47,7 @@ def successes_text(result: Result, *, wide: bool = False) -> str:
       result: its figures, as `aggregate_all` makes them.
       wide: counts arrivals within twice the limits, too.
     """
-    count, rate = ("successes_2km", "success_rate_2km") if wide else ("successes", "success_rate")
-    # Figures from before version 1.0.0 came out have the rate alone.
-    good = result[count] if count in result else round((result[rate] or 0.0) * result["transits"])
-    return f"{good} of {result['transits']}"
+    return f"{result['successes_2km' if wide else 'successes']} of {result['transits']}"
 
 
 def outcome(row: Row) -> str:

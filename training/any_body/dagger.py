@@ -10,6 +10,7 @@ from __future__ import annotations
 import dataclasses as dc
 import json
 from collections.abc import Sequence
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -103,17 +104,24 @@ def trained_settings(guidance: Path) -> AnyBodySettings:
     """The settings that a guidance was trained with.
 
     Raises:
-      InputError: the folder holds none.
+      InputError: the folder holds none, or it was trained by another version.
     """
     try:
-        fields = json.loads((guidance / "report.json").read_text())["settings"]
+        report = json.loads((guidance / "report.json").read_text())
+        version, fields = report.get("proxops", "before 1.4.0"), report["settings"]
         schedule = Schedule(**fields.pop("schedule"))
-        return AnyBodySettings(**fields, schedule=schedule)
+        settings = AnyBodySettings(**fields, schedule=schedule)
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise InputError(
             f"{guidance} is not what `proxops train --recipe any-body` wrote: its report.json "
             f"cannot be read ({error})"
         ) from error
+    if version != metadata.version("proxops"):
+        raise InputError(
+            f"{guidance} was made by proxops {version}, and this is {metadata.version('proxops')}: "
+            "train anew in another folder"
+        )
+    return settings
 
 
 def round_flights(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses as dc
 import hashlib
 from collections.abc import Sequence
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -139,7 +140,8 @@ def learn(
     trained = train(task, out, settings.seed, progress=progress, **options)
     network = network.cpu().eval()
     ranges = ranges_of(family.surroundings[: family.learned])
-    told = told | {"data_sha256": data, "settings": dc.asdict(settings)}
+    made = {"proxops": metadata.version("proxops"), "data_sha256": data}
+    told = told | made | {"settings": dc.asdict(settings)}
     report = told | _report(trained, (learned, unseen), network)
     text = _page(report, ranges)
     compared = examples.given[:: max(1, len(held) // _COMPARED)]

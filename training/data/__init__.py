@@ -8,7 +8,7 @@ states.
 from proxops.training.data.collecting import collect
 from proxops.training.data.collection import collection_flights, learned_lidar_of
 from proxops.training.data.collection_report import histogram_rows, report_rows
-from proxops.training.data.dagger_rounds import round_logs, round_outcome
+from proxops.training.data.dagger_rounds import hard_transits, round_logs, round_outcome
 from proxops.training.data.flight_labels import label_flights, labels_by_flight, plans_along
 from proxops.training.data.label_files import Labels, joined_labels
 from proxops.training.data.normalisation import Normalisation
@@ -29,7 +29,6 @@ from proxops.training.data.scaling import (
     scaling_for,
     scaling_of,
 )
-from proxops.training.data.transit_choice import hard_transits
 from proxops.training.data.transit_split import PARTS
 
 __all__ = [

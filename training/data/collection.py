@@ -77,7 +77,7 @@ def learned_lidar_of(
     names = {field.name for field in dc.fields(LearnedLidarConfig)}
     given = [each.name for each in dc.fields(scenario.lidar) if each.name in names]
     known: dict[str, typing.Any] = {name: getattr(scenario.lidar, name) for name in given}
-    known["bundle"] = str(bundle)
+    known["bundle"] = str(bundle.resolve())  # Flights may be flown from another folder.
     return LearnedLidarConfig(**known)
 
 

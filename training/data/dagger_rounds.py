@@ -1,12 +1,23 @@
-"""What all runs of DAgger do with the flights of a round: find their logs, count how they ended."""
+"""What all runs of DAgger do: choose a round's transits, find their logs, count how they ended."""
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from proxops.diagrams.flight import Flight, Row
+from proxops.diagrams.scenario import is_blocked
 from proxops.training.data.label_files import Labels
+
+# Of the transits that are not blocked one in this many is flown, because those are easy.
+_CLEAR_EVERY = 7
+
+
+def hard_transits(count: int) -> list[int]:
+    """Numbers of `count` transits of a set: all blocked ones, and a few of the others."""
+    hard = (each for each in itertools.count() if is_blocked(each) or each % _CLEAR_EVERY == 0)
+    return list(itertools.islice(hard, count))
 
 
 def round_logs(flights: Iterable[Flight], folder: Path) -> list[Path]:

@@ -17,7 +17,7 @@ from proxops.training.data.flight_columns import HITS, ROWS, Setting
 from proxops.training.data.normalisation import Normalisation
 from proxops.training.data.transit_split import PARTS
 
-SCHEMA = 2
+SCHEMA = 3
 INDEX = "packed_flights.json"
 # Where the hits of each step begin; one more at the end.
 OFFSET = "offset"
@@ -98,7 +98,6 @@ class PackedFlights:
         try:
             self.flights = tuple(PackedFlight(**flight) for flight in index["flights"])
             self.setting = Setting(**index["setting"])
-            self.split_seed = int(index["split_seed"])
             self.logs_sha256 = str(index["logs_sha256"])
             columns = {name: dict(index["columns"][name]) for name in (*ROWS, *HITS, OFFSET)}
         except (KeyError, TypeError, ValueError) as error:

@@ -35,8 +35,6 @@ _MASS_SPREAD = 0.05
 def pack_flights(
     folder: str | Path,
     cache: str | Path | None = None,
-    *,
-    split_seed: int = 0,
     progress: Progress = silent,
 ) -> PackedFlights:
     """Packs the logs of a folder, or opens the cache if it was packed from these logs.
@@ -47,7 +45,6 @@ def pack_flights(
     Args:
       folder: folder with one *.nc file for each flight.
       cache: folder for the packed set; None: `packed` in `folder`.
-      split_seed: seed for `part_of_transit`.
       progress: is called with the share of the logs that are packed.
 
     Raises:
@@ -67,9 +64,9 @@ def pack_flights(
     with _locked(cache):
         with contextlib.suppress(InputError):  # Missing, old or damaged: then it is made anew.
             packed = PackedFlights(cache)
-            if packed.split_seed == split_seed and _unchanged(packed, logs):
+            if _unchanged(packed, logs):
                 return packed
-        _build(logs, cache, split_seed, progress)
+        _build(logs, cache, progress)
     return PackedFlights(cache, verify=False)
 
 
@@ -86,14 +83,14 @@ def _unchanged(packed: PackedFlights, logs: Sequence[Path]) -> bool:
     return True
 
 
-def _build(logs: Sequence[Path], cache: Path, split_seed: int, progress: Progress) -> None:
+def _build(logs: Sequence[Path], cache: Path, progress: Progress) -> None:
     """Writes the set under a temporary name, then renames it."""
     part, old = (cache.with_name(f".{cache.name}.{suffix}") for suffix in ("part", "old"))
     try:
         for leftover in (part, old):  # Left by a process that was killed.
             shutil.rmtree(leftover, ignore_errors=True)
         part.mkdir()
-        index = _write_columns(logs, part, split_seed, progress)
+        index = _write_columns(logs, part, progress)
         with (part / INDEX).open("w") as file:
             json.dump(index, file, indent=1)
             file.flush()
@@ -109,7 +106,7 @@ def _build(logs: Sequence[Path], cache: Path, split_seed: int, progress: Progres
 
 
 def _write_columns(
-    logs: Sequence[Path], part: Path, split_seed: int, progress: Progress
+    logs: Sequence[Path], part: Path, progress: Progress
 ) -> dict[str, typing.Any]:
     """Writes all columns into the folder `part`; returns the index."""
     kinds = {**ROWS, **{name: (None, kind) for name, kind in HITS.items()}, OFFSET: (None, "<i8")}
@@ -129,7 +126,7 @@ def _write_columns(
             setting = setting or columns.setting
             _check_together(path, columns.setting, logs[0], setting)
             masses.append(columns.setting.mass_kg)
-            flight = _entry(path, columns, row, split_seed)
+            flight = _entry(path, columns, row)
             for name, values in {**columns.rows, **columns.hits}.items():
                 writers[name].append(values)
             writers[OFFSET].append(hit + np.cumsum(columns.hit_counts))
@@ -150,7 +147,6 @@ def _write_columns(
     return {
         "schema": SCHEMA,
         "logs_sha256": logs_sha256(flights),
-        "split_seed": split_seed,
         "setting": dc.asdict(dc.replace(setting, mass_kg=float(np.mean(masses)))),
         "normalisation": normalisation.to_json(),
         "columns": described,
@@ -158,7 +154,7 @@ def _write_columns(
     }
 
 
-def _entry(path: Path, columns: FlightColumns, row: int, split_seed: int) -> PackedFlight:
+def _entry(path: Path, columns: FlightColumns, row: int) -> PackedFlight:
     status = path.stat()
     return PackedFlight(
         name=path.name,
@@ -167,7 +163,7 @@ def _entry(path: Path, columns: FlightColumns, row: int, split_seed: int) -> Pac
         sha256=file_sha256(path),
         seed=columns.seed,
         transit=columns.transit,
-        part=part_of_transit(columns.seed, columns.transit, split_seed),
+        part=part_of_transit(columns.seed, columns.transit),
         controller=columns.controller,
         scenario_sha256=columns.scenario_sha256,
         start=row,

@@ -53,6 +53,8 @@ class Portion:
 
     name: str
     scenario: str
+    body: str
+    """What `version_and_body` gives."""
     seed: int
     first: int
     count: int
@@ -87,10 +89,15 @@ def portions_of(scenario: Scenario, seed: int, transits: int, name: str = "plans
       seed: of the transits.
       transits: number of transits.
       name: with it begin the names of the portions' files, which must differ in a folder.
+
+    Raises:
+      InputError: see `load_body`.
     """
-    text = dump_scenario(scenario)
+    text, body = dump_scenario(scenario), version_and_body(load_body(scenario.body))
     return [
-        Portion(f"{name}-{seed}-{first:06d}", text, seed, first, min(_PORTION, transits - first))
+        Portion(
+            f"{name}-{seed}-{first:06d}", text, body, seed, first, min(_PORTION, transits - first)
+        )
         for first in range(0, transits, _PORTION)
     ]
 
@@ -181,7 +188,7 @@ def _ends(
 
 def _compute(portion: Portion, folder: Path) -> int:
     scenario = parse_scenario(portion.scenario)
-    body = _body(scenario.body)
+    body = _body(scenario.body, portion.body)
     program = make_mpc(scenario, body).program
     plans = []
     for index in range(portion.first, portion.first + portion.count):
@@ -198,10 +205,11 @@ def _origin(portion: Portion) -> str:
     """Names all that the plans depend on; the body by its content, so that folders may move."""
     scenario = parse_scenario(portion.scenario)
     parts = scenario.spacecraft, scenario.mpc, scenario.transit
-    made = version_and_body(_body(scenario.body))
     count = f"{portion.first}, {portion.count}, {portion.seed}"
-    return f"{made}, share {_BLOCKED_SHARE} blocked, of {count}, {parts}"
+    return f"{portion.body}, share {_BLOCKED_SHARE} blocked, of {count}, {parts}"
 
 
-# Bodies are large, so each worker loads them once.
-_body = functools.lru_cache(maxsize=1)(load_body)
+# Bodies are large, so each worker loads them once. Where the file has changed, so has the content.
+@functools.lru_cache(maxsize=1)
+def _body(name: str, content: str) -> Body:
+    return load_body(name)

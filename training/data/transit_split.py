@@ -9,7 +9,7 @@ PARTS = ("training", "validation", "test")
 _BLOCK = ("training", "training", "training", "validation", "test")
 
 
-def part_of_transit(seed: int, transit: int, split_seed: int = 0) -> str:
+def part_of_transit(seed: int, transit: int) -> str:
     """The part of transit number `transit` of a seed; it depends on the arguments alone.
 
     Of each block of five transits (0 … 4, 5 … 9, …) three are drawn for training, one for
@@ -18,5 +18,5 @@ def part_of_transit(seed: int, transit: int, split_seed: int = 0) -> str:
     not, are in the same part.
     """
     block, place = divmod(transit, len(_BLOCK))
-    order = np.random.default_rng(derived_seed(split_seed, seed, block)).permutation(len(_BLOCK))
+    order = np.random.default_rng(derived_seed(0, seed, block)).permutation(len(_BLOCK))
     return _BLOCK[order[place]]

@@ -194,7 +194,8 @@ class TransitBatch(gymnasium.vector.VectorEnv):
         self._states[index, :3], self._states[index, 3:] = transit.start, transit.start_velocity
         self._targets[index, :3] = transit.goal
         self._way[index] = np.linalg.norm(transit.goal - transit.start)
-        self._outcomes[index] = [NEVER, 0.0, 0.0, 0.0]
+        inside = self._events.is_in_region(self._states[index], self._targets[index])
+        self._outcomes[index] = [0.0 if inside else NEVER, 0.0, 0.0, 0.0]
         self._steps[index] = self._spent[index] = 0
         parts = scenario.noise_seed, self._transit_seed, number, LIDAR_STREAM
         self._seeds[index] = derived_seed(*parts)

@@ -92,7 +92,8 @@ def train(
 
     After every epoch it writes a checkpoint to `folder`/NAME.ckpt and the curves to
     `folder`/curves: NAME.csv, and NAME/ for TensorBoard. After a kill it continues behind the last
-    complete epoch. Without a limit of minutes it then ends with the same weights.
+    complete epoch. Without a limit of minutes it then ends with the same weights, but for
+    `16-mixed`: the scale of its gradients begins anew.
 
     Args:
       seed: for what the loss draws while training. The caller chooses the network's first weights
@@ -105,10 +106,18 @@ def train(
       InputError: the checkpoint there is damaged, or of another training or version; there is no
         such device; or the loss is not finite.
     """
-    training = _Training(task, folder, seed, _fabric(device, precision, task, folder))
-    while not training.is_over():
-        training.run_epoch(progress)
-    return training.end()
+    threads = torch.get_num_threads()
+    if task.threads is not None:
+        # Here and not when the program starts, because numba's kernels set this number too.
+        torch.set_num_threads(task.threads)
+    try:
+        fabric = _fabric(device, precision, task, folder)
+        training = _Training(task, folder, f"seed {seed}, precision {precision}", seed, fabric)
+        while not training.is_over():
+            training.run_epoch(progress)
+        return training.end()
+    finally:
+        torch.set_num_threads(threads)
 
 
 @contextlib.contextmanager
@@ -128,11 +137,8 @@ def _tiny_is_zero() -> Generator[None]:
 class _Training:
     """A training between two epochs: the network, the optimiser, and the history so far."""
 
-    def __init__(self, task: TrainingTask, folder: Path, seed: int, fabric: Fabric):
+    def __init__(self, task: TrainingTask, folder: Path, how: str, seed: int, fabric: Fabric):
         schedule = task.schedule
-        if task.threads is not None:
-            # Here and not when the program starts, because numba's kernels set this number too.
-            torch.set_num_threads(task.threads)
         self._task, self._schedule, self._seed, self._fabric = task, schedule, seed, fabric
         optimizer = torch.optim.AdamW(task.network.parameters(), weight_decay=_WEIGHT_DECAY)
         self._network, self._optimizer = fabric.setup(task.network, optimizer)
@@ -144,7 +150,7 @@ class _Training:
         self._curves = folder / "curves" / f"{task.name}.csv"
         self._checkpoint = folder / f"{task.name}.ckpt"
         self._identity = (
-            f"{task.identity}; {schedule}; seed {seed}; {self._steps} steps; {task.network}"
+            f"{task.identity}; {schedule}; {how}; {self._steps} steps; {task.network}"
         )
         self._history: History = []
         self._best: dict[str, Tensor] = {}

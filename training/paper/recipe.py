@@ -127,8 +127,8 @@ def _task(flights: PackedFlights, policy: PaperPolicy, settings: PaperSettings) 
         flights, settings.window, settings.stride, settings.schedule.batch, settings.seed
     )
     identity = (
-        f"paper recipe, logs {flights.logs_sha256}, split {flights.split_seed}, "
-        f"windows of {settings.window} every {settings.stride}, precision {settings.precision}"
+        f"paper recipe, logs {flights.logs_sha256}, "
+        f"windows of {settings.window} every {settings.stride}"
     )
     return TrainingTask(
         "policy",

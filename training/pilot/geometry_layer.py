@@ -105,7 +105,7 @@ class GeometryLayer(nn.Module):
 
 def _solve(matrix: Tensor, right: Tensor) -> Tensor:
     """Solves (A + damping) x = b for x (B, 3) with symmetric A (B, 3, 3), by cofactors."""
-    a = (matrix + _DAMPING * torch.eye(3, dtype=matrix.dtype)).flatten(1)
+    a = (matrix + _DAMPING * torch.eye(3, dtype=matrix.dtype, device=matrix.device)).flatten(1)
     factors = a.index_select(1, torch.tensor(_FACTORS, device=a.device))
     first, second, third, fourth = factors.split(9, dim=1)
     cofactors = first * second - third * fourth

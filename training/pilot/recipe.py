@@ -84,7 +84,8 @@ def train_pilot(
     scaling = scaling_of(flights.setting)
     identity = (
         f"proxops recipe, logs {flights.logs_sha256}, {settings.frames} frames, "
-        f"{settings.cells} cells, {settings.plans} plans, windows of {settings.window}"
+        f"{settings.cells} cells, {settings.plans} plans, windows of {settings.window}, "
+        f"{settings.hits} returns"
     )
     trained: dict[str, Trained] = {}
 
@@ -138,7 +139,7 @@ def _frames(flights: PackedFlights, part: str, settings: PilotSettings) -> Hits:
             f"{flights.folder} has no flights of the {part} part: collect more transits"
         )
     setting, scaling = flights.setting, scaling_of(flights.setting)
-    kept = max(_KEPT_RETURNS, settings.hits)
+    kept = min(max(_KEPT_RETURNS, settings.hits), setting.planes * setting.rays)
     selection = HitSelection(setting.planes, setting.rays, kept, scaling.length)
     count = settings.frames if part == "training" else settings.frames // 8
     return hits_of(flights, selection, part, count, settings.seed)

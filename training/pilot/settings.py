@@ -106,7 +106,7 @@ def dimensions_of(flights: PackedFlights, hits: Hits, settings: PilotSettings) -
     return PilotDimensions(
         planes=setting.planes,
         rays=setting.rays,
-        hits=settings.hits,
+        hits=min(settings.hits, setting.planes * setting.rays),
         period=setting.control_period_s,
         mass=setting.mass_kg,
         thrust_limit=setting.thrust_limit_n,

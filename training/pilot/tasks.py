@@ -8,6 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
+from proxops.systems.common import InputError
 from proxops.training.data import PackedFlights, Scaling
 from proxops.training.loop import (
     Batch,
@@ -285,6 +286,11 @@ def _fixes(
     rows = dataset.starts[order[:count].numpy()][:, None] + np.arange(settings.window)
     kicked = flights.kick[rows].any(axis=(1, 2))
     rows = rows[~kicked]
+    if not len(rows):
+        raise InputError(
+            f"{flights.folder}: all windows of the {part} part have a kick of the velocity: "
+            "collect flights without kicks, too"
+        )
     fixes, noises = [], []
     for start in range(0, rows.size, _BLOCK):
         block = rows.ravel()[start : start + _BLOCK]
