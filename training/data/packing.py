@@ -105,9 +105,7 @@ def _build(logs: Sequence[Path], cache: Path, progress: Progress) -> None:
         shutil.rmtree(old, ignore_errors=True)
 
 
-def _write_columns(
-    logs: Sequence[Path], part: Path, progress: Progress
-) -> dict[str, typing.Any]:
+def _write_columns(logs: Sequence[Path], part: Path, progress: Progress) -> dict[str, typing.Any]:
     """Writes all columns into the folder `part`; returns the index."""
     kinds = {**ROWS, **{name: (None, kind) for name, kind in HITS.items()}, OFFSET: (None, "<i8")}
     with contextlib.ExitStack() as stack:

@@ -149,9 +149,7 @@ class _Training:
 
         self._curves = folder / "curves" / f"{task.name}.csv"
         self._checkpoint = folder / f"{task.name}.ckpt"
-        self._identity = (
-            f"{task.identity}; {schedule}; {how}; {self._steps} steps; {task.network}"
-        )
+        self._identity = f"{task.identity}; {schedule}; {how}; {self._steps} steps; {task.network}"
         self._history: History = []
         self._best: dict[str, Tensor] = {}
         saved = load_checkpoint(self._checkpoint, self._identity)
