@@ -16,7 +16,7 @@ import numpy as np
 
 from proxops.diagrams.flight import Workers, make_mpc, version_and_body
 from proxops.diagrams.scenario import Body, Scenario, dump_scenario, load_body, parse_scenario
-from proxops.systems.common import SolverFailure, derived_seed, generator, make_folder
+from proxops.systems.common import InputError, SolverFailure, derived_seed, generator, make_folder
 from proxops.systems.expert import Plan, PlanProgram
 from proxops.systems.shapes import blocks_segment
 from proxops.training.data.label_files import (
@@ -43,7 +43,7 @@ _ITERATIONS = 4
 # Share of transits that the ellipsoid blocks: few random ones are, and those are hard.
 _BLOCKED_SHARE = 0.65
 # After this many draws a transit may be of either kind: a body of another shape may have only one.
-_DRAWS = 500
+_DRAWS, _MOST_DRAWS = 500, 100_000
 _STREAM = 5
 
 
@@ -177,6 +177,11 @@ def _ends(
     draws = 0
     while True:
         draws += 1
+        if draws > _MOST_DRAWS:
+            raise InputError(
+                f"no start and goal were found in transit.cube_m ({2.0 * half:g} m) that lie outside "
+                f"of the keep-out ellipsoid with its margin, of semi-axes {np.round(wide)} m"
+            )
         start, goal = random.uniform(-half, half, (2, 3))
         near = np.linalg.norm(goal - start) < 1.15 * scenario.transit.max_distance_m
         outside = min(np.linalg.norm(start / wide), np.linalg.norm(goal / wide)) > 1.0
