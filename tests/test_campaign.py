@@ -6,6 +6,7 @@ import errno
 import json
 import os
 import random
+import shutil
 import signal
 import subprocess
 import sys
@@ -21,13 +22,14 @@ from dask.distributed import LocalCluster
 from short_flights import BRIEF, kleopatra, short_scenario, write_blob
 from xarray.backends.locks import get_dask_scheduler
 
+from proxops.assets import ASSETS
 from proxops.diagrams.flight import Workers, campaign, parallel
 from proxops.diagrams.flight.campaign import Flight, run_campaign, transit_flights
 from proxops.diagrams.flight.named_controllers import named_controller
 from proxops.diagrams.flight.origin import provenance
 from proxops.diagrams.logs.flight_log import FlightLog
 from proxops.diagrams.scenario.navigation_config import LidarNavigationConfig
-from proxops.diagrams.scenario.scenario import load_scenario, parse_scenario
+from proxops.diagrams.scenario.scenario import change_scenario, load_scenario, parse_scenario
 from proxops.diagrams.scenario.scenario_config import Scenario
 from proxops.diagrams.scenario.transits import transit_set
 from proxops.systems import InputError
@@ -81,6 +83,22 @@ def test_flights_are_the_set_s_transits() -> None:
 def test_names_suit_a_file_system() -> None:
     [flight] = transit_flights(brief(), "json.decoder:make/it", 1, 1)
     assert flight.name == "json-decoder-make-it-1-00000"
+
+
+def test_a_drawn_mesh_that_was_edited_is_another(tmp_path: Path) -> None:
+    mesh = tmp_path / "rock.obj"
+    shutil.copy(ASSETS / "kleopatra" / "kleopatra.obj", mesh)
+    (tmp_path / "mine.yaml").write_text("truth.mesh: {choice: [rock.obj, null]}\n")
+    scenario = change_scenario(brief(), {"dispersions": str(tmp_path / "mine.yaml")})
+    first = transit_flights(scenario, "zero", 1, 12)
+    drawn = [parse_scenario(flight.scenario).truth.mesh for flight in first]
+    assert set(drawn) == {None, str(mesh)}
+    assert transit_flights(scenario, "zero", 1, 12) == first
+    mesh.write_text(mesh.read_text() + "# edited\n")
+    for name, before, after in zip(
+        drawn, first, transit_flights(scenario, "zero", 1, 12), strict=True
+    ):
+        assert (before.provenance == after.provenance) == (name is None)
 
 
 def test_a_controller_that_was_edited_is_another(

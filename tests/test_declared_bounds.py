@@ -154,6 +154,13 @@ def test_values_one_by_one_and_from_a_file(tmp_path: Path) -> None:
     assert bounds_of("assurance={}").gravity == 0.0
 
 
+def test_a_file_that_only_names_what_it_is_based_on(tmp_path: Path) -> None:
+    path = write(tmp_path, "based_on: after_survey\n")
+    assert bounds_of(f"assurance={{bounds: {path}}}") == bounds_of(
+        "assurance={bounds: after_survey}"
+    )
+
+
 def test_a_drawn_world_holds_values(tmp_path: Path) -> None:
     path = write(tmp_path, DISPERSIONS)
     for text in ("assurance={}", f"assurance={{bounds: {path}}}"):
@@ -243,6 +250,10 @@ def test_bounds_that_hold_everything_are_not_warned_of() -> None:
         (
             "truth.thrusters.scale: {uniform: [0.0, 1.0]}",
             r"assurance\.bounds: the bound thrust must be below",
+        ),
+        (
+            "truth.specific_impulse_s: {uniform: [0.9, 1.1], times: value}",
+            r"assurance\.bounds: truth\.specific_impulse_s has times: value.*its value is None",
         ),
         ("gravity: 0.1\nmas: 0.1", "no key 'mas'.*nearest is 'mass'"),
         ("gravity: -0.1", "gravity must not be negative"),

@@ -215,6 +215,33 @@ def test_a_file_beside_the_scenario(tmp_path: Path) -> None:
     assert 1.1 <= scenario.truth.gravity <= 1.2
 
 
+def test_numbers_that_yaml_takes_for_texts(tmp_path: Path) -> None:
+    """A scenario takes them, too."""
+    name = write(
+        tmp_path,
+        "truth.lidar.dropout: 1e-2\n"
+        "truth.gravity: {choice: [1e0, 1.1e0]}\n"
+        "truth.thrusters.scale: {fixed: 9e-1}\n"
+        "truth.surface_rms_m: {fixed: 1e-3, times: size}\n",
+    )
+    truth = drawn(name).truth
+    assert truth.lidar.dropout == 0.01
+    assert truth.gravity in (1.0, 1.1)
+    assert truth.thrusters.scale == [0.9, 0.9, 0.9]
+    assert truth.surface_rms_m == 1e-3 * kleopatra().shape.extents.max()
+
+
+def test_a_mesh_lies_beside_its_file(tmp_path: Path) -> None:
+    """Workers, and whoever flies a log again, may be in another folder."""
+    name = write(tmp_path, "truth.mesh: {choice: [a.obj, null, /b/c.obj]}\n")
+    found = {
+        drawn(name, index, **{"truth.mesh_of_any_size": True}).truth.mesh for index in range(30)
+    }
+    assert found == {str(tmp_path / "a.obj"), None, "/b/c.obj"}
+    [fixed] = load_dispersions(write(tmp_path, "truth.mesh: a.obj\n"))
+    assert fixed.distribution == Fixed(str(tmp_path / "a.obj"))
+
+
 # --- bad input ------------------------------------------------------------------------------------
 
 
@@ -241,6 +268,8 @@ def test_a_file_beside_the_scenario(tmp_path: Path) -> None:
         ("truth.spin: fast", "needs a number, got 'fast'"),
         ("truth.spin: true", "needs a number, got True"),
         ("truth.spin: {choice: [1.0, slow]}", "needs a number, got 'slow'"),
+        (f"truth.spin: {{uniform: [1, {10**400}]}}", "finite number for uniform"),
+        (f"truth.spin: {10**400}", "finite number"),
         ("truth.mesh: 3", "needs a text or null, got 3"),
         ("truth.mesh: {uniform: [0, 1]}", "needs a text or null"),
         ("truth.mesh_of_any_size: 3", "needs true or false, got 3"),

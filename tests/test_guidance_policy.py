@@ -290,6 +290,7 @@ def test_arrays_of_other_networks_are_refused(name: str, array: np.ndarray, word
     ("change", "words"),
     [
         ({"ranges": {"spin": [1.0]}}, "no pairs"),
+        ({"ranges": {"spin": [1.0, 10**400]}}, "no pairs"),
         ({"ranges": {"spin": [2.0, 1.0]}}, "empty"),
         ({"ranges": {"spin": [1.0, 2.0]}}, "not those of semi_axis_x"),
         ({"format": "other"}, "not of the format"),

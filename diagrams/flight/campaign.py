@@ -70,12 +70,16 @@ def transit_flights(scenario: Scenario, controller: str, seed: int, count: int) 
       InputError: see `provenance` and `draw_world`.
     """
     body = load_body(scenario.body)
-    origin = provenance(scenario, body, controller)
     label = controller_label(controller)
-    flights = []
+    flights, origins = [], {}  # By the mesh of the true body, which may be drawn, too.
     for index in range(count):
-        text = dump_scenario(draw_world(of_transit(scenario, seed, index), body))
-        flights.append(Flight(f"{label}-{seed}-{index:05d}", text, controller, origin))
+        drawn = draw_world(of_transit(scenario, seed, index), body)
+        mesh = drawn.truth.mesh
+        if mesh not in origins:
+            true = dc.replace(scenario, truth=dc.replace(scenario.truth, mesh=mesh))
+            origins[mesh] = provenance(true, body, controller)
+        name = f"{label}-{seed}-{index:05d}"
+        flights.append(Flight(name, dump_scenario(drawn), controller, origins[mesh]))
     return flights
 
 

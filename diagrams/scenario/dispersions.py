@@ -9,7 +9,13 @@ from pathlib import Path
 
 from proxops.assets import ASSETS
 from proxops.diagrams.scenario.body import Body
-from proxops.diagrams.scenario.distributions import Choice, Distribution, Fixed, parse_distribution
+from proxops.diagrams.scenario.distributions import (
+    Choice,
+    Distribution,
+    Fixed,
+    finite_number,
+    parse_distribution,
+)
 from proxops.diagrams.scenario.dotted_keys import (
     default_at,
     field_at,
@@ -28,8 +34,10 @@ from proxops.diagrams.scenario.typed_yaml import (
 from proxops.systems.common import InputError
 
 _FOLDER = ASSETS / "dispersions"
-# The key of a file that names the dispersions that it changes.
-_BASE = "based_on"
+BASE = "based_on"
+"""The key of a file that names the dispersions that it changes."""
+# The key whose values are paths, relative to the file.
+_MESH = "truth.mesh"
 # A number that is drawn may be given as a multiple of these.
 _TIMES = ("value", "size", "thrust", "thrust_acceleration")
 
@@ -69,14 +77,25 @@ class Dispersion:
         return self.unit(scenario, body) * value if is_number(value) else value
 
     def unit(self, scenario: Scenario, body: Body) -> float:
-        """Gives what the drawn number is multiplied by."""
+        """Gives what the drawn number is multiplied by.
+
+        Raises:
+          InputError: it is the scenario's own value, which is not a number other than zero.
+        """
         if self.times == "size":
             return float(body.shape.extents.max())
         if self.times == "thrust":
             return scenario.spacecraft.thrust_limit_n
         if self.times == "thrust_acceleration":
             return scenario.spacecraft.thrust_limit_n / scenario.spacecraft.mass_kg
-        return float(value_at(scenario, self.key)) if self.times == "value" else 1.0
+        if self.times != "value":
+            return 1.0
+        now = value_at(scenario, self.key)
+        if not (is_number(now) and now):
+            raise InputError(
+                f"{self.key} has times: value, but its value is {now!r}: give the values themselves"
+            )
+        return float(now)
 
 
 def load_dispersions(name_or_path: str | Path) -> list[Dispersion]:
@@ -104,10 +123,23 @@ def load_dispersions(name_or_path: str | Path) -> list[Dispersion]:
         if complaint is not None:
             raise InputError(f"{name_or_path}: {complaint}")
         try:
-            found.append(_parse(key, entry))
+            each = _parse(key, entry)
         except InputError as error:
             raise InputError(f"{name_or_path}: {key} {error}") from error
+        found.append(_in_folder(each, path.parent) if key == _MESH else each)
     return found
+
+
+def _in_folder(each: Dispersion, folder: Path) -> Dispersion:
+    """Makes relative paths among values absolute."""
+
+    def read(value: typing.Any) -> typing.Any:
+        return str((folder / value).resolve()) if value else value
+
+    if isinstance(each.distribution, Fixed):
+        return dc.replace(each, distribution=Fixed(read(each.distribution.same)))
+    assert isinstance(each.distribution, Choice)  # No other distribution gives texts.
+    return dc.replace(each, distribution=Choice(tuple(map(read, each.distribution.values))))
 
 
 def _with_base(tree: dict[str, typing.Any], source: str | Path) -> dict[str, typing.Any]:
@@ -116,13 +148,13 @@ def _with_base(tree: dict[str, typing.Any], source: str | Path) -> dict[str, typ
     Raises:
       InputError: no such dispersions ship.
     """
-    if _BASE not in tree:
+    if BASE not in tree:
         return tree
-    own = {key: entry for key, entry in tree.items() if key != _BASE}
-    base = _FOLDER / f"{tree[_BASE]}.yaml"
+    own = {key: entry for key, entry in tree.items() if key != BASE}
+    base = _FOLDER / f"{tree[BASE]}.yaml"
     if base not in _shipped():
         raise InputError(
-            f"{source}: {_BASE} must name dispersions that ship with proxops: {_known()}"
+            f"{source}: {BASE} must name dispersions that ship with proxops: {_known()}"
         )
     return read_mapping(base) | own
 
@@ -150,7 +182,7 @@ def _parse(key: str, entry: typing.Any) -> Dispersion:
     if not isinstance(entry, dict):
         entry = {"fixed": entry}
     parameters = {name: value for name, value in entry.items() if name not in ("times", "source")}
-    distribution = parse_distribution(parameters)
+    distribution = _with_numbers(key, parse_distribution(parameters))
     _check_values(key, distribution)
     times = entry.get("times")
     if times not in (None, *_TIMES):
@@ -160,11 +192,35 @@ def _parse(key: str, entry: typing.Any) -> Dispersion:
     return Dispersion(key, distribution, times, str(entry.get("source", "")))
 
 
-def _check_values(key: str, distribution: Distribution) -> None:
-    """Raises `InputError` if a value may be drawn that the scenario's key does not take."""
+def _with_numbers(key: str, distribution: Distribution) -> Distribution:
+    """Makes numbers of texts such as 1e-2, which YAML 1.1 does not take for numbers."""
+    options = _types_of(key)
+    if float not in options or str in options:
+        return distribution
+
+    def read(value: typing.Any) -> typing.Any:
+        if not fits(value, float):
+            return value  # To be complained of.
+        number = finite_number(value, "its value")
+        return number if isinstance(value, str) else value
+
+    if isinstance(distribution, Fixed):
+        return Fixed(read(distribution.same))
+    if isinstance(distribution, Choice):
+        return Choice(tuple(map(read, distribution.values)))
+    return distribution
+
+
+def _types_of(key: str) -> tuple[typing.Any, ...]:
+    """The types of which a key's value may be; of a list, those of its numbers."""
     kind = field_at(key).type
     # Of a list, each number is drawn by itself.
-    options = typing.get_args(kind) or (kind,)
+    return typing.get_args(kind) or (kind,)
+
+
+def _check_values(key: str, distribution: Distribution) -> None:
+    """Raises `InputError` if a value may be drawn that the scenario's key does not take."""
+    options: typing.Sequence[typing.Any] = _types_of(key)
     if isinstance(distribution, Fixed):
         values = [distribution.same]
     elif isinstance(distribution, Choice):
@@ -175,5 +231,6 @@ def _check_values(key: str, distribution: Distribution) -> None:
     for value in values:
         if not any(fits(value, option) for option in options):
             wanted = " or ".join(map(in_words, options))
-            each = " for each number of the list" if typing.get_origin(kind) is list else ""
+            of_list = typing.get_origin(field_at(key).type) is list
+            each = " for each number of the list" if of_list else ""
             raise InputError(f"needs {wanted}{each}, got {value!r}")

@@ -211,13 +211,13 @@ def parse_distribution(entry: dict[str, typing.Any]) -> Distribution:
         if "three_sigma" not in entry:
             raise InputError(f"needs three_sigma, three standard deviations, beside {kind}")
         made = Normal if kind == "normal" else HalfNormal
-        return made(_number(value, kind), _number(entry["three_sigma"], "three_sigma"))
+        return made(finite_number(value, kind), finite_number(entry["three_sigma"], "three_sigma"))
     if "three_sigma" in entry:
         raise InputError(f"has three_sigma, which {kind} does not take")
     if kind in ("uniform", "log_uniform"):
         if not isinstance(value, list) or len(value) != 2:
             raise InputError(f"needs two numbers, {kind}: [low, high], got {value}")
-        low, high = (_number(each, kind) for each in value)
+        low, high = (finite_number(each, kind) for each in value)
         return (Uniform if kind == "uniform" else LogUniform)(low, high)
     if kind == "choice":
         if not isinstance(value, list):
@@ -226,10 +226,15 @@ def parse_distribution(entry: dict[str, typing.Any]) -> Distribution:
     return Fixed(value)
 
 
-def _number(value: typing.Any, what: str) -> float:
+def finite_number(value: typing.Any, what: str) -> float:
+    """Reads a number, also one that YAML 1.1 takes for a text, such as 1e-2.
+
+    Raises:
+      InputError: it is none, or not finite; the message begins with "needs".
+    """
     try:
         number = float(value) if not isinstance(value, bool) else math.nan
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         number = math.nan
     if not math.isfinite(number):
         raise InputError(f"needs a finite number for {what}, got {value!r}")

@@ -16,7 +16,6 @@ from proxops.diagrams.scenario.scenario_config import Scenario
 from proxops.diagrams.scenario.told_bounds import with_bounds
 from proxops.diagrams.scenario.told_errors import errors_of_dispersions
 from proxops.diagrams.scenario.transits import scenario_transit
-from proxops.diagrams.scenario.typed_yaml import is_number
 from proxops.systems.common import InputError, derived_seed, generator
 
 
@@ -106,15 +105,14 @@ def check_dispersions(
       InputError: one can; the message gives the key, the bound and the limit.
     """
     for each in dispersions:
-        if each.times == "value" and not (is_number(now := value_at(scenario, each.key)) and now):
-            raise InputError(
-                f"{scenario.dispersions}: {each.key} has times: value, but its value is {now!r}: "
-                "give the values themselves"
-            )
+        try:
+            unit = each.unit(scenario, body)
+        except InputError as error:
+            raise InputError(f"{scenario.dispersions}: {error}") from error
         bounds, limits = each.distribution.bounds(), each.limits
         if bounds is None or limits is None:
             continue
-        low, high = sorted(each.unit(scenario, body) * bound for bound in bounds)
+        low, high = sorted(unit * bound for bound in bounds)
         for bound, beyond in ((low, low < limits[0]), (high, high > limits[1])):
             if beyond:
                 raise InputError(

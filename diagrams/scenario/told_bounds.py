@@ -14,7 +14,7 @@ from proxops.diagrams.scenario.declared_bounds import (
     in_si,
     own_values,
 )
-from proxops.diagrams.scenario.dispersions import Dispersion, loaded_dispersions
+from proxops.diagrams.scenario.dispersions import BASE, Dispersion, loaded_dispersions
 from proxops.diagrams.scenario.limits import check_limits
 from proxops.diagrams.scenario.scenario_config import (
     AssuranceBoundsConfig,
@@ -81,7 +81,7 @@ def _named_bounds(name: str, scenario: Scenario, body: Body) -> AssuranceBoundsC
     path = Path(name)
     if is_yaml_path(name):
         tree = read_mapping(path)
-        if not any("." in str(key) for key in tree):
+        if not any("." in key for key in tree) and BASE not in tree:
             bounds = load_typed(AssuranceBoundsConfig, tree, name)
             check_limits(bounds, name)
             return bounds

@@ -11,7 +11,7 @@ from functools import cache
 
 import numpy as np
 
-from proxops.systems.common import spread_directions
+from proxops.systems.common import one_thread, spread_directions
 
 SWITCH = 10.0
 """Distance from the centre of mass, in radii of the body, from which the masses are used."""
@@ -22,6 +22,7 @@ SWITCH = 10.0
 _MASSES = 200
 
 
+@one_thread()
 def fit_masses(
     potential: Callable[[np.ndarray], np.ndarray], radius: float
 ) -> tuple[np.ndarray, float]:

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from proxops.systems.common import InputError
-from proxops.systems.gravity.gravity_field import BodyField
+from proxops.systems.gravity.gravity_field import BodyField, Gravity
 
 AXES = {"x": 0, "y": 1, "z": 2}
 
@@ -75,7 +75,13 @@ def effective_field(field: BodyField, spin: float, points: np.ndarray) -> Effect
     Raises:
       InputError: the points are not an (N, 3) array.
     """
-    gravity = field.evaluate(points)
+    return _effective(field.evaluate(points), field, spin, points)
+
+
+def _effective(
+    gravity: Gravity, field: BodyField, spin: float, points: np.ndarray
+) -> EffectiveField:
+    """Adds the centrifugal part to gravity at points."""
     centrifugal = spin**2 * np.array([1.0, 1.0, 0.0])
     points = np.asarray(points, dtype=np.float64) - field.centre_of_mass
     return EffectiveField(
@@ -94,14 +100,14 @@ def surface_map(field: BodyField, spin: float) -> SurfaceMap:
     """
     shape = field.shape
     centroids = shape.vertices[shape.facets].mean(axis=1)
-    attraction = field.evaluate(centroids).acceleration
-    effective = effective_field(field, spin, centroids)
+    attraction = field.evaluate(centroids)
+    effective = _effective(attraction, field, spin, centroids)
     # The angle from both products, because an arc cosine would lose the digits of small slopes.
     along = -np.einsum("fi,fi->f", effective.acceleration, shape.normals)
     across = np.linalg.norm(np.cross(effective.acceleration, shape.normals), axis=1)
     return SurfaceMap(
         centroids=centroids,
-        gravity=np.linalg.norm(attraction, axis=1),
+        gravity=np.linalg.norm(attraction.acceleration, axis=1),
         acceleration=effective.acceleration,
         slope=np.arctan2(across, along),
         potential=effective.potential,

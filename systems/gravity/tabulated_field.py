@@ -69,9 +69,8 @@ class TabulatedField:
             )
         self.exact = field
         """The field that the table was made from."""
-        self.semi_axes, self.relative_error = axes, float(relative_error)
         half, masses = _far_masses(field)
-        boxes = _boxes(field, tuple(axes.tolist()), self.relative_error, half)
+        boxes = _boxes(field, tuple(axes.tolist()), float(relative_error), half)
         scales = np.array([*(1.0 / axes), half, DEGREE])
         self.tables = (*boxes, recursion(DEGREE), masses, scales)
         """What `proxops.systems.gravity.pull_at` takes, in other compiled functions too."""
@@ -93,11 +92,6 @@ class TabulatedField:
     def mass(self) -> float:
         """Mass of the body in kg."""
         return self.exact.mass
-
-    @property
-    def contrast(self) -> float:
-        """Contrast in density; see `GravityField`."""
-        return self.exact.contrast
 
     @property
     def centre_of_mass(self) -> np.ndarray:

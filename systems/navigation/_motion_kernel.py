@@ -126,9 +126,10 @@ def _derivative(rotation, axes, push, given, commanded, pull, turn, tide, v, off
 
 @_inlined
 def _moved_covariance(covariance, f, noise):
-    """The covariance after a step with the transition f (BASE, BASE) and its noise.
+    """The covariance after a step with its transition and noise.
 
-    Beyond the first nine rows, f is the identity but for the decay of the varying acceleration.
+    Of the transition, f (9, BASE) are the first nine rows. The others are the identity, but for the
+    decay of the varying acceleration.
     """
     n = covariance.shape[0]
     rows = np.zeros((_CONSTANT, n))  # The first nine of f P.
@@ -252,7 +253,7 @@ def predict(
     for i in range(3):
         by[i, _PROPELLANT] = push[i] * (spent * mass / now)
     by_constants = _times(np.ascontiguousarray(gamma[:, 3:]), by)
-    f = np.eye(_BASE)
+    f = np.zeros((_CONSTANT, _BASE))
     for i in range(6):
         for j in range(6):
             f[i, j] = phi[i, j]
@@ -261,5 +262,5 @@ def predict(
     for i in range(3):
         for j in range(3):
             f[_A + i, _SPIN + j] = -step * back[i, j]
-        f[_VARYING + i, _VARYING + i] = noise[1]
+        f[_A + i, _A + i] = 1.0
     return out, out_rotation, _moved_covariance(covariance, f, noise)

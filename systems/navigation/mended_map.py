@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from proxops.systems.common import InputError, check_unpacked_size, write_whole
+from proxops.systems.common import InputError, check_unpacked_size, one_thread, write_whole
 from proxops.systems.navigation.estimate import BASE, SIZE, Estimate
 from proxops.systems.navigation.map_error import MapError
 from proxops.systems.shapes import Polyhedron, mesh_bytes, metres_per, vertex_normals
@@ -38,6 +38,7 @@ class MendedMap(NamedTuple):
         return self.error.deviations
 
 
+@one_thread()
 def mended_map(shape: Polyhedron, map_error: MapError, estimate: Estimate) -> MendedMap:
     """Moves the surface of a map to where an estimate has it.
 

@@ -67,7 +67,7 @@ class GuidanceBundle:
             ranges = {
                 name: (float(low), float(high)) for name, (low, high) in content["ranges"].items()
             }
-        except (TypeError, ValueError) as error:
+        except (TypeError, ValueError, OverflowError) as error:
             raise InputError(f"{folder / GUIDANCE_FILE} is damaged: ranges are no pairs") from error
         if not all(math.isfinite(low) and low <= high < math.inf for low, high in ranges.values()):
             raise InputError(f"{folder / GUIDANCE_FILE} is damaged: a range is empty")

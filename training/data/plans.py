@@ -179,8 +179,9 @@ def _ends(
         draws += 1
         if draws > _MOST_DRAWS:
             raise InputError(
-                f"no start and goal were found in transit.cube_m ({2.0 * half:g} m) that lie outside "
-                f"of the keep-out ellipsoid with its margin, of semi-axes {np.round(wide)} m"
+                f"no start and goal were found in transit.cube_m ({2.0 * half:g} m) that lie "
+                "outside of the keep-out ellipsoid with its margin, "
+                f"of semi-axes {np.round(wide)} m"
             )
         start, goal = random.uniform(-half, half, (2, 3))
         near = np.linalg.norm(goal - start) < 1.15 * scenario.transit.max_distance_m
