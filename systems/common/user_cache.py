@@ -24,6 +24,8 @@ def name_of(*made_from: str | int | float) -> str:
 def kept_arrays(kind: str, name: str) -> dict[str, np.ndarray] | None:
     """The arrays kept under a name; None if there are none or the file is damaged.
 
+    Some may be missing from a damaged file, but none is wrong.
+
     Args:
       kind: what they are a table of, in one word: the folder within the cache.
     """
