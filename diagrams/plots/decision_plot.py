@@ -8,8 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from proxops.diagrams.logs import REASONS, FlightLog, all_flown_by, flown_by, legend_of
-from proxops.diagrams.plots._over_time import minutes_of
-from proxops.diagrams.plots.units import length_unit
+from proxops.diagrams.plots.shared_axes import minutes_of, unit_at
 from proxops.diagrams.scenario import described_bounds
 from proxops.systems.hybrid import FlownBy
 
@@ -88,7 +87,7 @@ def _plot_changes(ax: Axes, log: FlightLog) -> None:
 def _plot_margins(ax: Axes, log: FlightLog) -> None:
     """The margin of each command, and the errors of the state that it allows for."""
     data, minutes = log.dataset, minutes_of(log)
-    length, unit = length_unit(float(log.body.shape.extents.max()))
+    length, unit = unit_at(log.body)
     margin = data["assurance_margin"].values / length
     ax.plot(minutes, np.where(np.isfinite(margin), margin, np.nan), color=_LIMIT, label="margin")
     unsafe = np.nonzero(margin < 0.0)[0]

@@ -23,10 +23,8 @@ from proxops.diagrams.logs import (
     flown_by,
     legend_of,
 )
-from proxops.diagrams.plots._over_time import MINUTE, minutes_of
 from proxops.diagrams.plots.outlines import outline
-from proxops.diagrams.plots.plane_axes import frame_plane
-from proxops.diagrams.plots.units import length_unit
+from proxops.diagrams.plots.shared_axes import MINUTE, force_edges, frame_plane, minutes_of, unit_at
 from proxops.diagrams.scenario import Body, TrueBody, spin_axes
 from proxops.systems.gravity import AXES
 from proxops.systems.shapes import clearances
@@ -67,7 +65,7 @@ def plot_path(ax: Axes, log: FlightLog, plane: str = "xy") -> None:
     keep-out ellipsoid, the start and the goal are drawn too.
     """
     across, up = (AXES[letter] for letter in plane)
-    length, unit = _unit(log.body)
+    length, unit = unit_at(log.body)
     positions = log.dataset["state"].values[:, :3] / length
     goal = log.dataset["target"].values[-1, :3] / length
     draw_body(ax, log.body, plane, log.differing_body)
@@ -90,7 +88,7 @@ def draw_body(ax: Axes, body: Body, plane: str = "xy", true_body: TrueBody | Non
     outline of the map is dashed, and both spin axes are lines; an axis that is seen from its end is
     a dot.
     """
-    length, _ = _unit(body)
+    length, _ = unit_at(body)
     across, up = (AXES[letter] for letter in plane)
     shape = body.shape if true_body is None else true_body.shape
     triangles = shape.vertices[shape.facets][:, :, [across, up]] / length
@@ -120,7 +118,7 @@ def draw_body(ax: Axes, body: Body, plane: str = "xy", true_body: TrueBody | Non
 def plot_distance(ax: Axes, log: FlightLog) -> None:
     """Draws the distance to the goal over time, on a logarithmic scale, and the arrival radius."""
     data, radius = log.dataset, log.scenario.arrival.radius_m
-    length, unit = _unit(log.body)
+    length, unit = unit_at(log.body)
     distance = np.linalg.norm((data["state"] - data["target"]).values[:, :3], axis=1)
     # A logarithmic scale has no zero, so distances are cut off below 0.001 of the radius.
     ax.semilogy(minutes_of(log), np.maximum(distance, 1e-3 * radius) / length, color=_LINE)
@@ -151,7 +149,7 @@ def plot_clearance(ax: Axes, log: FlightLog, **line: Any) -> None:
       line: properties of the line, such as `label` and `color`, for several flights in one plot.
     """
     times, states = log.dataset["time"].values, log.dataset["state"].values
-    length, unit = _unit(log.body)
+    length, unit = unit_at(log.body)
     clearance = clearances(log.body.keep_out_semi_axes, dense_positions(times, states)) / length
     row = np.arange(len(clearance)) / max(1, (len(clearance) - 1)) * (len(times) - 1)
     minutes = np.interp(row, np.arange(len(times)), times) / MINUTE
@@ -164,21 +162,13 @@ def plot_clearance(ax: Axes, log: FlightLog, **line: Any) -> None:
 
 def plot_force(ax: Axes, log: FlightLog, axis: str) -> None:
     """Draws the force along the axis "x", "y" or "z" of S over time, and its limits."""
-    # The last row is the end of the flight; no force acts after it.
     force = log.dataset["force"].values[:-1, AXES[axis]]
-    times, delay = log.dataset["time"].values, log.dataset.attrs.get("force_delay_s", 0.0)
-    minutes = np.minimum(times + delay, times[-1]) / MINUTE
-    ax.stairs(force, minutes, baseline=None, color=_LINE, linewidth=1.2)
+    ax.stairs(force, force_edges(log), baseline=None, color=_LINE, linewidth=1.2)
     limit = log.scenario.spacecraft.thrust_limit_n
     for sign in (-1.0, 1.0):
         ax.axhline(sign * limit, color=_LIMIT, linestyle="--", linewidth=1.0)
     ax.set_ylim(-1.15 * limit, 1.15 * limit)
     _over_time(ax, log, f"force along {axis} (N)")
-
-
-def _unit(body: Body) -> tuple[float, str]:
-    """Gives the unit for all lengths of a flight."""
-    return length_unit(float(body.shape.extents.max()))
 
 
 def _over_time(ax: Axes, log: FlightLog, label: str) -> None:

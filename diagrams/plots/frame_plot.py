@@ -14,7 +14,7 @@ from matplotlib.image import AxesImage
 from scipy.spatial.transform import Rotation
 
 from proxops.diagrams.logs import FlightLog
-from proxops.diagrams.plots.units import length_unit
+from proxops.diagrams.plots.shared_axes import length_unit, unit_at
 from proxops.diagrams.scenario import LidarNavigationConfig
 from proxops.systems.common import InputError
 from proxops.systems.lidar import ray_directions
@@ -96,7 +96,7 @@ def plot_frame(log: FlightLog, row: int) -> Figure:
     measured, use, predicted = measured[returned], use[returned], predicted[returned]
     figure = Figure(figsize=(11.0, 6.0), layout="constrained")
     ranges, left = figure.subplots(2, 1, sharex=True, height_ratios=[1.4, 1.0])
-    unit, name = length_unit(float(log.body.shape.extents.max()))
+    unit, name = unit_at(log.body)
     met = np.flatnonzero(np.isfinite(predicted))
     ranges.plot(met, predicted[met] / unit, "o", color=_PREDICTED, label="predicted", ms=7)
     for kind, (text, colour) in _KINDS.items():

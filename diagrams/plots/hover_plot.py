@@ -8,7 +8,7 @@ from matplotlib.contour import QuadContourSet
 from matplotlib.figure import Figure
 
 from proxops.diagrams.plots.flight_plot import draw_body
-from proxops.diagrams.plots.units import length_unit
+from proxops.diagrams.plots.shared_axes import length_unit
 from proxops.diagrams.scenario import Body, Scenario, hover_force
 from proxops.systems.gravity import AXES
 

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from proxops.diagrams.logs import FlightLog, navigation_errors
-from proxops.diagrams.plots._over_time import AXIS_COLOURS, minutes_of
+from proxops.diagrams.plots.shared_axes import AXIS_COLOURS, minutes_of
 from proxops.systems.common import InputError
 from proxops.systems.navigation import NavigationPhase
 

@@ -5,9 +5,8 @@ from __future__ import annotations
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from proxops.diagrams.plots._over_time import AXIS_COLOURS, MINUTE
 from proxops.diagrams.plots.flight_plot import draw_body
-from proxops.diagrams.plots.units import length_unit
+from proxops.diagrams.plots.shared_axes import AXIS_COLOURS, MINUTE, unit_at
 from proxops.diagrams.scenario import Body, Scenario
 from proxops.systems import Plan
 from proxops.systems.shapes import clearances
@@ -29,7 +28,7 @@ def plot_plan(plan: Plan, body: Body, scenario: Scenario) -> Figure:
     _bounded(grid[0, 1], craft.thrust_limit_n, "force (N)")
     _bounded(grid[1, 0], craft.speed_limit_m_s, "velocity (m/s)")
     clearance = clearances(body.keep_out_semi_axes, plan.states[:, :3])
-    length, unit = length_unit(float(body.shape.extents.max()))
+    length, unit = unit_at(body)
     ax = grid[1, 1]
     ax.plot(minutes, clearance / length, "o-", color=AXIS_COLOURS["x"], markersize=3)
     margin = scenario.mpc.keep_out_margin_m / length
@@ -45,7 +44,7 @@ def plot_plan(plan: Plan, body: Body, scenario: Scenario) -> Figure:
 
 
 def _draw_way(ax: Axes, plan: Plan, body: Body) -> None:
-    length, unit = length_unit(float(body.shape.extents.max()))
+    length, unit = unit_at(body)
     draw_body(ax, body, "xy")
     ax.plot(*(plan.states[:, :2] / length).T, "o-", color=AXIS_COLOURS["x"], markersize=3)
     ax.plot(*(plan.target[:2] / length), "*", color="#128a3a", markersize=13)

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy.spatial import KDTree
 
-from proxops.diagrams.plots.units import length_unit
+from proxops.diagrams.plots.shared_axes import length_unit
 from proxops.systems.common import directions_of
 
 # Degrees between the points of the maps, and places from which each is interpolated.

@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patheffects import Normal, Stroke
 
-from proxops.diagrams.plots.units import length_unit
+from proxops.diagrams.plots.shared_axes import length_unit
 from proxops.systems.common import InputError
 from proxops.systems.gravity import (
     AXES,

@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from proxops.diagrams.logs import FlightLog
-from proxops.diagrams.plots._over_time import AXIS_COLOURS, MINUTE, minutes_of
+from proxops.diagrams.plots.shared_axes import AXIS_COLOURS, force_edges, minutes_of
 from proxops.systems.common import InputError
 
 _LINE = "#33415c"
@@ -64,11 +64,8 @@ def _plot_mass(ax: Axes, log: FlightLog) -> None:
 
 
 def _plot_thrust(ax: Axes, log: FlightLog) -> None:
-    # The last row is the end of the flight; no force acts after it.
-    times, delay = log.dataset["time"].values, log.dataset.attrs.get("force_delay_s", 0.0)
-    edges = np.minimum(times + delay, times[-1]) / MINUTE
     less = (log.dataset["thrust"] - log.dataset["force"]).values[:-1]
     for axis, (letter, colour) in enumerate(AXIS_COLOURS.items()):
-        ax.stairs(less[:, axis], edges, baseline=None, color=colour, label=letter)
+        ax.stairs(less[:, axis], force_edges(log), baseline=None, color=colour, label=letter)
     ax.legend(fontsize="small", frameon=False, ncols=3)
     ax.set_ylabel("true thrust less that\nasked for (N)")
