@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses as dc
 import functools
 import typing
+from collections.abc import Callable
 from pathlib import Path
 
 from proxops.assets import ASSETS
@@ -23,6 +24,7 @@ from proxops.diagrams.scenario.dotted_keys import (
     why_not_dispersed,
 )
 from proxops.diagrams.scenario.limits import limits_of
+from proxops.diagrams.scenario.path_keys import is_path
 from proxops.diagrams.scenario.scenario_config import Scenario
 from proxops.diagrams.scenario.typed_yaml import (
     fits,
@@ -134,12 +136,9 @@ def _in_folder(each: Dispersion, folder: Path) -> Dispersion:
     """Makes relative paths among values absolute."""
 
     def read(value: typing.Any) -> typing.Any:
-        return str((folder / value).resolve()) if value else value
+        return str((folder / value).resolve()) if is_path(value) else value
 
-    if isinstance(each.distribution, Fixed):
-        return dc.replace(each, distribution=Fixed(read(each.distribution.same)))
-    assert isinstance(each.distribution, Choice)  # No other distribution gives texts.
-    return dc.replace(each, distribution=Choice(tuple(map(read, each.distribution.values))))
+    return dc.replace(each, distribution=_with_each(each.distribution, read))
 
 
 def _with_base(tree: dict[str, typing.Any], source: str | Path) -> dict[str, typing.Any]:
@@ -204,6 +203,13 @@ def _with_numbers(key: str, distribution: Distribution) -> Distribution:
         number = finite_number(value, "its value")
         return number if isinstance(value, str) else value
 
+    return _with_each(distribution, read)
+
+
+def _with_each(
+    distribution: Distribution, read: Callable[[typing.Any], typing.Any]
+) -> Distribution:
+    """The distribution with each value that a file gives one by one read anew."""
     if isinstance(distribution, Fixed):
         return Fixed(read(distribution.same))
     if isinstance(distribution, Choice):

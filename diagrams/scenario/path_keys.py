@@ -39,11 +39,11 @@ def make_paths_absolute(
             if not isinstance(section, dict):
                 break
         else:
-            if _is_path(section.get(last), named=key in _NAMES_OR_PATHS):
+            if is_path(section.get(last), named=key in _NAMES_OR_PATHS):
                 section[last] = str((folder / section[last]).resolve())
 
 
-def _is_path(value: typing.Any, named: bool) -> bool:
+def is_path(value: typing.Any, named: bool = False) -> typing.TypeGuard[str]:
     """Tells whether a value is a path; with `named`, a text may be a name as well."""
     if not isinstance(value, str) or not value or "\0" in value:
         return False

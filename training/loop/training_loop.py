@@ -112,7 +112,7 @@ def train(
         torch.set_num_threads(task.threads)
     try:
         fabric = _fabric(device, precision, task, folder)
-        training = _Training(task, folder, f"seed {seed}, precision {precision}", seed, fabric)
+        training = _Training(task, folder, seed, precision, fabric)
         while not training.is_over():
             training.run_epoch(progress)
         return training.end()
@@ -137,7 +137,7 @@ def _tiny_is_zero() -> Generator[None]:
 class _Training:
     """A training between two epochs: the network, the optimiser, and the history so far."""
 
-    def __init__(self, task: TrainingTask, folder: Path, how: str, seed: int, fabric: Fabric):
+    def __init__(self, task: TrainingTask, folder: Path, seed: int, precision: Any, fabric: Fabric):
         schedule = task.schedule
         self._task, self._schedule, self._seed, self._fabric = task, schedule, seed, fabric
         optimizer = torch.optim.AdamW(task.network.parameters(), weight_decay=_WEIGHT_DECAY)
@@ -149,7 +149,10 @@ class _Training:
 
         self._curves = folder / "curves" / f"{task.name}.csv"
         self._checkpoint = folder / f"{task.name}.ckpt"
-        self._identity = f"{task.identity}; {schedule}; {how}; {self._steps} steps; {task.network}"
+        self._identity = (
+            f"{task.identity}; {schedule}; seed {seed}, precision {precision}; "
+            f"{self._steps} steps; {task.network}"
+        )
         self._history: History = []
         self._best: dict[str, Tensor] = {}
         saved = load_checkpoint(self._checkpoint, self._identity)
