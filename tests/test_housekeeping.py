@@ -67,9 +67,10 @@ CORE = named(PROJECT["dependencies"])
 TRAIN = named(PROJECT["optional-dependencies"]["train"])
 GYM = named(PROJECT["optional-dependencies"]["gym"])
 EXCHANGE = named(PROJECT["optional-dependencies"]["exchange"])
+SPICE = named(PROJECT["optional-dependencies"]["spice"])
 
 
-@pytest.mark.parametrize("package", [*CORE, *TRAIN, *GYM, *EXCHANGE])
+@pytest.mark.parametrize("package", [*CORE, *TRAIN, *GYM, *EXCHANGE, *SPICE])
 def test_dependency_is_used(package: str) -> None:
     if package in USED_BY_NAME:
         texts = (path.read_text() for path in sources(*FOLDERS))
@@ -84,6 +85,8 @@ def test_what_is_imported_is_a_dependency(folder: str) -> None:
     allowed = {IMPORTED_AS.get(package, package) for package in CORE}
     if folder in ("training", "studies"):
         allowed |= {*TRAIN, *GYM}
+    if folder == "systems":
+        allowed |= {*SPICE}
     for path in sources(folder):
         others = imported(path) - set(sys.stdlib_module_names) - {"proxops"}
         assert others - allowed - IN_NOTEBOOKS_ONLY <= set(), path

@@ -23,6 +23,7 @@ from proxops.systems.shapes import (
     find_defects,
     flat_facets,
     mass_properties,
+    nested_shells,
     self_intersections,
     shell_labels,
     smallest_angles,
@@ -77,12 +78,7 @@ def _look_at_facets(report: ShapeReport, unwelded: bool) -> ShapeReport:
         some = np.setdiff1d(np.arange(len(facets)), flat_facets(vertices, facets))
         crossings = some[self_intersections(vertices, facets[some])]
         if len(crossings):
-            first, second = crossings[0]
-            text = (
-                f": {len(crossings)} pairs of facets cut or touch each other, the first facets "
-                f"{first} and {second}"
-            )
-            defects.append(Defect("self-intersection", text, np.unique(crossings)))
+            defects.append(_crossing_defect(facets, len(vertices), crossings))
     if report.slivers:
         remarks.append(
             f"{report.slivers} facets are slivers, with an angle below {SLIVER_ANGLE:g} degree"
@@ -90,12 +86,33 @@ def _look_at_facets(report: ShapeReport, unwelded: bool) -> ShapeReport:
     shells, _ = shell_labels(facets, len(vertices))
     if shells > 1:
         remarks.append(f"{shells} separate shells")
+    if shells > 1 and not report.defects:
+        found = nested_shells(vertices, facets)
+        for void in np.flatnonzero(found.volumes < 0.0):
+            share = 100.0 * found.share(int(void))
+            remarks.append(
+                f"a void of {share:.3g} % of the body: the shell of facet "
+                f"{np.argmax(found.labels == void)} winds inwards"
+            )
     unused = len(vertices) - len(np.unique(facets))
     if unused:
         remarks.append(f"{unused} vertices belong to no facet")
     return dataclasses.replace(
         report, defects=defects, remarks=remarks, shells=shells, crossings=crossings
     )
+
+
+def _crossing_defect(facets: np.ndarray, vertex_count: int, crossings: np.ndarray) -> Defect:
+    """The defect of facets that meet in pairs (N, 2), with the way out, if there is one."""
+    first, second = crossings[0]
+    text = (
+        f": {len(crossings)} pairs of facets cut or touch each other, the first facets "
+        f"{first} and {second}"
+    )
+    _, labels = shell_labels(facets, vertex_count)
+    if (labels[crossings[:, 0]] != labels[crossings[:, 1]]).all():
+        text += ", all of different shells; if these are lobes that overlap, --fix joins them"
+    return Defect("self-intersection", text, np.unique(crossings))
 
 
 def _look_at_solid(report: ShapeReport) -> ShapeReport:

@@ -23,6 +23,7 @@ from proxops.systems.shapes.mesh_checks import (
     Defect,
     find_defects,
     flat_facets,
+    nested_shells,
     shell_labels,
     smallest_angles,
 )
@@ -62,6 +63,7 @@ __all__ = [
     "mass_properties",
     "mesh_bytes",
     "metres_per",
+    "nested_shells",
     "ray_caster",
     "read_mesh",
     "registered",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from proxops.systems.common import InputError
+from proxops.systems.shapes._polygons import best_triangles
 from proxops.systems.shapes.mesh_checks import directed_edges, edge_groups
 
 LONGEST_RIM = 200
@@ -54,10 +55,7 @@ def boundary_loops(facets: np.ndarray, vertex_count: int) -> list[np.ndarray]:
 def triangulate_loop(vertices: np.ndarray, facets: np.ndarray, loop: np.ndarray) -> np.ndarray:
     """The patch (n - 2, 3) of facets over the rim `loop` (n,), wound in the rim's direction.
 
-    Among all triangulations without new vertices, this one has the least sum over its facets of
-    (sum of squared sides)^2 / area, which avoids large and thin facets. Dynamic programming over
-    the parts of the rim finds it (Klincsek, Annals of Discrete Math. 9 (1980) 121). A diagonal that
-    is an edge of the mesh already is not used.
+    `best_triangles` are the patch. A diagonal that is an edge of the mesh already is not used.
 
     Raises:
       InputError: the rim is longer than `LONGEST_RIM`, or has no such patch.
@@ -76,31 +74,7 @@ def triangulate_loop(vertices: np.ndarray, facets: np.ndarray, loop: np.ndarray)
         for k in range(i + 2, n):
             is_rim = i == 0 and k == n - 1
             free[i, k] = is_rim or frozenset((int(loop[i]), int(loop[k]))) not in taken
-    cost = np.zeros((n, n))
-    apex = np.zeros((n, n), dtype=int)
-    for length in range(2, n):
-        for i in range(n - length):
-            k = i + length
-            middle = np.arange(i + 1, k)
-            tried = cost[i, middle] + cost[middle, k] + _costs(points, i, middle, k)
-            best = int(np.argmin(tried))
-            cost[i, k] = tried[best] if free[i, k] else np.inf
-            apex[i, k] = middle[best]
-    if not np.isfinite(cost[0, n - 1]):
+    patch = best_triangles(points, free)
+    if patch is None:
         raise InputError(f"the mesh cannot be mended: the hole at vertex {loop[0]} has no patch")
-    patch, stretches = [], [(0, n - 1)]
-    while stretches:
-        i, k = stretches.pop()
-        if k - i >= 2:
-            j = int(apex[i, k])
-            patch.append([i, j, k])
-            stretches += [(i, j), (j, k)]
-    return loop[np.array(patch)]
-
-
-def _costs(points: np.ndarray, i: int, middle: np.ndarray, k: int) -> np.ndarray:
-    a, b, c = points[i], points[middle], points[k]
-    area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
-    squares = np.sum((b - a) ** 2, axis=1) + np.sum((c - b) ** 2, axis=1) + np.sum((a - c) ** 2)
-    # A facet without area is expensive but possible: it closes a crack and is removed later.
-    return squares**2 / (area + 1e-9 * squares)
+    return loop[patch]

@@ -6,6 +6,7 @@ All tolerances are relative to the mesh's size.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -106,21 +107,56 @@ def winding_number(vertices: np.ndarray, facets: np.ndarray, point: np.ndarray) 
     return float(np.arctan2(above, below).sum() / (2.0 * np.pi))
 
 
-def inside_out_shells(
-    vertices: np.ndarray, facets: np.ndarray, count: int, labels: np.ndarray
-) -> list[int]:
-    """The closed shells that wind the wrong way: a void's wall outwards, or another inwards."""
-    parts = [facets[labels == k] for k in range(count)]
+class Shells(NamedTuple):
+    """The closed shells of a mesh, and how they lie in each other."""
+
+    labels: np.ndarray
+    """The shell (F,) of each facet."""
+    volumes: np.ndarray
+    """Volumes (S,) in m^3, negative of those that wind inwards."""
+    depths: np.ndarray
+    """How many others each shell (S,) lies in."""
+    around: np.ndarray
+    """The smallest of these (S,); -1: none."""
+
+    @property
+    def inside_out(self) -> np.ndarray:
+        """Indices of those that wind the wrong way: a void's wall outwards, or another inwards."""
+        return np.flatnonzero((self.volumes > 0.0) != (self.depths % 2 == 0))
+
+    @property
+    def unclear(self) -> np.ndarray:
+        """Indices of those that wind as the one around them does: a void's wall never does."""
+        return np.flatnonzero(
+            (self.around >= 0) & ((self.volumes > 0.0) == (self.volumes[self.around] > 0.0))
+        )
+
+    def share(self, shell: int) -> float:
+        """The volume of a shell over that of the outermost one around it."""
+        outer = shell
+        while self.around[outer] >= 0:
+            outer = int(self.around[outer])
+        return float(abs(self.volumes[shell] / self.volumes[outer]))
+
+
+def nested_shells(vertices: np.ndarray, facets: np.ndarray) -> Shells:
+    """The shells of a closed mesh, each of which winds alike."""
+    count, labels = shell_labels(facets, len(vertices))
+    # Facets in the order of their shells: there may be thousands of each.
+    order = np.argsort(labels, kind="stable")
+    parts = np.split(facets[order], np.cumsum(np.bincount(labels, minlength=count))[:-1])
+    volumes = np.array([six_volumes(vertices, part).sum() / 6.0 for part in parts])
     lows = np.array([vertices[part].min(axis=(0, 1)) for part in parts])
     highs = np.array([vertices[part].max(axis=(0, 1)) for part in parts])
-    wrong = []
+    depths, around = np.zeros(count, dtype=int), np.full(count, -1)
     for k, part in enumerate(parts):
-        around = ((lows <= lows[k]) & (highs >= highs[k])).all(axis=1)
-        others = (parts[j] for j in np.flatnonzero(around) if j != k)
-        depth = sum(_contains(vertices, other, part) for other in others)
-        if (six_volumes(vertices, part).sum() > 0) != (depth % 2 == 0):
-            wrong.append(k)
-    return wrong
+        others = ((lows <= lows[k]) & (highs >= highs[k])).all(axis=1)
+        others[k] = False
+        outer = [j for j in np.flatnonzero(others) if _contains(vertices, parts[j], part)]
+        depths[k] = len(outer)
+        if outer:
+            around[k] = min(outer, key=lambda j: abs(volumes[j]))
+    return Shells(labels, volumes, depths, around)
 
 
 def _contains(vertices: np.ndarray, outer: np.ndarray, inner: np.ndarray) -> bool:
@@ -214,18 +250,31 @@ def _volume_defects(vertices: np.ndarray, facets: np.ndarray) -> list[Defect]:
     volume = float(six_volumes(vertices, facets).sum()) / 6.0
     if abs(volume) <= _NO_VOLUME * scale**3:
         return [_defect("no volume", f" encloses no volume ({volume:.3g} m^3)")]
-    count, labels = shell_labels(facets, len(vertices))
-    wrong = inside_out_shells(vertices, facets, count, labels)
-    if not wrong:
+    shells = nested_shells(vertices, facets)
+    unclear, wrong = shells.unclear, shells.inside_out
+    if unclear.size:
+        where = np.flatnonzero(np.isin(shells.labels, unclear))
+        text = (
+            f": {unclear.size} of {len(shells.volumes)} shells lie in another and wind as that "
+            f"does, the first at facet {where[0]} ({100 * shells.share(int(unclear[0])):.3g} % of "
+            "the volume); each is either the wall of a void, then reverse its facets, or rock "
+            "that is there already, such as a second copy, then delete it: the mesh does not say "
+            "which"
+        )
+        return [_defect("shell in shell", text, where)]
+    if not wrong.size:
         return []
-    where = np.flatnonzero(np.isin(labels, wrong))
-    if len(wrong) == count:
+    where = np.flatnonzero(np.isin(shells.labels, wrong))
+    if len(wrong) == len(shells.volumes):
         text = (
             f" is inside out: its facets wind inwards (volume {volume:.3g} m^3); reverse "
             "the vertex order of every facet"
         )
     else:
-        text = f": {len(wrong)} of {count} shells are inside out, the first at facet {where[0]}"
+        text = (
+            f": {len(wrong)} of {len(shells.volumes)} shells are inside out, the first at facet "
+            f"{where[0]}"
+        )
     return [_defect("inside out", text, where)]
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -18,8 +19,9 @@ from proxops.systems.shapes.mesh_checks import (
     edge_groups,
     find_defects,
     flat_facets,
-    inside_out_shells,
+    nested_shells,
     shell_labels,
+    six_volumes,
 )
 from proxops.systems.shapes.self_intersection import self_intersections
 
@@ -28,6 +30,17 @@ from proxops.systems.shapes.self_intersection import self_intersections
 WELD = 1e-6
 # The patch over a hole may have this share of the mesh's area.
 LARGEST_HOLE = 0.1
+
+
+class Size(NamedTuple):
+    """What a repair must not change unsaid."""
+
+    volume: float
+    """m^3, as its facets stand: signed tetrahedra."""
+    area: float
+    """m^2."""
+    extents: np.ndarray
+    """Lengths (3,) in m of the box around its facets."""
 
 
 @dataclass
@@ -41,26 +54,41 @@ class Repair:
     actions: list[str] = field(default_factory=list)
     """One sentence for each action; empty if nothing had to be done."""
 
+    @property
+    def size(self) -> Size:
+        """Volume, area and extents as they are now."""
+        return Size(
+            volume=float(six_volumes(self.vertices, self.facets).sum() / 6.0),
+            area=float(areas(self.vertices, self.facets).sum()),
+            extents=np.ptp(self.vertices[self.facets].reshape(-1, 3), axis=0),
+        )
 
-def repair_mesh(vertices: np.ndarray, facets: np.ndarray, *, align: bool = False) -> Repair:
+
+def repair_mesh(
+    vertices: np.ndarray, facets: np.ndarray, *, align: bool = False, flip: bool = False
+) -> Repair:
     """Repairs vertices (V, 3) and facets (F, 3) so that they bound a body.
 
     The steps, in this order:
 
     1. Vertices that coincide are welded.
-    2. Facets that name a vertex twice, copies of facets, and pairs of facets back to back are
-       dropped.
+    2. Facets that name a vertex twice and copies of facets are dropped. Of facets that stand front
+       and back one stays, if the mesh is not closed without them; else they are an inner wall or a
+       sheet, and both are dropped.
     3. Neighbouring facets are made to wind the same way.
     4. Facets without neighbours are dropped.
     5. Small holes are filled.
     6. Facets without area are removed by flipping their long edge.
     7. Shells are turned outwards, and the walls of voids inwards.
-    8. Unused vertices are dropped.
-    9. The centre of mass is moved to the origin. With `align`, the axes of least and greatest
-       moment of inertia are turned onto x and z.
+    8. Shells that overlap, such as the lobes of a contact binary, are joined.
+    9. Unused vertices are dropped.
+    10. The centre of mass is moved to the origin. With `align`, the axes of least and greatest
+        moment of inertia are turned onto x and z. With `flip`, the body is turned half a turn about
+        x: then one that spins about -z spins about +z.
 
     Raises:
-      InputError: the repaired mesh still bounds no body; the message gives the reason.
+      InputError: the mesh cannot be mended; the message gives the reason. What the mesh does not
+        say, such as whether a shell in another is a void or a copy, is not guessed.
     """
     broken = find_defects(vertices, facets)[:1]
     if broken and broken[0].kind in ("shape", "too few facets", "not finite", "no such vertex"):
@@ -68,23 +96,23 @@ def repair_mesh(vertices: np.ndarray, facets: np.ndarray, *, align: bool = False
     mesh = Repair(np.array(vertices, dtype=float), np.array(facets, dtype=np.int64))
     _weld(mesh)
     _drop_facets(mesh)
+    rims = _rims(mesh)
+    _drop_doubles(mesh)
     _wind_alike(mesh)
     _drop_loose_facets(mesh)
-    _fill_holes(mesh)
+    _fill_holes(mesh, rims)
     _flip_flat_facets(mesh)
     _turn_shells(mesh)
     _drop_vertices(mesh)
-    left = find_defects(mesh.vertices, mesh.facets)
-    if left:
-        what = "; ".join(defect.about() for defect in left)
-        raise InputError(f"the mesh cannot be mended: after all that can be done, {what}")
-    cuts = self_intersections(mesh.vertices, mesh.facets)
+    cuts = _cuts(mesh)
+    if len(cuts) and _join_shells(mesh, cuts):
+        cuts = _cuts(mesh)
     if len(cuts):
         raise InputError(
             f"the mesh cannot be mended: {len(cuts)} pairs of facets cut each other, the first "
             f"facets {cuts[0, 0]} and {cuts[0, 1]} of what was mended so far"
         )
-    _place(mesh, align)
+    _place(mesh, align, flip)
     return mesh
 
 
@@ -112,21 +140,84 @@ def _drop_facets(mesh: Repair) -> None:
     if not thrice.all():
         mesh.facets = mesh.facets[thrice]
         mesh.actions.append(f"dropped {np.sum(~thrice)} facets that named a vertex twice")
-    # With the least vertex first, equal rows are copies, and rows with equal vertices in the other
-    # order are back to back.
+
+
+def _drop_doubles(mesh: Repair) -> None:
+    """Leaves the first of the facets with the same vertices, or none of an inner wall."""
+    # With the least vertex first, a facet winds up or down by which of the others comes next.
     start = np.argmin(mesh.facets, axis=1)[:, None]
     turned = np.take_along_axis(mesh.facets, (start + np.arange(3)) % 3, axis=1)
-    _, first = np.unique(turned, axis=0, return_index=True)
-    if len(first) < len(turned):
-        mesh.actions.append(f"dropped {len(turned) - len(first)} copies of facets")
-        mesh.facets, turned = mesh.facets[np.sort(first)], turned[np.sort(first)]
-    _, place, times = np.unique(
-        np.sort(turned, axis=1), axis=0, return_inverse=True, return_counts=True
+    up = turned[:, 1] < turned[:, 2]
+    _, first, place = np.unique(
+        np.sort(turned, axis=1), axis=0, return_index=True, return_inverse=True
     )
-    paired = times[place.reshape(-1)] > 1
-    if paired.any():
-        mesh.facets = mesh.facets[~paired]
-        mesh.actions.append(f"dropped {paired.sum() // 2} pairs of facets back to back")
+    place = place.reshape(-1)
+    if len(first) == len(turned):
+        return
+    backs = up != up[first[place]]
+    paired = np.bincount(place, backs) > 0
+    # In the order of the file.
+    order = np.argsort(first)
+    kept, paired = first[order], paired[order]
+    copies = len(turned) - len(first) - int(backs.sum())
+    if copies:
+        mesh.actions.append(f"dropped {copies} copies of facets")
+    mesh.facets = mesh.facets[kept]
+    walls = _inner_walls(mesh.facets, paired, len(mesh.vertices))
+    fronts = int((paired & ~walls).sum())
+    if fronts:
+        mesh.actions.append(f"dropped the backs of {fronts} facets that stood front and back")
+    if walls.any():
+        mesh.facets = mesh.facets[~walls]
+        mesh.actions.append(f"dropped {walls.sum()} pairs of facets back to back")
+
+
+def _inner_walls(facets: np.ndarray, paired: np.ndarray, vertex_count: int) -> np.ndarray:
+    """Which of the facets (F,) that stand front and back are not needed to close the mesh.
+
+    At an edge with two other facets the mesh is closed without them; at one with one other facet it
+    is not. Facets whose edges meet each other alone are decided together.
+
+    Args:
+      facets: (F, 3), each once.
+      paired: (F,) whether a facet stands front and back.
+      vertex_count: number of vertices.
+    """
+    directed, owner, order = directed_edges(facets, vertex_count)
+    starts, counts = edge_groups(directed, order)
+    edge = np.repeat(np.arange(len(starts)), counts)
+    owner = owner[order]
+    doubles = np.bincount(edge, paired[owner], len(starts)).astype(int)
+    others = counts - doubles
+    # Pairs of doubled facets at an edge, and how many others it has.
+    at_two = np.flatnonzero(doubles == 2)
+    members = owner[paired[owner] & (doubles[edge] == 2)].reshape(-1, 2)
+    alike = members[others[at_two] == 0]
+    links = coo_array(
+        (np.ones(len(alike), dtype=np.int8), tuple(alike.T)), shape=(len(facets),) * 2
+    )
+    count, group = connected_components(links, directed=False)
+    needed, closed = np.zeros(count, dtype=bool), np.zeros(count, dtype=bool)
+    needed[group[owner[paired[owner] & (doubles == 1)[edge] & (others == 1)[edge]]]] = True
+    closed[group[owner[paired[owner] & (others >= 2)[edge]]]] = True
+    # At an edge of two doubled facets and one other, one of the two is needed.
+    one, two = group[members[others[at_two] == 1].T]
+    while True:
+        known = needed.sum() + closed.sum()
+        for this, that in ((one, two), (two, one)):
+            closed[that[needed[this]]] = True
+            needed[that[closed[this] & ~needed[this]]] = True
+        if needed.sum() + closed.sum() == known:
+            break
+    return paired & (closed & ~needed)[group]
+
+
+def _rims(mesh: Repair) -> set[tuple[int, int]]:
+    """The edges, lesser vertex first, that belong to one facet, whose copies do not count."""
+    facets = np.unique(np.sort(mesh.facets, axis=1), axis=0)
+    directed, _, order = directed_edges(facets, len(mesh.vertices))
+    starts, counts = edge_groups(directed, order)
+    return set(map(tuple, np.sort(directed[order[starts[counts == 1]]], axis=1).tolist()))
 
 
 def _wind_alike(mesh: Repair) -> None:
@@ -167,10 +258,17 @@ def _drop_loose_facets(mesh: Repair) -> None:
         mesh.actions.append(f"dropped {loose.sum()} facets that shared no edge with another")
 
 
-def _fill_holes(mesh: Repair) -> None:
+def _fill_holes(mesh: Repair, rims: set[tuple[int, int]]) -> None:
+    """Fills holes of the file; `rims` are the edges of these."""
     total = areas(mesh.vertices, mesh.facets).sum()
     patches = []
     for loop in boundary_loops(mesh.facets, len(mesh.vertices)):
+        rim = np.sort(np.stack([loop, np.roll(loop, -1)], axis=1), axis=1).tolist()
+        if not rims.issuperset(map(tuple, rim)):
+            raise InputError(
+                f"the mesh cannot be mended: to drop facets that stand front and back would make a "
+                f"hole at vertex {loop[0]}; which of them bound the body is not said"
+            )
         patch = triangulate_loop(mesh.vertices, mesh.facets, loop)
         share = areas(mesh.vertices, patch).sum() / total
         if share > LARGEST_HOLE:
@@ -225,14 +323,54 @@ def _flip(mesh: Repair, facet: int) -> bool:
 def _turn_shells(mesh: Repair) -> None:
     if len(flat_facets(mesh.vertices, mesh.facets)) == len(mesh.facets):
         return  # Nothing has an inside.
-    count, labels = shell_labels(mesh.facets, len(mesh.vertices))
-    wrong = inside_out_shells(mesh.vertices, mesh.facets, count, labels)
-    if wrong:
-        turn = np.isin(labels, wrong)
+    shells = nested_shells(mesh.vertices, mesh.facets)
+    wrong = shells.inside_out
+    # What is unclear is left for `find_defects` to tell of.
+    if wrong.size and not shells.unclear.size:
+        turn = np.isin(shells.labels, wrong)
         mesh.facets = np.where(turn[:, None], mesh.facets[:, ::-1], mesh.facets)
         mesh.actions.append(
-            f"turned {len(wrong)} of {count} shells: {turn.sum()} facets wound the wrong way"
+            f"turned {len(wrong)} of {len(shells.volumes)} shells: {turn.sum()} facets wound the "
+            "wrong way"
         )
+
+
+def _cuts(mesh: Repair) -> np.ndarray:
+    """Pairs (N, 2) of facets that cut each other in a mesh without other defects.
+
+    Raises:
+      InputError: it has others.
+    """
+    left = find_defects(mesh.vertices, mesh.facets)
+    if left:
+        what = "; ".join(defect.about() for defect in left)
+        raise InputError(f"the mesh cannot be mended: after all that can be done, {what}")
+    return self_intersections(mesh.vertices, mesh.facets)
+
+
+def _join_shells(mesh: Repair, cuts: np.ndarray) -> bool:
+    """Joins bodies that overlap; false if one of them cuts itself or has a void."""
+    count, labels = shell_labels(mesh.facets, len(mesh.vertices))
+    six = np.bincount(labels, six_volumes(mesh.vertices, mesh.facets), count)
+    if (labels[cuts[:, 0]] == labels[cuts[:, 1]]).any() or (six < 0.0).any():
+        return False
+    import manifold3d  # Only here.
+
+    before = six.sum() / 6.0
+    vertices = np.ascontiguousarray(mesh.vertices)
+    parts = [mesh.facets[labels == k].astype(np.uint64) for k in range(count)]
+    joined = manifold3d.Manifold.batch_boolean(
+        [manifold3d.Manifold(manifold3d.Mesh64(vertices, part)) for part in parts],
+        manifold3d.OpType.Add,
+    ).to_mesh64()
+    mesh.vertices = np.array(joined.vert_properties[:, :3])
+    mesh.facets = np.array(joined.tri_verts, dtype=np.int64)
+    twice = before - six_volumes(mesh.vertices, mesh.facets).sum() / 6.0
+    mesh.actions.append(
+        f"joined {count} shells that overlap: {100 * twice / before:.3g} % of their volumes were "
+        "counted twice"
+    )
+    return True
 
 
 def _drop_vertices(mesh: Repair) -> None:
@@ -244,7 +382,7 @@ def _drop_vertices(mesh: Repair) -> None:
         mesh.actions.append(f"dropped {unused} vertices that no facet uses")
 
 
-def _place(mesh: Repair, align: bool) -> None:
+def _place(mesh: Repair, align: bool, flip: bool) -> None:
     properties = mass_properties(mesh.vertices, mesh.facets)
     size = np.ptp(mesh.vertices, axis=0).max()
     if np.linalg.norm(properties.centre_of_mass) > 1e-9 * size:
@@ -256,3 +394,6 @@ def _place(mesh: Repair, align: bool) -> None:
         mesh.vertices = mesh.vertices @ axes.T
         angle = np.degrees(np.arccos(np.clip((np.trace(axes) - 1.0) / 2.0, -1.0, 1.0)))
         mesh.actions.append(f"turned by {angle:.4g} degrees onto the principal axes")
+    if flip:
+        mesh.vertices = mesh.vertices * [1.0, -1.0, -1.0]
+        mesh.actions.append("turned half a turn about x: what was -z is +z")
