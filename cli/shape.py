@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
 import typer
 from rich.console import Console
 
@@ -25,6 +26,7 @@ from proxops.cli.common import (
 from proxops.diagrams.scenario import check_constants, dump_scenario
 from proxops.systems.common import InputError, make_folder, write_json, write_whole
 from proxops.systems.shapes import (
+    LONGITUDES,
     MESH_FORMATS,
     MeshFile,
     mesh_bytes,
@@ -40,7 +42,12 @@ if typing.TYPE_CHECKING:
 
 def shape_command(
     mesh_file: Annotated[
-        Path | None, typer.Argument(metavar="[FILE]", help="Mesh: OBJ, STL, PLY or PDS .tab.")
+        Path | None,
+        typer.Argument(
+            metavar="[FILE]",
+            help="Mesh: OBJ, STL, PLY, VRML, a table of the PDS (plates, ICQ, radii), or DSK; "
+            "each may be gzipped.",
+        ),
     ] = None,
     random: Annotated[
         str | None,
@@ -49,7 +56,21 @@ def shape_command(
             help="Generate a body in place of FILE, and write its files to the folder --out.",
         ),
     ] = None,
-    unit: Annotated[str | None, typer.Option(help="Its unit, km or m. Default: km.")] = None,
+    unit: Annotated[
+        str | None, typer.Option(help="Its unit: mm, cm, m or km. Default: km.")
+    ] = None,
+    size: Annotated[
+        float | None,
+        typer.Option(help="Greatest length of the body in m, of a model without a scale."),
+    ] = None,
+    diameter: Annotated[
+        float | None,
+        typer.Option(help="In place of --size: diameter in m of the ball of the same volume."),
+    ] = None,
+    longitude: Annotated[
+        str | None,
+        typer.Option(help="Which way the longitudes of a table of radii count: east or west."),
+    ] = None,
     mass: Annotated[float | None, typer.Option(help="Mass of the body in kg.")] = None,
     density: Annotated[
         float | None, typer.Option(help="Density of the body in kg/m^3, in place of --mass.")
@@ -64,6 +85,10 @@ def shape_command(
     ] = None,
     align: Annotated[
         bool, typer.Option(help="With --fix: turn the principal axes onto x, y, z.")
+    ] = False,
+    flip: Annotated[
+        bool,
+        typer.Option(help="With --fix: turn half a turn about x, so that a spin about -z is +z."),
     ] = False,
     body: Annotated[Path | None, typer.Option(help="Write the body's YAML file here.")] = None,
     scenario: Annotated[
@@ -93,8 +118,9 @@ def shape_command(
     from proxops.diagrams.new_body import Questions
 
     if random is not None:
-        others = (mesh_file, unit, mass, density, period, fix, body, scenario)
-        if any(other is not None for other in others) or align or out.suffix.lower() == ".png":
+        others = (mesh_file, unit, size, diameter, longitude, mass, density, period, fix, body)
+        given = any(other is not None for other in (*others, scenario))
+        if given or align or flip or out.suffix.lower() == ".png":
             raise InputError(
                 "--random generates mesh, density and period, and writes to a folder: give only "
                 "--out, --margin, --craft-mass, --name and --json with it"
@@ -108,15 +134,16 @@ def shape_command(
     _need_body({"--scenario": scenario, "--name": name}, body)
     if body is not None and ((mass is None and density is None) or period is None):
         raise InputError("--body needs --mass or --density, and --period")
-    _check_fix(fix, align, mesh_file)
+    _check_fix(fix, {"--align": align, "--flip": flip}, mesh_file)
+    scale = _Scale(unit, size, diameter, longitude)
+    scale.check(density, fix, body)
     _check_output("--body", body, (".yaml", ".yml"))
     _check_output("--scenario", scenario, (".yaml", ".yml"))
     if body is not None and scenario is not None and body.resolve() == scenario.resolve():
         raise InputError(f"--scenario {scenario} is the file of --body: give another name")
     check_folder(out.parent if out.suffix.lower() == ".png" else out)
     asked = Questions(mass, density, period, craft_mass, margin)
-    unit = _known_unit(unit, density)
-    _set_up(_Files(mesh_file, unit, fix, align, body, scenario, name, out), asked, as_json)
+    _set_up(_Files(mesh_file, scale, fix, align, flip, body, scenario, name, out), asked, as_json)
 
 
 def _need_body(options: Mapping[str, object], body: Path | None) -> None:
@@ -125,29 +152,58 @@ def _need_body(options: Mapping[str, object], body: Path | None) -> None:
             raise InputError(f"{option} needs --body: it belongs to the body's YAML file")
 
 
-def _check_fix(fix: Path | None, align: bool, mesh_file: Path) -> None:
-    if align and fix is None:
-        raise InputError("--align needs --fix: it changes the mesh")
+def _check_fix(fix: Path | None, turns: Mapping[str, bool], mesh_file: Path) -> None:
+    for option, wanted in turns.items():
+        if wanted and fix is None:
+            raise InputError(f"{option} needs --fix: it changes the mesh")
     if fix is not None and fix.resolve() == mesh_file.resolve():
         raise InputError(f"--fix {fix} is the mesh that is read: give another name")
     _check_output("--fix", fix, MESH_FORMATS)
 
 
-def _known_unit(unit: str | None, density: float | None) -> str:
-    if density is not None and unit is None:
-        raise InputError(
-            "--density needs --unit km or --unit m: nothing else says how large the body is"
-        )
-    return unit or "km"
+class _Scale(typing.NamedTuple):
+    """What says how the numbers of a mesh file are meant."""
+
+    unit: str | None
+    size: float | None
+    diameter: float | None
+    longitude: str | None
+
+    def check(self, density: float | None, fix: Path | None, body: Path | None) -> None:
+        """Raises `InputError` if something is missing, not known, or said twice."""
+        lengths = (self.unit, self.size, self.diameter)
+        if sum(each is not None for each in lengths) > 1:
+            raise InputError("give one of --unit, --size and --diameter: each says how large it is")
+        if density is not None and lengths == (None, None, None):
+            raise InputError(
+                "--density needs --unit, --size or --diameter: nothing else says how large the "
+                "body is"
+            )
+        if self.longitude not in (None, *LONGITUDES):
+            raise InputError(f"--longitude must be {' or '.join(LONGITUDES)}, got {self.longitude}")
+        for option in ("size", "diameter", "longitude"):
+            if getattr(self, option) is not None and body is not None and fix is None:
+                raise InputError(
+                    f"--{option} with --body needs --fix: the body's YAML file names a mesh, which "
+                    "has to be written"
+                )
+
+    def read(self, path: Path) -> MeshFile:
+        """Reads a mesh file."""
+        file = read_mesh(path, self.unit or "km", self.longitude)
+        if self.size is None and self.diameter is None:
+            return file
+        return file.scaled(size=self.size, diameter=self.diameter)
 
 
 class _Files(typing.NamedTuple):
     """What `proxops shape` reads and writes, as its options say."""
 
     mesh: Path
-    unit: str
+    scale: _Scale
     fix: Path | None
     align: bool
+    flip: bool
     body: Path | None
     scenario: Path | None
     name: str | None
@@ -187,12 +243,12 @@ def _set_up(files: _Files, asked: Questions, as_json: bool) -> None:
 
     out = files.out
     picture = out if out.suffix.lower() == ".png" else out / "shape.png"
-    with work_bar("examining"):  # 4,000 facets take 12 s.
-        report = examine(read_mesh(files.mesh, files.unit), asked)
+    with work_bar("reading") as progress:
+        report = examine(files.scale.read(files.mesh), asked, progress)
     findings: dict[str, Any] = {}
     if files.fix is not None:
         findings["before"] = report.to_dict()
-        report, findings["repair"] = _mend(report, files.fix, files.align)
+        report, findings["repair"] = _mend(report, files)
     findings = report.to_dict() | findings
     make_folder(picture.parent)
     _draw(report, picture)
@@ -221,7 +277,7 @@ def _check_output(option: str, path: Path | None, suffixes: tuple[str, ...]) -> 
         raise InputError(f"{path}: its name must end in {' or '.join(suffixes)}")
 
 
-def _mend(report: ShapeReport, fix: Path, align: bool) -> tuple[ShapeReport, dict[str, Any]]:
+def _mend(report: ShapeReport, files: _Files) -> tuple[ShapeReport, dict[str, Any]]:
     """Mends the mesh and writes it.
 
     Returns:
@@ -230,18 +286,24 @@ def _mend(report: ShapeReport, fix: Path, align: bool) -> tuple[ShapeReport, dic
     """
     from proxops.diagrams.new_body import examine
 
-    file = report.file
-    try:
-        repair = repair_mesh(file.vertices, file.facets, align=align)
-    except InputError as error:
-        return report, {"refused": str(error)}
-    scale = metres_per(file.unit)
-    comment = "\n".join([f"{file.name}, {file.unit}, mended by proxops shape", *repair.actions])
-    content = mesh_bytes(repair.vertices / scale, repair.facets, fix.suffix, comment)
-    make_folder(fix.parent)
-    write_whole(fix, lambda path: path.write_bytes(content))
-    mended: MeshFile = read_mesh(fix, file.unit)
-    return examine(mended, report.questions), {"out": str(fix), "actions": repair.actions}
+    file, fix = report.file, files.fix
+    assert fix is not None
+    with work_bar("mending") as progress:
+        try:
+            repair = repair_mesh(file.vertices, file.facets, align=files.align, flip=files.flip)
+        except InputError as error:
+            return report, {"refused": str(error)}
+        scale = metres_per(file.unit)
+        comment = "\n".join([f"{file.name}, {file.unit}, mended by proxops shape", *repair.actions])
+        content = mesh_bytes(repair.vertices / scale, repair.facets, fix.suffix, comment)
+        make_folder(fix.parent)
+        write_whole(fix, lambda path: path.write_bytes(content))
+        mended = examine(read_mesh(fix, file.unit), report.questions, progress)
+    sizes = {
+        name: {"volume_m3": size.volume, "area_m2": size.area, "extents_m": size.extents.tolist()}
+        for name, size in (("before", repair.before), ("after", repair.size))
+    }
+    return mended, {"out": str(fix), "actions": repair.actions} | sizes
 
 
 def _draw(report: ShapeReport, path: Path) -> None:
@@ -263,6 +325,8 @@ def _print(report: ShapeReport, findings: dict[str, Any], where: Console) -> Non
     repair = findings.get("repair", {})
     for action in repair.get("actions", []):
         say(f"done: {action}")
+    if repair.get("actions"):
+        say(f"solid: {_change(repair['before'], repair['after'])}")
     if "out" in repair:
         say(f"Wrote {repair['out']}" + ("" if repair["actions"] else ": nothing had to be mended"))
     if "refused" in repair:
@@ -275,6 +339,22 @@ def _print(report: ShapeReport, findings: dict[str, Any], where: Console) -> Non
     title = f"{report.file.name} ({report.file.format}): {verdict}"
     if where is console:
         print_rows(title, figure_rows(report))
+
+
+def _change(before: dict[str, Any], after: dict[str, Any]) -> str:
+    """What a repair made of volume, area and extents."""
+    texts = []
+    for key, name, unit in (
+        ("volume_m3", "volume", "m³"),
+        ("area_m2", "area", "m²"),
+        ("extents_m", "extents", "m"),
+    ):
+        old, new = (
+            " × ".join(f"{value:.6g}" for value in np.atleast_1d(each[key]))
+            for each in (before, after)
+        )
+        texts.append(f"{name} {old} → {new} {unit}")
+    return ", ".join(texts)
 
 
 def _counted(kinds: int) -> str:

@@ -14,15 +14,17 @@ from proxops.diagrams.new_body.shape_report import (
     spin_axis_error,
 )
 from proxops.diagrams.scenario import Body, BodyConfig, hover_force
-from proxops.systems.common import InputError, directions_of
+from proxops.systems.common import InputError, Progress, directions_of, part_of, silent
 from proxops.systems.gravity import PLAUSIBLE_DENSITY
 from proxops.systems.shapes import (
+    UNITS,
     Defect,
     MeshFile,
     Polyhedron,
     find_defects,
     flat_facets,
     mass_properties,
+    metres_per,
     nested_shells,
     self_intersections,
     shell_labels,
@@ -34,9 +36,11 @@ from proxops.systems.shapes import (
 _PLAUSIBLE_LENGTH = (1.0, 2.5e6)
 # Grid of the hover map over the keep-out ellipsoid, in degrees.
 _MAP_STEP = 5.0
+# Places of it whose gravity is computed at a time, between reports of progress.
+_PLACES = 512
 
 
-def examine(file: MeshFile, asked: Questions) -> ShapeReport:
+def examine(file: MeshFile, asked: Questions, progress: Progress = silent) -> ShapeReport:
     """Examines a mesh as far as its defects permit.
 
     The solid and its keep-out ellipsoid need a mesh whose only defects, if any, are facets that cut
@@ -45,6 +49,7 @@ def examine(file: MeshFile, asked: Questions) -> ShapeReport:
     Args:
       file: the mesh.
       asked: mass, density, period and margins, as far as they are known.
+      progress: is told of it; a million facets take minutes.
 
     Raises:
       InputError: the mass, density or period is not positive, the margin is negative, or mass and
@@ -52,12 +57,15 @@ def examine(file: MeshFile, asked: Questions) -> ShapeReport:
     """
     _check(asked)
     vertices, facets = file.vertices, file.facets
+    progress(0.0, "looking for defects")
     defects = find_defects(vertices, facets)
     report = ShapeReport(file, asked, defects, [], np.empty(0))
     kinds = {defect.kind for defect in defects}
     if kinds & {"shape", "not finite", "no such vertex"}:
         return report
+    progress(0.1, "looking for facets that cut each other")
     report = _look_at_facets(report, "duplicate vertices" in kinds)
+    progress(0.4, "measuring the solid")
     if defects:
         return report
     # The volume is defined even if facets cut each other.
@@ -65,7 +73,8 @@ def examine(file: MeshFile, asked: Questions) -> ShapeReport:
     if report.defects:
         return report
     body = _body(report)
-    hover = None if body is None else hover_map(body, asked.craft_mass_kg)
+    within = part_of(progress, 0.5, 1.0)
+    hover = None if body is None else hover_map(body, asked.craft_mass_kg, progress=within)
     return dataclasses.replace(report, body=body, hover=hover)
 
 
@@ -144,25 +153,38 @@ def _look_at_solid(report: ShapeReport) -> ShapeReport:
     return dataclasses.replace(report, defects=defects, remarks=remarks)
 
 
-def hover_map(body: Body, craft_mass_kg: float, grow: float = 0.0) -> HoverMap:
+def hover_map(
+    body: Body, craft_mass_kg: float, grow: float = 0.0, progress: Progress = silent
+) -> HoverMap:
     """Computes the force that hovering over the keep-out ellipsoid takes.
 
     Args:
       body: the body.
       craft_mass_kg: mass of the spacecraft.
       grow: length in m that is added to each semi-axis of the ellipsoid.
+      progress: is told of it.
     """
     longitudes = np.arange(-180.0, 180.0 + _MAP_STEP, _MAP_STEP)
     latitudes = np.arange(-90.0, 90.0 + _MAP_STEP, _MAP_STEP)
     a, b = np.meshgrid(np.radians(longitudes), np.radians(latitudes))
     places = directions_of(a, b).reshape(-1, 3) * (body.keep_out_semi_axes + grow)
-    forces = hover_force(places, craft_mass_kg, body).reshape(a.shape)
-    return HoverMap(craft_mass_kg, longitudes, latitudes, forces)
+    forces = np.empty(len(places))
+    for start in range(0, len(places), _PLACES):
+        progress(start / len(places), "gravity over the keep-out ellipsoid")
+        some = slice(start, start + _PLACES)
+        forces[some] = hover_force(places[some], craft_mass_kg, body)
+    return HoverMap(craft_mass_kg, longitudes, latitudes, forces.reshape(a.shape))
 
 
 def _check(asked: Questions) -> None:
     if asked.mass_kg is not None and asked.density_kg_m3 is not None:
         raise InputError("give the mass or the density, not both")
+    period = asked.rotation_period_h
+    if period is not None and period < 0.0:
+        raise InputError(
+            f"a period of {period:g} h is that of a body which spins about -z: give {-period:g} h, "
+            "and --fix FILE --flip, which turns the mesh so that the body spins about +z"
+        )
     for name in ("mass_kg", "density_kg_m3", "rotation_period_h", "craft_mass_kg"):
         value = getattr(asked, name)
         if value is not None and not (np.isfinite(value) and value > 0.0):
@@ -173,22 +195,25 @@ def _check(asked: Questions) -> None:
 
 def _unit_defects(report: ShapeReport, size: float) -> list[Defect]:
     """Finds whether the mesh's unit does not fit the mass or the size of a small body (m)."""
-    other, factor = ("m", 1e-3) if report.file.unit == "km" else ("km", 1e3)
-    nothing = np.empty(0, dtype=int)
-    low, high = PLAUSIBLE_DENSITY
-    density = report.density
-    if density is not None and not low <= density <= high:
-        text = f": {density:.3g} kg/m^3 in {report.file.unit} is no body's density"
-        if report.questions.mass_kg is not None and low <= density / factor**3 <= high:
-            text += f"; in {other} it would be {density / factor**3:.4g} kg/m^3: try --unit {other}"
-        return [Defect("unit", text, nothing)]
-    short, long = _PLAUSIBLE_LENGTH
-    if density is None and not short <= size <= long:
-        text = f" is {size:.3g} m long in {report.file.unit}, which no small body is"
-        if short <= size * factor <= long:
-            text += f"; in {other} it would be {size * factor:.4g} m: try --unit {other}"
-        return [Defect("unit", text, nothing)]
-    return []
+    unit, density = report.file.unit, report.density
+    low, high = PLAUSIBLE_DENSITY if density is not None else _PLAUSIBLE_LENGTH
+    if low <= (size if density is None else density) <= high:
+        return []
+    fitting = []
+    for other in UNITS:
+        factor = metres_per(other) / metres_per(unit)
+        fits = size * factor if density is None else density / factor**3
+        # A density that was given does not say how large the body is.
+        if low <= fits <= high and (density is None or report.questions.mass_kg is not None):
+            value = f"{fits:.4g} m" if density is None else f"{fits:.4g} kg/m^3"
+            fitting.append(f"in {other} it would be {value}: try --unit {other}")
+    if density is None:
+        text = f" is {size:.3g} m long in {unit}, which no small body is"
+    else:
+        text = f": {density:.3g} kg/m^3 in {unit} is no body's density"
+    text += "".join(f"; {each}" for each in fitting)
+    text += "; of a model without a scale, say --size or --diameter METRES"
+    return [Defect("unit", text, np.empty(0, dtype=int))]
 
 
 def _body(report: ShapeReport) -> Body | None:

@@ -12,9 +12,14 @@ from matplotlib.patches import Circle, Ellipse
 from proxops.diagrams.new_body.shape_report import SLIVER_ANGLE, ShapeReport, spin_axis_error
 from proxops.diagrams.plots import frame_plane, length_unit
 from proxops.systems.gravity import AXES
+from proxops.systems.shapes import RayCaster, Surface
 
 _BODY = np.array([0.71, 0.68, 0.64])
 _DEFECT = np.array([0.85, 0.10, 0.10])
+# Pixels of a view along a side.
+_PIXELS = 700
+# So many facets with defects are outlined.
+_MOST_OUTLINED = 5000
 _KEEP_OUT, _SYNCHRONOUS = "#5577bb", "#128a3a"
 _PRINCIPAL = ("#7a3fa0", "#c07a1f", "#1f8a9a")
 
@@ -52,21 +57,18 @@ def plot_view(ax: Axes, report: ShapeReport, plane: str = "xy") -> None:
     facets = _drawable(report)
     centre = np.zeros(3) if report.solid is None else report.solid.centre_of_mass
     corners = (report.file.vertices[report.file.facets[facets]] - centre) / length
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    sizes = np.linalg.norm(normals, axis=1)
-    light = np.abs(normals[:, depth]) / np.where(sizes > 0.0, sizes, 1.0)
-    colours = (
-        np.where(_marked(report)[facets, None], _DEFECT, _BODY) * (0.45 + 0.55 * light)[:, None]
-    )
-    order = np.argsort(sign * corners[:, :, depth].mean(axis=1))
-    triangles = corners[order][:, :, [across, up]]
-    ax.add_collection(
-        PolyCollection(
-            list(triangles), facecolors=colours[order], edgecolors=colours[order],
-            linewidths=0.3, rasterized=True,
-        )
-    )  # fmt: skip
     reach = float(np.abs(corners).max()) if corners.size else 1.0
+    marked = _marked(report)[facets]
+    if corners.size:
+        image = _seen(corners, marked, (across, up, depth), sign, reach)
+        extent = (-reach, reach, -reach, reach)
+        ax.imshow(image, extent=extent, origin="lower", aspect="equal", zorder=0.5)
+    # A pixel may miss a small facet.
+    shown = np.flatnonzero(marked)[:_MOST_OUTLINED]
+    outlines = list(corners[shown][:, :, [across, up]])
+    ax.add_collection(
+        PolyCollection(outlines, facecolors="none", edgecolors=_DEFECT, linewidths=0.3)
+    )
     if report.keep_out is not None and report.solid is not None:
         axes = report.keep_out.semi_axes / length
         outline = Ellipse(
@@ -84,6 +86,35 @@ def plot_view(ax: Axes, report: ShapeReport, plane: str = "xy") -> None:
         ax.add_patch(Circle((0.0, 0.0), radius, fill=False, edgecolor=_SYNCHRONOUS, linestyle=":"))
         reach = max(reach, min(radius, 2.0 * reach))
     frame_plane(ax, plane, unit, 1.05 * reach)
+
+
+def _seen(
+    corners: np.ndarray,
+    marked: np.ndarray,
+    axes: tuple[int, int, int],
+    sign: float,
+    reach: float,
+) -> np.ndarray:
+    """The picture (n, n, 4) of facets with corners (F, 3, 3), seen along the last of the axes.
+
+    Parallel rays, so that a picture of a million facets takes no longer than one of a thousand.
+    """
+    across, up, depth = axes
+    caster = RayCaster(Surface(corners.reshape(-1, 3), np.arange(corners.size // 3).reshape(-1, 3)))
+    middles = ((np.arange(_PIXELS) + 0.5) / _PIXELS * 2.0 - 1.0) * reach
+    origins = np.empty((_PIXELS, _PIXELS, 3))
+    origins[:, :, across], origins[:, :, up] = middles[None, :], middles[:, None]
+    origins[:, :, depth] = sign * 2.0 * reach
+    directions = np.zeros((_PIXELS**2, 3))
+    directions[:, depth] = -sign
+    met = caster.first_hits(origins.reshape(-1, 3), directions).facets
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    sizes = np.linalg.norm(normals, axis=1)
+    light = 0.45 + 0.55 * np.abs(normals[:, depth]) / np.where(sizes > 0.0, sizes, 1.0)
+    colours = np.where(marked[:, None], _DEFECT, _BODY) * light[:, None]
+    image = np.zeros((_PIXELS**2, 4))
+    image[met >= 0, :3], image[met >= 0, 3] = colours[met[met >= 0]], 1.0
+    return image.reshape(_PIXELS, _PIXELS, 4)
 
 
 def draw_hover_map(ax: Axes, report: ShapeReport) -> None:

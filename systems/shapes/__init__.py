@@ -10,6 +10,7 @@ everything is a plain function on arrays; nothing here knows gravity, spacecraft
 A new check of meshes belongs in `mesh_checks`, a new repair in `mesh_repair`.
 """
 
+from proxops.systems.shapes._text_meshes import LONGITUDES
 from proxops.systems.shapes.displacement import displaced, vertex_normals
 from proxops.systems.shapes.ellipsoid import (
     blocks_segment,
@@ -35,6 +36,7 @@ from proxops.systems.shapes.registration import registered
 from proxops.systems.shapes.self_intersection import self_intersections
 from proxops.systems.shapes.shape_files import (
     MESH_FORMATS,
+    UNITS,
     MeshFile,
     mesh_bytes,
     metres_per,
@@ -43,7 +45,9 @@ from proxops.systems.shapes.shape_files import (
 from proxops.systems.shapes.surface import Surface
 
 __all__ = [
+    "LONGITUDES",
     "MESH_FORMATS",
+    "UNITS",
     "Defect",
     "EnclosingEllipsoid",
     "FirstHits",

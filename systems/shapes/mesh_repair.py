@@ -54,6 +54,12 @@ class Repair:
     actions: list[str] = field(default_factory=list)
     """One sentence for each action; empty if nothing had to be done."""
 
+    before: Size = field(init=False)
+    """Its size before the repair."""
+
+    def __post_init__(self) -> None:
+        self.before = self.size
+
     @property
     def size(self) -> Size:
         """Volume, area and extents as they are now."""

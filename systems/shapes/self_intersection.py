@@ -16,7 +16,11 @@ from proxops.systems.common import InputError
 # Floating-Point Arithmetic and Fast Robust Geometric Predicates" (1997), doubled for safety.
 _BOUND_3 = 2.0 * (7.0 + 56.0 * np.finfo(float).eps / 2.0) * np.finfo(float).eps / 2.0
 _BOUND_2 = 2.0 * (3.0 + 16.0 * np.finfo(float).eps / 2.0) * np.finfo(float).eps / 2.0
+# So many pairs may be close together, or so many for each facet, if these are more.
 _MOST_PAIRS = 20_000_000
+_MOST_EACH = 40
+# Pairs that are judged at a time, so that memory does not grow with the mesh.
+_BLOCK = 500_000
 
 
 def self_intersections(vertices: np.ndarray, facets: np.ndarray) -> np.ndarray:
@@ -30,21 +34,33 @@ def self_intersections(vertices: np.ndarray, facets: np.ndarray) -> np.ndarray:
       vertices: (V, 3), all finite. facets: (F, 3).
 
     Raises:
-      InputError: over 20 million pairs of facets are close together.
+      InputError: over 20 million pairs of facets, and over 40 for each facet, are close together.
     """
     corners = vertices[facets]
     low, high = corners.min(axis=1), corners.max(axis=1)
     axis = int(np.argmax(np.ptp(vertices, axis=0)))
     order = np.argsort(low[:, axis], kind="stable")
     roll = [axis, (axis + 1) % 3, (axis + 2) % 3]
-    boxes = _overlaps(low[order][:, roll], high[order][:, roll], _MOST_PAIRS)
-    if len(boxes) == _MOST_PAIRS:
-        raise InputError("the mesh is a tangle: over 20 million pairs of facets are close together")
+    most = max(_MOST_PAIRS, _MOST_EACH * len(facets))
+    boxes = _overlaps(low[order][:, roll], high[order][:, roll], most)
+    if len(boxes) == most:
+        raise InputError(
+            f"the mesh is a tangle: over {most / 1e6:.0f} million pairs of facets are close to "
+            "each other"
+        )
     pairs = np.sort(order[boxes])
+    numbers = _Numbers(vertices)
+    blocks = range(0, len(pairs), _BLOCK)
+    found = [_meeting(numbers, facets, pairs[start : start + _BLOCK]) for start in blocks]
+    met = np.concatenate(found) if found else pairs
+    return met[np.lexsort(met.T[::-1])]
+
+
+def _meeting(numbers: _Numbers, facets: np.ndarray, pairs: np.ndarray) -> np.ndarray:
+    """Those of pairs (N, 2) of facets that meet where they should not."""
     # For each pair, which corners of the two facets are the same vertex.
     equal = facets[pairs[:, 0], :, None] == facets[pairs[:, 1], None, :]
     common = equal.sum(axis=(1, 2))
-    numbers = _Numbers(vertices)
     meet = common == 3
     for shared in range(3):
         some = np.flatnonzero(common == shared)
@@ -54,8 +70,7 @@ def self_intersections(vertices: np.ndarray, facets: np.ndarray) -> np.ndarray:
             second = _put_last(second, equal[some].any(axis=1), shared)
         judge = (_meet, _meet_beyond_vertex, _fold_onto)[shared]
         meet[some] = judge(numbers, first, second)
-    found = pairs[meet]
-    return found[np.lexsort(found.T[::-1])]
+    return pairs[meet]
 
 
 @numba.njit(cache=True)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import gzip
 import zlib
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -17,8 +17,11 @@ import numpy as np
 from proxops.systems.common import InputError, decoded
 from proxops.systems.shapes._binary_meshes import read_dsk, read_ply, read_stl
 from proxops.systems.shapes._text_meshes import Read, read_obj, read_tables, read_vrml
+from proxops.systems.shapes.mesh_checks import six_volumes
 
-METRES_PER_UNIT = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "km": 1000.0}
+_METRES = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "km": 1000.0}
+UNITS = tuple(_METRES)
+"""Units of mesh files."""
 MESH_FORMATS = (".obj", ".ply", ".stl", ".tab")
 """Endings of the files that are written."""
 
@@ -63,6 +66,26 @@ class MeshFile:
     format: str
     """Description of the format that was found."""
 
+    def scaled(self, *, size: float | None = None, diameter: float | None = None) -> MeshFile:
+        """The same model, in m, of another size: that of a model without a scale is not known.
+
+        Args:
+          size: greatest length in m along x, y or z.
+          diameter: in place of it, diameter in m of the ball of the same volume.
+
+        Raises:
+          InputError: the size is not positive, or the mesh has no volume.
+        """
+        if size is not None:
+            wanted, has = size, float(np.ptp(self.vertices, axis=0).max())
+        else:
+            assert diameter is not None
+            volume = abs(six_volumes(self.vertices, self.facets).sum()) / 6.0
+            wanted, has = diameter, float(np.cbrt(6.0 * volume / np.pi))
+        if not (0.0 < wanted < np.inf and 0.0 < has < np.inf):
+            raise InputError(f"{self.name}: a size of {has:g} cannot be made one of {wanted:g} m")
+        return replace(self, vertices=self.vertices * (wanted / has), unit="m")
+
 
 def metres_per(unit: str) -> float:
     """Metres in a unit of mesh files.
@@ -70,10 +93,10 @@ def metres_per(unit: str) -> float:
     Raises:
       InputError: the unit is not known.
     """
-    if unit not in METRES_PER_UNIT:
-        known = ", ".join(map(repr, METRES_PER_UNIT))
+    if unit not in _METRES:
+        known = ", ".join(map(repr, _METRES))
         raise InputError(f"mesh unit {unit!r} is not known: use one of {known}")
-    return METRES_PER_UNIT[unit]
+    return _METRES[unit]
 
 
 def read_mesh(path: str | Path, unit: str = "km", longitudes: str | None = None) -> MeshFile:
@@ -122,6 +145,8 @@ def read_mesh(path: str | Path, unit: str = "km", longitudes: str | None = None)
             f"{path} could not be read as a mesh: use one of {', '.join((*_READERS, *_TABLES))}, "
             "or such with .gz behind it; MeshLab and Blender convert other formats to OBJ"
         )
+    if suffix == ".bds" and unit != "km":
+        raise InputError(f"{path}: the unit of a digital shape kernel is km, not {unit}")
     try:
         content = path.read_bytes()
         if compressed:
