@@ -390,7 +390,7 @@ def zero_volume() -> trimesh.Trimesh:
         (duplicates, {}, ["blob.obj", "duplicate vertices"]),
         (zero_volume, {}, ["blob.obj"]),
         (blob, {"mesh_unit": "m"}, ["kg/m^3", "unit"]),
-        (blob, {"mesh_unit": "mm"}, ["unit 'mm' is not known"]),
+        (blob, {"mesh_unit": "mile"}, ["unit 'mile' is not known"]),
         (blob, {"mass_kg": -1e18}, ["mass_kg must be positive"]),
         (blob, {"mesh": "absent.obj"}, ["absent.obj does not exist"]),
         (blob, {"colour": "grey"}, ["no key 'colour'"]),

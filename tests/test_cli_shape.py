@@ -24,6 +24,7 @@ from proxops.diagrams.scenario.body import load_body
 from proxops.diagrams.scenario.scenario import load_scenario
 from proxops.diagrams.scenario.scenario_config import Scenario
 from proxops.diagrams.scenario.transits import draw_transit, transit_set
+from proxops.systems.shapes.polyhedron import Polyhedron
 from proxops.systems.shapes.shape_files import MeshFile, read_mesh
 
 PNG = b"\x89PNG\r\n\x1a\n"
@@ -124,27 +125,31 @@ def test_defects_are_reported(shape, tmp_path: Path) -> None:
     assert [defect["kind"] for defect in found["defects"]] == ["holes", "mixed winding"]
     assert found["sound"] is False
     assert "volume_m3" not in found
-    lobes = [trimesh.creation.icosphere(2, radius=9.0) for _ in range(2)]
-    lobes[1].apply_translation([10.0, 1.0, 0.0])
-    write(tmp_path / "lobes.obj", together(*lobes))
+    spiked = trimesh.creation.icosphere(2, radius=9.0)
+    spiked.vertices[0] *= -1.5
+    write(tmp_path / "lobes.obj", spiked)
     code, out, _ = shape("lobes.obj", "--unit", "m")
     assert code == 1
     assert "pairs of facets cut or touch each other" in out
 
 
 @pytest.mark.parametrize(
-    ("text", "complaint"),
+    ("text", "code", "complaint"),
     [
-        ("f 1 2 3\n", "its facets name vertices, but it has none"),
-        ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n", "names a vertex outside 0…2"),
-        ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "has 1 facets"),
+        ("f 1 2 3\n", 2, "line 1: a facet names a vertex that is not there; there are 0"),
+        (
+            "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n",
+            2,
+            "line 4: a facet names a vertex that is not there; there are 3",
+        ),
+        ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", 1, "has 1 facets"),
     ],
 )
-def test_a_facet_alone(shape, tmp_path: Path, text: str, complaint: str) -> None:
+def test_a_facet_alone(shape, tmp_path: Path, text: str, code: int, complaint: str) -> None:
     (tmp_path / "facet.obj").write_text(text)
-    code, out, _ = shape("facet.obj")
-    assert code == 1
-    assert complaint in " ".join(out.split())
+    found, out, err = shape("facet.obj")
+    assert found == code
+    assert complaint in " ".join((out + err).split())
 
 
 def test_slivers_are_remarks(shape, tmp_path: Path) -> None:
@@ -188,6 +193,63 @@ def test_unit_by_size_alone(shape, tmp_path: Path) -> None:
     assert "which no small body is; in m it would be" in out
 
 
+@pytest.mark.parametrize(
+    ("option", "value", "extent"),
+    [
+        ("--unit", "mm", 0.5), ("--unit", "cm", 5.0), ("--size", 800.0, 800.0),
+        ("--diameter", 2.0 * 620.35, None),
+    ],
+)  # fmt: skip
+def test_models_of_any_scale(shape, tmp_path: Path, option, value, extent) -> None:
+    """A ball whose numbers are 500 across; by its diameter, its volume is 1 km^3."""
+    ball = trimesh.creation.icosphere(3)
+    ball.vertices *= 500.0 / np.ptp(ball.vertices, axis=0).max()
+    write(tmp_path / "ball.obj", ball)
+    known = ("--density", 2000, "--period", 8, "--fix", "out.obj", "--body", "ball.yaml")
+    code, _, err = shape("ball.obj", option, value, *known)
+    assert code == 0, err
+    body = load_body(tmp_path / "ball.yaml")
+    if extent is None:
+        assert body.shape.volume == pytest.approx(1e9, rel=1e-4)
+    else:
+        assert body.shape.extents.max() == pytest.approx(extent)
+
+
+def test_a_model_without_a_scale(shape, tmp_path: Path) -> None:
+    """The defect of its density says how to give it one."""
+    write(tmp_path / "ball.obj", trimesh.creation.icosphere(2))
+    code, out, _ = shape("ball.obj", "--mass", 1e9)
+    assert code == 1
+    assert "say --size or --diameter METRES" in out
+
+
+def test_a_body_that_spins_the_other_way(shape, tmp_path: Path) -> None:
+    mesh = star_shaped(1, size=200.0)
+    write(tmp_path / "rock.obj", mesh)
+    known = ("--unit", "m", "--density", 2000)
+    code, _, err = shape("rock.obj", *known, "--period", -5)
+    assert code == 2
+    assert "give 5 h, and --fix FILE --flip" in err
+    code, out, _ = shape(
+        "rock.obj", *known, "--period", 5, "--fix", "turned.obj", "--flip", "--body", "rock.yaml"
+    )
+    assert code == 0
+    assert "done: turned half a turn about x" in out
+    assert "solid: volume " in out
+    body = load_body(tmp_path / "rock.yaml").shape
+    about = np.array(mesh.vertices) - Polyhedron(mesh.vertices, mesh.faces).centre_of_mass
+    np.testing.assert_allclose(body.vertices, about * [1.0, -1.0, -1.0], atol=1e-9)
+
+
+def test_a_void_is_told_with_its_share(shape, tmp_path: Path) -> None:
+    outer, wall = (trimesh.creation.icosphere(2, radius=r) for r in (100.0, 90.0))
+    wall.invert()
+    write(tmp_path / "hollow.obj", together(outer, wall))
+    code, out, _ = shape("hollow.obj", "--unit", "m")
+    assert code == 0
+    assert "note: a void of 72.9 % of the body" in out
+
+
 @pytest.mark.slow
 def test_fix(shape, tmp_path: Path) -> None:
     write(tmp_path / "rock.obj", damaged())
@@ -217,9 +279,9 @@ def test_fix(shape, tmp_path: Path) -> None:
 
 
 def test_what_cannot_be_mended_is_not_written(shape, tmp_path: Path) -> None:
-    lobes = [trimesh.creation.icosphere(2, radius=9.0) for _ in range(2)]
-    lobes[1].apply_translation([10.0, 1.0, 0.0])
-    write(tmp_path / "lobes.obj", together(*lobes))
+    spiked = trimesh.creation.icosphere(2, radius=9.0)
+    spiked.vertices[0] *= -1.5
+    write(tmp_path / "lobes.obj", spiked)
     known = ("--density", 2000, "--period", 8)
     code, out, err = shape(
         "lobes.obj", "--unit", "m", *known, "--fix", "out.obj", "--body", "lobes.yaml"
@@ -241,7 +303,7 @@ def test_what_cannot_be_mended_is_not_written(shape, tmp_path: Path) -> None:
         (("rock.obj", "--mass", -1), "mass_kg must be positive"),
         (("rock.obj", "--mass", "nan"), "mass_kg must be positive"),
         (("rock.obj", "--unit", "m", "--mass", 1, "--density", 1), "not both"),
-        (("rock.obj", "--density", 2000), "--density needs --unit km or --unit m"),
+        (("rock.obj", "--density", 2000), "--density needs --unit, --size or --diameter"),
         (("rock.obj", "--unit", "m", "--margin", -0.5), "margin"),
         (("rock.obj", "--body", "b.yaml"), "--body needs --mass or --density, and --period"),
         (("rock.obj", "--scenario", "s.yaml"), "--scenario needs --body"),

@@ -17,7 +17,6 @@ from proxops.diagrams.scenario import Body, BodyConfig, hover_force
 from proxops.systems.common import InputError, Progress, directions_of, part_of, silent
 from proxops.systems.gravity import PLAUSIBLE_DENSITY
 from proxops.systems.shapes import (
-    UNITS,
     Defect,
     MeshFile,
     Polyhedron,
@@ -199,20 +198,20 @@ def _unit_defects(report: ShapeReport, size: float) -> list[Defect]:
     low, high = PLAUSIBLE_DENSITY if density is not None else _PLAUSIBLE_LENGTH
     if low <= (size if density is None else density) <= high:
         return []
-    fitting = []
-    for other in UNITS:
+    proposal = ""
+    for other in ("m", "km", "cm", "mm"):
         factor = metres_per(other) / metres_per(unit)
         fits = size * factor if density is None else density / factor**3
         # A density that was given does not say how large the body is.
         if low <= fits <= high and (density is None or report.questions.mass_kg is not None):
             value = f"{fits:.4g} m" if density is None else f"{fits:.4g} kg/m^3"
-            fitting.append(f"in {other} it would be {value}: try --unit {other}")
+            proposal = f"; in {other} it would be {value}: try --unit {other}"
+            break
     if density is None:
         text = f" is {size:.3g} m long in {unit}, which no small body is"
     else:
         text = f": {density:.3g} kg/m^3 in {unit} is no body's density"
-    text += "".join(f"; {each}" for each in fitting)
-    text += "; of a model without a scale, say --size or --diameter METRES"
+    text += f"{proposal}; of a model without a scale, say --size or --diameter METRES"
     return [Defect("unit", text, np.empty(0, dtype=int))]
 
 

@@ -36,7 +36,6 @@ from proxops.systems.shapes.registration import registered
 from proxops.systems.shapes.self_intersection import self_intersections
 from proxops.systems.shapes.shape_files import (
     MESH_FORMATS,
-    UNITS,
     MeshFile,
     mesh_bytes,
     metres_per,
@@ -47,7 +46,6 @@ from proxops.systems.shapes.surface import Surface
 __all__ = [
     "LONGITUDES",
     "MESH_FORMATS",
-    "UNITS",
     "Defect",
     "EnclosingEllipsoid",
     "FirstHits",

@@ -20,8 +20,6 @@ from proxops.systems.shapes._text_meshes import Read, read_obj, read_tables, rea
 from proxops.systems.shapes.mesh_checks import six_volumes
 
 _METRES = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "km": 1000.0}
-UNITS = tuple(_METRES)
-"""Units of mesh files."""
 MESH_FORMATS = (".obj", ".ply", ".stl", ".tab")
 """Endings of the files that are written."""
 
