@@ -244,7 +244,8 @@ def _set_up(files: _Files, asked: Questions, as_json: bool) -> None:
     out = files.out
     picture = out if out.suffix.lower() == ".png" else out / "shape.png"
     with work_bar("reading") as progress:
-        report = examine(files.scale.read(files.mesh), asked, progress)
+        file = files.scale.read(files.mesh)
+        report = examine(file, asked, progress, with_hover=files.fix is None)
     findings: dict[str, Any] = {}
     if files.fix is not None:
         findings["before"] = report.to_dict()

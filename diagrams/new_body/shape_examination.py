@@ -39,7 +39,9 @@ _MAP_STEP = 5.0
 _PLACES = 512
 
 
-def examine(file: MeshFile, asked: Questions, progress: Progress = silent) -> ShapeReport:
+def examine(
+    file: MeshFile, asked: Questions, progress: Progress = silent, *, with_hover: bool = True
+) -> ShapeReport:
     """Examines a mesh as far as its defects permit.
 
     The solid and its keep-out ellipsoid need a mesh whose only defects, if any, are facets that cut
@@ -49,6 +51,7 @@ def examine(file: MeshFile, asked: Questions, progress: Progress = silent) -> Sh
       file: the mesh.
       asked: mass, density, period and margins, as far as they are known.
       progress: is told of it; a million facets take minutes.
+      with_hover: whether to make the hover map, which takes most of them.
 
     Raises:
       InputError: the mass, density or period is not positive, the margin is negative, or mass and
@@ -72,9 +75,11 @@ def examine(file: MeshFile, asked: Questions, progress: Progress = silent) -> Sh
     if report.defects:
         return report
     body = _body(report)
+    report = dataclasses.replace(report, body=body)
+    if body is None or not with_hover:
+        return report
     within = part_of(progress, 0.5, 1.0)
-    hover = None if body is None else hover_map(body, asked.craft_mass_kg, progress=within)
-    return dataclasses.replace(report, body=body, hover=hover)
+    return dataclasses.replace(report, hover=hover_map(body, asked.craft_mass_kg, progress=within))
 
 
 def _look_at_facets(report: ShapeReport, unwelded: bool) -> ShapeReport:
