@@ -38,12 +38,12 @@ def _script_frame() -> FrameType | None:
     if spec is not None and spec.name.rpartition(".")[2] == "__main__":
         return None
     script = getattr(main, "__file__", None) if spec is None else spec.origin
-    frame = sys._getframe()
+    frame, wanted = sys._getframe(), (script, "<module>")
     while frame is not None:
         # What `exec` runs in the script's name space has another file.
-        if frame.f_globals is vars(main) and frame.f_code.co_filename == script:
-            if frame.f_code.co_name == "<module>":
-                return frame
+        code = frame.f_code
+        if frame.f_globals is vars(main) and (code.co_filename, code.co_name) == wanted:
+            return frame
         frame = frame.f_back
     return None
 

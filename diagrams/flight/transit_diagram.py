@@ -84,6 +84,50 @@ class _Target(LeafSystem):
         )
 
 
+def add_transit(
+    builder: DiagramBuilder,
+    scenario: Scenario,
+    controller: System | None = None,
+    meshcat: Meshcat | None = None,
+    body: Body | None = None,
+    true_body: TrueBody | None = None,
+) -> Diagram:
+    """Adds a transit to a diagram of one's own: `make_transit_diagram`, under the name `transit`.
+
+    ```
+    ┌─────────┐
+    │         ├─► true_state (6), m and m/s, K
+    │         ├─► state (6), as known on board; NaN: unknown
+    │ transit ├─► force (3), N, S
+    │         ├─► ranges (planes * rays), m; +inf: no return
+    └─────────┴─► covariance (81)
+    ```
+
+    `state` is what controllers are told: the navigation's estimate, or the true state where there
+    is no navigation. Then `covariance`, the navigation's, is missing too. Both are of a control
+    step: read them at whole multiples of the period. `force` is the command that is held now; at a
+    control step a log sink still sees the last one. `ranges` are the frame as it is received.
+
+    The transit flies as with `fly`, and its monitor ends the simulation of the whole diagram. It
+    flies so bit for bit in a Simulator that `make_simulator(diagram, scenario)` makes for the whole
+    diagram, if nothing else in that has events between control steps, which cut the steps of the
+    integration. `let_go(diagram, None)` gives the memory back.
+
+    Args:
+      builder: of the diagram. Systems of a diagram have different names: give a second transit
+        another one (`set_name`).
+      scenario, controller, meshcat, body, true_body: as in `make_transit_diagram`.
+
+    Returns:
+      The transit diagram.
+
+    Raises:
+      UnflyableWorldError: the flight cannot begin in its world.
+      InputError: the controller's ports do not fit, or the scenario cannot be flown.
+    """
+    return builder.AddSystem(make_transit_diagram(scenario, controller, meshcat, body, true_body))
+
+
 def make_transit_diagram(
     scenario: Scenario,
     controller: System | None = None,
@@ -108,6 +152,8 @@ def make_transit_diagram(
     Runtime assurance, if the scenario has it, follows the controller. The controller is told its
     own command after assurance and thrust limit, in S, not what disturbs it. Delay, actual thrust,
     the attitude that turns it and the lidar, and accelerations are there only if truth needs them.
+
+    Its output ports are those that `add_transit` draws.
 
     Args:
       scenario: the scenario; its transit gives the start and the target. If it has dispersions, the
@@ -159,6 +205,7 @@ def make_transit_diagram(
     true = {} if attitude is None else {"attitude": attitude}
     true |= {"mass": craft.GetOutputPort("mass")} if craft.HasOutputPort("mass") else {}
     _add_logs(wiring, controller, signals, forces | true)
+    _export(wiring, signals, hold)
     if meshcat is not None:
         _add_view(wiring, meshcat, lidar, controller, signals | forces)
     diagram = builder.Build()
@@ -339,6 +386,17 @@ def _add_logs(wiring: Wiring, controller: System, signals: Signals, forces: Sign
     logged |= {name: each.port for name, each in logged_ports(controller).items()}
     for name, port in logged.items():
         LogVectorOutput(port, builder, publish_period=period).set_name(f"log_{name}")
+
+
+def _export(wiring: Wiring, signals: Signals, hold: LeafSystem) -> None:
+    """Gives the diagram its output ports, named as `make_transit_diagram` says."""
+    known = {"state": signals["state"]}
+    if wiring.builder.HasSubsystemNamed("navigation"):
+        navigation = wiring.builder.GetSubsystemByName("navigation")
+        known = {name: navigation.GetOutputPort(name) for name in ("state", "covariance")}
+    told = {"force": hold.GetOutputPort("y"), "ranges": signals["ranges"]}
+    for name, port in ({"true_state": signals["state"]} | known | told).items():
+        wiring.builder.ExportOutput(port, name)
 
 
 def _add_view(
