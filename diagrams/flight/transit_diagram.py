@@ -153,8 +153,6 @@ def make_transit_diagram(
     own command after assurance and thrust limit, in S, not what disturbs it. Delay, actual thrust,
     the attitude that turns it and the lidar, and accelerations are there only if truth needs them.
 
-    Its output ports are those that `add_transit` draws.
-
     Args:
       scenario: the scenario; its transit gives the start and the target. If it has dispersions, the
         world of its transit is drawn from them.
@@ -171,15 +169,15 @@ def make_transit_diagram(
       itself), thrusters, hold, monitor; and, if the flight has them, navigation, navigation_parts,
       command_axes, assurance, disturbance, force_noise, command_limits, command_hold, kicks,
       attitude, attitude_hold, actual_thrust, unexplained_acceleration, acceleration_hold,
-      accelerations, frame_delay, live_view, and log_NAME for every logged port. Its default Context
-      is the start of the transit.
+      accelerations, frame_delay, live_view, and log_NAME for every logged port. Its output ports
+      are those that `add_transit` draws. Its default Context is the start of the transit.
 
     Raises:
       UnflyableWorldError: the flight cannot begin in its world.
       InputError: the controller's ports do not fit, or the scenario cannot be flown.
     """
     wiring = _begin(scenario, body, true_body)
-    scenario, builder = wiring.scenario, wiring.builder
+    scenario = wiring.scenario
     controller = _controller(controller, wiring)
     delay = offers_of(controller).delay
     craft = add_spacecraft(wiring)
@@ -205,12 +203,9 @@ def make_transit_diagram(
     true = {} if attitude is None else {"attitude": attitude}
     true |= {"mass": craft.GetOutputPort("mass")} if craft.HasOutputPort("mass") else {}
     _add_logs(wiring, controller, signals, forces | true)
-    _export(wiring, signals, hold)
     if meshcat is not None:
         _add_view(wiring, meshcat, lidar, controller, signals | forces)
-    diagram = builder.Build()
-    diagram.set_name("transit")
-    return diagram
+    return _built(wiring, signals, hold)
 
 
 def _controller(given: System | None, wiring: Wiring) -> System:
@@ -388,15 +383,18 @@ def _add_logs(wiring: Wiring, controller: System, signals: Signals, forces: Sign
         LogVectorOutput(port, builder, publish_period=period).set_name(f"log_{name}")
 
 
-def _export(wiring: Wiring, signals: Signals, hold: LeafSystem) -> None:
-    """Gives the diagram its output ports, named as `make_transit_diagram` says."""
+def _built(wiring: Wiring, signals: Signals, hold: LeafSystem) -> Diagram:
+    """Builds the diagram, with the output ports that `add_transit` draws."""
     known = {"state": signals["state"]}
     if wiring.builder.HasSubsystemNamed("navigation"):
         navigation = wiring.builder.GetSubsystemByName("navigation")
         known = {name: navigation.GetOutputPort(name) for name in ("state", "covariance")}
     told = {"force": hold.GetOutputPort("y"), "ranges": signals["ranges"]}
-    for name, port in ({"true_state": signals["state"]} | known | told).items():
+    for name, port in ({"true_state": signals["state"]} | told | known).items():
         wiring.builder.ExportOutput(port, name)
+    diagram = wiring.builder.Build()
+    diagram.set_name("transit")
+    return diagram
 
 
 def _add_view(
