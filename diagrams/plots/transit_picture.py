@@ -84,6 +84,7 @@ class TransitPicture:
         for plane, ax in self._axes.items():
             frame_plane(ax, plane, self._unit, reach)
         self._canvas.draw()
+        self._canvas.figure.set_layout_engine("none")  # Else all would move a little.
         self._background = self._canvas.copy_from_bbox(self._canvas.figure.bbox)
 
 
