@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import xarray as xr
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
 from proxops.diagrams.logs.lengths import length_text
@@ -64,7 +64,7 @@ def why_never_known(
     if "navigation_state" not in data or np.isfinite(data["navigation_state"].values).any():
         return []
     positions = data["state"].values[:, :3]
-    nearest = float(cKDTree(surface).query(positions)[0].min())
+    nearest = float(KDTree(surface).query(positions)[0].min())
     reach = f"{length_text(scenario.lidar.max_range_m)}, {length_text(nearest)}"
     reaches = ("range of the lidar, least distance of the surface", reach)
     if "ranges" not in data:
