@@ -138,10 +138,10 @@ def test_gymnasium_alone_is_enough_to_fly() -> None:
 import sys
 sys.modules["minari"] = None
 import gymnasium
+name = "proxops.training.environment:proxops/Transit-v0"
+gymnasium.make_vec(name, num_envs=2, changes={"gravity": "exact"}).reset(seed=1)
 from proxops.systems import InputError
 from proxops.training.environment import check_minari_name
-many = gymnasium.make_vec("proxops/Transit-v0", num_envs=2, changes={"gravity": "exact"})
-many.reset(seed=1)
 try:
     check_minari_name("proxops/one-v0")
 except InputError as error:
