@@ -29,7 +29,14 @@ from proxops.cli.common import (
     with_dispersions,
 )
 from proxops.diagrams.flight import WITH_BUNDLE, fly, mended_map_of_flight
-from proxops.diagrams.logs import FlightLog, differences, fallback_steps, length_text
+from proxops.diagrams.logs import (
+    FlightLog,
+    differences,
+    fallback_steps,
+    length_text,
+    three_digits,
+    why_never_known,
+)
 from proxops.diagrams.meshcat import write_replay
 from proxops.diagrams.scenario import Scenario, TransitConfig, load_body, load_scenario
 from proxops.systems.common import InputError, make_folder, write_json
@@ -263,12 +270,12 @@ def _table(log: FlightLog, summary: dict[str, Any]) -> list[tuple[str, str]]:
         ("least keep-out clearance", length_text(summary["min_clearance_m"])),
         ("arrival", "never" if arrival is None else f"{arrival:.0f} s"),
         ("position error at the end", length_text(summary["terminal_position_error_m"])),
-        ("speed at the end", f"{summary['terminal_speed_m_s']:.3f} m/s"),
+        ("speed at the end", f"{three_digits(summary['terminal_speed_m_s'])} m/s"),
         (
             "delta-v" if arrival is None else "delta-v to arrival",
-            f"{summary['delta_v_m_s']:.1f} m/s",
+            f"{three_digits(summary['delta_v_m_s'])} m/s",
         ),
-        ("delta-v of the hold", f"{summary['hold_delta_v_m_s']:.1f} m/s"),
+        ("delta-v of the hold", f"{three_digits(summary['hold_delta_v_m_s'])} m/s"),
         ("control steps", str(summary["steps"])),
         ("MPC solves", str(summary["mpc_solves"])),
     ]
@@ -293,6 +300,7 @@ def _table(log: FlightLog, summary: dict[str, Any]) -> list[tuple[str, str]]:
     if "navigation_following" in summary:
         followed = f"{summary['navigation_following']:.1%}"
         rows.append(("steps at which the navigation knew where it is", followed))
+        rows += why_never_known(log.dataset, log.scenario, log.true_body.shape.vertices)
     if "navigation_position_error_m_median" in summary:
         median, p95 = (summary[f"navigation_position_error_m_{part}"] for part in ("median", "p95"))
         error = f"{length_text(median)}, {length_text(p95)}"

@@ -2,7 +2,8 @@
 
 A line of a page that starts with one of these is replaced:
 
-* `!ports NAME`: the drawing of ports in the docstring of `proxops.systems.NAME`.
+* `!ports NAME`: the drawing of ports in the docstring of `proxops.systems.NAME`; for `Transit`, of
+  `add_transit`.
 * `!commands`: a section for each command, with its help.
 * `!help`: what `proxops --help` prints.
 * `!file PATH`: a file of the repository, as code.
@@ -31,7 +32,7 @@ from typer.testing import CliRunner
 
 from proxops import systems
 from proxops.cli.main import app
-from proxops.diagrams.flight import fly
+from proxops.diagrams.flight import add_transit, fly
 from proxops.diagrams.logs import VARIABLES
 from proxops.diagrams.meshcat import write_replay
 from proxops.diagrams.scenario import load_body, load_dispersions, load_scenario
@@ -43,7 +44,8 @@ _SHOWN = re.compile(r'<iframe[^>]+src="([^":]+)"')
 
 
 def _ports(name: str) -> str:
-    text = inspect.cleandoc(getattr(systems, name).__doc__)
+    maker = add_transit if name == "Transit" else getattr(systems, name)
+    text = inspect.cleandoc(maker.__doc__)
     (drawing,) = re.findall(r"^```\n(.*?)^```", text, re.DOTALL | re.MULTILINE)[:1]
     return f"```text\n{drawing}```"
 

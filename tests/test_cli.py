@@ -25,9 +25,10 @@ from proxops.cli.common import console, work_bar
 from proxops.cli.fly import _table
 from proxops.diagrams.flight.transit_diagram import make_transit_diagram
 from proxops.diagrams.logs.flight_log import FlightLog, differences
-from proxops.diagrams.logs.flight_summary import length_text
+from proxops.diagrams.logs.lengths import length_text
 from proxops.diagrams.scenario.body import load_body
 from proxops.diagrams.scenario.scenario import change_scenario, load_scenario
+from proxops.diagrams.scenario.transits import scenario_transit
 from proxops.systems import InputError
 from proxops.systems.gravity import tabulated_field
 
@@ -105,6 +106,18 @@ def test_the_table_says_whether_the_navigation_knew_where_it_is(run) -> None:
     assert "Note: truth.gravity is set, but the navigation" in " ".join(ran.err.split())
     ran = run("fly", *BRIEF, *wrong, "--set", "log_ranges=false", "--out", "out")
     assert "steps at which the navigation knew where it is" in ran.out
+    assert "why it never did" not in ran.out
+
+
+def test_the_table_says_why_the_navigation_never_knew_where_it_is(run) -> None:
+    short = ["--set", "lidar.max_range_m=50000", "--set", "arrival.deadline_s=50"]
+    ran = run("fly", *short, "--out", "out")
+    assert ran.code == 0, ran.err
+    told = " ".join(ran.out.replace("│", " ").split())
+    assert "why it never did no frame of the lidar had a return" in told
+    start = scenario_transit(load_scenario(), load_body("kleopatra")).start
+    away = np.linalg.norm(load_body("kleopatra").shape.vertices - start, axis=1).min()
+    assert f"50.0 km, {away / 1e3:.0f} km" in told
 
 
 def test_one_flight_does_not_wait_for_a_gravity_table(
@@ -251,21 +264,6 @@ def test_own_body(run, tmp_path: Path) -> None:
         path.unlink()
     again = run("fly", "--from", "out/flight.nc", "--out", "again")
     assert again.code == 0, again.err
-
-
-@pytest.mark.parametrize(
-    ("metres", "text"),
-    [
-        (6.371, "6.37 m"),
-        (999.0, "999.00 m"),
-        (1e3, "1.00 km"),
-        (-12.5, "-12.50 m"),
-        (-2345.6, "-2.35 km"),
-        (0.0, "0.00 m"),
-    ],
-)
-def test_lengths_are_in_metres_below_a_kilometre(metres: float, text: str) -> None:
-    assert length_text(metres) == text
 
 
 # --- evaluate -------------------------------------------------------------------------------------

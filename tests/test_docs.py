@@ -87,7 +87,8 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> dict[str, System]:
     }
     found = [*diagram.GetSystems(), *others]
     by_name = {kinds.get(type(system), type(system).__name__): system for system in found}
-    return by_name | {"Spacecraft": systems.Spacecraft(100.0, 0.0, burns_propellant=True)}
+    burning = systems.Spacecraft(100.0, 0.0, burns_propellant=True)
+    return by_name | {"Spacecraft": burning, "Transit": diagram}
 
 
 def documented(name: str) -> list[tuple[str, str, str]]:

@@ -58,8 +58,8 @@ def test_table() -> None:
     assert [cells[2] for cells in intervals] == ["0.0–16.1 %"] * 2
     assert [cells[0] for cells in intervals] == ["83.9–100.0 %"] * 2
     assert table["collisions"] == ["0", "1", "0"]
-    assert table["end error, greatest (m)"][1] == "90000.0"
-    assert table["delta-v, median (m/s)"] == ["100.0", "105.0", "–"]
+    assert table["end error, greatest (m)"][1] == "90000"
+    assert table["delta-v, median (m/s)"] == ["100", "105", "–"]
     assert table["over the expert's, median"] == ["–", "1.050", "–"]
     assert table["over the expert's, of sums"] == ["–", "1.050", "–"]
     assert table["transits compared"] == ["–", "18", "0"]

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from known_guidance import write_guidance
 from short_flights import kleopatra, short_scenario
 
+from proxops.assets import ASSETS
 from proxops.diagrams.flight import fly, surroundings
 from proxops.diagrams.scenario import load_scenario
 from proxops.systems import (
@@ -176,6 +177,45 @@ def test_what_it_did_not_learn_is_refused_by_name(bundle: Path) -> None:
     GuidancePolicy(bundle, stronger, enough)
     with pytest.raises(InputError, match="shortest_semi_axis"):
         dataclasses.replace(told, semi_axes=np.array([1.0, 1.0, 0.0]))
+
+
+@pytest.mark.parametrize(
+    "axes",
+    [
+        [420.0, 420.0, 420.0],
+        [420.0, 420.0, 900.0],
+        [420.0, 415.0, 419.0],
+        [415.0, 420.0, 419.0],
+        [420.0, 60.0, 300.0],
+        [420.0, 400.0, 50.0],
+    ],
+)
+def test_what_it_says_of_the_keep_out_is_enough(axes: list[float]) -> None:
+    """At balls and other bodies beyond its family, by the policy that ships."""
+    scale = 150e3 / 420.0
+    told = dataclasses.replace(
+        surroundings(short_scenario(), kleopatra()), semi_axes=scale * np.array(axes)
+    )
+    with pytest.raises(InputError, match=r"semi_axis_\w is .* Lengthen") as caught:
+        GuidancePolicy(ASSETS / "any_body", told, 7.0)
+    assert "thrust" not in str(caught.value)
+    longer = re.findall(r"by (\S+) m along ([xyz])", str(caught.value))
+    found = told.semi_axes.copy()
+    for metres, axis in longer:
+        found["xyz".index(axis)] += float(metres)
+    GuidancePolicy(ASSETS / "any_body", dataclasses.replace(told, semi_axes=found), 7.0)
+    # Half of it is not.
+    half = dataclasses.replace(told, semi_axes=0.5 * (found + told.semi_axes))
+    with pytest.raises(InputError, match="semi_axis"):
+        GuidancePolicy(ASSETS / "any_body", half, 7.0)
+
+
+def test_what_it_says_of_the_control_period_is_enough(bundle: Path) -> None:
+    told = surroundings(short_scenario(), kleopatra())
+    with pytest.raises(InputError, match="Give a control period up to") as caught:
+        GuidancePolicy(bundle, dataclasses.replace(told, period=100.0), 7.0)
+    (longest,) = map(float, re.findall(r"up to (\S+) s\.", str(caught.value)))
+    GuidancePolicy(bundle, dataclasses.replace(told, period=0.999 * longest), 7.0)
 
 
 @pytest.mark.parametrize(

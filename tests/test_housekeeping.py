@@ -100,14 +100,14 @@ def test_contracts_are_about_all_folders() -> None:
 @pytest.mark.parametrize("folder", FOLDERS)
 def test_folders_are_imported_as_proxops(folder: str) -> None:
     """From the repository's root `import systems` would load a second copy of each module."""
-    for path in sources(*FOLDERS, "benchmarks", "docs", "tests"):
+    for path in sources(*FOLDERS, "benchmarks", "docs", "examples", "tests"):
         assert folder not in imported(path), path
 
 
 def test_functions_are_short() -> None:
     """From the first line of `def` to the last, docstring included."""
     longer = set()
-    for path in sources(*FOLDERS, "benchmarks", "docs"):
+    for path in sources(*FOLDERS, "benchmarks", "docs", "examples"):
         for node in ast.walk(parsed(path)):
             if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
                 assert node.end_lineno is not None

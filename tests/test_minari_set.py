@@ -1,5 +1,7 @@
 """Flights as a data set of Minari: read by Minari, and held against the environment's own steps."""
 
+import subprocess
+import sys
 from pathlib import Path
 
 import minari
@@ -128,3 +130,24 @@ def test_bad_input() -> None:
     with pytest.raises(InputError, match="its controller did not read the state"):
         write_minari("frames-v0", [blind], blind.scenario, 0)
     assert not check_minari_name("frames-v0").exists()
+
+
+def test_gymnasium_alone_is_enough_to_fly() -> None:
+    """Without Minari there are transits, but no data sets."""
+    code = """
+import sys
+sys.modules["minari"] = None
+import gymnasium
+name = "proxops.training.environment:proxops/Transit-v0"
+gymnasium.make_vec(name, num_envs=2, changes={"gravity": "exact"}).reset(seed=1)
+from proxops.systems import InputError
+from proxops.training.environment import check_minari_name
+try:
+    check_minari_name("proxops/one-v0")
+except InputError as error:
+    print(error)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120)
+    assert (done.returncode, done.stderr) == (0, "")
+    complaint = "the package minari is not installed: run make gym, or pip install 'proxops[gym]'"
+    assert done.stdout == f"{complaint}\n"

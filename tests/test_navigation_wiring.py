@@ -1,5 +1,6 @@
 """What flies on the navigation: who is told what, in which axes, and what the log keeps of it."""
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -15,7 +16,7 @@ from short_flights import BRIEF, Scripted, kleopatra, short_scenario
 from proxops.diagrams.flight.named_controllers import named_controller
 from proxops.diagrams.flight.simulation import fly
 from proxops.diagrams.flight.transit_diagram import make_transit_diagram
-from proxops.diagrams.logs import FlightLog, differences
+from proxops.diagrams.logs import FlightLog, differences, why_never_known
 from proxops.diagrams.scenario import LidarNavigationConfig, Scenario, TrueStateConfig
 from proxops.systems import CommandAxes, InputError, PlanReason
 
@@ -237,6 +238,29 @@ def test_columns(log: FlightLog, tmp_path: Path) -> None:
         assert (data[f"navigation_{name}"].values == value).all()
     log.to_netcdf(tmp_path / "flight.nc")
     assert differences(log, FlightLog.load(tmp_path / "flight.nc")) == []
+
+
+def test_why_it_never_knew(log: FlightLog) -> None:
+    scenario, surface = log.scenario, log.true_body.shape.vertices
+    assert why_never_known(log.dataset, scenario, surface) == []
+    data = log.dataset.copy(deep=True)
+    data["navigation_state"][:] = np.nan
+    ranges = data["ranges"].values
+    most = np.isfinite(ranges).sum(axis=(1, 2)).max()
+    ranges[::2] = np.inf
+    data["ranges"][:] = ranges
+    frames, seen = len(ranges), len(ranges) // 2
+    assert why_never_known(data, scenario, surface) == [
+        ("why it never did", "no frame showed for certain where it is"),
+        ("frames with returns, and most returns of one", f"{seen} of {frames}, {most}"),
+    ]
+    # The spacecraft stays near [160, 0, 0] km; the body reaches to 104 km along x.
+    (why, reach) = why_never_known(data.drop_vars("ranges"), scenario, surface)
+    assert why == ("why it never did", "unknown: log_ranges is false")
+    limit, away = re.findall(r"([\d.]+) km", reach[1])
+    assert limit == "350"
+    assert float(away) == pytest.approx(160 - surface[:, 0].max() / 1e3, abs=8.0)
+    assert why_never_known(data.drop_vars("navigation_state"), scenario, surface) == []
 
 
 def test_figures(log: FlightLog) -> None:

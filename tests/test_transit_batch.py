@@ -133,6 +133,45 @@ def test_what_is_over_begins_anew() -> None:
     assert not seen["state"][:, 3:].any()
 
 
+def test_a_limit_of_steps_cuts_as_that_of_one_does() -> None:
+    many = batch(2, max_episode_steps=3)
+    one = gymnasium.make("proxops/Transit-v0", max_episode_steps=3, changes=EXACT)
+    many.reset(options={"transit": [0, 1]})
+    one.reset(options={"transit": 1})
+    assert [one.step(np.zeros(3))[3] for _ in range(3)] == [False, False, True]
+    cuts = []
+    for _ in range(7):
+        _, _, terminated, truncated, info = many.step(np.zeros((2, 3)))
+        assert not terminated.any()
+        cuts.append(truncated.all())
+        if truncated.any():
+            assert info["time_s"].tolist() == [30.0, 30.0]
+    # In the step after it, a transit begins anew.
+    assert cuts == [False, False, True, False, False, False, True]
+    with pytest.raises(InputError, match="max_episode_steps above 0"):
+        TransitBatch(2, changes=EXACT, max_episode_steps=0)
+
+
+def test_pictures_of_a_batch() -> None:
+    many = batch(2, changes=EXACT, render_mode="rgb_array", max_episode_steps=2)
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        many.render()
+    many.reset(options={"transit": [7, 8]})
+    begins = many.render()
+    assert isinstance(begins, tuple)
+    assert [picture.shape for picture in begins] == [(540, 960, 3)] * 2
+    assert (begins[0] != begins[1]).any()
+    many.step(np.ones((2, 3)))
+    assert len(many._paths[0]) == 2
+    many.step(np.ones((2, 3)))
+    many.step(np.ones((2, 3)))  # Others begin.
+    assert [len(path) for path in many._paths] == [1, 1]
+    alone = single(changes=EXACT, render_mode="rgb_array")
+    alone.reset(options={"transit": 8})
+    np.testing.assert_array_equal(alone.render(), begins[1])
+    assert batch(2).render() is None
+
+
 def test_same_seed_same_transits() -> None:
     many = batch(4, changes=EXACT | SHORT)
     found = [many.reset(seed=seed) for seed in (1, 1, 2)]

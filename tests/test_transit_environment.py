@@ -205,6 +205,30 @@ def test_wrong_observations_are_refused() -> None:
         TransitEnvironment(observation="camera")
 
 
+@pytest.mark.parametrize("kind", [TransitEnvironment, TransitBatch])
+def test_wrong_render_modes_are_refused(kind: type) -> None:
+    assert kind.metadata["render_modes"] == ["rgb_array"]
+    with pytest.raises(InputError, match="render_mode: None or 'rgb_array', not 'human'"):
+        kind(changes=SHORT, render_mode="human")
+
+
+def test_pictures_of_an_episode() -> None:
+    """They show where the transit is; to draw them changes nothing of it."""
+    env, plain = made(render_mode="rgb_array"), made()
+    with pytest.raises(gymnasium.error.ResetNeeded, match="reset"):
+        env.render()
+    ends, shown = [], []
+    for each in (env, plain):
+        each.reset(options={"transit": 4})
+        for _ in range(5):
+            shown.append(each.render())
+            ends.append(each.step(np.ones(3))[0]["state"])
+    assert [picture is None for picture in shown] == [False] * 5 + [True] * 5
+    assert shown[0].shape == (540, 960, 3)
+    assert (shown[0] != shown[4]).any()
+    np.testing.assert_array_equal(ends[:5], ends[5:])
+
+
 @pytest.mark.slow
 def test_several_at_once() -> None:
     name = "proxops.training.environment:proxops/Transit-v0"

@@ -1,9 +1,9 @@
 """Flights: a scenario and a controller go in, a log comes out, for one flight or many.
 
-Start with `fly` for one flight, `make_transit_diagram` for its wiring, `named_controller` for the
-controllers that have a name, and `run_campaign` for many flights on many processes. A new
-controller needs no change here: it offers its own columns of the log and its own legend entry (see
-docs/how_to/own_controller.md).
+Start with `fly` for one flight, `make_transit_diagram` for its wiring, `add_transit` for a flight
+in a diagram of one's own, `named_controller` for the controllers that have a name, and
+`run_campaign` for many flights on many processes. A new controller needs no change here: it offers
+its own columns of the log and its own legend entry (see docs/how_to/own_controller.md).
 """
 
 from proxops.diagrams.flight.adversarial_flights import (
@@ -45,7 +45,7 @@ from proxops.diagrams.flight.scenario_systems import (
     surroundings,
 )
 from proxops.diagrams.flight.simulation import fly, let_go, make_simulator
-from proxops.diagrams.flight.transit_diagram import make_transit_diagram
+from proxops.diagrams.flight.transit_diagram import add_transit, make_transit_diagram
 from proxops.diagrams.flight.wiring import LIDAR_STREAM
 
 __all__ = [
@@ -60,6 +60,7 @@ __all__ = [
     "Flown",
     "Row",
     "Workers",
+    "add_transit",
     "adversarial_flight",
     "body_sha256",
     "bounded_backup",

@@ -14,6 +14,7 @@ from uuid import uuid4
 
 import numba
 
+from proxops.diagrams.flight.main_guard import check_main_guard
 from proxops.systems.common import InputError, Progress, one_thread, part_of, silent
 
 if typing.TYPE_CHECKING:
@@ -73,7 +74,8 @@ class Workers:
           task: a function of a module.
 
         Raises:
-          InputError: no scheduler answers, or a piece of work repeatedly ended its process.
+          InputError: no scheduler answers, a piece of work repeatedly ended its process, or the
+            script that is running needs `if __name__ == "__main__":`.
         """
         if not pieces:
             return  # A cluster would be asked, or started, for nothing.
@@ -207,6 +209,7 @@ def _default_client() -> Client | None:
 @contextlib.contextmanager
 def _local_cluster(processes: int) -> Generator[Client]:
     """A client of worker processes of this machine, which end with the block."""
+    check_main_guard()
     import dask.config
     from dask.distributed import Client, LocalCluster
 

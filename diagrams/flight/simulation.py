@@ -135,7 +135,11 @@ def let_go(diagram: Diagram, kept: System | None) -> None:
 
 
 def make_simulator(diagram: Diagram, scenario: Scenario) -> Simulator:
-    """Makes an initialised Simulator of a transit diagram; it integrates by RK5 in equal steps."""
+    """Makes an initialised Simulator that integrates by RK5 in equal steps.
+
+    Args:
+      diagram: a transit diagram, or one that holds it. scenario: the transit's.
+    """
     simulator = Simulator(diagram)
     # Without an accuracy in the Context, events fire at the end of their step.
     simulator.get_mutable_context().SetAccuracy(_EVENT_ACCURACY)

@@ -84,6 +84,50 @@ class _Target(LeafSystem):
         )
 
 
+def add_transit(
+    builder: DiagramBuilder,
+    scenario: Scenario,
+    controller: System | None = None,
+    meshcat: Meshcat | None = None,
+    body: Body | None = None,
+    true_body: TrueBody | None = None,
+) -> Diagram:
+    """Adds a transit to a diagram of one's own: `make_transit_diagram`, under the name `transit`.
+
+    ```
+    ┌─────────┐
+    │         ├─► true_state (6), m and m/s, K
+    │         ├─► state (6), as known on board; NaN: unknown
+    │ transit ├─► force (3), N, S
+    │         ├─► ranges (planes * rays), m; +inf: no return
+    └─────────┴─► covariance (81)
+    ```
+
+    `state` is what controllers are told: the navigation's estimate, or the true state where there
+    is no navigation. Then `covariance`, the navigation's, is missing too. Both are of a control
+    step: read them at whole multiples of the period. `force` is the command that is held now; at a
+    control step a log sink still sees the last one. `ranges` are the frame as it is received.
+
+    The transit flies as with `fly`, and its monitor ends the simulation of the whole diagram. It
+    flies so bit for bit in a Simulator that `make_simulator(diagram, scenario)` makes for the whole
+    diagram, if nothing else in that has events between control steps, which cut the steps of the
+    integration. `let_go(diagram, None)` gives the memory back.
+
+    Args:
+      builder: of the diagram. Systems of a diagram have different names: give a second transit
+        another one (`set_name`).
+      scenario, controller, meshcat, body, true_body: as in `make_transit_diagram`.
+
+    Returns:
+      The transit diagram.
+
+    Raises:
+      UnflyableWorldError: the flight cannot begin in its world.
+      InputError: the controller's ports do not fit, or the scenario cannot be flown.
+    """
+    return builder.AddSystem(make_transit_diagram(scenario, controller, meshcat, body, true_body))
+
+
 def make_transit_diagram(
     scenario: Scenario,
     controller: System | None = None,
@@ -125,15 +169,15 @@ def make_transit_diagram(
       itself), thrusters, hold, monitor; and, if the flight has them, navigation, navigation_parts,
       command_axes, assurance, disturbance, force_noise, command_limits, command_hold, kicks,
       attitude, attitude_hold, actual_thrust, unexplained_acceleration, acceleration_hold,
-      accelerations, frame_delay, live_view, and log_NAME for every logged port. Its default Context
-      is the start of the transit.
+      accelerations, frame_delay, live_view, and log_NAME for every logged port. Its output ports
+      are those that `add_transit` draws. Its default Context is the start of the transit.
 
     Raises:
       UnflyableWorldError: the flight cannot begin in its world.
       InputError: the controller's ports do not fit, or the scenario cannot be flown.
     """
     wiring = _begin(scenario, body, true_body)
-    scenario, builder = wiring.scenario, wiring.builder
+    scenario = wiring.scenario
     controller = _controller(controller, wiring)
     delay = offers_of(controller).delay
     craft = add_spacecraft(wiring)
@@ -161,9 +205,7 @@ def make_transit_diagram(
     _add_logs(wiring, controller, signals, forces | true)
     if meshcat is not None:
         _add_view(wiring, meshcat, lidar, controller, signals | forces)
-    diagram = builder.Build()
-    diagram.set_name("transit")
-    return diagram
+    return _built(wiring, signals, hold)
 
 
 def _controller(given: System | None, wiring: Wiring) -> System:
@@ -339,6 +381,20 @@ def _add_logs(wiring: Wiring, controller: System, signals: Signals, forces: Sign
     logged |= {name: each.port for name, each in logged_ports(controller).items()}
     for name, port in logged.items():
         LogVectorOutput(port, builder, publish_period=period).set_name(f"log_{name}")
+
+
+def _built(wiring: Wiring, signals: Signals, hold: LeafSystem) -> Diagram:
+    """Builds the diagram, with the output ports that `add_transit` draws."""
+    known = {"state": signals["state"]}
+    if wiring.builder.HasSubsystemNamed("navigation"):
+        navigation = wiring.builder.GetSubsystemByName("navigation")
+        known = {name: navigation.GetOutputPort(name) for name in ("state", "covariance")}
+    told = {"force": hold.GetOutputPort("y"), "ranges": signals["ranges"]}
+    for name, port in ({"true_state": signals["state"]} | told | known).items():
+        wiring.builder.ExportOutput(port, name)
+    diagram = wiring.builder.Build()
+    diagram.set_name("transit")
+    return diagram
 
 
 def _add_view(

@@ -23,7 +23,6 @@ from proxops.diagrams.logs.flight_summary import (
     WIDE_ARRIVAL,
     dense_positions,
     fallback_steps,
-    length_text,
 )
 from proxops.diagrams.logs.legend import (
     LEGEND,
@@ -33,8 +32,9 @@ from proxops.diagrams.logs.legend import (
     legend_of,
     legend_text,
 )
+from proxops.diagrams.logs.lengths import length_text, three_digits
 from proxops.diagrams.logs.log_file_checks import check_log_file
-from proxops.diagrams.logs.navigation_figures import navigation_errors
+from proxops.diagrams.logs.navigation_figures import navigation_errors, why_never_known
 
 __all__ = [
     "CONTROLLER_COLUMNS",
@@ -58,4 +58,6 @@ __all__ = [
     "length_text",
     "make_dataset",
     "navigation_errors",
+    "three_digits",
+    "why_never_known",
 ]

@@ -167,11 +167,6 @@ def fallback_steps(data: xr.Dataset) -> dict[str, int]:
     return counts
 
 
-def length_text(metres: float) -> str:
-    """Writes a length in m if it is below 1 km, otherwise in km."""
-    return f"{metres:.2f} m" if abs(metres) < 1e3 else f"{metres / 1e3:.2f} km"
-
-
 def dense_positions(times: np.ndarray, states: np.ndarray) -> np.ndarray:
     """Interpolates a path by cubic Hermite splines, with ten positions for each row.
 

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import xarray as xr
+from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
+from proxops.diagrams.logs.lengths import length_text
+from proxops.diagrams.scenario import Scenario
 from proxops.systems.common import LARGEST
 from proxops.systems.navigation import NavigationPhase
 
@@ -43,6 +46,37 @@ def navigation_figures(data: xr.Dataset) -> dict[str, float]:
     inside = np.abs(errors) <= _DEVIATIONS * deviations
     figures["navigation_consistent"] = float(inside.mean(axis=0).min())
     return figures
+
+
+def why_never_known(
+    data: xr.Dataset, scenario: Scenario, surface: np.ndarray
+) -> list[tuple[str, str]]:
+    """Says, in rows of a table, why the navigation of a flight never knew where it is.
+
+    Args:
+      data: the log's dataset.
+      scenario: the log's.
+      surface: vertices (N, 3) in m in K of the true body.
+
+    Returns:
+      Labels and texts; none if the flight had no navigation, or it knew at some step.
+    """
+    if "navigation_state" not in data or np.isfinite(data["navigation_state"].values).any():
+        return []
+    positions = data["state"].values[:, :3]
+    nearest = float(KDTree(surface).query(positions)[0].min())
+    reach = f"{length_text(scenario.lidar.max_range_m)}, {length_text(nearest)}"
+    reaches = ("range of the lidar, least distance of the surface", reach)
+    if "ranges" not in data:
+        return [("why it never did", "unknown: log_ranges is false"), reaches]
+    returns = np.isfinite(data["ranges"].values).sum(axis=(1, 2))
+    if not returns.any():
+        return [("why it never did", "no frame of the lidar had a return"), reaches]
+    seen = f"{np.count_nonzero(returns)} of {len(returns)}, {returns.max()}"
+    return [
+        ("why it never did", "no frame showed for certain where it is"),
+        ("frames with returns, and most returns of one", seen),
+    ]
 
 
 def navigation_errors(data: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:

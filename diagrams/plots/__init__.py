@@ -20,10 +20,12 @@ from proxops.diagrams.plots.plan_plot import plot_plan
 from proxops.diagrams.plots.room_plot import plot_room
 from proxops.diagrams.plots.shared_axes import frame_plane, length_unit
 from proxops.diagrams.plots.surface_plots import plot_equilibria, plot_surface_maps
+from proxops.diagrams.plots.transit_picture import TransitPicture
 from proxops.diagrams.plots.truth_plot import plot_truth
 
 __all__ = [
     "DiagramPicture",
+    "TransitPicture",
     "diagram_picture",
     "draw_body",
     "frame_plane",

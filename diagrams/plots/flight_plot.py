@@ -29,9 +29,9 @@ from proxops.diagrams.scenario import Body, TrueBody, spin_axes
 from proxops.systems.gravity import AXES
 from proxops.systems.shapes import clearances
 
-_BODY = "#b5aea4"
-_KEEP_OUT = "#5577bb"
-_GOAL = "#128a3a"
+BODY = "#b5aea4"
+KEEP_OUT = "#5577bb"
+GOAL = "#128a3a"
 _LIMIT = "#b03030"
 _LINE = "#33415c"
 MAP, BELIEVED_AXIS, TRUE_AXIS = "#0f6f9c", "#0f6f9c", "#c2186b"
@@ -75,7 +75,7 @@ def plot_path(ax: Axes, log: FlightLog, plane: str = "xy") -> None:
     colours = [legend[who].colour for who in flown_by(log.dataset)[:-1].tolist()]
     ax.add_collection(LineCollection(list(segments), colors=colours, linewidths=2.0, zorder=3))
     ax.plot(*flat[0], "o", color="black", markersize=5, zorder=4)
-    ax.plot(goal[across], goal[up], "*", color=_GOAL, markersize=13, zorder=4)
+    ax.plot(goal[across], goal[up], "*", color=GOAL, markersize=13, zorder=4)
     keep_out = log.body.keep_out_semi_axes.max() / length
     reach = max(np.abs(positions).max(), np.abs(goal).max(), keep_out)
     frame_plane(ax, plane, unit, 1.08 * reach)
@@ -95,14 +95,14 @@ def draw_body(ax: Axes, body: Body, plane: str = "xy", true_body: TrueBody | Non
     # One colour for facets and edges merges all facets into one silhouette, also of concave bodies.
     ax.add_collection(
         PolyCollection(
-            list(triangles), facecolors=_BODY, edgecolors=_BODY, linewidths=0.5, rasterized=True
+            list(triangles), facecolors=BODY, edgecolors=BODY, linewidths=0.5, rasterized=True
         )
     )
     axes = body.keep_out_semi_axes / length
     ax.add_patch(
         Ellipse(
             (0.0, 0.0), 2.0 * axes[across], 2.0 * axes[up],
-            fill=False, edgecolor=_KEEP_OUT, linestyle="--", linewidth=1.2,
+            fill=False, edgecolor=KEEP_OUT, linestyle="--", linewidth=1.2,
         )
     )  # fmt: skip
     if shape is not body.shape:
@@ -122,7 +122,7 @@ def plot_distance(ax: Axes, log: FlightLog) -> None:
     distance = np.linalg.norm((data["state"] - data["target"]).values[:, :3], axis=1)
     # A logarithmic scale has no zero, so distances are cut off below 0.001 of the radius.
     ax.semilogy(minutes_of(log), np.maximum(distance, 1e-3 * radius) / length, color=_LINE)
-    ax.axhline(radius / length, color=_GOAL, linestyle="--", linewidth=1.0)
+    ax.axhline(radius / length, color=GOAL, linestyle="--", linewidth=1.0)
     _over_time(ax, log, f"distance to the goal ({unit})")
 
 
@@ -156,7 +156,7 @@ def plot_clearance(ax: Axes, log: FlightLog, **line: Any) -> None:
     ax.plot(minutes, clearance, **{"color": _LINE, **line})
     inside = np.minimum(clearance, 0.0)
     ax.fill_between(minutes, inside, 0.0, color=_LIMIT, alpha=0.4, linewidth=0.0)
-    ax.axhline(0.0, color=_KEEP_OUT, linestyle="--", linewidth=1.2)
+    ax.axhline(0.0, color=KEEP_OUT, linestyle="--", linewidth=1.2)
     _over_time(ax, log, f"keep-out clearance ({unit})")
 
 
@@ -174,7 +174,7 @@ def plot_force(ax: Axes, log: FlightLog, axis: str) -> None:
 def _over_time(ax: Axes, log: FlightLog, label: str) -> None:
     arrival = float(log.dataset.attrs["arrival_time_s"])
     if np.isfinite(arrival):
-        ax.axvline(arrival / MINUTE, color=_GOAL, linewidth=1.0)
+        ax.axvline(arrival / MINUTE, color=GOAL, linewidth=1.0)
     ax.set_xlabel("time (min)")
     ax.set_ylabel(label)
     ax.margins(x=0.01)
@@ -191,22 +191,22 @@ def _legend(log: FlightLog) -> list[Line2D]:
             for entry in entries
         ),
         Line2D([], [], color="black", marker="o", linestyle="", label="start"),
-        Line2D([], [], color=_GOAL, marker="*", markersize=11, linestyle="", label="goal"),
-        Line2D([], [], color=_GOAL, linewidth=1.0, label="arrival"),
-        Line2D([], [], color=_KEEP_OUT, linestyle="--", label="keep-out ellipsoid"),
+        Line2D([], [], color=GOAL, marker="*", markersize=11, linestyle="", label="goal"),
+        Line2D([], [], color=GOAL, linewidth=1.0, label="arrival"),
+        Line2D([], [], color=KEEP_OUT, linestyle="--", label="keep-out ellipsoid"),
         Line2D([], [], color=_LIMIT, linestyle="--", label="limit"),
-        *_true_handles(log),
+        *true_handles(log.body, log.differing_body),
     ]
 
 
-def _true_handles(log: FlightLog) -> list[Line2D]:
-    """Gives the legend of what is drawn only where the true body differs from what is believed."""
-    true_body, handles = log.differing_body, []
+def true_handles(body: Body, true_body: TrueBody | None) -> list[Line2D]:
+    """Gives the legend of what `draw_body` draws only where the true body differs from belief."""
+    handles = []
     if true_body is None:
         return handles
-    if true_body.shape is not log.body.shape:
+    if true_body.shape is not body.shape:
         handles.append(Line2D([], [], color=MAP, linestyle="--", label="map"))
-    if spin_axes(log.body, true_body) is not None:
+    if spin_axes(body, true_body) is not None:
         handles += [
             Line2D([], [], color=BELIEVED_AXIS, marker="o", label="believed spin axis"),
             Line2D([], [], color=TRUE_AXIS, marker="o", label="true spin axis"),

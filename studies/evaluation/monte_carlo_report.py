@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from proxops.diagrams.flight import Row, controller_label
-from proxops.diagrams.logs import length_text
+from proxops.diagrams.logs import length_text, three_digits
 from proxops.diagrams.meshcat import write_replay
 from proxops.studies.evaluation.driver_figures import (
     OUTPUT_NAMES,
@@ -102,7 +102,7 @@ def worst_tables(name: str, result: Result) -> list[Block]:
             outcome(row),
             length_text(row["terminal_position_error_m"]),
             length_text(row["min_clearance_m"]),
-            f"{row['delta_v_m_s']:.1f} m/s",
+            f"{three_digits(row['delta_v_m_s'])} m/s",
         ]
         for row in worst
     ]

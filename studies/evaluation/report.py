@@ -9,7 +9,7 @@ from importlib import metadata
 import numpy as np
 
 from proxops.diagrams.flight import Row
-from proxops.diagrams.logs import length_text
+from proxops.diagrams.logs import length_text, three_digits
 from proxops.diagrams.scenario import Scenario
 from proxops.studies.evaluation.evaluation import EXPERT, delta_v_pairs, every_row
 from proxops.studies.evaluation.figures import (
@@ -151,7 +151,7 @@ def _failures(failures: Sequence[Row]) -> list[Text | Table]:
             str(row["transit"]),
             outcome(row),
             length_text(row["terminal_position_error_m"]),
-            f"{row['terminal_speed_m_s']:.2f} m/s",
+            f"{three_digits(row['terminal_speed_m_s'])} m/s",
             length_text(row["min_clearance_m"]),
         ]
         for row in failures[:_MOST_FAILURES_TOLD]

@@ -6,7 +6,7 @@ import typing
 from collections.abc import Callable, Mapping
 
 from proxops.diagrams.flight import Row
-from proxops.diagrams.logs import WIDE_ARRIVAL, length_text
+from proxops.diagrams.logs import WIDE_ARRIVAL, length_text, three_digits
 from proxops.diagrams.scenario import ArrivalConfig
 from proxops.training.reports import DASH, interval_text, number_text
 
@@ -61,7 +61,7 @@ def outcome(row: Row) -> str:
     return "no arrival" if row["arrival_time_s"] is None else "arrived too late"
 
 
-def _number(key: str, form: str = ".1f", scale: float = 1.0) -> Callable[[Result], str]:
+def _number(key: str, form: str, scale: float = 1.0) -> Callable[[Result], str]:
     return lambda result: number_text(result.get(key), form, scale)
 
 
@@ -73,8 +73,8 @@ def _unflyable(result: Result) -> str:
     return str(result["unflyable"]) if result["unflyable"] else DASH
 
 
-def _clearance(key: str) -> Callable[[Result], str]:
-    return lambda result: DASH if result[key] is None else length_text(result[key])
+def _digits(key: str, tell: Callable[[float], str] = three_digits) -> Callable[[Result], str]:
+    return lambda result: DASH if result.get(key) is None else tell(result[key])
 
 
 _FIGURES: tuple[tuple[str, Callable[[Result], str]], ...] = (
@@ -87,21 +87,21 @@ _FIGURES: tuple[tuple[str, Callable[[Result], str]], ...] = (
     ("95 % interval", _interval("success_rate_2km_interval")),
     ("collisions", _number("collisions", "d", 1)),
     ("keep-out violations", _number("keep_out_violations", "d", 1)),
-    ("least clearance", _clearance("min_clearance_m")),
-    ("least clearance, p1", _clearance("min_clearance_m_p1")),
-    ("least clearance, p10", _clearance("min_clearance_m_p10")),
-    ("least clearance, median", _clearance("min_clearance_m_median")),
-    ("end error, median (m)", _number("terminal_position_error_m_median")),
-    ("end error, p90 (m)", _number("terminal_position_error_m_p90")),
-    ("end error, p95 (m)", _number("terminal_position_error_m_p95")),
-    ("end error, p99 (m)", _number("terminal_position_error_m_p99")),
-    ("end error, greatest (m)", _number("terminal_position_error_m_max")),
-    ("end speed, greatest (m/s)", _number("terminal_speed_m_s_max", ".3f")),
-    ("delta-v, median (m/s)", _number("delta_v_m_s_median")),
-    ("delta-v, p90 (m/s)", _number("delta_v_m_s_p90")),
-    ("delta-v, p99 (m/s)", _number("delta_v_99_m_s")),
-    ("delta-v, p99, at most (m/s)", _number("delta_v_99_m_s_bound")),
-    ("delta-v, greatest (m/s)", _number("delta_v_m_s_max")),
+    ("least clearance", _digits("min_clearance_m", length_text)),
+    ("least clearance, p1", _digits("min_clearance_m_p1", length_text)),
+    ("least clearance, p10", _digits("min_clearance_m_p10", length_text)),
+    ("least clearance, median", _digits("min_clearance_m_median", length_text)),
+    ("end error, median (m)", _digits("terminal_position_error_m_median")),
+    ("end error, p90 (m)", _digits("terminal_position_error_m_p90")),
+    ("end error, p95 (m)", _digits("terminal_position_error_m_p95")),
+    ("end error, p99 (m)", _digits("terminal_position_error_m_p99")),
+    ("end error, greatest (m)", _digits("terminal_position_error_m_max")),
+    ("end speed, greatest (m/s)", _digits("terminal_speed_m_s_max")),
+    ("delta-v, median (m/s)", _digits("delta_v_m_s_median")),
+    ("delta-v, p90 (m/s)", _digits("delta_v_m_s_p90")),
+    ("delta-v, p99 (m/s)", _digits("delta_v_99_m_s")),
+    ("delta-v, p99, at most (m/s)", _digits("delta_v_99_m_s_bound")),
+    ("delta-v, greatest (m/s)", _digits("delta_v_m_s_max")),
     ("over the expert's, median", _number("expert_delta_v_ratio_median", ".3f")),
     ("over the expert's, of sums", _number("expert_delta_v_ratio", ".3f")),
     ("transits compared", _number("expert_pairs", "d", 1)),
@@ -109,13 +109,13 @@ _FIGURES: tuple[tuple[str, Callable[[Result], str]], ...] = (
     ("arrival, p90 (s)", _number("arrival_time_s_p90", ".0f")),
     ("arrival, p99 (s)", _number("arrival_time_s_p99", ".0f")),
     ("arrival, greatest (s)", _number("arrival_time_s_max", ".0f")),
-    ("position off, median (m)", _number("estimate_position_error_m_median")),
-    ("position off, p95 (m)", _number("estimate_position_error_m_p95")),
-    ("velocity off, median (m/s)", _number("estimate_velocity_error_m_s_median", ".3f")),
-    ("velocity off, p95 (m/s)", _number("estimate_velocity_error_m_s_p95", ".3f")),
-    ("navigation off, median (m)", _number("navigation_position_error_m_median")),
-    ("navigation off, p95 (m)", _number("navigation_position_error_m_p95")),
-    ("its velocity off, median (m/s)", _number("navigation_velocity_error_m_s_median", ".4f")),
+    ("position off, median (m)", _digits("estimate_position_error_m_median")),
+    ("position off, p95 (m)", _digits("estimate_position_error_m_p95")),
+    ("velocity off, median (m/s)", _digits("estimate_velocity_error_m_s_median")),
+    ("velocity off, p95 (m/s)", _digits("estimate_velocity_error_m_s_p95")),
+    ("navigation off, median (m)", _digits("navigation_position_error_m_median")),
+    ("navigation off, p95 (m)", _digits("navigation_position_error_m_p95")),
+    ("its velocity off, median (m/s)", _digits("navigation_velocity_error_m_s_median")),
     ("its attitude off, median (deg)", _number("navigation_attitude_error_deg_median", ".4f")),
     ("steps within its 3 sigma (%)", _number("navigation_consistent", ".1f", 100.0)),
     ("policy's share (%)", _number("policy_share", ".1f", 100.0)),

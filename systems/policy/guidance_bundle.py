@@ -6,6 +6,8 @@ import math
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+import numpy as np
+
 from proxops.systems.common import BundleKind, InputError, read_bundle
 from proxops.systems.policy.guidance_network import GuidanceNetwork
 from proxops.systems.policy.surroundings import NUMBERS, Surroundings
@@ -106,17 +108,39 @@ class GuidanceBundle:
         gravity, spin = (numbers[name] / self.ranges[name][1] for name in ("gravity", "spin"))
         return max(gravity, spin**2)
 
-    def beyond(self, numbers: dict[str, float]) -> list[str]:
+    def semi_axes_short(self, around: Surroundings) -> np.ndarray:
+        """By how much in m each semi-axis (3,) in K falls short of those that are flown.
+
+        Those across z must be long against that along z, and none may be far shorter than another.
+        """
+        swap = [1, 0, 2] if around.turned else [0, 1, 2]
+        axes = around.semi_axes[swap]
+        share = around.length / axes.max()
+        least, greatest = np.transpose([self._flown(name) for name in NUMBERS[:3]])
+        longest = np.max(axes / np.minimum(share * greatest, 1.0))
+        wanted = np.maximum(axes, share * longest * least)
+        wanted[0] = longest
+        return (wanted - axes)[swap]
+
+    def period_flown(self, around: Surroundings) -> float:
+        """The longest control period in s that is flown."""
+        return self._flown("period")[1] * around.time
+
+    def _flown(self, name: str) -> tuple[float, float]:
+        """Least and greatest value of one of `Surroundings.numbers` that is flown."""
+        (least, greatest), (below, above) = self.ranges[name], _BEYOND.get(name, (1.0, 1.0))
+        return below * least, above * greatest
+
+    def beyond(self, numbers: dict[str, float]) -> dict[str, str]:
         """Says which of `Surroundings.numbers` are too far outside the family to fly there.
 
-        Each comes with the least and the greatest value that is flown.
+        Each comes, by its name, with the least and the greatest value that is flown.
         """
-        found = []
+        found = {}
         for name, (least, greatest) in self.ranges.items():
-            value, (below, above) = numbers.get(name, math.nan), _BEYOND.get(name, (1.0, 1.0))
-            low, high = below * least, above * greatest
+            value, (low, high) = numbers.get(name, math.nan), self._flown(name)
             # The ends of a range are rounded in the file.
             slack = 1e-6 * max(abs(least), abs(greatest))
             if not low - slack <= value <= high + slack:
-                found.append(f"{name} is {value:.3g}, and it flies {low:.3g} to {high:.3g}")
+                found[name] = f"{name} is {value:.3g}, and it flies {low:.3g} to {high:.3g}"
         return found

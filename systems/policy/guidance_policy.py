@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Collection
 from pathlib import Path
 
 import numpy as np
@@ -87,10 +88,9 @@ class GuidancePolicy(LeafSystem):
         if beyond and not beyond_family:
             raise InputError(
                 f"the policy in {self.bundle.path} did not learn to fly in such proportions: "
-                + "; ".join(beyond)
-                + f" (see help(Surroundings.numbers)). {self._way_out(numbers, thrust_limit)} Or "
-                "change the control period, fly the MPC, or let it try with "
-                "policy.beyond_family=true"
+                + "; ".join(beyond.values())
+                + f" (see help(Surroundings.numbers)). {self._ways_out(beyond, thrust_limit)} Or "
+                "fly the MPC, or let it try with policy.beyond_family=true"
             )
         self._state_port = self.DeclareVectorInputPort(name="state", size=6)
         self._target_port = self.DeclareVectorInputPort(name="target", size=6)
@@ -119,13 +119,27 @@ class GuidancePolicy(LeafSystem):
             prerequisites_of_calc=depends,
         )
 
-    def _way_out(self, numbers: dict[str, float], thrust_limit: float) -> str:
-        """A sentence on how much thrust would do, where gravity or spin are too great."""
-        short = self.bundle.thrust_short(numbers)
-        if short <= 1.0 or self.force_limit < thrust_limit:
-            return "Change the spacecraft."
-        enough = 1.01 * short * thrust_limit
-        return f"A thrust limit of {enough:.3g} N is enough for gravity and spin."
+    def _ways_out(self, beyond: Collection[str], thrust_limit: float) -> str:
+        """Sentences on what would bring the numbers that are beyond what it learned within it."""
+        told, ways = self.surroundings, []
+        if not {"gravity", "spin"}.isdisjoint(beyond):
+            enough = 1.01 * self.bundle.thrust_short(told.numbers()) * thrust_limit
+            ways.append(
+                f"A thrust limit of {enough:.3g} N is enough for gravity and spin."
+                if self.force_limit == thrust_limit
+                else "Raise the speed limit: it is so low that only a part of the thrust is used."
+            )
+        if any(name.startswith("semi_axis") for name in beyond):
+            short = 1.01 * self.bundle.semi_axes_short(told)
+            longer = [
+                f"by {metres:.3g} m along {axis}"
+                for axis, metres in zip("xyz", short, strict=True)
+                if metres > 0.0
+            ]
+            ways.append(f"Lengthen keep_out_semi_axes_m of the body: {', '.join(longer)}.")
+        if "period" in beyond:
+            ways.append(f"Give a control period up to {self.bundle.period_flown(told):.3g} s.")
+        return " ".join(ways) or "Change the spacecraft."
 
     def logged_ports(self) -> dict[str, LoggedPort]:
         """The ports whose values a log keeps, by the names of their columns."""

@@ -8,9 +8,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from proxops.diagrams.logs import length_text
+from proxops.diagrams.logs import length_text, three_digits
 from proxops.training.data.collection import CLEARANCE_EDGES, GOAL_EDGES
-from proxops.training.reports import SMALL_COMMAND, Section, Table, Text, number_text
+from proxops.training.reports import DASH, SMALL_COMMAND, Section, Table, Text, number_text
 
 Figures = dict[str, typing.Any]
 
@@ -74,6 +74,7 @@ def report_rows(report: Figures) -> tuple[list[str], list[list[str]]]:
     ]  # fmt: skip
     lines = []
     for kind, figures in (*report["kinds"].items(), ("all", report["all"])):
+        delta_v = figures["delta_v_m_s_median"]
         shares = [f"{100 * share:.0f}" for share in figures["zero_command_share"].values()]
         lines.append(
             [
@@ -82,7 +83,7 @@ def report_rows(report: Figures) -> tuple[list[str], list[list[str]]]:
                 str(figures["successes"]),
                 str(figures["collisions"]),
                 str(figures["keep_out_violations"]),
-                number_text(figures["delta_v_m_s_median"], ".1f"),
+                DASH if delta_v is None else three_digits(delta_v),
                 number_text(figures["arrival_time_s_median"], ".0f"),
                 length_text(figures["min_clearance_m"]),
                 ", ".join(shares),

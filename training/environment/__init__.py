@@ -3,7 +3,7 @@
 Importing this room registers `proxops/Transit-v0`. Start with `TransitEnvironment`, which flies the
 same diagram as `fly`; `TransitBatch` flies many at once without it. `reward` says what they pay
 for, and `observations` what a pilot sees. `write_minari` turns flights that were flown into a data
-set for offline learners. Gymnasium and Minari come with the extra `gym`.
+set for offline learners; only this needs Minari. Gymnasium and Minari come with the extra `gym`.
 """
 
 import gymnasium

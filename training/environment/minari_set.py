@@ -8,13 +8,9 @@ import warnings
 from collections.abc import Iterable
 from pathlib import Path
 
-import minari
 import numpy as np
 import xarray as xr
 from gymnasium.envs.registration import EnvSpec
-from minari.data_collector import EpisodeBuffer
-from minari.dataset.minari_dataset import parse_dataset_id
-from minari.storage import get_dataset_path
 from scipy.spatial.transform import Rotation
 
 from proxops.diagrams.flight import make_events
@@ -31,6 +27,9 @@ from proxops.systems.vehicle import (
 )
 from proxops.training.environment.observations import check_observation
 from proxops.training.environment.reward import step_reward
+
+if typing.TYPE_CHECKING:
+    from minari.data_collector import EpisodeBuffer
 
 
 def write_minari(
@@ -65,6 +64,8 @@ def write_minari(
     """
     check_observation(observation)
     folder = check_minari_name(name)
+    import minari
+
     spec = EnvSpec(
         id="proxops/Transit-v0",
         entry_point="proxops.training.environment:TransitEnvironment",
@@ -97,8 +98,15 @@ def check_minari_name(name: str) -> Path:
     """Returns the folder that a new data set of Minari will have.
 
     Raises:
-      InputError: Minari takes no such name, or there is a data set of this name.
+      InputError: Minari is not installed, takes no such name, or has a data set of this name.
     """
+    try:
+        from minari.dataset.minari_dataset import parse_dataset_id
+        from minari.storage import get_dataset_path
+    except ModuleNotFoundError as error:
+        raise InputError(
+            "the package minari is not installed: run make gym, or pip install 'proxops[gym]'"
+        ) from error
     try:
         parse_dataset_id(name)
     except (TypeError, ValueError) as error:
@@ -116,6 +124,8 @@ def check_minari_name(name: str) -> Path:
 
 def _episode(log: FlightLog, observation: str) -> EpisodeBuffer:
     """The episode of a log."""
+    from minari.data_collector import EpisodeBuffer
+
     data, scenario = log.dataset, log.scenario
     times, forces = data["time"].values, _forces(data)[:-1]
     states, targets = data["state"].values, data["target"].values

@@ -43,7 +43,16 @@ from proxops.training.environment.observations import (
     observation_space,
     taken_action,
 )
+from proxops.training.environment.rendering import (
+    FRAMES_PER_SECOND,
+    RENDER_MODE,
+    check_render_mode,
+    transit_picture,
+)
 from proxops.training.environment.reward import step_reward
+
+if typing.TYPE_CHECKING:
+    from proxops.diagrams.plots import TransitPicture
 
 # In one step of the integration a spacecraft low above the body moves round it by less than this
 # (rad), and the body turns by less.
@@ -63,7 +72,11 @@ class TransitBatch(gymnasium.vector.VectorEnv):
     the flight by the diagram as long as nothing is on the edge of an event.
     """
 
-    metadata = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012
+    metadata = {  # noqa: RUF012
+        "render_modes": [RENDER_MODE],
+        "render_fps": FRAMES_PER_SECOND,
+        "autoreset_mode": AutoresetMode.NEXT_STEP,
+    }
 
     def __init__(
         self,
@@ -73,6 +86,8 @@ class TransitBatch(gymnasium.vector.VectorEnv):
         dispersions: str | None = None,
         transit_seed: int = 0,
         changes: typing.Mapping[str, typing.Any] | None = None,
+        max_episode_steps: int | None = None,
+        render_mode: str | None = None,
     ):
         """Takes the scenario and what the pilots see of it.
 
@@ -85,13 +100,21 @@ class TransitBatch(gymnasium.vector.VectorEnv):
             of their transits.
           changes: keys and values of the scenario, as `change_scenario` takes them. Gravity is that
             of the table if they do not say `gravity: exact`.
+          max_episode_steps: a transit is truncated after so many steps; None: at the deadline and
+            the dwell after it, as it is in any case.
+          render_mode: `rgb_array`: `render` gives pictures. None: it does not.
 
         Raises:
-          InputError: the observation is none of the two, or the scenario has dispersions,
-            disturbances, runtime assurance, or a world that differs from the believed one.
+          InputError: the observation is none of the two, as is the render mode, a number is below
+            1, or the scenario has dispersions, disturbances, runtime assurance, or a world that
+            differs from the believed one.
         """
         check_observation(observation)
+        check_render_mode(render_mode)
         check_positive("TransitBatch", num_envs=num_envs)
+        if max_episode_steps is not None:
+            check_positive("TransitBatch", max_episode_steps=max_episode_steps)
+        self.render_mode, self._most_steps = render_mode, max_episode_steps or math.inf
         given = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
         own = {"gravity": "table"} | dict(changes or {})
         own |= {} if dispersions is None else {"dispersions": dispersions}
@@ -115,6 +138,9 @@ class TransitBatch(gymnasium.vector.VectorEnv):
         self._seeds = [0] * num_envs
         self._over = np.ones(num_envs, dtype=bool)
         """Transits that have ended, or have never begun."""
+        self._paths: list[list[np.ndarray]] = [[] for _ in range(num_envs)]
+        """Positions (3,) of each step, for pictures."""
+        self._picture: TransitPicture | None = None
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, typing.Any] | None = None
@@ -172,7 +198,7 @@ class TransitBatch(gymnasium.vector.VectorEnv):
         self._spent += spent
         finished = (self._outcomes[:, FINISHED] > 0.0) & flown
         terminated = finished | ((self._outcomes[:, COLLIDED] > 0.0) & flown)
-        ended = began + spans >= latest
+        ended = (began + spans >= latest) | (self._steps >= self._most_steps)
         truncated = ended & flown & ~terminated
         rewards = step_reward(
             before - self._distances(),
@@ -183,8 +209,28 @@ class TransitBatch(gymnasium.vector.VectorEnv):
             self._broken() - broken,
         )
         self._over = terminated | truncated
+        for k in np.flatnonzero(flown) if self.render_mode else ():
+            self._paths[k].append(self._states[k, :3].copy())
         info = self._begun(fresh) | self._ended(finished, began + spans)
         return self._seen(), np.where(flown, rewards, 0.0), terminated, truncated, info
+
+    def render(self) -> tuple[np.ndarray, ...] | None:
+        """Draws each transit so far, seen along z and along y; None without a render mode.
+
+        Returns:
+          A picture of each, uint8 (height, width, 3).
+        """
+        if self.render_mode is None:
+            return None
+        if not self._way.any():
+            raise gymnasium.error.ResetNeeded("pictures are of transits, which begin with reset()")
+        self._picture = self._picture or transit_picture(self.scenario, self._body)
+        latest = self.scenario.arrival.deadline_s + self.scenario.arrival.dwell_s
+        times = np.minimum(self._steps * self.scenario.control_period_s, latest)
+        return tuple(
+            self._picture.pixels(np.array(path), target[:3], time)
+            for path, target, time in zip(self._paths, self._targets, times, strict=True)
+        )
 
     def _begin(self, index: int, number: int) -> None:
         """Begins transit `number` as the `index`-th of the batch."""
@@ -200,6 +246,7 @@ class TransitBatch(gymnasium.vector.VectorEnv):
         parts = scenario.noise_seed, self._transit_seed, number, LIDAR_STREAM
         self._seeds[index] = derived_seed(*parts)
         self._over[index] = False
+        self._paths[index] = [transit.start]
 
     def _advance(self, which: np.ndarray, forces: np.ndarray, began: np.ndarray, span: float):
         """Flies those of the batch that a mask (num_envs,) names, and follows their outcomes."""

@@ -40,7 +40,16 @@ from proxops.training.environment.observations import (
     observation_space,
     taken_action,
 )
+from proxops.training.environment.rendering import (
+    FRAMES_PER_SECOND,
+    RENDER_MODE,
+    check_render_mode,
+    transit_picture,
+)
 from proxops.training.environment.reward import step_reward
+
+if typing.TYPE_CHECKING:
+    from proxops.diagrams.plots import TransitPicture
 
 
 class TransitEnvironment(gymnasium.Env):
@@ -61,7 +70,7 @@ class TransitEnvironment(gymnasium.Env):
     is the summary of the flight's log, and the log itself is `log`.
     """
 
-    metadata = {"render_modes": []}  # noqa: RUF012  (as in gymnasium.Env)
+    metadata = {"render_modes": [RENDER_MODE], "render_fps": FRAMES_PER_SECOND}  # noqa: RUF012
 
     def __init__(
         self,
@@ -70,6 +79,7 @@ class TransitEnvironment(gymnasium.Env):
         dispersions: str | None = None,
         transit_seed: int = 0,
         changes: typing.Mapping[str, typing.Any] | None = None,
+        render_mode: str | None = None,
     ):
         """Takes the scenario and what the pilot sees of it.
 
@@ -81,12 +91,15 @@ class TransitEnvironment(gymnasium.Env):
           transit_seed: draws the transits. Seeds from 10,000 on are for evaluation: learn on none
             of their transits.
           changes: keys and values of the scenario, as `change_scenario` takes them.
+          render_mode: `rgb_array`: `render` gives pictures. None: it does not.
 
         Raises:
-          InputError: the observation is none of the two, there are no such dispersions, or the
-            scenario cannot be flown.
+          InputError: the observation is none of the two, as is the render mode, there are no such
+            dispersions, or the scenario cannot be flown.
         """
         check_observation(observation)
+        check_render_mode(render_mode)
+        self.render_mode = render_mode
         given = _given(scenario)
         own = {"log_ranges": False} | dict(changes or {})
         own |= {} if dispersions is None else {"dispersions": dispersions}
@@ -174,6 +187,20 @@ class TransitEnvironment(gymnasium.Env):
             info["summary"] = self.log.summary
         return self._seen(episode), reward, terminated, truncated, info
 
+    def render(self) -> np.ndarray | None:
+        """Draws the transit so far, seen along z and along y; None without a render mode.
+
+        Returns:
+          A picture, uint8 (height, width, 3).
+        """
+        if self.render_mode is None:
+            return None
+        if self._episode is None:
+            raise gymnasium.error.ResetNeeded(
+                "a picture is of a transit, which begins with reset()"
+            )
+        return self._episode.picture()
+
     def close(self) -> None:
         """Gives the memory of the episode back; Drake would keep it (see `let_go`)."""
         if self._episode is not None:
@@ -211,13 +238,22 @@ class _Episode:
         """Entries of the keep-out ellipsoid and collisions so far."""
         self.way = self.distance
         """Distance in m from the goal at the start."""
+        self._path = [self._position]
+        self._picture: TransitPicture | None = None
         self._began = time.perf_counter()
 
     @property
     def distance(self) -> float:
         """Distance in m of the spacecraft from its goal."""
-        goal = self.flown.value("target", "y0")[:3]
-        return float(np.linalg.norm(self.flown.value("spacecraft", "position") - goal))
+        return float(np.linalg.norm(self._position - self._goal))
+
+    @property
+    def _goal(self) -> np.ndarray:
+        return self.flown.value("target", "y0")[:3]
+
+    @property
+    def _position(self) -> np.ndarray:
+        return self.flown.value("spacecraft", "position")
 
     def hold(self, force: np.ndarray, until: float) -> None:
         """Flies with a force (3,) in N in K until a time in s.
@@ -230,6 +266,14 @@ class _Episode:
         # Drake sampled this control step for the log before its action was known.
         self.flown.diagram.ForcedPublish(context)
         self.simulator.AdvanceTo(until)
+        self._path.append(self._position)
+
+    def picture(self) -> np.ndarray:
+        """The picture of the flight so far."""
+        flown = self.flown
+        if self._picture is None:
+            self._picture = transit_picture(flown.scenario, flown.body, flown.true_body)
+        return self._picture.pixels(np.array(self._path), self._goal, flown.context.get_time())
 
     def log(self) -> FlightLog:
         """The log of the flight; its last row repeats the action before."""
