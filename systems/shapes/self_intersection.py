@@ -7,10 +7,9 @@ two.
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
-from proxops.systems.common import InputError
+from proxops.systems.common import InputError, kernel
 
 # Relative error bounds of the plain determinants below: Shewchuk, "Adaptive Precision
 # Floating-Point Arithmetic and Fast Robust Geometric Predicates" (1997), doubled for safety.
@@ -58,7 +57,7 @@ def self_intersections(vertices: np.ndarray, facets: np.ndarray) -> np.ndarray:
     return found[np.lexsort(found.T[::-1])]
 
 
-@numba.njit(cache=True)
+@kernel
 def _overlaps(low, high, most):
     """Pairs (N, 2) of boxes (n, 3) that overlap, sorted by their low ends along the first axis."""
     room = 1024
