@@ -30,7 +30,7 @@ from mkdocs.structure.files import File
 from typer.testing import CliRunner
 
 from proxops import systems
-from proxops.cli.main import app
+from proxops.cli.main import COMMANDS, app
 from proxops.diagrams.flight import fly
 from proxops.diagrams.logs import VARIABLES
 from proxops.diagrams.meshcat import write_replay
@@ -59,8 +59,7 @@ def _help(command: str) -> str:
 
 
 def _commands(_: str) -> str:
-    names = [command.name or "" for command in app.registered_commands]
-    return "\n\n".join(f"## {name}\n\n{_help(name)}" for name in names)
+    return "\n\n".join(f"## {name}\n\n{_help(name)}" for name in COMMANDS)
 
 
 def _file(path: str) -> str:

@@ -12,7 +12,6 @@ first. This room imports nothing else of proxops, and every other room depends o
 """
 
 from proxops.systems.common.bundles import MODEL_FILE, BundleKind, open_session, read_bundle
-from proxops.systems.common.cache_folder import cache_folder
 from proxops.systems.common.checks import (
     LARGEST,
     check_not_negative,
@@ -47,6 +46,7 @@ from proxops.systems.common.seeded_system import SeededSystem
 from proxops.systems.common.text_files import decoded
 from proxops.systems.common.threads import one_thread
 from proxops.systems.common.user_cache import keep_arrays, kept_arrays, name_of
+from proxops.systems.common.user_folders import cache_folder
 
 __all__ = [
     "LARGEST",

@@ -17,7 +17,7 @@ from pathlib import Path
 import numba
 from numba.core import config
 
-from proxops.systems.common.cache_folder import cache_folder
+from proxops.systems.common.user_folders import cache_folder
 
 # At the left margin, so that all of them have been imported when a function below is compiled.
 _IMPORT = re.compile(

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import numpy as np
 
-from proxops.systems.common.cache_folder import cache_folder
 from proxops.systems.common.errors import InputError
 from proxops.systems.common.files import write_whole
+from proxops.systems.common.user_folders import cache_folder
 
 
 def name_of(*made_from: str | int | float) -> str:
