@@ -23,7 +23,6 @@ import re
 import tempfile
 from pathlib import Path
 
-import yaml
 from latex2mathml.converter import convert
 from mkdocs.exceptions import PluginError
 from mkdocs.structure.files import File
@@ -34,7 +33,12 @@ from proxops.cli.main import COMMANDS, app
 from proxops.diagrams.flight import fly
 from proxops.diagrams.logs import VARIABLES
 from proxops.diagrams.meshcat import write_replay
-from proxops.diagrams.scenario import load_body, load_dispersions, load_scenario
+from proxops.diagrams.scenario import (
+    load_body,
+    load_dispersions,
+    load_scenario,
+    parse_mapping,
+)
 
 ROOT = Path(__file__).parents[1]
 _EQUATION = re.compile(r'<(span|div) class="arithmatex">\\([(\[])(.*?)\\[)\]]</\1>', re.DOTALL)
@@ -77,7 +81,8 @@ def _log_variables(_: str) -> str:
 
 def _dispersions(name: str) -> str:
     scenario, body = load_scenario(), load_body("kleopatra")
-    tree = yaml.safe_load((ROOT / "assets" / "dispersions" / f"{name}.yaml").read_text())
+    path = ROOT / "assets" / "dispersions" / f"{name}.yaml"
+    tree = parse_mapping(path.read_text(), str(path))
     lines = ["| key | distribution | at Kleopatra | source |", "|---|---|---|---|"]
     for each in load_dispersions(name):
         entry, bounds = tree[each.key], each.distribution.bounds()
