@@ -103,9 +103,15 @@ def test_a_change_in_a_called_function_is_seen(package: Path) -> None:
 
 
 def test_other_functions_keep_numba_s_own_folder() -> None:
-    before = numba.config.CACHE_DIR
-    kernel(error_model="numpy")(lambda x: x)
-    assert before == numba.config.CACHE_DIR
+    def another(x):
+        return x
+
+    def folder():
+        return numba.njit(cache=True)(another).stats.cache_path
+
+    before = folder()
+    assert kernel(another).stats.cache_path != before
+    assert folder() == before
 
 
 def test_folders_that_are_not_used_for_a_month_go(tmp_path: Path) -> None:
@@ -113,7 +119,7 @@ def test_folders_that_are_not_used_for_a_month_go(tmp_path: Path) -> None:
     for name, age in (("old", month), ("new", 0.0)):
         (tmp_path / name).mkdir()
         (tmp_path / name / "kept.nbi").write_text("")
-        os.utime(tmp_path / name, (time.time() - age,) * 2)
+        os.utime(tmp_path / name, (time.time() - age, time.time() - age))
     kernels._remove_unused(tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == ["new"]
 

@@ -27,8 +27,9 @@ CORE = {
     "null": None, "Null": None, "~": None, "": None, "nULL": "nULL",
     "true": True, "True": True, "FALSE": False, "yes": "yes", "on": "on", "No": "No", "y": "y",
     "0": 0, "0o7": 7, "0o10": 8, "0x3A": 58, "-19": -19, "+12": 12, "010": 10, "08": 8,
-    "0o8": "0o8",    "0b11": "0b11", "-0x10": "-0x10", "1_000": "1_000", "5:23": "5:23", "-1:30.5": "-1:30.5",
-    "0.": 0.0, "-0.0": -0.0, ".5": 0.5, "+12e03": 12000.0, "-2E+05": -200000.0, "1e3": 1000.0,
+    "0o8": "0o8", "0b11": "0b11", "-0x10": "-0x10", "1_000": "1_000", "5:23": "5:23",
+    "-1:30.5": "-1:30.5", "0.": 0.0, "-0.0": -0.0, ".5": 0.5, "+12e03": 12000.0,
+    "-2E+05": -200000.0, "1e3": 1000.0,
     "1e-2": 0.01, "1.5e3": 1500.0, ".inf": math.inf, "-.Inf": -math.inf, "+.INF": math.inf,
     ".": ".", "e3": "e3", "1e": "1e", "inf": "inf", "nan": "nan", "+.nan": "+.nan",
     "2020-01-01": "2020-01-01", "'10'": "10", '"true"': "true", "=": "=", "<<": "<<",
@@ -128,7 +129,7 @@ def test_a_scenario_is_read_as_it_was_written(name: str) -> None:
     assert parse_scenario(dump_scenario(scenario)) == scenario
     before = yaml_dump_typed(scenario, schema=Scenario)
     if name not in ("1e3", "0o17"):
-        assert parse_scenario(before) == scenario
+        assert parse_scenario(str(before)) == scenario
     if name == "Rock":
         assert before == dump_scenario(scenario)
 
