@@ -110,6 +110,12 @@ def test_all_readers_find_what_was_written(tree: object) -> None:
     assert same(yaml_load(data=text, private=True), {"value": tree})
 
 
+def test_no_aliases_are_written() -> None:
+    point = [1.0, 2.0]
+    tree = {"start": point, "goal": point}
+    assert read_yaml(write_yaml(tree), "it") == tree
+
+
 printable = texts.filter(lambda text: text.isprintable() and "\0" not in text)
 
 

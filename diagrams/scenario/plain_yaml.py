@@ -127,6 +127,10 @@ def read_yaml(text: str, source: str) -> typing.Any:
 class _Writer(yaml.SafeDumper):
     """Puts a text in quotes if YAML 1.1 or YAML 1.2 would take it for something else."""
 
+    def ignore_aliases(self, data: typing.Any) -> bool:
+        """Writes a list that is there twice twice."""
+        return True
+
 
 def _represent_dict(writer: typing.Any, data: dict[str, typing.Any]) -> typing.Any:
     untagged = {key: value for key, value in data.items() if key != TAG}
