@@ -248,8 +248,8 @@ def _announce_compilation() -> None:
     stats = kernel.evaluate_serial.stats
     if stats.cache_path is None:
         sys.stderr.write(
-            "proxops: compiling for a minute, in each process: no folder for what is compiled can be "
-            "written; set XDG_CACHE_HOME to one that can\n"
+            "proxops: compiling, as each process must: no folder to keep it can be written; set "
+            "XDG_CACHE_HOME to one that can\n"
         )
     elif not stats.cache_hits and not list(Path(stats.cache_path).glob("*evaluate_serial*.nbi")):
         sys.stderr.write(
