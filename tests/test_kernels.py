@@ -82,9 +82,9 @@ def package(tmp_path: Path) -> Path:
 def flown(package: Path) -> list:
     """What a process finds and what one that it spawned finds: values, and what was compiled."""
     folder = package.parents[1]
-    changes = {"PYTHONPATH": str(folder), "XDG_CACHE_HOME": str(folder / "cache")}
+    given = {"PYTHONPATH": str(folder), "XDG_CACHE_HOME": str(folder / "cache")}
     ran = subprocess.run(
-        [sys.executable, "script.py"], cwd=folder, env=os.environ | changes,
+        [sys.executable, "script.py"], cwd=folder, env=os.environ | given | {"NUMBA_CACHE_DIR": ""},
         capture_output=True, text=True, timeout=120, check=False,
     )  # fmt: skip
     assert ran.stderr == ""
@@ -138,7 +138,8 @@ def test_without_a_home_it_works_and_says_nothing(
         "point = closest_point(np.ones(3), np.array([2.0, 0.0, 0.0]))\n"
         "print(point, closest_point.stats.cache_path)\n"
     )
-    environment = os.environ | {"HOME": home, "XDG_CACHE_HOME": "", "PYTHONDONTWRITEBYTECODE": "1"}
+    given = {"HOME": home, "XDG_CACHE_HOME": "", "NUMBA_CACHE_DIR": ""}
+    environment = os.environ | given | {"PYTHONDONTWRITEBYTECODE": "1"}
     ran = subprocess.run(
         [sys.executable, "-W", "error", "-c", code], env=environment,
         capture_output=True, text=True, timeout=120, check=False,

@@ -62,7 +62,7 @@ def _folder(file: str) -> Path | None:
         folder = base / f"{Path(file).stem}-{_key(file)}"
         if not folder.is_dir():
             _remove_unused(base)
-            folder.mkdir(parents=True)
+            folder.mkdir(parents=True, exist_ok=True)  # Another process may have made it.
         os.utime(folder)  # It is used.
     except OSError:
         return None
