@@ -18,28 +18,27 @@ import sys
 for name in ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ[name] = "1"
 
-import numba
 import numpy as np
 from assurance import STATE, setting
 
-from proxops.systems.assurance import _braking_kernel as kernel
-from proxops.systems.common import spread_directions
+from proxops.systems.assurance import _braking_kernel as braking
+from proxops.systems.common import kernel, spread_directions
 
 ERRORS = ("flattering", "jumping", "flipping", "none")
 # Greatest level above 1 at the start, and control steps of a flight.
 _HIGHEST, _STEPS = 0.1, 180
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def rate(x, v, push, gravity, spin, tables, out):
-    kernel.gravity_outside(x[0], x[1], x[2], tables, out)
+    braking.gravity_outside(x[0], x[1], x[2], tables, out)
     out *= gravity
     out += push
     out[0] += 2.0 * spin * v[1] + spin**2 * x[0]
     out[1] += -2.0 * spin * v[0] + spin**2 * x[1]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def hurt(u, normal, thrust, angle):
     """The acceleration that acts if thrust is weak outwards, strong inwards and turned inwards."""
     acting = u * (1.0 - thrust * np.sign(u * normal))
@@ -56,12 +55,12 @@ def hurt(u, normal, thrust, angle):
     return size * (np.cos(angle) * along + np.sin(angle) * across / length)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def fly(r, v, errors, axes, box, steps, seed, tables, world):
     """Least outward speed (m/s) of a flight by the law, and the greatest fall of its level."""
     np.random.seed(seed)  # noqa: NPY002
     gravity, thrust, angle, mass, other, position, velocity = box
-    spin, period = world[kernel.SPIN], world[kernel.PERIOD]
+    spin, period = world[braking.SPIN], world[braking.PERIOD]
     u, a1, a2, a3, a4 = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     least, down, highest = np.inf, 0.0, 0.0
     for step in range(steps):
@@ -79,7 +78,7 @@ def fly(r, v, errors, axes, box, steps, seed, tables, world):
             error = -error
         elif errors == 3:
             error *= 0.0
-        kernel.backup(r + position * error, v + velocity * error, tables, world, u)
+        braking.backup(r + position * error, v + velocity * error, tables, world, u)
         push = hurt(u, normal, thrust, angle) / (1.0 + mass) - other * np.sign(normal)
         strong, half = 1.0 + gravity, 0.5 * period
         rate(r, v, push, strong, spin, tables, a1)
@@ -103,10 +102,10 @@ def starts(backup, bounds, count: int, random: np.random.Generator) -> np.ndarra
     normal /= np.linalg.norm(normal, axis=1)[:, None]
     velocity = random.uniform(-1.0, 1.0, (count, 3)) * backup.limits.speed
     for _ in range(60):
-        turned = world[kernel.CURVATURE] * world[kernel.POSITION] * np.abs(velocity).sum(axis=1)
-        excess = np.maximum(np.abs(velocity[:, :2]) - world[kernel.SETTLED], 0.0).sum(axis=1)
+        turned = world[braking.CURVATURE] * world[braking.POSITION] * np.abs(velocity).sum(axis=1)
+        excess = np.maximum(np.abs(velocity[:, :2]) - world[braking.SETTLED], 0.0).sum(axis=1)
         found = np.einsum("ni,ni->n", normal, velocity) - turned - excess + bounds.velocity
-        velocity += (world[kernel.OUTWARD] - found)[:, None] * normal
+        velocity += (world[braking.OUTWARD] - found)[:, None] * normal
     kept = np.abs(velocity).max(axis=1) <= backup.limits.speed
     return np.concatenate([position, velocity], axis=1)[kept]
 

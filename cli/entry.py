@@ -1,4 +1,4 @@
-"""Starts `proxops`. The imports take seconds, so they are made where Ctrl-C is handled."""
+"""Starts `proxops`. Importing typer takes time, so it is done where Ctrl-C is handled."""
 
 import sys
 

@@ -2,30 +2,47 @@
 
 from __future__ import annotations
 
+import importlib
 import os
 import sys
+import typing
 import warnings
-from importlib import metadata
+from pathlib import Path
 from typing import Annotated
 
 import typer
+from typer.core import TyperGroup
+from typer.main import get_command
 
-from proxops.cli import (
-    collect,
-    dagger,
-    evaluate,
-    fly,
-    replay,
-    reproduce,
-    score,
-    shape,
-    train,
-    train_lidar,
-)
-from proxops.systems.common import InputError
+COMMANDS = {
+    "fly": "Fly one transit; write flight.nc, summary.json and replay.html.",
+    "evaluate": "Fly a set of transits with each controller; write results.json, report.html and "
+    "report.md.",
+    "score": "Fly a controller over a track of the benchmark; write and print its row.",
+    "collect": "Fly transits with the MPC; write a log of each, manifest.json and a report.",
+    "replay": "Make the replay page of a flight log, and files for other tools.",
+    "shape": "Examine a mesh, mend it, and set up its body for flights.",
+    "train": "Train a policy to predict the MPC's force.",
+    "train-lidar": "Train two networks that predict lidar frames, ours and the paper's; compare "
+    "them with others.",
+    "dagger": "Let the pilot fly, label its flights with the MPC's forces, and train on them: "
+    "DAgger.",
+    "reproduce": "Reproduce all evidence: the paper, then what goes beyond it, with one report.",
+}
+"""The first line of each command's docstring: to import the commands takes seconds."""
+
+
+class _Commands(TyperGroup):
+    """Imports a command when it is used. Lists of commands have only the names and first lines."""
+
+    def resolve_command(self, ctx: typing.Any, args: list[str]) -> typing.Any:
+        name, _, rest = super().resolve_command(ctx, args)
+        return name, name and command(name), rest
+
 
 app = typer.Typer(
     name="proxops",
+    cls=_Commands,
     help="Fly spacecraft close to small bodies: simulate, evaluate, replay.",
     no_args_is_help=True,
     context_settings={"help_option_names": ["-h", "--help"]},
@@ -35,6 +52,8 @@ app = typer.Typer(
 
 def _print_version(wanted: bool) -> None:
     if wanted:
+        from importlib import metadata  # Nothing else needs it.
+
         typer.echo(f"proxops {metadata.version('proxops')}")
         raise typer.Exit
 
@@ -51,16 +70,46 @@ def _options(
     """Fly spacecraft close to small bodies: simulate, evaluate, replay."""
 
 
-app.command("fly")(fly.fly_command)
-app.command("evaluate")(evaluate.evaluate_command)
-app.command("score")(score.score_command)
-app.command("collect")(collect.collect_command)
-app.command("replay")(replay.replay_command)
-app.command("shape")(shape.shape_command)
-app.command("train")(train.train_command)
-app.command("train-lidar")(train_lidar.train_lidar_command)
-app.command("dagger")(dagger.dagger_command)
-app.command("reproduce")(reproduce.reproduce_command)
+for _name, _line in COMMANDS.items():
+    app.command(_name, help=_line)(lambda: None)
+
+
+def command(name: str) -> typing.Any:
+    """Imports a command and gives it, as an object of typer's."""
+    function = getattr(importlib.import_module(_module(name)), f"{_word(name)}_command")
+    alone = typer.Typer(add_completion=False)
+    alone.command(name)(function)
+    _find_folder_for_matplotlib()
+    return get_command(alone)
+
+
+def _word(name: str) -> str:
+    return name.replace("-", "_")
+
+
+def _module(name: str) -> str:
+    return f"proxops.cli.{_word(name)}"
+
+
+def _find_folder_for_matplotlib() -> None:
+    """Finds one where its own cannot be written: else it complains, or without a home it fails."""
+    from proxops.cli.common import check_folder
+    from proxops.systems.common import InputError, cache_folder
+
+    if os.environ.get("MPLCONFIGDIR"):
+        return
+    try:
+        own = [
+            Path(os.environ.get(name) or Path.home() / folder) / "matplotlib"
+            for name, folder in (("XDG_CONFIG_HOME", ".config"), ("XDG_CACHE_HOME", ".cache"))
+        ]
+        for folder in own if sys.platform == "linux" else [Path.home() / ".matplotlib"]:
+            check_folder(folder)
+    except (InputError, RuntimeError):  # RuntimeError: the user has no home.
+        found = cache_folder("matplotlib")
+        if found is not None:
+            os.environ["MPLCONFIGDIR"] = str(found)
+
 
 _INTERRUPTED = 130
 _LONGEST_MESSAGE = 2000
@@ -75,7 +124,11 @@ def main() -> None:
     warnings.formatwarning = _warning
     try:
         app()
-    except InputError as error:
+    except ValueError as error:
+        from proxops.systems.common import InputError  # It has been imported, if it was raised.
+
+        if not isinstance(error, InputError):
+            raise
         print(f"proxops: error: {_one_line(str(error))}", file=sys.stderr)
         sys.exit(2)
     except SystemExit as end:
@@ -104,13 +157,13 @@ def _one_line(message: str) -> str:
     return shown if len(shown) <= _LONGEST_MESSAGE else f"{shown[:_LONGEST_MESSAGE]} ..."
 
 
-def _goes_on(name: list[str]) -> bool:
+def _goes_on(names: list[str]) -> bool:
     """Tells whether a command can continue after an interruption: its help says so."""
-    texts = {
-        command.name: " ".join((getattr(command.callback, "__doc__", "") or "").split())
-        for command in app.registered_commands
-    }
-    return any("Run it again to" in texts.get(word, "") for word in name)
+    return any(
+        "Run it again to" in " ".join((command(name).help or "").split())
+        for name in names
+        if name in COMMANDS and _module(name) in sys.modules  # Else it was still being imported.
+    )
 
 
 if __name__ == "__main__":

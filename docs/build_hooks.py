@@ -24,18 +24,22 @@ import re
 import tempfile
 from pathlib import Path
 
-import yaml
 from latex2mathml.converter import convert
 from mkdocs.exceptions import PluginError
 from mkdocs.structure.files import File
 from typer.testing import CliRunner
 
 from proxops import systems
-from proxops.cli.main import app
+from proxops.cli.main import COMMANDS, app
 from proxops.diagrams.flight import add_transit, fly
 from proxops.diagrams.logs import VARIABLES
 from proxops.diagrams.meshcat import write_replay
-from proxops.diagrams.scenario import load_body, load_dispersions, load_scenario
+from proxops.diagrams.scenario import (
+    load_body,
+    load_dispersions,
+    load_scenario,
+    parse_mapping,
+)
 
 ROOT = Path(__file__).parents[1]
 _EQUATION = re.compile(r'<(span|div) class="arithmatex">\\([(\[])(.*?)\\[)\]]</\1>', re.DOTALL)
@@ -61,8 +65,7 @@ def _help(command: str) -> str:
 
 
 def _commands(_: str) -> str:
-    names = [command.name or "" for command in app.registered_commands]
-    return "\n\n".join(f"## {name}\n\n{_help(name)}" for name in names)
+    return "\n\n".join(f"## {name}\n\n{_help(name)}" for name in COMMANDS)
 
 
 def _file(path: str) -> str:
@@ -80,7 +83,8 @@ def _log_variables(_: str) -> str:
 
 def _dispersions(name: str) -> str:
     scenario, body = load_scenario(), load_body("kleopatra")
-    tree = yaml.safe_load((ROOT / "assets" / "dispersions" / f"{name}.yaml").read_text())
+    path = ROOT / "assets" / "dispersions" / f"{name}.yaml"
+    tree = parse_mapping(path.read_text(), str(path))
     lines = ["| key | distribution | at Kleopatra | source |", "|---|---|---|---|"]
     for each in load_dispersions(name):
         entry, bounds = tree[each.key], each.distribution.bounds()

@@ -25,9 +25,9 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Puts the tests of the navigation first, then those of the pages.
 
     numba takes long to compile the navigation's kernels. So one process does that, while the
-    others, which start further down, run what needs none of them; later they find them in numba's
-    cache. The commands of the pages are the longest of the slow tests: at the end they would run
-    alone.
+    others, which start further down, run what needs none of them; later they find them in the
+    user's cache folder. The commands of the pages are the longest of the slow tests: at the end
+    they would run alone.
     """
 
     def place(item: pytest.Item) -> tuple[bool, bool]:

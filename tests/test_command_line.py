@@ -11,16 +11,13 @@ import subprocess
 import sys
 import time
 from pathlib import Path
-from typing import Any
 
 import pytest
 from commands import proxops, settings
 from short_flights import SHORT, blob, obj_text
-from typer.main import get_command
 
-from proxops.cli.main import app
+from proxops.cli.main import COMMANDS, command
 
-COMMANDS = sorted(str(command.name) for command in app.registered_commands)
 # As the script that pip installs: that makes `proxops` the name that completion goes by.
 SCRIPT = "import sys; sys.argv[0] = 'proxops'; from proxops.cli.entry import main; main()"
 PROXOPS = [sys.executable, "-c", SCRIPT]
@@ -67,30 +64,72 @@ def on_terminal(*arguments: object, folder: Path, **changes: str) -> str:
     return said.decode(errors="replace")
 
 
-def parser_of(command: str) -> Any:
-    group: Any = get_command(app)
-    return group.commands[command]
-
-
-@pytest.mark.parametrize("command", COMMANDS)
-def test_examples_in_the_help_are_commands(command: str) -> None:
+@pytest.mark.parametrize("name", COMMANDS)
+def test_examples_in_the_help_are_commands(name: str) -> None:
     """Each is parsed as if it were typed; none is run."""
-    parser = parser_of(command)
+    parser = command(name)
     text = re.sub(r"\s+", " ", parser.help or "")
     _, found, examples = re.split(r"(Examples?:)", text)
     assert found
     typed = re.findall(r"proxops (.*?)(?= proxops |$)", examples)
     assert typed
     for line in typed:
-        name, *arguments = shlex.split(line)
-        assert name == command
+        asked, *arguments = shlex.split(line)
+        assert asked == name
         parser.make_context(name, arguments)
 
 
-@pytest.mark.parametrize("command", COMMANDS)
-def test_every_option_is_explained(command: str) -> None:
-    for parameter in parser_of(command).params:
-        assert getattr(parameter, "help", None), f"{command} {parameter.name}"
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_option_is_explained(name: str) -> None:
+    for parameter in command(name).params:
+        assert getattr(parameter, "help", None), f"{name} {parameter.name}"
+
+
+@pytest.mark.parametrize(("name", "line"), COMMANDS.items())
+def test_the_list_of_commands_has_the_first_line_of_each(name: str, line: str) -> None:
+    assert line == (command(name).help or "").partition("\n\n")[0].strip()
+
+
+SLOW = ["matplotlib", "numba", "numpy", "proxops.systems", "pydrake", "scipy", "torch", "trimesh"]
+
+
+@pytest.mark.parametrize(
+    ("option", "says"), [("--help", "train-lidar"), ("--version", "proxops "), ("flyy", "")]
+)
+def test_what_needs_no_command_imports_none(option: str, says: str) -> None:
+    """Not even where neither the home nor the folder for temporary files can be written."""
+    code = (
+        "import sys, tempfile; tempfile.tempdir = '/dev/null'\n"
+        f"sys.argv = ['proxops', {option!r}]\n"
+        "from proxops.cli.entry import main\n"
+        "try:\n    main()\n"
+        f"finally:\n    print([name for name in {SLOW} if name in sys.modules])\n"
+    )
+    ran = subprocess.run(
+        [sys.executable, "-c", code], env=environment(HOME="/dev/null/x", XDG_CACHE_HOME=""),
+        capture_output=True, text=True, timeout=60, check=False,
+    )  # fmt: skip
+    assert says in ran.stdout
+    assert ran.stdout.endswith("[]\n")
+    assert ran.stderr == "" if says else "Did you mean 'fly'" in ran.stderr
+
+
+def test_where_matplotlib_cannot_write_it_says_nothing(tmp_path: Path) -> None:
+    """A command gives it another folder."""
+    code = (
+        "from proxops.cli.main import command; command('shape')\n"
+        "import matplotlib; print(matplotlib.get_configdir(), matplotlib.get_cachedir())"
+    )
+    for home in ("/dev/null/x", str(tmp_path)):
+        given = environment(HOME=home, TMPDIR=str(tmp_path), XDG_CACHE_HOME="", XDG_CONFIG_HOME="")
+        ran = subprocess.run(
+            [sys.executable, "-c", code], env=given,
+            capture_output=True, text=True, timeout=60, check=False,
+        )  # fmt: skip
+        assert ran.stderr == ""
+        other = f"{tmp_path}/proxops-{os.getuid()}/matplotlib"
+        own = f"{home}/.config/matplotlib {home}/.cache/matplotlib\n"
+        assert ran.stdout == (own if home == str(tmp_path) else f"{other} {other}\n")
 
 
 def test_fly_as_json(

@@ -215,8 +215,7 @@ def test_a_file_beside_the_scenario(tmp_path: Path) -> None:
     assert 1.1 <= scenario.truth.gravity <= 1.2
 
 
-def test_numbers_that_yaml_takes_for_texts(tmp_path: Path) -> None:
-    """A scenario takes them, too."""
+def test_numbers_that_yaml_1_1_takes_for_texts(tmp_path: Path) -> None:
     name = write(
         tmp_path,
         "truth.lidar.dropout: 1e-2\n"
@@ -258,6 +257,13 @@ def test_a_mesh_lies_beside_its_file(tmp_path: Path) -> None:
         ("truth.gravity: {uniform: [0.9, 1.1], three_sigma: 1}", "which uniform does not take"),
         ("truth.gravity: {uniform: [1.1, 0.9]}", "its lower end first"),
         ("truth.gravity: {uniform: 1.1}", "needs two numbers"),
+        (
+            "truth.pole_deg: {uniform: [-1:30, 1:30]}",
+            "needs a finite number for uniform, got '-1:30'",
+        ),
+        ("truth.gravity: .nan", "needs a finite number for its value, got nan"),
+        ("truth.gravity: {choice: [1, .inf]}", "needs a finite number for its value, got inf"),
+        ("truth.gravity: 1_0", "needs a number, got '1_0'"),
         ("truth.gravity: {log_uniform: [0, 1]}", "positive ends"),
         ("truth.gravity: {choice: []}", "at least one value"),
         ("truth.gravity: {normal: text, three_sigma: 1}", "finite number for normal"),

@@ -36,7 +36,7 @@ from synthetic_log import synthetic_log
 from typer.main import get_command
 
 from proxops import systems
-from proxops.cli.main import app, main
+from proxops.cli.main import app, command, main
 from proxops.diagrams.flight import surroundings
 from proxops.diagrams.flight.named_controllers import named_controller
 from proxops.diagrams.flight.simulation import fly
@@ -149,7 +149,7 @@ def understand(line: str) -> None:
     if name.startswith("--"):
         assert name in OPTIONS_OF_ALL, line
     else:
-        GROUP.commands[name].make_context(name, arguments)
+        command(name).make_context(name, arguments)
 
 
 @pytest.mark.parametrize(("page", "line"), proxops_lines())

@@ -301,8 +301,8 @@ def test_more_overrides() -> None:
         ("transit: {7: 3}", "the key 7 is no text"),
         ("x: !!python/object/apply:os.getcwd []", "is not YAML"),
         (bytes(range(256)), "is not a text file"),
-        ("a: 1".encode("utf-16"), "is not a text file"),
-        (b"\x00\x01\x02", "is not YAML"),
+        ("a: 1".encode("utf-16-le"), "is not a text file"),
+        (b"\x01\x02\xff", "is not YAML"),
     ],
 )
 def test_files_that_hold_no_scenario(tmp_path: Path, content: str | bytes, complaint: str) -> None:
@@ -365,7 +365,7 @@ def test_unknown_key_gives_the_nearest(tmp_path: Path, key: str, nearest: str) -
         ("disturbance=!Earthquake {}", "disturbance cannot be !Earthquake"),
         ("spacecraft=!Boat {}", "spacecraft cannot be !Boat"),
         ("mpc.intervals=3.5", "mpc.intervals needs a whole number, got 3.5"),
-        ("mpc.intervals=1e1", "mpc.intervals needs a whole number, got '1e1'"),
+        ("mpc.intervals=1e1", "mpc.intervals needs a whole number, got 10.0"),
         ("noise_seed=true", "noise_seed needs a whole number"),
         ("control_period_s=2026-01-01", "control_period_s needs a number"),
         ("body=3", "body needs a text, got 3"),
@@ -537,6 +537,8 @@ def test_body_needs_every_key(rock, key: str) -> None:
         ({"mass_kg": ".nan"}, "mass_kg must be positive"),
         ({"mass_kg": 1e15}, "which no body has"),
         ({"rotation_period_h": 0}, "rotation_period_h must be positive"),
+        ({"rotation_period_h": "5:23"}, "rotation_period_h needs a number, got '5:23'"),
+        ({"rotation_period_h": -5.2}, "turn the mesh half a turn: .* --fix NEW --flip"),
         ({"rotation_period_h": ".inf"}, "rotation_period_h must be positive"),
         ({"name": '"Kleopatra\\nMETA_STOP"'}, "characters that can be printed"),
         ({"name": '"\\e[2J"'}, "characters that can be printed"),

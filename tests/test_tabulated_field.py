@@ -1,6 +1,7 @@
 """The gravity table against the field that it was made from, and the laws that it must obey."""
 
 import functools
+import tempfile
 
 import numba
 import numpy as np
@@ -169,6 +170,7 @@ def test_it_is_made_once_and_a_damaged_file_is_made_again(cache_folder, monkeypa
 def test_without_a_cache_folder_it_works_and_says_so(monkeypatch, tmp_path, capsys):
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "file"))
     tabulated_field._boxes.cache_clear()
     TabulatedField(exact(0.0), 2.0 * AXES, 1e-2)
     assert "the gravity table is not kept" in capsys.readouterr().err

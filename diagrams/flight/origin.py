@@ -6,16 +6,14 @@ import hashlib
 from importlib import metadata
 from pathlib import Path
 
-from pydrake.common.yaml import yaml_dump_typed
-
 from proxops.diagrams.flight.named_bundles import bundle_of, policy_sha256
 from proxops.diagrams.flight.named_controllers import controller_files
 from proxops.diagrams.scenario import (
     Body,
-    BodyConfig,
     LearnedLidarConfig,
     LidarNavigationConfig,
     Scenario,
+    dump_typed,
     is_yaml_path,
 )
 from proxops.systems.common import file_sha256
@@ -28,7 +26,7 @@ _PARTS = ("proxops", "body", "true mesh", "map", "lidar", "dispersions", "policy
 
 def body_sha256(body: Body) -> str:
     """Gives the SHA-256 hash of a body's constants and shape."""
-    constants = yaml_dump_typed(body.config, schema=BodyConfig) or ""
+    constants = dump_typed(body.config)
     return hashlib.sha256((constants + body.shape.sha256).encode()).hexdigest()
 
 

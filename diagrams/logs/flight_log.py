@@ -11,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 import xarray as xr
-from pydrake.common.yaml import yaml_dump_typed
 from scipy.spatial.transform import Rotation
 
 from proxops.diagrams.logs.columns import COORDINATES, FLAGS, OUTCOMES, VARIABLES
@@ -29,6 +28,7 @@ from proxops.diagrams.scenario import (
     TruthConfig,
     check_constants,
     dump_scenario,
+    dump_typed,
     load_typed,
     make_true_body,
     parse_mapping,
@@ -208,7 +208,7 @@ def make_dataset(
             "title": f"proxops flight near {body.config.name}",
             "scenario": text,
             "scenario_sha256": hashlib.sha256(text.encode()).hexdigest(),
-            "body": yaml_dump_typed(body.config, schema=BodyConfig),
+            "body": dump_typed(body.config),
             "shape_sha256": body.shape.sha256,
             **attributes,
         },

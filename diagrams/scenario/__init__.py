@@ -73,7 +73,12 @@ from proxops.diagrams.scenario.truth_config import (
     TrueThrustersConfig,
     TruthConfig,
 )
-from proxops.diagrams.scenario.typed_yaml import is_yaml_path, load_typed, parse_mapping
+from proxops.diagrams.scenario.typed_yaml import (
+    dump_typed,
+    is_yaml_path,
+    load_typed,
+    parse_mapping,
+)
 from proxops.diagrams.scenario.world_differences import differing_values, spin_axes
 
 __all__ = [
@@ -121,6 +126,7 @@ __all__ = [
     "draw_transit",
     "draw_world",
     "dump_scenario",
+    "dump_typed",
     "expected_errors",
     "far_out_world",
     "given_keys",

@@ -118,6 +118,12 @@ def load_body(name_or_path: str | Path) -> Body:
 
 def check_constants(config: BodyConfig, source: str) -> None:
     """Raises `InputError` if a body's constants are beyond their limits."""
+    if config.rotation_period_h < 0.0:
+        raise InputError(
+            f"{source}: rotation_period_h must be positive, got {config.rotation_period_h}: a body "
+            "spins about its +z axis. For a body that spins the other way, give the period as a "
+            "positive number and turn the mesh half a turn: proxops shape FILE --fix NEW --flip"
+        )
     check_limits(config, source)
     if not (0 < len(config.name) <= _LONGEST_NAME and config.name.isprintable()):
         raise InputError(

@@ -181,7 +181,7 @@ def _parse(key: str, entry: typing.Any) -> Dispersion:
     if not isinstance(entry, dict):
         entry = {"fixed": entry}
     parameters = {name: value for name, value in entry.items() if name not in ("times", "source")}
-    distribution = _with_numbers(key, parse_distribution(parameters))
+    distribution = parse_distribution(parameters)
     _check_values(key, distribution)
     times = entry.get("times")
     if times not in (None, *_TIMES):
@@ -189,21 +189,6 @@ def _parse(key: str, entry: typing.Any) -> Dispersion:
     if times == "value" and Dispersion(key, distribution).size is not None:
         raise InputError("is a list, which cannot be dispersed as a multiple of its value")
     return Dispersion(key, distribution, times, str(entry.get("source", "")))
-
-
-def _with_numbers(key: str, distribution: Distribution) -> Distribution:
-    """Makes numbers of texts such as 1e-2, which YAML 1.1 does not take for numbers."""
-    options = _types_of(key)
-    if float not in options or str in options:
-        return distribution
-
-    def read(value: typing.Any) -> typing.Any:
-        if not fits(value, float):
-            return value  # To be complained of.
-        number = finite_number(value, "its value")
-        return number if isinstance(value, str) else value
-
-    return _with_each(distribution, read)
 
 
 def _with_each(
@@ -240,3 +225,5 @@ def _check_values(key: str, distribution: Distribution) -> None:
             of_list = typing.get_origin(field_at(key).type) is list
             each = " for each number of the list" if of_list else ""
             raise InputError(f"needs {wanted}{each}, got {value!r}")
+        if is_number(value):
+            finite_number(value, "its value")

@@ -227,14 +227,14 @@ def parse_distribution(entry: dict[str, typing.Any]) -> Distribution:
 
 
 def finite_number(value: typing.Any, what: str) -> float:
-    """Reads a number, also one that YAML 1.1 takes for a text, such as 1e-2.
+    """Gives a number as a float.
 
     Raises:
       InputError: it is none, or not finite; the message begins with "needs".
     """
     try:
-        number = float(value) if not isinstance(value, bool) else math.nan
-    except (TypeError, ValueError, OverflowError):
+        number = float(value) if is_number(value) else math.nan
+    except OverflowError:
         number = math.nan
     if not math.isfinite(number):
         raise InputError(f"needs a finite number for {what}, got {value!r}")

@@ -4,7 +4,7 @@ import typing
 
 import numpy as np
 
-from proxops.diagrams.scenario.typed_yaml import read_yaml
+from proxops.diagrams.scenario.plain_yaml import read_yaml
 from proxops.systems.common import InputError
 
 Overrides = typing.Sequence[str] | typing.Mapping[str, typing.Any]

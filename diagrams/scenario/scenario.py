@@ -6,8 +6,6 @@ import functools
 import typing
 from pathlib import Path
 
-from pydrake.common.yaml import yaml_dump_typed
-
 from proxops.diagrams.scenario.dispersions import loaded_dispersions
 from proxops.diagrams.scenario.dotted_keys import why_not_dispersed
 from proxops.diagrams.scenario.overrides import (
@@ -21,7 +19,7 @@ from proxops.diagrams.scenario.renamed_keys import refuse_renamed, translate_ren
 from proxops.diagrams.scenario.scenario_checks import check_scenario
 from proxops.diagrams.scenario.scenario_config import Scenario
 from proxops.diagrams.scenario.truth_config import TruthConfig
-from proxops.diagrams.scenario.typed_yaml import load_typed, parse_mapping, read_mapping
+from proxops.diagrams.scenario.typed_yaml import dump_typed, load_typed, parse_mapping, read_mapping
 from proxops.systems.common import InputError
 
 
@@ -67,9 +65,7 @@ def load_scenario(
 
 def dump_scenario(scenario: Scenario) -> str:
     """Gives the whole scenario as YAML, from which `load_scenario` reads an equal scenario."""
-    text = yaml_dump_typed(scenario, schema=Scenario)
-    assert text is not None  # pydrake returns None only if it writes to a file.
-    return text
+    return dump_typed(scenario)
 
 
 def parse_scenario(text: str, source: str = "scenario") -> Scenario:

@@ -7,12 +7,10 @@ import typing
 from pathlib import Path
 
 import yaml
-from pydrake.common.yaml import yaml_dump, yaml_load, yaml_load_typed
+from pydrake.common.yaml import yaml_dump_typed, yaml_load, yaml_load_typed
 
-from proxops.systems.common import InputError
-
-# The one in C is ten times as fast, where PyYAML has it.
-_Loader: type = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+from proxops.diagrams.scenario.plain_yaml import TAG, needs_quotes, read_yaml, write_yaml
+from proxops.systems.common import InputError, decoded
 
 
 def load_typed(schema: type, tree: dict[str, typing.Any], source: str) -> typing.Any:
@@ -28,13 +26,32 @@ def load_typed(schema: type, tree: dict[str, typing.Any], source: str) -> typing
     """
     try:
         _check_tree(schema, tree, source)
-        return yaml_load_typed(schema=schema, data=yaml_dump(tree), defaults=schema())
+        return yaml_load_typed(schema=schema, data=write_yaml(tree), defaults=schema())
     except InputError:
         raise
     except (
         yaml.YAMLError, RuntimeError, ValueError, TypeError, AssertionError, OverflowError
     ) as error:  # fmt: skip
         raise InputError(f"{source}: {error}") from error
+
+
+def dump_typed(config: typing.Any) -> str:
+    """Gives a dataclass as YAML; `parse_mapping` and `load_typed` make an equal one from it."""
+    text = yaml_dump_typed(config, schema=type(config))
+    assert text is not None  # pydrake returns None only if it writes to a file.
+    if any(map(needs_quotes, _texts(dc.asdict(config)))):
+        # pydrake writes them for YAML 1.1, in which a text such as 1e3 needs no quotes.
+        return write_yaml(yaml_load(data=text, private=True))
+    return text
+
+
+def _texts(value: typing.Any) -> typing.Iterator[str]:
+    """Yields all texts in nested dicts and lists."""
+    if isinstance(value, str):
+        yield value
+    elif isinstance(value, dict | list):
+        for each in value.values() if isinstance(value, dict) else value:
+            yield from _texts(each)
 
 
 def is_yaml_path(text: str | Path) -> bool:
@@ -49,13 +66,13 @@ def read_mapping(path: Path) -> dict[str, typing.Any]:
       InputError: the file cannot be read, is not YAML, is empty, or does not hold a mapping.
     """
     try:
-        text = path.read_text(encoding="utf-8")
+        text = decoded(path.read_bytes())
     except IsADirectoryError as error:
         raise InputError(f"{path} is a directory; give a YAML file") from error
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror}") from error
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path} is not a text file: {error}") from error
+    if "\0" in text:
+        raise InputError(f"{path} is not a text file; give a YAML file")
     return parse_mapping(text, str(path))
 
 
@@ -74,76 +91,6 @@ def parse_mapping(text: str, source: str) -> dict[str, typing.Any]:
     return tree
 
 
-def read_yaml(text: str, source: str) -> typing.Any:
-    """Reads the plain values in a YAML text; its tags create no objects.
-
-    Raises:
-      InputError: the text is not YAML, or it has aliases: a few lines with aliases can stand for
-        more values than fit into memory.
-    """
-    try:
-        # Most texts need not be read twice.
-        if "*" in text and any(isinstance(event, yaml.AliasEvent) for event in yaml.parse(text)):
-            raise InputError(
-                f"{source} is not YAML that proxops reads: it has an alias, *name; write the values"
-            )
-        _refuse_twice(text, source)
-        found = yaml_load(data=text, private=True)
-        _check_keys(found, source)
-        return found
-    except InputError:
-        raise
-    except yaml.constructor.ConstructorError as error:
-        mark = f" in line {error.problem_mark.line + 1}" if error.problem_mark else ""
-        raise InputError(
-            f"{source} is not YAML{mark}: {error.problem} (a tag such as !TrueState needs a "
-            "mapping after it, which may be empty: !TrueState {})"
-        ) from error
-    except RecursionError as error:
-        raise InputError(
-            f"{source} is not YAML that proxops reads: it is nested too deeply"
-        ) from error
-    except Exception as error:  # Impossible values make the reader raise errors of many types.
-        raise InputError(f"{source} is not YAML: {' '.join(str(error).split())}") from error
-
-
-def _check_keys(found: typing.Any, source: str) -> None:
-    """Raises `InputError` if a key is no text, such as a number."""
-    if isinstance(found, dict):
-        for key, value in found.items():
-            if not isinstance(key, str):
-                raise InputError(
-                    f"{source} is not YAML that proxops reads: the key {key} is no text"
-                )
-            _check_keys(value, source)
-    elif isinstance(found, list):
-        for value in found:
-            _check_keys(value, source)
-
-
-def _refuse_twice(text: str, source: str) -> None:
-    """Raises `InputError` if a mapping has a key twice: the reader would keep the last alone."""
-    # The collections that are open: of a mapping its keys so far, and whether a key comes next.
-    levels: list[tuple[set[str], bool] | None] = []
-    for event in yaml.parse(text, Loader=_Loader):
-        if isinstance(event, yaml.NodeEvent) and levels and levels[-1] is not None:
-            keys, at_key = levels[-1]
-            levels[-1] = keys, not at_key
-            if at_key and isinstance(event, yaml.ScalarEvent):
-                if event.value in keys:
-                    raise InputError(
-                        f"{source} has the key {event.value!r} twice, again in line "
-                        f"{event.start_mark.line + 1}: write it once"
-                    )
-                keys.add(event.value)
-        if isinstance(event, yaml.MappingStartEvent):
-            levels.append((set(), True))
-        elif isinstance(event, yaml.SequenceStartEvent):
-            levels.append(None)
-        elif isinstance(event, yaml.CollectionEndEvent):
-            levels.pop()
-
-
 def _check_tree(schema: type, tree: dict[str, typing.Any], source: str, key: str = "") -> None:
     """Raises `InputError` for the first unknown key, wrong tag or value of the wrong type.
 
@@ -153,7 +100,7 @@ def _check_tree(schema: type, tree: dict[str, typing.Any], source: str, key: str
     where = f"{source}: {key}" if key else source
     fields = {field.name: field.type for field in dc.fields(schema)}
     for name, value in tree.items():
-        if name == "_tag":
+        if name == TAG:
             continue
         if not fields:
             raise InputError(f"{where}: {schema.__name__} has no keys, got {str(name)!r}")
@@ -171,7 +118,7 @@ def _check_tree(schema: type, tree: dict[str, typing.Any], source: str, key: str
             chosen = _choose(nested, value, f"{source}: {path}")
             _check_tree(chosen, value, source, path)
             if str in options:  # pydrake takes a mapping without a tag for a text.
-                value["_tag"] = f"!{chosen.__name__}"
+                value[TAG] = f"!{chosen.__name__}"
         elif not any(fits(value, option) for option in options):
             wanted = "`key: value` lines" if nested else " or ".join(map(in_words, options))
             wanted = f"a text or {wanted}" if nested and str in options else wanted
@@ -191,24 +138,18 @@ def _choose(options: list[type], tree: dict[str, typing.Any], where: str) -> typ
     A tag may leave out the `Config` at the end of the class's name.
     """
     names = ["!" + option.__name__ for option in options]
-    tag = tree.get("_tag", names[0])
+    tag = tree.get(TAG, names[0])
     if tag not in names and f"{tag}Config" in names:
-        tag = tree["_tag"] = f"{tag}Config"
+        tag = tree[TAG] = f"{tag}Config"
     if tag not in names:
         raise InputError(f"{where} cannot be {tag}; choose from {', '.join(map(_tag, options))}")
     if len(options) == 1:
-        tree.pop("_tag", None)
+        tree.pop(TAG, None)
     return options[names.index(tag)]
 
 
 def fits(value: typing.Any, schema: typing.Any) -> bool:
     """Tells whether a YAML value fits the type `schema`; pydrake judges types not named here."""
-    if schema is float and isinstance(value, str):  # YAML 1.1 reads 1e3 as text.
-        try:
-            float(value)
-        except ValueError:
-            return False
-        return True
     if typing.get_origin(schema) is list:
         (item,) = typing.get_args(schema)
         return isinstance(value, list) and all(fits(element, item) for element in value)

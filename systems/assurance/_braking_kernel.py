@@ -6,17 +6,13 @@ Most functions share these arguments:
 * ``world`` (WORLD,): see the indices below.
 * ``r``, ``v``: position (3,) in m and velocity (3,) in m/s in K; ``u``: thrust acceleration (3,).
 * ``wide``, ``fast`` (3,): half widths of the tube about them, in m and m/s, along each axis.
-
-All functions but `pull_at` are in one file, because a compiled function contains the functions that
-it calls, and numba's cache on disk checks only the function's own file. After a change in another
-file the old code would still run, until this file is changed, too.
 """
 
 import math
 
-import numba
 import numpy as np
 
+from proxops.systems.common import kernel
 from proxops.systems.gravity import pull_at
 
 # Indices of ``world``. First what is believed: semi-axes of the inflated ellipsoid, spin, greatest
@@ -42,8 +38,8 @@ _LONGEST_BACKUP = 300
 # An axis with at most this share of the normal is braked even if it moves outwards.
 _SIDEWAYS = 0.2
 
-_compiled = numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
-_inlined = numba.njit(cache=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
+_compiled = kernel(error_model="numpy", fastmath={"contract"})
+_inlined = kernel(error_model="numpy", fastmath={"contract"}, forceinline=True)
 
 
 @_compiled

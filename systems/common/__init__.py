@@ -5,10 +5,10 @@ arguments that make no sense. Random numbers are pure functions of a seed and a 
 `derived_seed`), so that no generator has to be kept in a Context; `SeededSystem` is the base of the
 systems that draw them. `write_whole` and `write_json` give a file its name only when all of it is
 written; `interruption_waits` lets Ctrl-C wait meanwhile. `decoded` gives the text of a file in any
-encoding. `keep_arrays` puts what took long to compute into the user's cache folder, and
-`kept_arrays` finds it there. `read_bundle` reads the folder of a trained network, and `offers_of`
-what a controller offers to a flight and its log. Read `errors` and `counter_noise` first. This room
-imports nothing else of proxops, and every other room depends on it.
+encoding. `kernel` compiles functions. `keep_arrays` puts what took long to compute into the user's
+cache folder, and `kept_arrays` finds it there. `read_bundle` reads the folder of a trained network,
+and `offers_of` what a controller offers to a flight and its log. Read `errors` and `counter_noise`
+first. This room imports nothing else of proxops, and every other room depends on it.
 """
 
 from proxops.systems.common.bundles import MODEL_FILE, BundleKind, open_session, read_bundle
@@ -39,12 +39,14 @@ from proxops.systems.common.files import (
     write_whole,
 )
 from proxops.systems.common.interruption import interruption_waits
+from proxops.systems.common.kernels import kernel
 from proxops.systems.common.progress import Progress, part_of, silent
 from proxops.systems.common.rotations import rotation_matrix
 from proxops.systems.common.seeded_system import SeededSystem
 from proxops.systems.common.text_files import decoded
 from proxops.systems.common.threads import one_thread
 from proxops.systems.common.user_cache import keep_arrays, kept_arrays, name_of
+from proxops.systems.common.user_folders import cache_folder
 
 __all__ = [
     "LARGEST",
@@ -57,6 +59,7 @@ __all__ = [
     "Progress",
     "SeededSystem",
     "SolverFailure",
+    "cache_folder",
     "check_not_negative",
     "check_port_size",
     "check_positive",
@@ -73,6 +76,7 @@ __all__ = [
     "interruption_waits",
     "keep_arrays",
     "kept_arrays",
+    "kernel",
     "make_folder",
     "name_of",
     "offers_of",

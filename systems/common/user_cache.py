@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import sys
 from collections.abc import Mapping
 from pathlib import Path
@@ -12,7 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from proxops.systems.common.errors import InputError
-from proxops.systems.common.files import make_folder, write_whole
+from proxops.systems.common.files import write_whole
+from proxops.systems.common.user_folders import cache_folder
 
 
 def name_of(*made_from: str | int | float) -> str:
@@ -30,8 +30,11 @@ def kept_arrays(kind: str, name: str) -> dict[str, np.ndarray] | None:
       kind: what they are a table of, in one word: the folder within the cache.
     """
     try:
-        path = _folder(kind) / f"{name}.npz"
+        folder = cache_folder(kind)
+        if folder is None:
+            return None
         # numpy leaves a file open that it cannot read. It checks a checksum of each array.
+        path = folder / f"{name}.npz"
         with path.open("rb") as stored, np.load(stored, allow_pickle=False) as file:
             return dict(file)
     except Exception:  # Those of a damaged archive have no common type.
@@ -49,14 +52,10 @@ def keep_arrays(kind: str, name: str, arrays: Mapping[str, np.ndarray | float]) 
                 **{name: np.asarray(each) for name, each in arrays.items()},
             )
 
+    folder = cache_folder(kind)
     try:
-        make_folder(_folder(kind))
-        write_whole(_folder(kind) / f"{name}.npz", write)
+        if folder is None:
+            raise InputError("no folder for it can be written; set XDG_CACHE_HOME to one that can")
+        write_whole(folder / f"{name}.npz", write)
     except InputError as error:
         sys.stderr.write(f"proxops: the {kind} table is not kept: {error}\n")
-
-
-def _folder(kind: str) -> Path:
-    """The user's folder for files that can be made again."""
-    base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    return Path(base) / "proxops" / kind

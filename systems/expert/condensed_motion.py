@@ -17,9 +17,9 @@ and sparse.
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
+from proxops.systems.common import kernel
 from proxops.systems.gravity import Field
 
 # Terms of the exponential's series for one interval, after 1. With 16 intervals |A| dt is at most
@@ -60,7 +60,7 @@ def condensed_motion(
     )
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _constant(acceleration, gradient, middle, push):
     """c (N, 3) of the intervals."""
     constant = np.empty(middle.shape)
@@ -73,7 +73,7 @@ def _constant(acceleration, gradient, middle, push):
 
 
 # Explicit loops compile in a fraction of the time that array expressions take.
-@numba.njit(cache=True, error_model="numpy", forceinline=True)
+@kernel(error_model="numpy", forceinline=True)
 def _add_product(left, right, share, out):
     """Adds share times left[:, :6] (6, 6) times right (6, M) to out (6, M)."""
     for i in range(6):
@@ -84,7 +84,7 @@ def _add_product(left, right, share, out):
                     out[i, m] += factor * right[j, m]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _affine_states(gradient, constant, spin, acceleration, lengths, start, states, controls):
     """The coefficients of `condensed_motion`, from G (N, 3, 3) and c (N, 3)."""
     n = lengths.size

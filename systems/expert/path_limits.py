@@ -12,9 +12,9 @@ least velocity. Few of them are near a plan, so rows are made for those alone th
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
+from proxops.systems.common import kernel
 from proxops.systems.shapes import tangent_half_spaces
 from proxops.systems.vehicle import FlightLimits
 
@@ -57,7 +57,7 @@ def slack_of_limits(slacks: np.ndarray) -> np.ndarray:
     return np.concatenate([out, np.tile(np.repeat(fast, 3), 2)])
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _room(normals, offsets, speed, states):
     n = offsets.size
     room = np.empty(7 * n)
@@ -70,7 +70,7 @@ def _room(normals, offsets, speed, states):
     return room
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _rows(normals, offsets, speed, affine, size, included):
     n = offsets.size
     rows = np.zeros((np.count_nonzero(included), size + 2 * n + 1))

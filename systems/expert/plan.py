@@ -6,13 +6,13 @@ from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import Protocol
 
-import numba
 import numpy as np
 
 from proxops.systems.common import (
     InputError,
     check_not_negative,
     check_positive,
+    kernel,
 )
 from proxops.systems.gravity import Field
 from proxops.systems.vehicle import FlightLimits
@@ -102,7 +102,7 @@ class Plan:
         return _rest(self.times, self.states, self.forces, float(start), duration, fractions)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _interpolated(times, knots, values):
     """Values (M, K) at times (M,), linear between knots (N,) and constant beyond them."""
     found = np.empty((times.size, values.shape[1]))
@@ -117,7 +117,7 @@ def _interpolated(times, knots, values):
     return found
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _of_intervals(times, knots, values):
     """Values (M, K) at times (M,), constant between knots (N + 1,) and beyond them, of (N, K)."""
     found = np.empty((times.size, values.shape[1]))
@@ -129,7 +129,7 @@ def _of_intervals(times, knots, values):
     return found
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _rest(knots, states, forces, start, duration, fractions):
     """See `Plan.rest`."""
     times = start + duration * fractions

@@ -25,11 +25,10 @@ The program knows no particular body and no Drake system.
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 from pydrake.solvers import SolutionResult
 
-from proxops.systems.common import SolverFailure
+from proxops.systems.common import SolverFailure, kernel
 from proxops.systems.expert.linearised_transit import KEEP_OUT_PRICE, LinearisedTransit
 from proxops.systems.expert.plan import Horizon, Plan
 from proxops.systems.gravity import Field
@@ -178,7 +177,7 @@ class TransitProgram:
         return _mean_effort(controls, self.transit.shares, self.fuel_weight(duration))
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _mean_effort(controls, shares, fuel_weight):
     mean = 0.0
     for k in range(shares.size):

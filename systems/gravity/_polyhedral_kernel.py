@@ -15,8 +15,6 @@ A *unit* is two facets and three edges, two of the first facet and one of the se
 `proxops.systems.gravity._polyhedral_tables`). It needs the six distances of its corners and nothing
 that was stored before, and LLVM makes one loop over units of it, eight units at a time where the
 processor has vectors of 512 bits. Each distance, division and polynomial is computed once.
-
-All functions are in one file, because numba's cache on disk checks only the function's own file.
 """
 
 import math
@@ -24,6 +22,8 @@ import math
 import numba
 import numpy as np
 from numba.core import config
+
+from proxops.systems.common import kernel
 
 BLOCK = 128
 """Units whose distances are gathered at a time: few enough to stay in the fastest cache."""
@@ -64,8 +64,8 @@ _FAST = {"reassoc", "nsz", "arcp", "contract"}
 # The helpers are always inlined. Otherwise each entry point would have its own compiled copy, which
 # copy a process runs would depend on what it loaded first, and with reordered sums the copies
 # differ in the last bit.
-_fast = numba.njit(cache=True, fastmath=_FAST, error_model="numpy", forceinline=True)
-_exact = numba.njit(cache=True, error_model="numpy", forceinline=True)
+_fast = kernel(fastmath=_FAST, error_model="numpy", forceinline=True)
+_exact = kernel(error_model="numpy", forceinline=True)
 
 
 @_fast
@@ -337,7 +337,7 @@ if config.THREADING_LAYER == "default":  # pyright: ignore[reportAttributeAccess
 
 
 # Two functions, not one compiled twice: numba's cache on disk does not tell the two apart.
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel(error_model="numpy", nogil=True)
 def evaluate_serial(points, corners, vertices, units, count, masses, numbers, out):
     """Rows of ``out`` (N, 14) from points (N, 3) in the mesh's frame.
 
@@ -355,7 +355,7 @@ def evaluate_serial(points, corners, vertices, units, count, masses, numbers, ou
         _evaluate_point(points[i], corners, vertices, units, count, masses, numbers, out[i])
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True, parallel=True)
+@kernel(error_model="numpy", nogil=True, parallel=True)
 def evaluate_parallel(points, corners, vertices, units, count, masses, numbers, out):
     """Does the same as `evaluate_serial`, with the points divided among threads."""
     for i in numba.prange(points.shape[0]):

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
+from proxops.systems.common import kernel
 from proxops.systems.gravity._polyhedral_kernel import BLOCK, ROWS
 from proxops.systems.shapes import Polyhedron
 
@@ -103,7 +103,7 @@ def _edge_rows(
     return np.column_stack(rows)
 
 
-@numba.njit(cache=True)
+@kernel
 def _owners(neighbours, facets):
     """The facet (E,) that each edge belongs to: one or two edges for each, of three.
 

@@ -13,19 +13,17 @@ are sums of the same harmonics with shifted coefficients, and the gradient's tra
 A box's coefficients lie in columns of equal m, n upwards from m. Column m has p - m + 3 entries,
 the last two of which are 0, and m goes to p + 2, so that shifted reading needs no tests. A
 coefficient of column 0 is twice that in the sum.
-
-Compiled functions of runtime assurance contain `pull_at`. numba's cache on disk does not see a
-change here: change `_braking_kernel`, too.
 """
 
 import math
 
-import numba
 import numpy as np
 
+from proxops.systems.common import kernel
+
 _FAST = {"reassoc", "nsz", "arcp", "contract"}
-_fast = numba.njit(cache=True, fastmath=_FAST, error_model="numpy", forceinline=True)
-_exact = numba.njit(cache=True, error_model="numpy", forceinline=True)
+_fast = kernel(fastmath=_FAST, error_model="numpy", forceinline=True)
+_exact = kernel(error_model="numpy", forceinline=True)
 
 # In place of a box: the point is far away, or the table does not have it.
 _FAR, _NONE = -1, -2
@@ -210,7 +208,7 @@ def pull_at(tables, x, y, z, out):
     return True
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel(error_model="numpy", nogil=True)
 def evaluate(points, tables, out):
     """Fills the rows of ``out`` (N, 14) at points (N, 3) in m.
 
@@ -225,7 +223,7 @@ def evaluate(points, tables, out):
     return missing
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel(error_model="numpy", nogil=True)
 def expand(points, coefficients, steps, degree, out):
     """Fills ``out`` (B, N, 14) at points (N, 3) of boxes with coefficients (B, C, 2)."""
     for box in range(coefficients.shape[0]):

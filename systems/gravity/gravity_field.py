@@ -246,7 +246,12 @@ def _announce_compilation() -> None:
     Gravity is the first of the kernels that a flight needs, and takes a sixth of their time.
     """
     stats = kernel.evaluate_serial.stats
-    if not stats.cache_hits and not list(Path(str(stats.cache_path)).glob("*evaluate_serial*.nbi")):
+    if stats.cache_path is None:
+        sys.stderr.write(
+            "proxops: compiling, as each process must: no folder to keep it can be written; set "
+            "XDG_CACHE_HOME to one that can\n"
+        )
+    elif not stats.cache_hits and not list(Path(stats.cache_path).glob("*evaluate_serial*.nbi")):
         sys.stderr.write(
             "proxops: compiling for this machine, once: a first flight takes a minute longer\n"
         )

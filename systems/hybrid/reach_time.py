@@ -25,10 +25,9 @@ import functools
 import math
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 
-from proxops.systems.common import spread_directions
+from proxops.systems.common import kernel, spread_directions
 from proxops.systems.gravity import Field
 from proxops.systems.shapes import closest_point
 
@@ -143,7 +142,7 @@ def _greatest_pulls(
     return tuple((_GAPS * sizes.max(axis=1)).tolist())
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _steps_out_of_reach(
     state, semi_axes, spin, acceleration, weakest, heights, pulls, step, longest, position_error,
     velocity_error, stopping,
@@ -205,7 +204,7 @@ def _steps_out_of_reach(
     return longest
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _normal(point, semi_axes):
     """The ellipsoid's unit normal below an outside point; for an inside point, its direction."""
     # By loops, here and below: whole arrays take numba seconds to compile.
@@ -224,7 +223,7 @@ def _normal(point, semi_axes):
     return normal
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _gap(centre, semi_axes, normal, moved):
     """A lower bound of the distance to the ellipsoid from points within `moved` of `centre`."""
     along = square = 0.0
@@ -234,7 +233,7 @@ def _gap(centre, semi_axes, normal, moved):
     return along - math.sqrt(square) - moved
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _greatest_box_support(normal, turned):
     """The greatest |n|_1 while n turns about z by up to `turned`, in rad, in either direction."""
     across = math.sqrt(normal[0] ** 2 + normal[1] ** 2)

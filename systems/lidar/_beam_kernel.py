@@ -6,18 +6,16 @@ Many functions share these arguments:
 * ``cone`` (3,): sine, cosine and squared tangent of the cone's half angle.
 * ``mesh``: vertices (V, 3) in m, facets (F, 3), outward unit normals (F, 3), and for each facet the
   facets (F, 3) across its edges, of which edge k runs from corner k to the next.
-
-All functions are in one file, because a compiled function contains the functions that it calls, and
-numba's cache on disk checks only the function's own file.
 """
 
 import math
 
-import numba
 import numpy as np
 
-_compiled = numba.njit(cache=True, error_model="numpy")
-_inlined = numba.njit(cache=True, error_model="numpy", forceinline=True)
+from proxops.systems.common import kernel
+
+_compiled = kernel(error_model="numpy")
+_inlined = kernel(error_model="numpy", forceinline=True)
 
 
 @_inlined

@@ -13,8 +13,9 @@ the point that the ray meets.
 
 import math
 
-import numba
 import numpy as np
+
+from proxops.systems.common import kernel
 
 # Rays that meet the surface at a flatter angle (cosine of the incidence) are not used: there the
 # range changes too fast with everything.
@@ -27,7 +28,7 @@ _EDGES = 0.25
 _ANY_ORDER = {"reassoc", "contract"}
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def returned_rays(ranges, farthest, rotation, directions):
     """The K rays of a frame that returned, turned into K.
 
@@ -54,7 +55,7 @@ def returned_rays(ranges, farthest, rotation, directions):
     return rays, turned
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath=_ANY_ORDER)
+@kernel(error_model="numpy", fastmath=_ANY_ORDER)
 def raised_origins(
     position, rays, directions, facets, places, normals, corners, table, coefficients
 ):  # fmt: skip
@@ -88,7 +89,7 @@ def raised_origins(
     return some[:count], along[:count], origins[:count], heights[:count]
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath=_ANY_ORDER)
+@kernel(error_model="numpy", fastmath=_ANY_ORDER)
 def rows_of_frame(
     position, rays, directions, found, facets, places, heights, ranges, normals, corners, table,
     mean, sigma, rest, beam,

@@ -15,8 +15,9 @@ long to compile. Products of matrices are numpy's; their last bits are those of 
 
 import math
 
-import numba
 import numpy as np
+
+from proxops.systems.common import kernel
 
 # The layout of `estimate`, as plain numbers for the compiler.
 _V, _A, _CONSTANT, _VARYING, _GRAVITY = 3, 6, 9, 12, 15
@@ -25,8 +26,8 @@ _SPIN, _CENTRE, _THRUST, _DIRECTION, _PROPELLANT, _BASE = 16, 19, 22, 25, 28, 33
 # What is left of the mass is more than this share, whatever the estimate is.
 _LEAST_MASS = 0.1
 
-_compiled = numba.njit(cache=True, error_model="numpy")
-_inlined = numba.njit(cache=True, error_model="numpy", forceinline=True)
+_compiled = kernel(error_model="numpy")
+_inlined = kernel(error_model="numpy", forceinline=True)
 
 
 @_compiled

@@ -3,10 +3,11 @@
 Rows are copied by loops: slices on the left take numba seconds to compile.
 """
 
-import numba
 import numpy as np
 
-_compiled = numba.njit(cache=True, error_model="numpy")
+from proxops.systems.common import kernel
+
+_compiled = kernel(error_model="numpy")
 
 
 @_compiled

@@ -54,7 +54,7 @@ class Motion:
             middle = mean[POSITION] + half - mean[CENTRE_OF_MASS]
             gravity = self._field.evaluate(middle + _POINTS * half)
             pull = 0.5 * (gravity.acceleration[0] + gravity.acceleration[1])
-            moved = predict(
+            moved: tuple[np.ndarray, np.ndarray, np.ndarray] = predict(
                 mean,
                 estimate.rotation,
                 estimate.covariance,

@@ -7,12 +7,13 @@ operations beside the four large ones.
 
 import math
 
-import numba
 import numpy as np
 
+from proxops.systems.common import kernel
+
 _FAST = {"reassoc", "nsz", "arcp", "contract"}
-_fast = numba.njit(cache=True, fastmath=_FAST, error_model="numpy", forceinline=True)
-_exact = numba.njit(cache=True, error_model="numpy", forceinline=True)
+_fast = kernel(fastmath=_FAST, error_model="numpy", forceinline=True)
+_exact = kernel(error_model="numpy", forceinline=True)
 _ONE = np.float32(1.0)
 # Number of inputs, of which the last is the pace; and of all that the first layer is given.
 _INPUTS = 23
@@ -104,7 +105,7 @@ def _law(given, correction, law, longest, force):
         force[k] = law - given[9 + k] + correction[k]
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel(error_model="numpy", nogil=True)
 def run(given, network, longest, force):
     """Fills ``force`` (3,) float64 from one row ``given`` (23,) float32 and a `GuidanceNetwork`.
 

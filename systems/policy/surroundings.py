@@ -7,10 +7,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
-import numba
 import numpy as np
 
-from proxops.systems.common import check_positive
+from proxops.systems.common import check_positive, kernel
 from proxops.systems.gravity import GRAVITATIONAL_CONSTANT, Field
 
 # The unit of length is this share of the longest semi-axis, so that positions are about 1.
@@ -143,7 +142,7 @@ class Surroundings:
         return np.array([-y, x, z] if self.turned else [x, y, z])
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _fill_way(states, goals, gravity, spin, length, speed, acceleration, turned, given):
     """Fills twelve columns: state and goal, and acceleration without thrust, in their units."""
     for k in range(len(states)):

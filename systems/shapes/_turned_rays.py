@@ -2,11 +2,12 @@
 
 import math
 
-import numba
 import numpy as np
 
+from proxops.systems.common import kernel
 
-@numba.njit(cache=True, error_model="numpy")
+
+@kernel(error_model="numpy")
 def turned_rays(positions, centre, axes, margin, rotation, directions):
     """The K turned rays that meet an ellipsoid around the mesh, position by position, ray by ray.
 

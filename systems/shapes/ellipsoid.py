@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import math
 
-import numba
 import numpy as np
 
+from proxops.systems.common import kernel
 
-# A compiled function of `proxops.systems.hybrid.reach_time` contains it. numba's cache on disk does
-# not see a change here: change that file, too.
-@numba.njit(cache=True, error_model="numpy")
+
+@kernel(error_model="numpy")
 def closest_point(semi_axes, point):
     """The point (3,) of the ellipsoid's surface nearest to `point` (3,), all in one length unit.
 
@@ -57,7 +56,7 @@ def closest_point(semi_axes, point):
     return nearest
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def clearances(semi_axes, points):
     """Signed Euclidean distances (N,) of points (N, 3) to the surface, negative inside."""
     out = np.empty(len(points))
@@ -86,7 +85,7 @@ def tangent_half_spaces(semi_axes: np.ndarray, points: np.ndarray) -> tuple[np.n
     return _tangents(semi_axes, points)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _tangents(semi_axes, points):
     normals, offsets = np.empty(points.shape), np.zeros(points.shape[0])
     for k in range(offsets.size):

@@ -7,10 +7,9 @@ two.
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
-from proxops.systems.common import InputError
+from proxops.systems.common import InputError, kernel
 
 # Relative error bounds of the plain determinants below: Shewchuk, "Adaptive Precision
 # Floating-Point Arithmetic and Fast Robust Geometric Predicates" (1997), doubled for safety.
@@ -73,7 +72,7 @@ def _meeting(numbers: _Numbers, facets: np.ndarray, pairs: np.ndarray) -> np.nda
     return pairs[meet]
 
 
-@numba.njit(cache=True)
+@kernel
 def _overlaps(low, high, most):
     """Pairs (N, 2) of boxes (n, 3) that overlap, sorted by their low ends along the first axis."""
     room = 1024

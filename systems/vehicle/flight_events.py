@@ -5,12 +5,11 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 from scipy.optimize import brentq
 
-from proxops.systems.common import check_not_negative, check_positive, checked_semi_axes
+from proxops.systems.common import check_not_negative, check_positive, checked_semi_axes, kernel
 from proxops.systems.gravity import BodyField
 from proxops.systems.shapes import blocks_segment, clearances, ray_caster
 
@@ -190,7 +189,7 @@ class FlightEvents:
         return bool(self._caster.distances(start[None], direction)[0] <= length)
 
 
-@numba.njit(cache=True, error_model="numpy", forceinline=True)
+@kernel(error_model="numpy", forceinline=True)
 def _uneventful(start, end, target, span, around, radius, speed):
     """Whether a path between states (6,) ends outside the goal region, far from the ellipsoid."""
     position = velocity = level = left = right = straight = 0.0
@@ -209,7 +208,7 @@ def _uneventful(start, end, target, span, around, radius, speed):
     return away and free > math.sqrt(max(left, right, straight))
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _find_uneventful(starts, ends, targets, span, around, radius, speed, quiet):
     """Fills ``quiet`` (N,): see `FlightEvents.nothing_happens`."""
     for n in range(len(starts)):

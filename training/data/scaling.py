@@ -5,8 +5,8 @@ from __future__ import annotations
 import dataclasses as dc
 
 import numpy as np
-from pydrake.common.yaml import yaml_load
 
+from proxops.diagrams.scenario import parse_mapping
 from proxops.training.data.flight_columns import Setting
 
 # The length that positions are scaled by, as a share of the keep-out's greatest semi-axis.
@@ -47,7 +47,8 @@ def scaling_for(length: float, mass: float, thrust_limit: float) -> Scaling:
 
 def keep_out_of(setting: Setting) -> np.ndarray:
     """Semi-axes (3,) in m of the keep-out ellipsoid of the flights' body."""
-    return np.array(yaml_load(data=setting.body)["keep_out_semi_axes_m"], dtype=float)
+    axes = parse_mapping(setting.body, "the body")["keep_out_semi_axes_m"]
+    return np.array(axes, dtype=float)
 
 
 def scaling_of(setting: Setting) -> Scaling:

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 import torch
-from pydrake.common.yaml import yaml_load
 
+from proxops.diagrams.scenario import parse_mapping
 from proxops.systems.common import write_json
 from proxops.training.data import PARTS, PackedFlights, part_rows
 from proxops.training.export.policy_export import PolicyFacts, export_policy
@@ -112,7 +112,7 @@ def export_recipe(
         thrust_limit=setting.thrust_limit_n,
         memory=memory,
         estimates=estimates,
-        body=yaml_load(data=setting.body)["name"],
+        body=parse_mapping(setting.body, "the body")["name"],
         shape_sha256=setting.shape_sha256,
         data_sha256=data_sha256,
         metrics=metrics,

@@ -1,0 +1,168 @@
+"""Values in YAML: the core schema of YAML 1.2, and what older readers find in what is written."""
+
+import dataclasses as dc
+import math
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pydrake.common.yaml import yaml_dump_typed, yaml_load
+
+from proxops.diagrams.scenario import (
+    BodyConfig,
+    Scenario,
+    dump_scenario,
+    dump_typed,
+    load_scenario,
+    load_typed,
+    parse_mapping,
+    parse_scenario,
+)
+from proxops.diagrams.scenario.plain_yaml import read_yaml, write_yaml
+from proxops.systems.common import InputError
+
+# The examples of chapter 10.3.2 of YAML 1.2.2, and what YAML 1.1 reads in another way.
+CORE = {
+    "null": None, "Null": None, "~": None, "": None, "nULL": "nULL",
+    "true": True, "True": True, "FALSE": False, "yes": "yes", "on": "on", "No": "No", "y": "y",
+    "0": 0, "0o7": 7, "0o10": 8, "0x3A": 58, "-19": -19, "+12": 12, "010": 10, "08": 8,
+    "0o8": "0o8", "0b11": "0b11", "-0x10": "-0x10", "1_000": "1_000", "5:23": "5:23",
+    "-1:30.5": "-1:30.5", "0.": 0.0, "-0.0": -0.0, ".5": 0.5, "+12e03": 12000.0,
+    "-2E+05": -200000.0, "1e3": 1000.0,
+    "1e-2": 0.01, "1.5e3": 1500.0, ".inf": math.inf, "-.Inf": -math.inf, "+.INF": math.inf,
+    ".": ".", "e3": "e3", "1e": "1e", "inf": "inf", "nan": "nan", "+.nan": "+.nan",
+    "2020-01-01": "2020-01-01", "'10'": "10", '"true"': "true", "=": "=", "<<": "<<",
+    "!!str 10": "10", "!!float 10": 10.0, "!!int 0x10": 16, "!!bool true": True, "!!null ~": None,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("text", CORE)
+def test_the_core_schema(text: str) -> None:
+    found = read_yaml(f"value: {text}", "it")["value"]
+    assert found == CORE[text]
+    assert type(found) is type(CORE[text])
+
+
+def test_not_a_number() -> None:
+    found = read_yaml("[.nan, .NaN, .NAN]", "it")
+    assert all(math.isnan(each) for each in found)
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        ("!!int 1_000", "line 1: '1_000' has the tag !!int, which it is not"),
+        ("!!float 5:23", "which it is not"),
+        ("!!bool yes", "which it is not"),
+        ("!!int [1]", "expected a scalar node"),
+        ("{a: 1,\na: 2}", "line 2: it has the key 'a' twice: write it once"),
+        ("{'a': 1, a: 2}", "twice"),
+        ("[{b: {a: 1, a: 2}}]", "twice"),
+        ("{? [1] : 2}", "no text"),
+        ("{1: 2}", "the key 1 is no text"),
+        ("[&x 1, *x]", "alias"),
+        ("!Tag", "the tag !Tag needs a mapping after it, which may be empty: !Tag {}"),
+        ("!Tag [1]", "needs a mapping"),
+        ("[1", "line 1: while parsing a flow sequence; line 2: did not find expected"),
+        ("\ud800", "surrogates"),
+        ("a\x01b", "control characters"),
+    ],
+)
+def test_what_is_refused(text: str, complaint: str) -> None:
+    with pytest.raises(InputError, match=r"^it is not YAML") as caught:
+        read_yaml(text, "it")
+    assert complaint in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_tags_of_mappings_are_kept() -> None:
+    text = "a: !Known {b: !!map {c: !Inner {}}}"
+    tree = {"a": {"_tag": "!Known", "b": {"c": {"_tag": "!Inner"}}}}
+    assert read_yaml(text, "it") == tree
+    assert read_yaml(write_yaml(tree), "it") == tree
+
+
+# Texts that one of the versions takes for something else come by chance too seldom.
+texts = st.one_of(
+    st.text(st.characters(exclude_categories=["Cs"])),
+    st.sampled_from(
+        [*CORE, "1e3", "0o17", "12:30", "off", "2020-01-01T10:00:00Z", "!a", "- a", "#"]
+    ),
+    st.from_regex(r"[-+]?[0-9_.:eEoxX]{1,6}", fullmatch=True),
+)
+numbers = st.floats() | st.sampled_from([1e-300, 1e22, 1e16, -1e-7, 5e-324, 123456789.0, -0.0])
+scalars = st.none() | st.booleans() | st.integers() | numbers | texts
+trees = st.recursive(
+    scalars, lambda inner: st.lists(inner) | st.dictionaries(texts, inner), max_leaves=20
+)
+
+
+def same(one: object, other: object) -> bool:
+    """Whether two trees are equal, their types as well, and nan equal to nan."""
+    return repr(one) == repr(other)
+
+
+@given(tree=trees)
+def test_all_readers_find_what_was_written(tree: object) -> None:
+    text = write_yaml({"value": tree})
+    assert same(read_yaml(text, "it"), {"value": tree})
+    assert same(yaml_load(data=text, private=True), {"value": tree})
+
+
+def test_no_aliases_are_written() -> None:
+    point = [1.0, 2.0]
+    tree = {"start": point, "goal": point}
+    assert read_yaml(write_yaml(tree), "it") == tree
+
+
+printable = texts.filter(lambda text: text.isprintable() and "\0" not in text)
+
+
+@given(name=printable, mass=st.floats(), axes=st.lists(st.floats()))
+def test_a_body_is_read_as_it_was_written(name: str, mass: float, axes: list[float]) -> None:
+    body = BodyConfig(name, name, "km", mass, 1e22, axes)
+    read = load_typed(BodyConfig, parse_mapping(dump_typed(body), "it"), "it")
+    assert same(dc.asdict(read), dc.asdict(body))
+
+
+@pytest.mark.parametrize("name", ["Rock", "433", "1e3", "0o17", "5:23", "yes", "a: b"])
+def test_a_scenario_is_read_as_it_was_written(name: str) -> None:
+    """What an earlier version wrote, by pydrake for YAML 1.1, too."""
+    changes = {"navigation": {"_tag": "!TrueState"}, "assurance.bounds": "before_survey"}
+    scenario = load_scenario(None, changes)
+    scenario.policy.bundle = name
+    assert parse_scenario(dump_scenario(scenario)) == scenario
+    before = yaml_dump_typed(scenario, schema=Scenario)
+    if name not in ("1e3", "0o17"):
+        assert parse_scenario(str(before)) == scenario
+    if name == "Rock":
+        assert before == dump_scenario(scenario)
+
+
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "utf-32", "latin-1"])
+@pytest.mark.parametrize("ending", ["\n", "\r\n", "\r"])
+def test_files_of_all_editors(tmp_path: Path, encoding: str, ending: str) -> None:
+    path = tmp_path / "scenario.yaml"
+    text = "# größer\nspacecraft:\n  mass_kg: 1e3\n".replace("\n", ending)
+    path.write_bytes(text.encode(encoding))
+    assert load_scenario(path).spacecraft.mass_kg == 1000.0
+
+
+@pytest.mark.parametrize(("value", "number"), [("010", 10), ("0o10", 8), ("0x10", 16), ("008", 8)])
+def test_numbers_in_changes(value: str, number: int) -> None:
+    assert load_scenario(None, [f"transit.index={value}"]).transit.index == number
+
+
+@pytest.mark.parametrize(
+    ("change", "complaint"),
+    [
+        ("spacecraft.mass_kg=1_000", "spacecraft.mass_kg needs a number, got '1_000'"),
+        ("control_period_s=5:23", "control_period_s needs a number, got '5:23'"),
+        ("log_ranges=yes", "log_ranges needs true or false, got 'yes'"),
+        ("transit.index=1e1", "transit.index needs a whole number, got 10.0"),
+    ],
+)
+def test_numbers_of_yaml_1_1_are_refused(change: str, complaint: str) -> None:
+    with pytest.raises(InputError, match=complaint):
+        load_scenario(None, [change])
