@@ -8,6 +8,7 @@ import numpy as np
 from pydrake.systems.framework import LeafSystem
 
 from proxops.diagrams.scenario import Body, Scenario
+from proxops.systems import ExpectedErrors
 from proxops.systems.common import LoggedPort
 
 IDENTITY = np.array([1.0, 0.0, 0.0, 0.0])
@@ -56,7 +57,7 @@ class NavigationDouble(LeafSystem):
 def use(monkeypatch, double: NavigationDouble) -> None:
     """Makes every diagram use the double."""
 
-    def made(scenario: Scenario, body: Body) -> NavigationDouble:
+    def made(scenario: Scenario, body: Body, expected: ExpectedErrors) -> NavigationDouble:
         return double
 
     monkeypatch.setattr("proxops.diagrams.flight.navigation.make_navigation", made)

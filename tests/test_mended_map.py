@@ -8,7 +8,13 @@ from short_flights import BRIEF, PdController, kleopatra, short_scenario
 from test_lidar_navigation import PERIOD, flight, frame, navigation
 
 from proxops.diagrams.flight import fly, make_navigation, mended_map_of_flight
-from proxops.diagrams.scenario import LidarNavigationConfig, expected_errors, load_scenario
+from proxops.diagrams.scenario import (
+    Body,
+    LidarNavigationConfig,
+    Scenario,
+    expected_errors,
+    load_scenario,
+)
 from proxops.systems import InputError, LidarNavigation, MapError, MendedMap, Polyhedron
 from proxops.systems.navigation import (
     Estimate,
@@ -173,6 +179,10 @@ def test_a_navigation_without_an_estimate_mends_nothing() -> None:
         system.mended_map(system.CreateDefaultContext())
 
 
+def _navigation(scenario: Scenario, body: Body) -> LidarNavigation:
+    return make_navigation(scenario, body, expected_errors(scenario, body))
+
+
 def test_a_scenario_names_the_map_by_which_is_navigated(tmp_path: Path) -> None:
     body = kleopatra()
     heights = np.linspace(0.0, 50.0, len(body.shape.vertices))[:, None]
@@ -181,19 +191,19 @@ def test_a_scenario_names_the_map_by_which_is_navigated(tmp_path: Path) -> None:
     (tmp_path / "other.obj").write_bytes(mesh_bytes(shape.vertices / 1e3, shape.facets, ".obj"))
     (tmp_path / "scenario.yaml").write_text("navigation: !LidarNavigation {map: other.obj}\n")
     scenario = load_scenario(tmp_path / "scenario.yaml")
-    made = make_navigation(scenario, body)
+    made = _navigation(scenario, body)
     np.testing.assert_allclose(made.model.shape.vertices, shape.vertices)
     assert made.model.map_error.modes == 0
     error = MapError.known(np.ones((len(heights), 2)), 0.0)
     save_mended_map(MendedMap(shape, error), tmp_path / "other.obj")
     assert isinstance(scenario.navigation, LidarNavigationConfig)
-    assert make_navigation(scenario, body).model.map_error.modes == 2
+    assert _navigation(scenario, body).model.map_error.modes == 2
     (tmp_path / "other.npz").unlink()
     scenario.navigation.map_unit = "m"
     with pytest.raises(InputError, match=r"0\.001 times as long"):
-        make_navigation(scenario, body)
+        _navigation(scenario, body)
     scenario.navigation.map_unit = "km"
-    made = make_navigation(scenario, body)
+    made = _navigation(scenario, body)
     np.testing.assert_allclose(made.model.shape.vertices, shape.vertices)
     assert made.model.map_error.modes == 0
 

@@ -20,7 +20,7 @@ from proxops.diagrams.flight import (
     make_transit_diagram,
 )
 from proxops.diagrams.logs import FlightLog
-from proxops.diagrams.scenario import Scenario, load_scenario, make_true_body
+from proxops.diagrams.scenario import Scenario, World, load_scenario
 from proxops.systems import LidarNavigation
 
 ROOT = Path(__file__).parents[1]
@@ -42,8 +42,7 @@ def nested_flight(scenario: Scenario) -> tuple[FlightLog, dict[str, np.ndarray],
     simulator = make_simulator(diagram, scenario)
     simulator.AdvanceTo(scenario.arrival.deadline_s + scenario.arrival.dwell_s)
     context = simulator.get_context()
-    truth = make_true_body(kleopatra(), scenario.truth)
-    flown = Flown(transit, context, scenario, kleopatra(), truth, mpc, "mpc", None)
+    flown = Flown(transit, context, World.of(scenario, kleopatra()), mpc, "mpc", None)
     log, seen = make_log(flown, 1.0), {}
     for name, sink in sinks.items():
         assert isinstance(sink, VectorLogSink)

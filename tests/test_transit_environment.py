@@ -168,7 +168,7 @@ def test_worlds_are_drawn_from_dispersions() -> None:
     env = made(dispersions="after_survey")
     env.reset(options={"transit": 2})
     assert env._episode is not None
-    assert env._episode.flown.scenario.dispersed
+    assert env._episode.flown.world.scenario.dispersed
 
 
 @pytest.mark.parametrize(

@@ -17,11 +17,12 @@ from proxops.diagrams.flight.transit_diagram import make_transit_diagram
 from proxops.diagrams.logs.flight_log import FlightLog, differences
 from proxops.diagrams.scenario.body import load_body
 from proxops.diagrams.scenario.drawn_world import draw_world
-from proxops.diagrams.scenario.scenario import believed, load_scenario, parse_scenario
+from proxops.diagrams.scenario.scenario import load_scenario, parse_scenario
 from proxops.diagrams.scenario.scenario_config import Scenario
 from proxops.diagrams.scenario.transits import UnflyableWorldError
 from proxops.diagrams.scenario.true_body import TrueBody, make_true_body
 from proxops.diagrams.scenario.truth_config import TruthConfig
+from proxops.diagrams.scenario.world import believed
 from proxops.systems.common.errors import InputError
 
 EVERYTHING = {

@@ -44,8 +44,12 @@ from proxops.diagrams.flight.scenario_systems import (
     make_navigation,
     surroundings,
 )
-from proxops.diagrams.flight.simulation import fly, let_go, make_simulator
-from proxops.diagrams.flight.transit_diagram import add_transit, make_transit_diagram
+from proxops.diagrams.flight.simulation import fly, fly_world, let_go, make_simulator
+from proxops.diagrams.flight.transit_diagram import (
+    add_transit,
+    diagram_of,
+    make_transit_diagram,
+)
 from proxops.diagrams.flight.wiring import LIDAR_STREAM
 
 __all__ = [
@@ -66,8 +70,10 @@ __all__ = [
     "bounded_backup",
     "bundle_of",
     "controller_label",
+    "diagram_of",
     "file_label",
     "fly",
+    "fly_world",
     "let_go",
     "make_backup",
     "make_events",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pydrake.systems.framework import OutputPort, System
 
-from proxops.diagrams.flight.scenario_systems import make_backup
+from proxops.diagrams.flight.scenario_systems import bounded_backup
 from proxops.diagrams.flight.wiring import DISTURBANCE_STREAM, NOISE_STREAM, Wiring
 from proxops.systems import ForceNoise, InputError, RandomWalkDisturbance, RuntimeAssurance
 from proxops.systems.vehicle import Thrusters
@@ -31,7 +31,8 @@ def add_assurance(
     settings = wiring.scenario.assurance
     if settings is None:
         return command
-    backup = make_backup(wiring.scenario, wiring.body, settings)
+    world = wiring.world
+    backup = bounded_backup(world.belief, world.body, world.uncertainty_set)
     if delay > backup.bounds.delay:
         raise InputError(
             f"runtime assurance cannot fly with mpc.solve_delay_s {delay:g}: it checks a command "

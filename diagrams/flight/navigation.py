@@ -9,7 +9,7 @@ from pydrake.systems.primitives import Demultiplexer
 
 from proxops.diagrams.flight.scenario_systems import make_navigation
 from proxops.diagrams.flight.wiring import Wiring
-from proxops.diagrams.scenario import LidarNavigationConfig, Scenario, believed
+from proxops.diagrams.scenario import LidarNavigationConfig, Scenario
 from proxops.systems import CommandAxes, InputError, LidarNavigation, MendedMap
 
 STATE_PORTS = ("state", "position", "velocity")
@@ -35,7 +35,8 @@ def add_navigation(wiring: Wiring, ranges: OutputPort, command: OutputPort) -> L
       ranges: the lidar's frame as it is received.
       command: the command (3,) in N in S, its mean over the last control period.
     """
-    navigation = make_navigation(believed(wiring.scenario), wiring.body)
+    world = wiring.world
+    navigation = make_navigation(world.belief, world.body, world.filter_tuning)
     wiring.add("navigation", navigation)
     wiring.builder.Connect(ranges, navigation.GetInputPort("ranges"))
     wiring.builder.Connect(command, navigation.GetInputPort("commanded_force"))

@@ -21,7 +21,7 @@ from proxops.diagrams.logs import (
     legend_text,
     make_dataset,
 )
-from proxops.diagrams.scenario import Body, Scenario, TrueBody
+from proxops.diagrams.scenario import World
 from proxops.systems.common import offers_of
 from proxops.systems.hybrid import FlownBy
 from proxops.systems.lidar import LearnedLidar, PlanarLidar
@@ -43,11 +43,7 @@ class Flown:
 
     diagram: Diagram
     context: Context
-    scenario: Scenario
-    """The scenario, with the world as drawn."""
-    body: Body
-    """The body as believed."""
-    true_body: TrueBody
+    world: World
     controller: System
     name: str
     """Name of the controller in the log."""
@@ -70,11 +66,11 @@ def make_log(flown: Flown, wall_time: float) -> FlightLog:
     times, columns = _sampled(flown)
     times, columns = _with_end(flown, times, columns)
     columns = _split_records(columns, len(times))
-    truth = flown.scenario.truth
+    scenario = flown.world.scenario
     if flown.frames is not None:
         columns |= _frames(flown, flown.frames)
-    if has_thruster_errors(truth):
-        errors, period = thruster_errors(truth), flown.scenario.control_period_s
+    if has_thruster_errors(scenario.truth):
+        errors, period = thruster_errors(scenario.truth), scenario.control_period_s
         columns["thrust"] = np.array(
             [
                 thrust_given(force, errors, period, time)
@@ -87,10 +83,9 @@ def make_log(flown: Flown, wall_time: float) -> FlightLog:
         if name not in CONTROLLER_COLUMNS
     }
     attributes = _attributes(flown, wall_time)
-    dataset = make_dataset(
-        columns, times, flown.scenario, flown.body, attributes, own, flown.true_body
-    )
-    return FlightLog(dataset, flown.body)
+    body, true_body = flown.world.body, flown.world.true_body
+    dataset = make_dataset(columns, times, scenario, body, attributes, own, true_body)
+    return FlightLog(dataset, body)
 
 
 def _frames(flown: Flown, kept: KeptFrames) -> Columns:
@@ -120,7 +115,7 @@ def _sampled(flown: Flown) -> tuple[np.ndarray, Columns]:
 def _with_end(flown: Flown, times: np.ndarray, columns: Columns) -> tuple[np.ndarray, Columns]:
     """Adds a last row if the flight ended between two control steps; it repeats the held values."""
     end = flown.context.get_time()
-    if end <= times[-1] + ROUNDING * flown.scenario.control_period_s:
+    if end <= times[-1] + ROUNDING * flown.world.scenario.control_period_s:
         return times, columns
     columns = {name: np.concatenate([rows, rows[-1:]]) for name, rows in columns.items()}
     for name, system in (
@@ -166,7 +161,7 @@ def _split_records(columns: Columns, rows: int) -> Columns:
 
 def _attributes(flown: Flown, wall_time: float) -> dict[str, Any]:
     """Gives the attributes of the log: provenance and outcome of the flight."""
-    scenario, end = flown.scenario, flown.context.get_time()
+    scenario, end = flown.world.scenario, flown.context.get_time()
     outcome = flown.value("monitor", "outcome")
     # A flight that ends in the goal region before the dwell is over has not arrived.
     entered = outcome[ENTERED_GOAL]

@@ -17,12 +17,12 @@ from proxops.diagrams.scenario import (
     LidarNavigationConfig,
     Scenario,
     assurance_bounds,
-    expected_errors,
 )
 from proxops.systems import (
     AssuranceBounds,
     BackupBraking,
     ErrorWeights,
+    ExpectedErrors,
     FlightLimits,
     GuidancePolicy,
     Horizon,
@@ -246,13 +246,16 @@ def make_events(scenario: Scenario, body: Body, field: BodyField) -> FlightEvent
     )
 
 
-def make_navigation(scenario: Scenario, body: Body) -> LidarNavigation:
+def make_navigation(scenario: Scenario, body: Body, expected: ExpectedErrors) -> LidarNavigation:
     """Makes the navigation that the scenario configures, from map and data sheets alone.
+
+    Args:
+      scenario, body: as believed.
+      expected: what it may be wrong about: see `World.filter_tuning`.
 
     Raises:
       InputError: the scenario has no lidar navigation, or its `navigation.map` cannot be used.
     """
-    expected = expected_errors(scenario, body)
     assert isinstance(scenario.navigation, LidarNavigationConfig)
     shape, map_error = _navigation_map(scenario.navigation, body)
     if map_error is not None:

@@ -13,17 +13,14 @@ from pydrake.systems.framework import Context, Diagram, EventStatus, System
 from proxops.diagrams.flight.kept_frames import KeptFrames
 from proxops.diagrams.flight.named_controllers import named_controller
 from proxops.diagrams.flight.recording import Flown, make_log
-from proxops.diagrams.flight.transit_diagram import make_transit_diagram
+from proxops.diagrams.flight.transit_diagram import diagram_of
 from proxops.diagrams.logs import FlightLog
 from proxops.diagrams.meshcat import PLAYBACK_SPEED, add_flight
 from proxops.diagrams.scenario import (
     Body,
     Scenario,
     TrueBody,
-    believed,
-    draw_world,
-    load_body,
-    make_true_body,
+    World,
 )
 from proxops.systems.common import Progress, check_type, silent
 
@@ -70,14 +67,23 @@ def fly(
       RuntimeError: an event of the simulation failed.
     """
     check_type("fly", Scenario, scenario=scenario)
-    body = (body or load_body(scenario.body)).with_gravity(scenario.gravity)
-    name = controller if isinstance(controller, str) else type(controller).__name__
-    scenario = draw_world(scenario, body)
-    true_body = true_body or make_true_body(body, scenario.truth)
+    return fly_world(World.of(scenario, body, true_body), controller, meshcat, progress, finished)
+
+
+def fly_world(
+    world: World,
+    controller: str | System = "mpc",
+    meshcat: Meshcat | None = None,
+    progress: Progress = silent,
+    finished: Callable[[Diagram, Context], object] | None = None,
+) -> FlightLog:
+    """Flies in a world that is made already: see `fly`."""
+    scenario = world.scenario
     own = isinstance(controller, str)
+    name = controller if isinstance(controller, str) else type(controller).__name__
     if isinstance(controller, str):
-        controller = named_controller(controller, believed(scenario), body)
-    diagram = make_transit_diagram(scenario, controller, meshcat, body, true_body)
+        controller = named_controller(controller, world.belief, world.body)
+    diagram = diagram_of(world, controller, meshcat)
     try:
         simulator = make_simulator(diagram, scenario)
         if meshcat is not None:
@@ -90,7 +96,7 @@ def fly(
         context = simulator.get_context()
         if frames is not None:
             frames.keep_end(context)
-        flown = Flown(diagram, context, scenario, body, true_body, controller, name, frames)
+        flown = Flown(diagram, context, world, controller, name, frames)
         log = make_log(flown, time.perf_counter() - started)
         if meshcat is not None:
             add_flight(meshcat, log)  # The replay.

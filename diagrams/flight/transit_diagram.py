@@ -39,12 +39,7 @@ from proxops.diagrams.scenario import (
     Body,
     Scenario,
     TrueBody,
-    believed,
-    check_flyable,
-    draw_world,
-    load_body,
-    make_true_body,
-    scenario_transit,
+    World,
 )
 from proxops.systems import DelayedHold, FlightMonitor, FrameDelay, InputError, PlanarLidar
 from proxops.systems.common import LoggedPort, check_port_size, force_port, offers_of
@@ -176,15 +171,22 @@ def make_transit_diagram(
       UnflyableWorldError: the flight cannot begin in its world.
       InputError: the controller's ports do not fit, or the scenario cannot be flown.
     """
-    wiring = _begin(scenario, body, true_body)
-    scenario = wiring.scenario
+    return diagram_of(World.of(scenario, body, true_body), controller, meshcat)
+
+
+def diagram_of(
+    world: World, controller: System | None = None, meshcat: Meshcat | None = None
+) -> Diagram:
+    """Wires all systems that the flight of a world needs: see `make_transit_diagram`."""
+    wiring = Wiring(DiagramBuilder(), world)
+    scenario = world.scenario
     controller = _controller(controller, wiring)
     delay = offers_of(controller).delay
     craft = add_spacecraft(wiring)
     add_accelerations(wiring, craft)
     attitude = add_attitude(wiring)
     lidar = _add_lidar(wiring, craft.GetOutputPort("position"), attitude)
-    goal = np.concatenate([wiring.transit.goal, np.zeros(3)])
+    goal = np.concatenate([world.transit.goal, np.zeros(3)])
     target = wiring.add("target", _Target(goal))
     hold = wiring.add("hold", _make_hold(scenario.control_period_s, delay))
     add_thrust(wiring, hold.GetOutputPort("y"), attitude, craft)
@@ -211,7 +213,7 @@ def make_transit_diagram(
 def _controller(given: System | None, wiring: Wiring) -> System:
     """The controller that is given, or the MPC; raises `InputError` if it is no System."""
     if given is None:
-        return make_mpc(believed(wiring.scenario), wiring.body)
+        return make_mpc(wiring.world.belief, wiring.world.body)
     if not isinstance(given, System):
         raise InputError(
             f"the controller is a {type(given).__name__}, not a System; named_controller(name, "
@@ -241,16 +243,6 @@ def logged_ports(controller: System) -> dict[str, LoggedPort]:
                 f"components, but the log's column of this name has {size}"
             )
     return ports
-
-
-def _begin(scenario: Scenario, body: Body | None, true_body: TrueBody | None) -> Wiring:
-    """Draws the world, makes the true body, and checks that the flight can begin."""
-    body = (body or load_body(scenario.body)).with_gravity(scenario.gravity)
-    scenario = draw_world(scenario, body)
-    true_body = true_body or make_true_body(body, scenario.truth)
-    transit = scenario_transit(scenario, body)
-    check_flyable(true_body, transit, scenario)
-    return Wiring(DiagramBuilder(), scenario, body, true_body, transit)
 
 
 def _add_on_board(
@@ -299,7 +291,7 @@ def _hold_command(
 def _add_lidar(wiring: Wiring, position: OutputPort, attitude: OutputPort | None) -> PlanarLidar:
     """Adds the true lidar."""
     seed = wiring.seed(LIDAR_STREAM)
-    lidar = wiring.add("lidar", make_lidar(wiring.scenario, wiring.true_body.shape, seed))
+    lidar = wiring.add("lidar", make_lidar(wiring.scenario, wiring.world.true_body.shape, seed))
     wiring.builder.Connect(position, lidar.GetInputPort("position"))
     if attitude is not None:
         wiring.builder.Connect(attitude, lidar.GetInputPort("attitude"))
@@ -355,7 +347,7 @@ def _add_controller(wiring: Wiring, controller: System, signals: Signals) -> Out
 def _add_monitor(wiring: Wiring, signals: Signals) -> None:
     """Adds the monitor of arrival, collision and violations of the keep-out ellipsoid."""
     scenario = wiring.scenario
-    events = make_events(scenario, wiring.body, wiring.true_body.gravity_field)
+    events = make_events(scenario, wiring.world.body, wiring.world.true_body.gravity_field)
     monitor = wiring.add("monitor", FlightMonitor(events, scenario.control_period_s))
     for name in ("state", "target"):
         wiring.builder.Connect(signals[name], monitor.GetInputPort(name))
@@ -412,9 +404,9 @@ def _add_view(
         for name in ("state", "covariance", "return_use"):
             seen[f"navigation_{name}"] = navigation.GetOutputPort(name)
     scenario = wiring.scenario
-    scene = Scene(meshcat, wiring.body, wiring.true_body)
+    scene = Scene(meshcat, wiring.world.body, wiring.world.true_body)
     limit = scenario.spacecraft.thrust_limit_n
     view = LiveView(
         scene, lidar, limit, scenario.control_period_s, "plan" in seen, with_navigation=navigated
     )
-    add_live_view(wiring.builder, wiring.transit, view, seen)
+    add_live_view(wiring.builder, wiring.world.transit, view, seen)

@@ -7,7 +7,7 @@ from typing import TypeVar
 
 from pydrake.systems.framework import DiagramBuilder, System
 
-from proxops.diagrams.scenario import Body, Scenario, Transit, TrueBody
+from proxops.diagrams.scenario import Scenario, World
 from proxops.systems.common import derived_seed
 
 AnySystem = TypeVar("AnySystem", bound=System)
@@ -20,14 +20,15 @@ STATE_NOISE_STREAM = 100
 
 @dataclass(frozen=True)
 class Wiring:
-    """A diagram that is being built, and the flight for which it is built."""
+    """A diagram that is being built, and the world of its flight."""
 
     builder: DiagramBuilder
-    scenario: Scenario
-    body: Body
-    """The body as believed."""
-    true_body: TrueBody
-    transit: Transit
+    world: World
+
+    @property
+    def scenario(self) -> Scenario:
+        """The scenario with the values of this flight."""
+        return self.world.scenario
 
     def add(self, name: str, system: AnySystem) -> AnySystem:
         """Adds a system under a name."""
@@ -36,5 +37,5 @@ class Wiring:
 
     def seed(self, stream: int) -> int:
         """Gives the seed of a random system from the number of its stream."""
-        transit = self.transit
+        transit = self.world.transit
         return derived_seed(self.scenario.noise_seed, transit.seed, transit.index, stream)

@@ -28,7 +28,7 @@ from proxops.systems import (
 
 def add_spacecraft(wiring: Wiring) -> Spacecraft:
     """Adds the spacecraft with its true mass and spin, at the start of the transit."""
-    scenario, transit, true_body = wiring.scenario, wiring.transit, wiring.true_body
+    scenario, transit, true_body = wiring.scenario, wiring.world.transit, wiring.world.true_body
     mass = scenario.truth.mass * scenario.spacecraft.mass_kg
     start = np.concatenate([transit.start, transit.start_velocity])
     about_z = not (true_body.spin[:2].any() or true_body.axis_point.any())
@@ -44,7 +44,7 @@ def add_spacecraft(wiring: Wiring) -> Spacecraft:
 
 def add_accelerations(wiring: Wiring, craft: Spacecraft) -> None:
     """Connects true gravity, kicks and unexplained acceleration, as far as there are any."""
-    gravity = wiring.add("gravity", PolyhedralGravity(wiring.true_body.gravity_field))
+    gravity = wiring.add("gravity", PolyhedralGravity(wiring.world.true_body.gravity_field))
     wiring.builder.Connect(craft.GetOutputPort("position"), gravity.GetInputPort("position"))
     parts = [gravity.GetOutputPort("acceleration")]
     if wiring.scenario.kicks is not None:
@@ -70,8 +70,8 @@ def add_attitude(wiring: Wiring) -> OutputPort | None:
         constant=np.radians(truth.attitude.constant_deg),
         varying_std=math.radians(truth.attitude.varying_std_deg),
         correlation_time=truth.attitude.correlation_time_s,
-        believed_spin=wiring.body.spin_rate,
-        true_spin=wiring.true_body.spin,
+        believed_spin=wiring.world.body.spin_rate,
+        true_spin=wiring.world.true_body.spin,
         phase=math.radians(truth.phase_deg),
         period=wiring.scenario.control_period_s,
         seed=wiring.seed(ATTITUDE_STREAM),

@@ -1,12 +1,12 @@
 """The scenario, the body, the transit and the true world: what a flight depends on.
 
 Start with `load_scenario` and the dataclasses of `scenario_config`, which give each value its
-default, unit and limits; then read `load_body` and `transit_set`. `truth_config` says how the world
-may differ from what is believed, `make_true_body` makes the true body, and `draw_world` draws a
-world from dispersions. `navigation_config` says from what the controllers know the state, and
-`expected_errors` what the navigation takes its errors to be; `assurance_bounds` gives the errors
-within which runtime assurance keeps out. To add a value to the scenario, add a
-field to one of these dataclasses. Nothing in this room simulates.
+default, unit and limits; then read `World.of`, which makes all that one flight depends on, once:
+the drawn scenario, the belief, the body, the true body, the transit. `truth_config` says how the
+world may differ from what is believed. `navigation_config` says from what the controllers know the
+state, and `expected_errors` what the navigation takes its errors to be; `assurance_bounds` gives
+the errors within which runtime assurance keeps out. To add a value to the scenario, add a field to
+one of these dataclasses. Nothing in this room simulates.
 """
 
 from proxops.diagrams.scenario.body import Body, BodyConfig, check_constants, load_body
@@ -23,7 +23,6 @@ from proxops.diagrams.scenario.navigation_config import (
 from proxops.diagrams.scenario.overrides import dotted_leaves, given_keys
 from proxops.diagrams.scenario.remarks import scenario_remarks
 from proxops.diagrams.scenario.scenario import (
-    believed,
     change_scenario,
     dump_scenario,
     load_scenario,
@@ -79,6 +78,7 @@ from proxops.diagrams.scenario.typed_yaml import (
     load_typed,
     parse_mapping,
 )
+from proxops.diagrams.scenario.world import World, believed
 from proxops.diagrams.scenario.world_differences import differing_values, spin_axes
 
 __all__ = [
@@ -113,6 +113,7 @@ __all__ = [
     "TruthConfig",
     "UnflyableWorldError",
     "WeightedCostConfig",
+    "World",
     "assurance_bounds",
     "believed",
     "change_scenario",

@@ -1,7 +1,6 @@
 """Reads, writes and changes scenarios: typed YAML with all that defines a flight."""
 
 import copy
-import dataclasses as dc
 import functools
 import typing
 from pathlib import Path
@@ -18,7 +17,6 @@ from proxops.diagrams.scenario.path_keys import make_paths_absolute
 from proxops.diagrams.scenario.renamed_keys import refuse_renamed, translate_renamed
 from proxops.diagrams.scenario.scenario_checks import check_scenario
 from proxops.diagrams.scenario.scenario_config import Scenario
-from proxops.diagrams.scenario.truth_config import TruthConfig
 from proxops.diagrams.scenario.typed_yaml import dump_typed, load_typed, parse_mapping, read_mapping
 from proxops.systems.common import InputError
 
@@ -115,11 +113,6 @@ def change_scenario(scenario: Scenario, changes: Overrides) -> Scenario:
     check_scenario(changed, "scenario")
     _check_not_drawn(changed, changes)
     return changed
-
-
-def believed(scenario: Scenario) -> Scenario:
-    """Gives the scenario as the controllers know it: the world is as they are told."""
-    return dc.replace(scenario, truth=TruthConfig(), dispersions=None, dispersed=[])
 
 
 def _check_not_drawn(scenario: Scenario, changes: Overrides) -> None:

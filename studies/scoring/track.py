@@ -13,17 +13,14 @@ from proxops import assets
 from proxops.diagrams.flight import Flight, body_sha256, controller_label, provenance
 from proxops.diagrams.scenario import (
     Scenario,
+    World,
     change_scenario,
-    check_flyable,
     dotted_leaves,
-    draw_world,
     dump_scenario,
     load_body,
-    make_true_body,
     of_transit,
     parse_mapping,
     parse_scenario,
-    scenario_transit,
     with_ends,
 )
 from proxops.systems.common import InputError, write_whole
@@ -101,17 +98,15 @@ def draw_track(name: str, scenario: Scenario, seed: int, count: int) -> Track:
     """Draws transits 0 … count - 1 of a seed, and their worlds, to be written down.
 
     Raises:
-      InputError: see `draw_transit` and `draw_world`.
+      InputError: see `draw_transit` and `World.of`.
       UnflyableWorldError: a transit cannot begin in its world.
     """
     body = load_body(scenario.body)
     worlds = []
     for index in range(count):
-        own = of_transit(scenario, seed, index)
-        ends = scenario_transit(own, body)
-        world = draw_world(own, body)
-        check_flyable(make_true_body(body, world.truth), ends, world)
-        worlds.append(dump_scenario(with_ends(world, ends.start, ends.goal)))
+        world = World.of(of_transit(scenario, seed, index), body)
+        ends = world.transit
+        worlds.append(dump_scenario(with_ends(world.scenario, ends.start, ends.goal)))
     first, *_ = trees = [dict(dotted_leaves(parse_mapping(world, name))) for world in worlds]
     changes = [{key: tree[key] for key in tree if tree[key] != first[key]} for tree in trees]
     return Track(name, worlds[0], body_sha256(body), changes, [])

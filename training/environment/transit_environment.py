@@ -14,19 +14,18 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from proxops.diagrams.flight import (
     Flown,
+    diagram_of,
     let_go,
     make_log,
     make_simulator,
-    make_transit_diagram,
 )
 from proxops.diagrams.logs import FlightLog
 from proxops.diagrams.scenario import (
     Scenario,
+    World,
     change_scenario,
-    draw_world,
     load_body,
     load_scenario,
-    make_true_body,
     of_transit,
     parse_scenario,
 )
@@ -136,13 +135,11 @@ class TransitEnvironment(gymnasium.Env):
         given = self.scenario.transit
         if given.start_m is not None or given.goal_m is not None:
             scenario = dc.replace(self.scenario, transit=dc.replace(given, index=number))
-        scenario = draw_world(scenario, self._body)
-        truth = make_true_body(self._body, scenario.truth)
+        world = World.of(scenario, self._body)
         pilot = _Pilot(self._observation, self._frame[0] * self._frame[1])
-        diagram = make_transit_diagram(scenario, pilot, None, self._body, truth)
-        simulator = make_simulator(diagram, scenario)
-        context = simulator.get_context()
-        flown = Flown(diagram, context, scenario, self._body, truth, pilot, "environment", None)
+        diagram = diagram_of(world, pilot)
+        simulator = make_simulator(diagram, world.scenario)
+        flown = Flown(diagram, simulator.get_context(), world, pilot, "environment", None)
         self._episode = _Episode(flown, simulator, pilot)
         return self._seen(self._episode), {"transit": number}
 
@@ -160,7 +157,7 @@ class TransitEnvironment(gymnasium.Env):
         episode = self._episode
         if episode is None:
             raise gymnasium.error.ResetNeeded("a transit begins with reset()")
-        scenario, context = episode.flown.scenario, episode.flown.context
+        scenario, context = episode.flown.world.scenario, episode.flown.context
         craft, began, was = scenario.spacecraft, context.get_time(), episode.distance
         force = craft.thrust_limit_n * taken_action(action, (3,))
         latest = scenario.arrival.deadline_s + scenario.arrival.dwell_s
@@ -270,10 +267,11 @@ class _Episode:
 
     def picture(self) -> np.ndarray:
         """The picture of the flight so far."""
-        flown = self.flown
+        world = self.flown.world
         if self._picture is None:
-            self._picture = transit_picture(flown.scenario, flown.body, flown.true_body)
-        return self._picture.pixels(np.array(self._path), self._goal, flown.context.get_time())
+            self._picture = transit_picture(world.scenario, world.body, world.true_body)
+        time = self.flown.context.get_time()
+        return self._picture.pixels(np.array(self._path), self._goal, time)
 
     def log(self) -> FlightLog:
         """The log of the flight; its last row repeats the action before."""
