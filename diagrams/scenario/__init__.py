@@ -12,7 +12,6 @@ one of these dataclasses. Nothing in this room simulates.
 from proxops.diagrams.scenario.body import Body, BodyConfig, check_constants, load_body
 from proxops.diagrams.scenario.declared_bounds import described_bounds
 from proxops.diagrams.scenario.dispersions import Dispersion, load_dispersions
-from proxops.diagrams.scenario.dotted_keys import KNOWN_ON_THE_DAY
 from proxops.diagrams.scenario.drawn_world import dispersed_values, draw_world
 from proxops.diagrams.scenario.far_out import Quantity, far_out_world, quantities
 from proxops.diagrams.scenario.navigation_config import (
@@ -21,6 +20,7 @@ from proxops.diagrams.scenario.navigation_config import (
     TrueStateConfig,
 )
 from proxops.diagrams.scenario.overrides import dotted_leaves, given_keys
+from proxops.diagrams.scenario.quantities import KNOWN_ON_THE_DAY, QUANTITIES
 from proxops.diagrams.scenario.remarks import scenario_remarks
 from proxops.diagrams.scenario.scenario import (
     change_scenario,
@@ -83,6 +83,7 @@ from proxops.diagrams.scenario.world_differences import differing_values, spin_a
 
 __all__ = [
     "KNOWN_ON_THE_DAY",
+    "QUANTITIES",
     "ArrivalConfig",
     "AssuranceBoundsConfig",
     "AssuranceConfig",

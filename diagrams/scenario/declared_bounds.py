@@ -12,6 +12,7 @@ import numpy as np
 
 from proxops.diagrams.scenario.body import Body
 from proxops.diagrams.scenario.navigation_config import LidarNavigationConfig
+from proxops.diagrams.scenario.quantities import QUANTITY
 from proxops.diagrams.scenario.scenario_config import (
     AssuranceBoundsConfig,
     ForceNoiseConfig,
@@ -27,10 +28,9 @@ from proxops.systems.gravity import GravityField
 from proxops.systems.shapes import Polyhedron, displaced
 from proxops.systems.vehicle import STANDARD_GRAVITY
 
-Reach = Callable[[str, float], float | None]
-"""Gives the greatest amount by which a dispersed value differs from a number, from the value's key
-and the number; of a list, that of any of its numbers. None if the value is not dispersed. It raises
-InputError if the value has no end."""
+Reach = Callable[[str], tuple[float, float] | None]
+"""Gives the least and the greatest value of a dispersed quantity, from its key; of a list, those of
+any of its numbers. None if it is not dispersed. It raises InputError if it has no end."""
 
 # What has a normal distribution at each time, such as a Gauss-Markov process, has no end. It is
 # taken to end at so many standard deviations, and the roughness of a surface at its own 3 sigma.
@@ -44,20 +44,6 @@ _WORLDS, _PLACES, _GAPS = 6, 300, 1.25
 # The rotation's errors are bounded up to this distance, in units of the longest semi-axis of the
 # keep-out ellipsoid.
 _FAR = 2.0
-# Whatever else begins so does not change how the spacecraft moves, or is told to the controllers.
-_NO_MATTER = (
-    "lidar.",
-    "spacecraft.mass_kg",
-    "truth.lidar.",
-    "truth.surface_seed",
-    "truth.surface_correlation_m",
-    "truth.attitude.correlation_time_s",
-    "truth.acceleration.correlation_time_s",
-    "force_noise.correlation_time_s",
-    "kicks.mean_interval_s",
-    "disturbance.reset_period_s",
-    "disturbance.increment_std_n",
-)
 # A surface that is too rough for the mesh is tried with half the roughness, so often.
 _MOST_HALVINGS = 6
 # Each bound in words, with what it is multiplied by, and the unit.
@@ -78,27 +64,6 @@ _SECTIONS = {
     "force_noise": ForceNoiseConfig(),
     "kicks": KicksConfig(),
 }
-_BOUNDED = (
-    "truth.gravity",
-    "truth.density_contrast",
-    "truth.surface_rms_m",
-    "truth.size",
-    "truth.spin",
-    "truth.pole_deg",
-    "truth.phase_deg",
-    "truth.attitude.constant_deg",
-    "truth.attitude.varying_std_deg",
-    "truth.thrusters.scale",
-    "truth.thrusters.direction_deg",
-    "truth.thrusters.least_impulse_n_s",
-    "truth.thrusters.quantum_n",
-    "truth.mass",
-    "truth.specific_impulse_s",
-    "truth.acceleration.constant_m_s2",
-    "truth.acceleration.varying_std_m_s2",
-    "force_noise.std_n",
-    "kicks.velocity_std_m_s",
-)
 
 
 def bounds_of_dispersions(
@@ -110,7 +75,7 @@ def bounds_of_dispersions(
     Errors of position and velocity are not among them: they are the navigation's to tell.
 
     Args:
-      reach: how far each value may be from a number.
+      reach: of the dispersed values.
       keys: the dispersed keys.
       scenario: the scenario before the draw.
       body: the body as believed.
@@ -118,27 +83,30 @@ def bounds_of_dispersions(
     Raises:
       InputError: a value has no end, or it cannot be bounded.
     """
+
+    def end(key: str) -> float:
+        """The greatest error of a quantity."""
+        ends, about = reach(key), QUANTITY[key].about
+        return 0.0 if ends is None else max(abs(each - about) for each in ends)
+
     for key in keys:
         if key == "disturbance.max_relative_magnitude":
-            _refuse_disturbance(reach(key, 0.0))
-        elif key not in _BOUNDED and not key.startswith(_NO_MATTER):
+            _refuse_disturbance(end(key))
+        elif QUANTITY[key].bounds is None:
             raise InputError(
                 f"{key} has no end that assurance.bounds could hold; give bounds without it, "
                 "such as assurance.bounds={}, and know that flights with it may enter the ellipsoid"
             )
 
-    def end(key: str, about: float = 0.0) -> float:
-        return reach(key, about) or 0.0
-
     speeds = scenario.spacecraft.speed_limit_m_s
     bounds = AssuranceBoundsConfig(
-        gravity=end("truth.gravity", 1.0),
-        thrust=end("truth.thrusters.scale", 1.0),
+        gravity=end("truth.gravity"),
+        thrust=end("truth.thrusters.scale"),
         thrust_direction_deg=_direction(end, scenario, body),
-        mass=_mass(reach, _SPEEDS * speeds),
+        mass=_mass(end("truth.mass"), reach("truth.specific_impulse_s"), _SPEEDS * speeds),
         acceleration_m_s2=_acceleration(end, scenario, body),
         surface_m=_ROUGHNESS * end("truth.surface_rms_m")
-        + 0.5 * float(body.shape.extents.max()) * end("truth.size", 1.0),
+        + 0.5 * float(body.shape.extents.max()) * end("truth.size"),
     )
     in_si(bounds)  # It refuses what is too great.
     return bounds
@@ -217,7 +185,7 @@ def _refuse_disturbance(most: float | None) -> None:
         )
 
 
-def _direction(end: Callable[..., float], scenario: Scenario, body: Body) -> float:
+def _direction(end: Callable[[str], float], scenario: Scenario, body: Body) -> float:
     """The greatest angle in degrees between the commanded force and the one that acts.
 
     A navigation measures how the axes have turned against the body, so that pole, spin and phase
@@ -230,24 +198,21 @@ def _direction(end: Callable[..., float], scenario: Scenario, body: Body) -> flo
     if isinstance(scenario.navigation, LidarNavigationConfig):
         return angle
     longest = scenario.arrival.deadline_s + scenario.arrival.dwell_s
-    turned = math.degrees(abs(body.spin_rate) * longest * end("truth.spin", 1.0))
+    turned = math.degrees(abs(body.spin_rate) * longest * end("truth.spin"))
     # Rotations about two axes that differ by an angle differ by at most twice this angle.
     pole = 2.0 * math.sqrt(2.0) * end("truth.pole_deg")
     return angle + end("truth.phase_deg") + pole + turned
 
 
-def _mass(reach: Reach, velocity_change: float) -> float:
+def _mass(error: float, impulses: tuple[float, float] | None, velocity_change: float) -> float:
     """The greatest error of the mass, over it, after as much propellant as a flight may burn."""
-    error = reach("truth.mass", 1.0) or 0.0
     left = 1.0
-    greatest = reach("truth.specific_impulse_s", 0.0)
-    if greatest:
-        least = greatest - (reach("truth.specific_impulse_s", greatest) or 0.0)
-        left = math.exp(-velocity_change / (STANDARD_GRAVITY * least))
+    if impulses is not None:
+        left = math.exp(-velocity_change / (STANDARD_GRAVITY * min(impulses)))
     return max(error, 1.0 - (1.0 - error) * left)
 
 
-def _acceleration(end: Callable[..., float], scenario: Scenario, body: Body) -> float:
+def _acceleration(end: Callable[[str], float], scenario: Scenario, body: Body) -> float:
     """The greatest acceleration in m/s^2 along an axis, other than by gravity's size and thrust."""
     craft, period = scenario.spacecraft, scenario.control_period_s
     forces = end("truth.thrusters.least_impulse_n_s") / period
@@ -263,11 +228,11 @@ def _acceleration(end: Callable[..., float], scenario: Scenario, body: Body) -> 
         end("truth.density_contrast"),
         end("truth.surface_rms_m"),
         correlation,
-        end("truth.size", 1.0),
+        end("truth.size"),
     )
-    gravity *= 1.0 + end("truth.gravity", 1.0)
+    gravity *= 1.0 + end("truth.gravity")
     spin = abs(body.spin_rate)
-    error = spin * (end("truth.spin", 1.0) + math.radians(math.sqrt(2.0) * end("truth.pole_deg")))
+    error = spin * (end("truth.spin") + math.radians(math.sqrt(2.0) * end("truth.pole_deg")))
     far = _FAR * float(body.keep_out_semi_axes.max())
     speed = math.sqrt(3.0) * craft.speed_limit_m_s
     rotation = 2.0 * error * speed + (2.0 * spin + error) * error * far + spin**2 * shift

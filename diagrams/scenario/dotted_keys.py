@@ -9,13 +9,9 @@ import math
 import typing
 from collections.abc import Iterator
 
+from proxops.diagrams.scenario.quantities import KNOWN_ON_THE_DAY, QUANTITY
 from proxops.diagrams.scenario.scenario_config import Scenario
 from proxops.diagrams.scenario.typed_yaml import is_number
-
-KNOWN_ON_THE_DAY = ("lidar.noise_std_m", "spacecraft.mass_kg")
-"""Keys of belief that may be dispersed: they differ from flight to flight, and the controllers are
-told. Whatever else is dispersed, they never know (Hanson and Beard, NASA/TP-2010-216447)."""
-_WORLD = ("truth.", "disturbance.", "force_noise.", "kicks.")
 
 
 @functools.cache
@@ -36,12 +32,10 @@ def _leaves(schema: type, prefix: str = "") -> Iterator[str]:
 
 def why_not_dispersed(key: typing.Any) -> str | None:
     """Says why no value of this key can be dispersed; None: it can be."""
-    keys = dotted_keys()
-    allowed = [name for name in keys if name in KNOWN_ON_THE_DAY or name.startswith(_WORLD)]
-    if key in allowed:
+    if key in QUANTITY:
         return None
-    if key not in keys:
-        near = difflib.get_close_matches(str(key), allowed, n=1, cutoff=0.0)[0]
+    if key not in dotted_keys():
+        near = difflib.get_close_matches(str(key), QUANTITY, n=1, cutoff=0.0)[0]
         return f"there is no key {key!r} in a scenario; the nearest is {near}"
     return (
         f"{key} cannot be dispersed, because it is a setting of what is on board, not of the "

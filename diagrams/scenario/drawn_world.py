@@ -9,8 +9,9 @@ from collections.abc import Callable
 
 from proxops.diagrams.scenario.body import Body
 from proxops.diagrams.scenario.dispersions import Dispersion, loaded_dispersions
-from proxops.diagrams.scenario.dotted_keys import KNOWN_ON_THE_DAY, set_value, value_at
+from proxops.diagrams.scenario.dotted_keys import set_value, value_at
 from proxops.diagrams.scenario.navigation_config import LidarNavigationConfig
+from proxops.diagrams.scenario.quantities import KNOWN_ON_THE_DAY, QUANTITY
 from proxops.diagrams.scenario.scenario_checks import check_scenario
 from proxops.diagrams.scenario.scenario_config import Scenario
 from proxops.diagrams.scenario.told_bounds import with_bounds
@@ -123,15 +124,15 @@ def check_dispersions(
 
 def _spread(
     dispersions: typing.Sequence[Dispersion], scenario: Scenario, body: Body
-) -> Callable[[str, float], float | None]:
-    """Gives a function of key and number: the rms of what the value differs by from the number."""
+) -> Callable[[str], float | None]:
+    """Gives a function of a key: the rms of the value's error."""
     by_key = {each.key: each for each in dispersions}
 
-    def spread(key: str, about: float) -> float | None:
+    def spread(key: str) -> float | None:
         if key not in by_key:
             return None
         unit = by_key[key].unit(scenario, body)
-        found = by_key[key].distribution.rms(about / unit)
+        found = by_key[key].distribution.rms(QUANTITY[key].about / unit)
         return None if found is None else abs(unit) * found
 
     return spread

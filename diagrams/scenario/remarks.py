@@ -7,19 +7,13 @@ from collections.abc import Iterator
 import numpy as np
 
 from proxops.diagrams.scenario.body import Body
-from proxops.diagrams.scenario.dotted_keys import value_at
+from proxops.diagrams.scenario.dotted_keys import default_at, value_at
 from proxops.diagrams.scenario.navigation_config import LidarNavigationConfig
+from proxops.diagrams.scenario.quantities import QUANTITIES
 from proxops.diagrams.scenario.scenario_config import Scenario
-from proxops.diagrams.scenario.told_errors import ERROR_BEHIND, usual_errors
+from proxops.diagrams.scenario.told_errors import usual_errors
 from proxops.systems.shapes import clearances
 
-# Expected errors with the keys behind them, and what is believed of their values.
-_BEHIND = (
-    *((name, key, believed) for name, (key, believed) in ERROR_BEHIND.items()),
-    ("thrust", "truth.thrusters.scale", 1.0),
-    ("thrust", "truth.mass", 1.0),
-    ("centre_of_mass_m", "truth.density_contrast", 0.0),
-)
 # What a mended map tells of itself.
 _OF_MAP = ("surface_rms_m", "size")
 # Transits in a cube of so many lengths of the body are far away from it.
@@ -44,14 +38,15 @@ def _untold(scenario: Scenario, body: Body) -> Iterator[str]:
     if not isinstance(settings, LidarNavigationConfig) or scenario.dispersions is not None:
         return
     expected = settings.expected or usual_errors(scenario, body)
-    for name, key, believed in _BEHIND:
-        if settings.map is not None and name in _OF_MAP:
+    for each in QUANTITIES:
+        name = each.tunes
+        if name is None or (settings.map is not None and name in _OF_MAP):
             continue
-        differs = np.any(np.not_equal(value_at(scenario, key), believed))
+        differs = value_at(scenario, each.key) != default_at(each.key)
         if differs and getattr(expected, name) == 0.0:
             yield (
-                f"{key} is set, but the navigation expects no such error, so it may get lost: give "
-                f"navigation.expected.{name} (one standard deviation), or disperse the value, "
+                f"{each.key} is set, but the navigation expects no such error, so it may get lost: "
+                f"give navigation.expected.{name} (one standard deviation), or disperse the value, "
                 "which tells the navigation (docs/method/truth.md)"
             )
 

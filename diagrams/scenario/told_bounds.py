@@ -128,17 +128,17 @@ def _ends(
     """Gives the bounds for the worlds of dispersions of a name, and of a scenario's own."""
     by_key = {each.key: each for each in dispersions}
 
-    def reach(key: str, about: float) -> float | None:
+    def reach(key: str) -> tuple[float, float] | None:
         if key in by_key:
             ends = by_key[key].distribution.bounds()
             if ends is None:
                 raise InputError(f"{name}: {key} has no end that assurance.bounds could hold")
             unit = by_key[key].unit(scenario, body)
-            return max(abs(unit * end - about) for end in ends)
+            return unit * ends[0], unit * ends[1]
         if key in own:
             value = own[key]
             values = value if isinstance(value, list) else [value]
-            return max(abs(each - about) for each in values)
+            return min(values), max(values)
         return None
 
     return bounds_of_dispersions(reach, [*by_key, *own], scenario, body)

@@ -13,6 +13,7 @@ import numpy as np
 from proxops.diagrams.scenario.body import Body
 from proxops.diagrams.scenario.limits import limits_of
 from proxops.diagrams.scenario.navigation_config import ExpectedErrorsConfig, LidarNavigationConfig
+from proxops.diagrams.scenario.quantities import QUANTITIES
 from proxops.diagrams.scenario.scenario_config import (
     ForceNoiseConfig,
     KicksConfig,
@@ -25,9 +26,9 @@ from proxops.systems.navigation import ExpectedErrors, shift_of_centre
 from proxops.systems.shapes import Polyhedron
 from proxops.systems.vehicle import STANDARD_GRAVITY
 
-Spread = Callable[[str, float], float | None]
-"""Gives the root mean square of what a dispersed value differs by from a number, from the value's
-key and the number; None if the value is not dispersed. It must not depend on a draw."""
+Spread = Callable[[str], float | None]
+"""Gives the root mean square of the error of a dispersed value (see `Quantity.about`), from its
+key; None if the value is not dispersed. It must not depend on a draw."""
 
 _Section = TypeVar("_Section", ForceNoiseConfig, KicksConfig, RandomWalkDisturbanceConfig)
 
@@ -40,24 +41,6 @@ _USUAL_COMMAND = 0.05
 # mean square: all worlds keep within the third multiple. A surface that is rougher than the
 # navigation expects makes it too sure of itself; one that is smoother costs it little.
 _ROUGHER = 3.0
-ERROR_BEHIND = {
-    "attitude_varying_deg": ("truth.attitude.varying_std_deg", 0.0),
-    "attitude_correlation_s": ("truth.attitude.correlation_time_s", 0.0),
-    "pole_deg": ("truth.pole_deg", 0.0),
-    "spin": ("truth.spin", 1.0),
-    "gravity": ("truth.gravity", 1.0),
-    "thrust_direction_deg": ("truth.thrusters.direction_deg", 0.0),
-    "acceleration_m_s2": ("truth.acceleration.constant_m_s2", 0.0),
-    "acceleration_varying_m_s2": ("truth.acceleration.varying_std_m_s2", 0.0),
-    "acceleration_correlation_s": ("truth.acceleration.correlation_time_s", 0.0),
-    "surface_rms_m": ("truth.surface_rms_m", 0.0),
-    "surface_correlation_m": ("truth.surface_correlation_m", 0.0),
-    "size": ("truth.size", 1.0),
-    "lidar_bias_m": ("truth.lidar.bias_m", 0.0),
-    "lidar_scale": ("truth.lidar.scale_error", 0.0),
-    "beam_width_rad": ("truth.lidar.beam_width_rad", 0.0),
-}
-"""The key of truth behind each expected error that has one, and what is believed of its value."""
 
 
 def expected_errors(scenario: Scenario, body: Body) -> ExpectedErrors:
@@ -106,7 +89,7 @@ def usual_errors(scenario: Scenario, body: Body) -> ExpectedErrorsConfig:
     that varies.
     """
     usual = _in_proportion(body)
-    _add_disturbances(usual, scenario, lambda key, about: None)
+    _add_disturbances(usual, scenario, lambda key: None)
     return _within_limits(usual)
 
 
@@ -122,22 +105,20 @@ def errors_of_dispersions(spread: Spread, scenario: Scenario, body: Body) -> Exp
     Raises:
       InputError: errors are greater than the navigation can expect.
     """
-    errors = _in_proportion(body)
-    for name, (key, believed) in ERROR_BEHIND.items():
-        found = spread(key, believed)
-        if found is not None:
-            setattr(errors, name, found)
+    errors, usual = _in_proportion(body), ExpectedErrorsConfig()
+    impulse = spread("truth.specific_impulse_s") or scenario.truth.specific_impulse_s
+    contrast = spread("truth.density_contrast")
+    for name in {each.tunes: None for each in QUANTITIES if each.tunes}:
+        found = [spread(each.key) for each in QUANTITIES if each.tunes == name]
+        found = [deviation for deviation in found if deviation is not None]
+        if found:  # Independent errors add as squares.
+            setattr(errors, name, math.hypot(*found))
     # Most worlds have a smoother surface, but some one that is nearly as rough.
     errors.surface_rms_m *= _ROUGHER
     # It is estimated in flight, so a generous value costs little.
-    turned = _together(spread("truth.attitude.constant_deg", 0.0), spread("truth.phase_deg", 0.0))
-    errors.attitude_deg = max(errors.attitude_deg, turned or 0.0)
-    thrust = _together(spread("truth.thrusters.scale", 1.0), spread("truth.mass", 1.0))
-    errors.thrust = errors.thrust if thrust is None else thrust
-    impulse = spread("truth.specific_impulse_s", 0.0) or scenario.truth.specific_impulse_s
+    errors.attitude_deg = max(errors.attitude_deg, usual.attitude_deg)
     if impulse is not None:
         errors.propellant_s_per_m = 1.0 / (STANDARD_GRAVITY * impulse)
-    contrast = spread("truth.density_contrast", 0.0)
     if contrast is not None:
         errors.centre_of_mass_m = _shift(body.shape, body.gravity_field.mass, contrast)
     _add_disturbances(errors, scenario, spread)
@@ -179,18 +160,12 @@ def _expected_section(
     scenario: Scenario, spread: Spread, name: str, default: _Section
 ) -> _Section | None:
     """Gives a section of the scenario with what its dispersed values are expected to be."""
-    drawn = {field.name: spread(f"{name}.{field.name}", 0.0) for field in dc.fields(default)}
+    drawn = {field.name: spread(f"{name}.{field.name}") for field in dc.fields(default)}
     drawn = {key: value for key, value in drawn.items() if value is not None}
     section = getattr(scenario, name)
     if section is None and not drawn:
         return None
     return dc.replace(section or default, **drawn)
-
-
-def _together(*parts: float | None) -> float | None:
-    """The root of the sum of squares of independent errors; None if there is none."""
-    found = [part for part in parts if part is not None]
-    return math.hypot(*found) if found else None
 
 
 @functools.lru_cache(maxsize=4)

@@ -116,15 +116,3 @@ class TruthConfig:
     # The thrusters' specific impulse; null: the mass is constant.
     specific_impulse_s: float | None = number(None, at_least=1e-3, at_most=1e9, unit="s")
     acceleration: TrueAccelerationConfig = dc.field(default_factory=TrueAccelerationConfig)
-
-
-PARTS = {
-    "truth.surface_correlation_m": "truth.surface_rms_m",
-    "truth.surface_seed": "truth.surface_rms_m",
-    "truth.mesh_unit": "truth.mesh",
-    "truth.mesh_of_any_size": "truth.mesh",
-    "truth.attitude.correlation_time_s": "truth.attitude.varying_std_deg",
-    "truth.thrusters.failure_time_s": "truth.thrusters.failed_axis",
-    "truth.acceleration.correlation_time_s": "truth.acceleration.varying_std_m_s2",
-}
-"""Keys that mean something only together with another key, which is given with each."""

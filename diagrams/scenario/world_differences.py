@@ -8,9 +8,9 @@ import numpy as np
 
 from proxops.diagrams.scenario.body import Body
 from proxops.diagrams.scenario.dotted_keys import default_at, dotted_keys, value_at
+from proxops.diagrams.scenario.quantities import QUANTITY
 from proxops.diagrams.scenario.scenario_config import Scenario
 from proxops.diagrams.scenario.true_body import TrueBody
-from proxops.diagrams.scenario.truth_config import PARTS
 
 # A drawn spin axis is this many times as long as the body's greatest extent, so that it sticks out.
 _AXIS_LENGTH = 1.2
@@ -49,5 +49,5 @@ def differing_values(scenario: Scenario) -> dict[str, typing.Any]:
         key: value_at(scenario, key)
         for key in dotted_keys()
         if key in drawn
-        or (key.startswith("truth.") and differs(key) and differs(PARTS.get(key, key)))
+        or (key.startswith("truth.") and differs(key) and differs(QUANTITY[key].needs or key))
     }

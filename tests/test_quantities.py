@@ -1,0 +1,110 @@
+"""The table of uncertain quantities: each is in it, and reaches what the table says."""
+
+from __future__ import annotations
+
+import dataclasses as dc
+from pathlib import Path
+
+import pytest
+from short_flights import kleopatra
+
+from proxops.diagrams.scenario import (
+    QUANTITIES,
+    AssuranceBoundsConfig,
+    ExpectedErrorsConfig,
+    World,
+    load_dispersions,
+    load_scenario,
+)
+from proxops.diagrams.scenario.dotted_keys import default_at, dotted_keys
+from proxops.diagrams.scenario.quantities import HARMLESS, Quantity
+from proxops.systems.common import InputError
+
+SECTIONS = ("truth.", "disturbance.", "force_noise.", "kicks.")
+# Values that are no spread about what is believed.
+SPREADS = {
+    "truth.mesh": "{choice: [a.obj]}",
+    "truth.mesh_unit": "{choice: [m, km]}",
+    "truth.mesh_of_any_size": "{choice: [true]}",
+    "truth.thrusters.failed_axis": "{choice: [x, none]}",
+    "truth.specific_impulse_s": "{uniform: [200, 300]}",
+    "truth.density_contrast": "{uniform: [0, 0.01]}",
+    "truth.surface_rms_m": "{uniform: [0, 30]}",
+    "disturbance.max_relative_magnitude": "{uniform: [0, 1]}",
+}
+
+
+def dispersed(quantity: Quantity, folder: Path, **changes: str) -> World:
+    """A world of dispersions of one quantity alone."""
+    spread = SPREADS.get(quantity.key)
+    if spread is None:
+        default = default_at(quantity.key)
+        low = max(default) if isinstance(default, list) else default or 0.0
+        whole = isinstance(default, int) and not isinstance(default, bool)
+        spread = f"{{uniform: [{low}, {low + (2 if whole else 0.01)}]}}"
+    path = folder / "one.yaml"
+    path.write_text(f"{quantity.key}: {spread}\n")
+    return World.of(load_scenario(None, {"dispersions": str(path), **changes}), kleopatra())
+
+
+def test_every_uncertain_value_has_a_row() -> None:
+    rows = [each.key for each in QUANTITIES]
+    assert len(set(rows)) == len(rows)
+    known = {each.key for each in QUANTITIES if each.known}
+    assert set(rows) - known == {key for key in dotted_keys() if key.startswith(SECTIONS)}
+    assert known == {"lidar.noise_std_m", "spacecraft.mass_kg"}
+
+
+def test_rows_name_what_is_there() -> None:
+    tunes = {field.name for field in dc.fields(ExpectedErrorsConfig)}
+    bounds = {field.name for field in dc.fields(AssuranceBoundsConfig)}
+    assert {each.tunes for each in QUANTITIES} - {None} == tunes
+    # The navigation and the MPC themselves tell of position, velocity and delay.
+    own = {"position_m", "velocity_m_s", "delay_s"}
+    assert {each.bounds for each in QUANTITIES} - {None, HARMLESS} == bounds - own
+    assert {each.needs for each in QUANTITIES} - {None} <= {each.key for each in QUANTITIES}
+    for name in ("after_survey", "before_survey", "first_look", "paper"):
+        assert {each.key for each in load_dispersions(name)} <= {each.key for each in QUANTITIES}
+
+
+@pytest.mark.parametrize(
+    "quantity", [each for each in QUANTITIES if each.tunes], ids=lambda each: each.key
+)
+def test_what_is_dispersed_tunes_the_filter(quantity: Quantity, tmp_path: Path) -> None:
+    navigation = dispersed(quantity, tmp_path).belief.navigation
+    usual = dispersed(Quantity("truth.lidar.dropout"), tmp_path).belief.navigation
+    changed = {
+        field.name
+        for field in dc.fields(ExpectedErrorsConfig)
+        if getattr(navigation.expected, field.name) != getattr(usual.expected, field.name)
+    }
+    # The usual attitude error is generous already.
+    assert changed == {quantity.tunes} - ({"attitude_deg"} if not changed else set())
+
+
+def test_a_great_attitude_error_tunes_the_filter(tmp_path: Path) -> None:
+    path = tmp_path / "turned.yaml"
+    path.write_text("truth.phase_deg: {normal: 0.0, three_sigma: 9.0}\n")
+    scenario = load_scenario(
+        None, {"dispersions": str(path), "truth.attitude.constant_deg": [0, 0, 0]}
+    )
+    assert World.of(scenario, kleopatra()).belief.navigation.expected.attitude_deg > 2.9
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("quantity", QUANTITIES, ids=lambda each: each.key)
+def test_what_is_dispersed_is_bounded_or_refused(quantity: Quantity, tmp_path: Path) -> None:
+    state = {"assurance": {}, "navigation": {"_tag": "!TrueState"}}
+    if quantity.bounds is None:
+        with pytest.raises(InputError, match=r"assurance\.bounds"):
+            dispersed(quantity, tmp_path, **state)
+        return
+    bounds = dispersed(quantity, tmp_path, **state).belief.assurance.bounds
+    moved = {name for name, value in dc.asdict(bounds).items() if value}
+    if quantity.bounds == HARMLESS:
+        # A section with its defaults is a disturbance of its own.
+        assert moved <= {"acceleration_m_s2"} - (
+            {"acceleration_m_s2"} if "truth" in quantity.key else set()
+        )
+    else:
+        assert quantity.bounds in moved
