@@ -14,7 +14,6 @@ from proxops.diagrams.scenario.declared_bounds import described_bounds
 from proxops.diagrams.scenario.dispersions import Dispersion, load_dispersions
 from proxops.diagrams.scenario.dotted_keys import KNOWN_ON_THE_DAY
 from proxops.diagrams.scenario.drawn_world import dispersed_values, draw_world
-from proxops.diagrams.scenario.far_out import Quantity, far_out_world, quantities
 from proxops.diagrams.scenario.navigation_config import (
     ExpectedErrorsConfig,
     LidarNavigationConfig,
@@ -93,7 +92,6 @@ __all__ = [
     "LidarNavigationConfig",
     "MpcConfig",
     "PolicyConfig",
-    "Quantity",
     "RandomWalkDisturbanceConfig",
     "Scenario",
     "SpacecraftConfig",
@@ -122,7 +120,6 @@ __all__ = [
     "draw_world",
     "dump_scenario",
     "expected_errors",
-    "far_out_world",
     "given_keys",
     "hover_force",
     "is_blocked",
@@ -135,7 +132,6 @@ __all__ = [
     "of_transit",
     "parse_mapping",
     "parse_scenario",
-    "quantities",
     "scenario_remarks",
     "scenario_transit",
     "spin_axes",
