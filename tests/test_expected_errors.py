@@ -74,14 +74,6 @@ def test_both_are_written_and_read(text: str) -> None:
     assert change_scenario(scenario, {"noise_seed": 3}).navigation == scenario.navigation
 
 
-def test_stored_scenarios_of_before_flew_on_the_true_state() -> None:
-    text = dump_scenario(load_scenario(on_true_state=True))
-    assert "\nnavigation:" in text
-    older = text.replace("navigation: !TrueStateConfig {}\n", "")
-    assert "navigation" not in older
-    assert parse_scenario(older).navigation == TrueStateConfig()
-
-
 def test_no_errors_are_expected_of_the_truth() -> None:
     with pytest.raises(InputError, match="TrueState"):
         expected_errors(load_scenario(None, ["navigation=!TrueState {}"]), kleopatra())
