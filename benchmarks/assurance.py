@@ -13,7 +13,6 @@ continue, with more flights too.
     python benchmarks/assurance.py --bounds after_survey [--flights 10000] [--processes 1]
     python benchmarks/assurance.py --bounds after_survey --search 10      # trains an adversary
     python benchmarks/assurance.py --bounds before_survey --room          # clearances that it takes
-    python benchmarks/assurance.py --map room.png                         # at 10 m/s, as maps
 """
 
 import argparse
@@ -30,21 +29,19 @@ for name in ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ[name] = "1"
 
 import numpy as np
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-from rich.table import Table
-
-from proxops.diagrams.flight import (
+from _adversaries import (
     ADVERSARIES,
     CONTROLLER_SHAPE,
     STATE_ERRORS,
     TRUTHS,
     adversarial_flight,
-    bounded_backup,
     small_controller,
-    version_and_body,
 )
-from proxops.diagrams.plots import plot_room
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+from proxops.diagrams.flight import bounded_backup, version_and_body
 from proxops.diagrams.scenario import (
     AssuranceConfig,
     Body,
@@ -203,16 +200,6 @@ def room(options: argparse.Namespace) -> None:
     Console(width=120).print(table)
 
 
-def room_map(path: Path, scenario_file: str | None) -> None:
-    """Draws the clearance needed at a quarter of the speed limit, a map for each box."""
-    found = {}
-    for bounds_name in ("as_believed", "after_survey", "before_survey"):
-        scenario, _, backup = setting(scenario_file, bounds_name)
-        speed = 0.25 * scenario.spacecraft.speed_limit_m_s
-        found[f"{bounds_name}, inwards at {speed:g} m/s"] = backup.rooms(speed)
-    plot_room(found).savefig(path, dpi=110)
-
-
 def search(options: argparse.Namespace) -> None:
     """Cross-entropy search for a small controller that gets closest to the ellipsoid."""
     scenario, body, backup = setting(options.scenario, options.bounds)
@@ -255,10 +242,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=_OUT)
     parser.add_argument("--search", type=int, default=0, help="rounds of a search for an adversary")
     parser.add_argument("--room", action="store_true", help="print the clearances that are needed")
-    parser.add_argument("--map", type=Path, help="draw the clearances that are needed there")
     options = parser.parse_args()
-    if options.map:
-        return room_map(options.map, options.scenario)
     if options.room or options.search:
         return room(options) if options.room else search(options)
     kept = ("bounds", "scenario", "steps", "excess", "seed")

@@ -14,10 +14,11 @@ import functools
 from collections.abc import Callable, Sequence
 
 import numpy as np
+from _adversaries import ADVERSARIES
 from _campaign import campaign_parser, fly_with_bar, show
 from pydrake.systems.framework import Diagram, LeafSystem
 
-from proxops.diagrams.flight import ADVERSARIES, Row, make_backup, make_hybrid
+from proxops.diagrams.flight import Row, make_backup, make_hybrid
 from proxops.diagrams.scenario import AssuranceConfig, Body, Scenario, load_scenario
 from proxops.studies.evaluation import Variant, command_count
 

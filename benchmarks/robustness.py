@@ -21,6 +21,8 @@ Give each controller and each name of dispersions a folder of its own.
 import dataclasses
 import difflib
 import functools
+import math
+import typing
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -29,17 +31,26 @@ from _campaign import campaign_parser, fly_with_bar, show
 from proxops.diagrams.flight import Row
 from proxops.diagrams.scenario import (
     Body,
-    Quantity,
+    Dispersion,
     Scenario,
     Transit,
+    check_scenario,
     draw_world,
-    far_out_world,
     hover_force,
     load_body,
     load_dispersions,
     load_scenario,
-    quantities,
 )
+from proxops.diagrams.scenario.distributions import (
+    Choice,
+    Fixed,
+    HalfNormal,
+    LogUniform,
+    Normal,
+    Uniform,
+)
+from proxops.diagrams.scenario.drawn_world import world_of
+from proxops.diagrams.scenario.quantities import QUANTITY
 from proxops.studies.evaluation import Variant
 from proxops.systems.common import InputError, derived_seed, generator
 from proxops.systems.shapes import clearances
@@ -67,6 +78,8 @@ SPEED = 20.0
 # Share of the thrust limit that must suffice to stop before the ellipsoid.
 BRAKING_SHARE = 0.5
 ATTEMPTS = 10_000
+# A fixed value of these is worse if it is smaller.
+SMALLER_IS_WORSE = ("truth.specific_impulse_s",)
 
 Start = tuple[np.ndarray, np.ndarray]
 """Position (3,) in m and velocity (3,) in m/s, in K."""
@@ -126,6 +139,85 @@ def as_believed(scenario: Scenario, body: Body, dispersions: str) -> Scenario:
     """The scenario as it is, but for its navigation, which is told the dispersions."""
     drawn = draw_world(dataclasses.replace(scenario, dispersions=dispersions), body)
     return dataclasses.replace(scenario, navigation=drawn.navigation)
+
+
+def is_number(value: typing.Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+@dataclasses.dataclass(frozen=True)
+class Quantity:
+    """What is set far out, and values that mean something only with it, which are drawn."""
+
+    main: Dispersion
+    parts: tuple[Dispersion, ...] = ()
+
+    @property
+    def has_multiples(self) -> bool:
+        """Whether a multiple of the bound is another value: not so of a name or a choice."""
+        return self._value(1.0, 1.0) != self._value(1.0, 2.0)
+
+    def is_clipped(self, scenario: Scenario, body: Body, multiple: float) -> bool:
+        """Whether a value this far out is beyond what the scenario permits."""
+        ends = [self.main.in_its_unit(self._value(u, multiple), scenario, body) for u in (0.0, 1.0)]
+        return ends != [self.far_out(u, multiple, scenario, body) for u in (0.0, 1.0)]
+
+    def far_out(self, uniform: float, multiple: float, scenario: Scenario, body: Body):
+        """The value, or one number of a list, within what the scenario permits."""
+        value = self.main.in_its_unit(self._value(uniform, multiple), scenario, body)
+        limits = self.main.limits
+        if limits is None or not is_number(value):
+            return value
+        return min(max(value, limits[0]), limits[1])
+
+    def _value(self, uniform: float, multiple: float) -> typing.Any:
+        multiple /= math.sqrt(self.main.size or 1)
+        match self.main.distribution:
+            case Normal(mean, three_sigma):
+                return mean + math.copysign(multiple * three_sigma, uniform - 0.5)
+            case HalfNormal(least, three_sigma):
+                return least + multiple * three_sigma
+            case Uniform(low, high):
+                return low + multiple * (high - low)
+            case LogUniform(low, high):
+                return math.sqrt(low * high) * math.sqrt(high / low) ** multiple
+            case Choice(values):
+                return values[-1]
+            case Fixed(same) if not is_number(same):
+                return same
+            case Fixed(same):
+                return same / multiple if self.main.key in SMALLER_IS_WORSE else multiple * same
+
+
+def quantities(dispersions: Sequence[Dispersion]) -> list[Quantity]:
+    """The dispersed quantities; keys that only mean something together are one."""
+    whole = {each.key: QUANTITY[each.key].needs for each in dispersions}
+    return [
+        Quantity(main, tuple(each for each in dispersions if whole[each.key] == main.key))
+        for main in dispersions
+        if whole[main.key] not in whole
+    ]
+
+
+def far_out_world(scenario: Scenario, body: Body, quantity: Quantity, multiple: float) -> Scenario:
+    """The world of a scenario's flight in which one quantity alone is far out.
+
+    A value that is normal is `multiple` times three standard deviations from its mean, on a random
+    side. Of a list, the norm of the deviation is that: each of its n numbers is off by the share
+    1/sqrt(n), on a side of its own. The sides depend on seed and number of the transit and on the
+    key alone.
+    """
+
+    def value(each: Dispersion, uniform: float) -> typing.Any:
+        if each is quantity.main:
+            return quantity.far_out(uniform, multiple, scenario, body)
+        return each.in_its_unit(each.distribution.value(uniform), scenario, body)
+
+    together = [quantity.main, *quantity.parts]
+    world = world_of(scenario, body, together, value)
+    world.dispersed = [each.key for each in together]
+    check_scenario(world, f"{quantity.main.key} x {multiple:g}, transit {scenario.transit.index}")
+    return world
 
 
 def one_off(

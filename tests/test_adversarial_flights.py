@@ -1,15 +1,14 @@
 """Whole flights of adversaries: without assurance they enter the keep-out, with it they do not."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 from scripts import load_script
 from short_flights import kleopatra
 
-from proxops.diagrams.flight.adversarial_flights import ADVERSARIES, adversarial_flight
 from proxops.diagrams.scenario.scenario import load_scenario
-from proxops.systems.common.errors import InputError
+
+adversaries = load_script("benchmarks/_adversaries.py")
+ADVERSARIES, adversarial_flight = adversaries.ADVERSARIES, adversaries.adversarial_flight
 
 
 @pytest.mark.parametrize("adversary", [name for name in ADVERSARIES if name != "zero"])
@@ -47,21 +46,3 @@ def test_each_flies_in_a_hybrid_too() -> None:
     for name in ADVERSARIES:
         hybrid = getattr(module, name.replace(" ", "_"))(scenario, kleopatra())
         assert hybrid.GetSubsystemByName("policy").num_input_ports() == 1
-
-
-@pytest.mark.parametrize(
-    ("change", "complaint"),
-    [
-        ({"name": "hopeless"}, "no adversary is called 'hopeless': use one of zero, at the body"),
-        ({"truth": "helpful"}, "no truth is called 'helpful': use one of as believed, corner"),
-        (
-            {"state_errors": "None"},
-            "no error of the state is called 'None': use one of none",
-        ),
-    ],
-)
-def test_unknown_kinds_are_refused(change: dict[str, str], complaint: str) -> None:
-    """They would fly as another kind."""
-    arguments: dict[str, Any] = {"name": "zero", "seed": 2, "steps": 1} | change
-    with pytest.raises(InputError, match=complaint):
-        adversarial_flight(load_scenario(), kleopatra(), **arguments)

@@ -10,10 +10,9 @@ from braking_ball import BALL, MASS, PUSH, RADIUS, THRUST, ball_field, no_gravit
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
+from scripts import load_script
 from short_flights import kleopatra
 
-from proxops.diagrams.flight.adversarial_flights import adversarial_flight, moved
-from proxops.diagrams.flight.box_worlds import STATE_ERRORS, TRUTHS, StateErrors, Truth
 from proxops.diagrams.flight.scenario_systems import bounded_backup
 from proxops.diagrams.scenario.scenario import load_scenario
 from proxops.systems import (
@@ -25,6 +24,8 @@ from proxops.systems import (
 from proxops.systems.assurance import _braking_kernel as kernel
 from proxops.systems.gravity.gravity_field import GRAVITATIONAL_CONSTANT
 from proxops.systems.shapes.ellipsoid import clearances
+
+worst = load_script("benchmarks/_adversaries.py")
 
 AFTER = AssuranceBounds(0.0015, 0.05, math.radians(1.0), 0.02, 3e-4, 120.0, 0.3)
 BEFORE = AssuranceBounds(0.11, 0.05, math.radians(1.0), 0.03, 3e-3, 300.0, 0.5)
@@ -127,8 +128,8 @@ UNIT = st.tuples(*[st.floats(-1.0, 1.0)] * 3).map(np.array).filter(lambda u: u @
     UNIT,
     st.floats(1.01, 1.3),
     st.tuples(*[st.floats(-40.0, 40.0)] * 3),
-    st.sampled_from(TRUTHS[1:]),
-    st.sampled_from(STATE_ERRORS[1:]),
+    st.sampled_from(worst.TRUTHS[1:]),
+    st.sampled_from(worst.STATE_ERRORS[1:]),
     st.sampled_from([AFTER, BEFORE, LATE]),
     st.integers(0, 1000),
 )
@@ -140,8 +141,8 @@ def test_the_backup_keeps_out_in_every_world_of_the_box(
     position = level * direction / np.linalg.norm(direction) * axes
     believed = np.concatenate([position, velocity])
     assume(backup.admitted(believed))
-    world = Truth(truth, bounds, axes, np.random.default_rng(seed))
-    error_of = StateErrors(errors, bounds, axes, np.random.default_rng(seed + 1), 150)
+    world = worst.Truth(truth, bounds, axes, np.random.default_rng(seed))
+    error_of = worst.StateErrors(errors, bounds, axes, np.random.default_rng(seed + 1), 150)
     state = believed - error_of(believed)
     outward, last = [], np.zeros(3)
     for _ in range(150):
@@ -150,7 +151,9 @@ def test_the_backup_keeps_out_in_every_world_of_the_box(
         push = acting / (world.mass * MASS) + other
         # The force that was chosen acts late; until then that of the period before does.
         for length, acts in ((bounds.delay, last), (10.0 - bounds.delay, push)):
-            state = moved(state, acts, length, kleopatra(), world.gravity) if length else state
+            state = (
+                worst.moved(state, acts, length, kleopatra(), world.gravity) if length else state
+            )
             assert clearances(axes, state[None, :3])[0] > bounds.surface
         last = push
         normal = state[:3] / axes**2
@@ -165,7 +168,7 @@ def test_the_backup_keeps_out_in_every_world_of_the_box(
 def test_worlds_reach_the_ends_of_the_box_and_go_no_further(kind: str) -> None:
     axes, random, found = kleopatra().keep_out_semi_axes, np.random.default_rng(0), []
     for seed in range(60):
-        world = Truth(kind, BEFORE, axes, np.random.default_rng(seed))
+        world = worst.Truth(kind, BEFORE, axes, np.random.default_rng(seed))
         state = np.r_[1.05 * axes * random.normal(size=3), np.zeros(3)]
         acting, other = world.act(state, np.array([7.0, 0.0, 0.0]))
         size = np.linalg.norm(acting)
@@ -178,10 +181,10 @@ def test_worlds_reach_the_ends_of_the_box_and_go_no_further(kind: str) -> None:
     assert np.max(found, axis=0) == pytest.approx(ends, rel=1e-6)
 
 
-@pytest.mark.parametrize("kind", STATE_ERRORS[1:])
+@pytest.mark.parametrize("kind", worst.STATE_ERRORS[1:])
 def test_errors_of_the_state_are_all_that_is_allowed(kind: str) -> None:
     axes = kleopatra().keep_out_semi_axes
-    error_of = StateErrors(kind, BEFORE, axes, np.random.default_rng(1), 60)
+    error_of = worst.StateErrors(kind, BEFORE, axes, np.random.default_rng(1), 60)
     errors = np.array([error_of(np.r_[1.1 * axes, np.zeros(3)]) for _ in range(60)])
     for part, bound in ((errors[:, :3], BEFORE.position), (errors[:, 3:], BEFORE.velocity)):
         assert np.linalg.norm(part, axis=1).max() == pytest.approx(bound, rel=1e-9)
@@ -204,20 +207,20 @@ def test_outward_speed_stays_positive_near_the_surface(bounds: AssuranceBounds) 
             continue
         found += 1
         state = np.concatenate([position, velocity])
-        world = Truth("hurting", bounds, axes, np.random.default_rng(found))
-        error_of = StateErrors("jumping", bounds, axes, np.random.default_rng(found), 60)
+        world = worst.Truth("hurting", bounds, axes, np.random.default_rng(found))
+        error_of = worst.StateErrors("jumping", bounds, axes, np.random.default_rng(found), 60)
         for _ in range(60):
             force = backup.force(state + error_of(state))
             acting, other = world.act(state, force)
             push = acting / (world.mass * MASS) + other
-            state = moved(state, push, 10.0, kleopatra(), world.gravity)
+            state = worst.moved(state, push, 10.0, kleopatra(), world.gravity)
             assert state[:3] / axes**2 @ state[3:] > 0.0
 
 
 @pytest.mark.parametrize(("bounds", "seed"), [(AFTER, 1022), (BEFORE, 1022), (BEFORE, 1047)])
 def test_adversaries_are_kept_out_within_the_box(bounds: AssuranceBounds, seed: int) -> None:
     settings = {"truth": "hurting", "state_errors": "flattering", "steps": 100}
-    flight = adversarial_flight(
+    flight = worst.adversarial_flight(
         load_scenario(), kleopatra(), "sign flipped", seed, backup=kleopatras(bounds), **settings
     )
     assert flight.clearance > 0.0
@@ -230,13 +233,13 @@ def test_the_same_worlds_do_harm_where_no_error_is_believed() -> None:
     state = np.array([0.0, 0.0, 69.5e3, 0.0, 0.0, -20.0])
     assert backup.admitted(state)
     assert not kleopatras(BEFORE).admitted(state)
-    world = Truth("hurting", BEFORE, axes, np.random.default_rng(1))
+    world = worst.Truth("hurting", BEFORE, axes, np.random.default_rng(1))
     least = np.inf
     for _ in range(150):
         force = backup.assure(state, np.array([0.0, 0.0, -THRUST])).force
         acting, other = world.act(state, force)
         push = acting / (world.mass * MASS) + other
-        state = moved(state, push, 10.0, kleopatra(), world.gravity)
+        state = worst.moved(state, push, 10.0, kleopatra(), world.gravity)
         least = min(least, float(clearances(axes, state[None, :3])[0]))
     assert least < -100.0
 
@@ -256,7 +259,9 @@ def test_motion_of_adversaries_is_that_of_an_integrator() -> None:
             return np.concatenate([at[3:], 1.1 * pull + inertial + push])
 
         end = solve_ivp(rate, (0.0, 10.0), state, method="DOP853", rtol=1e-12, atol=1e-9).y[:, -1]
-        np.testing.assert_allclose(moved(state, push, 10.0, body, 1.1), end, rtol=0.0, atol=1e-3)
+        np.testing.assert_allclose(
+            worst.moved(state, push, 10.0, body, 1.1), end, rtol=0.0, atol=1e-3
+        )
 
 
 def test_bad_bounds_are_refused() -> None:

@@ -12,7 +12,7 @@ from short_flights import kleopatra
 from proxops.diagrams.flight.hybrid_controller import zero_hybrid
 from proxops.diagrams.scenario.declared_bounds import described_bounds
 from proxops.diagrams.scenario.drawn_world import draw_world
-from proxops.diagrams.scenario.scenario import load_scenario, parse_scenario
+from proxops.diagrams.scenario.scenario import load_scenario
 from proxops.diagrams.scenario.scenario_config import AssuranceBoundsConfig
 from proxops.diagrams.scenario.told_bounds import assurance_bounds
 from proxops.diagrams.scenario.transits import of_transit
@@ -273,7 +273,6 @@ def test_refuses_a_file(tmp_path: Path, text: str, complaint: str) -> None:
         ("assurance.bounds=3", "a text or `key: value` lines"),
         ("assurance={bound: after_survey}", "no key 'bound'.*nearest is 'bounds'"),
         ("assurance={deviations: -1}", r"assurance\.deviations must not be negative"),
-        ("assurance.margin_m=100", r"margin_m is called assurance\.bounds\.surface_m now"),
     ],
 )
 def test_refuses_a_value(override: str, complaint: str) -> None:
@@ -293,11 +292,6 @@ def test_refuses_what_the_scenario_itself_cannot_bound(
 ) -> None:
     with pytest.raises(InputError, match=complaint):
         bounds_of("assurance={}", *overrides)
-
-
-def test_a_margin_of_an_earlier_version_is_read() -> None:
-    scenario = parse_scenario("assurance: {margin_m: 50.0}\n")
-    assert assurance_bounds(scenario, kleopatra()).surface == 50.0
 
 
 def test_the_adaptive_schedule_allows_for_the_bounds() -> None:

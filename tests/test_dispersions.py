@@ -81,16 +81,7 @@ def test_values_are_within_the_bounds(mean: float, spread: float, uniform: float
         assert low - slack <= distribution.value(uniform) <= high + slack
 
 
-def test_far_out_is_a_multiple_of_the_bound() -> None:
-    assert {Normal(1.0, 0.3).far_out(u, 2.0) for u in (0.1, 0.9)} == {0.4, 1.6}
-    assert HalfNormal(0.0, 0.3).far_out(0.1, 3.0) == pytest.approx(0.9)
-    assert Uniform(0.0, 0.1).far_out(0.1, 2.0) == pytest.approx(0.2)
-    assert LogUniform(0.5, 2.0).far_out(0.1, 2.0) == pytest.approx(4.0)
-    assert Fixed(0.01).far_out(0.1, 3.0) == pytest.approx(0.03)
-
-
 def test_a_truth_value_is_no_number() -> None:
-    assert Fixed(True).far_out(0.1, 3.0) is True
     for found in (Fixed(True), Choice((True, False)), Choice((1.0, True))):
         assert found.bounds() is None
         assert found.rms(0.0) is None

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scripts import load_script
 from short_flights import kleopatra, write_blob
 
 from proxops.diagrams.scenario import (
@@ -18,13 +19,11 @@ from proxops.diagrams.scenario import (
     draw_world,
     dump_scenario,
     expected_errors,
-    far_out_world,
     load_body,
     load_dispersions,
     load_scenario,
     of_transit,
     parse_scenario,
-    quantities,
 )
 from proxops.diagrams.scenario.distributions import (
     Choice,
@@ -73,14 +72,6 @@ def test_both_are_written_and_read(text: str) -> None:
     scenario = load_scenario(None, [f"navigation={text}"])
     assert parse_scenario(dump_scenario(scenario)) == scenario
     assert change_scenario(scenario, {"noise_seed": 3}).navigation == scenario.navigation
-
-
-def test_stored_scenarios_of_before_flew_on_the_true_state() -> None:
-    text = dump_scenario(load_scenario(on_true_state=True))
-    assert "\nnavigation:" in text
-    older = text.replace("navigation: !TrueStateConfig {}\n", "")
-    assert "navigation" not in older
-    assert parse_scenario(older).navigation == TrueStateConfig()
 
 
 def test_no_errors_are_expected_of_the_truth() -> None:
@@ -169,8 +160,9 @@ def test_every_shipped_quantity_is_told_or_known_not_to_be() -> None:
     scenario = load_scenario(None, [LIDAR])
     usual = expected_errors(scenario, kleopatra())
     not_told = set()
-    for each in quantities(load_dispersions("before_survey")):
-        world = far_out_world(scenario, kleopatra(), each, 1.0)
+    robustness = load_script("benchmarks/robustness.py")
+    for each in robustness.quantities(load_dispersions("before_survey")):
+        world = robustness.far_out_world(scenario, kleopatra(), each, 1.0)
         if expected_errors(world, kleopatra()) == usual:
             not_told.add(each.main.key)
     not_told -= {"lidar.noise_std_m", "spacecraft.mass_kg"}  # Known on the day.

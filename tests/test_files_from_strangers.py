@@ -26,7 +26,7 @@ from proxops.diagrams.meshcat import write_replay
 from proxops.diagrams.scenario import load_body, load_scenario, parse_mapping, parse_scenario
 from proxops.systems.common import InputError, open_session
 from proxops.systems.lidar import LidarBundle
-from proxops.systems.policy import PolicyBundle, run_network
+from proxops.systems.policy import PolicyBundle
 from proxops.training.data.flight_columns import read_columns
 from proxops.training.data.packed_flights import PackedFlights
 from proxops.training.loop.checkpoints import load_checkpoint
@@ -263,38 +263,6 @@ def test_a_lidar_with_weights_elsewhere(tmp_path: Path) -> None:
     (tmp_path / "bundle.json").write_text(json.dumps(LIDAR))
     put_network(tmp_path / "bundle.json", network_with_weights_at("../secret"))
     refused(lambda: LidarBundle.load(tmp_path), "weights from other files")
-
-
-# --- bundles of earlier versions ------------------------------------------------------------------
-
-
-def renamed(graph: onnx.GraphProto, name: str, other: str) -> None:
-    """Renames a value of a graph, in the graphs of its conditions too."""
-    for value in graph.input:
-        value.name = other if value.name == name else value.name
-    for node in graph.node:
-        node.input[:] = [other if each == name else each for each in node.input]
-        for attribute in node.attribute:
-            if attribute.HasField("g"):
-                renamed(attribute.g, name, other)
-
-
-def test_a_network_with_the_input_of_0_2_0_is_read(tmp_path: Path) -> None:
-    folder = Path(shutil.copytree(ASSETS / "end_to_end", tmp_path / "bundle"))
-    bundle = PolicyBundle.load(folder)
-    model = onnx.load(folder / "model.onnx")
-    renamed(model.graph, "commanded_force", "applied_force")
-    put_network(folder / "policy.json", model.SerializeToString())
-    old = PolicyBundle.load(folder)
-    assert "applied_force" in [value.name for value in old.session.get_inputs()]
-    random = np.random.default_rng(0)
-    ranges, target = random.uniform(1e5, 2e5, 12 * 360), random.normal(size=6) * 1e5
-    got, wanted = (
-        run_network(each.session, ranges, target, np.ones(3), np.zeros(each.memory))
-        for each in (old, bundle)
-    )
-    for one, other in zip(got, wanted, strict=True):
-        np.testing.assert_array_equal(one, other)
 
 
 # --- flight logs ----------------------------------------------------------------------------------

@@ -32,7 +32,6 @@ from proxops.diagrams.flight.simulation import fly
 from proxops.diagrams.logs.columns import NAVIGATION_COLUMNS, VARIABLES
 from proxops.diagrams.logs.flight_log import FlightLog, differences, make_dataset
 from proxops.diagrams.logs.flight_summary import fallback_steps
-from proxops.diagrams.meshcat.replay import write_replay
 from proxops.diagrams.scenario.scenario import dump_scenario, load_scenario, parse_scenario
 from proxops.diagrams.scenario.truth_config import TruthConfig
 from proxops.systems import InputError, TransitProgram
@@ -148,14 +147,6 @@ def test_codes_say_what_they_mean(file: Path, name: str, first: str, last: str, 
         assert len(set(words.split(" "))) == count
         assert (words.split(" ")[0], words.split(" ")[-1]) == (first, last)
         assert set(opened[name].values[:-1]) <= set(values)
-
-
-def test_log_of_before_there_were_reasons(tmp_path: Path) -> None:
-    log = synthetic_log(20, ranges=False)
-    dc.replace(log, dataset=log.dataset.drop_vars("solve_reason")).to_netcdf(tmp_path / "old.nc")
-    loaded = FlightLog.load(tmp_path / "old.nc")
-    assert loaded.summary == log.summary
-    assert fallback_steps(loaded.dataset) == {}
 
 
 def test_fallbacks_are_logged_and_counted(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -583,27 +574,6 @@ def test_killed_while_writing(tmp_path: Path) -> None:
     killed, unfinished = map(int, done.stdout.split())
     assert killed == 8
     assert unfinished > 0  # Some were in the midst of it.
-
-
-# --- earlier versions -----------------------------------------------------------------------------
-
-
-def test_a_log_of_0_2_0_is_read_and_flown_again(tmp_path: Path) -> None:
-    """Its scenario has keys by names of then."""
-    log = fly(short_scenario(**BRIEF), "mpc", body=kleopatra())
-    old = log.dataset.copy()
-    text = old.attrs["scenario"]
-    for new, then in (("intervals:", "knots:"), ("interval_growth:", "knot_growth:")):
-        assert new in text
-        text = text.replace(new, then)
-    old.attrs["scenario"] = text
-    FlightLog(old, log.body).to_netcdf(tmp_path / "flight.nc")
-    read = FlightLog.load(tmp_path / "flight.nc")
-    assert read.scenario == log.scenario
-    assert read.summary == log.summary
-    write_replay(read, tmp_path / "replay.html")
-    again = fly(read.scenario, read.dataset.attrs["controller"], body=read.body)
-    assert differences(read, again) == []
 
 
 def test_the_true_body_is_made_once() -> None:

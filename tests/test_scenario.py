@@ -2,7 +2,6 @@
 
 import dataclasses as dc
 import operator
-import re
 import subprocess
 import sys
 from pathlib import Path
@@ -582,46 +581,6 @@ def test_hint_of_the_ellipsoid_suffices(rock) -> None:
         load_body(rock(keep_out_semi_axes_m=axes.tolist()))
     factor = float(str(caught.value).split("semi-axes that are ")[1].split()[0])
     load_body(rock(keep_out_semi_axes_m=(axes * (factor + 1e-3)).tolist()))
-
-
-# --- earlier versions -----------------------------------------------------------------------------
-
-# What 0.2.0 wrote for `Scenario()`, shortened to what differs from today or is near to it.
-OLD_SCENARIO = """\
-body: kleopatra
-spacecraft: {mass_kg: 100.0, thrust_limit_n: 7.0, speed_limit_m_s: 40.0}
-lidar: !LidarConfig {planes: 12, rays: 360, max_range_m: 350000.0, noise_std_m: 50.0}
-mpc:
-  knots: 12
-  knot_growth: 3.0
-  nominal_acceleration_m_s2: 0.03
-  fuel_weight: 0.8
-disturbance: null
-control_period_s: 10.0
-"""
-
-
-def test_a_stored_scenario_of_0_2_0_is_read() -> None:
-    scenario = parse_scenario(OLD_SCENARIO)
-    expected = Scenario(navigation=TrueStateConfig())
-    expected.mpc.intervals, expected.mpc.interval_growth = 12, 3.0
-    assert scenario == expected
-    assert parse_scenario(dump_scenario(scenario)) == scenario
-
-
-@pytest.mark.parametrize(
-    ("old", "new"), [("mpc.knots", "mpc.intervals"), ("mpc.knot_growth", "mpc.interval_growth")]
-)
-def test_an_old_name_is_refused_with_the_new_one(old: str, new: str, tmp_path: Path) -> None:
-    message = f"{old} is called {new} now"
-    with pytest.raises(InputError, match=f"^scenario: {re.escape(message)}$"):
-        load_scenario(None, {old: 12})
-    with pytest.raises(InputError, match=re.escape(message)):
-        load_scenario(None, [f"{old}=12"])
-    with pytest.raises(InputError, match=re.escape(message)):
-        load_scenario(write(tmp_path, f"mpc:\n  {old.removeprefix('mpc.')}: 12\n"))
-    with pytest.raises(InputError, match=re.escape(message)):
-        change_scenario(Scenario(), {old: 12})
 
 
 @pytest.mark.parametrize(

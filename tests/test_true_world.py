@@ -17,7 +17,7 @@ from proxops.diagrams.flight.transit_diagram import make_transit_diagram
 from proxops.diagrams.logs.flight_log import FlightLog, differences
 from proxops.diagrams.scenario.body import load_body
 from proxops.diagrams.scenario.drawn_world import draw_world
-from proxops.diagrams.scenario.scenario import load_scenario, parse_scenario
+from proxops.diagrams.scenario.scenario import load_scenario
 from proxops.diagrams.scenario.scenario_config import Scenario
 from proxops.diagrams.scenario.transits import UnflyableWorldError
 from proxops.diagrams.scenario.true_body import TrueBody, make_true_body
@@ -323,37 +323,6 @@ def test_campaigns_count_them_apart_and_resume(tmp_path: Path) -> None:
     before = {path: path.stat().st_mtime_ns for path in (tmp_path / "flights").glob("*.json")}
     assert run_campaign(flights, tmp_path / "flights", keep_logs=True) == rows
     assert before == {path: path.stat().st_mtime_ns for path in before}
-
-
-# --- names of before ------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("old", "new"),
-    [
-        ("mismatch.gravity=1.1", "truth.gravity"),
-        ("mismatch.thrust=1.1", "truth.thrusters.scale"),
-        ("lidar.attitude_error_deg=0.1", "truth.attitude.constant_deg"),
-        ("lidar.dropout=0.1", "truth.lidar.dropout"),
-        ("mismatch={}", "truth"),
-    ],
-)
-def test_old_keys_are_refused_with_the_new_name(old: str, new: str) -> None:
-    with pytest.raises(InputError, match=f"is called {new} now"):
-        load_scenario(None, [old])
-
-
-def test_stored_scenarios_of_before_are_read() -> None:
-    text = (
-        "mismatch: {gravity: 1.1, mass: 0.9, thrust: 0.95}\n"
-        "lidar: {bias_m: 3.0, dropout: 0.1, attitude_error_deg: 0.0, noise_std_m: 20.0}\n"
-    )
-    found = parse_scenario(text)
-    assert (found.truth.gravity, found.truth.mass) == (1.1, 0.9)
-    assert found.truth.thrusters.scale == [0.95] * 3
-    assert (found.truth.lidar.bias_m, found.truth.lidar.dropout) == (3.0, 0.1)
-    with pytest.raises(InputError, match="attitude_error_deg above 0"):
-        parse_scenario("lidar: {attitude_error_deg: 0.1}\n")
 
 
 def test_a_drawn_world_is_not_drawn_again() -> None:

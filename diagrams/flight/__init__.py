@@ -6,14 +6,6 @@ in a diagram of one's own, `named_controller` for the controllers that have a na
 its own columns of the log and its own legend entry (see docs/how_to/own_controller.md).
 """
 
-from proxops.diagrams.flight.adversarial_flights import (
-    ADVERSARIES,
-    CONTROLLER_SHAPE,
-    Adversary,
-    adversarial_flight,
-    small_controller,
-)
-from proxops.diagrams.flight.box_worlds import STATE_ERRORS, TRUTHS
 from proxops.diagrams.flight.campaign import (
     Flight,
     Row,
@@ -53,19 +45,13 @@ from proxops.diagrams.flight.transit_diagram import (
 from proxops.diagrams.flight.wiring import LIDAR_STREAM
 
 __all__ = [
-    "ADVERSARIES",
-    "CONTROLLER_SHAPE",
     "LIDAR_STREAM",
-    "STATE_ERRORS",
-    "TRUTHS",
     "WITH_BUNDLE",
-    "Adversary",
     "Flight",
     "Flown",
     "Row",
     "Workers",
     "add_transit",
-    "adversarial_flight",
     "body_sha256",
     "bounded_backup",
     "bundle_of",
@@ -90,7 +76,6 @@ __all__ = [
     "provenance",
     "run_campaign",
     "run_groups",
-    "small_controller",
     "surroundings",
     "transit_flights",
     "version_and_body",

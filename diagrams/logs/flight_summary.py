@@ -158,12 +158,11 @@ def fallback_steps(data: xr.Dataset) -> dict[str, int]:
     counts = collections.Counter()
     if "policy_status" in data and (bad := int((data["policy_status"] > 0).sum())):
         counts["without force: policy not finite"] = bad
-    if "solve_reason" in data:
-        pairs = zip(data["solve_status"].values, data["solve_reason"].values, strict=True)
-        for status, reason in pairs:
-            if status > PlanStatus.SOLVED:
-                text = f"{PlanStatus(int(status)).name}: {PlanReason(int(reason)).name}"
-                counts[text.lower().replace("_", " ")] += 1
+    pairs = zip(data["solve_status"].values, data["solve_reason"].values, strict=True)
+    for status, reason in pairs:
+        if status > PlanStatus.SOLVED:
+            text = f"{PlanStatus(int(status)).name}: {PlanReason(int(reason)).name}"
+            counts[text.lower().replace("_", " ")] += 1
     return counts
 
 

@@ -21,11 +21,10 @@ from proxops.systems.common import InputError, interruption_waits
 from proxops.systems.hybrid import FlownBy
 
 # A file without the needed variables is not a log. The optional ones may be missing: frames need
-# not be logged, the oldest logs have no reasons, and not every flight has kicks, a policy with an
-# estimate, a hybrid's decisions, runtime assurance, a navigation, or a world that differs from what
-# is believed.
+# not be logged, and not every flight has kicks, a policy with an estimate, a hybrid's decisions,
+# runtime assurance, a navigation, or a world that differs from what is believed.
 _OPTIONAL_VARIABLES = (
-    "ranges", "navigation_return_use", "solve_reason", "kick", "thrust", "mass", "attitude",
+    "ranges", "navigation_return_use", "kick", "thrust", "mass", "attitude",
     "estimate", *RECORDS["policy_record"], *RECORDS["decision_record"],
     *RECORDS["intervention_record"], *RECORDS["assurance_record"], *NAVIGATION_COLUMNS,
 )  # fmt: skip

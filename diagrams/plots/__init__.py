@@ -17,7 +17,6 @@ from proxops.diagrams.plots.frame_plot import plot_frame, plot_ranges
 from proxops.diagrams.plots.hover_plot import plot_hover
 from proxops.diagrams.plots.navigation_plot import plot_navigation
 from proxops.diagrams.plots.plan_plot import plot_plan
-from proxops.diagrams.plots.room_plot import plot_room
 from proxops.diagrams.plots.shared_axes import frame_plane, length_unit
 from proxops.diagrams.plots.surface_plots import plot_equilibria, plot_surface_maps
 from proxops.diagrams.plots.transit_picture import TransitPicture
@@ -41,7 +40,6 @@ __all__ = [
     "plot_path",
     "plot_plan",
     "plot_ranges",
-    "plot_room",
     "plot_surface_maps",
     "plot_truth",
 ]

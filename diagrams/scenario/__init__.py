@@ -13,7 +13,6 @@ from proxops.diagrams.scenario.body import Body, BodyConfig, check_constants, lo
 from proxops.diagrams.scenario.declared_bounds import described_bounds
 from proxops.diagrams.scenario.dispersions import Dispersion, load_dispersions
 from proxops.diagrams.scenario.drawn_world import dispersed_values, draw_world
-from proxops.diagrams.scenario.far_out import Quantity, far_out_world, quantities
 from proxops.diagrams.scenario.navigation_config import (
     ExpectedErrorsConfig,
     LidarNavigationConfig,
@@ -99,7 +98,6 @@ __all__ = [
     "LidarNavigationConfig",
     "MpcConfig",
     "PolicyConfig",
-    "Quantity",
     "RandomWalkDisturbanceConfig",
     "Scenario",
     "SpacecraftConfig",
@@ -130,7 +128,6 @@ __all__ = [
     "dump_scenario",
     "dump_typed",
     "expected_errors",
-    "far_out_world",
     "given_keys",
     "hover_force",
     "is_blocked",
@@ -143,7 +140,6 @@ __all__ = [
     "of_transit",
     "parse_mapping",
     "parse_scenario",
-    "quantities",
     "scenario_remarks",
     "scenario_transit",
     "spin_axes",

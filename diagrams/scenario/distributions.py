@@ -35,10 +35,6 @@ class Normal:
         """Gives the least and the greatest value."""
         return self.mean - self.three_sigma, self.mean + self.three_sigma
 
-    def far_out(self, uniform: float, multiple: float) -> float:
-        """Gives a value that is `multiple` times as far out as a bound, on a random side."""
-        return self.mean + math.copysign(multiple * self.three_sigma, uniform - 0.5)
-
     def rms(self, about: float) -> float:
         """Gives the root mean square of what a value differs by from `about`, without the cut."""
         return math.hypot(self.mean - about, self.three_sigma / _CUT)
@@ -62,10 +58,6 @@ class HalfNormal:
     def bounds(self) -> tuple[float, float]:
         """Gives the least and the greatest value."""
         return self.least, self.least + self.three_sigma
-
-    def far_out(self, uniform: float, multiple: float) -> float:
-        """Gives a value that is `multiple` times as far out as the upper bound."""
-        return self.least + multiple * self.three_sigma
 
     def rms(self, about: float) -> float:
         """Gives the root mean square of what a value differs by from `about`, without the cut."""
@@ -92,10 +84,6 @@ class Uniform:
         """Gives the least and the greatest value."""
         return self.low, self.high
 
-    def far_out(self, uniform: float, multiple: float) -> float:
-        """Gives a value that is `multiple` times as far from the lower end as the upper end."""
-        return self.low + multiple * (self.high - self.low)
-
     def rms(self, about: float) -> float:
         """Gives the root mean square of what a value differs by from `about`."""
         middle = 0.5 * (self.low + self.high)
@@ -120,11 +108,6 @@ class LogUniform:
     def bounds(self) -> tuple[float, float]:
         """Gives the least and the greatest value."""
         return self.low, self.high
-
-    def far_out(self, uniform: float, multiple: float) -> float:
-        """Gives the power `multiple` of the upper end over the middle, times the middle."""
-        middle = math.sqrt(self.low * self.high)
-        return middle * (self.high / middle) ** multiple
 
     def rms(self, about: float) -> float:
         """Gives the root mean square of what a value differs by from `about`."""
@@ -154,10 +137,6 @@ class Choice:
         numbers = [value for value in self.values if is_number(value)]
         return (min(numbers), max(numbers)) if len(numbers) == len(self.values) else None
 
-    def far_out(self, uniform: float, multiple: float) -> typing.Any:
-        """Gives the last value, whatever the multiple."""
-        return self.values[-1]
-
     def rms(self, about: float) -> float | None:
         """Gives the root mean square of what a value differs by from `about`; None: no numbers."""
         if self.bounds() is None:
@@ -178,10 +157,6 @@ class Fixed:
     def bounds(self) -> tuple[float, float] | None:
         """Gives the value twice; None if it is no number."""
         return (self.same, self.same) if is_number(self.same) else None
-
-    def far_out(self, uniform: float, multiple: float) -> typing.Any:
-        """Gives `multiple` times the value; the value itself if it is no number."""
-        return multiple * self.same if is_number(self.same) else self.same
 
     def rms(self, about: float) -> float | None:
         """Gives what the value differs by from `about`; None if it is no number."""

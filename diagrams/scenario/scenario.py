@@ -14,7 +14,6 @@ from proxops.diagrams.scenario.overrides import (
     overrides_of,
 )
 from proxops.diagrams.scenario.path_keys import make_paths_absolute
-from proxops.diagrams.scenario.renamed_keys import refuse_renamed, translate_renamed
 from proxops.diagrams.scenario.scenario_checks import check_scenario
 from proxops.diagrams.scenario.scenario_config import Scenario
 from proxops.diagrams.scenario.typed_yaml import dump_typed, load_typed, parse_mapping, read_mapping
@@ -52,7 +51,6 @@ def load_scenario(
     if path is not None:
         make_paths_absolute(tree, Path(path).parent)
     _change(tree, overrides)
-    refuse_renamed(tree, source)
     if on_true_state:
         tree.setdefault("navigation", {"_tag": "!TrueState"})
     scenario = load_typed(Scenario, tree, source)
@@ -67,9 +65,7 @@ def dump_scenario(scenario: Scenario) -> str:
 
 
 def parse_scenario(text: str, source: str = "scenario") -> Scenario:
-    """Reads the scenario in a YAML text that this or an earlier version wrote.
-
-    Logs, manifests and campaigns hold such texts. Keys by their old names are translated.
+    """Reads the scenario in a YAML text, such as logs, manifests and campaigns hold.
 
     Raises:
       InputError: the text is not a scenario; see `load_scenario`.
@@ -88,7 +84,6 @@ def _parsed(text: str) -> Scenario:
 
 def _read(text: str, source: str) -> Scenario:
     tree = parse_mapping(text, source)
-    translate_renamed(tree)
     scenario = load_typed(Scenario, tree, source)
     check_scenario(scenario, source)
     return scenario
@@ -108,7 +103,6 @@ def change_scenario(scenario: Scenario, changes: Overrides) -> Scenario:
     """
     tree = parse_mapping(dump_scenario(scenario), "scenario")
     _change(tree, changes)
-    refuse_renamed(tree, "scenario")
     changed = load_typed(Scenario, tree, "scenario")
     check_scenario(changed, "scenario")
     _check_not_drawn(changed, changes)

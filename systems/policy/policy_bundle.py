@@ -22,11 +22,8 @@ POLICY_OUTPUTS = ("force", "estimate", "next_memory")
 
 Inputs: ranges (planes * rays) in m, +inf where nothing returned; target (6) in m and m/s; the force
 (3) in N that was commanded over the last period, 0 at the first step; memory, 0 at the start of a
-flight. Networks of 0.2.0 and 0.3.0 call the third input applied_force. Outputs: force (3) in N;
-estimate (6) of position and velocity in m and m/s, NaN if the network makes none; the memory for
-the next step."""
-# Today's names of the inputs of networks that 0.2.0 and 0.3.0 exported.
-_OLD_INPUTS = {"applied_force": "commanded_force"}
+flight. Outputs: force (3) in N; estimate (6) of position and velocity in m and m/s, NaN if the
+network makes none; the memory for the next step."""
 _KIND = BundleKind(
     noun="policy",
     file=POLICY_FILE,
@@ -114,10 +111,7 @@ def check_network(session: ort.InferenceSession, rays: int, memory: int) -> None
         ("outputs", POLICY_OUTPUTS, session.get_outputs()),
     ):
         wanted = {name: ("tensor(float)", [1, sizes[name]]) for name in names}
-        got = {
-            _OLD_INPUTS.get(value.name, value.name): (value.type, list(value.shape))
-            for value in values
-        }
+        got = {value.name: (value.type, list(value.shape)) for value in values}
         if got != wanted:
             raise InputError(f"the network's {kind} are {got}, not {wanted}")
 
@@ -136,10 +130,6 @@ def run_network(
         "commanded_force": commanded_force,
         "memory": memory,
     }
-    names = [value.name or "" for value in session.get_inputs()]
-    rows = {
-        name: np.asarray(given[_OLD_INPUTS.get(name, name)], dtype=np.float32)[None]
-        for name in names
-    }
+    rows = {name: np.asarray(row, dtype=np.float32)[None] for name, row in given.items()}
     force, estimate, next_memory = (np.asarray(row)[0] for row in session.run(POLICY_OUTPUTS, rows))
     return force, estimate, next_memory

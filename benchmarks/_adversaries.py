@@ -1,38 +1,182 @@
-"""Flights by adversaries: controllers that try to hit the body, with or without runtime assurance.
+"""Adversaries that try to hit the body, and worlds and state errors that help them, within bounds.
 
-These are plain functions; they make no Diagram. The motion is integrated with polyhedral gravity.
-It shares no code with the prediction that runtime assurance makes. `box_worlds` has the worlds and
-the errors of the state in which they fly.
+A *truth* says how gravity, mass, thrust and unexplained acceleration differ from what is believed;
+*state errors* say how far the believed state is from the true one. Both are drawn once for each
+flight and then act at each step. The motion is integrated with polyhedral gravity. Nothing of the
+prediction that runtime assurance makes is used. Vectors are in K.
 """
 
-from __future__ import annotations
-
+import math
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from proxops.diagrams.flight.box_worlds import StateErrors, Truth, check_known, outward_normal
-from proxops.diagrams.flight.scenario_systems import make_backup
+from proxops.diagrams.flight import make_backup
 from proxops.diagrams.logs import dense_positions
 from proxops.diagrams.scenario import AssuranceConfig, Body, Scenario, TransitConfig
 from proxops.systems.assurance import AssuranceBounds, BackupBraking, InterventionReason
 from proxops.systems.shapes import clearances
 from proxops.systems.vehicle import runge_kutta_step
 
+# Mean number of steps for which a truth that turns keeps its mood.
+_MOOD = 20.0
+# Change of a drawn truth from step to step, as a share of the bound.
+_WANDER = 0.1
 # The adversary along the surface keeps its course for at most this many steps.
 _LONGEST_COURSE = 60
 # This share of the starts is nearer to the keep-out ellipsoid than a transit may begin.
 _NEAR_SHARE = 0.5
 # This share of the starts is at the edge of what is admitted, found by so many bisections.
 _EDGE_SHARE, _BISECTIONS = 0.5, 20
-
 # Height, as a share of the ellipsoid's size, at which a small controller feels the ellipsoid.
 _LOW = 0.03
 
 Adversary = Callable[[np.ndarray], np.ndarray]
 """Gives a force (3,) in N for a state (6,)."""
+
+
+def outward_normal(semi_axes: np.ndarray, position: np.ndarray) -> np.ndarray:
+    """The unit normal (3,), at a position (3,) in m, of the ellipsoid's level there."""
+    normal = position / semi_axes**2
+    return normal / np.linalg.norm(normal)
+
+
+def _turned(force: np.ndarray, toward: np.ndarray, angle: float) -> np.ndarray:
+    """A force (3,) turned by at most an angle in rad towards a direction (3,)."""
+    size = np.linalg.norm(force)
+    if size == 0.0 or angle == 0.0:
+        return force
+    along = force / size
+    across = toward - (toward @ along) * along
+    length = np.linalg.norm(across)
+    if length < 1e-9:
+        return force
+    angle = min(angle, math.atan2(length, float(toward @ along)))
+    return size * (math.cos(angle) * along + math.sin(angle) * across / length)
+
+
+TRUTHS = ("as believed", "corner", "drawn", "hurting", "helping", "turning")
+STATE_ERRORS = (
+    "none", "constant", "flattering", "drifting", "jumping", "flipping", "sideways",
+)  # fmt: skip
+
+
+@dataclass
+class Truth:
+    """How one world differs, within its bounds.
+
+    Kinds:
+      as believed: it does not.
+      corner: everything is at one end of its bounds for the whole flight, drawn at random.
+      drawn: everything is somewhere between, and what may vary wanders.
+      hurting: what may vary hurts the most outward acceleration at each step.
+      helping: the opposite, so that the spacecraft does more than it is asked to.
+      turning: hurting and helping in turn, for random times.
+    """
+
+    kind: str
+    bounds: AssuranceBounds
+    semi_axes: np.ndarray
+    random: np.random.Generator
+
+    def __post_init__(self):
+        assert self.kind in TRUTHS
+        bounds, random = self.bounds, self.random
+        size = {"as believed": 0.0, "drawn": 1.0}.get(self.kind)
+        ends = random.choice([-1.0, 1.0], 2)
+        if size is not None:
+            ends = size * random.uniform(-1.0, 1.0, 2)
+        elif self.kind != "corner" and random.random() < 0.7:
+            # Heavy and strongly attracted, mostly.
+            ends = np.ones(2)
+        self.gravity = 1.0 + bounds.gravity * float(ends[0])
+        self.mass = 1.0 + bounds.mass * float(ends[1])
+        self._thrust = random.choice([-1.0, 1.0], 3)
+        self._push = random.choice([-1.0, 1.0], 3)
+        self._axis = random.normal(size=3)
+        if self.kind == "drawn":
+            self._thrust, self._push = random.uniform(-1.0, 1.0, (2, 3))
+        self._hurts, self._left = bool(random.random() < 0.5), 0
+
+    def act(self, state: np.ndarray, force: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The force (3,) in N and the other acceleration (3,) in m/s^2 of the next period."""
+        bounds, kind = self.bounds, self.kind
+        if kind == "as believed":
+            return force, np.zeros(3)
+        if kind == "drawn":
+            step = self.random.uniform(-_WANDER, _WANDER, (2, 3))
+            self._thrust = np.clip(self._thrust + step[0], -1.0, 1.0)
+            self._push = np.clip(self._push + step[1], -1.0, 1.0)
+        if kind in ("corner", "drawn"):
+            scaled = (1.0 + bounds.thrust * self._thrust) * force
+            return _turned(scaled, self._axis, bounds.thrust_direction), (
+                bounds.acceleration * self._push
+            )
+        if kind == "turning":
+            if self._left <= 0:
+                self._hurts = not self._hurts
+                self._left = int(self.random.exponential(_MOOD)) + 1
+            self._left -= 1
+        hurts = self._hurts if kind == "turning" else kind == "hurting"
+        normal = outward_normal(self.semi_axes, state[:3]) * (1.0 if hurts else -1.0)
+        scaled = force * (1.0 - bounds.thrust * np.sign(force * normal))
+        turned = _turned(scaled, -normal, bounds.thrust_direction)
+        return turned, -bounds.acceleration * np.sign(normal)
+
+
+@dataclass
+class StateErrors:
+    """How far the believed state is from the true one, within its bounds.
+
+    Kinds:
+      none: it is not.
+      constant: by all that is allowed, in one direction.
+      flattering: belief is higher, and moves outwards faster, by all that is allowed.
+      drifting: from the opposite of that to that, over half of the flight, and on from there.
+      jumping: by all that is allowed, in any direction, at each step.
+      flipping: flattering at every other step, the opposite in between.
+      sideways: along the surface, turning slowly.
+    """
+
+    kind: str
+    bounds: AssuranceBounds
+    semi_axes: np.ndarray
+    random: np.random.Generator
+    steps: int
+
+    def __post_init__(self):
+        assert self.kind in STATE_ERRORS
+        self._directions = self.random.normal(size=(2, 3))
+        self._step = 0
+
+    def __call__(self, state: np.ndarray) -> np.ndarray:
+        """The error (6,) of the belief at this step, in m and m/s, at a true state (6,)."""
+        normal = outward_normal(self.semi_axes, state[:3])
+        step = self._step
+        self._step += 1
+        if self.kind == "none":
+            return np.zeros(6)
+        if self.kind == "constant":
+            position, velocity = self._directions
+        elif self.kind == "jumping":
+            position, velocity = self.random.normal(size=(2, 3))
+        elif self.kind == "sideways":
+            axis, other = np.linalg.qr(np.c_[normal, self._directions[0], self._directions[1]])[
+                0
+            ].T[1:]
+            position = velocity = math.cos(0.05 * step) * axis + math.sin(0.05 * step) * other
+        else:
+            position = velocity = normal
+        position = self.bounds.position * position / np.linalg.norm(position)
+        velocity = self.bounds.velocity * velocity / np.linalg.norm(velocity)
+        size = 1.0
+        if self.kind == "drifting":
+            size = min(4.0 * step / self.steps - 1.0, 1.0)
+        elif self.kind == "flipping":
+            size = 1.0 if step % 2 else -1.0
+        return size * np.concatenate([position, velocity])
 
 
 def _at_the_body(backup: BackupBraking, random: np.random.Generator) -> Adversary:
@@ -83,10 +227,8 @@ def _along_the_surface(backup: BackupBraking, random: np.random.Generator) -> Ad
 def small_controller(backup: BackupBraking, weights: np.ndarray) -> Adversary:
     """A controller with few weights, for a search; it thrusts along normal and sideways motion.
 
-    Args:
-      backup: gives the limits.
-      weights: `CONTROLLER_SHAPE`: of the normal, the sideways velocity and what is across both, by
-        a constant, height, outward and sideways speed, and two components of the normal.
+    The weights are `CONTROLLER_SHAPE`: of the normal, the sideways velocity and what is across
+    both, by a constant, height, outward and sideways speed, and two components of the normal.
     """
     limits = backup.limits
     axes = np.asarray(limits.keep_out_semi_axes)
@@ -163,16 +305,7 @@ class AdversarialFlight:
 def random_admitted_state(
     backup: BackupBraking, transit: TransitConfig, random: np.random.Generator
 ) -> np.ndarray:
-    """Draws an admitted state (6,) in a cube, half of the time close to the keep-out ellipsoid.
-
-    Half of the states are at the edge of what is admitted: moved down the normal until no lower
-    state would be admitted.
-
-    Args:
-      backup: decides which states are admitted.
-      transit: gives the cube, and with `end_clearance_m` what is close.
-      random: source of the draws.
-    """
+    """An admitted state (6,) in the cube: half close to the ellipsoid, half at the edge of it."""
     axes, speed = backup.limits.keep_out_semi_axes, backup.limits.speed
     cube, near = transit.cube_m, transit.end_clearance_m
     while True:
@@ -215,24 +348,9 @@ def adversarial_flight(
 ) -> AdversarialFlight:
     """Flies one adversary from a random admitted state; the result depends on the arguments alone.
 
-    Args:
-      scenario: gives the spacecraft, the control period and the settings of runtime assurance.
-      body: the body, as it is believed.
-      name: one of `ADVERSARIES`.
-      seed: seed of the start, of the adversary's draws and of the world's.
-      steps: number of control steps.
-      assured: whether runtime assurance filters the commands.
-      backup: of the body; None: as the scenario says.
-      truth: one of `TRUTHS`.
-      state_errors: one of `STATE_ERRORS`.
-      adversary: flies instead of the named one.
-      excess: the worlds and state errors are drawn from bounds that are greater by this factor.
-
-    Raises:
-      InputError: there is no adversary, truth or error of the state of this name; see also
-        `make_backup`.
+    `adversary` flies instead of the one of `ADVERSARIES` that is named. Worlds and state errors are
+    drawn from bounds that are greater by the factor `excess`.
     """
-    check_known("adversary", name, ADVERSARIES)
     if backup is None:
         backup = make_backup(scenario, body, scenario.assurance or AssuranceConfig())
     random = np.random.default_rng(seed)
@@ -285,13 +403,7 @@ def moved(
 
     Gravity is linear about a point in the middle of the way: off by less than a millimetre after
     10 s at Kleopatra. The equations are then linear too; the Runge-Kutta method solves them.
-
-    Args:
-      state: (6,) in K, in m and m/s.
-      acceleration: (3,) by thrust and all that is unexplained, in m/s^2.
-      period: in s.
-      body: its gravity and spin.
-      gravity: true size of its gravity over the believed one.
+    `gravity` is its true size over the believed one.
     """
     spin = body.spin_rate
     middle = state[:3] + 0.5 * period * state[3:]
