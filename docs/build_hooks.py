@@ -9,6 +9,7 @@ A line of a page that starts with one of these is replaced:
 * `!file PATH`: a file of the repository, as code.
 * `!experiments PATH`: a Markdown file of the repository, without its title, headings a level down.
 * `!dispersions NAME`: a table of dispersions that ship, with the source of each number.
+* `!quantities`: the table of uncertain quantities, with whom they are told.
 * `!log_variables`: a table of a flight log's variables.
 * `!modules FOLDER`: the reference of all rooms of a folder and their public modules.
 
@@ -35,6 +36,7 @@ from proxops.diagrams.flight import add_transit, fly
 from proxops.diagrams.logs import VARIABLES
 from proxops.diagrams.meshcat import write_replay
 from proxops.diagrams.scenario import (
+    QUANTITIES,
     load_body,
     load_dispersions,
     load_scenario,
@@ -98,6 +100,18 @@ def _dispersions(name: str) -> str:
     return "\n".join(lines)
 
 
+def _quantities(_: str) -> str:
+    lines = ["| key | tunes `navigation.expected.…` | `assurance.bounds.…` |", "|---|---|---|"]
+    for each in QUANTITIES:
+        if each.known:
+            row = "known on the day", "known on the day"
+        else:
+            bound = {None: "not covered", "": "not needed"}.get(each.bounds, f"`{each.bounds}`")
+            row = f"`{each.tunes}`" if each.tunes else "–", bound
+        lines.append(f"| `{each.key}` | {row[0]} | {row[1]} |")
+    return "\n".join(lines)
+
+
 def _distribution(entry: dict) -> str:
     """A distribution of a YAML file, in words."""
     spread = entry.get("three_sigma", 0.0)
@@ -134,6 +148,7 @@ def _modules(folder: str) -> str:
 _MAKERS = {
     "commands": _commands,
     "dispersions": _dispersions,
+    "quantities": _quantities,
     "experiments": _experiments,
     "file": _file,
     "help": _help,

@@ -176,7 +176,7 @@ def described_bounds(scenario: Scenario) -> str:
     return ", ".join(found) or "no errors"
 
 
-def _refuse_disturbance(most: float | None) -> None:
+def _refuse_disturbance(most: float) -> None:
     if most:
         raise InputError(
             f"disturbance.max_relative_magnitude adds up to {most:g} times the command, which "
