@@ -414,17 +414,6 @@ def with_an_opaque_attribute(file: h5py.File, other: Path) -> None:
     h5py.h5a.create(file.id, b"wall", opaque(), h5py.h5s.create_simple((3,)))
 
 
-def never_written(file: h5py.File, other: Path) -> None:
-    del file["wall"]
-    file.create_dataset("wall", (10**8,), "f8", chunks=(1000,), compression="gzip")
-
-
-def of_any_size(file: h5py.File, other: Path) -> None:
-    """A few bytes that stand for a terabyte of zeros."""
-    del file["wall"]
-    file.create_dataset("wall", (10**12,), "u1", chunks=(10**6,))
-
-
 @pytest.mark.parametrize(
     ("change", "why"),
     [
@@ -433,8 +422,6 @@ def of_any_size(file: h5py.File, other: Path) -> None:
         (in_a_virtual_array, "wall is in another file"),
         (of_opaque_bytes, "wall has opaque bytes"),
         (with_an_opaque_attribute, "an attribute of opaque bytes"),
-        (never_written, "wall stands for more than it holds"),
-        (of_any_size, "wall stands for more than it holds"),
     ],
 )
 def test_a_log_holds_its_data_itself(change: Callable, why: str, tmp_path: Path) -> None:
