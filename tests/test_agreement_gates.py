@@ -7,7 +7,6 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from proxops.systems import InputError
 from proxops.systems.hybrid.agreement_gates import AgreementGate, GateKind
 
 GATES = {kind: AgreementGate(kind) for kind in GateKind}
@@ -134,11 +133,3 @@ def test_printed_accepts_opposite_and_rejects_equal_directions(force: np.ndarray
     assert not agrees("printed", force, 3.0 * force)
     assert not agrees("paper", force, -force)
     assert agrees("paper", force, 3.0 * force)
-
-
-def test_limits_are_checked() -> None:
-    for wrong in ({"magnitude": -1.0}, {"angle": math.nan}, {"dead_band": math.inf}):
-        with pytest.raises(InputError, match="a gate needs"):
-            AgreementGate(GateKind.STRICT, **wrong)
-    with pytest.raises(InputError, match="printed, paper, strict"):
-        AgreementGate("loose")  # type: ignore[arg-type]

@@ -299,15 +299,6 @@ def test_a_log_cut_short_is_told_and_flown_anew(
     assert len(logs_of(two)) == 2
 
 
-@pytest.mark.parametrize("mix", ["paperr", "kicks=x"])
-def test_senseless_mix_is_refused(
-    collect: Collect, capsys: pytest.CaptureFixture[str], mix: str
-) -> None:
-    assert collect("--recovery", mix, "--out", "out") == 2
-    assert mix in capsys.readouterr().err
-    assert not Path("out").exists()
-
-
 @pytest.mark.slow
 def test_full_disk(collect: Collect, tmp_path: Path) -> None:
     """A limit on the size of files makes every write of a log fail half-way."""

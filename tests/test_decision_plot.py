@@ -12,12 +12,8 @@ from synthetic_log import synthetic_log
 from proxops.diagrams.logs.flight_log import FlightLog
 from proxops.diagrams.logs.legend import REASONS, legend_of
 from proxops.diagrams.plots.decision_plot import plot_decisions
-from proxops.diagrams.scenario import (
-    AssuranceBoundsConfig,
-    AssuranceConfig,
-    TrueStateConfig,
-    dump_scenario,
-)
+from proxops.diagrams.scenario import AssuranceConfig, TrueStateConfig, dump_scenario
+from proxops.diagrams.scenario.scenario_config import AssuranceBoundsConfig
 from proxops.systems.assurance import InterventionReason
 
 

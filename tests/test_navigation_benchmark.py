@@ -18,8 +18,8 @@ from proxops.diagrams.scenario import (
     Scenario,
     load_body,
     load_scenario,
-    transit_set,
 )
+from proxops.diagrams.scenario.transits import transit_set
 from proxops.systems.common import InputError
 from proxops.systems.shapes import Polyhedron
 

@@ -362,13 +362,6 @@ def test_masses_may_differ_a_little(logs: Path) -> None:
     assert pack_flights(logs).setting.mass_kg == pytest.approx(100.0 - 3.0 / len(FLIGHTS))
 
 
-def test_another_lidar_is_not_mixed_in(logs: Path) -> None:
-    data = with_scenario(lidar__rays=180)(flight("a-1").dataset.isel(ray=slice(180)))
-    data.to_netcdf(logs / "a-1.nc", engine="h5netcdf")
-    with pytest.raises(InputError, match=r"a-1\.nc and a-0\.nc differ in rays \(180 and 360\)"):
-        pack_flights(logs)
-
-
 def test_text_in_a_number_s_place(logs: Path) -> None:
     with h5py.File(logs / "a-1.nc", "a") as file:
         del file["force"]

@@ -29,8 +29,9 @@ from proxops.diagrams.meshcat.meshcat_scene import (
     move_spacecraft,
     quiet_meshcat,
 )
-from proxops.diagrams.scenario import AssuranceBoundsConfig, AssuranceConfig, dump_scenario
+from proxops.diagrams.scenario import AssuranceConfig, dump_scenario
 from proxops.diagrams.scenario.body import Body, BodyConfig
+from proxops.diagrams.scenario.scenario_config import AssuranceBoundsConfig
 from proxops.systems.assurance import InterventionReason
 from proxops.systems.common.errors import InputError
 from proxops.systems.shapes.polyhedron import Polyhedron

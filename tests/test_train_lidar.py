@@ -163,11 +163,6 @@ def test_flies_and_repeats(out: Path, tmp_path: Path):
     assert "lidar_sha256" not in fly(load_scenario(None, SHORT)).dataset.attrs
 
 
-def test_a_bundle_of_another_geometry_does_not_fly(scenario_file: Path):
-    with pytest.raises(InputError, match="the lidar has 6 of 360"):
-        fly(load_scenario(scenario_file, SHORT | {"lidar.planes": 6}))
-
-
 def test_a_campaign_knows_its_bundle(scenario_file: Path):
     provenance = transit_flights(load_scenario(scenario_file), "mpc", 5, 1)[0].provenance
     bundle = scenario_file.parent / "out" / "bundle"

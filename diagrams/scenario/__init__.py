@@ -1,7 +1,7 @@
 """The scenario, the body, the transit and the true world: what a flight depends on.
 
 Start with `load_scenario` and the dataclasses of `scenario_config`, which give each value its
-default, unit and limits; then read `load_body` and `transit_set`. `truth_config` says how the world
+default, unit and limits; then read `load_body` and `of_transit`. `truth_config` says how the world
 may differ from what is believed, `make_true_body` makes the true body, and `draw_world` draws a
 world from dispersions. `navigation_config` says from what the controllers know the state, and
 `expected_errors` what the navigation takes its errors to be; `assurance_bounds` gives the errors
@@ -12,10 +12,8 @@ field to one of these dataclasses. Nothing in this room simulates.
 from proxops.diagrams.scenario.body import Body, BodyConfig, check_constants, load_body
 from proxops.diagrams.scenario.declared_bounds import described_bounds
 from proxops.diagrams.scenario.dispersions import Dispersion, load_dispersions
-from proxops.diagrams.scenario.dotted_keys import KNOWN_ON_THE_DAY
 from proxops.diagrams.scenario.drawn_world import dispersed_values, draw_world
 from proxops.diagrams.scenario.navigation_config import (
-    ExpectedErrorsConfig,
     LidarNavigationConfig,
     TrueStateConfig,
 )
@@ -31,7 +29,6 @@ from proxops.diagrams.scenario.scenario import (
 from proxops.diagrams.scenario.scenario_checks import check_scenario
 from proxops.diagrams.scenario.scenario_config import (
     ArrivalConfig,
-    AssuranceBoundsConfig,
     AssuranceConfig,
     ForceNoiseConfig,
     HybridConfig,
@@ -39,7 +36,6 @@ from proxops.diagrams.scenario.scenario_config import (
     LearnedLidarConfig,
     LidarConfig,
     MpcConfig,
-    PolicyConfig,
     RandomWalkDisturbanceConfig,
     Scenario,
     SpacecraftConfig,
@@ -56,7 +52,6 @@ from proxops.diagrams.scenario.transits import (
     is_blocked,
     of_transit,
     scenario_transit,
-    transit_set,
     with_ends,
 )
 from proxops.diagrams.scenario.true_body import (
@@ -66,9 +61,6 @@ from proxops.diagrams.scenario.true_body import (
     turns_the_axes,
 )
 from proxops.diagrams.scenario.truth_config import (
-    TrueAccelerationConfig,
-    TrueAttitudeConfig,
-    TrueLidarConfig,
     TrueThrustersConfig,
     TruthConfig,
 )
@@ -76,14 +68,11 @@ from proxops.diagrams.scenario.typed_yaml import is_yaml_path, load_typed, parse
 from proxops.diagrams.scenario.world_differences import differing_values, spin_axes
 
 __all__ = [
-    "KNOWN_ON_THE_DAY",
     "ArrivalConfig",
-    "AssuranceBoundsConfig",
     "AssuranceConfig",
     "Body",
     "BodyConfig",
     "Dispersion",
-    "ExpectedErrorsConfig",
     "ForceNoiseConfig",
     "HybridConfig",
     "KicksConfig",
@@ -91,16 +80,12 @@ __all__ = [
     "LidarConfig",
     "LidarNavigationConfig",
     "MpcConfig",
-    "PolicyConfig",
     "RandomWalkDisturbanceConfig",
     "Scenario",
     "SpacecraftConfig",
     "Transit",
     "TransitConfig",
-    "TrueAccelerationConfig",
-    "TrueAttitudeConfig",
     "TrueBody",
-    "TrueLidarConfig",
     "TrueStateConfig",
     "TrueThrustersConfig",
     "TruthConfig",
@@ -135,7 +120,6 @@ __all__ = [
     "scenario_remarks",
     "scenario_transit",
     "spin_axes",
-    "transit_set",
     "turns_the_axes",
     "with_ends",
 ]

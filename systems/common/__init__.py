@@ -20,7 +20,6 @@ from proxops.systems.common.checks import (
     checked_semi_axes,
 )
 from proxops.systems.common.controller_offers import (
-    ControllerOffers,
     LegendEntry,
     LoggedPort,
     check_port_size,
@@ -48,7 +47,6 @@ __all__ = [
     "LARGEST",
     "MODEL_FILE",
     "BundleKind",
-    "ControllerOffers",
     "InputError",
     "LegendEntry",
     "LoggedPort",
