@@ -7,14 +7,12 @@ import warnings
 from collections.abc import Callable
 from importlib import metadata
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 import short_flights
-import trimesh
 from commands import proxops, settings
-from short_flights import blob, kleopatra, short_scenario, write_blob
+from short_flights import kleopatra, short_scenario, write_blob
 from synthetic_log import synthetic_log
 from test_flight_log import SUMMARY
 from test_navigation_wiring import NAVIGATION_SUMMARY
@@ -317,15 +315,6 @@ def test_evaluate_counts_refused(run, tmp_path: Path, option: list[str]) -> None
     assert entries(tmp_path) == set()
 
 
-def test_evaluate_impossible_set_refused(
-    run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("proxops.diagrams.scenario.transits._ATTEMPTS", 1000)
-    ran = run("evaluate", "--set", "transit.cube_m=100e3", "--transits", 2, "--out", "out")
-    refused(ran, "no transit was found", "transit.cube_m")
-    assert entries(tmp_path) == set()
-
-
 def test_a_warning_is_a_line(run, tmp_path: Path) -> None:
     setting = ["--set", "assurance={bounds: {}}", "--set", "truth.gravity=1.01"]
     with pytest.warns(UserWarning, match="the scenario may exceed assurance") as caught:
@@ -338,24 +327,6 @@ def test_a_warning_is_a_line(run, tmp_path: Path) -> None:
 
 
 # --- bad input ------------------------------------------------------------------------------------
-
-
-def with_holes() -> trimesh.Trimesh:
-    return trimesh.Trimesh(blob().vertices, blob().faces[1:], process=False)
-
-
-@pytest.mark.parametrize(
-    ("mesh", "changes", "words"),
-    [(with_holes, {}, ["blob.obj", "holes"]), (blob, {"colour": "grey"}, ["no key 'colour'"])],
-)
-@pytest.mark.parametrize("command", ["fly", "evaluate"])
-def test_bad_body_of_a_command(
-    run, tmp_path: Path, command: str, mesh, changes: dict[str, Any], words: list[str]
-) -> None:
-    write_blob(tmp_path, mesh(), **changes)
-    before = entries(tmp_path)
-    refused(run(command, "--set", "body=blob.yaml", "--out", "out"), *words)
-    assert entries(tmp_path) == before
 
 
 @pytest.mark.parametrize("option", ["--seed", "--transit"])
@@ -404,24 +375,6 @@ def test_out_under_a_file(run, tmp_path: Path, command: str) -> None:
         refused(run(command, *BRIEF, "--out", out), "file", "not a folder")
     assert entries(tmp_path) == {"file"}
     assert (tmp_path / "file").read_text() == "mine"
-
-
-@pytest.mark.parametrize(
-    ("option", "command"),
-    [
-        ("--out", ("fly", *BRIEF)),
-        ("--mended-map", ("fly", *BRIEF)),
-        ("--mcap", ("replay", "flight.nc")),
-        ("--oem", ("replay", "flight.nc")),
-        ("--fix", ("shape", "rock.obj", "--unit", "m")),
-        ("--body", ("shape", "rock.obj", "--unit", "m", "--mass", "1", "--period", "1")),
-    ],
-)
-def test_what_cannot_be_written_is_named_by_its_option(
-    run, tmp_path: Path, option: str, command: tuple[str, ...]
-) -> None:
-    (tmp_path / "file").write_text("not a folder")
-    refused(run(*command, option, "file/it.obj"), f"{option} file")
 
 
 @pytest.mark.parametrize(
@@ -504,36 +457,6 @@ def test_a_value_that_dispersions_draw(run, tmp_path: Path, command: str) -> Non
     assert entries(tmp_path) == set()
 
 
-@pytest.mark.parametrize("command", ["evaluate", "collect", "reproduce"])
-def test_transits_of_a_set_are_not_given(run, tmp_path: Path, command: str) -> None:
-    ends = ["--set", "transit.start_m=[160e3, 0, 0]", "--set", "transit.goal_m=[160e3, 8e3, 0]"]
-    refused(run(command, *ends, "--out", "out"), "draws its transits", "proxops fly")
-    for seed in ("transit.seed=3", "transit={seed: 3}"):
-        refused(run(command, "--set", seed, "--out", "out"), "--set transit.seed")
-    assert entries(tmp_path) == set()
-
-
-def test_disturbance_that_no_flight_of_a_mix_has(run, tmp_path: Path) -> None:
-    ran = run("collect", "--recovery", "paper", "--set", "force_noise.std_n=2", "--out", "out")
-    refused(ran, "force_noise", "kind noise")
-    assert entries(tmp_path) == set()
-
-
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        (["flagship", "--seed", "20000"], "--seed is that of the paper's transits"),
-        (["--quick", "--lidar", "paper"], "--lidar is for the paper's training"),
-        (["worlds", "--lidar", "paper"], "--lidar is for the paper's training"),
-    ],
-)
-def test_reproduce_refuses_what_it_would_not_heed(
-    run, tmp_path: Path, options: list[str], words: str
-) -> None:
-    refused(run("reproduce", *options, "--out", "out"), words)
-    assert entries(tmp_path) == set()
-
-
 def test_the_papers_recipe_can_be_flown_once_it_is_trained(run, tmp_path: Path) -> None:
     """In one command it is trained first; here that stops at what training refuses."""
     stops = ["--set", "policy.bundle=policy.zip", "--out", "out"]
@@ -541,13 +464,6 @@ def test_the_papers_recipe_can_be_flown_once_it_is_trained(run, tmp_path: Path) 
     refused(run("reproduce", "paper", "paper-recipe", "--quick", *stops), "train it first")
     refused(run("reproduce", "paper", "paper-recipe", *stops), "the policy that is trained")
     assert entries(tmp_path) == set()
-
-
-def test_bodies_at_which_nothing_is_flown(run, tmp_path: Path) -> None:
-    (tmp_path / "bodies").mkdir()
-    write_blob(tmp_path / "bodies")
-    ran = run("reproduce", "flagship", "--bodies", "bodies", "--out", "out")
-    refused(ran, "--bodies names bodies at which nothing is flown")
 
 
 # --- what is printed ------------------------------------------------------------------------------
@@ -562,13 +478,6 @@ def test_long_work_without_a_terminal_tells_of_its_progress(
         monkeypatch.setattr(common, "_SECONDS_PER_LINE", 0.0)
         progress(0.5, "5 of 10 flights")
         assert capfd.readouterr().err == "50 % 5 of 10 flights\n"
-
-
-def test_brackets_in_a_name_are_no_style(run, tmp_path: Path) -> None:
-    synthetic_log(30, ranges=False).to_netcdf(tmp_path / "a.nc")
-    ran = run("replay", "a.nc", "--out", "b[v2][/b].html")
-    assert ran.code == 0
-    assert "b[v2][/b].html" in ran.err
 
 
 # --- help -----------------------------------------------------------------------------------------
