@@ -94,11 +94,6 @@ def rendered(text: str, sources: Sources) -> str:
     return _PLACE.sub(made, text)
 
 
-def own_text(text: str) -> str:
-    """A page's text with blank lines in place of what is rendered."""
-    return _PLACE.sub(lambda found: "\n" * found[0].count("\n"), text)
-
-
 def take(folder: Path) -> None:
     """Copies the results of `proxops reproduce`, with this repository's commit and its packages.
 

@@ -47,21 +47,6 @@ def test_table(sections: np.ndarray) -> None:
     np.testing.assert_allclose(sections[49, 16], [x, y, z + radii[16]], atol=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("rows", "complaint"),
-    [
-        ("0,0,0,0,0,0\n2,0,0,1,1,1\n1,0,0,0,0,0\n", "ascend"),
-        ("0,0,0,0,0,0\n1,0,0,1,1,1\n2,0,0,1,0,0\n", "zero in the first and last"),
-        ("0,0,0,0,0,0\n1,0,0,1,0,1\n2,0,0,0,0,0\n", "zero in the first and last"),
-    ],
-)
-def test_bad_table_is_refused(tmp_path, rows: str, complaint: str) -> None:
-    path = tmp_path / "radii.csv"
-    path.write_text("x,y,z,r0,r120,r240\n" + rows)
-    with pytest.raises(ValueError, match=complaint):
-        loft.read_sections(path)
-
-
 def test_loft_of_a_cylinder_with_cones(tmp_path) -> None:
     """Prisms and pyramids over a regular hexagon: the volume is exact."""
     rows = ["0,0,0" + ",0" * 6, "1,0,0" + ",2" * 6, "4,0,0" + ",2" * 6, "6,0,0" + ",0" * 6]

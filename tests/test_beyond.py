@@ -12,12 +12,12 @@ from short_flights import BRIEF, short_scenario, write_blob
 
 from proxops.diagrams.flight import Workers, named_controller
 from proxops.diagrams.scenario import (
-    PolicyConfig,
     Scenario,
     dump_scenario,
     load_body,
     load_dispersions,
 )
+from proxops.diagrams.scenario.scenario_config import PolicyConfig
 from proxops.studies.beyond.campaigns import (
     BODIES,
     DISPERSED_BODIES,

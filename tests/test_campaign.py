@@ -2,7 +2,6 @@
 
 import contextlib
 import dataclasses as dc
-import errno
 import json
 import os
 import random
@@ -18,7 +17,6 @@ from typing import Any
 import dask.config
 import psutil
 import pytest
-from dask.distributed import LocalCluster
 from short_flights import BRIEF, kleopatra, short_scenario, write_blob
 from xarray.backends.locks import get_dask_scheduler
 
@@ -78,11 +76,6 @@ def test_flights_are_the_set_s_transits() -> None:
         assert scenario.transit.start_m is scenario.transit.goal_m is None
         assert scenario.mpc == brief().mpc
     assert flights(3) == made[:3]
-
-
-def test_names_suit_a_file_system() -> None:
-    [flight] = transit_flights(brief(), "json.decoder:make/it", 1, 1)
-    assert flight.name == "json-decoder-make-it-1-00000"
 
 
 def test_a_drawn_mesh_that_was_edited_is_another(tmp_path: Path) -> None:
@@ -270,16 +263,6 @@ def test_foreign_file_under_a_flight_s_name(tmp_path: Path, content: str) -> Non
         run_campaign(flights(1), tmp_path, workers=Workers(1))
 
 
-def test_folder_that_cannot_be_made(tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("")
-    with pytest.raises(InputError, match="cannot make the folder"):
-        run_campaign(flights(1), tmp_path / "file" / "out", workers=Workers(1))
-
-
-def test_nothing_to_fly(tmp_path: Path) -> None:
-    assert run_campaign([], tmp_path) == []
-
-
 def test_impossible_flight_is_told_apart(tmp_path: Path) -> None:
     """A refusal comes through a worker process as what it is."""
     made = flights(2, "json:no_such_factory")
@@ -302,43 +285,12 @@ def test_encrypted_scheduler_without_certificates(tmp_path: Path) -> None:
     assert get_dask_scheduler() == "threaded"
 
 
-def test_processes_of_this_machine_or_a_scheduler() -> None:
-    with pytest.raises(InputError, match="not both"):
-        Workers(2, "tcp://127.0.0.1:9")
-
-
-def test_scheduler_without_workers_is_told_of() -> None:
-    pieces = flights(1)
-    cluster = LocalCluster(n_workers=0, processes=False, dashboard_address=":0")
-    with cluster:
-        work = Workers(scheduler=cluster.scheduler_address).results(pieces, attrgetter("name"))
-        with pytest.raises(UserWarning, match="has no workers yet"):
-            next(work)
-
-
 @pytest.mark.slow
 def test_settings_for_a_cluster_with_encryption() -> None:
     """A user may have them for another machine's scheduler; processes of this one need none."""
     pieces = [Flight(name, name.upper(), "mpc", "") for name in ("ab", "cd")]
     with dask.config.set({"distributed.comm.require-encryption": True}):
         assert dict(Workers(2).results(pieces, attrgetter("scenario"))) == {"ab": "AB", "cd": "CD"}
-
-
-def test_folder_without_locks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def no_locks(*_: object) -> None:
-        raise OSError(errno.ENOLCK, "No locks available")
-
-    monkeypatch.setattr(campaign.fcntl, "lockf", no_locks)
-    with pytest.raises(InputError, match="without locks"):
-        run_campaign(flights(1), tmp_path, workers=Workers(1))
-
-
-def test_no_scheduler_is_asked_for_nothing(tmp_path: Path) -> None:
-    workers = Workers(scheduler="tcp://127.0.0.1:9")
-    assert list(workers.results([], attrgetter("name"))) == []
-    made = flights(1)
-    rows = run_campaign(made, tmp_path, workers=Workers(1))
-    assert run_campaign(made, tmp_path, workers=workers) == rows
 
 
 ONE_CORE = """
@@ -400,16 +352,6 @@ def test_processes_that_are_kept_do_later_work_too(monkeypatch: pytest.MonkeyPat
         assert not third & first
         assert all(has_ended(process) for process in first)
     assert all(has_ended(process) for process in third)
-
-
-def test_no_process_is_kept_where_none_is_started() -> None:
-    with Workers(1).kept() as workers:
-        assert set(dict(workers.results(flights(2), attrgetter("name")))) == {
-            flight.name for flight in flights(2)
-        }
-    scheduled = Workers(scheduler="tcp://127.0.0.1:9")
-    with scheduled.kept() as same:
-        assert same is scheduled
 
 
 CAMPAIGN = """
@@ -500,12 +442,6 @@ def test_a_draw_that_is_too_heavy_ends_its_flight_alone(tmp_path: Path) -> None:
         heavy = row["dispersed"]["spacecraft.mass_kg"] > 1000.0
         assert ("cannot be held" in row.get("unflyable", "")) == heavy
     assert 0 < sum("unflyable" in row for row in rows) < 4
-
-
-@pytest.mark.parametrize("processes", [0, -1])
-def test_no_processes_are_refused(processes: int) -> None:
-    with pytest.raises(InputError, match="at least 1 process"):
-        Workers(processes)
 
 
 def test_the_navigation_s_map_counts(tmp_path: Path) -> None:

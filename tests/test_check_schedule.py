@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from proxops.systems import CheckSchedule, InputError, PeriodRule
+from proxops.systems import CheckSchedule, PeriodRule
 from proxops.systems.hybrid.agreement_gates import Agreement
 
 ADAPTIVE = CheckSchedule(PeriodRule.ADAPTIVE)
@@ -63,11 +63,3 @@ def test_trust_is_earned(last: int, following: int) -> None:
 
 def test_limit_of_zero() -> None:
     assert ADAPTIVE.next_period(100, agreed(0.0), 0.0, 1000) == 10
-
-
-def test_what_no_schedule_is() -> None:
-    for wrong in ({"check_period": 0}, {"longest": 0}):
-        with pytest.raises(InputError, match="check_period and longest to be at least 1"):
-            CheckSchedule(PeriodRule.FIXED, **wrong)
-    with pytest.raises(InputError, match="fixed, adaptive"):
-        CheckSchedule("never")  # type: ignore[arg-type]

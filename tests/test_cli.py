@@ -1,21 +1,18 @@
 """The command line: what it writes, what it says, and how it refuses bad input."""
 
 import json
-import os
 import subprocess
 import sys
 import warnings
 from collections.abc import Callable
 from importlib import metadata
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 import short_flights
-import trimesh
 from commands import proxops, settings
-from short_flights import blob, kleopatra, short_scenario, write_blob
+from short_flights import kleopatra, short_scenario, write_blob
 from synthetic_log import synthetic_log
 from test_flight_log import SUMMARY
 from test_navigation_wiring import NAVIGATION_SUMMARY
@@ -23,13 +20,11 @@ from test_navigation_wiring import NAVIGATION_SUMMARY
 from proxops.cli import common
 from proxops.cli.common import console, work_bar
 from proxops.cli.fly import _table
-from proxops.diagrams.flight.transit_diagram import make_transit_diagram
 from proxops.diagrams.logs.flight_log import FlightLog, differences
 from proxops.diagrams.logs.lengths import length_text
 from proxops.diagrams.scenario.body import load_body
 from proxops.diagrams.scenario.scenario import change_scenario, load_scenario
 from proxops.diagrams.scenario.transits import scenario_transit
-from proxops.systems import InputError
 from proxops.systems.gravity import tabulated_field
 
 BRIEF = settings(
@@ -320,15 +315,6 @@ def test_evaluate_counts_refused(run, tmp_path: Path, option: list[str]) -> None
     assert entries(tmp_path) == set()
 
 
-def test_evaluate_impossible_set_refused(
-    run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("proxops.diagrams.scenario.transits._ATTEMPTS", 1000)
-    ran = run("evaluate", "--set", "transit.cube_m=100e3", "--transits", 2, "--out", "out")
-    refused(ran, "no transit was found", "transit.cube_m")
-    assert entries(tmp_path) == set()
-
-
 def test_a_warning_is_a_line(run, tmp_path: Path) -> None:
     setting = ["--set", "assurance={bounds: {}}", "--set", "truth.gravity=1.01"]
     with pytest.warns(UserWarning, match="the scenario may exceed assurance") as caught:
@@ -343,116 +329,10 @@ def test_a_warning_is_a_line(run, tmp_path: Path) -> None:
 # --- bad input ------------------------------------------------------------------------------------
 
 
-def with_holes() -> trimesh.Trimesh:
-    return trimesh.Trimesh(blob().vertices, blob().faces[1:], process=False)
-
-
-def flipped() -> trimesh.Trimesh:
-    return trimesh.Trimesh(blob().vertices, blob().faces[:, ::-1], process=False)
-
-
-def mixed_winding() -> trimesh.Trimesh:
-    faces = blob().faces.copy()
-    faces[7] = faces[7, ::-1]
-    return trimesh.Trimesh(blob().vertices, faces, process=False)
-
-
-def not_a_number() -> trimesh.Trimesh:
-    vertices = np.array(blob().vertices)
-    vertices[5, 2] = np.nan
-    return trimesh.Trimesh(vertices, blob().faces, process=False)
-
-
-def duplicates() -> trimesh.Trimesh:
-    vertices, faces = np.array(blob().vertices), blob().faces.copy()
-    faces[3, 0] = len(vertices)
-    return trimesh.Trimesh(
-        np.vstack([vertices, vertices[blob().faces[3, 0]]]), faces, process=False
-    )
-
-
-def zero_volume() -> trimesh.Trimesh:
-    """A sheet and its back."""
-    corners = np.array([[-90.0, -40, 0], [90, -40, 0], [90, 40, 0], [-90, 40, 0]])
-    sheet = [[0, 1, 2], [0, 2, 3], [2, 1, 0], [3, 2, 0]]
-    return trimesh.Trimesh(corners, sheet, process=False)
-
-
-@pytest.mark.parametrize(
-    ("mesh", "changes", "words"),
-    [
-        (with_holes, {}, ["blob.obj", "holes"]),
-        (flipped, {}, ["blob.obj", "inside out"]),
-        (mixed_winding, {}, ["blob.obj", "mixed winding"]),
-        (not_a_number, {}, ["blob.obj", "not finite"]),
-        (duplicates, {}, ["blob.obj", "duplicate vertices"]),
-        (zero_volume, {}, ["blob.obj"]),
-        (blob, {"mesh_unit": "m"}, ["kg/m^3", "unit"]),
-        (blob, {"mesh_unit": "mile"}, ["unit 'mile' is not known"]),
-        (blob, {"mass_kg": -1e18}, ["mass_kg must be positive"]),
-        (blob, {"mesh": "absent.obj"}, ["absent.obj does not exist"]),
-        (blob, {"colour": "grey"}, ["no key 'colour'"]),
-        (blob, {"keep_out_semi_axes_m": [140e3, 70e3, 40e3]}, ["sticks out"]),
-    ],
-)
-def test_bad_body(
-    tmp_path: Path, mesh: Callable[[], trimesh.Trimesh], changes: dict[str, Any], words: list[str]
-) -> None:
-    path = write_blob(tmp_path, mesh(), **changes)
-    with pytest.raises(InputError) as caught:
-        load_body(path)
-    assert all(word in str(caught.value) for word in words)
-
-
-@pytest.mark.parametrize(
-    ("mesh", "changes", "words"),
-    [(with_holes, {}, ["blob.obj", "holes"]), (blob, {"colour": "grey"}, ["no key 'colour'"])],
-)
-@pytest.mark.parametrize("command", ["fly", "evaluate"])
-def test_bad_body_of_a_command(
-    run, tmp_path: Path, command: str, mesh, changes: dict[str, Any], words: list[str]
-) -> None:
-    write_blob(tmp_path, mesh(), **changes)
-    before = entries(tmp_path)
-    refused(run(command, "--set", "body=blob.yaml", "--out", "out"), *words)
-    assert entries(tmp_path) == before
-
-
 @pytest.mark.parametrize("option", ["--seed", "--transit"])
 def test_a_transit_of_a_seed_and_ends_of_its_own(run, option: str) -> None:
     ends = ["--set", "transit.start_m=[160e3, 0, 0]", "--set", "transit.goal_m=[160e3, 8e3, 0]"]
     refused(run("fly", *ends, option, "3"), "gives a start and a goal", "--seed and --transit")
-
-
-@pytest.mark.parametrize(
-    ("settings", "words"),
-    [
-        (["transit.start_m=[0, 0, 0]", "transit.goal_m=[160e3, 0, 0]"], ["start_m", "is inside"]),
-        (["transit.start_m=[0, 0, 60e3]", "transit.goal_m=[160e3, 0, 0]"], ["start_m", "keep-out"]),
-        (["transit.start_m=[160e3, 0, 0]", "transit.goal_m=[0, 60e3, 0]"], ["goal_m", "keep-out"]),
-        (["transit.start_m=[160e3, 0, 0]", "transit.goal_m=[9e5, 0, 0]"], ["cannot be held", "N"]),
-        (["transit.start_m=[160e3, 0, 0]"], ["needs both start_m and goal_m, or neither"]),
-        (["spacecraft.mass_kg=-100"], ["spacecraft.mass_kg must be positive, got -100"]),
-        (["spacecraft.mass_kg=0"], ["spacecraft.mass_kg"]),
-        (["spacecraft.mass_kg=heavy"], ["spacecraft.mass_kg", "number"]),
-        (["spacecraft.thrust_limit_n=0.01"], ["no transit was found"]),
-        (["spacecraft.mas_kg=3"], ["no key 'mas_kg'", "nearest is 'mass_kg'"]),
-        (["body=itokawa"], ["'itokawa' does not ship with proxops"]),
-        (["body=absent.yaml"], ["absent.yaml cannot be read"]),
-        (["noise_seed"], ["not of the form key.subkey=value"]),
-        (["mpc.intervals=["], ["not YAML"]),
-        (["transit.seed=-1"], ["transit.seed"]),
-        (["disturbance={reset_period_s: 1}"], ["reset_period"]),
-        (["mpc.intervals=1"], ["mpc.intervals"]),
-    ],
-)
-def test_bad_setting(
-    settings: list[str], words: list[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("proxops.diagrams.scenario.transits._ATTEMPTS", 1000)
-    with pytest.raises(InputError) as caught:
-        make_transit_diagram(load_scenario(None, settings))
-    assert all(word in str(caught.value) for word in words)
 
 
 @pytest.mark.parametrize(
@@ -488,23 +368,6 @@ def test_bad_scenario_of_a_command(
     assert entries(tmp_path) == {"bad.yaml"}
 
 
-def test_scenario_is_a_folder(run, tmp_path: Path) -> None:
-    refused(run("fly", tmp_path, "--out", "out"), "is a directory; give a YAML file")
-
-
-def test_scenario_is_absent(run) -> None:
-    refused(run("fly", "absent.yaml"), "absent.yaml cannot be read")
-
-
-def test_scenario_name_too_long(run) -> None:
-    refused(run("fly", "x" * 300 + ".yaml"), "xxx.yaml cannot be read")
-
-
-def test_scenario_is_binary(run, tmp_path: Path) -> None:
-    (tmp_path / "bad.yaml").write_bytes(b"\x89HDF\r\n\x1a\n\x00\xff\xfe")
-    refused(run("fly", "bad.yaml"), "bad.yaml is not a text file")
-
-
 @pytest.mark.parametrize("command", ["fly", "evaluate"])
 def test_out_under_a_file(run, tmp_path: Path, command: str) -> None:
     (tmp_path / "file").write_text("mine")
@@ -512,46 +375,6 @@ def test_out_under_a_file(run, tmp_path: Path, command: str) -> None:
         refused(run(command, *BRIEF, "--out", out), "file", "not a folder")
     assert entries(tmp_path) == {"file"}
     assert (tmp_path / "file").read_text() == "mine"
-
-
-@pytest.mark.parametrize("command", ["fly", "evaluate"])
-@pytest.mark.skipif(not Path("/proc/self").is_dir(), reason="needs Linux's /proc")
-def test_out_where_nobody_may_write(run, command: str) -> None:
-    """Not even the superuser may write there; the command says so, before or after the flight."""
-    transits = ["--transits", "1", "--workers", "1"] if command == "evaluate" else []
-    for out in ("/proc/proxops", "/proc"):
-        ran = run(command, *BRIEF, *transits, "--out", out)
-        refused(ran, "/proc")
-
-
-def test_out_name_too_long(run, tmp_path: Path) -> None:
-    ran = run("fly", "--controller", "zero", *BRIEF, "--out", "x" * 300)
-    refused(ran, "cannot make the folder")
-    assert entries(tmp_path) == set()
-
-
-@pytest.mark.skipif(sys.platform == "win32" or os.geteuid() == 0, reason="root may write anywhere")
-def test_out_without_permission(run, tmp_path: Path) -> None:
-    (tmp_path / "closed").mkdir(mode=0o500)
-    refused(run("fly", *BRIEF, "--out", "closed/out"), "no permission to write")
-
-
-@pytest.mark.parametrize(
-    ("option", "command"),
-    [
-        ("--out", ("fly", *BRIEF)),
-        ("--mended-map", ("fly", *BRIEF)),
-        ("--mcap", ("replay", "flight.nc")),
-        ("--oem", ("replay", "flight.nc")),
-        ("--fix", ("shape", "rock.obj", "--unit", "m")),
-        ("--body", ("shape", "rock.obj", "--unit", "m", "--mass", "1", "--period", "1")),
-    ],
-)
-def test_what_cannot_be_written_is_named_by_its_option(
-    run, tmp_path: Path, option: str, command: tuple[str, ...]
-) -> None:
-    (tmp_path / "file").write_text("not a folder")
-    refused(run(*command, option, "file/it.obj"), f"{option} file")
 
 
 @pytest.mark.parametrize(
@@ -634,36 +457,6 @@ def test_a_value_that_dispersions_draw(run, tmp_path: Path, command: str) -> Non
     assert entries(tmp_path) == set()
 
 
-@pytest.mark.parametrize("command", ["evaluate", "collect", "reproduce"])
-def test_transits_of_a_set_are_not_given(run, tmp_path: Path, command: str) -> None:
-    ends = ["--set", "transit.start_m=[160e3, 0, 0]", "--set", "transit.goal_m=[160e3, 8e3, 0]"]
-    refused(run(command, *ends, "--out", "out"), "draws its transits", "proxops fly")
-    for seed in ("transit.seed=3", "transit={seed: 3}"):
-        refused(run(command, "--set", seed, "--out", "out"), "--set transit.seed")
-    assert entries(tmp_path) == set()
-
-
-def test_disturbance_that_no_flight_of_a_mix_has(run, tmp_path: Path) -> None:
-    ran = run("collect", "--recovery", "paper", "--set", "force_noise.std_n=2", "--out", "out")
-    refused(ran, "force_noise", "kind noise")
-    assert entries(tmp_path) == set()
-
-
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        (["flagship", "--seed", "20000"], "--seed is that of the paper's transits"),
-        (["--quick", "--lidar", "paper"], "--lidar is for the paper's training"),
-        (["worlds", "--lidar", "paper"], "--lidar is for the paper's training"),
-    ],
-)
-def test_reproduce_refuses_what_it_would_not_heed(
-    run, tmp_path: Path, options: list[str], words: str
-) -> None:
-    refused(run("reproduce", *options, "--out", "out"), words)
-    assert entries(tmp_path) == set()
-
-
 def test_the_papers_recipe_can_be_flown_once_it_is_trained(run, tmp_path: Path) -> None:
     """In one command it is trained first; here that stops at what training refuses."""
     stops = ["--set", "policy.bundle=policy.zip", "--out", "out"]
@@ -671,13 +464,6 @@ def test_the_papers_recipe_can_be_flown_once_it_is_trained(run, tmp_path: Path) 
     refused(run("reproduce", "paper", "paper-recipe", "--quick", *stops), "train it first")
     refused(run("reproduce", "paper", "paper-recipe", *stops), "the policy that is trained")
     assert entries(tmp_path) == set()
-
-
-def test_bodies_at_which_nothing_is_flown(run, tmp_path: Path) -> None:
-    (tmp_path / "bodies").mkdir()
-    write_blob(tmp_path / "bodies")
-    ran = run("reproduce", "flagship", "--bodies", "bodies", "--out", "out")
-    refused(ran, "--bodies names bodies at which nothing is flown")
 
 
 # --- what is printed ------------------------------------------------------------------------------
@@ -692,13 +478,6 @@ def test_long_work_without_a_terminal_tells_of_its_progress(
         monkeypatch.setattr(common, "_SECONDS_PER_LINE", 0.0)
         progress(0.5, "5 of 10 flights")
         assert capfd.readouterr().err == "50 % 5 of 10 flights\n"
-
-
-def test_brackets_in_a_name_are_no_style(run, tmp_path: Path) -> None:
-    synthetic_log(30, ranges=False).to_netcdf(tmp_path / "a.nc")
-    ran = run("replay", "a.nc", "--out", "b[v2][/b].html")
-    assert ran.code == 0
-    assert "b[v2][/b].html" in ran.err
 
 
 # --- help -----------------------------------------------------------------------------------------

@@ -18,7 +18,6 @@ from proxops.assets.random_bodies import random_body
 from proxops.cli.common import console
 from proxops.diagrams.new_body.body_setup import body_yaml, scaled_scenario
 from proxops.diagrams.new_body.shape_examination import examine
-from proxops.diagrams.new_body.shape_picture import plot_shape
 from proxops.diagrams.new_body.shape_report import Questions
 from proxops.diagrams.scenario.body import load_body
 from proxops.diagrams.scenario.scenario import load_scenario
@@ -133,35 +132,6 @@ def test_defects_are_reported(shape, tmp_path: Path) -> None:
     assert "pairs of facets cut or touch each other" in out
 
 
-@pytest.mark.parametrize(
-    ("text", "code", "complaint"),
-    [
-        ("f 1 2 3\n", 2, "line 1: a facet names a vertex that is not there; there are 0"),
-        (
-            "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n",
-            2,
-            "line 4: a facet names a vertex that is not there; there are 3",
-        ),
-        ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", 1, "has 1 facets"),
-    ],
-)
-def test_a_facet_alone(shape, tmp_path: Path, text: str, code: int, complaint: str) -> None:
-    (tmp_path / "facet.obj").write_text(text)
-    found, out, err = shape("facet.obj")
-    assert found == code
-    assert complaint in " ".join((out + err).split())
-
-
-def test_slivers_are_remarks(shape, tmp_path: Path) -> None:
-    cylinder = trimesh.creation.cylinder(1.0, 300.0, sections=64)
-    write(tmp_path / "needle.obj", cylinder)
-    code, out, _ = shape("needle.obj", "--unit", "m")
-    expected = np.sum(np.degrees(cylinder.face_angles.min(axis=1)) < 1.0)
-    assert expected > 0
-    assert code == 0
-    assert f"{expected} facets are slivers" in out
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "complaint"),
@@ -184,13 +154,6 @@ def test_implausible_units(shape, tmp_path: Path, arguments, complaint: str | No
     assert code == (0 if complaint is None else 1)
     if complaint is not None:
         assert re.search(complaint.replace("^", r"\^"), out)
-
-
-def test_unit_by_size_alone(shape, tmp_path: Path) -> None:
-    write(tmp_path / "eros.obj", star_shaped(1, size=16_000.0))
-    code, out, _ = shape("eros.obj")
-    assert code == 1
-    assert "which no small body is; in m it would be" in out
 
 
 @pytest.mark.parametrize(
@@ -380,26 +343,6 @@ def test_generated_body(shape, tmp_path: Path) -> None:
     assert body.config.rotation_period_h == made.rotation_period_h
     assert scenario.spacecraft.mass_kg == 40.0
     assert len(transit_set(10000, 2, scenario)) == 2
-
-
-def test_pictures_of_sound_and_broken_meshes() -> None:
-    mesh = star_shaped(1, size=100.0)
-    vertices, facets = np.array(mesh.vertices), np.array(mesh.faces)
-    broken = vertices.copy()
-    broken[5] = np.nan
-    for v, f in (
-        (vertices, facets),
-        (broken, facets),
-        (vertices, facets[3:]),
-        (vertices, facets[:2]),
-    ):
-        report = examine(MeshFile(v, f, "rock.obj", "m", "OBJ"), Questions(None, 2000.0, 5.0))
-        figure = plot_shape(report)
-        figure.draw_without_rendering()
-        assert report.sound == (v is vertices and len(f) == len(facets))
-        assert json.dumps(report.to_dict(), allow_nan=False)
-        titles = [ax.get_xlabel() for ax in figure.axes]
-        assert "x (m)" in titles
 
 
 def test_scaled_scenario_of_kleopatra_is_the_default_one() -> None:

@@ -204,13 +204,6 @@ def test_flights_name_a_learned_lidar_by_its_whole_path(
     assert found.noise_std_m == 7.0
 
 
-def test_learned_lidar_that_is_not_there(collect, capsys: pytest.CaptureFixture[str]) -> None:
-    assert collect("--transits", 2, "--lidar", "learned") == 2
-    assert "out/lidar/bundle" in capsys.readouterr().err
-    assert collect("--transits", 2, "--lidar", "paper") == 2
-    assert "out/lidar/paper_bundle" in capsys.readouterr().err
-
-
 def test_the_paper_s_lidar_is_the_paper_s(
     collect, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -245,23 +238,6 @@ def test_report(full_set: Path) -> None:
     page = (full_set / "report.md").read_text()
     for kind in FULL:
         assert f"| {kind} |" in page
-
-
-def test_json_is_the_report(
-    collect: Collect, two: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (two / "report.json").unlink()
-    assert collect("--transits", 2, "--out", two, "--json") == 0
-    printed = json.loads(capsys.readouterr().out)
-    assert printed == json.loads((two / "report.json").read_text())
-    assert printed["kinds"].keys() == {"nominal", "random_walk"}
-
-
-def test_without_frames(collect: Collect) -> None:
-    assert collect("--transits", 1, "--lidar", "none", "--out", "out") == 0
-    [log] = logs_of(Path("out"))
-    assert "ranges" not in log.dataset
-    assert differences(log, fly(log.scenario, "mpc", body=log.body)) == []
 
 
 # --- again ----------------------------------------------------------------------------------------
@@ -299,15 +275,6 @@ def test_a_log_cut_short_is_told_and_flown_anew(
     assert len(logs_of(two)) == 2
 
 
-@pytest.mark.parametrize("mix", ["paperr", "kicks=x"])
-def test_senseless_mix_is_refused(
-    collect: Collect, capsys: pytest.CaptureFixture[str], mix: str
-) -> None:
-    assert collect("--recovery", mix, "--out", "out") == 2
-    assert mix in capsys.readouterr().err
-    assert not Path("out").exists()
-
-
 @pytest.mark.slow
 def test_full_disk(collect: Collect, tmp_path: Path) -> None:
     """A limit on the size of files makes every write of a log fail half-way."""
@@ -325,23 +292,6 @@ def test_full_disk(collect: Collect, tmp_path: Path) -> None:
     assert [path.name for path in (out / "flights").iterdir()] == [".lock"]
     assert collect("--transits", 2, "--out", out) == 0
     assert len(logs_of(out)) == 2
-
-
-def test_logs_of_other_flights_are_refused(collect: Collect, capsys) -> None:
-    """A training learns from every log there is, and the manifest would not name them all."""
-    options = ("--recovery", "nominal=1", "--lidar", "none", "--out", "out")
-    assert collect("--transits", 2, *options) == 0
-    for others in (("--transits", 1), ("--transits", 2, "--seed", 3)):
-        assert collect(*others, *options) == 2
-        assert "logs of other flights, such as 0-0000" in capsys.readouterr().err
-    assert len(manifest_of(Path("out"))["flights"]) == 2
-
-
-def test_worlds_that_cannot_be_flown_are_told(collect: Collect, capsys) -> None:
-    weak = ("--set", "truth.thrusters.scale=[0.01, 0.01, 0.01]")
-    options = ("--recovery", "nominal=1", "--lidar", "none", "--out", "out")
-    assert collect("--transits", 2, *options, *weak) == 2
-    assert "none of the 2 flights can begin in its world" in capsys.readouterr().err
 
 
 # --- killed ---------------------------------------------------------------------------------------

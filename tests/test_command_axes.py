@@ -5,7 +5,7 @@ import pytest
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from proxops.systems import ActualThrust, CommandAxes, InputError, ThrusterErrors
+from proxops.systems import ActualThrust, CommandAxes, ThrusterErrors
 
 HALF = np.sqrt(0.5)
 
@@ -54,9 +54,3 @@ def test_true_thrust_undoes_it_where_the_attitude_is_right() -> None:
 def test_what_is_not_finite_stays_so() -> None:
     assert np.isnan(turned([np.nan, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0])).any()
     assert np.isnan(turned([np.inf, 0.0, 0.0], [HALF, 0.0, 0.0, HALF])).any()
-
-
-@pytest.mark.parametrize("limit", [0.0, -1.0, np.nan])
-def test_a_limit_must_be_positive(limit: float) -> None:
-    with pytest.raises(InputError, match="CommandAxes"):
-        CommandAxes(limit)

@@ -2,9 +2,7 @@
 
 import json
 import os
-import pty
 import re
-import select
 import shlex
 import signal
 import subprocess
@@ -21,7 +19,6 @@ from proxops.cli.main import COMMANDS, command
 # As the script that pip installs: that makes `proxops` the name that completion goes by.
 SCRIPT = "import sys; sys.argv[0] = 'proxops'; from proxops.cli.entry import main; main()"
 PROXOPS = [sys.executable, "-c", SCRIPT]
-COLOUR = re.compile(r"\x1b\[(?:[\d;]*;)?(?:3[0-8]|4[0-8]|9[0-7])[\d;]*m")
 FAST = settings(SHORT)
 
 
@@ -35,33 +32,6 @@ def run(*arguments: object, folder: Path, **changes: str) -> subprocess.Complete
         [*PROXOPS, *map(str, arguments)], cwd=folder, env=environment(**changes),
         capture_output=True, text=True, timeout=120, check=False,
     )  # fmt: skip
-
-
-def on_terminal(*arguments: object, folder: Path, **changes: str) -> str:
-    """Returns what the command sends to a terminal."""
-    mine, its = pty.openpty()
-    process = subprocess.Popen(
-        [*PROXOPS, *map(str, arguments)], cwd=folder,
-        env=environment(TERM="xterm-256color", **changes),
-        stdin=its, stdout=its, stderr=its, close_fds=True,
-    )  # fmt: skip
-    os.close(its)
-    said = b""
-    while True:
-        try:
-            if select.select([mine], [], [], 60.0)[0]:
-                piece = os.read(mine, 65536)
-            else:
-                process.kill()
-                break
-        except OSError:  # Linux's way of saying that the other end is closed.
-            break
-        if not piece:
-            break
-        said += piece
-    os.close(mine)
-    assert process.wait(60) == 0, said
-    return said.decode(errors="replace")
 
 
 @pytest.mark.parametrize("name", COMMANDS)
@@ -154,14 +124,6 @@ def test_pipes_get_plain_text(tmp_path: Path) -> None:
     assert "sound" in ran.stdout
     assert "Wrote" in ran.stderr
     assert "Wrote" not in ran.stdout
-
-
-@pytest.mark.slow
-def test_terminals_get_colours_unless_they_are_refused(tmp_path: Path) -> None:
-    (tmp_path / "blob.obj").write_text(obj_text(blob()))
-    for arguments in (("shape", "blob.obj"), ("fly", "--help")):
-        assert COLOUR.search(on_terminal(*arguments, folder=tmp_path))
-        assert not COLOUR.search(on_terminal(*arguments, folder=tmp_path, NO_COLOR="1"))
 
 
 @pytest.mark.slow

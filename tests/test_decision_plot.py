@@ -10,14 +10,10 @@ from matplotlib.patches import StepPatch
 from synthetic_log import synthetic_log
 
 from proxops.diagrams.logs.flight_log import FlightLog
-from proxops.diagrams.logs.legend import REASONS, legend_of
+from proxops.diagrams.logs.legend import REASONS
 from proxops.diagrams.plots.decision_plot import plot_decisions
-from proxops.diagrams.scenario import (
-    AssuranceBoundsConfig,
-    AssuranceConfig,
-    TrueStateConfig,
-    dump_scenario,
-)
+from proxops.diagrams.scenario import AssuranceConfig, TrueStateConfig, dump_scenario
+from proxops.diagrams.scenario.scenario_config import AssuranceBoundsConfig
 from proxops.systems.assurance import InterventionReason
 
 
@@ -59,18 +55,6 @@ def test_checks_and_their_limits(log: FlightLog) -> None:
     assert angle.lines[2].get_ydata() == [10.0, 10.0]
 
 
-def test_flown_by_fills_the_strip(log: FlightLog) -> None:
-    """Each step once: every fourth is the filter's, of the others the MPC has 200 s of 600."""
-    strip = plot_decisions(log).axes[0]
-    lengths = {}
-    artists: list[Any] = list(strip.collections)
-    for artist in artists:
-        spans = [np.ptp(path.vertices[:, 0]) for path in artist.get_paths()]
-        lengths[to_rgb(artist.get_facecolor()[0])] = 60.0 * sum(spans)
-    colours = {code: entry.colour for code, entry in legend_of(log.dataset).items()}
-    assert lengths == pytest.approx({colours[1]: 1200.0, colours[2]: 2400.0, colours[3]: 1200.0})
-
-
 def test_changes_of_the_command(log: FlightLog) -> None:
     steps: Any
     (steps,) = (each for each in plot_decisions(log).axes[3].patches if isinstance(each, StepPatch))
@@ -85,12 +69,3 @@ def test_margins_and_reasons(log: FlightLog) -> None:
     assert figure.axes[4].get_title(loc="left") == "it allows for: gravity 11 %, surface 0.5 km"
     lines = {str(line.get_label()): np.asarray(line.get_ydata()) for line in figure.axes[4].lines}
     np.testing.assert_allclose(lines["margin"], (2e3 - 50.0 * np.arange(481)) / 1e3)
-
-
-def test_what_is_not_in_the_log_is_left_out(log: FlightLog) -> None:
-    plain = synthetic_log(ranges=False)
-    assert len(plot_decisions(plain).axes) == 1
-    assured = FlightLog(log.dataset.drop_vars("agreement"), log.body)
-    figure = plot_decisions(assured)
-    assert len(figure.axes) == 3
-    assert "forces agree" not in [text.get_text() for text in figure.legends[0].get_texts()]

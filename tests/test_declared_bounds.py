@@ -265,22 +265,6 @@ def test_refuses_a_file(tmp_path: Path, text: str, complaint: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("override", "complaint"),
-    [
-        ("assurance={bounds: {gravty: 0.1}}", "no key 'gravty'.*nearest is 'gravity'"),
-        ("assurance.bounds.mass=-0.1", r"assurance\.bounds\.mass must not be negative"),
-        ("assurance.bounds=nowhere", "no dispersions 'nowhere'"),
-        ("assurance.bounds=3", "a text or `key: value` lines"),
-        ("assurance={bound: after_survey}", "no key 'bound'.*nearest is 'bounds'"),
-        ("assurance={deviations: -1}", r"assurance\.deviations must not be negative"),
-    ],
-)
-def test_refuses_a_value(override: str, complaint: str) -> None:
-    with pytest.raises(InputError, match=complaint):
-        bounds_of(override)
-
-
-@pytest.mark.parametrize(
     ("overrides", "complaint"),
     [
         (["disturbance={}"], r"adds up to 2 times the command.*such as assurance\.bounds=\{\}"),

@@ -135,12 +135,6 @@ def test_policy_by_its_folder_is_the_scenario_s(reckoning: Path) -> None:
     assert named.summary["policy_share"] == 1.0
 
 
-@pytest.mark.parametrize("kind", ["policy", "pd", "mpc"])
-def test_no_bundle_there(kind: str, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="nothing is not the bundle of a policy"):
-        named_controller(f"{kind}:{tmp_path / 'nothing'}", brief(), kleopatra())
-
-
 @pytest.mark.slow
 def test_several_policies_in_one_campaign(tmp_path: Path) -> None:
     gentle = write_policy(tmp_path / "gentle", DeadReckoning(proportional=1e-5))

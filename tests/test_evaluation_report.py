@@ -6,7 +6,6 @@ import re
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 from commands import proxops, settings
 from hypothesis import given
@@ -17,9 +16,8 @@ from test_evaluation import ESTIMATE_ERRORS, row
 from proxops.diagrams.logs.flight_log import FlightLog
 from proxops.diagrams.scenario.scenario_config import ArrivalConfig
 from proxops.studies.evaluation.evaluation import aggregate
-from proxops.studies.evaluation.figures import controller_looks, plot_delta_v, plot_end_errors
 from proxops.studies.evaluation.flights import shown_transits, worst_flights
-from proxops.studies.evaluation.table import arrival_text, figure_rows, outcome
+from proxops.studies.evaluation.table import figure_rows, outcome
 
 POLICY = {"policy_sha256": "1" * 64, "mpc_solves": 0, "policy_share": 1.0}
 ESTIMATES = {f"estimate_{name}": value for name, value in ESTIMATE_ERRORS.items()}
@@ -69,17 +67,6 @@ def test_table() -> None:
     assert table["step, median (ms)"] == ["4.00", "0.12", "–"]
 
 
-def test_what_nobody_has_is_left_out() -> None:
-    labels = [label for label, _ in figure_rows({"mpc": results()["mpc"]}, ArrivalConfig())]
-    assert not [label for label in labels if "expert" in label or " off" in label]
-    assert "step, median (ms)" in labels
-
-
-def test_arrival_in_words() -> None:
-    assert arrival_text(ArrivalConfig(), 2.0) == "2 km, 2 m/s"
-    assert arrival_text(ArrivalConfig(radius_m=5.5, speed_m_s=0.01)) == "5.5 m, 0.01 m/s"
-
-
 def test_outcomes() -> None:
     assert outcome(row()) == "arrived"
     assert outcome(row(success=False, collided=True, keep_out_violations=1)) == "collision"
@@ -115,42 +102,6 @@ def test_no_flight_left_out_is_worse(ends: list[tuple[bool, float]]) -> None:
         assert one["success"] <= other["success"]
         if one["success"] == other["success"]:
             assert one["terminal_position_error_m"] >= other["terminal_position_error_m"]
-
-
-# --- figures --------------------------------------------------------------------------------------
-
-
-def test_shares_of_end_errors() -> None:
-    errors = {"mpc": np.array([5.0, 1.0, 2.0, 2000.0]), "zero": np.array([0.0])}
-    looks = controller_looks(list(errors))
-    [axis] = plot_end_errors(errors, 1000.0, looks).axes
-    line = axis.lines[0]
-    assert line.get_label() == "mpc"
-    across, up = (np.asarray(values, dtype=float) for values in line.get_data())
-
-    def share_within(metres: float) -> float:
-        return float(up[np.flatnonzero(across <= metres / 1e3)[-1]])
-
-    for metres, share in ((0.9, 0.0), (1.5, 0.25), (4.0, 0.5), (6.0, 0.75), (2500.0, 1.0)):
-        assert share_within(metres) == share
-    assert np.asarray(axis.lines[1].get_data()[0], dtype=float).min() > 0.0  # On a log scale.
-
-
-def test_delta_v_dots() -> None:
-    pairs = {"policy": np.array([[110.0, 100.0], [180.0, 150.0]])}
-    looks = controller_looks(["mpc", "policy"])
-    [axis] = plot_delta_v(pairs, looks).axes
-    [dots] = [line for line in axis.lines if line.get_marker() == "o"]
-    np.testing.assert_array_equal(dots.get_data(), [[100.0, 150.0], [110.0, 180.0]])
-    assert axis.get_xlim() == axis.get_ylim()
-    assert axis.get_xlim()[0] < 100.0 < 180.0 < axis.get_xlim()[1]
-
-
-def test_looks_stay_with_a_controller() -> None:
-    names = ["mpc", *(f"policy:{letter}" for letter in "abcde")]
-    looks = controller_looks(names)
-    assert len(set(looks.values())) == 6
-    assert looks["mpc"] == controller_looks(["zero", "mpc"])["mpc"]
 
 
 # --- the command ----------------------------------------------------------------------------------

@@ -23,7 +23,7 @@ from synthetic_log import synthetic_log
 from proxops.assets import ASSETS
 from proxops.diagrams.logs import FlightLog
 from proxops.diagrams.meshcat import write_replay
-from proxops.diagrams.scenario import load_body, load_scenario, parse_mapping, parse_scenario
+from proxops.diagrams.scenario import load_body, load_scenario, parse_scenario
 from proxops.systems.common import InputError, open_session
 from proxops.systems.lidar import LidarBundle
 from proxops.systems.policy import PolicyBundle
@@ -189,25 +189,6 @@ def change(described: Path, **changes: object) -> None:
     described.write_text(json.dumps(json.loads(described.read_text()) | changes))
 
 
-POLICY_CHANGES = {
-    "absurd sizes": {"planes": 10**9, "rays": 10**9},
-    "numbers of 4000 digits": {"planes": 10**3999, "memory": 10**3999},
-    "period that is not a number": {"period_s": float("nan")},
-    "infinite force": {"thrust_limit_n": float("inf")},
-    "list for a text": {"body": ["../../body"]},
-    "path for a hash": {"model_sha256": "../../model.onnx"},
-    "another format": {"format": {"a": 1}},
-}
-
-
-@pytest.mark.parametrize("what", POLICY_CHANGES)
-def test_hostile_policy(what: str, tmp_path: Path) -> None:
-    folder = Path(shutil.copytree(ASSETS / "end_to_end", tmp_path / "bundle"))
-    change(folder / "policy.json", **POLICY_CHANGES[what])
-    with pytest.raises(InputError):
-        PolicyBundle.load(folder)
-
-
 @pytest.mark.parametrize(
     "text",
     [DEEP * "[" + DEEP * "]", DEEP * '{"a":' + "1" + DEEP * "}", '{"planes": ' + 5000 * "1" + "}",
@@ -238,25 +219,6 @@ LIDAR = {
     "body": "Kleopatra", "shape_sha256": "0" * 64, "training": {}, "versions": {},
     "centre_m": [0.0, 0.0, 0.0], "semi_axes_m": [1e5, 1e5, 1e5], "model_sha256": "",
 }  # fmt: skip
-LIDAR_CHANGES = {
-    "its network is no ray network": {},
-    "there is no kind": {"kind": "../../module"},
-    "semi_axes_m cannot be": {"semi_axes_m": [1e5, 0.0, float("nan")]},
-    "centre_m is not three": {"centre_m": [[1.0], 2.0, 3.0]},
-    "must be positive": {"planes": -(10**30)},
-    "length_unit_m": {"kind": "frame network", "length_unit_m": -1.0},
-    "its network is no frame network": {
-        "kind": "frame network", "length_unit_m": 1.0, "planes": 10**9, "rays": 10**9,
-    },
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("why", LIDAR_CHANGES)
-def test_hostile_lidar(why: str, tmp_path: Path) -> None:
-    described = tmp_path / "bundle.json"
-    described.write_text(json.dumps(LIDAR))
-    put_network(described, network("Identity").SerializeToString(), **LIDAR_CHANGES[why])
-    refused(lambda: LidarBundle.load(tmp_path), why)
 
 
 def test_a_lidar_with_weights_elsewhere(tmp_path: Path) -> None:
@@ -337,39 +299,6 @@ def use_or_refuse(path: Path) -> None:
         assert len(str(error)) < LONGEST  # noqa: PT017 (either outcome is right)
 
 
-# One parser reads scenarios from files, bodies and logs: some at every run.
-OFTEN = ("alias bomb", "Python object", "unknown tag", "long list")
-
-
-@pytest.mark.parametrize("what", [what if what in OFTEN else slowly(what) for what in YAML])
-def test_a_log_with_a_hostile_scenario_and_body(what: str, tmp_path: Path) -> None:
-    text, word = YAML[what]
-    path = written(tmp_path, lambda data: data.attrs.update(scenario=text))
-    refused(lambda: FlightLog.load(path).scenario, "the log's scenario", word)
-    path = written(tmp_path, lambda data: data.attrs.update(body=text))
-    refused(lambda: FlightLog.load(path), "flight.nc")
-
-
-@pytest.mark.parametrize(
-    ("key", "value"),
-    [
-        ("rotation_period_h", "0.0"),
-        ("mass_kg", "-1.0"),
-        ("keep_out_semi_axes_m", "[140.0e+3, 70.0e+3]"),
-        ("keep_out_semi_axes_m", "[140.0e+3, 70.0e+3, .nan]"),
-    ],
-)
-def test_a_log_with_a_body_that_cannot_be(key: str, value: str, tmp_path: Path) -> None:
-    def change(data: xr.Dataset) -> None:
-        body = parse_mapping(data.attrs["body"], "body")
-        assert key in body
-        data.attrs["body"] = "".join(
-            f"{name}: {value if name == key else given}\n" for name, given in body.items()
-        )
-
-    refused(lambda: FlightLog.load(written(tmp_path, change)), "is damaged: its body: ", key)
-
-
 def test_a_log_brings_its_body_and_reads_none(tmp_path: Path) -> None:
     """Its scenario may name any path as the body."""
     (tmp_path / "theirs.yaml").write_text("no body")
@@ -418,17 +347,6 @@ def with_an_opaque_attribute(file: h5py.File, other: Path) -> None:
     h5py.h5a.create(file.id, b"wall", opaque(), h5py.h5s.create_simple((3,)))
 
 
-def never_written(file: h5py.File, other: Path) -> None:
-    del file["wall"]
-    file.create_dataset("wall", (10**8,), "f8", chunks=(1000,), compression="gzip")
-
-
-def of_any_size(file: h5py.File, other: Path) -> None:
-    """A few bytes that stand for a terabyte of zeros."""
-    del file["wall"]
-    file.create_dataset("wall", (10**12,), "u1", chunks=(10**6,))
-
-
 @pytest.mark.parametrize(
     ("change", "why"),
     [
@@ -437,8 +355,6 @@ def of_any_size(file: h5py.File, other: Path) -> None:
         (in_a_virtual_array, "wall is in another file"),
         (of_opaque_bytes, "wall has opaque bytes"),
         (with_an_opaque_attribute, "an attribute of opaque bytes"),
-        (never_written, "wall stands for more than it holds"),
-        (of_any_size, "wall stands for more than it holds"),
     ],
 )
 def test_a_log_holds_its_data_itself(change: Callable, why: str, tmp_path: Path) -> None:

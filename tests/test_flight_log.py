@@ -438,12 +438,6 @@ def test_other_file_refused(tmp_path: Path, content: bytes) -> None:
         FlightLog.load(tmp_path / "flight.nc")
 
 
-def test_other_dataset_refused(tmp_path: Path) -> None:
-    xr.Dataset({"state": ("time", [1.0])}).to_netcdf(tmp_path / "other.nc", engine="h5netcdf")
-    with pytest.raises(InputError, match=r"it has no .*mesh_vertices"):
-        FlightLog.load(tmp_path / "other.nc")
-
-
 @pytest.mark.parametrize("share", [0.01, 0.3, 0.6, 0.9, 0.999])
 def test_truncated_file_refused(file: Path, tmp_path: Path, share: float) -> None:
     whole = file.read_bytes()

@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 from test_random_walk_disturbance import PERIOD, clone_replays_and_seed_counts, constant, walks
 
-from proxops.systems import ForceNoise, InputError
+from proxops.systems import ForceNoise
 
 
 def noise(source: ForceNoise, steps: int, seed: int = 0) -> np.ndarray:
@@ -59,21 +59,3 @@ def test_noise_does_not_depend_on_the_command_and_the_sum_is_clipped():
 
 def test_clone_replays_and_seed_is_a_parameter_of_the_context():
     clone_replays_and_seed_counts(lambda seed: ForceNoise(7.0, seed=seed), 40, 17)
-
-
-@pytest.mark.parametrize(
-    "settings",
-    [
-        {"thrust_limit": 0.0},
-        {"thrust_limit": np.nan},
-        {"period": 0.0},
-        {"std": -0.1},
-        {"std": np.inf},
-        {"correlation_time": -1.0},
-        {"correlation_time": np.nan},
-        {"seed": -1},
-    ],
-)
-def test_senseless_noise_is_refused(settings):
-    with pytest.raises(InputError, match=f"needs .*{next(iter(settings))}"):
-        ForceNoise(**{"thrust_limit": 7.0, **settings})

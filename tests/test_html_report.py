@@ -10,7 +10,6 @@ from matplotlib.figure import Figure
 
 from proxops.systems import InputError
 from proxops.training.reports.report_writer import (
-    Link,
     Section,
     Table,
     Text,
@@ -108,12 +107,3 @@ def test_files(sections: list[Section], tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="cannot make the folder"):
         write_report(tmp_path / "file", "Title", sections)
-
-
-def test_cells_that_lead_to_files() -> None:
-    table = Table(["flight"], [[Link(AWKWARD, "worst/a b-#1.html")]])
-    page = Page(html_page("Links", [Section("Flights", [table])]))
-    assert page.addresses == ["worst/a%20b-%231.html"]
-    assert AWKWARD in page.words
-    text = markdown_page("Links", [Section("Flights", [Table(["f"], [[Link("1|2", "w/1.html")]])])])
-    assert "| [1\\|2](w/1.html) |" in text

@@ -270,19 +270,6 @@ def test_noisy_state_is_the_expert_s_alone(bundle: Path, trusting: FlightLog) ->
 # --- the scenario and the commands ----------------------------------------------------------------
 
 
-def test_scenario_is_checked() -> None:
-    for changes, why in (
-        ({"hybrid__gate": "loose"}, "hybrid.gate must be printed or paper or strict"),
-        ({"hybrid__period_rule": "never"}, "hybrid.period_rule must be fixed or adaptive"),
-        ({"hybrid__check_period": 0}, "hybrid.check_period must be positive"),
-        ({"hybrid__longest_period": 0}, "hybrid.longest_period must be positive"),
-        ({"hybrid__epsilon_angle_deg": -1.0}, "hybrid.epsilon_angle_deg must not be negative"),
-        ({"hybrid__state_noise_position_m": float("nan")}, "state_noise_position_m"),
-    ):
-        with pytest.raises(InputError, match=why):
-            short_scenario(**changes)
-
-
 def test_no_solve_delay(bundle: Path) -> None:
     with pytest.raises(InputError, match=r"cannot fly with mpc\.solve_delay_s"):
         fly(brief(bundle, mpc__solve_delay_s=1.0), "hybrid")

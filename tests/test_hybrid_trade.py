@@ -1,11 +1,8 @@
 """The table of what the hybrid trades: its variants are what they are named, its figures right."""
 
-import sys
-from pathlib import Path
 from types import ModuleType
 
 import pytest
-from known_policies import DeadReckoning, write_policy
 from scripts import load_script
 from test_evaluation import row
 
@@ -60,32 +57,3 @@ def test_figures(trade: ModuleType) -> None:
     points = [line.get_xydata()[0].tolist() for line in axes.lines[:3]]
     assert points[0] == [0.0, 1.0]
     assert points[1] == pytest.approx([90.0, 1.065])
-
-
-@pytest.mark.slow
-def test_flies_resumes_and_writes_the_table(
-    trade: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    bundle = write_policy(tmp_path / "policy", DeadReckoning())
-    brief = {"arrival.deadline_s": 50.0, "arrival.dwell_s": 50.0}
-    monkeypatch.setattr(
-        trade,
-        "load_scenario",
-        lambda path, settings, **options: load_scenario(path, settings | brief, **options),
-    )
-    words = ["hybrid.py", "--policy", str(bundle), "--transits", "2", "--workers", "1",
-             "--out", str(tmp_path / "out"), "--markdown", str(tmp_path / "table.md"),
-             "--plot", str(tmp_path / "trade.png")]  # fmt: skip
-    monkeypatch.setattr(sys, "argv", words)
-    trade.main()
-    lines = (tmp_path / "table.md").read_text().splitlines()
-    assert [line.strip("| ").split(" | ")[0] for line in lines[2:]] == [*trade.VARIANTS]
-    assert len({line.count("|") for line in lines}) == 1
-    assert (tmp_path / "trade.png").stat().st_size > 1000
-    times = {path: path.stat().st_mtime_ns for path in (tmp_path / "out").glob("*.json")}
-    assert len(times) == 2 * len(trade.VARIANTS)
-    trade.main()
-    assert {path: path.stat().st_mtime_ns for path in times} == times
-    monkeypatch.setattr(sys, "argv", [*words, "--only", "never"])
-    with pytest.raises(SystemExit, match="no variant never"):
-        trade.main()

@@ -173,13 +173,6 @@ def test_damaged_frame_bundle_is_refused(
         LidarBundle.load(folder)
 
 
-def test_a_network_of_the_other_kind_is_refused(bundle: Path, tmp_path: Path):
-    folder = copied(bundle, tmp_path)
-    change(folder / "bundle.json", kind="frame network", length_unit_m=1e3)
-    with pytest.raises(InputError, match="its network is no frame network"):
-        LidarBundle.load(folder)
-
-
 # --- bundles --------------------------------------------------------------------------------------
 
 
@@ -246,14 +239,6 @@ def test_damaged_bundle_is_refused(bundle: Path, tmp_path: Path, why: str):
         LearnedLidar(folder)
 
 
-def test_model_that_is_no_network_is_refused(bundle: Path, tmp_path: Path):
-    folder = copied(bundle, tmp_path)
-    (folder / "model.onnx").write_bytes(b"no network")
-    change(folder / "bundle.json", model_sha256=hashlib.sha256(b"no network").hexdigest())
-    with pytest.raises(InputError, match="not one that ONNX Runtime takes"):
-        LearnedLidar(folder)
-
-
 def test_bundle_for_something_else_is_refused(bundle: Path, tmp_path: Path):
     with pytest.raises(InputError, match="12 planes of 360 rays, and the lidar has 6 of 360"):
         LearnedLidar(bundle, geometry=LidarGeometry(planes=6))
@@ -264,17 +249,3 @@ def test_bundle_for_something_else_is_refused(bundle: Path, tmp_path: Path):
     LearnedLidar(mine, shape_sha256=ball_shape().sha256)
     with pytest.raises(InputError, match="is not the bundle of a learned lidar"):
         LearnedLidar(tmp_path / "nothing")
-
-
-@pytest.mark.parametrize(
-    "properties",
-    [
-        {"errors": LidarErrors(max_incidence=1.0)},
-        {"period": 0.0},
-        {"seed": -1},
-        {"hit_probability": 1.0},
-    ],
-)
-def test_senseless_properties_are_refused(bundle: Path, properties: dict):
-    with pytest.raises(InputError):
-        LearnedLidar(bundle, **properties)

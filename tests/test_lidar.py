@@ -9,7 +9,6 @@ from trimesh.ray.ray_triangle import RayMeshIntersector
 
 from proxops.diagrams.scenario.body import load_body
 from proxops.systems import (
-    InputError,
     Lidar,
     LidarErrors,
     LidarGeometry,
@@ -369,40 +368,3 @@ def test_output_depends_on_position_time_and_seed_alone(kleopatra):
     context = lidar.CreateDefaultContext()
     assert context.num_continuous_states() == context.num_discrete_state_groups() == 0
     assert not context.num_abstract_states()
-
-
-@pytest.mark.parametrize("noise_std", [-1.0, np.nan, np.inf, 1e22])
-def test_senseless_noise_is_refused(noise_std):
-    with pytest.raises(InputError, match="lidar needs noise_std"):
-        LidarErrors(noise_std=noise_std)
-
-
-@pytest.mark.parametrize(
-    "settings",
-    [
-        {"max_range": 0.0},
-        {"max_range": np.nan},
-        {"planes": 0},
-        {"planes": 10**22},
-        {"rays": -1},
-    ],
-)
-def test_senseless_geometry_is_refused(settings):
-    with pytest.raises(InputError, match="lidar needs"):
-        LidarGeometry(**settings)
-
-
-@pytest.mark.parametrize(
-    ("settings", "why"),
-    [
-        ({"period": 0.0}, "needs period"),
-        ({"period": np.inf}, "needs period"),
-        ({"period": 1e300}, "needs period"),
-        ({"seed": -1}, "needs a seed"),
-        ({"seed": 1e300}, "needs a seed"),
-        ({"seed": 0.5}, "needs a seed"),
-    ],
-)
-def test_senseless_period_or_seed_is_refused(settings, why):
-    with pytest.raises(InputError, match=f"Lidar {why}"):
-        Lidar(polyhedron(box(np.zeros(3))), **settings)

@@ -84,11 +84,6 @@ def test_estimate_is_what_gravity_lacks():
     assert estimate == pytest.approx(-0.2 * gravity, rel=0.02, abs=2e-5)
 
 
-def test_senseless_gain_is_refused():
-    with pytest.raises(InputError, match="estimator_gain"):
-        load_scenario(None, ["mpc.estimator_gain=1.5"])
-
-
 def test_point_mass_is_the_far_field_of_any_body():
     field = load_body("kleopatra").gravity_field
     far = np.array([[6e9, -5e9, 4e9], [1e9, 1e9, -7e9]])

@@ -8,9 +8,9 @@ import pytest
 from synthetic_log import synthetic_log
 from test_evaluation import row, unflyable
 
-from proxops.diagrams.scenario.scenario_config import ArrivalConfig, Scenario
+from proxops.diagrams.scenario.scenario_config import Scenario
 from proxops.studies.evaluation import monte_carlo_report
-from proxops.studies.evaluation.driver_figures import plot_drivers, plot_scatter, strongest
+from proxops.studies.evaluation.driver_figures import plot_drivers, strongest
 from proxops.studies.evaluation.evaluation import aggregate_all
 from proxops.studies.evaluation.flights import replayed_flights, shown_transits
 from proxops.studies.evaluation.monte_carlo_report import (
@@ -20,10 +20,7 @@ from proxops.studies.evaluation.monte_carlo_report import (
     write_worst,
 )
 from proxops.studies.evaluation.report import Evaluation, evaluation_sections
-from proxops.studies.evaluation.table import figure_rows
 from proxops.training.reports import markdown_page
-
-NAMES = ("truth.gravity", "truth.attitude[0]", "truth.mesh", "truth.mass")
 
 
 def entry(name: str, index: float, above: bool = True) -> dict[str, Any]:
@@ -100,26 +97,6 @@ def test_bars_end_at_the_index_and_chance_is_marked() -> None:
     np.testing.assert_allclose(np.asarray(floor.get_xdata(), dtype=float), 0.15)
 
 
-def test_chance_is_drawn_below_many_quantities() -> None:
-    ranking = [entry(f"x{k}", 0.9 - 0.01 * k) for k in range(30)] + CHANCE
-    [axis] = plot_drivers({"failure": ranking}).axes
-    labels = [label.get_text() for label in axis.get_yticklabels()]
-    assert labels == ["chance", *(f"x{k}" for k in range(10, -1, -1))]
-
-
-def test_failures_are_crosses() -> None:
-    rows = dispersed_rows(6, (2, 5))
-    figure = plot_scatter(rows, ["truth.gravity", "truth.mesh"])
-    axes = figure.axes
-    assert len(axes) == 4
-    crosses = [
-        next(line for line in axis.lines if line.get_marker() == "x") for axis in axes
-    ]  # fmt: skip
-    np.testing.assert_allclose(np.asarray(crosses[0].get_data()), [[1.002, 1.005], [10002, 10005]])
-    np.testing.assert_allclose(np.asarray(crosses[2].get_data()), [[1.002, 1.005], [102, 105]])
-    assert [label.get_text() for label in axes[3].get_xticklabels()] == ["a", "b"]
-
-
 # --- the worst flights ----------------------------------------------------------------------------
 
 
@@ -163,18 +140,6 @@ def test_report_says_what_drives_failure(text: str) -> None:
     plain = aggregate_all({"mpc": [row()]})
     assert driver_sections(plain) == unflyable_sections(plain) == []
     assert worst_tables("mpc", plain["mpc"]) == []
-
-
-@pytest.mark.slow
-def test_report_lists_worlds_that_cannot_be_flown(results: dict[str, Any], text: str) -> None:
-    assert "## 9 transits of seed 1" in text
-    assert "| 4 | pd | hovering needs 9 N |" in text
-    assert "| 1 | pd | the start is inside the true body |" in text
-    table = dict(figure_rows(results, ArrivalConfig()))
-    assert table["worlds that can't be flown"] == ["–", "2"]
-    assert table["success (1 km, 1 m/s)"] == ["9 of 9", "5 of 7"]
-    everywhere = aggregate_all({"mpc": [row(), unflyable(1)], "pd": [row(), unflyable(1)]})
-    assert "| 1 | all | the start" in markdown_page("", unflyable_sections(everywhere))
 
 
 def test_report_of_no_flight_at_all() -> None:

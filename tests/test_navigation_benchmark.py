@@ -1,7 +1,6 @@
 """The navigation's benchmark: bodies and poses are what it says, figures what statistics says."""
 
 import dataclasses
-import sys
 from pathlib import Path
 from types import ModuleType
 
@@ -9,18 +8,16 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 from scripts import load_script
-from short_flights import BRIEF, SHORT, kleopatra, short_scenario
+from short_flights import BRIEF, kleopatra, short_scenario
 
 from proxops.diagrams.flight import fly
 from proxops.diagrams.logs import FlightLog
 from proxops.diagrams.scenario import (
     LidarNavigationConfig,
-    Scenario,
     load_body,
     load_scenario,
-    transit_set,
 )
-from proxops.systems.common import InputError
+from proxops.diagrams.scenario.transits import transit_set
 from proxops.systems.shapes import Polyhedron
 
 
@@ -71,13 +68,6 @@ def test_two_ellipsoids_have_a_neck(bodies: ModuleType) -> None:
     ends = bodies.two_ellipsoids(np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]]))
     assert neck.max() < 0.2
     np.testing.assert_allclose(ends, [0.554, 0.5], atol=0.01)
-
-
-def test_a_mesh_that_is_not_sound_is_refused(bodies: ModuleType, tmp_path: Path) -> None:
-    mesh = tmp_path / "open.obj"
-    mesh.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\n")
-    with pytest.raises(InputError, match=r"open\.obj is no sound mesh"):
-        bodies.scenario_at(str(mesh), tmp_path)
 
 
 def test_poses_are_in_the_cube_and_outside_the_body(poses: ModuleType) -> None:
@@ -181,54 +171,3 @@ def test_steps_without_a_position_count_nowhere(flights: ModuleType) -> None:
         row["steps"]["returns"][30:40] = [None] * 10
     assert flights.pooled(rows, "nees").size == 3 * (60 - 20 - 10)
     assert np.isfinite(flights.consistency(rows)["nis"])
-
-
-def test_remarks(navigation: ModuleType) -> None:
-    good = {"success": True, "steps": {"worst": [1.0, None, 5.9]}}
-    assert navigation.remarks(good) == []
-    lying = {"success": True, "steps": {"worst": [1.0, None, 7.0, 8.0, 2.0]}}
-    assert navigation.remarks(lying) == ["2 lies from step 2 to 3, up to 8.0 standard deviations"]
-    lost = {"success": False, "collided": False, "terminal_position_error_m": 5e3}
-    assert navigation.remarks(lost) == ["no success, 5000 m from the goal"]
-    assert navigation.remarks({"unflyable": "inside"}) == ["inside"]
-
-
-def short_way(path: Path | None = None, settings: dict | None = None, **options) -> Scenario:
-    return load_scenario(path, SHORT | (settings or {}), **options)
-
-
-@pytest.mark.slow
-def test_measures_resumes_and_writes_the_tables(
-    navigation: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:  # fmt: skip
-    words = ["navigation.py", "--transits", "1", "--poses", "5", "--workers", "1",
-             "--bodies", "kleopatra", "lumpy-ball", "--out", str(tmp_path / "out"),
-             "--markdown", str(tmp_path / "tables.md")]  # fmt: skip
-    monkeypatch.setattr(sys, "argv", words)
-    # Short ways at Kleopatra, and by one wrong map.
-    for name in ("navigation", "_bodies", "_navigation_mended", "_navigation_poses"):
-        script = load_script(f"benchmarks/{name}.py")
-        monkeypatch.setattr(script, "load_scenario", short_way)
-    monkeypatch.setattr(navigation, "SURFACE_ERRORS", (110.0,))
-    navigation.main()
-    text = (tmp_path / "tables.md").read_text()
-    table = {
-        cells[0]: cells[1:]
-        for line in text.splitlines()
-        if (cells := [cell.strip() for cell in line.strip("|").split("|")])[0]
-    }
-    assert table["acquiring"][0] == "5"
-    assert "| lumpy-ball | 5 | 0 | 0 | 100.00 |" in text
-    assert text.count("| attitude off by 1 degree | 1/1 |") == 2
-    for name in ("lumpy-ball", "five minutes without frames", "20 % false returns", "on navigation",
-                 "after_survey"):  # fmt: skip
-        assert f"| {name} | 1/1 |" in text
-    assert 0.0 < float(table["on navigation"][1]) < 1.1
-    times = {path: path.stat().st_mtime_ns for path in (tmp_path / "out").glob("*.json")}
-    # One at the lumpy ball, two dispersed, six hard (one is also Kleopatra's), and two to compare.
-    assert len(times) == 11
-    monkeypatch.setattr(sys, "argv", [*words, "--only", "accuracy", "dispersed", "hard", "truth"])
-    navigation.main()
-    assert {path: path.stat().st_mtime_ns for path in times} == times
-    assert "against the MPC on the true state" in capsys.readouterr().out

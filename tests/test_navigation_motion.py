@@ -27,7 +27,7 @@ from proxops.systems.navigation.estimate import (
 )
 from proxops.systems.navigation.motion import Motion
 from proxops.systems.shapes import Polyhedron
-from proxops.systems.vehicle import believed_axes
+from proxops.systems.vehicle.attitude_error import believed_axes
 
 MASS, RATE, TAU = 1000.0, 3.24e-4, 600.0
 FORCE = np.array([5.0, -3.0, 6.0])

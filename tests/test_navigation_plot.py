@@ -58,17 +58,6 @@ def test_returns_and_phases(figure: Figure) -> None:
     assert {"acquiring", "following", "lost", "three standard deviations"} < named
 
 
-def test_it_can_be_drawn(figure: Figure, tmp_path) -> None:
-    figure.savefig(tmp_path / "navigation.png")
-    assert (tmp_path / "navigation.png").stat().st_size > 20_000
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("steps", [0, 1])
-def test_flights_that_end_at_once(steps: int, tmp_path) -> None:
-    plot_navigation(navigated_log(steps)).savefig(tmp_path / "navigation.png")
-
-
 def test_a_flight_without_a_navigation_is_refused() -> None:
     with pytest.raises(InputError, match="has no navigation"):
         plot_navigation(synthetic_log(3, ranges=False))

@@ -63,16 +63,6 @@ def test_axes_do_not_spin(log: FlightLog) -> None:
     assert steps.max() < 0.1
 
 
-@pytest.mark.parametrize("damage", [np.nan, np.inf, -1.0, 1e300])
-def test_damaged_covariances_are_no_region(log: FlightLog, damage: float) -> None:
-    covariances = log.dataset["navigation_covariance"].values.copy()
-    covariances[20, 1, 1] = covariances[21, 0, 1] = damage
-    columns = log.dataset["navigation_covariance"].copy(data=covariances)
-    region = navigation_region(log.dataset.assign(navigation_covariance=columns))
-    assert not region.known[20]
-    assert region.known[22:].all()
-
-
 @pytest.mark.parametrize(("size", "times"), [(1.0, 40.0), (1e-2, 4e3), (1e3, 1.0), (0.0, 1e5)])
 def test_exaggeration_is_a_round_number(log: FlightLog, size: float, times: float) -> None:
     """300 m are to be 0.12 of the unit of 100 km."""
@@ -140,13 +130,6 @@ def test_panel_tells_of_the_navigation(log: FlightLog, tmp_path: Path) -> None:
     assert 'id="error"' in page
 
 
-def test_panel_of_a_flight_without_a_navigation(tmp_path: Path) -> None:
-    write_replay(synthetic_log(3, ranges=False), tmp_path / "replay.html")
-    page = (tmp_path / "replay.html").read_text(encoding="utf-8")
-    assert known(page)["navigation"] is None
-    assert "3σ" not in page
-
-
 def judged_log() -> FlightLog:
     """A flight's returns: all used, but in odd rows ten are rejected, and one is not used."""
     log = synthetic_log(20)
@@ -189,14 +172,3 @@ def test_returns_are_shown_by_their_use(
     page = (tmp_path / "replay.html").read_text(encoding="utf-8")
     for text in ("lidar returns that it used", "rejected", "left alone"):
         assert f"</i> {text}<" in page
-
-
-def test_returns_that_nothing_judged_have_one_colour(meshcat: Meshcat, tmp_path: Path) -> None:
-    add_flight(meshcat, synthetic_log(3))
-    assert meshcat.HasPath("/lidar/row_0000")
-    assert not meshcat.HasPath("/lidar/row_0000/used")
-
-
-@pytest.mark.parametrize("steps", [0, 1, 4])
-def test_flights_that_end_at_once(tmp_path: Path, steps: int) -> None:
-    write_replay(navigated_log(steps), tmp_path / "replay.html")

@@ -8,23 +8,17 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse, StepPatch
-from synthetic_log import similar_log, synthetic_log
+from synthetic_log import synthetic_log
 
 from proxops.diagrams.logs.flight_log import FlightLog
 from proxops.diagrams.logs.legend import legend_of
-from proxops.diagrams.plots import flight_plot, length_unit, plot_flight, plot_ranges
+from proxops.diagrams.plots import flight_plot, plot_flight, plot_ranges
 from proxops.systems.shapes.ellipsoid import clearances
 
 
 @pytest.fixture(scope="module")
 def log() -> FlightLog:
     return synthetic_log()
-
-
-@pytest.fixture
-def small(log: FlightLog) -> FlightLog:
-    """The same flight with all lengths a thousandth as long."""
-    return similar_log(log, 1e-3)
 
 
 @pytest.fixture
@@ -61,41 +55,6 @@ def test_flight_is_one_page_of_labelled_axes(log: FlightLog) -> None:
     assert len(png(figure)) > 20_000
 
 
-@pytest.mark.parametrize(
-    ("size", "unit"),
-    [(0.0, (1.0, "m")), (500.0, (1.0, "m")), (4999.0, (1.0, "m")), (5e3, (1e3, "km"))],
-)
-def test_unit_goes_by_size(size: float, unit: tuple[float, str]) -> None:
-    assert length_unit(size) == unit
-
-
-@pytest.mark.slow
-def test_flight_about_a_small_body_is_in_metres(log: FlightLog, small: FlightLog) -> None:
-    large, figure = plot_flight(log), plot_flight(small)
-    assert not [t for ax in figure.axes for t in (ax.get_xlabel(), ax.get_ylabel()) if "(km)" in t]
-    labels = {ax.get_ylabel() for ax in figure.axes}
-    assert {"y (m)", "distance to the goal (m)", "keep-out clearance (m)"} <= labels
-    assert {ax.get_xlabel() for ax in figure.axes} == {"x (m)", "y (m)", "time (min)"}
-    # In metres what the large one is in kilometres: path, distance and clearance.
-    for number in (0, 1, 2, 3, 5):
-        here, there = figure.axes[number], large.axes[number]
-        for line, like in zip(here.lines, there.lines, strict=True):
-            np.testing.assert_allclose(
-                np.array(line.get_ydata()), np.array(like.get_ydata()), rtol=1e-6, atol=1e-6
-            )
-        np.testing.assert_allclose(here.get_ylim(), there.get_ylim(), rtol=1e-6, atol=1e-6)
-    assert png(figure)
-
-
-def test_near_ranges_are_in_metres(small: FlightLog, ax: Axes) -> None:
-    frame = small.dataset["ranges"].values[100]
-    shown = np.ma.asarray(plot_ranges(ax, frame).get_array()).compressed()
-    np.testing.assert_allclose(shown, frame[np.isfinite(frame)])
-    figure = ax.get_figure()
-    assert isinstance(figure, Figure)
-    assert figure.axes[1].get_ylabel() == "range (m)"
-
-
 @pytest.mark.parametrize(("plane", "axes"), [("xy", [0, 1]), ("xz", [0, 2]), ("yz", [1, 2])])
 def test_path(log: FlightLog, ax: Axes, plane: str, axes: list[int]) -> None:
     flight_plot.plot_path(ax, log, plane)
@@ -126,22 +85,6 @@ def test_body_and_ellipsoid(log: FlightLog, ax: Axes, plane: str, axes: list[int
     assert [outline.width, outline.height] == pytest.approx(
         2.0 * log.body.keep_out_semi_axes[axes] / 1e3
     )
-
-
-def test_distance(log: FlightLog, ax: Axes) -> None:
-    flight_plot.plot_distance(ax, log)
-    distance = np.linalg.norm((log.dataset["state"] - log.dataset["target"]).values[:, :3], axis=1)
-    minutes, shown = curve(ax, 0)
-    np.testing.assert_allclose(minutes, log.dataset["time"].values / 60.0)
-    np.testing.assert_allclose(shown, np.maximum(distance, 1.0) / 1e3)
-    assert ax.get_yscale() == "log"
-
-
-def test_speed(log: FlightLog, ax: Axes) -> None:
-    flight_plot.plot_speed(ax, log)
-    speed = np.linalg.norm(log.dataset["state"].values[:, 3:], axis=1)
-    np.testing.assert_allclose(curve(ax, 0)[1], speed)
-    np.testing.assert_allclose(curve(ax, 2)[1], log.scenario.spacecraft.speed_limit_m_s)
 
 
 def test_clearance(log: FlightLog, ax: Axes) -> None:
@@ -186,13 +129,6 @@ def test_ranges(log: FlightLog, ax: Axes) -> None:
     assert np.isfinite(frame).any()
     # Ray 0 is centred on 0 degrees, plane 0 on 0.
     assert image.get_extent() == pytest.approx([-0.5, 359.5, -0.5, 11.5])
-
-
-def test_frame_without_a_return(ax: Axes) -> None:
-    plot_ranges(ax, np.full((12, 360), np.inf))
-    figure = ax.get_figure()
-    assert isinstance(figure, Figure)
-    assert png(figure)
 
 
 @pytest.mark.slow

@@ -192,15 +192,6 @@ def test_end_to_end_names_the_pilot_that_ships(tmp_path: Path, monkeypatch: pyte
     assert isinstance(named_controller("policy", Scenario(), kleopatra()), GuidancePolicy)
 
 
-def test_policy_that_does_not_fit_does_not_fly(counting: Path) -> None:
-    for changes, why in (
-        ({"lidar__planes": 6}, "this one has 6 of 360"),
-        ({"control_period_s": 5.0}, "this one is 5 s"),
-    ):
-        with pytest.raises(InputError, match=why):
-            fly(brief(counting, **changes), "policy")
-
-
 def test_thrust_limit_is_the_scenario_s(counting: Path) -> None:
     scenario = brief(counting, spacecraft__thrust_limit_n=3.0, log_ranges=False)
     forces = fly(scenario, "policy").dataset["policy_force"].values[:-1]
@@ -242,13 +233,6 @@ def test_another_policy_in_its_place_is_told(run, tmp_path: Path, capsys) -> Non
     write_policy(bundle, DeadReckoning(derivative=1.0))
     assert run("fly", "--from", "one/flight.nc", "--out", "two") == 1
     assert "policy_sha256" in capsys.readouterr().err
-
-
-def test_no_bundle_is_refused(run, capsys) -> None:
-    assert run("fly", "--controller", "policy", "--set", "policy.bundle=nothing") == 2
-    error = capsys.readouterr().err
-    assert "nothing is not the bundle of a policy" in error
-    assert "proxops train makes one" in error
 
 
 @pytest.mark.slow

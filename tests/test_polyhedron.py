@@ -161,18 +161,6 @@ def test_trimesh_round_trip() -> None:
     np.testing.assert_array_equal(back.faces, mesh.faces)
 
 
-def test_unknown_unit(tmp_path: Path) -> None:
-    path = tmp_path / "body.obj"
-    star_shaped(1).export(path)
-    for unit in ("mile", "", "KM"):
-        with pytest.raises(InputError, match=r"unit .* is not known"):
-            Polyhedron.load(path, unit)
-        with pytest.raises(InputError, match=r"unit .* is not known"):
-            Polyhedron.from_trimesh(star_shaped(1), unit)
-        with pytest.raises(InputError, match=r"unit .* is not known"):
-            Polyhedron.from_trimesh(star_shaped(1), "m").to_trimesh(unit)
-
-
 @pytest.mark.parametrize(
     ("name", "content"),
     [
@@ -198,12 +186,6 @@ def test_files_that_hold_no_mesh(tmp_path: Path, name: str, content: bytes) -> N
     path.write_bytes(content)
     with pytest.raises(InputError, match=name):
         Polyhedron.load(path)
-
-
-def test_missing_file_and_directory(tmp_path: Path) -> None:
-    for path in (tmp_path / "absent.obj", tmp_path):
-        with pytest.raises(InputError, match="does not exist or is not a file"):
-            Polyhedron.load(path)
 
 
 def test_from_trimesh_refuses_what_is_no_mesh() -> None:

@@ -8,16 +8,11 @@ from pathlib import Path
 import pytest
 from short_flights import kleopatra
 
-from proxops.diagrams.scenario import (
-    QUANTITIES,
-    AssuranceBoundsConfig,
-    ExpectedErrorsConfig,
-    World,
-    load_dispersions,
-    load_scenario,
-)
+from proxops.diagrams.scenario import QUANTITIES, World, load_dispersions, load_scenario
 from proxops.diagrams.scenario.dotted_keys import default_at, dotted_keys
+from proxops.diagrams.scenario.navigation_config import ExpectedErrorsConfig
 from proxops.diagrams.scenario.quantities import HARMLESS, Quantity
+from proxops.diagrams.scenario.scenario_config import AssuranceBoundsConfig
 from proxops.systems.common import InputError
 
 SECTIONS = ("truth.", "disturbance.", "force_noise.", "kicks.")

@@ -7,7 +7,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput, ZeroOrderHold
 from scipy import stats
 
-from proxops.systems import InputError, RandomWalkDisturbance
+from proxops.systems import RandomWalkDisturbance
 from proxops.systems.common.counter_noise import generator
 
 PERIOD = 10.0
@@ -189,26 +189,3 @@ def test_simulated_behind_a_hold_it_gives_the_same():
     context = simulator.get_context()
     assert np.array_equal(asked.FindLog(context).data().T[:40], expected[:40])
     assert np.array_equal(held.FindLog(context).data().T[1:41], expected[:40])
-
-
-@pytest.mark.parametrize(
-    "settings",
-    [
-        {"thrust_limit": 0.0},
-        {"thrust_limit": np.nan},
-        {"period": 0.0},
-        {"period": -10.0},
-        {"reset_period": 5.0},
-        {"reset_period": np.nan},
-        {"reset_period": np.inf},
-        {"max_relative_magnitude": -0.1},
-        {"max_relative_magnitude": np.nan},
-        {"max_relative_magnitude": np.inf},
-        {"increment_std": -0.1},
-        {"increment_std": np.inf},
-        {"seed": -1},
-    ],
-)
-def test_senseless_disturbance_is_refused(settings):
-    with pytest.raises(InputError, match=f"needs .*{next(iter(settings))}"):
-        RandomWalkDisturbance(**{"thrust_limit": 7.0, **settings})

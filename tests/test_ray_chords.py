@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from proxops.systems import InputError, ray_directions
+from proxops.systems import ray_directions
 from proxops.systems.lidar.ray_chords import ChordFan
 
 CENTRE, AXES = np.array([3e3, -5e3, 2e3]), np.array([120e3, 60e3, 50e3])
@@ -65,17 +65,3 @@ def test_places_do_not_touch_each_other():
         alone, mine = fan.chords(PLACES[k : k + 1]), together.places == k
         assert np.array_equal(together.rays[mine], alone.rays)
         assert together.ends[mine] == pytest.approx(alone.ends, abs=1e-6)
-
-
-@pytest.mark.parametrize(
-    ("centre", "axes", "directions"),
-    [
-        (CENTRE, [1.0, 0.0, 1.0], np.eye(3)),
-        (CENTRE, [1.0, np.nan, 1.0], np.eye(3)),
-        (CENTRE[:2], AXES, np.eye(3)),
-        (CENTRE, AXES, np.ones(3)),
-    ],
-)
-def test_refused(centre, axes, directions):
-    with pytest.raises(InputError):
-        ChordFan(centre, np.asarray(axes), directions)

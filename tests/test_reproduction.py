@@ -15,7 +15,8 @@ from short_flights import BRIEF, short_scenario
 
 from proxops.diagrams.flight import Workers
 from proxops.diagrams.flight.campaign import Flight
-from proxops.diagrams.scenario import PolicyConfig, Scenario, dump_scenario
+from proxops.diagrams.scenario import Scenario, dump_scenario
+from proxops.diagrams.scenario.scenario_config import PolicyConfig
 from proxops.studies.evaluation.variants import Variant, fly_variants
 from proxops.studies.reproduction.flights import variants
 from proxops.studies.reproduction.reproduction import (

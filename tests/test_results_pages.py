@@ -6,7 +6,6 @@ import re
 from pathlib import Path
 
 import pytest
-from own_numbers import DEFINITIONS, SPECIFICATIONS, own_figures
 from pages import ROOT
 from scripts import load_script
 from whole_results import results_with_all
@@ -86,75 +85,6 @@ def test_measured_entries_are_whole(name: str) -> None:
     assert set(entry) == {"commands", "version", "commit", "date", "machine", "columns", "rows"}
     assert entry["rows"]
     assert {len(row) for row in entry["rows"]} == {len(entry["columns"])}
-
-
-# --- no page has a figure of its own --------------------------------------------------------------
-
-
-@pytest.mark.parametrize("page", list(render.pages()), ids=lambda page: str(page.relative_to(ROOT)))
-def test_no_page_has_a_measured_figure_of_its_own(page: Path) -> None:
-    name = page.relative_to(ROOT).as_posix()
-    found = own_figures(render.own_text(page.read_text()), DEFINITIONS.get(name, ()))
-    told = "\n".join(f"{name}:{each.line}: {each.text}" for each in found)
-    assert not found, (
-        f"These figures stand on a page by themselves:\n{told}\n"
-        "If a command measured them, put them into docs/measured.json (or fly the campaign, see "
-        "'Figures' in CONTRIBUTING.md), put `<!-- from measured.json: NAME -->` and "
-        "`<!-- end -->` where they are to stand, and run `python docs/render_results.py`. If they "
-        "are settings or definitions, add the head of the table or the phrase to "
-        "tests/own_numbers.py."
-    )
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        "It arrives in 198 of 200 transits.",
-        "It arrives in 198 of\n200 transits.",
-        "It arrived in 1,701 of 1,704.",
-        "All of them: 50/50.",
-        "The policy flies 88.3 % of the steps.",
-        "The MPC takes 1.5 ms a step.",
-        "This needs 1.03 times the Δv.",
-        "It flies at 2,870 × real time.",
-        "Collecting took 17 minutes.",
-        "They differ by 3e-11.",
-        "| controller | end error (m) |\n|---|---:|\n| mpc | 12 |",
-    ],
-)
-def test_a_measured_figure_is_found(text: str) -> None:
-    page = f"# A page\n\nA sentence.\n\n{text}\n"
-    assert [each.line for each in own_figures(page)] == [5]
-    place = f"# A page\n\n<!-- from measured.json: this -->\n{text}\n<!-- end -->\n"
-    assert own_figures(render.own_text(place)) == []
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        "The command is held for 10 s, with 3 of them in a row.",
-        "```\n198 of 200 took 17 minutes\n```",
-        "`--set truth.lidar.dropout=0.15` and [a page](page_5_%.md)",
-        "| file | content |\n|---|---|\n| `a.nc` | 12 steps |",
-        "| controller | file |\n|---|---|\n| mpc | `a1.nc` |",
-    ],
-)
-def test_settings_and_code_are_no_figures(text: str) -> None:
-    assert own_figures(f"# A page\n\n{text}\n") == []
-
-
-def test_a_definition_lets_only_its_phrase_pass() -> None:
-    text = "Each draws 15 % of dropout. It loses 15 % of the frames.\n"
-    assert [each.text for each in own_figures(text, {"15 % of dropout"})] == ["15 %"]
-
-
-def test_no_definition_is_left_over() -> None:
-    pages = {page.relative_to(ROOT).as_posix(): page.read_text() for page in render.pages()}
-    for name, phrases in DEFINITIONS.items():
-        prose = " ".join(render.own_text(pages[name]).split())
-        assert {phrase for phrase in phrases if phrase not in prose} == set(), name
-    lines = {line for text in pages.values() for line in text.splitlines()}
-    assert SPECIFICATIONS - lines == set()
 
 
 # --- results.json ---------------------------------------------------------------------------------

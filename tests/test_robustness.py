@@ -3,16 +3,13 @@
 import dataclasses
 import functools
 import re
-import sys
 from pathlib import Path
 from types import ModuleType
 
 import numpy as np
 import pytest
-from known_policies import DeadReckoning, write_policy
 from scripts import load_script
 from short_flights import kleopatra
-from test_evaluation import row
 
 from proxops.assets import ASSETS
 from proxops.diagrams.flight.campaign import Flight
@@ -27,7 +24,6 @@ from proxops.diagrams.scenario.transits import (
     scenario_transit,
 )
 from proxops.studies.evaluation.variants import Variant, variant_flights
-from proxops.systems.common.errors import InputError
 from proxops.systems.shapes.ellipsoid import clearances
 
 AXES = np.array([140e3, 70e3, 65e3])
@@ -215,18 +211,6 @@ def test_values_beyond_the_limits_are_said(robustness: ModuleType, tmp_path: Pat
     assert 0.0 < failed.truth.thrusters.failure_time_s < 100.0
 
 
-def test_lines_can_be_chosen(robustness: ModuleType) -> None:
-    lines = robustness.variants("zero", "after_survey", load_scenario())
-    chosen = robustness.chosen(lines, ["truth.size", "nominal"])
-    assert [each.name for each in chosen] == [
-        "nominal", "truth.size x 1", "truth.size x 2", "truth.size x 3",
-    ]  # fmt: skip
-    [one] = robustness.chosen(lines, ["truth.spin x 2"])
-    assert one.name == "truth.spin x 2"
-    with pytest.raises(InputError, match=r"no line 'truth.spn'; the nearest is 'truth.spin'"):
-        robustness.chosen(lines, ["truth.spn"])
-
-
 @pytest.mark.slow
 def test_starts(robustness: ModuleType) -> None:
     body = kleopatra()
@@ -274,66 +258,3 @@ def test_moving_starts_can_stop(robustness: ModuleType) -> None:
         assert clearances(AXES, path).min() > -50.0
         ways.append(way)
     assert (np.abs(np.mean(ways, axis=0)) < 0.5).all()
-
-
-def test_figures(robustness: ModuleType) -> None:
-    rows = [row(delta_v_m_s=100.0), row(terminal_position_error_m=3.0), row(
-        success=False, success_2km=True, keep_out_violations=2, delta_v_m_s=1.0,
-        terminal_position_error_m=2.0,
-    )]  # fmt: skip
-    assert robustness.figures(rows) == ["2/3", "3/3", "0", "2", "0", "2.0", "2.9", "125.0"]
-    unflyable = {"transit": 3, "unflyable": "the start is inside the true body"}
-    assert robustness.figures([*rows, unflyable]) == [
-        "2/3", "3/3", "0", "2", "1", "2.0", "2.9", "125.0",
-    ]  # fmt: skip
-    assert robustness.figures([row(success=False)])[-1] == "–"
-    assert robustness.figures([unflyable]) == ["0/0", "0/0", "0", "0", "1", "–", "–", "–"]
-    assert len(robustness.figures(rows)) == len(robustness.HEADINGS)
-
-
-@pytest.mark.slow
-def test_flies_resumes_and_writes_the_table(
-    robustness: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:  # fmt: skip
-    bundle = write_policy(tmp_path / "policy", DeadReckoning())
-    brief = ("arrival.deadline_s=50.0", "arrival.dwell_s=50.0")
-    monkeypatch.setattr(
-        robustness,
-        "load_scenario",
-        lambda path, settings: load_scenario(path, [*settings, *brief], on_true_state=True),
-    )
-    worlds = tmp_path / "worlds.yaml"
-    worlds.write_text("truth.mass: {half_normal: 1.0, three_sigma: 10.0}\n")
-    words = ["robustness.py", "--controller", f"policy:{bundle}", "--transits", "2",
-             "--dispersions", str(worlds), "--workers", "1", "--out", str(tmp_path / "out"),
-             "--markdown", str(tmp_path / "table.md")]  # fmt: skip
-    monkeypatch.setattr(sys, "argv", words)
-    robustness.main()
-    table = [
-        [cell.strip() for cell in line.strip("|").split("|")]
-        for line in (tmp_path / "table.md").read_text().splitlines()[2:]
-    ]
-    assert [cells[0] for cells in table] == [
-        "nominal", "truth.mass x 1", "truth.mass x 2", "truth.mass x 3", "all of after_survey",
-        "all of before_survey", "the paper's disturbance", "start outside the cube",
-        "start inside the margin", "start moving",
-    ]  # fmt: skip
-    assert (table[0][1], table[0][5]) == ("0/2", "0")
-    assert (table[3][1], table[3][5]) == ("0/0", "2")
-    times = {path: path.stat().st_mtime_ns for path in (tmp_path / "out").glob("*.json")}
-    assert len(times) == 20
-    robustness.main()
-    assert {path: path.stat().st_mtime_ns for path in times} == times
-    assert "start inside the margin" in capsys.readouterr().out
-
-
-def test_a_wrong_policy_ends_it_with_a_message(
-    robustness: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(
-        sys, "argv",
-        ["robustness.py", "--controller", f"policy:{tmp_path}", "--out", str(tmp_path / "out")],
-    )  # fmt: skip
-    with pytest.raises(SystemExit, match="not the bundle of a policy"):
-        robustness.main()

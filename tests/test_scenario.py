@@ -2,13 +2,10 @@
 
 import dataclasses as dc
 import operator
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
-import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from plain_polyhedral_gravity import star_shaped
@@ -379,29 +376,6 @@ def test_wrong_type(override: str, complaint: str) -> None:
         load_scenario(None, [override])
 
 
-POSITIVE = [
-    "control_period_s",
-    "spacecraft.mass_kg",
-    "spacecraft.thrust_limit_n",
-    "spacecraft.speed_limit_m_s",
-    "lidar.max_range_m",
-    "mpc.interval_growth",
-    "mpc.nominal_acceleration_m_s2",
-    "mpc.min_horizon_s",
-    "disturbance.reset_period_s",
-    "transit.cube_m",
-    "transit.min_distance_m",
-    "transit.max_distance_m",
-    "transit.max_hover_share",
-    "truth.gravity",
-    "truth.mass",
-    "truth.size",
-    "truth.specific_impulse_s",
-    "arrival.radius_m",
-    "arrival.speed_m_s",
-    "arrival.dwell_s",
-    "arrival.deadline_s",
-]
 NOT_NEGATIVE = [
     "lidar.noise_std_m",
     "truth.surface_rms_m",
@@ -412,19 +386,6 @@ NOT_NEGATIVE = [
     "disturbance.increment_std_n",
     "transit.end_clearance_m",
 ]
-
-
-@pytest.mark.parametrize("value", ["-1.5", ".nan", ".inf", "-.inf"])
-@pytest.mark.parametrize("key", POSITIVE + NOT_NEGATIVE)
-def test_senseless_numbers(key: str, value: str) -> None:
-    with pytest.raises(InputError, match=f"^scenario: {key} must (be positive|not be negative)"):
-        load_scenario(None, [f"{key}={value}"])
-
-
-@pytest.mark.parametrize("key", POSITIVE)
-def test_zero_where_it_makes_no_sense(key: str) -> None:
-    with pytest.raises(InputError, match=f"^scenario: {key} must be positive, got 0"):
-        load_scenario(None, [f"{key}=0"])
 
 
 @pytest.mark.parametrize("key", NOT_NEGATIVE)
@@ -445,6 +406,9 @@ def test_zero_where_it_makes_sense(key: str) -> None:
         (["transit.start_m=[1, 2, 3]"], "transit needs both start_m and goal_m, or neither"),
         (["transit.start_m=[1, 2, 3]", "transit.goal_m=[1, 2]"], "goal_m must be three numbers"),
         (["transit.start_m=[1, 2, .nan]", "transit.goal_m=[1, 2, 3]"], "start_m must be three"),
+        (["kicks.mean_interval_s=5"], "kicks.mean_interval_s must be at least control_period_s"),
+        (["transit.start_velocity_m_s=[1, 2]"], "start_velocity_m_s must be three numbers"),
+        (["transit.start_velocity_m_s=[1, 2, 41]"], "within spacecraft.speed_limit_m_s"),
         (["mpc.estimator_gain=0.1", "assurance={}"], "leave out assurance or the estimator"),
     ],
 )
@@ -515,17 +479,6 @@ def test_unknown_body(name: str) -> None:
         load_body(name)
 
 
-def test_missing_body_file(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="cannot be read"):
-        load_body(str(tmp_path / "absent.yaml"))
-
-
-@pytest.mark.parametrize("key", list(ROCK))
-def test_body_needs_every_key(rock, key: str) -> None:
-    with pytest.raises(InputError, match=rf"rock\.yaml: these keys are missing: {key}"):
-        load_body(rock(drop=key))
-
-
 @pytest.mark.parametrize(
     ("changes", "complaint"),
     [
@@ -556,22 +509,6 @@ def test_body_needs_every_key(rock, key: str) -> None:
 def test_body_refused(rock, changes: dict[str, object], complaint: str) -> None:
     with pytest.raises(InputError, match=complaint):
         load_body(rock(**changes))
-
-
-def test_a_wrong_mass_is_reported_without_assertions(rock) -> None:
-    """Python -O takes out assert statements."""
-    code = "import sys; from proxops.diagrams.scenario import load_body; load_body(sys.argv[1])"
-    command = [sys.executable, "-O", "-c", code, rock(mass_kg=1e15)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.returncode == 1
-    assert "which no body has" in done.stderr
-
-
-def test_body_with_unsound_mesh(rock, tmp_path: Path) -> None:
-    mesh = star_shaped(0, subdivisions=1, size=60.0)
-    trimesh.Trimesh(mesh.vertices, mesh.faces[1:], process=False).export(tmp_path / "open.obj")
-    with pytest.raises(InputError, match=r"open\.obj has holes"):
-        load_body(rock(mesh="open.obj"))
 
 
 def test_hint_of_the_ellipsoid_suffices(rock) -> None:

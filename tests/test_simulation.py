@@ -303,22 +303,6 @@ def test_disturbed_flight() -> None:
 
 
 @pytest.mark.parametrize(
-    ("changes", "complaint"),
-    [
-        ({"transit__goal_m": [900e3, 0.0, 0.0]}, "goal_m .* cannot be held"),
-        ({"transit__start_m": [0.0, 0.0, 0.0]}, "is inside Kleopatra"),
-        ({"transit__start_m": [0.0, 0.0, 60e3]}, "inside the keep-out"),
-        ({"spacecraft__mass_kg": 5000.0}, "cannot be held"),
-        ({"disturbance": {"reset_period_s": 1.0}}, "reset_period"),
-        ({"body": "itokawa"}, "does not ship with proxops"),
-    ],
-)
-def test_flights_that_cannot_be_are_refused(changes: dict[str, object], complaint: str) -> None:
-    with pytest.raises(InputError, match=complaint):
-        fly(short_scenario(**changes))
-
-
-@pytest.mark.parametrize(
     ("name", "complaint"),
     [
         ("pid", "controller 'pid' is not known: use mpc"),

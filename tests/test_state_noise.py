@@ -1,9 +1,8 @@
 """Errors in the state that is known: their size, and that they are a function of seed and step."""
 
 import numpy as np
-import pytest
 
-from proxops.systems import InputError, StateNoise
+from proxops.systems import StateNoise
 
 STATE = np.array([1e5, -2e4, 3e4, 1.0, -2.0, 3.0])
 
@@ -45,11 +44,3 @@ def test_none_is_none() -> None:
     only = errors(StateNoise(0.0, 0.1), 5)
     assert not only[:, :3].any()
     assert only[:, 3:].all()
-
-
-def test_what_no_noise_is() -> None:
-    for position_std, velocity_std, period in ((-1.0, 0.0, 10.0), (0.0, np.inf, 10.0), (0, 0, 0)):
-        with pytest.raises(InputError, match="StateNoise needs"):
-            StateNoise(position_std, velocity_std, period)
-    with pytest.raises(InputError, match="StateNoise needs a seed that"):
-        StateNoise(seed=-1)

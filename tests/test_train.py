@@ -145,25 +145,6 @@ def test_quick_command_writes_all_that_it_says(
 
 
 @pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["nowhere"], "holds no flight logs"),
-        (["nowhere", "--device", "abacus", "--epochs", "0"], "epochs"),
-        (["nowhere", "--recipe", "soup"], "recipe"),
-        ([], "name the folder"),
-        (["nowhere", "--recipe", "any-body"], "leave out nowhere"),
-        (["--recipe", "any-body", "--minutes", "3"], "--minutes needs --recipe paper"),
-    ],
-)
-def test_senseless_calls_are_refused(
-    tmp_path: Path, arguments: list[str], words: str, capfd: pytest.CaptureFixture[str], monkeypatch
-):
-    monkeypatch.chdir(tmp_path)
-    assert proxops("train", "--recipe", "paper", *arguments, "--out", tmp_path / "out") == 2
-    assert words in capfd.readouterr().err
-
-
-@pytest.mark.parametrize(
     ("recipe", "function", "folder"),
     [
         ("proxops", "pilot.train_pilot", "out/pilot"),

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Diagram, System
-from pydrake.systems.primitives import ZeroOrderHold
 from short_flights import (
     BRIEF,
     PdController,
@@ -41,34 +40,6 @@ def build(controller: System | None = None, **changes: object) -> Diagram:
 def output(diagram: Diagram, context, system: str, port: str) -> np.ndarray:
     subsystem = diagram.GetSubsystemByName(system)
     return subsystem.GetOutputPort(port).Eval(subsystem.GetMyContextFromRoot(context))
-
-
-def test_subsystem_names() -> None:
-    names = [system.get_name() for system in build(disturbance={}).GetSystems()]
-    logs = {"log_state", "log_target", "log_force", "log_command", "log_mpc_force"}
-    assert logs <= set(names)
-    assert {name for name in names if not name.startswith("log_")} == {
-        "gravity", "spacecraft", "lidar", "target", "controller", "disturbance", "thrusters",
-        "hold", "monitor", "command_limits", "command_hold",
-    }  # fmt: skip
-    assert len(names) == len(set(names))
-    assert not build().HasSubsystemNamed("disturbance")
-
-
-def test_one_hold_only() -> None:
-    """Each further one would add a delay."""
-    holds = [system for system in build().GetSystems() if isinstance(system, ZeroOrderHold)]
-    assert len(holds) == 1
-    assert holds[0].period() == 10.0
-
-
-def test_graphviz_names_every_block() -> None:
-    diagram = build(disturbance={})
-    text = diagram.GetGraphvizString()
-    for system in diagram.GetSystems():
-        assert system.get_name() in text
-    for port in ("state", "position", "velocity", "target", "acceleration", "ranges", "force"):
-        assert port in text
 
 
 def test_starts_at_rest_at_the_start() -> None:

@@ -186,32 +186,6 @@ def test_wrong_options_are_refused(options: dict, complaint: str) -> None:
         TransitEnvironment(changes=SHORT).reset(options=options)
 
 
-@pytest.mark.parametrize("action", [[1.0, 0.0], [[0.0, 0.0, 0.0]], [0.0, np.nan, 0.0]])
-def test_wrong_actions_are_refused(action: list) -> None:
-    environment = TransitEnvironment(changes=SHORT)
-    environment.reset(options={"transit": 0})
-    with pytest.raises(InputError, match=r"an action has shape \(3,\)"):
-        environment.step(np.array(action))
-    environment.close()
-
-
-def test_dispersions_that_do_not_exist_are_refused_at_once() -> None:
-    with pytest.raises(InputError, match="no dispersions 'nope' ship"):
-        TransitEnvironment(dispersions="nope")
-
-
-def test_wrong_observations_are_refused() -> None:
-    with pytest.raises(InputError, match="state, lidar, not 'camera'"):
-        TransitEnvironment(observation="camera")
-
-
-@pytest.mark.parametrize("kind", [TransitEnvironment, TransitBatch])
-def test_wrong_render_modes_are_refused(kind: type) -> None:
-    assert kind.metadata["render_modes"] == ["rgb_array"]
-    with pytest.raises(InputError, match="render_mode: None or 'rgb_array', not 'human'"):
-        kind(changes=SHORT, render_mode="human")
-
-
 def test_pictures_of_an_episode() -> None:
     """They show where the transit is; to draw them changes nothing of it."""
     env, plain = made(render_mode="rgb_array"), made()

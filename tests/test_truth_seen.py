@@ -14,14 +14,14 @@ from pydrake.geometry import Meshcat
 from scipy.spatial.transform import Rotation
 from short_flights import BRIEF, kleopatra, short_scenario
 from synthetic_log import synthetic_log
-from test_replay import messages, points_told
+from test_replay import points_told
 
 from proxops.diagrams.flight.simulation import fly
 from proxops.diagrams.flight.transit_diagram import make_transit_diagram
 from proxops.diagrams.logs.flight_log import FlightLog
 from proxops.diagrams.meshcat.meshcat_scene import quiet_meshcat
 from proxops.diagrams.meshcat.replay import add_flight, write_replay
-from proxops.diagrams.plots import draw_body, plot_flight, plot_truth
+from proxops.diagrams.plots import draw_body, plot_truth
 from proxops.diagrams.plots.outlines import outline
 from proxops.diagrams.scenario import TruthConfig, differing_values, make_true_body, spin_axes
 from proxops.systems.common.errors import InputError
@@ -89,20 +89,6 @@ def test_both_axes_are_lines(log: FlightLog, meshcat: Meshcat) -> None:
         assert abs(line[:, 2]).min() > abs(kleopatra().shape.vertices[:, 2]).max()
 
 
-def test_a_flight_as_believed_shows_nothing_of_it(log: FlightLog, meshcat: Meshcat) -> None:
-    add_flight(meshcat, log)
-    assert all(meshcat.HasPath(name) for name in SHOWN)
-    plain = synthetic_log(3, ranges=False)
-    add_flight(meshcat, plain)
-    assert not any(meshcat.HasPath(name) for name in ("/map", "/spin_axis"))
-    alone = quiet_meshcat()
-    add_flight(alone, plain)
-    # Nothing is left of the first flight, such as how its body is drawn.
-    assert not [told for told in messages(meshcat.StaticHtml()) if b"polygonOffset" in told]
-    for name in ("/body", "/keep_out/surface"):
-        np.testing.assert_array_equal(points_told(meshcat, name), points_told(alone, name))
-
-
 @pytest.mark.parametrize(
     ("truth", "shown"),
     [
@@ -138,29 +124,6 @@ def test_panel_lists_what_differs(log: FlightLog, tmp_path: Path) -> None:
     legend = page[page.index('id="legend"') :]
     for text in ("map, over the true body", "believed spin axis", "true spin axis"):
         assert text in legend
-
-
-def test_panel_of_a_flight_as_believed(tmp_path: Path) -> None:
-    page = written(synthetic_log(3, ranges=False), tmp_path)
-    assert '<details id="world"' not in page
-    assert "spin axis" not in page
-    assert "true body" not in page
-
-
-def test_panel_lists_what_was_drawn(tmp_path: Path) -> None:
-    """Also what is known on the day, and a number near one by what it differs."""
-    scenario = short_scenario(dispersions="before_survey", truth__lidar__latency_steps=2, **BRIEF)
-    log = fly(scenario, "zero", body=kleopatra())
-    page = written(log, tmp_path)
-    listed = dict(re.findall(r"<tr><td>(.*?)</td><td>(.*?)</td></tr>", page))
-    assert {*log.summary["dispersed"]} < {*listed}
-    assert listed["truth.lidar.latency_steps"] == "2"
-    assert float(listed["spacecraft.mass_kg"]) == pytest.approx(
-        log.scenario.spacecraft.mass_kg, rel=1e-3
-    )
-    spin = log.scenario.truth.spin - 1.0
-    sign, size = re.fullmatch(r"1 ([+-]) (\S+)", listed["truth.spin"]).groups()  # type: ignore[union-attr]
-    assert float(sign + size) == pytest.approx(spin, rel=0.05)
 
 
 @pytest.mark.parametrize("damage", ["facets", "vertices"])
@@ -244,19 +207,6 @@ def test_plot_shows_truth_and_map(log: FlightLog, ax: Axes) -> None:
     assert not believed[:, 0].any()
     slope = np.diff(true[:, 0]) / np.diff(true[:, 1])
     np.testing.assert_allclose(slope, log.true_body.spin[0] / log.true_body.spin[2])
-
-
-def test_plot_of_a_body_as_believed_is_as_ever(ax: Axes) -> None:
-    draw_body(ax, kleopatra(), "xy", make_true_body(kleopatra(), TruthConfig()))
-    assert not ax.lines
-    plain = synthetic_log(3, ranges=False)
-    named = {text.get_text() for text in plot_flight(plain).legends[0].get_texts()}
-    assert not named & {"map", "true spin axis", "believed spin axis"}
-
-
-def test_legend_names_truth_and_map(log: FlightLog) -> None:
-    named = {text.get_text() for text in plot_flight(log).legends[0].get_texts()}
-    assert {"map", "true spin axis", "believed spin axis"} < named
 
 
 def test_true_attitude_mass_and_thrust(log: FlightLog) -> None:

@@ -34,7 +34,7 @@ from proxops.diagrams.scenario import (
     parse_mapping,
     parse_scenario,
 )
-from proxops.systems.common import InputError, interruption_waits, write_whole
+from proxops.systems.common import InputError, write_whole
 from proxops.systems.shapes import Polyhedron
 
 # Frames: most of their values are the same.
@@ -108,9 +108,8 @@ class FlightLog:
         packed = {"zlib": True, "complevel": 1, "shuffle": True}
         encoding = {name: packed for name in _PACKED if name in self.dataset}
         # The file is made in memory, because on a full disk HDF5 ends the process without an error.
-        with interruption_waits():
-            content = self.dataset.to_netcdf(engine="h5netcdf", encoding=encoding)
-            write_whole(Path(path), lambda name: name.write_bytes(content))
+        content = self.dataset.to_netcdf(engine="h5netcdf", encoding=encoding)
+        write_whole(Path(path), lambda name: name.write_bytes(content))
 
     @classmethod
     def load(cls, path: str | Path) -> FlightLog:
@@ -125,8 +124,7 @@ class FlightLog:
             raise InputError(f"{path} is not a flight log: it is a folder; give its flight.nc")
         check_log_file(path)
         try:
-            with interruption_waits():
-                dataset = xr.load_dataset(path, engine="h5netcdf")
+            dataset = xr.load_dataset(path, engine="h5netcdf")
         except Exception as error:  # Damaged files raise errors of many types.
             raise InputError(f"{path} is not a flight log: {error}") from error
         missing = missing_entries(dataset)

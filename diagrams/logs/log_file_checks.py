@@ -17,7 +17,7 @@ from proxops.diagrams.logs.columns import (
     RECORDS,
     VARIABLES,
 )
-from proxops.systems.common import InputError, interruption_waits
+from proxops.systems.common import InputError
 from proxops.systems.hybrid import FlownBy
 
 # A file without the needed variables is not a log. The optional ones may be missing: frames need
@@ -37,24 +37,15 @@ _NUMBERS = (*OUTCOMES, "wall_s", "force_delay_s")
 # Variables that are finite in every row, and the greatest size of their values, in SI.
 _FINITE = ("time", "state", "target", "force")
 _LARGEST = 1e15
-# No flight fills so many bytes.
-_LARGEST_LOG = 2**34
-# The bytes for which one byte of a file may stand: compression gives no more than a thousand. What
-# was never written takes no room in the file at all.
-_DENSEST = 2000
 _SIZES = {name: len(labels) for name, labels in COORDINATES.items()}
 # Sizes of dimensions that not every log has.
 _SIZES_IF_THERE = {"quaternion": 4, "known": 9, "known_with": 9}
 
 
 def check_log_file(path: str | Path) -> None:
-    """Raises `InputError` unless a log holds all its data itself, in a size that fits a flight.
-
-    HDF5 can take data from any other file, and a few bytes of it can stand for an array of any
-    size.
-    """
+    """Raises `InputError` if a log takes data from another file, as HDF5 can, or is damaged."""
     try:
-        with interruption_waits(), h5py.File(path, "r") as file:
+        with h5py.File(path, "r") as file:
             fault = _foreign_data(file)
     except Exception as error:  # Damaged files raise errors of many types.
         raise InputError(f"{path} is not a flight log: {error}") from error
@@ -63,8 +54,7 @@ def check_log_file(path: str | Path) -> None:
 
 
 def _foreign_data(file: h5py.File) -> str | None:
-    """Says what a file takes from elsewhere, or that it stands for too much; None: neither."""
-    size = 0
+    """Says what a file takes from elsewhere; None: nothing."""
     if _has_opaque(file):
         return "it has an attribute of opaque bytes"
     for name in file:
@@ -73,13 +63,9 @@ def _foreign_data(file: h5py.File) -> str | None:
         entry = file[name]
         if _has_opaque(entry):
             return f"{name} has opaque bytes"
-        if isinstance(entry, h5py.Dataset):
-            if entry.external or entry.is_virtual:
-                return f"{name} is in another file"
-            if entry.nbytes > _DENSEST * (entry.id.get_storage_size() + 1000):
-                return f"{name} stands for more than it holds"
-            size += entry.nbytes
-    return f"it holds {size / 1e9:.0f} GB" if size > _LARGEST_LOG else None
+        if isinstance(entry, h5py.Dataset) and (entry.external or entry.is_virtual):
+            return f"{name} is in another file"
+    return None
 
 
 def _has_opaque(entry: h5py.Group | h5py.Dataset | h5py.Datatype) -> bool:

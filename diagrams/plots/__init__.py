@@ -5,7 +5,7 @@ returns it; no module writes files.
 """
 
 from proxops.diagrams.plots.decision_plot import plot_decisions
-from proxops.diagrams.plots.diagram_drawing import DiagramPicture, diagram_picture
+from proxops.diagrams.plots.diagram_drawing import diagram_picture
 from proxops.diagrams.plots.flight_plot import (
     draw_body,
     plot_clearance,
@@ -23,7 +23,6 @@ from proxops.diagrams.plots.transit_picture import TransitPicture
 from proxops.diagrams.plots.truth_plot import plot_truth
 
 __all__ = [
-    "DiagramPicture",
     "TransitPicture",
     "diagram_picture",
     "draw_body",

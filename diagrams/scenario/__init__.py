@@ -14,12 +14,11 @@ from proxops.diagrams.scenario.declared_bounds import described_bounds
 from proxops.diagrams.scenario.dispersions import Dispersion, load_dispersions
 from proxops.diagrams.scenario.drawn_world import dispersed_values, draw_world
 from proxops.diagrams.scenario.navigation_config import (
-    ExpectedErrorsConfig,
     LidarNavigationConfig,
     TrueStateConfig,
 )
 from proxops.diagrams.scenario.overrides import dotted_leaves, given_keys
-from proxops.diagrams.scenario.quantities import KNOWN_ON_THE_DAY, QUANTITIES
+from proxops.diagrams.scenario.quantities import QUANTITIES
 from proxops.diagrams.scenario.remarks import scenario_remarks
 from proxops.diagrams.scenario.scenario import (
     change_scenario,
@@ -30,7 +29,6 @@ from proxops.diagrams.scenario.scenario import (
 from proxops.diagrams.scenario.scenario_checks import check_scenario
 from proxops.diagrams.scenario.scenario_config import (
     ArrivalConfig,
-    AssuranceBoundsConfig,
     AssuranceConfig,
     ForceNoiseConfig,
     HybridConfig,
@@ -38,7 +36,6 @@ from proxops.diagrams.scenario.scenario_config import (
     LearnedLidarConfig,
     LidarConfig,
     MpcConfig,
-    PolicyConfig,
     RandomWalkDisturbanceConfig,
     Scenario,
     SpacecraftConfig,
@@ -55,7 +52,6 @@ from proxops.diagrams.scenario.transits import (
     is_blocked,
     of_transit,
     scenario_transit,
-    transit_set,
     with_ends,
 )
 from proxops.diagrams.scenario.true_body import (
@@ -65,9 +61,6 @@ from proxops.diagrams.scenario.true_body import (
     turns_the_axes,
 )
 from proxops.diagrams.scenario.truth_config import (
-    TrueAccelerationConfig,
-    TrueAttitudeConfig,
-    TrueLidarConfig,
     TrueThrustersConfig,
     TruthConfig,
 )
@@ -81,15 +74,12 @@ from proxops.diagrams.scenario.world import World, believed
 from proxops.diagrams.scenario.world_differences import differing_values, spin_axes
 
 __all__ = [
-    "KNOWN_ON_THE_DAY",
     "QUANTITIES",
     "ArrivalConfig",
-    "AssuranceBoundsConfig",
     "AssuranceConfig",
     "Body",
     "BodyConfig",
     "Dispersion",
-    "ExpectedErrorsConfig",
     "ForceNoiseConfig",
     "HybridConfig",
     "KicksConfig",
@@ -97,16 +87,12 @@ __all__ = [
     "LidarConfig",
     "LidarNavigationConfig",
     "MpcConfig",
-    "PolicyConfig",
     "RandomWalkDisturbanceConfig",
     "Scenario",
     "SpacecraftConfig",
     "Transit",
     "TransitConfig",
-    "TrueAccelerationConfig",
-    "TrueAttitudeConfig",
     "TrueBody",
-    "TrueLidarConfig",
     "TrueStateConfig",
     "TrueThrustersConfig",
     "TruthConfig",
@@ -143,7 +129,6 @@ __all__ = [
     "scenario_remarks",
     "scenario_transit",
     "spin_axes",
-    "transit_set",
     "turns_the_axes",
     "with_ends",
 ]

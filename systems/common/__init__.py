@@ -4,11 +4,11 @@
 arguments that make no sense. Random numbers are pure functions of a seed and a step (`generator`,
 `derived_seed`), so that no generator has to be kept in a Context; `SeededSystem` is the base of the
 systems that draw them. `write_whole` and `write_json` give a file its name only when all of it is
-written; `interruption_waits` lets Ctrl-C wait meanwhile. `decoded` gives the text of a file in any
-encoding. `kernel` compiles functions. `keep_arrays` puts what took long to compute into the user's
-cache folder, and `kept_arrays` finds it there. `read_bundle` reads the folder of a trained network,
-and `offers_of` what a controller offers to a flight and its log. Read `errors` and `counter_noise`
-first. This room imports nothing else of proxops, and every other room depends on it.
+written. `decoded` gives the text of a file in any encoding. `kernel` compiles functions.
+`keep_arrays` puts what took long to compute into the user's cache folder, and `kept_arrays` finds
+it there. `read_bundle` reads the folder of a trained network, and `offers_of` what a controller
+offers to a flight and its log. Read `errors` and `counter_noise` first. This room imports nothing
+else of proxops, and every other room depends on it.
 """
 
 from proxops.systems.common.bundles import MODEL_FILE, BundleKind, open_session, read_bundle
@@ -20,7 +20,6 @@ from proxops.systems.common.checks import (
     checked_semi_axes,
 )
 from proxops.systems.common.controller_offers import (
-    ControllerOffers,
     LegendEntry,
     LoggedPort,
     check_port_size,
@@ -32,13 +31,11 @@ from proxops.systems.common.deviations import error_bounds
 from proxops.systems.common.directions import directions_of, spread_directions
 from proxops.systems.common.errors import InputError, SolverFailure
 from proxops.systems.common.files import (
-    check_unpacked_size,
     file_sha256,
     make_folder,
     write_json,
     write_whole,
 )
-from proxops.systems.common.interruption import interruption_waits
 from proxops.systems.common.kernels import kernel
 from proxops.systems.common.progress import Progress, part_of, silent
 from proxops.systems.common.rotations import rotation_matrix
@@ -52,7 +49,6 @@ __all__ = [
     "LARGEST",
     "MODEL_FILE",
     "BundleKind",
-    "ControllerOffers",
     "InputError",
     "LegendEntry",
     "LoggedPort",
@@ -64,7 +60,6 @@ __all__ = [
     "check_port_size",
     "check_positive",
     "check_type",
-    "check_unpacked_size",
     "checked_semi_axes",
     "decoded",
     "derived_seed",
@@ -73,7 +68,6 @@ __all__ = [
     "file_sha256",
     "force_port",
     "generator",
-    "interruption_waits",
     "keep_arrays",
     "kept_arrays",
     "kernel",

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import hashlib
-import io
 import json
 import os
 import tempfile
 import typing
-import zipfile
 from collections.abc import Callable
 from pathlib import Path
 
@@ -81,16 +79,3 @@ def file_sha256(path: Path) -> str:
             return hashlib.file_digest(file, "sha256").hexdigest()
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror}") from error
-
-
-def check_unpacked_size(content: bytes, most: int) -> None:
-    """Raises `InputError` if a ZIP archive, such as of `numpy.savez`, unpacks to too much.
-
-    Args:
-      content: the archive; another content raises what `zipfile` raises.
-      most: greatest size in bytes of all that is in it.
-    """
-    with zipfile.ZipFile(io.BytesIO(content)) as archive:
-        size = sum(entry.file_size for entry in archive.infolist())
-    if size > most:
-        raise InputError(f"it unpacks to {size / 1e6:.0f} MB, more than {most / 1e6:.0f} MB")

@@ -89,18 +89,8 @@ def angle_between(one: np.ndarray, other: np.ndarray) -> float:
     """atan2(|u x v|, u.v), in rad from 0 to pi; NaN if a vector (3,) is zero or not finite."""
     if not (np.isfinite(one).all() and np.isfinite(other).all()):
         return math.nan
-    one, other = _near_unit(one), _near_unit(other)
     across = float(np.linalg.norm(np.cross(one, other)))
     along = float(one @ other)
     if across == 0.0 and along == 0.0:
         return math.nan
     return math.atan2(across, along)
-
-
-def _near_unit(vector: np.ndarray) -> np.ndarray:
-    """A vector times the power of two that makes its largest entry 0.5 to 1.
-
-    So the products of tiny forces don't underflow. A power of two leaves every digit as it is.
-    """
-    _, exponent = math.frexp(float(np.abs(vector).max()))
-    return np.ldexp(vector, -exponent)

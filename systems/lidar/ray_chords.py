@@ -6,8 +6,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from proxops.systems.common import InputError
-
 
 class Chords(NamedTuple):
     """The K rays that pass through the ellipsoid, position by position, ray by ray."""
@@ -32,23 +30,11 @@ class ChordFan:
     """
 
     def __init__(self, centre: np.ndarray, semi_axes: np.ndarray, directions: np.ndarray):
-        """Takes the ellipsoid's centre and semi-axes (3,) in m and unit directions (R, 3), in K.
-
-        Raises:
-          InputError: centre or semi-axes make no ellipsoid, or the directions are not an (R, 3)
-            array.
-        """
+        """Takes the ellipsoid's centre and semi-axes (3,) in m and unit directions (R, 3), in K."""
         self.centre, self.semi_axes = np.array(centre, float), np.array(semi_axes, float)
-        sound = self.centre.shape == self.semi_axes.shape == (3,)
-        if not (sound and np.isfinite([self.centre, self.semi_axes]).all()):
-            raise InputError(
-                f"an ellipsoid needs a centre (3,) and semi-axes (3,), got {centre} and {semi_axes}"
-            )
-        if not (self.semi_axes > 0.0).all():
-            raise InputError(f"an ellipsoid needs positive semi-axes, got {semi_axes}")
+        assert self.centre.shape == self.semi_axes.shape == (3,)
+        assert (self.semi_axes > 0.0).all()
         directions = np.asarray(directions, dtype=np.float64)
-        if directions.ndim != 2 or directions.shape[1] != 3:
-            raise InputError(f"directions must have shape (R, 3), got {directions.shape}")
         self._directions = directions
         self._scaled, self._squared = self._in_unit_ball(directions)
 

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import io
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from proxops.systems.common import InputError, check_unpacked_size, one_thread, write_whole
+from proxops.systems.common import InputError, one_thread, write_whole
 from proxops.systems.navigation.estimate import BASE, SIZE, Estimate
 from proxops.systems.navigation.map_error import MapError
 from proxops.systems.shapes import Polyhedron, mesh_bytes, metres_per, vertex_normals
@@ -22,8 +21,6 @@ _NEGLIGIBLE = 1e-6
 # A mesh that is off from the one in the file of errors by more than this share of its size is
 # another one.
 _SAME = 1e-9
-# No file of errors unpacks to more bytes.
-_LARGEST = 2**28
 
 
 class MendedMap(NamedTuple):
@@ -128,9 +125,7 @@ def load_map(path: Path, unit: str) -> tuple[Polyhedron, MapError | None]:
     if not beside.is_file():
         return shape, None
     try:
-        content = beside.read_bytes()
-        check_unpacked_size(content, _LARGEST)
-        with np.load(io.BytesIO(content), allow_pickle=False) as file:
+        with beside.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
             vertices, left, rest = (file[name] for name in ("vertices", "left", "rest"))
             left, rest = left.astype(float), float(rest)
     except Exception as error:  # Damaged files raise errors of many types.

@@ -8,14 +8,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from proxops.systems.common import InputError, check_unpacked_size
+from proxops.systems.common import InputError
 from proxops.systems.policy import _guidance_kernel as kernel
 from proxops.systems.policy.surroundings import INPUTS
 
 # Inputs of the first layer: those of the guidance, and what is computed from them.
 _FEATURES = INPUTS + 37
-# No file of such a network unpacks to more bytes.
-_LARGEST = 2**26
 
 
 class GuidanceNetwork(NamedTuple):
@@ -77,7 +75,6 @@ class GuidanceNetwork(NamedTuple):
           InputError: it is not such a file, or an array has another shape or is not finite.
         """
         try:
-            check_unpacked_size(content, _LARGEST)
             with np.load(io.BytesIO(content), allow_pickle=False) as file:
                 network = cls(**{name: np.ascontiguousarray(file[name]) for name in cls._fields})
         except Exception as error:  # Those of a damaged archive have no common type.

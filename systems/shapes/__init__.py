@@ -31,7 +31,7 @@ from proxops.systems.shapes.mesh_checks import (
 from proxops.systems.shapes.mesh_repair import repair_mesh
 from proxops.systems.shapes.plane_split import halves
 from proxops.systems.shapes.polyhedron import Polyhedron
-from proxops.systems.shapes.ray_casting import FirstHits, RayCaster, RayFan, ray_caster
+from proxops.systems.shapes.ray_casting import RayCaster, RayFan, ray_caster
 from proxops.systems.shapes.registration import registered
 from proxops.systems.shapes.self_intersection import self_intersections
 from proxops.systems.shapes.shape_files import (
@@ -48,7 +48,6 @@ __all__ = [
     "MESH_FORMATS",
     "Defect",
     "EnclosingEllipsoid",
-    "FirstHits",
     "MassProperties",
     "MeshFile",
     "Polyhedron",

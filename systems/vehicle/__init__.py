@@ -19,7 +19,7 @@ from proxops.systems.vehicle.actual_thrust import (
     ThrusterErrors,
     thrust_given,
 )
-from proxops.systems.vehicle.attitude_error import AttitudeError, believed_axes
+from proxops.systems.vehicle.attitude_error import AttitudeError
 from proxops.systems.vehicle.command_axes import CommandAxes
 from proxops.systems.vehicle.delayed_hold import DelayedHold
 from proxops.systems.vehicle.flight_events import (
@@ -33,17 +33,13 @@ from proxops.systems.vehicle.flight_events import (
 )
 from proxops.systems.vehicle.flight_limits import FlightLimits
 from proxops.systems.vehicle.flight_monitor import FlightMonitor
-from proxops.systems.vehicle.force_disturbance import ForceDisturbance
 from proxops.systems.vehicle.force_noise import ForceNoise
-from proxops.systems.vehicle.gauss_markov import gauss_markov_at
 from proxops.systems.vehicle.random_walk_disturbance import RandomWalkDisturbance
 from proxops.systems.vehicle.spacecraft import (
     Spacecraft,
     Spacecraft_,
-    cross_matrix,
     jacobi_integral,
     rotating_frame_acceleration,
-    spinning_frame_acceleration,
 )
 from proxops.systems.vehicle.state_noise import StateNoise
 from proxops.systems.vehicle.state_prediction import (
@@ -71,7 +67,6 @@ __all__ = [
     "FlightLimits",
     "FlightMonitor",
     "FlownPath",
-    "ForceDisturbance",
     "ForceNoise",
     "RandomWalkDisturbance",
     "Spacecraft",
@@ -81,15 +76,11 @@ __all__ = [
     "Thrusters",
     "UnexplainedAcceleration",
     "VelocityKicks",
-    "believed_axes",
-    "cross_matrix",
-    "gauss_markov_at",
     "jacobi_integral",
     "moved_by",
     "predicted_state",
     "rotating_frame_acceleration",
     "runge_kutta_step",
-    "spinning_frame_acceleration",
     "thrust_given",
     "unexplained_acceleration",
 ]

@@ -11,7 +11,7 @@ import numpy as np
 
 from proxops.diagrams.logs import VARIABLES, check_log_file, commanded_forces
 from proxops.diagrams.scenario import parse_scenario
-from proxops.systems.common import InputError, interruption_waits
+from proxops.systems.common import InputError
 
 # Rays are numbered with 16 bits.
 _MAX_RAYS = 2**16
@@ -76,7 +76,7 @@ def read_columns(path: Path) -> FlightColumns:
     """
     try:
         check_log_file(path)
-        with interruption_waits(), h5py.File(path, "r") as file:
+        with h5py.File(path, "r") as file:
             attributes = {name: _plain(value) for name, value in file.attrs.items()}
             raw = {name: _read(file, path, name) for name in (*_NEEDED, "kick") if name in file}
     except InputError:
