@@ -60,7 +60,7 @@ def fly(r, v, errors, axes, box, steps, seed, tables, world):
     """Least outward speed (m/s) of a flight by the law, and the greatest fall of its level."""
     np.random.seed(seed)  # noqa: NPY002
     gravity, thrust, angle, mass, other, position, velocity = box
-    spin, period = world[braking.SPIN], world[braking.PERIOD]
+    spin, period = world.spin, world.period
     u, a1, a2, a3, a4 = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     least, down, highest = np.inf, 0.0, 0.0
     for step in range(steps):
@@ -95,17 +95,17 @@ def fly(r, v, errors, axes, box, steps, seed, tables, world):
 
 def starts(backup, bounds, count: int, random: np.random.Generator) -> np.ndarray:
     """States at which the law, if it is flattered, begins to brake sideways."""
-    world, axes = backup.arguments[1], np.asarray(backup.limits.keep_out_semi_axes)
+    world, axes = backup.world, np.asarray(backup.limits.keep_out_semi_axes)
     position = random.permutation(spread_directions(count)) * axes
     position *= random.uniform(1.0, 1.0 + _HIGHEST, (count, 1))
     normal = position / axes**2
     normal /= np.linalg.norm(normal, axis=1)[:, None]
     velocity = random.uniform(-1.0, 1.0, (count, 3)) * backup.limits.speed
     for _ in range(60):
-        turned = world[braking.CURVATURE] * world[braking.POSITION] * np.abs(velocity).sum(axis=1)
-        excess = np.maximum(np.abs(velocity[:, :2]) - world[braking.SETTLED], 0.0).sum(axis=1)
+        turned = world.curvature * world.position * np.abs(velocity).sum(axis=1)
+        excess = np.maximum(np.abs(velocity[:, :2]) - world.settled, 0.0).sum(axis=1)
         found = np.einsum("ni,ni->n", normal, velocity) - turned - excess + bounds.velocity
-        velocity += (world[braking.OUTWARD] - found)[:, None] * normal
+        velocity += (world.outward - found)[:, None] * normal
     kept = np.abs(velocity).max(axis=1) <= backup.limits.speed
     return np.concatenate([position, velocity], axis=1)[kept]
 

@@ -111,7 +111,7 @@ def test_the_wish_never_falls_with_the_normal_and_never_rises_with_speed(
     hold: float, settled: float
 ) -> None:
     """The tube's ends are those of its intervals because of this."""
-    world = kleopatras(BEFORE).arguments[1]
+    world = kleopatras(BEFORE).world
     normals, speeds = np.linspace(-1.0, 1.0, 81), np.linspace(-45.0, 45.0, 181)
     wish = np.array([[kernel._wanted(n, v, hold, settled, world) for v in speeds] for n in normals])
     assert (np.diff(wish, axis=0) >= -1e-12).all()

@@ -11,7 +11,13 @@ from proxops.systems import ExpectedErrors, ray_directions
 from proxops.systems.lidar import DEFAULT_GEOMETRY
 from proxops.systems.navigation import Estimate, _update_kernel, correction
 from proxops.systems.navigation.correction import Correction, corrected
-from proxops.systems.navigation.estimate import ATTITUDE, BASE, POSITION, first_estimate
+from proxops.systems.navigation.estimate import (
+    ATTITUDE,
+    BASE,
+    POSITION,
+    first_estimate,
+    first_sigmas,
+)
 from proxops.systems.navigation.frame_model import FrameModel
 from proxops.systems.navigation.map_error import MapError
 from proxops.systems.shapes import ray_caster
@@ -73,7 +79,7 @@ def test_both_forms_are_the_textbook_s(
     np.testing.assert_allclose(found.moved / sigma, moved / sigma, rtol=1e-9, atol=1e-9)
     both = np.outer(sigma, sigma)
     np.testing.assert_allclose(found.covariance / both, after / both, rtol=1e-9, atol=1e-9)
-    assert found.surprise == pytest.approx(squares, rel=1e-8, abs=1e-9)
+    assert found.nis == pytest.approx(squares, rel=1e-8, abs=1e-9)
     np.testing.assert_allclose(found.covariance, found.covariance.T, rtol=1e-12)
     # A measurement never makes anything less certain.
     assert (np.diag(found.covariance) <= np.diag(covariance) * (1.0 + 1e-9)).all()
@@ -101,7 +107,8 @@ def prior(
     """Knows the place to sigma, in m; `off` (3,) of it, in m."""
     expected = ExpectedErrors(attitude=turn)
     place = PLACE if off is None else PLACE + off
-    return first_estimate(place, TURN.as_matrix(), expected, 3e-4, modes, sigma, 1.0)
+    sigmas = first_sigmas(expected, 3e-4, modes, sigma, 1.0)
+    return first_estimate(place, TURN.as_matrix(), sigmas)
 
 
 def errors(found: Correction) -> tuple[np.ndarray, np.ndarray]:
@@ -115,7 +122,7 @@ def test_a_good_frame_leaves_the_noise() -> None:
     assert np.linalg.norm(position) < 25.0
     assert np.linalg.norm(turn) < 3e-4
     assert 0.3 * NOISE < found.rms < 1.1 * NOISE  # Times the cosine of the incidence.
-    assert found.surprise == pytest.approx(1.0, abs=0.5)
+    assert found.nis == pytest.approx(1.0, abs=0.5)
     assert found.used > 20 * max(found.rejected, 1)
 
 

@@ -147,8 +147,8 @@ def test_it_is_as_certain_as_it_is_good() -> None:
         values.append(wrong @ np.linalg.solve(step.now.covariance[:6, :6], wrong))
     # Errors of neighbouring steps are alike, so one flight says this much and no more.
     assert 2.0 < np.mean(values) < 14.0
-    surprises = [step.correction.surprise for step in steps[1:] if step.correction]
-    assert np.mean(surprises) == pytest.approx(1.0, abs=0.1)
+    nis = [step.correction.nis for step in steps[1:] if step.correction]
+    assert np.mean(nis) == pytest.approx(1.0, abs=0.1)
 
 
 def test_five_minutes_without_frames() -> None:
@@ -337,10 +337,10 @@ def test_the_first_frame() -> None:
     covariance = found["covariance"].reshape(9, 9)
     np.testing.assert_array_equal(covariance, estimate.covariance[:9, :9])
     assert (np.linalg.eigvalsh(covariance) > 0.0).all()
-    rms, used, rejected, surprise, phase = found["record"]
+    rms, used, rejected, nis, phase = found["record"]
     assert 0.3 * NOISE < rms < 1.1 * NOISE
     assert used + rejected <= np.isfinite(flown.frames[0]).sum()
-    assert surprise == pytest.approx(1.0, abs=0.4)
+    assert nis == pytest.approx(1.0, abs=0.4)
     assert phase == FOLLOWING
 
 

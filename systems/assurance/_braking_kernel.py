@@ -2,32 +2,95 @@
 
 Most functions share these arguments:
 
-* ``tables``: those of an `OuterGravity`.
-* ``world`` (WORLD,): see the indices below.
+* ``tables``: those of an `OuterGravity`. ``world``: a record of the type `WORLD`.
 * ``r``, ``v``: position (3,) in m and velocity (3,) in m/s in K; ``u``: thrust acceleration (3,).
-* ``wide``, ``fast`` (3,): half widths of the tube about them, in m and m/s, along each axis.
+* ``tube``: a `Tube`. ``work``: a `_Work`.
+
+The law is eq. 23 of docs/method/equations.md, the tube eq. 24 to 27.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from proxops.systems.common import kernel
 from proxops.systems.gravity import pull_at
 
-# Indices of ``world``. First what is believed: semi-axes of the inflated ellipsoid, spin, greatest
-# thrust acceleration per axis, control period, outward speed that the backup seeks, speed across
-# the spin from which the backup always brakes, speed limit per axis.
-AXIS_X, AXIS_Y, AXIS_Z, SPIN, THRUST, PERIOD, CRUISE, SETTLED, SPEED = range(9)
-# Then what is bounded: shares of gravity, of thrust that may be missing, of thrust that may be too
-# much; acceleration across a commanded thrust per unit of the greatest; other accelerations
-# (m/s^2); the state's errors in m and m/s; the spectral norm of the gravity gradient at level 1
-# (1/s^2); the greatest curvature of level 1 (1/m); the outward speed from which the backup brakes
-# sideways.
-GRAVITY, WEAK, STRONG, ACROSS, OTHER, POSITION, VELOCITY, STEEPNESS, CURVATURE, OUTWARD = range(
-    9, 19
+WORLD = np.dtype(
+    [
+        ("semi_axes", np.float64, 3),  # Of the inflated ellipsoid, in m.
+        ("spin", np.float64),  # About z, in rad/s.
+        ("thrust", np.float64),  # Greatest thrust acceleration per axis, in m/s^2.
+        ("period", np.float64),  # Control period, in s.
+        ("cruise", np.float64),  # Outward speed that the backup seeks, in m/s.
+        ("settled", np.float64),  # Speed from which the backup always brakes, in m/s.
+        ("speed", np.float64),  # Speed limit per axis, in m/s.
+        # Bounds of errors.
+        ("gravity", np.float64),  # Of gravity, over gravity.
+        ("weak", np.float64),  # Share of the commanded thrust that may be missing.
+        ("strong", np.float64),  # Share of the commanded thrust that may be too much.
+        ("across", np.float64),  # Acceleration across a commanded thrust, over the greatest one.
+        ("other", np.float64),  # All other accelerations along an axis, in m/s^2.
+        ("position", np.float64),  # Of the position, in m.
+        ("velocity", np.float64),  # Of the velocity along an axis, in m/s.
+        ("steepness", np.float64),  # Spectral norm of the gradient on the ellipsoid, in 1/s^2.
+        ("curvature", np.float64),  # Of the ellipsoid, in 1/m.
+        ("outward", np.float64),  # Outward speed from which the backup brakes sideways, in m/s.
+    ]
 )
-WORLD = 19
+"""What the kernel knows of body, spacecraft and errors: a record with these fields.
+
+It is no named tuple: a tuple's numbers lie in registers, and with them the compiler takes other
+multiplications and sums as one operation, which changes last bits.
+"""
+
+
+class Tube(NamedTuple):
+    """States about a middle one: all within half widths along each axis. Arrays (3,)."""
+
+    r: np.ndarray
+    v: np.ndarray
+    wide: np.ndarray
+    """Half width in position, in m."""
+    fast: np.ndarray
+    """Half width in velocity, in m/s."""
+
+
+class _Work(NamedTuple):
+    """Arrays (3,) that a step of the tube fills."""
+
+    gravity: np.ndarray
+    """Of the tube's middle, in m/s^2."""
+    effect: np.ndarray
+    """What thrust and all errors add to the middle's acceleration, in m/s^2."""
+    spreads: np.ndarray
+    """Half width of the acceleration, in m/s^2."""
+    before: np.ndarray
+    """The tube's half widths in position at the step's start, in m."""
+    lows: np.ndarray
+    highs: np.ndarray
+    """Least and greatest components of the normals that the law may find."""
+
+
+class _Axis(NamedTuple):
+    """Bounds along one axis from which those of the law's acceleration follow."""
+
+    least_n: float
+    most_n: float
+    """Of the normal's component."""
+    v: float
+    fast: float
+    """Velocity of the tube's middle and half width, in m/s."""
+    free: float
+    """Acceleration of the tube's middle without thrust, in m/s^2."""
+    spread: float
+    """How far that of another state of the tube is from it, at most."""
+    misjudged: float
+    """How far the law is mistaken about it, at most."""
+    settled: float
+    """Speed in m/s from which the law always brakes."""
+
 
 # Least level, |(x/a, y/b, z/c)|, for which bounds of curvature and of the gradient are evaluated.
 _LOWEST_LEVEL = 0.95
@@ -71,7 +134,7 @@ def _gravity_ahead(r, v, tables, world, gravity):
 
     Returns whether the table has it.
     """
-    half = 0.5 * world[PERIOD]
+    half = 0.5 * world.period
     x, y, z = r[0] + half * v[0], r[1] + half * v[1], r[2] + half * v[2]
     return gravity_outside(x, y, z, tables, gravity)
 
@@ -79,9 +142,9 @@ def _gravity_ahead(r, v, tables, world, gravity):
 @_inlined
 def _normal(r, world):
     """The normal (3 numbers) of the level through r, and the level |(x/a, y/b, z/c)|."""
-    wx, wy, wz = r[0] / world[AXIS_X], r[1] / world[AXIS_Y], r[2] / world[AXIS_Z]
+    wx, wy, wz = r[0] / world.semi_axes[0], r[1] / world.semi_axes[1], r[2] / world.semi_axes[2]
     level = math.sqrt(wx * wx + wy * wy + wz * wz)
-    nx, ny, nz = wx / world[AXIS_X], wy / world[AXIS_Y], wz / world[AXIS_Z]
+    nx, ny, nz = wx / world.semi_axes[0], wy / world.semi_axes[1], wz / world.semi_axes[2]
     size = math.sqrt(nx * nx + ny * ny + nz * nz)
     return nx / size, ny / size, nz / size, level
 
@@ -92,26 +155,26 @@ def _wanted(n, v, hold, settled, world):
 
     ``hold`` is the share to which an axis that moves outwards faster than c n is left alone.
     """
-    error = world[CRUISE] * n - v
+    error = world.cruise * n - v
     if error * n < 0.0:
         error *= 1.0 - hold * min(abs(n) / _SIDEWAYS, 1.0)
     if v > settled:
         error = min(error, settled - v)
     elif v < -settled:
         error = max(error, -settled - v)
-    return error / world[PERIOD]
+    return error / world.period
 
 
 @_inlined
 def _settled(i, world):
     """The speed along axis i from which the law always brakes; Coriolis acts across the spin."""
-    return world[SETTLED] if i < 2 else math.inf
+    return world.settled if i < 2 else math.inf
 
 
 @_inlined
 def _coriolis(i, r, v, world):
     """Coriolis and centrifugal acceleration along axis i."""
-    spin = world[SPIN]
+    spin = world.spin
     if i == 0:
         return 2.0 * spin * v[1] + spin**2 * r[0]
     if i == 1:
@@ -122,15 +185,15 @@ def _coriolis(i, r, v, world):
 @_inlined
 def _law(r, v, gravity, world, u):
     """Fills the backup's thrust acceleration."""
-    limit, cruise = world[THRUST], world[CRUISE]
+    limit, cruise = world.thrust, world.cruise
     nx, ny, nz, level = _normal(r, world)
     # The outward speed, less what an error of the position may make of sideways speed, and less
     # what the axes that are faster than settled will lose.
     outward = nx * v[0] + ny * v[1] + nz * v[2]
-    turned = world[CURVATURE] * world[POSITION] / level
+    turned = world.curvature * world.position / level
     outward -= turned * (abs(v[0]) + abs(v[1]) + abs(v[2]))
-    outward -= max(abs(v[0]) - world[SETTLED], 0.0) + max(abs(v[1]) - world[SETTLED], 0.0)
-    hold = 1.0 - min(max((outward - world[OUTWARD]) / cruise, 0.0), 1.0)
+    outward -= max(abs(v[0]) - world.settled, 0.0) + max(abs(v[1]) - world.settled, 0.0)
+    hold = 1.0 - min(max((outward - world.outward) / cruise, 0.0), 1.0)
     for i in range(3):
         n = nx if i == 0 else ny if i == 1 else nz
         wanted = _wanted(n, v[i], hold, _settled(i, world), world)
@@ -147,8 +210,8 @@ def _normal_bounds(r, wide, world, lows, highs):
     for i in range(3):
         least, most, low, high = 0.0, 0.0, 0.0, 0.0
         for j in range(3):
-            middle = r[j] / world[j] ** 2
-            half = (wide[j] + 2.0 * world[POSITION]) / world[j] ** 2
+            middle = r[j] / world.semi_axes[j] ** 2
+            half = (wide[j] + 2.0 * world.position) / world.semi_axes[j] ** 2
             if j == i:
                 low, high = middle - half, middle + half
             else:
@@ -159,20 +222,21 @@ def _normal_bounds(r, wide, world, lows, highs):
 
 
 @_inlined
-def _tube_is_outward(r, v, wide, fast, world, lows, highs):
+def _tube_is_outward(tube, world, lows, highs):
     """Whether the law finds that every state of the tube moves outwards fast enough."""
+    r, v, wide, fast = tube
     _normal_bounds(r, wide, world, lows, highs)
     level = _normal(r, world)[3]
-    outward, speed, reach = -world[VELOCITY], 0.0, 0.0
+    outward, speed, reach = -world.velocity, 0.0, 0.0
     for i in range(3):
         slow, quick = v[i] - fast[i], v[i] + fast[i]
         outward += min(min(lows[i] * slow, lows[i] * quick), min(highs[i] * slow, highs[i] * quick))
-        outward -= max(abs(v[i]) + fast[i] + world[VELOCITY] - _settled(i, world), 0.0)
-        speed += abs(v[i]) + fast[i] + world[VELOCITY]
-        reach += abs(r[i]) / world[i] ** 2 * wide[i]
+        outward -= max(abs(v[i]) + fast[i] + world.velocity - _settled(i, world), 0.0)
+        speed += abs(v[i]) + fast[i] + world.velocity
+        reach += abs(r[i]) / world.semi_axes[i] ** 2 * wide[i]
     lowest = max(level - reach / level, _LOWEST_LEVEL)
-    outward -= world[CURVATURE] / lowest * world[POSITION] * speed
-    return outward > world[OUTWARD]
+    outward -= world.curvature / lowest * world.position * speed
+    return outward > world.outward
 
 
 @_inlined
@@ -181,23 +245,25 @@ def _spread(low, high, most, least, world):
 
     ``most`` and ``least`` are the bounds of the commanded thrust.
     """
-    others = world[ACROSS] * world[THRUST] + world[OTHER]
-    missing = max(world[WEAK] * max(most, 0.0), world[STRONG] * max(-least, 0.0))
-    excess = max(world[STRONG] * max(most, 0.0), world[WEAK] * max(-least, 0.0))
+    others = world.across * world.thrust + world.other
+    missing = max(world.weak * max(most, 0.0), world.strong * max(-least, 0.0))
+    excess = max(world.strong * max(most, 0.0), world.weak * max(-least, 0.0))
     return low - missing - others, high + excess + others
 
 
 @_inlined
-def _bounds_of_law(least_n, most_n, v, fast, pull, spread, judged, settled, world):
+def _bounds_of_law(axis, world):
     """Bounds of an axis's acceleration, and of its commanded thrust, if the law flies.
 
-    The law's wish never falls with n and never rises with v, and pull + clip(wish - pull) never
-    falls with pull. So the ends of the tube give the ends of the acceleration.
+    The law's wish never falls with n and never rises with v, and free + clip(wish - free) never
+    falls with the acceleration `free` without thrust. So the ends of the tube give the ends of the
+    acceleration.
     """
-    limit, error = world[THRUST], world[VELOCITY]
-    low = _wanted(least_n, v - fast + error, 1.0, settled, world) - judged
-    high = _wanted(most_n, v + fast - error, 1.0, settled, world) + judged
-    bottom, top = pull - spread, pull + spread
+    least_n, most_n, v, fast, free, spread, misjudged, settled = axis
+    limit, error = world.thrust, world.velocity
+    low = _wanted(least_n, v - fast + error, 1.0, settled, world) - misjudged
+    high = _wanted(most_n, v + fast - error, 1.0, settled, world) + misjudged
+    bottom, top = free - spread, free + spread
     most, least = _within(high - bottom, -limit, limit), _within(low - top, -limit, limit)
     low = bottom + _within(low - bottom, -limit, limit)
     high = top + _within(high - top, -limit, limit)
@@ -205,16 +271,16 @@ def _bounds_of_law(least_n, most_n, v, fast, pull, spread, judged, settled, worl
 
 
 @_inlined
-def _tube_step(r, v, wide, fast, u, by_law, tables, world, given, r_end, v_end):
+def _tube_step(tube, u, by_law, tables, world, work, end):
     """Moves the tube by one period; returns a lower bound of its clearance on the way (m).
 
     It is -inf where the table has no gravity. The tube flies u (3,), or, if ``by_law``, the law
-    without any sideways braking. ``r_end`` and ``v_end`` may be r and v; ``wide``, ``fast`` and
-    ``given`` (6, 3) are overwritten. ``given[4:]`` are the bounds of the normal.
+    without any sideways braking, for the bounds of the normal in ``work``. ``r_end`` and ``v_end``
+    may be r and v; the half widths and the rest of ``work`` are overwritten.
     """
-    period, spin = world[PERIOD], abs(world[SPIN])
-    gravity, effect, spreads, before = given[0], given[1], given[2], given[3]
-    lows, highs = given[4], given[5]
+    period, spin = world.period, abs(world.spin)
+    r, v, wide, fast = tube
+    gravity, effect, spreads, before, lows, highs = work
     known = _gravity_ahead(r, v, tables, world, gravity)
     level = _normal(r, world)[3]
     size2, reach = 0.0, 0.0
@@ -222,46 +288,49 @@ def _tube_step(r, v, wide, fast, u, by_law, tables, world, given, r_end, v_end):
         # The width half a period ahead.
         width = wide[i] + 0.5 * period * fast[i]
         size2 += width**2
-        reach += abs(r[i]) / world[i] ** 2 * width
+        reach += abs(r[i]) / world.semi_axes[i] ** 2 * width
     size = math.sqrt(size2)
     lowest = max(level - reach / level, _LOWEST_LEVEL)
-    steepness = world[STEEPNESS] * (1.0 + world[GRAVITY]) / lowest**3
+    steepness = world.steepness * (1.0 + world.gravity) / lowest**3
     for i in range(3):
-        pull = gravity[i] + _coriolis(i, r, v, world)
-        # How far the pull may be from that of the tube's middle, and how far the law misjudges it.
-        judged = world[GRAVITY] * abs(gravity[i]) + steepness * world[POSITION]
-        spread = judged + steepness * size
+        free = gravity[i] + _coriolis(i, r, v, world)
+        # How far it may be from that of the tube's middle, and how far the law misjudges it.
+        misjudged = world.gravity * abs(gravity[i]) + steepness * world.position
+        spread = misjudged + steepness * size
         if i < 2:
-            spread += 2.0 * spin * fast[1 - i] + spin**2 * (wide[i] + world[POSITION])
-            judged += 2.0 * spin * world[VELOCITY] + spin**2 * world[POSITION]
+            spread += 2.0 * spin * fast[1 - i] + spin**2 * (wide[i] + world.position)
+            misjudged += 2.0 * spin * world.velocity + spin**2 * world.position
         if by_law:
-            low, high, most, least = _bounds_of_law(
-                lows[i], highs[i], v[i], fast[i], pull, spread, judged, _settled(i, world), world
-            )
+            settled = _settled(i, world)
+            axis = _Axis(lows[i], highs[i], v[i], fast[i], free, spread, misjudged, settled)
+            low, high, most, least = _bounds_of_law(axis, world)
         else:
             most = least = u[i]
-            low, high = pull + u[i] - spread, pull + u[i] + spread
+            low, high = free + u[i] - spread, free + u[i] + spread
         low, high = _spread(low, high, most, least, world)
-        effect[i], spreads[i] = 0.5 * (low + high) - pull, 0.5 * (high - low)
+        effect[i], spreads[i] = 0.5 * (low + high) - free, 0.5 * (high - low)
     for i in range(3):
         before[i] = wide[i]
         wide[i] = max(wide[i] + period * fast[i] + 0.5 * period**2 * spreads[i], 0.0)
         fast[i] = max(fast[i] + period * spreads[i], 0.0)
-    clearance = _advance(r, v, gravity, effect, before, wide, spreads, world, r_end, v_end)
+    clearance = _advance(tube, work, world, end)
     return clearance if known else -math.inf
 
 
 @_inlined
-def _advance(r, v, gravity, u, before, after, spreads, world, r_end, v_end):
+def _advance(tube, work, world, end):
     """Moves by one period; returns the least clearance on the way (m, a lower bound).
 
     Gravity and thrust are constant. Coriolis and centrifugal terms are expanded in Taylor's series.
     The path leaves its chord by at most the greatest acceleration times the period squared over 8.
     The ellipsoid's level is convex. So about the whole path it is at least what its tangent plane
-    at the chord's lowest point says. The tube has the half widths ``before`` and ``after`` (3,).
-    The accelerations ``spreads`` (3,) change them.
+    at the chord's lowest point says. The tube's half widths are those of ``work`` before the step
+    and its own after it. The accelerations ``spreads`` change them.
     """
-    spin, period = world[SPIN], world[PERIOD]
+    r, v, after, _ = tube
+    gravity, u, spreads, before, _, _ = work
+    r_end, v_end = end
+    spin, period = world.spin, world.period
     ax = gravity[0] + u[0] + 2.0 * spin * v[1] + spin**2 * r[0]
     ay = gravity[1] + u[1] - 2.0 * spin * v[0] + spin**2 * r[1]
     az = gravity[2] + u[2]
@@ -275,19 +344,26 @@ def _advance(r, v, gravity, u, before, after, spreads, world, r_end, v_end):
     ez = r[2] + period * v[2] + second * az
 
     # In units of the semi-axes the ellipsoid is a ball.
-    px, py, pz = r[0] / world[0], r[1] / world[1], r[2] / world[2]
-    dx, dy, dz = ex / world[0] - px, ey / world[1] - py, ez / world[2] - pz
-    bx, by = (abs(ax) + period * abs(jx)) / world[0], (abs(ay) + period * abs(jy)) / world[1]
+    px, py, pz = r[0] / world.semi_axes[0], r[1] / world.semi_axes[1], r[2] / world.semi_axes[2]
+    dx, dy, dz = (
+        ex / world.semi_axes[0] - px,
+        ey / world.semi_axes[1] - py,
+        ez / world.semi_axes[2] - pz,
+    )
+    bx, by = (
+        (abs(ax) + period * abs(jx)) / world.semi_axes[0],
+        (abs(ay) + period * abs(jy)) / world.semi_axes[1],
+    )
     along, length2 = px * dx + py * dy + pz * dz, dx * dx + dy * dy + dz * dz
     share = min(max(-along / length2, 0.0), 1.0) if length2 > 0.0 else 0.0
     px, py, pz = px + share * dx, py + share * dy, pz + share * dz
-    bend = 0.125 * period**2 * math.sqrt(bx * bx + by * by + (az / world[2]) ** 2)
+    bend = 0.125 * period**2 * math.sqrt(bx * bx + by * by + (az / world.semi_axes[2]) ** 2)
     level = max(math.sqrt(px * px + py * py + pz * pz), 1e-3)
     # The tangent plane's level at both ends; between them a tube that grows narrower is wider.
     slope = (px * dx + py * dy + pz * dz) / level
     first, last = -share * slope, (1.0 - share) * slope
     for i in range(3):
-        steep = abs(px if i == 0 else py if i == 1 else pz) / (level * world[i])
+        steep = abs(px if i == 0 else py if i == 1 else pz) / (level * world.semi_axes[i])
         first, last = first - steep * before[i], last - steep * after[i]
         bend += 0.125 * period**2 * steep * max(-spreads[i], 0.0)
 
@@ -303,21 +379,27 @@ def _clearance(level, world):
 
     Inside, where it is negative, only its sign counts.
     """
-    return (level - 1.0) * min(world[0], world[1], world[2])
+    return (level - 1.0) * min(world.semi_axes[0], world.semi_axes[1], world.semi_axes[2])
 
 
 @_compiled
-def _tube_margin(r, v, wide, fast, least, tables, world, given):
+def _tube_margin(tube, least, tables, world, work):
     """The least of ``least`` and the clearances (m) of a tube that the law flies on.
 
     It is -inf if the tube does not move outwards in the end. All arrays are overwritten.
     """
     for _ in range(_LONGEST_BACKUP):
-        if _tube_is_outward(r, v, wide, fast, world, given[4], given[5]):
+        if _tube_is_outward(tube, world, work.lows, work.highs):
             return least
-        clearance = _tube_step(r, v, wide, fast, given[0], True, tables, world, given, r, v)
+        clearance = _tube_step(tube, work.gravity, True, tables, world, work, (tube.r, tube.v))
         least = min(least, clearance)
     return -math.inf
+
+
+@_inlined
+def _work(rows):
+    """A `_Work` in an array (6, 3) that is yet to be filled."""
+    return _Work(rows[0], rows[1], rows[2], rows[3], rows[4], rows[5])
 
 
 @_compiled
@@ -326,12 +408,12 @@ def backup_margin(r_start, v_start, tables, world):
 
     It is a lower bound at and between the steps, for every error within the bounds.
     """
-    work = np.empty((10, 3))
-    r, v, wide, fast = work[0], work[1], work[2], work[3]
+    rows = np.empty((10, 3))
+    r, v, wide, fast = rows[0], rows[1], rows[2], rows[3]
     for i in range(3):
-        r[i], v[i], wide[i], fast[i] = r_start[i], v_start[i], 0.0, world[VELOCITY]
+        r[i], v[i], wide[i], fast[i] = r_start[i], v_start[i], 0.0, world.velocity
     least = _clearance(_normal(r, world)[3], world)
-    return _tube_margin(r, v, wide, fast, least, tables, world, work[4:])
+    return _tube_margin(Tube(r, v, wide, fast), least, tables, world, _work(rows[4:]))
 
 
 @_compiled
@@ -345,12 +427,12 @@ def backup(r, v, tables, world, u):
 @_compiled
 def margin(r_start, v_start, tables, world, u):
     """The least clearance (m) if u (3,) acts for one period and the backup flies after it."""
-    work = np.empty((10, 3))
-    r, v, wide, fast, given = work[0], work[1], work[2], work[3], work[4:]
+    rows = np.empty((10, 3))
+    r, v, wide, fast, work = rows[0], rows[1], rows[2], rows[3], _work(rows[4:])
     for i in range(3):
-        wide[i], fast[i] = 0.0, world[VELOCITY]
-    least = _tube_step(r_start, v_start, wide, fast, u, False, tables, world, given, r, v)
-    return _tube_margin(r, v, wide, fast, least, tables, world, given)
+        wide[i], fast[i] = 0.0, world.velocity
+    least = _tube_step(Tube(r_start, v_start, wide, fast), u, False, tables, world, work, (r, v))
+    return _tube_margin(Tube(r, v, wide, fast), least, tables, world, work)
 
 
 @_compiled
@@ -360,24 +442,25 @@ def bound_speed(r, v, tables, world, u, low, high):
     Every state of the tube stays below the limit. Fills the bounds of u (3,) by thrust and speed.
     Returns whether u was changed for speed.
     """
-    work = np.empty((10, 3))
-    r_end, v_end, wide, fast, given = work[0], work[1], work[2], work[3], work[4:]
-    limit, period = world[THRUST], world[PERIOD]
+    rows = np.empty((10, 3))
+    r_end, v_end, wide, fast, work = rows[0], rows[1], rows[2], rows[3], _work(rows[4:])
+    tube = Tube(r, v, wide, fast)
+    limit, period = world.thrust, world.period
     for i in range(3):
         u[i] = _within(u[i], -limit, limit)
-        wide[i], fast[i] = 0.0, world[VELOCITY]
-    _tube_step(r, v, wide, fast, u, False, tables, world, given, r_end, v_end)
+        wide[i], fast[i] = 0.0, world.velocity
+    _tube_step(tube, u, False, tables, world, work, (r_end, v_end))
     moved = False
     for i in range(3):
-        moved = moved or abs(v_end[i]) + fast[i] > world[SPEED]
+        moved = moved or abs(v_end[i]) + fast[i] > world.speed
     # Coriolis couples the axes by spin times period, about 0.003: after three rounds the error is
     # the cube of that. The reduced speed leaves room for Coriolis within a period, and for a force
     # that is changed again later.
-    speed = world[SPEED] - 2.0 * abs(world[SPIN]) * limit * period**2
+    speed = world.speed - 2.0 * abs(world.spin) * limit * period**2
     for _ in range(3):
         for i in range(3):
-            wide[i], fast[i] = 0.0, world[VELOCITY]
-        _tube_step(r, v, wide, fast, u, False, tables, world, given, r_end, v_end)
+            wide[i], fast[i] = 0.0, world.velocity
+        _tube_step(tube, u, False, tables, world, work, (r_end, v_end))
         for i in range(3):
             high[i] = _within(u[i] + (speed - fast[i] - v_end[i]) / period, -limit, limit)
             low[i] = _within(u[i] - (speed - fast[i] + v_end[i]) / period, -limit, limit)

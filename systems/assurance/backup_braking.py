@@ -35,7 +35,7 @@ _INTEGRATION = 1e-3
 # (7 mm at Kleopatra).
 _NEAR_ENOUGH = 1e-3
 
-_Motion = tuple[np.ndarray, np.ndarray, tuple[np.ndarray, ...], np.ndarray]
+_Motion = tuple[np.ndarray, np.ndarray, tuple[np.ndarray, ...], np.record]
 """Position, velocity, and the kernel's `tables` and `world`."""
 
 
@@ -143,8 +143,8 @@ class BackupBraking:
         """The outward speed in m/s that the backup seeks."""
         self.settled_speed = self._settled_speed()
         """The speed in m/s across the spin from which the backup always brakes."""
-        # The arguments of the kernel's functions after position and velocity.
-        self._given = self._arguments(bounds.position, bounds.velocity)
+        self.world = self._world(bounds.position, bounds.velocity)
+        """What the kernel knows: a record of the type `WORLD`."""
         self._check_box()
         self._load_kernels()
 
@@ -169,8 +169,8 @@ class BackupBraking:
         integration = _INTEGRATION * self.limits.thrust / self.limits.mass
         return self.bounds.acceleration + self.gravity.error + integration
 
-    def _arguments(self, position: float, velocity: float) -> Arguments:
-        """The kernel's arguments after position and velocity, for these errors of the state."""
+    def _world(self, position: float, velocity: float) -> np.record:
+        """What the kernel knows (`kernel.WORLD`), for these errors of the state in m and m/s."""
         limits, bounds, outer = self.limits, self.bounds, self.gravity
         axes = limits.keep_out_semi_axes
         acceleration, shortest, longest = limits.thrust / limits.mass, axes.min(), axes.max()
@@ -190,39 +190,37 @@ class BackupBraking:
         loss = np.sqrt(2.0) * acceleration * (bounds.strongest + bounds.across)
         loss = self.period * (loss + gravity + self._other())
         outward = loss + 2.0 * velocity + 2.0 * self.cruise_speed * curvature * position
-        world = np.empty(kernel.WORLD)
-        world[: kernel.GRAVITY] = [
-            *(axes + wider),
-            self.spin,
-            acceleration,
-            self.period,
-            self.cruise_speed,
-            self.settled_speed,
-            limits.speed,
-        ]
-        world[kernel.GRAVITY :] = [
-            bounds.gravity,
-            1.0 - bounds.weakest,
-            bounds.strongest - 1.0,
-            bounds.across,
-            self._other(),
-            position,
-            velocity,
-            outer.steepness,
-            curvature,
-            outward + velocity,
-        ]
-        return outer.tables, world
+        values = {
+            "semi_axes": axes + wider,
+            "spin": self.spin,
+            "thrust": acceleration,
+            "period": self.period,
+            "cruise": self.cruise_speed,
+            "settled": self.settled_speed,
+            "speed": limits.speed,
+            "gravity": bounds.gravity,
+            "weak": 1.0 - bounds.weakest,
+            "strong": bounds.strongest - 1.0,
+            "across": bounds.across,
+            "other": self._other(),
+            "position": position,
+            "velocity": velocity,
+            "steepness": outer.steepness,
+            "curvature": curvature,
+            "outward": outward + velocity,
+        }
+        row = tuple(values[name] for name in kernel.WORLD.names or ())
+        return np.rec.array([row], dtype=kernel.WORLD)[0]
 
     @property
     def arguments(self) -> Arguments:
         """The compiled functions' arguments after position and velocity, for the bounds."""
-        return self._given
+        return self.gravity.tables, self.world
 
     @property
     def outward_speed(self) -> float:
         """The outward speed in m/s from which the backup brakes sideways."""
-        return float(self._given[1][kernel.OUTWARD])
+        return float(self.world.outward)
 
     def _check_box(self) -> None:
         """Checks that a spacecraft at rest is admitted somewhere above each place.
@@ -231,9 +229,9 @@ class BackupBraking:
           InputError: there is a place where no room is enough.
         """
         axes = self.limits.keep_out_semi_axes
-        if certified(self._given, axes):
+        if certified(self.arguments, axes):
             return
-        points, needed = rooms(self._given, axes)
+        points, needed = rooms(self.arguments, axes)
         worst = int(needed.argmax())
         if needed[worst] < np.inf:
             return
@@ -243,9 +241,9 @@ class BackupBraking:
             f"{describe(points[worst])} of the keep-out ellipsoid is enough for a spacecraft at "
             f"rest there. The backup has to reach {outward:.3g} m/s outwards whatever the errors, "
             f"and seeks {cruise:.3g} m/s; of that the state's errors take "
-            f"{3.0 * self._given[1][kernel.VELOCITY]:.3g} m/s: tighten "
+            f"{3.0 * self.world.velocity:.3g} m/s: tighten "
             "assurance.bounds.velocity_m_s, position_m or delay_s, or "
-            + tightest(budget(self.bounds, self._given[1][kernel.THRUST], self.gravity.strongest))
+            + tightest(budget(self.bounds, self.world.thrust, self.gravity.strongest))
         )
 
     def rooms(self, speed: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
@@ -258,12 +256,12 @@ class BackupBraking:
           Points (N, 3) in m, evenly about the ellipsoid, and the clearances (N,) in m above them;
           inf where no clearance of up to half the shortest semi-axis is enough.
         """
-        return rooms(self._given, self.limits.keep_out_semi_axes, speed)
+        return rooms(self.arguments, self.limits.keep_out_semi_axes, speed)
 
     def _load_kernels(self) -> None:
         """Calls everything that is compiled once: loaded in flight, each takes 10 to 20 ms."""
         state = np.concatenate([2.0 * self.limits.keep_out_semi_axes, np.zeros(3)])
-        thrust, motion = np.zeros(3), (state[:3], state[3:], *self._given)
+        thrust, motion = np.zeros(3), (state[:3], state[3:], self.gravity.tables, self.world)
         kernel.bound_speed(*motion, thrust, np.empty(3), np.empty(3))
         kernel.margin(*motion, thrust)
         kernel.backup(*motion, thrust)
@@ -294,7 +292,7 @@ class BackupBraking:
         """The backup's force (3,) in N at a state (6,) in K."""
         r, v = self._split(state)
         thrust = np.empty(3)
-        kernel.backup(r, v, *self._given, thrust)
+        kernel.backup(r, v, self.gravity.tables, self.world, thrust)
         return self.limits.mass * thrust
 
     def backup_margin(self, state: np.ndarray) -> float:
@@ -304,7 +302,7 @@ class BackupBraking:
         counts. It is -inf if the backup's flight does not settle.
         """
         r, v = self._split(state)
-        return kernel.backup_margin(r, v, *self._given)
+        return kernel.backup_margin(r, v, self.gravity.tables, self.world)
 
     def admitted(self, state: np.ndarray) -> bool:
         """Whether the backup's flight from a state (6,) stays out of the ellipsoid."""
@@ -316,8 +314,8 @@ class BackupBraking:
         Args:
           position: (3,) in m in K. position_error, velocity_error: in m and m/s.
         """
-        given = self._given_errors(position_error, velocity_error)
-        return kernel.backup_margin(position, np.zeros(3), *given) > -np.inf
+        world = self._with_errors(position_error, velocity_error)
+        return kernel.backup_margin(position, np.zeros(3), self.gravity.tables, world) > -np.inf
 
     def assure(
         self,
@@ -342,7 +340,7 @@ class BackupBraking:
             raise InputError(f"a force must be finite to be assured, got {force} N")
         wanted = np.asarray(force, dtype=np.float64) / self.limits.mass
         thrust, low, high = wanted.copy(), np.empty(3), np.empty(3)
-        motion = r, v, *self._given_errors(position_error, velocity_error)
+        motion = r, v, self.gravity.tables, self._with_errors(position_error, velocity_error)
         reason = InterventionReason.NONE
         if kernel.bound_speed(*motion, thrust, low, high):
             reason = InterventionReason.SPEED_LIMIT
@@ -378,9 +376,9 @@ class BackupBraking:
             return found, InterventionReason.KEEP_OUT
         return way_out, InterventionReason.BACKUP
 
-    def _given_errors(self, position: float | None, velocity: float | None) -> Arguments:
+    def _with_errors(self, position: float | None, velocity: float | None) -> np.record:
         if position is None and velocity is None:
-            return self._given
+            return self.world
         position = self.bounds.position if position is None else float(position)
         velocity = self.bounds.velocity if velocity is None else float(velocity)
         if not (0.0 <= position < np.inf and 0.0 <= velocity < np.inf):
@@ -388,7 +386,7 @@ class BackupBraking:
                 "bounds of the state's errors must be finite and not negative, got "
                 f"{position} m and {velocity} m/s"
             )
-        return self._arguments(position, velocity)
+        return self._world(position, velocity)
 
     def _split(self, state: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         state = np.asarray(state, dtype=np.float64)

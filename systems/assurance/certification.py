@@ -15,19 +15,17 @@ _PLACES = 300
 _HEIGHTS = np.array([0.0, *np.geomspace(1e-4, 0.5, 24)])
 _BISECTIONS = 5
 
-Arguments = tuple[tuple[np.ndarray, ...], np.ndarray]
+Arguments = tuple[tuple[np.ndarray, ...], np.record]
 """The kernel's arguments after position and velocity: `tables` and `world`."""
 
 
 def rooms(
-    arguments: Arguments,
-    semi_axes: np.ndarray,
-    speed: float = 0.0,
+    arguments: Arguments, semi_axes: np.ndarray, speed: float = 0.0
 ) -> tuple[np.ndarray, np.ndarray]:
     """The clearance that a state needs to be admitted, at places all around the ellipsoid.
 
     Args:
-      arguments: the kernel's arguments after position and velocity.
+      arguments: those of the kernel after position and velocity.
       semi_axes: (3,) in m of the keep-out ellipsoid.
       speed: inward speed in m/s along the normal.
 

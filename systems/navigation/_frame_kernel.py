@@ -8,24 +8,68 @@ q = |n.d|, the measured range z differs from the predicted one by
 to first order in the errors of position (dp) and attitude (da, a rotation vector in K), for a
 surface that lies h farther out along its normal, a body larger by the share s, a bias b and a scale
 error e of the lidar, and beams of half angle w, which read the nearest surface in their cone; x is
-the point that the ray meets.
+the point that the ray meets. It is eq. 11 of docs/method/equations.md.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from proxops.systems.common import kernel
+from proxops.systems.navigation.estimate import MEASURED
 
 # Rays that meet the surface at a flatter angle (cosine of the incidence) are not used: there the
 # range changes too fast with everything.
 FLATTEST = 0.05
-_HEAD = 10
+_HEAD = MEASURED.size
 # A beam on an edge between two facets does not read what it would read on one plane. The error is
 # this share of what the beam's width changes the range by.
 _EDGES = 0.25
 # Sums may be taken in any order, so that they run on vector units.
 _ANY_ORDER = {"reassoc", "contract"}
+
+
+class Rays(NamedTuple):
+    """K rays of a frame."""
+
+    indices: np.ndarray
+    """(K,) int: in the frame."""
+    directions: np.ndarray
+    """(K, 3) in K."""
+
+
+class Hits(NamedTuple):
+    """Where K rays meet the map."""
+
+    distances: np.ndarray
+    """(K,) in m."""
+    facets: np.ndarray
+    """(K,) int; negative: none."""
+    places: np.ndarray
+    """(K, 2) weights of the second and third vertex of the facet at the point met."""
+
+
+class Surface(NamedTuple):
+    """The map, and the shapes that its error has."""
+
+    normals: np.ndarray
+    """(F, 3) of all facets."""
+    corners: np.ndarray
+    """(F, 3) int: their vertices."""
+    table: np.ndarray
+    """(V, M): displacement of each vertex, in m, by each coefficient of the map's error."""
+
+
+class RangeErrors(NamedTuple):
+    """Errors of ranges that are not estimated."""
+
+    sigma: float
+    """Of the range noise, in m."""
+    rest: float
+    """Variance in m^2 of the surface beyond the coefficients."""
+    beam: float
+    """Half of the angle of the beams in rad, as far as it may be."""
 
 
 @kernel(error_model="numpy")
@@ -37,7 +81,7 @@ def returned_rays(ranges, farthest, rotation, directions):
       rotation: R_KS (3, 3). directions: (N, 3) of all rays in S.
 
     Returns:
-      Their indices (K,), and directions (K, 3).
+      `Rays`.
     """
     count = 0
     for ray in range(ranges.size):
@@ -52,22 +96,25 @@ def returned_rays(ranges, farthest, rotation, directions):
             for i in range(3):
                 turned[k, i] = rotation[i, 0] * x + rotation[i, 1] * y + rotation[i, 2] * z
             k += 1
-    return rays, turned
+    return Rays(rays, turned)
 
 
 @kernel(error_model="numpy", fastmath=_ANY_ORDER)
-def raised_origins(
-    position, rays, directions, facets, places, normals, corners, table, coefficients
-):  # fmt: skip
+def raised_origins(position, seen, hits, surface, coefficients):
     """Where rays begin to meet the map as they would, from a position, a surface farther out.
 
-    It is raised along the normals: by as much as at the point of the map that the ray meets. The
-    arguments are those of `rows_of_frame`; coefficients: (M,).
+    It is raised along the normals: by as much as at the point of the map that the ray meets.
+
+    Args:
+      position: (3,) in m in K. seen: N `Rays`. hits: their `Hits` from there.
+      surface: a `Surface`. coefficients: (M,) of its error.
 
     Returns:
-      For the K of N rays that meet the map: their indices in the frame (K,), directions (K, 3),
-      origins (K, 3) in m, and the heights (K,) in m.
+      For the K of N rays that meet the map: `Rays`, origins (K, 3) in m, and heights (K,) in m.
     """
+    rays, directions = seen
+    _, facets, places = hits
+    normals, corners, table = surface
     count, modes = 0, coefficients.size
     some, along = np.empty_like(rays), np.empty_like(directions)
     origins, heights = np.empty_like(directions), np.empty(rays.size)
@@ -86,34 +133,32 @@ def raised_origins(
             origins[count, j] = position[j] - height * normals[facet, j]
         some[count], heights[count] = rays[i], height
         count += 1
-    return some[:count], along[:count], origins[:count], heights[:count]
+    return Rays(some[:count], along[:count]), origins[:count], heights[:count]
 
 
 @kernel(error_model="numpy", fastmath=_ANY_ORDER)
-def rows_of_frame(
-    position, rays, directions, found, facets, places, heights, ranges, normals, corners, table,
-    mean, sigma, rest, beam,
-):  # fmt: skip
+def rows_of_frame(position, seen, hits, heights, ranges, surface, believed):
     """Residuals and their derivatives for the K of N rays whose predictions meet the body.
 
+    Eq. 11 to 14.
+
     Args:
-      position: (3,) in m in K.
-      rays: (N,) index of each ray in the frame. directions: (N, 3) in K.
-      found: (N,) predicted distances in m. facets: (N,) that are met; negative: none.
-      places: (N, 2) weights of the second and third vertex of the facet at the point met.
-      heights: (N,) in m: how far out the surface is in `found` already.
+      position: (3,) in m in K. seen: N `Rays`. hits: their predicted `Hits`.
+      heights: (N,) in m: how far out the surface is in their distances already.
       ranges: the frame as measured, in m.
-      normals: of all facets, (F, 3). corners: (F, 3) their vertices.
-      table: (V, M): displacement of each vertex, in m, by each coefficient of the map's error.
-      mean: (4 + M,) size, bias, scale error and half beam, and these coefficients.
-      sigma: of the range noise, in m. rest: variance in m^2 of the surface beyond the coefficients.
-      beam: half of the angle of the beams in rad, as far as it may be.
+      surface: a `Surface`.
+      believed: (4 + M,) size, bias, scale error and half beam, and the coefficients of the map's
+        error; and `RangeErrors`.
 
     Returns:
       Indices of the rays in the frame (K,), residuals q (z - r) in m (K,), their variances in m^2
       (K,), and derivatives (K, 10 + M) in the order of `MEASURED` and coefficients. Of rays that
       are too flat, the variance is +inf and the rest 0.
     """
+    rays, directions = seen
+    found, facets, places = hits
+    normals, corners, table = surface
+    mean, (sigma, rest, beam) = believed
     count, modes = 0, table.shape[1]
     for i in range(facets.size):
         if facets[i] >= 0:

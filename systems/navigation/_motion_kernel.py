@@ -1,6 +1,7 @@
 """Compiled kernel: the navigation's estimate, predicted over a short time.
 
 The equations of motion in K, for a position r, the true spin w and the true centre of mass c, are
+(eq. 2 of docs/method/equations.md)
 
     r'' = (1 + k) g(r - c) - 2 w x r' - w x (w x (r - c)) + R T u / m + a
 
@@ -14,17 +15,74 @@ long to compile. Products of matrices are numpy's; their last bits are those of 
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from proxops.systems.common import kernel
+from proxops.systems.navigation import estimate as layout
 
-# The layout of `estimate`, as plain numbers for the compiler.
-_V, _A, _CONSTANT, _VARYING, _GRAVITY = 3, 6, 9, 12, 15
-_SPIN, _CENTRE, _THRUST, _DIRECTION, _PROPELLANT, _BASE = 16, 19, 22, 25, 28, 33
+# Where each quantity begins in an estimate.
+_V, _A = layout.VELOCITY.start, layout.ATTITUDE.start
+_CONSTANT, _VARYING = layout.CONSTANT_ACCELERATION.start, layout.VARYING_ACCELERATION.start
+_SPIN, _CENTRE = layout.SPIN.start, layout.CENTRE_OF_MASS.start
+_THRUST, _DIRECTION = layout.THRUST.start, layout.THRUST_DIRECTION.start
+_GRAVITY, _PROPELLANT, _BASE = layout.GRAVITY, layout.PROPELLANT, layout.BASE
 
 # What is left of the mass is more than this share, whatever the estimate is.
 _LEAST_MASS = 0.1
+
+
+class LocalGravity(NamedTuple):
+    """Believed gravity at a point, or its mean over a step."""
+
+    acceleration: np.ndarray
+    """(3,) in m/s^2 in K."""
+    gradient: np.ndarray
+    """(3, 3) in 1/s^2."""
+
+
+class Interval(NamedTuple):
+    """A time over which the force and the derivative of gravity are constant."""
+
+    start: float
+    length: float
+    """In s."""
+
+
+class ProcessNoise(NamedTuple):
+    """What a step adds to the covariance."""
+
+    attitude: float
+    """Variance that the attitude gets, in rad^2."""
+    decay: float
+    """Factor on the varying acceleration."""
+    varying: float
+    """Variance that this acceleration gets, in m^2/s^4."""
+
+
+class _Middle(NamedTuple):
+    """What acts in the middle of a step; vectors (3,), matrices (3, 3)."""
+
+    rotation: np.ndarray
+    """R_KS."""
+    axes: np.ndarray
+    """R_KS turned by the errors of the thrusters' directions."""
+    thrust: np.ndarray
+    """Acceleration by thrust, in K in m/s^2."""
+    given: np.ndarray
+    commanded: np.ndarray
+    """Acceleration by thrust along the axes of S, with and without errors, in m/s^2."""
+    gravity: np.ndarray
+    """As believed, in m/s^2."""
+    turn: np.ndarray
+    """[w]x of the angular velocity, in rad/s."""
+    tide: np.ndarray
+    """Derivative of the acceleration by position, in 1/s^2."""
+    v: np.ndarray
+    offset: np.ndarray
+    """Position from the centre of mass, in m."""
+
 
 _compiled = kernel(error_model="numpy")
 _inlined = kernel(error_model="numpy", forceinline=True)
@@ -108,16 +166,17 @@ def turned(rotation, vector):
 
 
 @_inlined
-def _derivative(rotation, axes, push, given, commanded, pull, turn, tide, v, offset):
-    """How the acceleration depends on the attitude and on the constants (3, BASE)."""
+def _derivative(middle):
+    """How the acceleration depends on the attitude and on the constants (3, BASE): eq. 6."""
+    rotation, axes, thrust, given, commanded, gravity, turn, tide, v, offset = middle
     by = np.zeros((3, _BASE))
-    pushed, moved, inner = _cross(push), _cross(v), _cross(_along(turn, offset))
+    turned_thrust, moved, inner = _cross(thrust), _cross(v), _cross(_along(turn, offset))
     turned_offset, directed = _times(turn, _cross(offset)), _times(rotation, _cross(given))
     for i in range(3):
         by[i, _CONSTANT + i] = by[i, _VARYING + i] = 1.0
-        by[i, _GRAVITY] = pull[i]
+        by[i, _GRAVITY] = gravity[i]
         for j in range(3):
-            by[i, _A + j] = -pushed[i, j]
+            by[i, _A + j] = -turned_thrust[i, j]
             by[i, _THRUST + j] = axes[i, j] * commanded[j]
             by[i, _SPIN + j] = 2.0 * moved[i, j] + inner[i, j] + turned_offset[i, j]
             by[i, _CENTRE + j] = -tide[i, j]
@@ -127,7 +186,7 @@ def _derivative(rotation, axes, push, given, commanded, pull, turn, tide, v, off
 
 @_inlined
 def _moved_covariance(covariance, f, noise):
-    """The covariance after a step with its transition and noise.
+    """The covariance after a step with its transition and noise: eq. 8.
 
     Of the transition, f (9, BASE) are the first nine rows. The others are the identity, but for the
     decay of the varying acceleration.
@@ -141,15 +200,14 @@ def _moved_covariance(covariance, f, noise):
             if f[i, k] != 0.0:
                 for j in range(n):
                     rows[i, j] += f[i, k] * covariance[k, j]
-    decay = noise[1]
     out = covariance.copy()
     for i in range(_VARYING, _VARYING + 3):
         for j in range(_CONSTANT, n):
-            out[i, j] *= decay
-            out[j, i] *= decay
+            out[i, j] *= noise.decay
+            out[j, i] *= noise.decay
     for i in range(_CONSTANT):
         for j in range(_CONSTANT, n):
-            share = decay if _VARYING <= j < _VARYING + 3 else 1.0
+            share = noise.decay if _VARYING <= j < _VARYING + 3 else 1.0
             out[i, j] = out[j, i] = share * rows[i, j]
         for j in range(i + 1):
             total = 0.0
@@ -157,14 +215,14 @@ def _moved_covariance(covariance, f, noise):
                 total += rows[i, k] * f[j, k]
             out[i, j] = out[j, i] = total
     for i in range(3):
-        out[_A + i, _A + i] += noise[0]
-        out[_VARYING + i, _VARYING + i] += noise[2]
+        out[_A + i, _A + i] += noise.attitude
+        out[_VARYING + i, _VARYING + i] += noise.varying
     return out
 
 
 @_inlined
 def _transition(tide, turn, step):
-    """exp(A t) and its integral (6, 6) for d' = A d + rate, by Taylor's series.
+    """exp(A t) and its integral (6, 6) for d' = A d + rate, by Taylor's series: eq. 4.
 
     d is the deviation of position and velocity from the point in the middle and from v.
     """
@@ -187,24 +245,21 @@ def _transition(tide, turn, step):
 
 
 @_compiled
-def predict(
-    mean, rotation, covariance, spent, pull, gradient, force, time, step, spin, mass, noise
-):
-    """The estimate `step` s later.
+def predict(estimate, gravity, force, interval, noise, spin, mass):
+    """The estimate at the end of a step: eq. 3 to 8 of docs/method/equations.md.
 
     Args:
-      mean, rotation, covariance, spent: the estimate; see `estimate`.
-      pull, gradient: believed gravity (3,) and its derivative (3, 3) at r + r' step/2 - c, or their
-        means over the step.
+      estimate: an `Estimate`.
+      gravity: `LocalGravity` at r + r' step/2 - c, or its mean over the step.
       force: (3,) in N along the axes of S, held over the step.
-      time: s, at the start of the step.
+      interval: the step, an `Interval`. noise: its `ProcessNoise`.
       spin: as believed, rad/s about z. mass: kg.
-      noise: variance that the step adds to the attitude, decay of the varying acceleration over the
-        step, and the variance that this gets.
 
     Returns:
       Mean, rotation and covariance.
     """
+    mean, rotation, covariance, spent = estimate
+    time, step = interval
     w = mean[_SPIN : _SPIN + 3].copy()
     w[2] += spin
     turn = _cross(w)
@@ -218,12 +273,12 @@ def predict(
         commanded[i] = force[i] / now
         given[i] = (1.0 + mean[_THRUST + i]) * force[i] / now
         for j in range(3):
-            tide[i, j] = factor * gradient[i, j] - around[i, j]
+            tide[i, j] = factor * gravity.gradient[i, j] - around[i, j]
     axes = _times(rotation, _one_plus(_cross(mean[_DIRECTION : _DIRECTION + 3])))
-    push, coriolis, centrifugal = _along(axes, given), _along(turn, v), _along(around, offset)
-    total = np.empty(3)
+    thrust, coriolis, centrifugal = _along(axes, given), _along(turn, v), _along(around, offset)
+    total, believed = np.empty(3), gravity.acceleration
     for i in range(3):
-        total[i] = factor * pull[i] - 2.0 * coriolis[i] - centrifugal[i] + push[i]
+        total[i] = factor * believed[i] - 2.0 * coriolis[i] - centrifugal[i] + thrust[i]
         total[i] += mean[_CONSTANT + i] + mean[_VARYING + i]
 
     phi, gamma = _transition(tide, turn, step)
@@ -237,7 +292,7 @@ def predict(
     for i in range(3):
         out[i] += 0.5 * step * v[i] + (by_start[i] + by_rate[i])
         out[3 + i] += by_start[3 + i] + by_rate[3 + i]
-        out[_VARYING + i] *= noise[1]
+        out[_VARYING + i] *= noise.decay
 
     # The believed pole stays where it is in inertial space, so in K it goes round with the spin.
     angle = spin * (time + 0.5 * step)
@@ -250,9 +305,11 @@ def predict(
         drift[i] *= -step
     out_rotation = turned(rotation, drift)
 
-    by = _derivative(rotation, axes, push, given, commanded, pull, turn, tide, v, offset)
+    by = _derivative(
+        _Middle(rotation, axes, thrust, given, commanded, believed, turn, tide, v, offset)
+    )
     for i in range(3):
-        by[i, _PROPELLANT] = push[i] * (spent * mass / now)
+        by[i, _PROPELLANT] = thrust[i] * (spent * mass / now)
     by_constants = _times(np.ascontiguousarray(gamma[:, 3:]), by)
     f = np.zeros((_CONSTANT, _BASE))
     for i in range(6):

@@ -3,6 +3,8 @@
 Rows are copied by loops: slices on the left take numba seconds to compile.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
 from proxops.systems.common import kernel
@@ -10,26 +12,48 @@ from proxops.systems.common import kernel
 _compiled = kernel(error_model="numpy")
 
 
+class Gate(NamedTuple):
+    """Which residuals may be used."""
+
+    sigmas: float
+    """A residual may be off by so many of its standard deviations."""
+    most: int
+    """If the lesser of this and the number of usable residuals is below 2 C, they are thinned to at
+    most this number."""
+    uninformed: int
+    """The prior knows next to nothing of the first so many measured quantities: gate on the others
+    alone, of variance 1, at the place where the frame was linearised. 0: gate on all of the
+    prior."""
+
+
+class Gated(NamedTuple):
+    """The L of K residuals that pass the gate."""
+
+    used: np.ndarray
+    rejected: np.ndarray
+    """Indices among the K: (L,) that pass, and those that do not."""
+    rows: np.ndarray
+    """H (L, C)."""
+    crossed: np.ndarray
+    """H P (L, n) where residuals may be thinned, else (L, 0)."""
+    innovations: np.ndarray
+    """(L,) the residuals as they would be at the prior's mean if the model were linear."""
+    variances: np.ndarray
+    """(L,) of the noise."""
+
+
 @_compiled
-def judged(covariance, columns, rows, residuals, variances, moved, gate, most, own):
-    """The L of K residuals that are used: those that may be true.
+def gated(covariance, columns, frame, moved, gate):
+    """The residuals that pass the gate, eq. 16 of docs/method/equations.md: a `Gated`.
 
     Args:
       covariance: P (n, n). columns: (C,) where the measured quantities are in it.
-      rows: (K, C) derivatives. residuals: (K,), at the place where the frame was linearised.
-      variances: (K,) of the noise; +inf: not to be used.
+      frame: a `Comparison` of K rays, linearised at a place.
       moved: (n,) that place less the prior's mean.
-      gate: so many standard deviations a residual may be off by.
-      most: if the lesser of this and the number of usable residuals is below 2 C, they are thinned
-        to at most so many.
-      own: if the prior knows next to nothing of the first so many quantities, residuals are judged
-        by the others alone, of variance 1, at the place where the frame was linearised. Else 0.
-
-    Returns:
-      Indices of the residuals that are used (L,), and of those that are rejected; derivatives H
-      (L, C); H P (L, n) where residuals may be thinned, else (L, 0); the residuals as they would be
-      at the prior's mean if the model were linear (L,), and variances of the noise (L,).
+      gate: a `Gate`.
     """
+    _, residuals, variances, rows = frame
+    sigmas, most, own = gate
     size, n = rows.shape[1], covariance.shape[0]
     chosen = np.flatnonzero(variances < np.inf)
     few = size > min(chosen.size, most) // 2
@@ -73,7 +97,7 @@ def judged(covariance, columns, rows, residuals, variances, moved, gate, most, o
                     for j in range(count):
                         total += among[i, j] * kept[k, known[j]]
                 spread += row * total
-        if residual**2 < gate**2 * spread:
+        if residual**2 < sigmas**2 * spread:
             if used < k:
                 chosen[used], noise[used], innovations[used] = chosen[k], noise[k], innovations[k]
                 for j in range(size):
@@ -84,14 +108,14 @@ def judged(covariance, columns, rows, residuals, variances, moved, gate, most, o
         else:
             bad[k - used] = chosen[k]
     rejected = chosen.size - used
-    return (
+    return Gated(
         chosen[:used], bad[:rejected], kept[:used], crossed[:used], innovations[:used], noise[:used]
-    )  # fmt: skip
+    )
 
 
 @_compiled
 def update(covariance, columns, rows, innovations, variances):
-    """The update in information form: with A = H^T R^-1 H, P loses P (I + A P)^-1 A P.
+    """The update in information form: with A = H^T R^-1 H, P loses P (I + A P)^-1 A P: eq. 18.
 
     What is exact stays as it is, and is left out.
 
@@ -113,14 +137,14 @@ def update(covariance, columns, rows, innovations, variances):
         if covariance[columns[j], columns[j]] > 0.0:
             measured[size] = j
             size += 1
-    information, pull = np.zeros((size, size)), np.zeros(size)
+    information, vector = np.zeros((size, size)), np.zeros(size)
     squares = 0.0
     for k in range(innovations.size):
         weight = 1.0 / variances[k]
         squares += weight * innovations[k] ** 2
         for i in range(size):
             scaled = weight * rows[k, measured[i]]
-            pull[i] += scaled * innovations[k]
+            vector[i] += scaled * innovations[k]
             for j in range(i + 1):
                 information[i, j] += scaled * rows[k, measured[j]]
     to_all, among = np.empty((size, count)), np.empty((size, size))
@@ -135,7 +159,7 @@ def update(covariance, columns, rows, innovations, variances):
     right = np.empty((size, count + 1))
     for i in range(size):
         left[i, i] += 1.0
-        right[i, 0] = pull[i]
+        right[i, 0] = vector[i]
         for j in range(count):
             right[i, 1 + j] = known[i, j]
     both = to_all.T @ np.linalg.solve(left, right)
@@ -147,7 +171,7 @@ def update(covariance, columns, rows, innovations, variances):
             now = covariance[live[i], live[j]] - lost
             after[live[i], live[j]] = after[live[j], live[i]] = now
     for i in range(size):
-        squares -= pull[i] * moved[columns[measured[i]]]
+        squares -= vector[i] * moved[columns[measured[i]]]
     return moved, after, squares
 
 
@@ -179,8 +203,8 @@ def fit(columns, rows, innovations, before, after):
 def squared_deviation(covariance, columns, moved):
     """The square of a step (n,) of some quantities, over their covariance, which is in (n, n).
 
-    By Cholesky's decomposition, of a few rows, because numba takes long to compile a solver. What
-    is known exactly, with variance 0, is left out.
+    Eq. 19. By Cholesky's decomposition, of a few rows, because numba takes long to compile a
+    solver. What is known exactly, with variance 0, is left out.
     """
     count = columns.size
     root, white, total = np.zeros((count, count)), np.zeros(count), 0.0

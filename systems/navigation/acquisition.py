@@ -107,7 +107,7 @@ def acquire(
     return min(found, key=lambda each: each.cost, default=None)
 
 
-def strangers(
+def outlier_share(
     model: FrameModel, position: np.ndarray, rotation: np.ndarray, ranges: np.ndarray
 ) -> float:
     """Share of the rays that see the body, or should, which no noise or false return explains.
@@ -189,12 +189,12 @@ def _fitted(
         weights = 1.0 / (1.0 + (e / scale) ** 2)
         rows = np.hstack([normals, r[:, None] * np.cross(directions, normals)])
         spread = max(model.noise_std, 0.5 * scale / 3.0)
-        system = (rows * weights[:, None]).T @ rows / spread**2
-        system[3:, 3:] += np.eye(3) / attitude_std**2
-        system[:3, :3] += np.eye(3) * 1e-12 * np.trace(system[:3, :3])
-        pull = (weights * e) @ rows / spread**2
-        pull[3:] -= turn / attitude_std**2
-        step = np.linalg.solve(system, pull)
+        information = (rows * weights[:, None]).T @ rows / spread**2
+        information[3:, 3:] += np.eye(3) / attitude_std**2
+        information[:3, :3] += np.eye(3) * 1e-12 * np.trace(information[:3, :3])
+        vector = (weights * e) @ rows / spread**2
+        vector[3:] -= turn / attitude_std**2
+        step = np.linalg.solve(information, vector)
         size = np.linalg.norm(step[3:])
         if size > 3.0 * attitude_std:
             step[3:] *= 3.0 * attitude_std / size

@@ -1,4 +1,7 @@
-"""Corrects an estimate by a measured frame: an iterated extended Kalman update."""
+"""Corrects an estimate by a measured frame: an iterated extended Kalman update.
+
+Eq. 15 to 19 of docs/method/equations.md.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +40,7 @@ class Correction(NamedTuple):
     """Indices of the rays whose returns are used."""
     rejected_rays: np.ndarray
     """Those of returns whose prediction meets the body but disagrees with them."""
-    surprise: float
+    nis: float
     """Normalised innovation squared, over the number of returns used: about 1."""
     shift: float
     """The square of how far the frame moved position and attitude, in standard deviations before
@@ -61,7 +64,7 @@ class _Update(NamedTuple):
     """(n,) what the mean moves by."""
     covariance: np.ndarray
     """(n, n) after it."""
-    surprise: float
+    nis: float
     """Normalised innovation squared."""
 
 
@@ -79,22 +82,14 @@ def corrected(
         prior knows the pose.
     """
     columns, covariance = model.columns, prior.covariance
-    own = 0 if start is None else MEASURED.size
+    gate = kernel.Gate(GATE, ENOUGH, 0 if start is None else MEASURED.size)
     moved = np.zeros(prior.mean.size) if start is None else start
     supposed = prior if start is None else _moved(prior, moved)
     iteration = 0
     while True:
         frame = model.compared(supposed, ranges)
-        good, bad, rows, crossed, innovations, variances = kernel.judged(
-            covariance,
-            columns,
-            frame.rows,
-            frame.residuals,
-            frame.variances,
-            moved,
-            GATE,
-            ENOUGH,
-            own,
+        good, bad, rows, crossed, innovations, variances = kernel.gated(
+            covariance, columns, frame, moved, gate
         )
         used = variances.size
         if not used:
@@ -115,7 +110,7 @@ def corrected(
         math.sqrt(left),
         frame.rays[good],
         frame.rays[bad],
-        update.surprise / used,
+        update.nis / used,
         kernel.squared_deviation(covariance, _POSE, moved),
     )
 

@@ -53,35 +53,37 @@ class Estimate(NamedTuple):
 
 
 def first_estimate(
-    position: np.ndarray,
-    rotation: np.ndarray,
-    expected: ExpectedErrors,
-    spin: float,
-    modes: int,
-    reach: float,
-    speed: float,
-    spent: float = 0.0,
+    position: np.ndarray, rotation: np.ndarray, sigma: np.ndarray, spent: float = 0.0
 ) -> Estimate:
     """What is believed before the first frame is used.
 
     Args:
       position: (3,) in m in K, near which the frame will be linearised.
       rotation: R_KS (3, 3), likewise.
-      expected: one standard deviation of everything.
-      spin: believed spin rate in rad/s.
-      modes: number of coefficients of the map's error, each of variance 1.
-      reach: standard deviation of the position in m: large, because nothing is known of it.
-      speed: standard deviation of the velocity in m/s, about 0.
+      sigma: (BASE + M,) standard deviations; see `first_sigmas`.
       spent: velocity change commanded so far in m/s.
     """
-    sigma = np.concatenate([deviations(expected, spin), np.ones(modes)])
-    sigma[POSITION], sigma[VELOCITY] = reach, speed
-    mean = np.zeros(BASE + modes)
+    mean = np.zeros(sigma.size)
     mean[POSITION] = position
     return Estimate(mean, rotation, np.diag(sigma**2), spent)
 
 
-def deviations(expected: ExpectedErrors, spin: float) -> np.ndarray:
+def first_sigmas(
+    expected: ExpectedErrors, spin: float, modes: int, position: float, velocity: float
+) -> np.ndarray:
+    """Standard deviations (BASE + M,) before the first frame is used.
+
+    Args:
+      expected: one standard deviation of everything. spin: believed spin rate in rad/s.
+      modes: M, number of coefficients of the map's error, each of variance 1.
+      position: in m: large, because nothing is known of it. velocity: in m/s, about 0.
+    """
+    sigma = np.concatenate([sigmas(expected, spin), np.ones(modes)])
+    sigma[POSITION], sigma[VELOCITY] = position, velocity
+    return sigma
+
+
+def sigmas(expected: ExpectedErrors, spin: float) -> np.ndarray:
     """Standard deviations (BASE,) of an estimate; 0 for position and velocity.
 
     Args:

@@ -7,7 +7,14 @@ from typing import NamedTuple
 import numpy as np
 
 from proxops.systems.lidar import LidarGeometry
-from proxops.systems.navigation._frame_kernel import raised_origins, returned_rays, rows_of_frame
+from proxops.systems.navigation._frame_kernel import (
+    Hits,
+    RangeErrors,
+    Surface,
+    raised_origins,
+    returned_rays,
+    rows_of_frame,
+)
 from proxops.systems.navigation.estimate import BASE, MEASURED, SIZE, Estimate
 from proxops.systems.navigation.map_error import MapError
 from proxops.systems.shapes import Polyhedron, ray_caster
@@ -46,9 +53,12 @@ class FrameModel:
         self.shape, self.geometry, self.noise_std = shape, geometry, noise_std
         self.directions = geometry.directions
         self.map_error = map_error
-        self._half_beam = 0.5 * beam_width
+        self._range_errors = RangeErrors(
+            float(noise_std), float(map_error.rest), 0.5 * float(beam_width)
+        )
         self._farthest = geometry.max_range * 1.001
-        self.normals, self._facets = shape.normals, np.array(shape.facets)
+        self.normals = shape.normals
+        self._surface = Surface(shape.normals, np.array(shape.facets), map_error.table)
         self.centres = shape.vertices[shape.facets].mean(axis=1)
         self.first_hits, self.distances = ray_caster(shape).first_hits, ray_caster(shape).distances
         self.fan = ray_caster(shape).fan(self.directions)
@@ -59,40 +69,24 @@ class FrameModel:
         """A frame (planes * rays,), in m, +inf for no return, beside the predicted one."""
         # A larger body seen from a place is the map seen from nearer, all lengths in proportion.
         larger = 1.0 + estimate.mean[SIZE]
-        position, table = estimate.mean[:3], self.map_error.table
-        rays, directions = returned_rays(ranges, self._farthest, estimate.rotation, self.directions)
-        distances, facets, places = self.first_hits(position / larger, directions)
-        heights = np.zeros(rays.size)
+        position = estimate.mean[:3]
+        rays = returned_rays(ranges, self._farthest, estimate.rotation, self.directions)
+        hits = Hits(*self.first_hits(position / larger, rays.directions))
+        heights = np.zeros(rays.indices.size)
         if self.map_error.modes:
             # Where the surface lies farther out, it is the map seen from so much nearer.
-            rays, directions, origins, heights = raised_origins(
-                position / larger,
-                rays,
-                directions,
-                facets,
-                places,
-                self.normals,
-                self._facets,
-                table,
-                estimate.mean[BASE:] / larger,
+            rays, origins, heights = raised_origins(
+                position / larger, rays, hits, self._surface, estimate.mean[BASE:] / larger
             )
-            distances, facets, places = self.first_hits(origins, directions)
+            hits = Hits(*self.first_hits(origins, rays.directions))
         return Comparison(
             *rows_of_frame(
                 position,
                 rays,
-                directions,
-                larger * distances,
-                facets,
-                places,
+                hits._replace(distances=larger * hits.distances),
                 larger * heights,
                 ranges,
-                self.normals,
-                self._facets,
-                table,
-                estimate.mean[SIZE:],
-                self.noise_std,
-                self.map_error.rest,
-                self._half_beam,
+                self._surface,
+                (estimate.mean[SIZE:], self._range_errors),
             )
         )

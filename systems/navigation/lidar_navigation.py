@@ -186,7 +186,7 @@ class LidarNavigation(LeafSystem):
         done = step.correction
         figures = [np.nan, 0.0, 0.0, np.nan]
         if done is not None:
-            figures = [done.rms, done.used, done.rejected, done.surprise]
+            figures = [done.rms, done.used, done.rejected, done.nis]
         output.SetFromVector([*figures, step.memory.phase])
 
     def _calc_return_use(self, context, output):

@@ -7,7 +7,12 @@ import math
 import numpy as np
 
 from proxops.systems.gravity import Field
-from proxops.systems.navigation._motion_kernel import predict
+from proxops.systems.navigation._motion_kernel import (
+    Interval,
+    LocalGravity,
+    ProcessNoise,
+    predict,
+)
 from proxops.systems.navigation.estimate import CENTRE_OF_MASS, POSITION, VELOCITY, Estimate
 from proxops.systems.navigation.expected_errors import ExpectedErrors
 
@@ -53,20 +58,18 @@ class Motion:
             half = 0.5 * step * mean[VELOCITY]
             middle = mean[POSITION] + half - mean[CENTRE_OF_MASS]
             gravity = self._field.evaluate(middle + _POINTS * half)
-            pull = 0.5 * (gravity.acceleration[0] + gravity.acceleration[1])
-            moved: tuple[np.ndarray, np.ndarray, np.ndarray] = predict(
-                mean,
-                estimate.rotation,
-                estimate.covariance,
-                estimate.spent,
-                pull,
+            local = LocalGravity(
+                0.5 * (gravity.acceleration[0] + gravity.acceleration[1]),
                 0.5 * (gravity.gradient[0] + gravity.gradient[1]),
+            )
+            moved: tuple[np.ndarray, np.ndarray, np.ndarray] = predict(
+                estimate,
+                local,
                 force,
-                time + k * step,
-                step,
+                Interval(time + k * step, step),
+                self._noise(step, self._uneven(middle, local.acceleration)),
                 self._spin,
                 self._mass,
-                self._noise(step, self._uneven(middle, pull)),
             )
             estimate = Estimate(*moved, estimate.spent + spent)
         return estimate
@@ -84,12 +87,12 @@ class Motion:
         ratio = shift * self._half_length / float(position @ position)
         return float(gravity @ gravity) * ratio**2 / 3.0
 
-    def _noise(self, step: float, uneven: float) -> tuple[float, float, float]:
-        """The last argument of `predict`."""
+    def _noise(self, step: float, uneven: float) -> ProcessNoise:
+        """The noise of a step of so many seconds."""
         expected = self._expected
         decay = math.exp(-step / expected.acceleration_correlation)
         varying = expected.acceleration_varying**2 + uneven
-        return (
+        return ProcessNoise(
             2.0 * expected.attitude_varying**2 * step / expected.attitude_correlation,
             decay,
             varying * (1.0 - decay**2),

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from proxops.systems.common import one_thread
-from proxops.systems.navigation.acquisition import FEWEST, Acquired, acquire, strangers
+from proxops.systems.navigation.acquisition import FEWEST, Acquired, acquire, outlier_share
 from proxops.systems.navigation.correction import Correction, corrected
 from proxops.systems.navigation.estimate import (
     ATTITUDE,
@@ -18,8 +18,9 @@ from proxops.systems.navigation.estimate import (
     POSITION,
     VELOCITY,
     Estimate,
-    deviations,
     first_estimate,
+    first_sigmas,
+    sigmas,
 )
 from proxops.systems.navigation.expected_errors import ExpectedErrors
 from proxops.systems.navigation.frame_model import FrameModel
@@ -35,19 +36,19 @@ _FEWEST_AT_FIRST = 20
 _FEW, _TOO_FAR_OFF = 60, 10.0
 # Normalised innovation squared over the returns used, about 1: beyond the first value they may not
 # fit together; beyond the second they cannot, for each by itself lies within 5 deviations.
-_MISFITTING, _IMPOSSIBLE = 4.0, 25.0
+_NIS_DOUBTFUL, _NIS_GATE = 4.0, 25.0
 # A first frame whose normalised innovation squared is so many standard deviations above 1 may be
 # explained by a wrong place: the search goes on. After so many frames that no place explains
 # better, it is the map or the noise that is not as told, and the best place is taken.
 _UNLIKELY, _UNEXPLAINED = 5.0, 10
 # Each ray that disagrees by far with the pose of a first frame counts as so many variances.
-_STRANGE = 25.0
+_OUTLIER = 25.0
 # After so many frames in a row that contradict the prediction, the navigation is lost.
 _PATIENCE = 3
 # A frame that moves the pose by more than this (chi square of six degrees of freedom; once in 1e10
 # by chance) shows that something acts that was not expected: a kick, or a belief that is wrong.
 # From then on, beliefs are taken to be as wrong as this; accelerations are over GM / size^2.
-_SURPRISE = 60.0
+_POSE_GATE = 60.0
 _SUSPECTED = ExpectedErrors(
     attitude=0.0, pole=0.01, spin=1e-4, gravity=0.1, thrust=0.05, thrust_direction=0.02,
     acceleration=0.1, propellant=5e-4,
@@ -111,12 +112,14 @@ class Navigator:
           period: time in s from frame to frame. frame_delay: age of a frame in periods.
         """
         self.model, self.motion = model, motion
-        self._expected, self._spin = expected, spin
-        self._reach = _REACH * float(model.shape.extents.max())
-        self._speed = _SPEED * orbit
-        pull = orbit**2 / float(model.shape.extents.max())
-        suspected = dc.replace(_SUSPECTED, acceleration=_SUSPECTED.acceleration * pull)
-        self._suspected = deviations(suspected, spin) ** 2
+        self._expected = expected
+        size = float(model.shape.extents.max())
+        self._first_sigma = first_sigmas(
+            expected, spin, model.map_error.modes, _REACH * size, _SPEED * orbit
+        )
+        gravity = orbit**2 / size
+        suspected = dc.replace(_SUSPECTED, acceleration=_SUSPECTED.acceleration * gravity)
+        self._suspected = sigmas(suspected, spin) ** 2
         self._period, self._delay = period, frame_delay
 
     def start(self) -> Memory:
@@ -186,12 +189,12 @@ class Navigator:
     def _followed(self, prior: Estimate, ranges: np.ndarray) -> Correction | None:
         """The correction of a prediction by a frame; None if the frame contradicts it."""
         found = self._compared(prior, ranges)
-        if found.shift > _SURPRISE:
+        if found.shift > _POSE_GATE:
             found = self._compared(self._doubted(prior, found), ranges)
         if found.used < max(FEWEST, _AGREEING * (found.used + found.rejected)):
             return None
-        limit = _IMPOSSIBLE if found.used >= _FEW else 1.0 + _TOO_FAR_OFF * _spread(found.used)
-        return found if found.surprise < limit else None
+        limit = _NIS_GATE if found.used >= _FEW else 1.0 + _TOO_FAR_OFF * _spread(found.used)
+        return found if found.nis < limit else None
 
     def _compared(self, prior: Estimate, ranges: np.ndarray) -> Correction:
         """The correction of a prediction by a frame.
@@ -201,7 +204,7 @@ class Navigator:
         the frame alone says where to begin.
         """
         found = corrected(self.model, prior, ranges)
-        if not found.surprise > _MISFITTING:
+        if not found.nis > _NIS_DOUBTFUL:
             return found
         if np.trace(prior.covariance[POSITION, POSITION]) <= self.model.noise_std**2:
             return found
@@ -209,7 +212,7 @@ class Navigator:
         if pose is None:
             return found
         again = corrected(self.model, prior, ranges, _way_to(pose, prior))
-        return again if again.surprise < found.surprise else found
+        return again if again.nis < found.nis else found
 
     def _doubted(self, prior: Estimate, found: Correction) -> Estimate:
         """The prior with a covariance that allows for the motion that a frame showed."""
@@ -246,23 +249,13 @@ class Navigator:
         self, pose: Acquired, ranges: np.ndarray, attitude: np.ndarray, spent: float
     ) -> _Start | None:
         """The estimate from a frame and the pose that explains it."""
-        modes = self.model.map_error.modes
-        prior = first_estimate(
-            pose.position,
-            attitude,
-            self._expected,
-            self._spin,
-            modes,
-            self._reach,
-            self._speed,
-            spent,
-        )
+        prior = first_estimate(pose.position, attitude, self._first_sigma, spent)
         found = corrected(self.model, prior, ranges, _way_to(pose, prior))
         if found.used < FEWEST:
             return None
         now = found.estimate
-        strange = strangers(self.model, now.mean[POSITION], now.rotation, ranges)
-        above = found.surprise + _STRANGE * strange - 1.0
+        outliers = outlier_share(self.model, now.mean[POSITION], now.rotation, ranges)
+        above = found.nis + _OUTLIER * outliers - 1.0
         return _Start(found, above / _spread(found.used))
 
 
