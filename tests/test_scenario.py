@@ -547,3 +547,13 @@ def test_a_misspelt_attribute_is_refused_in_python_too() -> None:
 
 def vars_of(section: Scenario) -> list[object]:
     return [getattr(section, field.name) for field in dc.fields(section)]
+
+
+def test_values_by_keyword() -> None:
+    """They are the overrides of a mapping, and read better in a notebook."""
+    found = load_scenario(transit=3, dispersions="after_survey", **{"spacecraft.mass_kg": 120})
+    keys = {"transit.index": 3, "dispersions": "after_survey", "spacecraft.mass_kg": 120}
+    assert found == load_scenario(None, keys)
+    assert found.transit.index == 3
+    with pytest.raises(InputError, match="there is no key 'dispersion'"):
+        load_scenario(dispersion="after_survey")

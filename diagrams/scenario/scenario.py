@@ -24,17 +24,24 @@ def load_scenario(
     path: str | Path | None = None,
     overrides: Overrides = (),
     *,
+    transit: int | None = None,
     on_true_state: bool = False,
+    **values: typing.Any,
 ) -> Scenario:
     """Reads a scenario: the defaults, changed by a file, if any, and then by the overrides.
+
+    For instance `load_scenario(transit=3, dispersions="after_survey")`, or
+    `load_scenario("visit.yaml", **{"spacecraft.mass_kg": 120})`.
 
     Args:
       path: YAML file with the values that differ from the defaults; None: no file. A path in it is
         relative to its folder.
       overrides: texts `key.subkey=value` with the value in YAML, or a mapping of such keys to
         values. A path among them is relative to the working directory.
+      transit: number of the transit, `transit.index`.
       on_true_state: whether the default of `navigation` is `!TrueState`, as the paper flies and as
         training data need it.
+      values: more overrides, by their keys.
 
     Raises:
       InputError: the file cannot be read or is not YAML, a key is unknown (the message gives the
@@ -44,8 +51,11 @@ def load_scenario(
     if not isinstance(path, str | Path | None):
         raise InputError(
             f"load_scenario takes a file's path first, not a {type(path).__name__}; changes are "
-            "its second argument: load_scenario(None, changes)"
+            "keywords, such as load_scenario(transit=1), or its second argument"
         )
+    overrides = {**overrides_of(overrides), **values}
+    if transit is not None:
+        overrides["transit.index"] = transit
     source = "scenario" if path is None else str(path)
     tree = {} if path is None else read_mapping(Path(path))
     if path is not None:
