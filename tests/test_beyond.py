@@ -82,19 +82,6 @@ def test_the_flagship_is_dispersed_and_assured() -> None:
     assert (flagship.dispersions, flagship.transits) == ("after_survey", 852)
 
 
-def test_choosing() -> None:
-    known = all_campaigns()
-    assert chosen_campaigns([], known) == known
-    parts = [chosen_campaigns([part], known) for part in PARTS]
-    assert [each for part in parts for each in part] == known
-    assert chosen_campaigns(["paper"], known) == []
-    assert chosen_campaigns(["first-look", "first-look"], known) == [
-        each for each in known if each.dispersions == "first_look"
-    ]
-    with pytest.raises(InputError, match="no 'flagshp': name paper, believed, worlds, or"):
-        chosen_campaigns(["flagship", "flagshp"], known)
-
-
 def test_the_papers_recipe_must_be_trained_first() -> None:
     with pytest.raises(InputError, match=r"train it first: proxops reproduce paper$"):
         chosen_campaigns(["paper-recipe"], all_campaigns())
@@ -191,15 +178,6 @@ def test_who_refuses_is_told_and_the_others_fly(tmp_path: Path) -> None:
     assert list(entry["controllers"]) == ["zero"]
     assert "period is" in entry["refused"]["policy"]
     assert "policy refuses to fly: " in (tmp_path / "report.md").read_text()
-
-
-@pytest.mark.slow
-def test_report_tells_what_is_missing(told: tuple[Path, dict[str, Any]]) -> None:
-    text = (told[0] / "report.md").read_text()
-    assert "Not run: second." in text
-    assert "Not run: proxops reproduce paper." in text
-    assert "| FIRST: zero | " in text
-    assert "proxops reproduce first" in text
 
 
 @pytest.mark.slow

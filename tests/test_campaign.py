@@ -14,11 +14,9 @@ from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
-import dask.config
 import psutil
 import pytest
 from short_flights import BRIEF, kleopatra, short_scenario, write_blob
-from xarray.backends.locks import get_dask_scheduler
 
 from proxops.assets import ASSETS
 from proxops.diagrams.flight import Workers, campaign, parallel
@@ -135,22 +133,6 @@ def test_the_files_of_a_controller_are_part_of_it(
         module.write_text(text)
         with pytest.raises(InputError, match=complaint):
             transit_flights(brief(), "controller_with_files:make", 1, 1)
-
-
-def test_an_error_in_a_factory_names_the_user_s_line(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    lines = (
-        "import numpy as np",
-        "",
-        "",
-        "def make(scenario, body):",
-        "    np.linalg.inv(np.zeros(3))",
-    )
-    Path("failing_factory.py").write_text("\n".join(lines))
-    with pytest.raises(InputError, match=r"LinAlgError: .*\(failing_factory\.py, line 5\)"):
-        named_controller("failing_factory:make", brief(), kleopatra())
 
 
 def test_one_worker(tmp_path: Path, flown: list[str]) -> None:
@@ -276,21 +258,6 @@ def test_impossible_flight_is_told_apart(tmp_path: Path) -> None:
 def test_no_scheduler(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no Dask scheduler answers"):
         run_campaign(flights(1), tmp_path, workers=Workers(scheduler="tcp://127.0.0.1:9"))
-
-
-def test_encrypted_scheduler_without_certificates(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"no Dask scheduler answers at tls://127\.0\.0\.1:9"):
-        run_campaign(flights(1), tmp_path, workers=Workers(scheduler="tls://127.0.0.1:9"))
-    # A session that goes on asks no scheduler for the locks of the files that it writes.
-    assert get_dask_scheduler() == "threaded"
-
-
-@pytest.mark.slow
-def test_settings_for_a_cluster_with_encryption() -> None:
-    """A user may have them for another machine's scheduler; processes of this one need none."""
-    pieces = [Flight(name, name.upper(), "mpc", "") for name in ("ab", "cd")]
-    with dask.config.set({"distributed.comm.require-encryption": True}):
-        assert dict(Workers(2).results(pieces, attrgetter("scenario"))) == {"ab": "AB", "cd": "CD"}
 
 
 ONE_CORE = """

@@ -308,13 +308,6 @@ def test_evaluate_controllers_refused(run, tmp_path: Path, controllers: str) -> 
     assert entries(tmp_path) == set()
 
 
-@pytest.mark.parametrize("option", [["--transits", "0"], ["--transits", "-3"], ["--seed", "-1"],
-                                    ["--workers", "0"], ["--transits", "ten"]])  # fmt: skip
-def test_evaluate_counts_refused(run, tmp_path: Path, option: list[str]) -> None:
-    refused_by_parser(run("evaluate", *option, "--out", "out"), option[0])
-    assert entries(tmp_path) == set()
-
-
 def test_a_warning_is_a_line(run, tmp_path: Path) -> None:
     setting = ["--set", "assurance={bounds: {}}", "--set", "truth.gravity=1.01"]
     with pytest.warns(UserWarning, match="the scenario may exceed assurance") as caught:
@@ -377,31 +370,6 @@ def test_out_under_a_file(run, tmp_path: Path, command: str) -> None:
     assert (tmp_path / "file").read_text() == "mine"
 
 
-@pytest.mark.parametrize(
-    ("name", "words"),
-    [
-        ("pid", ["controller 'pid' is not known: use mpc"]),
-        ("no_such_module:make", ["there is no module no_such_module in"]),
-        ("short_flights:none", ["none"]),
-        ("short_flights:BRIEF", ["no function 'BRIEF'; it should take (scenario, body)"]),
-        ("short_flights:load_scenario", ["controller 'short_flights:load_scenario'"]),
-    ],
-)
-def test_unknown_controller(run, tmp_path: Path, name: str, words: list[str]) -> None:
-    refused(run("fly", "--controller", name, *BRIEF, "--out", "out"), *words)
-    assert entries(tmp_path) == set()
-
-
-def test_controller_with_wrong_ports(run, tmp_path: Path) -> None:
-    (tmp_path / "wrong_for_the_cli.py").write_text(
-        "from short_flights import Scripted\n"
-        "def make(scenario, body):\n"
-        "    return Scripted(ports=[('sate', 6)])\n"
-    )
-    ran = run("fly", "--controller", "wrong_for_the_cli:make", *BRIEF, "--out", "out")
-    refused(ran, "nothing feeds input port 'sate'")
-
-
 def test_from_what_is_no_log(run, tmp_path: Path) -> None:
     (tmp_path / "notes.nc").write_text("not a log")
     refused(run("fly", "--from", "notes.nc", "--out", "out"), "notes.nc is not a flight log")
@@ -411,15 +379,6 @@ def test_from_what_is_no_log(run, tmp_path: Path) -> None:
     ran = run("replay", "absent.nc")
     assert (ran.code, ran.err) == (2, "proxops: error: there is no file absent.nc\n")
     assert entries(tmp_path) == {"notes.nc"}
-
-
-@pytest.mark.parametrize(
-    "extra",
-    [["--set", "noise_seed=1"], ["--seed", "3"], ["--transit", "3"], ["short.yaml"]],
-)
-def test_from_with_settings(run, tmp_path: Path, extra: list[str]) -> None:
-    refused(run("fly", "--from", "flight.nc", *extra), "--from repeats a flight as it was")
-    assert entries(tmp_path) == set()
 
 
 def test_a_repeated_flight_does_not_replace_its_log(run, tmp_path: Path) -> None:
@@ -448,13 +407,6 @@ def test_replay_does_not_replace_its_log(run, tmp_path: Path, files: list[str]) 
 
 
 # --- options that would count for nothing ---------------------------------------------------------
-
-
-@pytest.mark.parametrize("command", ["fly", "evaluate", "collect"])
-def test_a_value_that_dispersions_draw(run, tmp_path: Path, command: str) -> None:
-    drawn = ["--set", "truth.gravity=0.8", "--dispersions", "after_survey"]
-    refused(run(command, *drawn, "--out", "out"), "truth.gravity is given", "after_survey draw it")
-    assert entries(tmp_path) == set()
 
 
 def test_the_papers_recipe_can_be_flown_once_it_is_trained(run, tmp_path: Path) -> None:

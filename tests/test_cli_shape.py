@@ -102,17 +102,6 @@ def test_kleopatra(shape, tmp_path: Path) -> None:
     assert hover["least_n"] <= weight <= hover["greatest_n"]
 
 
-def test_margin_and_craft_mass(shape, tmp_path: Path) -> None:
-    mesh = write(tmp_path / "rock.obj", star_shaped(1, size=100.0))
-    known = ("rock.obj", "--unit", "m", "--density", 2000, "--period", 8, "--json")
-    plain = json.loads(shape(*known)[1])
-    other = json.loads(shape(*known, "--margin", 0.5, "--craft-mass", 300)[1])
-    ratio = np.divide(other["keep_out"]["semi_axes_m"], plain["keep_out"]["semi_axes_m"])
-    np.testing.assert_allclose(ratio, 1.5 / 1.05, rtol=1e-9)
-    assert other["hover_on_keep_out"]["craft_mass_kg"] == 300
-    assert plain["mass_kg"] == pytest.approx(2000 * mesh.volume, rel=1e-9)
-
-
 def test_defects_are_reported(shape, tmp_path: Path) -> None:
     write(tmp_path / "rock.obj", damaged())
     code, out, _ = shape("rock.obj", "--unit", "m", "--density", 2000, "--period", 8)
@@ -300,27 +289,6 @@ def test_bad_input(shape, tmp_path: Path, arguments, complaint: str) -> None:
     assert err.startswith("proxops: error: ")
     assert complaint in err
     assert sorted(tmp_path.rglob("*")) == before
-
-
-def test_body_file_from_a_plate_model(shape, tmp_path: Path) -> None:
-    """The YAML names the mesh from where it lies, and holds the body as it was found."""
-    mesh = star_shaped(3, size=0.4)
-    (tmp_path / "data").mkdir()
-    write(tmp_path / "data/rock.tab", mesh)
-    code, _, _ = shape(
-        "data/rock.tab", "--mass", 5.1e11, "--period", 7.25, "--body", "bodies/rock.yaml",
-        "--name", "A: Rock #1", "--margin", 0,
-    )  # fmt: skip
-    assert code == 0
-    body = load_body(str(tmp_path / "bodies/rock.yaml"))
-    assert body.config.name == "A: Rock #1"
-    assert body.config.mesh == "../data/rock.tab"
-    assert body.config.mass_kg == 5.1e11
-    assert body.config.rotation_period_h == 7.25
-    assert body.shape.volume == pytest.approx(mesh.volume * 1e9, rel=1e-9)
-    levels = np.sum((body.shape.vertices / body.keep_out_semi_axes) ** 2, axis=1)
-    assert 0.999 < levels.max() < 1.0
-    assert load_scenario(None, {"body": str(tmp_path / "bodies/rock.yaml")}).body
 
 
 def test_generated_body(shape, tmp_path: Path) -> None:

@@ -117,12 +117,6 @@ def test_oem_is_the_inertial_motion(tmp_path: Path) -> None:
     assert np.linalg.norm(velocity[0]) == pytest.approx(spin * 160e3, rel=1e-9)
 
 
-def test_oem_refuses_what_is_no_epoch(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="YYYY"):
-        write_oem(log(), tmp_path / "flight.oem", "tomorrow")
-    assert not list(tmp_path.iterdir())
-
-
 def test_both_by_the_command(tmp_path: Path) -> None:
     log().to_netcdf(tmp_path / "flight.nc")
     files = {"--mcap": tmp_path / "new" / "flight.mcap", "--oem": tmp_path / "flight.oem"}

@@ -22,7 +22,7 @@ from proxops.systems.common.errors import InputError
 from proxops.systems.gravity import _polyhedral_kernel as kernel
 from proxops.systems.gravity import gravity_field
 from proxops.systems.gravity._far_field import fit_masses
-from proxops.systems.gravity.gravity_field import GRAVITATIONAL_CONSTANT, GravityField
+from proxops.systems.gravity.gravity_field import GravityField
 from proxops.systems.shapes.polyhedron import Polyhedron
 
 DENSITY = 2000.0
@@ -106,10 +106,6 @@ def box_field(points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 @pytest.fixture(scope="module")
 def box_gravity() -> GravityField:
     return GravityField(Polyhedron(*box(BOX_LOW, BOX_HIGH)), density=DENSITY)
-
-
-def test_constant_is_codata() -> None:
-    assert GRAVITATIONAL_CONSTANT == G
 
 
 def test_box_in_space(box_gravity: GravityField) -> None:
@@ -551,12 +547,6 @@ def test_empty_batch_and_shapes(box_gravity: GravityField) -> None:
     np.testing.assert_array_equal(
         box_gravity.evaluate(turned[::2]).potential, box_gravity.evaluate(turned).potential[::2]
     )
-
-
-@pytest.mark.parametrize("shape", [(3,), (2, 2), (1, 3, 3), ()])
-def test_wrong_shape_of_points(box_gravity: GravityField, shape: tuple[int, ...]) -> None:
-    with pytest.raises(InputError, match=r"\(N, 3\)"):
-        box_gravity.evaluate(np.zeros(shape))
 
 
 def test_parallel_equals_serial(kleopatra) -> None:

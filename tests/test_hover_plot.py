@@ -7,7 +7,7 @@ from matplotlib.contour import QuadContourSet
 from matplotlib.figure import Figure
 from short_flights import kleopatra
 
-from proxops.diagrams.plots.hover_plot import draw_hover, plot_hover
+from proxops.diagrams.plots.hover_plot import draw_hover
 from proxops.diagrams.scenario.scenario import load_scenario
 
 
@@ -38,10 +38,3 @@ def test_no_limit_where_all_can_be_held() -> None:
     ax = Figure().subplots()
     draw_hover(ax, kleopatra(), load_scenario(None, ["spacecraft.mass_kg=10"]), count=41)
     assert len(contours(ax)) == 1
-
-
-def test_plot_is_of_two_planes_and_says_whose() -> None:
-    figure = plot_hover(kleopatra(), load_scenario(), count=31)
-    assert "Kleopatra, 100 kg" in figure.get_suptitle()
-    assert [ax.get_ylabel() for ax in figure.axes[:2]] == ["y (km)", "z (km)"]
-    assert figure.axes[2].get_ylabel() == "greatest force per axis (N)"

@@ -270,11 +270,6 @@ def test_noisy_state_is_the_expert_s_alone(bundle: Path, trusting: FlightLog) ->
 # --- the scenario and the commands ----------------------------------------------------------------
 
 
-def test_no_solve_delay(bundle: Path) -> None:
-    with pytest.raises(InputError, match=r"cannot fly with mpc\.solve_delay_s"):
-        fly(brief(bundle, mpc__solve_delay_s=1.0), "hybrid")
-
-
 def test_policies_that_do_not_fit_are_refused() -> None:
     """With the messages of the flight alone: see `test_transit_diagram`."""
     late, wide, mute = Scripted(), Scripted(ports=[("target", 3)]), Scripted(output="thrust")

@@ -1,6 +1,5 @@
 """Each of the lidar's options alone, all of them together, and the rays they are cast with."""
 
-import tracemalloc
 from typing import Any
 
 import numpy as np
@@ -13,12 +12,11 @@ from proxops.diagrams.flight.simulation import fly
 from proxops.diagrams.flight.transit_diagram import make_transit_diagram
 from proxops.diagrams.scenario.body import load_body
 from proxops.diagrams.scenario.scenario import load_scenario
-from proxops.systems import InputError, Lidar, LidarGeometry, Polyhedron, RayCaster, ray_directions
+from proxops.systems import Lidar, LidarGeometry, Polyhedron, RayCaster, ray_directions
 from proxops.systems.common.counter_noise import generator
 from proxops.systems.lidar.lidar_errors import (
     LidarErrors,
     false_ranges,
-    lost_by_chance,
     measured_ranges,
     too_grazing,
 )
@@ -236,13 +234,6 @@ def test_all_is_a_pure_function_of_seed_and_step(kleopatra: Polyhedron) -> None:
     assert np.array_equal(again[0].ravel(), first.astype(np.float32))
 
 
-def test_chances_are_drawn_by_seed_and_step() -> None:
-    draws = [lost_by_chance(500, 0.5, *key) for key in ((1, 1), (1, 2), (2, 1), (1, 1))]
-    assert np.array_equal(draws[0], draws[3])
-    assert not np.array_equal(draws[0], draws[1])
-    assert not np.array_equal(draws[0], draws[2])
-
-
 # --- as a scenario says ---------------------------------------------------------------------------
 
 
@@ -311,27 +302,3 @@ def test_hits_name_the_facet_met(kleopatra: Polyhedron) -> None:
     height = np.einsum("ki,ki->k", points - corner, kleopatra.normals[hits.facets])
     assert np.abs(height).max() < 0.05
     assert (np.einsum("ki,ki->k", directions[hits.rays], kleopatra.normals[hits.facets]) < 0).all()
-
-
-def test_batch_takes_no_more_memory_than_its_result(kleopatra: Polyhedron) -> None:
-    random = np.random.default_rng(6)
-    places = random.uniform(-40e3, 40e3, (600, 3))  # Mostly within the ellipsoid: the worst case.
-    fan = RayCaster(kleopatra).fan(ray_directions())
-    fan.frames(places[:1])
-    tracemalloc.start()
-    try:
-        frames = fan.frames(places)
-        peak = tracemalloc.get_traced_memory()[1]
-    finally:
-        tracemalloc.stop()
-    assert peak - frames.nbytes < 20 * 2**20
-
-
-def test_wrong_shapes_are_refused(kleopatra: Polyhedron) -> None:
-    caster = RayCaster(kleopatra)
-    fan = caster.fan(ray_directions())
-    assert fan.frames(np.zeros((0, 3))).shape == (0, 4320)
-    with pytest.raises(InputError, match=r"positions must have shape \(N, 3\)"):
-        fan.frames(np.zeros(3))
-    with pytest.raises(InputError, match=r"directions must have shape \(R, 3\)"):
-        caster.fan(np.zeros((4, 2)))

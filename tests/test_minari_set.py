@@ -120,18 +120,6 @@ def test_nothing_half_written_stays() -> None:
         check_minari_name("half-v0")
 
 
-def test_bad_input() -> None:
-    log = fly(short_scenario(log_ranges=False, arrival__deadline_s=50.0), "zero")
-    with pytest.raises(InputError, match="NAME-v0 or SPACE/NAME-v0"):
-        check_minari_name("no name")
-    with pytest.raises(InputError, match="no lidar frames: fly with log_ranges: true"):
-        write_minari("frames-v0", [log], log.scenario, 0, "lidar")
-    blind = fly(load_scenario(None, SHORT), "zero")
-    with pytest.raises(InputError, match="its controller did not read the state"):
-        write_minari("frames-v0", [blind], blind.scenario, 0)
-    assert not check_minari_name("frames-v0").exists()
-
-
 def test_gymnasium_alone_is_enough_to_fly() -> None:
     """Without Minari there are transits, but no data sets."""
     code = """

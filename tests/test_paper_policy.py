@@ -6,7 +6,6 @@ import pytest
 import torch
 from torch import Tensor
 
-from proxops.systems import InputError
 from proxops.training.data.normalisation import Normalisation, Scale
 from proxops.training.paper.policy import PaperPolicy
 
@@ -27,27 +26,6 @@ def inputs(batch: int, steps: int, rays: int) -> tuple[Tensor, Tensor, Tensor]:
     """Ranges with one ray in ten returning, targets, applied forces."""
     ranges = torch.where(torch.rand(batch, steps, rays) < 0.1, 2e5 * torch.rand(()), math.inf)
     return ranges, 1e5 * torch.randn(batch, steps, 6), torch.randn(batch, steps, 3)
-
-
-@pytest.mark.parametrize(("planes", "rays"), [(12, 360), (5, 77), (1, 33)])
-@torch.no_grad()
-def test_shapes(planes: int, rays: int):
-    policy = PaperPolicy(NORMALISATION, planes, rays)
-    ranges, target, applied = inputs(2, 3, planes * rays)
-    memory = torch.zeros(2, policy.memory_size)
-    force, estimate, after = policy(ranges[:, 0], target[:, 0], applied[:, 0], memory)
-    assert (force.shape, estimate.shape, after.shape) == ((2, 3), (2, 6), memory.shape)
-    assert torch.isfinite(force).all()
-    assert torch.isnan(estimate).all()
-    force, estimate, after = policy.sequence(ranges, target, applied)
-    assert (force.shape, estimate.shape, after.shape) == ((2, 3, 3), (2, 3, 6), memory.shape)
-    framed = policy.sequence(ranges.reshape(2, 3, planes, rays), target, applied)[0]
-    assert torch.equal(framed, force)
-
-
-def test_a_lidar_too_coarse_is_refused():
-    with pytest.raises(InputError, match="32 rays are too few"):
-        PaperPolicy(NORMALISATION, 12, 32)
 
 
 @torch.no_grad()

@@ -4,7 +4,6 @@ import dataclasses
 
 import numpy as np
 import pytest
-from matplotlib.axes import Axes
 from short_flights import kleopatra
 
 from proxops.diagrams.flight.scenario_systems import make_mpc
@@ -21,20 +20,6 @@ def shown():
     ends = np.concatenate([transit.start, np.zeros(3)]), np.concatenate([transit.goal, np.zeros(3)])
     plan = make_mpc(scenario, body).program.solve(*ends, iterations=10)
     return plan, plot_plan(plan, body, scenario).axes
-
-
-def levels(ax: Axes) -> list[float]:
-    """Returns the heights of the dashed lines."""
-    return [
-        float(np.asarray(line.get_ydata())[0]) for line in ax.lines if line.get_linestyle() == "--"
-    ]
-
-
-def test_limits_are_those_of_the_scenario(shown) -> None:
-    _, (_, force, velocity, clearance) = shown
-    assert levels(force) == [-7.0, 7.0]
-    assert levels(velocity) == [-40.0, 40.0]
-    assert levels(clearance) == [3.0]
 
 
 def test_curves_are_the_plan(shown) -> None:

@@ -52,22 +52,6 @@ def test_bundle_is_replaced_whole(bundle: Path, tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["bundle"]
 
 
-def test_module_is_left_as_it_was(tmp_path: Path) -> None:
-    class Dropping(Counting):
-        def __init__(self):
-            super().__init__()
-            self.dropout = nn.Dropout(0.5)
-
-        def forward(self, ranges, target, commanded_force, memory):
-            return super().forward(ranges, target, self.dropout(commanded_force), memory)
-
-    module = Dropping()
-    # Exported without dropout, or it would differ.
-    export_policy(module, tmp_path / "policy", facts_of(Dropping), example_steps())
-    assert module.training
-    assert module.dropout.training
-
-
 def test_what_a_kill_left_is_removed(tmp_path: Path) -> None:
     """But no file that is being written, which has such a name too."""
     folder, other = tmp_path / "bundle", tmp_path / ".bundle.json.abcdefgh.part"
@@ -201,11 +185,6 @@ def test_damaged_bundle_is_refused(bundle: Path, tmp_path: Path, why: str) -> No
     DAMAGES[why](folder)
     with pytest.raises(InputError, match=why):
         NeuralPolicy(folder)
-
-
-def test_no_bundle_at_all(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="nothing is not the bundle of a policy"):
-        PolicyBundle.load(tmp_path / "nothing")
 
 
 def test_weights_are_torch_s(tmp_path: Path) -> None:

@@ -188,13 +188,6 @@ def test_files_that_hold_no_mesh(tmp_path: Path, name: str, content: bytes) -> N
         Polyhedron.load(path)
 
 
-def test_from_trimesh_refuses_what_is_no_mesh() -> None:
-    with pytest.raises(InputError, match="holds no triangles"):
-        Polyhedron.from_trimesh(trimesh.PointCloud(np.eye(3)), "m")  # pyright: ignore[reportArgumentType]
-    with pytest.raises(InputError, match="holds no triangles"):
-        Polyhedron.from_trimesh(trimesh.Trimesh(np.eye(3)), "m")
-
-
 # --- refusals -------------------------------------------------------------------------------------
 
 

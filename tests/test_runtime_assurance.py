@@ -6,7 +6,6 @@ from short_flights import BRIEF, Scripted, falling_flight, kleopatra, short_scen
 
 from proxops.diagrams.flight.scenario_systems import make_backup
 from proxops.diagrams.flight.simulation import fly
-from proxops.diagrams.flight.transit_diagram import make_transit_diagram
 from proxops.diagrams.logs.flight_log import FlightLog, differences
 from proxops.diagrams.scenario.scenario import load_scenario
 from proxops.diagrams.scenario.scenario_config import AssuranceBoundsConfig, AssuranceConfig
@@ -146,12 +145,6 @@ def test_stands_before_the_disturbance() -> None:
     clipped = np.abs(log.dataset["force"].values) == 7.0
     assert (~clipped).sum() > 20
     assert log.dataset["disturbance"].values[~clipped] == pytest.approx(noise[~clipped], abs=1e-12)
-
-
-def test_refuses_a_delayed_command() -> None:
-    scenario = short_scenario(assurance={}, mpc__solve_delay_s=2.0)
-    with pytest.raises(InputError, match=r"mpc\.solve_delay_s"):
-        make_transit_diagram(scenario, body=kleopatra())
 
 
 def test_a_longer_covariance_needs_a_wider_margin(backup: BackupBraking) -> None:

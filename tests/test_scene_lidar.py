@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import BodyIndex, FixedOffsetFrame, SpatialInertia
+from pydrake.multibody.tree import FixedOffsetFrame, SpatialInertia
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from scipy.spatial import Delaunay
@@ -162,11 +162,6 @@ def test_it_rides_on_a_frame_of_a_body() -> None:
     found = system.GetOutputPort("X_WF").Eval(context)
     expected = mount.CalcPoseInWorld(of_plant)
     np.testing.assert_allclose(found.GetAsMatrix4(), expected.GetAsMatrix4(), atol=1e-12)
-
-
-def test_an_index_is_refused() -> None:
-    with pytest.raises(InputError, match="BodyPose needs a RigidBody or Frame as frame, got a"):
-        BodyPose(BodyIndex(1))  # pyright: ignore[reportArgumentType]
 
 
 GROUND = {"Ground": Surface(np.eye(3), [[0, 1, 2]])}

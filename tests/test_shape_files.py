@@ -12,7 +12,6 @@ from plain_polyhedral_gravity import box, star_shaped
 
 from proxops.assets import ASSETS
 from proxops.systems.common.errors import InputError
-from proxops.systems.shapes._text_meshes import read_tables
 from proxops.systems.shapes.polyhedron import Polyhedron
 from proxops.systems.shapes.self_intersection import self_intersections
 from proxops.systems.shapes.shape_files import mesh_bytes, read_mesh
@@ -183,12 +182,6 @@ def test_refused(tmp_path: Path) -> None:
         read_mesh(path)
     with pytest.raises(InputError, match=r"is written as one of .* not '\.gltf'"):
         mesh_bytes(VERTICES, FACETS, ".gltf")
-
-
-def test_a_label_of_blank_lines_takes_no_time() -> None:
-    """With time that grows with the square of the lines, this would take hours."""
-    with pytest.raises(ValueError, match=r"."):
-        read_tables("PDS_VERSION_ID" + 1_000_000 * "\n", None)
 
 
 BODY = star_shaped(7)

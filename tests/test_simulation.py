@@ -175,11 +175,6 @@ def test_disturbed_flight_repeats_bit_for_bit() -> None:
     assert differences(log, fly(log.scenario, "mpc", body=log.body)) == []
 
 
-def test_failed_flight_repeats_bit_for_bit() -> None:
-    log = falling_flight()
-    assert differences(log, fly(log.scenario, "zero", body=log.body)) == []
-
-
 def test_another_noise_seed_changes_the_sensor_and_the_push_alone() -> None:
     scenario = short_scenario(**BRIEF)
     one = fly(scenario, body=kleopatra())
@@ -319,13 +314,6 @@ def test_controllers_refused(name: str, complaint: str) -> None:
     with pytest.raises(InputError, match=complaint) as caught:
         named_controller(name, load_scenario(), kleopatra())
     assert repr(name) in str(caught.value)
-
-
-def test_progress_is_told() -> None:
-    told = []
-    fly(short_scenario(**BRIEF), "zero", progress=lambda *at: told.append(at), body=kleopatra())
-    assert told[-1] == (pytest.approx(1.0), "150 s")
-    assert [done for done, _ in told] == sorted(done for done, _ in told)
 
 
 def test_a_period_of_several_steps_keeps_one_frame_each():

@@ -165,12 +165,6 @@ def test_plane_cut_is_rows_by_columns(kleopatra: GravityField, plane: str) -> No
     assert not cut.inside[0, 0]
 
 
-@pytest.mark.parametrize("plane", ["", "x", "xx", "xyz", "uv"])
-def test_unknown_plane_is_refused(kleopatra: GravityField, plane: str) -> None:
-    with pytest.raises(InputError, match="a plane is two of x, y and z"):
-        plane_cut(kleopatra, 0.0, 1e5, plane)
-
-
 # --- equilibria -----------------------------------------------------------------------------------
 
 

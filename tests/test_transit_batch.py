@@ -152,26 +152,6 @@ def test_a_limit_of_steps_cuts_as_that_of_one_does() -> None:
         TransitBatch(2, changes=EXACT, max_episode_steps=0)
 
 
-def test_pictures_of_a_batch() -> None:
-    many = batch(2, changes=EXACT, render_mode="rgb_array", max_episode_steps=2)
-    with pytest.raises(gymnasium.error.ResetNeeded):
-        many.render()
-    many.reset(options={"transit": [7, 8]})
-    begins = many.render()
-    assert isinstance(begins, tuple)
-    assert [picture.shape for picture in begins] == [(540, 960, 3)] * 2
-    assert (begins[0] != begins[1]).any()
-    many.step(np.ones((2, 3)))
-    assert len(many._paths[0]) == 2
-    many.step(np.ones((2, 3)))
-    many.step(np.ones((2, 3)))  # Others begin.
-    assert [len(path) for path in many._paths] == [1, 1]
-    alone = single(changes=EXACT, render_mode="rgb_array")
-    alone.reset(options={"transit": 8})
-    np.testing.assert_array_equal(alone.render(), begins[1])
-    assert batch(2).render() is None
-
-
 def test_same_seed_same_transits() -> None:
     many = batch(4, changes=EXACT | SHORT)
     found = [many.reset(seed=seed) for seed in (1, 1, 2)]
@@ -209,11 +189,6 @@ def test_before_a_reset() -> None:
 def test_what_it_leaves_out_is_refused(changes: dict) -> None:
     with pytest.raises(InputError, match="as believed"):
         batch(changes=EXACT | changes)
-
-
-def test_what_means_nothing_by_itself_is_as_believed() -> None:
-    """The scenarios of `proxops shape` have it, in proportion to the body."""
-    batch(changes=EXACT | {"truth.surface_correlation_m": 30.0})
 
 
 # --- which paths need no closer look ------------------------------------------------------------

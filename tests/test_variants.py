@@ -35,11 +35,6 @@ def test_a_variant_changes_its_keys_alone() -> None:
     assert shared.hybrid.gate == "strict"
 
 
-def test_a_key_that_is_not_there_is_refused() -> None:
-    with pytest.raises(InputError, match=r"hybrid: there is no key 'gat'"):
-        variant_flights(Variant("wrong", "zero", {"hybrid.gat": "paper"}), load_scenario(), 5, [0])
-
-
 def test_flights_start_where_the_variant_says() -> None:
     def above(transit: Transit, scenario: Scenario, body: Body) -> tuple[np.ndarray, np.ndarray]:
         return np.array([0.0, 0.0, 1e5 + transit.index]), np.array([1.0, 2.0, 3.0])

@@ -1,6 +1,5 @@
 """Windows hold the steps they should and lie within one flight; batches come in order."""
 
-import pickle
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +8,6 @@ import pytest
 import torch
 import xarray as xr
 from flight_folders import copy_flights
-from torch.utils.data import DataLoader
 
 from proxops.systems import InputError
 from proxops.training.data import PackedFlights, pack_flights
@@ -88,13 +86,6 @@ def test_windows_that_cannot_be(
         WindowDataset(packed, part, **options)
 
 
-def test_no_such_window(packed: PackedFlights) -> None:
-    windows = WindowDataset(packed, "training", 5)
-    for index in (-1, len(windows)):
-        with pytest.raises(IndexError, match="numbered from 0"):
-            windows[index]
-
-
 # --- what they hold -------------------------------------------------------------------------------
 
 
@@ -157,15 +148,6 @@ def test_a_batch_is_its_windows(packed: PackedFlights) -> None:
         assert torch.equal(values, single), name
 
 
-def test_torch_s_own_loader_gives_the_same(packed: PackedFlights) -> None:
-    windows = everything(packed)
-    plain = list(DataLoader(windows, batch_size=8))
-    ours = list(WindowBatches(windows, 8))
-    assert len(plain) == len(ours) == len(WindowBatches(windows, 8)) > 1
-    for one, other in zip(plain, ours, strict=True):
-        assert all(torch.equal(one[name], other[name]) for name in one)
-
-
 def test_shuffled_epochs(packed: PackedFlights) -> None:
     windows = WindowDataset(packed, "training", 3)
 
@@ -180,17 +162,3 @@ def test_shuffled_epochs(packed: PackedFlights) -> None:
     assert order(1) != first
     assert order(0, seed=1) != first
     assert order(0) == first
-
-
-def test_pickled(packed: PackedFlights) -> None:
-    windows = everything(packed)
-    text = pickle.dumps(windows)
-    assert len(text) < 5000
-    again = pickle.loads(text)
-    for name, values in windows.batch([0, 3]).items():
-        assert torch.equal(again.batch([0, 3])[name], values), name
-
-
-def test_a_batch_needs_a_window(packed: PackedFlights) -> None:
-    with pytest.raises(InputError, match="at least 1 window"):
-        WindowBatches(everything(packed), 0)

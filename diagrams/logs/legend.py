@@ -84,7 +84,7 @@ def _read_entry(text: object) -> LegendEntry | None:
         good = isinstance(name, str) and 0 < len(name) <= _LONGEST_NAME
         if not good or not all(0.0 <= level <= 1.0 for level in (red, green, blue)):
             raise ValueError(text)
-    except (TypeError, ValueError, OverflowError, RecursionError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise InputError(
             "a legend entry needs a name of 1 to 200 letters, and red, green and blue from 0 to 1"
         ) from error

@@ -20,7 +20,6 @@ from matplotlib.lines import Line2D
 from matplotlib.patheffects import Normal, Stroke
 
 from proxops.diagrams.plots.shared_axes import length_unit
-from proxops.systems.common import InputError
 from proxops.systems.gravity import (
     AXES,
     BodyField,
@@ -108,12 +107,7 @@ def draw_surface(
 
     Returns:
       The facets that were drawn.
-
-    Raises:
-      InputError: there is no such view.
     """
-    if view not in VIEWS:
-        raise InputError(f"a view must be one of {', '.join(VIEWS)}; got {view!r}")
     right, up = (_unit(axis) for axis in VIEWS[view])
     towards = np.cross(right, up)
     centres = shape.vertices[shape.facets].mean(axis=1)
