@@ -8,6 +8,7 @@ A line of a page that starts with one of these is replaced:
 * `!help`: what `proxops --help` prints.
 * `!file PATH`: a file of the repository, as code.
 * `!experiments PATH`: a Markdown file of the repository, without its title, headings a level down.
+* `!configs`: the dataclasses of a scenario, section by section, as code.
 * `!dispersions NAME`: a table of dispersions that ship, with the source of each number.
 * `!quantities`: the table of uncertain quantities, with whom they are told.
 * `!log_variables`: a table of a flight log's variables.
@@ -19,10 +20,13 @@ from elsewhere.
 """
 
 import ast
+import dataclasses as dc
 import html
 import inspect
 import re
 import tempfile
+import typing
+from collections.abc import Iterator
 from pathlib import Path
 
 from latex2mathml.converter import convert
@@ -37,6 +41,7 @@ from proxops.diagrams.logs import VARIABLES
 from proxops.diagrams.meshcat import write_replay
 from proxops.diagrams.scenario import (
     QUANTITIES,
+    Scenario,
     load_body,
     load_dispersions,
     load_scenario,
@@ -100,6 +105,21 @@ def _dispersions(name: str) -> str:
     return "\n".join(lines)
 
 
+def _configs(_: str) -> str:
+    def sections(schema: type, key: str) -> Iterator[tuple[str, type]]:
+        yield key, schema
+        for field in dc.fields(schema):
+            for option in typing.get_args(field.type) or (field.type,):
+                if dc.is_dataclass(option):
+                    yield from sections(option, f"{key}.{field.name}".strip("."))
+
+    parts = []
+    for key, schema in sections(Scenario, ""):
+        code = re.sub(r"^@config\n", "", inspect.getsource(schema))
+        parts += [f"## {key or 'The whole scenario'}", f"```python\n{code}```"]
+    return "\n\n".join(parts)
+
+
 def _quantities(_: str) -> str:
     lines = ["| key | tunes `navigation.expected.…` | `assurance.bounds.…` |", "|---|---|---|"]
     for each in QUANTITIES:
@@ -147,6 +167,7 @@ def _modules(folder: str) -> str:
 
 _MAKERS = {
     "commands": _commands,
+    "configs": _configs,
     "dispersions": _dispersions,
     "quantities": _quantities,
     "experiments": _experiments,

@@ -17,7 +17,6 @@ from proxops.diagrams.scenario import (
     load_body,
     load_dispersions,
 )
-from proxops.diagrams.scenario.scenario_config import PolicyConfig
 from proxops.studies.beyond.campaigns import (
     BODIES,
     DISPERSED_BODIES,
@@ -34,6 +33,7 @@ from proxops.studies.beyond.story import (
 )
 from proxops.studies.evaluation import Variant
 from proxops.systems import InputError
+from proxops.systems.policy import PolicyConfig
 
 
 def small(name: str, **changes: Any) -> Campaign:

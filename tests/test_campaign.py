@@ -24,11 +24,11 @@ from proxops.diagrams.flight.campaign import Flight, run_campaign, transit_fligh
 from proxops.diagrams.flight.named_controllers import named_controller
 from proxops.diagrams.flight.origin import provenance
 from proxops.diagrams.logs.flight_log import FlightLog
-from proxops.diagrams.scenario.navigation_config import LidarNavigationConfig
 from proxops.diagrams.scenario.scenario import change_scenario, load_scenario, parse_scenario
 from proxops.diagrams.scenario.scenario_config import Scenario
 from proxops.diagrams.scenario.transits import transit_set
 from proxops.systems import InputError
+from proxops.systems.navigation import LidarNavigationConfig
 
 WALL_TIMES = {"wall_s", "control_ms_median", "control_ms_p99", "control_ms_mean"}
 

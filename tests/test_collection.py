@@ -25,8 +25,8 @@ from proxops.diagrams.flight.simulation import fly
 from proxops.diagrams.logs.flight_log import FlightLog, differences
 from proxops.diagrams.scenario.body import load_body
 from proxops.diagrams.scenario.scenario import load_scenario, parse_scenario
-from proxops.diagrams.scenario.scenario_config import LearnedLidarConfig
 from proxops.systems import InputError
+from proxops.systems.lidar import LearnedLidarConfig
 from proxops.training.data.collection import describe_flight, learned_lidar_of
 from proxops.training.data.recovery import flight_scenario, kind_of
 

@@ -13,8 +13,7 @@ from proxops.diagrams.logs.flight_log import FlightLog
 from proxops.diagrams.logs.legend import REASONS
 from proxops.diagrams.plots.decision_plot import plot_decisions
 from proxops.diagrams.scenario import AssuranceConfig, TrueStateConfig, dump_scenario
-from proxops.diagrams.scenario.scenario_config import AssuranceBoundsConfig
-from proxops.systems.assurance import InterventionReason
+from proxops.systems.assurance import AssuranceBoundsConfig, InterventionReason
 
 
 @pytest.fixture

@@ -13,12 +13,12 @@ from proxops.diagrams.flight.hybrid_controller import zero_hybrid
 from proxops.diagrams.scenario.declared_bounds import described_bounds
 from proxops.diagrams.scenario.drawn_world import draw_world
 from proxops.diagrams.scenario.scenario import load_scenario
-from proxops.diagrams.scenario.scenario_config import AssuranceBoundsConfig
 from proxops.diagrams.scenario.told_bounds import assurance_bounds
 from proxops.diagrams.scenario.transits import of_transit
 from proxops.diagrams.scenario.true_body import make_true_body
 from proxops.diagrams.scenario.truth_config import TruthConfig
 from proxops.systems import AssuranceBounds, InputError
+from proxops.systems.assurance import AssuranceBoundsConfig
 from proxops.systems.vehicle.attitude_error import believed_axes
 
 # Everything that a bound is made of, but what changes gravity, which takes longer.

@@ -14,10 +14,10 @@ from known_policies import Counting, DeadReckoning, write_policy
 from test_evaluation import ESTIMATE_ERRORS, row
 
 from proxops.diagrams.logs.flight_log import FlightLog
-from proxops.diagrams.scenario.scenario_config import ArrivalConfig
 from proxops.studies.evaluation.evaluation import aggregate
 from proxops.studies.evaluation.flights import shown_transits, worst_flights
 from proxops.studies.evaluation.table import figure_rows, outcome
+from proxops.systems.vehicle import ArrivalConfig
 
 POLICY = {"policy_sha256": "1" * 64, "mpc_solves": 0, "policy_share": 1.0}
 ESTIMATES = {f"estimate_{name}": value for name, value in ESTIMATE_ERRORS.items()}

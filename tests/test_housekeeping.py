@@ -32,7 +32,9 @@ USED_BY_NAME = {
 IN_NOTEBOOKS_ONLY = {"IPython"}
 LONGEST_FUNCTION = 80
 # Longer functions, as `path: name`, and why each is allowed to be. At most ten.
-LONGER_FUNCTIONS: dict[str, str] = {}
+LONGER_FUNCTIONS: dict[str, str] = {
+    "cli/shape.py: shape_command": "most of it is its eighteen options, with a help text each",
+}
 
 
 def sources(*folders: str) -> Iterator[Path]:

@@ -17,9 +17,9 @@ from proxops.diagrams.meshcat import live_view
 from proxops.diagrams.meshcat.meshcat_scene import Scene, add_plan, quiet_meshcat
 from proxops.diagrams.meshcat.navigation_scene import move_navigation
 from proxops.diagrams.scenario.body import load_body
-from proxops.diagrams.scenario.navigation_config import LidarNavigationConfig, TrueStateConfig
-from proxops.diagrams.scenario.scenario_config import Scenario
+from proxops.diagrams.scenario.scenario_config import Scenario, TrueStateConfig
 from proxops.systems import ModelPredictiveController, Plan, TransitProgram
+from proxops.systems.navigation import LidarNavigationConfig
 
 PERIOD = 10.0
 BODY = load_body("kleopatra")

@@ -20,9 +20,9 @@ from proxops.diagrams.flight.simulation import fly, make_simulator
 from proxops.diagrams.flight.transit_diagram import make_transit_diagram
 from proxops.diagrams.logs.flight_log import FlightLog, differences
 from proxops.diagrams.scenario.scenario import load_scenario
-from proxops.diagrams.scenario.scenario_config import PolicyConfig, Scenario
+from proxops.diagrams.scenario.scenario_config import Scenario
 from proxops.systems import GuidancePolicy, InputError, PolicyBundle
-from proxops.systems.policy import neural_policy
+from proxops.systems.policy import PolicyConfig, neural_policy
 
 
 @pytest.fixture(scope="module")

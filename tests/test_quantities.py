@@ -10,10 +10,10 @@ from short_flights import kleopatra
 
 from proxops.diagrams.scenario import QUANTITIES, World, load_dispersions, load_scenario
 from proxops.diagrams.scenario.dotted_keys import default_at, dotted_keys
-from proxops.diagrams.scenario.navigation_config import ExpectedErrorsConfig
 from proxops.diagrams.scenario.quantities import HARMLESS, Quantity
-from proxops.diagrams.scenario.scenario_config import AssuranceBoundsConfig
+from proxops.systems.assurance import AssuranceBoundsConfig
 from proxops.systems.common import InputError
+from proxops.systems.navigation import ExpectedErrorsConfig
 
 SECTIONS = ("truth.", "disturbance.", "force_noise.", "kicks.")
 # Values that are no spread about what is believed.

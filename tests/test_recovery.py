@@ -11,15 +11,15 @@ from short_flights import kleopatra
 
 from proxops.diagrams.scenario.scenario import load_scenario
 from proxops.diagrams.scenario.scenario_checks import check_scenario
-from proxops.diagrams.scenario.scenario_config import (
+from proxops.diagrams.scenario.scenario_config import Scenario
+from proxops.diagrams.scenario.transits import scenario_transit, transit_set
+from proxops.systems import InputError
+from proxops.systems.vehicle import (
     ForceNoiseConfig,
     KicksConfig,
     RandomWalkDisturbanceConfig,
-    Scenario,
     SpacecraftConfig,
 )
-from proxops.diagrams.scenario.transits import scenario_transit, transit_set
-from proxops.systems import InputError
 from proxops.training.data.recovery import KINDS, MIXES, flight_scenario, kind_of, parse_mix
 
 AXES = np.array([140e3, 70e3, 65e3])

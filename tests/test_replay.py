@@ -27,8 +27,7 @@ from proxops.diagrams.meshcat.meshcat_scene import (
 )
 from proxops.diagrams.scenario import AssuranceConfig, dump_scenario
 from proxops.diagrams.scenario.body import Body, BodyConfig
-from proxops.diagrams.scenario.scenario_config import AssuranceBoundsConfig
-from proxops.systems.assurance import InterventionReason
+from proxops.systems.assurance import AssuranceBoundsConfig, InterventionReason
 from proxops.systems.shapes.polyhedron import Polyhedron
 
 

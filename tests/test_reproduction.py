@@ -16,7 +16,6 @@ from short_flights import BRIEF, short_scenario
 from proxops.diagrams.flight import Workers
 from proxops.diagrams.flight.campaign import Flight
 from proxops.diagrams.scenario import Scenario, dump_scenario
-from proxops.diagrams.scenario.scenario_config import PolicyConfig
 from proxops.studies.evaluation.variants import Variant, fly_variants
 from proxops.studies.reproduction.flights import variants
 from proxops.studies.reproduction.reproduction import (
@@ -26,6 +25,7 @@ from proxops.studies.reproduction.reproduction import (
 )
 from proxops.studies.reproduction.training import TrainingSettings
 from proxops.systems import InputError
+from proxops.systems.policy import PolicyConfig
 from proxops.training.data.collecting import collect
 
 pytestmark = pytest.mark.slow

@@ -14,7 +14,6 @@ from short_flights import kleopatra
 from proxops.assets import ASSETS
 from proxops.diagrams.flight.campaign import Flight
 from proxops.diagrams.scenario.drawn_world import draw_world
-from proxops.diagrams.scenario.navigation_config import LidarNavigationConfig
 from proxops.diagrams.scenario.scenario import load_scenario, parse_scenario
 from proxops.diagrams.scenario.scenario_config import Scenario
 from proxops.diagrams.scenario.transits import (
@@ -24,6 +23,7 @@ from proxops.diagrams.scenario.transits import (
     scenario_transit,
 )
 from proxops.studies.evaluation.variants import Variant, variant_flights
+from proxops.systems.navigation import LidarNavigationConfig
 from proxops.systems.shapes.ellipsoid import clearances
 
 AXES = np.array([140e3, 70e3, 65e3])

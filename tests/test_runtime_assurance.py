@@ -8,8 +8,8 @@ from proxops.diagrams.flight.scenario_systems import make_backup
 from proxops.diagrams.flight.simulation import fly
 from proxops.diagrams.logs.flight_log import FlightLog, differences
 from proxops.diagrams.scenario.scenario import load_scenario
-from proxops.diagrams.scenario.scenario_config import AssuranceBoundsConfig, AssuranceConfig
 from proxops.systems import BackupBraking, InputError, InterventionReason, RuntimeAssurance
+from proxops.systems.assurance import AssuranceBoundsConfig, AssuranceConfig
 from proxops.systems.vehicle.state_prediction import predicted_state
 
 # 1 km above the ellipsoid's end on the spin axis.

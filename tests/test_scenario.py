@@ -11,11 +11,6 @@ from hypothesis import strategies as st
 from plain_polyhedral_gravity import star_shaped
 
 from proxops.diagrams.scenario.body import BodyConfig, load_body
-from proxops.diagrams.scenario.navigation_config import (
-    ExpectedErrorsConfig,
-    LidarNavigationConfig,
-    TrueStateConfig,
-)
 from proxops.diagrams.scenario.scenario import (
     change_scenario,
     dump_scenario,
@@ -24,23 +19,22 @@ from proxops.diagrams.scenario.scenario import (
     read_mapping,
 )
 from proxops.diagrams.scenario.scenario_checks import check_scenario
-from proxops.diagrams.scenario.scenario_config import (
+from proxops.diagrams.scenario.scenario_config import Scenario, TransitConfig, TrueStateConfig
+from proxops.diagrams.scenario.truth_config import TruthConfig
+from proxops.systems.assurance import AssuranceBoundsConfig, AssuranceConfig
+from proxops.systems.common.errors import InputError
+from proxops.systems.expert import MpcConfig
+from proxops.systems.lidar import LearnedLidarConfig, LidarConfig
+from proxops.systems.navigation import ExpectedErrorsConfig, LidarNavigationConfig
+from proxops.systems.policy import PolicyConfig
+from proxops.systems.vehicle import (
     ArrivalConfig,
-    AssuranceBoundsConfig,
-    AssuranceConfig,
     ForceNoiseConfig,
     KicksConfig,
-    LearnedLidarConfig,
-    LidarConfig,
-    MpcConfig,
-    PolicyConfig,
     RandomWalkDisturbanceConfig,
-    Scenario,
     SpacecraftConfig,
-    TransitConfig,
+    TrueThrustersConfig,
 )
-from proxops.diagrams.scenario.truth_config import TrueThrustersConfig, TruthConfig
-from proxops.systems.common.errors import InputError
 
 positive = st.floats(0.5, 1e3)
 not_negative = st.floats(0.0, 1e3)

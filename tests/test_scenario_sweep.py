@@ -12,10 +12,11 @@ from short_flights import kleopatra
 
 from proxops.diagrams.flight.simulation import fly
 from proxops.diagrams.scenario.body import BodyConfig, load_body
-from proxops.diagrams.scenario.limits import limits_of
 from proxops.diagrams.scenario.scenario import dump_scenario, load_scenario, parse_scenario
-from proxops.diagrams.scenario.scenario_config import LearnedLidarConfig, Scenario
+from proxops.diagrams.scenario.scenario_config import Scenario
+from proxops.systems.common import limits_of
 from proxops.systems.common.errors import InputError
+from proxops.systems.lidar import LearnedLidarConfig
 
 VALUES: tuple[typing.Any, ...] = (
     math.nan, math.inf, -math.inf, 0, -1, 1e300, 1e-300, 1e22, 10**22, 10**400,

@@ -13,7 +13,7 @@ from proxops.diagrams.flight.campaign import transit_flights
 from proxops.diagrams.flight.simulation import fly
 from proxops.diagrams.logs.flight_log import FlightLog, differences
 from proxops.diagrams.scenario.scenario import dump_scenario, load_scenario, parse_scenario
-from proxops.diagrams.scenario.scenario_config import LearnedLidarConfig
+from proxops.systems.lidar import LearnedLidarConfig
 from proxops.systems.lidar.lidar_bundle import LidarBundle
 
 

@@ -1,22 +1,17 @@
 """The scenario, the body, the transit and the true world: what a flight depends on.
 
-Start with `load_scenario` and the dataclasses of `scenario_config`, which give each value its
-default, unit and limits; then read `World.of`, which makes all that one flight depends on, once:
+Start with `load_scenario` and `Scenario`, which composes the dataclasses that stand beside the
+systems that they configure; then read `World.of`, which makes all that one flight depends on, once:
 the drawn scenario, the belief, the body, the true body, the transit. `truth_config` says how the
-world may differ from what is believed. `navigation_config` says from what the controllers know the
-state, and `expected_errors` what the navigation takes its errors to be; `assurance_bounds` gives
-the errors within which runtime assurance keeps out. To add a value to the scenario, add a field to
-one of these dataclasses. Nothing in this room simulates.
+world may differ from what is believed, and `QUANTITIES` what of it is uncertain and who is told.
+`expected_errors` gives what the navigation takes its errors to be, and `assurance_bounds` the
+errors within which runtime assurance keeps out. Nothing in this room simulates.
 """
 
 from proxops.diagrams.scenario.body import Body, BodyConfig, check_constants, load_body
 from proxops.diagrams.scenario.declared_bounds import described_bounds
 from proxops.diagrams.scenario.dispersions import Dispersion, load_dispersions
 from proxops.diagrams.scenario.drawn_world import dispersed_values, draw_world
-from proxops.diagrams.scenario.navigation_config import (
-    LidarNavigationConfig,
-    TrueStateConfig,
-)
 from proxops.diagrams.scenario.overrides import dotted_leaves, given_keys
 from proxops.diagrams.scenario.quantities import QUANTITIES
 from proxops.diagrams.scenario.remarks import scenario_remarks
@@ -27,21 +22,7 @@ from proxops.diagrams.scenario.scenario import (
     parse_scenario,
 )
 from proxops.diagrams.scenario.scenario_checks import check_scenario
-from proxops.diagrams.scenario.scenario_config import (
-    ArrivalConfig,
-    AssuranceConfig,
-    ForceNoiseConfig,
-    HybridConfig,
-    KicksConfig,
-    LearnedLidarConfig,
-    LidarConfig,
-    MpcConfig,
-    RandomWalkDisturbanceConfig,
-    Scenario,
-    SpacecraftConfig,
-    TransitConfig,
-    WeightedCostConfig,
-)
+from proxops.diagrams.scenario.scenario_config import Scenario, TransitConfig, TrueStateConfig
 from proxops.diagrams.scenario.told_bounds import assurance_bounds
 from proxops.diagrams.scenario.told_errors import expected_errors
 from proxops.diagrams.scenario.transits import (
@@ -60,10 +41,7 @@ from proxops.diagrams.scenario.true_body import (
     make_true_body,
     turns_the_axes,
 )
-from proxops.diagrams.scenario.truth_config import (
-    TrueThrustersConfig,
-    TruthConfig,
-)
+from proxops.diagrams.scenario.truth_config import TruthConfig
 from proxops.diagrams.scenario.typed_yaml import (
     dump_typed,
     is_yaml_path,
@@ -72,6 +50,19 @@ from proxops.diagrams.scenario.typed_yaml import (
 )
 from proxops.diagrams.scenario.world import World, believed
 from proxops.diagrams.scenario.world_differences import differing_values, spin_axes
+from proxops.systems.assurance import AssuranceConfig
+from proxops.systems.expert import MpcConfig, WeightedCostConfig
+from proxops.systems.hybrid import HybridConfig
+from proxops.systems.lidar import LearnedLidarConfig, LidarConfig
+from proxops.systems.navigation import LidarNavigationConfig
+from proxops.systems.vehicle import (
+    ArrivalConfig,
+    ForceNoiseConfig,
+    KicksConfig,
+    RandomWalkDisturbanceConfig,
+    SpacecraftConfig,
+    TrueThrustersConfig,
+)
 
 __all__ = [
     "QUANTITIES",

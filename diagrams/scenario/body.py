@@ -8,9 +8,8 @@ from typing import Self
 import numpy as np
 
 from proxops.assets import ASSETS
-from proxops.diagrams.scenario.limits import check_limits, number
 from proxops.diagrams.scenario.typed_yaml import is_yaml_path, load_typed, read_mapping
-from proxops.systems.common import InputError
+from proxops.systems.common import InputError, check_limits, number
 from proxops.systems.gravity import BodyField, GravityField, TabulatedField
 from proxops.systems.shapes import Polyhedron
 

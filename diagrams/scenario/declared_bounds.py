@@ -11,22 +11,21 @@ from typing import Any
 import numpy as np
 
 from proxops.diagrams.scenario.body import Body
-from proxops.diagrams.scenario.navigation_config import LidarNavigationConfig
 from proxops.diagrams.scenario.quantities import QUANTITY
-from proxops.diagrams.scenario.scenario_config import (
-    AssuranceBoundsConfig,
+from proxops.diagrams.scenario.scenario_config import Scenario
+from proxops.diagrams.scenario.truth_config import TruthConfig
+from proxops.diagrams.scenario.world_differences import differing_values
+from proxops.systems.assurance import AssuranceBounds, AssuranceBoundsConfig
+from proxops.systems.common import InputError, spread_directions
+from proxops.systems.gravity import GravityField
+from proxops.systems.navigation import LidarNavigationConfig
+from proxops.systems.shapes import Polyhedron, displaced
+from proxops.systems.vehicle import (
+    STANDARD_GRAVITY,
     ForceNoiseConfig,
     KicksConfig,
     RandomWalkDisturbanceConfig,
-    Scenario,
 )
-from proxops.diagrams.scenario.truth_config import TruthConfig
-from proxops.diagrams.scenario.world_differences import differing_values
-from proxops.systems.assurance import AssuranceBounds
-from proxops.systems.common import InputError, spread_directions
-from proxops.systems.gravity import GravityField
-from proxops.systems.shapes import Polyhedron, displaced
-from proxops.systems.vehicle import STANDARD_GRAVITY
 
 Reach = Callable[[str], tuple[float, float] | None]
 """Gives the least and the greatest value of a dispersed quantity, from its key; of a list, those of

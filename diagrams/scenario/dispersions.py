@@ -23,7 +23,6 @@ from proxops.diagrams.scenario.dotted_keys import (
     value_at,
     why_not_dispersed,
 )
-from proxops.diagrams.scenario.limits import limits_of
 from proxops.diagrams.scenario.path_keys import is_path
 from proxops.diagrams.scenario.scenario_config import Scenario
 from proxops.diagrams.scenario.typed_yaml import (
@@ -33,7 +32,7 @@ from proxops.diagrams.scenario.typed_yaml import (
     is_yaml_path,
     read_mapping,
 )
-from proxops.systems.common import InputError
+from proxops.systems.common import InputError, limits_of
 
 _FOLDER = ASSETS / "dispersions"
 BASE = "based_on"

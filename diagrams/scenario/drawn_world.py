@@ -10,7 +10,6 @@ from collections.abc import Callable
 from proxops.diagrams.scenario.body import Body
 from proxops.diagrams.scenario.dispersions import Dispersion, loaded_dispersions
 from proxops.diagrams.scenario.dotted_keys import set_value, value_at
-from proxops.diagrams.scenario.navigation_config import LidarNavigationConfig
 from proxops.diagrams.scenario.quantities import KNOWN_ON_THE_DAY, QUANTITY
 from proxops.diagrams.scenario.scenario_checks import check_scenario
 from proxops.diagrams.scenario.scenario_config import Scenario
@@ -18,6 +17,7 @@ from proxops.diagrams.scenario.told_bounds import with_bounds
 from proxops.diagrams.scenario.told_errors import errors_of_dispersions
 from proxops.diagrams.scenario.transits import scenario_transit
 from proxops.systems.common import InputError, derived_seed, generator
+from proxops.systems.navigation import LidarNavigationConfig
 
 
 def draw_world(scenario: Scenario, body: Body) -> Scenario:

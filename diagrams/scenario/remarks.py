@@ -8,10 +8,10 @@ import numpy as np
 
 from proxops.diagrams.scenario.body import Body
 from proxops.diagrams.scenario.dotted_keys import default_at, value_at
-from proxops.diagrams.scenario.navigation_config import LidarNavigationConfig
 from proxops.diagrams.scenario.quantities import QUANTITIES
 from proxops.diagrams.scenario.scenario_config import Scenario
 from proxops.diagrams.scenario.told_errors import usual_errors
+from proxops.systems.navigation import LidarNavigationConfig
 from proxops.systems.shapes import clearances
 
 # What a mended map tells of itself.

@@ -5,10 +5,10 @@ import math
 from collections.abc import Iterator
 
 from proxops.diagrams.scenario.dotted_keys import why_not_dispersed
-from proxops.diagrams.scenario.limits import check_limits
 from proxops.diagrams.scenario.path_keys import names_and_paths
-from proxops.diagrams.scenario.scenario_config import LearnedLidarConfig, Scenario, TransitConfig
-from proxops.systems.common import InputError
+from proxops.diagrams.scenario.scenario_config import Scenario, TransitConfig
+from proxops.systems.common import InputError, check_limits
+from proxops.systems.lidar import LearnedLidarConfig
 
 # The greatest number of control steps of a flight; all steps are kept in memory.
 _MOST_STEPS = 1_000_000

@@ -15,15 +15,10 @@ from proxops.diagrams.scenario.declared_bounds import (
     own_values,
 )
 from proxops.diagrams.scenario.dispersions import BASE, Dispersion, loaded_dispersions
-from proxops.diagrams.scenario.limits import check_limits
-from proxops.diagrams.scenario.scenario_config import (
-    AssuranceBoundsConfig,
-    AssuranceConfig,
-    Scenario,
-)
+from proxops.diagrams.scenario.scenario_config import Scenario
 from proxops.diagrams.scenario.typed_yaml import is_yaml_path, load_typed, read_mapping
-from proxops.systems.assurance import AssuranceBounds
-from proxops.systems.common import InputError
+from proxops.systems.assurance import AssuranceBounds, AssuranceBoundsConfig, AssuranceConfig
+from proxops.systems.common import InputError, check_limits
 
 
 def assurance_bounds(scenario: Scenario, body: Body) -> AssuranceBounds:

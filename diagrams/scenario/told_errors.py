@@ -11,20 +11,23 @@ from typing import TypeVar
 import numpy as np
 
 from proxops.diagrams.scenario.body import Body
-from proxops.diagrams.scenario.limits import limits_of
-from proxops.diagrams.scenario.navigation_config import ExpectedErrorsConfig, LidarNavigationConfig
 from proxops.diagrams.scenario.quantities import QUANTITIES
-from proxops.diagrams.scenario.scenario_config import (
+from proxops.diagrams.scenario.scenario_config import Scenario
+from proxops.systems.common import InputError, limits_of
+from proxops.systems.gravity import GravityField
+from proxops.systems.navigation import (
+    ExpectedErrors,
+    ExpectedErrorsConfig,
+    LidarNavigationConfig,
+    shift_of_centre,
+)
+from proxops.systems.shapes import Polyhedron
+from proxops.systems.vehicle import (
+    STANDARD_GRAVITY,
     ForceNoiseConfig,
     KicksConfig,
     RandomWalkDisturbanceConfig,
-    Scenario,
 )
-from proxops.systems.common import InputError
-from proxops.systems.gravity import GravityField
-from proxops.systems.navigation import ExpectedErrors, shift_of_centre
-from proxops.systems.shapes import Polyhedron
-from proxops.systems.vehicle import STANDARD_GRAVITY
 
 Spread = Callable[[str], float | None]
 """Gives the root mean square of the error of a dispersed value (see `Quantity.about`), from its

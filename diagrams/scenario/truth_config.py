@@ -5,79 +5,14 @@ Every value can be set alone. With its default, the world is as believed.
 
 import dataclasses as dc
 
-from proxops.diagrams.scenario.limits import number, one_of, vector
+from proxops.systems.common import FAR, config, number, one_of, vector
+from proxops.systems.lidar import TrueLidarConfig
+from proxops.systems.vehicle import TrueAccelerationConfig, TrueAttitudeConfig, TrueThrustersConfig
 
-_FAR, _LONG = 1e9, 1e8
 _LARGEST_SEED = 2**53 - 1
 
 
-@dc.dataclass(slots=True)
-class TrueAttitudeConfig:
-    """How the spacecraft's axes S are turned against what it takes for them: the body's axes K.
-
-    This is the error of star tracker and mounting. Errors of spin rate, pole and phase turn S as
-    well. Lidar rays and thrust turn with S.
-    """
-
-    # Constant rotation vector.
-    constant_deg: list[float] = vector([0.0] * 3, at_least=-180.0, at_most=180.0, unit="degrees")
-    # Standard deviation, per axis, of a rotation vector that varies (first-order Gauss-Markov), and
-    # the time over which its correlation falls to 1/e.
-    varying_std_deg: float = number(0.0, at_least=0.0, at_most=90.0, unit="degrees")
-    correlation_time_s: float = number(3600.0, at_least=1e-2, at_most=_LONG, unit="s")
-
-
-@dc.dataclass(slots=True)
-class TrueLidarConfig:
-    """How the true lidar differs from the one on the data sheet."""
-
-    # This length is added to every range.
-    bias_m: float = number(0.0, at_least=-_FAR, at_most=_FAR, unit="m")
-    # Every range is multiplied by 1 + scale_error.
-    scale_error: float = number(0.0, above=-1.0, at_most=1e3)
-    # True standard deviation of the noise, over lidar.noise_std_m.
-    noise: float = number(1.0, at_least=0.0, at_most=1e6)
-    # Probability that a return is lost.
-    dropout: float = number(0.0, at_least=0.0, at_most=1.0)
-    # Probability that a ray has a false return, at a random range.
-    false_returns: float = number(0.0, at_least=0.0, at_most=1.0)
-    # Full angle of a beam's cone. The range is that of the nearest surface in it.
-    beam_width_rad: float = number(0.0, at_least=0.0, at_most=0.1, unit="rad")
-    # Probability that a whole frame is lost.
-    frame_loss: float = number(0.0, at_least=0.0, at_most=1.0)
-    # Control steps from measuring a frame to having it.
-    latency_steps: int = number(0, at_least=0, at_most=1000)
-
-
-@dc.dataclass(slots=True)
-class TrueThrustersConfig:
-    """How the true thrust differs from the commanded force."""
-
-    # True force along each axis, over the commanded force.
-    scale: list[float] = vector([1.0] * 3, at_least=0.0, at_most=1e3)
-    # Rotation vector of the thrusters' axes against the spacecraft's axes.
-    direction_deg: list[float] = vector([0.0] * 3, at_least=-180.0, at_most=180.0, unit="degrees")
-    # A force along one axis whose impulse in a control period is smaller gives nothing.
-    least_impulse_n_s: float = number(0.0, at_least=0.0, at_most=1e9, unit="N s")
-    # The force along each axis is a multiple of this; 0: any force.
-    quantum_n: float = number(0.0, at_least=0.0, at_most=1e7, unit="N")
-    # The axis whose thrusters fail, and the time from which they give nothing.
-    failed_axis: str = one_of("none", ("none", "x", "y", "z"))
-    failure_time_s: float = number(0.0, at_least=0.0, at_most=_LONG, unit="s")
-
-
-@dc.dataclass(slots=True)
-class TrueAccelerationConfig:
-    """Accelerations in K that nothing on board explains."""
-
-    constant_m_s2: list[float] = vector([0.0] * 3, at_least=-1e6, at_most=1e6, unit="m/s^2")
-    # Standard deviation, per axis, of an acceleration that varies (first-order Gauss-Markov), and
-    # the time over which its correlation falls to 1/e.
-    varying_std_m_s2: float = number(0.0, at_least=0.0, at_most=1e6, unit="m/s^2")
-    correlation_time_s: float = number(600.0, at_least=1e-2, at_most=_LONG, unit="s")
-
-
-@dc.dataclass(slots=True)
+@config
 class TruthConfig:
     """How the true world differs from the believed one.
 
@@ -99,8 +34,8 @@ class TruthConfig:
     size: float = number(1.0, at_least=1e-1, at_most=10.0)
     # The surface is displaced along its normals by a smooth random field: its root mean square, its
     # correlation length, and its seed.
-    surface_rms_m: float = number(0.0, at_least=0.0, at_most=_FAR, unit="m")
-    surface_correlation_m: float = number(15e3, at_least=1e-3, at_most=_FAR, unit="m")
+    surface_rms_m: float = number(0.0, at_least=0.0, at_most=FAR, unit="m")
+    surface_correlation_m: float = number(15e3, at_least=1e-3, at_most=FAR, unit="m")
     surface_seed: int = number(0, at_least=0, at_most=_LARGEST_SEED)
     # True spin rate, over the believed one.
     spin: float = number(1.0, at_least=0.0, at_most=1e3)

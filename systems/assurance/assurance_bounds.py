@@ -6,7 +6,39 @@ import dataclasses
 import math
 from dataclasses import dataclass
 
-from proxops.systems.common import InputError
+from proxops.systems.common import (
+    FAR,
+    InputError,
+    config,
+    number,
+)
+
+
+@config
+class AssuranceBoundsConfig:
+    """The greatest errors for which runtime assurance keeps out; see `AssuranceBounds`.
+
+    By default everything is as believed.
+    """
+
+    # Of the size of gravity, over it.
+    gravity: float = number(0.0, at_least=0.0, below=1.0)
+    # Of the force of each thruster, over it.
+    thrust: float = number(0.0, at_least=0.0, below=1.0)
+    # Angle between the commanded force and the one that acts: thrusters and attitude together.
+    thrust_direction_deg: float = number(0.0, at_least=0.0, below=90.0, unit="degrees")
+    # Of the spacecraft's mass, over it. What a flight burns counts here.
+    mass: float = number(0.0, at_least=0.0, below=1.0)
+    # Of what else accelerates the spacecraft, along each axis.
+    acceleration_m_s2: float = number(0.0, at_least=0.0, at_most=1e6, unit="m/s^2")
+    # Of position and velocity, as far as the navigation's covariance does not say it.
+    position_m: float = number(0.0, at_least=0.0, at_most=FAR, unit="m")
+    velocity_m_s: float = number(0.0, at_least=0.0, at_most=1e5, unit="m/s")
+    # By how much the true surface may stand out from that of the map.
+    surface_m: float = number(0.0, at_least=0.0, at_most=FAR, unit="m")
+    # Time from the moment that a state describes to the one at which a command acts; at most
+    # control_period_s.
+    delay_s: float = number(0.0, at_least=0.0, at_most=3600.0, unit="s")
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,33 @@ import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import LeafSystem, ValueProducer
 
+from proxops.systems.assurance.assurance_bounds import AssuranceBoundsConfig
 from proxops.systems.assurance.backup_braking import Assured, BackupBraking, InterventionReason
-from proxops.systems.common import check_not_negative, error_bounds
+from proxops.systems.common import (
+    check_not_negative,
+    config,
+    error_bounds,
+    number,
+)
+
+
+@config
+class AssuranceConfig:
+    """The safety filter that keeps any controller out of the keep-out ellipsoid.
+
+    See `proxops.systems.RuntimeAssurance`. Of the scenario's `truth` the filter knows no more
+    than these bounds.
+    """
+
+    # The errors for which it does so. Either their values, or the name of dispersions that ship
+    # with proxops, or the path of a YAML file of dispersions or of these values; a path in a
+    # scenario file is relative to that file. Of dispersions, the ends count: a normal number ends
+    # at 3 sigma. null: what the scenario declares: its own dispersions, truth, disturbance, force
+    # noise and kicks; without any, no errors.
+    bounds: str | AssuranceBoundsConfig | None = None
+    # Position and velocity are taken to err by up to this many standard deviations of the
+    # navigation's covariance, along its longest axis, in addition to the bounds.
+    deviations: float = number(4.0, at_least=0.0, at_most=1e3)
 
 
 class RuntimeAssurance(LeafSystem):

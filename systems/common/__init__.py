@@ -40,13 +40,25 @@ from proxops.systems.common.kernels import kernel
 from proxops.systems.common.progress import Progress, part_of, silent
 from proxops.systems.common.rotations import rotation_matrix
 from proxops.systems.common.seeded_system import SeededSystem
+from proxops.systems.common.settings import (
+    FAR,
+    LONG,
+    check_limits,
+    config,
+    limits_of,
+    number,
+    one_of,
+    vector,
+)
 from proxops.systems.common.text_files import decoded
 from proxops.systems.common.threads import one_thread
 from proxops.systems.common.user_cache import keep_arrays, kept_arrays, name_of
 from proxops.systems.common.user_folders import cache_folder
 
 __all__ = [
+    "FAR",
     "LARGEST",
+    "LONG",
     "MODEL_FILE",
     "BundleKind",
     "InputError",
@@ -56,11 +68,13 @@ __all__ = [
     "SeededSystem",
     "SolverFailure",
     "cache_folder",
+    "check_limits",
     "check_not_negative",
     "check_port_size",
     "check_positive",
     "check_type",
     "checked_semi_axes",
+    "config",
     "decoded",
     "derived_seed",
     "directions_of",
@@ -71,9 +85,12 @@ __all__ = [
     "keep_arrays",
     "kept_arrays",
     "kernel",
+    "limits_of",
     "make_folder",
     "name_of",
+    "number",
     "offers_of",
+    "one_of",
     "one_thread",
     "open_session",
     "part_of",
@@ -81,6 +98,7 @@ __all__ = [
     "rotation_matrix",
     "silent",
     "spread_directions",
+    "vector",
     "write_json",
     "write_whole",
 ]

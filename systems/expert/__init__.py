@@ -8,7 +8,7 @@ recorded flight and the policy's training data: they raise the version.
 """
 
 from proxops.systems.expert.linearised_transit import KEEP_OUT_PRICE, SLACK_PRICE
-from proxops.systems.expert.model_predictive_controller import ModelPredictiveController
+from proxops.systems.expert.model_predictive_controller import ModelPredictiveController, MpcConfig
 from proxops.systems.expert.plan import (
     Horizon,
     Plan,
@@ -17,7 +17,11 @@ from proxops.systems.expert.plan import (
     PlanStatus,
 )
 from proxops.systems.expert.transit_program import TransitProgram
-from proxops.systems.expert.weighted_program import ErrorWeights, WeightedProgram
+from proxops.systems.expert.weighted_program import (
+    ErrorWeights,
+    WeightedCostConfig,
+    WeightedProgram,
+)
 
 __all__ = [
     "KEEP_OUT_PRICE",
@@ -25,10 +29,12 @@ __all__ = [
     "ErrorWeights",
     "Horizon",
     "ModelPredictiveController",
+    "MpcConfig",
     "Plan",
     "PlanProgram",
     "PlanReason",
     "PlanStatus",
     "TransitProgram",
+    "WeightedCostConfig",
     "WeightedProgram",
 ]

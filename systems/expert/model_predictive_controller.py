@@ -12,15 +12,21 @@ from pydrake.solvers import SolutionResult
 from pydrake.systems.framework import LeafSystem
 
 from proxops.systems.common import (
+    FAR,
+    LONG,
     InputError,
     LegendEntry,
     LoggedPort,
     SolverFailure,
     check_positive,
+    config,
+    number,
+    one_of,
 )
 from proxops.systems.expert.fallback_plans import braking, continued_plan
 from proxops.systems.expert.plan import Plan, PlanProgram, PlanReason, PlanStatus, empty_plan
 from proxops.systems.expert.plan_memory import memory_size, packed, unpacked
+from proxops.systems.expert.weighted_program import WeightedCostConfig
 from proxops.systems.vehicle import moved_by, predicted_state, unexplained_acceleration
 
 # About an old plan, the program is linearised up to so many times, until the first force changes by
@@ -34,6 +40,49 @@ _FAILURES = {
     SolutionResult.kInfeasibleOrUnbounded: PlanReason.SOLVER_INFEASIBLE,
     SolutionResult.kIterationLimit: PlanReason.SOLVER_ITERATION_LIMIT,
 }
+
+
+# The costs that the MPC may minimise.
+COSTS = ("time_and_fuel", "weighted")
+
+
+@config
+class MpcConfig:
+    """The MPC; see `proxops.systems.ModelPredictiveController`."""
+
+    # Number of intervals of a plan; the force is constant over each. Limits hold at their ends:
+    # with few intervals a path may cut through the body between them.
+    intervals: int = number(16, at_least=2, at_most=500)
+    # Ratio of the length of a plan's last interval to the length of its first.
+    interval_growth: float = number(4.0, at_least=1e-3, at_most=1e3)
+    # This acceleration sets the price of time. Without gravity and with fuel_weight 0, a transit
+    # takes as long as if the spacecraft accelerated by it halfway and then braked by it.
+    nominal_acceleration_m_s2: float = number(0.03, at_least=1e-9, at_most=1e6, unit="m/s^2")
+    # Weight of the thrust's 1-norm (fuel) against its square in the cost; both are relative to the
+    # limit. 0 gives the smoothest thrust, 1 gives nearly the least fuel.
+    fuel_weight: float = number(0.8, at_least=0.0, at_most=1e6)
+    # No plan is shorter than this time. Below twice the control period the MPC is not stable at the
+    # goal.
+    min_horizon_s: float = number(300.0, at_least=1e-2, at_most=LONG, unit="s")
+    # For its plans the MPC adds this length to every semi-axis of the keep-out ellipsoid. It does
+    # not reach a goal that lies within.
+    keep_out_margin_m: float = number(3.0e3, at_least=0.0, at_most=FAR, unit="m")
+    # If true, the MPC computes gravity from a point mass, not from the polyhedron.
+    point_mass: bool = False
+    # If above 0, the MPC estimates the disturbing acceleration, with this gain at each step, and
+    # plans with it.
+    estimator_gain: float = number(0.0, at_least=0.0, at_most=1.0)
+    # Number of linearisations at a step that has no recent plan to start from. A step that
+    # continues the plan of the step before needs one.
+    cold_iterations: int = number(10, at_least=1, at_most=1000)
+    # The cost that a plan minimises: `time_and_fuel`, set by the keys above, or `weighted`, the
+    # paper's cost, set by the keys under `weighted`.
+    cost: str = one_of("time_and_fuel", COSTS)
+    weighted: WeightedCostConfig = dataclasses.field(default_factory=WeightedCostConfig)
+    # Simulated time that the MPC takes to solve, at most control_period_s. A command acts this long
+    # after the state from which it was computed; the MPC predicts the state at that time and plans
+    # from there.
+    solve_delay_s: float = number(0.0, at_least=0.0, at_most=1e6, unit="s")
 
 
 class ModelPredictiveController(LeafSystem):

@@ -21,11 +21,29 @@ from dataclasses import dataclass
 import numpy as np
 from pydrake.solvers import SolutionResult
 
-from proxops.systems.common import SolverFailure, check_positive
+from proxops.systems.common import (
+    FAR,
+    LONG,
+    SolverFailure,
+    check_positive,
+    config,
+    number,
+)
 from proxops.systems.expert.linearised_transit import LinearisedTransit, TransitSolution
 from proxops.systems.expert.plan import Horizon, Plan
 from proxops.systems.gravity import Field
 from proxops.systems.vehicle import FlightLimits
+
+
+@config
+class WeightedCostConfig:
+    """The paper's cost; see `proxops.systems.WeightedProgram`."""
+
+    # Length of every plan in time.
+    horizon_s: float = number(3000.0, at_least=1e-2, at_most=LONG, unit="s")
+    # These errors cost as much as full thrust along one axis.
+    position_error_m: float = number(10.0e3, at_least=1e-3, at_most=FAR, unit="m")
+    speed_error_m_s: float = number(20.0, at_least=1e-6, at_most=1e5, unit="m/s")
 
 
 @dataclass(frozen=True)

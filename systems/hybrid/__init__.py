@@ -12,7 +12,7 @@ from proxops.systems.hybrid.agreement_gates import AgreementGate, GateKind
 from proxops.systems.hybrid.check_schedule import CheckSchedule, PeriodRule
 from proxops.systems.hybrid.enabled_value import EnabledValue
 from proxops.systems.hybrid.flown_by import FlownBy
-from proxops.systems.hybrid.hybrid_selector import DecisionReason, HybridSelector
+from proxops.systems.hybrid.hybrid_selector import DecisionReason, HybridConfig, HybridSelector
 from proxops.systems.hybrid.reach_time import ReachModel
 
 __all__ = [
@@ -22,6 +22,7 @@ __all__ = [
     "EnabledValue",
     "FlownBy",
     "GateKind",
+    "HybridConfig",
     "HybridSelector",
     "PeriodRule",
     "ReachModel",

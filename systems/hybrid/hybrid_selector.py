@@ -10,12 +10,48 @@ import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, LeafSystem, ValueProducer
 
-from proxops.systems.common import check_not_negative, check_positive, error_bounds
-from proxops.systems.hybrid.agreement_gates import Agreement, AgreementGate
+from proxops.systems.common import (
+    FAR,
+    check_not_negative,
+    check_positive,
+    config,
+    error_bounds,
+    number,
+    one_of,
+)
+from proxops.systems.hybrid.agreement_gates import Agreement, AgreementGate, GateKind
 from proxops.systems.hybrid.check_schedule import CheckSchedule, PeriodRule
 from proxops.systems.hybrid.flown_by import FlownBy
 from proxops.systems.hybrid.reach_time import ReachModel
 from proxops.systems.shapes import clearances
+
+
+@config
+class HybridConfig:
+    """The hybrid: the policy flies, and the MPC checks it; see `proxops.systems.HybridSelector`."""
+
+    # The rule by which the two forces are compared: strict, paper or printed; see
+    # `proxops.systems.AgreementGate`.
+    gate: str = one_of("strict", list(GateKind))
+    # The forces agree if their difference is below epsilon_magnitude_n, or if the angle between
+    # them is below epsilon_angle_deg. With `strict` the second test also needs sizes that differ
+    # by less than epsilon_magnitude_n.
+    epsilon_magnitude_n: float = number(1.0, at_least=0.0, at_most=1e7, unit="N")
+    epsilon_angle_deg: float = number(10.0, at_least=0.0, at_most=1e3, unit="degrees")
+    # For the gate `strict`: two forces below this size agree, and the direction of a force below it
+    # is not compared.
+    dead_band_n: float = number(0.2, at_least=0.0, at_most=1e7, unit="N")
+    # Whether the time between two checks is fixed or adaptive; see `proxops.systems.CheckSchedule`.
+    period_rule: str = one_of("fixed", list(PeriodRule))
+    # Control steps from one check to the next. With the adaptive rule, this is the period
+    # after two forces that disagree or that barely agree.
+    check_period: int = number(10, at_least=1, at_most=1000000)
+    # The longest period of the adaptive rule, after equal forces. Every period ends early enough
+    # that the spacecraft should be able to stop before the keep-out ellipsoid, whatever acted.
+    longest_period: int = number(100, at_least=1, at_most=1000000)
+    # Standard deviations, per axis, of the errors of the state that the MPC gets.
+    state_noise_position_m: float = number(0.0, at_least=0.0, at_most=FAR, unit="m")
+    state_noise_velocity_m_s: float = number(0.0, at_least=0.0, at_most=1e5, unit="m/s")
 
 
 class DecisionReason(IntEnum):

@@ -9,8 +9,8 @@ field of `LidarErrors` with a random stream of its own.
 """
 
 from proxops.systems.lidar.frame_delay import FrameDelay
-from proxops.systems.lidar.learned_lidar import LearnedLidar
-from proxops.systems.lidar.lidar import Lidar
+from proxops.systems.lidar.learned_lidar import LearnedLidar, LearnedLidarConfig
+from proxops.systems.lidar.lidar import Lidar, LidarConfig
 from proxops.systems.lidar.lidar_bundle import (
     CHORDS_INPUT,
     DEPTH_OUTPUT,
@@ -23,7 +23,7 @@ from proxops.systems.lidar.lidar_bundle import (
     RAY_NETWORK,
     LidarBundle,
 )
-from proxops.systems.lidar.lidar_errors import LidarErrors, TrueReturns
+from proxops.systems.lidar.lidar_errors import LidarErrors, TrueLidarConfig, TrueReturns
 from proxops.systems.lidar.lidar_geometry import DEFAULT_GEOMETRY, LidarGeometry, ray_directions
 from proxops.systems.lidar.planar_lidar import PlanarLidar
 from proxops.systems.lidar.ray_chords import ChordFan
@@ -44,12 +44,15 @@ __all__ = [
     "ChordFan",
     "FrameDelay",
     "LearnedLidar",
+    "LearnedLidarConfig",
     "Lidar",
     "LidarBundle",
+    "LidarConfig",
     "LidarErrors",
     "LidarGeometry",
     "PlanarLidar",
     "SceneLidar",
+    "TrueLidarConfig",
     "TrueReturns",
     "ray_directions",
 ]

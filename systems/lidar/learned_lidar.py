@@ -7,7 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from proxops.systems.common import InputError
+from proxops.systems.common import (
+    FAR,
+    InputError,
+    config,
+    number,
+)
 from proxops.systems.lidar.lidar_bundle import FRAME_NETWORK, LidarBundle
 from proxops.systems.lidar.lidar_errors import DEFAULT_ERRORS, LidarErrors, TrueReturns
 from proxops.systems.lidar.lidar_geometry import DEFAULT_GEOMETRY, LidarGeometry
@@ -16,6 +21,26 @@ from proxops.systems.lidar.ray_chords import ChordFan
 
 # Greatest difference of a rotation matrix from the identity, in any element, that counts as none.
 _SAME_ATTITUDE = 1e-9
+
+
+@config
+class LearnedLidarConfig:
+    """A network that takes the place of the ray-caster; see `proxops.systems.LearnedLidar`.
+
+    A scenario chooses it with `lidar: !LearnedLidar {bundle: ...}`. Keys without a comment mean the
+    same as in `LidarConfig`.
+    """
+
+    # The folder `bundle` that `proxops train-lidar` wrote. In a scenario file the path is relative
+    # to the file; elsewhere it is relative to the working directory.
+    bundle: str = ""
+    noise_std_m: float = number(50.0, at_least=0.0, at_most=FAR, unit="m")
+    max_range_m: float = number(350.0e3, at_least=1e-3, at_most=FAR, unit="m")
+    # These must equal the numbers that the bundle was trained for.
+    planes: int = number(12, at_least=1, at_most=360)
+    rays: int = number(360, at_least=1, at_most=3600)
+    # A ray has a return if the network predicts one with at least this probability.
+    hit_probability: float = number(0.5, at_least=1e-9, below=1.0)
 
 
 class LearnedLidar(PlanarLidar):

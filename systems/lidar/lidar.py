@@ -6,12 +6,36 @@ import math
 
 import numpy as np
 
-from proxops.systems.common import check_type
+from proxops.systems.common import (
+    FAR,
+    check_type,
+    config,
+    number,
+)
 from proxops.systems.lidar.beams import Beams
 from proxops.systems.lidar.lidar_errors import DEFAULT_ERRORS, LidarErrors, TrueReturns, too_grazing
 from proxops.systems.lidar.lidar_geometry import DEFAULT_GEOMETRY, LidarGeometry
 from proxops.systems.lidar.planar_lidar import PlanarLidar, turned
 from proxops.systems.shapes import Polyhedron, ray_caster
+
+
+@config
+class LidarConfig:
+    """The lidar that casts rays against the mesh; see `proxops.systems.Lidar`.
+
+    These are the values on its data sheet. `truth.lidar` says how the true sensor differs.
+    """
+
+    # Standard deviation of the range noise; 0 switches the noise off.
+    noise_std_m: float = number(50.0, at_least=0.0, at_most=FAR, unit="m")
+    # A ray that meets nothing within this distance has the range +inf.
+    max_range_m: float = number(350.0e3, at_least=1e-3, at_most=FAR, unit="m")
+    # Number of planes, turned by equal angles about a common axis, and of rays in each plane.
+    planes: int = number(12, at_least=1, at_most=360)
+    rays: int = number(360, at_least=1, at_most=3600)
+    # A ray that meets the surface at a greater angle from the normal has no return. With 90, every
+    # ray that meets the surface has a return.
+    max_incidence_deg: float = number(90.0, at_least=1e-3, at_most=90.0, unit="degrees")
 
 
 class Lidar(PlanarLidar):

@@ -14,10 +14,40 @@ from typing import NamedTuple
 
 import numpy as np
 
-from proxops.systems.common import LARGEST, InputError, check_not_negative, generator
+from proxops.systems.common import (
+    FAR,
+    LARGEST,
+    InputError,
+    check_not_negative,
+    config,
+    generator,
+    number,
+)
 
 NOISE_STREAM, DROPOUT_STREAM, FALSE_RETURN_STREAM, FRAME_LOSS_STREAM = range(4)
 """Streams of `counter_noise.generator`."""
+
+
+@config
+class TrueLidarConfig:
+    """How the true lidar differs from the one on the data sheet."""
+
+    # This length is added to every range.
+    bias_m: float = number(0.0, at_least=-FAR, at_most=FAR, unit="m")
+    # Every range is multiplied by 1 + scale_error.
+    scale_error: float = number(0.0, above=-1.0, at_most=1e3)
+    # True standard deviation of the noise, over lidar.noise_std_m.
+    noise: float = number(1.0, at_least=0.0, at_most=1e6)
+    # Probability that a return is lost.
+    dropout: float = number(0.0, at_least=0.0, at_most=1.0)
+    # Probability that a ray has a false return, at a random range.
+    false_returns: float = number(0.0, at_least=0.0, at_most=1.0)
+    # Full angle of a beam's cone. The range is that of the nearest surface in it.
+    beam_width_rad: float = number(0.0, at_least=0.0, at_most=0.1, unit="rad")
+    # Probability that a whole frame is lost.
+    frame_loss: float = number(0.0, at_least=0.0, at_most=1.0)
+    # Control steps from measuring a frame to having it.
+    latency_steps: int = number(0, at_least=0, at_most=1000)
 
 
 @dataclass(frozen=True)

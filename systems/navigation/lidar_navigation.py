@@ -9,11 +9,19 @@ from pydrake.common.value import AbstractValue
 from pydrake.math import RotationMatrix
 from pydrake.systems.framework import LeafSystem, ValueProducer
 
-from proxops.systems.common import InputError, LoggedPort, check_not_negative, check_positive
+from proxops.systems.common import (
+    InputError,
+    LoggedPort,
+    check_not_negative,
+    check_positive,
+    config,
+    number,
+    one_of,
+)
 from proxops.systems.gravity import GRAVITATIONAL_CONSTANT, BodyField
 from proxops.systems.lidar import DEFAULT_GEOMETRY, LidarGeometry
 from proxops.systems.navigation.estimate import BASE, Estimate
-from proxops.systems.navigation.expected_errors import ExpectedErrors
+from proxops.systems.navigation.expected_errors import ExpectedErrors, ExpectedErrorsConfig
 from proxops.systems.navigation.frame_model import FrameModel
 from proxops.systems.navigation.map_error import MapError
 from proxops.systems.navigation.mended_map import MendedMap, mended_map
@@ -26,6 +34,27 @@ from proxops.systems.shapes import Polyhedron
 # Before the coefficients of the memory's vector: phase, contradictions, whether there is an
 # estimate, velocity change spent, and two rotations.
 _HEAD = 4 + 9 + 9
+
+
+@config
+class LidarNavigationConfig:
+    """The controllers know what the navigation makes of lidar frames and of their own commands.
+
+    See `proxops.systems.LidarNavigation`. A scenario chooses it with `navigation: !LidarNavigation
+    {...}`.
+    """
+
+    # What it takes its own errors to be. null: what the scenario's dispersions, disturbance, noise
+    # of the force and kicks say, and the defaults of ExpectedErrorsConfig for all else.
+    expected: ExpectedErrorsConfig | None = None
+    # Mesh file of the map by which it navigates, in K, and the unit of its numbers; null: that of
+    # the body. Only the navigation uses it. If `proxops fly --mended-map` wrote it, the errors of
+    # surface and size are those beside it, and not those of `expected`. The path in a scenario file
+    # is relative to that file.
+    map: str | None = None
+    map_unit: str = one_of("km", ("km", "m"))
+    # It takes the frames to be this many control steps old. The true age is in truth.lidar.
+    frame_delay_steps: int = number(0, at_least=0, at_most=1000)
 
 
 class LidarNavigation(LeafSystem):

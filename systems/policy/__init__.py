@@ -16,7 +16,7 @@ from proxops.systems.policy.guidance_bundle import (
     GuidanceBundle,
 )
 from proxops.systems.policy.guidance_network import GuidanceNetwork
-from proxops.systems.policy.guidance_policy import GuidancePolicy
+from proxops.systems.policy.guidance_policy import GuidancePolicy, PolicyConfig
 from proxops.systems.policy.neural_policy import NeuralPolicy, PolicyStatus, policy_answer
 from proxops.systems.policy.policy_bundle import (
     POLICY_FILE,
@@ -44,6 +44,7 @@ __all__ = [
     "GuidancePolicy",
     "NeuralPolicy",
     "PolicyBundle",
+    "PolicyConfig",
     "PolicyStatus",
     "ProportionalDerivative",
     "Surroundings",

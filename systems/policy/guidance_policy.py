@@ -11,7 +11,13 @@ import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import LeafSystem, ValueProducer
 
-from proxops.systems.common import InputError, LoggedPort, check_positive
+from proxops.systems.common import (
+    InputError,
+    LoggedPort,
+    check_positive,
+    config,
+    number,
+)
 from proxops.systems.policy.guidance_bundle import GuidanceBundle
 from proxops.systems.policy.neural_policy import NeuralPolicy, PolicyStatus
 from proxops.systems.policy.surroundings import NUMBERS, Surroundings
@@ -22,6 +28,22 @@ _LAW_OVER_FLIGHT = 1.7
 # Least force along an axis, over the thrust limit. The expert coasts, with no force at all; a
 # network that learned from it would command a little all the time, which takes 2 to 5 % more.
 COAST = 0.05
+
+
+@config
+class PolicyConfig:
+    """The learned policy: a `GuidancePolicy` or a `NeuralPolicy` of `proxops.systems`."""
+
+    # The folder `bundle` that `proxops train` wrote. In a scenario file the path is relative to the
+    # file; elsewhere it is relative to the working directory. null means the policy that ships
+    # with proxops.
+    bundle: str | None = None
+    # Of a policy for any body (see `proxops.systems.GuidancePolicy`): it keeps out of an ellipsoid
+    # that is larger than the keep-out ellipsoid. This length is added to each semi-axis. null means
+    # three times mpc.keep_out_margin_m, or in a hybrid, where the MPC checks it, one and a half.
+    margin_m: float | None = number(None, at_least=0.0, at_most=1e9, unit="m")
+    # Whether it may fly where body or spacecraft lie outside of what it learned.
+    beyond_family: bool = False
 
 
 class GuidancePolicy(LeafSystem):

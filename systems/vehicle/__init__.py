@@ -17,9 +17,10 @@ from proxops.systems.vehicle.actual_thrust import (
     STANDARD_GRAVITY,
     ActualThrust,
     ThrusterErrors,
+    TrueThrustersConfig,
     thrust_given,
 )
-from proxops.systems.vehicle.attitude_error import AttitudeError
+from proxops.systems.vehicle.attitude_error import AttitudeError, TrueAttitudeConfig
 from proxops.systems.vehicle.command_axes import CommandAxes
 from proxops.systems.vehicle.delayed_hold import DelayedHold
 from proxops.systems.vehicle.flight_events import (
@@ -28,16 +29,21 @@ from proxops.systems.vehicle.flight_events import (
     FINISHED,
     NEVER,
     VIOLATIONS,
+    ArrivalConfig,
     FlightEvents,
     FlownPath,
 )
 from proxops.systems.vehicle.flight_limits import FlightLimits
 from proxops.systems.vehicle.flight_monitor import FlightMonitor
-from proxops.systems.vehicle.force_noise import ForceNoise
-from proxops.systems.vehicle.random_walk_disturbance import RandomWalkDisturbance
+from proxops.systems.vehicle.force_noise import ForceNoise, ForceNoiseConfig
+from proxops.systems.vehicle.random_walk_disturbance import (
+    RandomWalkDisturbance,
+    RandomWalkDisturbanceConfig,
+)
 from proxops.systems.vehicle.spacecraft import (
     Spacecraft,
     Spacecraft_,
+    SpacecraftConfig,
     jacobi_integral,
     rotating_frame_acceleration,
 )
@@ -49,8 +55,8 @@ from proxops.systems.vehicle.state_prediction import (
     unexplained_acceleration,
 )
 from proxops.systems.vehicle.thrusters import Thrusters
-from proxops.systems.vehicle.unexplained_push import UnexplainedAcceleration
-from proxops.systems.vehicle.velocity_kicks import VelocityKicks
+from proxops.systems.vehicle.unexplained_push import TrueAccelerationConfig, UnexplainedAcceleration
+from proxops.systems.vehicle.velocity_kicks import KicksConfig, VelocityKicks
 
 __all__ = [
     "COLLIDED",
@@ -60,6 +66,7 @@ __all__ = [
     "STANDARD_GRAVITY",
     "VIOLATIONS",
     "ActualThrust",
+    "ArrivalConfig",
     "AttitudeError",
     "CommandAxes",
     "DelayedHold",
@@ -68,12 +75,19 @@ __all__ = [
     "FlightMonitor",
     "FlownPath",
     "ForceNoise",
+    "ForceNoiseConfig",
+    "KicksConfig",
     "RandomWalkDisturbance",
+    "RandomWalkDisturbanceConfig",
     "Spacecraft",
+    "SpacecraftConfig",
     "Spacecraft_",
     "StateNoise",
     "ThrusterErrors",
     "Thrusters",
+    "TrueAccelerationConfig",
+    "TrueAttitudeConfig",
+    "TrueThrustersConfig",
     "UnexplainedAcceleration",
     "VelocityKicks",
     "jacobi_integral",

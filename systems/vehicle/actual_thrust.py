@@ -8,12 +8,38 @@ from dataclasses import dataclass
 import numpy as np
 from pydrake.systems.framework import LeafSystem
 
-from proxops.systems.common import InputError, check_not_negative, check_positive
+from proxops.systems.common import (
+    LONG,
+    InputError,
+    check_not_negative,
+    check_positive,
+    config,
+    number,
+    one_of,
+    vector,
+)
 from proxops.systems.vehicle._quaternions import from_rotation_vector, product, rotated
 from proxops.systems.vehicle._vectors import Vector, finite_vector
 
 STANDARD_GRAVITY = 9.80665
 """g0 in m/s^2, by which a specific impulse in s is an exhaust velocity."""
+
+
+@config
+class TrueThrustersConfig:
+    """How the true thrust differs from the commanded force."""
+
+    # True force along each axis, over the commanded force.
+    scale: list[float] = vector([1.0] * 3, at_least=0.0, at_most=1e3)
+    # Rotation vector of the thrusters' axes against the spacecraft's axes.
+    direction_deg: list[float] = vector([0.0] * 3, at_least=-180.0, at_most=180.0, unit="degrees")
+    # A force along one axis whose impulse in a control period is smaller gives nothing.
+    least_impulse_n_s: float = number(0.0, at_least=0.0, at_most=1e9, unit="N s")
+    # The force along each axis is a multiple of this; 0: any force.
+    quantum_n: float = number(0.0, at_least=0.0, at_most=1e7, unit="N")
+    # The axis whose thrusters fail, and the time from which they give nothing.
+    failed_axis: str = one_of("none", ("none", "x", "y", "z"))
+    failure_time_s: float = number(0.0, at_least=0.0, at_most=LONG, unit="s")
 
 
 @dataclass(frozen=True)

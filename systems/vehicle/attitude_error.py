@@ -6,7 +6,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from proxops.systems.common import SeededSystem, check_not_negative
+from proxops.systems.common import (
+    LONG,
+    SeededSystem,
+    check_not_negative,
+    config,
+    number,
+    vector,
+)
 from proxops.systems.vehicle._quaternions import (
     Quaternion,
     from_rotation_vector,
@@ -43,6 +50,22 @@ def believed_axes(
         return from_rotation_vector((0.0, 0.0, (believed_spin - z) * time + phase))
     true = from_rotation_vector((time * x, time * y, time * z))
     return product(inverse(true), from_rotation_vector((0.0, 0.0, believed_spin * time + phase)))
+
+
+@config
+class TrueAttitudeConfig:
+    """How the spacecraft's axes S are turned against what it takes for them: the body's axes K.
+
+    This is the error of star tracker and mounting. Errors of spin rate, pole and phase turn S as
+    well. Lidar rays and thrust turn with S.
+    """
+
+    # Constant rotation vector.
+    constant_deg: list[float] = vector([0.0] * 3, at_least=-180.0, at_most=180.0, unit="degrees")
+    # Standard deviation, per axis, of a rotation vector that varies (first-order Gauss-Markov), and
+    # the time over which its correlation falls to 1/e.
+    varying_std_deg: float = number(0.0, at_least=0.0, at_most=90.0, unit="degrees")
+    correlation_time_s: float = number(3600.0, at_least=1e-2, at_most=LONG, unit="s")
 
 
 class AttitudeError(SeededSystem):

@@ -9,7 +9,16 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 from scipy.optimize import brentq
 
-from proxops.systems.common import check_not_negative, check_positive, checked_semi_axes, kernel
+from proxops.systems.common import (
+    FAR,
+    LONG,
+    check_not_negative,
+    check_positive,
+    checked_semi_axes,
+    config,
+    kernel,
+    number,
+)
 from proxops.systems.gravity import BodyField
 from proxops.systems.shapes import blocks_segment, clearances, ray_caster
 
@@ -31,6 +40,21 @@ def containing_ellipsoid(semi_axes: np.ndarray, vertices: np.ndarray) -> np.ndar
     level = float(np.sqrt(np.sum((vertices / semi_axes) ** 2, axis=1).max()))
     # The margin is for rounding.
     return semi_axes if level <= 1.0 else (1.0 + 1e-9) * level * semi_axes
+
+
+@config
+class ArrivalConfig:
+    """When a flight counts as arrived.
+
+    Arrival is the start of the first `dwell_s` in which the spacecraft always stays within
+    `radius_m` of the goal and is slower than `speed_m_s`.
+    """
+
+    radius_m: float = number(1.0e3, at_least=1e-6, at_most=FAR, unit="m")
+    speed_m_s: float = number(1.0, at_least=1e-9, at_most=1e5, unit="m/s")
+    dwell_s: float = number(600.0, at_least=1e-2, at_most=LONG, unit="s")
+    # A flight succeeds only if it arrives by this time. It ends at most `dwell_s` later.
+    deadline_s: float = number(7200.0, at_least=1e-2, at_most=LONG, unit="s")
 
 
 class FlownPath(NamedTuple):

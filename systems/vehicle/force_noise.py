@@ -6,8 +6,27 @@ import math
 
 import numpy as np
 
-from proxops.systems.common import check_not_negative, generator
+from proxops.systems.common import (
+    LONG,
+    check_not_negative,
+    config,
+    generator,
+    number,
+)
 from proxops.systems.vehicle.force_disturbance import ForceDisturbance
+
+
+@config
+class ForceNoiseConfig:
+    """Normal noise that is added to the commanded force.
+
+    Its size does not depend on the command, so it also acts while the spacecraft coasts.
+    """
+
+    # Standard deviation per axis, and the time over which the correlation of the noise decays;
+    # 0 gives white noise.
+    std_n: float = number(0.7, at_least=0.0, at_most=1e7, unit="N")
+    correlation_time_s: float = number(100.0, at_least=0.0, at_most=LONG, unit="s")
 
 
 class ForceNoise(ForceDisturbance):

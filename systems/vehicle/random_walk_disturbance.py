@@ -4,7 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from proxops.systems.common import InputError, check_not_negative, check_positive, generator
+from proxops.systems.common import (
+    LONG,
+    InputError,
+    check_not_negative,
+    check_positive,
+    config,
+    generator,
+    number,
+)
 from proxops.systems.vehicle.force_disturbance import ForceDisturbance
 
 
@@ -12,6 +20,18 @@ def shortened(vector: np.ndarray, limit: float) -> np.ndarray:
     """`vector` (n,), scaled down to the length `limit` if it is longer."""
     length = float(np.linalg.norm(vector))
     return vector * (limit / length) if length > limit else vector
+
+
+@config
+class RandomWalkDisturbanceConfig:
+    """The paper's disturbance: a slow random walk that is added to the commanded force."""
+
+    # After each such period the walk starts again, with a new limit.
+    reset_period_s: float = number(100.0, at_least=1e-2, at_most=LONG, unit="s")
+    # At each start the limit is drawn uniformly between 0 and this multiple of the command's size.
+    max_relative_magnitude: float = number(2.0, at_least=0.0, at_most=1e3)
+    # Standard deviation, per axis, of the walk's increment at each control step.
+    increment_std_n: float = number(0.5, at_least=0.0, at_most=1e7, unit="N")
 
 
 class RandomWalkDisturbance(ForceDisturbance):

@@ -10,11 +10,33 @@ from pydrake.autodiffutils import AutoDiffXd
 from pydrake.systems.framework import BasicVector_, LeafSystem_
 from pydrake.systems.scalar_conversion import TemplateSystem
 
-from proxops.systems.common import LARGEST, InputError, check_positive, check_type
+from proxops.systems.common import (
+    LARGEST,
+    InputError,
+    check_positive,
+    check_type,
+    config,
+    number,
+)
 from proxops.systems.vehicle._vectors import finite_vector
 
 # Below this share of the first mass, all propellant must have been used up long ago.
 _LEAST_MASS = 1e-3
+
+
+@config
+class SpacecraftConfig:
+    """The spacecraft: a point mass with one thruster pair per axis.
+
+    It holds its axes S to those of the body-fixed frame K; `truth` says how they are turned.
+    """
+
+    mass_kg: float = number(100.0, at_least=1e-3, at_most=1e7, unit="kg")
+    # Greatest force per axis, in both directions.
+    thrust_limit_n: float = number(7.0, at_least=1e-6, at_most=1e7, unit="N")
+    # Greatest speed per axis in the body-fixed frame. The MPC respects it; the plant does not
+    # enforce it.
+    speed_limit_m_s: float = number(40.0, at_least=1e-6, at_most=1e5, unit="m/s")
 
 
 def rotating_frame_acceleration(position, velocity, gravity, force, mass: float, spin: float):

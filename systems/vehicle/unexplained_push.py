@@ -6,9 +6,27 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from proxops.systems.common import SeededSystem, check_not_negative
+from proxops.systems.common import (
+    LONG,
+    SeededSystem,
+    check_not_negative,
+    config,
+    number,
+    vector,
+)
 from proxops.systems.vehicle._vectors import finite_vector
 from proxops.systems.vehicle.gauss_markov import gauss_markov_at
+
+
+@config
+class TrueAccelerationConfig:
+    """Accelerations in K that nothing on board explains."""
+
+    constant_m_s2: list[float] = vector([0.0] * 3, at_least=-1e6, at_most=1e6, unit="m/s^2")
+    # Standard deviation, per axis, of an acceleration that varies (first-order Gauss-Markov), and
+    # the time over which its correlation falls to 1/e.
+    varying_std_m_s2: float = number(0.0, at_least=0.0, at_most=1e6, unit="m/s^2")
+    correlation_time_s: float = number(600.0, at_least=1e-2, at_most=LONG, unit="s")
 
 
 class UnexplainedAcceleration(SeededSystem):

@@ -5,12 +5,25 @@ from __future__ import annotations
 import numpy as np
 
 from proxops.systems.common import (
+    LONG,
     InputError,
     SeededSystem,
     check_not_negative,
     check_positive,
+    config,
     generator,
+    number,
 )
+
+
+@config
+class KicksConfig:
+    """Pushes from outside at random times; each acts over one control period."""
+
+    # Standard deviation, per axis, of the change of velocity by one push.
+    velocity_std_m_s: float = number(2.0, at_least=0.0, at_most=1e5, unit="m/s")
+    # Mean time from one push to the next.
+    mean_interval_s: float = number(900.0, at_least=1e-2, at_most=LONG, unit="s")
 
 
 class VelocityKicks(SeededSystem):

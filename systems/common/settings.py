@@ -1,4 +1,7 @@
-"""Limits of the values in a YAML file, declared with the fields of its dataclasses."""
+"""`config`: dataclasses that a YAML file fills, with a limit and a unit for each of their fields.
+
+The dataclass of what a scenario configures stands beside the system that it configures.
+"""
 
 from __future__ import annotations
 
@@ -7,9 +10,12 @@ import math
 import typing
 from collections.abc import Sequence
 
-from proxops.systems.common import InputError
+from proxops.systems.common.errors import InputError
 
 _KEY = "limits"
+FAR, LONG = 1e9, 1e8
+"""The greatest length (m) and the greatest time (s) that a scenario accepts."""
+Config = typing.TypeVar("Config", bound=type)
 
 
 @dc.dataclass(frozen=True)
@@ -64,6 +70,20 @@ class _Choice:
     def complaint(self, value: str) -> str | None:
         """Says what is wrong with a value; None if nothing is."""
         return None if value in self.options else f"must be {' or '.join(self.options)}"
+
+
+@typing.dataclass_transform()
+def config(cls: Config) -> Config:
+    """Makes a class the dataclass of a section of a scenario; used as `@config`.
+
+    Its annotations are resolved, because pydrake reads no postponed ones. Nor does it take frozen
+    dataclasses, tuples, enums or literals.
+    """
+    made = dc.dataclass(slots=True)(cls)
+    types = typing.get_type_hints(made)
+    for field in dc.fields(made):
+        field.type = types[field.name]
+    return typing.cast(Config, made)
 
 
 def number(
