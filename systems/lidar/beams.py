@@ -31,13 +31,15 @@ class Beams:
             corner = np.argmax(shape.facets[beside[:, own]] == ends[:, start, None], axis=1)
             neighbours[beside[:, own], corner] = beside[:, other]
         # Of the same layout as if they were not read-only, so that one compiled kernel serves all.
-        parts = shape.vertices, shape.facets, shape.normals, neighbours
         self._mesh = Mesh(
-            *(np.array(part, order="C") for part in parts),
-            levels,
+            vertices=np.array(shape.vertices, order="C"),
+            facets=np.array(shape.facets, order="C"),
+            normals=np.array(shape.normals, order="C"),
+            neighbours=np.array(neighbours, order="C"),
+            levels=levels,
             # Short integers: large meshes are read from memory in every frame.
-            np.array(ends, dtype=np.int32),
-            np.array(beside, dtype=np.int32),
+            ends=np.array(ends, dtype=np.int32),
+            beside=np.array(beside, dtype=np.int32),
         )
 
     def ranges(
