@@ -6,7 +6,7 @@ from short_flights import kleopatra
 
 from proxops.systems import GravityField, PointMassField
 from proxops.systems.gravity import GRAVITATIONAL_CONSTANT
-from proxops.systems.hybrid.reach_time import greatest_pulls
+from proxops.systems.hybrid.reach_time import greatest_gravity
 from proxops.systems.shapes.polyhedron import Polyhedron
 
 AXES = np.array([140e3, 70e3, 65e3])
@@ -40,5 +40,5 @@ def test_bounds_of_gravity_are_those_of_their_own_field(factor: float) -> None:
     """A point mass is strongest at the shortest semi-axis, where the bound is 5 % above it."""
     for mass in (factor * 1e15, factor * 3e15):
         strength = GRAVITATIONAL_CONSTANT * mass
-        bounds = greatest_pulls(PointMassField(mass), AXES, HEIGHTS)
+        bounds = greatest_gravity(PointMassField(mass), AXES, HEIGHTS)
         np.testing.assert_allclose(bounds, 1.05 * strength / (65e3 + HEIGHTS) ** 2, rtol=0.01)

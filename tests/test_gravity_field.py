@@ -618,7 +618,7 @@ def test_several_units_are_summed_at_a_time() -> None:
     as_there = numba.njit(fastmath=kernel._FAST, error_model="numpy")
     sum_units = as_there(kernel._sum_units.py_func)
     units, seen, near, sums = np.ones((46, 8)), np.ones((6, 8)), np.empty(8), np.zeros(10)
-    sum_units(9.0, 9.0, 9.0, units, 8, seen, near, sums)
+    sum_units((9.0, 9.0, 9.0), units, 8, seen, near, sums)
     (assembly,) = sum_units.inspect_asm().values()
     assert len(re.findall("v?divpd", assembly)) >= 5
 

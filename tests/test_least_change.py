@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from proxops.systems.assurance.least_change import Margin, along_path, least_change
+from proxops.systems.assurance.least_change import Margin, Path, along_path, least_change
 
 LIMIT, ENOUGH = 1.0, 1e-3
 BOX = np.full(3, -LIMIT), np.full(3, LIMIT)
@@ -67,12 +67,9 @@ def test_path_ends_where_it_becomes_safe(border: float) -> None:
     toward = np.array([0.8, 0.0, 0.0])
     point, margin = along_path(
         lambda u: float(u[0]) / 0.8 - border,
-        np.zeros(3),
-        toward,
+        Path(np.zeros(3), toward, 1.0, 1.0),
         border,
         BOX,
-        1.0,
-        1.0,
         ENOUGH,
     )
     assert margin >= 0.0
@@ -83,7 +80,10 @@ def test_path_without_a_known_start_is_halved() -> None:
     """Nothing is known about the start of the line, only that its end is safe."""
     point, margin = along_path(
         lambda u: 1.0 if u[0] > 0.3 else -math.inf,
-        np.zeros(3), np.array([0.8, 0.0, 0.0]), math.inf, BOX, 1.0, 1.0, ENOUGH,
-    )  # fmt: skip
+        Path(np.zeros(3), np.array([0.8, 0.0, 0.0]), 1.0, 1.0),
+        math.inf,
+        BOX,
+        ENOUGH,
+    )
     assert margin == 1.0
     assert 0.3 < point[0] < 0.35

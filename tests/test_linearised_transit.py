@@ -16,7 +16,7 @@ from proxops.diagrams.scenario.transits import transit_set
 from proxops.systems import Gravity, Plan, TransitProgram, WeightedProgram
 from proxops.systems.common.errors import SolverFailure
 from proxops.systems.expert import linearised_transit
-from proxops.systems.expert.condensed_motion import condensed_motion
+from proxops.systems.expert.condensed_motion import Reference, condensed_motion
 from proxops.systems.shapes.ellipsoid import clearances
 
 SPIN = 3.0e-4
@@ -53,7 +53,9 @@ def test_motion_is_the_product_of_matrix_exponentials():
         return np.array(states)
 
     states = flown(0.0)
-    rows = condensed_motion(LinearField(), SPIN, start, states, controls, lengths, force, push)
+    rows = condensed_motion(
+        LinearField(), SPIN, start, Reference(states, controls, lengths), force, push
+    )
     assert rows.shape == (3, 6, 11)
     ends = rows @ np.concatenate([controls.ravel(), [0.0, 1.0]])
     np.testing.assert_allclose(ends, states[1:], rtol=1e-9)

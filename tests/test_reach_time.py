@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from short_flights import kleopatra
 
 from proxops.systems import PointMassField
-from proxops.systems.hybrid.reach_time import ReachModel, greatest_pulls
+from proxops.systems.hybrid.reach_time import ReachModel, greatest_gravity
 from proxops.systems.shapes.ellipsoid import clearances
 
 MASS, LIMIT, STEP = 100.0, 7.0, 10.0
@@ -205,7 +205,7 @@ def test_inside_and_nonsense_are_in_reach(model: ReachModel) -> None:
 def test_gravity_bounds_hold_everywhere_outside() -> None:
     field = kleopatra().gravity_field
     heights = np.array([0.0, 10e3, 40e3])
-    bounds = greatest_pulls(field, AXES, heights)
+    bounds = greatest_gravity(field, AXES, heights)
     random = np.random.default_rng(7)
     ways = random.normal(size=(4000, 3))
     ways /= np.linalg.norm(ways, axis=1, keepdims=True)

@@ -17,7 +17,7 @@ from proxops.systems.assurance.certification import (
     rooms,
     tightest,
 )
-from proxops.systems.assurance.least_change import Box, along_path, least_change
+from proxops.systems.assurance.least_change import Box, Path, along_path, least_change
 from proxops.systems.assurance.outer_gravity import outer_gravity
 from proxops.systems.common import InputError, check_positive
 from proxops.systems.gravity import GravityField, TabulatedField
@@ -371,7 +371,8 @@ class BackupBraking:
         way_out = np.empty(3)
         kernel.backup(*motion, way_out)
         toward = np.clip(way_out, *box) - thrust
-        found, reached = along_path(margin, thrust, toward, shortfall, box, 1.0, 1.0, enough)
+        path = Path(thrust, toward, first=1.0, far=1.0)
+        found, reached = along_path(margin, path, shortfall, box, enough)
         if reached >= 0.0:
             return found, InterventionReason.KEEP_OUT
         return way_out, InterventionReason.BACKUP

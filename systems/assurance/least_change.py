@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,6 +13,18 @@ Margin = Callable[[np.ndarray], float]
 distance to safety is not known."""
 Box = tuple[np.ndarray, np.ndarray]
 """Least and greatest command, (3,) each."""
+
+
+class Path(NamedTuple):
+    """The commands start + share * toward, clipped to the box, with a share from 0 to `far`."""
+
+    start: np.ndarray
+    toward: np.ndarray
+    """(3,) each."""
+    first: float
+    """The share to try first."""
+    far: float
+
 
 # The search ends at a margin below this share of the shortfall.
 _NEAR_ENOUGH = 0.03
@@ -53,7 +66,8 @@ def least_change(
         far = _FAR * limit / math.sqrt(steepness)
         along = float(gradient @ (at - start))
         first = min(max(along - margin_at, 0.0) / steepness, far)
-        at, margin_at = along_path(margin, start, gradient, shortfall, box, first, far, enough)
+        path = Path(start, gradient, first, far)
+        at, margin_at = along_path(margin, path, shortfall, box, enough)
         change = float((at - start) @ (at - start))
         if margin_at < 0.0 or change >= least:
             break
@@ -62,28 +76,18 @@ def least_change(
 
 
 def along_path(
-    margin: Margin,
-    start: np.ndarray,
-    toward: np.ndarray,
-    shortfall: float,
-    box: Box,
-    first: float,
-    far: float,
-    enough: float,
+    margin: Margin, path: Path, shortfall: float, box: Box, enough: float
 ) -> tuple[np.ndarray, float]:
     """Finds the nearest safe point of a path, by false position (the Illinois rule).
 
-    The path is start + share * toward, clipped to the box, with a share from 0 to `far`.
-
     Args:
-      margin, start, shortfall, box, enough: as in `least_change`.
-      toward: (3,) direction of the path.
-      first: the share to try first.
-      far: the greatest share.
+      margin, shortfall, box, enough: as in `least_change`, for the start of the path.
+      path: where to search.
 
     Returns:
       The point and its margin; the margin is -inf if no safe point was found.
     """
+    start, toward, first, far = path
     if shortfall < math.inf:
         enough = max(enough, _NEAR_ENOUGH * shortfall)
 

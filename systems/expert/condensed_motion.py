@@ -3,11 +3,13 @@
 On interval k gravity is linearised about its middle, r_k, and the control u_k is constant. In K,
 with C the Coriolis and centrifugal terms of the spin::
 
-    d/dt (r, v) = (v, G_k r + C (r, v) + b u_k + c_k)        c_k = g(r_k) - G_k r_k + push
+    d/dt (r, v) = (v, G_k r + C (r, v) + b u_k + c_k)        c_k = g(r_k) - G_k r_k + a
+
+with the disturbance acceleration a: eq. 9 of docs/method/equations.md.
 
 This motion is affine. Over one interval it is exactly x_{k+1} = E_k x_k + B_k u_k + d_k, by the
 series of the matrix exponential. Substituted into one another from the given x_0 on, these steps
-eliminate the states::
+eliminate the states (eq. 10)::
 
     x_k = sum over j < k of  E_{k-1} ... E_{j+1} (B_j u_j + d_j)  +  E_{k-1} ... E_0 x_0
 
@@ -16,6 +18,8 @@ and sparse.
 """
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 
@@ -28,15 +32,24 @@ from proxops.systems.gravity import Field
 _EXPONENTIAL_TERMS = 8
 
 
+class Reference(NamedTuple):
+    """What the motion is linearised about."""
+
+    states: np.ndarray
+    """(N + 1, 6) at the knots, in K, in m and m/s."""
+    controls: np.ndarray
+    """(N, 3) between them."""
+    lengths: np.ndarray
+    """(N,) of the intervals, in s."""
+
+
 def condensed_motion(
     field: Field,
     spin: float,
     start: np.ndarray,
-    states: np.ndarray,
-    controls: np.ndarray,
-    lengths: np.ndarray,
+    reference: Reference,
     acceleration: float,
-    push: np.ndarray,
+    disturbance: np.ndarray,
 ) -> np.ndarray:
     """Coefficients (N, 6, 3 N + 2) of the states at the ends of N intervals in (u, stretch, 1).
 
@@ -47,26 +60,24 @@ def condensed_motion(
       field: the assumed gravity.
       spin: rad/s about z.
       start: (6,), the first state, in m and m/s, in K.
-      states, controls: (N + 1, 6) at the knots and (N, 3) between them, to linearise about.
-      lengths: (N,) of the intervals, in s.
+      reference: to linearise about.
       acceleration: by a control of 1 along an axis, in m/s^2.
-      push: (3,) in m/s^2, an acceleration that the field does not explain.
+      disturbance: (3,) in m/s^2, an acceleration that the field does not explain.
     """
+    states = reference.states
     middle = 0.5 * (states[1:, :3] + states[:-1, :3])
     gravity = field.evaluate(middle)
-    constant = _constant(gravity.acceleration, gravity.gradient, middle, push)
-    return _affine_states(
-        gravity.gradient, constant, spin, acceleration, lengths, start, states, controls
-    )
+    constant = _constant(gravity.acceleration, gravity.gradient, middle, disturbance)
+    return _affine_states(gravity.gradient, constant, spin, acceleration, start, reference)
 
 
 @kernel(error_model="numpy")
-def _constant(acceleration, gradient, middle, push):
+def _constant(acceleration, gradient, middle, disturbance):
     """c (N, 3) of the intervals."""
     constant = np.empty(middle.shape)
     for k in range(middle.shape[0]):
         for i in range(3):
-            constant[k, i] = acceleration[k, i] + push[i]
+            constant[k, i] = acceleration[k, i] + disturbance[i]
             for j in range(3):
                 constant[k, i] -= gradient[k, i, j] * middle[k, j]
     return constant
@@ -85,8 +96,9 @@ def _add_product(left, right, share, out):
 
 
 @kernel(error_model="numpy")
-def _affine_states(gradient, constant, spin, acceleration, lengths, start, states, controls):
-    """The coefficients of `condensed_motion`, from G (N, 3, 3) and c (N, 3)."""
+def _affine_states(gradient, constant, spin, acceleration, start, reference):
+    """The coefficients of `condensed_motion`, from G (N, 3, 3) and c (N, 3): eq. 10."""
+    states, controls, lengths = reference
     n = lengths.size
     rows = np.zeros((n, 6, 3 * n + 2))
     before = np.zeros((6, 3 * n + 2))

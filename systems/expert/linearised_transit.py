@@ -36,7 +36,7 @@ from pydrake.solvers import (
 )
 
 from proxops.systems.common import SolverFailure
-from proxops.systems.expert.condensed_motion import condensed_motion
+from proxops.systems.expert.condensed_motion import Reference, condensed_motion
 from proxops.systems.expert.initial_guess import initial_paths
 from proxops.systems.expert.path_limits import PathLimits, slack_of_limits
 from proxops.systems.expert.plan import Horizon, Plan, PlanStatus
@@ -229,9 +229,13 @@ class LinearisedTransit:
           push: (3,) in m/s^2, an acceleration that the field does not explain.
         """
         rows = condensed_motion(
-            self.field, self.spin, start, states, controls, duration * self.shares,
-            self.limits.thrust / self.limits.mass, push,
-        )  # fmt: skip
+            self.field,
+            self.spin,
+            start,
+            Reference(states, controls, duration * self.shares),
+            self.limits.thrust / self.limits.mass,
+            push,
+        )
         rows /= self.units[:, None]
         self._start, self._affine = start, rows
         self.motion, self.drift = rows[:, :, : self.moved.size], rows[:, :, -1]

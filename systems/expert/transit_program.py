@@ -25,6 +25,8 @@ The program knows no particular body and no Drake system.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from pydrake.solvers import SolutionResult
 
@@ -44,6 +46,15 @@ _STRETCH_CURVATURE = 1.0
 # Without a plan, all initial guesses are improved for so many linearisations, then only the best. A
 # guess is better than an earlier one if its plan costs less than this share of the other's.
 _TRIED, _CLEARLY_LESS = 5, 0.999
+
+
+class _Task(NamedTuple):
+    """What a plan is for: see `TransitProgram.solve`."""
+
+    state: np.ndarray
+    target: np.ndarray
+    push: np.ndarray
+    longest: float
 
 
 class TransitProgram:
@@ -95,35 +106,28 @@ class TransitProgram:
         """
         if not (np.isfinite(state).all() and np.isfinite(target).all()):
             raise SolverFailure(SolutionResult.kInvalidInput)  # Drake would end the process.
-        push = np.zeros(3) if push is None else push
+        task = _Task(state, target, np.zeros(3) if push is None else push, longest)
         last, done = previous, 0
         if last is None:
             done = min(iterations, _TRIED)
-            last, age = self._best_start(state, target, done, push, longest), 0.0
+            last, age = self._best_start(task, done), 0.0
         for iteration in range(done + 1, iterations + 1):
-            last = self._improved(state, target, last, age, push, longest, iteration)
+            last = self._improved(task, last, age, iteration)
             age = 0.0
         return last
 
-    def _best_start(
-        self,
-        state: np.ndarray,
-        target: np.ndarray,
-        iterations: int,
-        push: np.ndarray,
-        longest: float,
-    ) -> Plan:
+    def _best_start(self, task: _Task, iterations: int) -> Plan:
         """The best of the plans that so many iterations make of the initial guesses.
 
         Raises:
           SolverFailure: no guess leads to a plan; the failure is that of the last guess.
         """
         best, failure = None, None
-        duration = self.horizon.time_to_go(state, target)
-        for plan in self.transit.initial_plans(state, target, duration):
+        duration = self.horizon.time_to_go(task.state, task.target)
+        for plan in self.transit.initial_plans(task.state, task.target, duration):
             try:
                 for k in range(1, iterations + 1):
-                    plan = self._improved(state, target, plan, 0.0, push, longest, k, k > 1)
+                    plan = self._improved(task, plan, 0.0, k, k > 1)
             except SolverFailure as error:
                 failure = error
                 continue
@@ -139,33 +143,27 @@ class TransitProgram:
         return self.transit.fits(plan, age, state, target)
 
     def _improved(
-        self,
-        state: np.ndarray,
-        target: np.ndarray,
-        last: Plan,
-        age: float,
-        push: np.ndarray,
-        longest: float,
-        iteration: int,
-        free_time: bool = True,
+        self, task: _Task, last: Plan, age: float, iteration: int, free_time: bool = True
     ) -> Plan:
         """The solution of the program linearised about `last`, `age` s old."""
         least = self.horizon.minimum
         duration = max(last.times[-1] - age, least)
         states, controls = self.transit.remaining_plan(last, age, duration)
         transit = self.transit
-        transit.linearise(state, states, controls, duration, push)
-        transit.aim(target)
+        transit.linearise(task.state, states, controls, duration, task.push)
+        transit.aim(task.target)
         self._fuel.evaluator().UpdateCoefficients(self.fuel_weight(duration) * self._fuel_shares)
         price = np.array([self.time_price + self._mean_effort(controls, duration)])
         self._time.evaluator().UpdateCoefficients(_STRETCH_CURVATURE * price[None], price)
         shorter = max(-_TRUSTED_STRETCH, least / duration - 1.0) if free_time else 0.0
-        longer = min(_TRUSTED_STRETCH, max(shorter, longest / duration - 1.0)) if free_time else 0.0
+        longer = (
+            min(_TRUSTED_STRETCH, max(shorter, task.longest / duration - 1.0)) if free_time else 0.0
+        )
         transit.stretch_bounds.evaluator().set_bounds([shorter], [longer])
         found = transit.solve()
         duration *= 1.0 + found.stretch
         cost = duration * (self.time_price + self._mean_effort(found.controls, duration))
-        return transit.plan_of(found, target, duration, cost, iteration)
+        return transit.plan_of(found, task.target, duration, cost, iteration)
 
     def fuel_weight(self, duration: float) -> float:
         """The weight c for a plan of this length: 0 for the shortest, full from 3 times that on."""

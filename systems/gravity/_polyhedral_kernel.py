@@ -96,13 +96,14 @@ def _half_edge(length, both):
 
 
 @_fast
-def _half_angle(px, py, pz, units, f, u, ra, rb, rc):
+def _half_angle(p, units, f, u, ra, rb, rc):
     """Whether a facet is near, and -w / 2, which is right if it is not.
 
     tan(w / 2) is r_a . (r_b x r_c), the height over the facet's plane times twice its area, over
     r_a r_b r_c + sum r_a (r_b . r_c), where r_b . r_c = (r_b^2 + r_c^2 - l_bc^2) / 2. Here both
     are doubled.
     """
+    px, py, pz = p
     qa, qb, qc = ra * ra, rb * rb, rc * rc
     height = (units[f, u] * px + units[f + 1, u] * py + units[f + 2, u] * pz) - units[f + 3, u]
     cube = ra * rb * rc
@@ -119,7 +120,7 @@ def _half_angle(px, py, pz, units, f, u, ra, rb, rc):
 
 
 @_fast
-def _sum_units(px, py, pz, units, count, seen, near, sums):
+def _sum_units(p, units, count, seen, near, sums):
     """Adds the shares of ``count`` units to ``sums`` (10,), without those that are near.
 
     Fills ``near`` with the parts of each unit that are near: 1 and 2, its facets; 4, 8 and 16, its
@@ -141,13 +142,13 @@ def _sum_units(px, py, pz, units, count, seen, near, sums):
             seen[4, u],
             seen[5, u],
         )
-        near_f, w = _half_angle(px, py, pz, units, 0, u, ra, rb, rc)
+        near_f, w = _half_angle(p, units, 0, u, ra, rb, rc)
         w = 0.0 if near_f else w
         nx, ny, nz, h = units[0, u], units[1, u], units[2, u], units[3, u]
         wx, wy, wh = w * nx, w * ny, w * h
         xx, yy, xy, xz, yz = xx + wx * nx, yy + wy * ny, xy + wx * ny, xz + wx * nz, yz + wy * nz
         bx, by, bz, c, total = bx + wh * nx, by + wh * ny, bz + wh * nz, c + wh * h, total + w
-        near_g, w = _half_angle(px, py, pz, units, 8, u, rd, re, rf)
+        near_g, w = _half_angle(p, units, 8, u, rd, re, rf)
         w = 0.0 if near_g else w
         nx, ny, nz, h = units[8, u], units[9, u], units[10, u], units[11, u]
         wx, wy, wh = w * nx, w * ny, w * h
@@ -186,8 +187,9 @@ def _sum_units(px, py, pz, units, count, seen, near, sums):
 
 
 @_exact
-def _add_near(px, py, pz, vertices, corners, units, count, r, scale, near, sums):
+def _add_near(p, vertices, block, r, scale, near, sums):
     """Adds the shares of the parts of units that are near."""
+    corners, units, count = block
     for u in range(count):
         parts = int(near[u])
         if parts == 0:
@@ -196,8 +198,9 @@ def _add_near(px, py, pz, vertices, corners, units, count, r, scale, near, sums)
             if parts & (1 << k):
                 f = 8 * k
                 i, j, m = corners[3 * k, u], corners[3 * k + 1, u], corners[3 * k + 2, u]
-                w = _near_angle(px, py, pz, vertices, i, j, m, r, units, f, u, scale)
                 nx, ny, nz, h = units[f, u], units[f + 1, u], units[f + 2, u], units[f + 3, u]
+                facet = nx, ny, nz, units[f + 4, u]
+                w = _near_angle(p, vertices, (i, j, m), r, facet, scale)
                 sums[0] += w * nx * nx
                 sums[1] += w * ny * ny
                 sums[2] += w * nx * ny
@@ -212,24 +215,25 @@ def _add_near(px, py, pz, vertices, corners, units, count, r, scale, near, sums)
             if parts & (4 << k):
                 e, first = 16 + 10 * k, k + k // 2  # The edges run from the corners 0, 1 and 3.
                 i, j, length = corners[first, u], corners[first + 1, u], units[e + 9, u]
-                v = _near_edge(px, py, pz, vertices, i, j, length, r)
+                v = _near_edge(p, vertices, i, j, length, r)
                 for row in range(9):
                     sums[row] += units[e + row, u] * v
 
 
 @_exact
-def _near_edge(px, py, pz, vertices, a, b, length, r):
+def _near_edge(p, vertices, a, b, length, r):
     """L / 2 of an edge."""
     both = r[a] + r[b]
     gap = both - length
     if gap < 0.1 * length:
-        gap = _edge_gap(px, py, pz, vertices, a, b, length, r)
+        gap = _edge_gap(p, vertices, a, b, length, r)
     return 0.5 * math.log((both + length) / max(gap, _EDGE_FLOOR * length))
 
 
 @_exact
-def _edge_gap(px, py, pz, vertices, a, b, length, r):
+def _edge_gap(p, vertices, a, b, length, r):
     """r_a + r_b - l without cancellation beside an edge, from the distance to its line."""
+    px, py, pz = p
     ax, ay, az = vertices[0, a] - px, vertices[1, a] - py, vertices[2, a] - pz
     bx, by, bz = vertices[0, b] - px, vertices[1, b] - py, vertices[2, b] - pz
     ux = (vertices[0, b] - vertices[0, a]) / length
@@ -249,15 +253,16 @@ def _edge_gap(px, py, pz, vertices, a, b, length, r):
 
 
 @_exact
-def _near_angle(px, py, pz, vertices, i, j, k, r, units, f, u, scale):
-    """-w / 2 of a facet; 0 on the facet.
+def _near_angle(p, vertices, corners, r, facet, scale):
+    """-w / 2 of a facet, of normal (3 numbers) and four times the area; 0 on the facet.
 
     van Oosterom & Strackee, IEEE Trans. Biomed. Eng. 30 (1983) 125, eq. 8.
     """
+    (px, py, pz), (i, j, k), (nx, ny, nz, area4) = p, corners, facet
     ax, ay, az = vertices[0, i] - px, vertices[1, i] - py, vertices[2, i] - pz
     bx, by, bz = vertices[0, j] - px, vertices[1, j] - py, vertices[2, j] - pz
     cx, cy, cz = vertices[0, k] - px, vertices[1, k] - py, vertices[2, k] - pz
-    height = ax * units[f, u] + ay * units[f + 1, u] + az * units[f + 2, u]
+    height = ax * nx + ay * ny + az * nz
     # In the facet's plane, to rounding: the mean of both sides.
     if abs(height) <= 1e-14 * scale:
         return 0.0
@@ -267,7 +272,7 @@ def _near_angle(px, py, pz, vertices, i, j, k, r, units, f, u, scale):
         + r[j] * (cx * ax + cy * ay + cz * az)
         + r[k] * (ax * bx + ay * by + az * bz)
     )
-    return -math.atan2(0.5 * height * units[f + 4, u], denominator)
+    return -math.atan2(0.5 * height * area4, denominator)
 
 
 @_exact
@@ -298,21 +303,23 @@ def _point_masses(px, py, pz, masses, out):
 
 
 @_exact
-def _evaluate_point(point, corners, vertices, units, count, masses, numbers, out):
+def _evaluate_point(point, tables, masses, numbers, out):
     """Fills ``out`` (14,): see `evaluate_serial`."""
     factor, scale, switch, cx, cy, cz = numbers
     px, py, pz = point[0] - cx, point[1] - cy, point[2] - cz
     if px * px + py * py + pz * pz >= switch * switch:
         _point_masses(px, py, pz, masses, out)
         return
+    corners, vertices, units, count = tables
     r, seen = np.empty(vertices.shape[1]), np.empty((6, BLOCK))
     near, sums = np.empty(BLOCK), np.zeros(10)
     _distances(px, py, pz, vertices, r)
     for k in range(units.shape[0]):
         here = min(BLOCK, count - k * BLOCK)
         _gather(corners[k], here, r, seen)
-        if _sum_units(px, py, pz, units[k], here, seen, near, sums):
-            _add_near(px, py, pz, vertices, corners[k], units[k], here, r, scale, near, sums)
+        if _sum_units((px, py, pz), units[k], here, seen, near, sums):
+            block = corners[k], units[k], here
+            _add_near((px, py, pz), vertices, block, r, scale, near, sums)
 
     # Of the halves of L and -w.
     total = sums[9]
@@ -338,25 +345,23 @@ if config.THREADING_LAYER == "default":  # pyright: ignore[reportAttributeAccess
 
 # Two functions, not one compiled twice: numba's cache on disk does not tell the two apart.
 @kernel(error_model="numpy", nogil=True)
-def evaluate_serial(points, corners, vertices, units, count, masses, numbers, out):
+def evaluate_serial(points, tables, masses, numbers, out):
     """Rows of ``out`` (N, 14) from points (N, 3) in the mesh's frame.
 
     Columns: potential, acceleration (3), gradient (9, row by row), solid angle.
 
     Args:
-      corners: (K, 6, BLOCK) of each block of units, indices of vertices.
-      vertices: (3, V), from the field's own origin. units: (K, 46, at least BLOCK): see
-        `proxops.systems.gravity._polyhedral_tables`. count: number of units.
+      tables: `proxops.systems.gravity._polyhedral_tables.Tables`, from the field's own origin.
       masses: (4, K), point masses that have the field from some distance on.
       numbers: G rho, the radius of the body, the distance from which the point masses are used, and
         the field's own origin (3).
     """
     for i in range(points.shape[0]):
-        _evaluate_point(points[i], corners, vertices, units, count, masses, numbers, out[i])
+        _evaluate_point(points[i], tables, masses, numbers, out[i])
 
 
 @kernel(error_model="numpy", nogil=True, parallel=True)
-def evaluate_parallel(points, corners, vertices, units, count, masses, numbers, out):
+def evaluate_parallel(points, tables, masses, numbers, out):
     """Does the same as `evaluate_serial`, with the points divided among threads."""
     for i in numba.prange(points.shape[0]):
-        _evaluate_point(points[i], corners, vertices, units, count, masses, numbers, out[i])
+        _evaluate_point(points[i], tables, masses, numbers, out[i])

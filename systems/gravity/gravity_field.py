@@ -16,7 +16,7 @@ import numpy as np
 from proxops.systems.common import InputError
 from proxops.systems.gravity import _polyhedral_kernel as kernel
 from proxops.systems.gravity._far_field import fit_masses
-from proxops.systems.gravity._polyhedral_tables import make_tables
+from proxops.systems.gravity._polyhedral_tables import Tables, make_tables
 from proxops.systems.shapes import Polyhedron, halves
 
 GRAVITATIONAL_CONSTANT = 6.67430e-11
@@ -180,6 +180,10 @@ def as_points(points: np.ndarray) -> np.ndarray:
     return points
 
 
+_Arguments = tuple[Tables, np.ndarray, tuple[float, ...]]
+"""Those of the kernel after the points."""
+
+
 class _UniformPart:
     """A polyhedron of one density: the kernel's tables and the masses of its far field."""
 
@@ -190,14 +194,14 @@ class _UniformPart:
         size = float(np.linalg.norm(shape.vertices - self.centre_of_mass, axis=1).max())
         tables = make_tables(shape, self.centre_of_mass)
 
-        def with_masses(masses: np.ndarray, switch: float) -> tuple:
+        def with_masses(masses: np.ndarray, switch: float) -> _Arguments:
             numbers = (
                 GRAVITATIONAL_CONSTANT * density,
                 size,
                 switch,
                 *self.centre_of_mass.tolist(),
             )
-            return (*tables, masses, numbers)
+            return tables, masses, numbers
 
         self._arguments = with_masses(np.empty((4, 0)), np.inf)
         self._arguments = with_masses(
@@ -207,12 +211,11 @@ class _UniformPart:
     def columns(self, points: np.ndarray) -> np.ndarray:
         """The kernel's columns (N, 14) at points (N, 3) in m in the mesh's frame."""
         columns = np.empty((len(points), 14))
-        # A tuple of known length, which pyright does not see.
         if len(points) < _PARALLEL_FROM:
-            kernel.evaluate_serial(points, *self._arguments, columns)  # pyright: ignore[reportCallIssue]
+            kernel.evaluate_serial(points, *self._arguments, columns)
         else:
             with _PARALLEL:
-                kernel.evaluate_parallel(points, *self._arguments, columns)  # pyright: ignore[reportCallIssue]
+                kernel.evaluate_parallel(points, *self._arguments, columns)
         return columns
 
 

@@ -24,6 +24,7 @@ from __future__ import annotations
 import functools
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -38,6 +39,17 @@ _POINTS = 500
 _GAPS = 1.05
 
 
+class _Bounds(NamedTuple):
+    """A `ReachModel` for the kernel."""
+
+    semi_axes: np.ndarray
+    spin: float
+    acceleration: float
+    weakest: float
+    heights: np.ndarray
+    gravity: np.ndarray
+
+
 @dataclass(frozen=True)
 class ReachModel:
     """Bounds of the motion near a keep-out ellipsoid."""
@@ -50,11 +62,18 @@ class ReachModel:
     """Greatest acceleration by the thrusters along each axis of K, in m/s^2."""
     heights: np.ndarray
     """(L,) in m, rising from 0."""
-    pulls: np.ndarray
-    """(L,) greatest gravity, with all else that pulls, in m/s^2 beyond each height."""
+    gravity: np.ndarray
+    """(L,) greatest gravity, with all other accelerations, in m/s^2 beyond each height."""
     weakest: float | None = None
     """Least acceleration that the thrusters can be relied on to give along each axis, in m/s^2.
     None: `acceleration`."""
+
+    @functools.cached_property
+    def _bounds(self) -> _Bounds:
+        weakest = self.acceleration if self.weakest is None else self.weakest
+        return _Bounds(
+            self.semi_axes, self.spin, self.acceleration, weakest, self.heights, self.gravity
+        )
 
     @classmethod
     def of(
@@ -84,7 +103,7 @@ class ReachModel:
             float(spin),
             float(acceleration),
             heights,
-            (1.0 + gravity) * greatest_pulls(field, semi_axes, heights) + math.sqrt(3.0) * other,
+            (1.0 + gravity) * greatest_gravity(field, semi_axes, heights) + math.sqrt(3.0) * other,
             None if weakest is None else float(weakest),
         )
         model.steps_out_of_reach(np.zeros(6), 1.0, 1)  # Compiled now, not in flight.
@@ -111,15 +130,18 @@ class ReachModel:
         """
         return int(
             _steps_out_of_reach(
-                np.asarray(state, dtype=np.float64), self.semi_axes, self.spin, self.acceleration,
-                self.acceleration if self.weakest is None else self.weakest,
-                self.heights, self.pulls, float(step), int(longest), float(position_error),
-                float(velocity_error), bool(stopping),
+                np.asarray(state, dtype=np.float64),
+                self._bounds,
+                float(step),
+                int(longest),
+                float(position_error),
+                float(velocity_error),
+                bool(stopping),
             )
-        )  # fmt: skip
+        )
 
 
-def greatest_pulls(field: Field, semi_axes: np.ndarray, heights: np.ndarray) -> np.ndarray:
+def greatest_gravity(field: Field, semi_axes: np.ndarray, heights: np.ndarray) -> np.ndarray:
     """Bounds (L,) in m/s^2 of gravity farther than heights (L,), in m, from an ellipsoid.
 
     A point farther away than a height is outside the ellipsoid whose semi-axes are longer by that
@@ -127,12 +149,12 @@ def greatest_pulls(field: Field, semi_axes: np.ndarray, heights: np.ndarray) -> 
     the first ellipsoid's and the height. The body is inside.
     """
     numbers = tuple(map(float, semi_axes)), tuple(map(float, heights))
-    return np.array(_greatest_pulls(field, *numbers))
+    return np.array(_greatest_gravity(field, *numbers))
 
 
 # The exact field at all of these points takes a tenth of the time of a flight with the hybrid.
 @functools.lru_cache(maxsize=4)
-def _greatest_pulls(
+def _greatest_gravity(
     field: Field, semi_axes: tuple[float, ...], heights: tuple[float, ...]
 ) -> tuple[float, ...]:
     scaled = np.array(semi_axes) + np.array(heights)[:, None, None]
@@ -144,9 +166,10 @@ def _greatest_pulls(
 
 @kernel(error_model="numpy")
 def _steps_out_of_reach(
-    state, semi_axes, spin, acceleration, weakest, heights, pulls, step, longest, position_error,
-    velocity_error, stopping,
+    state, bounds, step, longest, position_error, velocity_error, stopping
 ):  # fmt: skip
+    """See `ReachModel.steps_out_of_reach`: eq. 28 of docs/method/equations.md, step by step."""
+    semi_axes, spin, acceleration, weakest, heights, gravity = bounds
     position = state[:3]
     # In the frame that does not turn.
     vx, vy, vz = state[3] - spin * state[1], state[4] + spin * state[0], state[5]
@@ -167,15 +190,15 @@ def _steps_out_of_reach(
         if not before > 0.0:  # True for NaN, too.
             return k
         # The bound of gravity is that at the least height of this step.
-        fastest = (speed + step * (thrust + pulls[0] + spin**2 * radius)) / slack
+        fastest = (speed + step * (thrust + gravity[0] + spin**2 * radius)) / slack
         lowest = before - step * fastest
-        pull = pulls[0]
+        strongest = gravity[0]
         for j in range(len(heights)):
             if heights[j] <= lowest:
-                pull = pulls[j]
-        pulled += step * pulled_speed + 0.5 * step**2 * pull
-        pulled_speed += step * pull
-        gained = step * (thrust + pull + spin**2 * radius)
+                strongest = gravity[j]
+        pulled += step * pulled_speed + 0.5 * step**2 * strongest
+        pulled_speed += step * strongest
+        gained = step * (thrust + strongest + spin**2 * radius)
         speed = (speed + gained) / slack
         radius += step * speed
         time = (k + 1) * step
@@ -195,7 +218,7 @@ def _steps_out_of_reach(
             drift = normal[0] * ahead + normal[1] * aside + normal[2] * vz
             inward = box * time + pulled_speed + drift_error - drift
             # The terms of the rotating frame: centrifugal, and Coriolis -2 w x v.
-            outward = weakest * (abs(normal[0]) + abs(normal[1]) + abs(normal[2])) - pull
+            outward = weakest * (abs(normal[0]) + abs(normal[1]) + abs(normal[2])) - strongest
             outward += spin**2 * (normal[0] * centre[0] + normal[1] * centre[1])
             outward += 2.0 * spin * (normal[0] * aside - normal[1] * ahead)
             if inward > 0.0 and not inward**2 < 2.0 * outward * after:

@@ -2,17 +2,63 @@
 
 Many functions share these arguments:
 
-* ``p``: the position (3,) in m. ``dx, dy, dz``: the unit direction of a beam's axis.
-* ``cone`` (3,): sine, cosine and squared tangent of the cone's half angle.
-* ``mesh``: vertices (V, 3) in m, facets (F, 3), outward unit normals (F, 3), and for each facet the
-  facets (F, 3) across its edges, of which edge k runs from corner k to the next.
+* ``p``: the position (3,) in m. ``d``: the unit direction (3 numbers) of a beam's axis.
+* ``cone``: a `Cone`. ``mesh``: a `Mesh`. ``lidar``: a `Fan`. ``work``: a `_Work`.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from proxops.systems.common import kernel
+
+
+class Cone(NamedTuple):
+    """Of the cone's half angle."""
+
+    sine: float
+    cosine: float
+    tangent2: float
+    """Squared tangent."""
+
+
+class Mesh(NamedTuple):
+    """A closed surface."""
+
+    vertices: np.ndarray
+    """(V, 3) in m."""
+    facets: np.ndarray
+    normals: np.ndarray
+    """(F, 3) each; outward unit normals."""
+    neighbours: np.ndarray
+    """(F, 3) the facets across each facet's edges, of which edge k runs from corner k to the
+    next."""
+    levels: np.ndarray
+    """(F,) n.v of each facet."""
+    ends: np.ndarray
+    beside: np.ndarray
+    """(E, 2) ends and facets of each edge."""
+
+
+class Fan(NamedTuple):
+    """The rays as they leave the lidar."""
+
+    directions: np.ndarray
+    """(planes, rays, 3) in S, evenly spaced in each plane from the xy-plane on."""
+    half: float
+    """Half of a beam's full angle, in rad."""
+
+
+class _Work(NamedTuple):
+    """Room to work in, for each facet (F,)."""
+
+    faces: np.ndarray
+    """Whether it faces the position."""
+    seen: np.ndarray
+    """The last mark that it got."""
+    queue: np.ndarray
+
 
 _compiled = kernel(error_model="numpy")
 _inlined = kernel(error_model="numpy", forceinline=True)
@@ -35,11 +81,12 @@ def _turned(x, y, z, m):
 
 
 @_inlined
-def _edge_range(ax, ay, az, ex, ey, ez, dx, dy, dz, tan2):
+def _edge_range(a, e, d, tan2):
     """Distance to the nearest point in the cone of a + s e, 0 <= s <= 1; +inf if there is none.
 
     A point x is in the cone if |x|² - (x·d)² <= tan² (x·d)²: a quadratic in s.
     """
+    (ax, ay, az), (ex, ey, ez), (dx, dy, dz) = a, e, d
     ad, ed = ax * dx + ay * dy + az * dz, ex * dx + ey * dy + ez * dz
     aa, ae = ax * ax + ay * ay + az * az, ax * ex + ay * ey + az * ez
     ee, grow = ex * ex + ey * ey + ez * ez, 1.0 + tan2
@@ -63,29 +110,30 @@ def _edge_range(ax, ay, az, ex, ey, ez, dx, dy, dz, tan2):
 
 
 @_inlined
-def _plane_range(f, p, dx, dy, dz, cone, mesh):
+def _plane_range(f, p, d, cone, mesh):
     """Distance to the plane of a facet in the cone; +inf if the nearest point is off the facet.
 
     The nearest direction in the cone is the axis turned towards the plane's normal, by the cone's
     half angle at most.
     """
-    vertices, facets, normals, _ = mesh
+    vertices, facets, normals = mesh.vertices, mesh.facets, mesh.normals
+    dx, dy, dz = d
     nx, ny, nz = normals[f, 0], normals[f, 1], normals[f, 2]
     ax, ay, az = _from(facets[f, 0], p, vertices)
     height = nx * ax + ny * ay + nz * az
     if height < 0.0:
         nx, ny, nz, height = -nx, -ny, -nz, -height
     across = nx * dx + ny * dy + nz * dz
-    if across >= cone[1]:
+    if across >= cone.cosine:
         ux, uy, uz, closing = nx, ny, nz, 1.0
     else:
         # Of the normal's part across the axis, |part| = rest.
         rest = math.sqrt(1.0 - across * across)
-        closing = across * cone[1] + rest * cone[0]
+        closing = across * cone.cosine + rest * cone.sine
         if not (rest > 0.0 and closing > 0.0):
             return math.inf
-        turn = cone[0] / rest
-        keep = cone[1] - turn * across
+        turn = cone.sine / rest
+        keep = cone.cosine - turn * across
         ux, uy, uz = keep * dx + turn * nx, keep * dy + turn * ny, keep * dz + turn * nz
     positive = negative = False
     for k in range(3):
@@ -97,24 +145,24 @@ def _plane_range(f, p, dx, dy, dz, cone, mesh):
 
 
 @_compiled
-def _patch_range(seed, mark, p, dx, dy, dz, cone, mesh, faces, seen, queue):
+def _patch_range(seed, mark, p, d, cone, mesh, work):
     """Distance to the nearest point in the cone of the surface that is connected to a facet in it.
 
     It goes from facet to facet across each edge that the cone touches, as long as facets turn the
-    same side to the position (`faces`). `seen` (F,) gets the mark, another one for each call;
-    `queue` (F,) is room to work in.
+    same side to the position. `work.seen` gets the mark, another one for each call.
     """
-    vertices, facets, _, neighbours = mesh
+    vertices, facets, neighbours = mesh.vertices, mesh.facets, mesh.neighbours
+    faces, seen, queue = work
     nearest = math.inf
     queue[0], seen[seed], count, done = seed, mark, 1, 0
     while done < count:
         f = queue[done]
         done += 1
-        nearest = min(nearest, _plane_range(f, p, dx, dy, dz, cone, mesh))
+        nearest = min(nearest, _plane_range(f, p, d, cone, mesh))
         for k in range(3):
             ax, ay, az = _from(facets[f, k], p, vertices)
             bx, by, bz = _from(facets[f, (k + 1) % 3], p, vertices)
-            reach = _edge_range(ax, ay, az, bx - ax, by - ay, bz - az, dx, dy, dz, cone[2])
+            reach = _edge_range((ax, ay, az), (bx - ax, by - ay, bz - az), d, cone.tangent2)
             if reach < math.inf:
                 nearest = min(nearest, reach)
                 g = neighbours[f, k]
@@ -152,49 +200,51 @@ def _rays_beside(a, b, cosine, sine, half, slab, spacing):
 
 
 @_compiled
-def _follow_axes(p, rotation, fan, cone, mesh, faces, seen, queue, hit_rays, hit_facets, ranges):
+def _follow_axes(pose, fan, cone, mesh, work, hits, ranges):
     """Shortens ranges by the surfaces that the axes meet."""
+    (p, rotation), (hit_rays, hit_facets) = pose, hits
     rays = fan.shape[1]
     for k in range(len(hit_rays)):
         ray = hit_rays[k]
         i, j = ray // rays, ray % rays
-        dx, dy, dz = _turned(fan[i, j, 0], fan[i, j, 1], fan[i, j, 2], rotation)
-        reach = _patch_range(hit_facets[k], k, p, dx, dy, dz, cone, mesh, faces, seen, queue)
+        d = _turned(fan[i, j, 0], fan[i, j, 1], fan[i, j, 2], rotation)
+        reach = _patch_range(hit_facets[k], k, p, d, cone, mesh, work)
         ranges[ray] = min(ranges[ray], reach)
 
 
 @_compiled
-def _follow_silhouettes(p, rotation, fan, half, cone, mesh, edges, faces, seen, queue, ranges):
+def _follow_silhouettes(pose, lidar, cone, mesh, work, ranges):
     """Shortens ranges by the surfaces whose silhouettes lie in a cone."""
-    ends, beside = edges
+    (p, rotation), (fan, half) = pose, lidar
+    vertices, ends, beside, faces = mesh.vertices, mesh.ends, mesh.beside, work.faces
     planes, rays, _ = fan.shape
     spacing, back, mark = 2.0 * math.pi / rays, rotation.T, planes * rays
     for e in range(len(ends)):
         one, other = beside[e, 0], beside[e, 1]
         if faces[one] == faces[other]:
             continue
-        ax, ay, az = _turned(*_from(ends[e, 0], p, mesh[0]), back)
-        bx, by, bz = _turned(*_from(ends[e, 1], p, mesh[0]), back)
+        ax, ay, az = _turned(*_from(ends[e, 0], p, vertices), back)
+        bx, by, bz = _turned(*_from(ends[e, 1], p, vertices), back)
         far2 = max(ax * ax + ay * ay + az * az, bx * bx + by * by + bz * bz)
-        slab = cone[0] * math.sqrt(far2)
+        slab = cone.sine * math.sqrt(far2)
         for i in range(planes):
             first, last = _rays_beside(
                 (ax, ay, az), (bx, by, bz), fan[i, 0, 0], fan[i, 0, 1], half, slab, spacing
             )
             for j in range(first, last + 1):
-                ux, uy, uz = fan[i, j % rays, 0], fan[i, j % rays, 1], fan[i, j % rays, 2]
-                ex, ey, ez = bx - ax, by - ay, bz - az
-                if _edge_range(ax, ay, az, ex, ey, ez, ux, uy, uz, cone[2]) < math.inf:
+                u = fan[i, j % rays, 0], fan[i, j % rays, 1], fan[i, j % rays, 2]
+                along = bx - ax, by - ay, bz - az
+                if _edge_range((ax, ay, az), along, u, cone.tangent2) < math.inf:
                     front = one if faces[one] else other
-                    dx, dy, dz = _turned(ux, uy, uz, rotation)
-                    reach = _patch_range(front, mark, p, dx, dy, dz, cone, mesh, faces, seen, queue)
+                    d = _turned(u[0], u[1], u[2], rotation)
+                    reach = _patch_range(front, mark, p, d, cone, mesh, work)
                     ray = i * rays + j % rays
                     ranges[ray] = min(ranges[ray], reach)
                     mark += 1
 
 
 @_compiled
-def nearest_in_beams(p, rotation, fan, half, mesh, levels, edges, hit_rays, hit_facets, ranges):
+def nearest_in_beams(pose, lidar, mesh, hits, ranges):
     """Shortens the ranges (planes * rays,) in m of all rays to the nearest point in their cones.
 
     The nearest point lies on the surface that the axis meets, or on one that reaches into the cone
@@ -203,19 +253,19 @@ def nearest_in_beams(p, rotation, fan, half, mesh, levels, edges, hit_rays, hit_
     axes meet, and from the silhouettes that lie in a cone.
 
     Args:
-      p, rotation: the position (3,) in m in K and R_KS (3, 3).
-      fan: the directions (planes, rays, 3) in S, evenly spaced in each plane from the xy-plane on.
-      half: half of the beam's full angle, in rad.
-      mesh: see above. levels: n·v (F,) of each facet. edges: their ends (E, 2) and facets (E, 2).
-      hit_rays, hit_facets: (K,) the rays whose axes meet the mesh, and the facets.
+      pose: the position (3,) in m in K and R_KS (3, 3).
+      lidar: a `Fan`. mesh: a `Mesh`.
+      hits: (K,) the rays whose axes meet the mesh, and the facets.
       ranges: the ranges of the axes, +inf where they meet nothing.
     """
-    normals, count = mesh[2], len(levels)
-    cone = math.sin(half), math.cos(half), math.tan(half) ** 2
+    p, half, normals, levels = pose[0], lidar.half, mesh.normals, mesh.levels
+    count = len(levels)
+    cone = Cone(math.sin(half), math.cos(half), math.tan(half) ** 2)
     faces, seen = np.empty(count, dtype=np.bool_), np.full(count, -1)
     queue = np.empty(count, dtype=np.int64)
     for f in range(count):
         level = normals[f, 0] * p[0] + normals[f, 1] * p[1] + normals[f, 2] * p[2]
         faces[f] = level > levels[f]
-    _follow_axes(p, rotation, fan, cone, mesh, faces, seen, queue, hit_rays, hit_facets, ranges)
-    _follow_silhouettes(p, rotation, fan, half, cone, mesh, edges, faces, seen, queue, ranges)
+    work = _Work(faces, seen, queue)
+    _follow_axes(pose, lidar.directions, cone, mesh, work, hits, ranges)
+    _follow_silhouettes(pose, lidar, cone, mesh, work, ranges)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from proxops.systems.lidar._beam_kernel import nearest_in_beams
+from proxops.systems.lidar._beam_kernel import Fan, Mesh, nearest_in_beams
 from proxops.systems.lidar.lidar_geometry import LidarGeometry
 from proxops.systems.shapes import Polyhedron
 
@@ -20,21 +20,27 @@ class Beams:
 
     def __init__(self, shape: Polyhedron, geometry: LidarGeometry, width: float):
         """Takes the mesh, the planes and rays, and the full angle of the cones in rad."""
-        self._half = 0.5 * width
-        self._fan = geometry.directions.reshape(geometry.planes, geometry.rays, 3)
+        fan = geometry.directions.reshape(geometry.planes, geometry.rays, 3)
+        self._fan = Fan(fan, 0.5 * float(width))
         ends, beside = shape.edges
-        # Short integers: large meshes are read from memory in every frame.
-        self._edges = np.array(ends, dtype=np.int32), np.array(beside, dtype=np.int32)
         corners = shape.vertices[shape.facets[:, 0]]
-        self._levels = np.einsum("fi,fi->f", shape.normals, corners)
+        levels = np.einsum("fi,fi->f", shape.normals, corners)
         # The first facet beside an edge runs along it forwards, the second one backwards.
         neighbours = np.empty_like(shape.facets)
         for start, own, other in ((0, 0, 1), (1, 1, 0)):
             corner = np.argmax(shape.facets[beside[:, own]] == ends[:, start, None], axis=1)
             neighbours[beside[:, own], corner] = beside[:, other]
         # Of the same layout as if they were not read-only, so that one compiled kernel serves all.
-        parts = shape.vertices, shape.facets, shape.normals, neighbours
-        self._mesh = tuple(np.array(part, order="C") for part in parts)
+        self._mesh = Mesh(
+            vertices=np.array(shape.vertices, order="C"),
+            facets=np.array(shape.facets, order="C"),
+            normals=np.array(shape.normals, order="C"),
+            neighbours=np.array(neighbours, order="C"),
+            levels=levels,
+            # Short integers: large meshes are read from memory in every frame.
+            ends=np.array(ends, dtype=np.int32),
+            beside=np.array(beside, dtype=np.int32),
+        )
 
     def ranges(
         self,
@@ -51,18 +57,12 @@ class Beams:
           rays, distances, facets: (K,) the rays whose axes meet the mesh, how far away in m, and
             which facet.
         """
-        ranges = np.full(self._fan.shape[0] * self._fan.shape[1], np.inf)
+        planes, count, _ = self._fan.directions.shape
+        ranges = np.full(planes * count, np.inf)
         ranges[rays] = distances
-        nearest_in_beams(
+        pose = (
             np.array(position, dtype=np.float64),
             np.array(np.eye(3) if rotation is None else rotation, dtype=np.float64, order="C"),
-            self._fan,
-            self._half,
-            self._mesh,
-            self._levels,
-            self._edges,
-            rays,
-            facets,
-            ranges,
         )
+        nearest_in_beams(pose, self._fan, self._mesh, (rays, facets), ranges)
         return ranges

@@ -32,7 +32,7 @@ def _layer(weights, biases, x, out):
 
 
 @_exact
-def _bend(x):
+def _silu(x):
     """SiLU: x times its logistic function."""
     for k in range(x.size):
         x[k] = x[k] / (_ONE + math.exp(-x[k]))
@@ -120,10 +120,10 @@ def run(given, network, longest, force):
     one, other = np.empty(width, np.float32), np.empty(width, np.float32)
     _features(told, network.bends, row)
     _layer(network.weights_1, network.biases_1, row, one)
-    _bend(one)
+    _silu(one)
     _layer(network.weights_2, network.biases_2, one, other)
-    _bend(other)
+    _silu(other)
     _layer(network.weights_3, network.biases_3, other, one)
-    _bend(one)
+    _silu(one)
     _layer(network.weights_4, network.biases_4, one, correction)
     _law(given, correction, network.law, longest, force)

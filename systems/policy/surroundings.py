@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,6 +21,14 @@ NUMBERS = (
     "semi_axis_x", "semi_axis_y", "semi_axis_z", "gravity", "spin", "speed_limit", "period", "pace",
 )  # fmt: skip
 """Names of the proportions of body and spacecraft: see `Surroundings.numbers`."""
+
+
+class _Units(NamedTuple):
+    """Of length in m, speed in m/s and acceleration in m/s^2."""
+
+    length: float
+    speed: float
+    acceleration: float
 
 
 @dataclass(frozen=True)
@@ -132,10 +141,8 @@ class Surroundings:
     def fill_way(self, states: np.ndarray, goals: np.ndarray, given: np.ndarray) -> None:
         """Fills the twelve columns of `inputs` that change along the way; its arguments."""
         gravity = self.field.evaluate(states[:, :3]).acceleration
-        _fill_way(
-            states, goals, gravity, self.spin, self.length, self.speed, self.acceleration,
-            self.turned, given,
-        )  # fmt: skip
+        units = _Units(self.length, self.speed, self.acceleration)
+        _fill_way(states, goals, gravity, self.spin, units, self.turned, given)
 
     def in_body_frame(self, x: float, y: float, z: float) -> np.ndarray:
         """Gives a vector of the network as (3,) in K."""
@@ -143,8 +150,9 @@ class Surroundings:
 
 
 @kernel(error_model="numpy")
-def _fill_way(states, goals, gravity, spin, length, speed, acceleration, turned, given):
+def _fill_way(states, goals, gravity, spin, units, turned, given):
     """Fills twelve columns: state and goal, and acceleration without thrust, in their units."""
+    length, speed, acceleration = units
     for k in range(len(states)):
         x, y, _, v_x, v_y, _ = states[k]
         for axis in range(3):

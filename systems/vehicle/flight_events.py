@@ -57,6 +57,16 @@ class ArrivalConfig:
     deadline_s: float = number(7200.0, at_least=1e-2, at_most=LONG, unit="s")
 
 
+class _Regions(NamedTuple):
+    """Where something can happen."""
+
+    around: np.ndarray
+    """Semi-axes (3,) in m of an ellipsoid that contains the body and the keep-out ellipsoid."""
+    radius: float
+    speed: float
+    """Size of the goal region in m and m/s."""
+
+
 class FlownPath(NamedTuple):
     """A path that is flown: the cubic through the positions and velocities at its ends."""
 
@@ -104,6 +114,7 @@ class FlightEvents:
         self._tolerance = min(_DEPTH, _SHARE * float(self._keep_out.max()))
         self._around = containing_ellipsoid(self._keep_out, field.shape.vertices)
         self._radius, self._speed, self._dwell = radius, speed, dwell
+        self._regions = _Regions(self._around, float(radius), float(speed))
         self._caster = ray_caster(field.shape)
 
     def is_in_body(self, position: np.ndarray) -> bool:
@@ -145,9 +156,7 @@ class FlightEvents:
           span: how long the paths take, in s.
         """
         quiet = np.empty(len(starts), dtype=bool)
-        _find_uneventful(
-            starts, ends, targets, span, self._around, self._radius, self._speed, quiet
-        )
+        _find_uneventful(starts, ends, targets, span, self._regions, quiet)
         return quiet
 
     def _level(self, error: np.ndarray) -> float:
@@ -214,8 +223,9 @@ class FlightEvents:
 
 
 @kernel(error_model="numpy", forceinline=True)
-def _uneventful(start, end, target, span, around, radius, speed):
+def _uneventful(start, end, target, span, regions):
     """Whether a path between states (6,) ends outside the goal region, far from the ellipsoid."""
+    around, radius, speed = regions
     position = velocity = level = left = right = straight = 0.0
     third = span / 3.0
     for i in range(3):
@@ -233,8 +243,8 @@ def _uneventful(start, end, target, span, around, radius, speed):
 
 
 @kernel(error_model="numpy")
-def _find_uneventful(starts, ends, targets, span, around, radius, speed, quiet):
+def _find_uneventful(starts, ends, targets, span, regions, quiet):
     """Fills ``quiet`` (N,): see `FlightEvents.nothing_happens`."""
     for n in range(len(starts)):
         start, end, target = starts[n], ends[n], targets[n]
-        quiet[n] = _uneventful(start, end, target, span, around, radius, speed)
+        quiet[n] = _uneventful(start, end, target, span, regions)
