@@ -16,7 +16,13 @@ from proxops.diagrams.scenario.overrides import (
 from proxops.diagrams.scenario.path_keys import make_paths_absolute
 from proxops.diagrams.scenario.scenario_checks import check_scenario
 from proxops.diagrams.scenario.scenario_config import Scenario
-from proxops.diagrams.scenario.typed_yaml import dump_typed, load_typed, parse_mapping, read_mapping
+from proxops.diagrams.scenario.typed_yaml import (
+    dump_typed,
+    load_typed,
+    parse_mapping,
+    read_mapping,
+    tree_of,
+)
 from proxops.systems.common import InputError
 
 
@@ -111,7 +117,7 @@ def change_scenario(scenario: Scenario, changes: Overrides) -> Scenario:
       InputError: a key is unknown, a value has the wrong type or is beyond its limits, or the
         scenario's dispersions draw it for each flight.
     """
-    tree = parse_mapping(dump_scenario(scenario), "scenario")
+    tree = tree_of(scenario)
     _change(tree, changes)
     changed = load_typed(Scenario, tree, "scenario")
     check_scenario(changed, "scenario")

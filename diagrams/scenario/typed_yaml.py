@@ -1,4 +1,4 @@
-"""Reads dataclasses from YAML with pydrake's typed reader; errors say how to correct the file."""
+"""Dataclasses from YAML and back; errors say how to correct the file."""
 
 import dataclasses as dc
 import difflib
@@ -6,33 +6,57 @@ import reprlib
 import typing
 from pathlib import Path
 
-import yaml
-from pydrake.common.yaml import yaml_dump_typed, yaml_load, yaml_load_typed
+from pydrake.common.yaml import yaml_dump_typed, yaml_load
 
 from proxops.diagrams.scenario.plain_yaml import TAG, needs_quotes, read_yaml, write_yaml
 from proxops.systems.common import InputError, decoded
 
+Made = typing.TypeVar("Made")
 
-def load_typed(schema: type, tree: dict[str, typing.Any], source: str) -> typing.Any:
+
+def load_typed(
+    schema: type[Made], tree: typing.Mapping[str, typing.Any], source: str, key: str = ""
+) -> Made:
     """Makes an instance of the dataclass `schema` from nested dicts.
 
     Args:
       schema: a dataclass whose fields all have defaults.
-      tree: keys and values that differ from the defaults.
+      tree: keys and values that differ from the defaults. Of a field that takes several
+        dataclasses, the key `_tag` names one; it may leave out the `Config` at the name's end.
       source: the origin of the tree, such as a file name; error messages begin with it.
+      key: the dotted key of the tree in its source.
 
     Raises:
       InputError: a key is unknown, or a value has the wrong type.
     """
-    try:
-        _check_tree(schema, tree, source)
-        return yaml_load_typed(schema=schema, data=write_yaml(tree), defaults=schema())
-    except InputError:
-        raise
-    except (
-        yaml.YAMLError, RuntimeError, ValueError, TypeError, AssertionError, OverflowError
-    ) as error:  # fmt: skip
-        raise InputError(f"{source}: {error}") from error
+    made = schema()
+    fields = {field.name: field.type for field in dc.fields(typing.cast(typing.Any, schema))}
+    for name, value in tree.items():
+        if name == TAG:
+            continue
+        where = f"{source}: {key}" if key else source
+        if not fields:
+            raise InputError(f"{where}: {schema.__name__} has no keys, got {str(name)!r}")
+        if name not in fields:
+            near = difflib.get_close_matches(str(name), fields, n=1, cutoff=0.0)[0]
+            raise InputError(
+                f"{where}: there is no key {name!r} in {schema.__name__}; the nearest is {near!r}"
+            )
+        path = f"{key}.{name}" if key else name
+        setattr(made, name, _typed(value, fields[name], source, path))
+    return made
+
+
+def tree_of(config: typing.Any) -> dict[str, typing.Any]:
+    """Gives a dataclass as nested dicts, from which `load_typed` makes an equal one."""
+    found: dict[str, typing.Any] = {}
+    for field in dc.fields(config):
+        value = getattr(config, field.name)
+        if dc.is_dataclass(value):
+            found[field.name] = tree_of(value) | {TAG: f"!{type(value).__name__}"}
+        else:
+            found[field.name] = [*value] if isinstance(value, list) else value
+    return found
 
 
 def dump_typed(config: typing.Any) -> str:
@@ -91,76 +115,51 @@ def parse_mapping(text: str, source: str) -> dict[str, typing.Any]:
     return tree
 
 
-def _check_tree(schema: type, tree: dict[str, typing.Any], source: str, key: str = "") -> None:
-    """Raises `InputError` for the first unknown key, wrong tag or value of the wrong type.
+def _typed(value: typing.Any, schema: typing.Any, source: str, path: str) -> typing.Any:
+    """A value as a field's type takes it.
 
-    It removes tags from fields that have only one type, because pydrake accepts tags only where a
-    field has several.
+    Raises:
+      InputError: it has another type, or a tag that the field does not take.
     """
-    where = f"{source}: {key}" if key else source
-    fields = {field.name: field.type for field in dc.fields(schema)}
-    for name, value in tree.items():
-        if name == TAG:
+    is_list = typing.get_origin(schema) is list
+    options = [schema] if is_list else [*(typing.get_args(schema) or (schema,))]
+    nested = {f"!{option.__name__}": option for option in options if dc.is_dataclass(option)}
+    if nested and isinstance(value, dict):
+        tag = str(value.get(TAG, next(iter(nested))))
+        chosen = nested.get(tag) or nested.get(f"{tag}Config")
+        if chosen is None:
+            choices = ", ".join(map(_short_tag, nested))
+            raise InputError(f"{source}: {path} cannot be {tag}; choose from {choices}")
+        return load_typed(chosen, value, source, path)
+    for option in options:
+        if not fits(value, option):
             continue
-        if not fields:
-            raise InputError(f"{where}: {schema.__name__} has no keys, got {str(name)!r}")
-        if name not in fields:
-            near = difflib.get_close_matches(str(name), fields, n=1, cutoff=0.0)[0]
-            raise InputError(
-                f"{where}: there is no key {name!r} in {schema.__name__}; the nearest is {near!r}"
-            )
-        options: list[typing.Any] = list(typing.get_args(fields[name]) or (fields[name],))
-        if typing.get_origin(fields[name]) is list:
-            options = [fields[name]]
-        nested: list[typing.Any] = [option for option in options if dc.is_dataclass(option)]
-        path = f"{key}.{name}" if key else name
-        if nested and isinstance(value, dict):
-            chosen = _choose(nested, value, f"{source}: {path}")
-            _check_tree(chosen, value, source, path)
-            if str in options:  # pydrake takes a mapping without a tag for a text.
-                value[TAG] = f"!{chosen.__name__}"
-        elif not any(fits(value, option) for option in options):
-            wanted = "`key: value` lines" if nested else " or ".join(map(in_words, options))
-            wanted = f"a text or {wanted}" if nested and str in options else wanted
-            if len(nested) > 1:
-                wanted += f", or one of {', '.join(f'{_tag(option)} {{}}' for option in nested)}"
-            raise InputError(f"{source}: {path} needs {wanted}, got {reprlib.repr(value)}")
+        if option not in (float, list[float]):
+            return [*value] if isinstance(value, list) else value
+        try:
+            return [*map(float, value)] if isinstance(value, list) else float(value)
+        except OverflowError as error:
+            raise InputError(f"{source}: {path} is a number beyond all floats") from error
+    wanted = "`key: value` lines" if nested else " or ".join(map(in_words, options))
+    wanted = f"a text or {wanted}" if nested and str in options else wanted
+    if len(nested) > 1:
+        wanted += f", or one of {', '.join(f'{_short_tag(tag)} {{}}' for tag in nested)}"
+    raise InputError(f"{source}: {path} needs {wanted}, got {reprlib.repr(value)}")
 
 
-def _tag(option: type) -> str:
+def _short_tag(tag: str) -> str:
     """The tag of a dataclass as the documentation writes it."""
-    return "!" + option.__name__.removesuffix("Config")
-
-
-def _choose(options: list[type], tree: dict[str, typing.Any], where: str) -> type:
-    """Gives the dataclass that the mapping's tag names; without a tag it gives the first.
-
-    A tag may leave out the `Config` at the end of the class's name.
-    """
-    names = ["!" + option.__name__ for option in options]
-    tag = tree.get(TAG, names[0])
-    if tag not in names and f"{tag}Config" in names:
-        tag = tree[TAG] = f"{tag}Config"
-    if tag not in names:
-        raise InputError(f"{where} cannot be {tag}; choose from {', '.join(map(_tag, options))}")
-    if len(options) == 1:
-        tree.pop(TAG, None)
-    return options[names.index(tag)]
+    return tag.removesuffix("Config")
 
 
 def fits(value: typing.Any, schema: typing.Any) -> bool:
-    """Tells whether a YAML value fits the type `schema`; pydrake judges types not named here."""
+    """Tells whether a YAML value fits the type `schema`, which is no dataclass."""
     if typing.get_origin(schema) is list:
         (item,) = typing.get_args(schema)
         return isinstance(value, list) and all(fits(element, item) for element in value)
-    if schema is bool:
-        return isinstance(value, bool)
     if schema is float:
         return is_number(value)
-    kinds = {int: int, str: str, type(None): type(None)}
-    if schema in kinds:
-        return isinstance(value, kinds[schema]) and not isinstance(value, bool)
-    return not dc.is_dataclass(schema)
+    return isinstance(value, schema) and (schema is bool or not isinstance(value, bool))
 
 
 def is_number(value: typing.Any) -> typing.TypeGuard[int | float]:
