@@ -10,6 +10,11 @@ from proxops.studies.evaluation.evaluation import aggregate, aggregate_all, delt
 from proxops.studies.evaluation.statistics_of_flights import success_interval
 from proxops.studies.evaluation.table import successes_text
 
+ESTIMATE_ERRORS = {
+    "position_error_m_median": 40.0, "position_error_m_p95": 90.0,
+    "velocity_error_m_s_median": 0.1, "velocity_error_m_s_p95": 0.3,
+}  # fmt: skip
+
 
 def test_interval_of_published_examples() -> None:
     """Newcombe, Statistics in Medicine 17 (1998) 857, table I: 81 of 263, 15 of 148, 0, 1."""
