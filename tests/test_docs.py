@@ -174,13 +174,6 @@ def test_commands_in_sentences_are_understood(page: str, line: str) -> None:
         assert f'"{option}"' in source or f'"{option[2:]}"' in source, (page, line)
 
 
-def test_make_targets_that_are_told_of_exist() -> None:
-    targets = set(re.findall(r"^([\w-]+):", (ROOT / "Makefile").read_text(), re.MULTILINE))
-    told = {name for text in PAGES.values() for name in re.findall(r"`make ([\w-]+)`", text)}
-    told |= {line.split()[1] for _, line in command_lines() if line.startswith("make ")}
-    assert {"fly", "test", "lint", "docs"} <= told <= targets
-
-
 def in_brief(words: list[str]) -> list[str]:
     """The same on few and short flights, or little data."""
     name, *rest = words
@@ -270,20 +263,6 @@ def test_what_learned_from_the_expert_flies(working_folder: Path) -> None:
     assert 0.0 < flight["delta_v_m_s"] < 3 * 0.07 * 150.0
 
 
-def test_files_of_the_paper_table_exist() -> None:
-    table = PAGES["docs/paper.md"].partition("## Its two diagrams")[0]
-    paths = re.findall(r"`([\w/]+\.py)`", table)
-    assert len(paths) > 10
-    for path in paths:
-        assert (ROOT / path).is_file(), path
-
-
-def test_notebooks_that_are_told_of() -> None:
-    numbers = {path.name.partition("_")[0] for path in (ROOT / "notebooks").glob("*.ipynb")}
-    text = PAGES["docs/index.md"].partition("The notebooks in")[2].replace("\n", " ")
-    assert set(re.findall(r"(?<=[ ,:])(\d+) ", text)) == numbers
-
-
 def keys_of(config: Any, prefix: str) -> set[str]:
     """The dotted keys of a dataclass."""
     found = set()
@@ -291,15 +270,6 @@ def keys_of(config: Any, prefix: str) -> set[str]:
         value, key = getattr(config, field.name), f"{prefix}.{field.name}"
         found |= keys_of(value, key) if dataclasses.is_dataclass(value) else {key}
     return found
-
-
-def test_keys_of_the_truth_are_told_and_exist() -> None:
-    keys = keys_of(load_scenario().truth, "truth")
-    sections = {key.rpartition(".")[0] for key in keys}
-    told = {key for text in PAGES.values() for key in re.findall(r"\btruth(?:\.\w+)+", text)}
-    assert told - {"truth.md"} <= keys | sections
-    page = PAGES["docs/method/truth.md"]
-    assert [key for key in sorted(keys) if f"{key.rpartition('.')[2]}`" not in page] == []
 
 
 def test_every_shipped_dispersion_has_a_table() -> None:

@@ -10,6 +10,11 @@ from proxops.studies.evaluation.evaluation import aggregate, aggregate_all, delt
 from proxops.studies.evaluation.statistics_of_flights import success_interval
 from proxops.studies.evaluation.table import successes_text
 
+ESTIMATE_ERRORS = {
+    "position_error_m_median": 40.0, "position_error_m_p95": 90.0,
+    "velocity_error_m_s_median": 0.1, "velocity_error_m_s_p95": 0.3,
+}  # fmt: skip
+
 
 def test_interval_of_published_examples() -> None:
     """Newcombe, Statistics in Medicine 17 (1998) 857, table I: 81 of 263, 15 of 148, 0, 1."""
@@ -36,12 +41,6 @@ def test_interval_at_its_ends() -> None:
         for successes in range(trials + 1):
             low, high = success_interval(successes, trials)
             assert 0.0 <= low <= successes / trials <= high <= 1.0
-
-
-ESTIMATE_ERRORS = {
-    "position_error_m_median": 40.0, "position_error_m_p95": 90.0,
-    "velocity_error_m_s_median": 0.1, "velocity_error_m_s_p95": 0.3,
-}  # fmt: skip
 
 
 def row(**changes: Any) -> dict[str, Any]:
@@ -134,23 +133,6 @@ def test_nobody_arrives_and_nobody_asks_the_mpc() -> None:
         assert found[name] is None
     numbers = [value for value in found.values() if isinstance(value, float)]
     assert not any(math.isnan(value) for value in numbers)
-
-
-def test_controllers_without_the_mpc() -> None:
-    """A policy's time and the errors of its estimates, which not every flight need have."""
-    errors = [
-        {f"estimate_{name}": factor * value for name, value in ESTIMATE_ERRORS.items()}
-        for factor in (1.0, 4.0, 2.0)
-    ]
-    rows = [
-        row(transit=k, mpc_solves=0, policy_share=1.0, control_ms_median=0.1 * (k + 1), **extra)
-        for k, extra in enumerate([*errors, {}])
-    ]
-    found = aggregate(rows)
-    assert found["control_ms_median"] == pytest.approx(0.25)
-    for name, value in ESTIMATE_ERRORS.items():
-        assert found[f"estimate_{name}"] == 2.0 * value
-    assert not [name for name in aggregate(rows[3:]) if name.startswith("estimate")]
 
 
 @pytest.mark.parametrize("good", [0, 1, 426, 851, 852])

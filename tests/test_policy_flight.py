@@ -12,7 +12,7 @@ from short_flights import BRIEF, flown_and_taken_up, kleopatra, short_scenario
 
 from proxops.cli.common import console
 from proxops.cli.fly import _table
-from proxops.diagrams.flight import Workers, campaign, named_bundles
+from proxops.diagrams.flight import Workers, campaign
 from proxops.diagrams.flight.campaign import run_campaign, transit_flights
 from proxops.diagrams.flight.named_bundles import bundle_of
 from proxops.diagrams.flight.named_controllers import named_controller
@@ -154,11 +154,6 @@ def test_cloned_context_goes_on_alike(reckoning: Path) -> None:
         np.testing.assert_array_equal(one, other)
 
 
-def test_repeats_bit_for_bit(log: FlightLog, reckoning: Path) -> None:
-    again = fly(log.scenario, "policy")
-    assert differences(log, again) == []
-
-
 # --- the scenario and the commands ----------------------------------------------------------------
 
 
@@ -171,15 +166,6 @@ def test_bundle_of_a_file_is_relative_to_it(tmp_path: Path, monkeypatch: pytest.
     with pytest.raises(InputError, match=r"policy\.bundle must name"):
         load_scenario(None, ["policy.bundle=''"])
     assert load_scenario().policy.bundle is None
-
-
-def test_no_policy_ships(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, counting: Path) -> None:
-    monkeypatch.setattr(named_bundles, "_SHIPPED_POLICY", tmp_path / "policy")
-    with pytest.raises(InputError, match=r"no policy ships .* proxops train"):
-        named_controller("policy", short_scenario(), kleopatra())
-    monkeypatch.setattr(named_bundles, "_SHIPPED_POLICY", counting)
-    policy = named_controller("policy", short_scenario(), kleopatra())
-    assert policy.num_input_ports() == 3
 
 
 def test_end_to_end_names_the_pilot_that_ships(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from proxops.assets import ASSETS
 from proxops.diagrams.scenario import Scenario
-from proxops.systems import GuidanceBundle, InputError, PolicyBundle
+from proxops.systems import GuidanceBundle, PolicyBundle
 from proxops.systems.policy import GUIDANCE_FILE
 
 WITH_BUNDLE = ("policy", "hybrid", "pd", "mpc")
@@ -23,28 +23,13 @@ def bundle_of(name: str, scenario: Scenario) -> Path | None:
 
     `policy` and `hybrid` fly the scenario's bundle; `pd` and `mpc` fly none. After a colon comes
     `end-to-end`, the pilot that ships for Kleopatra, or a path relative to the working directory.
-
-    Raises:
-      InputError: the controller needs a bundle, but neither the name nor the scenario gives one,
-        and none ships with this proxops.
     """
     kind, colon, path = name.partition(":")
     if kind not in WITH_BUNDLE or name in _WITHOUT_BUNDLE:
         return None
     if not colon:
-        return _scenario_bundle(scenario)
+        return Path(scenario.policy.bundle or _SHIPPED_POLICY)
     return _NAMED_BUNDLES.get(path, Path(path))
-
-
-def _scenario_bundle(scenario: Scenario) -> Path:
-    if scenario.policy.bundle is not None:
-        return Path(scenario.policy.bundle)
-    if not _SHIPPED_POLICY.is_dir():
-        raise InputError(
-            "no policy ships with this proxops: make one with proxops train, and name its bundle "
-            "with --set policy.bundle=FOLDER"
-        )
-    return _SHIPPED_POLICY
 
 
 def policy_sha256(bundle: Path) -> str:
