@@ -73,6 +73,8 @@ def _real(text: str) -> float:
     return float(re.sub(r"\.(?=inf|nan)", "", text.lower()))
 
 
+# A whole number of so many digits, hexadecimal ones included, is still a float.
+_LONGEST = 200
 _FINITE = r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?"
 _SCALARS: dict[str, tuple[str, Callable[[str], typing.Any]]] = {
     "null": (r"null|Null|NULL|~|", lambda _: None),
@@ -88,6 +90,8 @@ def _add_scalar(name: str, read: Callable[[str], typing.Any]) -> None:
         text = reader.construct_scalar(node)
         if not _PATTERNS[name].match(text):
             raise _refusal(f"{text!r} has the tag !!{name}, which it is not", node)
+        if len(text) > _LONGEST:
+            raise _refusal(f"a number has {len(text)} digits", node)
         return read(text)
 
     _Reader.add_constructor(_CORE + name, construct)
