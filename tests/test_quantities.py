@@ -13,7 +13,7 @@ from proxops.diagrams.scenario.dotted_keys import default_at, dotted_keys
 from proxops.diagrams.scenario.quantities import HARMLESS, Quantity
 from proxops.systems.assurance import AssuranceBoundsConfig
 from proxops.systems.common import InputError
-from proxops.systems.navigation import ExpectedErrorsConfig
+from proxops.systems.navigation import ExpectedErrorsConfig, LidarNavigationConfig
 
 SECTIONS = ("truth.", "disturbance.", "force_noise.", "kicks.")
 # Values that are no spread about what is believed.
@@ -29,7 +29,7 @@ SPREADS = {
 }
 
 
-def dispersed(quantity: Quantity, folder: Path, **changes: str) -> World:
+def dispersed(quantity: Quantity, folder: Path, **changes: object) -> World:
     """A world of dispersions of one quantity alone."""
     spread = SPREADS.get(quantity.key)
     if spread is None:
@@ -40,6 +40,14 @@ def dispersed(quantity: Quantity, folder: Path, **changes: str) -> World:
     path = folder / "one.yaml"
     path.write_text(f"{quantity.key}: {spread}\n")
     return World.of(load_scenario(None, {"dispersions": str(path), **changes}), kleopatra())
+
+
+def told(world: World) -> ExpectedErrorsConfig:
+    """What the navigation of a world is told of its errors."""
+    navigation = world.belief.navigation
+    assert isinstance(navigation, LidarNavigationConfig)
+    assert navigation.expected is not None
+    return navigation.expected
 
 
 def test_every_uncertain_value_has_a_row() -> None:
@@ -66,12 +74,12 @@ def test_rows_name_what_is_there() -> None:
     "quantity", [each for each in QUANTITIES if each.tunes], ids=lambda each: each.key
 )
 def test_what_is_dispersed_tunes_the_filter(quantity: Quantity, tmp_path: Path) -> None:
-    navigation = dispersed(quantity, tmp_path).belief.navigation
-    usual = dispersed(Quantity("truth.lidar.dropout"), tmp_path).belief.navigation
+    tuned = told(dispersed(quantity, tmp_path))
+    usual = told(dispersed(Quantity("truth.lidar.dropout"), tmp_path))
     changed = {
         field.name
         for field in dc.fields(ExpectedErrorsConfig)
-        if getattr(navigation.expected, field.name) != getattr(usual.expected, field.name)
+        if getattr(tuned, field.name) != getattr(usual, field.name)
     }
     # The usual attitude error is generous already.
     assert changed == {quantity.tunes} - ({"attitude_deg"} if not changed else set())
@@ -83,7 +91,7 @@ def test_a_great_attitude_error_tunes_the_filter(tmp_path: Path) -> None:
     scenario = load_scenario(
         None, {"dispersions": str(path), "truth.attitude.constant_deg": [0, 0, 0]}
     )
-    assert World.of(scenario, kleopatra()).belief.navigation.expected.attitude_deg > 2.9
+    assert told(World.of(scenario, kleopatra())).attitude_deg > 2.9
 
 
 @pytest.mark.slow
@@ -100,6 +108,8 @@ def test_what_is_dispersed_is_bounded_or_refused(quantity: Quantity, tmp_path: P
         with pytest.raises(InputError, match=r"assurance\.bounds"):
             dispersed(quantity, tmp_path, **changes)
         return
-    bounds = dispersed(quantity, tmp_path, **changes).belief.assurance.bounds
-    moved = {name for name, value in dc.asdict(bounds).items() if value}
+    assurance = dispersed(quantity, tmp_path, **changes).belief.assurance
+    assert assurance is not None
+    assert isinstance(assurance.bounds, AssuranceBoundsConfig)
+    moved = {name for name, value in dc.asdict(assurance.bounds).items() if value}
     assert quantity.bounds in moved if quantity.bounds else not moved

@@ -545,8 +545,8 @@ def vars_of(section: Scenario) -> list[object]:
 
 def test_values_by_keyword() -> None:
     """They are the overrides of a mapping, and read better in a notebook."""
-    found = load_scenario(transit=3, dispersions="after_survey", **{"spacecraft.mass_kg": 120})
-    keys = {"transit.index": 3, "dispersions": "after_survey", "spacecraft.mass_kg": 120}
+    found = load_scenario(transit=3, dispersions="after_survey", control_period_s=5.0)
+    keys = {"transit.index": 3, "dispersions": "after_survey", "control_period_s": 5.0}
     assert found == load_scenario(None, keys)
     assert found.transit.index == 3
     with pytest.raises(InputError, match="there is no key 'dispersion'"):

@@ -122,8 +122,12 @@ def _typed(value: typing.Any, schema: typing.Any, source: str, path: str) -> typ
       InputError: it has another type, or a tag that the field does not take.
     """
     is_list = typing.get_origin(schema) is list
-    options = [schema] if is_list else [*(typing.get_args(schema) or (schema,))]
-    nested = {f"!{option.__name__}": option for option in options if dc.is_dataclass(option)}
+    options: list[typing.Any] = [schema] if is_list else [*(typing.get_args(schema) or (schema,))]
+    nested: dict[str, type] = {
+        f"!{option.__name__}": option
+        for option in options
+        if isinstance(option, type) and dc.is_dataclass(option)
+    }
     if nested and isinstance(value, dict):
         tag = str(value.get(TAG, next(iter(nested))))
         chosen = nested.get(tag) or nested.get(f"{tag}Config")

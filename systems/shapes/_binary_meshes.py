@@ -29,7 +29,7 @@ class _Property(NamedTuple):
 
     name: str
     kind: str
-    count: str | None
+    length: str | None
     """Type of a list's length; None: it is no list."""
 
 
@@ -157,7 +157,7 @@ def _take_row(words: list[str], properties: list[_Property], columns: dict[str, 
     place = 0
     for each in properties:
         number = float if each.kind.startswith("f") else int
-        if each.count is None:
+        if each.length is None:
             columns[each.name].append(number(words[place]))
             place += 1
         else:
@@ -187,9 +187,9 @@ def _binary_element(body, place, order, name, count, properties):
         fields, at = [], place
         for each in properties:
             size: tuple[int, ...] = ()
-            if each.count is not None:
-                length = np.frombuffer(body[at : at + 8], order + each.count, 1)
-                fields.append((f"#{each.name}", order + each.count))
+            if each.length is not None:
+                length = np.frombuffer(body[at : at + 8], order + each.length, 1)
+                fields.append((f"#{each.name}", order + each.length))
                 at += length.itemsize
                 size = (int(length[0]),)
             fields.append((each.name, order + each.kind, size))
@@ -201,7 +201,7 @@ def _binary_element(body, place, order, name, count, properties):
         rows = np.frombuffer(body, row, there, place)
         same = np.ones(there, dtype=bool)
         for each in properties:
-            if each.count is not None:
+            if each.length is not None:
                 same &= rows[f"#{each.name}"] == rows[f"#{each.name}"][0]
         alike = there if same.all() else int(np.argmin(same))
         for each in properties:

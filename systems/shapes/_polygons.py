@@ -36,7 +36,7 @@ def triangulated(
     facets = np.empty((int(ends[-1]) if ends.size else 0, 3), dtype=np.int64)
     for size in np.unique(sizes):
         some = np.flatnonzero(sizes == size)
-        corners = np.array([polygons[k] for k in some], dtype=np.int64)
+        corners = np.array([polygons[int(k)] for k in some], dtype=np.int64)
         strange = ((corners < 0) | (corners >= len(vertices))).any(axis=1)
         if strange.any():
             raise ValueError(

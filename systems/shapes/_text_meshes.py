@@ -271,14 +271,15 @@ def _radii(rows: list[_Row], longitudes: str | None) -> Read | None:
     if np.abs(table[:, 0]).max() > 90.0:
         table = table[:, [1, 0, 2]]
     table = table[np.lexsort((table[:, 1], table[:, 0]))]
+    # A pole may stand once, or at each longitude.
+    polar, table = table[np.abs(table[:, 0]) == 90.0], table[np.abs(table[:, 0]) < 90.0]
     latitudes, around = np.unique(table[:, 0]), np.unique(table[:, 1])
     whole_grid = np.stack(np.meshgrid(latitudes, around, indexing="ij"), axis=2)
     if (
         min(len(latitudes), len(around)) < 3
-        or np.abs(latitudes).max() > 90.0
         or not np.array_equal(whole_grid.reshape(-1, 2), table[:, :2])
         or np.ptp(around) < 180.0
-        or table[:, 2].min() <= 0.0
+        or min(table[:, 2].min(), polar[:, 2].min(initial=1.0)) <= 0.0
     ):
         return None
     if longitudes not in LONGITUDES:
@@ -290,15 +291,17 @@ def _radii(rows: list[_Row], longitudes: str | None) -> Read | None:
     radii = table[:, 2].reshape(len(latitudes), len(around))
     if np.isclose(around[-1], around[0] + 360.0):
         around, radii = around[:-1], radii[:, :-1]
-    # The poles are one vertex each, of the mean radius of the row next to them or on them.
-    inner = np.abs(latitudes) < 90.0
-    ends = [float(radii[0].mean()), float(radii[-1].mean())]
-    b = np.radians(latitudes[inner])[:, None]
+    # Each pole is one vertex: of its own radius, or of the mean of the row next to it.
+    ends = []
+    for pole, row in ((-90.0, radii[0]), (90.0, radii[-1])):
+        own = polar[polar[:, 0] == pole, 2]
+        ends.append(float((own if own.size else row).mean()))
+    b = np.radians(latitudes)[:, None]
     a = np.radians(around if longitudes == "east" else -around)[None, :]
     unit = np.stack([np.cos(b) * np.cos(a), np.cos(b) * np.sin(a), np.sin(b) + 0.0 * a], axis=2)
-    m, n = int(inner.sum()), len(around)
+    m, n = len(latitudes), len(around)
     vertices = np.concatenate(
-        [(radii[inner][:, :, None] * unit).reshape(-1, 3), [[0, 0, -ends[0]], [0, 0, ends[1]]]]
+        [(radii[:, :, None] * unit).reshape(-1, 3), [[0, 0, -ends[0]], [0, 0, ends[1]]]]
     )
     grid = np.arange(m * n).reshape(m, n)
     after = np.roll(grid, -1, axis=1)
