@@ -321,9 +321,10 @@ def _print(report: ShapeReport, findings: dict[str, Any], where: Console) -> Non
         """Prints a text as one line without wrapping, so that a pipe gets whole sentences."""
         where.print(text, highlight=False, soft_wrap=True)
 
-    for defect in findings.get("before", {}).get("defects", []):
-        say(f"defect before: {defect['text']}")
     repair = findings.get("repair", {})
+    if "out" in repair:
+        for defect in findings["before"]["defects"]:
+            say(f"defect before: {defect['text']}")
     for action in repair.get("actions", []):
         say(f"done: {action}")
     if repair.get("actions"):
