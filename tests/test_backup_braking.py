@@ -1,4 +1,7 @@
-"""Backup braking against closed forms, and against flights by an independent integration."""
+"""Backup braking against closed forms, and against flights by an independent integration.
+
+Eq. 23 to 27 of docs/method/equations.md.
+"""
 
 import dataclasses
 from functools import cache

@@ -1,4 +1,7 @@
-"""The Kalman update, against the textbook's form and against frames of known errors."""
+"""The Kalman update, against the textbook's form and against frames of known errors.
+
+Eq. 15 to 19 of docs/method/equations.md.
+"""
 
 import numpy as np
 import pytest

@@ -1,4 +1,7 @@
-"""The derivatives of a predicted frame, against differences of ray-cast ranges."""
+"""The derivatives of a predicted frame, against differences of ray-cast ranges.
+
+Eq. 11 to 13 of docs/method/equations.md.
+"""
 
 import functools
 

@@ -1,4 +1,7 @@
-"""Polyhedral gravity against closed forms, a plain implementation, and the laws it must obey."""
+"""Polyhedral gravity against closed forms, a plain implementation, and the laws it must obey.
+
+Eq. 29, 30 and 32 of docs/method/equations.md.
+"""
 
 import platform
 import re

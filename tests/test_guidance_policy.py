@@ -1,4 +1,7 @@
-"""The policy for any body: what it is told, what it refuses, and how it flies before it learns."""
+"""The policy for any body: what it is told, what it refuses, and how it flies before it learns.
+
+Eq. 20 and 21 of docs/method/equations.md.
+"""
 
 import dataclasses
 import json

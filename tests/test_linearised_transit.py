@@ -1,4 +1,7 @@
-"""The condensed convex program against the same one with states as variables and every limit in."""
+"""The condensed convex program against the same one with states as variables and every limit in.
+
+Eq. 9 and 10 of docs/method/equations.md.
+"""
 
 import dataclasses
 from functools import cache

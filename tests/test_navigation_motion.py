@@ -1,4 +1,7 @@
-"""Prediction of the estimate, against integration of the equations of motion by scipy."""
+"""Prediction of the estimate, against integration of the equations of motion by scipy.
+
+Eq. 2 to 8 of docs/method/equations.md.
+"""
 
 import itertools
 

@@ -1,4 +1,7 @@
-"""The least time to the keep-out, compared with flights with every thruster at its limit."""
+"""The least time to the keep-out, compared with flights with every thruster at its limit.
+
+Eq. 28 of docs/method/equations.md.
+"""
 
 import numpy as np
 import pytest

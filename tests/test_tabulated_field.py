@@ -1,4 +1,7 @@
-"""The gravity table against the field that it was made from, and the laws that it must obey."""
+"""The gravity table against the field that it was made from, and the laws that it must obey.
+
+Eq. 31 of docs/method/equations.md.
+"""
 
 import functools
 import tempfile

@@ -184,7 +184,7 @@ def _coriolis(i, r, v, world):
 
 @_inlined
 def _law(r, v, gravity, world, u):
-    """Fills the backup's thrust acceleration."""
+    """Fills the backup's thrust acceleration: eq. 23."""
     limit, cruise = world.thrust, world.cruise
     nx, ny, nz, level = _normal(r, world)
     # The outward speed, less what an error of the position may make of sideways speed, and less
@@ -253,7 +253,7 @@ def _spread(low, high, most, least, world):
 
 @_inlined
 def _bounds_of_law(axis, world):
-    """Bounds of an axis's acceleration, and of its commanded thrust, if the law flies.
+    """Bounds of an axis's acceleration, and of its commanded thrust, if the law flies: eq. 25.
 
     The law's wish never falls with n and never rises with v, and free + clip(wish - free) never
     falls with the acceleration `free` without thrust. So the ends of the tube give the ends of the
@@ -274,9 +274,10 @@ def _bounds_of_law(axis, world):
 def _tube_step(tube, u, by_law, tables, world, work, end):
     """Moves the tube by one period; returns a lower bound of its clearance on the way (m).
 
-    It is -inf where the table has no gravity. The tube flies u (3,), or, if ``by_law``, the law
-    without any sideways braking, for the bounds of the normal in ``work``. ``r_end`` and ``v_end``
-    may be r and v; the half widths and the rest of ``work`` are overwritten.
+    These are eq. 24 to 27. It is -inf where the table has no gravity. The tube flies u (3,), or, if
+    ``by_law``, the law without any sideways braking, for the bounds of the normal in ``work``. It
+    ends at ``end``, position and velocity, which may be its own; its half widths and the rest of
+    ``work`` are overwritten.
     """
     period, spin = world.period, abs(world.spin)
     r, v, wide, fast = tube

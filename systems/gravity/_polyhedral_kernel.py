@@ -9,7 +9,8 @@ the dyad E and a point a of each, less those over the facets, with F = n n^T::
 E has trace 0 and F has trace 1, so five of the first six numbers are enough. The arguments of
 ``L = 2 atanh(x)`` with ``x = l / (r_a + r_b)`` and of ``w = 2 atan(t)`` are small for all but the
 nearest edges and facets, so that short odd polynomials give both. If edges or facets of a unit are
-near, a second loop adds them by the exact logarithm and arctangent.
+near, a second loop adds them by the exact logarithm and arctangent. These are eq. 29 and 30 of
+docs/method/equations.md; far away it is eq. 32.
 
 A *unit* is two facets and three edges, two of the first facet and one of the second (see
 `proxops.systems.gravity._polyhedral_tables`). It needs the six distances of its corners and nothing

@@ -1,5 +1,7 @@
 """Compiled kernel of `TabulatedField`: an octree of boxes, each with a harmonic polynomial.
 
+It is eq. 31 of docs/method/equations.md.
+
 About its centre and in units of its half edge, the potential of a box is the real part of a sum of
 coefficients times regular solid harmonics R_nm, for 0 <= m <= n <= p::
 

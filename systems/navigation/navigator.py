@@ -1,4 +1,13 @@
-"""`Navigator`: one step of navigation after the other; it is no system, and keeps no state."""
+"""`Navigator`: the filter's pure step function; `LidarNavigation` keeps its state in the Context.
+
+The phases, and what a frame does (docs/method/navigation.md has the whole of it)::
+
+            a pose explains the frame                 3 contradictions, nothing acquired
+    ACQUIRING ─────────────────────────► FOLLOWING ─────────────────────────────────────► LOST
+        └─ none does: search on            └─ it fits: corrected; it contradicts: left out │
+                                         ▲                                                 │
+                                         └──── it fits the prediction, or is acquired ─────┘
+"""
 
 from __future__ import annotations
 
@@ -27,35 +36,50 @@ from proxops.systems.navigation.frame_model import FrameModel
 from proxops.systems.navigation.motion import Motion
 from proxops.systems.navigation.phase import NavigationPhase
 
-# If a smaller share of the returns on the body agrees with the prediction, the frame is refused.
+# Tuned constants. NIS is the normalised innovation squared over the number of returns used; about 1.
+
+# Least share (1) of the returns on the body that must pass the gate, else the frame is refused.
+# Below a half, a wrong place can agree with the frame.
 _AGREEING = 0.5
-# Fewer returns than this fit several places, so that the search for the first one waits for more.
+# Least number of returns for the first acquisition: fewer fit several places, and a wrong one was
+# found from eight.
 _FEWEST_AT_FIRST = 20
-# So few returns may have been explained by a wrong place: if the next ones are this many standard
-# deviations too far off together, they contradict it.
-_FEW, _TOO_FAR_OFF = 60, 10.0
-# Normalised innovation squared over the returns used, about 1: beyond the first value they may not
-# fit together; beyond the second they cannot, for each by itself lies within 5 deviations.
-_NIS_DOUBTFUL, _NIS_GATE = 4.0, 25.0
-# A first frame whose normalised innovation squared is so many standard deviations above 1 may be
-# explained by a wrong place: the search goes on. After so many frames that no place explains
-# better, it is the map or the noise that is not as told, and the best place is taken.
-_UNLIKELY, _UNEXPLAINED = 5.0, 10
-# Each ray that disagrees by far with the pose of a first frame counts as so many variances.
+# With fewer returns than this (number) a fix may be a false match, which later frames must
+# confirm.
+_FEW = 60
+# Such a frame is refused if its NIS is this many standard deviations above 1: beyond any chance.
+_TOO_FAR_OFF = 10.0
+# NIS (1) from which a frame is also tried from a fresh acquisition: as if each return were off by
+# 2 sigma.
+_NIS_DOUBTFUL = 4.0
+# NIS (1) from which a frame is refused: each return has passed a gate of 5 sigma, so it is at most
+# 25 for a right prediction.
+_NIS_GATE = 25.0
+# A first fix whose NIS is this many standard deviations above 1 may be a false match: search on.
+_UNLIKELY = 5.0
+# Frames in a row (number) without a likely fix, after which the best one is taken: then map or
+# noise are worse than declared, and no place will ever be likely.
+_UNEXPLAINED = 10
+# What each outlier counts in the NIS of a first fix, in variances: the square of the gate, 5
+# sigma.
 _OUTLIER = 25.0
-# After so many frames in a row that contradict the prediction, the navigation is lost.
+# Frames in a row (number) that contradict the prediction, after which it is lost: one may be bad
+# luck.
 _PATIENCE = 3
-# A frame that moves the pose by more than this (chi square of six degrees of freedom; once in 1e10
-# by chance) shows that something acts that was not expected: a kick, or a belief that is wrong.
-# From then on, beliefs are taken to be as wrong as this; accelerations are over GM / size^2.
+# Gate on the move of the pose (chi square of six degrees of freedom): by chance once in 1e10, so a
+# greater one shows a kick, or a belief that is wrong.
 _POSE_GATE = 60.0
+# From then on, standard deviations of the beliefs about the motion, in SI units but the
+# acceleration, which is over GM / size^2: generous, so that a wrong belief can be found.
 _SUSPECTED = ExpectedErrors(
     attitude=0.0, pole=0.01, spin=1e-4, gravity=0.1, thrust=0.05, thrust_direction=0.02,
     acceleration=0.1, propellant=5e-4,
 )  # fmt: skip
-# Standard deviation of a position that was just acquired, over the size of the body, and of the
-# velocity over the speed of a low orbit: far more than they are off by.
-_REACH, _SPEED = 0.1, 3.0
+# Standard deviation of the position before a first fix, over the size of the body: far more than
+# an acquisition is off by.
+_REACH = 0.1
+# That of the velocity, over the speed of a low orbit: likewise.
+_SPEED = 3.0
 
 
 class Memory(NamedTuple):

@@ -81,7 +81,10 @@ def _features(given, bends, row):
 
 @_exact
 def _law(given, correction, law, longest, force):
-    """Fills ``force`` (3,): the law of least quadratic effort, and what the network corrects."""
+    """Fills ``force`` (3,): the ZEM/ZEV law with corrections.
+
+    Eq. 20 to 22 of docs/method/equations.md.
+    """
     pace = given[_INPUTS - 1]
     acceleration, least_time_squared = law[0] * pace, law[1] / pace
     along = squared = 0.0
