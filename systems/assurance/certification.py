@@ -7,6 +7,7 @@ import numpy as np
 from proxops.systems.assurance import _braking_kernel as kernel
 from proxops.systems.assurance.assurance_bounds import AssuranceBounds
 from proxops.systems.common import spread_directions
+from proxops.systems.shapes import outward_normals
 
 # Number of places on the ellipsoid.
 _PLACES = 300
@@ -69,9 +70,7 @@ def certified(arguments: Arguments, semi_axes: np.ndarray) -> bool:
 def _places(semi_axes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Points (N, 3) in m all around the ellipsoid, and its normals (N, 3) there."""
     points = spread_directions(_PLACES) * semi_axes
-    normals = points / semi_axes**2
-    normals /= np.linalg.norm(normals, axis=1)[:, None]
-    return points, normals
+    return points, outward_normals(semi_axes, points)
 
 
 def budget(bounds: AssuranceBounds, acceleration: float, pull: float) -> dict[str, float]:

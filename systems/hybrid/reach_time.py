@@ -30,7 +30,7 @@ import numpy as np
 
 from proxops.systems.common import kernel, spread_directions
 from proxops.systems.gravity import Field
-from proxops.systems.shapes import closest_point
+from proxops.systems.shapes import normal_below
 
 # Heights of the table relative to the keep-out ellipsoid's shortest semi-axis, number of points at
 # each height, and the factor that covers the gaps between the points.
@@ -185,7 +185,7 @@ def _steps_out_of_reach(
     slack = 1.0 - (spin * step) ** 2
     if not slack > 0.0:
         return 0
-    before = _gap(position, semi_axes, _normal(position, semi_axes), 0.0) - position_error
+    before = _gap(position, semi_axes, normal_below(semi_axes, position), 0.0) - position_error
     for k in range(longest):
         if not before > 0.0:  # True for NaN, too.
             return k
@@ -206,7 +206,7 @@ def _steps_out_of_reach(
         x, y = position[0] + time * vx, position[1] + time * vy
         centre[0], centre[1] = cos * x + sin * y, cos * y - sin * x
         centre[2] = position[2] + time * vz
-        normal = _normal(centre, semi_axes)
+        normal = normal_below(semi_axes, centre)
         box = acceleration * _greatest_box_support(normal, spin * time)
         after = _gap(centre, semi_axes, normal, 0.5 * box * time**2 + pulled)
         after -= position_error + drift_error * time
@@ -225,25 +225,6 @@ def _steps_out_of_reach(
                 return k
         before = after
     return longest
-
-
-@kernel(error_model="numpy")
-def _normal(point, semi_axes):
-    """The ellipsoid's unit normal below an outside point; for an inside point, its direction."""
-    # By loops, here and below: whole arrays take numba seconds to compile.
-    level = square = 0.0
-    for i in range(3):
-        level += (point[i] / semi_axes[i]) ** 2
-    outside = level > 1.0
-    normal = closest_point(semi_axes, point) if outside else point.copy()
-    for i in range(3):
-        if outside:
-            normal[i] /= semi_axes[i] ** 2
-        square += normal[i] ** 2
-    size = math.sqrt(square)
-    for i in range(3):
-        normal[i] /= size
-    return normal
 
 
 @kernel(error_model="numpy")

@@ -36,7 +36,7 @@ from proxops.systems.navigation.frame_model import FrameModel
 from proxops.systems.navigation.motion import Motion
 from proxops.systems.navigation.phase import NavigationPhase
 
-# Tuned constants. NIS is the normalised innovation squared over the number of returns used; about 1.
+# Tuned constants. NIS is the normalised innovation squared over the returns used; about 1.
 
 # Least share (1) of the returns on the body that must pass the gate, else the frame is refused.
 # Below a half, a wrong place can agree with the frame.
@@ -241,7 +241,7 @@ class Navigator:
     def _doubted(self, prior: Estimate, found: Correction) -> Estimate:
         """The prior with a covariance that allows for the motion that a frame showed."""
         moved = found.estimate.mean[POSITION] - prior.mean[POSITION]
-        turned = Rotation.from_matrix(found.estimate.rotation @ prior.rotation.T).as_rotvec()
+        turned = _turn(prior.rotation, found.estimate.rotation)
         least = np.zeros(prior.mean.size)
         least[:BASE] = self._suspected
         least[POSITION] = moved @ moved
@@ -292,5 +292,10 @@ def _way_to(pose: Acquired, prior: Estimate) -> np.ndarray:
     """What the prior's mean (n,) is to be moved by so that it is at the pose."""
     way = np.zeros(prior.mean.size)
     way[POSITION] = pose.position - prior.mean[POSITION]
-    way[ATTITUDE] = Rotation.from_matrix(pose.rotation @ prior.rotation.T).as_rotvec()
+    way[ATTITUDE] = _turn(prior.rotation, pose.rotation)
     return way
+
+
+def _turn(before: np.ndarray, after: np.ndarray) -> np.ndarray:
+    """The rotation vector (3,) in K from one attitude R_KS (3, 3) to another."""
+    return Rotation.from_matrix(after @ before.T).as_rotvec()

@@ -16,6 +16,8 @@ from proxops.systems.shapes.ellipsoid import (
     blocks_segment,
     clearances,
     closest_point,
+    normal_below,
+    outward_normals,
     tangent_half_spaces,
 )
 from proxops.systems.shapes.enclosing_ellipsoid import EnclosingEllipsoid, smallest_ellipsoid
@@ -66,6 +68,8 @@ __all__ = [
     "mesh_bytes",
     "metres_per",
     "nested_shells",
+    "normal_below",
+    "outward_normals",
     "ray_caster",
     "read_mesh",
     "registered",

@@ -70,6 +70,43 @@ def clearances(semi_axes, points):
     return out
 
 
+@kernel(error_model="numpy", forceinline=True)
+def _fill_normal(semi_axes, place, normal):
+    """Fills the outward unit normal (3,) at a place (3,) of the surface; it may be the place."""
+    size = 0.0
+    for i in range(3):
+        normal[i] = place[i] / semi_axes[i] ** 2
+        size += normal[i] ** 2
+    for i in range(3):
+        normal[i] /= math.sqrt(size)
+
+
+@kernel(error_model="numpy")
+def normal_below(semi_axes, point):
+    """The unit normal (3,) below an outside point (3,); for an inside point, its direction."""
+    # By loops, here and below: whole arrays take numba seconds to compile.
+    level = square = 0.0
+    for i in range(3):
+        level += (point[i] / semi_axes[i]) ** 2
+    if level > 1.0:
+        normal = closest_point(semi_axes, point)
+        _fill_normal(semi_axes, normal, normal)
+        return normal
+    normal = point.copy()
+    for i in range(3):
+        square += normal[i] ** 2
+    for i in range(3):
+        normal[i] /= math.sqrt(square)
+    return normal
+
+
+def outward_normals(semi_axes: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Outward unit normals (N, 3), at points (N, 3), of the ellipsoids of these proportions."""
+    normals = points / semi_axes**2
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    return normals
+
+
 def tangent_half_spaces(semi_axes: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Half-spaces n.r >= b, one for each point, that touch the ellipsoid and lie outside it.
 
@@ -89,16 +126,13 @@ def tangent_half_spaces(semi_axes: np.ndarray, points: np.ndarray) -> tuple[np.n
 def _tangents(semi_axes, points):
     normals, offsets = np.empty(points.shape), np.zeros(points.shape[0])
     for k in range(offsets.size):
-        level = size = 0.0
+        level = 0.0
         for i in range(3):
             level += (points[k, i] / semi_axes[i]) ** 2
         level = math.sqrt(level)
         touching = closest_point(semi_axes, points[k]) if level < 1.0 else points[k] / level
+        _fill_normal(semi_axes, touching, normals[k])
         for i in range(3):
-            normals[k, i] = touching[i] / semi_axes[i] ** 2
-            size += normals[k, i] ** 2
-        for i in range(3):
-            normals[k, i] /= math.sqrt(size)
             offsets[k] += normals[k, i] * touching[i]
     return normals, offsets
 
