@@ -45,12 +45,12 @@ class CountingProgram(TransitProgram):
         self.failure = SolutionResult.kSolverSpecificError
 
     def solve(
-        self, state, target, previous=None, age=0.0, iterations=1, push=None, longest=np.inf
+        self, state, target, previous=None, age=0.0, iterations=1, disturbance=None, longest=np.inf
     ) -> Plan:
         self.calls.append(iterations)
         if self.broken:
             raise SolverFailure(self.failure)
-        return super().solve(state, target, previous, age, iterations, push, longest)
+        return super().solve(state, target, previous, age, iterations, disturbance, longest)
 
 
 @cache
@@ -500,12 +500,19 @@ def test_failed_plan_of_one_step_is_tried_once_more_from_nothing():
 
     class Fussy(CountingProgram):
         def solve(
-            self, state, target, previous=None, age=0.0, iterations=1, push=None, longest=np.inf
+            self,
+            state,
+            target,
+            previous=None,
+            age=0.0,
+            iterations=1,
+            disturbance=None,
+            longest=np.inf,
         ) -> Plan:
             if previous is not None:
                 self.calls.append(-iterations)
                 raise SolverFailure(SolutionResult.kSolverSpecificError)
-            return super().solve(state, target, previous, age, iterations, push, longest)
+            return super().solve(state, target, previous, age, iterations, disturbance, longest)
 
     like = expert().program
     program = Fussy(like.field, like.spin, like.limits, like.horizon)

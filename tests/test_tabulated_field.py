@@ -18,7 +18,7 @@ from proxops.diagrams.scenario import change_scenario, load_body, make_true_body
 from proxops.diagrams.scenario.scenario_config import Scenario
 from proxops.diagrams.scenario.truth_config import TruthConfig
 from proxops.systems.common.errors import InputError
-from proxops.systems.gravity import GravityField, TabulatedField, pull_at, tabulated_field
+from proxops.systems.gravity import GravityField, TabulatedField, gravity_at, tabulated_field
 from proxops.systems.shapes.polyhedron import Polyhedron
 
 AXES = np.array([1700.0, 1200.0, 1100.0])
@@ -239,7 +239,7 @@ def test_a_scenario_chooses_the_table_for_what_is_believed(monkeypatch):
 def _sum_of_pulls(tables, points):
     out, total = np.empty(3), np.zeros(3)
     for i in range(len(points)):
-        if pull_at(tables, points[i, 0], points[i, 1], points[i, 2], out):
+        if gravity_at(tables, points[i, 0], points[i, 1], points[i, 2], out):
             total += out
     return total
 

@@ -88,7 +88,7 @@ def least_squares(about: Plan, start, target, weights: ErrorWeights, thrust: flo
 @pytest.mark.parametrize("weights", [WEIGHTS, ErrorWeights(position=40e3, speed=4.0)])
 def test_without_limits_it_is_the_least_squares_solution(weights, push):
     about, thrust = straight(START, TARGET), 200.0
-    plan = unlimited(weights, thrust).solve(START, TARGET, about, push=push)
+    plan = unlimited(weights, thrust).solve(START, TARGET, about, disturbance=push)
     forces, states = least_squares(about, START, TARGET, weights, thrust, push)
     assert np.abs(forces).max() < 0.9 * thrust
     assert plan.times == pytest.approx(about.times)

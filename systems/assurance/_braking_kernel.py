@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from proxops.systems.common import kernel
-from proxops.systems.gravity import pull_at
+from proxops.systems.gravity import gravity_at
 
 WORLD = np.dtype(
     [
@@ -117,7 +117,7 @@ def gravity_outside(x, y, z, tables, out):
     if level < 1.0:
         stretch = SURFACE / level
         x, y, z = stretch * x, stretch * y, stretch * z
-    if pull_at(tables, x, y, z, out):
+    if gravity_at(tables, x, y, z, out):
         return True
     out[0] = out[1] = out[2] = 0.0
     return False

@@ -261,7 +261,7 @@ class BackupBraking:
     def _load_kernels(self) -> None:
         """Calls everything that is compiled once: loaded in flight, each takes 10 to 20 ms."""
         state = np.concatenate([2.0 * self.limits.keep_out_semi_axes, np.zeros(3)])
-        thrust, motion = np.zeros(3), (state[:3], state[3:], self.gravity.tables, self.world)
+        thrust, motion = np.zeros(3), (state[:3], state[3:], *self.arguments)
         kernel.bound_speed(*motion, thrust, np.empty(3), np.empty(3))
         kernel.margin(*motion, thrust)
         kernel.backup(*motion, thrust)
@@ -276,15 +276,15 @@ class BackupBraking:
         # Across the spin the backup's speed needs thrust, too.
         spare = spare - 2.0 * abs(self.spin) * self.cruise_speed * np.array([1.0, 1.0, 0.0])
         axis = int(spare.argmin())
-        pull = float(outer.greatest[axis])
-        parts = budget(bounds, limits.thrust / limits.mass, pull)
+        gravity = float(outer.greatest[axis])
+        parts = budget(bounds, limits.thrust / limits.mass, gravity)
         missing = ""
         if any(parts.values()):
             missing = f"; within assurance.bounds {limits.mass * -spare[axis]:.3g} N are missing"
         return (
             f"runtime assurance: a thrust of {limits.thrust:g} N per axis does not hold "
             f"{limits.mass:g} kg at {describe(outer.places[axis])} of the keep-out ellipsoid, "
-            f"where gravity along {'xyz'[axis]} takes {limits.mass * pull:.3g} N{missing}: fly "
+            f"where gravity along {'xyz'[axis]} takes {limits.mass * gravity:.3g} N{missing}: fly "
             f"without runtime assurance, or {tightest(parts)}"
         )
 
@@ -292,7 +292,7 @@ class BackupBraking:
         """The backup's force (3,) in N at a state (6,) in K."""
         r, v = self._split(state)
         thrust = np.empty(3)
-        kernel.backup(r, v, self.gravity.tables, self.world, thrust)
+        kernel.backup(r, v, *self.arguments, thrust)
         return self.limits.mass * thrust
 
     def backup_margin(self, state: np.ndarray) -> float:
@@ -302,7 +302,7 @@ class BackupBraking:
         counts. It is -inf if the backup's flight does not settle.
         """
         r, v = self._split(state)
-        return kernel.backup_margin(r, v, self.gravity.tables, self.world)
+        return kernel.backup_margin(r, v, *self.arguments)
 
     def admitted(self, state: np.ndarray) -> bool:
         """Whether the backup's flight from a state (6,) stays out of the ellipsoid."""

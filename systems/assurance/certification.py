@@ -73,16 +73,16 @@ def _places(semi_axes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return points, outward_normals(semi_axes, points)
 
 
-def budget(bounds: AssuranceBounds, acceleration: float, pull: float) -> dict[str, float]:
+def budget(bounds: AssuranceBounds, acceleration: float, gravity: float) -> dict[str, float]:
     """What each bound takes of the thrust acceleration along an axis, in m/s^2; by scenario key.
 
     Args:
       bounds: the box.
       acceleration: thrust limit over mass, in m/s^2.
-      pull: gravity there, in m/s^2.
+      gravity: its size there, in m/s^2.
     """
     return {
-        "gravity": bounds.gravity * pull,
+        "gravity": bounds.gravity * gravity,
         "thrust": bounds.thrust * acceleration,
         "thrust_direction_deg": bounds.across * acceleration,
         "mass": (1.0 - 1.0 / (1.0 + bounds.mass)) * acceleration,

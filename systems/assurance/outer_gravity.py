@@ -29,7 +29,7 @@ class OuterGravity(NamedTuple):
     """A body's gravity outside an ellipsoid. `outer_gravity` makes one."""
 
     tables: tuple[np.ndarray, ...]
-    """What `proxops.systems.gravity.pull_at` takes."""
+    """What `proxops.systems.gravity.gravity_at` takes."""
     error: float
     """In m/s^2: the bound of the table's error outside the ellipsoid."""
     greatest: np.ndarray

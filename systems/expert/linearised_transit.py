@@ -218,7 +218,7 @@ class LinearisedTransit:
         states: np.ndarray,
         controls: np.ndarray,
         duration: float,
-        push: np.ndarray,
+        disturbance: np.ndarray,
     ) -> None:
         """Linearises the motion and its limits about a plan.
 
@@ -226,7 +226,7 @@ class LinearisedTransit:
           start: (6,) the first state, in K, in m and m/s.
           states, controls: (N + 1, 6) and (N, 3) of the plan to linearise about.
           duration: its length in s.
-          push: (3,) in m/s^2, an acceleration that the field does not explain.
+          disturbance: (3,) in m/s^2, an acceleration that the field does not explain.
         """
         rows = condensed_motion(
             self.field,
@@ -234,7 +234,7 @@ class LinearisedTransit:
             start,
             Reference(states, controls, duration * self.shares),
             self.limits.thrust / self.limits.mass,
-            push,
+            disturbance,
         )
         rows /= self.units[:, None]
         self._start, self._affine = start, rows

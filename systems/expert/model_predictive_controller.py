@@ -178,20 +178,22 @@ class ModelPredictiveController(LeafSystem):
         target = self._target_port.Eval(context)
         started = time.perf_counter()
         last, age = self._recall(context)
-        push = np.zeros(3) if last is None else last.push
+        disturbance = np.zeros(3) if last is None else last.disturbance
         if np.isfinite(state).all() and np.isfinite(target).all():
             state = self._predict(context, state)
-            push = self._estimate(last, age, state)
+            disturbance = self._estimate(last, age, state)
             if self.delay > 0.0:
-                state = state + moved_by(push, self.delay)
+                state = state + moved_by(disturbance, self.delay)
             longest = self._longest(context)
-            plan, reason = self._solve(state, target, last, age, push, longest)
+            plan, reason = self._solve(state, target, last, age, disturbance, longest)
         else:
             plan, reason = None, PlanReason.INPUT_NOT_FINITE
         if plan is None:
             plan = self._fallback(state, last, age)
         solve_time = time.perf_counter() - started
-        output.set_value(dataclasses.replace(plan, solve_time=solve_time, reason=reason, push=push))
+        output.set_value(
+            dataclasses.replace(plan, solve_time=solve_time, reason=reason, disturbance=disturbance)
+        )
 
     def _calc_force(self, context, output):
         output.SetFromVector(self._first_force(self._plan_port.Eval(context)))
@@ -244,7 +246,7 @@ class ModelPredictiveController(LeafSystem):
         """
         if last is None:
             return np.zeros(3)
-        known = last.push
+        known = last.disturbance
         if self.estimator_gain == 0.0 or not 0.0 < age <= 1.5 * self.period:
             return known
         program = self.program
@@ -267,7 +269,7 @@ class ModelPredictiveController(LeafSystem):
         target: np.ndarray,
         last: Plan | None,
         age: float,
-        push: np.ndarray,
+        disturbance: np.ndarray,
         longest: float,
     ) -> tuple[Plan | None, PlanReason]:
         """A new plan, or None if the solver fails, and the reason."""
@@ -282,15 +284,15 @@ class ModelPredictiveController(LeafSystem):
             reason, iterations = PlanReason.SOLVED_ABOUT_LAST_PLAN, 1
         try:
             if last is not None and reason == PlanReason.SOLVED_ANEW_PLAN_TOO_OLD:
-                plan = self._solve_about_old_plan(state, target, last, age, push, longest)
+                plan = self._solve_about_old_plan(state, target, last, age, disturbance, longest)
                 return plan, reason
-            return solve(state, target, last, age, iterations, push, longest), reason
+            return solve(state, target, last, age, iterations, disturbance, longest), reason
         except SolverFailure as failure:
             result = failure.result
         if last is not None:
             # The last plan may be the cause of the failure: try again without it.
             try:
-                plan = solve(state, target, None, 0.0, self.cold_iterations, push, longest)
+                plan = solve(state, target, None, 0.0, self.cold_iterations, disturbance, longest)
                 return plan, PlanReason.SOLVED_ANEW_AFTER_FAILURE
             except SolverFailure as failure:
                 result = failure.result
@@ -302,19 +304,19 @@ class ModelPredictiveController(LeafSystem):
         target: np.ndarray,
         last: Plan,
         age: float,
-        push: np.ndarray,
+        disturbance: np.ndarray,
         longest: float,
     ) -> Plan:
         """A plan about the last one, shifted by its age; without it if that does not settle."""
         iterations = self.cold_iterations
         plan, due = last, last.forces_at(np.array([age]))[0]
         for count in range(1, min(_MOST_FOR_OLD_PLAN, iterations) + 1):
-            plan = self.program.solve(state, target, plan, age, 1, push, longest)
+            plan = self.program.solve(state, target, plan, age, 1, disturbance, longest)
             change = np.abs(plan.forces[0] - due).max()
             if change < _SETTLED * self.program.limits.thrust:
                 return dataclasses.replace(plan, iterations=count)
             due, age = plan.forces[0], 0.0
-        return self.program.solve(state, target, None, 0.0, iterations, push, longest)
+        return self.program.solve(state, target, None, 0.0, iterations, disturbance, longest)
 
     def _fallback(self, state: np.ndarray, last: Plan | None, age: float) -> Plan:
         """The rest of the last plan, or braking if there is none."""

@@ -80,7 +80,7 @@ class Plan:
     """Wall time of the MPC's step in s; the controller sets it."""
     reason: int = PlanReason.SOLVED_ANEW_NO_PLAN
     """A `PlanReason`; the controller sets it."""
-    push: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    disturbance: np.ndarray = field(default_factory=lambda: np.zeros(3))
     """(3,) in m/s^2: the assumed acceleration besides gravity and thrust."""
 
     def states_at(self, times: np.ndarray) -> np.ndarray:
@@ -228,7 +228,7 @@ class PlanProgram(Protocol):
         previous: Plan | None = None,
         age: float = 0.0,
         iterations: int = 1,
-        push: np.ndarray | None = None,
+        disturbance: np.ndarray | None = None,
         longest: float = np.inf,
     ) -> Plan:
         """Solves for a plan: see `TransitProgram.solve`."""

@@ -9,7 +9,7 @@ import numpy as np
 from proxops.systems.expert.plan import Horizon, Plan, empty_plan
 
 # The first nine numbers: whether there is a plan, when it begins, its length, its target (6). Then
-# come states, forces and push.
+# come states, forces and disturbance.
 _HEAD = 9
 
 
@@ -21,7 +21,7 @@ def memory_size(intervals: int) -> int:
 def packed(plan: Plan, start: float) -> np.ndarray:
     """The vector of a plan that begins at the time `start` in s; zeros mean that there is none."""
     head = [1.0, start, plan.times[-1], *plan.target]
-    return np.concatenate([head, plan.states.ravel(), plan.forces.ravel(), plan.push])
+    return np.concatenate([head, plan.states.ravel(), plan.forces.ravel(), plan.disturbance])
 
 
 def unpacked(memory: np.ndarray, horizon: Horizon) -> tuple[Plan | None, float]:
@@ -37,6 +37,6 @@ def unpacked(memory: np.ndarray, horizon: Horizon) -> tuple[Plan | None, float]:
         target=memory[3:_HEAD],
         states=memory[_HEAD:split].reshape(intervals + 1, 6),
         forces=memory[split:-3].reshape(intervals, 3),
-        push=memory[-3:],
+        disturbance=memory[-3:],
     )
     return plan, float(memory[1])

@@ -53,7 +53,7 @@ class _Task(NamedTuple):
 
     state: np.ndarray
     target: np.ndarray
-    push: np.ndarray
+    disturbance: np.ndarray
     longest: float
 
 
@@ -86,7 +86,7 @@ class TransitProgram:
         previous: Plan | None = None,
         age: float = 0.0,
         iterations: int = 1,
-        push: np.ndarray | None = None,
+        disturbance: np.ndarray | None = None,
         longest: float = np.inf,
     ) -> Plan:
         """The plan from `state` (6,) to `target` (6,).
@@ -97,7 +97,7 @@ class TransitProgram:
             that depend on state and target alone, either way round the keep-out ellipsoid.
           age: in s.
           iterations: number of linearisations.
-          push: (3,) in m/s^2, an acceleration that the field does not explain; None: none.
+          disturbance: (3,) in m/s^2, an acceleration that the field does not explain; None: none.
           longest: length in s that a plan should not exceed. A longer one is shortened by up to a
             tenth in each iteration.
 
@@ -106,7 +106,7 @@ class TransitProgram:
         """
         if not (np.isfinite(state).all() and np.isfinite(target).all()):
             raise SolverFailure(SolutionResult.kInvalidInput)  # Drake would end the process.
-        task = _Task(state, target, np.zeros(3) if push is None else push, longest)
+        task = _Task(state, target, np.zeros(3) if disturbance is None else disturbance, longest)
         last, done = previous, 0
         if last is None:
             done = min(iterations, _TRIED)
@@ -150,7 +150,7 @@ class TransitProgram:
         duration = max(last.times[-1] - age, least)
         states, controls = self.transit.remaining_plan(last, age, duration)
         transit = self.transit
-        transit.linearise(task.state, states, controls, duration, task.push)
+        transit.linearise(task.state, states, controls, duration, task.disturbance)
         transit.aim(task.target)
         self._fuel.evaluator().UpdateCoefficients(self.fuel_weight(duration) * self._fuel_shares)
         price = np.array([self.time_price + self._mean_effort(controls, duration)])

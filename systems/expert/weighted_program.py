@@ -76,7 +76,7 @@ class WeightedProgram:
         previous: Plan | None = None,
         age: float = 0.0,
         iterations: int = 1,
-        push: np.ndarray | None = None,
+        disturbance: np.ndarray | None = None,
         longest: float = np.inf,
     ) -> Plan:
         """Solves for a plan: see `TransitProgram.solve`.
@@ -88,10 +88,10 @@ class WeightedProgram:
             raise SolverFailure(SolutionResult.kInvalidInput)  # Drake would end the process.
         duration = self.horizon.minimum
         last = previous or self.transit.initial_plans(state, target, duration)[0]
-        push = np.zeros(3) if push is None else push
+        disturbance = np.zeros(3) if disturbance is None else disturbance
         for iteration in range(1, iterations + 1):
             states, controls = self.transit.remaining_plan(last, age, duration)
-            self.transit.linearise(state, states, controls, duration, push)
+            self.transit.linearise(state, states, controls, duration, disturbance)
             self._weigh_errors(target)
             found = self.transit.solve()
             cost = duration * self._mean_cost(found, target)
@@ -108,8 +108,8 @@ class WeightedProgram:
         motion, wanted = self.transit.motion, target / self.transit.units - self.transit.drift
         weighted = motion * (self.transit.shares[:, None] * self._weights)[:, :, None]
         curvature = 2.0 * np.sum(weighted.transpose(0, 2, 1) @ motion, axis=0)
-        pull = -2.0 * np.sum(wanted[:, None] @ weighted, axis=(0, 1))
-        self._error.evaluator().UpdateCoefficients(curvature, pull, 0.0, is_convex=True)
+        linear = -2.0 * np.sum(wanted[:, None] @ weighted, axis=(0, 1))
+        self._error.evaluator().UpdateCoefficients(curvature, linear, 0.0, is_convex=True)
 
     def _mean_cost(self, found: TransitSolution, target: np.ndarray) -> float:
         error = (found.states[1:] - target) / self.transit.units

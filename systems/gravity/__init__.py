@@ -3,12 +3,12 @@
 Start with `GravityField.evaluate`: potential, acceleration and gradient at any number of positions.
 `PolyhedralGravity` is the Drake system that wraps it. `PointMassField` has the same interface for a
 point mass. So has `TabulatedField`, which is many times as fast, within a bound on its error;
-compiled functions call `pull_at`. `surface_maps` and `equilibria` analyse the field. The kernels
+compiled functions call `gravity_at`. `surface_maps` and `equilibria` analyse the field. The kernels
 in `_polyhedral_kernel` and `_table_kernel` are compiled. Their last bits are part of every recorded
 flight, so a change there raises the version.
 """
 
-from proxops.systems.gravity._table_kernel import pull_at
+from proxops.systems.gravity._table_kernel import gravity_at
 from proxops.systems.gravity.equilibria import Equilibrium, find_equilibria, synchronous_radius
 from proxops.systems.gravity.gravity_field import (
     GRAVITATIONAL_CONSTANT,
@@ -45,8 +45,8 @@ __all__ = [
     "TabulatedField",
     "effective_field",
     "find_equilibria",
+    "gravity_at",
     "plane_cut",
-    "pull_at",
     "surface_map",
     "synchronous_radius",
 ]

@@ -132,8 +132,8 @@ def _fit(
     kernel.expand(checks, coefficients, recursion(DEGREE), DEGREE, found)
     off = found[:, :, :4] - wanted
     potential = np.abs(off[:, :, 0]) / np.abs(wanted[:, :, 0])
-    pull = np.linalg.norm(off[:, :, 1:], axis=2) / np.linalg.norm(wanted[:, :, 1:], axis=2)
-    return coefficients, np.maximum(potential, pull).max(axis=1)
+    acceleration = np.linalg.norm(off[:, :, 1:], axis=2) / np.linalg.norm(wanted[:, :, 1:], axis=2)
+    return coefficients, np.maximum(potential, acceleration).max(axis=1)
 
 
 def _samples(

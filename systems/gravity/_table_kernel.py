@@ -200,7 +200,7 @@ def at(tables, x, y, z, out):
 
 
 @_exact
-def pull_at(tables, x, y, z, out):
+def gravity_at(tables, x, y, z, out):
     """Fills ``out`` (3,) with the acceleration alone, in half the time of `at`; returns as it."""
     box = _box_at(tables, x, y, z)
     if box == _NONE:

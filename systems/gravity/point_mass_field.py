@@ -30,6 +30,6 @@ class PointMassField:
         points = as_points(points)
         mu = GRAVITATIONAL_CONSTANT * self.mass
         r = np.linalg.norm(points, axis=1)
-        pull = (mu / r**3)[:, None]
+        factor = (mu / r**3)[:, None]
         tides = 3.0 * np.einsum("ni,nj->nij", points, points) / (r**2)[:, None, None] - np.eye(3)
-        return Gravity(mu / r, -pull * points, pull[:, :, None] * tides, np.zeros(len(r), bool))
+        return Gravity(mu / r, -factor * points, factor[:, :, None] * tides, np.zeros(len(r), bool))

@@ -73,7 +73,7 @@ class TabulatedField:
         boxes = _boxes(field, tuple(axes.tolist()), float(relative_error), half)
         scales = np.array([*(1.0 / axes), half, DEGREE])
         self.tables = (*boxes, recursion(DEGREE), masses, scales)
-        """What `proxops.systems.gravity.pull_at` takes, in other compiled functions too."""
+        """What `proxops.systems.gravity.gravity_at` takes, in other compiled functions too."""
 
     @staticmethod
     def is_kept(field: GravityField, semi_axes: np.ndarray, relative_error: float = 1e-9) -> bool:

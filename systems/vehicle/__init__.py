@@ -22,6 +22,7 @@ from proxops.systems.vehicle.actual_thrust import (
 from proxops.systems.vehicle.attitude_error import AttitudeError, believed_axes
 from proxops.systems.vehicle.command_axes import CommandAxes
 from proxops.systems.vehicle.delayed_hold import DelayedHold
+from proxops.systems.vehicle.disturbance_acceleration import UnexplainedAcceleration
 from proxops.systems.vehicle.flight_events import (
     COLLIDED,
     ENTERED_GOAL,
@@ -53,7 +54,6 @@ from proxops.systems.vehicle.state_prediction import (
     unexplained_acceleration,
 )
 from proxops.systems.vehicle.thrusters import Thrusters
-from proxops.systems.vehicle.unexplained_push import UnexplainedAcceleration
 from proxops.systems.vehicle.velocity_kicks import VelocityKicks
 
 __all__ = [

@@ -51,9 +51,9 @@ def runge_kutta_step(
     return state + step / 6.0 * (first + 2.0 * (second + third) + fourth)
 
 
-def moved_by(push: np.ndarray, duration: float) -> np.ndarray:
+def moved_by(disturbance: np.ndarray, duration: float) -> np.ndarray:
     """The change (6,) of a state by a constant acceleration (3,), in m/s^2, over `duration` s."""
-    return np.concatenate([0.5 * duration**2 * push, duration * push])
+    return np.concatenate([0.5 * duration**2 * disturbance, duration * disturbance])
 
 
 def unexplained_acceleration(

@@ -1,4 +1,4 @@
-"""`UnexplainedAcceleration`: what pushes the spacecraft and is in nobody's model."""
+"""`UnexplainedAcceleration`: a disturbance acceleration that is in no model."""
 
 from __future__ import annotations
 
