@@ -111,8 +111,8 @@ def gravity_outside(x, y, z, tables, out):
 
     Returns whether the table has it. If not, ``out`` is 0.
     """
-    scales = tables[5]
-    wx, wy, wz = x * scales[0], y * scales[1], z * scales[2]
+    over_axes = tables.scales.over_axes
+    wx, wy, wz = x * over_axes[0], y * over_axes[1], z * over_axes[2]
     level = math.sqrt(wx * wx + wy * wy + wz * wz)
     if level < 1.0:
         stretch = SURFACE / level

@@ -20,7 +20,7 @@ from proxops.systems.assurance.certification import (
 from proxops.systems.assurance.least_change import Box, Path, along_path, least_change
 from proxops.systems.assurance.outer_gravity import outer_gravity
 from proxops.systems.common import InputError, check_positive
-from proxops.systems.gravity import GravityField, TabulatedField
+from proxops.systems.gravity import FieldTables, GravityField, TabulatedField
 from proxops.systems.vehicle import FlightLimits
 
 # The outward speed that the backup seeks, as a share of the speed limit.
@@ -35,7 +35,7 @@ _INTEGRATION = 1e-3
 # (7 mm at Kleopatra).
 _NEAR_ENOUGH = 1e-3
 
-_Motion = tuple[np.ndarray, np.ndarray, tuple[np.ndarray, ...], np.record]
+_Motion = tuple[np.ndarray, np.ndarray, FieldTables, np.record]
 """Position, velocity, and the kernel's `tables` and `world`."""
 
 

@@ -7,6 +7,7 @@ import numpy as np
 from proxops.systems.assurance import _braking_kernel as kernel
 from proxops.systems.assurance.assurance_bounds import AssuranceBounds
 from proxops.systems.common import spread_directions
+from proxops.systems.gravity import FieldTables
 from proxops.systems.shapes import outward_normals
 
 # Number of places on the ellipsoid.
@@ -16,7 +17,7 @@ _PLACES = 300
 _HEIGHTS = np.array([0.0, *np.geomspace(1e-4, 0.5, 24)])
 _BISECTIONS = 5
 
-Arguments = tuple[tuple[np.ndarray, ...], np.record]
+Arguments = tuple[FieldTables, np.record]
 """The kernel's arguments after position and velocity: `tables` and `world`."""
 
 

@@ -11,6 +11,7 @@ from proxops.systems.assurance._braking_kernel import SURFACE
 from proxops.systems.common import spread_directions
 from proxops.systems.gravity import (
     GRAVITATIONAL_CONSTANT,
+    FieldTables,
     GravityField,
     TabulatedField,
 )
@@ -28,7 +29,7 @@ _GAPS = 1.05
 class OuterGravity(NamedTuple):
     """A body's gravity outside an ellipsoid. `outer_gravity` makes one."""
 
-    tables: tuple[np.ndarray, ...]
+    tables: FieldTables
     """What `proxops.systems.gravity.gravity_at` takes."""
     error: float
     """In m/s^2: the bound of the table's error outside the ellipsoid."""

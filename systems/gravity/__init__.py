@@ -8,7 +8,7 @@ in `_polyhedral_kernel` and `_table_kernel` are compiled. Their last bits are pa
 flight, so a change there raises the version.
 """
 
-from proxops.systems.gravity._table_kernel import gravity_at
+from proxops.systems.gravity._table_kernel import FieldTables, gravity_at
 from proxops.systems.gravity.equilibria import Equilibrium, find_equilibria, synchronous_radius
 from proxops.systems.gravity.gravity_field import (
     GRAVITATIONAL_CONSTANT,
@@ -36,6 +36,7 @@ __all__ = [
     "BodyField",
     "Equilibrium",
     "Field",
+    "FieldTables",
     "Gravity",
     "GravityField",
     "PlaneCut",

@@ -18,6 +18,7 @@ coefficient of column 0 is twice that in the sum.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -26,6 +27,30 @@ from proxops.systems.common import kernel
 _FAST = {"reassoc", "nsz", "arcp", "contract"}
 _fast = kernel(fastmath=_FAST, error_model="numpy", forceinline=True)
 _exact = kernel(error_model="numpy", forceinline=True)
+
+SCALES = np.dtype(
+    [
+        ("over_axes", np.float64, 3),  # 1 over the semi-axes of the ellipsoid, in 1/m.
+        ("half", np.float64),  # Half edge of the whole octree, in m.
+        ("degree", np.float64),  # Of the polynomials.
+    ]
+)
+
+
+class FieldTables(NamedTuple):
+    """A field outside an ellipsoid, for compiled functions."""
+
+    children: np.ndarray
+    boxes: np.ndarray
+    coefficients: np.ndarray
+    """Those of `_harmonic_boxes.Boxes`."""
+    steps: np.ndarray
+    """The recursion's coefficients."""
+    masses: np.ndarray
+    """(4, K) far away: places in m, and G times the masses."""
+    scales: np.record
+    """Of the type `SCALES`."""
+
 
 # In place of a box: the point is far away, or the table does not have it.
 _FAR, _NONE = -1, -2
@@ -126,11 +151,11 @@ def _point_masses(x, y, z, masses):
 @_exact
 def _box_at(tables, x, y, z):
     """The index of the box that has the point; _FAR far away, _NONE where there is none."""
-    children, _, _, _, _, scales = tables
-    sx, sy, sz = x * scales[0], y * scales[1], z * scales[2]
+    children, scales = tables.children, tables.scales
+    sx, sy, sz = x * scales.over_axes[0], y * scales.over_axes[1], z * scales.over_axes[2]
     if not sx * sx + sy * sy + sz * sz >= 1.0:
         return _NONE
-    half = scales[3]
+    half = scales.half
     if max(abs(x), abs(y), abs(z)) > half:
         finite = x - x == 0.0 and y - y == 0.0 and z - z == 0.0
         return _FAR if finite else _NONE
@@ -170,7 +195,7 @@ def _numbers_at(tables, box, x, y, z):
         (y - places[box, 1]) * over,
         (z - places[box, 2]) * over,
     )
-    return _expand(px, py, pz, coefficients[box], steps, int(scales[4])), over
+    return _expand(px, py, pz, coefficients[box], steps, int(scales.degree)), over
 
 
 @_exact
@@ -181,7 +206,7 @@ def at(tables, x, y, z, out):
     row), and 0 for the solid angle.
 
     Args:
-      tables: the `tables` of a `TabulatedField`.
+      tables: `FieldTables`, the `tables` of a `TabulatedField`.
 
     Returns:
       Whether the table has the point. It has not if the point is in the ellipsoid, is not finite,

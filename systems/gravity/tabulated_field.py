@@ -71,8 +71,8 @@ class TabulatedField:
         """The field that the table was made from."""
         half, masses = _far_masses(field)
         boxes = _boxes(field, tuple(axes.tolist()), float(relative_error), half)
-        scales = np.array([*(1.0 / axes), half, DEGREE])
-        self.tables = (*boxes, recursion(DEGREE), masses, scales)
+        scales = np.rec.array([(1.0 / axes, half, DEGREE)], dtype=kernel.SCALES)[0]
+        self.tables = kernel.FieldTables(*boxes, recursion(DEGREE), masses, scales)
         """What `proxops.systems.gravity.gravity_at` takes, in other compiled functions too."""
 
     @staticmethod
