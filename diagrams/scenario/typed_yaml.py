@@ -140,7 +140,10 @@ def _typed(value: typing.Any, schema: typing.Any, source: str, path: str) -> typ
             continue
         if option not in (float, list[float]):
             return [*value] if isinstance(value, list) else value
-        return [*map(float, value)] if isinstance(value, list) else float(value)
+        try:
+            return [*map(float, value)] if isinstance(value, list) else float(value)
+        except OverflowError as error:
+            raise InputError(f"{source}: {path} is a whole number beyond all floats") from error
     wanted = "`key: value` lines" if nested else " or ".join(map(in_words, options))
     wanted = f"a text or {wanted}" if nested and str in options else wanted
     if len(nested) > 1:
