@@ -106,17 +106,20 @@ def _dispersions(name: str) -> str:
 
 
 def _configs(_: str) -> str:
-    def sections(schema: type, key: str) -> Iterator[tuple[str, type]]:
-        yield key, schema
+    def sections(schema: type, key: str, tag: str = "") -> Iterator[tuple[str, type]]:
+        yield (key or "The whole scenario") + tag, schema
         for field in dc.fields(schema):
-            for option in typing.get_args(field.type) or (field.type,):
-                if dc.is_dataclass(option):
-                    yield from sections(option, f"{key}.{field.name}".strip("."))
+            path = f"{key}.{field.name}".strip(".")
+            options = typing.get_args(field.type) or (field.type,)
+            configs = [option for option in options if dc.is_dataclass(option)]
+            for option in configs:
+                tag = f": !{option.__name__.removesuffix('Config')}" if len(configs) > 1 else ""
+                yield from sections(option, path, tag)
 
     parts = []
-    for key, schema in sections(Scenario, ""):
+    for title, schema in sections(Scenario, ""):
         code = re.sub(r"^@config\n", "", inspect.getsource(schema))
-        parts += [f"## {key or 'The whole scenario'}", f"```python\n{code}```"]
+        parts += [f"## {title}", f"```python\n{code}```"]
     return "\n\n".join(parts)
 
 
