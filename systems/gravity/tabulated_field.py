@@ -71,8 +71,9 @@ class TabulatedField:
         """The field that the table was made from."""
         half, masses = _far_masses(field)
         boxes = _boxes(field, tuple(axes.tolist()), float(relative_error), half)
-        scales = np.rec.array([(1.0 / axes, half, DEGREE)], dtype=kernel.SCALES)[0]
-        self.tables = kernel.FieldTables(*boxes, recursion(DEGREE), masses, scales)
+        scales = np.zeros(1, dtype=kernel.SCALES).view(np.recarray)
+        scales[0] = 1.0 / axes, half, DEGREE
+        self.tables = kernel.FieldTables(*boxes, recursion(DEGREE), masses, scales[0])
         """What `proxops.systems.gravity.gravity_at` takes, in other compiled functions too."""
 
     @staticmethod
