@@ -2,6 +2,7 @@
 
 import contextlib
 import dataclasses as dc
+import errno
 import json
 import os
 import random
@@ -470,3 +471,12 @@ def test_a_controller_that_changed_is_imported_again(
         made = named_controller("own_for_test:make", brief(), kleopatra())
         forces.append(made.GetOutputPort("y0").Eval(made.CreateDefaultContext())[0])
     assert forces == [1.0, 2.0]
+
+
+def test_folder_without_locks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def no_locks(*_: object) -> None:
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    monkeypatch.setattr(campaign.fcntl, "lockf", no_locks)
+    with pytest.raises(InputError, match="without locks"):
+        run_campaign(flights(1), tmp_path, workers=Workers(1))

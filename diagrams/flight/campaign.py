@@ -246,6 +246,11 @@ def _locked(folder: Path, name: str, wait: bool) -> Generator[bool]:
             fcntl.lockf(file, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB), 1, place)
         except (BlockingIOError, PermissionError):
             yield False
+        except OSError as error:
+            raise InputError(
+                f"{folder} is on a file system without locks ({error.strerror}): use a folder on "
+                "another one"
+            ) from error
         else:
             yield True
 
