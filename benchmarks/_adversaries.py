@@ -111,8 +111,8 @@ class Truth:
             self._push = np.clip(self._push + step[1], -1.0, 1.0)
         if kind in ("corner", "drawn"):
             scaled = (1.0 + bounds.thrust * self._thrust) * force
-            return _turned(scaled, self._axis, bounds.thrust_direction), (
-                bounds.acceleration * self._push
+            return _turned(scaled, self._axis, math.radians(bounds.thrust_direction_deg)), (
+                bounds.acceleration_m_s2 * self._push
             )
         if kind == "turning":
             if self._left <= 0:
@@ -122,8 +122,8 @@ class Truth:
         hurts = self._hurts if kind == "turning" else kind == "hurting"
         normal = outward_normal(self.semi_axes, state[:3]) * (1.0 if hurts else -1.0)
         scaled = force * (1.0 - bounds.thrust * np.sign(force * normal))
-        turned = _turned(scaled, -normal, bounds.thrust_direction)
-        return turned, -bounds.acceleration * np.sign(normal)
+        turned = _turned(scaled, -normal, math.radians(bounds.thrust_direction_deg))
+        return turned, -bounds.acceleration_m_s2 * np.sign(normal)
 
 
 @dataclass
@@ -169,8 +169,8 @@ class StateErrors:
             position = velocity = math.cos(0.05 * step) * axis + math.sin(0.05 * step) * other
         else:
             position = velocity = normal
-        position = self.bounds.position * position / np.linalg.norm(position)
-        velocity = self.bounds.velocity * velocity / np.linalg.norm(velocity)
+        position = self.bounds.position_m * position / np.linalg.norm(position)
+        velocity = self.bounds.velocity_m_s * velocity / np.linalg.norm(velocity)
         size = 1.0
         if self.kind == "drifting":
             size = min(4.0 * step / self.steps - 1.0, 1.0)
@@ -382,7 +382,7 @@ def adversarial_flight(
         commands.append(command)
         reasons.append(reason)
     path = dense_positions(period * np.arange(steps + 1), np.array(states))
-    clearance = float(clearances(axes, path).min()) - box.surface
+    clearance = float(clearances(axes, path).min()) - box.surface_m
     return AdversarialFlight(
         np.array(states), np.array(beliefs), np.array(forces), np.array(commands),
         np.array(reasons), clearance, speed, seconds,

@@ -14,7 +14,7 @@ from scipy.stats import chi2
 
 from proxops.diagrams.flight import Row, make_mpc, make_navigation
 from proxops.diagrams.logs import NAVIGATION_COLUMNS, FlightLog, navigation_errors
-from proxops.diagrams.scenario import Body, LidarNavigationConfig, Scenario, expected_errors
+from proxops.diagrams.scenario import Body, LidarNavigationConfig, Scenario, filter_tuning
 from proxops.systems import CommandAxes, NavigationPhase
 from proxops.systems.common import LoggedPort, derived_seed, generator
 
@@ -73,7 +73,7 @@ class BlindedMpc(Diagram):
         own = dc.replace(scenario, navigation=LidarNavigationConfig())
         builder = DiagramBuilder()
         navigation = builder.AddNamedSystem(
-            "navigation", make_navigation(own, body, expected_errors(own, body))
+            "navigation", make_navigation(own, body, filter_tuning(own, body))
         )
         size = navigation.GetInputPort("ranges").size()
         curtain = builder.AddNamedSystem("curtain", Curtain(size, BLIND_FROM, BLIND_UNTIL))

@@ -12,7 +12,7 @@ from proxops.diagrams.scenario import (
     Body,
     Scenario,
     believed,
-    expected_errors,
+    filter_tuning,
     load_body,
     load_scenario,
     parse_scenario,
@@ -73,7 +73,7 @@ def acquire_poses(poses: Poses) -> list[Found]:
     """Acquires each pose from nothing, at rest in K; it ends when the navigation follows."""
     scenario = parse_scenario(poses.scenario)
     body = load_body(scenario.body)
-    navigation = make_navigation(scenario, body, expected_errors(scenario, body))
+    navigation = make_navigation(scenario, body, filter_tuning(scenario, body))
     geometry = navigation.model.geometry
     period, size = scenario.control_period_s, float(body.shape.extents.max())
     lidar = Lidar(body.shape, LidarErrors(scenario.lidar.noise_std_m), geometry, period)
@@ -112,7 +112,7 @@ def following_times(own: dict[str, str], index: int, seed: int) -> np.ndarray:
     period, spans = log.scenario.control_period_s, []
     body = log.body.with_gravity(log.scenario.gravity)
     own = believed(log.scenario)
-    navigation = make_navigation(own, body, expected_errors(own, body))
+    navigation = make_navigation(own, body, filter_tuning(own, body))
     for _ in range(2):
         steps = list(_steps(navigation, frames, told, period))
         before = NavigationPhase.ACQUIRING

@@ -46,10 +46,10 @@ from proxops.diagrams.scenario import (
     AssuranceConfig,
     Body,
     Scenario,
-    assurance_bounds,
     dump_scenario,
     load_body,
     load_scenario,
+    uncertainty_set,
 )
 from proxops.systems.assurance import AssuranceBounds, BackupBraking, InterventionReason
 from proxops.systems.common import InputError, write_whole
@@ -81,7 +81,7 @@ def setting(scenario_file: str | None, bounds_name: str) -> tuple[Scenario, Body
     bounds = AssuranceBounds()
     if bounds_name != "as_believed":
         assured = replace(scenario, assurance=AssuranceConfig(bounds=bounds_name))
-        bounds = assurance_bounds(assured, body)
+        bounds = uncertainty_set(assured, body)
     position, velocity = STATE[bounds_name]
     craft = scenario.spacecraft
     length = float(body.keep_out_semi_axes.max()) / _LONGEST

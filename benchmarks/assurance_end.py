@@ -12,6 +12,7 @@ more than a metre.
 """
 
 import argparse
+import math
 import os
 import sys
 
@@ -104,7 +105,7 @@ def starts(backup, bounds, count: int, random: np.random.Generator) -> np.ndarra
     for _ in range(60):
         turned = world.curvature * world.position * np.abs(velocity).sum(axis=1)
         excess = np.maximum(np.abs(velocity[:, :2]) - world.settled, 0.0).sum(axis=1)
-        found = np.einsum("ni,ni->n", normal, velocity) - turned - excess + bounds.velocity
+        found = np.einsum("ni,ni->n", normal, velocity) - turned - excess + bounds.velocity_m_s
         velocity += (world.outward - found)[:, None] * normal
     kept = np.abs(velocity).max(axis=1) <= backup.limits.speed
     return np.concatenate([position, velocity], axis=1)[kept]
@@ -121,8 +122,8 @@ def main() -> None:
     bounds = backup.bounds
     axes = np.asarray(backup.limits.keep_out_semi_axes, dtype=np.float64)
     box = np.array([
-        bounds.gravity, bounds.thrust, bounds.thrust_direction, bounds.mass, bounds.acceleration,
-        bounds.position, bounds.velocity,
+        bounds.gravity, bounds.thrust, math.radians(bounds.thrust_direction_deg),
+        bounds.mass, bounds.acceleration_m_s2, bounds.position_m, bounds.velocity_m_s,
     ])  # fmt: skip
     worst = 0.0
     for number, errors in enumerate(ERRORS):

@@ -41,6 +41,7 @@ from proxops.diagrams.scenario import (
     load_dispersions,
     load_scenario,
 )
+from proxops.diagrams.scenario.dispersions import Dispersions
 from proxops.diagrams.scenario.distributions import (
     Choice,
     Fixed,
@@ -49,8 +50,8 @@ from proxops.diagrams.scenario.distributions import (
     Normal,
     Uniform,
 )
-from proxops.diagrams.scenario.drawn_world import world_of
 from proxops.diagrams.scenario.quantities import QUANTITY
+from proxops.diagrams.scenario.world import world_of
 from proxops.studies.evaluation import Variant
 from proxops.systems.common import InputError, derived_seed, generator
 from proxops.systems.shapes import clearances
@@ -214,7 +215,7 @@ def far_out_world(scenario: Scenario, body: Body, quantity: Quantity, multiple: 
         return each.in_its_unit(each.distribution.value(uniform), scenario, body)
 
     together = [quantity.main, *quantity.parts]
-    world = world_of(scenario, body, together, value)
+    world = world_of(Dispersions(scenario, body, together), value)
     world.dispersed = [each.key for each in together]
     check_scenario(world, f"{quantity.main.key} x {multiple:g}, transit {scenario.transit.index}")
     return world

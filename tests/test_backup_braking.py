@@ -223,7 +223,7 @@ def test_nothing_is_made_for_one_size_of_body(scale: float) -> None:
     found = []
     for s in (1.0, scale):
         limits = FlightLimits(MASS, s * THRUST, s * 40.0, s * axes)
-        bounds = AssuranceBounds(position=s * 100.0)
+        bounds = AssuranceBounds(position_m=s * 100.0)
         backup = BackupBraking(ball_field(s**3 * 2e18, s * 30e3), 3e-4, limits, bounds)
         force, reason, _ = backup.assure(s * state, s * np.array([-3.0, -7.0, -7.0]))
         found.append((backup.backup_margin(s * state) / s, *force / s, reason))

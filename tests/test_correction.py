@@ -108,7 +108,7 @@ def prior(
     sigma: float, modes: int = 0, turn: float = 1e-3, off: np.ndarray | None = None
 ) -> Estimate:
     """Knows the place to sigma, in m; `off` (3,) of it, in m."""
-    expected = ExpectedErrors(attitude=turn)
+    expected = ExpectedErrors(attitude_deg=np.degrees(turn))
     place = PLACE if off is None else PLACE + off
     sigmas = first_sigmas(expected, 3e-4, modes, sigma, 1.0)
     return first_estimate(place, TURN.as_matrix(), sigmas)

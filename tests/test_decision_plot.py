@@ -13,7 +13,7 @@ from proxops.diagrams.logs.flight_log import FlightLog
 from proxops.diagrams.logs.legend import REASONS
 from proxops.diagrams.plots.decision_plot import plot_decisions
 from proxops.diagrams.scenario import AssuranceConfig, TrueStateConfig, dump_scenario
-from proxops.systems.assurance import AssuranceBoundsConfig, InterventionReason
+from proxops.systems.assurance import AssuranceBounds, InterventionReason
 
 
 @pytest.fixture
@@ -33,7 +33,7 @@ def log() -> FlightLog:
         "assurance_velocity": np.full(row.size, 0.1),
     }
     columns = {name: ("time", values) for name, values in added.items()}
-    bounds = AssuranceBoundsConfig(gravity=0.11, surface_m=500.0)
+    bounds = AssuranceBounds(gravity=0.11, surface_m=500.0)
     assurance, known = AssuranceConfig(bounds=bounds), TrueStateConfig()
     scenario = dump_scenario(replace(plain.scenario, assurance=assurance, navigation=known))
     dataset = plain.dataset.assign(columns).assign_attrs(scenario=scenario)
@@ -65,6 +65,6 @@ def test_margins_and_reasons(log: FlightLog) -> None:
     (keep_out,) = figure.axes[3].lines
     assert len(np.asarray(keep_out.get_xdata())) == 120
     assert str(keep_out.get_label()) == f"{REASONS[InterventionReason.KEEP_OUT].name} (120 steps)"
-    assert figure.axes[4].get_title(loc="left") == "it allows for: gravity 11 %, surface 0.5 km"
+    assert figure.axes[4].get_title(loc="left") == "it allows for: gravity 0.11, surface 500 m"
     lines = {str(line.get_label()): np.asarray(line.get_ydata()) for line in figure.axes[4].lines}
     np.testing.assert_allclose(lines["margin"], (2e3 - 50.0 * np.arange(481)) / 1e3)

@@ -10,15 +10,14 @@ from scipy.spatial.transform import Rotation
 from short_flights import kleopatra
 
 from proxops.diagrams.flight.hybrid_controller import zero_hybrid
-from proxops.diagrams.scenario.declared_bounds import described_bounds
-from proxops.diagrams.scenario.drawn_world import draw_world
+from proxops.diagrams.scenario.bounds import described_bounds, uncertainty_set
 from proxops.diagrams.scenario.scenario import load_scenario
-from proxops.diagrams.scenario.told_bounds import assurance_bounds
+from proxops.diagrams.scenario.scenario_config import TruthConfig
 from proxops.diagrams.scenario.transits import of_transit
 from proxops.diagrams.scenario.true_body import make_true_body
-from proxops.diagrams.scenario.truth_config import TruthConfig
-from proxops.systems import AssuranceBounds, InputError
-from proxops.systems.assurance import AssuranceBoundsConfig
+from proxops.diagrams.scenario.world import draw_world
+from proxops.systems import InputError
+from proxops.systems.assurance import AssuranceBounds
 from proxops.systems.vehicle.attitude_error import believed_axes
 
 # Everything that a bound is made of, but what changes gravity, which takes longer.
@@ -45,7 +44,7 @@ def write(folder: Path, text: str, name: str = "mine.yaml") -> Path:
 
 
 def bounds_of(*overrides: str):
-    return assurance_bounds(load_scenario(None, overrides), kleopatra())
+    return uncertainty_set(load_scenario(None, overrides), kleopatra())
 
 
 def test_ends_of_dispersions(tmp_path: Path) -> None:
@@ -53,14 +52,19 @@ def test_ends_of_dispersions(tmp_path: Path) -> None:
     bounds = bounds_of(f"assurance={{bounds: {path}}}", TRUE_STATE)
     assert bounds.gravity == pytest.approx(0.05)
     assert bounds.thrust == pytest.approx(0.1)
-    assert math.degrees(bounds.thrust_direction) == pytest.approx(1.1 * math.sqrt(3.0) + 0.3)
+    assert bounds.thrust_direction_deg == pytest.approx(1.1 * math.sqrt(3.0) + 0.3)
     # The mass that is known on the day is no error.
     assert bounds.mass == pytest.approx(0.02)
-    assert bounds.acceleration == pytest.approx(2e-4 + 4e-5 + 0.05 / 10.0 / 100.0)
-    assert (bounds.position, bounds.velocity, bounds.surface, bounds.delay) == (0, 0, 0, 0)
+    assert bounds.acceleration_m_s2 == pytest.approx(2e-4 + 4e-5 + 0.05 / 10.0 / 100.0)
+    assert (bounds.position_m, bounds.velocity_m_s, bounds.surface_m, bounds.delay_s) == (
+        0,
+        0,
+        0,
+        0,
+    )
     # The navigation measures the phase.
     navigated = bounds_of(f"assurance={{bounds: {path}}}")
-    assert math.degrees(navigated.thrust_direction) == pytest.approx(1.1 * math.sqrt(3.0))
+    assert navigated.thrust_direction_deg == pytest.approx(1.1 * math.sqrt(3.0))
 
 
 def test_propellant_counts_as_mass(tmp_path: Path) -> None:
@@ -81,15 +85,15 @@ def test_a_surface_too_rough_for_the_mesh_still_counts(tmp_path: Path) -> None:
     smooth = bounds_of(f"assurance={{bounds: {write(tmp_path, contrast, 'smooth.yaml')}}}")
     text = contrast + "truth.surface_rms_m: {half_normal: 0.0, three_sigma: 4.0e4}\n"
     rough = bounds_of(f"assurance={{bounds: {write(tmp_path, text)}, deviations: 4}}")
-    assert rough.acceleration > smooth.acceleration > 0.0
+    assert rough.acceleration_m_s2 > smooth.acceleration_m_s2 > 0.0
 
 
 def test_what_changes_gravity_and_surface(tmp_path: Path) -> None:
     """A density contrast of 1 % changes gravity by less than a slab of it, and by more than 0."""
     text = "truth.density_contrast: {uniform: [-0.01, 0.01]}\ntruth.size: {uniform: [0.99, 1.0]}\n"
     bounds = bounds_of(f"assurance={{bounds: {write(tmp_path, text)}}}")
-    assert 1e-4 < bounds.acceleration < 3e-3
-    assert bounds.surface == pytest.approx(0.005 * kleopatra().shape.extents.max())
+    assert 1e-4 < bounds.acceleration_m_s2 < 3e-3
+    assert bounds.surface_m == pytest.approx(0.005 * kleopatra().shape.extents.max())
 
 
 def test_gravity_of_drawn_worlds_is_within_the_bound(tmp_path: Path) -> None:
@@ -107,7 +111,7 @@ def test_gravity_of_drawn_worlds_is_within_the_bound(tmp_path: Path) -> None:
         true = make_true_body(body, draw_world(scenario, body).truth)
         off = true.gravity_field.evaluate(points).acceleration - believed
         worst = max(worst, float(np.abs(off).max()))
-    assert 0.2 * bounds.acceleration < worst <= bounds.acceleration
+    assert 0.2 * bounds.acceleration_m_s2 < worst <= bounds.acceleration_m_s2
 
 
 def test_pole_and_spin_are_covered(tmp_path: Path) -> None:
@@ -124,11 +128,11 @@ def test_pole_and_spin_are_covered(tmp_path: Path) -> None:
         return -2.0 * np.cross(spin, speeds) - np.cross(spin, np.cross(spin, places))
 
     off = np.abs(felt(np.array(true)) - felt(np.array([0.0, 0.0, body.spin_rate]))).max()
-    assert 0.3 * bounds.acceleration < off <= bounds.acceleration
+    assert 0.3 * bounds.acceleration_m_s2 < off <= bounds.acceleration_m_s2
     for time in np.linspace(0.0, 7800.0, 40):
         axes = believed_axes(time, believed_spin=body.spin_rate, true_spin=tuple(true), phase=0.0)
         turned = Rotation.from_quat(axes, scalar_first=True).magnitude()
-        assert turned <= bounds.thrust_direction
+        assert turned <= math.radians(bounds.thrust_direction_deg)
 
 
 @pytest.mark.parametrize(
@@ -141,16 +145,16 @@ def test_pole_and_spin_are_covered(tmp_path: Path) -> None:
 )
 def test_closed_forms(tmp_path: Path, text: str, acceleration: float) -> None:
     bounds = bounds_of(f"assurance={{bounds: {write(tmp_path, text)}}}")
-    assert bounds.acceleration == pytest.approx(acceleration)
+    assert bounds.acceleration_m_s2 == pytest.approx(acceleration)
 
 
 def test_values_one_by_one_and_from_a_file(tmp_path: Path) -> None:
     path = write(tmp_path, "gravity: 0.1\nthrust_direction_deg: 2\nvelocity_m_s: 0.5\n")
     for text in (path, "{gravity: 0.1, thrust_direction_deg: 2, velocity_m_s: 0.5}"):
         bounds = bounds_of(f"assurance={{bounds: {text}}}")
-        assert (bounds.gravity, bounds.velocity) == (0.1, 0.5)
-        assert bounds.thrust_direction == pytest.approx(math.radians(2.0))
-    assert bounds_of("assurance.bounds.position_m=300").position == 300.0
+        assert (bounds.gravity, bounds.velocity_m_s) == (0.1, 0.5)
+        assert math.radians(bounds.thrust_direction_deg) == pytest.approx(math.radians(2.0))
+    assert bounds_of("assurance.bounds.position_m=300").position_m == 300.0
     assert bounds_of("assurance={}").gravity == 0.0
 
 
@@ -167,9 +171,9 @@ def test_a_drawn_world_holds_values(tmp_path: Path) -> None:
         world = draw_world(load_scenario(None, [f"dispersions={path}", text]), kleopatra())
         assert world.dispersions is None
         assert world.assurance is not None
-        assert isinstance(world.assurance.bounds, AssuranceBoundsConfig)
+        assert isinstance(world.assurance.bounds, AssuranceBounds)
         assert world.assurance.bounds.thrust == pytest.approx(0.1)
-        assert "thrust 10 %, " in described_bounds(world)
+        assert "thrust 0.1, " in described_bounds(world)
 
 
 def test_warns_of_what_dispersions_exceed(tmp_path: Path) -> None:
@@ -191,20 +195,20 @@ def test_what_the_scenario_itself_declares_is_bounded(tmp_path: Path) -> None:
     assert bounds.gravity == pytest.approx(0.05)
     assert bounds.thrust == pytest.approx(0.1)
     # Four standard deviations of noise on 100 kg, and of a kick in a period of 10 s.
-    assert bounds.acceleration == pytest.approx(4.0 * (0.02 / 100.0 + 0.001 / 10.0))
+    assert bounds.acceleration_m_s2 == pytest.approx(4.0 * (0.02 / 100.0 + 0.001 / 10.0))
     # Dispersions take the place of what they disperse, and of nothing else.
     path = write(tmp_path, "truth.gravity: {uniform: [1.0, 1.02]}\n")
     file = tmp_path / "own.yaml"
     file.write_text("truth: {gravity: 0.95}\n")
     both = load_scenario(file, [f"dispersions={path}", "assurance={}", *OWN[1:]])
-    bounds = assurance_bounds(both, kleopatra())
+    bounds = uncertainty_set(both, kleopatra())
     assert (bounds.gravity, bounds.thrust) == pytest.approx((0.02, 0.1))
     # A drawn world is not bounded by its draw.
     drawn = draw_world(both, kleopatra())
     assert drawn.dispersed == ["truth.gravity"]
-    assert draw_world(drawn, kleopatra()) is drawn
+    assert draw_world(drawn, kleopatra()) == drawn
     # Bounds that are given hold nothing else.
-    assert assurance_bounds(
+    assert uncertainty_set(
         load_scenario(None, ["assurance={bounds: {gravity: 0.1}}", *OWN]), kleopatra()
     ) == AssuranceBounds(gravity=0.1)
 
@@ -212,7 +216,7 @@ def test_what_the_scenario_itself_declares_is_bounded(tmp_path: Path) -> None:
 def test_a_section_that_only_the_draw_makes_has_its_defaults(tmp_path: Path) -> None:
     path = write(tmp_path, "force_noise.correlation_time_s: {uniform: [50, 100]}\n")
     bounds = bounds_of("assurance={}", f"dispersions={path}")
-    assert bounds.acceleration == pytest.approx(4.0 * 0.7 / 100.0)
+    assert bounds.acceleration_m_s2 == pytest.approx(4.0 * 0.7 / 100.0)
 
 
 def test_warns_of_what_the_scenario_itself_exceeds() -> None:
@@ -237,7 +241,7 @@ def test_bounds_that_hold_everything_are_not_warned_of() -> None:
         warnings.simplefilter("error")
         world = draw_world(load_scenario(None, overrides), kleopatra())
     assert world.assurance is not None
-    assert isinstance(world.assurance.bounds, AssuranceBoundsConfig)
+    assert isinstance(world.assurance.bounds, AssuranceBounds)
     assert world.assurance.bounds.acceleration_m_s2 == 0.002
 
 
@@ -249,7 +253,7 @@ def test_bounds_that_hold_everything_are_not_warned_of() -> None:
         ("disturbance.max_relative_magnitude: {choice: [0.0, 2.0]}", "up to 2 times the command"),
         (
             "truth.thrusters.scale: {uniform: [0.0, 1.0]}",
-            r"assurance\.bounds: the bound thrust must be below",
+            r"assurance\.bounds: .*thrust must be below",
         ),
         (
             "truth.specific_impulse_s: {uniform: [0.9, 1.1], times: value}",

@@ -21,11 +21,11 @@ from proxops.diagrams.scenario.distributions import (
     Normal,
     Uniform,
 )
-from proxops.diagrams.scenario.dotted_keys import KNOWN_ON_THE_DAY
-from proxops.diagrams.scenario.drawn_world import dispersed_values, draw_world
+from proxops.diagrams.scenario.keys import KNOWN_ON_THE_DAY
 from proxops.diagrams.scenario.scenario import load_scenario
 from proxops.diagrams.scenario.scenario_checks import check_scenario
 from proxops.diagrams.scenario.transits import of_transit, scenario_transit
+from proxops.diagrams.scenario.world import dispersed_values, draw_world
 from proxops.systems.common.errors import InputError
 
 SHIPPED = sorted(path.stem for path in (ASSETS / "dispersions").glob("*.yaml"))

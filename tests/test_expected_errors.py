@@ -18,7 +18,7 @@ from proxops.diagrams.scenario import (
     change_scenario,
     draw_world,
     dump_scenario,
-    expected_errors,
+    filter_tuning,
     load_body,
     load_dispersions,
     load_scenario,
@@ -48,7 +48,7 @@ def told(folder: Path, text: str, *changes: str) -> ExpectedErrors:
     """What the navigation of a drawn world expects."""
     (folder / "mine.yaml").write_text(text)
     scenario = load_scenario(None, [LIDAR, f"dispersions={folder / 'mine.yaml'}", *changes])
-    return expected_errors(believed(draw_world(scenario, kleopatra())), kleopatra())
+    return filter_tuning(believed(draw_world(scenario, kleopatra())), kleopatra())
 
 
 # --- the keys -------------------------------------------------------------------------------------
@@ -76,30 +76,30 @@ def test_both_are_written_and_read(text: str) -> None:
 
 def test_no_errors_are_expected_of_the_truth() -> None:
     with pytest.raises(InputError, match="TrueState"):
-        expected_errors(load_scenario(None, ["navigation=!TrueState {}"]), kleopatra())
+        filter_tuning(load_scenario(None, ["navigation=!TrueState {}"]), kleopatra())
 
 
 # --- what is told ---------------------------------------------------------------------------------
 
 
 def test_usual_errors_are_the_defaults_at_kleopatra() -> None:
-    found = dc.asdict(expected_errors(load_scenario(None, [LIDAR]), kleopatra()))
+    found = dc.asdict(filter_tuning(load_scenario(None, [LIDAR]), kleopatra()))
     assert found == pytest.approx(dc.asdict(ExpectedErrors()), rel=1e-5)
 
 
 def test_usual_errors_are_in_proportion(tmp_path: Path) -> None:
     body = load_body(write_blob(tmp_path))  # 220 km long.
-    found = expected_errors(load_scenario(None, [LIDAR]), body)
+    found = filter_tuning(load_scenario(None, [LIDAR]), body)
     longest = float(np.ptp(body.shape.vertices, axis=0).max())
-    assert found.surface_correlation == pytest.approx(15e3 * longest / 218.864e3)
+    assert found.surface_correlation_m == pytest.approx(15e3 * longest / 218.864e3)
 
 
 def test_what_is_given_is_told_as_it_is() -> None:
     given = "{attitude_deg: 2.0, pole_deg: 1.0, acceleration_m_s2: 3.0e-4, beam_width_rad: 0.002}"
     scenario = load_scenario(None, [f"navigation.expected={given}", "dispersions=before_survey"])
-    found = expected_errors(draw_world(scenario, kleopatra()), kleopatra())
+    found = filter_tuning(draw_world(scenario, kleopatra()), kleopatra())
     assert found == ExpectedErrors(
-        attitude=math.radians(2.0), pole=math.radians(1.0), acceleration=3e-4, beam_width=0.002
+        attitude_deg=2.0, pole_deg=1.0, acceleration_m_s2=3e-4, beam_width_rad=0.002
     )
 
 
@@ -110,8 +110,8 @@ def test_the_dispersions_are_told_and_never_the_draw(name: str) -> None:
     assert worlds[0].truth != worlds[1].truth
     assert worlds[0].spacecraft != worlds[1].spacecraft
     assert worlds[0].navigation == worlds[1].navigation == worlds[2].navigation
-    first = expected_errors(worlds[0], kleopatra())
-    assert first == expected_errors(believed(worlds[1]), kleopatra())
+    first = filter_tuning(worlds[0], kleopatra())
+    assert first == filter_tuning(believed(worlds[1]), kleopatra())
     # And the scenario that was drawn from is as before.
     assert scenario.navigation == LidarNavigationConfig()
 
@@ -120,50 +120,50 @@ def test_a_spread_has_no_sign(tmp_path: Path) -> None:
     """It is in proportion to the size of the scenario's own value, which is below zero here."""
     text = "truth.lidar.bias_m: {normal: 1.0, three_sigma: 0.3, times: value}\n"
     found = [told(tmp_path, text, f"truth.lidar.bias_m={bias}") for bias in (-5.0, 5.0)]
-    assert found[0].lidar_bias == found[1].lidar_bias > 4.9
+    assert found[0].lidar_bias_m == found[1].lidar_bias_m > 4.9
 
 
 def test_numbers_of_before_survey() -> None:
     """By hand from the file: a third of three sigma, in the units of the fields."""
     scenario = load_scenario(None, [LIDAR, "dispersions=before_survey"])
-    found = expected_errors(draw_world(scenario, kleopatra()), kleopatra())
+    found = filter_tuning(draw_world(scenario, kleopatra()), kleopatra())
     size = 218864.0
     by_hand = {
-        "attitude": math.radians(1.0),
-        "attitude_varying": math.radians(0.02) / 3.0,
-        "attitude_correlation": 3600.0,
-        "pole": math.radians(1.0) / 3.0,
+        "attitude_deg": 1.0,
+        "attitude_varying_deg": 0.02 / 3.0,
+        "attitude_correlation_s": 3600.0,
+        "pole_deg": 1.0 / 3.0,
         "spin": 1e-5 / 3.0,
         "gravity": 0.11 / 3.0,
         "thrust": 0.05 / 3.0,
-        "propellant": 1.0 / (9.80665 * 220.0),
-        "thrust_direction": math.radians(1.0) / 3.0,
-        "acceleration": 1.43e-3 * 0.07 / 3.0,
-        "acceleration_varying": 4.76e-4 * 0.07,
-        "acceleration_correlation": 600.0,
-        "surface": 0.002 * size,  # The roughest that may be drawn.
-        "surface_correlation": 0.07 * size,
+        "propellant_s_per_m": 1.0 / (9.80665 * 220.0),
+        "thrust_direction_deg": 1.0 / 3.0,
+        "acceleration_m_s2": 1.43e-3 * 0.07 / 3.0,
+        "acceleration_varying_m_s2": 4.76e-4 * 0.07,
+        "acceleration_correlation_s": 600.0,
+        "surface_rms_m": 0.002 * size,  # The roughest that may be drawn.
+        "surface_correlation_m": 0.07 * size,
         "size": 0.005 / 3.0,
-        "lidar_bias": 10.0 / 3.0,
+        "lidar_bias_m": 10.0 / 3.0,
         "lidar_scale": 1e-4,
-        "beam_width": 1e-3,
+        "beam_width_rad": 1e-3,
     }
     values = dc.asdict(found)
     # Of the lobes, +- 10 % move it by 5.9 km; a surface that is off by 110 m moves it by 80 m.
     moved = math.hypot(5.9e3 / 3.0, 80.0 / 110.0 * 0.002 * size)
-    assert values.pop("centre_of_mass") == pytest.approx(moved, rel=0.01)
+    assert values.pop("centre_of_mass_m") == pytest.approx(moved, rel=0.01)
     assert values == pytest.approx(by_hand, rel=1e-3)
 
 
 def test_every_shipped_quantity_is_told_or_known_not_to_be() -> None:
     """Of each quantity alone: the navigation expects something else than usual."""
     scenario = load_scenario(None, [LIDAR])
-    usual = expected_errors(scenario, kleopatra())
+    usual = filter_tuning(scenario, kleopatra())
     not_told = set()
     robustness = load_script("benchmarks/robustness.py")
     for each in robustness.quantities(load_dispersions("before_survey")):
         world = robustness.far_out_world(scenario, kleopatra(), each, 1.0)
-        if expected_errors(world, kleopatra()) == usual:
+        if filter_tuning(world, kleopatra()) == usual:
             not_told.add(each.main.key)
     not_told -= {"lidar.noise_std_m", "spacecraft.mass_kg"}  # Known on the day.
     # The attitude is expected to be 1 degree off, in any case.
@@ -175,7 +175,7 @@ def test_large_errors_of_attitude_add_up_within_limits(tmp_path: Path) -> None:
         "truth.attitude.constant_deg: {normal: 0.0, three_sigma: 9.0}\n"
         "truth.phase_deg: {normal: 0.0, three_sigma: 12.0}\n"
     )
-    assert told(tmp_path, text).attitude == pytest.approx(math.radians(5.0))
+    assert told(tmp_path, text).attitude_deg == pytest.approx(5.0)
     text = "truth.attitude.constant_deg: {normal: 0.0, three_sigma: 90.0}\n"
     with pytest.raises(InputError, match=r"attitude_deg of 30, and can expect at most 11"):
         told(tmp_path, text)
@@ -190,30 +190,30 @@ def test_thrust_has_the_mass_in_it(tmp_path: Path) -> None:
 
 def test_use_of_propellant_is_told(tmp_path: Path) -> None:
     text = "truth.mass: {normal: 1.0, three_sigma: 0.09}\n"
-    assert told(tmp_path, text).propellant == 0.0
-    burning = told(tmp_path, text, "truth.specific_impulse_s=220.0").propellant
+    assert told(tmp_path, text).propellant_s_per_m == 0.0
+    burning = told(tmp_path, text, "truth.specific_impulse_s=220.0").propellant_s_per_m
     assert burning == pytest.approx(1.0 / (9.80665 * 220.0))
-    drawn = told(tmp_path, "truth.specific_impulse_s: 300.0\n").propellant
+    drawn = told(tmp_path, "truth.specific_impulse_s: 300.0\n").propellant_s_per_m
     assert drawn == pytest.approx(1.0 / (9.80665 * 300.0))
 
 
 def test_what_disturbs_the_command_is_an_acceleration_that_varies(tmp_path: Path) -> None:
     """By hand: Gauss-Markov processes add up in variance, and in variance times correlation."""
     noise = ["force_noise={std_n: 0.5, correlation_time_s: 60}"]
-    found = expected_errors(load_scenario(None, [LIDAR, *noise]), kleopatra())
-    assert found.acceleration_varying == pytest.approx(0.005)
-    assert found.acceleration_correlation == pytest.approx(60.0)
+    found = filter_tuning(load_scenario(None, [LIDAR, *noise]), kleopatra())
+    assert found.acceleration_varying_m_s2 == pytest.approx(0.005)
+    assert found.acceleration_correlation_s == pytest.approx(60.0)
     white = ["force_noise={std_n: 0.5, correlation_time_s: 0}"]
-    found = expected_errors(load_scenario(None, [LIDAR, *white]), kleopatra())
-    assert found.acceleration_correlation == 5.0  # Of steps of 10 s.
+    found = filter_tuning(load_scenario(None, [LIDAR, *white]), kleopatra())
+    assert found.acceleration_correlation_s == 5.0  # Of steps of 10 s.
     # Pushes of 2 m/s every 900 s change the velocity by 2 m/s sqrt(t / 900 s).
-    found = expected_errors(load_scenario(None, [LIDAR, "kicks={}"]), kleopatra())
-    growth = 2.0 * found.acceleration_varying**2 * found.acceleration_correlation
+    found = filter_tuning(load_scenario(None, [LIDAR, "kicks={}"]), kleopatra())
+    growth = 2.0 * found.acceleration_varying_m_s2**2 * found.acceleration_correlation_s
     assert growth == pytest.approx(2.0**2 / 900.0)
     text = "truth.acceleration.varying_std_m_s2: 0.001\n"
     both = told(tmp_path, text, *noise)
-    assert both.acceleration_varying == pytest.approx(math.hypot(0.005, 0.001))
-    assert both.acceleration_correlation == pytest.approx((25.0 * 60.0 + 600.0) / 26.0)
+    assert both.acceleration_varying_m_s2 == pytest.approx(math.hypot(0.005, 0.001))
+    assert both.acceleration_correlation_s == pytest.approx((25.0 * 60.0 + 600.0) / 26.0)
 
 
 def test_a_disturbance_that_is_drawn_is_told_in_the_mean() -> None:
@@ -222,19 +222,19 @@ def test_a_disturbance_that_is_drawn_is_told_in_the_mean() -> None:
     worlds = [draw_world(of_transit(scenario, 7, index), kleopatra()) for index in range(9)]
     drawn = {world.disturbance.max_relative_magnitude for world in worlds if world.disturbance}
     assert drawn == {0.0, 2.0}
-    expected = [expected_errors(world, kleopatra()) for world in worlds]
+    expected = [filter_tuning(world, kleopatra()) for world in worlds]
     assert all(each == expected[0] for each in expected)
-    always = expected_errors(load_scenario(None, [LIDAR, "disturbance={}"]), kleopatra())
-    assert expected[0].acceleration_varying == pytest.approx(
-        math.sqrt(0.75) * always.acceleration_varying
+    always = filter_tuning(load_scenario(None, [LIDAR, "disturbance={}"]), kleopatra())
+    assert expected[0].acceleration_varying_m_s2 == pytest.approx(
+        math.sqrt(0.75) * always.acceleration_varying_m_s2
     )
 
 
 def test_a_world_of_its_own_is_not_told(tmp_path: Path) -> None:
     """Without dispersions, nobody knows how the world differs."""
     scenario = load_scenario(None, [LIDAR, "truth.gravity=1.3", "truth.surface_rms_m=400.0"])
-    same = expected_errors(load_scenario(None, [LIDAR]), kleopatra())
-    assert expected_errors(draw_world(scenario, kleopatra()), kleopatra()) == same
+    same = filter_tuning(load_scenario(None, [LIDAR]), kleopatra())
+    assert filter_tuning(draw_world(scenario, kleopatra()), kleopatra()) == same
 
 
 def test_the_true_state_is_told_nothing() -> None:

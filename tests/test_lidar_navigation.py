@@ -269,7 +269,7 @@ def test_a_map_that_is_wrong_as_told(rms: float) -> None:
     """The error of the map is the same from frame to frame, and the covariance knows it."""
     flown, body = flight(), kleopatra()
     true = displaced(body.shape, rms, 15e3, 5)
-    expected = ExpectedErrors(surface=rms)
+    expected = ExpectedErrors(surface_rms_m=rms)
     model = FrameModel(body.shape, DEFAULT_GEOMETRY, NOISE, MapError(body.shape, rms, 15e3))
     motion = Motion(body.gravity_field, body.shape.extents, body.spin_rate, MASS, expected)
     made = Navigator(model, motion, expected, body.spin_rate, 30.0, PERIOD, 0)

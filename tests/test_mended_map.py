@@ -12,7 +12,7 @@ from proxops.diagrams.scenario import (
     Body,
     LidarNavigationConfig,
     Scenario,
-    expected_errors,
+    filter_tuning,
     load_scenario,
 )
 from proxops.systems import InputError, LidarNavigation, MapError, MendedMap, Polyhedron
@@ -153,7 +153,7 @@ def flown_by(
 def test_a_mended_map_is_nearer_to_the_truth_and_flies_better_from_the_start() -> None:
     body = kleopatra()
     true = displaced(body.shape, RMS, CORRELATION, 5)
-    expected = ExpectedErrors(surface=RMS, surface_correlation=CORRELATION)
+    expected = ExpectedErrors(surface_rms_m=RMS, surface_correlation_m=CORRELATION)
     first = navigation(expected=expected)
     before, found = flown_by(first, true, 40, 500)
     normals, _ = vertex_normals(body.shape)
@@ -174,13 +174,13 @@ def test_a_mended_map_is_nearer_to_the_truth_and_flies_better_from_the_start() -
 
 
 def test_a_navigation_without_an_estimate_mends_nothing() -> None:
-    system = navigation(expected=ExpectedErrors(surface=RMS))
+    system = navigation(expected=ExpectedErrors(surface_rms_m=RMS))
     with pytest.raises(InputError, match="never knew where it was"):
         system.mended_map(system.CreateDefaultContext())
 
 
 def _navigation(scenario: Scenario, body: Body) -> LidarNavigation:
-    return make_navigation(scenario, body, expected_errors(scenario, body))
+    return make_navigation(scenario, body, filter_tuning(scenario, body))
 
 
 def test_a_scenario_names_the_map_by_which_is_navigated(tmp_path: Path) -> None:
@@ -225,5 +225,5 @@ def test_a_wrong_surface_moves_the_centre_of_mass() -> None:
     drawn = np.sqrt(np.mean(shifts**2, axis=0)).max()
     assert shift_of_centre(shape, RMS, CORRELATION) == pytest.approx(drawn, rel=0.4)
     scenario = load_scenario(None, {"navigation.expected.surface_rms_m": RMS})
-    told = expected_errors(scenario, kleopatra()).centre_of_mass
+    told = filter_tuning(scenario, kleopatra()).centre_of_mass_m
     assert told == pytest.approx(drawn, rel=0.4)

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from scripts import load_script
 
 from proxops.diagrams.flight import make_navigation
-from proxops.diagrams.scenario import Body, expected_errors, load_body
+from proxops.diagrams.scenario import Body, filter_tuning, load_body
 from proxops.systems import NavigationPhase
 from proxops.systems.navigation.navigator import Navigator, Step
 from proxops.systems.shapes import ray_caster
@@ -30,7 +30,7 @@ class At:
     def __init__(self, name: str, folder: Path):
         scenario = bodies().scenario_at(name, folder)
         self.body: Body = load_body(scenario.body)
-        system = make_navigation(scenario, self.body, expected_errors(scenario, self.body))
+        system = make_navigation(scenario, self.body, filter_tuning(scenario, self.body))
         self.navigator: Navigator = system._navigator
         self.model, self.noise = system.model, scenario.lidar.noise_std_m
         self.size = float(self.body.shape.extents.max())

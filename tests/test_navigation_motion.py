@@ -4,6 +4,7 @@ Eq. 2 to 8 of docs/method/equations.md.
 """
 
 import itertools
+import math
 
 import numpy as np
 import pytest
@@ -41,7 +42,7 @@ MODES = 2
 
 def motion(**expected: float) -> Motion:
     body = kleopatra()
-    errors = ExpectedErrors(acceleration_correlation=TAU, **expected)
+    errors = ExpectedErrors(acceleration_correlation_s=TAU, **expected)
     return Motion(body.gravity_field, body.shape.extents, RATE, MASS, errors)
 
 
@@ -214,7 +215,11 @@ def test_a_full_covariance_against_differences() -> None:
 
 def test_what_varies_reaches_its_variance() -> None:
     """The first-order Gauss-Markov process is stationary, whatever the step is."""
-    predicts = motion(acceleration_varying=2e-4, attitude_varying=1e-4, attitude_correlation=900.0)
+    predicts = motion(
+        acceleration_varying_m_s2=2e-4,
+        attitude_varying_deg=math.degrees(1e-4),
+        attitude_correlation_s=900.0,
+    )
     given = estimate()
     for where in (12, 13, 14):
         given.covariance[where, where] = (2e-4) ** 2
@@ -232,7 +237,7 @@ def test_a_white_push_moves_as_known() -> None:
     far = estimate()
     far.mean[:] = 0.0
     far.mean[POSITION] = [5e8, 0.0, 0.0]
-    errors = ExpectedErrors(acceleration_varying=1e-3, acceleration_correlation=2.0)
+    errors = ExpectedErrors(acceleration_varying_m_s2=1e-3, acceleration_correlation_s=2.0)
     predicts = Motion(kleopatra().gravity_field, kleopatra().shape.extents, 0.0, MASS, errors)
     time = 0.0
     for _ in range(1000):
@@ -285,7 +290,7 @@ def test_uneven_density_is_in_the_covariance() -> None:
             known.mean[POSITION] = point
             known.covariance[:] = 0.0
             # Over a time much longer than the correlation all of it is there.
-            moved = motion(centre_of_mass=shift)
+            moved = motion(centre_of_mass_m=shift)
             noise = moved.predicted(known, np.zeros(3), START, 1.0).covariance
             predicted.append(noise[12, 12] / (1.0 - np.exp(-2.0 / TAU)))
         ratio = np.sqrt(np.mean(left**2) / np.mean(predicted))

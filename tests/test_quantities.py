@@ -9,11 +9,11 @@ import pytest
 from short_flights import kleopatra
 
 from proxops.diagrams.scenario import QUANTITIES, World, load_dispersions, load_scenario
-from proxops.diagrams.scenario.dotted_keys import default_at, dotted_keys
+from proxops.diagrams.scenario.keys import default_at, dotted_keys
 from proxops.diagrams.scenario.quantities import HARMLESS, Quantity
-from proxops.systems.assurance import AssuranceBoundsConfig
+from proxops.systems.assurance import AssuranceBounds
 from proxops.systems.common import InputError
-from proxops.systems.navigation import ExpectedErrorsConfig, LidarNavigationConfig
+from proxops.systems.navigation import ExpectedErrors, LidarNavigationConfig
 
 SECTIONS = ("truth.", "disturbance.", "force_noise.", "kicks.")
 # Values that are no spread about what is believed.
@@ -42,7 +42,7 @@ def dispersed(quantity: Quantity, folder: Path, **changes: object) -> World:
     return World.of(load_scenario(None, {"dispersions": str(path), **changes}), kleopatra())
 
 
-def told(world: World) -> ExpectedErrorsConfig:
+def told(world: World) -> ExpectedErrors:
     """What the navigation of a world is told of its errors."""
     navigation = world.belief.navigation
     assert isinstance(navigation, LidarNavigationConfig)
@@ -59,8 +59,8 @@ def test_every_uncertain_value_has_a_row() -> None:
 
 
 def test_rows_name_what_is_there() -> None:
-    tunes = {field.name for field in dc.fields(ExpectedErrorsConfig)}
-    bounds = {field.name for field in dc.fields(AssuranceBoundsConfig)}
+    tunes = {field.name for field in dc.fields(ExpectedErrors)}
+    bounds = {field.name for field in dc.fields(AssuranceBounds)}
     assert {each.tunes for each in QUANTITIES} - {None} == tunes
     # The navigation and the MPC themselves tell of position, velocity and delay.
     own = {"position_m", "velocity_m_s", "delay_s"}
@@ -78,7 +78,7 @@ def test_what_is_dispersed_tunes_the_filter(quantity: Quantity, tmp_path: Path) 
     usual = told(dispersed(Quantity("truth.lidar.dropout"), tmp_path))
     changed = {
         field.name
-        for field in dc.fields(ExpectedErrorsConfig)
+        for field in dc.fields(ExpectedErrors)
         if getattr(tuned, field.name) != getattr(usual, field.name)
     }
     # The usual attitude error is generous already.
@@ -110,6 +110,6 @@ def test_what_is_dispersed_is_bounded_or_refused(quantity: Quantity, tmp_path: P
         return
     assurance = dispersed(quantity, tmp_path, **changes).belief.assurance
     assert assurance is not None
-    assert isinstance(assurance.bounds, AssuranceBoundsConfig)
+    assert isinstance(assurance.bounds, AssuranceBounds)
     moved = {name for name, value in dc.asdict(assurance.bounds).items() if value}
     assert quantity.bounds in moved if quantity.bounds else not moved

@@ -27,7 +27,7 @@ from proxops.diagrams.meshcat.meshcat_scene import (
 )
 from proxops.diagrams.scenario import AssuranceConfig, dump_scenario
 from proxops.diagrams.scenario.body import Body, BodyConfig
-from proxops.systems.assurance import AssuranceBoundsConfig, InterventionReason
+from proxops.systems.assurance import AssuranceBounds, InterventionReason
 from proxops.systems.shapes.polyhedron import Polyhedron
 
 
@@ -141,7 +141,7 @@ def test_filter_tells_margin_reason_and_bounds(log: FlightLog, tmp_path: Path) -
         "intervention_reason": reasons,
         "assurance_margin": margins,
     }
-    config = AssuranceConfig(bounds=AssuranceBoundsConfig(thrust=0.05, acceleration_m_s2=3e-3))
+    config = AssuranceConfig(bounds=AssuranceBounds(thrust=0.05, acceleration_m_s2=3e-3))
     scenario = dump_scenario(dataclasses.replace(log.scenario, assurance=config))
     dataset = log.dataset.assign({name: ("time", values) for name, values in columns.items()})
     filtered = FlightLog(dataset.assign_attrs(scenario=scenario), log.body)
@@ -152,7 +152,7 @@ def test_filter_tells_margin_reason_and_bounds(log: FlightLog, tmp_path: Path) -
     assert words[99:101] == ["passes", REASONS[InterventionReason.KEEP_OUT].name]
     assert told["margin"][0] is None
     assert told["margin"][200] == "-inf"
-    assert "allows for: thrust 5 %, other acceleration 3 mm/s², 4σ of the navigation<" in page
+    assert "allows for: thrust 0.05, acceleration 0.003 m/s^2, 4σ of the navigation<" in page
     # The curve is above the line of zero where the margin is positive, and below elsewhere.
     (zero,) = re.findall(r'd="M0 ([\d.]+)H1000"', page)
     (points,) = re.findall(r'polyline points="([^"]*)"', page)

@@ -13,7 +13,6 @@ from short_flights import kleopatra
 
 from proxops.assets import ASSETS
 from proxops.diagrams.flight.campaign import Flight
-from proxops.diagrams.scenario.drawn_world import draw_world
 from proxops.diagrams.scenario.scenario import load_scenario, parse_scenario
 from proxops.diagrams.scenario.scenario_config import Scenario
 from proxops.diagrams.scenario.transits import (
@@ -22,6 +21,7 @@ from proxops.diagrams.scenario.transits import (
     of_transit,
     scenario_transit,
 )
+from proxops.diagrams.scenario.world import draw_world
 from proxops.studies.evaluation.variants import Variant, variant_flights
 from proxops.systems.navigation import LidarNavigationConfig
 from proxops.systems.shapes.ellipsoid import clearances

@@ -9,7 +9,7 @@ from proxops.diagrams.flight.simulation import fly
 from proxops.diagrams.logs.flight_log import FlightLog, differences
 from proxops.diagrams.scenario.scenario import load_scenario
 from proxops.systems import BackupBraking, InputError, InterventionReason, RuntimeAssurance
-from proxops.systems.assurance import AssuranceBoundsConfig, AssuranceConfig
+from proxops.systems.assurance import AssuranceBounds, AssuranceConfig
 from proxops.systems.vehicle.state_prediction import predicted_state
 
 # 1 km above the ellipsoid's end on the spin axis.
@@ -18,7 +18,7 @@ ABOVE_THE_POLE = {"transit__start_m": [0.0, 0.0, 66e3]}
 
 @pytest.fixture(scope="module")
 def backup() -> BackupBraking:
-    bounds = AssuranceBoundsConfig(surface_m=100.0)
+    bounds = AssuranceBounds(surface_m=100.0)
     return make_backup(load_scenario(), kleopatra(), AssuranceConfig(bounds))
 
 

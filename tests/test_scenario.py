@@ -19,13 +19,17 @@ from proxops.diagrams.scenario.scenario import (
     read_mapping,
 )
 from proxops.diagrams.scenario.scenario_checks import check_scenario
-from proxops.diagrams.scenario.scenario_config import Scenario, TransitConfig, TrueStateConfig
-from proxops.diagrams.scenario.truth_config import TruthConfig
-from proxops.systems.assurance import AssuranceBoundsConfig, AssuranceConfig
+from proxops.diagrams.scenario.scenario_config import (
+    Scenario,
+    TransitConfig,
+    TrueStateConfig,
+    TruthConfig,
+)
+from proxops.systems.assurance import AssuranceBounds, AssuranceConfig
 from proxops.systems.common.errors import InputError
 from proxops.systems.expert import MpcConfig
 from proxops.systems.lidar import LearnedLidarConfig, LidarConfig
-from proxops.systems.navigation import ExpectedErrorsConfig, LidarNavigationConfig
+from proxops.systems.navigation import ExpectedErrors, LidarNavigationConfig
 from proxops.systems.policy import PolicyConfig
 from proxops.systems.vehicle import (
     ArrivalConfig,
@@ -46,8 +50,8 @@ def scenarios(draw: st.DrawFn) -> Scenario:
     ends = draw(st.none() | st.tuples(points, points))
     near, far = sorted(draw(st.lists(positive, min_size=2, max_size=2, unique=True)))
     disturbance = st.builds(RandomWalkDisturbanceConfig, positive, not_negative, not_negative)
-    expected = st.builds(ExpectedErrorsConfig, attitude_deg=st.floats(0.0, 11.0), gravity=positive)
-    bounds = st.builds(AssuranceBoundsConfig, surface_m=not_negative)
+    expected = st.builds(ExpectedErrors, attitude_deg=st.floats(0.0, 11.0), gravity=positive)
+    bounds = st.builds(AssuranceBounds, surface_m=not_negative)
     bounds = st.none() | st.just("after_survey") | bounds
     assurance = draw(st.none() | st.builds(AssuranceConfig, bounds, not_negative))
     return Scenario(
@@ -138,7 +142,7 @@ def test_dump_holds_every_key_and_loads_from_a_file(tmp_path: Path) -> None:
         force_noise=ForceNoiseConfig(),
         kicks=KicksConfig(),
         policy=PolicyConfig("/somewhere/policy"),
-        navigation=LidarNavigationConfig(ExpectedErrorsConfig(), map="/somewhere/map.obj"),
+        navigation=LidarNavigationConfig(ExpectedErrors(), map="/somewhere/map.obj"),
         truth=TruthConfig(mesh="/somewhere/mesh.obj", specific_impulse_s=220.0),
         dispersions="after_survey",
         transit=ends,

@@ -15,8 +15,7 @@ from short_flights import kleopatra
 
 from proxops.diagrams.scenario import body as body_module
 from proxops.diagrams.scenario import change_scenario, load_body, make_true_body
-from proxops.diagrams.scenario.scenario_config import Scenario
-from proxops.diagrams.scenario.truth_config import TruthConfig
+from proxops.diagrams.scenario.scenario_config import Scenario, TruthConfig
 from proxops.systems.common.errors import InputError
 from proxops.systems.gravity import GravityField, TabulatedField, gravity_at, tabulated_field
 from proxops.systems.shapes.polyhedron import Polyhedron

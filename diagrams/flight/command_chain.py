@@ -33,7 +33,7 @@ def add_assurance(
         return command
     world = wiring.world
     backup = bounded_backup(world.belief, world.body, world.uncertainty_set)
-    if delay > backup.bounds.delay:
+    if delay > backup.bounds.delay_s:
         raise InputError(
             f"runtime assurance cannot fly with mpc.solve_delay_s {delay:g}: it checks a command "
             "for the period that begins now, but a delayed command acts later; declare this delay "

@@ -9,7 +9,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
 from proxops.diagrams.flight.scenario_systems import make_mpc, make_zero
 from proxops.diagrams.flight.wiring import STATE_NOISE_STREAM
-from proxops.diagrams.scenario import Body, Scenario, assurance_bounds
+from proxops.diagrams.scenario import Body, Scenario, uncertainty_set
 from proxops.systems import (
     AgreementGate,
     CheckSchedule,
@@ -39,14 +39,14 @@ def make_hybrid(scenario: Scenario, body: Body, policy: System) -> HybridControl
     Its adaptive schedule allows for the errors that runtime assurance declares.
 
     Raises:
-      InputError: see `HybridController` and `assurance_bounds`.
+      InputError: see `HybridController` and `uncertainty_set`.
     """
     settings, craft, transit = scenario.hybrid, scenario.spacecraft, scenario.transit
     period = scenario.control_period_s
     position_std = settings.state_noise_position_m
     velocity_std = settings.state_noise_velocity_m_s
     # Without runtime assurance nothing errs.
-    bounds = assurance_bounds(scenario, body)
+    bounds = uncertainty_set(scenario, body)
     assurance, acceleration = scenario.assurance, craft.thrust_limit_n / craft.mass_kg
     selector = HybridSelector(
         AgreementGate(
@@ -67,12 +67,12 @@ def make_hybrid(scenario: Scenario, body: Body, policy: System) -> HybridControl
             acceleration=(bounds.strongest + bounds.across) * acceleration,
             weakest=max(bounds.weakest - bounds.across, 0.0) * acceleration,
             gravity=bounds.gravity,
-            other=bounds.acceleration,
+            other=bounds.acceleration_m_s2,
         ),
         period=period,
         # Semi-axes that are longer by a length move the ellipsoid's surface by at most this length.
-        position_error=_DEVIATIONS * position_std + bounds.position + bounds.surface,
-        velocity_error=_DEVIATIONS * velocity_std + bounds.velocity,
+        position_error=_DEVIATIONS * position_std + bounds.position_m + bounds.surface_m,
+        velocity_error=_DEVIATIONS * velocity_std + bounds.velocity_m_s,
         deviations=0.0 if assurance is None else assurance.deviations,
     )
     seed = derived_seed(scenario.noise_seed, transit.seed, transit.index, STATE_NOISE_STREAM)

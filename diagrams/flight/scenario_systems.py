@@ -16,7 +16,7 @@ from proxops.diagrams.scenario import (
     LidarConfig,
     LidarNavigationConfig,
     Scenario,
-    assurance_bounds,
+    uncertainty_set,
 )
 from proxops.systems import (
     AssuranceBounds,
@@ -173,10 +173,10 @@ def make_backup(scenario: Scenario, body: Body, assurance: AssuranceConfig) -> B
     """Makes the backup braking of runtime assurance for the bounds that it declares.
 
     Raises:
-      InputError: see `assurance_bounds`; or the thrust cannot hold the spacecraft everywhere
+      InputError: see `uncertainty_set`; or the thrust cannot hold the spacecraft everywhere
         outside the ellipsoid.
     """
-    bounds = assurance_bounds(replace(scenario, assurance=assurance), body)
+    bounds = uncertainty_set(replace(scenario, assurance=assurance), body)
     return bounded_backup(scenario, body, bounds)
 
 
@@ -259,7 +259,7 @@ def make_navigation(scenario: Scenario, body: Body, expected: ExpectedErrors) ->
     assert isinstance(scenario.navigation, LidarNavigationConfig)
     shape, map_error = _navigation_map(scenario.navigation, body)
     if map_error is not None:
-        expected = replace(expected, surface=0.0, size=0.0)
+        expected = replace(expected, surface_rms_m=0.0, size=0.0)
     least_noise = _LEAST_NOISE * float(body.shape.extents.max())
     return LidarNavigation(
         shape,

@@ -2,17 +2,16 @@
 
 Start with `load_scenario` and `Scenario`, which composes the dataclasses that stand beside the
 systems that they configure; then read `World.of`, which makes all that one flight depends on, once:
-the drawn scenario, the belief, the body, the true body, the transit. `truth_config` says how the
+the drawn scenario, the belief, the body, the true body, the transit. `TruthConfig` says how the
 world may differ from what is believed, and `QUANTITIES` what of it is uncertain and who is told.
-`expected_errors` gives what the navigation takes its errors to be, and `assurance_bounds` the
-errors within which runtime assurance keeps out. Nothing in this room simulates.
+`filter_tuning` gives what the navigation takes its errors to be, and `uncertainty_set` the errors
+within which runtime assurance keeps out. Nothing in this room simulates.
 """
 
 from proxops.diagrams.scenario.body import Body, BodyConfig, check_constants, load_body
-from proxops.diagrams.scenario.declared_bounds import described_bounds
+from proxops.diagrams.scenario.bounds import described_bounds, uncertainty_set
 from proxops.diagrams.scenario.dispersions import Dispersion, load_dispersions
-from proxops.diagrams.scenario.drawn_world import dispersed_values, draw_world
-from proxops.diagrams.scenario.overrides import dotted_leaves, given_keys
+from proxops.diagrams.scenario.keys import differing_values, dotted_leaves, given_keys
 from proxops.diagrams.scenario.quantities import QUANTITIES
 from proxops.diagrams.scenario.remarks import scenario_remarks
 from proxops.diagrams.scenario.scenario import (
@@ -22,9 +21,12 @@ from proxops.diagrams.scenario.scenario import (
     parse_scenario,
 )
 from proxops.diagrams.scenario.scenario_checks import check_scenario
-from proxops.diagrams.scenario.scenario_config import Scenario, TransitConfig, TrueStateConfig
-from proxops.diagrams.scenario.told_bounds import assurance_bounds
-from proxops.diagrams.scenario.told_errors import expected_errors
+from proxops.diagrams.scenario.scenario_config import (
+    Scenario,
+    TransitConfig,
+    TrueStateConfig,
+    TruthConfig,
+)
 from proxops.diagrams.scenario.transits import (
     Transit,
     UnflyableWorldError,
@@ -39,17 +41,17 @@ from proxops.diagrams.scenario.true_body import (
     TrueBody,
     check_flyable,
     make_true_body,
+    spin_axes,
     turns_the_axes,
 )
-from proxops.diagrams.scenario.truth_config import TruthConfig
+from proxops.diagrams.scenario.tuning import filter_tuning
 from proxops.diagrams.scenario.typed_yaml import (
     dump_typed,
     is_yaml_path,
     load_typed,
     parse_mapping,
 )
-from proxops.diagrams.scenario.world import World, believed
-from proxops.diagrams.scenario.world_differences import differing_values, spin_axes
+from proxops.diagrams.scenario.world import World, believed, dispersed_values, draw_world
 from proxops.systems.assurance import AssuranceConfig
 from proxops.systems.expert import MpcConfig, WeightedCostConfig
 from proxops.systems.hybrid import HybridConfig
@@ -90,7 +92,6 @@ __all__ = [
     "UnflyableWorldError",
     "WeightedCostConfig",
     "World",
-    "assurance_bounds",
     "believed",
     "change_scenario",
     "check_constants",
@@ -104,7 +105,7 @@ __all__ = [
     "draw_world",
     "dump_scenario",
     "dump_typed",
-    "expected_errors",
+    "filter_tuning",
     "given_keys",
     "hover_force",
     "is_blocked",
@@ -121,5 +122,6 @@ __all__ = [
     "scenario_transit",
     "spin_axes",
     "turns_the_axes",
+    "uncertainty_set",
     "with_ends",
 ]

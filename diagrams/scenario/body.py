@@ -13,8 +13,6 @@ from proxops.systems.common import InputError, check_limits, number
 from proxops.systems.gravity import BodyField, GravityField, TabulatedField
 from proxops.systems.shapes import Polyhedron
 
-# How gravity is computed: by the sums over the polyhedron, or from a table outside the keep-out.
-GRAVITY = ("exact", "table")
 # The least and the greatest semi-axis (m) of a keep-out ellipsoid.
 _AXES = (1e-3, 1e9)
 _LONGEST_NAME = 200

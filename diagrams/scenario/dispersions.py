@@ -17,13 +17,14 @@ from proxops.diagrams.scenario.distributions import (
     finite_number,
     parse_distribution,
 )
-from proxops.diagrams.scenario.dotted_keys import (
+from proxops.diagrams.scenario.keys import (
     default_at,
     field_at,
+    is_path,
     value_at,
     why_not_dispersed,
 )
-from proxops.diagrams.scenario.path_keys import is_path
+from proxops.diagrams.scenario.quantities import QUANTITY
 from proxops.diagrams.scenario.scenario_config import Scenario
 from proxops.diagrams.scenario.typed_yaml import (
     fits,
@@ -99,6 +100,97 @@ class Dispersion:
         return float(now)
 
 
+@dc.dataclass(frozen=True)
+class Dispersions:
+    """Dispersions of the worlds of a scenario at a body: how far values may be from belief."""
+
+    scenario: Scenario
+    """Before the draw."""
+    body: Body
+    """As believed."""
+    each: typing.Sequence[Dispersion] = ()
+    name: str = ""
+    """The name or the path of the dispersions, for messages."""
+
+    @classmethod
+    def of(cls, scenario: Scenario, body: Body, name: str | None = None) -> typing.Self:
+        """Reads the dispersions of a name, or those of the scenario, which may have none.
+
+        Raises:
+          InputError: see `load_dispersions`.
+        """
+        name = name or scenario.dispersions
+        return cls(scenario, body) if name is None else cls(scenario, body, _loaded(name), name)
+
+    @property
+    def keys(self) -> list[str]:
+        """The dispersed keys."""
+        return [each.key for each in self.each]
+
+    def _find(self, key: str) -> Dispersion | None:
+        return next((each for each in self.each if each.key == key), None)
+
+    def rms(self, key: str) -> float | None:
+        """Gives the root mean square of a value's error, which does not depend on a draw.
+
+        Errors are counted from `Quantity.about`. None: the value is not dispersed, or no number.
+        """
+        found = self._find(key)
+        if found is None:
+            return None
+        unit = found.unit(self.scenario, self.body)
+        rms = found.distribution.rms(QUANTITY[key].about / unit)
+        return None if rms is None else abs(unit) * rms
+
+    def ends(self, key: str) -> tuple[float, float] | None:
+        """Gives the least and the greatest value of a key, or of any number of its list.
+
+        None: the value is not dispersed.
+
+        Raises:
+          InputError: it has no end.
+        """
+        found = self._find(key)
+        if found is None:
+            return None
+        ends = found.distribution.bounds()
+        if ends is None:
+            raise InputError(f"{self.name}: {key} has no end that assurance.bounds could hold")
+        unit = found.unit(self.scenario, self.body)
+        return unit * ends[0], unit * ends[1]
+
+    def greatest_error(self, key: str) -> float:
+        """Gives the greatest error of a value, counted from `Quantity.about`; 0: not dispersed.
+
+        Raises:
+          InputError: it has no end.
+        """
+        ends, about = self.ends(key), QUANTITY[key].about
+        return 0.0 if ends is None else max(abs(each - about) for each in ends)
+
+    def check(self) -> None:
+        """Checks that no value can be drawn that is beyond its limits.
+
+        Raises:
+          InputError: one can; the message gives the key, the bound and the limit.
+        """
+        for each in self.each:
+            try:
+                unit = each.unit(self.scenario, self.body)
+            except InputError as error:
+                raise InputError(f"{self.name}: {error}") from error
+            bounds, limits = each.distribution.bounds(), each.limits
+            if bounds is None or limits is None:
+                continue
+            low, high = sorted(unit * bound for bound in bounds)
+            for bound, beyond in ((low, low < limits[0]), (high, high > limits[1])):
+                if beyond:
+                    raise InputError(
+                        f"{self.name}: {each.key} may be drawn as {bound:g}, but it must be "
+                        f"from {limits[0]:g} to {limits[1]:g}"
+                    )
+
+
 def load_dispersions(name_or_path: str | Path) -> list[Dispersion]:
     """Reads dispersions: a name that ships with proxops, or the path of a YAML file.
 
@@ -165,7 +257,7 @@ def _known() -> str:
     return ", ".join(path.stem for path in _shipped())
 
 
-def loaded_dispersions(name_or_path: str) -> list[Dispersion]:
+def _loaded(name_or_path: str) -> list[Dispersion]:
     """Gives what `load_dispersions` gives; it is read again only if the file has changed."""
     path = Path(name_or_path)
     return _loaded_at(name_or_path, path.stat().st_mtime_ns if path.is_file() else 0)

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import dataclasses as dc
 from collections.abc import Iterator
 
 import numpy as np
 
 from proxops.diagrams.scenario.body import Body
-from proxops.diagrams.scenario.dotted_keys import default_at, value_at
+from proxops.diagrams.scenario.dispersions import Dispersions
+from proxops.diagrams.scenario.keys import default_at, value_at
 from proxops.diagrams.scenario.quantities import QUANTITIES
-from proxops.diagrams.scenario.scenario_config import Scenario
-from proxops.diagrams.scenario.told_errors import usual_errors
+from proxops.diagrams.scenario.scenario_config import Scenario, TruthConfig
+from proxops.diagrams.scenario.tuning import expected_errors
 from proxops.systems.navigation import LidarNavigationConfig
 from proxops.systems.shapes import clearances
 
@@ -37,7 +39,8 @@ def _untold(scenario: Scenario, body: Body) -> Iterator[str]:
     # Dispersions tell the navigation what they disperse.
     if not isinstance(settings, LidarNavigationConfig) or scenario.dispersions is not None:
         return
-    expected = settings.expected or usual_errors(scenario, body)
+    known = dc.replace(scenario, truth=TruthConfig())
+    expected = settings.expected or expected_errors(Dispersions(known, body))
     for each in QUANTITIES:
         name = each.tunes
         if name is None or (settings.map is not None and name in _OF_MAP):

@@ -5,15 +5,15 @@ import functools
 import typing
 from pathlib import Path
 
-from proxops.diagrams.scenario.dispersions import loaded_dispersions
-from proxops.diagrams.scenario.dotted_keys import why_not_dispersed
-from proxops.diagrams.scenario.overrides import (
+from proxops.diagrams.scenario.dispersions import load_dispersions
+from proxops.diagrams.scenario.keys import (
     Overrides,
     apply_overrides,
     given_keys,
+    make_paths_absolute,
     overrides_of,
+    why_not_dispersed,
 )
-from proxops.diagrams.scenario.path_keys import make_paths_absolute
 from proxops.diagrams.scenario.scenario_checks import check_scenario
 from proxops.diagrams.scenario.scenario_config import Scenario
 from proxops.diagrams.scenario.typed_yaml import (
@@ -132,7 +132,7 @@ def _check_not_drawn(scenario: Scenario, changes: Overrides) -> None:
     given = [key for key in given_keys(changes) if why_not_dispersed(key) is None]
     if not given:
         return  # So the dispersions need not be there yet.
-    for each in loaded_dispersions(scenario.dispersions):
+    for each in load_dispersions(scenario.dispersions):
         if each.key in given and each.times != "value":
             raise InputError(
                 f"{each.key} is given, but dispersions {scenario.dispersions} draw it for each "

@@ -4,8 +4,7 @@ import itertools
 import math
 from collections.abc import Iterator
 
-from proxops.diagrams.scenario.dotted_keys import why_not_dispersed
-from proxops.diagrams.scenario.path_keys import names_and_paths
+from proxops.diagrams.scenario.keys import names_and_paths, why_not_dispersed
 from proxops.diagrams.scenario.scenario_config import Scenario, TransitConfig
 from proxops.systems.common import InputError, check_limits
 from proxops.systems.lidar import LearnedLidarConfig

@@ -1,18 +1,17 @@
 """The dataclasses of a scenario: each value with its default, unit, limits and meaning.
 
 In a YAML file and with `--set`, a key is the path of field names, such as `mpc.fuel_weight`. What
-configures a system is a dataclass beside that system.
+configures a system is a dataclass beside that system. `TruthConfig` says how the world of a flight
+differs from what is believed; with the defaults, it is as believed.
 """
 
 import dataclasses as dc
 
-from proxops.diagrams.scenario.body import GRAVITY
-from proxops.diagrams.scenario.truth_config import TruthConfig
 from proxops.systems.assurance import AssuranceConfig
-from proxops.systems.common import FAR, config, number, one_of
+from proxops.systems.common import FAR, config, number, one_of, vector
 from proxops.systems.expert import MpcConfig
 from proxops.systems.hybrid import HybridConfig
-from proxops.systems.lidar import LearnedLidarConfig, LidarConfig
+from proxops.systems.lidar import LearnedLidarConfig, LidarConfig, TrueLidarConfig
 from proxops.systems.navigation import LidarNavigationConfig
 from proxops.systems.policy import PolicyConfig
 from proxops.systems.vehicle import (
@@ -21,10 +20,15 @@ from proxops.systems.vehicle import (
     KicksConfig,
     RandomWalkDisturbanceConfig,
     SpacecraftConfig,
+    TrueAccelerationConfig,
+    TrueAttitudeConfig,
+    TrueThrustersConfig,
 )
 
 # The greatest whole number that an attribute of a log can hold.
 _LARGEST_WHOLE = 2**63 - 1
+# That a float holds exactly, because seeds may be drawn.
+_LARGEST_SEED = 2**53 - 1
 
 
 @config
@@ -62,6 +66,47 @@ class TransitConfig:
 
 
 @config
+class TruthConfig:
+    """How the true world differs from the believed one.
+
+    The true surface lies in K as a survey would have registered it: aligned with the map by least
+    squares. K turns with the true body, about an axis through its true centre of mass.
+    """
+
+    # True mass of the body (so GM), over the believed one.
+    gravity: float = number(1.0, at_least=1e-3, at_most=1e3)
+    # The half of the body on the positive side of its longest axis is denser by this share, and the
+    # other half less dense. The centre of mass and the spin axis move.
+    density_contrast: float = number(0.0, above=-1.0, below=1.0)
+    # Another mesh file of the body; null: the map. The path in a scenario file is relative to it.
+    mesh: str | None = None
+    mesh_unit: str = one_of("km", ("km", "m"))
+    # Whether truth.mesh may differ from the map by more than a half of its size.
+    mesh_of_any_size: bool = False
+    # Every true length of the surface, over that of the map.
+    size: float = number(1.0, at_least=1e-1, at_most=10.0)
+    # The surface is displaced along its normals by a smooth random field: its root mean square, its
+    # correlation length, and its seed.
+    surface_rms_m: float = number(0.0, at_least=0.0, at_most=FAR, unit="m")
+    surface_correlation_m: float = number(15e3, at_least=1e-3, at_most=FAR, unit="m")
+    surface_seed: int = number(0, at_least=0, at_most=_LARGEST_SEED)
+    # True spin rate, over the believed one.
+    spin: float = number(1.0, at_least=0.0, at_most=1e3)
+    # The true spin axis is turned from K's z by these angles about K's x and y.
+    pole_deg: list[float] = vector([0.0, 0.0], at_least=-90.0, at_most=90.0, unit="degrees")
+    # What is believed of the rotation about z at the start, less what is true.
+    phase_deg: float = number(0.0, at_least=-180.0, at_most=180.0, unit="degrees")
+    attitude: TrueAttitudeConfig = dc.field(default_factory=TrueAttitudeConfig)
+    lidar: TrueLidarConfig = dc.field(default_factory=TrueLidarConfig)
+    thrusters: TrueThrustersConfig = dc.field(default_factory=TrueThrustersConfig)
+    # True mass of the spacecraft, over the believed one.
+    mass: float = number(1.0, at_least=1e-3, at_most=1e3)
+    # The thrusters' specific impulse; null: the mass is constant.
+    specific_impulse_s: float | None = number(None, at_least=1e-3, at_most=1e9, unit="s")
+    acceleration: TrueAccelerationConfig = dc.field(default_factory=TrueAccelerationConfig)
+
+
+@config
 class Scenario:
     """All values that define a flight near a small body.
 
@@ -75,7 +120,7 @@ class Scenario:
     # keep-out ellipsoid from a table with a relative error below 1e-9. The table is made at the
     # first use and kept in the user's cache folder. A true body that differs from the believed one
     # is always exact.
-    gravity: str = one_of("exact", GRAVITY)
+    gravity: str = one_of("exact", ("exact", "table"))
     spacecraft: SpacecraftConfig = dc.field(default_factory=SpacecraftConfig)
     lidar: LidarConfig | LearnedLidarConfig = dc.field(default_factory=LidarConfig)
     # From what controllers and runtime assurance know the state of the spacecraft.

@@ -10,9 +10,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from proxops.diagrams.scenario.body import Body
-from proxops.diagrams.scenario.scenario_config import Scenario
+from proxops.diagrams.scenario.scenario_config import Scenario, TruthConfig
 from proxops.diagrams.scenario.transits import Transit, UnflyableWorldError
-from proxops.diagrams.scenario.truth_config import TruthConfig
 from proxops.systems.common import InputError
 from proxops.systems.gravity import BodyField, GravityField
 from proxops.systems.shapes import Polyhedron, displaced, registered
@@ -20,6 +19,8 @@ from proxops.systems.shapes import Polyhedron, displaced, registered
 # A mesh whose size differs from the map's by more than this share of the map's is a mistake, unless
 # the scenario says that it is meant.
 _OTHER_SIZE = 0.5
+# A drawn spin axis is this many times as long as the body's greatest extent, so that it sticks out.
+_AXIS_LENGTH = 1.2
 
 
 @dataclass(frozen=True)
@@ -144,3 +145,20 @@ def turns_the_axes(truth: TruthConfig) -> bool:
         or truth.spin != 1.0
         or truth.phase_deg != 0.0
     )
+
+
+def spin_axes(body: Body, true_body: TrueBody) -> tuple[np.ndarray, np.ndarray] | None:
+    """Gives the ends of the believed and of the true spin axis, for a drawing.
+
+    Returns:
+      Two arrays (2, 3) in m in K: the ends of the believed axis, which is K's z, and those of the
+      true one. None if both are one line, or if the true body does not spin.
+    """
+    rate = float(np.linalg.norm(true_body.spin))
+    same = not (true_body.spin[:2].any() or true_body.axis_point[:2].any())
+    if same or rate == 0.0:
+        return None
+    half = 0.5 * _AXIS_LENGTH * float(body.shape.extents.max())
+    along = np.array([[-half], [half]])
+    true = true_body.axis_point + along * true_body.spin / rate
+    return along * [0.0, 0.0, 1.0], true

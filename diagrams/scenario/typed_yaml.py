@@ -124,16 +124,15 @@ def _typed(value: typing.Any, schema: typing.Any, source: str, path: str) -> typ
     is_list = typing.get_origin(schema) is list
     options: list[typing.Any] = [schema] if is_list else [*(typing.get_args(schema) or (schema,))]
     nested: dict[str, type] = {
-        f"!{option.__name__}": option
+        _short_tag(f"!{option.__name__}"): option
         for option in options
         if isinstance(option, type) and dc.is_dataclass(option)
     }
     if nested and isinstance(value, dict):
         tag = str(value.get(TAG, next(iter(nested))))
-        chosen = nested.get(tag) or nested.get(f"{tag}Config")
+        chosen = nested.get(_short_tag(tag))
         if chosen is None:
-            choices = ", ".join(map(_short_tag, nested))
-            raise InputError(f"{source}: {path} cannot be {tag}; choose from {choices}")
+            raise InputError(f"{source}: {path} cannot be {tag}; choose from {', '.join(nested)}")
         return load_typed(chosen, value, source, path)
     for option in options:
         if not fits(value, option):
@@ -147,7 +146,7 @@ def _typed(value: typing.Any, schema: typing.Any, source: str, path: str) -> typ
     wanted = "`key: value` lines" if nested else " or ".join(map(in_words, options))
     wanted = f"a text or {wanted}" if nested and str in options else wanted
     if len(nested) > 1:
-        wanted += f", or one of {', '.join(f'{_short_tag(tag)} {{}}' for tag in nested)}"
+        wanted += f", or one of {', '.join(f'{tag} {{}}' for tag in nested)}"
     raise InputError(f"{source}: {path} needs {wanted}, got {reprlib.repr(value)}")
 
 

@@ -8,7 +8,7 @@ where the backup's flight may be, with gravity from a `TabulatedField`. Whoever 
 law changes the safety argument in docs/method/safety.md, too.
 """
 
-from proxops.systems.assurance.assurance_bounds import AssuranceBounds, AssuranceBoundsConfig
+from proxops.systems.assurance.assurance_bounds import AssuranceBounds
 from proxops.systems.assurance.backup_braking import (
     BackupBraking,
     InterventionReason,
@@ -17,7 +17,6 @@ from proxops.systems.assurance.runtime_assurance import AssuranceConfig, Runtime
 
 __all__ = [
     "AssuranceBounds",
-    "AssuranceBoundsConfig",
     "AssuranceConfig",
     "BackupBraking",
     "InterventionReason",

@@ -19,7 +19,7 @@ from proxops.systems.assurance.certification import (
 )
 from proxops.systems.assurance.least_change import Box, Path, along_path, least_change
 from proxops.systems.assurance.outer_gravity import outer_gravity
-from proxops.systems.common import InputError, check_positive
+from proxops.systems.common import InputError, check_limits, check_positive
 from proxops.systems.gravity import FieldTables, GravityField, TabulatedField
 from proxops.systems.vehicle import FlightLimits
 
@@ -130,11 +130,12 @@ class BackupBraking:
         bounds = AssuranceBounds() if bounds is None else bounds
         axes = limits.keep_out_semi_axes
         check_positive("BackupBraking", period=period)
-        if bounds.delay > period:
+        check_limits(bounds, "BackupBraking")
+        if bounds.delay_s > period:
             raise InputError(
-                f"assurance.bounds.delay_s is {bounds.delay:g} s: runtime assurance can bound the "
-                f"effect of a delay up to the control period, {period:g} s; a command that acts "
-                "later would have to be checked for a later period"
+                f"assurance.bounds.delay_s is {bounds.delay_s:g} s: runtime assurance can bound "
+                f"the effect of a delay up to the control period, {period:g} s; a command that "
+                "acts later would have to be checked for a later period"
             )
         self.limits, self.bounds, self.period = limits, bounds, period
         self.gravity = outer_gravity(field, axes)
@@ -143,7 +144,7 @@ class BackupBraking:
         """The outward speed in m/s that the backup seeks."""
         self.settled_speed = self._settled_speed()
         """The speed in m/s across the spin from which the backup always brakes."""
-        self.world = self._world(bounds.position, bounds.velocity)
+        self.world = self._world(bounds.position_m, bounds.velocity_m_s)
         """What the kernel knows: a record of the type `WORLD`."""
         self._check_box()
         self._load_kernels()
@@ -167,7 +168,7 @@ class BackupBraking:
     def _other(self) -> float:
         """Accelerations (m/s^2) that nothing else counts: declared, by table, by integration."""
         integration = _INTEGRATION * self.limits.thrust / self.limits.mass
-        return self.bounds.acceleration + self.gravity.error + integration
+        return self.bounds.acceleration_m_s2 + self.gravity.error + integration
 
     def _world(self, position: float, velocity: float) -> np.record:
         """What the kernel knows (`kernel.WORLD`), for these errors of the state in m and m/s."""
@@ -175,15 +176,15 @@ class BackupBraking:
         axes = limits.keep_out_semi_axes
         acceleration, shortest, longest = limits.thrust / limits.mass, axes.min(), axes.max()
         gravity = (1.0 + bounds.gravity) * outer.strongest
-        if bounds.delay:
+        if bounds.delay_s:
             # What another force, gravity and Coriolis do to speed until the chosen force acts.
             speed = np.sqrt(3.0) * limits.speed
             change = 2.0 * np.sqrt(3.0) * bounds.strongest * acceleration
-            velocity += bounds.delay * (change + gravity + 2.0 * abs(self.spin) * speed)
-            position += bounds.delay * speed
+            velocity += bounds.delay_s * (change + gravity + 2.0 * abs(self.spin) * speed)
+            position += bounds.delay_s * speed
         # Longer semi-axes by p move the surface by at least 2 sqrt(a c) / (a + c) p.
         wider = 0.5 * (shortest + longest) / np.sqrt(shortest * longest)
-        wider *= position + bounds.surface
+        wider *= position + bounds.surface_m
         curvature = longest / shortest**2
         # Braking two axes for one period loses at most this outward speed (of three, c is left);
         # and the law may take an axis for faster than it is.
@@ -380,8 +381,8 @@ class BackupBraking:
     def _with_errors(self, position: float | None, velocity: float | None) -> np.record:
         if position is None and velocity is None:
             return self.world
-        position = self.bounds.position if position is None else float(position)
-        velocity = self.bounds.velocity if velocity is None else float(velocity)
+        position = self.bounds.position_m if position is None else float(position)
+        velocity = self.bounds.velocity_m_s if velocity is None else float(velocity)
         if not (0.0 <= position < np.inf and 0.0 <= velocity < np.inf):
             raise InputError(
                 "bounds of the state's errors must be finite and not negative, got "

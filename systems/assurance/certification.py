@@ -87,7 +87,7 @@ def budget(bounds: AssuranceBounds, acceleration: float, gravity: float) -> dict
         "thrust": bounds.thrust * acceleration,
         "thrust_direction_deg": bounds.across * acceleration,
         "mass": (1.0 - 1.0 / (1.0 + bounds.mass)) * acceleration,
-        "acceleration_m_s2": bounds.acceleration,
+        "acceleration_m_s2": bounds.acceleration_m_s2,
     }
 
 

@@ -6,7 +6,7 @@ import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import LeafSystem, ValueProducer
 
-from proxops.systems.assurance.assurance_bounds import AssuranceBoundsConfig
+from proxops.systems.assurance.assurance_bounds import AssuranceBounds
 from proxops.systems.assurance.backup_braking import Assured, BackupBraking, InterventionReason
 from proxops.systems.common import (
     check_not_negative,
@@ -29,7 +29,7 @@ class AssuranceConfig:
     # scenario file is relative to that file. Of dispersions, the ends count: a normal number ends
     # at 3 sigma. null: what the scenario declares: its own dispersions, truth, disturbance, force
     # noise and kicks; without any, no errors.
-    bounds: str | AssuranceBoundsConfig | None = None
+    bounds: str | AssuranceBounds | None = None
     # Position and velocity are taken to err by up to this many standard deviations of the
     # navigation's covariance, along its longest axis, in addition to the bounds.
     deviations: float = number(4.0, at_least=0.0, at_most=1e3)
@@ -131,9 +131,9 @@ class RuntimeAssurance(LeafSystem):
         """Bounds of the errors of position and velocity, in m and m/s."""
         bounds = self.backup.bounds
         if not self._covariance_port.HasValue(context):
-            return bounds.position, bounds.velocity
+            return bounds.position_m, bounds.velocity_m_s
         covariance = self._covariance_port.Eval(context)
-        return error_bounds(covariance, self.deviations, bounds.position, bounds.velocity)
+        return error_bounds(covariance, self.deviations, bounds.position_m, bounds.velocity_m_s)
 
     def _calc_intervention(self, context, output):
         assured, _, _ = self._assured.Eval(context)

@@ -146,6 +146,21 @@ def limits_of(field: dc.Field) -> tuple[float, float] | None:
     return low, high
 
 
+def in_words(config: typing.Any) -> str:
+    """Names all numbers of a dataclass that are not 0, in its units: "thrust 0.05, surface 500 m".
+
+    "" if all are 0.
+    """
+    found = []
+    for field in dc.fields(config):
+        unit = field.metadata[_KEY].unit
+        suffix = "deg" if unit == "degrees" else unit.replace("/", "_").replace("^", "")
+        name = field.name.removesuffix(f"_{suffix}").replace("_", " ")
+        value = getattr(config, field.name)
+        found += [f"{name} {value:.3g}{unit and ' '}{unit}"] if value else []
+    return ", ".join(found)
+
+
 def check_limits(config: typing.Any, source: str, key: str = "") -> None:
     """Checks all fields of a dataclass, nested dataclasses included, against their limits.
 

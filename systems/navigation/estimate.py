@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -90,20 +91,22 @@ def sigmas(expected: ExpectedErrors, spin: float) -> np.ndarray:
       expected: one standard deviation of everything. spin: believed spin rate in rad/s.
     """
     sigma = np.zeros(BASE)
+    attitude, varying = map(math.radians, (expected.attitude_deg, expected.attitude_varying_deg))
+    pole = math.radians(expected.pole_deg)
     for where, value in (
-        (ATTITUDE, np.hypot(expected.attitude, expected.attitude_varying)),
-        (CONSTANT_ACCELERATION, expected.acceleration),
-        (VARYING_ACCELERATION, expected.acceleration_varying),
+        (ATTITUDE, np.hypot(attitude, varying)),
+        (CONSTANT_ACCELERATION, expected.acceleration_m_s2),
+        (VARYING_ACCELERATION, expected.acceleration_varying_m_s2),
         (GRAVITY, expected.gravity),
-        (SPIN, spin * np.array([expected.pole, expected.pole, expected.spin])),
-        (CENTRE_OF_MASS, expected.centre_of_mass),
+        (SPIN, spin * np.array([pole, pole, expected.spin])),
+        (CENTRE_OF_MASS, expected.centre_of_mass_m),
         (THRUST, expected.thrust),
-        (THRUST_DIRECTION, expected.thrust_direction),
-        (PROPELLANT, expected.propellant),
+        (THRUST_DIRECTION, math.radians(expected.thrust_direction_deg)),
+        (PROPELLANT, expected.propellant_s_per_m),
         (SIZE, expected.size),
-        (LIDAR_BIAS, expected.lidar_bias),
+        (LIDAR_BIAS, expected.lidar_bias_m),
         (LIDAR_SCALE, expected.lidar_scale),
-        (HALF_BEAM, 0.5 * expected.beam_width),
+        (HALF_BEAM, 0.5 * expected.beam_width_rad),
     ):
         sigma[where] = value
     return sigma

@@ -12,6 +12,7 @@ from pydrake.systems.framework import LeafSystem, ValueProducer
 from proxops.systems.common import (
     InputError,
     LoggedPort,
+    check_limits,
     check_not_negative,
     check_positive,
     config,
@@ -21,7 +22,7 @@ from proxops.systems.common import (
 from proxops.systems.gravity import GRAVITATIONAL_CONSTANT, BodyField
 from proxops.systems.lidar import DEFAULT_GEOMETRY, LidarGeometry
 from proxops.systems.navigation.estimate import BASE, Estimate
-from proxops.systems.navigation.expected_errors import ExpectedErrors, ExpectedErrorsConfig
+from proxops.systems.navigation.expected_errors import ExpectedErrors
 from proxops.systems.navigation.frame_model import FrameModel
 from proxops.systems.navigation.map_error import MapError
 from proxops.systems.navigation.mended_map import MendedMap, mended_map
@@ -45,8 +46,8 @@ class LidarNavigationConfig:
     """
 
     # What it takes its own errors to be. null: what the scenario's dispersions, disturbance, noise
-    # of the force and kicks say, and the defaults of ExpectedErrorsConfig for all else.
-    expected: ExpectedErrorsConfig | None = None
+    # of the force and kicks say, and the defaults of ExpectedErrors for all else.
+    expected: ExpectedErrors | None = None
     # Mesh file of the map by which it navigates, in K, and the unit of its numbers; null: that of
     # the body. Only the navigation uses it. If `proxops fly --mended-map` wrote it, the errors of
     # surface and size are those beside it, and not those of `expected`. The path in a scenario file
@@ -116,10 +117,13 @@ class LidarNavigation(LeafSystem):
         check_positive("LidarNavigation", mass=mass, period=period, noise_std=noise_std)
         _check(spin, frame_delay)
         self.expected = expected or ExpectedErrors()
+        check_limits(self.expected, "LidarNavigation: expected")
         self.period, self.frame_delay = period, int(frame_delay)
         if map_error is None:
-            map_error = MapError(shape, self.expected.surface, self.expected.surface_correlation)
-        self.model = FrameModel(shape, geometry, noise_std, map_error, self.expected.beam_width)
+            map_error = MapError(
+                shape, self.expected.surface_rms_m, self.expected.surface_correlation_m
+            )
+        self.model = FrameModel(shape, geometry, noise_std, map_error, self.expected.beam_width_rad)
         low_orbit = math.sqrt(GRAVITATIONAL_CONSTANT * field.mass / shape.extents.max())
         self._navigator = Navigator(
             self.model,

@@ -81,7 +81,7 @@ class Motion:
         is smaller by half of the body's length over the distance. With the factor of 1/3, it is
         what halves of different density do at Kleopatra, or up to twice as much.
         """
-        shift = self._expected.centre_of_mass
+        shift = self._expected.centre_of_mass_m
         if not shift:
             return 0.0
         ratio = shift * self._half_length / float(position @ position)
@@ -90,10 +90,11 @@ class Motion:
     def _noise(self, step: float, uneven: float) -> ProcessNoise:
         """The noise of a step of so many seconds."""
         expected = self._expected
-        decay = math.exp(-step / expected.acceleration_correlation)
-        varying = expected.acceleration_varying**2 + uneven
+        decay = math.exp(-step / expected.acceleration_correlation_s)
+        attitude = math.radians(expected.attitude_varying_deg)
+        varying = expected.acceleration_varying_m_s2**2 + uneven
         return ProcessNoise(
-            2.0 * expected.attitude_varying**2 * step / expected.attitude_correlation,
+            2.0 * attitude**2 * step / expected.attitude_correlation_s,
             decay,
             varying * (1.0 - decay**2),
         )

@@ -72,8 +72,8 @@ _POSE_GATE = 60.0
 # From then on, standard deviations of the beliefs about the motion, in SI units but the
 # acceleration, which is over GM / size^2: generous, so that a wrong belief can be found.
 _SUSPECTED = ExpectedErrors(
-    attitude=0.0, pole=0.01, spin=1e-4, gravity=0.1, thrust=0.05, thrust_direction=0.02,
-    acceleration=0.1, propellant=5e-4,
+    attitude_deg=0.0, pole_deg=math.degrees(0.01), spin=1e-4, gravity=0.1, thrust=0.05,
+    thrust_direction_deg=math.degrees(0.02), acceleration_m_s2=0.1, propellant_s_per_m=5e-4,
 )  # fmt: skip
 # Standard deviation of the position before a first fix, over the size of the body: far more than
 # an acquisition is off by.
@@ -136,13 +136,14 @@ class Navigator:
           period: time in s from frame to frame. frame_delay: age of a frame in periods.
         """
         self.model, self.motion = model, motion
-        self._expected = expected
+        self._attitude_std = math.radians(expected.attitude_deg)
         size = float(model.shape.extents.max())
         self._first_sigma = first_sigmas(
             expected, spin, model.map_error.modes, _REACH * size, _SPEED * orbit
         )
         gravity = orbit**2 / size
-        suspected = dc.replace(_SUSPECTED, acceleration=_SUSPECTED.acceleration * gravity)
+        acceleration = _SUSPECTED.acceleration_m_s2 * gravity
+        suspected = dc.replace(_SUSPECTED, acceleration_m_s2=acceleration)
         self._suspected = sigmas(suspected, spin) ** 2
         self._period, self._delay = period, frame_delay
 
@@ -232,7 +233,7 @@ class Navigator:
             return found
         if np.trace(prior.covariance[POSITION, POSITION]) <= self.model.noise_std**2:
             return found
-        pose = acquire(self.model, ranges, prior.rotation, self._expected.attitude)
+        pose = acquire(self.model, ranges, prior.rotation, self._attitude_std)
         if pose is None:
             return found
         again = corrected(self.model, prior, ranges, _way_to(pose, prior))
@@ -259,7 +260,7 @@ class Navigator:
           ranges: the frame. attitude: R_KS (3, 3) as known.
           spent: velocity change so far in m/s. tried: frames in a row that nothing explained.
         """
-        std, best = self._expected.attitude, None
+        std, best = self._attitude_std, None
         for search in (0, 1 + tried):
             pose = acquire(self.model, ranges, attitude, std, search)
             found = None if pose is None else self._from(pose, ranges, attitude, spent)

@@ -1,35 +1,33 @@
-"""What runtime assurance takes as the greatest errors: the ends of what a world may be."""
+"""The uncertainty set of runtime assurance: the greatest errors within which it keeps out.
+
+It is as the scenario gives it, or the ends of what the scenario's worlds may be.
+"""
 
 from __future__ import annotations
 
 import dataclasses as dc
 import functools
 import math
-from collections.abc import Callable, Iterable
-from typing import Any
+import typing
+import warnings
+from collections.abc import Iterable
+from pathlib import Path
 
 import numpy as np
 
 from proxops.diagrams.scenario.body import Body
-from proxops.diagrams.scenario.quantities import QUANTITY
-from proxops.diagrams.scenario.scenario_config import Scenario
-from proxops.diagrams.scenario.truth_config import TruthConfig
-from proxops.diagrams.scenario.world_differences import differing_values
-from proxops.systems.assurance import AssuranceBounds, AssuranceBoundsConfig
-from proxops.systems.common import InputError, spread_directions
+from proxops.diagrams.scenario.dispersions import BASE, Dispersion, Dispersions
+from proxops.diagrams.scenario.distributions import Fixed, Uniform
+from proxops.diagrams.scenario.keys import differing_values, value_at
+from proxops.diagrams.scenario.quantities import QUANTITIES, QUANTITY
+from proxops.diagrams.scenario.scenario_config import Scenario, TruthConfig
+from proxops.diagrams.scenario.typed_yaml import is_number, is_yaml_path, load_typed, read_mapping
+from proxops.systems.assurance import AssuranceBounds, AssuranceConfig
+from proxops.systems.common import InputError, check_limits, in_words, spread_directions
 from proxops.systems.gravity import GravityField
 from proxops.systems.navigation import LidarNavigationConfig
 from proxops.systems.shapes import Polyhedron, displaced
-from proxops.systems.vehicle import (
-    STANDARD_GRAVITY,
-    ForceNoiseConfig,
-    KicksConfig,
-    RandomWalkDisturbanceConfig,
-)
-
-Reach = Callable[[str], tuple[float, float] | None]
-"""Gives the least and the greatest value of a dispersed quantity, from its key; of a list, those of
-any of its numbers. None if it is not dispersed. It raises InputError if it has no end."""
+from proxops.systems.vehicle import STANDARD_GRAVITY
 
 # What has a normal distribution at each time, such as a Gauss-Markov process, has no end. It is
 # taken to end at so many standard deviations, and the roughness of a surface at its own 3 sigma.
@@ -45,73 +43,141 @@ _WORLDS, _PLACES, _GAPS = 6, 300, 1.25
 _FAR = 2.0
 # A surface that is too rough for the mesh is tried with half the roughness, so often.
 _MOST_HALVINGS = 6
-# Each bound in words, with what it is multiplied by, and the unit.
-_WORDS = {
-    "gravity": ("gravity", 100.0, " %"),
-    "thrust": ("thrust", 100.0, " %"),
-    "thrust_direction_deg": ("its direction", 1.0, "°"),
-    "mass": ("mass", 100.0, " %"),
-    "acceleration_m_s2": ("other acceleration", 1e3, " mm/s²"),
-    "position_m": ("position", 1.0, " m"),
-    "velocity_m_s": ("velocity", 1.0, " m/s"),
-    "surface_m": ("surface", 1e-3, " km"),
-    "delay_s": ("delay", 1.0, " s"),
-}
-# Sections of the world besides `truth`; null, the default, is a world without them.
-_SECTIONS = {
-    "disturbance": RandomWalkDisturbanceConfig(),
-    "force_noise": ForceNoiseConfig(),
-    "kicks": KicksConfig(),
-}
 
 
-def bounds_of_dispersions(
-    reach: Reach, keys: Iterable[str], scenario: Scenario, body: Body
-) -> AssuranceBoundsConfig:
+def uncertainty_set(scenario: Scenario, body: Body) -> AssuranceBounds:
+    """Gives the errors within which a scenario's runtime assurance keeps its promise.
+
+    Without runtime assurance, and without bounds, everything is as believed.
+
+    Raises:
+      InputError: see `AssuranceBounds` and `load_dispersions`; or dispersions that the bounds name
+        have a value without an end.
+    """
+    if scenario.assurance is None:
+        return AssuranceBounds()
+    return _bounds(scenario.assurance, Dispersions.of(scenario, body))
+
+
+def with_bounds(dispersions: Dispersions) -> AssuranceConfig | None:
+    """Gives a scenario's runtime assurance with bounds that are values.
+
+    It warns of what scenario and dispersions declare beyond them.
+
+    Raises:
+      InputError: see `uncertainty_set`.
+    """
+    assurance = dispersions.scenario.assurance
+    if assurance is None:
+        return None
+    bounds = _bounds(assurance, dispersions)
+    # Unless it was drawn before.
+    if assurance.bounds is not None and not dispersions.scenario.dispersed:
+        _warn_of_exceeded(bounds, dispersions)
+    return dc.replace(assurance, bounds=bounds)
+
+
+def described_bounds(scenario: Scenario) -> str:
+    """Says for which errors a scenario's runtime assurance keeps out; "" without it."""
+    assurance = scenario.assurance
+    if assurance is None:
+        return ""
+    if not isinstance(assurance.bounds, AssuranceBounds):
+        return assurance.bounds or "what the scenario declares"
+    found = [in_words(assurance.bounds)]
+    if isinstance(scenario.navigation, LidarNavigationConfig) and assurance.deviations:
+        found.append(f"{assurance.deviations:g}σ of the navigation")
+    return ", ".join(filter(None, found)) or "no errors"
+
+
+def _bounds(assurance: AssuranceConfig, dispersions: Dispersions) -> AssuranceBounds:
+    """Gives the bounds of runtime assurance: given, named, or what the scenario declares."""
+    if assurance.bounds is None:
+        return _declared(dispersions)
+    if isinstance(assurance.bounds, str):
+        return _named(assurance.bounds, dispersions.scenario, dispersions.body)
+    return assurance.bounds
+
+
+def _named(name: str, scenario: Scenario, body: Body) -> AssuranceBounds:
+    """Reads bounds: their values in a YAML file, or dispersions."""
+    if is_yaml_path(name):
+        tree = read_mapping(Path(name))
+        if not any("." in key for key in tree) and BASE not in tree:
+            bounds = load_typed(AssuranceBounds, tree, name)
+            check_limits(bounds, name)
+            return bounds
+    try:
+        return bounds_of_dispersions(Dispersions.of(scenario, body, name))
+    except InputError as error:
+        raise InputError(f"assurance.bounds: {error}") from error
+
+
+def _warn_of_exceeded(bounds: AssuranceBounds, dispersions: Dispersions) -> None:
+    try:
+        beyond = exceeded(_declared(dispersions), bounds)
+    except InputError as error:
+        beyond = [str(error)]
+    if beyond:
+        own = own_values(dispersions.scenario)
+        sources = [dispersions.scenario.dispersions, "the scenario" if own else None]
+        warnings.warn(
+            f"{' and '.join(filter(None, sources))} may exceed assurance.bounds, so runtime "
+            f"assurance does not promise to keep out: {'; '.join(beyond)}",
+            stacklevel=2,
+        )
+
+
+def _declared(dispersions: Dispersions) -> AssuranceBounds:
+    """Gives the bounds for the worlds that a scenario and its dispersions declare."""
+    own = own_values(dispersions.scenario, dispersions.keys)
+    given = [Dispersion(key, _ends_of(value)) for key, value in own.items()]
+    return bounds_of_dispersions(dc.replace(dispersions, each=[*dispersions.each, *given]))
+
+
+def _ends_of(value: typing.Any) -> Fixed | Uniform:
+    values = value if isinstance(value, list) else [value]
+    if all(map(is_number, values)):
+        return Uniform(min(values), max(values))
+    return Fixed(value)
+
+
+def bounds_of_dispersions(dispersions: Dispersions) -> AssuranceBounds:
     """Gives bounds for the worlds of dispersions.
 
     They are the ends of what is drawn, four deviations of what has no end, and samples for gravity.
     Errors of position and velocity are not among them: they are the navigation's to tell.
 
-    Args:
-      reach: of the dispersed values.
-      keys: the dispersed keys.
-      scenario: the scenario before the draw.
-      body: the body as believed.
-
     Raises:
       InputError: a value has no end, or it cannot be bounded.
     """
-
-    def end(key: str) -> float:
-        """The greatest error of a quantity."""
-        ends, about = reach(key), QUANTITY[key].about
-        return 0.0 if ends is None else max(abs(each - about) for each in ends)
-
-    for key in keys:
+    error = dispersions.greatest_error
+    for key in dispersions.keys:
         if key == "disturbance.max_relative_magnitude":
-            _refuse_disturbance(end(key))
+            _refuse_disturbance(error(key))
         elif QUANTITY[key].bounds is None:
             raise InputError(
                 f"{key} has no end that assurance.bounds could hold; give bounds without it, "
                 "such as assurance.bounds={}, and know that flights with it may enter the ellipsoid"
             )
-
-    speeds = scenario.spacecraft.speed_limit_m_s
-    bounds = AssuranceBoundsConfig(
-        gravity=end("truth.gravity"),
-        thrust=end("truth.thrusters.scale"),
-        thrust_direction_deg=_direction(end, scenario, body),
-        mass=_mass(end("truth.mass"), reach("truth.specific_impulse_s"), _SPEEDS * speeds),
-        acceleration_m_s2=_acceleration(end, scenario, body),
-        surface_m=_ROUGHNESS * end("truth.surface_rms_m")
-        + 0.5 * float(body.shape.extents.max()) * end("truth.size"),
+    body = dispersions.body
+    velocity_change = _SPEEDS * dispersions.scenario.spacecraft.speed_limit_m_s
+    bounds = AssuranceBounds(
+        gravity=error("truth.gravity"),
+        thrust=error("truth.thrusters.scale"),
+        thrust_direction_deg=_direction(dispersions),
+        mass=_mass(
+            error("truth.mass"), dispersions.ends("truth.specific_impulse_s"), velocity_change
+        ),
+        acceleration_m_s2=_acceleration(dispersions),
+        surface_m=_ROUGHNESS * error("truth.surface_rms_m")
+        + 0.5 * float(body.shape.extents.max()) * error("truth.size"),
     )
-    in_si(bounds)  # It refuses what is too great.
+    check_limits(bounds, dispersions.name or "the scenario's world")
     return bounds
 
 
-def own_values(scenario: Scenario, dispersed: Iterable[str]) -> dict[str, Any]:
+def own_values(scenario: Scenario, dispersed: Iterable[str] = ()) -> dict[str, typing.Any]:
     """Gives what a scenario itself says of its world, by key: what differs from what is believed.
 
     Args:
@@ -119,36 +185,18 @@ def own_values(scenario: Scenario, dispersed: Iterable[str]) -> dict[str, Any]:
       dispersed: the keys that its dispersions disperse; they are left out.
     """
     drawn = {*scenario.dispersed, *dispersed}
+    drawn_sections = {key.partition(".")[0] for key in drawn}  # The draw makes them.
     values = differing_values(scenario)
-    for name, default in _SECTIONS.items():
-        section = getattr(scenario, name)
-        if section is None and any(key.startswith(f"{name}.") for key in drawn):
-            section = default  # The draw makes it.
-        if section is not None:
-            values |= {f"{name}.{key}": value for key, value in dc.asdict(section).items()}
+    for each in QUANTITIES:
+        section = each.key.partition(".")[0]
+        if section == "truth" or each.known:
+            continue
+        if section in drawn_sections or getattr(scenario, section) is not None:
+            values[each.key] = value_at(scenario, each.key)
     return {key: value for key, value in values.items() if key not in drawn}
 
 
-def in_si(bounds: AssuranceBoundsConfig) -> AssuranceBounds:
-    """Gives the bounds in SI units.
-
-    Raises:
-      InputError: a bound is negative or too great.
-    """
-    return AssuranceBounds(
-        gravity=bounds.gravity,
-        thrust=bounds.thrust,
-        thrust_direction=math.radians(bounds.thrust_direction_deg),
-        mass=bounds.mass,
-        acceleration=bounds.acceleration_m_s2,
-        position=bounds.position_m,
-        velocity=bounds.velocity_m_s,
-        surface=bounds.surface_m,
-        delay=bounds.delay_s,
-    )
-
-
-def exceeded(declared: AssuranceBoundsConfig, bounds: AssuranceBoundsConfig) -> list[str]:
+def exceeded(declared: AssuranceBounds, bounds: AssuranceBounds) -> list[str]:
     """Lists the bounds that what is declared exceeds, each with both values."""
     found = []
     for field in dc.fields(bounds):
@@ -156,23 +204,6 @@ def exceeded(declared: AssuranceBoundsConfig, bounds: AssuranceBoundsConfig) -> 
         if most > bound * (1.0 + 1e-9):
             found.append(f"{field.name} {bound:.3g} (up to {most:.3g})")
     return found
-
-
-def described_bounds(scenario: Scenario) -> str:
-    """Says in words for which errors a scenario's runtime assurance keeps out; "" without it."""
-    assurance = scenario.assurance
-    if assurance is None:
-        return ""
-    if not isinstance(assurance.bounds, AssuranceBoundsConfig):
-        return assurance.bounds or "what the scenario declares"
-    found = [
-        f"{words} {scale * getattr(assurance.bounds, name):.3g}{unit}"
-        for name, (words, scale, unit) in _WORDS.items()
-        if getattr(assurance.bounds, name)
-    ]
-    if isinstance(scenario.navigation, LidarNavigationConfig) and assurance.deviations:
-        found.append(f"{assurance.deviations:g}σ of the navigation")
-    return ", ".join(found) or "no errors"
 
 
 def _refuse_disturbance(most: float) -> None:
@@ -184,20 +215,21 @@ def _refuse_disturbance(most: float) -> None:
         )
 
 
-def _direction(end: Callable[[str], float], scenario: Scenario, body: Body) -> float:
+def _direction(dispersions: Dispersions) -> float:
     """The greatest angle in degrees between the commanded force and the one that acts.
 
     A navigation measures how the axes have turned against the body, so that pole, spin and phase
     leave no error; what it does not know of them is taken to be no more than the star tracker's
     error.
     """
+    end, scenario = dispersions.greatest_error, dispersions.scenario
     axes = end("truth.thrusters.direction_deg") + end("truth.attitude.constant_deg")
     axes += _DEVIATIONS * end("truth.attitude.varying_std_deg")
     angle = math.sqrt(3.0) * axes
     if isinstance(scenario.navigation, LidarNavigationConfig):
         return angle
     longest = scenario.arrival.deadline_s + scenario.arrival.dwell_s
-    turned = math.degrees(abs(body.spin_rate) * longest * end("truth.spin"))
+    turned = math.degrees(abs(dispersions.body.spin_rate) * longest * end("truth.spin"))
     # Rotations about two axes that differ by an angle differ by at most twice this angle.
     pole = 2.0 * math.sqrt(2.0) * end("truth.pole_deg")
     return angle + end("truth.phase_deg") + pole + turned
@@ -211,9 +243,10 @@ def _mass(error: float, impulses: tuple[float, float] | None, velocity_change: f
     return max(error, 1.0 - (1.0 - error) * left)
 
 
-def _acceleration(end: Callable[[str], float], scenario: Scenario, body: Body) -> float:
+def _acceleration(dispersions: Dispersions) -> float:
     """The greatest acceleration in m/s^2 along an axis, other than by gravity's size and thrust."""
-    craft, period = scenario.spacecraft, scenario.control_period_s
+    end, body = dispersions.greatest_error, dispersions.body
+    craft, period = dispersions.scenario.spacecraft, dispersions.scenario.control_period_s
     forces = end("truth.thrusters.least_impulse_n_s") / period
     forces += 0.5 * end("truth.thrusters.quantum_n") + _DEVIATIONS * end("force_noise.std_n")
     pushes = end("truth.acceleration.constant_m_s2")
