@@ -8,10 +8,11 @@ A page has the place of a table between two lines:
 What lies between the lines is replaced. `FILE` is one of
 
 * `results.json`: docs/results.json, the campaigns of `proxops reproduce`. `NAME` is a campaign, or
-  `bodies` (all campaigns at bodies that the policy never saw), `headline` (the most telling line
-  of each), `steps` (how long controllers compute), `versions` (by what they were flown), `paper`
-  (the paper's figures and ours) or `paper-controllers` (who flew in the paper's setting). Of a
-  campaign that is not there, the page says that it was not flown.
+  `bodies` (all campaigns at bodies that the policy never saw), `front` (the paper beside us in four
+  lines), `headline` (the most telling line of each), `steps` (how long controllers compute),
+  `versions` (by what they were flown), `paper` (the paper's figures and ours) or
+  `paper-controllers` (who flew in the paper's setting). Of a campaign that is not there, the page
+  says that it was not flown.
 * `measured.json`: docs/measured.json, what other commands measured; `NAME` is an entry there.
 * `benchmark`: the rows in docs/benchmark; `NAME` is a track.
 * `benchmarks/results.json`: what `make bench` measured; `NAME` is `speed`.
@@ -380,6 +381,27 @@ def _headline(results: Mapping[str, Any]) -> str:
     return "\n\n".join(shown)
 
 
+def _front(results: Mapping[str, Any]) -> str:
+    """The paper beside us in four lines, for the first page."""
+    flown = results["campaigns"].get("flagship")
+    if results["paper"] is None or flown is None:
+        return _missing(results, ["paper", "flagship"])
+    told = {line["what"]: line for line in results["paper"]["paper_and_ours"]}
+    lines = [
+        [words, told[what]["paper"], told[what]["ours"]]
+        for words, what in (
+            ("a policy alone", "pure policy, ours"),
+            ("hybrid: steps flown by the policy (%)", "hybrid, adaptive: flown by the policy (%)"),
+            ("a step of the MPC, median (s)", "MPC, a step, median (s)"),
+        )
+    ]
+    lines[0][1] = told["pure policy, paper's recipe"]["paper"]
+    found = flown["controllers"]["hybrid, assured"]
+    of_all = f"{_successes(found)} ({_interval(found)})"
+    lines.append(["hybrid on lidar navigation, a drawn world for each flight", "–", of_all])
+    return _table(["", "paper", "ours"], lines)
+
+
 def _paper(results: Mapping[str, Any]) -> str:
     """The paper's figures, and ours."""
     if results["paper"] is None:
@@ -429,6 +451,7 @@ def _versions(results: Mapping[str, Any]) -> str:
 
 # Tables of several campaigns.
 _TOGETHER: dict[str, Callable[[Mapping[str, Any]], str]] = {
+    "front": _front,
     "headline": _headline,
     "bodies": _bodies,
     "paper": _paper,

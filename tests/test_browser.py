@@ -10,12 +10,14 @@ import numpy as np
 import pytest
 from known_navigation import navigated_log
 from matplotlib.image import imread
+from PIL import Image
 from short_flights import BRIEF, kleopatra, short_scenario
 from synthetic_log import similar_log, synthetic_log
 
 from proxops.diagrams.flight.simulation import fly
 from proxops.diagrams.logs.flight_log import FlightLog
-from proxops.diagrams.meshcat import PLAYBACK_SPEED, write_replay
+from proxops.diagrams.meshcat import PLAYBACK_SPEED, write_movie, write_replay
+from proxops.systems.common import InputError
 
 pytestmark = pytest.mark.browser
 
@@ -280,3 +282,33 @@ def test_where_the_navigation_believes_to_be_is_seen(tmp_path: Path) -> None:
     assert told == ["130 m|300 m|following", "||"]
     assert marks[0] > 60
     assert marks[1] < 5
+
+
+@pytest.mark.parametrize("ending", ["webp", "gif"])
+def test_a_film_shows_the_flight(tmp_path: Path, ending: str) -> None:
+    """The path grows from frame to frame, and the numbers below change."""
+    path = tmp_path / f"flight.{ending}"
+    write_movie(synthetic_log(), path, seconds=1.0, frames_per_second=4.0, width=480)
+    with Image.open(path) as film:
+        assert (film.n_frames, film.size) == (4, (480, 300))
+        frames = []
+        for k in range(4):
+            film.seek(k)
+            frames.append(np.asarray(film.convert("RGB"), dtype=float) / 255.0)
+    grey = (np.ptp(frames[-1], axis=2) < GREY_SPREAD) & (frames[-1].mean(axis=2) > GREY_LEAST)
+    assert grey[:270].mean() > 0.1
+    flown = [
+        np.count_nonzero((f[:270, :, 0] > 0.4) & (f[:270, :, 0] - f[:270, :, 2] > 0.2))
+        for f in frames
+    ]
+    assert flown[-1] > 2 * flown[0]
+    numbers = [frame[275:] for frame in frames]
+    assert all(np.abs(one - other).max() > 0.3 for one, other in itertools.pairwise(numbers))
+
+
+def test_films_that_cannot_be_made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(InputError, match=r"a film is a \.webp or \.gif file"):
+        write_movie(synthetic_log(), tmp_path / "flight.mp4")
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(InputError, match="apt install chromium"):
+        write_movie(synthetic_log(), tmp_path / "flight.webp")

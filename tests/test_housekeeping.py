@@ -18,7 +18,7 @@ ROOT = Path(__file__).parents[1]
 FOLDERS = sorted(path.parent.name for path in ROOT.glob("*/__init__.py"))
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 # What a package is imported as, if it isn't its own name.
-IMPORTED_AS = {"drake": "pydrake", "pyyaml": "yaml"}
+IMPORTED_AS = {"drake": "pydrake", "pillow": "PIL", "pyyaml": "yaml"}
 # What is used without being imported, and the words by which.
 USED_BY_NAME = {
     "h5netcdf": r'engine="h5netcdf"',

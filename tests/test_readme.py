@@ -6,12 +6,12 @@ from pages import PAGES, README, ROOT
 
 
 def test_it_is_short() -> None:
-    assert len(PAGES["README.md"].splitlines()) <= 200
+    assert len(PAGES["README.md"].splitlines()) <= 80
 
 
 def test_its_picture_is_small() -> None:
     (picture,) = re.findall(r"!\[[^\]]*\]\(([^)]+)\)", PAGES["README.md"])
-    assert (ROOT / picture).stat().st_size <= 300_000
+    assert (ROOT / picture).stat().st_size <= 3_000_000
 
 
 def test_its_links_lead_somewhere() -> None:
@@ -28,8 +28,6 @@ def test_its_links_to_sections_lead_somewhere() -> None:
         assert anchor in anchors, (page, anchor)
 
 
-def test_it_has_the_diagram_and_ten_lines_of_python() -> None:
-    (diagram,) = re.findall(r"^```mermaid\n(.*?)^```", PAGES["README.md"], re.DOTALL | re.MULTILINE)
-    assert diagram.startswith("flowchart ")
+def test_it_has_six_lines_of_python() -> None:
     (code,) = re.findall(r"^```python\n(.*?)^```", PAGES["README.md"], re.DOTALL | re.MULTILINE)
-    assert len([line for line in code.splitlines() if line]) <= 10
+    assert len([line for line in code.splitlines() if line]) <= 6

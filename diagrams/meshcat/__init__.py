@@ -8,6 +8,7 @@ views, panels, lidar returns and paths to it.
 from proxops.diagrams.meshcat.live_view import LiveView, add_live_view
 from proxops.diagrams.meshcat.meshcat_page import PLAYBACK_SPEED
 from proxops.diagrams.meshcat.meshcat_scene import Scene
+from proxops.diagrams.meshcat.movie import write_movie
 from proxops.diagrams.meshcat.notebook_view import show_body, show_flight, show_lidar
 from proxops.diagrams.meshcat.path_scene import paths_page
 from proxops.diagrams.meshcat.replay import add_flight, write_replay
@@ -22,5 +23,6 @@ __all__ = [
     "show_body",
     "show_flight",
     "show_lidar",
+    "write_movie",
     "write_replay",
 ]

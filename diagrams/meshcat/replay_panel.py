@@ -131,6 +131,10 @@ _PAGE = """
   }
   function tick() {
     requestAnimationFrame(tick);
+    show();
+  }
+  // A film calls it, too.
+  function show() {
     if (!(animator.duration > 0)) return;
     if (!lit) light();
     slider.max = animator.duration;
@@ -163,6 +167,7 @@ _PAGE = """
     if (following) follow();
   }
   viewer.set_3d_pane_size();
+  viewer.show_numbers = show;
   tick();
 })();
 </script>
