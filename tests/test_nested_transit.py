@@ -120,7 +120,7 @@ def test_two_in_one_diagram() -> None:
 
 
 def test_the_example(capsys: pytest.CaptureFixture[str]) -> None:
-    path = ROOT / "examples" / "nested_transit.py"
+    path = ROOT / "examples" / "11_nested_transit.py"
     assert len(path.read_text().splitlines()) <= 60
     names = runpy.run_path(str(path))
     table = [line.split() for line in capsys.readouterr().out.splitlines()[1:]]

@@ -1,6 +1,6 @@
 """A transit inside a diagram of one's own: how far is the navigation off?
 
-    python examples/nested_transit.py
+    python examples/11_nested_transit.py
 
 The diagram holds a transit of the scenario that ships, flown by the MPC, and two of Drake's log
 sinks: one for the spacecraft's true state, one for the state that is known on board. They sample

@@ -1,0 +1,44 @@
+"""The examples run as they are, each in a folder of its own, and stay short."""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from pages import PAGES, ROOT
+
+EXAMPLES = sorted((ROOT / "examples").glob("*.py"), key=lambda path: int(path.stem.split("_")[0]))
+
+
+def test_they_are_short_numbered_and_shown() -> None:
+    assert [int(path.stem.split("_")[0]) for path in EXAMPLES] == list(range(1, len(EXAMPLES) + 1))
+    for path in EXAMPLES:
+        text = path.read_text()
+        assert len(text.splitlines()) <= 60, path.name
+        assert f"python examples/{path.name}" in text
+        assert f"!file examples/{path.name}" in PAGES["docs/examples.md"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+def test_it_runs_and_writes_what_it_says(path: Path, tmp_path: Path) -> None:
+    scripts = str(Path(sys.executable).parent)
+    environment = os.environ | {
+        "MPLBACKEND": "Agg",
+        "PATH": f"{scripts}{os.pathsep}{os.environ['PATH']}",
+    }
+    done = subprocess.run(
+        [sys.executable, path],
+        cwd=tmp_path,
+        env=environment,
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout
+    for name in re.findall(r"\"(\w+\.(?:png|html))\"", path.read_text()):
+        assert (tmp_path / name).stat().st_size > 1000
