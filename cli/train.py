@@ -24,7 +24,7 @@ from proxops.diagrams.flight import Workers
 from proxops.systems.common import InputError, Progress
 
 Training = Callable[[Path | None, Path, dict[str, Any], bool, int | None, Progress], dict[str, Any]]
-"""Trains on a folder of flights into another, with common settings, quickly or not, for so many
+"""Trains on a folder of flights into another, with common settings, quickly or not, for a number of
 epochs, and tells its progress; gives the report."""
 
 

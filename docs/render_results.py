@@ -189,7 +189,7 @@ def _interval(*flown: Mapping[str, Any]) -> str:
 
 
 def _digits(figures: Mapping[str, Any], name: str, digits: int, scale: float = 1.0) -> str:
-    """A figure with so many digits: bodies differ in size by a factor of thousands."""
+    """A figure with this number of digits: bodies differ in size by a factor of thousands."""
     value = figures.get(name)
     small = value is not None and abs(scale * value) < 10**digits
     return number_text(value, f".{digits}g" if small else ",.0f", scale)

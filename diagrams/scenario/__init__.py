@@ -4,8 +4,9 @@ Start with `load_scenario` and `Scenario`, which composes the dataclasses that s
 systems that they configure; then read `World.of`, which makes all that one flight depends on, once:
 the drawn scenario, the belief, the body, the true body, the transit. `TruthConfig` says how the
 world may differ from what is believed, and `QUANTITIES` what of it is uncertain and who is told.
-`filter_tuning` gives what the navigation takes its errors to be, and `uncertainty_set` the errors
-within which runtime assurance keeps out. Nothing in this room simulates.
+`filter_tuning` gives one standard deviation of the errors that the navigation expects, and
+`uncertainty_set` the greatest errors within which runtime assurance keeps out. Nothing in this room
+simulates.
 """
 
 from proxops.diagrams.scenario.body import Body, BodyConfig, check_constants, load_body

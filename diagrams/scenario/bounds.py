@@ -30,7 +30,7 @@ from proxops.systems.shapes import Polyhedron, displaced
 from proxops.systems.vehicle import STANDARD_GRAVITY
 
 # What has a normal distribution at each time, such as a Gauss-Markov process, has no end. It is
-# taken to end at so many standard deviations, and the roughness of a surface at its own 3 sigma.
+# cut at this many standard deviations, and the roughness of a surface at its own 3 sigma.
 _DEVIATIONS = 4.0
 _ROUGHNESS = 3.0
 # The velocity change for which propellant is counted, in units of the speed limit. The MPC's

@@ -73,7 +73,7 @@ def _real(text: str) -> float:
     return float(re.sub(r"\.(?=inf|nan)", "", text.lower()))
 
 
-# A whole number of so many digits, hexadecimal ones included, is still a float.
+# A whole number of this many digits, hexadecimal ones included, is still a float.
 _LONGEST = 200
 _FINITE = r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?"
 _SCALARS: dict[str, tuple[str, Callable[[str], typing.Any]]] = {

@@ -1,4 +1,4 @@
-"""What a scenario may be flown with, but surprises whoever did not mean it."""
+"""Remarks on settings that are valid, but spoil flights and may be a mistake."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from proxops.systems.shapes import clearances
 
 # What a mended map tells of itself.
 _OF_MAP = ("surface_rms_m", "size")
-# Transits in a cube of so many lengths of the body are far away from it.
+# Transits in a cube of this many lengths of the body are far away from it.
 _FAR = 10.0
 # The MPC is not stable with a shorter horizon, in control periods.
 _LEAST_HORIZON = 2.0

@@ -35,14 +35,14 @@ _SIZE = 218.864e3
 # The disturbance along each axis is about this share of the thrust limit, for each unit of its
 # greatest relative size: the MPC commands a seventh of the limit in the mean.
 _USUAL_COMMAND = 0.05
-# Dispersions disperse the roughness of the surface itself. What is told is so many times its root
-# mean square: all worlds keep within the third multiple. A surface that is rougher than the
-# navigation expects makes it too sure of itself; one that is smoother costs it little.
+# Dispersions draw the roughness of the surface itself, so the filter is tuned to this multiple of
+# its root mean square, which no world exceeds. A surface that is rougher than declared makes the
+# filter overconfident; a smoother one costs little.
 _ROUGHER = 3.0
 
 
 def filter_tuning(scenario: Scenario, body: Body) -> ExpectedErrors:
-    """Gives what the navigation of a scenario takes its errors to be.
+    """Gives the filter tuning of a scenario's navigation (1σ).
 
     They are those of `navigation.expected`. Where that is null, they are the usual ones. The
     error of the surface adds to that of the centre of mass, which it moves.
@@ -136,7 +136,7 @@ def _within_limits(errors: ExpectedErrors) -> ExpectedErrors:
     """Raises what is below its limit to it.
 
     Raises:
-      InputError: a value is above its limit: with less, the navigation would be too sure of itself.
+      InputError: a value is above its limit: with less, the filter would be overconfident.
     """
     for field in dc.fields(errors):
         low, high = limits_of(field) or (-math.inf, math.inf)

@@ -50,7 +50,7 @@ def story_sections(story: Story) -> list[Section]:
     return [
         _asked(story),
         _paper(story),
-        Section("Where it broke", [Text(_broke(story))]),
+        Section("Failure modes of the baseline", [Text(_broke(story))]),
         _holds(story.flown),
         *(_campaign(each, stage) for each, stage in story.flown),
     ]
@@ -82,7 +82,7 @@ def _asked(story: Story) -> Section:
     if story.others:
         names = ", ".join(story.others)
         blocks.append(Text(f"Flown with other settings, and so not shown: {names}."))
-    return Section("What was asked", blocks)
+    return Section("Question", blocks)
 
 
 def _paper(story: Story) -> Section:
@@ -148,7 +148,7 @@ def _holds(flown: Flown) -> Section:
                 ]
             )
     head = ["", "success", "95 %, exact", "violations", "Δv / MPC's", "command for it alone"]
-    return Section("What holds now", [Table(head, lines)])
+    return Section("Results", [Table(head, lines)])
 
 
 def _campaign(campaign: Campaign, stage: Stage) -> Section:

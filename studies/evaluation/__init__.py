@@ -2,8 +2,8 @@
 
 Start with `fly_variants`, which flies any number of controllers and settings on one set of
 transits, then read `aggregate_all` for the figures that are reported. A new figure goes into
-`aggregate`, and its line of the table into `table`. `statistics_of_flights` has what so many
-flights show, and `sensitivity` ranks what drives failure.
+`aggregate`, and its line of the table into `table`. `statistics_of_flights` has intervals
+and bounds, and `sensitivity` ranks what drives failure.
 """
 
 from proxops.studies.evaluation.evaluation import (

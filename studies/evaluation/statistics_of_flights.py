@@ -1,4 +1,4 @@
-"""Statistics of a Monte Carlo campaign: what so many flights show about all that could be flown.
+"""Statistics of a Monte Carlo campaign: intervals and bounds from a number of flights.
 
 The figures follow J. M. Hanson and B. B. Beard, Applying Monte Carlo Simulation to Launch Vehicle
 Design and Requirements Analysis, NASA/TP-2010-216447. They assume that flights are independent

@@ -160,7 +160,7 @@ def _fly_and_label(
     """How the flights of a round went, and the expert's forces along them, by member.
 
     Args:
-      most: so many states of each flight are labelled at most.
+      most: greatest number of states of a flight that are labelled.
     """
     everything = [flight for group in flights for flight in group]
     rows = run_campaign(

@@ -53,7 +53,7 @@ def labels_by_flight(
 
     Args:
       workers: compute the labels, and report how many flights are ready.
-      most: so many states of each flight are labelled at most, evenly, because neighbours are
+      most: greatest number of states of a flight that are labelled, evenly, because neighbours are
         alike; None: all.
 
     Returns:

@@ -100,7 +100,7 @@ class TransitBatch(gymnasium.vector.VectorEnv):
             of their transits.
           changes: keys and values of the scenario, as `change_scenario` takes them. Gravity is that
             of the table if they do not say `gravity: exact`.
-          max_episode_steps: a transit is truncated after so many steps; None: at the deadline and
+          max_episode_steps: a transit is truncated after this many steps; None: at the deadline and
             the dwell after it, as it is in any case.
           render_mode: `rgb_array`: `render` gives pictures. None: it does not.
 
