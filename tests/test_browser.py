@@ -290,7 +290,7 @@ def test_a_film_shows_the_flight(tmp_path: Path, ending: str) -> None:
     path = tmp_path / f"flight.{ending}"
     write_movie(synthetic_log(), path, seconds=1.0, frames_per_second=4.0, width=480)
     with Image.open(path) as film:
-        assert (film.n_frames, film.size) == (4, (480, 300))
+        assert film.size == (480, 300)
         frames = []
         for k in range(4):
             film.seek(k)
