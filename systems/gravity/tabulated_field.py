@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-import sys
+import logging
 from collections.abc import Iterable
 
 import numpy as np
@@ -26,6 +26,7 @@ from proxops.systems.shapes import Polyhedron
 _FORMAT, _KIND = 2, "gravity"
 # Below the first, rounding is no longer small against the bound.
 _ERRORS = (1e-11, 1e-2)
+_log = logging.getLogger(__name__)
 
 
 class TabulatedField:
@@ -130,12 +131,15 @@ def _boxes(field: GravityField, axes: tuple[float, ...], error: float, half: flo
     name = _name_of(field, axes, error)
     boxes = _kept_boxes(name)
     if boxes is None:
-        sys.stderr.write(
-            f"proxops: making the gravity table of {field.shape.name} "
-            "(once on this machine, up to a minute)\n"
+        # A warning, as of all that somebody may wait for without knowing why.
+        _log.warning(
+            "making the gravity table of %s (once on this machine, up to a minute)",
+            field.shape.name,
         )
         boxes = make_boxes(field.columns, np.array(axes), half, error)
         keep_arrays(_KIND, name, boxes._asdict())
+    else:
+        _log.info("the gravity table of %s is read from the cache", field.shape.name)
     return boxes
 
 
