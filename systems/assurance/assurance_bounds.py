@@ -6,12 +6,7 @@ import dataclasses
 import math
 from dataclasses import dataclass
 
-from proxops.systems.common import (
-    FAR,
-    InputError,
-    config,
-    number,
-)
+from proxops.systems.common import FAR, InputError, config, number
 
 
 @config

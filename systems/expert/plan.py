@@ -8,12 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
-from proxops.systems.common import (
-    InputError,
-    check_not_negative,
-    check_positive,
-    kernel,
-)
+from proxops.systems.common import InputError, check_not_negative, check_positive, kernel
 from proxops.systems.gravity import Field
 from proxops.systems.vehicle import FlightLimits
 

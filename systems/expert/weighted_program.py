@@ -21,14 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 from pydrake.solvers import SolutionResult
 
-from proxops.systems.common import (
-    FAR,
-    LONG,
-    SolverFailure,
-    check_positive,
-    config,
-    number,
-)
+from proxops.systems.common import FAR, LONG, SolverFailure, check_positive, config, number
 from proxops.systems.expert.linearised_transit import LinearisedTransit, TransitSolution
 from proxops.systems.expert.plan import Horizon, Plan
 from proxops.systems.gravity import Field

@@ -8,13 +8,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from proxops.systems.common import (
-    InputError,
-    checked_semi_axes,
-    keep_arrays,
-    kept_arrays,
-    name_of,
-)
+from proxops.systems.common import InputError, checked_semi_axes, keep_arrays, kept_arrays, name_of
 from proxops.systems.gravity import _table_kernel as kernel
 from proxops.systems.gravity._far_field import SWITCH, fit_masses
 from proxops.systems.gravity._harmonic_boxes import DEGREE, Boxes, entries, make_boxes, recursion

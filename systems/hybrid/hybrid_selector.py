@@ -157,11 +157,11 @@ class HybridSelector(LeafSystem):
         self.gate, self.schedule, self.reach, self.period = gate, schedule, reach, period
         self.position_error, self.velocity_error = position_error, velocity_error
         self.deviations = deviations
-        self._mpc_port = self.DeclareVectorInputPort(name="mpc_force", size=3)
-        self._planned_port = self.DeclareVectorInputPort(name="planned_force", size=3)
-        self._policy_port = self.DeclareVectorInputPort(name="policy_force", size=3)
-        self._state_port = self.DeclareVectorInputPort(name="state", size=6)
-        self._covariance_port = self.DeclareVectorInputPort(name="covariance", size=81)
+        self._mpc_port = self.DeclareVectorInputPort("mpc_force", 3)
+        self._planned_port = self.DeclareVectorInputPort("planned_force", 3)
+        self._policy_port = self.DeclareVectorInputPort("policy_force", 3)
+        self._state_port = self.DeclareVectorInputPort("state", 6)
+        self._covariance_port = self.DeclareVectorInputPort("covariance", 81)
         # Steps to the next check, by whom they are flown, and the period.
         self._memory = self.DeclareDiscreteState(BasicVector([0.0, FlownBy.MPC, 0.0]))
         blank = Decision(np.zeros(3), DecisionReason.CHECK_AGREED, 0, FlownBy.MPC, 0)
@@ -186,14 +186,10 @@ class HybridSelector(LeafSystem):
             ("decision", 1, self._calc_decision, own),
             ("record", 7, self._calc_record, depends),
         ):
-            self.DeclareVectorOutputPort(
-                name=name, size=size, calc=calc, prerequisites_of_calc=prerequisites
-            )
+            self.DeclareVectorOutputPort(name, size, calc, prerequisites)
         # The update is discrete, not unrestricted: all discrete updates at one time see the state
         # before it. So the MPC, the policy and the hold read the cached decision.
-        self.DeclarePeriodicDiscreteUpdateEvent(
-            period_sec=period, offset_sec=0.0, update=self._remember
-        )
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._remember)
 
     def _calc_choice(self, context, value):
         left, until_check, period = map(int, context.get_discrete_state(self._memory).value())

@@ -6,12 +6,7 @@ import math
 
 import numpy as np
 
-from proxops.systems.common import (
-    FAR,
-    check_type,
-    config,
-    number,
-)
+from proxops.systems.common import FAR, check_type, config, number
 from proxops.systems.lidar.beams import Beams
 from proxops.systems.lidar.lidar_errors import DEFAULT_ERRORS, LidarErrors, TrueReturns, too_grazing
 from proxops.systems.lidar.lidar_geometry import DEFAULT_GEOMETRY, LidarGeometry

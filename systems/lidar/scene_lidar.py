@@ -99,13 +99,13 @@ class SceneLidar(SeededSystem):
         ports = (self._pose_port, *self._scene_ports)
         depends = {port.ticket() for port in ports} | self.seed_tickets()
         self._ranges_port = self.DeclareVectorOutputPort(
-            "ranges", len(directions), self._calc_ranges, prerequisites_of_calc=depends
+            "ranges", len(directions), self._calc_ranges, depends
         )
         self.DeclareAbstractOutputPort(
             "point_cloud",
-            alloc=lambda: AbstractValue.Make(PointCloud(0)),
-            calc=self._calc_point_cloud,
-            prerequisites_of_calc=depends,
+            lambda: AbstractValue.Make(PointCloud(0)),
+            self._calc_point_cloud,
+            depends,
         )
 
     def true_returns(
@@ -178,7 +178,7 @@ class BodyPose(LeafSystem):
         port = self.DeclareAbstractInputPort("poses", poses)
         self.DeclareAbstractOutputPort(
             "X_WF",
-            alloc=lambda: AbstractValue.Make(RigidTransform()),
-            calc=lambda context, output: output.set_value(port.Eval(context)[index] @ offset),
-            prerequisites_of_calc={port.ticket()},
+            lambda: AbstractValue.Make(RigidTransform()),
+            lambda context, output: output.set_value(port.Eval(context)[index] @ offset),
+            {port.ticket()},
         )

@@ -131,8 +131,8 @@ class LidarNavigation(LeafSystem):
             frame_delay=self.frame_delay,
         )
         self._size = BASE + map_error.modes
-        self._ranges_port = self.DeclareVectorInputPort(name="ranges", size=geometry.size)
-        self._force_port = self.DeclareVectorInputPort(name="commanded_force", size=3)
+        self._ranges_port = self.DeclareVectorInputPort("ranges", geometry.size)
+        self._force_port = self.DeclareVectorInputPort("commanded_force", 3)
         self._memory = self.DeclareDiscreteState(self._packed(self._navigator.start()))
         self._step = self.DeclareCacheEntry(
             "step",
@@ -146,9 +146,7 @@ class LidarNavigation(LeafSystem):
         )
         depends = {self._step.ticket()}
         self._ports = {
-            name: self.DeclareVectorOutputPort(
-                name=name, size=size, calc=calc, prerequisites_of_calc=depends
-            )
+            name: self.DeclareVectorOutputPort(name, size, calc, depends)
             for name, size, calc in (
                 ("state", 6, self._calc_state),
                 ("attitude", 4, self._calc_attitude),
@@ -159,9 +157,7 @@ class LidarNavigation(LeafSystem):
         }
         # Discrete, not unrestricted: all discrete updates at one time see the state before it, so
         # that what is downstream reads the cached result.
-        self.DeclarePeriodicDiscreteUpdateEvent(
-            period_sec=period, offset_sec=0.0, update=self._remember
-        )
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._remember)
 
     def logged_ports(self) -> dict[str, LoggedPort]:
         """The ports whose values a log keeps, by the names of their columns.

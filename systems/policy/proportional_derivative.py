@@ -55,13 +55,10 @@ class ProportionalDerivative(LeafSystem):
         """λ in 1/s."""
         self.gain = mass * _CORRECTION / period
         """Gain of velocity, m k, in kg/s."""
-        self._state_port = self.DeclareVectorInputPort(name="state", size=6)
-        self._target_port = self.DeclareVectorInputPort(name="target", size=6)
+        self._state_port = self.DeclareVectorInputPort("state", 6)
+        self._target_port = self.DeclareVectorInputPort("target", 6)
         self.DeclareVectorOutputPort(
-            name="force",
-            size=3,
-            calc=self._calc_force,
-            prerequisites_of_calc={self._state_port.ticket(), self._target_port.ticket()},
+            "force", 3, self._calc_force, {self._state_port.ticket(), self._target_port.ticket()}
         )
 
     def _calc_force(self, context, output):

@@ -145,25 +145,20 @@ class ActualThrust(LeafSystem):
             check_positive("ActualThrust", specific_impulse=specific_impulse)
         self.errors, self.period, self.specific_impulse = errors, period, specific_impulse
         self._mounting = from_rotation_vector(finite_vector("", "direction", errors.direction))
-        self._command_port = self.DeclareVectorInputPort(name="force", size=3)
-        self._attitude_port = self.DeclareVectorInputPort(name="attitude", size=4)
+        self._command_port = self.DeclareVectorInputPort("force", 3)
+        self._attitude_port = self.DeclareVectorInputPort("attitude", 4)
         depends = {self._command_port.ticket()}
         if errors.failed_axis is not None:
             depends.add(self.time_ticket())
         self.DeclareVectorOutputPort(
-            name="force",
-            size=3,
-            calc=self._calc_force,
-            prerequisites_of_calc={*depends, self._attitude_port.ticket()},
+            "force", 3, self._calc_force, {*depends, self._attitude_port.ticket()}
         )
-        self._thrust_port = self.DeclareVectorOutputPort(
-            name="thrust", size=3, calc=self._calc_thrust, prerequisites_of_calc=depends
-        )
+        self._thrust_port = self.DeclareVectorOutputPort("thrust", 3, self._calc_thrust, depends)
         self.DeclareVectorOutputPort(
-            name="mass_flow",
-            size=1,
-            calc=self._calc_mass_flow,
-            prerequisites_of_calc={self.nothing_ticket()} if specific_impulse is None else depends,
+            "mass_flow",
+            1,
+            self._calc_mass_flow,
+            {self.nothing_ticket()} if specific_impulse is None else depends,
         )
 
     def _thrust(self, context) -> Vector:

@@ -6,20 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from proxops.systems.common import (
-    LONG,
-    SeededSystem,
-    check_not_negative,
-    config,
-    number,
-    vector,
-)
-from proxops.systems.vehicle._quaternions import (
-    Quaternion,
-    from_rotation_vector,
-    inverse,
-    product,
-)
+from proxops.systems.common import LONG, SeededSystem, check_not_negative, config, number, vector
+from proxops.systems.vehicle._quaternions import Quaternion, from_rotation_vector, inverse, product
 from proxops.systems.vehicle._vectors import Vector, check_finite, finite_vector
 from proxops.systems.vehicle.gauss_markov import gauss_markov_at
 
@@ -118,12 +106,7 @@ class AttitudeError(SeededSystem):
         self.varying_std, self.correlation_time = varying_std, correlation_time
         self.believed_spin, self.phase = believed_spin, phase
         self.true_spin = finite_vector(owner, "true_spin", true_spin)
-        self.DeclareVectorOutputPort(
-            name="attitude",
-            size=4,
-            calc=self._calc_attitude,
-            prerequisites_of_calc=self.seed_tickets(),
-        )
+        self.DeclareVectorOutputPort("attitude", 4, self._calc_attitude, self.seed_tickets())
 
     def _calc_attitude(self, context, output):
         time = context.get_time()

@@ -34,13 +34,13 @@ class CommandAxes(LeafSystem):
         super().__init__()
         check_positive("CommandAxes", limit=limit)
         self.limit = limit
-        self._command_port = self.DeclareVectorInputPort(name="force", size=3)
-        self._attitude_port = self.DeclareVectorInputPort(name="attitude", size=4)
+        self._command_port = self.DeclareVectorInputPort("force", 3)
+        self._attitude_port = self.DeclareVectorInputPort("attitude", 4)
         self.DeclareVectorOutputPort(
-            name="force",
-            size=3,
-            calc=self._calc_force,
-            prerequisites_of_calc={self._command_port.ticket(), self._attitude_port.ticket()},
+            "force",
+            3,
+            self._calc_force,
+            {self._command_port.ticket(), self._attitude_port.ticket()},
         )
 
     def _calc_force(self, context, output):

@@ -6,14 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from proxops.systems.common import (
-    LONG,
-    SeededSystem,
-    check_not_negative,
-    config,
-    number,
-    vector,
-)
+from proxops.systems.common import LONG, SeededSystem, check_not_negative, config, number, vector
 from proxops.systems.vehicle._vectors import finite_vector
 from proxops.systems.vehicle.gauss_markov import gauss_markov_at
 
@@ -68,10 +61,7 @@ class UnexplainedAcceleration(SeededSystem):
         self.constant = finite_vector(owner, "constant", constant)
         self.std, self.correlation_time = std, correlation_time
         self.DeclareVectorOutputPort(
-            name="acceleration",
-            size=3,
-            calc=self._calc_acceleration,
-            prerequisites_of_calc=self.seed_tickets(),
+            "acceleration", 3, self._calc_acceleration, self.seed_tickets()
         )
 
     def _calc_acceleration(self, context, output):

@@ -6,13 +6,7 @@ import math
 
 import numpy as np
 
-from proxops.systems.common import (
-    LONG,
-    check_not_negative,
-    config,
-    generator,
-    number,
-)
+from proxops.systems.common import LONG, check_not_negative, config, generator, number
 from proxops.systems.vehicle.force_disturbance import ForceDisturbance
 
 

@@ -10,14 +10,7 @@ from pydrake.autodiffutils import AutoDiffXd
 from pydrake.systems.framework import BasicVector_, LeafSystem_
 from pydrake.systems.scalar_conversion import TemplateSystem
 
-from proxops.systems.common import (
-    LARGEST,
-    InputError,
-    check_positive,
-    check_type,
-    config,
-    number,
-)
+from proxops.systems.common import LARGEST, InputError, check_positive, check_type, config, number
 from proxops.systems.vehicle._vectors import finite_vector
 
 # Below this share of the first mass, all propellant must have been used up long ago.
@@ -132,18 +125,13 @@ def _declare_state(craft, basic_vector) -> None:
         parts = {"state": slice(0, 6), **parts, "mass": slice(6, 7)}
     state = craft.DeclareContinuousState(model_vector=basic_vector(start), **sizes)
     if not craft.burns_propellant:
-        craft.DeclareStateOutputPort(name="state", state_index=state)
+        craft.DeclareStateOutputPort("state", state)
     for name, part in parts.items():
 
         def calc(context, output, part=part):
             output.SetFromVector(context.get_continuous_state_vector().CopyToVector()[part])
 
-        craft.DeclareVectorOutputPort(
-            name=name,
-            size=part.stop - part.start,
-            calc=calc,
-            prerequisites_of_calc={craft.xc_ticket()},
-        )
+        craft.DeclareVectorOutputPort(name, part.stop - part.start, calc, {craft.xc_ticket()})
 
 
 def _acceleration(craft, state, gravity, force):
@@ -216,10 +204,10 @@ def Spacecraft_(T):  # noqa: N802 (Drake's own naming of templates)
             self.initial_state = _initial_state(initial_state)
             _set_constants(self, mass, spin, axis_point)
             self.burns_propellant = burns_propellant
-            self._force_port = self.DeclareVectorInputPort(name="force", size=3)
-            self._gravity_port = self.DeclareVectorInputPort(name="gravity", size=3)
+            self._force_port = self.DeclareVectorInputPort("force", 3)
+            self._gravity_port = self.DeclareVectorInputPort("gravity", 3)
             if burns_propellant:
-                self._flow_port = self.DeclareVectorInputPort(name="mass_flow", size=1)
+                self._flow_port = self.DeclareVectorInputPort("mass_flow", 1)
             _declare_state(self, BasicVector_[T])
 
         def _construct_copy(self, other, converter=None):

@@ -69,17 +69,15 @@ class VelocityKicks(SeededSystem):
             )
         self.velocity_std, self.mean_interval = velocity_std, mean_interval
         acting = self.DeclareDiscreteState(3)
-        self.DeclareStateOutputPort(name="acceleration", state_index=acting)
+        self.DeclareStateOutputPort("acceleration", acting)
         self.DeclareVectorOutputPort(
-            name="next_acceleration",
-            size=3,
-            calc=lambda context, output: output.SetFromVector(self._next(context)),
-            prerequisites_of_calc=self.seed_tickets(),
+            "next_acceleration",
+            3,
+            lambda context, output: output.SetFromVector(self._next(context)),
+            self.seed_tickets(),
         )
         self.DeclarePeriodicDiscreteUpdateEvent(
-            period_sec=period,
-            offset_sec=0.0,
-            update=lambda context, state: state.set_value(acting, self._next(context)),
+            period, 0.0, lambda context, state: state.set_value(acting, self._next(context))
         )
 
     def _next(self, context) -> np.ndarray:
