@@ -88,7 +88,6 @@ from proxops.systems.vehicle import (
     Thrusters,
     UnexplainedAcceleration,
     VelocityKicks,
-    jacobi_integral,
 )
 
 __all__ = [
@@ -164,7 +163,6 @@ __all__ = [
     "WeightedProgram",
     "effective_field",
     "find_equilibria",
-    "jacobi_integral",
     "plane_cut",
     "ray_directions",
     "surface_map",

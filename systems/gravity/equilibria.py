@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from proxops.systems.common import InputError
+from proxops.systems.common import InputError, cross_matrix
 from proxops.systems.gravity.gravity_field import GRAVITATIONAL_CONSTANT, BodyField
 from proxops.systems.gravity.surface_maps import effective_field
 
@@ -55,7 +55,7 @@ def linear_modes(gradient: np.ndarray, spin: float) -> np.ndarray:
     Args:
       gradient: H (3, 3) of the effective acceleration, in 1/s^2. spin: w in rad/s about z.
     """
-    coriolis = np.array([[0.0, 2.0 * spin, 0.0], [-2.0 * spin, 0.0, 0.0], [0.0, 0.0, 0.0]])
+    coriolis = -2.0 * cross_matrix((0.0, 0.0, spin))
     return np.linalg.eigvals(np.block([[np.zeros((3, 3)), np.eye(3)], [gradient, coriolis]]))
 
 

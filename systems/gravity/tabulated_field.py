@@ -13,7 +13,7 @@ from proxops.systems.gravity import _table_kernel as kernel
 from proxops.systems.gravity._far_field import SWITCH, fit_masses
 from proxops.systems.gravity._harmonic_boxes import DEGREE, Boxes, entries, make_boxes, recursion
 from proxops.systems.gravity.gravity_field import Gravity, GravityField, as_points
-from proxops.systems.shapes import Polyhedron
+from proxops.systems.shapes import Polyhedron, ellipsoidal_norms
 
 # Of the files on disk, and their kind. Whoever changes how a table is made, or a last bit of the
 # exact field, raises the format.
@@ -56,11 +56,11 @@ class TabulatedField:
                 f"TabulatedField: relative_error must be from {low:g} to {high:g}, "
                 f"got {relative_error}"
             )
-        level = float(np.linalg.norm(field.shape.vertices / axes, axis=1).max())
-        if level >= 1.0:
+        farthest = float(ellipsoidal_norms(axes, field.shape.vertices).max())
+        if farthest >= 1.0:
             raise InputError(
                 f"TabulatedField: {field.shape.name} sticks out of the ellipsoid; semi-axes that "
-                f"are {level:.3f} times as long would contain it"
+                f"are {farthest:.3f} times as long would contain it"
             )
         self.exact = field
         """The field that the table was made from."""

@@ -11,7 +11,12 @@ from pathlib import Path
 import numpy as np
 
 from proxops.systems.common import InputError
-from proxops.systems.shapes.mesh_checks import directed_edges, find_defects, six_volumes
+from proxops.systems.shapes.mesh_checks import (
+    area_vectors,
+    directed_edges,
+    find_defects,
+    six_volumes,
+)
 from proxops.systems.shapes.shape_files import metres_per, read_mesh
 
 if typing.TYPE_CHECKING:
@@ -84,10 +89,6 @@ class Polyhedron:
         return Polyhedron(self.vertices - self.centre_of_mass, self.facets, self.name)
 
     @cached_property
-    def _corners(self) -> np.ndarray:
-        return self.vertices[self.facets]
-
-    @cached_property
     def volume(self) -> float:
         """Enclosed volume in m^3: the sum of signed tetrahedra, for bodies of any form."""
         return float(six_volumes(self.vertices, self.facets).sum() / 6.0)
@@ -96,7 +97,7 @@ class Polyhedron:
     def centre_of_mass(self) -> np.ndarray:
         """Centre of mass (3,) in m, at uniform density."""
         origin = self.vertices.mean(axis=0)
-        corner_sums = (self._corners - origin).sum(axis=1)
+        corner_sums = (self.vertices[self.facets] - origin).sum(axis=1)
         weights = six_volumes(self.vertices, self.facets)
         # Exact sums: those of a library for matrices differ in the last bit from processor to
         # processor, and with them K and `sha256`.
@@ -111,9 +112,8 @@ class Polyhedron:
     @cached_property
     def normals(self) -> np.ndarray:
         """Outward unit normals (F, 3)."""
-        a, b, c = np.moveaxis(self._corners, 1, 0)
-        cross = np.cross(b - a, c - a)
-        return cross / np.linalg.norm(cross, axis=1, keepdims=True)
+        vectors = area_vectors(self.vertices, self.facets)
+        return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
 
     @cached_property
     def edges(self) -> tuple[np.ndarray, np.ndarray]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from proxops.systems.common import InputError, kernel
+from proxops.systems.shapes.mesh_checks import area_vectors
 
 # Relative error bounds of the plain determinants below: Shewchuk, "Adaptive Precision
 # Floating-Point Arithmetic and Fast Robust Geometric Predicates" (1997), doubled for safety.
@@ -234,8 +235,7 @@ def _in_plane(numbers: _Numbers, first: np.ndarray, second: np.ndarray) -> np.nd
 
 def _thin_axis(numbers: _Numbers, facets: np.ndarray) -> np.ndarray:
     """The axis (N,) along which the projection of each triangle is largest."""
-    a, b, c = (numbers.floats[corner] for corner in facets.T)
-    return np.argmax(np.abs(np.cross(b - a, c - a)), axis=1)
+    return np.argmax(np.abs(area_vectors(numbers.floats, facets)), axis=1)
 
 
 def _overlap_in_plane(numbers: _Numbers, first: np.ndarray, second: np.ndarray) -> np.ndarray:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from proxops.systems.common import InputError
+from proxops.systems.shapes.mesh_checks import area_vectors
 from proxops.systems.shapes.shape_files import metres_per
 
 if typing.TYPE_CHECKING:
@@ -62,6 +63,5 @@ class Surface:
     @property
     def normals(self) -> np.ndarray:
         """Unit normals (F, 3), by the order of the corners; 0 of a facet without an area."""
-        a, b, c = np.moveaxis(self.vertices[self.facets], 1, 0)
-        cross = np.cross(b - a, c - a)
-        return cross / np.maximum(np.linalg.norm(cross, axis=1, keepdims=True), 1e-300)
+        vectors = area_vectors(self.vertices, self.facets)
+        return vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-300)

@@ -11,15 +11,18 @@ from pydrake.systems.framework import LeafSystem
 from proxops.systems.common import (
     LONG,
     InputError,
+    Vector,
     check_not_negative,
     check_positive,
     config,
+    finite_vector,
     number,
     one_of,
+    quaternion_of,
+    quaternion_product,
+    rotated,
     vector,
 )
-from proxops.systems.vehicle._quaternions import from_rotation_vector, product, rotated
-from proxops.systems.vehicle._vectors import Vector, finite_vector
 
 STANDARD_GRAVITY = 9.80665
 """g0 in m/s^2, by which a specific impulse in s is an exhaust velocity."""
@@ -144,7 +147,7 @@ class ActualThrust(LeafSystem):
         if specific_impulse is not None:
             check_positive("ActualThrust", specific_impulse=specific_impulse)
         self.errors, self.period, self.specific_impulse = errors, period, specific_impulse
-        self._mounting = from_rotation_vector(finite_vector("", "direction", errors.direction))
+        self._mounting = quaternion_of(finite_vector("", "direction", errors.direction))
         self._command_port = self.DeclareVectorInputPort("force", 3)
         self._attitude_port = self.DeclareVectorInputPort("attitude", 4)
         depends = {self._command_port.ticket()}
@@ -173,7 +176,7 @@ class ActualThrust(LeafSystem):
         rotation = self._mounting
         if self._attitude_port.HasValue(context):
             w, x, y, z = self._attitude_port.Eval(context).tolist()
-            rotation = product((w, x, y, z), rotation)
+            rotation = quaternion_product((w, x, y, z), rotation)
         output.SetFromVector(rotated(rotation, self._thrust(context)))
 
     def _calc_mass_flow(self, context, output):

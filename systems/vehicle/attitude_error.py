@@ -6,9 +6,21 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from proxops.systems.common import LONG, SeededSystem, check_not_negative, config, number, vector
-from proxops.systems.vehicle._quaternions import Quaternion, from_rotation_vector, inverse, product
-from proxops.systems.vehicle._vectors import Vector, check_finite, finite_vector
+from proxops.systems.common import (
+    LONG,
+    Quaternion,
+    SeededSystem,
+    Vector,
+    check_finite,
+    check_not_negative,
+    config,
+    finite_vector,
+    number,
+    quaternion_inverse,
+    quaternion_of,
+    quaternion_product,
+    vector,
+)
 from proxops.systems.vehicle.gauss_markov import gauss_markov_at
 
 
@@ -35,9 +47,11 @@ def believed_axes(
     """
     x, y, z = true_spin
     if x == 0.0 and y == 0.0:
-        return from_rotation_vector((0.0, 0.0, (believed_spin - z) * time + phase))
-    true = from_rotation_vector((time * x, time * y, time * z))
-    return product(inverse(true), from_rotation_vector((0.0, 0.0, believed_spin * time + phase)))
+        return quaternion_of((0.0, 0.0, (believed_spin - z) * time + phase))
+    true = quaternion_of((time * x, time * y, time * z))
+    return quaternion_product(
+        quaternion_inverse(true), quaternion_of((0.0, 0.0, believed_spin * time + phase))
+    )
 
 
 @config
@@ -121,4 +135,4 @@ class AttitudeError(SeededSystem):
             seed=self.seed_of(context),
         )
         x, y, z = self.constant
-        output.SetFromVector(product(axes, from_rotation_vector((x + u, y + v, z + w))))
+        output.SetFromVector(quaternion_product(axes, quaternion_of((x + u, y + v, z + w))))

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from pydrake.systems.framework import LeafSystem
 
-from proxops.systems.common import check_positive
-from proxops.systems.vehicle._quaternions import inverse, rotated
+from proxops.systems.common import check_positive, quaternion_inverse, rotated
 
 
 class CommandAxes(LeafSystem):
@@ -46,7 +45,7 @@ class CommandAxes(LeafSystem):
     def _calc_force(self, context, output):
         x, y, z = self._command_port.Eval(context).tolist()
         a, b, c, d = self._attitude_port.Eval(context).tolist()
-        force = rotated(inverse((a, b, c, d)), (x, y, z))
+        force = rotated(quaternion_inverse((a, b, c, d)), (x, y, z))
         # The comparisons let NaN through.
         limit = self.limit
         output.SetFromVector([limit if f > limit else -limit if f < -limit else f for f in force])

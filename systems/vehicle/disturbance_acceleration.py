@@ -6,8 +6,15 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from proxops.systems.common import LONG, SeededSystem, check_not_negative, config, number, vector
-from proxops.systems.vehicle._vectors import finite_vector
+from proxops.systems.common import (
+    LONG,
+    SeededSystem,
+    check_not_negative,
+    config,
+    finite_vector,
+    number,
+    vector,
+)
 from proxops.systems.vehicle.gauss_markov import gauss_markov_at
 
 

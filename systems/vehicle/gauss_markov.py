@@ -5,8 +5,7 @@ from __future__ import annotations
 import functools
 import math
 
-from proxops.systems.common import generator
-from proxops.systems.vehicle._vectors import Vector
+from proxops.systems.common import Vector, generator
 
 # The shortest sequence that is drawn: that of a transit of 7,200 s in steps of 10 s fits in it.
 _SHORTEST = 1024

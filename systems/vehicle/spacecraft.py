@@ -10,8 +10,16 @@ from pydrake.autodiffutils import AutoDiffXd
 from pydrake.systems.framework import BasicVector_, LeafSystem_
 from pydrake.systems.scalar_conversion import TemplateSystem
 
-from proxops.systems.common import LARGEST, InputError, check_positive, check_type, config, number
-from proxops.systems.vehicle._vectors import finite_vector
+from proxops.systems.common import (
+    LARGEST,
+    InputError,
+    check_positive,
+    check_type,
+    config,
+    cross_matrix,
+    finite_vector,
+    number,
+)
 
 # Below this share of the first mass, all propellant must have been used up long ago.
 _LEAST_MASS = 1e-3
@@ -53,12 +61,6 @@ def rotating_frame_acceleration(position, velocity, gravity, force, mass: float,
     )
 
 
-def cross_matrix(vector) -> np.ndarray:
-    """The matrix (3, 3) W of a vector w (3,), for which W v is w x v."""
-    x, y, z = vector
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-
-
 def spinning_frame_acceleration(position, velocity, gravity, force, mass, turn, axis_point):
     """The acceleration in K: r'' = g(r) - 2 w x r' - w x (w x (r - c)) + F / m, for any axis.
 
@@ -74,18 +76,6 @@ def spinning_frame_acceleration(position, velocity, gravity, force, mass, turn, 
       (3,) in m/s^2, in K, for any scalar type.
     """
     return gravity - turn @ (2.0 * velocity + turn @ (position - axis_point)) + force / mass
-
-
-def jacobi_integral(
-    positions: np.ndarray, velocities: np.ndarray, potentials: np.ndarray, spin: float
-) -> np.ndarray:
-    """Jacobi integrals (N,) in m^2/s^2: v^2/2 - w^2 (x^2 + y^2)/2 - U, constant in free motion.
-
-    Args:
-      positions, velocities: (N, 3) in K. potentials: (N,), positive. spin: rad/s about z.
-    """
-    kinetic = 0.5 * np.sum(velocities**2, axis=1)
-    return kinetic - 0.5 * spin**2 * np.sum(positions[:, :2] ** 2, axis=1) - potentials
 
 
 def _set_constants(craft, mass: float, spin, axis_point) -> None:
