@@ -41,12 +41,10 @@ class WeightedCostConfig:
 
 @dataclass(frozen=True)
 class ErrorWeights:
-    """Errors that cost as much as full thrust along one axis (Bryson's rule)."""
+    """Errors in m and m/s that cost as much as full thrust along one axis (Bryson's rule)."""
 
     position: float
-    """m."""
     speed: float
-    """m/s."""
 
 
 class WeightedProgram:

@@ -13,7 +13,7 @@ from proxops.systems.gravity import _table_kernel as kernel
 from proxops.systems.gravity._far_field import SWITCH, fit_masses
 from proxops.systems.gravity._harmonic_boxes import DEGREE, Boxes, entries, make_boxes, recursion
 from proxops.systems.gravity.gravity_field import Gravity, GravityField, as_points
-from proxops.systems.shapes import Polyhedron, ellipsoidal_norms
+from proxops.systems.shapes import ellipsoidal_norms
 
 # Of the files on disk, and their kind. Whoever changes how a table is made, or a last bit of the
 # exact field, raises the format.
@@ -64,6 +64,7 @@ class TabulatedField:
             )
         self.exact = field
         """The field that the table was made from."""
+        self.shape, self.mass, self.centre_of_mass = field.shape, field.mass, field.centre_of_mass
         half, masses = _far_masses(field)
         boxes = _boxes(field, tuple(axes.tolist()), float(relative_error), half)
         scales = np.zeros(1, dtype=kernel.SCALES).view(np.recarray)
@@ -78,21 +79,6 @@ class TabulatedField:
         Args: as those of the constructor.
         """
         return _kept_boxes(_name_of(field, semi_axes, relative_error)) is not None
-
-    @property
-    def shape(self) -> Polyhedron:
-        """The body."""
-        return self.exact.shape
-
-    @property
-    def mass(self) -> float:
-        """Mass of the body in kg."""
-        return self.exact.mass
-
-    @property
-    def centre_of_mass(self) -> np.ndarray:
-        """Centre of mass (3,) in m in the mesh's frame."""
-        return self.exact.centre_of_mass
 
     def evaluate(self, points: np.ndarray) -> Gravity:
         """The field at points (N, 3) in m.

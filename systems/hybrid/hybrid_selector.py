@@ -21,7 +21,6 @@ from proxops.systems.common import (
 )
 from proxops.systems.hybrid.agreement_gates import Agreement, AgreementGate, GateKind
 from proxops.systems.hybrid.check_schedule import CheckSchedule, PeriodRule
-from proxops.systems.hybrid.flown_by import FlownBy
 from proxops.systems.hybrid.reach_time import ReachModel
 from proxops.systems.shapes import clearances
 
@@ -52,6 +51,18 @@ class HybridConfig:
     # Standard deviations, per axis, of the errors of the state that the MPC gets.
     state_noise_position_m: float = number(0.0, at_least=0.0, at_most=FAR, unit="m")
     state_noise_velocity_m_s: float = number(0.0, at_least=0.0, at_most=1e5, unit="m/s")
+
+
+class FlownBy(IntEnum):
+    """Whose force acts at a control step; the numbers are those of a log's `decision`."""
+
+    CONTROLLER = 0
+    """The controller by which the flight is named: it is no hybrid."""
+    MPC = 1
+    POLICY = 2
+    SAFETY_FILTER = 3
+    """Runtime assurance changed the command. A log's `decision` does not hold this value: it is
+    derived from `intervention`."""
 
 
 class DecisionReason(IntEnum):

@@ -1,22 +1,13 @@
 """`ReachModel`: how soon a spacecraft could reach the keep-out ellipsoid, by any use of thrust.
 
-In the inertial frame that coincides with K now, there is no Coriolis force. With Q(t) the rotation
-of K over the time t, the position in K at the time t is exactly::
-
-    r(t) = c(t) + integral over s of (t - s) Q(t - s)^T (f(s) / m + g(s)),
-    c(t) = Q(t)^T (r_0 + (v_0 + w x r_0) t)
-
-with the thrust f and the gravity g in K at the time s. If every thruster is between plus and minus
-its limit and the gravity is at most G(s), then for any unit vector n, n . r(t) is at least::
-
-    n . c(t)  -  t^2 / 2 a max |Q(tau) n|_1  -  integral over s of (t - s) G(s)
-
-The spacecraft is outside while this exceeds the greatest n . x of the ellipsoid, |A n|_2. Here n is
-the ellipsoid's normal below c(t). Between two evaluated times the clearance changes by at most what
-the speed in K allows, and the Coriolis force does not change the speed.
+Eq. 28 of docs/method/equations.md bounds the position along any unit vector n: here the ellipsoid's
+normal below the place that is reached without gravity and thrust. The spacecraft is outside while
+the bound exceeds the greatest n . x of the ellipsoid, |A n|_2. Between two evaluated times the
+clearance changes by at most what the speed in K allows, and the Coriolis force does not change the
+speed.
 
 |g|^2 is subharmonic where there is no mass, so its greatest value outside a closed surface about
-the body is on that surface. G is tabulated on ellipsoids around the keep-out ellipsoid.
+the body is on that surface. It is tabulated on ellipsoids around the keep-out ellipsoid.
 """
 
 from __future__ import annotations

@@ -21,7 +21,7 @@ from proxops.systems.lidar.lidar_errors import (
     received_ranges,
 )
 from proxops.systems.lidar.planar_lidar import point_cloud
-from proxops.systems.shapes import Polyhedron, RayCaster, Surface
+from proxops.systems.shapes import RayCaster, Surface
 
 
 class SceneLidar(SeededSystem):
@@ -44,7 +44,7 @@ class SceneLidar(SeededSystem):
 
     def __init__(
         self,
-        scene: Mapping[str, Surface | Polyhedron],
+        scene: Mapping[str, Surface],
         directions: np.ndarray,
         max_range: float,
         errors: LidarErrors | None = None,
@@ -74,7 +74,7 @@ class SceneLidar(SeededSystem):
         check_type("SceneLidar", LidarErrors, errors=errors)
         check_type("SceneLidar", Mapping, scene=scene)
         for name, surface in scene.items():
-            if not isinstance(surface, Surface | Polyhedron):
+            if not isinstance(surface, Surface):
                 raise InputError(
                     f"SceneLidar: {name!r} is a {type(surface).__name__}, not a Surface or a "
                     "Polyhedron; Surface.from_trimesh takes a mesh of trimesh"

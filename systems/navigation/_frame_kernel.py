@@ -1,14 +1,8 @@
 """Compiled kernels: how the ranges of a frame depend on what the navigation estimates.
 
 A ray from p along the unit vector d (K) meets a facet of unit normal n at the distance r. With
-q = |n.d|, the measured range z differs from the predicted one by
-
-    q (z - r) = n.dp + r (d x n).da - h - s n.x + q b + q r e - r sqrt(1 - q^2) w + q noise
-
-to first order in the errors of position (dp) and attitude (da, a rotation vector in K), for a
-surface that lies h farther out along its normal, a body larger by the share s, a bias b and a scale
-error e of the lidar, and beams of half angle w, which read the nearest surface in their cone; x is
-the point that the ray meets. It is eq. 11 of docs/method/equations.md.
+q = |n.d|, the residual is q times the difference of the measured range and the predicted one: eq.
+11 to 14 of docs/method/equations.md.
 """
 
 import math

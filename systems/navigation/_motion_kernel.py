@@ -1,14 +1,7 @@
 """Compiled kernel: the navigation's estimate, predicted over a short time.
 
-The equations of motion in K, for a position r, the true spin w and the true centre of mass c, are
-(eq. 2 of docs/method/equations.md)
-
-    r'' = (1 + k) g(r - c) - 2 w x r' - w x (w x (r - c)) + R T u / m + a
-
-with the field g as believed, k the error of gravity, u the commanded force along the axes of S, R
-the rotation of S against K, T = (1 + [d]x) diag(1 + s) the errors of thrust, m = m0 (1 - j b) the
-mass after b = integral of |u| / m0, and a what nothing explains. Over a step, gravity is linear
-about the point in its middle.
+The motion is eq. 2 of docs/method/equations.md, which names the symbols. Over a step, gravity is
+linear about the point in its middle.
 
 Sums and copies are explicit loops: array expressions and slices on the left take numba ten times as
 long to compile. Products of matrices are numpy's; their last bits are those of BLAS.

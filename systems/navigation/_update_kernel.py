@@ -34,7 +34,7 @@ class Gated(NamedTuple):
     """Indices among the K: (L,) that pass, and those that do not."""
     rows: np.ndarray
     """H (L, C)."""
-    crossed: np.ndarray
+    cross_covariance: np.ndarray
     """H P (L, n) where residuals may be thinned, else (L, 0)."""
     innovations: np.ndarray
     """(L,) the residuals as they would be at the prior's mean if the model were linear."""
@@ -60,13 +60,13 @@ def gated(covariance, columns, frame, moved, gate):
     if few:
         chosen = chosen[:: max(1, -(-chosen.size // most))]
     kept = rows[chosen]
-    crossed = np.empty((chosen.size, 0))
+    cross_covariance = np.empty((chosen.size, 0))
     if few:
         to_all = np.empty((size, n))
         for i in range(size):
             for j in range(n):
                 to_all[i, j] = covariance[columns[i], j]
-        crossed = kept @ to_all
+        cross_covariance = kept @ to_all
     # What is exact adds nothing to the spread.
     among, known = np.empty((size, size)), np.empty(size, dtype=np.int64)
     count = 0
@@ -92,7 +92,7 @@ def gated(covariance, columns, frame, moved, gate):
             for i in range(count):
                 row, total = kept[k, known[i]], 0.0
                 if few:
-                    total = crossed[k, columns[known[i]]]
+                    total = cross_covariance[k, columns[known[i]]]
                 else:
                     for j in range(count):
                         total += among[i, j] * kept[k, known[j]]
@@ -102,14 +102,19 @@ def gated(covariance, columns, frame, moved, gate):
                 chosen[used], noise[used], innovations[used] = chosen[k], noise[k], innovations[k]
                 for j in range(size):
                     kept[used, j] = kept[k, j]
-                for j in range(crossed.shape[1]):
-                    crossed[used, j] = crossed[k, j]
+                for j in range(cross_covariance.shape[1]):
+                    cross_covariance[used, j] = cross_covariance[k, j]
             used += 1
         else:
             bad[k - used] = chosen[k]
     rejected = chosen.size - used
     return Gated(
-        chosen[:used], bad[:rejected], kept[:used], crossed[:used], innovations[:used], noise[:used]
+        chosen[:used],
+        bad[:rejected],
+        kept[:used],
+        cross_covariance[:used],
+        innovations[:used],
+        noise[:used],
     )
 
 

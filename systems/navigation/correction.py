@@ -88,14 +88,16 @@ def corrected(
     iteration = 0
     while True:
         frame = model.compared(supposed, ranges)
-        good, bad, rows, crossed, innovations, variances = kernel.gated(
+        good, bad, rows, cross_covariance, innovations, variances = kernel.gated(
             covariance, columns, frame, moved, gate
         )
         used = variances.size
         if not used:
             return Correction(prior, np.nan, frame.rays[good], frame.rays[bad], np.nan, np.nan)
-        if crossed.size:
-            update = _by_returns(covariance, columns, rows, crossed, innovations, variances)
+        if cross_covariance.size:
+            update = _by_returns(
+                covariance, columns, rows, cross_covariance, innovations, variances
+            )
         else:
             update = _Update(*kernel.update(covariance, columns, rows, innovations, variances))
         change, left = kernel.fit(columns, rows, innovations, moved, update.moved)
@@ -119,7 +121,7 @@ def _by_returns(
     covariance: np.ndarray,
     columns: np.ndarray,
     rows: np.ndarray,
-    crossed: np.ndarray,
+    cross_covariance: np.ndarray,
     innovations: np.ndarray,
     variances: np.ndarray,
 ) -> _Update:
@@ -127,16 +129,16 @@ def _by_returns(
 
     Args:
       covariance: P (n, n). columns: (C,) where the measured quantities are in it.
-      rows: H (K, C) derivatives. crossed: H P (K, n). innovations: (K,).
+      rows: H (K, C) derivatives. cross_covariance: H P (K, n). innovations: (K,).
       variances: (K,) of the noise.
     """
     # The triangular solvers of LAPACK and BLAS: scipy's checks take as long as these matrices.
-    total = crossed[:, columns] @ rows.T
+    total = cross_covariance[:, columns] @ rows.T
     total.flat[:: len(total) + 1] += variances  # On the diagonal.
     factor, failed = _cholesky(total.T, lower=1, clean=0, overwrite_a=1)
     if failed:
         raise np.linalg.LinAlgError("the covariance of the residuals is not positive definite")
-    both = np.column_stack([crossed, innovations])
+    both = np.column_stack([cross_covariance, innovations])
     white = _solved_triangle(1.0, factor, both.T, side=1, lower=1, trans_a=1, overwrite_b=1)
     learned, innovations = white[:-1], white[-1]
     after = covariance - learned @ learned.T

@@ -27,8 +27,7 @@ from proxops.systems.navigation.map_error import MapError
 from proxops.systems.navigation.mended_map import MendedMap, mended_map
 from proxops.systems.navigation.motion import Motion
 from proxops.systems.navigation.navigator import Memory, Navigator, Step
-from proxops.systems.navigation.phase import NavigationPhase
-from proxops.systems.navigation.return_use import ReturnUse
+from proxops.systems.navigation.step_records import NavigationPhase, ReturnUse
 from proxops.systems.shapes import Polyhedron
 
 # Before the coefficients of the memory's vector: phase, contradictions, whether there is an

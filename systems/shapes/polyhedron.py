@@ -12,18 +12,18 @@ import numpy as np
 
 from proxops.systems.common import InputError
 from proxops.systems.shapes.mesh_checks import (
-    area_vectors,
     directed_edges,
     find_defects,
     six_volumes,
 )
 from proxops.systems.shapes.shape_files import metres_per, read_mesh
+from proxops.systems.shapes.surface import Surface
 
 if typing.TYPE_CHECKING:
     import trimesh
 
 
-class Polyhedron:
+class Polyhedron(Surface):
     """The shape of a body: vertices (V, 3) in metres and facets (F, 3) wound outwards.
 
     Every `Polyhedron` is sound: each edge is shared by exactly two facets that run along it in
@@ -64,19 +64,6 @@ class Polyhedron:
         mesh = read_mesh(path, unit)
         return cls(mesh.vertices, mesh.facets, mesh.name)
 
-    @classmethod
-    def from_trimesh(cls, mesh: trimesh.Trimesh, unit: str, name: str = "mesh") -> Polyhedron:
-        """Takes a `trimesh.Trimesh` whose numbers are in `unit` ("km" or "m").
-
-        Raises:
-          InputError: it holds no triangles, the unit is not known, or the mesh is not sound.
-        """
-        import trimesh  # It is slow to import, so only when it is needed.
-
-        if not isinstance(mesh, trimesh.Trimesh) or len(mesh.faces) == 0:
-            raise InputError(f"{name} holds no triangles")
-        return cls(mesh.vertices * metres_per(unit), mesh.faces, name)
-
     def to_trimesh(self, unit: str = "m") -> trimesh.Trimesh:
         """The same mesh as a `trimesh.Trimesh` in `unit`."""
         import trimesh  # It is slow to import, so only when it is needed.
@@ -103,17 +90,6 @@ class Polyhedron:
         # processor, and with them K and `sha256`.
         moments = [math.fsum(weights * sums) for sums in corner_sums.T]
         return origin + np.array(moments) / (4.0 * math.fsum(weights))
-
-    @cached_property
-    def extents(self) -> np.ndarray:
-        """Lengths (3,) in m of the bounding box along x, y, z."""
-        return np.ptp(self.vertices, axis=0)
-
-    @cached_property
-    def normals(self) -> np.ndarray:
-        """Outward unit normals (F, 3)."""
-        vectors = area_vectors(self.vertices, self.facets)
-        return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
 
     @cached_property
     def edges(self) -> tuple[np.ndarray, np.ndarray]:

@@ -58,7 +58,7 @@ class RayCaster:
     keep its origin near the mesh.
     """
 
-    def __init__(self, shape: Polyhedron | Surface):
+    def __init__(self, shape: Surface):
         """Takes the mesh, whose vertices are in m."""
         self.shape = shape
         self._device = EmbreeDevice()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import typing
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -43,11 +44,11 @@ class Surface:
             )
 
     @classmethod
-    def from_trimesh(cls, mesh: trimesh.Trimesh, unit: str, name: str = "mesh") -> Surface:
+    def from_trimesh(cls, mesh: trimesh.Trimesh, unit: str, name: str = "mesh") -> typing.Self:
         """Takes a `trimesh.Trimesh` whose numbers are in `unit` ("km" or "m").
 
         Raises:
-          InputError: it holds no triangles, the unit is not known, or a vertex is not finite.
+          InputError: it holds no triangles, the unit is not known, or the constructor refuses it.
         """
         import trimesh  # It is slow to import, so only when it is needed.
 
@@ -55,13 +56,13 @@ class Surface:
             raise InputError(f"{name} holds no triangles")
         return cls(mesh.vertices * metres_per(unit), mesh.faces, name)
 
-    @property
+    @cached_property
     def extents(self) -> np.ndarray:
         """Lengths (3,) in m of the bounding box along x, y, z."""
         return np.ptp(self.vertices, axis=0)
 
-    @property
+    @cached_property
     def normals(self) -> np.ndarray:
-        """Unit normals (F, 3), by the order of the corners; 0 of a facet without an area."""
+        """Unit normals (F, 3) by the winding, outwards if closed; 0 of a facet without an area."""
         vectors = area_vectors(self.vertices, self.facets)
         return vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-300)

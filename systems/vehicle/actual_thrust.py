@@ -47,20 +47,16 @@ class TrueThrustersConfig:
 
 @dataclass(frozen=True)
 class ThrusterErrors:
-    """The errors of the thrusters; `ThrusterErrors()` has none."""
+    """The errors of the thrusters, in SI units: see `TrueThrustersConfig`. By default none."""
 
     scale: Sequence[float] | np.ndarray = (1.0, 1.0, 1.0)
-    """(3,): true force over nominal force, for each of the thrusters' axes."""
     direction: Sequence[float] | np.ndarray = (0.0, 0.0, 0.0)
     """(3,), rad: the rotation vector that turns S into the thrusters' axes."""
     least_impulse: float = 0.0
-    """N s: an axis whose impulse over a control period would be smaller gives nothing."""
     quantum: float = 0.0
-    """N: the force of each axis is the nearest multiple of this; 0: any force."""
     failed_axis: int | None = None
-    """0, 1 or 2: this axis gives nothing from the failure time on; None: all work."""
+    """0, 1 or 2; None: all work."""
     failure_time: float = 0.0
-    """s."""
 
     def __post_init__(self) -> None:
         """Makes tuples of the vectors; raises `InputError` for errors that no thruster has."""
