@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import functools
 import math
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -30,19 +29,7 @@ _POINTS = 500
 _GAPS = 1.05
 
 
-class _Bounds(NamedTuple):
-    """A `ReachModel` for the kernel."""
-
-    semi_axes: np.ndarray
-    spin: float
-    acceleration: float
-    weakest: float
-    heights: np.ndarray
-    gravity: np.ndarray
-
-
-@dataclass(frozen=True)
-class ReachModel:
+class ReachModel(NamedTuple):
     """Bounds of the motion near a keep-out ellipsoid."""
 
     semi_axes: np.ndarray
@@ -55,16 +42,8 @@ class ReachModel:
     """(L,) in m, rising from 0."""
     gravity: np.ndarray
     """(L,) greatest gravity, with all other accelerations, in m/s^2 beyond each height."""
-    weakest: float | None = None
-    """Least acceleration that the thrusters can be relied on to give along each axis, in m/s^2.
-    None: `acceleration`."""
-
-    @functools.cached_property
-    def _bounds(self) -> _Bounds:
-        weakest = self.acceleration if self.weakest is None else self.weakest
-        return _Bounds(
-            self.semi_axes, self.spin, self.acceleration, weakest, self.heights, self.gravity
-        )
+    weakest: float
+    """Least acceleration that the thrusters can be relied on to give along each axis, in m/s^2."""
 
     @classmethod
     def of(
@@ -84,7 +63,7 @@ class ReachModel:
           semi_axes: (3,) of the keep-out ellipsoid in m.
           spin: rad/s about z.
           acceleration: greatest acceleration by the thrusters along each axis, in m/s^2.
-          weakest: see above.
+          weakest: see above; None: `acceleration`.
           gravity: greatest error of the gravity's size, as a share of it.
           other: greatest other acceleration along each axis, in m/s^2.
         """
@@ -95,7 +74,7 @@ class ReachModel:
             float(acceleration),
             heights,
             (1.0 + gravity) * greatest_gravity(field, semi_axes, heights) + math.sqrt(3.0) * other,
-            None if weakest is None else float(weakest),
+            float(acceleration if weakest is None else weakest),
         )
         model.steps_out_of_reach(np.zeros(6), 1.0, 1)  # Compiled now, not in flight.
         return model
@@ -122,7 +101,7 @@ class ReachModel:
         return int(
             _steps_out_of_reach(
                 np.asarray(state, dtype=np.float64),
-                self._bounds,
+                self,
                 float(step),
                 int(longest),
                 float(position_error),
@@ -157,10 +136,10 @@ def _greatest_gravity(
 
 @kernel(error_model="numpy")
 def _steps_out_of_reach(
-    state, bounds, step, longest, position_error, velocity_error, stopping
+    state, model, step, longest, position_error, velocity_error, stopping
 ):  # fmt: skip
     """See `ReachModel.steps_out_of_reach`: eq. 28 of docs/method/equations.md, step by step."""
-    semi_axes, spin, acceleration, weakest, heights, gravity = bounds
+    semi_axes, spin, acceleration, heights, gravity, weakest = model
     position = state[:3]
     # In the frame that does not turn.
     vx, vy, vz = state[3] - spin * state[1], state[4] + spin * state[0], state[5]

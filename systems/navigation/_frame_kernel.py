@@ -33,17 +33,6 @@ class Rays(NamedTuple):
     """(K, 3) in K."""
 
 
-class Hits(NamedTuple):
-    """Where K rays meet the map."""
-
-    distances: np.ndarray
-    """(K,) in m."""
-    facets: np.ndarray
-    """(K,) int; negative: none."""
-    places: np.ndarray
-    """(K, 2) weights of the second and third vertex of the facet at the point met."""
-
-
 class Surface(NamedTuple):
     """The map, and the shapes that its error has."""
 
@@ -64,6 +53,19 @@ class RangeErrors(NamedTuple):
     """Variance in m^2 of the surface beyond the coefficients."""
     beam: float
     """Half of the angle of the beams in rad, as far as it may be."""
+
+
+class Comparison(NamedTuple):
+    """A measured frame beside the one that the map predicts, for the K rays that both have."""
+
+    rays: np.ndarray
+    """(K,) int: index of the ray in the frame."""
+    residuals: np.ndarray
+    """(K,) in m: measured less predicted range, times the cosine of the incidence."""
+    variances: np.ndarray
+    """(K,) in m^2: of the residuals if the estimate were true; +inf for rays not to be used."""
+    rows: np.ndarray
+    """(K, 10 + M): derivative of the residuals in the order of `MEASURED` and coefficients."""
 
 
 @kernel(error_model="numpy")
@@ -100,7 +102,7 @@ def raised_origins(position, seen, hits, surface, coefficients):
     It is raised along the normals: by as much as at the point of the map that the ray meets.
 
     Args:
-      position: (3,) in m in K. seen: N `Rays`. hits: their `Hits` from there.
+      position: (3,) in m in K. seen: N `Rays`. hits: their `FirstHits` from there.
       surface: a `Surface`. coefficients: (M,) of its error.
 
     Returns:
@@ -137,7 +139,7 @@ def rows_of_frame(position, seen, hits, heights, ranges, surface, believed):
     Eq. 11 to 14.
 
     Args:
-      position: (3,) in m in K. seen: N `Rays`. hits: their predicted `Hits`.
+      position: (3,) in m in K. seen: N `Rays`. hits: their predicted `FirstHits`.
       heights: (N,) in m: how far out the surface is in their distances already.
       ranges: the frame as measured, in m.
       surface: a `Surface`.
@@ -145,9 +147,7 @@ def rows_of_frame(position, seen, hits, heights, ranges, surface, believed):
         error; and `RangeErrors`.
 
     Returns:
-      Indices of the rays in the frame (K,), residuals q (z - r) in m (K,), their variances in m^2
-      (K,), and derivatives (K, 10 + M) in the order of `MEASURED` and coefficients. Of rays that
-      are too flat, the variance is +inf and the rest 0.
+      A `Comparison`. Of rays that are too flat, the variance is +inf and the rest 0.
     """
     rays, directions = seen
     found, facets, places = hits
@@ -195,4 +195,4 @@ def rows_of_frame(position, seen, hits, heights, ranges, surface, believed):
         rows[k, 7] = q
         rows[k, 8] = q * r
         rows[k, 9] = -r * slant
-    return met, residuals, variances, rows
+    return Comparison(met, residuals, variances, rows)

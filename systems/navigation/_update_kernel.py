@@ -42,6 +42,17 @@ class Gated(NamedTuple):
     """(L,) of the noise."""
 
 
+class Update(NamedTuple):
+    """A linear update of the prior by K residuals."""
+
+    moved: np.ndarray
+    """(n,) what the mean moves by."""
+    covariance: np.ndarray
+    """(n, n) after it."""
+    nis: float
+    """Normalised innovation squared."""
+
+
 @_compiled
 def gated(covariance, columns, frame, moved, gate):
     """The residuals that pass the gate, eq. 16 of docs/method/equations.md: a `Gated`.
@@ -127,9 +138,6 @@ def update(covariance, columns, rows, innovations, variances):
     Args:
       covariance: P (n, n). columns: (C,) where the measured quantities are in it.
       rows: H (K, C). innovations: (K,). variances: (K,) diagonal of R.
-
-    Returns:
-      What the mean moves by (n,), the new covariance, and the normalised innovation squared.
     """
     n, count = covariance.shape[0], 0
     live, place = np.empty(n, dtype=np.int64), np.empty(n, dtype=np.int64)
@@ -177,7 +185,7 @@ def update(covariance, columns, rows, innovations, variances):
             after[live[i], live[j]] = after[live[j], live[i]] = now
     for i in range(size):
         squares -= vector[i] * moved[columns[measured[i]]]
-    return moved, after, squares
+    return Update(moved, after, squares)
 
 
 @_compiled

@@ -57,17 +57,6 @@ class Correction(NamedTuple):
         return self.rejected_rays.size
 
 
-class _Update(NamedTuple):
-    """A linear update of the prior by K residuals."""
-
-    moved: np.ndarray
-    """(n,) what the mean moves by."""
-    covariance: np.ndarray
-    """(n, n) after it."""
-    nis: float
-    """Normalised innovation squared."""
-
-
 def corrected(
     model: FrameModel, prior: Estimate, ranges: np.ndarray, start: np.ndarray | None = None
 ) -> Correction:
@@ -99,7 +88,7 @@ def corrected(
                 covariance, columns, rows, cross_covariance, innovations, variances
             )
         else:
-            update = _Update(*kernel.update(covariance, columns, rows, innovations, variances))
+            update = kernel.update(covariance, columns, rows, innovations, variances)
         change, left = kernel.fit(columns, rows, innovations, moved, update.moved)
         moved = update.moved
         supposed = _moved(prior, moved)
@@ -124,7 +113,7 @@ def _by_returns(
     cross_covariance: np.ndarray,
     innovations: np.ndarray,
     variances: np.ndarray,
-) -> _Update:
+) -> kernel.Update:
     """The update in the form that is fast for few residuals: see `update` of the kernel.
 
     Args:
@@ -142,7 +131,7 @@ def _by_returns(
     white = _solved_triangle(1.0, factor, both.T, side=1, lower=1, trans_a=1, overwrite_b=1)
     learned, innovations = white[:-1], white[-1]
     after = covariance - learned @ learned.T
-    return _Update(learned @ innovations, after, float(innovations @ innovations))
+    return kernel.Update(learned @ innovations, after, float(innovations @ innovations))
 
 
 def _moved(prior: Estimate, moved: np.ndarray) -> Estimate:

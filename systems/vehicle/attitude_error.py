@@ -9,10 +9,8 @@ import numpy as np
 from proxops.systems.common import (
     LONG,
     Quaternion,
-    SeededSystem,
     Vector,
     check_finite,
-    check_not_negative,
     config,
     finite_vector,
     number,
@@ -21,7 +19,7 @@ from proxops.systems.common import (
     quaternion_product,
     vector,
 )
-from proxops.systems.vehicle.gauss_markov import gauss_markov_at
+from proxops.systems.vehicle.gauss_markov import SlowVector
 
 
 def believed_axes(
@@ -70,7 +68,7 @@ class TrueAttitudeConfig:
     correlation_time_s: float = number(3600.0, at_least=1e-2, at_most=LONG, unit="s")
 
 
-class AttitudeError(SeededSystem):
+class AttitudeError(SlowVector):
     """The attitude R_KS of a spacecraft that takes its axes S for those of the body, K.
 
     ```
@@ -112,27 +110,19 @@ class AttitudeError(SeededSystem):
           InputError: a vector is not of three finite numbers, the spin or the phase is not finite,
             the deviation or the correlation time is negative, or the period is not positive.
         """
-        super().__init__(period, seed)
+        super().__init__(constant, varying_std, correlation_time, period, seed)
         owner = "AttitudeError"
-        check_not_negative(owner, varying_std=varying_std, correlation_time=correlation_time)
         check_finite(owner, believed_spin=believed_spin, phase=phase)
-        self.constant = finite_vector(owner, "constant", constant)
-        self.varying_std, self.correlation_time = varying_std, correlation_time
         self.believed_spin, self.phase = believed_spin, phase
         self.true_spin = finite_vector(owner, "true_spin", true_spin)
         self.DeclareVectorOutputPort("attitude", 4, self._calc_attitude, self.seed_tickets())
 
     def _calc_attitude(self, context, output):
-        time = context.get_time()
         axes = believed_axes(
-            time, believed_spin=self.believed_spin, true_spin=self.true_spin, phase=self.phase
+            context.get_time(),
+            believed_spin=self.believed_spin,
+            true_spin=self.true_spin,
+            phase=self.phase,
         )
-        u, v, w = gauss_markov_at(
-            time,
-            std=self.varying_std,
-            correlation_time=self.correlation_time,
-            period=self.period,
-            seed=self.seed_of(context),
-        )
-        x, y, z = self.constant
-        output.SetFromVector(quaternion_product(axes, quaternion_of((x + u, y + v, z + w))))
+        error = quaternion_of(self.vector_at(context))
+        output.SetFromVector(quaternion_product(axes, error))
