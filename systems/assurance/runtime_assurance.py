@@ -70,9 +70,6 @@ class RuntimeAssurance(LeafSystem):
         Args:
           backup: holds body, spacecraft, limits, bounds and control period.
           deviations: number of standard deviations of `covariance` that count.
-
-        Raises:
-          InputError: `deviations` is negative or not finite.
         """
         super().__init__()
         check_not_negative("RuntimeAssurance", deviations=deviations)
@@ -86,11 +83,7 @@ class RuntimeAssurance(LeafSystem):
         self._assured = self.DeclareCacheEntry(
             "assured",
             ValueProducer(allocate=lambda: AbstractValue.Make(blank), calc=self._calc_assured),
-            {
-                self._state_port.ticket(),
-                self._command_port.ticket(),
-                self._covariance_port.ticket(),
-            },
+            {self.all_input_ports_ticket()},
         )
         self.DeclareVectorOutputPort(
             "force",

@@ -54,11 +54,7 @@ def rotated(rotation: Quaternion, vector: Vector) -> Vector:
     w, x, y, z = rotation
     a, b, c = vector
     p, q, r = 2.0 * (y * c - z * b), 2.0 * (z * a - x * c), 2.0 * (x * b - y * a)
-    return (
-        a + w * p + (y * r - z * q),
-        b + w * q + (z * p - x * r),
-        c + w * r + (x * q - y * p),
-    )
+    return (a + w * p + (y * r - z * q), b + w * q + (z * p - x * r), c + w * r + (x * q - y * p))
 
 
 def rotation_matrix(quaternion: np.ndarray) -> np.ndarray:

@@ -152,10 +152,6 @@ class ModelPredictiveController(LeafSystem):
           estimator_gain: from 0 to 1; 0: no estimate of an unexplained acceleration.
           delay: time in s from a command's evaluation until it acts.
           latest: time in s of the flight at which plans should have ended; inf: at none.
-
-        Raises:
-          InputError: the period or the number of iterations is not positive, the gain is not from
-            0 to 1, the delay is not from 0 to the period, or `latest` is not positive.
         """
         super().__init__()
         check_positive("ModelPredictiveController", period=period)

@@ -62,9 +62,6 @@ class WeightedProgram:
 
         Every plan is `horizon.minimum` long. Of the horizon's other values only `intervals` and
         `interval_growth` are used.
-
-        Raises:
-          InputError: a weight is not positive.
         """
         check_positive("ErrorWeights", position=weights.position, speed=weights.speed)
         self.transit = LinearisedTransit(field, spin, limits, horizon, free_time=False)

@@ -76,9 +76,6 @@ def find_equilibria(
     Returns:
       First the equilibria outside the body, by longitude from -45 degrees on; then those inside,
       from the outermost to the innermost. This is the order of the literature.
-
-    Raises:
-      InputError: the starts are not an (N, 3) array or the spin is not finite.
     """
     if not np.isfinite(spin):
         raise InputError(f"the spin must be finite, got {spin} rad/s")

@@ -152,11 +152,7 @@ class GravityField:
         return masses @ np.array([part.centre_of_mass for part in self._parts]) / masses.sum()
 
     def evaluate(self, points: np.ndarray) -> Gravity:
-        """The field at points (N, 3) in m; large batches are computed by all of numba's threads.
-
-        Raises:
-          InputError: the points are not an (N, 3) array.
-        """
+        """The field at points (N, 3) in m; large batches are computed by all of numba's threads."""
         columns = self.columns(as_points(points))
         gradient = columns[:, 4:13].reshape(-1, 3, 3)
         return Gravity(columns[:, 0], columns[:, 1:4], gradient, columns[:, 13] > 2.0 * np.pi)

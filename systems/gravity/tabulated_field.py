@@ -81,11 +81,7 @@ class TabulatedField:
         return _kept_boxes(_name_of(field, semi_axes, relative_error)) is not None
 
     def evaluate(self, points: np.ndarray) -> Gravity:
-        """The field at points (N, 3) in m.
-
-        Raises:
-          InputError: the points are not an (N, 3) array.
-        """
+        """The field at points (N, 3) in m."""
         points = as_points(points)
         columns = np.empty((len(points), 14))
         missing = kernel.evaluate(points, self.tables, columns)

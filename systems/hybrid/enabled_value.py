@@ -25,7 +25,7 @@ class EnabledValue(LeafSystem):
         self._value_port = self.DeclareVectorInputPort("value", size)
         self._nothing = np.full(size, np.nan)
         self.DeclareVectorOutputPort(
-            "value", size, self._calc_value, {self._enable_port.ticket(), self._value_port.ticket()}
+            "value", size, self._calc_value, {self.all_input_ports_ticket()}
         )
 
     def _calc_value(self, context, output):

@@ -153,9 +153,6 @@ class HybridSelector(LeafSystem):
           position_error, velocity_error: bounds, in m and m/s, of the errors of `state`.
           deviations: so many standard deviations of `covariance` (9, 9), that of `LidarNavigation`,
             are added to these bounds, if that port is connected.
-
-        Raises:
-          InputError: the period is not positive, or an error is negative or not finite.
         """
         super().__init__()
         check_positive("HybridSelector", period=period)
@@ -180,14 +177,7 @@ class HybridSelector(LeafSystem):
         self._choice = self.DeclareCacheEntry(
             "decision",
             ValueProducer(allocate=lambda: AbstractValue.Make(blank), calc=self._calc_choice),
-            {
-                self._mpc_port.ticket(),
-                self._planned_port.ticket(),
-                self._policy_port.ticket(),
-                self._state_port.ticket(),
-                self._covariance_port.ticket(),
-                self.xd_ticket(),
-            },
+            {self.all_input_ports_ticket(), self.xd_ticket()},
         )
         depends = {self._choice.ticket()}
         own = {self.xd_ticket()}

@@ -71,10 +71,6 @@ class Lidar(PlanarLidar):
           geometry: by default 12 planes of 360 rays, up to 350 km.
           period: time between steps in s.
           seed: default of the Context's parameter.
-
-        Raises:
-          InputError: an argument is of another type, the period is not positive, the seed is
-            negative, or there are false returns and the greatest range is infinite.
         """
         check_type("Lidar", Polyhedron, shape=shape)
         check_type("Lidar", LidarErrors, errors=errors)

@@ -34,20 +34,14 @@ class PlanarLidar(SeededSystem):
     """
 
     def __init__(self, errors: LidarErrors, geometry: LidarGeometry, period: float, seed: int):
-        """Takes the errors, the geometry, the time between steps in s and the default seed.
-
-        Raises:
-          InputError: the period is not positive, the seed is negative, or there are false returns
-            and the greatest range is infinite.
-        """
+        """Takes the errors, the geometry, the time between steps in s and the default seed."""
         super().__init__(period, seed)
         check_false_returns(errors, geometry.max_range)
         self.errors, self.geometry = errors, geometry
         self.directions = geometry.directions
         self._position_port = self.DeclareVectorInputPort("position", 3)
         self._attitude_port = self.DeclareVectorInputPort("attitude", 4)
-        pose = {self._position_port.ticket(), self._attitude_port.ticket()}
-        depends = pose | self.seed_tickets()
+        depends = {self.all_input_ports_ticket(), *self.seed_tickets()}
         self._ranges_port = self.DeclareVectorOutputPort(
             "ranges", geometry.size, self._calc_ranges, depends
         )

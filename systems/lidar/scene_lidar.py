@@ -96,8 +96,7 @@ class SceneLidar(SeededSystem):
         still = AbstractValue.Make(RigidTransform())
         self._pose_port = self.DeclareAbstractInputPort("X_WS", still)
         self._scene_ports = [self.DeclareAbstractInputPort(f"X_W{name}", still) for name in scene]
-        ports = (self._pose_port, *self._scene_ports)
-        depends = {port.ticket() for port in ports} | self.seed_tickets()
+        depends = {self.all_input_ports_ticket(), *self.seed_tickets()}
         self._ranges_port = self.DeclareVectorOutputPort(
             "ranges", len(directions), self._calc_ranges, depends
         )

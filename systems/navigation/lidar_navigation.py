@@ -107,9 +107,6 @@ class LidarNavigation(LeafSystem):
           expected: one standard deviation of everything; None: `ExpectedErrors()`.
           period: control period in s. frame_delay: age of a frame in periods when it arrives.
           map_error: of the map; None: as `expected` says.
-
-        Raises:
-          InputError: a value is out of range.
         """
         super().__init__()
         check_positive("LidarNavigation", mass=mass, period=period, noise_std=noise_std)
@@ -136,12 +133,7 @@ class LidarNavigation(LeafSystem):
         self._step = self.DeclareCacheEntry(
             "step",
             ValueProducer(allocate=lambda: AbstractValue.Make(object()), calc=self._calc_step),
-            {
-                self._ranges_port.ticket(),
-                self._force_port.ticket(),
-                self.xd_ticket(),
-                self.time_ticket(),
-            },
+            {self.all_input_ports_ticket(), self.xd_ticket(), self.time_ticket()},
         )
         depends = {self._step.ticket()}
         self._ports = {

@@ -119,7 +119,7 @@ class GuidancePolicy(LeafSystem):
         self._answer = self.DeclareCacheEntry(
             "answer",
             ValueProducer(allocate=lambda: AbstractValue.Make(object()), calc=self._calc_answer),
-            {self._state_port.ticket(), self._target_port.ticket(), self.time_ticket()},
+            {self.all_input_ports_ticket(), self.time_ticket()},
         )
         depends = {self._answer.ticket()}
         self._force_port = self.DeclareVectorOutputPort(

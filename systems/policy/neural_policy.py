@@ -101,12 +101,7 @@ class NeuralPolicy(LeafSystem):
         self._answer = self.DeclareCacheEntry(
             "answer",
             ValueProducer(allocate=lambda: AbstractValue.Make(nothing), calc=self._calc_answer),
-            {
-                self._ranges_port.ticket(),
-                self._target_port.ticket(),
-                self._commanded_port.ticket(),
-                self.xd_ticket(),
-            },
+            {self.all_input_ports_ticket(), self.xd_ticket()},
         )
         depends = {self._answer.ticket()}
         self._force_port = self.DeclareVectorOutputPort("force", 3, self._calc_force, depends)

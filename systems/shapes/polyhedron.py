@@ -11,11 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from proxops.systems.common import InputError
-from proxops.systems.shapes.mesh_checks import (
-    directed_edges,
-    find_defects,
-    six_volumes,
-)
+from proxops.systems.shapes.mesh_checks import directed_edges, find_defects, six_volumes
 from proxops.systems.shapes.shape_files import metres_per, read_mesh
 from proxops.systems.shapes.surface import Surface
 

@@ -23,12 +23,7 @@ class Surface:
     """
 
     def __init__(self, vertices: ArrayLike, facets: ArrayLike, name: str = "mesh"):
-        """Takes vertices (V, 3) in metres and facets (F, 3) of indices into them.
-
-        Raises:
-          InputError: the arrays have other shapes, hold no facet, a vertex is not finite, or an
-            index is out of range.
-        """
+        """Takes vertices (V, 3) in metres and facets (F, 3) of indices into them."""
         self.vertices = np.array(vertices, dtype=np.float64)
         self.facets = np.array(facets, dtype=np.int64)
         self.name = name

@@ -134,9 +134,6 @@ class ActualThrust(LeafSystem):
         """Takes the errors, the control period in s, and the specific impulse in s.
 
         Without a specific impulse, the mass flow is 0.
-
-        Raises:
-          InputError: the period or the specific impulse is not positive.
         """
         super().__init__()
         check_positive("ActualThrust", period=period)

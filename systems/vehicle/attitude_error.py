@@ -105,10 +105,6 @@ class AttitudeError(SlowVector):
           phase: rad: what the believed rotation phase is ahead by.
           period: control period in s.
           seed: the seed of a new Context.
-
-        Raises:
-          InputError: a vector is not of three finite numbers, the spin or the phase is not finite,
-            the deviation or the correlation time is negative, or the period is not positive.
         """
         super().__init__(constant, varying_std, correlation_time, period, seed)
         owner = "AttitudeError"

@@ -25,22 +25,13 @@ class CommandAxes(LeafSystem):
     """
 
     def __init__(self, limit: float):
-        """Takes the greatest force per axis in N.
-
-        Raises:
-          InputError: it is not positive.
-        """
+        """Takes the greatest force per axis in N."""
         super().__init__()
         check_positive("CommandAxes", limit=limit)
         self.limit = limit
         self._command_port = self.DeclareVectorInputPort("force", 3)
         self._attitude_port = self.DeclareVectorInputPort("attitude", 4)
-        self.DeclareVectorOutputPort(
-            "force",
-            3,
-            self._calc_force,
-            {self._command_port.ticket(), self._attitude_port.ticket()},
-        )
+        self.DeclareVectorOutputPort("force", 3, self._calc_force, {self.all_input_ports_ticket()})
 
     def _calc_force(self, context, output):
         x, y, z = self._command_port.Eval(context).tolist()

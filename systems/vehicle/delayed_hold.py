@@ -27,11 +27,7 @@ class DelayedHold(LeafSystem):
     """
 
     def __init__(self, period: float, delay: float, size: int):
-        """Takes the period and the delay in s and the size of input and output.
-
-        Raises:
-          InputError: the period or the delay is not positive, or the delay is above the period.
-        """
+        """Takes the period and the delay in s and the size of input and output."""
         super().__init__()
         if not 0.0 < delay <= period:
             raise InputError(

@@ -6,12 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from proxops.systems.common import (
-    LONG,
-    config,
-    number,
-    vector,
-)
+from proxops.systems.common import LONG, config, number, vector
 from proxops.systems.vehicle.gauss_markov import SlowVector
 
 
@@ -54,10 +49,6 @@ class UnexplainedAcceleration(SlowVector):
           correlation_time: s, of that part.
           period: control period in s.
           seed: the seed of a new Context.
-
-        Raises:
-          InputError: the constant is not of three finite numbers, the deviation or the correlation
-            time is negative, or the period is not positive.
         """
         super().__init__(constant, std, correlation_time, period, seed)
         self.DeclareVectorOutputPort(

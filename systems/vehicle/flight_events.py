@@ -109,9 +109,6 @@ class FlightEvents:
           keep_out_semi_axes: (3,) in m, of the keep-out ellipsoid. The true mesh may stick out.
           radius, speed: size of the goal region in m and m/s.
           dwell: time in s in the goal region after which the flight ends.
-
-        Raises:
-          InputError: one of them is not positive, or the dwell is negative.
         """
         check_positive("a flight", radius=radius, speed=speed)
         check_not_negative("a flight", dwell=dwell)

@@ -53,9 +53,6 @@ class FlightMonitor(LeafSystem):
         Args:
           events: knows the true body, the keep-out ellipsoid and the goal region.
           period: control period in s.
-
-        Raises:
-          InputError: the period is not positive.
         """
         super().__init__()
         check_positive("FlightMonitor", period=period)

@@ -22,12 +22,7 @@ class ForceDisturbance(SeededSystem):
     """
 
     def __init__(self, thrust_limit: float, period: float, seed: int):
-        """Takes the limit of each axis in N, the control period in s, and the default seed.
-
-        Raises:
-          InputError: the limit or the period is not positive, or the seed is not a whole number
-            from 0 to 2^53 - 1.
-        """
+        """Takes the limit of each axis in N, the control period in s, and the default seed."""
         super().__init__(period, seed)
         check_positive(type(self).__name__, thrust_limit=thrust_limit)
         self.thrust_limit = thrust_limit

@@ -78,12 +78,7 @@ class SlowVector(SeededSystem):
         period: float,
         seed: int,
     ):
-        """Takes the constant (3,), deviation and correlation time (s), control period (s) and seed.
-
-        Raises:
-          InputError: the constant is not of three finite numbers, the deviation or the correlation
-            time is negative, or the period is not positive.
-        """
+        """Takes the constant (3,), the deviation, correlation time and period in s, and a seed."""
         super().__init__(period, seed)
         owner = type(self).__name__
         check_not_negative(owner, std=std, correlation_time=correlation_time)

@@ -52,12 +52,7 @@ class RandomWalkDisturbance(ForceDisturbance):
         period: float = 10.0,
         seed: int = 0,
     ):
-        """Takes forces in N and periods in s; `period` is the control period.
-
-        Raises:
-          InputError: a limit or period is not positive, the reset period is shorter than the
-            period, or another property is negative or not finite.
-        """
+        """Takes forces in N and periods in s; `period` is the control period."""
         super().__init__(thrust_limit, period, seed)
         owner = "RandomWalkDisturbance"
         check_positive(owner, reset_period=reset_period)

@@ -174,10 +174,6 @@ def Spacecraft_(T):  # noqa: N802 (Drake's own naming of templates)
           initial_state: (6,) in m and m/s in K; None: at rest at the origin.
           axis_point: (3,) in m in K: a point of the spin axis.
           burns_propellant: whether the mass is a state, with the ports `mass_flow` and `mass`.
-
-        Raises:
-          InputError: the mass is not positive; spin, point or state are not finite numbers, or not
-            as many as they should be.
         """
 
         def _construct(

@@ -28,11 +28,7 @@ class StateNoise(SeededSystem):
         period: float = 10.0,
         seed: int = 0,
     ):
-        """Takes standard deviations per axis in m and m/s, and the control period in s.
-
-        Raises:
-          InputError: a deviation is negative or not finite, or the period is not positive.
-        """
+        """Takes standard deviations per axis in m and m/s, and the control period in s."""
         super().__init__(period, seed)
         check_not_negative("StateNoise", position_std=position_std, velocity_std=velocity_std)
         self.stds = np.repeat([position_std, velocity_std], 3)

@@ -22,11 +22,7 @@ class Thrusters(LeafSystem):
     """
 
     def __init__(self, limit: float):
-        """Takes the greatest force per axis in N.
-
-        Raises:
-          InputError: it is not positive.
-        """
+        """Takes the greatest force per axis in N."""
         super().__init__()
         check_positive("Thrusters", limit=limit)
         self.limit = limit

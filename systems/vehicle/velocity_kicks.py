@@ -53,12 +53,7 @@ class VelocityKicks(SeededSystem):
         period: float = 10.0,
         seed: int = 0,
     ):
-        """Takes the kicks' standard deviation per axis in m/s, their mean interval and period in s.
-
-        Raises:
-          InputError: the period is not positive, the mean interval is shorter than the period, or
-            the deviation is negative or not finite.
-        """
+        """Takes the standard deviation per axis in m/s, the mean interval and the period in s."""
         super().__init__(period, seed)
         check_positive("VelocityKicks", mean_interval=mean_interval)
         check_not_negative("VelocityKicks", velocity_std=velocity_std)
