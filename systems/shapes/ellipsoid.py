@@ -136,8 +136,9 @@ def tangent_half_spaces(semi_axes: np.ndarray, points: np.ndarray) -> tuple[np.n
 def _tangents(semi_axes, points):
     normals, offsets = np.empty(points.shape), np.zeros(points.shape[0])
     for k in range(offsets.size):
-        norm = math.sqrt(squared_norm(semi_axes, points[k]))
-        touching = closest_point(semi_axes, points[k]) if norm < 1.0 else points[k] / norm
+        point = points[k]
+        norm = math.sqrt(squared_norm(semi_axes, point))
+        touching = closest_point(semi_axes, point) if norm < 1.0 else point / norm
         _fill_normal(semi_axes, touching, normals[k])
         for i in range(3):
             offsets[k] += normals[k, i] * touching[i]
