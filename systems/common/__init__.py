@@ -44,6 +44,7 @@ from proxops.systems.common.rotations import (
     quaternion_product,
     rotated,
     rotation_matrix,
+    turned_vector,
 )
 from proxops.systems.common.seeded_system import SeededSystem
 from proxops.systems.common.settings import (
@@ -113,6 +114,7 @@ __all__ = [
     "rotation_matrix",
     "silent",
     "spread_directions",
+    "turned_vector",
     "vector",
     "write_json",
     "write_whole",

@@ -81,6 +81,16 @@ def rotation_matrix(quaternion: np.ndarray) -> np.ndarray:
 
 
 @kernel(error_model="numpy", forceinline=True)
+def turned_vector(matrix, x, y, z):
+    """The product (3 numbers) of a matrix (3, 3) and the vector x, y, z, in compiled functions."""
+    return (
+        matrix[0, 0] * x + matrix[0, 1] * y + matrix[0, 2] * z,
+        matrix[1, 0] * x + matrix[1, 1] * y + matrix[1, 2] * z,
+        matrix[2, 0] * x + matrix[2, 1] * y + matrix[2, 2] * z,
+    )
+
+
+@kernel(error_model="numpy", forceinline=True)
 def cross_matrix(vector):
     """The matrix (3, 3) W of a vector w (3,), for which W v is w x v."""
     x, y, z = vector[0], vector[1], vector[2]

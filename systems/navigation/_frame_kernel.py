@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from proxops.systems.common import kernel
+from proxops.systems.common import kernel, turned_vector
 from proxops.systems.navigation.estimate import MEASURED
 
 # Rays that meet the surface at a flatter angle (cosine of the incidence) are not used: there the
@@ -89,8 +89,7 @@ def returned_rays(ranges, farthest, rotation, directions):
         if ranges[ray] < farthest:
             rays[k] = ray
             x, y, z = directions[ray, 0], directions[ray, 1], directions[ray, 2]
-            for i in range(3):
-                turned[k, i] = rotation[i, 0] * x + rotation[i, 1] * y + rotation[i, 2] * z
+            turned[k, 0], turned[k, 1], turned[k, 2] = turned_vector(rotation, x, y, z)
             k += 1
     return Rays(rays, turned)
 
