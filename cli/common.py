@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import logging
 import os
 import shlex
 import sys
@@ -87,6 +88,14 @@ console = Console(markup=False)
 """The console for results: standard output."""
 status = Console(stderr=True, soft_wrap=True, markup=False)
 """The console for progress and remarks: standard error."""
+
+
+class LogLines(logging.Handler):
+    """Prints each record of a log as a line for people, on standard error."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Prints a record."""
+        status.print(f"proxops: {record.getMessage()}")
 
 
 class _Bar(rich.progress.Progress):

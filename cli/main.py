@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import logging
 import os
 import sys
 import typing
@@ -50,6 +51,15 @@ app = typer.Typer(
 )
 
 
+def _show_log(verbose: bool) -> None:
+    """Shows what proxops logs on standard error: warnings, and with `verbose` all else."""
+    from proxops.cli.common import LogLines  # Slow to import, as the commands are, which need it.
+
+    logger = logging.getLogger("proxops")
+    logger.handlers = [LogLines()]
+    logger.setLevel(logging.INFO if verbose else logging.WARNING)
+
+
 def _print_version(wanted: bool) -> None:
     if wanted:
         from importlib import metadata  # Nothing else needs it.
@@ -66,8 +76,12 @@ def _options(
             "--version", callback=_print_version, is_eager=True, help="Print the version."
         ),
     ] = False,
+    verbose: Annotated[
+        bool, typer.Option("--verbose", "-v", help="Show all that is logged, not only warnings.")
+    ] = False,
 ) -> None:
     """Fly spacecraft close to small bodies: simulate, evaluate, replay."""
+    _show_log(verbose)
 
 
 for _name, _line in COMMANDS.items():

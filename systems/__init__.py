@@ -27,17 +27,13 @@ from proxops.systems.gravity import (
     PolyhedralGravity,
     PolyhedralGravity_,
     TabulatedField,
-    effective_field,
     find_equilibria,
-    plane_cut,
-    surface_map,
 )
 from proxops.systems.hybrid import (
     AgreementGate,
     CheckSchedule,
     DecisionReason,
     EnabledValue,
-    FlownBy,
     GateKind,
     HybridSelector,
     PeriodRule,
@@ -48,7 +44,6 @@ from proxops.systems.lidar import (
     FrameDelay,
     LearnedLidar,
     Lidar,
-    LidarBundle,
     LidarErrors,
     LidarGeometry,
     PlanarLidar,
@@ -71,7 +66,7 @@ from proxops.systems.policy import (
     ProportionalDerivative,
     Surroundings,
 )
-from proxops.systems.shapes import Polyhedron, RayCaster, RayFan, Surface
+from proxops.systems.shapes import Polyhedron, RayCaster, Surface
 from proxops.systems.vehicle import (
     ActualThrust,
     AttitudeError,
@@ -88,7 +83,6 @@ from proxops.systems.vehicle import (
     Thrusters,
     UnexplainedAcceleration,
     VelocityKicks,
-    jacobi_integral,
 )
 
 __all__ = [
@@ -107,7 +101,6 @@ __all__ = [
     "ExpectedErrors",
     "FlightLimits",
     "FlightMonitor",
-    "FlownBy",
     "ForceNoise",
     "FrameDelay",
     "GateKind",
@@ -122,7 +115,6 @@ __all__ = [
     "LearnedLidar",
     "LegendEntry",
     "Lidar",
-    "LidarBundle",
     "LidarErrors",
     "LidarGeometry",
     "LidarNavigation",
@@ -146,7 +138,6 @@ __all__ = [
     "ProportionalDerivative",
     "RandomWalkDisturbance",
     "RayCaster",
-    "RayFan",
     "ReachModel",
     "RuntimeAssurance",
     "SceneLidar",
@@ -162,10 +153,6 @@ __all__ = [
     "UnexplainedAcceleration",
     "VelocityKicks",
     "WeightedProgram",
-    "effective_field",
     "find_equilibria",
-    "jacobi_integral",
-    "plane_cut",
     "ray_directions",
-    "surface_map",
 ]

@@ -1,6 +1,7 @@
 """The command line: what it writes, what it says, and how it refuses bad input."""
 
 import json
+import logging
 import subprocess
 import sys
 import warnings
@@ -137,6 +138,22 @@ def test_one_flight_does_not_wait_for_a_gravity_table(
     ran = run(*asked, "--set", "gravity=table", "--out", "with")
     assert "no gravity table" not in ran.err
     assert FlightLog.load(tmp_path / "with" / "flight.nc").scenario.gravity == "table"
+
+
+@pytest.mark.parametrize(("options", "shown"), [((), 1), (("-v",), 2), (("--verbose",), 2)])
+def test_the_log_is_shown(
+    run, options: tuple[str, ...], shown: int, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """Warnings always: to make a gravity table is one, because a user waits for it."""
+    assert run(*options, "replay", "none.nc").code == 2
+    log = logging.getLogger("proxops.systems.gravity")
+    log.warning("making the gravity table of %s", "[a] body")
+    log.info("the gravity table is kept")
+    lines = [
+        "proxops: making the gravity table of [a] body\n",
+        "proxops: the gravity table is kept\n",
+    ]
+    assert capfd.readouterr().err == "".join(lines[:shown])
 
 
 def test_fly(run, tmp_path: Path) -> None:

@@ -77,7 +77,7 @@ def test_both_forms_are_the_textbook_s(
     innovations, variances = rng.normal(size=count), rng.uniform(0.1, 10.0, count)
     given_ = covariance, columns, rows, innovations, variances
     moved, after, squares = joseph(*given_)
-    found = correction._Update(*FORMS[form](covariance, columns, rows, innovations, variances))
+    found = FORMS[form](covariance, columns, rows, innovations, variances)
     sigma = np.where(exact, 1.0, np.sqrt(np.diag(covariance)))
     np.testing.assert_allclose(found.moved / sigma, moved / sigma, rtol=1e-9, atol=1e-9)
     both = np.outer(sigma, sigma)

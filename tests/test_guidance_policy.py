@@ -332,10 +332,10 @@ def test_arrays_of_other_networks_are_refused(name: str, array: np.ndarray, word
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"ranges": {"spin": [1.0]}}, "no pairs"),
-        ({"ranges": {"spin": [1.0, 10**400]}}, "no pairs"),
-        ({"ranges": {"spin": [2.0, 1.0]}}, "empty"),
-        ({"ranges": {"spin": [1.0, 2.0]}}, "not those of semi_axis_x"),
+        ({"ranges": {"spin": [1.0]}}, "a least and a greatest"),
+        ({"ranges": {"spin": [1.0, 10**400]}}, "a least and a greatest"),
+        ({"ranges": {"spin": [2.0, 1.0]}}, "a least and a greatest"),
+        ({"ranges": {"spin": [1.0, 2.0]}}, "each for semi_axis_x"),
         ({"format": "other"}, "not of the format"),
         ({"model_sha256": "0"}, "hash"),
     ],

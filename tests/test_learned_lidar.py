@@ -159,7 +159,7 @@ def test_a_frame_network_flies_with_the_sensor_s_errors(frame_bundle: Path):
         ({"kind": "photograph"}, "no kind 'photograph'"),
         ({"length_unit_m": 0.0}, "length_unit_m is not a positive"),
         ({"length_unit_m": "km"}, "length_unit_m is not a positive"),
-        ({"kind": "ray network"}, "centre_m is no list"),
+        ({"kind": "ray network"}, "centre_m is not three numbers"),
         ({"rays": 180}, "by its outputs' shapes"),
         ({"planes": -12}, "must be positive"),
     ],
@@ -226,7 +226,9 @@ DAMAGES = {
     "its hash is not the one": lambda folder: (folder / "model.onnx").write_bytes(b"onnx"),
     "is not JSON": lambda folder: (folder / "bundle.json").write_text('{"format": "prox'),
     "is not of the format": lambda folder: change(folder / "bundle.json", format="other"),
-    "semi_axes_m is no list": lambda folder: change(folder / "bundle.json", semi_axes_m=None),
+    "semi_axes_m is not three numbers": lambda folder: change(
+        folder / "bundle.json", semi_axes_m=None
+    ),
     "centre_m is not three": lambda folder: change(folder / "bundle.json", centre_m=[1.0]),
 }
 

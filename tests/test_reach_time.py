@@ -186,7 +186,7 @@ def test_moving_away_is_safer_and_towards_less(model: ReachModel) -> None:
 @given(st.integers(0, 10**6), st.floats(0.0, 3e3), st.floats(0.0, 3.0))
 def test_errors_shorten_it(seed: int, position_error: float, velocity_error: float) -> None:
     """The answer holds for every state within the errors."""
-    model = ReachModel(AXES, 3.2e-4, 0.07, np.array([0.0]), np.array([0.04]))
+    model = ReachModel(AXES, 3.2e-4, 0.07, np.array([0.0]), np.array([0.04]), 0.07)
     [state] = random_starts(1, seed)
     way = np.random.default_rng(seed).normal(size=(2, 3))
     way /= np.linalg.norm(way, axis=1, keepdims=True)

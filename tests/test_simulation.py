@@ -4,6 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from jacobi import jacobi_integral
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicHermiteSpline
 from short_flights import (
@@ -21,7 +22,7 @@ from proxops.diagrams.flight.named_controllers import named_controller
 from proxops.diagrams.flight.simulation import fly
 from proxops.diagrams.logs.flight_log import FlightLog, differences
 from proxops.diagrams.scenario.scenario import load_scenario
-from proxops.systems import InputError, jacobi_integral
+from proxops.systems import InputError
 
 SPIN = 2.0 * np.pi / (5.38528 * 3600.0)
 

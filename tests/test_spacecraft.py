@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from jacobi import jacobi_integral
 from pydrake.autodiffutils import AutoDiffXd
 from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
@@ -18,10 +19,9 @@ from proxops.systems import (
     PolyhedralGravity_,
     Spacecraft,
     Spacecraft_,
-    jacobi_integral,
 )
+from proxops.systems.common import cross_matrix
 from proxops.systems.vehicle.spacecraft import (
-    cross_matrix,
     rotating_frame_acceleration,
     spinning_frame_acceleration,
 )

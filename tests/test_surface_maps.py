@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 import trimesh
+from jacobi import jacobi_integral
 
 from proxops.diagrams.scenario.body import load_body
-from proxops.systems import GravityField, InputError, Polyhedron, jacobi_integral
+from proxops.systems import GravityField, InputError, Polyhedron
 from proxops.systems.gravity.equilibria import find_equilibria, linear_modes, synchronous_radius
 from proxops.systems.gravity.surface_maps import effective_field, plane_cut, surface_map
 

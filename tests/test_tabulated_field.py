@@ -132,7 +132,7 @@ def test_a_free_orbit_keeps_its_energy():
     assert np.ptp(jacobi) < 10.0 * ERROR * potential.max()
 
 
-def test_it_is_made_once_and_a_damaged_file_is_made_again(cache_folder, monkeypatch, capsys):
+def test_it_is_made_once_and_a_damaged_file_is_made_again(cache_folder, monkeypatch, caplog):
     made = []
     make = tabulated_field.make_boxes
     monkeypatch.setattr(
@@ -150,10 +150,11 @@ def test_it_is_made_once_and_a_damaged_file_is_made_again(cache_folder, monkeypa
     assert len(made) == 1
     assert TabulatedField.is_kept(exact(0.0), 2.0 * AXES, 1e-2)
     assert not TabulatedField.is_kept(exact(0.0), 2.0 * AXES, 2e-3)
-    assert "making the gravity table of a low ball" in capsys.readouterr().err
+    assert "making the gravity table of a low ball" in caplog.text
+    caplog.clear()
     np.testing.assert_array_equal(again(), first)
     assert len(made) == 1
-    assert not capsys.readouterr().err
+    assert not caplog.text
     (path,) = set(cache_folder.glob("*")) - before
     whole = path.read_bytes()
     for damaged in (whole[:-100], whole[:2000] + b"xxxx" + whole[2004:], b""):
@@ -169,13 +170,13 @@ def test_it_is_made_once_and_a_damaged_file_is_made_again(cache_folder, monkeypa
     assert len(made) == 5
 
 
-def test_without_a_cache_folder_it_works_and_says_so(monkeypatch, tmp_path, capsys):
+def test_without_a_cache_folder_it_works_and_says_so(monkeypatch, tmp_path, caplog):
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "file"))
     tabulated_field._boxes.cache_clear()
     TabulatedField(exact(0.0), 2.0 * AXES, 1e-2)
-    assert "the gravity table is not kept" in capsys.readouterr().err
+    assert "the gravity table is not kept" in caplog.text
 
 
 @pytest.mark.parametrize(

@@ -9,10 +9,7 @@ law changes the safety argument in docs/method/safety.md, too.
 """
 
 from proxops.systems.assurance.assurance_bounds import AssuranceBounds
-from proxops.systems.assurance.backup_braking import (
-    BackupBraking,
-    InterventionReason,
-)
+from proxops.systems.assurance.backup_braking import BackupBraking, InterventionReason
 from proxops.systems.assurance.runtime_assurance import AssuranceConfig, RuntimeAssurance
 
 __all__ = [

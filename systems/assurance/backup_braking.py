@@ -70,43 +70,28 @@ class BackupBraking:
     """A backup law, the states from which it is safe, and the least change that keeps a force safe.
 
     Every promise holds for all errors within the declared bounds: any world in the box, and any
-    state within its errors of the one that is given. docs/method/safety.md has the argument.
+    state within its errors of the one that is given. docs/method/safety.md has the law and the
+    argument.
 
-    **The law.** n is the normal, at the spacecraft, of the ellipsoid through it that has the
-    keep-out ellipsoid's proportions; c is a quarter of the speed limit; T is the control period; a
-    is the acceleration by gravity, centrifugal and Coriolis terms. The backup's force is, per
-    axis::
+    **The backup** seeks an outward speed of a quarter of the speed limit and brakes all else as
+    hard as it can, once the spacecraft moves outwards at `outward_speed`; across the spin it always
+    brakes to `settled_speed`, at which thrust can still hold against gravity and Coriolis. The law
+    is continuous in the state.
 
-        F = clip(m (e / T - a), ± limit)        e = c n - v
-
-    So each axis reaches the velocity c n as fast as it can. There are two exceptions. An axis that
-    moves outwards faster than that (e n < 0) is not braked (e = 0) before the spacecraft as a whole
-    moves outwards at `outward_speed`; from there on it is braked by the share of c by which the
-    outward speed is greater. An axis with less than 0.2 of the normal is braked all the same: the
-    less, the more. And an axis across the spin is always braked to `settled_speed`, at which thrust
-    can still hold against gravity and Coriolis. The law is continuous in the state.
-
-    **The backup margin** of a state is the least clearance of a *tube* along the backup's flight:
-    for each axis an interval of positions and one of velocities that holds every spacecraft in any
-    world of the box, which measures its state anew at each step, with any error within the bounds.
-    So the tube does not grow where the law is able to correct. The prediction ends when all
-    of the tube moves outwards faster than `outward_speed`. From then on outward speed stays
-    positive. A state is *admitted* if its backup margin is not negative.
+    **The backup margin** of a state is the least clearance of a *tube* along the backup's flight,
+    which holds the spacecraft in any world of the box, until all of it moves outwards faster than
+    `outward_speed`. A state is *admitted* if its backup margin is not negative.
 
     **The margin** of a command at a state is the least clearance of the tube if the command flies
     for one period and the backup after it. A command is safe if its margin is not negative; if it
-    is negative, its size is the *shortfall*.
-
-    **Why this is safe.** Only safe commands fly, and the backup if none is found. So at each step
-    from an admitted state on there is a force that keeps out: the backup's. The tube of the last
-    accepted command holds the true spacecraft as long as the backup flies.
+    is negative, its size is the *shortfall*. Only safe commands fly, and the backup if none is
+    found.
 
     **The least change** of a force has these steps. It is clipped to the thrust and speed limits.
     If it is not safe, it moves up the gradient of the margin until it is. If that fails, it moves
     towards the backup's force. If nothing on that way is safe within the speed limit, the backup's
-    force flies: keeping out has priority. The gradient is evaluated twice, at the command and at
-    the first result. In 19 of 20 cases with random forces no safe force is nearer by more than a
-    thirtieth.
+    force flies: keeping out has priority. In 19 of 20 cases with random forces no safe force is
+    nearer by more than a thirtieth.
     """
 
     def __init__(

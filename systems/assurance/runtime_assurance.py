@@ -8,12 +8,7 @@ from pydrake.systems.framework import LeafSystem, ValueProducer
 
 from proxops.systems.assurance.assurance_bounds import AssuranceBounds
 from proxops.systems.assurance.backup_braking import Assured, BackupBraking, InterventionReason
-from proxops.systems.common import (
-    check_not_negative,
-    config,
-    error_bounds,
-    number,
-)
+from proxops.systems.common import check_not_negative, config, error_bounds, number
 
 
 @config
@@ -75,46 +70,34 @@ class RuntimeAssurance(LeafSystem):
         Args:
           backup: holds body, spacecraft, limits, bounds and control period.
           deviations: number of standard deviations of `covariance` that count.
-
-        Raises:
-          InputError: `deviations` is negative or not finite.
         """
         super().__init__()
         check_not_negative("RuntimeAssurance", deviations=deviations)
         self.backup, self.deviations = backup, float(deviations)
-        self._state_port = self.DeclareVectorInputPort(name="state", size=6)
-        self._command_port = self.DeclareVectorInputPort(name="force", size=3)
-        self._covariance_port = self.DeclareVectorInputPort(name="covariance", size=81)
+        self._state_port = self.DeclareVectorInputPort("state", 6)
+        self._command_port = self.DeclareVectorInputPort("force", 3)
+        self._covariance_port = self.DeclareVectorInputPort("covariance", 81)
         nothing = Assured(np.zeros(3), InterventionReason.NONE)
         blank = nothing, 0.0, 0.0
         # One cache entry, so that all outputs share one computation.
         self._assured = self.DeclareCacheEntry(
             "assured",
             ValueProducer(allocate=lambda: AbstractValue.Make(blank), calc=self._calc_assured),
-            {
-                self._state_port.ticket(),
-                self._command_port.ticket(),
-                self._covariance_port.ticket(),
-            },
+            {self.all_input_ports_ticket()},
         )
         self.DeclareVectorOutputPort(
-            name="force",
-            size=3,
-            calc=lambda context, output: output.SetFromVector(self._assured.Eval(context)[0].force),
-            prerequisites_of_calc={self._assured.ticket()},
+            "force",
+            3,
+            lambda context, output: output.SetFromVector(self._assured.Eval(context)[0].force),
+            {self._assured.ticket()},
         )
         self.DeclareVectorOutputPort(
-            name="intervention",
-            size=2,
-            calc=self._calc_intervention,
-            prerequisites_of_calc={self._assured.ticket(), self._command_port.ticket()},
+            "intervention",
+            2,
+            self._calc_intervention,
+            {self._assured.ticket(), self._command_port.ticket()},
         )
-        self.DeclareVectorOutputPort(
-            name="margin",
-            size=3,
-            calc=self._calc_margin,
-            prerequisites_of_calc={self._assured.ticket()},
-        )
+        self.DeclareVectorOutputPort("margin", 3, self._calc_margin, {self._assured.ticket()})
 
     def _calc_assured(self, context, value):
         command, state = self._command_port.Eval(context), self._state_port.Eval(context)

@@ -14,10 +14,13 @@ else of proxops, and every other room depends on it.
 from proxops.systems.common.bundles import MODEL_FILE, BundleKind, open_session, read_bundle
 from proxops.systems.common.checks import (
     LARGEST,
+    Vector,
+    check_finite,
     check_not_negative,
     check_positive,
     check_type,
     checked_semi_axes,
+    finite_vector,
 )
 from proxops.systems.common.controller_offers import (
     LegendEntry,
@@ -30,15 +33,19 @@ from proxops.systems.common.counter_noise import derived_seed, generator
 from proxops.systems.common.deviations import error_bounds
 from proxops.systems.common.directions import directions_of, spread_directions
 from proxops.systems.common.errors import InputError, SolverFailure
-from proxops.systems.common.files import (
-    file_sha256,
-    make_folder,
-    write_json,
-    write_whole,
-)
+from proxops.systems.common.files import file_sha256, make_folder, write_json, write_whole
 from proxops.systems.common.kernels import kernel
 from proxops.systems.common.progress import Progress, part_of, silent
-from proxops.systems.common.rotations import rotation_matrix
+from proxops.systems.common.rotations import (
+    Quaternion,
+    cross_matrix,
+    quaternion_inverse,
+    quaternion_of,
+    quaternion_product,
+    rotated,
+    rotation_matrix,
+    turned_vector,
+)
 from proxops.systems.common.seeded_system import SeededSystem
 from proxops.systems.common.settings import (
     FAR,
@@ -66,9 +73,12 @@ __all__ = [
     "LegendEntry",
     "LoggedPort",
     "Progress",
+    "Quaternion",
     "SeededSystem",
     "SolverFailure",
+    "Vector",
     "cache_folder",
+    "check_finite",
     "check_limits",
     "check_not_negative",
     "check_port_size",
@@ -76,11 +86,13 @@ __all__ = [
     "check_type",
     "checked_semi_axes",
     "config",
+    "cross_matrix",
     "decoded",
     "derived_seed",
     "directions_of",
     "error_bounds",
     "file_sha256",
+    "finite_vector",
     "force_port",
     "generator",
     "in_words",
@@ -96,10 +108,15 @@ __all__ = [
     "one_thread",
     "open_session",
     "part_of",
+    "quaternion_inverse",
+    "quaternion_of",
+    "quaternion_product",
     "read_bundle",
+    "rotated",
     "rotation_matrix",
     "silent",
     "spread_directions",
+    "turned_vector",
     "vector",
     "write_json",
     "write_whole",

@@ -87,7 +87,7 @@ def open_session(model: bytes) -> ort.InferenceSession:
         return ort.InferenceSession(model, options, providers=["CPUExecutionProvider"])
     except Exception as error:  # ONNX Runtime's exceptions have no common type.
         raise InputError(
-            f"the network is not one that ONNX Runtime takes: {_first_line(error)}"
+            f"the network is not one that ONNX Runtime takes: {str(error).partition(chr(10))[0]}"
         ) from error
 
 
@@ -99,7 +99,3 @@ def _read(path: Path, folder: Path, kind: BundleKind) -> bytes:
             f"{folder} is not the bundle of a {kind.noun}: {path.name} cannot be read "
             f"({error.strerror}); {kind.command} makes one"
         ) from error
-
-
-def _first_line(error: Exception) -> str:
-    return next(iter(str(error).splitlines()), "")

@@ -30,12 +30,7 @@ class SeededSystem(LeafSystem):
     """
 
     def __init__(self, period: float, seed: int):
-        """Takes the control period in s and the seed of a new Context.
-
-        Raises:
-          InputError: the period is not positive, or the seed is not a whole number from 0 to
-            2^53 - 1.
-        """
+        """Takes the control period in s and the seed of a new Context."""
         super().__init__()
         check_positive(type(self).__name__, period=period)
         self._check_seed(seed)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-import sys
+import logging
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -13,6 +13,8 @@ import numpy as np
 from proxops.systems.common.errors import InputError
 from proxops.systems.common.files import write_whole
 from proxops.systems.common.user_folders import cache_folder
+
+_log = logging.getLogger(__name__)
 
 
 def name_of(*made_from: str | int | float) -> str:
@@ -42,7 +44,7 @@ def kept_arrays(kind: str, name: str) -> dict[str, np.ndarray] | None:
 
 
 def keep_arrays(kind: str, name: str, arrays: Mapping[str, np.ndarray | float]) -> None:
-    """Keeps arrays under a name. If that is not possible, it says so on stderr."""
+    """Keeps arrays under a name. If that is not possible, it warns in the log."""
 
     def write(path: Path) -> None:
         with path.open("wb") as file:  # To a path, numpy would add a suffix.
@@ -57,5 +59,6 @@ def keep_arrays(kind: str, name: str, arrays: Mapping[str, np.ndarray | float]) 
         if folder is None:
             raise InputError("no folder for it can be written; set XDG_CACHE_HOME to one that can")
         write_whole(folder / f"{name}.npz", write)
+        _log.info("the %s table is kept in %s", kind, folder)
     except InputError as error:
-        sys.stderr.write(f"proxops: the {kind} table is not kept: {error}\n")
+        _log.warning("the %s table is not kept: %s", kind, error)

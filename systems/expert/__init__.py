@@ -9,13 +9,7 @@ recorded flight and the policy's training data: they raise the version.
 
 from proxops.systems.expert.linearised_transit import KEEP_OUT_PRICE, SLACK_PRICE
 from proxops.systems.expert.model_predictive_controller import ModelPredictiveController, MpcConfig
-from proxops.systems.expert.plan import (
-    Horizon,
-    Plan,
-    PlanProgram,
-    PlanReason,
-    PlanStatus,
-)
+from proxops.systems.expert.plan import Horizon, Plan, PlanProgram, PlanReason, PlanStatus
 from proxops.systems.expert.transit_program import TransitProgram
 from proxops.systems.expert.weighted_program import (
     ErrorWeights,

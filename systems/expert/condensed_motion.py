@@ -1,17 +1,9 @@
 """Condensing: writes the states along a plan as affine functions of its controls.
 
-On interval k gravity is linearised about its middle, r_k, and the control u_k is constant. In K,
-with C the Coriolis and centrifugal terms of the spin::
-
-    d/dt (r, v) = (v, G_k r + C (r, v) + b u_k + c_k)        c_k = g(r_k) - G_k r_k + a
-
-with the disturbance acceleration a: eq. 9 of docs/method/equations.md.
-
-This motion is affine. Over one interval it is exactly x_{k+1} = E_k x_k + B_k u_k + d_k, by the
-series of the matrix exponential. Substituted into one another from the given x_0 on, these steps
-eliminate the states (eq. 10)::
-
-    x_k = sum over j < k of  E_{k-1} ... E_{j+1} (B_j u_j + d_j)  +  E_{k-1} ... E_0 x_0
+On interval k gravity is linearised about its middle and the control u_k is constant: eq. 9 of
+docs/method/equations.md. This motion is affine. Over one interval it is exactly
+x_{k+1} = E_k x_k + B_k u_k + d_k, by the series of the matrix exponential. Substituted into one
+another from the given x_0 on, these steps eliminate the states: eq. 10.
 
 A program over the controls alone is small and dense. With the states as variables it would be large
 and sparse.

@@ -22,6 +22,7 @@ program is solved with it.
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,7 +40,7 @@ from proxops.systems.common import SolverFailure
 from proxops.systems.expert.condensed_motion import Reference, condensed_motion
 from proxops.systems.expert.initial_guess import initial_paths
 from proxops.systems.expert.path_limits import PathLimits, slack_of_limits
-from proxops.systems.expert.plan import Horizon, Plan, PlanStatus
+from proxops.systems.expert.plan import Horizon, Plan, PlanStatus, empty_plan
 from proxops.systems.gravity import Field
 from proxops.systems.vehicle import FlightLimits
 
@@ -186,19 +187,8 @@ class LinearisedTransit:
             longer = np.sqrt(np.clip(length / max(straight, 1e-9 * length, 1e-9), 1.0, 9.0))
             times = (longer if self.stretch.size else 1.0) * duration * self.fractions
             states = np.hstack([positions, np.gradient(positions, times, axis=0)])
-            forces = np.zeros((self.horizon.intervals, 3))
-            plans.append(
-                Plan(
-                    times=times,
-                    states=states,
-                    forces=forces,
-                    target=target,
-                    cost=0.0,
-                    slack=0.0,
-                    status=PlanStatus.SOLVED,
-                    iterations=0,
-                )
-            )
+            blank = empty_plan(self.horizon.intervals)
+            plans.append(dataclasses.replace(blank, times=times, states=states, target=target))
         return plans
 
     def remaining_plan(

@@ -152,10 +152,6 @@ class ModelPredictiveController(LeafSystem):
           estimator_gain: from 0 to 1; 0: no estimate of an unexplained acceleration.
           delay: time in s from a command's evaluation until it acts.
           latest: time in s of the flight at which plans should have ended; inf: at none.
-
-        Raises:
-          InputError: the period or the number of iterations is not positive, the gain is not from
-            0 to 1, the delay is not from 0 to the period, or `latest` is not positive.
         """
         super().__init__()
         check_positive("ModelPredictiveController", period=period)
@@ -171,9 +167,9 @@ class ModelPredictiveController(LeafSystem):
             raise InputError(f"the MPC's latest end of a plan must be positive, got {latest} s")
         self.program, self.period, self.cold_iterations = program, period, cold_iterations
         self.estimator_gain, self.delay, self.latest = estimator_gain, delay, float(latest)
-        self._state_port = self.DeclareVectorInputPort(name="state", size=6)
-        self._target_port = self.DeclareVectorInputPort(name="target", size=6)
-        self._enable_port = self.DeclareVectorInputPort(name="enable", size=1)
+        self._state_port = self.DeclareVectorInputPort("state", 6)
+        self._target_port = self.DeclareVectorInputPort("target", 6)
+        self._enable_port = self.DeclareVectorInputPort("enable", 1)
         intervals = program.horizon.intervals
         self._memory = self.DeclareDiscreteState(memory_size(intervals))
         # The last command, which is needed with a delay only. It is zero at first.
@@ -181,9 +177,7 @@ class ModelPredictiveController(LeafSystem):
         self._declare_outputs(intervals)
         # The update is discrete, not unrestricted: all discrete updates at one time see the state
         # before it. So the hold downstream reads the cached plan, and nothing is solved twice.
-        self.DeclarePeriodicDiscreteUpdateEvent(
-            period_sec=period, offset_sec=0.0, update=self._remember_plan
-        )
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._remember_plan)
 
     def _declare_outputs(self, intervals: int) -> None:
         depends = {
@@ -193,26 +187,15 @@ class ModelPredictiveController(LeafSystem):
             self.time_ticket(),
         }
         self._plan_port = self.DeclareAbstractOutputPort(
-            name="plan",
-            alloc=lambda: AbstractValue.Make(empty_plan(intervals)),
-            calc=self._calc_plan,
-            prerequisites_of_calc=depends,
+            "plan", lambda: AbstractValue.Make(empty_plan(intervals)), self._calc_plan, depends
         )
-        self._force_port = self.DeclareVectorOutputPort(
-            name="force", size=3, calc=self._calc_force, prerequisites_of_calc=depends
-        )
-        self._record_port = self.DeclareVectorOutputPort(
-            name="record", size=3, calc=self._calc_record, prerequisites_of_calc=depends
-        )
+        self._force_port = self.DeclareVectorOutputPort("force", 3, self._calc_force, depends)
+        self._record_port = self.DeclareVectorOutputPort("record", 3, self._calc_record, depends)
         self.DeclareVectorOutputPort(
-            name="planned_force",
-            size=3,
-            calc=self._calc_planned_force,
-            prerequisites_of_calc={
-                self._state_port.ticket(),
-                self.xd_ticket(),
-                self.time_ticket(),
-            },
+            "planned_force",
+            3,
+            self._calc_planned_force,
+            {self._state_port.ticket(), self.xd_ticket(), self.time_ticket()},
         )
 
     def logged_ports(self) -> dict[str, LoggedPort]:

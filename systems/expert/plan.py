@@ -8,12 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
-from proxops.systems.common import (
-    InputError,
-    check_not_negative,
-    check_positive,
-    kernel,
-)
+from proxops.systems.common import InputError, check_not_negative, check_positive, kernel
 from proxops.systems.gravity import Field
 from proxops.systems.vehicle import FlightLimits
 
@@ -153,18 +148,16 @@ def empty_plan(intervals: int) -> Plan:
 
 @dataclass(frozen=True)
 class Horizon:
-    """Length of a plan, its trade of time against effort, and its division into intervals."""
+    """Length of a plan, its trade of time against effort, and its division into intervals.
+
+    `MpcConfig` explains the first four.
+    """
 
     intervals: int = 16
-    """Number of intervals of constant force."""
     interval_growth: float = 4.0
-    """Length of the last interval over that of the first."""
     nominal_acceleration: float = 0.03
-    """a in m/s^2: sets the price of time. Without gravity and fuel weight, a transit from rest to
-    rest takes as long as with the acceleration a, first forwards and then backwards."""
+    """a in m/s^2."""
     fuel_weight: float = 0.8
-    """Weight of the thrust's 1-norm, which fuel is proportional to, against its square; both are
-    relative to the limit."""
     minimum: float = 300.0
     """Least length of a plan in s."""
 

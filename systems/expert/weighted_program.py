@@ -21,14 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 from pydrake.solvers import SolutionResult
 
-from proxops.systems.common import (
-    FAR,
-    LONG,
-    SolverFailure,
-    check_positive,
-    config,
-    number,
-)
+from proxops.systems.common import FAR, LONG, SolverFailure, check_positive, config, number
 from proxops.systems.expert.linearised_transit import LinearisedTransit, TransitSolution
 from proxops.systems.expert.plan import Horizon, Plan
 from proxops.systems.gravity import Field
@@ -48,12 +41,10 @@ class WeightedCostConfig:
 
 @dataclass(frozen=True)
 class ErrorWeights:
-    """Errors that cost as much as full thrust along one axis (Bryson's rule)."""
+    """Errors in m and m/s that cost as much as full thrust along one axis (Bryson's rule)."""
 
     position: float
-    """m."""
     speed: float
-    """m/s."""
 
 
 class WeightedProgram:
@@ -71,9 +62,6 @@ class WeightedProgram:
 
         Every plan is `horizon.minimum` long. Of the horizon's other values only `intervals` and
         `interval_growth` are used.
-
-        Raises:
-          InputError: a weight is not positive.
         """
         check_positive("ErrorWeights", position=weights.position, speed=weights.speed)
         self.transit = LinearisedTransit(field, spin, limits, horizon, free_time=False)

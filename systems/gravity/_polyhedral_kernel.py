@@ -290,14 +290,14 @@ def _point_masses(px, py, pz, masses, out):
     for k in range(masses.shape[1]):
         x, y, z = masses[0, k] - px, masses[1, k] - py, masses[2, k] - pz
         r2 = x * x + y * y + z * z
-        level = masses[3, k] / math.sqrt(r2)
-        pull = level / r2
-        steep = 3.0 * pull / r2
-        u += level
-        gx, gy, gz = gx + pull * x, gy + pull * y, gz + pull * z
-        xx += steep * x * x - pull
-        yy += steep * y * y - pull
-        xy, xz, yz = xy + steep * x * y, xz + steep * x * z, yz + steep * y * z
+        potential = masses[3, k] / math.sqrt(r2)
+        slope = potential / r2
+        curve = 3.0 * slope / r2
+        u += potential
+        gx, gy, gz = gx + slope * x, gy + slope * y, gz + slope * z
+        xx += curve * x * x - slope
+        yy += curve * y * y - slope
+        xy, xz, yz = xy + curve * x * y, xz + curve * x * z, yz + curve * y * z
     out[0], out[1], out[2], out[3] = u, gx, gy, gz
     _fill_gradient(xx, yy, -xx - yy, xy, xz, yz, out)
     out[13] = 0.0

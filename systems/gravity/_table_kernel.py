@@ -137,14 +137,14 @@ def _point_masses(x, y, z, masses):
     for k in range(masses.shape[1]):
         dx, dy, dz = masses[0, k] - x, masses[1, k] - y, masses[2, k] - z
         near = 1.0 / (dx * dx + dy * dy + dz * dz)
-        level = masses[3, k] * math.sqrt(near)
-        pull = level * near
-        steep = 3.0 * pull * near
-        u += level
-        gx, gy, gz = gx + pull * dx, gy + pull * dy, gz + pull * dz
-        xx += steep * dx * dx - pull
-        yy += steep * dy * dy - pull
-        xy, xz, yz = xy + steep * dx * dy, xz + steep * dx * dz, yz + steep * dy * dz
+        potential = masses[3, k] * math.sqrt(near)
+        slope = potential * near
+        curve = 3.0 * slope * near
+        u += potential
+        gx, gy, gz = gx + slope * dx, gy + slope * dy, gz + slope * dz
+        xx += curve * dx * dx - slope
+        yy += curve * dy * dy - slope
+        xy, xz, yz = xy + curve * dx * dy, xz + curve * dx * dz, yz + curve * dy * dz
     return u, gx, gy, gz, xx, yy, -xx - yy, xy, xz, yz
 
 

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from proxops.systems.common import InputError
+from proxops.systems.common import InputError, cross_matrix
 from proxops.systems.gravity.gravity_field import GRAVITATIONAL_CONSTANT, BodyField
 from proxops.systems.gravity.surface_maps import effective_field
 
@@ -55,7 +55,7 @@ def linear_modes(gradient: np.ndarray, spin: float) -> np.ndarray:
     Args:
       gradient: H (3, 3) of the effective acceleration, in 1/s^2. spin: w in rad/s about z.
     """
-    coriolis = np.array([[0.0, 2.0 * spin, 0.0], [-2.0 * spin, 0.0, 0.0], [0.0, 0.0, 0.0]])
+    coriolis = -2.0 * cross_matrix((0.0, 0.0, spin))
     return np.linalg.eigvals(np.block([[np.zeros((3, 3)), np.eye(3)], [gradient, coriolis]]))
 
 
@@ -76,9 +76,6 @@ def find_equilibria(
     Returns:
       First the equilibria outside the body, by longitude from -45 degrees on; then those inside,
       from the outermost to the innermost. This is the order of the literature.
-
-    Raises:
-      InputError: the starts are not an (N, 3) array or the spin is not finite.
     """
     if not np.isfinite(spin):
         raise InputError(f"the spin must be finite, got {spin} rad/s")

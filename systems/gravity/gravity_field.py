@@ -6,7 +6,7 @@ Potential, acceleration, gradient and the inside test.
 from __future__ import annotations
 
 import functools
-import sys
+import logging
 import threading
 from pathlib import Path
 from typing import NamedTuple, Protocol
@@ -30,6 +30,7 @@ PLAUSIBLE_DENSITY = (100.0, 23_000.0)
 _PARALLEL_FROM = 256
 # numba's own threads, which a fork survives, do one piece of work at a time.
 _PARALLEL = threading.Lock()
+_log = logging.getLogger(__name__)
 
 
 class Gravity(NamedTuple):
@@ -151,11 +152,7 @@ class GravityField:
         return masses @ np.array([part.centre_of_mass for part in self._parts]) / masses.sum()
 
     def evaluate(self, points: np.ndarray) -> Gravity:
-        """The field at points (N, 3) in m; large batches are computed by all of numba's threads.
-
-        Raises:
-          InputError: the points are not an (N, 3) array.
-        """
+        """The field at points (N, 3) in m; large batches are computed by all of numba's threads."""
         columns = self.columns(as_points(points))
         gradient = columns[:, 4:13].reshape(-1, 3, 3)
         return Gravity(columns[:, 0], columns[:, 1:4], gradient, columns[:, 13] > 2.0 * np.pi)
@@ -244,17 +241,15 @@ def _check_density(shape: Polyhedron, density: float, remedy: str) -> None:
 
 @functools.cache
 def _announce_compilation() -> None:
-    """Prints once that the first use on a machine takes longer.
+    """Warns once in the log that the first use on a machine takes longer.
 
     Gravity is the first of the kernels that a flight needs, and takes a sixth of their time.
     """
     stats = kernel.evaluate_serial.stats
     if stats.cache_path is None:
-        sys.stderr.write(
-            "proxops: compiling, as each process must: no folder to keep it can be written; set "
-            "XDG_CACHE_HOME to one that can\n"
+        _log.warning(
+            "compiling, as each process must: no folder to keep it can be written; set "
+            "XDG_CACHE_HOME to one that can"
         )
     elif not stats.cache_hits and not list(Path(stats.cache_path).glob("*evaluate_serial*.nbi")):
-        sys.stderr.write(
-            "proxops: compiling for this machine, once: a first flight takes a minute longer\n"
-        )
+        _log.warning("compiling for this machine, once: a first flight takes a minute longer")

@@ -12,21 +12,13 @@ class PointMassField:
     """Gravity of a mass at the origin of K."""
 
     def __init__(self, mass: float):
-        """Takes the mass in kg.
-
-        Raises:
-          InputError: the mass is not positive.
-        """
+        """Takes the mass in kg."""
         if not (np.isfinite(mass) and mass > 0.0):
             raise InputError(f"mass must be positive and finite, got {mass}")
         self.mass = mass
 
     def evaluate(self, points: np.ndarray) -> Gravity:
-        """The field at points (N, 3) in m. It is not finite at the origin; no point is inside.
-
-        Raises:
-          InputError: the points are not an (N, 3) array.
-        """
+        """The field at points (N, 3) in m. It is not finite at the origin; no point is inside."""
         points = as_points(points)
         mu = GRAVITATIONAL_CONSTANT * self.mass
         r = np.linalg.norm(points, axis=1)

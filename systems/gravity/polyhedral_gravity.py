@@ -70,27 +70,12 @@ def PolyhedralGravity_(T):  # noqa: N802 (Drake's own naming of templates)
         def _construct(self, field: Field, *, converter=None):
             super().__init__(converter=converter)
             self.field = _checked(field)
-            self._position_port = self.DeclareVectorInputPort(name="position", size=3)
+            self._position_port = self.DeclareVectorInputPort("position", 3)
             depends = {self._position_port.ticket()}
-            self.DeclareVectorOutputPort(
-                name="acceleration",
-                size=3,
-                calc=self._calc_acceleration,
-                prerequisites_of_calc=depends,
-            )
+            self.DeclareVectorOutputPort("acceleration", 3, self._calc_acceleration, depends)
             if T is float:
-                self.DeclareVectorOutputPort(
-                    name="gradient",
-                    size=9,
-                    calc=self._calc_gradient,
-                    prerequisites_of_calc=depends,
-                )
-            self.DeclareVectorOutputPort(
-                name="potential",
-                size=1,
-                calc=self._calc_potential,
-                prerequisites_of_calc=depends,
-            )
+                self.DeclareVectorOutputPort("gradient", 9, self._calc_gradient, depends)
+            self.DeclareVectorOutputPort("potential", 1, self._calc_potential, depends)
 
         def _construct_copy(self, other, converter=None):
             Impl._construct(self, other.field, converter=converter)

@@ -71,9 +71,6 @@ def effective_field(field: BodyField, spin: float, points: np.ndarray) -> Effect
 
     The axis goes through the centre of mass. Scheeres, Orbital Motion in Strongly Perturbed
     Environments (2012), ch. 2, with the sign of U as in `Gravity`: positive.
-
-    Raises:
-      InputError: the points are not an (N, 3) array.
     """
     return _effective(field.evaluate(points), field, spin, points)
 

@@ -3,29 +3,24 @@
 from __future__ import annotations
 
 import functools
-import sys
+import logging
 from collections.abc import Iterable
 
 import numpy as np
 
-from proxops.systems.common import (
-    InputError,
-    checked_semi_axes,
-    keep_arrays,
-    kept_arrays,
-    name_of,
-)
+from proxops.systems.common import InputError, checked_semi_axes, keep_arrays, kept_arrays, name_of
 from proxops.systems.gravity import _table_kernel as kernel
 from proxops.systems.gravity._far_field import SWITCH, fit_masses
 from proxops.systems.gravity._harmonic_boxes import DEGREE, Boxes, entries, make_boxes, recursion
 from proxops.systems.gravity.gravity_field import Gravity, GravityField, as_points
-from proxops.systems.shapes import Polyhedron
+from proxops.systems.shapes import ellipsoidal_norms
 
 # Of the files on disk, and their kind. Whoever changes how a table is made, or a last bit of the
 # exact field, raises the format.
 _FORMAT, _KIND = 2, "gravity"
 # Below the first, rounding is no longer small against the bound.
 _ERRORS = (1e-11, 1e-2)
+_log = logging.getLogger(__name__)
 
 
 class TabulatedField:
@@ -61,14 +56,15 @@ class TabulatedField:
                 f"TabulatedField: relative_error must be from {low:g} to {high:g}, "
                 f"got {relative_error}"
             )
-        level = float(np.linalg.norm(field.shape.vertices / axes, axis=1).max())
-        if level >= 1.0:
+        farthest = float(ellipsoidal_norms(axes, field.shape.vertices).max())
+        if farthest >= 1.0:
             raise InputError(
                 f"TabulatedField: {field.shape.name} sticks out of the ellipsoid; semi-axes that "
-                f"are {level:.3f} times as long would contain it"
+                f"are {farthest:.3f} times as long would contain it"
             )
         self.exact = field
         """The field that the table was made from."""
+        self.shape, self.mass, self.centre_of_mass = field.shape, field.mass, field.centre_of_mass
         half, masses = _far_masses(field)
         boxes = _boxes(field, tuple(axes.tolist()), float(relative_error), half)
         scales = np.zeros(1, dtype=kernel.SCALES).view(np.recarray)
@@ -84,27 +80,8 @@ class TabulatedField:
         """
         return _kept_boxes(_name_of(field, semi_axes, relative_error)) is not None
 
-    @property
-    def shape(self) -> Polyhedron:
-        """The body."""
-        return self.exact.shape
-
-    @property
-    def mass(self) -> float:
-        """Mass of the body in kg."""
-        return self.exact.mass
-
-    @property
-    def centre_of_mass(self) -> np.ndarray:
-        """Centre of mass (3,) in m in the mesh's frame."""
-        return self.exact.centre_of_mass
-
     def evaluate(self, points: np.ndarray) -> Gravity:
-        """The field at points (N, 3) in m.
-
-        Raises:
-          InputError: the points are not an (N, 3) array.
-        """
+        """The field at points (N, 3) in m."""
         points = as_points(points)
         columns = np.empty((len(points), 14))
         missing = kernel.evaluate(points, self.tables, columns)
@@ -130,12 +107,15 @@ def _boxes(field: GravityField, axes: tuple[float, ...], error: float, half: flo
     name = _name_of(field, axes, error)
     boxes = _kept_boxes(name)
     if boxes is None:
-        sys.stderr.write(
-            f"proxops: making the gravity table of {field.shape.name} "
-            "(once on this machine, up to a minute)\n"
+        # A warning, as of all that somebody may wait for without knowing why.
+        _log.warning(
+            "making the gravity table of %s (once on this machine, up to a minute)",
+            field.shape.name,
         )
         boxes = make_boxes(field.columns, np.array(axes), half, error)
         keep_arrays(_KIND, name, boxes._asdict())
+    else:
+        _log.info("the gravity table of %s is read from the cache", field.shape.name)
     return boxes
 
 

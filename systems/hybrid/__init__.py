@@ -11,8 +11,12 @@ stay.
 from proxops.systems.hybrid.agreement_gates import AgreementGate, GateKind
 from proxops.systems.hybrid.check_schedule import CheckSchedule, PeriodRule
 from proxops.systems.hybrid.enabled_value import EnabledValue
-from proxops.systems.hybrid.flown_by import FlownBy
-from proxops.systems.hybrid.hybrid_selector import DecisionReason, HybridConfig, HybridSelector
+from proxops.systems.hybrid.hybrid_selector import (
+    DecisionReason,
+    FlownBy,
+    HybridConfig,
+    HybridSelector,
+)
 from proxops.systems.hybrid.reach_time import ReachModel
 
 __all__ = [

@@ -50,15 +50,12 @@ class Agreement(NamedTuple):
 
 @dataclass(frozen=True)
 class AgreementGate:
-    """A gate and its limits."""
+    """A gate and its limits: e_magnitude in N, e_angle in rad, and the dead band in N."""
 
     kind: GateKind = GateKind.STRICT
     magnitude: float = 1.0
-    """e_magnitude in N."""
     angle: float = math.radians(10.0)
-    """e_angle in rad."""
     dead_band: float = 0.2
-    """In N, for `strict` alone."""
 
     def __post_init__(self) -> None:
         """Raises `InputError` for an unknown kind, or limits that are negative or not finite."""

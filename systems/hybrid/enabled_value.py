@@ -21,14 +21,11 @@ class EnabledValue(LeafSystem):
     def __init__(self, size: int):
         """Takes the vector's size."""
         super().__init__()
-        self._enable_port = self.DeclareVectorInputPort(name="enable", size=1)
-        self._value_port = self.DeclareVectorInputPort(name="value", size=size)
+        self._enable_port = self.DeclareVectorInputPort("enable", 1)
+        self._value_port = self.DeclareVectorInputPort("value", size)
         self._nothing = np.full(size, np.nan)
         self.DeclareVectorOutputPort(
-            name="value",
-            size=size,
-            calc=self._calc_value,
-            prerequisites_of_calc={self._enable_port.ticket(), self._value_port.ticket()},
+            "value", size, self._calc_value, {self.all_input_ports_ticket()}
         )
 
     def _calc_value(self, context, output):

@@ -21,7 +21,6 @@ from proxops.systems.common import (
 )
 from proxops.systems.hybrid.agreement_gates import Agreement, AgreementGate, GateKind
 from proxops.systems.hybrid.check_schedule import CheckSchedule, PeriodRule
-from proxops.systems.hybrid.flown_by import FlownBy
 from proxops.systems.hybrid.reach_time import ReachModel
 from proxops.systems.shapes import clearances
 
@@ -52,6 +51,18 @@ class HybridConfig:
     # Standard deviations, per axis, of the errors of the state that the MPC gets.
     state_noise_position_m: float = number(0.0, at_least=0.0, at_most=FAR, unit="m")
     state_noise_velocity_m_s: float = number(0.0, at_least=0.0, at_most=1e5, unit="m/s")
+
+
+class FlownBy(IntEnum):
+    """Whose force acts at a control step; the numbers are those of a log's `decision`."""
+
+    CONTROLLER = 0
+    """The controller by which the flight is named: it is no hybrid."""
+    MPC = 1
+    POLICY = 2
+    SAFETY_FILTER = 3
+    """Runtime assurance changed the command. A log's `decision` does not hold this value: it is
+    derived from `intervention`."""
 
 
 class DecisionReason(IntEnum):
@@ -142,9 +153,6 @@ class HybridSelector(LeafSystem):
           position_error, velocity_error: bounds, in m and m/s, of the errors of `state`.
           deviations: so many standard deviations of `covariance` (9, 9), that of `LidarNavigation`,
             are added to these bounds, if that port is connected.
-
-        Raises:
-          InputError: the period is not positive, or an error is negative or not finite.
         """
         super().__init__()
         check_positive("HybridSelector", period=period)
@@ -157,11 +165,11 @@ class HybridSelector(LeafSystem):
         self.gate, self.schedule, self.reach, self.period = gate, schedule, reach, period
         self.position_error, self.velocity_error = position_error, velocity_error
         self.deviations = deviations
-        self._mpc_port = self.DeclareVectorInputPort(name="mpc_force", size=3)
-        self._planned_port = self.DeclareVectorInputPort(name="planned_force", size=3)
-        self._policy_port = self.DeclareVectorInputPort(name="policy_force", size=3)
-        self._state_port = self.DeclareVectorInputPort(name="state", size=6)
-        self._covariance_port = self.DeclareVectorInputPort(name="covariance", size=81)
+        self._mpc_port = self.DeclareVectorInputPort("mpc_force", 3)
+        self._planned_port = self.DeclareVectorInputPort("planned_force", 3)
+        self._policy_port = self.DeclareVectorInputPort("policy_force", 3)
+        self._state_port = self.DeclareVectorInputPort("state", 6)
+        self._covariance_port = self.DeclareVectorInputPort("covariance", 81)
         # Steps to the next check, by whom they are flown, and the period.
         self._memory = self.DeclareDiscreteState(BasicVector([0.0, FlownBy.MPC, 0.0]))
         blank = Decision(np.zeros(3), DecisionReason.CHECK_AGREED, 0, FlownBy.MPC, 0)
@@ -169,14 +177,7 @@ class HybridSelector(LeafSystem):
         self._choice = self.DeclareCacheEntry(
             "decision",
             ValueProducer(allocate=lambda: AbstractValue.Make(blank), calc=self._calc_choice),
-            {
-                self._mpc_port.ticket(),
-                self._planned_port.ticket(),
-                self._policy_port.ticket(),
-                self._state_port.ticket(),
-                self._covariance_port.ticket(),
-                self.xd_ticket(),
-            },
+            {self.all_input_ports_ticket(), self.xd_ticket()},
         )
         depends = {self._choice.ticket()}
         own = {self.xd_ticket()}
@@ -186,14 +187,10 @@ class HybridSelector(LeafSystem):
             ("decision", 1, self._calc_decision, own),
             ("record", 7, self._calc_record, depends),
         ):
-            self.DeclareVectorOutputPort(
-                name=name, size=size, calc=calc, prerequisites_of_calc=prerequisites
-            )
+            self.DeclareVectorOutputPort(name, size, calc, prerequisites)
         # The update is discrete, not unrestricted: all discrete updates at one time see the state
         # before it. So the MPC, the policy and the hold read the cached decision.
-        self.DeclarePeriodicDiscreteUpdateEvent(
-            period_sec=period, offset_sec=0.0, update=self._remember
-        )
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._remember)
 
     def _calc_choice(self, context, value):
         left, until_check, period = map(int, context.get_discrete_state(self._memory).value())

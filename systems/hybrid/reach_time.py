@@ -1,29 +1,19 @@
 """`ReachModel`: how soon a spacecraft could reach the keep-out ellipsoid, by any use of thrust.
 
-In the inertial frame that coincides with K now, there is no Coriolis force. With Q(t) the rotation
-of K over the time t, the position in K at the time t is exactly::
-
-    r(t) = c(t) + integral over s of (t - s) Q(t - s)^T (f(s) / m + g(s)),
-    c(t) = Q(t)^T (r_0 + (v_0 + w x r_0) t)
-
-with the thrust f and the gravity g in K at the time s. If every thruster is between plus and minus
-its limit and the gravity is at most G(s), then for any unit vector n, n . r(t) is at least::
-
-    n . c(t)  -  t^2 / 2 a max |Q(tau) n|_1  -  integral over s of (t - s) G(s)
-
-The spacecraft is outside while this exceeds the greatest n . x of the ellipsoid, |A n|_2. Here n is
-the ellipsoid's normal below c(t). Between two evaluated times the clearance changes by at most what
-the speed in K allows, and the Coriolis force does not change the speed.
+Eq. 28 of docs/method/equations.md bounds the position along any unit vector n: here the ellipsoid's
+normal below the place that is reached without gravity and thrust. The spacecraft is outside while
+the bound exceeds the greatest n . x of the ellipsoid, |A n|_2. Between two evaluated times the
+clearance changes by at most what the speed in K allows, and the Coriolis force does not change the
+speed.
 
 |g|^2 is subharmonic where there is no mass, so its greatest value outside a closed surface about
-the body is on that surface. G is tabulated on ellipsoids around the keep-out ellipsoid.
+the body is on that surface. It is tabulated on ellipsoids around the keep-out ellipsoid.
 """
 
 from __future__ import annotations
 
 import functools
 import math
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -39,19 +29,7 @@ _POINTS = 500
 _GAPS = 1.05
 
 
-class _Bounds(NamedTuple):
-    """A `ReachModel` for the kernel."""
-
-    semi_axes: np.ndarray
-    spin: float
-    acceleration: float
-    weakest: float
-    heights: np.ndarray
-    gravity: np.ndarray
-
-
-@dataclass(frozen=True)
-class ReachModel:
+class ReachModel(NamedTuple):
     """Bounds of the motion near a keep-out ellipsoid."""
 
     semi_axes: np.ndarray
@@ -64,16 +42,8 @@ class ReachModel:
     """(L,) in m, rising from 0."""
     gravity: np.ndarray
     """(L,) greatest gravity, with all other accelerations, in m/s^2 beyond each height."""
-    weakest: float | None = None
-    """Least acceleration that the thrusters can be relied on to give along each axis, in m/s^2.
-    None: `acceleration`."""
-
-    @functools.cached_property
-    def _bounds(self) -> _Bounds:
-        weakest = self.acceleration if self.weakest is None else self.weakest
-        return _Bounds(
-            self.semi_axes, self.spin, self.acceleration, weakest, self.heights, self.gravity
-        )
+    weakest: float
+    """Least acceleration that the thrusters can be relied on to give along each axis, in m/s^2."""
 
     @classmethod
     def of(
@@ -93,7 +63,7 @@ class ReachModel:
           semi_axes: (3,) of the keep-out ellipsoid in m.
           spin: rad/s about z.
           acceleration: greatest acceleration by the thrusters along each axis, in m/s^2.
-          weakest: see above.
+          weakest: see above; None: `acceleration`.
           gravity: greatest error of the gravity's size, as a share of it.
           other: greatest other acceleration along each axis, in m/s^2.
         """
@@ -104,7 +74,7 @@ class ReachModel:
             float(acceleration),
             heights,
             (1.0 + gravity) * greatest_gravity(field, semi_axes, heights) + math.sqrt(3.0) * other,
-            None if weakest is None else float(weakest),
+            float(acceleration if weakest is None else weakest),
         )
         model.steps_out_of_reach(np.zeros(6), 1.0, 1)  # Compiled now, not in flight.
         return model
@@ -131,7 +101,7 @@ class ReachModel:
         return int(
             _steps_out_of_reach(
                 np.asarray(state, dtype=np.float64),
-                self._bounds,
+                self,
                 float(step),
                 int(longest),
                 float(position_error),
@@ -166,10 +136,10 @@ def _greatest_gravity(
 
 @kernel(error_model="numpy")
 def _steps_out_of_reach(
-    state, bounds, step, longest, position_error, velocity_error, stopping
+    state, model, step, longest, position_error, velocity_error, stopping
 ):  # fmt: skip
     """See `ReachModel.steps_out_of_reach`: eq. 28 of docs/method/equations.md, step by step."""
-    semi_axes, spin, acceleration, weakest, heights, gravity = bounds
+    semi_axes, spin, acceleration, heights, gravity, weakest = model
     position = state[:3]
     # In the frame that does not turn.
     vx, vy, vz = state[3] - spin * state[1], state[4] + spin * state[0], state[5]

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from proxops.systems.common import kernel
+from proxops.systems.common import kernel, turned_vector
 
 
 class Cone(NamedTuple):
@@ -68,16 +68,6 @@ _inlined = kernel(error_model="numpy", forceinline=True)
 def _from(v, p, vertices):
     """A vertex as seen from the position."""
     return vertices[v, 0] - p[0], vertices[v, 1] - p[1], vertices[v, 2] - p[2]
-
-
-@_inlined
-def _turned(x, y, z, m):
-    """A matrix (3, 3) times a vector."""
-    return (
-        m[0, 0] * x + m[0, 1] * y + m[0, 2] * z,
-        m[1, 0] * x + m[1, 1] * y + m[1, 2] * z,
-        m[2, 0] * x + m[2, 1] * y + m[2, 2] * z,
-    )
 
 
 @_inlined
@@ -207,7 +197,7 @@ def _follow_axes(pose, fan, cone, mesh, work, hits, ranges):
     for k in range(len(hit_rays)):
         ray = hit_rays[k]
         i, j = ray // rays, ray % rays
-        d = _turned(fan[i, j, 0], fan[i, j, 1], fan[i, j, 2], rotation)
+        d = turned_vector(rotation, fan[i, j, 0], fan[i, j, 1], fan[i, j, 2])
         reach = _patch_range(hit_facets[k], k, p, d, cone, mesh, work)
         ranges[ray] = min(ranges[ray], reach)
 
@@ -223,8 +213,8 @@ def _follow_silhouettes(pose, lidar, cone, mesh, work, ranges):
         one, other = beside[e, 0], beside[e, 1]
         if faces[one] == faces[other]:
             continue
-        ax, ay, az = _turned(*_from(ends[e, 0], p, vertices), back)
-        bx, by, bz = _turned(*_from(ends[e, 1], p, vertices), back)
+        ax, ay, az = turned_vector(back, *_from(ends[e, 0], p, vertices))
+        bx, by, bz = turned_vector(back, *_from(ends[e, 1], p, vertices))
         far2 = max(ax * ax + ay * ay + az * az, bx * bx + by * by + bz * bz)
         slab = cone.sine * math.sqrt(far2)
         for i in range(planes):
@@ -236,7 +226,7 @@ def _follow_silhouettes(pose, lidar, cone, mesh, work, ranges):
                 along = bx - ax, by - ay, bz - az
                 if _edge_range((ax, ay, az), along, u, cone.tangent2) < math.inf:
                     front = one if faces[one] else other
-                    d = _turned(u[0], u[1], u[2], rotation)
+                    d = turned_vector(rotation, u[0], u[1], u[2])
                     reach = _patch_range(front, mark, p, d, cone, mesh, work)
                     ray = i * rays + j % rays
                     ranges[ray] = min(ranges[ray], reach)

@@ -43,18 +43,13 @@ class FrameDelay(LeafSystem):
                 f"{steps}: without a delay leave it out"
             )
         self.size, self.steps, self.period = size, int(steps), period
-        self._ranges_port = self.DeclareVectorInputPort(name="ranges", size=size)
+        self._ranges_port = self.DeclareVectorInputPort("ranges", size)
         # The newest frame is first.
         self._waiting = self.DeclareDiscreteState(np.full(self.steps * size, np.inf))
         self.DeclareVectorOutputPort(
-            name="ranges",
-            size=size,
-            calc=self._calc_ranges,
-            prerequisites_of_calc={self.discrete_state_ticket(self._waiting)},
+            "ranges", size, self._calc_ranges, {self.discrete_state_ticket(self._waiting)}
         )
-        self.DeclarePeriodicDiscreteUpdateEvent(
-            period_sec=period, offset_sec=0.0, update=self._take_frame
-        )
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._take_frame)
 
     def _calc_ranges(self, context, output):
         output.SetFromVector(context.get_discrete_state(self._waiting).value()[-self.size :])

@@ -7,12 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from proxops.systems.common import (
-    FAR,
-    InputError,
-    config,
-    number,
-)
+from proxops.systems.common import FAR, InputError, config, number
 from proxops.systems.lidar.lidar_bundle import FRAME_NETWORK, LidarBundle
 from proxops.systems.lidar.lidar_errors import DEFAULT_ERRORS, LidarErrors, TrueReturns
 from proxops.systems.lidar.lidar_geometry import DEFAULT_GEOMETRY, LidarGeometry

@@ -6,12 +6,7 @@ import math
 
 import numpy as np
 
-from proxops.systems.common import (
-    FAR,
-    check_type,
-    config,
-    number,
-)
+from proxops.systems.common import FAR, check_type, config, number
 from proxops.systems.lidar.beams import Beams
 from proxops.systems.lidar.lidar_errors import DEFAULT_ERRORS, LidarErrors, TrueReturns, too_grazing
 from proxops.systems.lidar.lidar_geometry import DEFAULT_GEOMETRY, LidarGeometry
@@ -76,10 +71,6 @@ class Lidar(PlanarLidar):
           geometry: by default 12 planes of 360 rays, up to 350 km.
           period: time between steps in s.
           seed: default of the Context's parameter.
-
-        Raises:
-          InputError: an argument is of another type, the period is not positive, the seed is
-            negative, or there are false returns and the greatest range is infinite.
         """
         check_type("Lidar", Polyhedron, shape=shape)
         check_type("Lidar", LidarErrors, errors=errors)

@@ -137,8 +137,6 @@ class LidarBundle:
 def _three(content: dict[str, typing.Any], key: str, source: Path) -> np.ndarray:
     """Three numbers (3,) under a key of the bundle's file."""
     values = content.get(key)
-    if not isinstance(values, list):
-        raise InputError(f"{source} is damaged: {key} is no list")
-    if len(values) != 3 or not all(isinstance(x, float) for x in values):
+    if not isinstance(values, list) or [type(each) for each in values] != [float] * 3:
         raise InputError(f"{source} is damaged: {key} is not three numbers")
     return np.array(values)

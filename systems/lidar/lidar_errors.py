@@ -52,26 +52,19 @@ class TrueLidarConfig:
 
 @dataclass(frozen=True)
 class LidarErrors:
-    """The errors of a lidar; `LidarErrors()` has none."""
+    """The errors of a lidar, in SI units: see `TrueLidarConfig`. By default none."""
 
     noise_std: float = 0.0
     """Standard deviation in m of the Gaussian noise of each range."""
     bias: float = 0.0
-    """Added to each range, in m."""
     scale_error: float = 0.0
-    """Each range is 1 + this times as long."""
     max_incidence: float = math.pi / 2.0
     """A surface returns nothing if the angle between the ray's line and its normal, in rad, is
-    greater than this."""
+    greater than this. Of a beam with a width, the ray is the cone's axis."""
     dropout: float = 0.0
-    """Probability that a return is lost."""
     false_returns: float = 0.0
-    """Probability that a ray gives a random range, up to the maximum range, where nothing is."""
     beam_width: float = 0.0
-    """Full angle in rad of a ray's cone, up to 0.1: the ray reads the nearest surface in the cone.
-    0: the ray is a line. `max_incidence` is about the cone's axis, where that meets a surface."""
     frame_loss: float = 0.0
-    """Probability that a whole frame is lost: no ray of it returns."""
 
     def __post_init__(self) -> None:
         """Raises `InputError` for errors that no lidar has."""
@@ -135,11 +128,6 @@ def too_grazing(normals: np.ndarray, directions: np.ndarray, max_incidence: floa
     return np.abs(np.einsum("ki,ki->k", normals, directions)) < math.cos(max_incidence)
 
 
-def lost_by_chance(count: int, probability: float, seed: int, step: int) -> np.ndarray:
-    """Which of `count` returns are lost (count,), bool, each with the given probability."""
-    return generator(seed, step, DROPOUT_STREAM).random(count) < probability
-
-
 def false_ranges(
     count: int, probability: float, max_range: float, seed: int, step: int
 ) -> np.ndarray:
@@ -156,11 +144,6 @@ def false_ranges(
     return ranges
 
 
-def frame_is_lost(probability: float, seed: int, step: int) -> bool:
-    """Whether the whole frame of a step is lost, with the given probability."""
-    return bool(generator(seed, step, FRAME_LOSS_STREAM).random() < probability)
-
-
 def received_ranges(
     returns: TrueReturns, count: int, max_range: float, errors: LidarErrors, seed: int, step: int
 ) -> np.ndarray:
@@ -172,7 +155,8 @@ def received_ranges(
       errors: those of the ranges; seed and step of their random numbers follow.
     """
     ranges = np.full(count, np.inf)
-    if errors.frame_loss > 0.0 and frame_is_lost(errors.frame_loss, seed, step):
+    chance = errors.frame_loss
+    if chance > 0.0 and generator(seed, step, FRAME_LOSS_STREAM).random() < chance:
         return ranges
     near = returns.distances <= max_range
     # Noise is drawn for every return in range before any is lost, so that dropout leaves the
@@ -181,7 +165,8 @@ def received_ranges(
     if returns.grazing is not None:
         found[returns.grazing[near]] = np.inf
     if errors.dropout > 0.0:
-        found[lost_by_chance(found.size, errors.dropout, seed, step)] = np.inf
+        chances = generator(seed, step, DROPOUT_STREAM).random(found.size)
+        found[chances < errors.dropout] = np.inf
     ranges[returns.rays[near]] = found
     if errors.false_returns > 0.0:
         false = false_ranges(count, errors.false_returns, max_range, seed, step)

@@ -34,31 +34,22 @@ class PlanarLidar(SeededSystem):
     """
 
     def __init__(self, errors: LidarErrors, geometry: LidarGeometry, period: float, seed: int):
-        """Takes the errors, the geometry, the time between steps in s and the default seed.
-
-        Raises:
-          InputError: the period is not positive, the seed is negative, or there are false returns
-            and the greatest range is infinite.
-        """
+        """Takes the errors, the geometry, the time between steps in s and the default seed."""
         super().__init__(period, seed)
         check_false_returns(errors, geometry.max_range)
         self.errors, self.geometry = errors, geometry
         self.directions = geometry.directions
-        self._position_port = self.DeclareVectorInputPort(name="position", size=3)
-        self._attitude_port = self.DeclareVectorInputPort(name="attitude", size=4)
-        pose = {self._position_port.ticket(), self._attitude_port.ticket()}
-        depends = pose | self.seed_tickets()
+        self._position_port = self.DeclareVectorInputPort("position", 3)
+        self._attitude_port = self.DeclareVectorInputPort("attitude", 4)
+        depends = {self.all_input_ports_ticket(), *self.seed_tickets()}
         self._ranges_port = self.DeclareVectorOutputPort(
-            name="ranges",
-            size=geometry.size,
-            calc=self._calc_ranges,
-            prerequisites_of_calc=depends,
+            "ranges", geometry.size, self._calc_ranges, depends
         )
         self.DeclareAbstractOutputPort(
-            name="point_cloud",
-            alloc=lambda: AbstractValue.Make(PointCloud(0)),
-            calc=self._calc_point_cloud,
-            prerequisites_of_calc=depends,
+            "point_cloud",
+            lambda: AbstractValue.Make(PointCloud(0)),
+            self._calc_point_cloud,
+            depends,
         )
 
     def true_returns(self, position: np.ndarray, rotation: np.ndarray | None = None) -> TrueReturns:

@@ -21,7 +21,7 @@ from proxops.systems.lidar.lidar_errors import (
     received_ranges,
 )
 from proxops.systems.lidar.planar_lidar import point_cloud
-from proxops.systems.shapes import Polyhedron, RayCaster, Surface
+from proxops.systems.shapes import RayCaster, Surface
 
 
 class SceneLidar(SeededSystem):
@@ -44,7 +44,7 @@ class SceneLidar(SeededSystem):
 
     def __init__(
         self,
-        scene: Mapping[str, Surface | Polyhedron],
+        scene: Mapping[str, Surface],
         directions: np.ndarray,
         max_range: float,
         errors: LidarErrors | None = None,
@@ -74,7 +74,7 @@ class SceneLidar(SeededSystem):
         check_type("SceneLidar", LidarErrors, errors=errors)
         check_type("SceneLidar", Mapping, scene=scene)
         for name, surface in scene.items():
-            if not isinstance(surface, Surface | Polyhedron):
+            if not isinstance(surface, Surface):
                 raise InputError(
                     f"SceneLidar: {name!r} is a {type(surface).__name__}, not a Surface or a "
                     "Polyhedron; Surface.from_trimesh takes a mesh of trimesh"
@@ -96,16 +96,15 @@ class SceneLidar(SeededSystem):
         still = AbstractValue.Make(RigidTransform())
         self._pose_port = self.DeclareAbstractInputPort("X_WS", still)
         self._scene_ports = [self.DeclareAbstractInputPort(f"X_W{name}", still) for name in scene]
-        ports = (self._pose_port, *self._scene_ports)
-        depends = {port.ticket() for port in ports} | self.seed_tickets()
+        depends = {self.all_input_ports_ticket(), *self.seed_tickets()}
         self._ranges_port = self.DeclareVectorOutputPort(
-            "ranges", len(directions), self._calc_ranges, prerequisites_of_calc=depends
+            "ranges", len(directions), self._calc_ranges, depends
         )
         self.DeclareAbstractOutputPort(
             "point_cloud",
-            alloc=lambda: AbstractValue.Make(PointCloud(0)),
-            calc=self._calc_point_cloud,
-            prerequisites_of_calc=depends,
+            lambda: AbstractValue.Make(PointCloud(0)),
+            self._calc_point_cloud,
+            depends,
         )
 
     def true_returns(
@@ -178,7 +177,7 @@ class BodyPose(LeafSystem):
         port = self.DeclareAbstractInputPort("poses", poses)
         self.DeclareAbstractOutputPort(
             "X_WF",
-            alloc=lambda: AbstractValue.Make(RigidTransform()),
-            calc=lambda context, output: output.set_value(port.Eval(context)[index] @ offset),
-            prerequisites_of_calc={port.ticket()},
+            lambda: AbstractValue.Make(RigidTransform()),
+            lambda context, output: output.set_value(port.Eval(context)[index] @ offset),
+            {port.ticket()},
         )

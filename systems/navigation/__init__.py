@@ -13,8 +13,7 @@ from proxops.systems.navigation.expected_errors import ExpectedErrors
 from proxops.systems.navigation.lidar_navigation import LidarNavigation, LidarNavigationConfig
 from proxops.systems.navigation.map_error import MapError, shift_of_centre
 from proxops.systems.navigation.mended_map import MendedMap, load_map, map_files, save_mended_map
-from proxops.systems.navigation.phase import NavigationPhase
-from proxops.systems.navigation.return_use import ReturnUse
+from proxops.systems.navigation.step_records import NavigationPhase, ReturnUse
 
 __all__ = [
     "Estimate",

@@ -1,14 +1,8 @@
 """Compiled kernels: how the ranges of a frame depend on what the navigation estimates.
 
 A ray from p along the unit vector d (K) meets a facet of unit normal n at the distance r. With
-q = |n.d|, the measured range z differs from the predicted one by
-
-    q (z - r) = n.dp + r (d x n).da - h - s n.x + q b + q r e - r sqrt(1 - q^2) w + q noise
-
-to first order in the errors of position (dp) and attitude (da, a rotation vector in K), for a
-surface that lies h farther out along its normal, a body larger by the share s, a bias b and a scale
-error e of the lidar, and beams of half angle w, which read the nearest surface in their cone; x is
-the point that the ray meets. It is eq. 11 of docs/method/equations.md.
+q = |n.d|, the residual is q times the difference of the measured range and the predicted one: eq.
+11 to 14 of docs/method/equations.md.
 """
 
 import math
@@ -16,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from proxops.systems.common import kernel
+from proxops.systems.common import kernel, turned_vector
 from proxops.systems.navigation.estimate import MEASURED
 
 # Rays that meet the surface at a flatter angle (cosine of the incidence) are not used: there the
@@ -37,17 +31,6 @@ class Rays(NamedTuple):
     """(K,) int: in the frame."""
     directions: np.ndarray
     """(K, 3) in K."""
-
-
-class Hits(NamedTuple):
-    """Where K rays meet the map."""
-
-    distances: np.ndarray
-    """(K,) in m."""
-    facets: np.ndarray
-    """(K,) int; negative: none."""
-    places: np.ndarray
-    """(K, 2) weights of the second and third vertex of the facet at the point met."""
 
 
 class Surface(NamedTuple):
@@ -72,6 +55,19 @@ class RangeErrors(NamedTuple):
     """Half of the angle of the beams in rad, as far as it may be."""
 
 
+class Comparison(NamedTuple):
+    """A measured frame beside the one that the map predicts, for the K rays that both have."""
+
+    rays: np.ndarray
+    """(K,) int: index of the ray in the frame."""
+    residuals: np.ndarray
+    """(K,) in m: measured less predicted range, times the cosine of the incidence."""
+    variances: np.ndarray
+    """(K,) in m^2: of the residuals if the estimate were true; +inf for rays not to be used."""
+    rows: np.ndarray
+    """(K, 10 + M): derivative of the residuals in the order of `MEASURED` and coefficients."""
+
+
 @kernel(error_model="numpy")
 def returned_rays(ranges, farthest, rotation, directions):
     """The K rays of a frame that returned, turned into K.
@@ -93,8 +89,7 @@ def returned_rays(ranges, farthest, rotation, directions):
         if ranges[ray] < farthest:
             rays[k] = ray
             x, y, z = directions[ray, 0], directions[ray, 1], directions[ray, 2]
-            for i in range(3):
-                turned[k, i] = rotation[i, 0] * x + rotation[i, 1] * y + rotation[i, 2] * z
+            turned[k, 0], turned[k, 1], turned[k, 2] = turned_vector(rotation, x, y, z)
             k += 1
     return Rays(rays, turned)
 
@@ -106,7 +101,7 @@ def raised_origins(position, seen, hits, surface, coefficients):
     It is raised along the normals: by as much as at the point of the map that the ray meets.
 
     Args:
-      position: (3,) in m in K. seen: N `Rays`. hits: their `Hits` from there.
+      position: (3,) in m in K. seen: N `Rays`. hits: their `FirstHits` from there.
       surface: a `Surface`. coefficients: (M,) of its error.
 
     Returns:
@@ -143,7 +138,7 @@ def rows_of_frame(position, seen, hits, heights, ranges, surface, believed):
     Eq. 11 to 14.
 
     Args:
-      position: (3,) in m in K. seen: N `Rays`. hits: their predicted `Hits`.
+      position: (3,) in m in K. seen: N `Rays`. hits: their predicted `FirstHits`.
       heights: (N,) in m: how far out the surface is in their distances already.
       ranges: the frame as measured, in m.
       surface: a `Surface`.
@@ -151,9 +146,7 @@ def rows_of_frame(position, seen, hits, heights, ranges, surface, believed):
         error; and `RangeErrors`.
 
     Returns:
-      Indices of the rays in the frame (K,), residuals q (z - r) in m (K,), their variances in m^2
-      (K,), and derivatives (K, 10 + M) in the order of `MEASURED` and coefficients. Of rays that
-      are too flat, the variance is +inf and the rest 0.
+      A `Comparison`. Of rays that are too flat, the variance is +inf and the rest 0.
     """
     rays, directions = seen
     found, facets, places = hits
@@ -201,4 +194,4 @@ def rows_of_frame(position, seen, hits, heights, ranges, surface, believed):
         rows[k, 7] = q
         rows[k, 8] = q * r
         rows[k, 9] = -r * slant
-    return met, residuals, variances, rows
+    return Comparison(met, residuals, variances, rows)

@@ -1,14 +1,7 @@
 """Compiled kernel: the navigation's estimate, predicted over a short time.
 
-The equations of motion in K, for a position r, the true spin w and the true centre of mass c, are
-(eq. 2 of docs/method/equations.md)
-
-    r'' = (1 + k) g(r - c) - 2 w x r' - w x (w x (r - c)) + R T u / m + a
-
-with the field g as believed, k the error of gravity, u the commanded force along the axes of S, R
-the rotation of S against K, T = (1 + [d]x) diag(1 + s) the errors of thrust, m = m0 (1 - j b) the
-mass after b = integral of |u| / m0, and a what nothing explains. Over a step, gravity is linear
-about the point in its middle.
+The motion is eq. 2 of docs/method/equations.md, which names the symbols. Over a step, gravity is
+linear about the point in its middle.
 
 Sums and copies are explicit loops: array expressions and slices on the left take numba ten times as
 long to compile. Products of matrices are numpy's; their last bits are those of BLAS.
@@ -19,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from proxops.systems.common import kernel
+from proxops.systems.common import cross_matrix, kernel
 from proxops.systems.navigation import estimate as layout
 
 # Where each quantity begins in an estimate.
@@ -110,15 +103,6 @@ def _along(a, v):
 
 
 @_inlined
-def _cross(v):
-    """The matrix W for which W u is v x u."""
-    out = np.zeros((3, 3))
-    out[0, 1], out[0, 2], out[1, 2] = -v[2], v[1], -v[0]
-    out[1, 0], out[2, 0], out[2, 1] = v[2], -v[1], v[0]
-    return out
-
-
-@_inlined
 def _one_plus(matrix):
     """The identity plus a matrix (3, 3)."""
     out = np.empty((3, 3))
@@ -132,7 +116,7 @@ def _one_plus(matrix):
 def _rotation(v):
     """The rotation about the direction of v by its length in rad (Rodrigues)."""
     angle = math.sqrt(v[0] ** 2 + v[1] ** 2 + v[2] ** 2)
-    cross = _cross(v)
+    cross = cross_matrix(v)
     if angle < 1e-8:
         return _one_plus(cross)
     first = math.sin(angle) / angle
@@ -170,8 +154,15 @@ def _derivative(middle):
     """How the acceleration depends on the attitude and on the constants (3, BASE): eq. 6."""
     rotation, axes, thrust, given, commanded, gravity, turn, tide, v, offset = middle
     by = np.zeros((3, _BASE))
-    turned_thrust, moved, inner = _cross(thrust), _cross(v), _cross(_along(turn, offset))
-    turned_offset, directed = _times(turn, _cross(offset)), _times(rotation, _cross(given))
+    turned_thrust, moved, inner = (
+        cross_matrix(thrust),
+        cross_matrix(v),
+        cross_matrix(_along(turn, offset)),
+    )
+    turned_offset, directed = (
+        _times(turn, cross_matrix(offset)),
+        _times(rotation, cross_matrix(given)),
+    )
     for i in range(3):
         by[i, _CONSTANT + i] = by[i, _VARYING + i] = 1.0
         by[i, _GRAVITY] = gravity[i]
@@ -262,7 +253,7 @@ def predict(estimate, gravity, force, interval, noise, spin, mass):
     time, step = interval
     w = mean[_SPIN : _SPIN + 3].copy()
     w[2] += spin
-    turn = _cross(w)
+    turn = cross_matrix(w)
     around = _times(turn, turn)
     factor = 1.0 + mean[_GRAVITY]
     v = mean[_V : _V + 3]
@@ -274,7 +265,7 @@ def predict(estimate, gravity, force, interval, noise, spin, mass):
         given[i] = (1.0 + mean[_THRUST + i]) * force[i] / now
         for j in range(3):
             tide[i, j] = factor * gravity.gradient[i, j] - around[i, j]
-    axes = _times(rotation, _one_plus(_cross(mean[_DIRECTION : _DIRECTION + 3])))
+    axes = _times(rotation, _one_plus(cross_matrix(mean[_DIRECTION : _DIRECTION + 3])))
     thrust, coriolis, centrifugal = _along(axes, given), _along(turn, v), _along(around, offset)
     total, believed = np.empty(3), gravity.acceleration
     for i in range(3):

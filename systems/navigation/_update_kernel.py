@@ -34,12 +34,23 @@ class Gated(NamedTuple):
     """Indices among the K: (L,) that pass, and those that do not."""
     rows: np.ndarray
     """H (L, C)."""
-    crossed: np.ndarray
+    cross_covariance: np.ndarray
     """H P (L, n) where residuals may be thinned, else (L, 0)."""
     innovations: np.ndarray
     """(L,) the residuals as they would be at the prior's mean if the model were linear."""
     variances: np.ndarray
     """(L,) of the noise."""
+
+
+class Update(NamedTuple):
+    """A linear update of the prior by K residuals."""
+
+    moved: np.ndarray
+    """(n,) what the mean moves by."""
+    covariance: np.ndarray
+    """(n, n) after it."""
+    nis: float
+    """Normalised innovation squared."""
 
 
 @_compiled
@@ -60,13 +71,13 @@ def gated(covariance, columns, frame, moved, gate):
     if few:
         chosen = chosen[:: max(1, -(-chosen.size // most))]
     kept = rows[chosen]
-    crossed = np.empty((chosen.size, 0))
+    cross_covariance = np.empty((chosen.size, 0))
     if few:
         to_all = np.empty((size, n))
         for i in range(size):
             for j in range(n):
                 to_all[i, j] = covariance[columns[i], j]
-        crossed = kept @ to_all
+        cross_covariance = kept @ to_all
     # What is exact adds nothing to the spread.
     among, known = np.empty((size, size)), np.empty(size, dtype=np.int64)
     count = 0
@@ -92,7 +103,7 @@ def gated(covariance, columns, frame, moved, gate):
             for i in range(count):
                 row, total = kept[k, known[i]], 0.0
                 if few:
-                    total = crossed[k, columns[known[i]]]
+                    total = cross_covariance[k, columns[known[i]]]
                 else:
                     for j in range(count):
                         total += among[i, j] * kept[k, known[j]]
@@ -102,14 +113,19 @@ def gated(covariance, columns, frame, moved, gate):
                 chosen[used], noise[used], innovations[used] = chosen[k], noise[k], innovations[k]
                 for j in range(size):
                     kept[used, j] = kept[k, j]
-                for j in range(crossed.shape[1]):
-                    crossed[used, j] = crossed[k, j]
+                for j in range(cross_covariance.shape[1]):
+                    cross_covariance[used, j] = cross_covariance[k, j]
             used += 1
         else:
             bad[k - used] = chosen[k]
     rejected = chosen.size - used
     return Gated(
-        chosen[:used], bad[:rejected], kept[:used], crossed[:used], innovations[:used], noise[:used]
+        chosen[:used],
+        bad[:rejected],
+        kept[:used],
+        cross_covariance[:used],
+        innovations[:used],
+        noise[:used],
     )
 
 
@@ -122,9 +138,6 @@ def update(covariance, columns, rows, innovations, variances):
     Args:
       covariance: P (n, n). columns: (C,) where the measured quantities are in it.
       rows: H (K, C). innovations: (K,). variances: (K,) diagonal of R.
-
-    Returns:
-      What the mean moves by (n,), the new covariance, and the normalised innovation squared.
     """
     n, count = covariance.shape[0], 0
     live, place = np.empty(n, dtype=np.int64), np.empty(n, dtype=np.int64)
@@ -172,7 +185,7 @@ def update(covariance, columns, rows, innovations, variances):
             after[live[i], live[j]] = after[live[j], live[i]] = now
     for i in range(size):
         squares -= vector[i] * moved[columns[measured[i]]]
-    return moved, after, squares
+    return Update(moved, after, squares)
 
 
 @_compiled

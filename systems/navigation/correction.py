@@ -57,17 +57,6 @@ class Correction(NamedTuple):
         return self.rejected_rays.size
 
 
-class _Update(NamedTuple):
-    """A linear update of the prior by K residuals."""
-
-    moved: np.ndarray
-    """(n,) what the mean moves by."""
-    covariance: np.ndarray
-    """(n, n) after it."""
-    nis: float
-    """Normalised innovation squared."""
-
-
 def corrected(
     model: FrameModel, prior: Estimate, ranges: np.ndarray, start: np.ndarray | None = None
 ) -> Correction:
@@ -88,16 +77,18 @@ def corrected(
     iteration = 0
     while True:
         frame = model.compared(supposed, ranges)
-        good, bad, rows, crossed, innovations, variances = kernel.gated(
+        good, bad, rows, cross_covariance, innovations, variances = kernel.gated(
             covariance, columns, frame, moved, gate
         )
         used = variances.size
         if not used:
             return Correction(prior, np.nan, frame.rays[good], frame.rays[bad], np.nan, np.nan)
-        if crossed.size:
-            update = _by_returns(covariance, columns, rows, crossed, innovations, variances)
+        if cross_covariance.size:
+            update = _by_returns(
+                covariance, columns, rows, cross_covariance, innovations, variances
+            )
         else:
-            update = _Update(*kernel.update(covariance, columns, rows, innovations, variances))
+            update = kernel.update(covariance, columns, rows, innovations, variances)
         change, left = kernel.fit(columns, rows, innovations, moved, update.moved)
         moved = update.moved
         supposed = _moved(prior, moved)
@@ -119,28 +110,28 @@ def _by_returns(
     covariance: np.ndarray,
     columns: np.ndarray,
     rows: np.ndarray,
-    crossed: np.ndarray,
+    cross_covariance: np.ndarray,
     innovations: np.ndarray,
     variances: np.ndarray,
-) -> _Update:
+) -> kernel.Update:
     """The update in the form that is fast for few residuals: see `update` of the kernel.
 
     Args:
       covariance: P (n, n). columns: (C,) where the measured quantities are in it.
-      rows: H (K, C) derivatives. crossed: H P (K, n). innovations: (K,).
+      rows: H (K, C) derivatives. cross_covariance: H P (K, n). innovations: (K,).
       variances: (K,) of the noise.
     """
     # The triangular solvers of LAPACK and BLAS: scipy's checks take as long as these matrices.
-    total = crossed[:, columns] @ rows.T
+    total = cross_covariance[:, columns] @ rows.T
     total.flat[:: len(total) + 1] += variances  # On the diagonal.
     factor, failed = _cholesky(total.T, lower=1, clean=0, overwrite_a=1)
     if failed:
         raise np.linalg.LinAlgError("the covariance of the residuals is not positive definite")
-    both = np.column_stack([crossed, innovations])
+    both = np.column_stack([cross_covariance, innovations])
     white = _solved_triangle(1.0, factor, both.T, side=1, lower=1, trans_a=1, overwrite_b=1)
     learned, innovations = white[:-1], white[-1]
     after = covariance - learned @ learned.T
-    return _Update(learned @ innovations, after, float(innovations @ innovations))
+    return kernel.Update(learned @ innovations, after, float(innovations @ innovations))
 
 
 def _moved(prior: Estimate, moved: np.ndarray) -> Estimate:

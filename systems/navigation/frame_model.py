@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from proxops.systems.lidar import LidarGeometry
 from proxops.systems.navigation._frame_kernel import (
-    Hits,
+    Comparison,
     RangeErrors,
     Surface,
     raised_origins,
@@ -18,19 +16,6 @@ from proxops.systems.navigation._frame_kernel import (
 from proxops.systems.navigation.estimate import BASE, MEASURED, SIZE, Estimate
 from proxops.systems.navigation.map_error import MapError
 from proxops.systems.shapes import Polyhedron, ray_caster
-
-
-class Comparison(NamedTuple):
-    """A measured frame beside the one that the map predicts, for the K rays that both have."""
-
-    rays: np.ndarray
-    """(K,) int: index of the ray in the frame."""
-    residuals: np.ndarray
-    """(K,) in m: measured less predicted range, times the cosine of the incidence."""
-    variances: np.ndarray
-    """(K,) in m^2: of the residuals if the estimate were true; +inf for rays not to be used."""
-    rows: np.ndarray
-    """(K, 10 + M): derivative of the residuals by what is estimated: see `columns`."""
 
 
 class FrameModel:
@@ -71,22 +56,20 @@ class FrameModel:
         larger = 1.0 + estimate.mean[SIZE]
         position = estimate.mean[:3]
         rays = returned_rays(ranges, self._farthest, estimate.rotation, self.directions)
-        hits = Hits(*self.first_hits(position / larger, rays.directions))
+        hits = self.first_hits(position / larger, rays.directions)
         heights = np.zeros(rays.indices.size)
         if self.map_error.modes:
             # Where the surface lies farther out, it is the map seen from so much nearer.
             rays, origins, heights = raised_origins(
                 position / larger, rays, hits, self._surface, estimate.mean[BASE:] / larger
             )
-            hits = Hits(*self.first_hits(origins, rays.directions))
-        return Comparison(
-            *rows_of_frame(
-                position,
-                rays,
-                hits._replace(distances=larger * hits.distances),
-                larger * heights,
-                ranges,
-                self._surface,
-                (estimate.mean[SIZE:], self._range_errors),
-            )
+            hits = self.first_hits(origins, rays.directions)
+        return rows_of_frame(
+            position,
+            rays,
+            hits._replace(distances=larger * hits.distances),
+            larger * heights,
+            ranges,
+            self._surface,
+            (estimate.mean[SIZE:], self._range_errors),
         )

@@ -28,8 +28,7 @@ from proxops.systems.navigation.map_error import MapError
 from proxops.systems.navigation.mended_map import MendedMap, mended_map
 from proxops.systems.navigation.motion import Motion
 from proxops.systems.navigation.navigator import Memory, Navigator, Step
-from proxops.systems.navigation.phase import NavigationPhase
-from proxops.systems.navigation.return_use import ReturnUse
+from proxops.systems.navigation.step_records import NavigationPhase, ReturnUse
 from proxops.systems.shapes import Polyhedron
 
 # Before the coefficients of the memory's vector: phase, contradictions, whether there is an
@@ -109,9 +108,6 @@ class LidarNavigation(LeafSystem):
           expected: one standard deviation of everything; None: `ExpectedErrors()`.
           period: control period in s. frame_delay: age of a frame in periods when it arrives.
           map_error: of the map; None: as `expected` says.
-
-        Raises:
-          InputError: a value is out of range.
         """
         super().__init__()
         check_positive("LidarNavigation", mass=mass, period=period, noise_std=noise_std)
@@ -135,24 +131,17 @@ class LidarNavigation(LeafSystem):
             frame_delay=self.frame_delay,
         )
         self._size = BASE + map_error.modes
-        self._ranges_port = self.DeclareVectorInputPort(name="ranges", size=geometry.size)
-        self._force_port = self.DeclareVectorInputPort(name="commanded_force", size=3)
+        self._ranges_port = self.DeclareVectorInputPort("ranges", geometry.size)
+        self._force_port = self.DeclareVectorInputPort("commanded_force", 3)
         self._memory = self.DeclareDiscreteState(self._packed(self._navigator.start()))
         self._step = self.DeclareCacheEntry(
             "step",
             ValueProducer(allocate=lambda: AbstractValue.Make(object()), calc=self._calc_step),
-            {
-                self._ranges_port.ticket(),
-                self._force_port.ticket(),
-                self.xd_ticket(),
-                self.time_ticket(),
-            },
+            {self.all_input_ports_ticket(), self.xd_ticket(), self.time_ticket()},
         )
         depends = {self._step.ticket()}
         self._ports = {
-            name: self.DeclareVectorOutputPort(
-                name=name, size=size, calc=calc, prerequisites_of_calc=depends
-            )
+            name: self.DeclareVectorOutputPort(name, size, calc, depends)
             for name, size, calc in (
                 ("state", 6, self._calc_state),
                 ("attitude", 4, self._calc_attitude),
@@ -163,9 +152,7 @@ class LidarNavigation(LeafSystem):
         }
         # Discrete, not unrestricted: all discrete updates at one time see the state before it, so
         # that what is downstream reads the cached result.
-        self.DeclarePeriodicDiscreteUpdateEvent(
-            period_sec=period, offset_sec=0.0, update=self._remember
-        )
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._remember)
 
     def logged_ports(self) -> dict[str, LoggedPort]:
         """The ports whose values a log keeps, by the names of their columns.

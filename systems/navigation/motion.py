@@ -7,12 +7,7 @@ import math
 import numpy as np
 
 from proxops.systems.gravity import Field
-from proxops.systems.navigation._motion_kernel import (
-    Interval,
-    LocalGravity,
-    ProcessNoise,
-    predict,
-)
+from proxops.systems.navigation._motion_kernel import Interval, LocalGravity, ProcessNoise, predict
 from proxops.systems.navigation.estimate import CENTRE_OF_MASS, POSITION, VELOCITY, Estimate
 from proxops.systems.navigation.expected_errors import ExpectedErrors
 

@@ -34,7 +34,7 @@ from proxops.systems.navigation.estimate import (
 from proxops.systems.navigation.expected_errors import ExpectedErrors
 from proxops.systems.navigation.frame_model import FrameModel
 from proxops.systems.navigation.motion import Motion
-from proxops.systems.navigation.phase import NavigationPhase
+from proxops.systems.navigation.step_records import NavigationPhase
 
 # Tuned constants. NIS is the normalised innovation squared over the returns used; about 1.
 

@@ -69,14 +69,13 @@ class GuidanceBundle:
             ranges = {
                 name: (float(low), float(high)) for name, (low, high) in content["ranges"].items()
             }
-        except (TypeError, ValueError, OverflowError) as error:
-            raise InputError(f"{folder / GUIDANCE_FILE} is damaged: ranges are no pairs") from error
-        if not all(math.isfinite(low) and low <= high < math.inf for low, high in ranges.values()):
-            raise InputError(f"{folder / GUIDANCE_FILE} is damaged: a range is empty")
-        if set(ranges) != set(NUMBERS):
+        except (TypeError, ValueError, OverflowError):
+            ranges = {}
+        sound = all(math.isfinite(low) and low <= high < math.inf for low, high in ranges.values())
+        if not sound or set(ranges) != set(NUMBERS):
             raise InputError(
-                f"{folder / GUIDANCE_FILE} is damaged: its ranges are not those of "
-                + ", ".join(NUMBERS)
+                f"{folder / GUIDANCE_FILE} is damaged: its ranges are not a least and a greatest "
+                f"number each for {', '.join(NUMBERS)}"
             )
         try:
             network = GuidanceNetwork.from_bytes(weights)

@@ -11,13 +11,7 @@ import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import LeafSystem, ValueProducer
 
-from proxops.systems.common import (
-    InputError,
-    LoggedPort,
-    check_positive,
-    config,
-    number,
-)
+from proxops.systems.common import InputError, LoggedPort, check_positive, config, number
 from proxops.systems.policy.guidance_bundle import GuidanceBundle
 from proxops.systems.policy.neural_policy import NeuralPolicy, PolicyStatus
 from proxops.systems.policy.surroundings import NUMBERS, Surroundings
@@ -114,8 +108,8 @@ class GuidancePolicy(LeafSystem):
                 + f" (see help(Surroundings.numbers)). {self._ways_out(beyond, thrust_limit)} Or "
                 "fly the MPC, or let it try with policy.beyond_family=true"
             )
-        self._state_port = self.DeclareVectorInputPort(name="state", size=6)
-        self._target_port = self.DeclareVectorInputPort(name="target", size=6)
+        self._state_port = self.DeclareVectorInputPort("state", 6)
+        self._target_port = self.DeclareVectorInputPort("target", 6)
         # What depends on the goal alone is computed once for each goal.
         self._goal = self.DeclareCacheEntry(
             "goal",
@@ -125,20 +119,20 @@ class GuidancePolicy(LeafSystem):
         self._answer = self.DeclareCacheEntry(
             "answer",
             ValueProducer(allocate=lambda: AbstractValue.Make(object()), calc=self._calc_answer),
-            {self._state_port.ticket(), self._target_port.ticket(), self.time_ticket()},
+            {self.all_input_ports_ticket(), self.time_ticket()},
         )
         depends = {self._answer.ticket()}
         self._force_port = self.DeclareVectorOutputPort(
-            name="force",
-            size=3,
-            calc=lambda context, output: output.SetFromVector(self._answer.Eval(context)[0]),
-            prerequisites_of_calc=depends,
+            "force",
+            3,
+            lambda context, output: output.SetFromVector(self._answer.Eval(context)[0]),
+            depends,
         )
         self._record_port = self.DeclareVectorOutputPort(
-            name="record",
-            size=2,
-            calc=lambda context, output: output.SetFromVector(self._answer.Eval(context)[1:]),
-            prerequisites_of_calc=depends,
+            "record",
+            2,
+            lambda context, output: output.SetFromVector(self._answer.Eval(context)[1:]),
+            depends,
         )
 
     def _ways_out(self, beyond: Collection[str], thrust_limit: float) -> str:

@@ -88,9 +88,9 @@ class NeuralPolicy(LeafSystem):
         self.period = period
         check_positive("NeuralPolicy", thrust_limit=self.thrust_limit)
         _check_fit(self.bundle, period, geometry, shape_sha256)
-        self._ranges_port = self.DeclareVectorInputPort(name="ranges", size=geometry.size)
-        self._target_port = self.DeclareVectorInputPort(name="target", size=6)
-        self._commanded_port = self.DeclareVectorInputPort(name="commanded_force", size=3)
+        self._ranges_port = self.DeclareVectorInputPort("ranges", geometry.size)
+        self._target_port = self.DeclareVectorInputPort("target", 6)
+        self._commanded_port = self.DeclareVectorInputPort("commanded_force", 3)
         self._memory = self.DeclareDiscreteState(self.bundle.memory)
         nothing = PolicyAnswer(
             np.zeros(3), np.full(6, np.nan), np.zeros(self.bundle.memory),
@@ -101,28 +101,17 @@ class NeuralPolicy(LeafSystem):
         self._answer = self.DeclareCacheEntry(
             "answer",
             ValueProducer(allocate=lambda: AbstractValue.Make(nothing), calc=self._calc_answer),
-            {
-                self._ranges_port.ticket(),
-                self._target_port.ticket(),
-                self._commanded_port.ticket(),
-                self.xd_ticket(),
-            },
+            {self.all_input_ports_ticket(), self.xd_ticket()},
         )
         depends = {self._answer.ticket()}
-        self._force_port = self.DeclareVectorOutputPort(
-            name="force", size=3, calc=self._calc_force, prerequisites_of_calc=depends
-        )
+        self._force_port = self.DeclareVectorOutputPort("force", 3, self._calc_force, depends)
         self._estimate_port = self.DeclareVectorOutputPort(
-            name="estimate", size=6, calc=self._calc_estimate, prerequisites_of_calc=depends
+            "estimate", 6, self._calc_estimate, depends
         )
-        self._record_port = self.DeclareVectorOutputPort(
-            name="record", size=2, calc=self._calc_record, prerequisites_of_calc=depends
-        )
+        self._record_port = self.DeclareVectorOutputPort("record", 2, self._calc_record, depends)
         # The update is discrete, not unrestricted: all discrete updates at one time see the state
         # before it, so that the hold downstream reads the cached result.
-        self.DeclarePeriodicDiscreteUpdateEvent(
-            period_sec=period, offset_sec=0.0, update=self._remember
-        )
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._remember)
 
     def logged_ports(self) -> dict[str, LoggedPort]:
         """The ports whose values a log keeps, by the names of their columns."""

@@ -37,11 +37,7 @@ class ProportionalDerivative(LeafSystem):
     """
 
     def __init__(self, mass: float, thrust_limit: float, speed_limit: float, period: float = 10.0):
-        """Takes the mass in kg, the limits per axis in N and m/s and the control period in s.
-
-        Raises:
-          InputError: one of them is not positive.
-        """
+        """Takes the mass in kg, the limits per axis in N and m/s and the control period in s."""
         super().__init__()
         check_positive(
             "ProportionalDerivative",
@@ -55,14 +51,9 @@ class ProportionalDerivative(LeafSystem):
         """λ in 1/s."""
         self.gain = mass * _CORRECTION / period
         """Gain of velocity, m k, in kg/s."""
-        self._state_port = self.DeclareVectorInputPort(name="state", size=6)
-        self._target_port = self.DeclareVectorInputPort(name="target", size=6)
-        self.DeclareVectorOutputPort(
-            name="force",
-            size=3,
-            calc=self._calc_force,
-            prerequisites_of_calc={self._state_port.ticket(), self._target_port.ticket()},
-        )
+        self._state_port = self.DeclareVectorInputPort("state", 6)
+        self._target_port = self.DeclareVectorInputPort("target", 6)
+        self.DeclareVectorOutputPort("force", 3, self._calc_force, {self.all_input_ports_ticket()})
 
     def _calc_force(self, context, output):
         error = self._target_port.Eval(context) - self._state_port.Eval(context)

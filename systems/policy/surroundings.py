@@ -62,11 +62,7 @@ class Surroundings:
     """Whether the network sees K turned by a quarter about z, so that K's y-axis is its x-axis."""
 
     def __post_init__(self):
-        """Checks the numbers.
-
-        Raises:
-          InputError: one is not positive or not finite.
-        """
+        """Checks the numbers."""
         check_positive(
             "Surroundings",
             acceleration=self.acceleration,

@@ -16,8 +16,10 @@ from proxops.systems.shapes.ellipsoid import (
     blocks_segment,
     clearances,
     closest_point,
+    ellipsoidal_norms,
     normal_below,
     outward_normals,
+    squared_norm,
     tangent_half_spaces,
 )
 from proxops.systems.shapes.enclosing_ellipsoid import EnclosingEllipsoid, smallest_ellipsoid
@@ -60,6 +62,7 @@ __all__ = [
     "clearances",
     "closest_point",
     "displaced",
+    "ellipsoidal_norms",
     "find_defects",
     "flat_facets",
     "halves",
@@ -77,6 +80,7 @@ __all__ = [
     "shell_labels",
     "smallest_angles",
     "smallest_ellipsoid",
+    "squared_norm",
     "tangent_half_spaces",
     "vertex_normals",
 ]

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from proxops.systems.common import kernel
+from proxops.systems.common import kernel, turned_vector
 
 
 @kernel(error_model="numpy")
@@ -59,7 +59,7 @@ def turned_rays(positions, centre, axes, margin, rotation, directions):
     for k in range(count):
         n, r = places[k], rays[k]
         x, y, z = directions[r, 0], directions[r, 1], directions[r, 2]
+        turned[k, 0], turned[k, 1], turned[k, 2] = turned_vector(rotation, x, y, z)
         for i in range(3):
             origins[k, i] = positions[n, i]
-            turned[k, i] = rotation[i, 0] * x + rotation[i, 1] * y + rotation[i, 2] * z
     return places[:count].copy(), rays[:count].copy(), origins, turned

@@ -11,7 +11,7 @@ from proxops.systems.common import (
     generator,
     one_thread,
 )
-from proxops.systems.shapes.mesh_checks import find_defects
+from proxops.systems.shapes.mesh_checks import area_vectors, find_defects
 from proxops.systems.shapes.polyhedron import Polyhedron
 from proxops.systems.shapes.self_intersection import self_intersections
 
@@ -77,8 +77,7 @@ def vertex_normals(shape: Polyhedron) -> tuple[np.ndarray, np.ndarray]:
 
     A vertex of no facet keeps a normal of 0, and so its place.
     """
-    a, b, c = np.moveaxis(shape.vertices[shape.facets], 1, 0)
-    doubled = np.repeat(np.cross(b - a, c - a), 3, axis=0)
+    doubled = np.repeat(area_vectors(shape.vertices, shape.facets), 3, axis=0)
     corners, count = shape.facets.ravel(), len(shape.vertices)
     sums = np.stack([np.bincount(corners, column, count) for column in doubled.T], axis=1)
     weights = np.bincount(corners, np.linalg.norm(doubled, axis=1) / 6.0, count)

@@ -56,17 +56,31 @@ def closest_point(semi_axes, point):
     return nearest
 
 
+@kernel(error_model="numpy", forceinline=True)
+def squared_norm(semi_axes, point):
+    """The square of |(x/a, y/b, z/c)| of a point (3,): below 1 inside, 1 on the surface."""
+    total = 0.0
+    for i in range(3):
+        total += (point[i] / semi_axes[i]) ** 2
+    return total
+
+
+def ellipsoidal_norms(semi_axes: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """|(x/a, y/b, z/c)| (N,) of points (N, 3): below 1 inside, 1 on the surface."""
+    return np.linalg.norm(points / semi_axes, axis=1)
+
+
 @kernel(error_model="numpy")
 def clearances(semi_axes, points):
     """Signed Euclidean distances (N,) of points (N, 3) to the surface, negative inside."""
     out = np.empty(len(points))
     for k in range(len(points)):
         nearest = closest_point(semi_axes, points[k])
-        away = level = 0.0
+        away = 0.0
         for i in range(3):
             away += (points[k, i] - nearest[i]) ** 2
-            level += (points[k, i] / semi_axes[i]) ** 2
-        out[k] = -math.sqrt(away) if level < 1.0 else math.sqrt(away)
+        inside = squared_norm(semi_axes, points[k]) < 1.0
+        out[k] = -math.sqrt(away) if inside else math.sqrt(away)
     return out
 
 
@@ -84,15 +98,11 @@ def _fill_normal(semi_axes, place, normal):
 @kernel(error_model="numpy")
 def normal_below(semi_axes, point):
     """The unit normal (3,) below an outside point (3,); for an inside point, its direction."""
-    # By loops, here and below: whole arrays take numba seconds to compile.
-    level = square = 0.0
-    for i in range(3):
-        level += (point[i] / semi_axes[i]) ** 2
-    if level > 1.0:
+    if squared_norm(semi_axes, point) > 1.0:
         normal = closest_point(semi_axes, point)
         _fill_normal(semi_axes, normal, normal)
         return normal
-    normal = point.copy()
+    normal, square = point.copy(), 0.0
     for i in range(3):
         square += normal[i] ** 2
     for i in range(3):
@@ -126,11 +136,9 @@ def tangent_half_spaces(semi_axes: np.ndarray, points: np.ndarray) -> tuple[np.n
 def _tangents(semi_axes, points):
     normals, offsets = np.empty(points.shape), np.zeros(points.shape[0])
     for k in range(offsets.size):
-        level = 0.0
-        for i in range(3):
-            level += (points[k, i] / semi_axes[i]) ** 2
-        level = math.sqrt(level)
-        touching = closest_point(semi_axes, points[k]) if level < 1.0 else points[k] / level
+        point = points[k]
+        norm = math.sqrt(squared_norm(semi_axes, point))
+        touching = closest_point(semi_axes, point) if norm < 1.0 else point / norm
         _fill_normal(semi_axes, touching, normals[k])
         for i in range(3):
             offsets[k] += normals[k, i] * touching[i]

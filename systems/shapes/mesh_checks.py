@@ -61,10 +61,21 @@ def six_volumes(vertices: np.ndarray, facets: np.ndarray) -> np.ndarray:
     return (a * np.cross(b, c)).sum(axis=1)
 
 
+def area_vectors(vertices: np.ndarray, facets: np.ndarray) -> np.ndarray:
+    """Normals (F, 3) of the facets, each twice as long as its facet's area."""
+    a, b, c = np.moveaxis(vertices[facets], 1, 0)
+    return np.cross(b - a, c - a)
+
+
 def areas(vertices: np.ndarray, facets: np.ndarray) -> np.ndarray:
     """Areas (F,) of the facets."""
-    a, b, c = np.moveaxis(vertices[facets], 1, 0)
-    return 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    return 0.5 * np.linalg.norm(area_vectors(vertices, facets), axis=1)
+
+
+def components(count: int, pairs: tuple[np.ndarray, np.ndarray]) -> tuple[int, np.ndarray]:
+    """The number of sets into which pairs of indices join `count` things, and the set of each."""
+    links = coo_array((np.ones(len(pairs[0]), dtype=np.int8), pairs), shape=(count, count))
+    return connected_components(links, directed=False)
 
 
 def flat_facets(vertices: np.ndarray, facets: np.ndarray) -> np.ndarray:
@@ -88,9 +99,7 @@ def shell_labels(facets: np.ndarray, vertex_count: int) -> tuple[int, np.ndarray
     _, owner, order = directed_edges(facets, vertex_count)
     low = np.sort(facets[:, [[0, 1], [1, 2], [2, 0]]], axis=2).transpose(1, 0, 2).reshape(-1, 2)
     same = (low[order[1:]] == low[order[:-1]]).all(axis=1)
-    pairs = owner[order[:-1][same]], owner[order[1:][same]]
-    links = coo_array((np.ones(len(pairs[0]), dtype=np.int8), pairs), shape=(len(facets),) * 2)
-    return connected_components(links, directed=False)
+    return components(len(facets), (owner[order[:-1][same]], owner[order[1:][same]]))
 
 
 def winding_number(vertices: np.ndarray, facets: np.ndarray, point: np.ndarray) -> float:

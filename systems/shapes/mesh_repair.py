@@ -6,8 +6,6 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
 from proxops.systems.common import InputError
@@ -15,6 +13,7 @@ from proxops.systems.shapes._hole_filling import boundary_loops, triangulate_loo
 from proxops.systems.shapes.mass import mass_properties
 from proxops.systems.shapes.mesh_checks import (
     areas,
+    components,
     directed_edges,
     edge_groups,
     find_defects,
@@ -128,8 +127,7 @@ def _weld(mesh: Repair) -> None:
     if not len(pairs):
         return
     count = len(mesh.vertices)
-    links = coo_array((np.ones(len(pairs), dtype=np.int8), tuple(pairs.T)), shape=(count, count))
-    _, label = connected_components(links, directed=False)
+    _, label = components(count, tuple(pairs.T))
     _, first, place = np.unique(label, return_index=True, return_inverse=True)
     # Each group becomes its first vertex, unmoved.
     distance = np.linalg.norm(mesh.vertices - mesh.vertices[first[place]], axis=1).max()
@@ -199,10 +197,7 @@ def _inner_walls(facets: np.ndarray, paired: np.ndarray, vertex_count: int) -> n
     at_two = np.flatnonzero(doubles == 2)
     members = owner[paired[owner] & (doubles[edge] == 2)].reshape(-1, 2)
     alike = members[others[at_two] == 0]
-    links = coo_array(
-        (np.ones(len(alike), dtype=np.int8), tuple(alike.T)), shape=(len(facets),) * 2
-    )
-    count, group = connected_components(links, directed=False)
+    count, group = components(len(facets), tuple(alike.T))
     needed, closed = np.zeros(count, dtype=bool), np.zeros(count, dtype=bool)
     needed[group[owner[paired[owner] & (doubles == 1)[edge] & (others == 1)[edge]]]] = True
     closed[group[owner[paired[owner] & (others >= 2)[edge]]]] = True
@@ -242,8 +237,7 @@ def _wind_alike(mesh: Repair) -> None:
     one, other = owner[first], owner[second]
     rows = np.r_[one, one + count]
     columns = np.r_[np.where(differ, other + count, other), np.where(differ, other, other + count)]
-    links = coo_array((np.ones(len(rows), dtype=np.int8), (rows, columns)), shape=(2 * count,) * 2)
-    _, label = connected_components(links, directed=False)
+    _, label = components(2 * count, (rows, columns))
     if (label[:count] == label[count:]).any():
         raise InputError("the mesh cannot be mended: it is one-sided, like a Möbius strip")
     # Each shell has two sets of copies. The one with fewer reversed facets is kept.

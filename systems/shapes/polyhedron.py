@@ -13,12 +13,13 @@ import numpy as np
 from proxops.systems.common import InputError
 from proxops.systems.shapes.mesh_checks import directed_edges, find_defects, six_volumes
 from proxops.systems.shapes.shape_files import metres_per, read_mesh
+from proxops.systems.shapes.surface import Surface
 
 if typing.TYPE_CHECKING:
     import trimesh
 
 
-class Polyhedron:
+class Polyhedron(Surface):
     """The shape of a body: vertices (V, 3) in metres and facets (F, 3) wound outwards.
 
     Every `Polyhedron` is sound: each edge is shared by exactly two facets that run along it in
@@ -59,19 +60,6 @@ class Polyhedron:
         mesh = read_mesh(path, unit)
         return cls(mesh.vertices, mesh.facets, mesh.name)
 
-    @classmethod
-    def from_trimesh(cls, mesh: trimesh.Trimesh, unit: str, name: str = "mesh") -> Polyhedron:
-        """Takes a `trimesh.Trimesh` whose numbers are in `unit` ("km" or "m").
-
-        Raises:
-          InputError: it holds no triangles, the unit is not known, or the mesh is not sound.
-        """
-        import trimesh  # It is slow to import, so only when it is needed.
-
-        if not isinstance(mesh, trimesh.Trimesh) or len(mesh.faces) == 0:
-            raise InputError(f"{name} holds no triangles")
-        return cls(mesh.vertices * metres_per(unit), mesh.faces, name)
-
     def to_trimesh(self, unit: str = "m") -> trimesh.Trimesh:
         """The same mesh as a `trimesh.Trimesh` in `unit`."""
         import trimesh  # It is slow to import, so only when it is needed.
@@ -84,10 +72,6 @@ class Polyhedron:
         return Polyhedron(self.vertices - self.centre_of_mass, self.facets, self.name)
 
     @cached_property
-    def _corners(self) -> np.ndarray:
-        return self.vertices[self.facets]
-
-    @cached_property
     def volume(self) -> float:
         """Enclosed volume in m^3: the sum of signed tetrahedra, for bodies of any form."""
         return float(six_volumes(self.vertices, self.facets).sum() / 6.0)
@@ -96,24 +80,12 @@ class Polyhedron:
     def centre_of_mass(self) -> np.ndarray:
         """Centre of mass (3,) in m, at uniform density."""
         origin = self.vertices.mean(axis=0)
-        corner_sums = (self._corners - origin).sum(axis=1)
+        corner_sums = (self.vertices[self.facets] - origin).sum(axis=1)
         weights = six_volumes(self.vertices, self.facets)
         # Exact sums: those of a library for matrices differ in the last bit from processor to
         # processor, and with them K and `sha256`.
         moments = [math.fsum(weights * sums) for sums in corner_sums.T]
         return origin + np.array(moments) / (4.0 * math.fsum(weights))
-
-    @cached_property
-    def extents(self) -> np.ndarray:
-        """Lengths (3,) in m of the bounding box along x, y, z."""
-        return np.ptp(self.vertices, axis=0)
-
-    @cached_property
-    def normals(self) -> np.ndarray:
-        """Outward unit normals (F, 3)."""
-        a, b, c = np.moveaxis(self._corners, 1, 0)
-        cross = np.cross(b - a, c - a)
-        return cross / np.linalg.norm(cross, axis=1, keepdims=True)
 
     @cached_property
     def edges(self) -> tuple[np.ndarray, np.ndarray]:

@@ -10,7 +10,6 @@ from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore import EmbreeDevice
 from embreex.rtcore_scene import EmbreeScene
 
-from proxops.systems.common import InputError
 from proxops.systems.shapes._turned_rays import turned_rays
 from proxops.systems.shapes.polyhedron import Polyhedron
 from proxops.systems.shapes.surface import Surface
@@ -58,7 +57,7 @@ class RayCaster:
     keep its origin near the mesh.
     """
 
-    def __init__(self, shape: Polyhedron | Surface):
+    def __init__(self, shape: Surface):
         """Takes the mesh, whose vertices are in m."""
         self.shape = shape
         self._device = EmbreeDevice()
@@ -110,14 +109,8 @@ class RayFan:
     """
 
     def __init__(self, caster: RayCaster, directions: np.ndarray):
-        """Takes the mesh's caster and unit directions (R, 3) in its frame.
-
-        Raises:
-          InputError: the directions are not an (R, 3) array.
-        """
-        directions = np.asarray(directions)
-        if directions.ndim != 2 or directions.shape[1] != 3:
-            raise InputError(f"directions must have shape (R, 3), got {directions.shape}")
+        """Takes the mesh's caster and unit directions (R, 3) in its frame."""
+        assert np.ndim(directions) == 2
         self._scene = caster.scene
         self._directions = np.array(directions, dtype=np.float64)
         vertices = caster.shape.vertices
@@ -148,13 +141,9 @@ class RayFan:
 
         +inf where a ray meets nothing. The result is that of `RayCaster.distances`, ray by ray, but
         three times as fast from far away. Besides the result it needs a few MB for any N.
-
-        Raises:
-          InputError: the positions are not an (N, 3) array.
         """
         positions = np.asarray(positions, dtype=np.float64)
-        if positions.ndim != 2 or positions.shape[1] != 3:
-            raise InputError(f"positions must have shape (N, 3), got {positions.shape}")
+        assert positions.ndim == 2
         frames = np.full((len(positions), len(self._directions)), np.inf, dtype=np.float32)
         block = max(1, _BLOCK // max(1, len(self._directions)))
         for start in range(0, len(positions), block):

@@ -7,9 +7,12 @@ two.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from proxops.systems.common import InputError, kernel
+from proxops.systems.shapes.mesh_checks import area_vectors
 
 # Relative error bounds of the plain determinants below: Shewchuk, "Adaptive Precision
 # Floating-Point Arithmetic and Fast Robust Geometric Predicates" (1997), doubled for safety.
@@ -67,8 +70,10 @@ def _meeting(numbers: _Numbers, facets: np.ndarray, pairs: np.ndarray) -> np.nda
         if shared:
             first = _put_last(first, equal[some].any(axis=2), shared)
             second = _put_last(second, equal[some].any(axis=1), shared)
-        judge = (_meet, _meet_beyond_vertex, _fold_onto)[shared]
-        meet[some] = judge(numbers, first, second)
+        if shared == 2:
+            meet[some] = _fold_onto(numbers, first, second)
+        else:
+            meet[some] = _meet(numbers, first, second, (0,) if shared else (0, 1, 2))
     return pairs[meet]
 
 
@@ -168,38 +173,26 @@ def _signs(wholes: np.ndarray) -> np.ndarray:
     return (wholes > 0).astype(int) - (wholes < 0).astype(int)
 
 
-def _meet(numbers: _Numbers, first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Whether triangles (N, 3) that share no vertex have a point in common.
+def _meet(
+    numbers: _Numbers, first: np.ndarray, second: np.ndarray, edges: Sequence[int]
+) -> np.ndarray:
+    """Whether triangles (N, 3) have a point in common, other than a last vertex that they share.
 
-    If two triangles in different planes do, an edge of one meets the other.
+    If two triangles in different planes do, an edge of one meets the other. It is one of `edges`,
+    which run from the corners of these numbers to the next: all, or the one opposite to the vertex.
     """
     meet = np.zeros(len(first), dtype=bool)
     for one, other in ((first, second), (second, first)):
-        for k in range(3):
+        for k in edges:
             rest = np.flatnonzero(~meet)
-            edge = one[rest, k], one[rest, (k + 1) % 3]
-            meet[rest] = _edge_meets(numbers, *edge, other[rest])
+            meet[rest] = _edge_meets(numbers, one[rest, k], one[rest, (k + 1) % 3], other[rest])
     rest = np.flatnonzero(~meet)
-    if rest.size:
-        same = _in_plane(numbers, first[rest], second[rest])
-        meet[rest[same]] = _overlap_in_plane(numbers, first[rest[same]], second[rest[same]])
-    return meet
-
-
-def _meet_beyond_vertex(numbers: _Numbers, first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Whether triangles (N, 3) whose last vertex is common meet elsewhere, too.
-
-    If they do, the edge of one that is opposite to that vertex meets the other triangle.
-    """
-    meet = np.zeros(len(first), dtype=bool)
-    for one, other in ((first, second), (second, first)):
-        meet |= _edge_meets(numbers, one[:, 0], one[:, 1], other)
-    rest = np.flatnonzero(~meet)
-    if rest.size:
-        same = rest[_in_plane(numbers, first[rest], second[rest])]
-        drop = _thin_axis(numbers, first[same])
-        for one, other in ((first[same], second[same]), (second[same], first[same])):
-            meet[same] |= _edge_meets_in_plane(numbers, drop, one[:, 0], one[:, 1], other)
+    same = rest[_in_plane(numbers, first[rest], second[rest])]
+    drop = _thin_axis(numbers, first[same])
+    for one, other in ((first[same], second[same]), (second[same], first[same])):
+        for k in edges:
+            ends = one[:, k], one[:, (k + 1) % 3]
+            meet[same] |= _edge_meets_in_plane(numbers, drop, *ends, other)
     return meet
 
 
@@ -234,18 +227,7 @@ def _in_plane(numbers: _Numbers, first: np.ndarray, second: np.ndarray) -> np.nd
 
 def _thin_axis(numbers: _Numbers, facets: np.ndarray) -> np.ndarray:
     """The axis (N,) along which the projection of each triangle is largest."""
-    a, b, c = (numbers.floats[corner] for corner in facets.T)
-    return np.argmax(np.abs(np.cross(b - a, c - a)), axis=1)
-
-
-def _overlap_in_plane(numbers: _Numbers, first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Whether triangles in one plane have a point in common."""
-    drop = _thin_axis(numbers, first)
-    meet = np.zeros(len(first), dtype=bool)
-    for one, other in ((first, second), (second, first)):
-        for k in range(3):
-            meet |= _edge_meets_in_plane(numbers, drop, one[:, k], one[:, (k + 1) % 3], other)
-    return meet
+    return np.argmax(np.abs(area_vectors(numbers.floats, facets)), axis=1)
 
 
 def _edge_meets_in_plane(numbers: _Numbers, drop, p, q, facets: np.ndarray) -> np.ndarray:

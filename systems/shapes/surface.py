@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import typing
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from proxops.systems.common import InputError
+from proxops.systems.shapes.mesh_checks import area_vectors
 from proxops.systems.shapes.shape_files import metres_per
 
 if typing.TYPE_CHECKING:
@@ -21,12 +23,7 @@ class Surface:
     """
 
     def __init__(self, vertices: ArrayLike, facets: ArrayLike, name: str = "mesh"):
-        """Takes vertices (V, 3) in metres and facets (F, 3) of indices into them.
-
-        Raises:
-          InputError: the arrays have other shapes, hold no facet, a vertex is not finite, or an
-            index is out of range.
-        """
+        """Takes vertices (V, 3) in metres and facets (F, 3) of indices into them."""
         self.vertices = np.array(vertices, dtype=np.float64)
         self.facets = np.array(facets, dtype=np.int64)
         self.name = name
@@ -42,11 +39,11 @@ class Surface:
             )
 
     @classmethod
-    def from_trimesh(cls, mesh: trimesh.Trimesh, unit: str, name: str = "mesh") -> Surface:
+    def from_trimesh(cls, mesh: trimesh.Trimesh, unit: str, name: str = "mesh") -> typing.Self:
         """Takes a `trimesh.Trimesh` whose numbers are in `unit` ("km" or "m").
 
         Raises:
-          InputError: it holds no triangles, the unit is not known, or a vertex is not finite.
+          InputError: it holds no triangles, the unit is not known, or the constructor refuses it.
         """
         import trimesh  # It is slow to import, so only when it is needed.
 
@@ -54,14 +51,13 @@ class Surface:
             raise InputError(f"{name} holds no triangles")
         return cls(mesh.vertices * metres_per(unit), mesh.faces, name)
 
-    @property
+    @cached_property
     def extents(self) -> np.ndarray:
         """Lengths (3,) in m of the bounding box along x, y, z."""
         return np.ptp(self.vertices, axis=0)
 
-    @property
+    @cached_property
     def normals(self) -> np.ndarray:
-        """Unit normals (F, 3), by the order of the corners; 0 of a facet without an area."""
-        a, b, c = np.moveaxis(self.vertices[self.facets], 1, 0)
-        cross = np.cross(b - a, c - a)
-        return cross / np.maximum(np.linalg.norm(cross, axis=1, keepdims=True), 1e-300)
+        """Unit normals (F, 3) by the winding, outwards if closed; 0 of a facet without an area."""
+        vectors = area_vectors(self.vertices, self.facets)
+        return vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-300)

@@ -48,7 +48,6 @@ from proxops.systems.vehicle.spacecraft import (
     Spacecraft,
     Spacecraft_,
     SpacecraftConfig,
-    jacobi_integral,
     rotating_frame_acceleration,
 )
 from proxops.systems.vehicle.state_noise import StateNoise
@@ -93,7 +92,6 @@ __all__ = [
     "TrueThrustersConfig",
     "UnexplainedAcceleration",
     "VelocityKicks",
-    "jacobi_integral",
     "moved_by",
     "predicted_state",
     "rotating_frame_acceleration",

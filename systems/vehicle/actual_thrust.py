@@ -11,15 +11,18 @@ from pydrake.systems.framework import LeafSystem
 from proxops.systems.common import (
     LONG,
     InputError,
+    Vector,
     check_not_negative,
     check_positive,
     config,
+    finite_vector,
     number,
     one_of,
+    quaternion_of,
+    quaternion_product,
+    rotated,
     vector,
 )
-from proxops.systems.vehicle._quaternions import from_rotation_vector, product, rotated
-from proxops.systems.vehicle._vectors import Vector, finite_vector
 
 STANDARD_GRAVITY = 9.80665
 """g0 in m/s^2, by which a specific impulse in s is an exhaust velocity."""
@@ -44,20 +47,16 @@ class TrueThrustersConfig:
 
 @dataclass(frozen=True)
 class ThrusterErrors:
-    """The errors of the thrusters; `ThrusterErrors()` has none."""
+    """The errors of the thrusters, in SI units: see `TrueThrustersConfig`. By default none."""
 
     scale: Sequence[float] | np.ndarray = (1.0, 1.0, 1.0)
-    """(3,): true force over nominal force, for each of the thrusters' axes."""
     direction: Sequence[float] | np.ndarray = (0.0, 0.0, 0.0)
     """(3,), rad: the rotation vector that turns S into the thrusters' axes."""
     least_impulse: float = 0.0
-    """N s: an axis whose impulse over a control period would be smaller gives nothing."""
     quantum: float = 0.0
-    """N: the force of each axis is the nearest multiple of this; 0: any force."""
     failed_axis: int | None = None
-    """0, 1 or 2: this axis gives nothing from the failure time on; None: all work."""
+    """0, 1 or 2; None: all work."""
     failure_time: float = 0.0
-    """s."""
 
     def __post_init__(self) -> None:
         """Makes tuples of the vectors; raises `InputError` for errors that no thruster has."""
@@ -135,35 +134,27 @@ class ActualThrust(LeafSystem):
         """Takes the errors, the control period in s, and the specific impulse in s.
 
         Without a specific impulse, the mass flow is 0.
-
-        Raises:
-          InputError: the period or the specific impulse is not positive.
         """
         super().__init__()
         check_positive("ActualThrust", period=period)
         if specific_impulse is not None:
             check_positive("ActualThrust", specific_impulse=specific_impulse)
         self.errors, self.period, self.specific_impulse = errors, period, specific_impulse
-        self._mounting = from_rotation_vector(finite_vector("", "direction", errors.direction))
-        self._command_port = self.DeclareVectorInputPort(name="force", size=3)
-        self._attitude_port = self.DeclareVectorInputPort(name="attitude", size=4)
+        self._mounting = quaternion_of(finite_vector("", "direction", errors.direction))
+        self._command_port = self.DeclareVectorInputPort("force", 3)
+        self._attitude_port = self.DeclareVectorInputPort("attitude", 4)
         depends = {self._command_port.ticket()}
         if errors.failed_axis is not None:
             depends.add(self.time_ticket())
         self.DeclareVectorOutputPort(
-            name="force",
-            size=3,
-            calc=self._calc_force,
-            prerequisites_of_calc={*depends, self._attitude_port.ticket()},
+            "force", 3, self._calc_force, {*depends, self._attitude_port.ticket()}
         )
-        self._thrust_port = self.DeclareVectorOutputPort(
-            name="thrust", size=3, calc=self._calc_thrust, prerequisites_of_calc=depends
-        )
+        self._thrust_port = self.DeclareVectorOutputPort("thrust", 3, self._calc_thrust, depends)
         self.DeclareVectorOutputPort(
-            name="mass_flow",
-            size=1,
-            calc=self._calc_mass_flow,
-            prerequisites_of_calc={self.nothing_ticket()} if specific_impulse is None else depends,
+            "mass_flow",
+            1,
+            self._calc_mass_flow,
+            {self.nothing_ticket()} if specific_impulse is None else depends,
         )
 
     def _thrust(self, context) -> Vector:
@@ -178,7 +169,7 @@ class ActualThrust(LeafSystem):
         rotation = self._mounting
         if self._attitude_port.HasValue(context):
             w, x, y, z = self._attitude_port.Eval(context).tolist()
-            rotation = product((w, x, y, z), rotation)
+            rotation = quaternion_product((w, x, y, z), rotation)
         output.SetFromVector(rotated(rotation, self._thrust(context)))
 
     def _calc_mass_flow(self, context, output):

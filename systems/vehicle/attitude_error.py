@@ -8,20 +8,18 @@ import numpy as np
 
 from proxops.systems.common import (
     LONG,
-    SeededSystem,
-    check_not_negative,
+    Quaternion,
+    Vector,
+    check_finite,
     config,
+    finite_vector,
     number,
+    quaternion_inverse,
+    quaternion_of,
+    quaternion_product,
     vector,
 )
-from proxops.systems.vehicle._quaternions import (
-    Quaternion,
-    from_rotation_vector,
-    inverse,
-    product,
-)
-from proxops.systems.vehicle._vectors import Vector, check_finite, finite_vector
-from proxops.systems.vehicle.gauss_markov import gauss_markov_at
+from proxops.systems.vehicle.gauss_markov import SlowVector
 
 
 def believed_axes(
@@ -47,9 +45,11 @@ def believed_axes(
     """
     x, y, z = true_spin
     if x == 0.0 and y == 0.0:
-        return from_rotation_vector((0.0, 0.0, (believed_spin - z) * time + phase))
-    true = from_rotation_vector((time * x, time * y, time * z))
-    return product(inverse(true), from_rotation_vector((0.0, 0.0, believed_spin * time + phase)))
+        return quaternion_of((0.0, 0.0, (believed_spin - z) * time + phase))
+    true = quaternion_of((time * x, time * y, time * z))
+    return quaternion_product(
+        quaternion_inverse(true), quaternion_of((0.0, 0.0, believed_spin * time + phase))
+    )
 
 
 @config
@@ -68,7 +68,7 @@ class TrueAttitudeConfig:
     correlation_time_s: float = number(3600.0, at_least=1e-2, at_most=LONG, unit="s")
 
 
-class AttitudeError(SeededSystem):
+class AttitudeError(SlowVector):
     """The attitude R_KS of a spacecraft that takes its axes S for those of the body, K.
 
     ```
@@ -105,37 +105,20 @@ class AttitudeError(SeededSystem):
           phase: rad: what the believed rotation phase is ahead by.
           period: control period in s.
           seed: the seed of a new Context.
-
-        Raises:
-          InputError: a vector is not of three finite numbers, the spin or the phase is not finite,
-            the deviation or the correlation time is negative, or the period is not positive.
         """
-        super().__init__(period, seed)
+        super().__init__(constant, varying_std, correlation_time, period, seed)
         owner = "AttitudeError"
-        check_not_negative(owner, varying_std=varying_std, correlation_time=correlation_time)
         check_finite(owner, believed_spin=believed_spin, phase=phase)
-        self.constant = finite_vector(owner, "constant", constant)
-        self.varying_std, self.correlation_time = varying_std, correlation_time
         self.believed_spin, self.phase = believed_spin, phase
         self.true_spin = finite_vector(owner, "true_spin", true_spin)
-        self.DeclareVectorOutputPort(
-            name="attitude",
-            size=4,
-            calc=self._calc_attitude,
-            prerequisites_of_calc=self.seed_tickets(),
-        )
+        self.DeclareVectorOutputPort("attitude", 4, self._calc_attitude, self.seed_tickets())
 
     def _calc_attitude(self, context, output):
-        time = context.get_time()
         axes = believed_axes(
-            time, believed_spin=self.believed_spin, true_spin=self.true_spin, phase=self.phase
+            context.get_time(),
+            believed_spin=self.believed_spin,
+            true_spin=self.true_spin,
+            phase=self.phase,
         )
-        u, v, w = gauss_markov_at(
-            time,
-            std=self.varying_std,
-            correlation_time=self.correlation_time,
-            period=self.period,
-            seed=self.seed_of(context),
-        )
-        x, y, z = self.constant
-        output.SetFromVector(product(axes, from_rotation_vector((x + u, y + v, z + w))))
+        error = quaternion_of(self.vector_at(context))
+        output.SetFromVector(quaternion_product(axes, error))

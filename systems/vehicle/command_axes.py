@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from pydrake.systems.framework import LeafSystem
 
-from proxops.systems.common import check_positive
-from proxops.systems.vehicle._quaternions import inverse, rotated
+from proxops.systems.common import check_positive, quaternion_inverse, rotated
 
 
 class CommandAxes(LeafSystem):
@@ -26,27 +25,18 @@ class CommandAxes(LeafSystem):
     """
 
     def __init__(self, limit: float):
-        """Takes the greatest force per axis in N.
-
-        Raises:
-          InputError: it is not positive.
-        """
+        """Takes the greatest force per axis in N."""
         super().__init__()
         check_positive("CommandAxes", limit=limit)
         self.limit = limit
-        self._command_port = self.DeclareVectorInputPort(name="force", size=3)
-        self._attitude_port = self.DeclareVectorInputPort(name="attitude", size=4)
-        self.DeclareVectorOutputPort(
-            name="force",
-            size=3,
-            calc=self._calc_force,
-            prerequisites_of_calc={self._command_port.ticket(), self._attitude_port.ticket()},
-        )
+        self._command_port = self.DeclareVectorInputPort("force", 3)
+        self._attitude_port = self.DeclareVectorInputPort("attitude", 4)
+        self.DeclareVectorOutputPort("force", 3, self._calc_force, {self.all_input_ports_ticket()})
 
     def _calc_force(self, context, output):
         x, y, z = self._command_port.Eval(context).tolist()
         a, b, c, d = self._attitude_port.Eval(context).tolist()
-        force = rotated(inverse((a, b, c, d)), (x, y, z))
+        force = rotated(quaternion_inverse((a, b, c, d)), (x, y, z))
         # The comparisons let NaN through.
         limit = self.limit
         output.SetFromVector([limit if f > limit else -limit if f < -limit else f for f in force])

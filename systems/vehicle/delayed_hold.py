@@ -27,11 +27,7 @@ class DelayedHold(LeafSystem):
     """
 
     def __init__(self, period: float, delay: float, size: int):
-        """Takes the period and the delay in s and the size of input and output.
-
-        Raises:
-          InputError: the period or the delay is not positive, or the delay is above the period.
-        """
+        """Takes the period and the delay in s and the size of input and output."""
         super().__init__()
         if not 0.0 < delay <= period:
             raise InputError(
@@ -39,26 +35,19 @@ class DelayedHold(LeafSystem):
                 f"got {delay} s and {period} s"
             )
         self.period, self.delay = period, delay
-        self._u_port = self.DeclareVectorInputPort(name="u", size=size)
+        self._u_port = self.DeclareVectorInputPort("u", size)
         self._pending = self.DeclareDiscreteState(size)
         self._current = self.DeclareDiscreteState(size)
         self._before = self.DeclareDiscreteState(size)
-        self.DeclareStateOutputPort(name="y", state_index=self._current)
-        self.DeclareVectorOutputPort(
-            name="mean",
-            size=size,
-            calc=self._calc_mean,
-            prerequisites_of_calc={self.xd_ticket()},
-        )
+        self.DeclareStateOutputPort("y", self._current)
+        self.DeclareVectorOutputPort("mean", size, self._calc_mean, {self.xd_ticket()})
         declare = self.DeclarePeriodicDiscreteUpdateEvent
         # All updates at one time read the state before that time: at kT + T the waiting sample is
         # put out, and the new one waits. With a delay of one period, both events must have the same
         # offset: kT + T and (k + 1)T may differ in the last bit, and then the new sample would be
         # put out at once.
-        declare(period_sec=period, offset_sec=0.0, update=self._sample)
-        declare(
-            period_sec=period, offset_sec=delay if delay < period else 0.0, update=self._put_out
-        )
+        declare(period, 0.0, self._sample)
+        declare(period, delay if delay < period else 0.0, self._put_out)
 
     def _sample(self, context, discrete_state):
         discrete_state.set_value(self._pending, self._u_port.Eval(context))

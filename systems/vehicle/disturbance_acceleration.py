@@ -6,16 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from proxops.systems.common import (
-    LONG,
-    SeededSystem,
-    check_not_negative,
-    config,
-    number,
-    vector,
-)
-from proxops.systems.vehicle._vectors import finite_vector
-from proxops.systems.vehicle.gauss_markov import gauss_markov_at
+from proxops.systems.common import LONG, config, number, vector
+from proxops.systems.vehicle.gauss_markov import SlowVector
 
 
 @config
@@ -29,7 +21,7 @@ class TrueAccelerationConfig:
     correlation_time_s: float = number(600.0, at_least=1e-2, at_most=LONG, unit="s")
 
 
-class UnexplainedAcceleration(SeededSystem):
+class UnexplainedAcceleration(SlowVector):
     """An acceleration from outside: a constant, and a Gauss-Markov process that varies slowly.
 
     ```
@@ -57,30 +49,11 @@ class UnexplainedAcceleration(SeededSystem):
           correlation_time: s, of that part.
           period: control period in s.
           seed: the seed of a new Context.
-
-        Raises:
-          InputError: the constant is not of three finite numbers, the deviation or the correlation
-            time is negative, or the period is not positive.
         """
-        super().__init__(period, seed)
-        owner = "UnexplainedAcceleration"
-        check_not_negative(owner, std=std, correlation_time=correlation_time)
-        self.constant = finite_vector(owner, "constant", constant)
-        self.std, self.correlation_time = std, correlation_time
+        super().__init__(constant, std, correlation_time, period, seed)
         self.DeclareVectorOutputPort(
-            name="acceleration",
-            size=3,
-            calc=self._calc_acceleration,
-            prerequisites_of_calc=self.seed_tickets(),
+            "acceleration",
+            3,
+            lambda context, output: output.SetFromVector(self.vector_at(context)),
+            self.seed_tickets(),
         )
-
-    def _calc_acceleration(self, context, output):
-        u, v, w = gauss_markov_at(
-            context.get_time(),
-            std=self.std,
-            correlation_time=self.correlation_time,
-            period=self.period,
-            seed=self.seed_of(context),
-        )
-        x, y, z = self.constant
-        output.SetFromVector((x + u, y + v, z + w))

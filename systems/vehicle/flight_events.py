@@ -20,7 +20,13 @@ from proxops.systems.common import (
     number,
 )
 from proxops.systems.gravity import BodyField
-from proxops.systems.shapes import blocks_segment, clearances, ray_caster
+from proxops.systems.shapes import (
+    blocks_segment,
+    clearances,
+    ellipsoidal_norms,
+    ray_caster,
+    squared_norm,
+)
 
 # A time that never comes.
 NEVER = 1e15
@@ -37,9 +43,9 @@ def containing_ellipsoid(semi_axes: np.ndarray, vertices: np.ndarray) -> np.ndar
     Args:
       semi_axes: (3,) of an ellipsoid about the origin. vertices: (N, 3) of the mesh, in one unit.
     """
-    level = float(np.sqrt(np.sum((vertices / semi_axes) ** 2, axis=1).max()))
+    farthest = float(ellipsoidal_norms(semi_axes, vertices).max())
     # The margin is for rounding.
-    return semi_axes if level <= 1.0 else (1.0 + 1e-9) * level * semi_axes
+    return semi_axes if farthest <= 1.0 else (1.0 + 1e-9) * farthest * semi_axes
 
 
 @config
@@ -103,9 +109,6 @@ class FlightEvents:
           keep_out_semi_axes: (3,) in m, of the keep-out ellipsoid. The true mesh may stick out.
           radius, speed: size of the goal region in m and m/s.
           dwell: time in s in the goal region after which the flight ends.
-
-        Raises:
-          InputError: one of them is not positive, or the dwell is negative.
         """
         check_positive("a flight", radius=radius, speed=speed)
         check_not_negative("a flight", dwell=dwell)
@@ -226,18 +229,18 @@ class FlightEvents:
 def _uneventful(start, end, target, span, regions):
     """Whether a path between states (6,) ends outside the goal region, far from the ellipsoid."""
     around, radius, speed = regions
-    position = velocity = level = left = right = straight = 0.0
+    position = velocity = left = right = straight = 0.0
     third = span / 3.0
     for i in range(3):
         position += (end[i] - target[i]) ** 2
         velocity += (end[3 + i] - target[3 + i]) ** 2
-        level += (start[i] / around[i]) ** 2
         # From the start to the other Bézier points, in whose convex hull the path lies.
         left += (third * start[3 + i]) ** 2
         right += (end[i] - third * end[3 + i] - start[i]) ** 2
         straight += (end[i] - start[i]) ** 2
     # The nearest point of an ellipsoid is at least this far away.
-    free = (math.sqrt(level) - 1.0) * min(around[0], around[1], around[2])
+    norm = math.sqrt(squared_norm(around, start))
+    free = (norm - 1.0) * min(around[0], around[1], around[2])
     away = math.sqrt(position) > radius or math.sqrt(velocity) > speed
     return away and free > math.sqrt(max(left, right, straight))
 

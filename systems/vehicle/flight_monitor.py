@@ -53,27 +53,20 @@ class FlightMonitor(LeafSystem):
         Args:
           events: knows the true body, the keep-out ellipsoid and the goal region.
           period: control period in s.
-
-        Raises:
-          InputError: the period is not positive.
         """
         super().__init__()
         check_positive("FlightMonitor", period=period)
         self._events = events
-        self._state_port = self.DeclareVectorInputPort(name="state", size=6)
-        self._target_port = self.DeclareVectorInputPort(name="target", size=6)
+        self._state_port = self.DeclareVectorInputPort("state", 6)
+        self._target_port = self.DeclareVectorInputPort("target", 6)
         self._outcome_index = self.DeclareDiscreteState(BasicVector([NEVER, 0.0, 0.0, 0.0]))
         # State, target and time at the last control step, when the outcome was as above.
         self._last_index = self.DeclareDiscreteState(BasicVector(np.full(13, np.nan)))
         self.DeclareVectorOutputPort(
-            name="outcome",
-            size=4,
-            calc=lambda context, output: output.SetFromVector(self._outcome(context)),
+            "outcome", 4, lambda context, output: output.SetFromVector(self._outcome(context))
         )
         self.DeclareInitializationDiscreteUpdateEvent(update=self._initialise)
-        self.DeclarePeriodicDiscreteUpdateEvent(
-            period_sec=period, offset_sec=period, update=self._check
-        )
+        self.DeclarePeriodicDiscreteUpdateEvent(period, period, self._check)
 
         def collide(system, context, event, state):
             return self._collide(state)

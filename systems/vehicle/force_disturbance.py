@@ -22,30 +22,23 @@ class ForceDisturbance(SeededSystem):
     """
 
     def __init__(self, thrust_limit: float, period: float, seed: int):
-        """Takes the limit of each axis in N, the control period in s, and the default seed.
-
-        Raises:
-          InputError: the limit or the period is not positive, or the seed is not a whole number
-            from 0 to 2^53 - 1.
-        """
+        """Takes the limit of each axis in N, the control period in s, and the default seed."""
         super().__init__(period, seed)
         check_positive(type(self).__name__, thrust_limit=thrust_limit)
         self.thrust_limit = thrust_limit
-        self._force_in_port = self.DeclareVectorInputPort(name="force", size=3)
+        self._force_in_port = self.DeclareVectorInputPort("force", 3)
         self._added_index = self.DeclareDiscreteState(3)
         self.DeclareVectorOutputPort(
-            name="force",
-            size=3,
-            calc=self._calc_force,
-            prerequisites_of_calc={
+            "force",
+            3,
+            self._calc_force,
+            {
                 self._force_in_port.ticket(),
                 self.discrete_state_ticket(self._added_index),
                 *self.seed_tickets(),
             },
         )
-        self.DeclarePeriodicDiscreteUpdateEvent(
-            period_sec=period, offset_sec=0.0, update=self._update_added
-        )
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update_added)
 
     def next_added(self, command: np.ndarray, last: np.ndarray, seed: int, step: int) -> np.ndarray:
         """Returns the force (3,) in N that is added over a period.

@@ -6,13 +6,7 @@ import math
 
 import numpy as np
 
-from proxops.systems.common import (
-    LONG,
-    check_not_negative,
-    config,
-    generator,
-    number,
-)
+from proxops.systems.common import LONG, check_not_negative, config, generator, number
 from proxops.systems.vehicle.force_disturbance import ForceDisturbance
 
 
@@ -56,12 +50,7 @@ class ForceNoise(ForceDisturbance):
         period: float = 10.0,
         seed: int = 0,
     ):
-        """Takes forces in N and times in s; `period` is the control period.
-
-        Raises:
-          InputError: the limit or the period is not positive, or another property is negative or
-            not finite.
-        """
+        """Takes forces in N and times in s; `period` is the control period."""
         super().__init__(thrust_limit, period, seed)
         check_not_negative("ForceNoise", std=std, correlation_time=correlation_time)
         self.std = std

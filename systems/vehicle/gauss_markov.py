@@ -4,9 +4,17 @@ from __future__ import annotations
 
 import functools
 import math
+from collections.abc import Sequence
 
-from proxops.systems.common import generator
-from proxops.systems.vehicle._vectors import Vector
+import numpy as np
+
+from proxops.systems.common import (
+    SeededSystem,
+    Vector,
+    check_not_negative,
+    finite_vector,
+    generator,
+)
 
 # The shortest sequence that is drawn: that of a transit of 7,200 s in steps of 10 s fits in it.
 _SHORTEST = 1024
@@ -57,3 +65,34 @@ def _sequence(seed: int, kept: float, count: int) -> list[Vector]:
         x, y, z = kept * x + added * u, kept * y + added * v, kept * z + added * w
         terms.append((x, y, z))
     return terms
+
+
+class SlowVector(SeededSystem):
+    """What has a constant vector, and beside it one that varies slowly: `gauss_markov_at`."""
+
+    def __init__(
+        self,
+        constant: Sequence[float] | np.ndarray,
+        std: float,
+        correlation_time: float,
+        period: float,
+        seed: int,
+    ):
+        """Takes the constant (3,), the deviation, correlation time and period in s, and a seed."""
+        super().__init__(period, seed)
+        owner = type(self).__name__
+        check_not_negative(owner, std=std, correlation_time=correlation_time)
+        self.constant = finite_vector(owner, "constant", constant)
+        self.std, self.correlation_time = std, correlation_time
+
+    def vector_at(self, context) -> Vector:
+        """The sum of both parts at the time of a Context."""
+        u, v, w = gauss_markov_at(
+            context.get_time(),
+            std=self.std,
+            correlation_time=self.correlation_time,
+            period=self.period,
+            seed=self.seed_of(context),
+        )
+        x, y, z = self.constant
+        return x + u, y + v, z + w

@@ -16,12 +16,6 @@ from proxops.systems.common import (
 from proxops.systems.vehicle.force_disturbance import ForceDisturbance
 
 
-def shortened(vector: np.ndarray, limit: float) -> np.ndarray:
-    """`vector` (n,), scaled down to the length `limit` if it is longer."""
-    length = float(np.linalg.norm(vector))
-    return vector * (limit / length) if length > limit else vector
-
-
 @config
 class RandomWalkDisturbanceConfig:
     """The paper's disturbance: a slow random walk that is added to the commanded force."""
@@ -58,12 +52,7 @@ class RandomWalkDisturbance(ForceDisturbance):
         period: float = 10.0,
         seed: int = 0,
     ):
-        """Takes forces in N and periods in s; `period` is the control period.
-
-        Raises:
-          InputError: a limit or period is not positive, the reset period is shorter than the
-            period, or another property is negative or not finite.
-        """
+        """Takes forces in N and periods in s; `period` is the control period."""
         super().__init__(thrust_limit, period, seed)
         owner = "RandomWalkDisturbance"
         check_positive(owner, reset_period=reset_period)
@@ -85,6 +74,7 @@ class RandomWalkDisturbance(ForceDisturbance):
         # the same.
         drawn = generator(seed, np.iinfo(np.uint64).max - stretch).random()
         start = np.zeros(3) if since_reset == 0 else last
-        increment = self.increment_std * generator(seed, step).standard_normal(3)
+        walk = start + self.increment_std * generator(seed, step).standard_normal(3)
         limit = self.max_relative_magnitude * drawn * float(np.linalg.norm(command))
-        return shortened(start + increment, limit)
+        length = float(np.linalg.norm(walk))
+        return walk * (limit / length) if length > limit else walk

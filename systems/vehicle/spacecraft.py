@@ -16,9 +16,10 @@ from proxops.systems.common import (
     check_positive,
     check_type,
     config,
+    cross_matrix,
+    finite_vector,
     number,
 )
-from proxops.systems.vehicle._vectors import finite_vector
 
 # Below this share of the first mass, all propellant must have been used up long ago.
 _LEAST_MASS = 1e-3
@@ -60,12 +61,6 @@ def rotating_frame_acceleration(position, velocity, gravity, force, mass: float,
     )
 
 
-def cross_matrix(vector) -> np.ndarray:
-    """The matrix (3, 3) W of a vector w (3,), for which W v is w x v."""
-    x, y, z = vector
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-
-
 def spinning_frame_acceleration(position, velocity, gravity, force, mass, turn, axis_point):
     """The acceleration in K: r'' = g(r) - 2 w x r' - w x (w x (r - c)) + F / m, for any axis.
 
@@ -81,18 +76,6 @@ def spinning_frame_acceleration(position, velocity, gravity, force, mass, turn, 
       (3,) in m/s^2, in K, for any scalar type.
     """
     return gravity - turn @ (2.0 * velocity + turn @ (position - axis_point)) + force / mass
-
-
-def jacobi_integral(
-    positions: np.ndarray, velocities: np.ndarray, potentials: np.ndarray, spin: float
-) -> np.ndarray:
-    """Jacobi integrals (N,) in m^2/s^2: v^2/2 - w^2 (x^2 + y^2)/2 - U, constant in free motion.
-
-    Args:
-      positions, velocities: (N, 3) in K. potentials: (N,), positive. spin: rad/s about z.
-    """
-    kinetic = 0.5 * np.sum(velocities**2, axis=1)
-    return kinetic - 0.5 * spin**2 * np.sum(positions[:, :2] ** 2, axis=1) - potentials
 
 
 def _set_constants(craft, mass: float, spin, axis_point) -> None:
@@ -132,18 +115,13 @@ def _declare_state(craft, basic_vector) -> None:
         parts = {"state": slice(0, 6), **parts, "mass": slice(6, 7)}
     state = craft.DeclareContinuousState(model_vector=basic_vector(start), **sizes)
     if not craft.burns_propellant:
-        craft.DeclareStateOutputPort(name="state", state_index=state)
+        craft.DeclareStateOutputPort("state", state)
     for name, part in parts.items():
 
         def calc(context, output, part=part):
             output.SetFromVector(context.get_continuous_state_vector().CopyToVector()[part])
 
-        craft.DeclareVectorOutputPort(
-            name=name,
-            size=part.stop - part.start,
-            calc=calc,
-            prerequisites_of_calc={craft.xc_ticket()},
-        )
+        craft.DeclareVectorOutputPort(name, part.stop - part.start, calc, {craft.xc_ticket()})
 
 
 def _acceleration(craft, state, gravity, force):
@@ -196,10 +174,6 @@ def Spacecraft_(T):  # noqa: N802 (Drake's own naming of templates)
           initial_state: (6,) in m and m/s in K; None: at rest at the origin.
           axis_point: (3,) in m in K: a point of the spin axis.
           burns_propellant: whether the mass is a state, with the ports `mass_flow` and `mass`.
-
-        Raises:
-          InputError: the mass is not positive; spin, point or state are not finite numbers, or not
-            as many as they should be.
         """
 
         def _construct(
@@ -216,10 +190,10 @@ def Spacecraft_(T):  # noqa: N802 (Drake's own naming of templates)
             self.initial_state = _initial_state(initial_state)
             _set_constants(self, mass, spin, axis_point)
             self.burns_propellant = burns_propellant
-            self._force_port = self.DeclareVectorInputPort(name="force", size=3)
-            self._gravity_port = self.DeclareVectorInputPort(name="gravity", size=3)
+            self._force_port = self.DeclareVectorInputPort("force", 3)
+            self._gravity_port = self.DeclareVectorInputPort("gravity", 3)
             if burns_propellant:
-                self._flow_port = self.DeclareVectorInputPort(name="mass_flow", size=1)
+                self._flow_port = self.DeclareVectorInputPort("mass_flow", 1)
             _declare_state(self, BasicVector_[T])
 
         def _construct_copy(self, other, converter=None):

@@ -28,20 +28,13 @@ class StateNoise(SeededSystem):
         period: float = 10.0,
         seed: int = 0,
     ):
-        """Takes standard deviations per axis in m and m/s, and the control period in s.
-
-        Raises:
-          InputError: a deviation is negative or not finite, or the period is not positive.
-        """
+        """Takes standard deviations per axis in m and m/s, and the control period in s."""
         super().__init__(period, seed)
         check_not_negative("StateNoise", position_std=position_std, velocity_std=velocity_std)
         self.stds = np.repeat([position_std, velocity_std], 3)
-        self._state_port = self.DeclareVectorInputPort(name="state", size=6)
+        self._state_port = self.DeclareVectorInputPort("state", 6)
         self.DeclareVectorOutputPort(
-            name="state",
-            size=6,
-            calc=self._calc_state,
-            prerequisites_of_calc={self._state_port.ticket(), *self.seed_tickets()},
+            "state", 6, self._calc_state, {self._state_port.ticket(), *self.seed_tickets()}
         )
 
     def step_of(self, context) -> int:

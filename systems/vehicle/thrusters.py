@@ -22,21 +22,12 @@ class Thrusters(LeafSystem):
     """
 
     def __init__(self, limit: float):
-        """Takes the greatest force per axis in N.
-
-        Raises:
-          InputError: it is not positive.
-        """
+        """Takes the greatest force per axis in N."""
         super().__init__()
         check_positive("Thrusters", limit=limit)
         self.limit = limit
-        self._command_port = self.DeclareVectorInputPort(name="force", size=3)
-        self.DeclareVectorOutputPort(
-            name="force",
-            size=3,
-            calc=self._calc_force,
-            prerequisites_of_calc={self._command_port.ticket()},
-        )
+        self._command_port = self.DeclareVectorInputPort("force", 3)
+        self.DeclareVectorOutputPort("force", 3, self._calc_force, {self._command_port.ticket()})
 
     def _calc_force(self, context, output):
         command = self._command_port.Eval(context)

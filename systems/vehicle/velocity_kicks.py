@@ -53,12 +53,7 @@ class VelocityKicks(SeededSystem):
         period: float = 10.0,
         seed: int = 0,
     ):
-        """Takes the kicks' standard deviation per axis in m/s, their mean interval and period in s.
-
-        Raises:
-          InputError: the period is not positive, the mean interval is shorter than the period, or
-            the deviation is negative or not finite.
-        """
+        """Takes the standard deviation per axis in m/s, the mean interval and the period in s."""
         super().__init__(period, seed)
         check_positive("VelocityKicks", mean_interval=mean_interval)
         check_not_negative("VelocityKicks", velocity_std=velocity_std)
@@ -69,17 +64,15 @@ class VelocityKicks(SeededSystem):
             )
         self.velocity_std, self.mean_interval = velocity_std, mean_interval
         acting = self.DeclareDiscreteState(3)
-        self.DeclareStateOutputPort(name="acceleration", state_index=acting)
+        self.DeclareStateOutputPort("acceleration", acting)
         self.DeclareVectorOutputPort(
-            name="next_acceleration",
-            size=3,
-            calc=lambda context, output: output.SetFromVector(self._next(context)),
-            prerequisites_of_calc=self.seed_tickets(),
+            "next_acceleration",
+            3,
+            lambda context, output: output.SetFromVector(self._next(context)),
+            self.seed_tickets(),
         )
         self.DeclarePeriodicDiscreteUpdateEvent(
-            period_sec=period,
-            offset_sec=0.0,
-            update=lambda context, state: state.set_value(acting, self._next(context)),
+            period, 0.0, lambda context, state: state.set_value(acting, self._next(context))
         )
 
     def _next(self, context) -> np.ndarray:
