@@ -166,7 +166,7 @@ def test_the_navigation_is_told_the_dispersions_and_nothing_of_the_world(
         [variant] = [each for each in every_line(robustness) if each.name == f"all of {name}"]
         [flight] = variant_flights(variant, plain, 10001, [3])
         asked = dataclasses.replace(of_flight, dispersions=name)
-        assert parse_scenario(flight.scenario).navigation == draw_world(asked, body).navigation
+        assert flight.scenario.navigation == draw_world(asked, body).navigation
 
 
 def test_the_side_is_that_of_the_draw(robustness: ModuleType) -> None:
