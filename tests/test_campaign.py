@@ -19,6 +19,7 @@ from typing import Any
 import psutil
 import pytest
 from short_flights import BRIEF, kleopatra, short_scenario, write_blob
+from worker_tasks import kills_its_process, process_of, refuses
 
 from proxops.assets import ASSETS
 from proxops.diagrams.flight import Workers, campaign, parallel
@@ -284,8 +285,8 @@ def test_a_worker_takes_one_core() -> None:
 
 
 @pytest.mark.slow
-def test_a_local_cluster_listens_on_this_machine_alone() -> None:
-    """Whoever reaches a scheduler or a worker can run code; the dashboard shows what runs."""
+def test_processes_of_this_machine_listen_to_nobody() -> None:
+    """Whoever could reach one might run code."""
     with contextlib.closing(Workers(2).results(flights(4), attrgetter("name"))) as results:
         next(results)
         this = psutil.Process()
@@ -295,8 +296,8 @@ def test_a_local_cluster_listens_on_this_machine_alone() -> None:
             for connection in process.net_connections(kind="inet")
             if connection.status == psutil.CONN_LISTEN
         ]
-    assert len(listening) >= 4  # The scheduler, its dashboard, and two workers.
-    assert {address.ip for address in listening} == {"127.0.0.1"}
+        assert len(this.children()) >= 2
+    assert listening == []
 
 
 def has_ended(process: int) -> bool:
@@ -304,11 +305,72 @@ def has_ended(process: int) -> bool:
 
 
 @pytest.mark.slow
-def test_processes_that_are_kept_do_later_work_too(monkeypatch: pytest.MonkeyPatch) -> None:
-    def process_of(piece: Flight) -> int:
-        time.sleep(1.0)  # So that each worker has something to do.
-        return os.getpid()
+def test_a_piece_that_ends_its_processes_is_named() -> None:
+    """The others are done: their processes go on, and the work is given up at its fourth death."""
+    made, done = flights(5), []
+    results = Workers(2).results(made, kills_its_process)
+    with pytest.raises(InputError, match=f"{made[0].name} ended 4 worker .* fewer workers"):
+        done.extend(name for name, _ in results)
+    assert sorted(done) == [flight.name for flight in made[1:]]
+    assert not [child for child in psutil.Process().children() if "spawn_main" in command_of(child)]
 
+
+def command_of(process: psutil.Process) -> str:
+    return " ".join(process.cmdline())
+
+
+@pytest.mark.slow
+def test_a_refusal_comes_from_another_process_as_what_it_is() -> None:
+    with pytest.raises(InputError, match="is of no use") as caught:
+        list(Workers(2).results(flights(2), refuses))
+    assert "in refuses" in "".join(caught.value.__notes__)  # Where it was raised.
+
+
+INTERRUPTED = """
+import time
+from collections import namedtuple
+from proxops.diagrams.flight import Workers
+
+Piece = namedtuple("Piece", "name")
+
+def work(piece):
+    print(piece.name, flush=True)
+    time.sleep(60.0)
+
+if __name__ == "__main__":
+    list(Workers(2).results([Piece("a"), Piece("b")], work))
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("begun", [False, True])
+def test_ctrl_c_ends_the_processes(tmp_path: Path, begun: bool) -> None:
+    """Also while they start; only this process says so."""
+    (tmp_path / "work.py").write_text(INTERRUPTED)
+    command = [sys.executable, "work.py"]
+    pipe = subprocess.PIPE
+    with subprocess.Popen(
+        command, cwd=tmp_path, stdout=pipe, stderr=pipe, text=True, start_new_session=True
+    ) as process:
+        assert process.stdout is not None
+        if begun:
+            assert {process.stdout.readline() for _ in "ab"} == {"a\n", "b\n"}
+        else:
+            parent = psutil.Process(process.pid)
+            while len([c for c in parent.children() if "spawn_main" in command_of(c)]) < 2:
+                time.sleep(0.01)
+        workers = psutil.Process(process.pid).children()
+        os.killpg(process.pid, signal.SIGINT)
+        _, errors = process.communicate(timeout=20.0)
+    assert process.returncode == -signal.SIGINT
+    assert errors.count("Traceback") == 1
+    assert errors.endswith("KeyboardInterrupt\n")
+    _, left = psutil.wait_procs(workers, timeout=5.0)
+    assert left == []
+
+
+@pytest.mark.slow
+def test_processes_that_are_kept_do_later_work_too(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(parallel, "_PIECES_PER_PROCESS", 4)
     with Workers(2).kept() as workers, workers.kept() as same:
         first = set(dict(workers.results(flights(4), process_of)).values())
