@@ -262,6 +262,14 @@ def test_no_scheduler(tmp_path: Path) -> None:
         run_campaign(flights(1), tmp_path, workers=Workers(scheduler="tcp://127.0.0.1:9"))
 
 
+def test_a_scheduler_takes_an_extra(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "dask.distributed", None)
+    with pytest.raises(
+        InputError, match=r"dask is not installed: pip install 'proxops\[cluster\]'"
+    ):
+        list(Workers(scheduler="tcp://127.0.0.1:9").results(flights(1), process_of))
+
+
 ONE_CORE = """
 from threadpoolctl import threadpool_info
 from proxops.diagrams.flight.parallel import _on_one_thread

@@ -1,6 +1,7 @@
 """The wiring: any controller of the right ports flies, and everything is where it says it is."""
 
 import collections
+import dataclasses as dc
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +23,7 @@ from proxops.diagrams.flight.simulation import fly, make_simulator
 from proxops.diagrams.flight.transit_diagram import make_transit_diagram
 from proxops.diagrams.logs.flight_log import FlightLog
 from proxops.diagrams.meshcat.replay import write_replay
+from proxops.diagrams.scenario import LidarNavigationConfig
 from proxops.diagrams.scenario.scenario import load_scenario
 from proxops.systems import (
     InputError,
@@ -173,9 +175,9 @@ def test_wrong_ports_refused(controller: System, complaint: str) -> None:
 @pytest.mark.parametrize("name", ["lidar", "monitor", "navigation", "live_view", "log_state"])
 def test_a_part_s_name_is_refused(name: str) -> None:
     """Of a part before it, and of one after it."""
-    controller = Scripted([("state", 6)])
+    controller = Scripted(ports=[("state", 6)])
     controller.set_name(name)
-    scenario = load_scenario()
+    scenario = dc.replace(load_scenario(), navigation=LidarNavigationConfig())
     with pytest.raises(InputError, match="a part of the diagram is called so"):
         make_transit_diagram(scenario, controller, Meshcat(), kleopatra())
 
@@ -194,17 +196,17 @@ def test_offers_that_cannot_be_are_refused() -> None:
     with pytest.raises(InputError, match=r"controller '.*' needs delay from 0"):
         build(late)
     talking.logged_ports = lambda: {"mine": talking.GetOutputPort("force")}
-    with pytest.raises(InputError, match="gives a LeafOutputPort for 'mine', not a LoggedPort"):
+    with pytest.raises(InputError, match="needs a LoggedPort as 'mine', got a LeafOutputPort"):
         build(talking)
     talking.logged_ports = lambda: [talking.GetOutputPort("force")]
-    with pytest.raises(InputError, match="must give a dict of LoggedPort, not list"):
+    with pytest.raises(InputError, match="needs a dict as logged_ports, got a list"):
         build(talking)
     packed, painted = Scripted(), Scripted()
     packed.bundle = "out/policy"
     with pytest.raises(InputError, match="its bundle, a str, has no hash `sha256`"):
         build(packed)
     painted.legend_entry = "red"
-    with pytest.raises(InputError, match="legend_entry must be a LegendEntry"):
+    with pytest.raises(InputError, match="needs a LegendEntry as legend_entry"):
         build(painted)
 
 

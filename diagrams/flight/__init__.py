@@ -30,7 +30,7 @@ from proxops.diagrams.flight.scenario_systems import (
     make_navigation,
     surroundings,
 )
-from proxops.diagrams.flight.simulation import fly, fly_world, let_go, make_simulator
+from proxops.diagrams.flight.simulation import fly, let_go, make_simulator
 from proxops.diagrams.flight.transit_diagram import (
     add_transit,
     diagram_of,
@@ -54,7 +54,6 @@ __all__ = [
     "diagram_of",
     "file_label",
     "fly",
-    "fly_world",
     "let_go",
     "make_backup",
     "make_events",

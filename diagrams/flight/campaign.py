@@ -199,14 +199,25 @@ def _fly_one(
         row = _finished(flight, folder, keep_logs)
         if row is not None:
             return row  # Another process has flown it meanwhile.
-        _check_version(flight)
+        own, asked = own_version(), flight.provenance.version
+        if asked != own:  # On another machine of a cluster.
+            raise InputError(
+                f"a worker has proxops {own}, but the campaign is of proxops {asked}: install that "
+                "there"
+            )
         for part in folder.glob(f".{flight.name}.*.part"):
             part.unlink()  # A process that was killed left it.
         path = folder / f"{flight.name}.nc" if keep_logs else None
         try:
             log = fly(flight.scenario, flight.controller, body=_body_of(flight))
         except UnflyableWorldError as error:
-            row = _unflyable(flight, error)
+            row = {
+                "controller": flight.controller,
+                "seed": flight.scenario.transit.seed,
+                "transit": flight.scenario.transit.index,
+                "dispersed": dispersed_values(flight.scenario),
+                "unflyable": str(error),
+            }
         except InputError as error:
             raise InputError(f"flight {flight.name}: {error}") from error
         else:
@@ -216,16 +227,6 @@ def _fly_one(
         text = json.dumps({"flight": flight.stored, "summary": row})
         write_whole(folder / f"{flight.name}.json", lambda name: name.write_text(text))
         return row
-
-
-def _check_version(flight: Flight) -> None:
-    """Raises `InputError` if this process, perhaps of a cluster, has another version of proxops."""
-    own, asked = own_version(), flight.provenance.version
-    if asked != own:
-        raise InputError(
-            f"a worker has proxops {own}, but the campaign is of proxops {asked}: install that "
-            "there"
-        )
 
 
 @contextlib.contextmanager
@@ -312,14 +313,4 @@ def _parts(stored: typing.Any) -> Row:
         "version of proxops": origin.get("version"),
         "body": origin.get("body"),
         **{f"content of the {kind}'s file": each for kind, each in origin.get("files", {}).items()},
-    }
-
-
-def _unflyable(flight: Flight, error: UnflyableWorldError) -> Row:
-    return {
-        "controller": flight.controller,
-        "seed": flight.scenario.transit.seed,
-        "transit": flight.scenario.transit.index,
-        "dispersed": dispersed_values(flight.scenario),
-        "unflyable": str(error),
     }

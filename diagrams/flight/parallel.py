@@ -250,7 +250,7 @@ def _distributed(
         for piece in pieces
     ]
     by_key = {future.key: piece for future, piece in zip(futures, pieces, strict=True)}
-    done = as_completed(futures)
+    done = as_completed(futures, loop=client.loop)
     del futures
     for future in done:
         piece = by_key[future.key]
@@ -274,16 +274,11 @@ def _on_cluster(task: Callable[[Work], Result], piece: Work) -> Result:
 def _cluster(scheduler: str) -> Generator[Client]:
     """A client of the scheduler at an address."""
     distributed = needed("dask.distributed", "cluster")
-    usual = _default_client()
     try:
-        client = distributed.Client(scheduler, timeout="10s")
+        # As the default client, xarray would ask it for the locks of its files.
+        client = distributed.Client(scheduler, timeout="10s", set_as_default=False)
     # Dask raises the last two where certificates are missing or encryption is required.
     except (OSError, ValueError, TimeoutError, TypeError, RuntimeError) as error:
-        failed = _default_client()
-        if failed is not None and failed is not usual:
-            # Else it stays the default, whom xarray asks for the locks of its files.
-            with contextlib.suppress(TimeoutError):
-                failed.close(timeout=0.1)
         raise InputError(f"no Dask scheduler answers at {scheduler}: {error}") from error
     with client:
         if not client.nthreads():
@@ -293,13 +288,3 @@ def _cluster(scheduler: str) -> Generator[Client]:
                 stacklevel=1,
             )
         yield client
-
-
-def _default_client() -> Client | None:
-    """The client that Dask uses where none is named."""
-    from dask.distributed import default_client
-
-    try:
-        return default_client()
-    except ValueError:
-        return None
