@@ -14,7 +14,7 @@ from short_flights import kleopatra
 from proxops.assets import ASSETS
 from proxops.diagrams.flight.campaign import Flight
 from proxops.diagrams.scenario.drawn_world import draw_world
-from proxops.diagrams.scenario.scenario import load_scenario, parse_scenario
+from proxops.diagrams.scenario.scenario import load_scenario
 from proxops.diagrams.scenario.scenario_config import Scenario
 from proxops.diagrams.scenario.transits import (
     draw_transit,
@@ -58,7 +58,7 @@ def flown(
     robustness: ModuleType, variant: str, count: int = COUNT, dispersions: str = "after_survey"
 ) -> list[Scenario]:
     flights = flights_of(robustness, variant, count, dispersions)
-    return [parse_scenario(each.scenario) for each in flights]
+    return [each.scenario for each in flights]
 
 
 def worlds(robustness: ModuleType, name: str, count: int) -> list[Scenario]:

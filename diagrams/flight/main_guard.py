@@ -29,7 +29,7 @@ def check_main_guard() -> None:
         # What `exec` runs in the script's name space has another file.
         place = frame.f_code.co_filename, frame.f_code.co_name
         if frame.f_globals is vars(main) and place == (script, "<module>"):
-            if _is_guarded(script, frame.f_lineno):
+            if _is_guarded(place[0], frame.f_lineno):
                 return
             raise InputError(
                 f"{script}, line {frame.f_lineno}: this starts processes, and each of them imports "
