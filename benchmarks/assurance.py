@@ -41,7 +41,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from proxops.diagrams.flight import bounded_backup, version_and_body
+from proxops.diagrams.flight import Provenance, bounded_backup
 from proxops.diagrams.scenario import (
     AssuranceConfig,
     Body,
@@ -249,7 +249,7 @@ def main() -> None:
     header = {key: getattr(options, key) for key in kept}
     scenario, body, _ = setting(options.scenario, options.bounds)
     # Flights of another version, or at a body or in a scenario that was changed, are not the same.
-    header |= {"origin": version_and_body(body), "values": dump_scenario(scenario)}
+    header |= {"origin": str(Provenance.of(body)), "values": dump_scenario(scenario)}
     path = options.out / "rows.jsonl"
     rows = read_rows(path, header)
     done = {(row["number"], row["assured"]) for row in rows}

@@ -82,8 +82,8 @@ def _file(path: str) -> str:
 
 def _log_variables(_: str) -> str:
     rows = [
-        f"| `{name}` | {', '.join(('time', *dimensions))} | {units} | {text} |"
-        for name, (dimensions, units, text) in VARIABLES.items()
+        f"| `{name}` | {', '.join(('time', *each.dimensions))} | {each.units} | {each.long_name} |"
+        for name, each in VARIABLES.items()
     ]
     return "\n".join(["| variable | dimensions | unit | what it is |", "|---|---|---|---|", *rows])
 

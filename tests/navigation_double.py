@@ -60,4 +60,4 @@ def use(monkeypatch, double: NavigationDouble) -> None:
     def made(scenario: Scenario, body: Body, expected: ExpectedErrors) -> NavigationDouble:
         return double
 
-    monkeypatch.setattr("proxops.diagrams.flight.navigation.make_navigation", made)
+    monkeypatch.setattr("proxops.diagrams.flight.on_board.make_navigation", made)

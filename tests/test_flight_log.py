@@ -72,7 +72,7 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.parametrize("name", [name for name in VARIABLES if name not in SOMETIMES])
 def test_variable(name: str) -> None:
     data = kleopatra_flight().dataset
-    dimensions, units, long_name = VARIABLES[name]
+    dimensions, units, long_name, *_ = VARIABLES[name]
     assert data[name].dims == ("time", *dimensions)
     assert data[name].shape[1:] == tuple(SIZES[dimension] for dimension in dimensions)
     assert data[name].attrs["units"] == units

@@ -22,8 +22,8 @@ IMPORTED_AS = {"drake": "pydrake", "pillow": "PIL", "pyyaml": "yaml"}
 # What is used without being imported, and the words by which.
 USED_BY_NAME = {
     "h5netcdf": r'engine="h5netcdf"',
-    "mcap": r'needed\("mcap\.writer"\)',
-    "oem": r'needed\("oem"\)',
+    "mcap": r'needed\("mcap\.writer", "exchange"\)',
+    "oem": r'needed\("oem", "exchange"\)',
     "onnx": r"torch\.onnx\.export",
     "onnxscript": r"torch\.onnx\.export",
     "tensorboard": r"torch\.utils\.tensorboard|TensorBoardLogger",
@@ -68,11 +68,12 @@ def named(requirements: list[str]) -> list[str]:
 CORE = named(PROJECT["dependencies"])
 TRAIN = named(PROJECT["optional-dependencies"]["train"])
 GYM = named(PROJECT["optional-dependencies"]["gym"])
+CLUSTER = named(PROJECT["optional-dependencies"]["cluster"])
 EXCHANGE = named(PROJECT["optional-dependencies"]["exchange"])
 SPICE = named(PROJECT["optional-dependencies"]["spice"])
 
 
-@pytest.mark.parametrize("package", [*CORE, *TRAIN, *GYM, *EXCHANGE, *SPICE])
+@pytest.mark.parametrize("package", [*CORE, *TRAIN, *GYM, *CLUSTER, *EXCHANGE, *SPICE])
 def test_dependency_is_used(package: str) -> None:
     if package in USED_BY_NAME:
         texts = (path.read_text() for path in sources(*FOLDERS))
@@ -89,6 +90,8 @@ def test_what_is_imported_is_a_dependency(folder: str) -> None:
         allowed |= {*TRAIN, *GYM}
     if folder == "systems":
         allowed |= {*SPICE}
+    if folder == "diagrams":
+        allowed |= {*CLUSTER}
     for path in sources(folder):
         others = imported(path) - set(sys.stdlib_module_names) - {"proxops"}
         assert others - allowed - IN_NOTEBOOKS_ONLY <= set(), path

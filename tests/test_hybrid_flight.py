@@ -311,7 +311,7 @@ def test_another_bundle_by_its_folder(bundle: Path, tmp_path: Path) -> None:
     # A campaign's flights say which policy they are of.
     hashes = {PolicyBundle.load(path).sha256 for path in (bundle, counting)}
     origins = [provenance(scenario, body, name) for name in ("hybrid", f"hybrid:{counting}")]
-    assert {origin.split()[-1] for origin in origins} == hashes
+    assert {origin.files["policy"][0] for origin in origins} == hashes
     names = [
         transit_flights(scenario, name, 1, 1)[0].name for name in ("hybrid", f"hybrid:{counting}")
     ]

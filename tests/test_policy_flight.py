@@ -14,8 +14,7 @@ from proxops.cli.common import console
 from proxops.cli.fly import _table
 from proxops.diagrams.flight import Workers, campaign
 from proxops.diagrams.flight.campaign import run_campaign, transit_flights
-from proxops.diagrams.flight.named_bundles import bundle_of
-from proxops.diagrams.flight.named_controllers import named_controller
+from proxops.diagrams.flight.named_controllers import bundle_of, named_controller
 from proxops.diagrams.flight.simulation import fly, make_simulator
 from proxops.diagrams.flight.transit_diagram import make_transit_diagram
 from proxops.diagrams.logs.flight_log import FlightLog, differences
@@ -246,8 +245,8 @@ def test_campaign_does_not_mix_policies(tmp_path: Path) -> None:
     bundle = write_policy(tmp_path / "policy", DeadReckoning())
     scenario = brief(bundle)
     [flight] = transit_flights(scenario, "policy", 1, 1)
-    assert PolicyBundle.load(bundle).sha256 in flight.provenance
-    assert "policy" not in campaign.provenance(scenario, kleopatra(), "mpc")
+    assert flight.provenance.files["policy"] == [PolicyBundle.load(bundle).sha256]
+    assert campaign.provenance(scenario, kleopatra(), "mpc").files == {}
     run_campaign([flight], tmp_path / "flights", workers=Workers(1))
     write_policy(bundle, DeadReckoning(derivative=1.0))
     with pytest.raises(InputError, match="flights with another content of the policy's file"):

@@ -13,7 +13,7 @@ from dask.distributed import Client, LocalCluster
 from known_policies import DeadReckoning, write_policy
 from short_flights import BRIEF, short_scenario
 
-from proxops.diagrams.flight import Workers
+from proxops.diagrams.flight import Provenance, Workers
 from proxops.diagrams.flight.campaign import Flight
 from proxops.diagrams.scenario import Scenario, dump_scenario
 from proxops.studies.evaluation.variants import Variant, fly_variants
@@ -78,11 +78,14 @@ def test_evaluate_on_a_cluster(scheduler: str, tmp_path: Path) -> None:
 
 def test_others_that_use_the_cluster_keep_their_work_apart(scheduler: str) -> None:
     """Though their pieces have the same names; their results are still held."""
-    pieces = [Flight(name, name.upper(), "mpc", "") for name in ("ab", "cd", "ef")]
+    names = ("ab", "cd", "ef")
+    pieces = [Flight(name, brief(), name.upper(), Provenance("", "")) for name in names]
     with Client(scheduler, set_as_default=False) as other:
-        held = [other.submit(attrgetter("provenance"), piece, key=piece.name) for piece in pieces]
+        held = [
+            other.submit(attrgetter("provenance.body"), piece, key=piece.name) for piece in pieces
+        ]
         assert [future.result() for future in held] == ["", "", ""]
-        done = dict(Workers(scheduler=scheduler).results(pieces, attrgetter("scenario")))
+        done = dict(Workers(scheduler=scheduler).results(pieces, attrgetter("controller")))
     assert done == {"ab": "AB", "cd": "CD", "ef": "EF"}
 
 

@@ -13,7 +13,7 @@ from short_flights import kleopatra
 
 from proxops.assets import ASSETS
 from proxops.diagrams.flight.campaign import Flight
-from proxops.diagrams.scenario.scenario import load_scenario, parse_scenario
+from proxops.diagrams.scenario.scenario import load_scenario
 from proxops.diagrams.scenario.scenario_config import Scenario
 from proxops.diagrams.scenario.transits import (
     draw_transit,
@@ -58,7 +58,7 @@ def flown(
     robustness: ModuleType, variant: str, count: int = COUNT, dispersions: str = "after_survey"
 ) -> list[Scenario]:
     flights = flights_of(robustness, variant, count, dispersions)
-    return [parse_scenario(each.scenario) for each in flights]
+    return [each.scenario for each in flights]
 
 
 def worlds(robustness: ModuleType, name: str, count: int) -> list[Scenario]:
@@ -166,7 +166,7 @@ def test_the_navigation_is_told_the_dispersions_and_nothing_of_the_world(
         [variant] = [each for each in every_line(robustness) if each.name == f"all of {name}"]
         [flight] = variant_flights(variant, plain, 10001, [3])
         asked = dataclasses.replace(of_flight, dispersions=name)
-        assert parse_scenario(flight.scenario).navigation == draw_world(asked, body).navigation
+        assert flight.scenario.navigation == draw_world(asked, body).navigation
 
 
 def test_the_side_is_that_of_the_draw(robustness: ModuleType) -> None:

@@ -10,7 +10,7 @@ from commands import proxops
 from scipy.stats import beta
 
 from proxops.diagrams.flight import Flight, Workers, fly
-from proxops.diagrams.scenario import load_scenario, of_transit, parse_scenario
+from proxops.diagrams.scenario import load_scenario, of_transit
 from proxops.studies.scoring import (
     TRACKS,
     ScoreRow,
@@ -62,7 +62,7 @@ def values(flight: Flight) -> dict[str, object]:
             return {k: v for name, part in parts for k, v in leaves(part, f"{key}.{name}").items()}
         return {key: tree}
 
-    return leaves(dc.asdict(parse_scenario(flight.scenario)), "")
+    return leaves(dc.asdict(flight.scenario), "")
 
 
 # --- tracks ---------------------------------------------------------------------------------------
@@ -87,7 +87,7 @@ def test_worlds_are_written_down() -> None:
     """Nothing is left to be drawn when a flight begins."""
     track = load_track("lidar-after-survey")
     for flight in dc.replace(track, changes=track.changes[::25]).flights("zero"):
-        scenario = parse_scenario(flight.scenario)
+        scenario = flight.scenario
         assert scenario.dispersions is None
         assert scenario.transit.start_m is not None
         assert scenario.transit.goal_m is not None
@@ -115,7 +115,7 @@ def test_a_world_that_cannot_be_flown_is_named(brief: Track, tmp_path: Path) -> 
 
 def test_settings(brief: Track) -> None:
     flights = brief.flights("mpc", ["mpc.intervals=12", "hybrid.gate=paper"])
-    scenario = parse_scenario(flights[1].scenario)
+    scenario = flights[1].scenario
     assert (scenario.mpc.intervals, scenario.hybrid.gate) == (12, "paper")
     for setting in ("truth.gravity=1.0", "navigation=!TrueState {}", "arrival.radius_m=5e3"):
         with pytest.raises(InputError, match="only what is on board may be changed: mpc, policy"):

@@ -136,5 +136,5 @@ def test_flies_and_repeats(out: Path, tmp_path: Path):
 def test_a_campaign_knows_its_bundle(scenario_file: Path):
     provenance = transit_flights(load_scenario(scenario_file), "mpc", 5, 1)[0].provenance
     bundle = scenario_file.parent / "out" / "bundle"
-    assert LidarBundle.load(bundle).sha256 in provenance
-    assert "lidar" not in transit_flights(load_scenario(), "mpc", 5, 1)[0].provenance
+    assert provenance.files["lidar"] == [LidarBundle.load(bundle).sha256]
+    assert transit_flights(load_scenario(), "mpc", 5, 1)[0].provenance.files == {}

@@ -10,7 +10,7 @@ from synthetic_log import synthetic_log
 
 from proxops.diagrams.flight.parallel import Workers
 from proxops.diagrams.scenario.body import Body
-from proxops.diagrams.scenario.scenario import dump_scenario, load_scenario, parse_scenario
+from proxops.diagrams.scenario.scenario import dump_scenario, load_scenario
 from proxops.diagrams.scenario.scenario_config import Scenario
 from proxops.diagrams.scenario.transits import Transit, draw_transit, scenario_transit
 from proxops.studies.evaluation.flights import describe_flight
@@ -31,7 +31,7 @@ def test_a_variant_changes_its_keys_alone() -> None:
         "noise_seed": 7, "hybrid.check_period": 20, "hybrid.gate": "paper", "transit.seed": 5,
         "transit.index": 3,
     }  # fmt: skip
-    assert parse_scenario(flight.scenario) == load_scenario(None, wanted)
+    assert flight.scenario == load_scenario(None, wanted)
     assert shared.hybrid.gate == "strict"
 
 
@@ -42,7 +42,7 @@ def test_flights_start_where_the_variant_says() -> None:
     variant = Variant("above", "zero", start=above)
     flights = variant_flights(variant, load_scenario(), 5, [4, 2])
     for flight, number in zip(flights, (4, 2), strict=True):
-        flown = scenario_transit(parse_scenario(flight.scenario), kleopatra())
+        flown = scenario_transit(flight.scenario, kleopatra())
         drawn = draw_transit(5, number, load_scenario(), kleopatra())
         np.testing.assert_array_equal(flown.start, [0.0, 0.0, 1e5 + number])
         np.testing.assert_array_equal(flown.start_velocity, [1.0, 2.0, 3.0])
@@ -59,7 +59,7 @@ def test_flights_are_in_the_world_that_the_variant_says() -> None:
     for flight, number in zip(flights, (4, 2), strict=True):
         wanted = {"transit.seed": 5, "transit.index": number, "noise_seed": 3}
         mass = {"truth.mass": 1.0 + 0.1 * number}
-        assert parse_scenario(flight.scenario) == load_scenario(None, wanted | mass)
+        assert flight.scenario == load_scenario(None, wanted | mass)
 
 
 @pytest.mark.parametrize("names", [("a", "a"), ("a b", "a-b")])

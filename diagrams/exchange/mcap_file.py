@@ -15,9 +15,8 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from proxops.diagrams.exchange.extras import needed
 from proxops.diagrams.logs import FlightLog
-from proxops.systems.common import write_whole
+from proxops.systems.common import needed, write_whole
 from proxops.systems.lidar import ray_directions
 
 # Names of frames: body-fixed, the spacecraft's, and where the navigation believes it to be.
@@ -48,7 +47,7 @@ def write_mcap(log: FlightLog, path: str | Path) -> None:
     Raises:
       InputError: the package mcap is not installed, or the file cannot be written.
     """
-    writers = needed("mcap.writer")
+    writers = needed("mcap.writer", "exchange")
     data = log.dataset
     times = np.round(1e9 * data["time"].values).astype(np.int64)
     channels = [

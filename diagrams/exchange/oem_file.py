@@ -7,9 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from proxops.diagrams.exchange.extras import needed
 from proxops.diagrams.logs import FlightLog
-from proxops.systems.common import InputError, write_whole
+from proxops.systems.common import InputError, needed, write_whole
 
 EPOCH = "2000-01-01T12:00:00"
 """Epoch of time 0 if none is given."""
@@ -31,7 +30,7 @@ def write_oem(log: FlightLog, path: str | Path, epoch: str = EPOCH) -> None:
       InputError: the package oem is not installed, the epoch is not of this form, or the file
         cannot be written.
     """
-    oem, components = needed("oem"), needed("oem.components")
+    oem, components = needed("oem", "exchange"), needed("oem.components", "exchange")
     start = _parsed(epoch)
     data = log.dataset
     position = 1e-3 * data["position_inertial"].values
@@ -48,7 +47,7 @@ def write_oem(log: FlightLog, path: str | Path, epoch: str = EPOCH) -> None:
     }
     header = {"CCSDS_OEM_VERS": "2.0", "CREATION_DATE": epochs[0], "ORIGINATOR": "PROXOPS"}
     states = [*position.T.tolist(), *velocity.T.tolist()]
-    moments = tuple(needed("astropy.time").Time(epochs, scale="tdb"))
+    moments = tuple(needed("astropy.time", "exchange").Time(epochs, scale="tdb"))
     segment = components.EphemerisSegment(
         components.MetaDataSection(metadata, "2.0"), (moments, *states), version="2.0"
     )

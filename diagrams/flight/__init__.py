@@ -16,15 +16,9 @@ from proxops.diagrams.flight.campaign import (
     transit_flights,
 )
 from proxops.diagrams.flight.hybrid_controller import make_hybrid
-from proxops.diagrams.flight.named_bundles import WITH_BUNDLE, bundle_of
-from proxops.diagrams.flight.named_controllers import named_controller
-from proxops.diagrams.flight.navigation import mended_map_of_flight
-from proxops.diagrams.flight.origin import (
-    body_sha256,
-    named_files,
-    provenance,
-    version_and_body,
-)
+from proxops.diagrams.flight.named_controllers import WITH_BUNDLE, bundle_of, named_controller
+from proxops.diagrams.flight.on_board import mended_map_of_flight
+from proxops.diagrams.flight.origin import Provenance, body_sha256, provenance
 from proxops.diagrams.flight.parallel import Workers
 from proxops.diagrams.flight.recording import Flown, make_log
 from proxops.diagrams.flight.scenario_systems import (
@@ -36,7 +30,7 @@ from proxops.diagrams.flight.scenario_systems import (
     make_navigation,
     surroundings,
 )
-from proxops.diagrams.flight.simulation import fly, fly_world, let_go, make_simulator
+from proxops.diagrams.flight.simulation import fly, let_go, make_simulator
 from proxops.diagrams.flight.transit_diagram import (
     add_transit,
     diagram_of,
@@ -49,6 +43,7 @@ __all__ = [
     "WITH_BUNDLE",
     "Flight",
     "Flown",
+    "Provenance",
     "Row",
     "Workers",
     "add_transit",
@@ -59,7 +54,6 @@ __all__ = [
     "diagram_of",
     "file_label",
     "fly",
-    "fly_world",
     "let_go",
     "make_backup",
     "make_events",
@@ -72,11 +66,9 @@ __all__ = [
     "make_transit_diagram",
     "mended_map_of_flight",
     "named_controller",
-    "named_files",
     "provenance",
     "run_campaign",
     "run_groups",
     "surroundings",
     "transit_flights",
-    "version_and_body",
 ]

@@ -8,13 +8,12 @@ import fcntl
 import functools
 import hashlib
 import json
-import re
 import typing
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from pathlib import Path
 
-from proxops.diagrams.flight.named_bundles import WITH_BUNDLE
-from proxops.diagrams.flight.origin import differing_parts, own_version, provenance
+from proxops.diagrams.flight.named_controllers import WITH_BUNDLE
+from proxops.diagrams.flight.origin import Provenance, own_version, provenance
 from proxops.diagrams.flight.parallel import Workers
 from proxops.diagrams.flight.simulation import fly
 from proxops.diagrams.logs import FlightLog
@@ -27,15 +26,11 @@ from proxops.diagrams.scenario import (
     dump_scenario,
     load_body,
     of_transit,
-    parse_scenario,
 )
 from proxops.systems.common import InputError, make_folder, write_whole
 
 # Greatest number of letters of a controller's name that a file's name contains.
 _LONGEST_LABEL = 60
-# Lines of a scenario's text.
-_BODY = re.compile(r"^body: .*$", re.MULTILINE)
-_TABLE = re.compile(r"^gravity: table$", re.MULTILINE)
 
 Row = dict[str, typing.Any]
 Describe = Callable[[FlightLog, Path | None], Row]
@@ -45,19 +40,22 @@ Describe = Callable[[FlightLog, Path | None], Row]
 
 @dc.dataclass(frozen=True)
 class Flight:
-    """One flight of a campaign, as text, so that it can be sent to any worker."""
+    """One flight of a campaign; it pickles, so it can be sent to any worker."""
 
     name: str
     """Name of the flight's files; it is unique in the campaign."""
-    scenario: str
-    """YAML of the whole scenario."""
+    scenario: Scenario
+    """The whole scenario; nobody may change it."""
     controller: str
     """Name of the controller, as `named_controller` takes it."""
-    provenance: str
-    """The version of proxops and the hash of the body; also the hashes of the files of a true
-    mesh and of the navigation's map, of the bundles of a learned lidar and of a policy, and of the
-    files of dispersions and of a controller MODULE:FACTORY, where the flight uses them. A campaign
-    uses a stored flight again only if its provenance is the same."""
+    provenance: Provenance
+    """A campaign uses a stored flight again only if its provenance is the same."""
+
+    @property
+    def stored(self) -> Row:
+        """The flight as its JSON file holds it; the scenario is YAML there."""
+        texts = {"scenario": dump_scenario(self.scenario), "provenance": dc.asdict(self.provenance)}
+        return vars(self) | texts
 
 
 def transit_flights(scenario: Scenario, controller: str, seed: int, count: int) -> list[Flight]:
@@ -79,7 +77,7 @@ def transit_flights(scenario: Scenario, controller: str, seed: int, count: int) 
             true = dc.replace(scenario, truth=dc.replace(scenario.truth, mesh=mesh))
             origins[mesh] = provenance(true, body, controller)
         name = f"{label}-{seed}-{index:05d}"
-        flights.append(Flight(name, dump_scenario(drawn), controller, origins[mesh]))
+        flights.append(Flight(name, drawn, controller, origins[mesh]))
     return flights
 
 
@@ -201,32 +199,34 @@ def _fly_one(
         row = _finished(flight, folder, keep_logs)
         if row is not None:
             return row  # Another process has flown it meanwhile.
-        _check_version(flight)
+        own, asked = own_version(), flight.provenance.version
+        if asked != own:  # On another machine of a cluster.
+            raise InputError(
+                f"a worker has proxops {own}, but the campaign is of proxops {asked}: install that "
+                "there"
+            )
         for part in folder.glob(f".{flight.name}.*.part"):
             part.unlink()  # A process that was killed left it.
-        scenario = parse_scenario(flight.scenario)
         path = folder / f"{flight.name}.nc" if keep_logs else None
         try:
-            log = fly(scenario, flight.controller, body=_body_of(flight, scenario))
+            log = fly(flight.scenario, flight.controller, body=_body_of(flight))
         except UnflyableWorldError as error:
-            row = _unflyable(flight, scenario, error)
+            row = {
+                "controller": flight.controller,
+                "seed": flight.scenario.transit.seed,
+                "transit": flight.scenario.transit.index,
+                "dispersed": dispersed_values(flight.scenario),
+                "unflyable": str(error),
+            }
         except InputError as error:
             raise InputError(f"flight {flight.name}: {error}") from error
         else:
             if path is not None:
                 log.to_netcdf(path)
             row = describe(log, path)
-        text = json.dumps({"flight": dc.asdict(flight), "summary": row})
+        text = json.dumps({"flight": flight.stored, "summary": row})
         write_whole(folder / f"{flight.name}.json", lambda name: name.write_text(text))
         return row
-
-
-def _check_version(flight: Flight) -> None:
-    """Raises `InputError` if this process, perhaps of a cluster, has another version of proxops."""
-    own = own_version()
-    asked, _, _ = flight.provenance.partition(", ")
-    if asked != own:
-        raise InputError(f"a worker has {own}, but the campaign is of {asked}: install that there")
 
 
 @contextlib.contextmanager
@@ -257,23 +257,21 @@ def _locked(folder: Path, name: str, wait: bool) -> Generator[bool]:
 
 def _make_tables(flights: Iterable[Flight]) -> None:
     """Makes the gravity tables of flights that have none yet, for the workers to read."""
-    tabulated = [flight for flight in flights if _TABLE.search(flight.scenario)]
-    at_each = {_BODY.findall(flight.scenario)[0]: flight for flight in tabulated}
-    for flight in at_each.values():
+    tabulated = [flight for flight in flights if flight.scenario.gravity == "table"]
+    for flight in {flight.scenario.body: flight for flight in tabulated}.values():
         # Building the field writes the table into the user's cache folder.
-        _ = _body_of(flight, parse_scenario(flight.scenario)).gravity_field
+        _ = _body_of(flight).gravity_field
 
 
 # Each worker loads the body only once, because loading it takes long. Where the file has changed,
-# the origin of the flights has, too.
+# its hash has, too.
 @functools.lru_cache(maxsize=1)
-def _body(name: str, gravity: str, origin: str) -> Body:
+def _body(name: str, gravity: str, sha256: str) -> Body:
     return load_body(name).with_gravity(gravity)
 
 
-def _body_of(flight: Flight, scenario: Scenario) -> Body:
-    origin = ", ".join(flight.provenance.split(", ")[:2])  # Version and body.
-    return _body(scenario.body, scenario.gravity, origin)
+def _body_of(flight: Flight) -> Body:
+    return _body(flight.scenario.body, flight.scenario.gravity, flight.provenance.body)
 
 
 def _finished(flight: Flight, folder: Path, keep_logs: bool) -> Row | None:
@@ -286,9 +284,10 @@ def _finished(flight: Flight, folder: Path, keep_logs: bool) -> Row | None:
         flown, summary = content["flight"], content["summary"]
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise InputError(f"{path} is not the summary of a flight; remove this file") from error
-    if flown != dc.asdict(flight):
+    wanted = flight.stored
+    if flown != wanted:
         raise InputError(
-            f"{folder} holds flights with another {_difference(flown, flight)}, such as "
+            f"{folder} holds flights with another {_difference(flown, wanted)}, such as "
             f"{path.name}: give another output folder, or remove these files to fly them anew"
         )
     if keep_logs and "unflyable" not in summary and not (folder / f"{flight.name}.nc").is_file():
@@ -296,23 +295,22 @@ def _finished(flight: Flight, folder: Path, keep_logs: bool) -> Row | None:
     return summary
 
 
-def _difference(stored: typing.Any, flight: Flight) -> str:
-    """Says in words what differs between a stored flight, as a dict, and one that is wanted."""
-    stored = stored if isinstance(stored, dict) else {}
-    names = ("scenario", "controller")
-    differing = [name for name in names if stored.get(name) != getattr(flight, name)]
-    differing += [
-        {"proxops": "version of proxops", "body": "body"}.get(name, f"content of the {name}'s file")
-        for name in differing_parts(str(stored.get("provenance")), flight.provenance)
-    ]
+def _difference(flown: typing.Any, wanted: Row) -> str:
+    """Says in words what differs between two flights, as their JSON files hold them."""
+    one, other = _parts(flown), _parts(wanted)
+    differing = [name for name in {**other, **one} if one.get(name) != other.get(name)]
     return ", or another ".join(differing) or "name"
 
 
-def _unflyable(flight: Flight, scenario: Scenario, error: UnflyableWorldError) -> Row:
+def _parts(stored: typing.Any) -> Row:
+    """What a stored flight was flown with, by the words for it; an earlier version's has less."""
+    stored = stored if isinstance(stored, dict) else {}
+    origin = stored.get("provenance")
+    origin = origin if isinstance(origin, dict) else {}
     return {
-        "controller": flight.controller,
-        "seed": scenario.transit.seed,
-        "transit": scenario.transit.index,
-        "dispersed": dispersed_values(scenario),
-        "unflyable": str(error),
+        "scenario": stored.get("scenario"),
+        "controller": stored.get("controller"),
+        "version of proxops": origin.get("version"),
+        "body": origin.get("body"),
+        **{f"content of the {kind}'s file": each for kind, each in origin.get("files", {}).items()},
     }

@@ -5,7 +5,6 @@ from __future__ import annotations
 import ast
 import linecache
 import sys
-from types import FrameType
 
 from proxops.systems.common import InputError
 
@@ -19,33 +18,25 @@ def check_main_guard() -> None:
     Raises:
       InputError: the statement of the script that is running is not under such an `if`.
     """
-    frame = _script_frame()
-    if frame is None:
-        return
-    path, line = frame.f_code.co_filename, frame.f_lineno
-    if not _is_guarded(path, line):
-        raise InputError(
-            f"{path}, line {line}: this starts processes, and each of them imports the script; "
-            'put what the script does under `if __name__ == "__main__":`, or take one process'
-        )
-
-
-def _script_frame() -> FrameType | None:
-    """The frame of the main script's own statements; None: a new process would run no script."""
     main = sys.modules["__main__"]
     spec = getattr(main, "__spec__", None)
     # As multiprocessing decides: it leaves out `__main__` of a package or of a folder.
     if spec is not None and spec.name.rpartition(".")[2] == "__main__":
-        return None
+        return
     script = getattr(main, "__file__", None) if spec is None else spec.origin
-    frame, wanted = sys._getframe(), (script, "<module>")
+    frame = sys._getframe()
     while frame is not None:
         # What `exec` runs in the script's name space has another file.
-        code = frame.f_code
-        if frame.f_globals is vars(main) and (code.co_filename, code.co_name) == wanted:
-            return frame
+        place = frame.f_code.co_filename, frame.f_code.co_name
+        if frame.f_globals is vars(main) and place == (script, "<module>"):
+            if _is_guarded(place[0], frame.f_lineno):
+                return
+            raise InputError(
+                f"{script}, line {frame.f_lineno}: this starts processes, and each of them imports "
+                'the script; put what the script does under `if __name__ == "__main__":`, or take '
+                "one process"
+            )
         frame = frame.f_back
-    return None
 
 
 def _is_guarded(path: str, line: int) -> bool:
@@ -54,13 +45,10 @@ def _is_guarded(path: str, line: int) -> bool:
         script = ast.parse("".join(linecache.getlines(path)))
     except (SyntaxError, ValueError):
         return True  # It is no text, or was edited since; then nobody knows.
-    for statement in ast.walk(script):
-        if isinstance(statement, ast.If) and statement.lineno <= line <= _end(statement):
-            names = {node.id for node in ast.walk(statement.test) if isinstance(node, ast.Name)}
-            if "__name__" in names:
-                return True
-    return False
-
-
-def _end(statement: ast.stmt) -> int:
-    return statement.end_lineno or statement.lineno
+    return any(
+        isinstance(node, ast.Name) and node.id == "__name__"
+        for statement in ast.walk(script)
+        if isinstance(statement, ast.If)
+        and statement.lineno <= line <= (statement.end_lineno or statement.lineno)
+        for node in ast.walk(statement.test)
+    )

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-import ast
 import contextlib
-import importlib.util
+import importlib
 import inspect
 import sys
 import traceback
 import types
-from collections.abc import Callable, Generator
+from collections.abc import Generator
 from pathlib import Path
 
 from pydrake.systems.framework import System
 
+from proxops.assets import ASSETS
 from proxops.diagrams.flight.hybrid_controller import make_hybrid
-from proxops.diagrams.flight.named_bundles import WITH_BUNDLE, bundle_of
 from proxops.diagrams.flight.scenario_systems import (
     make_estimate_feedback,
     make_mpc,
@@ -26,6 +25,11 @@ from proxops.diagrams.flight.scenario_systems import (
 from proxops.diagrams.scenario import Body, Scenario
 from proxops.systems.common import InputError, file_sha256
 
+WITH_BUNDLE = ("policy", "hybrid", "pd", "mpc")
+"""Kinds of controllers whose names may contain a policy's bundle, such as `policy:out/bundle`."""
+_SHIPPED_POLICY = ASSETS / "any_body"
+# Bundles that ship beside it, by the names that a controller's name may have after the colon.
+_NAMED_BUNDLES = {"end-to-end": ASSETS / "end_to_end"}
 # Name of the attribute that holds the hash of a module when it was imported.
 _DIGEST = "_proxops_sha256"
 
@@ -45,182 +49,139 @@ def named_controller(name: str, scenario: Scenario, body: Body) -> System:
     """
     if name == "mpc":
         return make_mpc(scenario, body)
-    bundle = bundle_of(name, scenario)
-    if bundle is not None:
-        kind, _, _ = name.partition(":")
-        if kind in ("mpc", "pd"):
-            return make_estimate_feedback(kind, bundle, scenario, body)
-        policy = make_policy(bundle, scenario, body, checked=kind == "hybrid")
-        return make_hybrid(scenario, body, policy) if kind == "hybrid" else policy
     if name == "pd":
         return make_proportional_derivative(scenario)
     if name == "zero":
         return make_zero()
-    module_name, colon, factory_name = name.partition(":")
+    bundle = bundle_of(name, scenario)
+    if bundle is None:
+        return _users_controller(name, scenario, body)
+    kind, _, _ = name.partition(":")
+    if kind in ("mpc", "pd"):
+        return make_estimate_feedback(kind, bundle, scenario, body)
+    policy = make_policy(bundle, scenario, body, checked=kind == "hybrid")
+    return make_hybrid(scenario, body, policy) if kind == "hybrid" else policy
+
+
+def bundle_of(name: str, scenario: Scenario) -> Path | None:
+    """Gives the folder of the bundle that a named controller flies; None if it flies none.
+
+    `policy` and `hybrid` fly the scenario's bundle; `pd` and `mpc` fly none. After a colon comes
+    `end-to-end`, the pilot that ships for Kleopatra, or a path relative to the working directory.
+    """
+    kind, colon, path = name.partition(":")
+    if kind not in WITH_BUNDLE or name in ("pd", "mpc"):
+        return None
+    if not colon:
+        return Path(scenario.policy.bundle or _SHIPPED_POLICY)
+    return _NAMED_BUNDLES.get(path, Path(path))
+
+
+def controller_files(name: str) -> list[Path]:
+    """Gives the files that say what a controller MODULE:FACTORY does.
+
+    They are the module's file, and those that its constant `FILES` names: a list of paths relative
+    to the working directory, as for `open`. Modules that this one imports are not considered.
+
+    Returns:
+      The paths; none if `name` is another kind of controller, or the module has no file.
+
+    Raises:
+      InputError: the module cannot be imported, or one of its `FILES` does not exist.
+    """
+    kind, colon, _ = name.partition(":")
+    if not colon or kind in WITH_BUNDLE:
+        return []
+    module = _module(name)
+    source = getattr(module, "__file__", None)
+    if source is None:
+        return []
+    files = getattr(module, "FILES", [])
+    if not (isinstance(files, list | tuple) and all(isinstance(path, str) for path in files)):
+        raise InputError(f'{source}: FILES must be a list of texts, as FILES = ["a.pt"]')
+    for path in files:
+        if not Path(path).is_file():
+            raise InputError(f"controller {name!r}: {path}, one of its FILES, does not exist")
+    return [Path(source), *map(Path, files)]
+
+
+def _users_controller(name: str, scenario: Scenario, body: Body) -> System:
+    """Makes the controller of MODULE:FACTORY."""
+    _, colon, factory_name = name.partition(":")
     if not colon:
         raise InputError(
             f"controller {name!r} is not known: use mpc, policy, hybrid, pd, zero, one of "
             "policy:FOLDER, hybrid:FOLDER, mpc:FOLDER and pd:FOLDER, or MODULE:FACTORY"
         )
-    _check_module_name(name)
-    try:
-        with _working_directory_importable():
-            factory = _factory(name, _module(module_name), factory_name)
-            controller = factory(scenario, body)
-    except _UnfitFactoryError as error:
-        raise InputError(str(error)) from error
-    except Exception as error:
-        if isinstance(error, ModuleNotFoundError) and error.name == module_name.partition(".")[0]:
-            raise InputError(_not_found(name)) from error
-        place = _place(error, module_name)
-        raise InputError(
-            f"controller {name!r}: {type(error).__name__}: {error} "
-            f"({Path(place.filename).name}, line {place.lineno})"
-        ) from error
-    if not isinstance(controller, System):
-        raise InputError(f"controller {name!r} made a {type(controller).__name__}, not a System")
-    return controller
-
-
-def _check_module_name(name: str) -> None:
-    """Raises `InputError` if a controller's name has a path in place of a module."""
-    module, _, factory = name.partition(":")
-    path = Path(module)
-    if path.suffix == ".py" or path.name != module:
-        raise InputError(
-            f"controller {name!r}: name the module without folder and .py, as "
-            f"{path.stem}:{factory}, and run the command in its folder"
-        )
-
-
-class _UnfitFactoryError(Exception):
-    """A factory is missing or takes other arguments; the message says which."""
-
-
-def _factory(name: str, module: types.ModuleType, factory_name: str) -> Callable[..., object]:
-    """The factory of a module.
-
-    Raises:
-      _UnfitFactoryError: there is none of this name, or it does not take a scenario and a body.
-    """
+    module = _module(name)
     factory = getattr(module, factory_name, None)
     if not callable(factory):
-        raise _UnfitFactoryError(
+        raise InputError(
             f"controller {name!r}: {module.__name__} has no function {factory_name!r}; it should "
             "take (scenario, body) and return a System"
         )
     try:
         inspect.signature(factory).bind(None, None)
     except TypeError as error:
-        raise _UnfitFactoryError(
+        raise InputError(
             f"controller {name!r}: {factory_name} must take (scenario, body) and return a System: "
             f"{error}"
         ) from error
     except ValueError:  # It tells no signature.
         pass
-    return factory
-
-
-def _not_found(name: str) -> str:
-    module, _, _ = name.partition(":")
-    return (
-        f"controller {name!r}: there is no module {module} in {Path.cwd()}, and none is installed: "
-        "run the command in its folder, or set PYTHONPATH"
-    )
-
-
-def _place(error: Exception, module_name: str) -> traceback.FrameSummary:
-    """Where an error was raised: the last line of the user's module, if it got as far as that."""
-    places = traceback.extract_tb(error.__traceback__)
-    source = getattr(sys.modules.get(module_name), "__file__", None)
-    own = [each for each in places if each.filename == source]
-    return (own or places)[-1]
+    with _in_working_directory(name):
+        controller = factory(scenario, body)
+    if not isinstance(controller, System):
+        raise InputError(f"controller {name!r} made a {type(controller).__name__}, not a System")
+    return controller
 
 
 def _module(name: str) -> types.ModuleType:
-    """A module as its file is now: in a notebook it may have been changed after it was imported."""
-    module = importlib.import_module(name)
-    file = getattr(module, "__file__", None)
-    if file is not None:
-        digest = file_sha256(Path(file))
-        if vars(module).get(_DIGEST, digest) != digest:
-            module = importlib.reload(module)
-        setattr(module, _DIGEST, digest)
-    return module
-
-
-def controller_files(name: str) -> list[Path]:
-    """Gives the files that say what a controller MODULE:FACTORY does.
-
-    They are the module's file, and those that its constant `FILES` names: a list of texts, written
-    out in the module, of paths relative to the working directory, as for `open`. Modules that this
-    one imports are not considered.
-
-    Returns:
-      The paths; none if `name` is another kind of controller, or the module has no file.
-
-    Raises:
-      InputError: the module or one of its `FILES` does not exist.
-    """
-    source = _module_file(name)
-    if source is None:
-        return []
-    files = [source, *map(Path, _named_files(source))]
-    for path in files:
-        if not path.is_file():
-            raise InputError(f"controller {name!r}: {path}, one of its FILES, does not exist")
-    return files
-
-
-def _named_files(source: Path) -> list[str]:
-    """The constant `FILES` of a module that need not be imported."""
-    if source.suffix != ".py":
-        return []
-    try:
-        values = [
-            each.value
-            for each in ast.parse(source.read_bytes(), str(source)).body
-            if isinstance(each, ast.Assign | ast.AnnAssign | ast.AugAssign)
-            and ast.unparse(each.targets[0] if isinstance(each, ast.Assign) else each.target)
-            == "FILES"
-        ]
-        found = [ast.literal_eval(value) for value in values if value is not None]
-    except (SyntaxError, TypeError, ValueError) as error:
-        raise InputError(f"{source}: {type(error).__name__}: {error}") from error
-    if not found:
-        return []
-    files = found[0] if len(found) == 1 else None
-    if not (isinstance(files, list | tuple) and all(isinstance(path, str) for path in files)):
+    """The module of MODULE:FACTORY as its file is now: in a notebook it may have been changed."""
+    module_name, _, factory_name = name.partition(":")
+    path = Path(module_name)
+    if path.suffix == ".py" or path.name != module_name:
         raise InputError(
-            f'{source}: FILES must be a list of texts that is written out once, as FILES = ["a.pt"]'
+            f"controller {name!r}: name the module without folder and .py, as "
+            f"{path.stem}:{factory_name}, and run the command in its folder"
         )
-    return list(files)
-
-
-def _module_file(name: str) -> Path | None:
-    """The file of the module of MODULE:FACTORY; None for another kind of controller."""
-    module_name, colon, _ = name.partition(":")
-    if not colon or module_name in WITH_BUNDLE:
-        return None
-    _check_module_name(name)
-    if module_name in sys.modules:
-        file = getattr(sys.modules[module_name], "__file__", None)
-        return None if file is None else Path(file)
-    try:
-        with _working_directory_importable():
-            spec = importlib.util.find_spec(module_name)
-    except Exception as error:  # find_spec imports the parent packages.
-        raise InputError(f"controller {name!r}: {type(error).__name__}: {error}") from error
-    if spec is None:
-        raise InputError(_not_found(name))
-    return Path(spec.origin) if spec.has_location and spec.origin else None
+    with _in_working_directory(name):
+        module = importlib.import_module(module_name)
+        source = getattr(module, "__file__", None)
+        if source is not None:
+            digest = file_sha256(Path(source))
+            if vars(module).get(_DIGEST, digest) != digest:
+                vars(module).pop("FILES", None)
+                module = importlib.reload(module)
+            setattr(module, _DIGEST, digest)
+        return module
 
 
 @contextlib.contextmanager
-def _working_directory_importable() -> Generator[None]:
+def _in_working_directory(name: str) -> Generator[None]:
+    """Runs the user's code, which may import from the working directory.
+
+    Raises:
+      InputError: the code failed; the message says where.
+    """
+    module, _, _ = name.partition(":")
     here = str(Path.cwd())
     sys.path.insert(0, here)
     try:
         yield
+    except Exception as error:
+        if isinstance(error, ModuleNotFoundError) and error.name == module.partition(".")[0]:
+            raise InputError(
+                f"controller {name!r}: there is no module {module} in {here}, and none is "
+                "installed: run the command in its folder, or set PYTHONPATH"
+            ) from error
+        # The last line of the user's module, if it got as far as that.
+        places = traceback.extract_tb(error.__traceback__)
+        source = getattr(sys.modules.get(module), "__file__", None)
+        place = ([each for each in places if each.filename == source] or places)[-1]
+        raise InputError(
+            f"controller {name!r}: {type(error).__name__}: {error} "
+            f"({Path(place.filename).name}, line {place.lineno})"
+        ) from error
     finally:
         sys.path.remove(here)

@@ -1,13 +1,14 @@
-"""What flights were flown with: the version, the body, and the files of controller and world."""
+"""What flights are flown with: the version, the body, and the files of controller and world."""
 
 from __future__ import annotations
 
+import dataclasses as dc
 import hashlib
+from collections.abc import Mapping, Sequence
 from importlib import metadata
 from pathlib import Path
 
-from proxops.diagrams.flight.named_bundles import bundle_of, policy_sha256
-from proxops.diagrams.flight.named_controllers import controller_files
+from proxops.diagrams.flight.named_controllers import bundle_of, controller_files
 from proxops.diagrams.scenario import (
     Body,
     LearnedLidarConfig,
@@ -16,12 +17,58 @@ from proxops.diagrams.scenario import (
     dump_typed,
     is_yaml_path,
 )
+from proxops.systems import GuidanceBundle, PolicyBundle
 from proxops.systems.common import file_sha256
 from proxops.systems.lidar import LidarBundle
 from proxops.systems.navigation import map_files
+from proxops.systems.policy import GUIDANCE_FILE
 
-# How each part of a provenance begins.
-_PARTS = ("proxops", "body", "true mesh", "map", "lidar", "dispersions", "policy", "controller")
+
+@dc.dataclass(frozen=True)
+class Provenance:
+    """What flights are flown with: beside scenario and controller, all that they depend on."""
+
+    version: str
+    """The version of proxops."""
+    body: str
+    """The body's hash, as `body_sha256` gives it."""
+    files: Mapping[str, Sequence[str]] = dc.field(default_factory=dict)
+    """The hashes of the files that flights use, by what they are: `true mesh`, `map`, `lidar`,
+    `dispersions`, `policy` and `controller`."""
+
+    @classmethod
+    def of(cls, body: Body) -> Provenance:
+        """Gives version and body, which all flights and plans have."""
+        return cls(own_version(), body_sha256(body))
+
+    def __str__(self) -> str:
+        files = (f"{kind} {' '.join(hashes)}" for kind, hashes in self.files.items())
+        return ", ".join([f"proxops {self.version}", f"body {self.body}", *files])
+
+
+def provenance(scenario: Scenario, body: Body, controller: str) -> Provenance:
+    """Gives the provenance of flights of a scenario by a controller and this version.
+
+    Raises:
+      InputError: a bundle, a module or a file that the flights need does not exist.
+    """
+    files: dict[str, Sequence[str]] = {}
+    if scenario.truth.mesh is not None:
+        files["true mesh"] = [file_sha256(Path(scenario.truth.mesh))]
+    if isinstance(scenario.navigation, LidarNavigationConfig) and scenario.navigation.map:
+        files["map"] = [*map(file_sha256, map_files(Path(scenario.navigation.map)))]
+    if isinstance(scenario.lidar, LearnedLidarConfig):
+        files["lidar"] = [LidarBundle.load(scenario.lidar.bundle).sha256]
+    bounds = None if scenario.assurance is None else scenario.assurance.bounds
+    drawn = [each for each in (scenario.dispersions, bounds) if isinstance(each, str)]
+    files["dispersions"] = [file_sha256(Path(each)) for each in drawn if is_yaml_path(each)]
+    bundle = bundle_of(controller, scenario)
+    if bundle is not None:
+        kind = GuidanceBundle if (bundle / GUIDANCE_FILE).exists() else PolicyBundle
+        files["policy"] = [kind.load(bundle).sha256]
+    files["controller"] = [*map(file_sha256, controller_files(controller))]
+    used = {kind: hashes for kind, hashes in files.items() if hashes}
+    return dc.replace(Provenance.of(body), files=used)
 
 
 def body_sha256(body: Body) -> str:
@@ -30,55 +77,6 @@ def body_sha256(body: Body) -> str:
     return hashlib.sha256((constants + body.shape.sha256).encode()).hexdigest()
 
 
-def version_and_body(body: Body) -> str:
-    """Gives the part of a provenance that all flights and plans have: version and body."""
-    return f"{own_version()}, body {body_sha256(body)}"
-
-
 def own_version() -> str:
     """Gives the version of proxops in this process."""
-    return f"proxops {metadata.version('proxops')}"
-
-
-def provenance(scenario: Scenario, body: Body, controller: str) -> str:
-    """Gives the `Flight.provenance` of flights of a scenario by a controller and this version.
-
-    Raises:
-      InputError: a bundle, a module or a file that the flights need does not exist.
-    """
-    return version_and_body(body) + named_files(scenario, controller)
-
-
-def differing_parts(one: str, other: str) -> list[str]:
-    """Names the parts in which two provenances differ."""
-
-    def named(name: str, text: str) -> list[str]:
-        return [part for part in text.split(", ") if part.startswith(f"{name} ")]
-
-    return [name for name in _PARTS if named(name, one) != named(name, other)]
-
-
-def named_files(scenario: Scenario, controller: str) -> str:
-    """Gives the part of a provenance that names files by their hashes; "" if there are none.
-
-    Raises:
-      InputError: as `provenance`.
-    """
-    origin = ""
-    if scenario.truth.mesh is not None:
-        origin += f", true mesh {file_sha256(Path(scenario.truth.mesh))}"
-    if isinstance(scenario.navigation, LidarNavigationConfig) and scenario.navigation.map:
-        for path in map_files(Path(scenario.navigation.map)):
-            origin += f", map {file_sha256(path)}"
-    if isinstance(scenario.lidar, LearnedLidarConfig):
-        origin += f", lidar {LidarBundle.load(scenario.lidar.bundle).sha256}"
-    bounds = None if scenario.assurance is None else scenario.assurance.bounds
-    for named in (scenario.dispersions, bounds):
-        if isinstance(named, str) and is_yaml_path(named):
-            origin += f", dispersions {file_sha256(Path(named))}"
-    bundle = bundle_of(controller, scenario)
-    if bundle is not None:
-        origin += f", policy {policy_sha256(bundle)}"
-    for number, path in enumerate(controller_files(controller)):
-        origin += f"{'' if number else ', controller'} {file_sha256(path)}"
-    return origin
+    return metadata.version("proxops")

@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
+import collections
 import contextlib
 import dataclasses as dc
-import logging
+import multiprocessing
 import os
-import tempfile
+import pickle
+import signal
+import traceback
 import typing
 import warnings
 from collections.abc import Callable, Generator, Sequence
+from multiprocessing import resource_tracker
+from multiprocessing.connection import Connection, wait
 from uuid import uuid4
 
 import numba
 
 from proxops.diagrams.flight.main_guard import check_main_guard
-from proxops.systems.common import InputError, Progress, one_thread, part_of, silent
+from proxops.systems.common import InputError, Progress, needed, one_thread, part_of, silent
 
 if typing.TYPE_CHECKING:
     from dask.distributed import Client
@@ -23,9 +28,8 @@ if typing.TYPE_CHECKING:
 # A process is replaced after this many pieces of work, because the memory of Drake's diagrams with
 # Python systems, about 2 MB each, is never freed.
 _PIECES_PER_PROCESS = 150
-# The work is given up when one piece has ended this many workers.
+# The work is given up when one piece has ended this many processes.
 _LIVES = 4
-_THIS_MACHINE = "127.0.0.1"
 
 
 class Named(typing.Protocol):
@@ -74,11 +78,12 @@ class Workers:
           task: a function of a module.
 
         Raises:
-          InputError: no scheduler answers, a piece of work repeatedly ended its process, or the
-            script that is running needs `if __name__ == "__main__":`.
+          InputError: no scheduler answers, or the extra `cluster` is missing; a piece of work
+            repeatedly ended its process; or the script that is running needs
+            `if __name__ == "__main__":`.
         """
         if not pieces:
-            return  # A cluster would be asked, or started, for nothing.
+            return  # A cluster would be asked, or processes started, for nothing.
         processes = min(self.processes or os.cpu_count() or 1, len(pieces))
         if self.scheduler is not None:
             with _cluster(self.scheduler) as client:
@@ -114,77 +119,166 @@ class Workers:
         return dc.replace(self, progress=progress)
 
 
+# `concurrent.futures` does not say which piece of work ended a process, leaves processes behind
+# when this one is killed, and may hang with `max_tasks_per_child` (python/cpython#115634).
 class _Processes:
-    """Processes of this machine; they start with the first work, and end with `close`."""
+    """Processes of this machine; they start when work needs them, and end with `close`."""
 
     def __init__(self, count: int):
         self._count = count
-        # What more they may do before they are replaced.
-        self._room = 0
-        self._started = contextlib.ExitStack()
-        self._client: Client | None = None
+        self._idle: list[_Process] = []
 
     def results(
         self, pieces: Sequence[Work], task: Callable[[Work], Result]
     ) -> Generator[tuple[str, Result]]:
         """Does what `Workers.results` does."""
-        while pieces:
-            if self._client is None or not self._room:
-                self.close()
-                self._client = self._started.enter_context(_local_cluster(self._count))
-                self._room = self._count * _PIECES_PER_PROCESS
-            batch, pieces = pieces[: self._room], pieces[self._room :]
-            self._room -= len(batch)
-            yield from _distributed(self._client, batch, task)
+        check_main_guard()
+        waiting, deaths = collections.deque(pieces), collections.Counter[str]()
+        busy: dict[object, tuple[_Process, Work]] = {}
+        try:
+            while waiting or busy:
+                while waiting and len(busy) < self._count:
+                    process = self._idle.pop() if self._idle else _Process()
+                    piece = waiting.popleft()
+                    busy[process.connection] = process, piece
+                    process.give(task, piece)
+                for connection in wait([process.connection for process, _ in busy.values()]):
+                    process, piece = busy.pop(connection)
+                    try:
+                        done, result = process.take()
+                    except (EOFError, OSError) as error:  # The process has ended.
+                        process.end()
+                        deaths[piece.name] += 1
+                        if deaths[piece.name] == _LIVES:
+                            raise InputError(_fatal(piece)) from error
+                        waiting.append(piece)
+                        continue
+                    if process.pieces < _PIECES_PER_PROCESS:
+                        self._idle.append(process)
+                    else:
+                        process.end()
+                    if not done:
+                        raise result
+                    yield piece.name, result
+        finally:  # After an error or Ctrl-C, or if nobody wants the rest, some are at work.
+            for process, _ in busy.values():
+                process.end()
 
     def close(self) -> None:
         """Ends the processes; without any it does nothing."""
-        self._client = None
-        self._started.close()
+        while self._idle:
+            self._idle.pop().end()
+
+
+class _Process:
+    """A process of this machine that does one piece of work after the other."""
+
+    def __init__(self):
+        """Starts it."""
+        spawn = multiprocessing.get_context("spawn")
+        self.connection, its_end = spawn.Pipe()
+        self.pieces = 0
+        self._process = spawn.Process(target=_serve, args=(its_end,), daemon=True)
+        resource_tracker.ensure_running()  # Else it would start below, and unblock the signal.
+        # Ctrl-C reaches all processes of a terminal. A process inherits that it is blocked: this
+        # one ends the others.
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            self._process.start()
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        its_end.close()
+
+    def give(self, task: Callable[[Work], object], piece: Work) -> None:
+        """Gives it a piece of work; it has none."""
+        self.pieces += 1
+        message = pickle.dumps((task, piece))
+        with contextlib.suppress(OSError):  # `take` then tells that it has ended.
+            self.connection.send_bytes(message)
+
+    def take(self) -> tuple[bool, typing.Any]:
+        """Waits for its piece of work; gives True and the result, or False and an exception.
+
+        Raises:
+          EOFError, OSError: the process has ended.
+        """
+        return pickle.loads(self.connection.recv_bytes())
+
+    def end(self) -> None:
+        """Ends it at once, whatever it does."""
+        self._process.kill()
+        self._process.join()
+        self.connection.close()
+
+
+def _serve(connection: Connection) -> None:
+    """Does pieces of work until the process at the other end closes the connection, or ends."""
+    with contextlib.suppress(EOFError, OSError):
+        while True:
+            message = connection.recv_bytes()
+            try:
+                answer = pickle.dumps((True, _on_one_thread(*pickle.loads(message))))
+            except Exception as error:
+                error.add_note(traceback.format_exc())
+                answer = pickle.dumps((False, error))
+            connection.send_bytes(answer)
+
+
+def _on_one_thread(task: Callable[[Work], Result], piece: Work) -> Result:
+    """Does a piece of work on one thread, because other processes use the other cores."""
+    numba.set_num_threads(1)
+    with one_thread():
+        return task(piece)
+
+
+def _fatal(piece: Named) -> str:
+    return (
+        f"{piece.name} ended {_LIVES} worker processes one after the other: is there enough "
+        "memory? Run again with fewer workers to go on"
+    )
 
 
 def _distributed(
     client: Client, pieces: Sequence[Work], task: Callable[[Work], Result]
 ) -> Generator[tuple[str, Result]]:
     """Does what `Workers.results` does, by the workers of a Dask cluster."""
-    # Dask is slow to import.
     from dask.distributed import KilledWorker, as_completed
 
     futures = [
         # The keys are unique, because others may use the scheduler for work of the same names.
-        client.submit(_on_one_thread, task, piece, key=f"{piece.name}-{uuid4().hex}", pure=False)
+        client.submit(_on_cluster, task, piece, key=f"{piece.name}-{uuid4().hex}", pure=False)
         for piece in pieces
     ]
-    names = {future.key: piece.name for future, piece in zip(futures, pieces, strict=True)}
-    done = as_completed(futures)
+    by_key = {future.key: piece for future, piece in zip(futures, pieces, strict=True)}
+    done = as_completed(futures, loop=client.loop)
     del futures
     for future in done:
+        piece = by_key[future.key]
         try:
             result = future.result()
         except KilledWorker as error:
-            raise InputError(
-                f"{names[future.key]} ended {_LIVES} worker processes one after the "
-                "other: is there enough memory? Run again with fewer workers to go on"
-            ) from error
-        yield names[future.key], result
+            raise InputError(_fatal(piece)) from error
+        yield piece.name, result
         future.release()
+
+
+def _on_cluster(task: Callable[[Work], Result], piece: Work) -> Result:
+    import dask.config
+
+    # Otherwise xarray would write its files under locks that all workers share.
+    with dask.config.set(scheduler="synchronous"):
+        return _on_one_thread(task, piece)
 
 
 @contextlib.contextmanager
 def _cluster(scheduler: str) -> Generator[Client]:
     """A client of the scheduler at an address."""
-    from dask.distributed import Client
-
-    usual = _default_client()
+    distributed = needed("dask.distributed", "cluster")
     try:
-        client = Client(scheduler, timeout="10s")
+        # As the default client, xarray would ask it for the locks of its files.
+        client = distributed.Client(scheduler, timeout="10s", set_as_default=False)
     # Dask raises the last two where certificates are missing or encryption is required.
     except (OSError, ValueError, TimeoutError, TypeError, RuntimeError) as error:
-        failed = _default_client()
-        if failed is not None and failed is not usual:
-            # Else it stays the default, whom xarray asks for the locks of its files.
-            with contextlib.suppress(TimeoutError):
-                failed.close(timeout=0.1)
         raise InputError(f"no Dask scheduler answers at {scheduler}: {error}") from error
     with client:
         if not client.nthreads():
@@ -194,65 +288,3 @@ def _cluster(scheduler: str) -> Generator[Client]:
                 stacklevel=1,
             )
         yield client
-
-
-def _default_client() -> Client | None:
-    """The client that Dask uses where none is named."""
-    from dask.distributed import default_client
-
-    try:
-        return default_client()
-    except ValueError:
-        return None
-
-
-@contextlib.contextmanager
-def _local_cluster(processes: int) -> Generator[Client]:
-    """A client of worker processes of this machine, which end with the block."""
-    check_main_guard()
-    import dask.config
-    from dask.distributed import Client, LocalCluster
-
-    settings = {
-        "distributed.worker.multiprocessing-method": "spawn",
-        # Otherwise Dask would set these variables in this process's environment too.
-        "distributed.nanny.pre-spawn-environ": {},
-        # A worker that is killed is replaced, and its work is done again.
-        "distributed.scheduler.allowed-failures": _LIVES - 1,
-        # Dask looks at its workers' stacks a hundred times a second, and at their load as often.
-        "distributed.worker.profile.enabled": False,
-        "distributed.worker.memory.monitor-interval": "1s",
-        "distributed.admin.tick.interval": "1s",
-        "distributed.admin.system-monitor.interval": "10s",
-        # A user's settings for a cluster don't count here: it has no certificates.
-        "distributed.comm.require-encryption": False,
-    }
-    with (
-        # Workers import from this folder. Dask's own has a known name in a folder of all users.
-        tempfile.TemporaryDirectory(prefix="proxops-", ignore_cleanup_errors=True) as private,
-        dask.config.set(settings | {"temporary-directory": private}),
-        LocalCluster(
-            n_workers=processes,
-            threads_per_worker=1,
-            processes=True,
-            # Only this machine can reach it. It takes any free port, because several may run.
-            host=_THIS_MACHINE,
-            protocol="tcp://",
-            dashboard_address=f"{_THIS_MACHINE}:0",
-            silence_logs=logging.CRITICAL,
-            # Ctrl-C reaches all processes of a terminal; the workers end when this one does.
-            preload=["import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"],
-        ) as cluster,
-        Client(cluster) as client,
-    ):
-        yield client
-
-
-def _on_one_thread(task: Callable[[Work], Result], piece: Work) -> Result:
-    """Does a piece of work on one thread, because other workers use the other cores."""
-    import dask.config
-
-    numba.set_num_threads(1)
-    # Otherwise xarray would write its files under locks that all workers share.
-    with dask.config.set(scheduler="synchronous"), one_thread():
-        return task(piece)

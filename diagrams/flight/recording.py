@@ -1,4 +1,4 @@
-"""Makes the log of a flight from its transit diagram after the simulation."""
+"""Keeps the frames of a flight while it is simulated, and makes its log after it."""
 
 from __future__ import annotations
 
@@ -10,8 +10,6 @@ import numpy as np
 from pydrake.systems.framework import Context, Diagram, System
 from pydrake.systems.primitives import VectorLogSink
 
-from proxops.diagrams.flight.kept_frames import ROUNDING, KeptFrames
-from proxops.diagrams.flight.transit_diagram import logged_ports
 from proxops.diagrams.flight.world import has_thruster_errors, thruster_errors
 from proxops.diagrams.logs import (
     CONTROLLER_COLUMNS,
@@ -24,7 +22,7 @@ from proxops.diagrams.logs import (
 from proxops.diagrams.scenario import World
 from proxops.systems.common import offers_of
 from proxops.systems.hybrid import FlownBy
-from proxops.systems.lidar import LearnedLidar, PlanarLidar
+from proxops.systems.lidar import FrameDelay, LearnedLidar, PlanarLidar
 from proxops.systems.vehicle import (
     COLLIDED,
     ENTERED_GOAL,
@@ -35,6 +33,70 @@ from proxops.systems.vehicle import (
 )
 
 Columns = dict[str, np.ndarray]
+# Times that are closer than this share of a control period are the same control step: a step's time
+# is a sum of shorter steps, and a flight's end one of two settings.
+_ROUNDING = 1e-9
+# Columns of the last row if the flight ended between two control steps: the motion then, by the
+# system that knows it, and what was held. What is on board has no other outputs then.
+_MOVING = {"state": "spacecraft", "mass": "spacecraft", "attitude": "attitude"}
+_HELD = ("target", "command", "force", "kick", "decision")
+
+
+class KeptFrames:
+    """The frames of a transit diagram as they were received, and what became of their returns.
+
+    A log sink is no place for them: it would keep 35 kB a frame in a Diagram that is never freed
+    (drake#22515). They were computed for somebody on board in most flights, and are then cached.
+
+    Attributes:
+      ranges: float32 (planes * rays,) in m of each frame; +inf: no return.
+      use: the navigation's `ReturnUse` int8 (planes * rays,) of each frame; empty without one.
+    """
+
+    def __init__(self, diagram: Diagram, period: float):
+        """Takes a transit diagram and the control period in s."""
+        systems = diagram.GetSystems()
+        late = [each for each in systems if isinstance(each, FrameDelay)]
+        self._lidar = late[0] if late else diagram.GetSubsystemByName("lidar")
+        self._ranges = self._lidar.GetOutputPort("ranges")
+        navigation = (each for each in systems if each.HasOutputPort("return_use"))
+        self._navigation = next(navigation, None)
+        self._period, self._slack, self._last = period, _ROUNDING * period, -np.inf
+        self.ranges: list[np.ndarray] = []
+        self.use: list[np.ndarray] = []
+
+    def keep(self, context: Context) -> None:
+        """Keeps the frame of a diagram's Context, if that is at a control step."""
+        now = context.get_time()
+        # An event may end a step of the simulation between two control steps.
+        steps = round(now / self._period)
+        if now <= self._last or abs(now - steps * self._period) > self._slack:
+            return
+        if self._last >= steps * self._period:
+            return  # A rounding after the control step, whose frame is kept and used.
+        if now <= self._last + self._slack:
+            # The sum of several steps was a rounding short of the control step, which is now.
+            self.ranges.pop()
+            del self.use[-1:]
+        self._keep_ranges(context)
+        if self._navigation is not None:
+            here = self._navigation.GetMyContextFromRoot(context)
+            use = self._navigation.GetOutputPort("return_use").Eval(here)
+            self.use.append(use.astype(np.int8))
+
+    def keep_end(self, context: Context) -> None:
+        """Keeps the frame of the flight's end, if that is between two control steps.
+
+        The navigation does not use it.
+        """
+        if context.get_time() > self._last + self._slack:
+            self._keep_ranges(context)
+            self.use += [np.zeros_like(self.use[-1])] if self.use else []
+
+    def _keep_ranges(self, context: Context) -> None:
+        ranges = self._ranges.Eval(self._lidar.GetMyContextFromRoot(context))
+        self.ranges.append(ranges.astype(np.float32))
+        self._last = context.get_time()
 
 
 @dataclass(frozen=True)
@@ -79,7 +141,7 @@ def make_log(flown: Flown, wall_time: float) -> FlightLog:
         )
     own = {
         name: (logged.units, logged.description)
-        for name, logged in logged_ports(flown.controller).items()
+        for name, logged in offers_of(flown.controller).logged_ports.items()
         if name not in CONTROLLER_COLUMNS
     }
     attributes = _attributes(flown, wall_time)
@@ -115,39 +177,26 @@ def _sampled(flown: Flown) -> tuple[np.ndarray, Columns]:
 def _with_end(flown: Flown, times: np.ndarray, columns: Columns) -> tuple[np.ndarray, Columns]:
     """Adds a last row if the flight ended between two control steps; it repeats the held values."""
     end = flown.context.get_time()
-    if end <= times[-1] + ROUNDING * flown.world.scenario.control_period_s:
+    if end <= times[-1] + _ROUNDING * flown.world.scenario.control_period_s:
         return times, columns
     columns = {name: np.concatenate([rows, rows[-1:]]) for name, rows in columns.items()}
-    for name, system in (
-        ("state", "spacecraft"), ("mass", "spacecraft"), ("attitude", "attitude"),
-    ):  # fmt: skip
-        if name in columns:
-            columns[name][-1] = flown.value(system, name)
-    # What is on board has outputs only at control steps.
-    on_board = [name for name in columns if name.startswith("navigation_")]
-    for name in (
-        "intervention_record",
-        "assurance_record",
-        *on_board,
-        *logged_ports(flown.controller),
-    ):
-        if name in columns and name != "decision":
-            columns[name][-1] = np.nan
+    for name, rows in columns.items():
+        if name in _MOVING:
+            rows[-1] = flown.value(_MOVING[name], name)
+        elif name not in _HELD:
+            rows[-1] = np.nan
     return np.append(times, end), columns
 
 
 def _split_records(columns: Columns, rows: int) -> Columns:
     """Splits each record into its columns, and adds the columns that follow from others."""
-    blank = np.full((rows, 3), np.nan)
-    columns = {"mpc_record": blank.copy(), **columns}
+    columns = {"mpc_record": np.full((rows, 3), np.nan), **columns}
     columns["disturbance"] = columns["force"] - columns.pop("command")
-    if "decision" in columns:
-        columns["decision"] = columns["decision"][:, 0].astype(np.int8)
-    else:
-        by = FlownBy.CONTROLLER
-        by = FlownBy.POLICY if "policy_force" in columns else by
+    if "decision" not in columns:
+        by = FlownBy.POLICY if "policy_force" in columns else FlownBy.CONTROLLER
         by = FlownBy.MPC if "mpc_force" in columns else by
-        columns["decision"] = np.full(rows, by, dtype=np.int8)
+        columns["decision"] = np.full((rows, 1), by)
+    columns["decision"] = columns["decision"].astype(np.int8)
     for record, names in RECORDS.items():
         if record in columns:
             columns |= dict(zip(names, columns.pop(record).T, strict=True))
@@ -156,7 +205,8 @@ def _split_records(columns: Columns, rows: int) -> Columns:
     for name, values in columns.items():
         if values.ndim == 2 and values.shape[1] == 1:
             columns[name] = values[:, 0]
-    return {"mpc_force": blank, "policy_force": blank.copy(), **columns}
+    nobodys = {name: np.full((rows, 3), np.nan) for name in ("mpc_force", "policy_force")}
+    return nobodys | columns
 
 
 def _attributes(flown: Flown, wall_time: float) -> dict[str, Any]:

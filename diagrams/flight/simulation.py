@@ -10,9 +10,8 @@ from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
 from pydrake.systems.framework import Context, Diagram, EventStatus, System
 
-from proxops.diagrams.flight.kept_frames import KeptFrames
 from proxops.diagrams.flight.named_controllers import named_controller
-from proxops.diagrams.flight.recording import Flown, make_log
+from proxops.diagrams.flight.recording import Flown, KeptFrames, make_log
 from proxops.diagrams.flight.transit_diagram import diagram_of
 from proxops.diagrams.logs import FlightLog
 from proxops.diagrams.meshcat import PLAYBACK_SPEED, add_flight

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TypeVar
 
-from pydrake.systems.framework import DiagramBuilder, System
+from pydrake.systems.framework import DiagramBuilder, OutputPort, System
 
 from proxops.diagrams.scenario import Scenario, World
-from proxops.systems.common import derived_seed
+from proxops.systems.common import InputError, derived_seed
 
 AnySystem = TypeVar("AnySystem", bound=System)
+Signals = dict[str, OutputPort]
+"""Output ports by their names."""
 # Streams of the derived seeds, one for each random system.
 LIDAR_STREAM, DISTURBANCE_STREAM, NOISE_STREAM, KICKS_STREAM = range(4)
 ATTITUDE_STREAM, ACCELERATION_STREAM = 4, 5
@@ -24,15 +26,31 @@ class Wiring:
 
     builder: DiagramBuilder
     world: World
+    logged: Signals = field(default_factory=dict)
+    """What the log records once a control step, by the names of its columns or records."""
 
     @property
     def scenario(self) -> Scenario:
         """The scenario with the values of this flight."""
         return self.world.scenario
 
-    def add(self, name: str, system: AnySystem) -> AnySystem:
-        """Adds a system under a name."""
+    def add(self, name: str, system: AnySystem, **inputs: OutputPort | None) -> AnySystem:
+        """Adds a system under a name, and connects its input ports by their names.
+
+        An input port of None, or that is not named, remains open.
+
+        Raises:
+          InputError: the controller has this name.
+        """
+        if self.builder.HasSubsystemNamed(name):
+            raise InputError(
+                f"controller {name!r}: a part of the diagram is called so; give the controller "
+                "another name"
+            )
         self.builder.AddNamedSystem(name, system)
+        for port, source in inputs.items():
+            if source is not None:
+                self.builder.Connect(source, system.GetInputPort(port))
         return system
 
     def seed(self, stream: int) -> int:

@@ -1,51 +1,63 @@
-"""Adds the true world of a flight: gravity, the spacecraft and its thrust, accelerations, axes."""
+"""Adds the true world of a flight: the spacecraft and what moves it, lidar, thrusters, monitor."""
 
 from __future__ import annotations
 
 import math
 
 import numpy as np
-from pydrake.systems.framework import OutputPort
+from pydrake.systems.framework import LeafSystem, OutputPort
 from pydrake.systems.primitives import Adder, ZeroOrderHold
 
+from proxops.diagrams.flight.scenario_systems import make_events, make_lidar
 from proxops.diagrams.flight.wiring import (
     ACCELERATION_STREAM,
     ATTITUDE_STREAM,
+    DISTURBANCE_STREAM,
     KICKS_STREAM,
+    LIDAR_STREAM,
+    NOISE_STREAM,
     Wiring,
 )
 from proxops.diagrams.scenario import TrueThrustersConfig, TruthConfig, turns_the_axes
 from proxops.systems import (
     ActualThrust,
     AttitudeError,
+    FlightMonitor,
+    ForceNoise,
+    FrameDelay,
+    PlanarLidar,
     PolyhedralGravity,
+    RandomWalkDisturbance,
     Spacecraft,
     ThrusterErrors,
     UnexplainedAcceleration,
     VelocityKicks,
 )
+from proxops.systems.vehicle import Thrusters
 
 
 def add_spacecraft(wiring: Wiring) -> Spacecraft:
     """Adds the spacecraft with its true mass and spin, at the start of the transit."""
     scenario, transit, true_body = wiring.scenario, wiring.world.transit, wiring.world.true_body
-    mass = scenario.truth.mass * scenario.spacecraft.mass_kg
-    start = np.concatenate([transit.start, transit.start_velocity])
     about_z = not (true_body.spin[:2].any() or true_body.axis_point.any())
     craft = Spacecraft(
-        mass,
+        scenario.truth.mass * scenario.spacecraft.mass_kg,
         float(true_body.spin[2]) if about_z else true_body.spin,
-        start,
+        np.concatenate([transit.start, transit.start_velocity]),
         axis_point=true_body.axis_point,
         burns_propellant=scenario.truth.specific_impulse_s is not None,
     )
+    wiring.logged["state"] = craft.GetOutputPort("state")
+    if craft.HasOutputPort("mass"):
+        wiring.logged["mass"] = craft.GetOutputPort("mass")
     return wiring.add("spacecraft", craft)
 
 
 def add_accelerations(wiring: Wiring, craft: Spacecraft) -> None:
     """Connects true gravity, kicks and unexplained acceleration, as far as there are any."""
-    gravity = wiring.add("gravity", PolyhedralGravity(wiring.world.true_body.gravity_field))
-    wiring.builder.Connect(craft.GetOutputPort("position"), gravity.GetInputPort("position"))
+    field = wiring.world.true_body.gravity_field
+    position = craft.GetOutputPort("position")
+    gravity = wiring.add("gravity", PolyhedralGravity(field), position=position)
     parts = [gravity.GetOutputPort("acceleration")]
     if wiring.scenario.kicks is not None:
         parts.append(_kicks(wiring))
@@ -54,11 +66,41 @@ def add_accelerations(wiring: Wiring, craft: Spacecraft) -> None:
         parts.append(_unexplained(wiring))
     total = parts[0]
     if len(parts) > 1:
-        adder = wiring.add("accelerations", Adder(len(parts), 3))
-        for k, part in enumerate(parts):
-            wiring.builder.Connect(part, adder.get_input_port(k))
-        total = adder.get_output_port()
+        each = {f"u{k}": part for k, part in enumerate(parts)}
+        total = wiring.add("accelerations", Adder(len(parts), 3), **each).get_output_port()
     wiring.builder.Connect(total, craft.GetInputPort("gravity"))
+
+
+def _kicks(wiring: Wiring) -> OutputPort:
+    settings = wiring.scenario.kicks
+    assert settings is not None
+    kicks = VelocityKicks(
+        velocity_std=settings.velocity_std_m_s,
+        mean_interval=settings.mean_interval_s,
+        period=wiring.scenario.control_period_s,
+        seed=wiring.seed(KICKS_STREAM),
+    )
+    wiring.logged["kick"] = kicks.GetOutputPort("next_acceleration")
+    return wiring.add("kicks", kicks).GetOutputPort("acceleration")
+
+
+def _unexplained(wiring: Wiring) -> OutputPort:
+    true = wiring.scenario.truth.acceleration
+    unexplained = UnexplainedAcceleration(
+        constant=np.array(true.constant_m_s2),
+        std=true.varying_std_m_s2,
+        correlation_time=true.correlation_time_s,
+        period=wiring.scenario.control_period_s,
+        seed=wiring.seed(ACCELERATION_STREAM),
+    )
+    wiring.add("unexplained_acceleration", unexplained)
+    return _held(wiring, unexplained.GetOutputPort("acceleration"), "acceleration_hold")
+
+
+def _held(wiring: Wiring, port: OutputPort, name: str) -> OutputPort:
+    """Holds a slow signal over each control period, so that an integrator's steps do not ask."""
+    hold = ZeroOrderHold(wiring.scenario.control_period_s, port.size())
+    return wiring.add(name, hold, u=port).get_output_port()
 
 
 def add_attitude(wiring: Wiring) -> OutputPort | None:
@@ -76,7 +118,24 @@ def add_attitude(wiring: Wiring) -> OutputPort | None:
         period=wiring.scenario.control_period_s,
         seed=wiring.seed(ATTITUDE_STREAM),
     )
+    wiring.logged["attitude"] = error.GetOutputPort("attitude")
     return wiring.add("attitude", error).GetOutputPort("attitude")
+
+
+def add_lidar(wiring: Wiring, position: OutputPort, attitude: OutputPort | None) -> PlanarLidar:
+    """Adds the true lidar."""
+    shape, seed = wiring.world.true_body.shape, wiring.seed(LIDAR_STREAM)
+    lidar = make_lidar(wiring.scenario, shape, seed)
+    return wiring.add("lidar", lidar, position=position, attitude=attitude)
+
+
+def received(wiring: Wiring, lidar: PlanarLidar) -> OutputPort:
+    """Gives the ranges as they are received: some steps late, if the lidar has a latency."""
+    ranges, steps = lidar.GetOutputPort("ranges"), wiring.scenario.truth.lidar.latency_steps
+    if steps == 0:
+        return ranges
+    delay = FrameDelay(ranges.size(), steps, wiring.scenario.control_period_s)
+    return wiring.add("frame_delay", delay, ranges=ranges).GetOutputPort("ranges")
 
 
 def add_thrust(
@@ -93,13 +152,11 @@ def add_thrust(
     truth, thrust = wiring.scenario.truth, held
     if attitude is not None or has_thruster_errors(truth):
         period = wiring.scenario.control_period_s
-        actual = wiring.add(
-            "actual_thrust", ActualThrust(thruster_errors(truth), period, truth.specific_impulse_s)
-        )
-        wiring.builder.Connect(held, actual.GetInputPort("force"))
+        actual = ActualThrust(thruster_errors(truth), period, truth.specific_impulse_s)
+        wiring.add("actual_thrust", actual, force=held)
         if attitude is not None:
-            held_attitude = _held(wiring, attitude, "attitude_hold")
-            wiring.builder.Connect(held_attitude, actual.GetInputPort("attitude"))
+            attitude = _held(wiring, attitude, "attitude_hold")
+            wiring.builder.Connect(attitude, actual.GetInputPort("attitude"))
         if truth.specific_impulse_s is not None:
             flow = actual.GetOutputPort("mass_flow")
             wiring.builder.Connect(flow, craft.GetInputPort("mass_flow"))
@@ -125,33 +182,54 @@ def has_thruster_errors(truth: TruthConfig) -> bool:
     return truth.thrusters != TrueThrustersConfig() or truth.specific_impulse_s is not None
 
 
-def _kicks(wiring: Wiring) -> OutputPort:
-    settings = wiring.scenario.kicks
-    assert settings is not None
-    kicks = VelocityKicks(
-        velocity_std=settings.velocity_std_m_s,
-        mean_interval=settings.mean_interval_s,
-        period=wiring.scenario.control_period_s,
-        seed=wiring.seed(KICKS_STREAM),
-    )
-    return wiring.add("kicks", kicks).GetOutputPort("acceleration")
+def hold_command(wiring: Wiring, command: OutputPort, hold: LeafSystem, told: LeafSystem) -> None:
+    """Connects a command to the hold of the thrusters and to that of what the controller is told.
+
+    The thrusters are to give the command, disturbed and limited.
+    """
+    wiring.logged["command"] = command
+    force = _limited(wiring, _disturbed(wiring, command), "thrusters")
+    wiring.logged["force"] = force
+    wiring.builder.Connect(force, hold.get_input_port())
+    if told is not hold:
+        wiring.builder.Connect(_limited(wiring, command, "command_limits"), told.get_input_port())
 
 
-def _unexplained(wiring: Wiring) -> OutputPort:
-    true = wiring.scenario.truth.acceleration
-    unexplained = UnexplainedAcceleration(
-        constant=np.array(true.constant_m_s2),
-        std=true.varying_std_m_s2,
-        correlation_time=true.correlation_time_s,
-        period=wiring.scenario.control_period_s,
-        seed=wiring.seed(ACCELERATION_STREAM),
-    )
-    acceleration = wiring.add("unexplained_acceleration", unexplained)
-    return _held(wiring, acceleration.GetOutputPort("acceleration"), "acceleration_hold")
+def _disturbed(wiring: Wiring, force: OutputPort) -> OutputPort:
+    """Adds the scenario's disturbance and noise of the force, if any; returns the force."""
+    scenario = wiring.scenario
+    limit, period = scenario.spacecraft.thrust_limit_n, scenario.control_period_s
+    if scenario.disturbance is not None:
+        disturbance = RandomWalkDisturbance(
+            thrust_limit=limit,
+            reset_period=scenario.disturbance.reset_period_s,
+            max_relative_magnitude=scenario.disturbance.max_relative_magnitude,
+            increment_std=scenario.disturbance.increment_std_n,
+            period=period,
+            seed=wiring.seed(DISTURBANCE_STREAM),
+        )
+        force = wiring.add("disturbance", disturbance, force=force).GetOutputPort("force")
+    if scenario.force_noise is not None:
+        noise = ForceNoise(
+            thrust_limit=limit,
+            std=scenario.force_noise.std_n,
+            correlation_time=scenario.force_noise.correlation_time_s,
+            period=period,
+            seed=wiring.seed(NOISE_STREAM),
+        )
+        force = wiring.add("force_noise", noise, force=force).GetOutputPort("force")
+    return force
 
 
-def _held(wiring: Wiring, port: OutputPort, name: str) -> OutputPort:
-    """Holds a slow signal over each control period, so that an integrator's steps do not ask."""
-    hold = wiring.add(name, ZeroOrderHold(wiring.scenario.control_period_s, port.size()))
-    wiring.builder.Connect(port, hold.get_input_port())
-    return hold.get_output_port()
+def _limited(wiring: Wiring, force: OutputPort, name: str) -> OutputPort:
+    """Adds the thrust limit as a system of this name; returns the limited force."""
+    limit = Thrusters(wiring.scenario.spacecraft.thrust_limit_n)
+    return wiring.add(name, limit, force=force).GetOutputPort("force")
+
+
+def add_monitor(wiring: Wiring, state: OutputPort, target: OutputPort) -> None:
+    """Adds the monitor of arrival, collision and violations of the keep-out ellipsoid."""
+    scenario, world = wiring.scenario, wiring.world
+    events = make_events(scenario, world.body, world.true_body.gravity_field)
+    monitor = FlightMonitor(events, scenario.control_period_s)
+    wiring.add("monitor", monitor, state=state, target=target)

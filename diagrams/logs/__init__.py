@@ -12,6 +12,7 @@ from proxops.diagrams.logs.columns import (
     RECORDS,
     RESERVED_COLUMNS,
     VARIABLES,
+    column_size,
 )
 from proxops.diagrams.logs.flight_log import (
     FlightLog,
@@ -48,6 +49,7 @@ __all__ = [
     "FlightLog",
     "all_flown_by",
     "check_log_file",
+    "column_size",
     "commanded_forces",
     "dense_positions",
     "differences",

@@ -13,7 +13,14 @@ import numpy as np
 import xarray as xr
 from scipy.spatial.transform import Rotation
 
-from proxops.diagrams.logs.columns import COORDINATES, FLAGS, OUTCOMES, VARIABLES
+from proxops.diagrams.logs.columns import (
+    COORDINATES,
+    DERIVED,
+    OUTCOMES,
+    VARIABLES,
+    WALL_TIMES,
+    Column,
+)
 from proxops.diagrams.logs.flight_summary import summarise
 from proxops.diagrams.logs.log_file_checks import (
     check_log_file,
@@ -41,7 +48,6 @@ from proxops.systems.shapes import Polyhedron
 _PACKED = ("ranges", "navigation_return_use")
 # Attributes with the hashes of the networks that flew.
 _NETWORKS = ("policy_sha256", "lidar_sha256")
-_WALL_TIMES = {"solve_time", "policy_time", "decision_time"}
 
 
 @dataclass
@@ -173,27 +179,15 @@ def make_dataset(
     """
     true_body = true_body or make_true_body(body, TruthConfig())
     data: dict[str, typing.Any] = {}
-    for name, (dimensions, units, long_name) in VARIABLES.items():
+    for name, column in VARIABLES.items():
         if name in columns:
-            notes: dict[str, typing.Any] = {"units": units, "long_name": long_name}
-            if name in FLAGS:
-                notes["flag_values"] = np.array([*FLAGS[name]], dtype=columns[name].dtype)
-                notes["flag_meanings"] = " ".join(flag.name.lower() for flag in FLAGS[name])
-            data[name] = (("time", *dimensions), columns[name], notes)
+            data[name] = _variable(column, columns[name])
     for name, (units, description) in (own or {}).items():
-        values = columns[name]
-        dimensions = ("time",) if values.ndim == 1 else ("time", f"{name}_component")
-        data[name] = (dimensions, values, {"units": units, "long_name": description})
-    position, velocity = inertial_motion(
-        times, columns["state"], true_body.spin, true_body.axis_point
-    )
-    note = "in the non-turning frame that is K at time 0"
-    data["position_inertial"] = (
-        ("time", "axis"), position, {"units": "m", "long_name": f"position {note}"},
-    )  # fmt: skip
-    data["velocity_inertial"] = (
-        ("time", "axis"), velocity, {"units": "m/s", "long_name": f"velocity {note}"},
-    )  # fmt: skip
+        dimensions = () if columns[name].ndim == 1 else (f"{name}_component",)
+        data[name] = _variable(Column(dimensions, units, description), columns[name])
+    motion = inertial_motion(times, columns["state"], true_body.spin, true_body.axis_point)
+    for (name, column), values in zip(DERIVED.items(), motion, strict=True):
+        data[name] = _variable(column, values)
     data |= _mesh("mesh", "", body.shape)
     if true_body.shape is not body.shape:
         data |= _mesh("true", "true_", true_body.shape)
@@ -211,6 +205,17 @@ def make_dataset(
             **attributes,
         },
     )
+
+
+def _variable(
+    column: Column, values: np.ndarray
+) -> tuple[tuple[str, ...], np.ndarray, dict[str, typing.Any]]:
+    """Gives a variable of the dataset: dimensions, values (N, ...) and attributes."""
+    notes: dict[str, typing.Any] = {"units": column.units, "long_name": column.long_name}
+    if column.codes is not None:
+        notes["flag_values"] = np.array([*column.codes], dtype=values.dtype)
+        notes["flag_meanings"] = " ".join(code.name.lower() for code in column.codes)
+    return ("time", *column.dimensions), values, notes
 
 
 def _mesh(name: str, dimension: str, shape: Polyhedron) -> dict[str, typing.Any]:
@@ -270,7 +275,7 @@ def differences(first: FlightLog, second: FlightLog) -> list[str]:
     Wall times are not compared.
     """
     one, other = first.dataset, second.dataset
-    names = sorted(({*map(str, one.variables)} | {*map(str, other.variables)}) - _WALL_TIMES)
+    names = sorted(({*map(str, one.variables)} | {*map(str, other.variables)}) - {*WALL_TIMES})
     changed = [
         name
         for name in names

@@ -9,6 +9,7 @@ import numpy as np
 import xarray as xr
 from scipy.interpolate import CubicHermiteSpline
 
+from proxops.diagrams.logs.columns import WALL_TIMES
 from proxops.diagrams.logs.navigation_figures import navigation_figures
 from proxops.diagrams.scenario import Body, Scenario, dispersed_values
 from proxops.systems.assurance import InterventionReason
@@ -101,8 +102,7 @@ def _control_ms(data: xr.Dataset) -> np.ndarray:
 
     It is the sum of the MPC's step, the policy's network and the hybrid's decision.
     """
-    names = ("solve_time", "policy_time", "decision_time")
-    parts = np.array([data[name].values for name in names if name in data])
+    parts = np.array([data[name].values for name in WALL_TIMES if name in data])
     return 1e3 * np.nansum(parts[:, np.isfinite(parts).any(axis=0)], axis=0)
 
 

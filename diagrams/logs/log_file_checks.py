@@ -11,25 +11,20 @@ import xarray as xr
 
 from proxops.diagrams.logs.columns import (
     COORDINATES,
-    FLAGS,
     NAVIGATION_COLUMNS,
     OUTCOMES,
     RECORDS,
+    SIZES,
     VARIABLES,
 )
 from proxops.systems.common import InputError
 from proxops.systems.hybrid import FlownBy
 
-# A file without the needed variables is not a log. The optional ones may be missing: frames need
-# not be logged, and not every flight has kicks, a policy with an estimate, a hybrid's decisions,
-# runtime assurance, a navigation, or a world that differs from what is believed.
-_OPTIONAL_VARIABLES = (
-    "ranges", "navigation_return_use", "kick", "thrust", "mass", "attitude",
-    "estimate", *RECORDS["policy_record"], *RECORDS["decision_record"],
-    *RECORDS["intervention_record"], *RECORDS["assurance_record"], *NAVIGATION_COLUMNS,
+# A file without these variables is not a log. All others depend on the flight.
+_NEEDED_VARIABLES = (
+    "time", "state", "target", "force", "mpc_force", "policy_force", "disturbance", "decision",
+    *RECORDS["mpc_record"], "mesh_vertices", "mesh_facets",
 )  # fmt: skip
-_NEEDED_VARIABLES = ["time", *(name for name in VARIABLES if name not in _OPTIONAL_VARIABLES)]
-_NEEDED_VARIABLES += ["mesh_vertices", "mesh_facets"]
 _NEEDED_ATTRIBUTES = ["scenario", "body", "controller", "shape_sha256", "arrival_time_s"]
 _NEEDED_ATTRIBUTES += ["collided", "keep_out_violations", "wall_s", "scenario_sha256"]
 _TEXTS = ("scenario", "body", "controller", "shape_sha256", "scenario_sha256")
@@ -37,9 +32,6 @@ _NUMBERS = (*OUTCOMES, "wall_s", "force_delay_s")
 # Variables that are finite in every row, and the greatest size of their values, in SI.
 _FINITE = ("time", "state", "target", "force")
 _LARGEST = 1e15
-_SIZES = {name: len(labels) for name, labels in COORDINATES.items()}
-# Sizes of dimensions that not every log has.
-_SIZES_IF_THERE = {"quaternion": 4, "known": 9, "known_with": 9}
 
 
 def check_log_file(path: str | Path) -> None:
@@ -88,19 +80,18 @@ def missing_entries(data: xr.Dataset) -> list[str]:
 
 def wrong_entries(data: xr.Dataset) -> list[str]:
     """Lists the variables and attributes whose types, dimensions or values no flight gives."""
-    schema = {"time": (), **{name: dimensions for name, (dimensions, _, _) in VARIABLES.items()}}
+    schema = {"time": (), **{name: column.dimensions for name, column in VARIABLES.items()}}
     wrong = [
         name
         for name, dimensions in schema.items()
         if name in data.variables
         and (data[name].dims != ("time", *dimensions) or data[name].dtype.kind not in "fiub")
     ]
-    wrong += [name for name, size in _SIZES.items() if data.sizes.get(name) != size]
-    wrong += [name for name, n in _SIZES_IF_THERE.items() if data.sizes.get(name, n) != n]
-    there = [name in data.variables for name in NAVIGATION_COLUMNS]
-    if any(there):
-        pairs = zip(NAVIGATION_COLUMNS, there, strict=True)
-        wrong += [name for name, found in pairs if not found]
+    wrong += [name for name, size in SIZES.items() if data.sizes.get(name, size) != size]
+    wrong += [name for name in COORDINATES if name not in data.sizes]
+    missing = [name for name in NAVIGATION_COLUMNS if name not in data.variables]
+    if len(missing) < len(NAVIGATION_COLUMNS):
+        wrong += missing
     wrong += [name for name in _TEXTS if not isinstance(data.attrs[name], str)]
     numbers = [name for name in _NUMBERS if name in data.attrs]
     wrong += [name for name in numbers if not isinstance(data.attrs[name], float | int | np.number)]
@@ -111,10 +102,10 @@ def wrong_entries(data: xr.Dataset) -> list[str]:
         wrong.append("time")
     if not np.isin(data["decision"].values, list(FlownBy)).all():
         wrong.append("decision")
-    for name, codes in FLAGS.items():
-        if name in data:
+    for name, column in VARIABLES.items():
+        if column.codes is not None and name in data:
             values = data[name].values
-            if not (np.isnan(values) | np.isin(values, list(codes))).all():
+            if not (np.isnan(values) | np.isin(values, list(column.codes))).all():
                 wrong.append(name)
     wrong += [name for name in ("collided", "keep_out_violations") if not _counts(data.attrs[name])]
     return wrong

@@ -5,7 +5,7 @@ notebook. `meshcat_scene` defines the objects of the scene and their places; the
 views, panels, lidar returns and paths to it.
 """
 
-from proxops.diagrams.meshcat.live_view import LiveView, add_live_view
+from proxops.diagrams.meshcat.live_view import LiveView, prepare_live_view
 from proxops.diagrams.meshcat.meshcat_page import PLAYBACK_SPEED
 from proxops.diagrams.meshcat.meshcat_scene import Scene
 from proxops.diagrams.meshcat.movie import write_movie
@@ -18,8 +18,8 @@ __all__ = [
     "LiveView",
     "Scene",
     "add_flight",
-    "add_live_view",
     "paths_page",
+    "prepare_live_view",
     "show_body",
     "show_flight",
     "show_lidar",

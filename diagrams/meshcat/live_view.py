@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from pydrake.common.value import AbstractValue
-from pydrake.systems.framework import DiagramBuilder, LeafSystem, OutputPort
+from pydrake.systems.framework import LeafSystem
 
 from proxops.diagrams.meshcat.camera_views import look_at_flight
 from proxops.diagrams.meshcat.meshcat_scene import (
@@ -102,29 +102,14 @@ class LiveView(LeafSystem):
         add_returns(self.scene, "/lidar/now", position, ranges, use)
 
 
-def add_live_view(
-    builder: DiagramBuilder,
-    transit: Transit,
-    view: LiveView,
-    sources: dict[str, OutputPort],
-) -> None:
-    """Draws the scene of a transit, adds `view` and connects its input ports.
-
-    Args:
-      builder: the diagram that is being built.
-      transit: gives the start and the goal.
-      view: the live view.
-      sources: output ports by the names of the view's input ports.
-    """
+def prepare_live_view(view: LiveView, transit: Transit) -> None:
+    """Draws the scene of a transit, in which `view` then draws the flight."""
     scene = view.scene
     prepare_scene(scene)
     add_goal(scene, transit.goal)
     add_spacecraft(scene)
     for leftover in ("/lidar", "/navigation"):  # Of an earlier flight.
         scene.meshcat.Delete(leftover)
-    if "navigation_state" in sources:
+    if view.HasInputPort("navigation_state"):
         add_navigation(scene)
     look_at_flight(scene, np.stack([transit.start, transit.goal]))
-    builder.AddNamedSystem("live_view", view)
-    for name, port in sources.items():
-        builder.Connect(port, view.GetInputPort(name))

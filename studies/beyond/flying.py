@@ -23,7 +23,6 @@ from proxops.diagrams.scenario import (
     change_scenario,
     dump_scenario,
     load_body,
-    parse_scenario,
 )
 from proxops.studies.beyond.campaigns import Campaign
 from proxops.studies.evaluation import (
@@ -111,7 +110,7 @@ def _inputs(campaign: Campaign, flown: Scenario, body: Body) -> dict[str, Any]:
             {
                 "name": each.name,
                 "changes": dict(each.changes),
-                "controller": provenance(each.applied_to(flown), body, each.controller),
+                "controller": str(provenance(each.applied_to(flown), body, each.controller)),
             }
             for each in campaign.variants
         ],
@@ -157,7 +156,7 @@ def _refused(campaign: Campaign, flown: Scenario, workers: Workers) -> dict[str,
 
 
 def _refusal(flight: Flight) -> str | None:
-    scenario = dc.replace(parse_scenario(flight.scenario), gravity="exact")
+    scenario = dc.replace(flight.scenario, gravity="exact")
     body = load_body(scenario.body)
     try:
         make_transit_diagram(

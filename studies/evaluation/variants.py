@@ -25,9 +25,7 @@ from proxops.diagrams.scenario import (
     Transit,
     change_scenario,
     draw_transit,
-    dump_scenario,
     load_body,
-    parse_scenario,
     with_ends,
 )
 from proxops.systems.common import InputError
@@ -169,20 +167,20 @@ def _check_names(variants: Sequence[Variant]) -> None:
 
 def _in_world(flight: Flight, world: World, body: Body) -> Flight:
     """The flight in another world."""
-    scenario = world(parse_scenario(flight.scenario), body)
+    scenario = world(flight.scenario, body)
     origin = flight.provenance
     if scenario.truth.mesh is not None:
         origin = provenance(scenario, body, flight.controller)
-    return dc.replace(flight, scenario=dump_scenario(scenario), provenance=origin)
+    return dc.replace(flight, scenario=scenario, provenance=origin)
 
 
 def _moved(flight: Flight, start: Start, body: Body) -> Flight:
     """The flight from another start to the goal of its transit."""
-    scenario = parse_scenario(flight.scenario)
+    scenario = flight.scenario
     transit = draw_transit(scenario.transit.seed, scenario.transit.index, scenario, body)
     position, velocity = start(transit, scenario, body)
     moved = with_ends(scenario, position, transit.goal, velocity)
-    return dc.replace(flight, scenario=dump_scenario(moved))
+    return dc.replace(flight, scenario=moved)
 
 
 def _flight_name(name: str, seed: int, number: int) -> str:

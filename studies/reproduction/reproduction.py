@@ -243,7 +243,7 @@ def _origin(
         "scenario": dump_scenario(dc.replace(scenario, policy=policy)),
         "variants": [
             dc.asdict(each)
-            | {"controller": provenance(each.applied_to(scenario), body, each.controller)}
+            | {"controller": str(provenance(each.applied_to(scenario), body, each.controller))}
             for each in flown
         ],
         "seed": settings.seed,

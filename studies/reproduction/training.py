@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from proxops.diagrams.flight import Workers, body_sha256, named_files
+from proxops.diagrams.flight import Workers, provenance
 from proxops.diagrams.scenario import LearnedLidarConfig, Scenario, dump_scenario, load_body
 from proxops.studies.reproduction.stages import Stage, Stages
 from proxops.systems.common import Progress
@@ -56,12 +56,10 @@ def train_everything(
       InputError: see the functions of the stages.
     """
     plain = dc.replace(scenario, policy=dc.replace(scenario.policy, bundle=None))
-    origin = {
-        "scenario": dump_scenario(plain),
-        "body": body_sha256(load_body(scenario.body)),
-    }
-    if files := named_files(plain, "mpc"):
-        origin["files"] = files
+    flown = provenance(plain, load_body(scenario.body), "mpc")
+    origin: dict[str, Any] = {"scenario": dump_scenario(plain), "body": flown.body}
+    if flown.files:
+        origin["files"] = flown.files
     data = _collected(
         stages, "data-full", origin, plain, ("full", 1, settings.pilot_flights), workers
     )

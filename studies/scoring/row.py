@@ -126,7 +126,7 @@ def score(
     return ScoreRow(
         name or controller,
         " ".join([controller, *settings]),
-        flights[0].provenance,
+        str(flights[0].provenance),
         track.name,
         track.sha256,
         [_kept(row) for row in rows],

@@ -86,7 +86,7 @@ class Track:
         return [
             Flight(
                 f"{stem}-{number:05d}",
-                dump_scenario(change_scenario(first, change)),
+                change_scenario(first, change),
                 controller,
                 origin,
             )

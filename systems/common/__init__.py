@@ -33,6 +33,7 @@ from proxops.systems.common.counter_noise import derived_seed, generator
 from proxops.systems.common.deviations import error_bounds
 from proxops.systems.common.directions import directions_of, spread_directions
 from proxops.systems.common.errors import InputError, SolverFailure
+from proxops.systems.common.extras import needed
 from proxops.systems.common.files import file_sha256, make_folder, write_json, write_whole
 from proxops.systems.common.kernels import kernel
 from proxops.systems.common.progress import Progress, part_of, silent
@@ -102,6 +103,7 @@ __all__ = [
     "limits_of",
     "make_folder",
     "name_of",
+    "needed",
     "number",
     "offers_of",
     "one_of",

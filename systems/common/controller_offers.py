@@ -15,7 +15,7 @@ from typing import NamedTuple, Protocol
 
 from pydrake.systems.framework import InputPort, OutputPort, System
 
-from proxops.systems.common.checks import check_not_negative
+from proxops.systems.common.checks import check_not_negative, check_type
 from proxops.systems.common.errors import InputError
 
 
@@ -62,32 +62,22 @@ def offers_of(controller: System) -> ControllerOffers:
     Raises:
       InputError: an offer has another type than this module says.
     """
-    name = controller.get_name()
+    owner = f"controller {controller.get_name()!r}"
     delay = getattr(controller, "delay", 0.0)
-    check_not_negative(f"controller {name!r}", delay=delay)
-    entry = getattr(controller, "legend_entry", None)
-    if not isinstance(entry, LegendEntry | None):
-        raise InputError(
-            f"controller {name!r}: legend_entry must be a LegendEntry(name, colour), not {entry!r}"
-        )
     bundle = getattr(controller, "bundle", None)
+    entry = getattr(controller, "legend_entry", None)
+    ports = getattr(controller, "logged_ports", dict)()
+    check_not_negative(owner, delay=delay)
     if bundle is not None and not isinstance(getattr(bundle, "sha256", None), str):
         raise InputError(
-            f"controller {name!r}: its bundle, a {type(bundle).__name__}, has no hash `sha256` for "
-            "the log; give the attribute another name if it is none"
+            f"{owner}: its bundle, a {type(bundle).__name__}, has no hash `sha256` for the log; "
+            "give the attribute another name if it is none"
         )
-    ports = getattr(controller, "logged_ports", dict)()
-    if not isinstance(ports, dict):
-        raise InputError(
-            f"controller {name!r}: logged_ports() must give a dict of LoggedPort, not "
-            f"{type(ports).__name__}"
-        )
+    if entry is not None:
+        check_type(owner, LegendEntry, legend_entry=entry)
+    check_type(owner, dict, logged_ports=ports)
     for column, logged in ports.items():
-        if not isinstance(logged, LoggedPort):
-            raise InputError(
-                f"controller {name!r}: logged_ports gives a {type(logged).__name__} for "
-                f"{column!r}, not a LoggedPort(port, units, description)"
-            )
+        check_type(f"{owner}, logged_ports()", LoggedPort, **{repr(column): logged})
     return ControllerOffers(float(delay), bundle, entry, ports)
 
 

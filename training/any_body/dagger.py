@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from proxops.diagrams.flight import Flight, Workers, provenance, run_campaign
-from proxops.diagrams.scenario import Scenario, draw_world, dump_scenario, load_body, of_transit
+from proxops.diagrams.scenario import Scenario, draw_world, load_body, of_transit
 from proxops.systems.common import InputError
 from proxops.training.any_body.recipe import Family, known_family, learn
 from proxops.training.any_body.settings import AnyBodySettings
@@ -150,7 +150,7 @@ def _member_flights(
         # Of the drawn world, all but the mass: the examples are those of the member's own.
         flown = dc.replace(drawn, spacecraft=scenario.spacecraft)
         name = f"member-{member:05d}-{seed}-{index:05d}"
-        flights.append(Flight(name, dump_scenario(flown), "policy", origin))
+        flights.append(Flight(name, flown, "policy", origin))
     return flights
 
 

@@ -55,7 +55,7 @@ def collection_flights(
         flown = flight_scenario(kind, scenario if nominal else disturbed, body, seed, index)
         flown = draw_world(flown, body)
         origin = origins[0 if nominal else 1]
-        flights.append(Flight(f"{seed}-{index:05d}", dump_scenario(flown), "mpc", origin))
+        flights.append(Flight(f"{seed}-{index:05d}", flown, "mpc", origin))
     return flights
 
 

@@ -152,7 +152,7 @@ def _check(path: Path, raw: dict[str, np.ndarray], setting: Setting) -> None:
         raise InputError(f"{path}: time has the shape {times.shape}, not that of a flight")
     sizes = _SIZES | {"plane": setting.planes, "ray": setting.rays}
     for name, values in raw.items():
-        dimensions = ("axis",) if name == "kick" else VARIABLES.get(name, ((), "", ""))[0]
+        dimensions = VARIABLES[name].dimensions if name in VARIABLES else ()
         wanted = (times.size, *(sizes[dimension] for dimension in dimensions))
         if values.shape != wanted:
             raise InputError(

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from proxops.diagrams.flight import Workers, make_mpc, version_and_body
+from proxops.diagrams.flight import Provenance, Workers, make_mpc
 from proxops.diagrams.scenario import Body, Scenario, dump_scenario, load_body, parse_scenario
 from proxops.systems.common import InputError, SolverFailure, derived_seed, generator, make_folder
 from proxops.systems.expert import Plan, PlanProgram
@@ -54,7 +54,7 @@ class Portion:
     name: str
     scenario: str
     body: str
-    """What `version_and_body` gives."""
+    """The version of proxops and the body, as `Provenance` writes them."""
     seed: int
     first: int
     count: int
@@ -93,7 +93,7 @@ def portions_of(scenario: Scenario, seed: int, transits: int, name: str = "plans
     Raises:
       InputError: see `load_body`.
     """
-    text, body = dump_scenario(scenario), version_and_body(load_body(scenario.body))
+    text, body = dump_scenario(scenario), str(Provenance.of(load_body(scenario.body)))
     return [
         Portion(
             f"{name}-{seed}-{first:06d}", text, body, seed, first, min(_PORTION, transits - first)

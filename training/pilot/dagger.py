@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from proxops.diagrams.flight import Flight, Workers, provenance, run_campaign
-from proxops.diagrams.scenario import Scenario, draw_world, dump_scenario, load_body, of_transit
+from proxops.diagrams.scenario import Scenario, draw_world, load_body, of_transit
 from proxops.systems.common import InputError, Progress, write_whole
 from proxops.training.data import (
     Labels,
@@ -219,7 +219,7 @@ def dagger_flights(
     flights = []
     for index in hard_transits(settings.flights):
         flown = draw_world(at_rest(of_transit(plain, seed, index)), body)
-        flights.append(Flight(f"{seed}-{index:05d}", dump_scenario(flown), "policy", origin))
+        flights.append(Flight(f"{seed}-{index:05d}", flown, "policy", origin))
     return flights
 
 

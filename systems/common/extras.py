@@ -1,15 +1,15 @@
-"""Imports packages of the extra `exchange` when they are needed."""
+"""Imports packages that come with an extra when they are needed."""
 
 from __future__ import annotations
 
 import importlib
 from types import ModuleType
 
-from proxops.systems.common import InputError
+from proxops.systems.common.errors import InputError
 
 
-def needed(name: str) -> ModuleType:
-    """A module of a package that comes with the extra `exchange`.
+def needed(name: str, extra: str) -> ModuleType:
+    """Imports a module of a package that comes with an extra.
 
     Raises:
       InputError: it is not installed.
@@ -19,5 +19,5 @@ def needed(name: str) -> ModuleType:
     except ModuleNotFoundError as error:
         package = name.partition(".")[0]
         raise InputError(
-            f"the package {package} is not installed: pip install 'proxops[exchange]'"
+            f"the package {package} is not installed: pip install 'proxops[{extra}]'"
         ) from error
