@@ -10,7 +10,7 @@ import numpy as np
 from pydrake.systems.framework import Context, Diagram, System
 from pydrake.systems.primitives import VectorLogSink
 
-from proxops.diagrams.flight.world import has_thruster_errors, thruster_errors
+from proxops.diagrams.flight.world import has_thruster_errors
 from proxops.diagrams.logs import (
     CONTROLLER_COLUMNS,
     LEGEND,
@@ -132,7 +132,7 @@ def make_log(flown: Flown, wall_time: float) -> FlightLog:
     if flown.frames is not None:
         columns |= _frames(flown, flown.frames)
     if has_thruster_errors(scenario.truth):
-        errors, period = thruster_errors(scenario.truth), scenario.control_period_s
+        errors, period = scenario.truth.thrusters.errors(), scenario.control_period_s
         columns["thrust"] = np.array(
             [
                 thrust_given(force, errors, period, time)

@@ -29,7 +29,6 @@ from proxops.systems import (
     InputError,
     LearnedLidar,
     Lidar,
-    LidarErrors,
     LidarGeometry,
     LidarNavigation,
     MapError,
@@ -209,16 +208,8 @@ def make_lidar(scenario: Scenario, shape: Polyhedron, seed: int) -> PlanarLidar:
       InputError: the bundle of a learned lidar is damaged, or was made for another body or
         geometry.
     """
-    sensor, true = scenario.lidar, scenario.truth.lidar
-    errors = LidarErrors(
-        noise_std=true.noise * sensor.noise_std_m,
-        bias=true.bias_m,
-        scale_error=true.scale_error,
-        dropout=true.dropout,
-        false_returns=true.false_returns,
-        beam_width=true.beam_width_rad,
-        frame_loss=true.frame_loss,
-    )
+    sensor = scenario.lidar
+    errors = scenario.truth.lidar.errors(sensor.noise_std_m)
     geometry, period = _lidar_geometry(scenario), scenario.control_period_s
     if isinstance(sensor, LidarConfig):
         errors = replace(errors, max_incidence=np.radians(sensor.max_incidence_deg))

@@ -29,7 +29,6 @@ from proxops.systems import (
     PolyhedralGravity,
     RandomWalkDisturbance,
     Spacecraft,
-    ThrusterErrors,
     UnexplainedAcceleration,
     VelocityKicks,
 )
@@ -152,7 +151,7 @@ def add_thrust(
     truth, thrust = wiring.scenario.truth, held
     if attitude is not None or has_thruster_errors(truth):
         period = wiring.scenario.control_period_s
-        actual = ActualThrust(thruster_errors(truth), period, truth.specific_impulse_s)
+        actual = ActualThrust(truth.thrusters.errors(), period, truth.specific_impulse_s)
         wiring.add("actual_thrust", actual, force=held)
         if attitude is not None:
             attitude = _held(wiring, attitude, "attitude_hold")
@@ -162,19 +161,6 @@ def add_thrust(
             wiring.builder.Connect(flow, craft.GetInputPort("mass_flow"))
         thrust = actual.GetOutputPort("force")
     wiring.builder.Connect(thrust, craft.GetInputPort("force"))
-
-
-def thruster_errors(truth: TruthConfig) -> ThrusterErrors:
-    """Gives the errors of the true thrusters."""
-    true = truth.thrusters
-    return ThrusterErrors(
-        scale=np.array(true.scale),
-        direction=np.radians(true.direction_deg),
-        least_impulse=true.least_impulse_n_s,
-        quantum=true.quantum_n,
-        failed_axis=None if true.failed_axis == "none" else "xyz".index(true.failed_axis),
-        failure_time=true.failure_time_s,
-    )
 
 
 def has_thruster_errors(truth: TruthConfig) -> bool:

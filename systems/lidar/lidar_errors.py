@@ -49,6 +49,18 @@ class TrueLidarConfig:
     # Control steps from measuring a frame to having it.
     latency_steps: int = number(0, at_least=0, at_most=1000)
 
+    def errors(self, noise_std: float) -> LidarErrors:
+        """Gives the errors of a lidar whose data sheet has this deviation of the noise, in m."""
+        return LidarErrors(
+            noise_std=self.noise * noise_std,
+            bias=self.bias_m,
+            scale_error=self.scale_error,
+            dropout=self.dropout,
+            false_returns=self.false_returns,
+            beam_width=self.beam_width_rad,
+            frame_loss=self.frame_loss,
+        )
+
 
 @dataclass(frozen=True)
 class LidarErrors:

@@ -44,6 +44,17 @@ class TrueThrustersConfig:
     failed_axis: str = one_of("none", ("none", "x", "y", "z"))
     failure_time_s: float = number(0.0, at_least=0.0, at_most=LONG, unit="s")
 
+    def errors(self) -> ThrusterErrors:
+        """Gives the errors in SI units."""
+        return ThrusterErrors(
+            scale=np.array(self.scale),
+            direction=np.radians(self.direction_deg),
+            least_impulse=self.least_impulse_n_s,
+            quantum=self.quantum_n,
+            failed_axis=None if self.failed_axis == "none" else "xyz".index(self.failed_axis),
+            failure_time=self.failure_time_s,
+        )
+
 
 @dataclass(frozen=True)
 class ThrusterErrors:
