@@ -1,4 +1,4 @@
-"""Tells whether twelve flights are still the same, bit for bit, after code was moved.
+"""Tells whether fourteen flights are still the same, bit for bit, after code was moved.
 
     python benchmarks/same_flights.py record out/flights.json    # before
     python benchmarks/same_flights.py compare out/flights.json   # after
@@ -24,6 +24,7 @@ from proxops.diagrams.scenario import load_scenario
 
 WALL_TIMES = {"solve_time", "policy_time", "decision_time"}
 OUTCOMES = ("arrival_time_s", "collided", "keep_out_violations", "force_delay_s")
+ON_NAVIGATION = {"navigation": {"_tag": "!LidarNavigation"}}
 # Transit 0 of a seed is clear, transit 1 is blocked by the keep-out ellipsoid.
 FLIGHTS: dict[str, tuple[str, dict]] = {
     "mpc": ("mpc", {"transit.index": 0}),
@@ -72,6 +73,23 @@ FLIGHTS: dict[str, tuple[str, dict]] = {
     "pd": ("pd", {"transit.index": 3}),
     "pd on the policy's estimate": ("pd:end-to-end", {"transit.index": 5}),
     "zero, with assurance": ("zero", {"transit.index": 6, "assurance": {}}),
+    "on navigation, drawn world, assured": (
+        "hybrid",
+        {**ON_NAVIGATION, "dispersions": "after_survey", "assurance": {}, "transit.index": 3},
+    ),
+    "on navigation, much wrong": (
+        "mpc",
+        {
+            **ON_NAVIGATION,
+            "transit.index": 8,
+            "kicks": {},
+            "truth.attitude.constant_deg": [0.5, 0.0, 0.0],
+            "truth.lidar.latency_steps": 1,
+            "truth.thrusters.scale": [0.99, 1.0, 1.0],
+            "truth.acceleration.constant_m_s2": [1e-6, 0.0, 0.0],
+            "truth.specific_impulse_s": 220.0,
+        },
+    ),
 }
 
 

@@ -9,7 +9,12 @@ import numpy as np
 
 from proxops.systems.common import FAR, InputError, config, number
 from proxops.systems.lidar.lidar_bundle import FRAME_NETWORK, LidarBundle
-from proxops.systems.lidar.lidar_errors import DEFAULT_ERRORS, LidarErrors, TrueReturns
+from proxops.systems.lidar.lidar_errors import (
+    DEFAULT_ERRORS,
+    LidarErrors,
+    TrueReturns,
+    check_rays,
+)
 from proxops.systems.lidar.lidar_geometry import DEFAULT_GEOMETRY, LidarGeometry
 from proxops.systems.lidar.planar_lidar import PlanarLidar
 from proxops.systems.lidar.ray_chords import ChordFan
@@ -89,11 +94,7 @@ class LearnedLidar(PlanarLidar):
             raise InputError(
                 "a learned lidar does not know angles of incidence: leave out the limit"
             )
-        if errors.beam_width > 0.0:
-            raise InputError(
-                "a learned lidar knows rays, not beams with a width: leave out beam_width, or fly "
-                "the lidar that casts rays"
-            )
+        check_rays(errors, "LearnedLidar")
         if not 0.0 < hit_probability < 1.0:
             raise InputError(f"hit_probability must be between 0 and 1, got {hit_probability}")
         self.bundle = bundle if isinstance(bundle, LidarBundle) else LidarBundle.load(bundle)

@@ -190,3 +190,9 @@ def check_false_returns(errors: LidarErrors, max_range: float) -> None:
     """Raises `InputError` if there are false returns at an infinite greatest range."""
     if errors.false_returns > 0.0 and not max_range < math.inf:
         raise InputError("a lidar with false_returns needs a finite max_range")
+
+
+def check_rays(errors: LidarErrors, owner: str) -> None:
+    """Raises `InputError` if beams have a width, for a lidar that knows rays alone."""
+    if errors.beam_width > 0.0:
+        raise InputError(f"{owner} knows rays without a width: leave out beam_width, or use Lidar")

@@ -18,6 +18,7 @@ from proxops.systems.lidar.lidar_errors import (
     LidarErrors,
     TrueReturns,
     check_false_returns,
+    check_rays,
     received_ranges,
 )
 from proxops.systems.lidar.planar_lidar import point_cloud
@@ -84,8 +85,7 @@ class SceneLidar(SeededSystem):
             raise InputError("SceneLidar needs at least one surface")
         if "S" in scene:
             raise InputError("SceneLidar: no surface can be called S: X_WS is the sensor's pose")
-        if errors.beam_width > 0.0:
-            raise InputError("SceneLidar casts rays without a width; Lidar has beam_width")
+        check_rays(errors, "SceneLidar")
         if directions.ndim != 2 or directions.shape[1] != 3 or len(directions) == 0:
             raise InputError(f"directions must have shape (R, 3), got {directions.shape}")
         if not np.allclose(np.linalg.norm(directions, axis=1), 1.0, atol=1e-9):
