@@ -12,6 +12,7 @@ A line of a page that starts with one of these is replaced:
 * `!dispersions NAME`: a table of dispersions that ship, with the source of each number.
 * `!quantities`: the table of uncertain quantities, with whom they are told.
 * `!log_variables`: a table of a flight log's variables.
+* `!rooms`: which room imports which, drawn from the code.
 * `!modules FOLDER`: the reference of all rooms of a folder and their public modules.
 
 Equations between dollars become MathML, which browsers show without a script. The front page shows
@@ -21,6 +22,7 @@ from elsewhere.
 
 import ast
 import dataclasses as dc
+import functools
 import html
 import inspect
 import re
@@ -168,6 +170,67 @@ def _modules(folder: str) -> str:
     return "\n".join(parts)
 
 
+def _imports() -> dict[tuple[str, str], set[tuple[str, str]]]:
+    """The rooms, as folder and name, that each room imports."""
+    found = {}
+    for room in (path.parent for path in ROOT.glob("*/*/__init__.py")):
+        named = re.findall(
+            r"^\s*from proxops\.(\w+)\.(\w+)",
+            "\n".join(path.read_text() for path in room.glob("*.py")),
+            re.MULTILINE,
+        )
+        found[room.parent.name, room.name] = {*named} - {(room.parent.name, room.name)}
+    return {room: {other for other in others if other in found} for room, others in found.items()}
+
+
+def _rooms(_: str) -> str:
+    """A column for each folder; a room stands above all rooms of its folder that it imports."""
+    imports = _imports()
+
+    @functools.cache
+    def depth(room: tuple[str, str]) -> int:
+        own = [depth(other) for other in imports[room] if other[0] == room[0]]
+        return 1 + max(own, default=-1)
+
+    width, height, columns = 240, 58, ("systems", "diagrams", "training", "studies")
+    levels = 1 + max(map(depth, imports))
+    boxes, lines = {}, []
+    for x, folder in enumerate(columns):
+        for level in range(levels):
+            here = sorted(each for each in imports if each[0] == folder and depth(each) == level)
+            for k, room in enumerate(here):
+                wide = (width - 16) / len(here)
+                left = x * width + 8 + k * wide
+                boxes[room] = left, (levels - 1 - level) * height + 34, wide - 4
+    for room, others in imports.items():
+        left, top, wide = boxes[room]
+        for other in others:
+            if other[0] == room[0]:
+                to_left, to_top, to_wide = boxes[other]
+                lines.append(
+                    f'<path d="M{left + wide / 2:.0f} {top + 22:.0f}L{to_left + to_wide / 2:.0f} '
+                    f'{to_top:.0f}" stroke="currentColor" opacity="0.3"/>'
+                )
+    for x, folder in enumerate(columns):
+        towards = sorted({other[0] for room in imports if room[0] == folder
+                          for other in imports[room]} - {folder})  # fmt: skip
+        words = f" → {', '.join(towards)}" if towards else ""
+        lines.append(
+            f'<text x="{x * width + 8}" y="18" fill="currentColor" font-size="11">'
+            f'<tspan font-weight="bold">{folder}</tspan>{words}</text>'
+        )
+    for (_, name), (left, top, wide) in boxes.items():
+        lines.append(
+            f'<rect x="{left:.0f}" y="{top:.0f}" width="{wide:.0f}" height="22" rx="4" '
+            'fill="var(--md-default-bg-color)" stroke="currentColor"/>'
+            f'<text x="{left + wide / 2:.0f}" y="{top + 15:.0f}" fill="currentColor" '
+            f'text-anchor="middle" font-size="{min(11.0, 1.75 * wide / len(name)):.1f}">'
+            f"{name}</text>"
+        )
+    size = f"{width * len(columns)} {levels * height + 20}"
+    return f'<svg viewBox="0 0 {size}" style="width: 100%">{"".join(lines)}</svg>'
+
+
 _MAKERS = {
     "commands": _commands,
     "configs": _configs,
@@ -179,6 +242,7 @@ _MAKERS = {
     "log_variables": _log_variables,
     "modules": _modules,
     "ports": _ports,
+    "rooms": _rooms,
 }
 
 
