@@ -73,7 +73,3 @@ def test_clone_goes_on_alike() -> None:
     again.AdvanceTo(34.5)
     assert value(again, hold) == [4.0, 16.0]
     assert value(simulator, hold) == [3.0, 9.0]
-
-
-def test_no_direct_feedthrough() -> None:
-    assert not DelayedHold(10.0, 10.0, 3).HasAnyDirectFeedthrough()

@@ -113,7 +113,7 @@ def test_a_file_may_change_dispersions_that_ship(tmp_path: Path) -> None:
     }
 
 
-@pytest.mark.parametrize("base", ["after_surveys", "mine.yaml", "../dispersions/after_survey", 3])
+@pytest.mark.parametrize("base", ["after_surveys", "../dispersions/after_survey"])
 def test_a_file_is_based_on_what_ships_alone(tmp_path: Path, base: object) -> None:
     name = write(tmp_path, f"based_on: {base}\ntruth.gravity: 1.0\n")
     with pytest.raises(InputError, match=r"based_on must name .* after_survey, before_survey"):
@@ -240,21 +240,13 @@ def test_a_mesh_lies_beside_its_file(tmp_path: Path) -> None:
     [
         ("truth.gravty: {normal: 1.0, three_sigma: 0.1}", "no key 'truth.gravty'.* truth.gravity"),
         ("mpc.fuel_weight: {uniform: [0, 1]}", "mpc.fuel_weight cannot be dispersed"),
-        ("hybrid.epsilon_magnitude_n: 2.0", "cannot be dispersed"),
         ("truth.gravity: {normal: 1.0, three_sigma: -0.1}", "truth.gravity three_sigma must not"),
         ("truth.gravity: {normal: 1.0}", "needs three_sigma"),
         ("truth.gravity: {normal: 1.0, uniform: [0, 1], three_sigma: 1}", "exactly one of"),
-        ("truth.gravity: {three_sigma: 1}", "exactly one of"),
         ("truth.gravity: {uniform: [0.9, 1.1], three_sigma: 1}", "which uniform does not take"),
         ("truth.gravity: {uniform: [1.1, 0.9]}", "its lower end first"),
         ("truth.gravity: {uniform: 1.1}", "needs two numbers"),
-        (
-            "truth.pole_deg: {uniform: [-1:30, 1:30]}",
-            "needs a finite number for uniform, got '-1:30'",
-        ),
         ("truth.gravity: .nan", "needs a finite number for its value, got nan"),
-        ("truth.gravity: {choice: [1, .inf]}", "needs a finite number for its value, got inf"),
-        ("truth.gravity: 1_0", "needs a number, got '1_0'"),
         ("truth.gravity: {log_uniform: [0, 1]}", "positive ends"),
         ("truth.gravity: {choice: []}", "at least one value"),
         ("truth.gravity: {normal: text, three_sigma: 1}", "finite number for normal"),
@@ -262,14 +254,10 @@ def test_a_mesh_lies_beside_its_file(tmp_path: Path) -> None:
         ("truth.gravity: {normal: 1.0, three_sigma: 0.1, times: mass}", "must be one of value"),
         ("truth.thrusters.scale: {uniform: [1, 2], times: value}", "is a list"),
         ("truth.thrusters.scale: [1.0, 1.0, 0.98]", "a number for each number of the list"),
-        ("truth.spin: fast", "needs a number, got 'fast'"),
         ("truth.spin: true", "needs a number, got True"),
         ("truth.spin: {choice: [1.0, slow]}", "needs a number, got 'slow'"),
         (f"truth.spin: {{uniform: [1, {10**400}]}}", "a number has 401 digits"),
-        (f"truth.spin: {10**400}", "a number has 401 digits"),
-        ("truth.mesh: 3", "needs a text or null, got 3"),
         ("truth.mesh: {uniform: [0, 1]}", "needs a text or null"),
-        ("truth.mesh_of_any_size: 3", "needs true or false, got 3"),
         ("truth.surface_rms_m: {normal: 1, three_sigma: 0.3, times: value}", "its value is 0"),
         ("truth.specific_impulse_s: {uniform: [1, 2], times: value}", "its value is None"),
         ("truth.mass: {normal: 1.0, three_sigma: 1.5}", "truth.mass may be drawn as -0.5"),

@@ -33,16 +33,6 @@ def test_interval_solves_wilson_s_equation(successes: int, trials: int) -> None:
         assert abs(share - end) == pytest.approx(error, rel=1e-6)
 
 
-def test_interval_at_its_ends() -> None:
-    assert success_interval(0, 0) == (0.0, 1.0)
-    assert success_interval(0, 5)[0] == 0.0
-    assert success_interval(5, 5)[1] == 1.0
-    for trials in range(1, 60):
-        for successes in range(trials + 1):
-            low, high = success_interval(successes, trials)
-            assert 0.0 <= low <= successes / trials <= high <= 1.0
-
-
 def row(**changes: Any) -> dict[str, Any]:
     figures = {
         "controller": "mpc", "seed": 1, "transit": 0, "success": True, "success_2km": True,

@@ -154,27 +154,6 @@ def test_the_point_cloud_stays_in_the_axes_of_the_spacecraft(kleopatra: Polyhedr
     assert gaps.max() < 0.1
 
 
-def test_frames_equal_the_port(kleopatra: Polyhedron) -> None:
-    lidar = Lidar(kleopatra, LidarErrors(50.0, bias=3.0, false_returns=0.01))
-    turns = Rotation.random(4, np.random.default_rng(7))
-    attitudes = np.array([quaternion(turn) for turn in turns])
-    times, places = 10.0 * np.arange(4), PLACE + 5e3 * np.arange(12).reshape(4, 3)
-    frames = lidar.frames(times, places, lidar.seed, attitudes)
-    for k in range(4):
-        context = pose(lidar, places[k], attitudes[k], times[k])
-        ranges = lidar.GetOutputPort("ranges").Eval(context)
-        assert np.array_equal(frames[k].ravel(), ranges.astype(np.float32))
-    assert not np.array_equal(frames, lidar.frames(times, places, lidar.seed))
-
-
-def test_the_cache_is_told_of_another_attitude(kleopatra: Polyhedron) -> None:
-    lidar = Lidar(kleopatra)
-    context = pose(lidar, PLACE, IDENTITY)
-    first = lidar.GetOutputPort("ranges").Eval(context).copy()
-    lidar.GetInputPort("attitude").FixValue(context, quaternion(TURN))
-    assert not np.array_equal(first, lidar.GetOutputPort("ranges").Eval(context))
-
-
 def test_grazing_is_judged_by_the_turned_rays() -> None:
     """A wall 10 km off: what returns lies within 30° of its normal."""
     wall = trimesh.creation.box([2e3, 200e3, 200e3])

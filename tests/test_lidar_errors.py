@@ -54,11 +54,6 @@ def frame(lidar: Lidar, position: ArrayLike = POSITION, step: int = 0, seed: int
 # --- each option alone ----------------------------------------------------------------------------
 
 
-def test_no_errors_leave_ranges_as_they_are() -> None:
-    distances = np.array([0.0, 1.25, 349e3])
-    assert np.array_equal(measured_ranges(distances, LidarErrors(), 3, 4), distances)
-
-
 def test_noise_is_the_first_stream_of_seed_and_step(kleopatra: Polyhedron) -> None:
     exact, noisy = frame(Lidar(kleopatra, LidarErrors())), frame(Lidar(kleopatra), step=4, seed=9)
     hit = np.isfinite(exact)

@@ -26,14 +26,12 @@ from proxops.studies.reproduction.reproduction import (
 from proxops.studies.reproduction.training import TrainingSettings
 from proxops.systems import InputError
 from proxops.systems.policy import PolicyConfig
-from proxops.training.data.collecting import collect
 
 pytestmark = pytest.mark.slow
 
 WALL_TIMES = {"wall_s", "control_ms_median", "control_ms_p99", "control_ms_mean"}
 WALL_TIMES |= {f"{name}_s{end}" for name in ("solve", "policy", "decision")
                for end in ("", "_median")}  # fmt: skip
-MIX = {"nominal": 1, "noise": 1}
 
 
 def brief() -> Scenario:
@@ -56,15 +54,6 @@ def scheduler() -> Iterator[str]:
     )
     yield cluster.scheduler_address
     cluster.close()
-
-
-def test_collect_on_a_cluster(scheduler: str, tmp_path: Path) -> None:
-    alone, _ = collect(brief(), MIX, 5, 4, tmp_path / "alone", workers=Workers(1))
-    together, _ = collect(
-        brief(), MIX, 5, 4, tmp_path / "together", workers=Workers(scheduler=scheduler)
-    )
-    assert plain(together) == plain(alone)
-    assert [flight["kind"] for flight in alone["flights"]].count("noise") == 2
 
 
 def test_evaluate_on_a_cluster(scheduler: str, tmp_path: Path) -> None:

@@ -195,14 +195,6 @@ def test_bad_input_is_refused(axes, error, words):
         TabulatedField(exact(0.0), axes, error)
 
 
-def test_points_of_another_form_are_refused_and_nan_stays_nan():
-    with pytest.raises(InputError, match=r"shape \(N, 3\)"):
-        table().evaluate(np.zeros(3))
-    found = table().evaluate(np.array([[np.nan, 0.0, 0.0], [3000.0, 0.0, 0.0]]))
-    assert np.isnan(found.potential[0])
-    assert np.isfinite(found.potential[1])
-
-
 def test_a_body_close_to_the_ellipsoid_is_exact_where_no_box_is_small_enough(monkeypatch):
     monkeypatch.setattr("proxops.systems.gravity._harmonic_boxes._DEEPEST", 6)
     tabulated_field._boxes.cache_clear()

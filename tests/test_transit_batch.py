@@ -172,11 +172,6 @@ def test_wrong_options_and_actions_are_refused() -> None:
         TransitBatch(2, dispersions="after_survey")
 
 
-def test_before_a_reset() -> None:
-    with pytest.raises(gymnasium.error.ResetNeeded):
-        batch().step(np.zeros((2, 3)))
-
-
 @pytest.mark.parametrize(
     "changes",
     [
@@ -221,9 +216,3 @@ def test_where_nothing_happens_the_outcome_stays(start: np.ndarray, near: float,
         np.testing.assert_array_equal(
             watch.after(before, FlownPath(path, goals, 0.0, 10.0)), before
         )
-
-
-def test_far_away_nothing_happens() -> None:
-    far = np.array([[3e5, 0.0, 0.0, -20.0, 5.0, 0.0]])
-    ends = far + np.array([-200.0, 50.0, 0.0, 0.0, 0.0, 0.0])
-    assert events()[0].nothing_happens(far, ends, np.zeros((1, 6)), 10.0).all()

@@ -23,7 +23,7 @@ from proxops.diagrams.meshcat.meshcat_scene import quiet_meshcat
 from proxops.diagrams.meshcat.replay import add_flight, write_replay
 from proxops.diagrams.plots import draw_body, plot_truth
 from proxops.diagrams.plots.outlines import outline
-from proxops.diagrams.scenario import TruthConfig, differing_values, make_true_body, spin_axes
+from proxops.diagrams.scenario import differing_values, make_true_body, spin_axes
 from proxops.systems.common.errors import InputError
 from proxops.systems.shapes.polyhedron import Polyhedron
 
@@ -147,11 +147,6 @@ def test_a_world_as_believed_differs_in_nothing() -> None:
     assert [*differing_values(rough)] == ["truth.surface_rms_m", "truth.surface_correlation_m"]
     true_body = make_true_body(kleopatra(), scenario.truth)
     assert spin_axes(kleopatra(), true_body) is None
-
-
-def test_a_body_that_does_not_spin_has_no_axis() -> None:
-    still = make_true_body(kleopatra(), TruthConfig(spin=0.0, density_contrast=0.1))
-    assert spin_axes(kleopatra(), still) is None
 
 
 # --- on paper -------------------------------------------------------------------------------------
