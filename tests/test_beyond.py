@@ -46,16 +46,6 @@ def brief() -> Scenario:
 # --- the list -------------------------------------------------------------------------------------
 
 
-def test_the_papers_recipe_changes_no_other_campaign() -> None:
-    without, known = all_campaigns(), all_campaigns(Path("recipe"))
-    assert [each for each in known if each in without] == without
-    (more,) = [each for each in known if each not in without]
-    assert (more.name, [each.controller for each in more.variants]) == (
-        "paper-recipe", ["policy:recipe"],
-    )  # fmt: skip
-    assert (more.seed, more.transits) == (without[0].seed, without[0].transits)
-
-
 def test_nobody_sees_the_truth_unless_it_is_said() -> None:
     for each in all_campaigns():
         told = [change for change in each.changes if "TrueState" in change]

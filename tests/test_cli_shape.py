@@ -148,10 +148,10 @@ def test_implausible_units(shape, tmp_path: Path, arguments, complaint: str | No
 @pytest.mark.parametrize(
     ("option", "value", "extent"),
     [
-        ("--unit", "mm", 0.5), ("--unit", "cm", 5.0), ("--size", 800.0, 800.0),
+        ("--unit", "mm", 0.5),
         ("--diameter", 2.0 * 620.35, None),
     ],
-)  # fmt: skip
+)
 def test_models_of_any_scale(shape, tmp_path: Path, option, value, extent) -> None:
     """A ball whose numbers are 500 across; by its diameter, its volume is 1 km^3."""
     ball = trimesh.creation.icosphere(3)

@@ -199,28 +199,6 @@ def test_a_scenario_is_not_changed_by_a_draw() -> None:
     assert scenario == load_scenario(None, {"dispersions": "after_survey"})
 
 
-def test_a_file_beside_the_scenario(tmp_path: Path) -> None:
-    write(tmp_path, "truth.gravity: {uniform: [1.1, 1.2]}\n")
-    (tmp_path / "scenario.yaml").write_text("dispersions: mine.yaml\n")
-    scenario = draw_world(load_scenario(tmp_path / "scenario.yaml"), kleopatra())
-    assert 1.1 <= scenario.truth.gravity <= 1.2
-
-
-def test_numbers_that_yaml_1_1_takes_for_texts(tmp_path: Path) -> None:
-    name = write(
-        tmp_path,
-        "truth.lidar.dropout: 1e-2\n"
-        "truth.gravity: {choice: [1e0, 1.1e0]}\n"
-        "truth.thrusters.scale: {fixed: 9e-1}\n"
-        "truth.surface_rms_m: {fixed: 1e-3, times: size}\n",
-    )
-    truth = drawn(name).truth
-    assert truth.lidar.dropout == 0.01
-    assert truth.gravity in (1.0, 1.1)
-    assert truth.thrusters.scale == [0.9, 0.9, 0.9]
-    assert truth.surface_rms_m == 1e-3 * kleopatra().shape.extents.max()
-
-
 def test_a_mesh_lies_beside_its_file(tmp_path: Path) -> None:
     """Workers, and whoever flies a log again, may be in another folder."""
     name = write(tmp_path, "truth.mesh: {choice: [a.obj, null, /b/c.obj]}\n")

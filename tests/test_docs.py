@@ -287,10 +287,17 @@ def run(code: str) -> dict[str, Any]:
 PYTHON = [block for block in BLOCKS if block.language == "python"]
 
 
+def marks_of(page: str) -> list[pytest.MarkDecorator]:
+    """The pages of a first hour fly and learn for longer."""
+    return [pytest.mark.slow] if page.startswith("docs/first_hour") else []
+
+
 @pytest.mark.parametrize(
     "code",
-    [block.text for block in PYTHON],
-    ids=[f"{block.page}-{PYTHON.index(block)}" for block in PYTHON],
+    [
+        pytest.param(block.text, marks=marks_of(block.page), id=f"{block.page}-{number}")
+        for number, block in enumerate(PYTHON)
+    ],
 )
 def test_all_python_runs(working_folder: Path, code: str) -> None:
     write_blob(working_folder)
@@ -329,15 +336,6 @@ def test_h5py(working_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert names["scenario"] == data.attrs["scenario"]
     returns = int(np.isfinite(data["ranges"][100]).sum())
     assert capsys.readouterr().out == f"4800 s, {returns} returns at 1000 s\n"
-
-
-def test_training_data(working_folder: Path) -> None:
-    names = run(of_page("docs/how_to/collect_and_train.md", "WindowDataset"))
-    count = min(64, len(names["windows"]))
-    assert names["batches"].epoch == 1
-    assert names["frames"].shape == (count, 8, 12, 360)
-    assert names["force"].shape == (count, 8, 3)
-    assert torch.isfinite(names["force"]).all()
 
 
 def test_own_sensor_sees_a_sphere() -> None:

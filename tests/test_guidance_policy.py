@@ -343,18 +343,3 @@ def test_damaged_bundles_are_refused(
     (tmp_path / "guidance.json").write_text(json.dumps(content | change))
     with pytest.raises(InputError, match=words):
         GuidanceBundle.load(tmp_path)
-
-
-@pytest.mark.slow
-def test_the_law_alone_flies_a_short_way(bundle: Path) -> None:
-    """By name, in the hybrid too, and the log says which bundle flew."""
-    log = fly(short_scenario(), f"policy:{bundle}")
-    assert log.summary["success"]
-    assert log.summary["policy_sha256"] == GuidanceBundle.load(bundle).sha256
-    assert np.isfinite(log.dataset["policy_force"].values[:-1]).all()
-    # It learned for one margin, the one that it keeps alone.
-    brief = {"arrival__deadline_s": 100.0, "arrival__dwell_s": 50.0, "policy__margin_m": 9e3}
-    hybrid = fly(short_scenario(**brief), f"hybrid:{bundle}")
-    assert "mpc_force" in hybrid.dataset
-    with pytest.raises(InputError, match="no estimate"):
-        fly(short_scenario(), f"mpc:{bundle}")

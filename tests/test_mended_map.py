@@ -150,6 +150,7 @@ def flown_by(
     return errors, system.mended_map(context)
 
 
+@pytest.mark.slow
 def test_a_mended_map_is_nearer_to_the_truth_and_flies_better_from_the_start() -> None:
     body = kleopatra()
     true = displaced(body.shape, RMS, CORRELATION, 5)

@@ -53,18 +53,6 @@ def test_answers_and_memory(counting: Path) -> None:
     assert all(row["record"][0] > 0.0 for row in rows)
 
 
-def test_ports(counting: Path) -> None:
-    policy = NeuralPolicy(counting)
-    inputs = [policy.get_input_port(i) for i in range(policy.num_input_ports())]
-    assert {port.get_name(): port.size() for port in inputs} == {
-        "ranges": RAYS, "target": 6, "commanded_force": 3,
-    }  # fmt: skip
-    ports = [policy.get_output_port(i) for i in range(policy.num_output_ports())]
-    assert {port.get_name(): port.size() for port in ports} == {
-        "force": 3, "estimate": 6, "record": 2,
-    }  # fmt: skip
-
-
 def test_force_is_clipped(counting: Path) -> None:
     many = np.tile([0.0, -3.0, 0.0], (10, 1))
     forces = np.array([row["force"] for row in flown(NeuralPolicy(counting), many)])

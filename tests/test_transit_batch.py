@@ -152,15 +152,6 @@ def test_a_limit_of_steps_cuts_as_that_of_one_does() -> None:
         TransitBatch(2, changes=EXACT, max_episode_steps=0)
 
 
-def test_same_seed_same_transits() -> None:
-    many = batch(4, changes=EXACT | SHORT)
-    found = [many.reset(seed=seed) for seed in (1, 1, 2)]
-    assert many.observation_space.contains(found[0][0])
-    np.testing.assert_array_equal(found[0][0]["goal"], found[1][0]["goal"])
-    assert (found[0][0]["goal"] != found[2][0]["goal"]).all()
-    assert len(set(found[0][1]["transit"])) == 4
-
-
 def test_wrong_options_and_actions_are_refused() -> None:
     many = batch()
     with pytest.raises(InputError, match=r"of shape \(2,\); got \[1, 2, 3\]"):
