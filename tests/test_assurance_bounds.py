@@ -271,6 +271,21 @@ def test_motion_of_adversaries_is_that_of_an_integrator() -> None:
         )
 
 
+@pytest.mark.parametrize(
+    ("name", "value", "complaint"),
+    [
+        ("gravity", -1e-9, "gravity must not be negative"),
+        ("surface_m", np.nan, "surface_m must not be negative"),
+        ("mass", 1.0, "mass must be below 1"),
+        ("thrust_direction_deg", 90.0, "must be below 90 degrees"),
+        ("delay_s", 10.5, "up to the control period, 10 s"),
+    ],
+)
+def test_bad_bounds_are_refused(name: str, value: float, complaint: str) -> None:
+    with pytest.raises(InputError, match=complaint):
+        kleopatras(AssuranceBounds(**{name: value}))
+
+
 def test_a_box_that_cannot_be_certified_says_where_and_why() -> None:
     with pytest.raises(InputError) as refused:
         kleopatras(dataclasses.replace(BEFORE, gravity=0.99))

@@ -72,16 +72,6 @@ def refused(ran: Ran, *words: str) -> None:
         assert word in line
 
 
-def refused_by_parser(ran: Ran, *words: str) -> None:
-    """Exit code 2 and the parser's own box."""
-    assert ran.code == 2
-    assert ran.out == ""
-    assert "Traceback" not in ran.err
-    text = " ".join(ran.err.replace("│", " ").split())
-    for word in words:
-        assert word in text
-
-
 # --- fly ------------------------------------------------------------------------------------------
 
 
@@ -432,11 +422,6 @@ def test_help(run, command: str) -> None:
     assert f"proxops {command}" in ran.out
     assert "Example" in ran.out
     assert "--out" in ran.out
-
-
-@pytest.mark.parametrize("arguments", [["fly", "--bogus"], ["flyy"]])
-def test_unknown_arguments(run, arguments: list[str]) -> None:
-    refused_by_parser(run(*arguments))
 
 
 def test_as_a_process(tmp_path: Path) -> None:

@@ -170,14 +170,6 @@ def test_learned_lidar_gives_the_frames_of_disturbed_flights(
         assert ("lidar_sha256" in log.dataset.attrs) == (row["kind"] == "random_walk")
 
 
-def test_the_paper_s_lidar_is_the_paper_s(
-    collect, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    write_ball_bundle(tmp_path / "bundle")
-    assert collect("--transits", 2, "--lidar", "paper", "--lidar-bundle", "bundle") == 2
-    assert "is a ray network, not a frame network" in capsys.readouterr().err
-
-
 def test_report(full_set: Path) -> None:
     report = json.loads((full_set / "report.json").read_text())
     logs = logs_of(full_set)

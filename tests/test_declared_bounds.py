@@ -153,13 +153,6 @@ def test_values_one_by_one_and_from_a_file(tmp_path: Path) -> None:
     assert bounds_of("assurance={}").gravity == 0.0
 
 
-def test_a_file_that_only_names_what_it_is_based_on(tmp_path: Path) -> None:
-    path = write(tmp_path, "based_on: after_survey\n")
-    assert bounds_of(f"assurance={{bounds: {path}}}") == bounds_of(
-        "assurance={bounds: after_survey}"
-    )
-
-
 def test_a_drawn_world_holds_values(tmp_path: Path) -> None:
     path = write(tmp_path, DISPERSIONS)
     for text in ("assurance={}", f"assurance={{bounds: {path}}}"):

@@ -1,6 +1,5 @@
 """Dispersions: what is drawn, from which numbers, within which bounds; what is refused."""
 
-import os
 from pathlib import Path
 
 import numpy as np
@@ -81,12 +80,6 @@ def test_values_are_within_the_bounds(mean: float, spread: float, uniform: float
         assert low - slack <= distribution.value(uniform) <= high + slack
 
 
-def test_a_truth_value_is_no_number() -> None:
-    for found in (Fixed(True), Choice((True, False)), Choice((1.0, True))):
-        assert found.bounds() is None
-        assert found.rms(0.0) is None
-
-
 # --- draws ----------------------------------------------------------------------------------------
 
 
@@ -151,14 +144,6 @@ def test_draws_of_many_transits_have_the_distribution(tmp_path: Path) -> None:
     assert np.abs(together - np.eye(4)).max() < 0.2  # Four standard deviations.
 
 
-def test_a_file_that_was_edited_is_read_again(tmp_path: Path) -> None:
-    name = write(tmp_path, "truth.gravity: 1.1\n")
-    assert drawn(name).truth.gravity == 1.1
-    write(tmp_path, "truth.gravity: 1.2\n")
-    os.utime(name, ns=(1, 1))
-    assert drawn(name).truth.gravity == 1.2
-
-
 def test_units(tmp_path: Path) -> None:
     size = kleopatra().shape.extents.max()
     scenario = drawn(
@@ -191,12 +176,6 @@ def test_a_part_that_the_scenario_lacks_is_made() -> None:
     assert load_scenario().disturbance is None
     disturbances = [drawn("paper", index).disturbance for index in range(20)]
     assert {each and each.max_relative_magnitude for each in disturbances} == {0.0, 2.0}
-
-
-def test_a_scenario_is_not_changed_by_a_draw() -> None:
-    scenario = load_scenario(None, {"dispersions": "after_survey"})
-    draw_world(scenario, kleopatra())
-    assert scenario == load_scenario(None, {"dispersions": "after_survey"})
 
 
 def test_a_mesh_lies_beside_its_file(tmp_path: Path) -> None:

@@ -136,12 +136,6 @@ def test_successes_are_counted(good: int) -> None:
     assert successes_text(aggregate([])) == "0 of 0"
 
 
-def test_share_of_small_commands_counts_steps() -> None:
-    rows = [row(small_command_share=0.1, steps=100), row(small_command_share=0.4, steps=200)]
-    assert aggregate(rows)["small_command_share"] == pytest.approx(0.3)
-    assert "small_command_share" not in aggregate([*rows, row()])
-
-
 def test_percentiles_and_worst() -> None:
     """101 flights whose figures are 0, 1, … 100: then percentile p is p."""
     rows = [

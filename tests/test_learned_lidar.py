@@ -101,13 +101,6 @@ def test_point_cloud(bundle: Path):
     assert distances == pytest.approx(np.full(cloud.size(), RADIUS), abs=10.0)
 
 
-def test_maximum_range_and_nothing_in_view(bundle: Path):
-    assert not np.isfinite(
-        frame(LearnedLidar(bundle, geometry=LidarGeometry(max_range=50e3)), PLACES[0])
-    ).any()
-    assert not np.isfinite(frame(LearnedLidar(bundle), np.array([1e9, 1e9, 2e8]))).any()
-
-
 def test_a_higher_probability_gives_fewer_returns(bundle: Path):
     def returns(probability: float) -> int:
         lidar = LearnedLidar(bundle, hit_probability=probability)

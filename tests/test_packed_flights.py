@@ -96,16 +96,6 @@ def test_kicks(logs: Path, packed: PackedFlights) -> None:
     np.testing.assert_array_equal(again.kick[rows_of(again, "a-0")], kick[:-1])
 
 
-def test_index(packed: PackedFlights) -> None:
-    assert [each.name for each in packed.flights] == [f"{name}.nc" for name in FLIGHTS]
-    log = flight("a-0")
-    assert packed.setting.shape_sha256 == log.dataset.attrs["shape_sha256"]
-    assert (packed.setting.planes, packed.setting.rays) == (12, 360)
-    assert packed.setting.control_period_s == 10.0
-    assert packed.setting.thrust_limit_n == 7.0
-    assert packed.flights[0].scenario_sha256 == log.dataset.attrs["scenario_sha256"]
-
-
 def test_flights_of_one_transit_share_a_part(packed: PackedFlights) -> None:
     parts = {each.name: each.part for each in packed.flights}
     assert parts["a-1.nc"] == parts["b-1.nc"]
@@ -307,14 +297,6 @@ def test_a_log_that_does_not_fit(logs: Path, change: Change, message: str) -> No
     change(flight("a-1").dataset).to_netcdf(logs / "a-1.nc", engine="h5netcdf")
     with pytest.raises(InputError, match=rf"a-1\.nc.*{message}"):
         pack_flights(logs)
-
-
-def test_a_label_that_was_not_asked_is_no_fault(logs: Path) -> None:
-    data = with_values("mpc_force", slice(3, 5), np.nan)(flight("a-1").dataset)
-    data.to_netcdf(logs / "a-1.nc", engine="h5netcdf")
-    again = pack_flights(logs)
-    label = again.mpc_force[rows_of(again, "a-1")]
-    assert np.nonzero(np.isnan(label).all(axis=1))[0].tolist() == [3, 4]
 
 
 def test_masses_may_differ_a_little(logs: Path) -> None:

@@ -12,13 +12,11 @@ from short_flights import BRIEF, kleopatra, short_scenario
 
 from proxops.cli.common import console
 from proxops.cli.fly import _table
-from proxops.diagrams.flight import Workers, campaign
-from proxops.diagrams.flight.campaign import run_campaign, transit_flights
 from proxops.diagrams.flight.named_controllers import bundle_of, named_controller
 from proxops.diagrams.flight.simulation import fly
 from proxops.diagrams.logs.flight_log import FlightLog, differences
 from proxops.diagrams.scenario.scenario_config import Scenario
-from proxops.systems import GuidancePolicy, InputError, PolicyBundle
+from proxops.systems import GuidancePolicy, PolicyBundle
 from proxops.systems.policy import PolicyConfig
 
 
@@ -166,18 +164,3 @@ def test_fly_and_fly_again(run, reckoning: Path, tmp_path: Path, capsys) -> None
     one, two = (FlightLog.load(tmp_path / name / "flight.nc") for name in ("one", "two"))
     assert differences(one, two) == []
     assert json.loads((tmp_path / "two" / "summary.json").read_text()) == two.summary
-
-
-@pytest.mark.slow
-def test_campaign_does_not_mix_policies(tmp_path: Path) -> None:
-    bundle = write_policy(tmp_path / "policy", DeadReckoning())
-    scenario = brief(bundle)
-    [flight] = transit_flights(scenario, "policy", 1, 1)
-    assert flight.provenance.files["policy"] == [PolicyBundle.load(bundle).sha256]
-    assert campaign.provenance(scenario, kleopatra(), "mpc").files == {}
-    run_campaign([flight], tmp_path / "flights", workers=Workers(1))
-    write_policy(bundle, DeadReckoning(derivative=1.0))
-    with pytest.raises(InputError, match="flights with another content of the policy's file"):
-        run_campaign(
-            transit_flights(scenario, "policy", 1, 1), tmp_path / "flights", workers=Workers(1)
-        )

@@ -21,7 +21,6 @@ from proxops.diagrams.meshcat.meshcat_scene import (
     Scene,
     add_body,
     add_keep_out,
-    add_plan,
     add_returns,
     quiet_meshcat,
 )
@@ -251,15 +250,6 @@ def test_unit_follows_from_the_body(meshcat: Meshcat, extent: float, unit: float
     np.testing.assert_allclose(np.ptp(vertices[:, 0]), extent / unit, rtol=1e-5)
     keep_out = points_told(meshcat, "/keep_out/surface")
     np.testing.assert_allclose(np.abs(keep_out).max(), 0.75 * extent / unit, rtol=1e-5)
-
-
-def test_flight_seen_live_leaves_no_plan(log: FlightLog, scene: Scene) -> None:
-    add_plan(scene, log.dataset["state"].values[:5, :3])
-    np.testing.assert_allclose(
-        points_told(scene.meshcat, "/plan"), log.dataset["state"].values[:5, :3] / 1e5, rtol=1e-6
-    )
-    replay.add_flight(scene.meshcat, synthetic_log(2, ranges=False))
-    assert not scene.meshcat.HasPath("/plan")
 
 
 def test_a_second_flight_replaces_the_first(meshcat: Meshcat) -> None:

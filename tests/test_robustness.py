@@ -15,9 +15,7 @@ from proxops.diagrams.flight.campaign import Flight
 from proxops.diagrams.scenario.scenario import load_scenario
 from proxops.diagrams.scenario.scenario_config import Scenario
 from proxops.diagrams.scenario.transits import (
-    draw_transit,
     of_transit,
-    scenario_transit,
 )
 from proxops.diagrams.scenario.world import draw_world
 from proxops.studies.evaluation.variants import Variant, variant_flights
@@ -163,12 +161,3 @@ def test_the_navigation_is_told_the_dispersions_and_nothing_of_the_world(
         [flight] = variant_flights(variant, plain, 10001, [3])
         asked = dataclasses.replace(of_flight, dispersions=name)
         assert flight.scenario.navigation == draw_world(asked, body).navigation
-
-
-def test_flights_keep_their_transits(robustness: ModuleType) -> None:
-    """Another mass would permit other transits."""
-    body = kleopatra()
-    for scenario in flown(robustness, "spacecraft.mass_kg x 3", 5):
-        plain = draw_transit(10001, scenario.transit.index, load_scenario(), body)
-        found = scenario_transit(scenario, body)
-        np.testing.assert_array_equal([found.start, found.goal], [plain.start, plain.goal])

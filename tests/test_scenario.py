@@ -376,12 +376,6 @@ def test_override_without_key_or_value(override: str) -> None:
         load_scenario(None, [override])
 
 
-@pytest.mark.parametrize("value", ["[", "*a", "5: 3", "!Tag 3"])
-def test_override_that_is_not_yaml(value: str) -> None:
-    with pytest.raises(InputError, match="the value is not YAML"):
-        load_scenario(None, ["noise_seed=" + value])
-
-
 # --- bodies ---------------------------------------------------------------------------------------
 
 ROCK = {

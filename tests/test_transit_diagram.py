@@ -185,11 +185,6 @@ def test_offers_that_cannot_be_are_refused() -> None:
         build(painted)
 
 
-def test_a_path_in_place_of_a_scenario_is_refused() -> None:
-    with pytest.raises(InputError, match="fly needs a Scenario as scenario, got a str"):
-        fly("visit.yaml", "mpc")  # pyright: ignore[reportArgumentType]
-
-
 @pytest.mark.parametrize("value", [np.nan])
 def test_force_that_is_no_number_refused(value: float) -> None:
     """An integrator would look for a step that copes with it, for ever."""
