@@ -147,6 +147,7 @@ def test_at_the_border_what_is_assured_keeps_the_state_admitted() -> None:
         assert least_clearance([state, after]) > 0.0
 
 
+@pytest.mark.slow
 def test_the_change_is_nearly_the_least() -> None:
     """Among thousands of nearer forces almost none is safe, and none is much nearer."""
     backup, random = kleopatras(), np.random.default_rng(3)

@@ -501,16 +501,6 @@ def test_a_body_s_file_that_changed_is_read_again(tmp_path: Path) -> None:
         assert campaign._body_of(flight).gravity_field.mass == mass
 
 
-def test_gravity_of_a_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The table is made before the flights, so that not every worker makes it."""
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    body = write_blob(tmp_path)
-    scenario = dc.replace(brief(), body=body, gravity="table")
-    (row,) = run_campaign(transit_flights(scenario, "zero", 0, 1), tmp_path / "flights")
-    assert row["steps"] > 0
-    assert list((tmp_path / "cache").rglob("*.npz"))
-
-
 def test_a_controller_that_changed_is_imported_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
