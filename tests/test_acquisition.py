@@ -58,12 +58,6 @@ def test_around_other_bodies(name: str) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", BODIES)
-def test_many_places(name: str) -> None:
-    check(outcomes(name, 300, 1000), 0.98, wrong=0.004)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", BODIES)
 def test_many_places_with_false_returns(name: str) -> None:
     check(outcomes(name, 150, 2000, false_returns=0.2, dropout=0.1), 0.93, wrong=0.02)
 

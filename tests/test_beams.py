@@ -187,13 +187,6 @@ def test_a_width_leaves_the_random_numbers_as_they_are(kleopatra: Polyhedron) ->
     np.testing.assert_allclose(other[seen] - one[seen], drawn, atol=0.05)
 
 
-def test_the_same_again_and_for_a_clone(kleopatra: Polyhedron) -> None:
-    lidar = Lidar(kleopatra, LidarErrors(50.0, beam_width=1e-3))
-    first = lidar.frames(np.zeros(4), PLACES, 2)
-    again = Lidar(kleopatra, LidarErrors(50.0, beam_width=1e-3))
-    assert np.array_equal(first[::-1], again.frames(np.zeros(4), PLACES[::-1], 2))
-
-
 @pytest.mark.slow
 def test_a_learned_lidar_has_no_beams(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="leave out beam_width"):

@@ -3,7 +3,6 @@
 import dataclasses as dc
 import json
 import shutil
-from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +18,6 @@ from proxops.diagrams.scenario import (
 )
 from proxops.studies.beyond.campaigns import (
     BODIES,
-    DISPERSED_BODIES,
-    PARTS,
     Campaign,
     all_campaigns,
 )
@@ -47,26 +44,6 @@ def brief() -> Scenario:
 
 
 # --- the list -------------------------------------------------------------------------------------
-
-
-def test_campaigns_are_told_apart() -> None:
-    known = all_campaigns(Path("recipe"), [Path("mine/eros.yaml")])
-    assert max(Counter(each.name for each in known).values()) == 1
-    assert {each.part for each in known} == set(PARTS)
-    for each in known:
-        assert max(Counter(variant.name for variant in each.variants).values()) == 1
-    assert set(DISPERSED_BODIES) <= set(BODIES)
-    assert known[-1].body == "mine/eros.yaml"
-
-
-def test_the_papers_recipe_changes_no_other_campaign() -> None:
-    without, known = all_campaigns(), all_campaigns(Path("recipe"))
-    assert [each for each in known if each in without] == without
-    (more,) = [each for each in known if each not in without]
-    assert (more.name, [each.controller for each in more.variants]) == (
-        "paper-recipe", ["policy:recipe"],
-    )  # fmt: skip
-    assert (more.seed, more.transits) == (without[0].seed, without[0].transits)
 
 
 def test_nobody_sees_the_truth_unless_it_is_said() -> None:
@@ -194,18 +171,6 @@ def test_what_was_flown_with_other_settings_is_not_told_as_these(
     assert "Flown with other settings, and so not shown: first." in text
     assert "Not run: second." in text
     assert "of 2" not in text
-
-
-@pytest.mark.slow
-def test_what_was_flown_is_told(told: tuple[Path, dict[str, Any]], tmp_path: Path) -> None:
-    """Dispersions may also come from the scenario that all campaigns share."""
-    (entry,) = told[1]["campaigns"].values()
-    assert (entry["seed"], entry["transits"], entry["dispersions"]) == (25_000, 2, None)
-    known = [small("first", variants=[Variant("zero", "zero")])]
-    scenario = dc.replace(brief(), dispersions="after_survey")
-    content = fly_and_tell(known, known, scenario, tmp_path, workers=Workers(1))
-    assert content["campaigns"]["first"]["dispersions"] == "after_survey"
-    assert "worlds are drawn from after_survey." in (tmp_path / "report.md").read_text()
 
 
 @pytest.mark.slow

@@ -72,16 +72,6 @@ def refused(ran: Ran, *words: str) -> None:
         assert word in line
 
 
-def refused_by_parser(ran: Ran, *words: str) -> None:
-    """Exit code 2 and the parser's own box."""
-    assert ran.code == 2
-    assert ran.out == ""
-    assert "Traceback" not in ran.err
-    text = " ".join(ran.err.replace("│", " ").split())
-    for word in words:
-        assert word in text
-
-
 # --- fly ------------------------------------------------------------------------------------------
 
 
@@ -209,16 +199,6 @@ def test_seed_and_transit(run, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_failed_flight_is_repeated_too(run, tmp_path: Path) -> None:
-    down = ["--set", "transit.start_m=[0, 0, 66e3]", "--set", "transit.goal_m=[0, 0, 90e3]"]
-    assert run("fly", "--controller", "zero", *down, "--out", "out").code == 0
-    assert json.loads((tmp_path / "out" / "summary.json").read_text())["collided"]
-    again = run("fly", "--from", "out/flight.nc", "--out", "again")
-    assert again.code == 0
-    assert "bit for bit" in " ".join(again.err.split())
-
-
-@pytest.mark.slow
 def test_mended_map_is_written_and_flown_with(run: Callable[..., Ran], tmp_path: Path) -> None:
     wrong = settings({"navigation.expected.surface_rms_m": 50.0})
     mended = ["--mended-map", "maps/mended.obj"]
@@ -319,7 +299,7 @@ def test_evaluate(run, tmp_path: Path) -> None:
     refused(mixed, "another scenario", "output folder")
 
 
-@pytest.mark.parametrize("controllers", ["", ",", "mpc,mpc", "nope", "mpc,nope"])
+@pytest.mark.parametrize("controllers", ["", "mpc,mpc", "mpc,nope"])
 def test_evaluate_controllers_refused(run, tmp_path: Path, controllers: str) -> None:
     refused(run("evaluate", "--controllers", controllers, "--out", "out"), "controller")
     assert entries(tmp_path) == set()
@@ -349,10 +329,6 @@ def test_a_transit_of_a_seed_and_ends_of_its_own(run, option: str) -> None:
     ("settings", "words"),
     [
         (["spacecraft.mas_kg=3"], ["no key 'mas_kg'", "nearest is 'mass_kg'"]),
-        (["body=itokawa"], ["'itokawa' does not ship with proxops"]),
-        (["assurance={bounds: {gravty: 0.1}}"], ["no key 'gravty'", "nearest is 'gravity'"]),
-        (["assurance={bounds: {mass: -0.1}}"], ["assurance.bounds.mass must not be negative"]),
-        (["assurance={bounds: nowhere}"], ["no dispersions 'nowhere'", "before_survey"]),
         (["assurance={}", "truth.thrusters.failed_axis=x"], ["failed_axis has no end"]),
     ],
 )
@@ -363,19 +339,6 @@ def test_bad_setting_of_a_command(
     options = [part for setting in settings for part in ("--set", setting)]
     refused(run(command, *options, "--out", "out"), *words)
     assert entries(tmp_path) == set()
-
-
-@pytest.mark.parametrize(
-    ("content", "words"),
-    [("a: [1, 2\n", ["is not YAML"]), ("masss: 3\n", ["no key 'masss'", "nearest"])],
-)
-@pytest.mark.parametrize("command", ["fly", "evaluate"])
-def test_bad_scenario_of_a_command(
-    run, tmp_path: Path, command: str, content: str, words: list[str]
-) -> None:
-    (tmp_path / "bad.yaml").write_text(content)
-    refused(run(command, "bad.yaml", "--out", "out"), "bad.yaml", *words)
-    assert entries(tmp_path) == {"bad.yaml"}
 
 
 @pytest.mark.parametrize("command", ["fly", "evaluate"])
@@ -453,25 +416,12 @@ def test_long_work_without_a_terminal_tells_of_its_progress(
 
 
 @pytest.mark.parametrize("command", ["fly", "evaluate", "replay"])
-@pytest.mark.parametrize("option", ["--help", "-h"])
-def test_help(run, command: str, option: str) -> None:
-    ran = run(command, option)
+def test_help(run, command: str) -> None:
+    ran = run(command, "-h")
     assert ran.code == 0
     assert f"proxops {command}" in ran.out
     assert "Example" in ran.out
     assert "--out" in ran.out
-
-
-def test_help_lists_the_commands(run) -> None:
-    ran = run("--help")
-    assert ran.code == 0
-    for command in ("fly", "evaluate", "replay"):
-        assert command in ran.out
-
-
-@pytest.mark.parametrize("arguments", [["fly", "--bogus"], ["flyy"], ["fly", "a", "b"]])
-def test_unknown_arguments(run, arguments: list[str]) -> None:
-    refused_by_parser(run(*arguments))
 
 
 def test_as_a_process(tmp_path: Path) -> None:

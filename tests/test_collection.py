@@ -3,13 +3,10 @@
 import hashlib
 import json
 import os
-import random
 import resource
 import shutil
-import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -20,14 +17,12 @@ from ball_lidar import write_ball_bundle, write_ball_frame_bundle
 from commands import proxops, settings
 from short_flights import kleopatra
 
-from proxops.cli.collect import _loaded
-from proxops.diagrams.flight.simulation import fly
-from proxops.diagrams.logs.flight_log import FlightLog, differences
+from proxops.diagrams.logs.flight_log import FlightLog
 from proxops.diagrams.scenario.body import load_body
 from proxops.diagrams.scenario.scenario import load_scenario, parse_scenario
 from proxops.systems import InputError
 from proxops.systems.lidar import LearnedLidarConfig
-from proxops.training.data.collection import describe_flight, learned_lidar_of
+from proxops.training.data.collection import describe_flight
 from proxops.training.data.recovery import flight_scenario, kind_of
 
 # Over after 15 steps, wherever it is then.
@@ -122,17 +117,6 @@ def test_seeds_of_evaluation_are_warned_of(
     assert ("seeds from 10,000 on are for evaluation: train nothing on" in told) == warned
 
 
-def test_logs_are_read_one_by_one_and_counted(monkeypatch: pytest.MonkeyPatch) -> None:
-    told: list[tuple[float, str]] = []
-    monkeypatch.setattr(FlightLog, "load", str)
-    manifest = {"flights": [{"file": "a"}, {"file": "b"}]}
-    logs = _loaded(Path(), manifest, lambda done, text: told.append((done, text)))
-    assert next(logs) == "flights/a"
-    assert told == [(0.0, "writing, 0 of 2 flights")]
-    assert [*logs] == ["flights/b"]
-    assert told[1:] == [(0.5, "writing, 1 of 2 flights")]
-
-
 def test_manifest_and_logs(full_set: Path) -> None:
     manifest = manifest_of(full_set)
     wanted = load_scenario(None, BRIEF, on_true_state=True)
@@ -168,12 +152,6 @@ def test_label_is_the_expert_s_force_and_applied_is_apart(full_set: Path) -> Non
 
 
 @pytest.mark.slow
-def test_every_flight_repeats_bit_for_bit(full_set: Path) -> None:
-    for log in logs_of(full_set):
-        assert differences(log, fly(log.scenario, "mpc", body=log.body)) == []
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("lidar", "write"), [("learned", write_ball_bundle), ("paper", write_ball_frame_bundle)]
 )
@@ -190,26 +168,6 @@ def test_learned_lidar_gives_the_frames_of_disturbed_flights(
         assert sensor.noise_std_m == 7.0
         assert isinstance(sensor, LearnedLidarConfig) == (row["kind"] == "random_walk")
         assert ("lidar_sha256" in log.dataset.attrs) == (row["kind"] == "random_walk")
-
-
-def test_flights_name_a_learned_lidar_by_its_whole_path(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Workers, and whoever flies a log again, may be in another folder."""
-    write_ball_bundle(tmp_path / "bundle")
-    monkeypatch.chdir(tmp_path)
-    scenario = load_scenario(None, {"lidar.noise_std_m": 7})
-    found = learned_lidar_of(scenario, Path("bundle"))
-    assert Path(found.bundle) == (tmp_path / "bundle").resolve()
-    assert found.noise_std_m == 7.0
-
-
-def test_the_paper_s_lidar_is_the_paper_s(
-    collect, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    write_ball_bundle(tmp_path / "bundle")
-    assert collect("--transits", 2, "--lidar", "paper", "--lidar-bundle", "bundle") == 2
-    assert "is a ray network, not a frame network" in capsys.readouterr().err
 
 
 def test_report(full_set: Path) -> None:
@@ -295,84 +253,3 @@ def test_full_disk(collect: Collect, tmp_path: Path) -> None:
 
 
 # --- killed ---------------------------------------------------------------------------------------
-
-
-@pytest.mark.slow
-def test_killed_and_interrupted_at_random_moments(collect: Collect, tmp_path: Path) -> None:
-    """Ended three times and then run to its end: nothing done is redone, and the set is right.
-
-    The second time it is interrupted as by Ctrl-C, all its processes at once; otherwise it is
-    killed by `kill -9`.
-    """
-    out, transits, chance = tmp_path / "out", 12, random.Random(1)
-    done: dict[str, int] = {}
-    for attempt in range(3):
-        process = subprocess.Popen(
-            command_line(out, transits, "--recovery", "full"),
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.PIPE,
-            text=True,
-            start_new_session=True,
-        )
-        until = time.monotonic() + 120.0
-        # Killed even while it starts; interrupted when something has been flown: until its modules
-        # are imported, the answer to Ctrl-C is theirs.
-        while attempt and len(times_of(out)) <= len(done) and process.poll() is None:
-            assert time.monotonic() < until
-            time.sleep(0.01)
-        time.sleep(chance.uniform(0.0, 0.3))
-        if attempt == 1:
-            os.killpg(process.pid, signal.SIGINT)
-        else:
-            process.kill()
-        process.communicate(timeout=60.0)
-        assert process.returncode in ((130, -signal.SIGINT) if attempt == 1 else (-signal.SIGKILL,))
-        now = times_of(out)
-        assert done.items() <= now.items()
-        for name in now.keys() - done.keys():
-            FlightLog.load(out / "flights" / name)
-        done = now
-    assert 0 < len(done) < transits
-    assert collect("--transits", transits, "--out", out, "--recovery", "full") == 0
-    assert done.items() <= times_of(out).items()
-    assert len(times_of(out)) == transits
-    assert not list(out.rglob("*.part"))
-    scenario = load_scenario(None, BRIEF, on_true_state=True)
-    for index, log in list(enumerate(logs_of(out)))[::2]:
-        flown = flight_scenario(kind_of(FULL, index), scenario, kleopatra(), 0, index)
-        assert differences(log, fly(flown, "mpc", body=kleopatra())) == []
-
-
-def workers_of(process: int) -> list[int]:
-    """Process ids of the workers that a process has started."""
-    children = Path(f"/proc/{process}/task").glob("*/children")
-    found = [int(word) for path in children for word in path.read_text().split()]
-    commands = {pid: Path(f"/proc/{pid}/cmdline").read_bytes() for pid in found}
-    return [pid for pid, command in commands.items() if b"spawn_main" in command]
-
-
-@pytest.mark.slow
-def test_two_workers_of_which_each_is_killed(full_set: Path, tmp_path: Path) -> None:
-    """The command goes on with others in their place, and the set is as one process flies it."""
-    out = tmp_path / "out"
-    with subprocess.Popen(
-        command_line(out, 14, "--recovery", "full", "--seed", "5", workers=2),
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    ) as process:
-        chance, workers = random.Random(0), list[int]()
-        for count in (2, 6):
-            while len(times_of(out)) < count:
-                assert process.poll() is None
-                time.sleep(0.01)
-            workers = workers or workers_of(process.pid)
-            time.sleep(chance.uniform(0.0, 0.3))
-            os.kill(workers.pop(), signal.SIGKILL)
-        assert workers == []  # So the rest is flown by those that came in their place.
-        assert process.wait(300.0) == 0
-    assert not list(out.rglob("*.part"))
-    logs = logs_of(out)
-    assert len(logs) == 14
-    for one, other in zip(logs_of(full_set), logs[:7], strict=True):
-        assert differences(one, other) == []
-        assert one.scenario == other.scenario

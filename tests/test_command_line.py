@@ -84,24 +84,6 @@ def test_what_needs_no_command_imports_none(option: str, says: str) -> None:
     assert ran.stderr == "" if says else "Did you mean 'fly'" in ran.stderr
 
 
-def test_where_matplotlib_cannot_write_it_says_nothing(tmp_path: Path) -> None:
-    """A command gives it another folder."""
-    code = (
-        "from proxops.cli.main import command; command('shape')\n"
-        "import matplotlib; print(matplotlib.get_configdir(), matplotlib.get_cachedir())"
-    )
-    for home in ("/dev/null/x", str(tmp_path)):
-        given = environment(HOME=home, TMPDIR=str(tmp_path), XDG_CACHE_HOME="", XDG_CONFIG_HOME="")
-        ran = subprocess.run(
-            [sys.executable, "-c", code], env=given,
-            capture_output=True, text=True, timeout=60, check=False,
-        )  # fmt: skip
-        assert ran.stderr == ""
-        other = f"{tmp_path}/proxops-{os.getuid()}/matplotlib"
-        own = f"{home}/.config/matplotlib {home}/.cache/matplotlib\n"
-        assert ran.stdout == (own if home == str(tmp_path) else f"{other} {other}\n")
-
-
 def test_fly_as_json(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:

@@ -1,6 +1,5 @@
 """README.md and docs/ tell of what there is: ports, commands, notebooks, and Python that runs."""
 
-import dataclasses
 import json
 import re
 import runpy
@@ -10,7 +9,6 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 import pytest
 import torch
@@ -263,15 +261,6 @@ def test_what_learned_from_the_expert_flies(working_folder: Path) -> None:
     assert 0.0 < flight["delta_v_m_s"] < 3 * 0.07 * 150.0
 
 
-def keys_of(config: Any, prefix: str) -> set[str]:
-    """The dotted keys of a dataclass."""
-    found = set()
-    for field in dataclasses.fields(config):
-        value, key = getattr(config, field.name), f"{prefix}.{field.name}"
-        found |= keys_of(value, key) if dataclasses.is_dataclass(value) else {key}
-    return found
-
-
 def test_every_shipped_dispersion_has_a_table() -> None:
     tables = re.findall(r"^!dispersions (\w+)$", PAGES["docs/method/truth.md"], re.MULTILINE)
     files = (ROOT / "assets" / "dispersions").glob("*.yaml")
@@ -298,10 +287,17 @@ def run(code: str) -> dict[str, Any]:
 PYTHON = [block for block in BLOCKS if block.language == "python"]
 
 
+def marks_of(page: str) -> list[pytest.MarkDecorator]:
+    """The pages of a first hour fly and learn for longer."""
+    return [pytest.mark.slow] if page.startswith("docs/first_hour") else []
+
+
 @pytest.mark.parametrize(
     "code",
-    [block.text for block in PYTHON],
-    ids=[f"{block.page}-{PYTHON.index(block)}" for block in PYTHON],
+    [
+        pytest.param(block.text, marks=marks_of(block.page), id=f"{block.page}-{number}")
+        for number, block in enumerate(PYTHON)
+    ],
 )
 def test_all_python_runs(working_folder: Path, code: str) -> None:
     write_blob(working_folder)
@@ -340,29 +336,6 @@ def test_h5py(working_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert names["scenario"] == data.attrs["scenario"]
     returns = int(np.isfinite(data["ranges"][100]).sum())
     assert capsys.readouterr().out == f"4800 s, {returns} returns at 1000 s\n"
-
-
-def test_matlab_dimensions_are_reversed(working_folder: Path) -> None:
-    """MATLAB is not run: its sizes, as printed, are the file's in reverse."""
-    (code,) = blocks("matlab")
-    printed = re.findall(r"'/(\w+)'\); +% ([\dN x]+),", code)
-    assert [name for name, _ in printed] == ["time", "state", "ranges"]
-    with h5py.File("out/flight/flight.nc") as file:
-        for name, sizes in printed:
-            variable = file[name]
-            assert isinstance(variable, h5py.Dataset)
-            shape = [str(size) for size in variable.shape[::-1]] + ["1"] * (variable.ndim == 1)
-            assert sizes.replace("N", "481").split(" x ") == shape
-            assert variable.dtype.kind == "f"
-
-
-def test_training_data(working_folder: Path) -> None:
-    names = run(of_page("docs/how_to/collect_and_train.md", "WindowDataset"))
-    count = min(64, len(names["windows"]))
-    assert names["batches"].epoch == 1
-    assert names["frames"].shape == (count, 8, 12, 360)
-    assert names["force"].shape == (count, 8, 3)
-    assert torch.isfinite(names["force"]).all()
 
 
 def test_own_sensor_sees_a_sphere() -> None:
@@ -407,17 +380,6 @@ def test_own_controllers_fly_on_navigation(block: str, goal: float) -> None:
     assert log.summary["terminal_position_error_m"] < goal
 
 
-def test_own_controller_logs_its_columns() -> None:
-    controller = run(of_page("docs/how_to/own_controller.md", "LoggedPort"))["Attraction"]()
-    brief = {"arrival.deadline_s": 100.0, "arrival.dwell_s": 50.0, "log_ranges": False}
-    scenario = load_scenario(None, SHORT | brief, on_true_state=True)
-    data = fly(scenario, controller, body=kleopatra()).dataset
-    error = (data["target"] - data["state"]).values[:-1, :3]
-    np.testing.assert_allclose(data["goal_error"].values[:-1], error, atol=1e-9)
-    assert data["goal_error"].attrs["units"] == "m"
-    assert "attraction" in data.attrs["legend"]
-
-
 def test_the_test_to_copy_passes_and_can_fail(monkeypatch: pytest.MonkeyPatch) -> None:
     code = of_page("docs/quick_start.md", "def test_")
     names = run(code)
@@ -425,18 +387,3 @@ def test_the_test_to_copy_passes_and_can_fail(monkeypatch: pytest.MonkeyPatch) -
     names["Thrusters"] = lambda limit: systems.Thrusters(limit + 1.0)
     with pytest.raises(AssertionError):
         names["test_thrusters_clip_each_axis"]()
-
-
-def test_errata_table_of_angles() -> None:
-    """Computes what the page says about the printed angle and the right one."""
-    u = np.array([7.0, 0.0, 0.0])
-    for degrees, printed, right in ((0.0, 90.0, 0.0), (90.0, 0.0, 90.0), (180.0, -90.0, 180.0)):
-        v = 3.0 * np.array([np.cos(np.radians(degrees)), np.sin(np.radians(degrees)), 0.0])
-        cross = np.linalg.norm(np.cross(u, v))
-        assert np.degrees(np.arctan2(u @ v, cross)) == pytest.approx(printed, abs=1e-9)
-        assert np.degrees(np.arctan2(cross, u @ v)) == pytest.approx(right, abs=1e-9)
-        said = re.findall(rf"^\| {degrees:.0f}°.*$", PAGES["docs/errata.md"], re.MULTILINE)
-        assert len(said) == 1
-        cells = [cell.strip().replace("−", "-") for cell in said[0].split("|")]
-        assert cells[2].startswith(f"{printed:.0f}°")
-        assert cells[3].startswith(f"{right:.0f}°")

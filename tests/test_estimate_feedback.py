@@ -7,15 +7,13 @@ import pytest
 from known_policies import Counting, DeadReckoning, NotANumber, write_policy
 from short_flights import BRIEF, kleopatra, short_scenario
 
-from proxops.diagrams.flight import Workers, make_mpc
-from proxops.diagrams.flight.campaign import run_campaign, transit_flights
+from proxops.diagrams.flight import make_mpc
+from proxops.diagrams.flight.campaign import transit_flights
 from proxops.diagrams.flight.named_controllers import named_controller
-from proxops.diagrams.flight.origin import provenance
 from proxops.diagrams.flight.simulation import fly
-from proxops.diagrams.logs.flight_log import FlightLog, differences
+from proxops.diagrams.logs.flight_log import FlightLog
 from proxops.diagrams.logs.legend import legend_of
 from proxops.systems import InputError, PolicyBundle
-from proxops.systems.expert.plan import PlanReason
 from proxops.training.data import plans_along
 
 
@@ -92,24 +90,6 @@ def test_mpc_on_the_estimate(reckoning: Path) -> None:
     assert np.abs(estimates - data["state"].values[:-1]).max() > 1.0
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("kind", ["mpc", "pd"])
-def test_without_a_finite_estimate_it_flies_on(kind: str, tmp_path: Path) -> None:
-    bundle = write_policy(tmp_path / "policy", Blinking("force"))
-    data = fly(brief(), f"{kind}:{bundle}").dataset
-    lost = data["policy_status"].values[:-1] == 1.0
-    assert lost.any()
-    assert np.isfinite(data["force"]).all()
-    if kind == "mpc":
-        reasons = data["solve_reason"].values[:-1]
-        assert (reasons[lost] == PlanReason.INPUT_NOT_FINITE).all()
-        assert (reasons[~lost] != PlanReason.INPUT_NOT_FINITE).all()
-
-
-def test_repeats_from_its_log(log: FlightLog) -> None:
-    assert differences(log, fly(log.scenario, log.dataset.attrs["controller"])) == []
-
-
 @pytest.mark.parametrize("kind", ["pd", "mpc"])
 def test_policy_without_estimates_is_refused(kind: str, tmp_path: Path) -> None:
     bundle = write_policy(tmp_path / "policy", Counting())
@@ -125,31 +105,6 @@ def test_no_force_without_a_finite_estimate(tmp_path: Path) -> None:
     assert lost.tolist() == [k % 3 == 2 for k in range(len(lost))]
     assert (force[lost] == 0.0).all()
     assert (np.abs(force[~lost]).max(axis=1) > 0.0).all()
-
-
-def test_policy_by_its_folder_is_the_scenario_s(reckoning: Path) -> None:
-    named = fly(brief(), f"policy:{reckoning}")
-    set_up = fly(brief(policy__bundle=str(reckoning)), "policy")
-    np.testing.assert_array_equal(named.dataset["state"], set_up.dataset["state"])
-    assert named.summary["controller"] == f"policy:{reckoning}"
-    assert named.summary["policy_share"] == 1.0
-
-
-@pytest.mark.slow
-def test_several_policies_in_one_campaign(tmp_path: Path) -> None:
-    gentle = write_policy(tmp_path / "gentle", DeadReckoning(proportional=1e-5))
-    other = write_policy(tmp_path / "other", DeadReckoning(proportional=2e-5))
-    names = [f"policy:{gentle}", f"policy:{other}", f"pd:{other}"]
-    made = [provenance(brief(), kleopatra(), name) for name in names]
-    assert made[0].files["policy"] == [PolicyBundle.load(gentle).sha256]
-    assert made[1].files["policy"] == [PolicyBundle.load(other).sha256]
-    assert made[1] == made[2]
-    assert provenance(brief(), kleopatra(), "pd").files == {}
-    flights = [flight for name in names for flight in transit_flights(brief(), name, 1, 1)]
-    rows = run_campaign(flights, tmp_path / "flights", workers=Workers(1))
-    assert [row["controller"] for row in rows] == names
-    assert len({row["terminal_position_error_m"] for row in rows}) == 3
-    assert run_campaign(flights, tmp_path / "flights", workers=Workers(1)) == rows
 
 
 @pytest.mark.slow

@@ -33,16 +33,6 @@ def test_interval_solves_wilson_s_equation(successes: int, trials: int) -> None:
         assert abs(share - end) == pytest.approx(error, rel=1e-6)
 
 
-def test_interval_at_its_ends() -> None:
-    assert success_interval(0, 0) == (0.0, 1.0)
-    assert success_interval(0, 5)[0] == 0.0
-    assert success_interval(5, 5)[1] == 1.0
-    for trials in range(1, 60):
-        for successes in range(trials + 1):
-            low, high = success_interval(successes, trials)
-            assert 0.0 <= low <= successes / trials <= high <= 1.0
-
-
 def row(**changes: Any) -> dict[str, Any]:
     figures = {
         "controller": "mpc", "seed": 1, "transit": 0, "success": True, "success_2km": True,
@@ -144,12 +134,6 @@ def test_successes_are_counted(good: int) -> None:
     assert successes_text(found) == f"{good} of 852"
     assert successes_text(found, wide=True) == f"{min(good + 1, 852)} of 852"
     assert successes_text(aggregate([])) == "0 of 0"
-
-
-def test_share_of_small_commands_counts_steps() -> None:
-    rows = [row(small_command_share=0.1, steps=100), row(small_command_share=0.4, steps=200)]
-    assert aggregate(rows)["small_command_share"] == pytest.approx(0.3)
-    assert "small_command_share" not in aggregate([*rows, row()])
 
 
 def test_percentiles_and_worst() -> None:

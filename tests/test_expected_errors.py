@@ -15,15 +15,12 @@ from proxops.diagrams.scenario import (
     Scenario,
     TrueStateConfig,
     believed,
-    change_scenario,
     draw_world,
-    dump_scenario,
     filter_tuning,
     load_body,
     load_dispersions,
     load_scenario,
     of_transit,
-    parse_scenario,
 )
 from proxops.diagrams.scenario.distributions import (
     Choice,
@@ -65,13 +62,6 @@ def test_the_two_kinds_of_navigation() -> None:
         load_scenario(None, ["navigation=!Stars {}"])
     with pytest.raises(InputError, match="navigation: TrueStateConfig has no keys, got 'expected'"):
         load_scenario(None, ["navigation=!TrueState {expected: null}"])
-
-
-@pytest.mark.parametrize("text", ["!TrueState {}", "!LidarNavigation {}", "{frame_delay_steps: 2}"])
-def test_both_are_written_and_read(text: str) -> None:
-    scenario = load_scenario(None, [f"navigation={text}"])
-    assert parse_scenario(dump_scenario(scenario)) == scenario
-    assert change_scenario(scenario, {"noise_seed": 3}).navigation == scenario.navigation
 
 
 def test_no_errors_are_expected_of_the_truth() -> None:
@@ -263,7 +253,7 @@ UNIFORMS = (np.arange(100_000) + 0.5) / 100_000
         (Fixed(3), 1e-12),
     ],
 )
-@pytest.mark.parametrize("about", [0.0, 1.0, 2.0])
+@pytest.mark.parametrize("about", [0.0, 2.0])
 def test_rms_is_that_of_the_values(distribution: Distribution, within: float, about: float) -> None:
     values = np.array([distribution.value(u) for u in UNIFORMS])
     assert distribution.rms(about) == pytest.approx(

@@ -124,15 +124,3 @@ def test_a_cube_within_the_ellipsoid_is_refused(tmp_path: Path):
     with pytest.raises(InputError, match=r"transit.cube_m \(50000 m\) that lie outside"):
         expert_plans(scenario, 3, 1, tmp_path, workers=Workers(1))
     assert not list(tmp_path.glob("*.npz"))
-
-
-def test_a_body_that_changes_while_the_process_runs_is_another(tmp_path: Path):
-    path = shutil.copytree(ASSETS / "kleopatra", tmp_path / "body") / "kleopatra.yaml"
-    scenario = load_scenario(None, [f"body={path}"])
-    first = expert_plans(scenario, 5, 1, tmp_path / "first", workers=Workers(1))
-    text = path.read_text(encoding="utf-8").replace("mass_kg: 2.97", "mass_kg: 2.07")
-    path.write_text(text, encoding="utf-8")
-    with pytest.raises(InputError, match="labels of other flights"):
-        expert_plans(scenario, 5, 1, tmp_path / "first", workers=Workers(1))
-    second = expert_plans(scenario, 5, 1, tmp_path / "second", workers=Workers(1))
-    assert not np.array_equal(first["force"], second["force"])

@@ -31,16 +31,6 @@ def test_everything_exported_is_there(name: str) -> None:
     assert all(hasattr(face, each) for each in face.__all__)
 
 
-@pytest.mark.parametrize("name", ROOMS)
-def test_a_face_says_what_lives_there(name: str) -> None:
-    """One line, then one paragraph that says what to read first."""
-    text = importlib.import_module(name).__doc__ or ""
-    summary, _, rest = text.strip().partition("\n\n")
-    assert summary.endswith(".")
-    assert "Start with" in rest or "first" in rest
-    assert "\n\n" not in rest
-
-
 @pytest.mark.parametrize("name", ["systems", "diagrams", "training", "studies"])
 def test_no_exported_name_hides_a_module(name: str) -> None:
     """Or `import proxops.FOLDER.ROOM.MODULE as m` would give a function."""

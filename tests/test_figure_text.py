@@ -2,7 +2,7 @@
 
 import pytest
 
-from proxops.training.reports import DASH, interval_text, number_text
+from proxops.training.reports import interval_text
 
 
 @pytest.mark.parametrize(
@@ -19,8 +19,3 @@ def test_an_interval_is_rounded_but_never_to_certainty(
 ) -> None:
     assert interval_text(interval) == text
     assert interval_text(interval, " to ") == text.replace("–", " to ")
-
-
-def test_no_figure_is_a_dash() -> None:
-    assert number_text(None, ".1f") == DASH
-    assert number_text(0.0123, ".1f", 1e3) == "12.3"

@@ -68,14 +68,11 @@ YAML = {
     "Python function": ("body: !!python/object/apply:os.system ['touch ran']\n", "is not YAML"),
     "Python name": ("body: !!python/name:os.system\n", "is not YAML"),
     "Python object": ("mpc: !!python/object:os.Popen {intervals: 3}\n", "cannot be"),
-    "unknown tag": ("lidar: !Lidar2 {rays: 3}\n", "cannot be !Lidar2"),
     "key twice": (
         "mpc: {intervals: 3}\nbody: kleopatra\nmpc: {}\n",
         "line 3: it has the key 'mpc' twice",
     ),
-    "key twice, deeper": ("transit:\n  seed: 1\n  cube_m: 3.4e5\n  seed: 2\n", "'seed' twice"),
     "private key": ("_spacecraft: {mass_kg: 200.0}\n", "_spacecraft"),
-    "tag without a value": ("navigation: !TrueState\n", "!TrueState {}"),
     "depth": ("transit: {start_m: " + 600 * "[" + 600 * "]" + "}\n", "too deeply"),
     "long list": (f"body: [{3_000 * '1,'}]\n", "body needs a text"),
     "long text": (f"control_period_s: {10_000 * 'x'}\n", "control_period_s needs a number"),
@@ -83,13 +80,10 @@ YAML = {
     "number beyond floats": (f"control_period_s: {4000 * '1'}\n", "4000 digits"),
     "number to the base 60": (f"mpc: {{intervals: {3000 * '59:'}59}}\n", "needs a whole number"),
     "hexadecimal number": (f"body: 0x{5000 * 'f'}\n", "5002 digits"),
-    "impossible date": ("control_period_s: 2001-99-99\n", "needs a number, got '2001-99-99'"),
     "set": ("dispersed: !!set {a, b}\n", "dispersed needs a list"),
     "bytes": ("body: !!binary aGVsbG8=\n", "is not YAML"),
     "very deep": ("transit: {start_m: " + 200_000 * "[" + "\n", "too deeply"),
     "deep lines": (200_000 * "- " + "x\n", "too deeply"),
-    "false integer": ("mpc: {intervals: !!int many}\n", "is not YAML"),
-    "false truth": ("log_ranges: !!bool perhaps\n", "is not YAML"),
     "null byte in a path": ('body: "\\0.yaml"\n', "body must be a path"),
     "tag as a value": ("lidar: {_tag: [1]}\n", "lidar cannot be"),
 }
@@ -247,7 +241,7 @@ def written(folder: Path, change: Callable[[xr.Dataset], xr.Dataset | None]) -> 
 
 @pytest.mark.parametrize(
     "value",
-    [7, "word", float("nan"), *map(slowly, ([1.0, 2.0], ["a", "b"], -1.0))],
+    ["word", *map(slowly, (7, float("nan"), ["a", "b"]))],
 )
 @pytest.mark.parametrize(
     "name",
@@ -265,8 +259,8 @@ def test_attributes_of_wrong_types(name: str, value: object, tmp_path: Path) -> 
 
 @pytest.mark.parametrize(
     "value",
-    [np.nan, 77.0, slowly(np.inf), slowly(-1.0), slowly(1e300)],
-    ids=["nan", "code", "inf", "minus", "huge"],
+    [np.nan, slowly(77.0), slowly(1e300)],
+    ids=["nan", "code", "huge"],
 )
 @pytest.mark.parametrize(
     "name",
@@ -281,9 +275,7 @@ def test_values_that_cannot_be(name: str, value: float, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["time", "state", "target", "force", "decision", "mesh_facets"])
-@pytest.mark.parametrize(
-    "other", [("one", [1.0]), ("word", ["a", "b"]), (("a", "b", "c"), [[[1.0]]])]
-)
+@pytest.mark.parametrize("other", [("word", ["a", "b"]), (("a", "b", "c"), [[[1.0]]])])
 def test_dimensions_that_cannot_be(name: str, other: tuple, tmp_path: Path) -> None:
     path = written(tmp_path, lambda data: data.drop_vars(name).assign({name: other}))
     with pytest.raises(InputError, match=r"flight\.nc"):

@@ -3,7 +3,6 @@
 import dataclasses as dc
 import gc
 import hashlib
-import json
 import os
 import pickle
 import subprocess
@@ -77,13 +76,6 @@ def test_variable(name: str) -> None:
     assert data[name].shape[1:] == tuple(SIZES[dimension] for dimension in dimensions)
     assert data[name].attrs["units"] == units
     assert data[name].attrs["long_name"] == long_name
-
-
-def test_schema_holds_what_was_promised() -> None:
-    assert set(VARIABLES) == {
-        "state", "target", "force", "mpc_force", "policy_force", "disturbance", "decision",
-        "solve_time", "solve_status", "solve_reason", "ranges", *SOMETIMES,
-    }  # fmt: skip
 
 
 def test_values_are_finite_where_they_must_be() -> None:
@@ -164,12 +156,6 @@ def test_summary_has_exactly_these_keys() -> None:
         assert list(flight().summary) == SUMMARY
 
 
-def test_summary_is_plain_json() -> None:
-    for flight in (kleopatra_flight, falling_flight):
-        text = json.dumps(flight().summary, allow_nan=False)
-        assert json.loads(text) == flight().summary
-
-
 def test_summary_counts() -> None:
     log = kleopatra_flight()
     summary, data = log.summary, log.dataset
@@ -197,14 +183,6 @@ def test_delta_v() -> None:
     before = grid < log.summary["arrival_time_s"]
     assert log.summary["delta_v_m_s"] == pytest.approx(rate[before].sum() * step, rel=1e-4)
     assert log.summary["hold_delta_v_m_s"] == pytest.approx(rate[~before].sum() * step, rel=1e-3)
-
-
-def test_terminal_error() -> None:
-    data = kleopatra_flight().dataset
-    error = data["state"].values[-1] - data["target"].values[-1]
-    summary = kleopatra_flight().summary
-    assert summary["terminal_position_error_m"] == pytest.approx(np.sqrt(np.sum(error[:3] ** 2)))
-    assert summary["terminal_speed_m_s"] == pytest.approx(np.sqrt(np.sum(error[3:] ** 2)))
 
 
 @pytest.mark.parametrize("flight", [kleopatra_flight, disturbed_flight, falling_flight])
@@ -269,15 +247,6 @@ def test_what_the_transit_asks_for(
         )
         clearance = 1e3 * np.sqrt(found.fun)
         assert summary[f"transit_{name}_clearance_m"] == pytest.approx(clearance, rel=1e-3)
-
-
-def test_least_clearance_is_looked_for_between_rows() -> None:
-    """A dip over the pole: half-way a cubic is T v / 4 = 50 m below its equal ends."""
-    log = placed([0.0, 0.0])
-    data = log.dataset.copy(deep=True)
-    data["state"].values[:] = [[0, 0, 66e3, 0, 0, -20.0], [0, 0, 66e3, 0, 0, 20.0]]
-    clearance = FlightLog(data, log.body).summary["min_clearance_m"]
-    assert clearance == pytest.approx(950.0, abs=1e-6)
 
 
 def placed(distances_km: list[float], dwell: float = 600.0, **arrival: float) -> FlightLog:
@@ -354,14 +323,6 @@ def test_round_trip(file: Path) -> None:
         assert loaded.dataset[name].dtype.kind == variable.dtype.kind, name
 
 
-@pytest.mark.parametrize("flight", [disturbed_flight, falling_flight])
-def test_round_trip_of_other_flights(flight, tmp_path: Path) -> None:
-    flight().to_netcdf(tmp_path / "flight.nc")
-    loaded = FlightLog.load(tmp_path / "flight.nc")
-    assert loaded.dataset.identical(flight().dataset)
-    assert loaded.summary == flight().summary
-
-
 def test_differences_sees_one_bit() -> None:
     log = synthetic_log(20, ranges=False)
     changed = log.dataset.copy(deep=True)
@@ -385,64 +346,32 @@ def test_h5py_reads_it(file: Path) -> None:
         assert "Kleopatra" in str(opened.attrs["body"])
 
 
-def test_xarray_reads_it_without_proxops(file: Path) -> None:
-    with xr.open_dataset(file, engine="h5netcdf") as opened:
-        assert float(opened["state"].sel(component="x")[0]) == pytest.approx(
-            kleopatra_flight().dataset["state"].values[0, 0]
-        )
+def other_mesh(data: xr.Dataset) -> xr.Dataset:
+    data["mesh_vertices"][3, 1] += 0.5
+    return data
 
 
-def test_small_on_disk(file: Path) -> None:
-    assert file.stat().st_size < 1e6
-
-
-def test_unknown_file(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="absent"):
-        FlightLog.load(tmp_path / "absent.nc")
-
-
-def test_folder_is_no_log(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="is not a flight log"):
-        FlightLog.load(tmp_path)
-
-
-@pytest.mark.parametrize("content", [b"", b"hello", b"CDF\x01" + bytes(100), bytes(4096)])
-def test_other_file_refused(tmp_path: Path, content: bytes) -> None:
-    (tmp_path / "flight.nc").write_bytes(content)
-    with pytest.raises(InputError, match=r"flight\.nc is not a flight log"):
+@pytest.mark.parametrize(
+    ("change", "complaint"),
+    [
+        (lambda data: data.drop_vars("mesh_facets"), "it has no .*mesh_facets"),
+        (lambda data: data.drop_vars("state"), "it has no .*state"),
+        (lambda data: data.drop_attrs(deep=False), "it has no scenario, body, "),
+        (other_mesh, "does not match its hash"),
+    ],
+)
+def test_log_without_a_part_is_refused(tmp_path: Path, change, complaint: str) -> None:
+    dataset = change(synthetic_log(5, ranges=False).dataset.copy(deep=True))
+    dataset.to_netcdf(tmp_path / "flight.nc", engine="h5netcdf")
+    with pytest.raises(InputError, match=complaint):
         FlightLog.load(tmp_path / "flight.nc")
 
 
-@pytest.mark.parametrize("share", [0.01, 0.3, 0.6, 0.9, 0.999])
-def test_truncated_file_refused(file: Path, tmp_path: Path, share: float) -> None:
+@pytest.mark.parametrize("share", [0.0, 0.3, 0.999])
+def test_truncated_file_is_refused(file: Path, tmp_path: Path, share: float) -> None:
     whole = file.read_bytes()
     (tmp_path / "flight.nc").write_bytes(whole[: int(share * len(whole))])
     with pytest.raises(InputError, match=r"flight\.nc"):
-        FlightLog.load(tmp_path / "flight.nc")
-
-
-@pytest.mark.parametrize("name", ["mesh_vertices", "mesh_facets", "state", "target", "time"])
-def test_log_without_a_variable_refused(tmp_path: Path, name: str) -> None:
-    dataset = synthetic_log(5, ranges=False).dataset.drop_vars(name)
-    dataset.to_netcdf(tmp_path / "flight.nc", engine="h5netcdf")
-    with pytest.raises(InputError, match=rf"flight log: it has no .*{name}"):
-        FlightLog.load(tmp_path / "flight.nc")
-
-
-@pytest.mark.parametrize("name", ["scenario", "body", "controller", "shape_sha256"])
-def test_log_without_an_attribute_refused(tmp_path: Path, name: str) -> None:
-    dataset = synthetic_log(5, ranges=False).dataset.copy()
-    del dataset.attrs[name]
-    dataset.to_netcdf(tmp_path / "flight.nc", engine="h5netcdf")
-    with pytest.raises(InputError, match=f"flight log: it has no {name}"):
-        FlightLog.load(tmp_path / "flight.nc")
-
-
-def test_log_with_another_mesh_refused(tmp_path: Path) -> None:
-    dataset = synthetic_log(5, ranges=False).dataset.copy(deep=True)
-    dataset["mesh_vertices"][3, 1] += 0.5
-    dataset.to_netcdf(tmp_path / "flight.nc", engine="h5netcdf")
-    with pytest.raises(InputError, match="does not match its hash"):
         FlightLog.load(tmp_path / "flight.nc")
 
 
@@ -453,7 +382,7 @@ def test_damaged_file_is_refused_or_reads_the_same_mesh(tmp_path: Path) -> None:
     synthetic_log(30, ranges=False).to_netcdf(tmp_path / "flight.nc")
     whole = (tmp_path / "flight.nc").read_bytes()
     random = np.random.default_rng(1)
-    for trial in range(20):
+    for trial in range(8):
         damaged = bytearray(whole)
         start = int(random.integers(len(whole) - 64))
         damaged[start : start + 64] = random.bytes(64)
@@ -466,11 +395,6 @@ def test_damaged_file_is_refused_or_reads_the_same_mesh(tmp_path: Path) -> None:
         else:
             assert log.body.shape.sha256 == log.dataset.attrs["shape_sha256"]
     gc.collect()  # Now, while the warnings of its leavings are let pass.
-
-
-def test_missing_folder(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"cannot write in .*nowhere"):
-        synthetic_log(3, ranges=False).to_netcdf(tmp_path / "nowhere" / "flight.nc")
 
 
 def test_folder_in_the_way(tmp_path: Path) -> None:

@@ -186,9 +186,6 @@ def test_what_it_did_not_learn_is_refused_by_name(bundle: Path) -> None:
     "axes",
     [
         [420.0, 420.0, 420.0],
-        [420.0, 420.0, 900.0],
-        [420.0, 415.0, 419.0],
-        [415.0, 420.0, 419.0],
         [420.0, 60.0, 300.0],
         [420.0, 400.0, 50.0],
     ],
@@ -318,7 +315,6 @@ def test_what_flies_is_the_network_that_was_trained(blind: bool) -> None:
         ("weights_2", np.zeros((16, 15), np.float32), "weights_2 is float32 .*not float32"),
         ("biases_4", np.zeros(6), "biases_4 is float64"),
         ("law", np.array([1.0, np.nan], np.float32), "law has numbers that are not finite"),
-        ("law", np.array([1.0, 0.0], np.float32), "law must be positive"),
         ("bends", np.array([None] * 9), "cannot be read"),
     ],
 )
@@ -332,9 +328,7 @@ def test_arrays_of_other_networks_are_refused(name: str, array: np.ndarray, word
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"ranges": {"spin": [1.0]}}, "a least and a greatest"),
         ({"ranges": {"spin": [1.0, 10**400]}}, "a least and a greatest"),
-        ({"ranges": {"spin": [2.0, 1.0]}}, "a least and a greatest"),
         ({"ranges": {"spin": [1.0, 2.0]}}, "each for semi_axis_x"),
         ({"format": "other"}, "not of the format"),
         ({"model_sha256": "0"}, "hash"),
@@ -349,18 +343,3 @@ def test_damaged_bundles_are_refused(
     (tmp_path / "guidance.json").write_text(json.dumps(content | change))
     with pytest.raises(InputError, match=words):
         GuidanceBundle.load(tmp_path)
-
-
-@pytest.mark.slow
-def test_the_law_alone_flies_a_short_way(bundle: Path) -> None:
-    """By name, in the hybrid too, and the log says which bundle flew."""
-    log = fly(short_scenario(), f"policy:{bundle}")
-    assert log.summary["success"]
-    assert log.summary["policy_sha256"] == GuidanceBundle.load(bundle).sha256
-    assert np.isfinite(log.dataset["policy_force"].values[:-1]).all()
-    # It learned for one margin, the one that it keeps alone.
-    brief = {"arrival__deadline_s": 100.0, "arrival__dwell_s": 50.0, "policy__margin_m": 9e3}
-    hybrid = fly(short_scenario(**brief), f"hybrid:{bundle}")
-    assert "mpc_force" in hybrid.dataset
-    with pytest.raises(InputError, match="no estimate"):
-        fly(short_scenario(), f"mpc:{bundle}")

@@ -6,28 +6,10 @@ import pytest
 from scripts import load_script
 from test_evaluation import row
 
-from proxops.diagrams.scenario.scenario import load_scenario
-
 
 @pytest.fixture(scope="module")
 def trade() -> ModuleType:
     return load_script("benchmarks/hybrid.py")
-
-
-def test_variants_are_what_they_are_named(trade: ModuleType) -> None:
-    plain = load_scenario(None, {})
-    assert load_scenario(None, trade.VARIANTS["strict, 10"]) == plain
-    assert (plain.hybrid.gate, plain.hybrid.check_period) == ("strict", 10)
-    for name, settings in {**trade.HYBRIDS, **trade.ZEROS}.items():
-        hybrid = load_scenario(None, settings).hybrid
-        gate, period, *limit = name.removeprefix("zero: ").split(", ")
-        assert hybrid.gate == gate
-        adaptive = period == "adaptive"
-        assert (hybrid.period_rule == "adaptive") == adaptive
-        assert hybrid.check_period == (10 if adaptive else int(period))
-        newtons = float(limit[0].removesuffix(" N")) if limit and "N" in limit[0] else 1.0
-        degrees = float(limit[0].removesuffix("°")) if limit and "°" in limit[0] else 10.0
-        assert (hybrid.epsilon_magnitude_n, hybrid.epsilon_angle_deg) == (newtons, degrees)
 
 
 def test_figures(trade: ModuleType) -> None:

@@ -18,7 +18,6 @@ from proxops.systems.lidar.lidar_errors import (
     LidarErrors,
     false_ranges,
     measured_ranges,
-    too_grazing,
 )
 
 POSITION = np.array([10e3, 30e3, 25e3])
@@ -52,11 +51,6 @@ def frame(lidar: Lidar, position: ArrayLike = POSITION, step: int = 0, seed: int
 
 
 # --- each option alone ----------------------------------------------------------------------------
-
-
-def test_no_errors_leave_ranges_as_they_are() -> None:
-    distances = np.array([0.0, 1.25, 349e3])
-    assert np.array_equal(measured_ranges(distances, LidarErrors(), 3, 4), distances)
 
 
 def test_noise_is_the_first_stream_of_seed_and_step(kleopatra: Polyhedron) -> None:
@@ -107,14 +101,6 @@ def test_grazing_returns_are_lost_on_a_ball() -> None:
     incidence = np.degrees(np.arcsin(np.minimum(sine, 1.0)))
     assert found[(sine < 1.0) & (incidence < 58.5)].all()  # Facets of 1.1 degrees.
     assert not found[incidence > 61.5].any()
-
-
-def test_which_rays_graze() -> None:
-    normals = np.tile([0.0, 0.0, 1.0], (4, 1))
-    angles = np.radians([0.0, 69.9, 70.1, 115.0])  # The last comes from behind.
-    directions = np.stack([np.sin(angles), np.zeros(4), -np.cos(angles)], axis=1)
-    grazing = too_grazing(normals, directions, np.radians(70.0))
-    assert grazing.tolist() == [False, False, True, False]
 
 
 def test_dropout_by_chance(room: Polyhedron) -> None:

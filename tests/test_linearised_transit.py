@@ -167,8 +167,8 @@ def assert_same(plan: Plan, forces: np.ndarray, states: np.ndarray, length: floa
     assert plan.states[:, 3:] == pytest.approx(states[:, 3:], abs=1e-3)
 
 
-@pytest.mark.parametrize("index", range(5))
-@pytest.mark.parametrize(("iterations", "age"), [(3, 10.0), (12, 10.0), (12, 900.0)])
+@pytest.mark.parametrize("index", [0, 1])
+@pytest.mark.parametrize(("iterations", "age"), [(3, 10.0), (12, 900.0)])
 def test_optimum_is_that_with_states_and_every_limit(index, iterations, age):
     start, target = ends(index)
     last = expert().solve(start, target, iterations=iterations)
@@ -298,7 +298,7 @@ def test_slack_is_used_where_it_is_cheaper(price, monkeypatch):
     assert plan.slack == pytest.approx(expected.slack, rel=1e-4)
 
 
-@pytest.mark.parametrize("index", range(5))
+@pytest.mark.parametrize("index", [0, 4])
 def test_without_slack_the_solution_is_the_same(index, monkeypatch):
     start, target = ends(index)
     last = expert().solve(start, target, iterations=12)

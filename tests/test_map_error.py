@@ -157,6 +157,7 @@ def ellipsoid(subdivisions: int) -> Polyhedron:
     return Polyhedron(ball.vertices * [110e3, 60e3, 45e3], ball.faces)
 
 
+@pytest.mark.slow
 def test_does_not_depend_on_the_number_of_threads() -> None:
     """Nor do drawn surfaces: a seed gives the same flight bit for bit."""
     code = (

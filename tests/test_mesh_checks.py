@@ -338,6 +338,7 @@ def test_binary_is_what_it_says() -> None:
     assert mesh.volume < 0.95 * mesh.convex_hull.volume
 
 
+@pytest.mark.slow
 def test_thousands_of_shells_side_by_side() -> None:
     """Each pair of them was looked at in full, which took an hour."""
     count = 3000

@@ -120,6 +120,7 @@ def test_nothing_half_written_stays() -> None:
         check_minari_name("half-v0")
 
 
+@pytest.mark.slow
 def test_gymnasium_alone_is_enough_to_fly() -> None:
     """Without Minari there are transits, but no data sets."""
     code = """

@@ -140,11 +140,3 @@ def test_report_says_what_drives_failure(text: str) -> None:
     plain = aggregate_all({"mpc": [row()]})
     assert driver_sections(plain) == unflyable_sections(plain) == []
     assert worst_tables("mpc", plain["mpc"]) == []
-
-
-def test_report_of_no_flight_at_all() -> None:
-    results = aggregate_all({"mpc": [unflyable(0)], "pd": [unflyable(0)]})
-    text = page(results)
-    assert "## 1 transits of seed 1" in text
-    assert "## Paths" not in text
-    assert "| success (1 km, 1 m/s) | 0 of 0 | 0 of 0 |" in text

@@ -1,7 +1,6 @@
 """The navigation's benchmark: bodies and poses are what it says, figures what statistics says."""
 
 import dataclasses
-from pathlib import Path
 from types import ModuleType
 
 import numpy as np
@@ -14,10 +13,8 @@ from proxops.diagrams.flight import fly
 from proxops.diagrams.logs import FlightLog
 from proxops.diagrams.scenario import (
     LidarNavigationConfig,
-    load_body,
     load_scenario,
 )
-from proxops.diagrams.scenario.transits import transit_set
 from proxops.systems.shapes import Polyhedron
 
 
@@ -47,27 +44,6 @@ def on_lidar_for_150_s() -> FlightLog:
 
 
 # --- bodies and poses -----------------------------------------------------------------------------
-
-
-@pytest.mark.slow
-def test_a_generated_body_can_be_flown_at(bodies: ModuleType, tmp_path: Path) -> None:
-    scenario = bodies.scenario_at("lumpy-ball", tmp_path)
-    body = load_body(scenario.body)
-    assert body.shape.extents.max() == pytest.approx(5e3)
-    assert body.config.mass_kg / body.shape.volume == pytest.approx(1800.0, rel=1e-5)
-    [transit] = transit_set(1, 1, scenario)
-    assert np.abs(transit.start).max() < 0.5 * scenario.transit.cube_m < 10e3
-    # Its YAML file names the same body.
-    again = bodies.scenario_at(str(tmp_path / "lumpy-ball.yaml"), tmp_path)
-    assert again == scenario
-
-
-def test_two_ellipsoids_have_a_neck(bodies: ModuleType) -> None:
-    across = np.array([[0.0, np.cos(a), np.sin(a)] for a in np.linspace(0.0, 6.0, 20)])
-    neck = bodies.two_ellipsoids(across)
-    ends = bodies.two_ellipsoids(np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]]))
-    assert neck.max() < 0.2
-    np.testing.assert_allclose(ends, [0.554, 0.5], atol=0.01)
 
 
 def test_poses_are_in_the_cube_and_outside_the_body(poses: ModuleType) -> None:
@@ -162,12 +138,3 @@ def test_consistency(flights: ModuleType) -> None:
     assert wrong["nees"] == pytest.approx(4.0, abs=0.1)
     assert wrong["nees_inside"] == 0.0
     assert np.isnan(flights.consistency([])["nees"])
-
-
-def test_steps_without_a_position_count_nowhere(flights: ModuleType) -> None:
-    rows = rows_of(1.0, count=3, length=60)
-    for row in rows:
-        row["steps"]["nees"][30:40] = row["steps"]["nis"][30:40] = [None] * 10
-        row["steps"]["returns"][30:40] = [None] * 10
-    assert flights.pooled(rows, "nees").size == 3 * (60 - 20 - 10)
-    assert np.isfinite(flights.consistency(rows)["nis"])

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from known_policies import RAYS, Counting, DeadReckoning, NotANumber, remember, write_policy
+from known_policies import RAYS, Counting, DeadReckoning, remember, write_policy
 from short_flights import kleopatra
 
 from proxops.systems import InputError, LidarGeometry, NeuralPolicy, PolicyBundle, PolicyStatus
@@ -53,18 +53,6 @@ def test_answers_and_memory(counting: Path) -> None:
     assert all(row["record"][0] > 0.0 for row in rows)
 
 
-def test_ports(counting: Path) -> None:
-    policy = NeuralPolicy(counting)
-    inputs = [policy.get_input_port(i) for i in range(policy.num_input_ports())]
-    assert {port.get_name(): port.size() for port in inputs} == {
-        "ranges": RAYS, "target": 6, "commanded_force": 3,
-    }  # fmt: skip
-    ports = [policy.get_output_port(i) for i in range(policy.num_output_ports())]
-    assert {port.get_name(): port.size() for port in ports} == {
-        "force": 3, "estimate": 6, "record": 2,
-    }  # fmt: skip
-
-
 def test_force_is_clipped(counting: Path) -> None:
     many = np.tile([0.0, -3.0, 0.0], (10, 1))
     forces = np.array([row["force"] for row in flown(NeuralPolicy(counting), many)])
@@ -98,21 +86,6 @@ def test_estimate(tmp_path: Path) -> None:
         assert row["force"] == pytest.approx(np.clip(wanted, -7.0, 7.0), abs=1e-3)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("spoiled", ["force", "memory", "index"])
-def test_what_is_not_finite_flies_on_without_force(tmp_path: Path, spoiled: str) -> None:
-    policy = NeuralPolicy(write_policy(tmp_path / "policy", NotANumber(spoiled)))
-    rows = flown(policy, np.tile([0.0, 1.0, 0.0], (7, 1)))
-    # The third step fails, and the fourth is the first again.
-    statuses = [PolicyStatus(int(row["record"][1])) for row in rows]
-    good, bad = PolicyStatus.ANSWERED, PolicyStatus.NOT_FINITE
-    assert statuses == [good, good, bad, good, good, bad, good]
-    forces = np.array([row["force"] for row in rows])
-    assert forces[:, 0].tolist() == [0.0, 1.0, 0.0, 0.0, 1.0, 0.0, 0.0]
-    assert forces[:, 1].tolist() == [1.0, 2.0, 0.0, 1.0, 2.0, 0.0, 1.0]
-    assert forces[2].tolist() == [0.0, 0.0, 0.0]
-
-
 def test_two_contexts_do_not_touch(counting: Path) -> None:
     policy = NeuralPolicy(counting)
     context = policy.CreateDefaultContext()
@@ -127,13 +100,6 @@ def test_two_contexts_do_not_touch(counting: Path) -> None:
     remember(policy, copy)
     remember(policy, copy)
     assert outputs(policy, copy)["force"].tolist() == outputs(policy, context)["force"].tolist()
-
-
-def test_nothing_returns(counting: Path) -> None:
-    """The network's own inf, from a frame without returns, is no force."""
-    [row] = flown(NeuralPolicy(counting), APPLIED[:1], np.full(RAYS, np.inf))
-    assert row["force"].tolist() == [0.0, 0.0, 0.0]
-    assert row["record"][1] == PolicyStatus.NOT_FINITE
 
 
 def test_other_failures_of_the_network_end_the_flight(counting: Path) -> None:

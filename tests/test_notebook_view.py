@@ -20,7 +20,6 @@ from proxops.diagrams.meshcat.meshcat_scene import quiet_meshcat
 from proxops.diagrams.meshcat.notebook_view import (
     show_body,
     show_flight,
-    show_lidar,
     show_meshcat,
 )
 from proxops.systems import Lidar, LidarErrors
@@ -104,14 +103,6 @@ def test_body_with_markers(notebook: Notebook) -> None:
     assert all(meshcat.HasPath(name) for name in ("/body", "/keep_out", "/markers/2"))
     assert not meshcat.HasPath("/markers/3")
     assert not show_body(kleopatra()).HasPath("/markers")
-
-
-def test_lidar_planes(notebook: Notebook) -> None:
-    frame = Lidar(kleopatra().shape).frames(np.zeros(1), POSITION[None], seed=0)[0]
-    meshcat = show_lidar(kleopatra(), POSITION, frame, planes=(1, 4))
-    shown = [plane for plane in range(12) if meshcat.HasPath(f"/lidar/plane_{plane:02d}/fan")]
-    assert shown == [1, 4]
-    assert meshcat.HasPath("/lidar/plane_01/returns")
 
 
 def test_rays_end_on_the_body_or_short_of_its_distance() -> None:

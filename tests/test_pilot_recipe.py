@@ -10,16 +10,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from known_policies import Counting, DeadReckoning, write_policy
+from known_policies import Counting, write_policy
 
 from proxops.cli.main import app
-from proxops.diagrams.flight import Flight, Workers
+from proxops.diagrams.flight import Workers
 from proxops.diagrams.flight.simulation import fly
 from proxops.diagrams.logs.flight_log import FlightLog
-from proxops.diagrams.scenario.scenario import Scenario, load_scenario
+from proxops.diagrams.scenario.scenario import load_scenario
 from proxops.systems import InputError
 from proxops.training.export import policy_report
-from proxops.training.pilot import dagger
 from proxops.training.pilot.dagger import (
     DaggerSettings,
     _forget_shorter_or_longer,
@@ -289,55 +288,3 @@ def test_dagger_learns_from_its_flights_and_goes_on_after_a_kill(
     scenario = load_scenario(None, {"policy.bundle": str(tmp_path / "bundle")})
     assert np.isfinite(fly(scenario, "policy").dataset["policy_force"].values[:-1]).all()
     assert settings_of(origin) == PilotSettings().quick()
-
-
-@pytest.fixture
-def light_bundles(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Only to save time: a round's bundle has a closed form in place of its pilot, another one for
-    each guidance. It gets lost, so the start of its flight in the second round is enough."""
-
-    def export(pilot: Pilot, _flights: object, _report: object, folder: Path, _data: str) -> None:
-        weights = torch.cat([each.detach().flatten() for each in pilot.guidance.parameters()])
-        write_policy(folder, DeadReckoning(derivative=4.0 + float(weights.double().std())))
-
-    def flights(
-        scenario: Scenario, bundle: Path, given: DaggerSettings, number: int
-    ) -> list[Flight]:
-        if number == 2:
-            scenario = replace(scenario, arrival=replace(scenario.arrival, deadline_s=1000.0))
-        return dagger_flights(scenario, bundle, given, number)
-
-    monkeypatch.setattr(dagger, "export_pilot", export)
-    monkeypatch.setattr(dagger, "dagger_flights", flights)
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("without_replays", "light_bundles")
-def test_rounds_that_are_added_end_as_if_asked_for_at_once(
-    collected: Path, trained: Path, tmp_path: Path
-):
-    """What was the last round is trained anew, for fewer epochs, from the same flights."""
-    one, two = (DaggerSettings(rounds=rounds, flights=1, seed=SEED) for rounds in (1, 2))
-    added, fresh = tmp_path / "added", tmp_path / "fresh"
-    run_dagger(collected, trained, added, one, Workers(1))
-    stamps = {path: path.stat().st_mtime_ns for path in added.glob("round-1/*/*.n*")}
-
-    def epochs() -> int:
-        return json.loads((added / "round-1" / "report.json").read_text())["training"]["epochs"]
-
-    before, told = epochs(), list[tuple[float, str]]()
-    workers = Workers(1, progress=lambda done, text: told.append((done, text)))
-    run_dagger(collected, trained, added, two, workers)
-    assert told[0][1].startswith("plans of transits")
-    assert [done for done, _ in told] == sorted(done for done, _ in told)
-    assert epochs() < before == PilotSettings().quick().guidance.epochs
-    assert {path: path.stat().st_mtime_ns for path in stamps} == stamps
-    # Only to save time: they are flights of the same pilot.
-    for name in ("round-1/flights", "round-1/labels"):
-        shutil.copytree(added / name, fresh / name)
-    run_dagger(collected, trained, fresh, two, Workers(1))
-    for name in ("round-1", "round-2", "."):
-        models = [(out / name / "bundle" / "model.onnx").read_bytes() for out in (added, fresh)]
-        assert models[0] == models[1]
-        pilots = [load_pilot(out / name)[1] for out in (added, fresh)]
-        assert same(pilots[0], pilots[1], "")

@@ -120,6 +120,7 @@ def test_difference_that_only_memory_shows_is_found(
     export_policy(Counting(), tmp_path / "policy", facts_of(Counting), one)
 
 
+@pytest.mark.slow
 def test_what_is_not_as_the_facts_say_is_refused(tmp_path: Path) -> None:
     refused(tmp_path, "gives no estimate", Counting(), facts_of(Counting, estimates=True))
     known = facts_of(DeadReckoning, estimates=False)

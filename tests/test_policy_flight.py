@@ -6,22 +6,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from commands import proxops, settings
+from commands import proxops
 from known_policies import Counting, DeadReckoning, NotANumber, write_policy
-from short_flights import BRIEF, flown_and_taken_up, kleopatra, short_scenario
+from short_flights import BRIEF, kleopatra, short_scenario
 
 from proxops.cli.common import console
 from proxops.cli.fly import _table
-from proxops.diagrams.flight import Workers, campaign
-from proxops.diagrams.flight.campaign import run_campaign, transit_flights
 from proxops.diagrams.flight.named_controllers import bundle_of, named_controller
-from proxops.diagrams.flight.simulation import fly, make_simulator
-from proxops.diagrams.flight.transit_diagram import make_transit_diagram
+from proxops.diagrams.flight.simulation import fly
 from proxops.diagrams.logs.flight_log import FlightLog, differences
-from proxops.diagrams.scenario.scenario import load_scenario
 from proxops.diagrams.scenario.scenario_config import Scenario
-from proxops.systems import GuidancePolicy, InputError, PolicyBundle
-from proxops.systems.policy import PolicyConfig, neural_policy
+from proxops.systems import GuidancePolicy, PolicyBundle
+from proxops.systems.policy import PolicyConfig
 
 
 @pytest.fixture(scope="module")
@@ -125,46 +121,7 @@ def test_answers_that_are_not_finite_are_counted(tmp_path: Path) -> None:
 # --- once a step, and again -----------------------------------------------------------------------
 
 
-def test_one_run_of_the_network_a_step(counting: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    calls = []
-    run_network = neural_policy.run_network
-    monkeypatch.setattr(
-        neural_policy, "run_network", lambda *given: calls.append(1) or run_network(*given)
-    )
-    scenario = brief(counting, disturbance={}, log_ranges=False)
-    diagram = make_transit_diagram(scenario, named_controller("policy", scenario, kleopatra()))
-    simulator = make_simulator(diagram, scenario)
-    simulator.AdvanceTo(105.0)
-    assert len(calls) == 11
-
-
-def test_cloned_context_goes_on_alike(reckoning: Path) -> None:
-    scenario = brief(reckoning, disturbance={})
-    diagram = make_transit_diagram(scenario, named_controller("policy", scenario, kleopatra()))
-
-    def values(context) -> list[np.ndarray]:
-        policy = diagram.GetSubsystemByName("controller")
-        memory = policy.GetMyContextFromRoot(context).get_discrete_state_vector().CopyToVector()
-        assert memory[0] == 1.0
-        return [memory, context.get_continuous_state_vector().CopyToVector()]
-
-    both = map(values, flown_and_taken_up(diagram, scenario, 55.0, 125.0))
-    for one, other in zip(*both, strict=True):
-        np.testing.assert_array_equal(one, other)
-
-
 # --- the scenario and the commands ----------------------------------------------------------------
-
-
-def test_bundle_of_a_file_is_relative_to_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    (tmp_path / "mine.yaml").write_text("policy: {bundle: out/policy}\n")
-    scenario = load_scenario(tmp_path / "mine.yaml")
-    assert scenario.policy.bundle == str((tmp_path / "out/policy").resolve())
-    monkeypatch.chdir(tmp_path)
-    assert load_scenario(None, ["policy.bundle=p"]).policy.bundle == str(tmp_path.resolve() / "p")
-    with pytest.raises(InputError, match=r"policy\.bundle must name"):
-        load_scenario(None, ["policy.bundle=''"])
-    assert load_scenario().policy.bundle is None
 
 
 def test_end_to_end_names_the_pilot_that_ships(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
@@ -207,49 +164,3 @@ def test_fly_and_fly_again(run, reckoning: Path, tmp_path: Path, capsys) -> None
     one, two = (FlightLog.load(tmp_path / name / "flight.nc") for name in ("one", "two"))
     assert differences(one, two) == []
     assert json.loads((tmp_path / "two" / "summary.json").read_text()) == two.summary
-
-
-@pytest.mark.slow
-def test_another_policy_in_its_place_is_told(run, tmp_path: Path, capsys) -> None:
-    bundle = write_policy(tmp_path / "policy", DeadReckoning())
-    brief_flight = settings({"arrival.deadline_s": 100, "arrival.dwell_s": 50})
-    with_policy = (*SHORT, *brief_flight, "--set", "policy.bundle=policy", "--controller", "policy")
-    assert run("fly", *with_policy, "--out", "one") == 0
-    write_policy(bundle, DeadReckoning(derivative=1.0))
-    assert run("fly", "--from", "one/flight.nc", "--out", "two") == 1
-    assert "policy_sha256" in capsys.readouterr().err
-
-
-@pytest.mark.slow
-def test_evaluate(run, reckoning: Path, tmp_path: Path) -> None:
-    code = run(
-        "evaluate", "--controllers", "policy,pd,zero", "--transits", 2, "--workers", 1,
-        "--set", f"policy.bundle={reckoning}", "--set", "arrival.deadline_s=100",
-        "--set", "arrival.dwell_s=50", "--out", "results",
-    )  # fmt: skip
-    assert code == 0
-    results = json.loads((tmp_path / "results" / "results.json").read_text())
-    assert list(results) == ["policy", "pd", "zero"]
-    policy, pd = results["policy"], results["pd"]
-    assert (policy["policy_share"], pd["policy_share"]) == (1.0, 0.0)
-    assert policy["control_ms_median"] > 0.0
-    assert pd["control_ms_median"] is None
-    rows = [row["estimate_velocity_error_m_s_p95"] for row in policy["flights"]]
-    assert policy["estimate_velocity_error_m_s_p95"] == pytest.approx(np.mean(rows))
-    assert "estimate_velocity_error_m_s_p95" not in pd
-    assert {row["policy_sha256"] for row in pd["flights"]} == {None}
-
-
-@pytest.mark.slow
-def test_campaign_does_not_mix_policies(tmp_path: Path) -> None:
-    bundle = write_policy(tmp_path / "policy", DeadReckoning())
-    scenario = brief(bundle)
-    [flight] = transit_flights(scenario, "policy", 1, 1)
-    assert flight.provenance.files["policy"] == [PolicyBundle.load(bundle).sha256]
-    assert campaign.provenance(scenario, kleopatra(), "mpc").files == {}
-    run_campaign([flight], tmp_path / "flights", workers=Workers(1))
-    write_policy(bundle, DeadReckoning(derivative=1.0))
-    with pytest.raises(InputError, match="flights with another content of the policy's file"):
-        run_campaign(
-            transit_flights(scenario, "policy", 1, 1), tmp_path / "flights", workers=Workers(1)
-        )

@@ -93,6 +93,7 @@ def test_shapes_are_spread(bodies: list[RandomBody]) -> None:
     assert min(filled) < 0.8
 
 
+@pytest.mark.slow
 def test_gravity_exceeds_the_centrifugal_acceleration_everywhere(bodies: list[RandomBody]) -> None:
     """By the polyhedron's exact gravity; the periods were chosen by a sum over facets."""
     shares = []

@@ -2,9 +2,6 @@
 
 import numpy as np
 import pytest
-from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import DiagramBuilder
-from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput, ZeroOrderHold
 from scipy import stats
 
 from proxops.systems import RandomWalkDisturbance
@@ -136,22 +133,6 @@ def test_walk_starts_anew_after_a_pause_of_the_command():
     assert added[5:] == pytest.approx(np.cumsum(drawn[5:], axis=0), abs=1e-9)
 
 
-def test_other_periods():
-    """A reset every 6 steps of 5 s."""
-    disturbance = RandomWalkDisturbance(1e9, reset_period=30.0, period=5.0, increment_std=1e5)
-    context = disturbance.CreateDefaultContext()
-    disturbance.GetInputPort("force").FixValue(context, np.array([1.0, 0.0, 0.0]))
-    found = []
-    for step in range(60):
-        context.SetTime(5.0 * step)
-        walk = disturbance.EvalUniquePeriodicDiscreteUpdate(context).value()
-        context.SetDiscreteState(walk)
-        found.append(np.linalg.norm(walk))
-    lengths = np.array(found).reshape(10, 6)
-    assert np.ptp(lengths, axis=1).max() < 1e-12
-    assert len(np.unique(lengths[:, 0])) == 10
-
-
 def clone_replays_and_seed_counts(make, steps: int, cloned_after: int) -> None:
     """Asserts it of what `make` makes of a seed: the seed is a parameter of the Context."""
     commands = constant([2.0, 1.0, -3.0], steps)
@@ -171,21 +152,3 @@ def clone_replays_and_seed_counts(make, steps: int, cloned_after: int) -> None:
 
 def test_clone_replays_and_seed_is_a_parameter_of_the_context():
     clone_replays_and_seed_counts(lambda seed: RandomWalkDisturbance(7.0, seed=seed), 60, 37)
-
-
-def test_simulated_behind_a_hold_it_gives_the_same():
-    builder = DiagramBuilder()
-    source = builder.AddSystem(ConstantVectorSource(np.array([2.0, 1.0, -3.0])))
-    disturbance = builder.AddSystem(RandomWalkDisturbance(7.0, seed=4))
-    hold = builder.AddSystem(ZeroOrderHold(PERIOD, 3))
-    builder.Connect(source.get_output_port(), disturbance.get_input_port())
-    builder.Connect(disturbance.get_output_port(), hold.get_input_port())
-    # What is held after a step is seen just before the next.
-    held = LogVectorOutput(hold.get_output_port(), builder, publish_period=PERIOD)
-    asked = LogVectorOutput(disturbance.get_output_port(), builder, publish_period=PERIOD)
-    simulator = Simulator(builder.Build())
-    simulator.AdvanceTo(400.0)
-    expected = walks(disturbance, constant([2.0, 1.0, -3.0], 41), seed=4)
-    context = simulator.get_context()
-    assert np.array_equal(asked.FindLog(context).data().T[:40], expected[:40])
-    assert np.array_equal(held.FindLog(context).data().T[1:41], expected[:40])

@@ -69,6 +69,7 @@ def inward(states: np.ndarray) -> np.ndarray:
     return -LIMIT * np.sign(states[:, :3] / AXES**2)
 
 
+@pytest.mark.slow
 def test_no_thrust_reaches_the_ellipsoid_sooner(model: ReachModel) -> None:
     """Random bang-bang, thrust straight in, and thrust in held from the start."""
     starts, longest = random_starts(50, 3), 40

@@ -75,14 +75,11 @@ def test_every_kind_meets_every_sort_of_transit() -> None:
     ("text", "complaint"),
     [
         ("papers", "'papers' is none; name one of paper, full"),
-        ("", "name one of paper"),
         ("kick=1", "no kind 'kick'; there are nominal"),
         ("kicks", "the weight of kicks must be a whole number"),
-        ("kicks=-1", "the weight of kicks must be a whole number"),
         ("kicks=0.5", "the weight of kicks must be a whole number"),
         ("kicks=1,kicks=2", "names kicks twice"),
         ("kicks=0", "must come to between 1 and 10,000"),
-        ("kicks=10001", "must come to between 1 and 10,000"),
         ("kicks=1,,noise=1", "name one of paper"),
     ],
 )

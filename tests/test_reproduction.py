@@ -4,17 +4,15 @@ import json
 import os
 import shutil
 from collections.abc import Iterator
-from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
 import pytest
-from dask.distributed import Client, LocalCluster
+from dask.distributed import LocalCluster
 from known_policies import DeadReckoning, write_policy
 from short_flights import BRIEF, short_scenario
 
-from proxops.diagrams.flight import Provenance, Workers
-from proxops.diagrams.flight.campaign import Flight
+from proxops.diagrams.flight import Workers
 from proxops.diagrams.scenario import Scenario, dump_scenario
 from proxops.studies.evaluation.variants import Variant, fly_variants
 from proxops.studies.reproduction.flights import variants
@@ -26,14 +24,12 @@ from proxops.studies.reproduction.reproduction import (
 from proxops.studies.reproduction.training import TrainingSettings
 from proxops.systems import InputError
 from proxops.systems.policy import PolicyConfig
-from proxops.training.data.collecting import collect
 
 pytestmark = pytest.mark.slow
 
 WALL_TIMES = {"wall_s", "control_ms_median", "control_ms_p99", "control_ms_mean"}
 WALL_TIMES |= {f"{name}_s{end}" for name in ("solve", "policy", "decision")
                for end in ("", "_median")}  # fmt: skip
-MIX = {"nominal": 1, "noise": 1}
 
 
 def brief() -> Scenario:
@@ -58,15 +54,6 @@ def scheduler() -> Iterator[str]:
     cluster.close()
 
 
-def test_collect_on_a_cluster(scheduler: str, tmp_path: Path) -> None:
-    alone, _ = collect(brief(), MIX, 5, 4, tmp_path / "alone", workers=Workers(1))
-    together, _ = collect(
-        brief(), MIX, 5, 4, tmp_path / "together", workers=Workers(scheduler=scheduler)
-    )
-    assert plain(together) == plain(alone)
-    assert [flight["kind"] for flight in alone["flights"]].count("noise") == 2
-
-
 def test_evaluate_on_a_cluster(scheduler: str, tmp_path: Path) -> None:
     flown = [Variant("mpc", "mpc"), Variant("zero", "zero"), Variant("pd", "pd", {"assurance": {}})]
     alone = fly_variants(flown, brief(), 10_000, 3, tmp_path / "alone", workers=Workers(1))
@@ -74,19 +61,6 @@ def test_evaluate_on_a_cluster(scheduler: str, tmp_path: Path) -> None:
     together = fly_variants(flown, brief(), 10_000, 3, tmp_path / "together", workers=cluster)
     assert plain(together) == plain(alone)
     assert [row["transit"] for row in together["pd"]] == [0, 1, 2]
-
-
-def test_others_that_use_the_cluster_keep_their_work_apart(scheduler: str) -> None:
-    """Though their pieces have the same names; their results are still held."""
-    names = ("ab", "cd", "ef")
-    pieces = [Flight(name, brief(), name.upper(), Provenance("", "")) for name in names]
-    with Client(scheduler, set_as_default=False) as other:
-        held = [
-            other.submit(attrgetter("provenance.body"), piece, key=piece.name) for piece in pieces
-        ]
-        assert [future.result() for future in held] == ["", "", ""]
-        done = dict(Workers(scheduler=scheduler).results(pieces, attrgetter("controller")))
-    assert done == {"ab": "AB", "cd": "CD", "ef": "EF"}
 
 
 @pytest.fixture(scope="module")

@@ -3,7 +3,6 @@
 import dataclasses
 import functools
 import re
-from pathlib import Path
 from types import ModuleType
 
 import numpy as np
@@ -16,17 +15,12 @@ from proxops.diagrams.flight.campaign import Flight
 from proxops.diagrams.scenario.scenario import load_scenario
 from proxops.diagrams.scenario.scenario_config import Scenario
 from proxops.diagrams.scenario.transits import (
-    draw_transit,
-    hover_force,
     of_transit,
-    scenario_transit,
 )
 from proxops.diagrams.scenario.world import draw_world
 from proxops.studies.evaluation.variants import Variant, variant_flights
 from proxops.systems.navigation import LidarNavigationConfig
-from proxops.systems.shapes.ellipsoid import clearances
 
-AXES = np.array([140e3, 70e3, 65e3])
 COUNT = 30
 PLAIN = {"log_ranges": False, "transit.seed": 10001}
 
@@ -167,94 +161,3 @@ def test_the_navigation_is_told_the_dispersions_and_nothing_of_the_world(
         [flight] = variant_flights(variant, plain, 10001, [3])
         asked = dataclasses.replace(of_flight, dispersions=name)
         assert flight.scenario.navigation == draw_world(asked, body).navigation
-
-
-def test_the_side_is_that_of_the_draw(robustness: ModuleType) -> None:
-    """Far out on the side where a draw of the same flight is."""
-    sides = [each.truth.gravity > 1.0 for each in flown(robustness, "truth.gravity x 1", 8)]
-    drawn = [each.truth.gravity > 1.0 for each in flown(robustness, "all of after_survey", 8)]
-    assert sides == drawn
-
-
-def test_flights_keep_their_transits(robustness: ModuleType) -> None:
-    """Another mass would permit other transits."""
-    body = kleopatra()
-    for scenario in flown(robustness, "spacecraft.mass_kg x 3", 5):
-        plain = draw_transit(10001, scenario.transit.index, load_scenario(), body)
-        found = scenario_transit(scenario, body)
-        np.testing.assert_array_equal([found.start, found.goal], [plain.start, plain.goal])
-
-
-def test_values_beyond_the_limits_are_said(robustness: ModuleType, tmp_path: Path) -> None:
-    own = tmp_path / "own.yaml"
-    own.write_text(
-        "truth.lidar.dropout: {uniform: [0.0, 0.4]}\n"
-        "truth.density_contrast: {normal: 0.0, three_sigma: 0.4}\n"
-        "truth.thrusters.failed_axis: {choice: [none, x]}\n"
-        "truth.thrusters.failure_time_s: {uniform: [0.0, 100.0]}\n"
-    )
-    names = [each.name for each in every_line(robustness, str(own))][1:-6]
-    assert names == [
-        "truth.lidar.dropout x 1", "truth.lidar.dropout x 2",
-        "truth.lidar.dropout x 3 (at its limit)",
-        "truth.density_contrast x 1", "truth.density_contrast x 2",
-        "truth.density_contrast x 3 (at its limit)",
-        "truth.thrusters.failed_axis x 1",
-    ]  # fmt: skip
-    lossy, uneven = (flown(robustness, name, 4, str(own)) for name in (names[2], names[5]))
-    assert [each.truth.lidar.dropout for each in lossy] == [1.0] * 4
-    contrasts = np.array([each.truth.density_contrast for each in uneven])
-    assert (np.abs(contrasts) < 1.0).all()
-    np.testing.assert_allclose(np.abs(contrasts), 1.0)
-    [failed] = flown(robustness, names[6], 1, str(own))
-    assert failed.truth.thrusters.failed_axis == "x"
-    assert 0.0 < failed.truth.thrusters.failure_time_s < 100.0
-
-
-@pytest.mark.slow
-def test_starts(robustness: ModuleType) -> None:
-    body = kleopatra()
-    starts, goals = {}, {}
-    for variant in robustness.STARTS:
-        scenarios = flown(robustness, variant)
-        assert flown(robustness, variant, 5) == scenarios[:5]
-        transits = [scenario_transit(scenario, body) for scenario in scenarios]
-        starts[variant] = np.array([transit.start for transit in transits])
-        goals[variant] = np.array([transit.goal for transit in transits])
-        velocities = np.array([transit.start_velocity for transit in transits])
-        speed = 20.0 if variant == robustness.MOVING else 0.0
-        np.testing.assert_allclose(np.linalg.norm(velocities, axis=1), speed)
-        assert (
-            hover_force(starts[variant], scenarios[0].spacecraft.mass_kg, body) <= 0.7 * 7.0
-        ).all()
-
-    plain = [draw_transit(10001, k, load_scenario(), body) for k in range(COUNT)]
-    for found in goals.values():
-        np.testing.assert_array_equal(found, [transit.goal for transit in plain])
-    np.testing.assert_array_equal(starts[robustness.MOVING], [transit.start for transit in plain])
-
-    outside = starts[robustness.OUTSIDE]
-    assert ((outside != 0.0).sum(axis=1) == 1).all()
-    reach = np.linalg.norm(outside, axis=1)
-    assert 190e3 <= reach.min() < 195e3
-    assert 215e3 < reach.max() <= 220e3
-    # No so far from the goal that nobody could arrive in time, at 40 m/s per axis.
-    assert np.abs(outside - goals[robustness.OUTSIDE]).max() < 0.7 * 40.0 * 7200.0
-
-    apart = np.linalg.norm(starts[robustness.INSIDE_MARGIN] - goals[robustness.OUTSIDE], axis=1)
-    assert 40e3 <= apart.min() < apart.max() < 200e3
-    clearance = clearances(AXES, starts[robustness.INSIDE_MARGIN])
-    assert 300.0 <= clearance.min() < 800.0
-    assert 2.5e3 < clearance.max() <= 3e3
-
-
-def test_moving_starts_can_stop(robustness: ModuleType) -> None:
-    """At half of the thrust, straight against the motion; and they do move in all directions."""
-    ways = []
-    for scenario in flown(robustness, robustness.MOVING):
-        transit = scenario_transit(scenario, kleopatra())
-        way = transit.start_velocity / 20.0
-        path = transit.start + np.linspace(0.0, 20.0**2 / (2.0 * 0.035), 200)[:, None] * way
-        assert clearances(AXES, path).min() > -50.0
-        ways.append(way)
-    assert (np.abs(np.mean(ways, axis=0)) < 0.5).all()

@@ -281,21 +281,12 @@ def test_more_overrides() -> None:
     ("content", "complaint"),
     [
         ("", "is empty"),
-        (" \n\n", "is empty"),
         ("# only a comment\n", "is empty"),
-        ("---\n", "is empty"),
-        ("null", "is empty"),
         ("- a\n- b\n", "holds a list"),
-        ("three", "holds a str"),
-        ("3", "holds a int"),
         ("a: [1", "is not YAML.*line 1"),
-        ("\tx: 3", "is not YAML"),
-        ("x: *nothing", "is not YAML"),
         ("7: 3", "the key 7 is no text"),
-        ("transit: {7: 3}", "the key 7 is no text"),
         ("x: !!python/object/apply:os.getcwd []", "is not YAML"),
         (bytes(range(256)), "is not a text file"),
-        ("a: 1".encode("utf-16-le"), "is not a text file"),
         (b"\x01\x02\xff", "is not YAML"),
     ],
 )
@@ -321,17 +312,10 @@ def test_directory_and_missing_file(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("key", "nearest"),
     [
-        ("bodie", "body"),
         ("control_period", "control_period_s"),
-        ("lidr", "lidar"),
         ("Mpc", "mpc"),
         ("spacecraft.mass", "mass_kg"),
-        ("spacecraft.thrust_limit", "thrust_limit_n"),
-        ("lidar.noise_std_km", "noise_std_m"),
-        ("mpc.interval", "intervals"),
         ("disturbance.reset_period", "reset_period_s"),
-        ("transit.start", "start_m"),
-        ("arrival.radius", "radius_m"),
         ("spacecraft.", "mass_kg|thrust_limit_n|speed_limit_m_s"),
     ],
 )
@@ -349,24 +333,15 @@ def test_unknown_key_gives_the_nearest(tmp_path: Path, key: str, nearest: str) -
     ("override", "complaint"),
     [
         ("spacecraft.mass_kg=heavy", "spacecraft.mass_kg needs a number, got 'heavy'"),
-        ("spacecraft.mass_kg=", "spacecraft.mass_kg needs a number, got None"),
-        ("spacecraft.mass_kg=[1]", "spacecraft.mass_kg needs a number"),
         ("spacecraft.mass_kg=true", "spacecraft.mass_kg needs a number, got True"),
         ("spacecraft.mass_kg.x=3", "spacecraft.mass_kg needs a number"),
         ("spacecraft=3", "spacecraft needs `key: value` lines, got 3"),
-        ("spacecraft=null", "spacecraft needs `key: value` lines, got None"),
-        ("disturbance=3", "disturbance needs `key: value` lines, got 3"),
         ("disturbance=!Earthquake {}", "disturbance cannot be !Earthquake"),
-        ("spacecraft=!Boat {}", "spacecraft cannot be !Boat"),
         ("mpc.intervals=3.5", "mpc.intervals needs a whole number, got 3.5"),
-        ("mpc.intervals=1e1", "mpc.intervals needs a whole number, got 10.0"),
-        ("noise_seed=true", "noise_seed needs a whole number"),
         ("control_period_s=2026-01-01", "control_period_s needs a number"),
         ("body=3", "body needs a text, got 3"),
-        ("body=[a]", "body needs a text"),
         ("transit.start_m=4", "transit.start_m needs a list, each a number or null, got 4"),
         ("transit.start_m=[1, 2, x]", "transit.start_m needs a list, each a number"),
-        ("transit.start_m=[[1, 2, 3]]", "transit.start_m needs a list, each a number"),
     ],
 )
 def test_wrong_type(override: str, complaint: str) -> None:
@@ -374,30 +349,10 @@ def test_wrong_type(override: str, complaint: str) -> None:
         load_scenario(None, [override])
 
 
-NOT_NEGATIVE = [
-    "lidar.noise_std_m",
-    "truth.surface_rms_m",
-    "truth.lidar.noise",
-    "mpc.keep_out_margin_m",
-    "mpc.fuel_weight",
-    "disturbance.max_relative_magnitude",
-    "disturbance.increment_std_n",
-    "transit.end_clearance_m",
-]
-
-
-@pytest.mark.parametrize("key", NOT_NEGATIVE)
-def test_zero_where_it_makes_sense(key: str) -> None:
-    scenario = load_scenario(None, [f"{key}=0"])
-    assert operator.attrgetter(key)(scenario) == 0
-
-
 @pytest.mark.parametrize(
     ("overrides", "complaint"),
     [
         (["noise_seed=-1"], "noise_seed must not be negative"),
-        (["transit.seed=-1"], "transit.seed must not be negative"),
-        (["transit.index=-1"], "transit.index must not be negative"),
         (["mpc.intervals=1"], "mpc.intervals must be at least 2"),
         (["mpc.cold_iterations=0"], "mpc.cold_iterations must be positive"),
         (["transit.min_distance_m=2e5"], "transit.min_distance_m must be below"),
@@ -419,12 +374,6 @@ def test_values_that_do_not_fit_each_other(overrides: list[str], complaint: str)
 def test_override_without_key_or_value(override: str) -> None:
     with pytest.raises(InputError, match=r"not of the form key\.subkey=value"):
         load_scenario(None, [override])
-
-
-@pytest.mark.parametrize("value", ["[", "*a", "5: 3", "!Tag 3"])
-def test_override_that_is_not_yaml(value: str) -> None:
-    with pytest.raises(InputError, match="the value is not YAML"):
-        load_scenario(None, ["noise_seed=" + value])
 
 
 # --- bodies ---------------------------------------------------------------------------------------
@@ -471,7 +420,7 @@ def test_own_body(rock) -> None:
     assert body.spin_rate == pytest.approx(2 * np.pi / 14400)
 
 
-@pytest.mark.parametrize("name", ["itokawa", "", ".", "..", "kleopatra/kleopatra", "/", "a\nb"])
+@pytest.mark.parametrize("name", ["itokawa", "", "..", "a\nb"])
 def test_unknown_body(name: str) -> None:
     with pytest.raises(InputError, match=r"does not ship with proxops \(kleopatra does\)"):
         load_body(name)
@@ -481,26 +430,18 @@ def test_unknown_body(name: str) -> None:
     ("changes", "complaint"),
     [
         ({"mas_kg": 3.0}, "no key 'mas_kg' in BodyConfig; the nearest is 'mass_kg'"),
-        ({"mass_kg": "heavy"}, "mass_kg needs a number, got 'heavy'"),
         ({"mass_kg": -1e9}, "mass_kg must be positive"),
-        ({"mass_kg": 0}, "mass_kg must be positive"),
-        ({"mass_kg": ".nan"}, "mass_kg must be positive"),
         ({"mass_kg": 1e15}, "which no body has"),
-        ({"rotation_period_h": 0}, "rotation_period_h must be positive"),
         ({"rotation_period_h": "5:23"}, "rotation_period_h needs a number, got '5:23'"),
         ({"rotation_period_h": -5.2}, "turn the mesh half a turn: .* --fix NEW --flip"),
-        ({"rotation_period_h": ".inf"}, "rotation_period_h must be positive"),
         ({"name": '"Kleopatra\\nMETA_STOP"'}, "characters that can be printed"),
-        ({"name": '"\\e[2J"'}, "characters that can be printed"),
         ({"keep_out_semi_axes_m": [160, 160]}, "must be three positive lengths"),
-        ({"keep_out_semi_axes_m": [160, 160, -160]}, "must be three positive lengths"),
         ({"keep_out_semi_axes_m": [160, 160, 0]}, "must be three positive lengths"),
         ({"keep_out_semi_axes_m": 160}, "keep_out_semi_axes_m needs a list, each a number"),
         ({"keep_out_semi_axes_m": [160, 160, 20]}, "sticks out of the keep-out ellipsoid"),
         ({"mesh_unit": "km"}, "is the mesh in the unit that was said"),
         ({"mesh_unit": "feet"}, "unit 'feet' is not known"),
         ({"mesh": "absent.obj"}, "absent.obj does not exist"),
-        ({"mesh": "."}, "does not exist or is not a file"),
         ({"mesh": "rock.yaml"}, "could not be read as a mesh"),
     ],
 )
@@ -523,7 +464,6 @@ def test_hint_of_the_ellipsoid_suffices(rock) -> None:
     [
         ("nope", "there is no key 'nope' in a scenario; the nearest is"),
         ("truth.gravty", "there is no key 'truth.gravty' in a scenario; the nearest is truth.grav"),
-        ("truth", "there is no key 'truth' in a scenario"),
         ("mpc.intervals", "mpc.intervals cannot be dispersed"),
     ],
 )

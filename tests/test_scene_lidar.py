@@ -182,16 +182,3 @@ GROUND = {"Ground": Surface(np.eye(3), [[0, 1, 2]])}
 def test_bad_values(options: dict, message: str) -> None:
     with pytest.raises(InputError, match=message):
         SceneLidar(**({"scene": GROUND, "directions": RAYS, "max_range": 1.0} | options))
-
-
-@pytest.mark.parametrize(
-    ("vertices", "facets", "message"),
-    [
-        (np.eye(3), [[0, 1, 3]], "0 … 2"),
-        (np.eye(3), np.zeros((0, 3)), "facets must have shape"),
-        (np.full((3, 3), np.nan), [[0, 1, 2]], "not finite"),
-    ],
-)
-def test_bad_surfaces(vertices: np.ndarray, facets: np.ndarray, message: str) -> None:
-    with pytest.raises(InputError, match=message):
-        Surface(vertices, facets)

@@ -91,10 +91,7 @@ def test_plate_models(tmp_path: Path, form: str, unit: str) -> None:
         ("", "could not be read as a mesh: it is empty"),
         ("# a remark\n\n", "could not be read as a mesh: it holds no rows of numbers"),
         ("8\n" + _rows(VERTICES), "after 8 vertices there is no count of plates"),
-        ("8\n" + _rows(VERTICES) + "0\n", "holds no triangles"),
-        ("v 0 0 0\nv 1 0 0\n", "holds no triangles"),
         ("8 12\n" + _rows(VERTICES) + _rows(FACETS[:-1] + 1), "counts 8 vertices and 12 plates"),
-        ("9 12\n" + _rows(VERTICES) + _rows(FACETS + 1), "counts 9 vertices and 12 plates"),
         ("8 12\n" + _rows(VERTICES) + _rows(FACETS + 1) + "1 2 3\n", "12 plates, but 8 and 13"),
         ("8 12\n" + _rows(VERTICES, 1)[:-30] + _rows(FACETS + 1, 1), "could not be read"),
         (_rows(VERTICES), "holds no triangles"),
@@ -106,7 +103,6 @@ def test_plate_models(tmp_path: Path, form: str, unit: str) -> None:
             "8 12\n" + _rows(VERTICES, 1).replace("\n4 ", "\n7 ") + _rows(FACETS + 1),
             "do not run on",
         ),
-        ("names and words\nof no meaning\n", "could not be read"),
         (
             "8 12\n" + _rows(VERTICES) + _rows(FACETS + 1, form="{}.5"),
             "line 10: '1.5' is no whole number",
@@ -245,7 +241,7 @@ def _l_faces(start: int) -> list[list[int]]:
     ]
 
 
-@pytest.mark.parametrize("start", range(6))
+@pytest.mark.parametrize("start", [0, 3])
 @pytest.mark.parametrize("suffix", [".obj", ".ply", ".wrl"])
 def test_polygons_that_are_not_convex(tmp_path: Path, suffix: str, start: int) -> None:
     faces, rows = _l_faces(start), [" ".join(map(str, row)) for row in L_VERTICES.tolist()]
@@ -370,7 +366,7 @@ def _cube_sphere(q: int, turned: bool) -> tuple[np.ndarray, str]:
     return points, f"{q:12d}\n{rows}"
 
 
-@pytest.mark.parametrize("name", ["body.tab", "body.txt", "SHAPE.ICQ", "body.txt.gz"])
+@pytest.mark.parametrize("name", ["SHAPE.ICQ", "body.txt.gz"])
 @pytest.mark.parametrize("turned", [False, True])
 def test_icq_models(tmp_path: Path, name: str, turned: bool) -> None:
     path, (_, text) = tmp_path / name, _cube_sphere(12, turned)
@@ -455,10 +451,3 @@ def test_what_it_is_instead(tmp_path: Path, suffix: str, content: bytes, what: s
     path.write_bytes(content)
     with pytest.raises(InputError, match=what):
         read_mesh(path)
-
-
-@pytest.mark.parametrize(("unit", "metres"), [("mm", 1e-3), ("cm", 1e-2), ("m", 1.0), ("km", 1e3)])
-def test_units(tmp_path: Path, unit: str, metres: float) -> None:
-    path = tmp_path / "body.obj"
-    path.write_text(_obj())
-    np.testing.assert_array_equal(read_mesh(path, unit).vertices, POINTS * metres)

@@ -106,14 +106,6 @@ def test_thrust_alone_moves_it_by_half_a_t_squared():
     assert state_of(simulator, craft)[:3] == pytest.approx(expected, rel=1e-12)
 
 
-def test_outputs_alone_need_no_simulator():
-    craft = Spacecraft(100.0, SPIN, np.arange(6.0))
-    context = craft.CreateDefaultContext()
-    assert craft.GetOutputPort("position").Eval(context).tolist() == [0.0, 1.0, 2.0]
-    assert craft.GetOutputPort("velocity").Eval(context).tolist() == [3.0, 4.0, 5.0]
-    assert not craft.HasAnyDirectFeedthrough()
-
-
 def plant_with_gravity(body):
     builder = DiagramBuilder()
     craft = builder.AddSystem(Spacecraft(100.0, body.spin_rate))

@@ -5,8 +5,6 @@ import pytest
 import torch
 from torch import Tensor
 
-from proxops.systems.common.bundles import open_session
-from proxops.training.export.onnx_export import onnx_bytes
 from proxops.training.pilot.state_filter import MEMORY, Motion, StateFilter
 
 PERIOD = 10.0
@@ -113,31 +111,3 @@ def test_covariance_stays_one_over_a_long_flight(steps: int):
     correlations = matrices / scales[:, :, None] / scales[:, None]
     assert float(torch.linalg.eigvalsh(correlations).min()) > 0.0
     assert float(memory[:, 3:6].norm()) < 3.0
-
-
-class Prediction(torch.nn.Module):
-    """The filter's prediction alone, as a network."""
-
-    def __init__(self, given: StateFilter):
-        super().__init__()
-        self.given = given
-
-    def forward(self, memory: Tensor, force: Tensor) -> Tensor:
-        return self.given.predict(memory, force)
-
-
-@pytest.mark.slow
-def test_onnx_runtime_rounds_predicted_positions_alike():
-    """A centimetre of rounding at 150 km would be a velocity at the filter's first steps."""
-    torch.manual_seed(0)
-    network = Prediction(StateFilter(Motion(100e3, 20.0, 0.01, 10.0, width=8))).eval()
-    torch.nn.init.normal_(network.given.motion.per_newton)
-    scales = torch.tensor([1e5] * 3 + [20.0] * 3 + [1e-3] * 3 + [1.0] * 6 + [1e-2] * 3 + [1.0])
-    memory = torch.randn(2000, MEMORY) * scales
-    force = torch.randn(2000, 3)
-    session = open_session(onnx_bytes(network, (memory, force), ("memory", "force"), ("next",)))
-    (found,) = session.run(None, {"memory": memory.numpy(), "force": force.numpy()})
-    with torch.no_grad():
-        wanted = network(memory, force).numpy()
-    same = np.asarray(found)[:, :3] == wanted[:, :3]
-    assert same.mean() > 0.999

@@ -152,15 +152,6 @@ def test_a_limit_of_steps_cuts_as_that_of_one_does() -> None:
         TransitBatch(2, changes=EXACT, max_episode_steps=0)
 
 
-def test_same_seed_same_transits() -> None:
-    many = batch(4, changes=EXACT | SHORT)
-    found = [many.reset(seed=seed) for seed in (1, 1, 2)]
-    assert many.observation_space.contains(found[0][0])
-    np.testing.assert_array_equal(found[0][0]["goal"], found[1][0]["goal"])
-    assert (found[0][0]["goal"] != found[2][0]["goal"]).all()
-    assert len(set(found[0][1]["transit"])) == 4
-
-
 def test_wrong_options_and_actions_are_refused() -> None:
     many = batch()
     with pytest.raises(InputError, match=r"of shape \(2,\); got \[1, 2, 3\]"):
@@ -170,11 +161,6 @@ def test_wrong_options_and_actions_are_refused() -> None:
         many.step(np.zeros(3))
     with pytest.raises(InputError, match="no dispersions; use vectorization_mode"):
         TransitBatch(2, dispersions="after_survey")
-
-
-def test_before_a_reset() -> None:
-    with pytest.raises(gymnasium.error.ResetNeeded):
-        batch().step(np.zeros((2, 3)))
 
 
 @pytest.mark.parametrize(
@@ -221,9 +207,3 @@ def test_where_nothing_happens_the_outcome_stays(start: np.ndarray, near: float,
         np.testing.assert_array_equal(
             watch.after(before, FlownPath(path, goals, 0.0, 10.0)), before
         )
-
-
-def test_far_away_nothing_happens() -> None:
-    far = np.array([[3e5, 0.0, 0.0, -20.0, 5.0, 0.0]])
-    ends = far + np.array([-200.0, 50.0, 0.0, 0.0, 0.0, 0.0])
-    assert events()[0].nothing_happens(far, ends, np.zeros((1, 6)), 10.0).all()

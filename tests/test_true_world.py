@@ -10,7 +10,6 @@ import pytest
 from pydrake.systems.framework import LeafSystem
 from short_flights import BRIEF, PdController, Scripted, kleopatra, short_scenario
 
-from proxops.diagrams.flight.campaign import run_campaign, transit_flights
 from proxops.diagrams.flight.named_controllers import named_controller
 from proxops.diagrams.flight.simulation import fly
 from proxops.diagrams.flight.transit_diagram import make_transit_diagram
@@ -20,7 +19,7 @@ from proxops.diagrams.scenario.scenario import load_scenario
 from proxops.diagrams.scenario.scenario_config import Scenario, TruthConfig
 from proxops.diagrams.scenario.transits import UnflyableWorldError
 from proxops.diagrams.scenario.true_body import TrueBody, make_true_body
-from proxops.diagrams.scenario.world import believed, draw_world
+from proxops.diagrams.scenario.world import believed
 from proxops.systems.common.errors import InputError
 
 EVERYTHING = {
@@ -302,27 +301,3 @@ def test_worlds_that_cannot_be_flown() -> None:
         fly(short_scenario(truth__mass=100.0), "zero", body=kleopatra())
     with pytest.raises(UnflyableWorldError, match="the start is inside the true body"):
         fly(short_scenario(truth__size=3.0), "zero", body=kleopatra())
-
-
-@pytest.mark.slow
-def test_campaigns_count_them_apart_and_resume(tmp_path: Path) -> None:
-    worlds = tmp_path / "worlds.yaml"
-    worlds.write_text("truth.mass: {choice: [1.0, 900.0]}\n")
-    scenario = load_scenario(
-        None, {"dispersions": str(worlds), "arrival.deadline_s": 20.0, "arrival.dwell_s": 10.0}
-    )
-    flights = transit_flights(scenario, "zero", 7, 6)
-    rows = run_campaign(flights, tmp_path / "flights", keep_logs=True)
-    masses = [row["dispersed"]["truth.mass"] for row in rows]
-    assert {*masses} == {1.0, 900.0}
-    for row, factor in zip(rows, masses, strict=True):
-        assert ("unflyable" in row) == (factor == 900.0)
-        assert row["controller"] == "zero"
-    before = {path: path.stat().st_mtime_ns for path in (tmp_path / "flights").glob("*.json")}
-    assert run_campaign(flights, tmp_path / "flights", keep_logs=True) == rows
-    assert before == {path: path.stat().st_mtime_ns for path in before}
-
-
-def test_a_drawn_world_is_not_drawn_again() -> None:
-    scenario = draw_world(load_scenario(None, {"dispersions": "after_survey"}), kleopatra())
-    assert draw_world(scenario, kleopatra()) == scenario

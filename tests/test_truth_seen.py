@@ -13,17 +13,15 @@ from matplotlib.patches import StepPatch
 from pydrake.geometry import Meshcat
 from scipy.spatial.transform import Rotation
 from short_flights import BRIEF, kleopatra, short_scenario
-from synthetic_log import synthetic_log
 from test_replay import points_told
 
 from proxops.diagrams.flight.simulation import fly
-from proxops.diagrams.flight.transit_diagram import make_transit_diagram
 from proxops.diagrams.logs.flight_log import FlightLog
 from proxops.diagrams.meshcat.meshcat_scene import quiet_meshcat
 from proxops.diagrams.meshcat.replay import add_flight, write_replay
 from proxops.diagrams.plots import draw_body, plot_truth
 from proxops.diagrams.plots.outlines import outline
-from proxops.diagrams.scenario import TruthConfig, differing_values, make_true_body, spin_axes
+from proxops.diagrams.scenario import differing_values, make_true_body, spin_axes
 from proxops.systems.common.errors import InputError
 from proxops.systems.shapes.polyhedron import Polyhedron
 
@@ -36,7 +34,6 @@ TRUTH = {
     "truth__thrusters__scale": [0.9, 1.0, 1.1],
     "truth__specific_impulse_s": 220.0,
 }
-SHOWN = ["/map", "/spin_axis/true", "/spin_axis/believed"]
 
 
 @pytest.fixture(scope="module")
@@ -89,19 +86,6 @@ def test_both_axes_are_lines(log: FlightLog, meshcat: Meshcat) -> None:
         assert abs(line[:, 2]).min() > abs(kleopatra().shape.vertices[:, 2]).max()
 
 
-@pytest.mark.parametrize(
-    ("truth", "shown"),
-    [
-        ({"truth__gravity": 1.1, "truth__mass": 1.1, "truth__spin": 1.01}, []),
-        ({"truth__surface_rms_m": 200.0}, SHOWN),  # The centre of mass has moved.
-        ({"truth__pole_deg": [1.0, 0.0]}, SHOWN[1:]),
-    ],
-)
-def test_live_view_shows_what_differs(truth: dict, shown: list, meshcat: Meshcat) -> None:
-    make_transit_diagram(short_scenario(**truth), None, meshcat, kleopatra())
-    assert [name for name in SHOWN if meshcat.HasPath(name)] == shown
-
-
 # --- on the page ----------------------------------------------------------------------------------
 
 
@@ -147,11 +131,6 @@ def test_a_world_as_believed_differs_in_nothing() -> None:
     assert [*differing_values(rough)] == ["truth.surface_rms_m", "truth.surface_correlation_m"]
     true_body = make_true_body(kleopatra(), scenario.truth)
     assert spin_axes(kleopatra(), true_body) is None
-
-
-def test_a_body_that_does_not_spin_has_no_axis() -> None:
-    still = make_true_body(kleopatra(), TruthConfig(spin=0.0, density_contrast=0.1))
-    assert spin_axes(kleopatra(), still) is None
 
 
 # --- on paper -------------------------------------------------------------------------------------
@@ -222,8 +201,3 @@ def test_true_attitude_mass_and_thrust(log: FlightLog) -> None:
         steps = thrust.patches[axis]
         assert isinstance(steps, StepPatch)
         np.testing.assert_allclose(steps.get_data()[0], share * force[:, axis], atol=1e-12)
-
-
-def test_there_is_no_truth_to_plot_where_all_is_as_believed() -> None:
-    with pytest.raises(InputError, match="as believed"):
-        plot_truth(synthetic_log(3, ranges=False))
