@@ -64,6 +64,10 @@ def navigation(**given: Any) -> LidarNavigation:
     return LidarNavigation(body.shape, body.gravity_field, **given)
 
 
+def expecting(**errors: float) -> LidarNavigation:
+    return navigation(expected=ExpectedErrors(**errors))
+
+
 def spacecraft(**given: Any) -> Spacecraft:
     return Spacecraft(**{"mass": 100.0, "spin": 3e-4, **given})
 
@@ -74,9 +78,9 @@ REFUSED: list[tuple[Callable[..., Any], str, tuple[Any, ...]]] = [
     (AgreementGate, "dead_band", (INF,)),
     (CheckSchedule, "check_period", (0,)),
     (CheckSchedule, "longest", (0,)),
-    (ExpectedErrors, "gravity", (-0.1,)),
-    (ExpectedErrors, "surface_correlation", (0.0,)),
-    (ExpectedErrors, "attitude", (0.21, NAN)),
+    (expecting, "gravity", (-0.1,)),
+    (expecting, "surface_correlation_m", (0.0,)),
+    (expecting, "attitude_deg", (12.0, NAN)),
     (LidarErrors, "noise_std", (-1.0, NAN, 1e22)),
     (LidarErrors, "bias", (NAN, -1e22)),
     (LidarErrors, "scale_error", (-1.0, 1e22)),
