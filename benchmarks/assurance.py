@@ -87,7 +87,7 @@ def setting(scenario_file: str | None, bounds_name: str) -> tuple[Scenario, Body
     length = float(body.keep_out_semi_axes.max()) / _LONGEST
     push = craft.thrust_limit_n / craft.mass_kg / _ACCELERATION
     bounds = replace(
-        bounds, position=length * position, velocity=math.sqrt(length * push) * velocity
+        bounds, position_m=length * position, velocity_m_s=math.sqrt(length * push) * velocity
     )
     try:
         backup = bounded_backup(scenario, body, bounds)
