@@ -29,7 +29,7 @@ sink = LogVectorOutput(craft.GetOutputPort("state"), builder, publish_period=60.
 simulator = Simulator(builder.Build())
 integrator = simulator.get_mutable_integrator()
 integrator.set_maximum_step_size(60.0)  # s; by default 0.1
-integrator.set_target_accuracy(1e-6)
+integrator.set_target_accuracy(1e-3)
 simulator.AdvanceTo(24 * 3600.0)
 
 log = sink.FindLog(simulator.get_context())

@@ -1,4 +1,4 @@
-"""A Monte Carlo campaign: sixteen flights on all cores, each in a world of its own.
+"""A Monte Carlo campaign: eight flights on all cores, each in a world of its own.
 
     python examples/7_monte_carlo.py
 
@@ -14,7 +14,7 @@ from proxops.diagrams.flight import run_campaign, transit_flights
 from proxops.diagrams.scenario import load_scenario
 from proxops.studies.evaluation import exact_interval
 
-COUNT = 16
+COUNT = 8
 
 
 def main() -> None:

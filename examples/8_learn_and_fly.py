@@ -43,13 +43,13 @@ class Network(LeafSystem):
 
 torch.manual_seed(0)
 torch.set_num_threads(1)
-flights = [flown(transit) for transit in range(8)]
+flights = [flown(transit) for transit in range(6)]
 inputs = torch.tensor(np.vstack([rows for rows, _ in flights])).float()
 forces = torch.tensor(np.vstack([rows for _, rows in flights])).float()
 layers = [torch.nn.Linear(9, 48), torch.nn.SiLU(), torch.nn.Linear(48, 48), torch.nn.SiLU()]
 network = torch.nn.Sequential(*layers, torch.nn.Linear(48, 3))
 optimiser = torch.optim.Adam(network.parameters(), lr=5e-3, weight_decay=1e-5)
-for epoch in range(401):
+for epoch in range(301):
     loss = torch.nn.functional.mse_loss(network(inputs), forces)
     optimiser.zero_grad()
     loss.backward()
