@@ -12,11 +12,11 @@ import tempfile
 from pathlib import Path
 
 from proxops.diagrams.logs import FlightLog
-from proxops.diagrams.meshcat.replay import write_replay
+from proxops.diagrams.meshcat.replay import replay_page
 from proxops.systems.common import InputError, write_whole
 
-SUFFIXES = (".webp", ".gif")
-"""Endings of the files that can be written."""
+# Endings of the files that can be written.
+_SUFFIXES = (".webp", ".gif")
 _BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 _FLAGS = (
     "--headless=new",
@@ -108,8 +108,8 @@ def write_movie(
         this machine, or it shows no flight.
     """
     path = Path(path)
-    if path.suffix not in SUFFIXES:
-        raise InputError(f"{path}: a film is a {' or '.join(SUFFIXES)} file")
+    if path.suffix not in _SUFFIXES:
+        raise InputError(f"{path}: a film is a {' or '.join(_SUFFIXES)} file")
     browser = next(filter(None, map(shutil.which, _BROWSERS)), None)
     if browser is None:
         raise InputError(
@@ -125,10 +125,8 @@ def write_movie(
     }
     with tempfile.TemporaryDirectory() as folder:
         page = Path(folder) / "film.html"
-        write_replay(log, page)
         script = _SCRIPT.replace("FILM", json.dumps(film)).replace("NUMBERS", json.dumps(_NUMBERS))
-        head, end, tail = page.read_text(encoding="utf-8").rpartition("</body>")
-        page.write_text(head + script + end + tail, encoding="utf-8")
+        page.write_text(replay_page(log, script), encoding="utf-8")
         size = f"--window-size={width * _FINER},{film['height'] * _FINER}"
         drawn = subprocess.run(
             [browser, *_FLAGS, size, f"--user-data-dir={folder}/profile", page.as_uri()],

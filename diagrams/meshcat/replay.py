@@ -56,12 +56,18 @@ def write_replay(log: FlightLog, path: str | Path) -> None:
     Raises:
       InputError: the folder does not exist or cannot be written.
     """
+    page = replay_page(log)
+    write_whole(Path(path), lambda name: name.write_text(page, encoding="utf-8"))
+
+
+def replay_page(log: FlightLog, addition: str = "") -> str:
+    """Gives the page of `write_replay`, with more HTML after its panel."""
     meshcat = quiet_meshcat()
     add_flight(meshcat, log)
     title = f"{log.body.config.name}, {log.dataset.attrs['controller']}"
     views = viewpoints(log.body, _shown(log))
-    page = page_with(meshcat, title, panel(log, title, views, Scene(meshcat, log.body).unit))
-    write_whole(Path(path), lambda name: name.write_text(page, encoding="utf-8"))
+    below = panel(log, title, views, Scene(meshcat, log.body).unit)
+    return page_with(meshcat, title, below + addition)
 
 
 def add_flight(meshcat: Meshcat, log: FlightLog) -> None:

@@ -23,7 +23,7 @@ from proxops.diagrams.scenario.quantities import QUANTITIES, QUANTITY
 from proxops.diagrams.scenario.scenario_config import Scenario, TruthConfig
 from proxops.diagrams.scenario.typed_yaml import is_number, is_yaml_path, load_typed, read_mapping
 from proxops.systems.assurance import AssuranceBounds, AssuranceConfig
-from proxops.systems.common import InputError, check_limits, in_words, spread_directions
+from proxops.systems.common import InputError, check_limits, spread_directions, values_in_words
 from proxops.systems.gravity import GravityField
 from proxops.systems.navigation import LidarNavigationConfig
 from proxops.systems.shapes import Polyhedron, displaced
@@ -84,7 +84,7 @@ def described_bounds(scenario: Scenario) -> str:
         return ""
     if not isinstance(assurance.bounds, AssuranceBounds):
         return assurance.bounds or "what the scenario declares"
-    found = [in_words(assurance.bounds)]
+    found = [values_in_words(assurance.bounds)]
     if isinstance(scenario.navigation, LidarNavigationConfig) and assurance.deviations:
         found.append(f"{assurance.deviations:g}σ of the navigation")
     return ", ".join(filter(None, found)) or "no errors"

@@ -120,7 +120,11 @@ class Dispersions:
           InputError: see `load_dispersions`.
         """
         name = name or scenario.dispersions
-        return cls(scenario, body) if name is None else cls(scenario, body, _loaded(name), name)
+        return (
+            cls(scenario, body)
+            if name is None
+            else cls(scenario, body, loaded_dispersions(name), name)
+        )
 
     @property
     def keys(self) -> list[str]:
@@ -257,7 +261,7 @@ def _known() -> str:
     return ", ".join(path.stem for path in _shipped())
 
 
-def _loaded(name_or_path: str) -> list[Dispersion]:
+def loaded_dispersions(name_or_path: str) -> list[Dispersion]:
     """Gives what `load_dispersions` gives; it is read again only if the file has changed."""
     path = Path(name_or_path)
     return _loaded_at(name_or_path, path.stat().st_mtime_ns if path.is_file() else 0)

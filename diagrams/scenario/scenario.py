@@ -5,7 +5,7 @@ import functools
 import typing
 from pathlib import Path
 
-from proxops.diagrams.scenario.dispersions import load_dispersions
+from proxops.diagrams.scenario.dispersions import loaded_dispersions
 from proxops.diagrams.scenario.keys import (
     Overrides,
     apply_overrides,
@@ -132,7 +132,7 @@ def _check_not_drawn(scenario: Scenario, changes: Overrides) -> None:
     given = [key for key in given_keys(changes) if why_not_dispersed(key) is None]
     if not given:
         return  # So the dispersions need not be there yet.
-    for each in load_dispersions(scenario.dispersions):
+    for each in loaded_dispersions(scenario.dispersions):
         if each.key in given and each.times != "value":
             raise InputError(
                 f"{each.key} is given, but dispersions {scenario.dispersions} draw it for each "

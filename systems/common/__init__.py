@@ -53,10 +53,10 @@ from proxops.systems.common.settings import (
     LONG,
     check_limits,
     config,
-    in_words,
     limits_of,
     number,
     one_of,
+    values_in_words,
     vector,
 )
 from proxops.systems.common.text_files import decoded
@@ -96,7 +96,6 @@ __all__ = [
     "finite_vector",
     "force_port",
     "generator",
-    "in_words",
     "keep_arrays",
     "kept_arrays",
     "kernel",
@@ -119,6 +118,7 @@ __all__ = [
     "silent",
     "spread_directions",
     "turned_vector",
+    "values_in_words",
     "vector",
     "write_json",
     "write_whole",

@@ -146,7 +146,7 @@ def limits_of(field: dc.Field) -> tuple[float, float] | None:
     return low, high
 
 
-def in_words(config: typing.Any) -> str:
+def values_in_words(config: typing.Any) -> str:
     """Names all numbers of a dataclass that are not 0, in its units: "thrust 0.05, surface 500 m".
 
     "" if all are 0.
