@@ -67,7 +67,7 @@ bench: .venv/dev.stamp .venv/bench.stamp
 	    $(bin)/python benchmarks/mpc_step.py --gravity $$gravity && \
 	    $(bin)/python benchmarks/flight.py --transits 10 --gravity $$gravity || exit 1; done
 	$(bin)/python benchmarks/navigation.py --only step --transits 2
-	$(bin)/python benchmarks/environment.py
+	$(bin)/python benchmarks/flight.py --batch 512
 
 # One on each core; threads of numerical libraries would only be in one another's way.
 notebooks: .venv/notebook.stamp

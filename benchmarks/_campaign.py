@@ -26,12 +26,19 @@ def campaign_parser(text: str, out: str, transits: int, seed: int) -> argparse.A
     parser = argparse.ArgumentParser(
         description=text, formatter_class=argparse.RawDescriptionHelpFormatter
     )
+    add_campaign_options(parser, out, transits, seed)
+    return parser
+
+
+def add_campaign_options(
+    parser: argparse.ArgumentParser, out: str, transits: int, seed: int
+) -> None:
+    """Adds the options of all campaigns."""
     parser.add_argument("--transits", type=int, default=transits)
     parser.add_argument("--seed", type=int, default=seed, help="of the set of transits")
     parser.add_argument("--workers", type=int, help="processes; default: one for each core")
     parser.add_argument("--out", type=Path, default=Path(out), help="folder of the flights")
     parser.add_argument("--markdown", type=Path, help="also write the table there")
-    return parser
 
 
 def fly_with_bar(

@@ -1,4 +1,4 @@
-"""Flights that try the navigation: their worlds, a lidar that goes blind, and what is kept of each.
+"""Flights that try the navigation: their worlds, and what is kept of each.
 
 What is kept of a flight is one list a figure, one value a control step: see `describe_navigation`.
 """
@@ -8,27 +8,22 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-import xarray as xr
-from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem
 from scipy.stats import chi2
 
-from proxops.diagrams.flight import Row, make_mpc, make_navigation
-from proxops.diagrams.logs import NAVIGATION_COLUMNS, FlightLog, navigation_errors
-from proxops.diagrams.scenario import Body, LidarNavigationConfig, Scenario, filter_tuning
-from proxops.systems import CommandAxes, NavigationPhase
-from proxops.systems.common import LoggedPort, derived_seed, generator
+from proxops.diagrams.flight import Row
+from proxops.diagrams.logs import FlightLog, navigation_errors
+from proxops.diagrams.scenario import Body, Scenario
+from proxops.systems import NavigationPhase
+from proxops.systems.common import derived_seed, generator
 
 # Degrees by which S is turned, about a random axis.
 TURN = 1.0
-# Frames are missing from and until these times in s.
-BLIND_FROM, BLIND_UNTIL = 600.0, 900.0
 # Control steps at the start that no figure counts but those of lies: 200 s at Kleopatra.
 SETTLED = 20
 CONSISTENT, LIE = 3.0, 6.0
 COMPONENTS = ("x", "y", "z", "vx", "vy", "vz", "rx", "ry", "rz")
 # Share of chi-square values between their bounds.
 BETWEEN = 0.95
-_ON_BOARD = "on_board_"
 _STREAM = 41
 
 
@@ -45,69 +40,6 @@ def turned(scenario: Scenario, body: Body) -> Scenario:
     return dc.replace(scenario, truth=dc.replace(scenario.truth, attitude=attitude))
 
 
-class Curtain(LeafSystem):
-    """Lets frames (size) through, but for those between two times in s, which are empty."""
-
-    def __init__(self, size: int, start: float, end: float):
-        super().__init__()
-        self._start, self._end = start, end
-        self._frame = self.DeclareVectorInputPort("ranges", size)
-        depends = {self._frame.ticket(), self.time_ticket()}
-        self.DeclareVectorOutputPort("seen", size, self._calc, prerequisites_of_calc=depends)
-
-    def _calc(self, context, output):
-        ranges = self._frame.Eval(context)
-        blind = self._start <= context.get_time() < self._end
-        output.SetFromVector(np.full_like(ranges, np.inf) if blind else ranges)
-
-
-class BlindedMpc(Diagram):
-    """The MPC on a navigation of its own, behind a curtain; it commands in S.
-
-    It flies with `navigation: !TrueState {}`, of which it reads nothing: its inputs are `ranges`,
-    `commanded_force` and `target`.
-    """
-
-    def __init__(self, scenario: Scenario, body: Body):
-        super().__init__()
-        own = dc.replace(scenario, navigation=LidarNavigationConfig())
-        builder = DiagramBuilder()
-        navigation = builder.AddNamedSystem(
-            "navigation", make_navigation(own, body, filter_tuning(own, body))
-        )
-        size = navigation.GetInputPort("ranges").size()
-        curtain = builder.AddNamedSystem("curtain", Curtain(size, BLIND_FROM, BLIND_UNTIL))
-        mpc = builder.AddNamedSystem("mpc", make_mpc(own, body))
-        axes = CommandAxes(scenario.spacecraft.thrust_limit_n)
-        builder.AddNamedSystem("command_axes", axes)
-        for source, output, sink, port in (
-            (curtain, "seen", navigation, "ranges"),
-            (navigation, "state", mpc, "state"),
-            (mpc, "force", axes, "force"),
-            (navigation, "attitude", axes, "attitude"),
-        ):
-            builder.Connect(source.GetOutputPort(output), sink.GetInputPort(port))
-        for system, port in (
-            (curtain, "ranges"), (navigation, "commanded_force"), (mpc, "target"),
-        ):  # fmt: skip
-            builder.ExportInput(system.GetInputPort(port), port)
-        builder.ExportOutput(axes.GetOutputPort("force"), "force")
-        self._logged = []
-        for name, each in (navigation.logged_ports() | mpc.logged_ports()).items():
-            # The log knows the navigation's own columns only from the navigation of the flight.
-            self._logged.append(name.replace("navigation_", _ON_BOARD))
-            builder.ExportOutput(each.port, self._logged[-1])
-        builder.BuildInto(self)
-
-    def logged_ports(self) -> dict[str, LoggedPort]:
-        return {name: LoggedPort(self.GetOutputPort(name)) for name in self._logged}
-
-
-def blinded_mpc(scenario: Scenario, body: Body) -> Diagram:
-    """The controller `_navigation_flights:blinded_mpc`."""
-    return BlindedMpc(scenario, body)
-
-
 def describe_navigation(log: FlightLog, path: Path | None = None) -> Row:
     """Returns a flight's summary, the body's `size_m`, and what the navigation did as `steps`.
 
@@ -120,9 +52,8 @@ def describe_navigation(log: FlightLog, path: Path | None = None) -> Row:
     three standard deviations. `steps` is missing if the flight had no navigation.
     """
     row = log.summary | {"size_m": float(log.body.shape.extents.max())}
-    data = _with_navigation(log.dataset)
     # The flight may end between two control steps.
-    data = data.isel(time=slice(0, -1))
+    data = log.dataset.isel(time=slice(0, -1))
     if "navigation_state" not in data or not data.sizes["time"]:
         return row
     errors, deviations = navigation_errors(data)
@@ -149,27 +80,6 @@ def describe_navigation(log: FlightLog, path: Path | None = None) -> Row:
     if settled.any():
         steps["inside"] = (relative[settled] <= CONSISTENT).mean(axis=0).tolist()
     return row | {"steps": steps, "following": float(following.mean())}
-
-
-def _with_navigation(data: xr.Dataset) -> xr.Dataset:
-    """A log's dataset with the columns of a `BlindedMpc` as those of a flight's navigation."""
-    if f"{_ON_BOARD}state" not in data:
-        return data
-    columns = {
-        name: data[f"{_ON_BOARD}{name}"].values
-        for name in ("state", "attitude", "covariance", "record")
-    }
-    columns["covariance"] = columns["covariance"].reshape(-1, 9, 9)
-    record = columns.pop("record")
-    named = {f"navigation_{name}": values for name, values in columns.items()}
-    parts = [name for name in NAVIGATION_COLUMNS if name not in named]
-    named |= {name: record[:, k] for k, name in enumerate(parts)}
-    return data.assign(
-        {
-            name: (("time", *(f"{name}_{k}" for k in range(1, values.ndim))), values)
-            for name, values in named.items()
-        }
-    )
 
 
 def _nees(

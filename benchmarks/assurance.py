@@ -12,7 +12,7 @@ continue, with more flights too.
 
     python benchmarks/assurance.py --bounds after_survey [--flights 10000] [--processes 1]
     python benchmarks/assurance.py --bounds after_survey --search 10      # trains an adversary
-    python benchmarks/assurance.py --bounds before_survey --room          # clearances that it takes
+    python benchmarks/assurance.py --bounds before_survey --end 20000     # the argument's end
 """
 
 import argparse
@@ -37,6 +37,7 @@ from _adversaries import (
     adversarial_flight,
     small_controller,
 )
+from _assurance_end import sample_end
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
@@ -183,23 +184,6 @@ def read_rows(path: Path, header: dict) -> list[dict]:
     return [json.loads(line) for line in lines[1:]]
 
 
-def room(options: argparse.Namespace) -> None:
-    """Prints the clearance in m that a state needs to be admitted, by inward speed."""
-    scenario, body, backup = setting(options.scenario, options.bounds)
-    table = Table(title=f"clearance needed (m), {options.bounds}")
-    for heading in ("inward speed (m/s)", "as believed: median", "most", "box: median", "most"):
-        table.add_column(heading, justify="right")
-    backups = [bounded_backup(scenario, body, AssuranceBounds()), backup]
-    for share in (0.0, 0.125, 0.25, 0.5, 0.75):
-        speed = share * scenario.spacecraft.speed_limit_m_s
-        found = [backup.rooms(speed) for backup in backups]
-        table.add_row(
-            f"{speed:.3g}",
-            *(f"{f(needed):.0f}" for _, needed in found for f in (np.median, np.max)),
-        )
-    Console(width=120).print(table)
-
-
 def search(options: argparse.Namespace) -> None:
     """Cross-entropy search for a small controller that gets closest to the ellipsoid."""
     scenario, body, backup = setting(options.scenario, options.bounds)
@@ -241,10 +225,13 @@ def main() -> None:
     parser.add_argument("--processes", type=int, default=1)
     parser.add_argument("--out", type=Path, default=_OUT)
     parser.add_argument("--search", type=int, default=0, help="rounds of a search for an adversary")
-    parser.add_argument("--room", action="store_true", help="print the clearances that are needed")
+    parser.add_argument("--end", type=int, default=0, help="states of which the end is sampled")
     options = parser.parse_args()
-    if options.room or options.search:
-        return room(options) if options.room else search(options)
+    if options.search:
+        return search(options)
+    if options.end:
+        _, _, backup = setting(options.scenario, options.bounds)
+        return sample_end(backup, options.bounds, options.end, options.seed)
     kept = ("bounds", "scenario", "steps", "excess", "seed")
     header = {key: getattr(options, key) for key in kept}
     scenario, body, _ = setting(options.scenario, options.bounds)

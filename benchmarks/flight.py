@@ -1,11 +1,16 @@
 """Shows what a flight costs: time and size of the log by controller, control step, memory, import.
 
+With `--batch` it shows instead the steps a second of that many transits at once (`TransitBatch`). A
+simple pilot flies them: a spring and a damper. Where the body blocks the way, most end in it, and
+others begin.
+
 Each controller flies transits of the standard set in this process, on one thread, with the lidar
 logged at every step, and then again in a world that is drawn from `after_survey`. The MPC's step
 stands beside the paper's. With `--gravity table` all on board, and the world as believed, have the
 field from its table. Run it on a machine that does nothing else:
 
     python benchmarks/flight.py [--transits 3] [--gravity table]
+    python benchmarks/flight.py --batch 512 [--steps 300]
 """
 
 import argparse
@@ -85,11 +90,50 @@ def body_times(count: int, body: Body) -> list[float]:
     return times
 
 
+def steps_a_second(observation: str, transits: int, steps: int) -> float:
+    """Environment steps for each second of processor time."""
+    import gymnasium
+
+    import proxops.training.environment  # noqa: F401  (registers it)
+
+    mode = "vector_entry_point"
+    many = gymnasium.make_vec(
+        "proxops/Transit-v0", transits, vectorization_mode=mode, observation=observation
+    )
+    seen, _ = many.reset(seed=1)
+    actions = np.zeros((transits, 3))
+    began = 0.0
+    for k in range(steps + 1):
+        if k == 1:  # The first loads what is compiled.
+            began = time.process_time()
+        if observation == "state":
+            way, velocity = seen["goal"] - seen["state"][:, :3], seen["state"][:, 3:]
+            actions = np.clip(2e-4 * way - 0.15 * velocity, -1.0, 1.0)
+        seen = many.step(actions)[0]
+    return steps * transits / (time.process_time() - began)
+
+
+def print_batch(transits: int, steps: int) -> None:
+    """Steps a second of the batch of transits for learners (`TransitBatch`), on one core."""
+    table = Table(title=f"{transits} transits at once, one core")
+    table.add_column("observation")
+    table.add_column("steps a second", justify="right")
+    for observation, share in (("state", 1.0), ("lidar", 0.1)):
+        found = steps_a_second(observation, transits, max(1, round(share * steps)))
+        keep({f"steps a second of a batch of transits, {observation}": found})
+        table.add_row(observation, f"{found:,.0f}")
+    Console().print(table)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--transits", type=int, default=3)
     parser.add_argument("--gravity", choices=("exact", "table"), default="exact")
+    parser.add_argument("--batch", type=int, default=0, help="transits at once")
+    parser.add_argument("--steps", type=int, default=300, help="of each of these")
     asked = parser.parse_args()
+    if asked.batch:
+        return print_batch(asked.batch, asked.steps)
     count, gravity = asked.transits, {"gravity": asked.gravity}
     where = "" if asked.gravity == "exact" else ", gravity: table"
     peak = 0.0
@@ -148,6 +192,7 @@ def main() -> None:
     )
     table.add_row("import proxops.systems", f"{import_time():.2f} s")
     Console().print(table)
+    return None
 
 
 if __name__ == "__main__":

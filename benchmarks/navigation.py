@@ -13,13 +13,11 @@ Sections, of which `--only` chooses:
   error beyond six standard deviations.
 - `dispersed`: the same in worlds of `after_survey` and `before_survey`.
 - `hard`: one hardship a line.
-- `mended`: there and back by a map whose surface is off by 110 and by 434 m (Kleopatra, correlated
-  over 15 km), as it is told; the way back by the first map, and by that which the flight mended.
 - `truth`: the MPC on navigation against the MPC on the true state, on the same transits.
 
 Bodies are `kleopatra`, those that are generated, mesh files in km (2,000 kg/m^3, 6 h), and YAML
 files of bodies. Flights are kept in the folder of `--out`: run the command again to finish what was
-interrupted, or to add transits. Poses and the flights of `mended` are not kept.
+interrupted, or to add transits. Poses are not kept.
 
     python benchmarks/navigation.py [--only accuracy hard …] [--transits 20] [--seed 7001]
         [--poses 2000] [--bodies kleopatra two-ellipsoids rock.obj …] [--workers N]
@@ -48,7 +46,6 @@ from _navigation_flights import (
     pooled,
     turned,
 )
-from _navigation_mended import FLIGHTS, Case, MendedFlights, fly_mended
 from _navigation_poses import (
     ACQUIRING,
     RIGHT,
@@ -75,7 +72,6 @@ HARD: dict[str, Variant] = {
     each.name: each
     for each in (
         Variant("attitude off by 1 degree", "mpc", world=turned),
-        Variant("five minutes without frames", "_navigation_flights:blinded_mpc", ON_TRUTH),
         Variant(
             "frames a step late, told", "mpc",
             {"truth.lidar.latency_steps": 1, "navigation.frame_delay_steps": 1},
@@ -85,14 +81,6 @@ HARD: dict[str, Variant] = {
         Variant("range 100 km", "mpc", {"lidar.max_range_m": 100e3}),
     )
 }  # fmt: skip
-SURFACE_ERRORS = (110.0, 434.0)
-MENDED_HEADINGS = (
-    "success", "first minute (m)", "after 200 s (m)", "last minute (m)", "steps within 3σ (%)",
-)  # fmt: skip
-SURFACE_HEADINGS = (
-    "first map, rms (m)", "mended", "first, where seen", "mended, where seen", "area seen (%)",
-    "area within 3σ (%)",
-)  # fmt: skip
 FLIGHT_HEADINGS = (
     "success", "collisions", "Δv, median (m/s)", "following (%)", "position, median (m)",
     "p95 (m)", "over size", "velocity (m/s)", "attitude (deg)", "lies / steps",
@@ -293,39 +281,6 @@ def hard(asked: argparse.Namespace) -> list[Shown]:
     return flight_tables(_flights(asked), flown(variants, _plain(), asked))
 
 
-def mended(asked: argparse.Namespace) -> list[Shown]:
-    cases = [
-        Case(f"{rms:.0f} m, transit {index}", rms, asked.seed, index)
-        for rms in SURFACE_ERRORS
-        for index in range(asked.transits)
-    ]
-    by_name = {case.name: case for case in cases}
-    found: dict[float, list[MendedFlights]] = {rms: [] for rms in SURFACE_ERRORS}
-    with workers_with_bar(asked) as workers:
-        for done, (name, result) in enumerate(workers.results(cases, fly_mended)):
-            found[by_name[name].rms].append(result)
-            workers.progress((done + 1) / len(cases), f"{done + 1} of {len(cases)}")
-    flights, surfaces = {}, {}
-    for rms, results in found.items():
-        for k, name in enumerate(FLIGHTS):
-            group = [result.flights[k] for result in results]
-            figures = [
-                number(median([getattr(each, part) for each in group]), ".3g")
-                for part in ("beginning", "settled", "arrival")
-            ]
-            inside = 100.0 * float(np.mean([each.inside for each in group]))
-            success = f"{sum(each.success for each in group)}/{len(group)}"
-            flights[f"{rms:.0f} m, {name}"] = [success, *figures, number(inside, ".0f")]
-        surface = np.median([result.surface for result in results], axis=0)
-        figures = [number(each, ".3g") for each in surface[:4]]
-        surfaces[f"{rms:.0f} m"] = [*figures, *(number(100.0 * x, ".0f") for x in surface[4:])]
-    title = f"{asked.transits} transits of seed {asked.seed}"
-    return [
-        Shown(f"position errors by a wrong map, medians over {title}", MENDED_HEADINGS, flights),
-        Shown(f"the surface, medians over {title}", SURFACE_HEADINGS, surfaces),
-    ]
-
-
 def truth(asked: argparse.Namespace) -> list[Shown]:
     on_truth = Variant("on the true state", "mpc", ON_TRUTH)
     on_navigation = [
@@ -368,7 +323,7 @@ def _flights(asked: argparse.Namespace) -> str:
 
 
 SECTIONS: dict[str, Callable[[argparse.Namespace], list[Shown]]] = {
-    each.__name__: each for each in (step, acquisition, accuracy, dispersed, hard, mended, truth)
+    each.__name__: each for each in (step, acquisition, accuracy, dispersed, hard, truth)
 }
 
 

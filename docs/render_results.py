@@ -478,7 +478,6 @@ def _of_measured(sources: Sources, name: str) -> str:
     entry = sources.measured[name]
     text = _table(entry["columns"], entry["rows"])
     commands = ", ".join(f"`{command}`" for command in entry["commands"])
-    commands = commands or "a program that was not kept"
     told = [f"recorded with version {entry['version']}"]
     told += [] if entry["machine"] is None else [entry["machine"]]
     return f"{text}\n\nMeasured by {commands} ({', '.join(told)})."

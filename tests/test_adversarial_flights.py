@@ -40,8 +40,8 @@ def test_whole_flights_stay_out(adversary: str) -> None:
 
 
 def test_each_flies_in_a_hybrid_too() -> None:
-    """`benchmarks/hybrid_safety.py` names a controller for each."""
-    module = load_script("benchmarks/hybrid_safety.py")
+    """`benchmarks/closed_loop.py` names a controller for each."""
+    module = load_script("benchmarks/closed_loop.py")
     scenario = load_scenario(on_true_state=True)
     for name in ADVERSARIES:
         hybrid = getattr(module, name.replace(" ", "_"))(scenario, kleopatra())

@@ -150,9 +150,9 @@ def test_every_shipped_quantity_is_told_or_known_not_to_be() -> None:
     scenario = load_scenario(None, [LIDAR])
     usual = filter_tuning(scenario, kleopatra())
     not_told = set()
-    robustness = load_script("benchmarks/robustness.py")
-    for each in robustness.quantities(load_dispersions("before_survey")):
-        world = robustness.far_out_world(scenario, kleopatra(), each, 1.0)
+    worlds = load_script("benchmarks/_worlds.py")
+    for each in worlds.quantities(load_dispersions("before_survey")):
+        world = worlds.far_out_world(scenario, kleopatra(), each, 1.0)
         if filter_tuning(world, kleopatra()) == usual:
             not_told.add(each.main.key)
     not_told -= {"lidar.noise_std_m", "spacecraft.mass_kg"}  # Known on the day.

@@ -92,22 +92,6 @@ def test_kept_of_a_flight(flights: ModuleType, monkeypatch: pytest.MonkeyPatch) 
     np.testing.assert_allclose(steps["inside"], shares)
 
 
-def test_blind_for_a_time(flights: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(flights, "BLIND_FROM", 50.0)
-    monkeypatch.setattr(flights, "BLIND_UNTIL", 90.0)
-    log = fly(short_scenario(**BRIEF), "_navigation_flights:blinded_mpc", body=kleopatra())
-    row = flights.describe_navigation(log)
-    assert row["following"] == 1.0
-    steps = row["steps"]
-    returns = np.array(steps["returns"])
-    assert (np.flatnonzero(returns == 0.0) == [5, 6, 7, 8]).all()
-    assert steps["nis"][5:9] == [0.0] * 4
-    plain = flights.describe_navigation(on_lidar_for_150_s())["steps"]
-    # Until then it is the flight with the scenario's own navigation.
-    assert steps["position"][:5] == plain["position"][:5]
-    assert steps["position"][8] != plain["position"][8]
-
-
 # --- figures --------------------------------------------------------------------------------------
 
 

@@ -1,5 +1,6 @@
-"""The robustness table: its starts are where they should be, its variants what they are named."""
+"""The closed-loop studies: their variants are what they are named, their columns right."""
 
+import argparse
 import dataclasses
 import functools
 import re
@@ -11,53 +12,41 @@ from scripts import load_script
 from short_flights import kleopatra
 
 from proxops.assets import ASSETS
-from proxops.diagrams.flight.campaign import Flight
 from proxops.diagrams.scenario.scenario import load_scenario
 from proxops.diagrams.scenario.scenario_config import Scenario
-from proxops.diagrams.scenario.transits import (
-    of_transit,
-)
+from proxops.diagrams.scenario.transits import of_transit
 from proxops.diagrams.scenario.world import draw_world
 from proxops.studies.evaluation.variants import Variant, variant_flights
+from proxops.systems.common import InputError
 from proxops.systems.navigation import LidarNavigationConfig
 
-COUNT = 30
 PLAIN = {"log_ranges": False, "transit.seed": 10001}
 
 
+TOLD = "after_survey"
+
+
 @pytest.fixture(scope="module")
-def robustness() -> ModuleType:
-    return load_script("benchmarks/robustness.py")
+def studies() -> ModuleType:
+    return load_script("benchmarks/closed_loop.py")
 
 
 @functools.cache
-def every_line(robustness: ModuleType, dispersions: str = "after_survey") -> list[Variant]:
-    lines = robustness.variants("zero", dispersions, load_scenario())
-    return robustness.chosen(lines, None)
+def every_line(studies: ModuleType) -> list[Variant]:
+    asked = argparse.Namespace(dispersions=TOLD, controller="zero")
+    plain = load_scenario(None, PLAIN, on_true_state=True)
+    return [variant for variant, _ in studies.one_at_a_time(asked, plain).lines.values()]
 
 
-def flights_of(
-    robustness: ModuleType, name: str, count: int, dispersions: str = "after_survey"
-) -> list[Flight]:
-    [variant] = [each for each in every_line(robustness, dispersions) if each.name == name]
+def flown(studies: ModuleType, name: str, count: int) -> list[Scenario]:
+    [variant] = [each for each in every_line(studies) if each.name == name]
     plain = load_scenario(None, {"log_ranges": False}, on_true_state=True)
-    return variant_flights(variant, plain, 10001, range(count))
+    return [each.scenario for each in variant_flights(variant, plain, 10001, range(count))]
 
 
-def names_of(robustness: ModuleType) -> list[str]:
-    return [each.name for each in every_line(robustness)]
-
-
-def flown(
-    robustness: ModuleType, variant: str, count: int = COUNT, dispersions: str = "after_survey"
-) -> list[Scenario]:
-    flights = flights_of(robustness, variant, count, dispersions)
-    return [each.scenario for each in flights]
-
-
-def worlds(robustness: ModuleType, name: str, count: int) -> list[Scenario]:
+def worlds(studies: ModuleType, name: str, count: int) -> list[Scenario]:
     """As `flown`, but quick: of a line that sets a quantity."""
-    [variant] = [each for each in every_line(robustness) if each.name == name]
+    [variant] = [each for each in every_line(studies) if each.name == name]
     assert variant.world is not None
     plain = load_scenario(None, PLAIN, on_true_state=True)
     return [variant.world(of_transit(plain, 10001, k), kleopatra()) for k in range(count)]
@@ -77,22 +66,21 @@ def changed_keys(scenario: Scenario, plain: Scenario) -> set[str]:
     return {key for key in one | other if one.get(key) != other.get(key)} - {"dispersed"}
 
 
-def test_every_quantity_of_the_dispersions_has_its_lines(robustness: ModuleType) -> None:
+def test_every_quantity_of_the_dispersions_has_its_lines(studies: ModuleType) -> None:
     text = (ASSETS / "dispersions" / "after_survey.yaml").read_text()
     keys = re.findall(r"^([a-z][\w.]+):", text, re.MULTILINE)
     parts = ("surface_correlation_m", "surface_seed", "correlation_time_s")
     quantities = [key for key in keys if not key.endswith(parts)]
     assert len(quantities) == len(keys) - 4
     wanted = ["nominal", *(f"{key} x {multiple}" for key in quantities for multiple in (1, 2, 3))]
-    names = names_of(robustness)
+    names = [each.name for each in every_line(studies)]
     assert names == [
         *wanted, "all of after_survey", "all of before_survey", "the paper's disturbance",
-        "start outside the cube", "start inside the margin", "start moving",
     ]  # fmt: skip
 
 
-def test_a_line_sets_its_quantity_alone(robustness: ModuleType) -> None:
-    [nominal] = flown(robustness, "nominal", 1)
+def test_a_line_sets_its_quantity_alone(studies: ModuleType) -> None:
+    [nominal] = flown(studies, "nominal", 1)
     assert nominal == load_scenario(None, PLAIN, on_true_state=True)
     together = {
         "truth.surface_rms_m": {
@@ -103,7 +91,7 @@ def test_a_line_sets_its_quantity_alone(robustness: ModuleType) -> None:
         "spacecraft.mass_kg": {"spacecraft.mass_kg", "transit.start_m", "transit.goal_m"},
         "lidar.noise_std_m": {"lidar.noise_std_m", "transit.start_m", "transit.goal_m"},
     }  # fmt: skip
-    for variant in every_line(robustness):
+    for variant in every_line(studies):
         if variant.world is not None:
             key = variant.name.rpartition(" x ")[0]
             scenario = variant.world(nominal, kleopatra())
@@ -111,17 +99,17 @@ def test_a_line_sets_its_quantity_alone(robustness: ModuleType) -> None:
             assert changed_keys(scenario, nominal) == changed
     for name in ("after_survey", "before_survey"):
         drawn = draw_world(dataclasses.replace(nominal, dispersions=name), kleopatra())
-        assert flown(robustness, f"all of {name}", 1) == [drawn]
-    [paper] = flown(robustness, "the paper's disturbance", 1)
+        assert flown(studies, f"all of {name}", 1) == [drawn]
+    [paper] = flown(studies, "the paper's disturbance", 1)
     assert paper == load_scenario(None, {**PLAIN, "disturbance": {}}, on_true_state=True)
 
 
 @pytest.mark.parametrize("multiple", [1, 2, 3])
-def test_deviations_are_multiples_of_three_sigma(robustness: ModuleType, multiple: int) -> None:
+def test_deviations_are_multiples_of_three_sigma(studies: ModuleType, multiple: int) -> None:
     size = kleopatra().shape.extents.max()
 
     def found(key: str) -> list:
-        scenarios = worlds(robustness, f"{key} x {multiple}", 8)
+        scenarios = worlds(studies, f"{key} x {multiple}", 8)
         return [functools.reduce(getattr, key.split("."), each) for each in scenarios]
 
     gravity = np.array(found("truth.gravity")) - 1.0
@@ -145,7 +133,7 @@ def test_deviations_are_multiples_of_three_sigma(robustness: ModuleType, multipl
 
 
 def test_the_navigation_is_told_the_dispersions_and_nothing_of_the_world(
-    robustness: ModuleType,
+    studies: ModuleType,
 ) -> None:
     plain = load_scenario(None, PLAIN)
     of_flight, body = of_transit(plain, 10001, 3), kleopatra()
@@ -153,11 +141,53 @@ def test_the_navigation_is_told_the_dispersions_and_nothing_of_the_world(
     assert isinstance(told, LidarNavigationConfig)
     assert told.expected is not None
     assert told.expected.gravity == pytest.approx(0.0005)
-    for variant in every_line(robustness):
+    for variant in every_line(studies):
         if variant.world is not None:
             assert variant.world(of_flight, body).navigation == told
     for name in ("after_survey", "before_survey"):
-        [variant] = [each for each in every_line(robustness) if each.name == f"all of {name}"]
+        [variant] = [each for each in every_line(studies) if each.name == f"all of {name}"]
         [flight] = variant_flights(variant, plain, 10001, [3])
         asked = dataclasses.replace(of_flight, dispersions=name)
         assert flight.scenario.navigation == draw_world(asked, body).navigation
+
+
+def row(transit: int = 0, **changes: object) -> dict:
+    figures = {
+        "seed": 1, "transit": transit, "success": True, "collided": False, "keep_out_violations": 0,
+        "min_clearance_m": 3000.0, "steps": 460, "control_ms_mean": 2.0, "mpc_solves": 460,
+    }  # fmt: skip
+    return figures | changes
+
+
+def test_columns_of_flights_beside_those_of_the_reference(studies: ModuleType) -> None:
+    """Δv is paired; what fails, of either, has none."""
+    matched = [row(delta_v_m_s=value) for value in (100.0, 200.0, 1.0)]
+    hybrid = {"policy_share": 0.9, "policy_share_to_arrival": 0.8, "control_ms_mean": 0.5}
+    rows = [
+        row(delta_v_m_s=110.0, mpc_solves=46, **hybrid),
+        row(delta_v_m_s=206.0, mpc_solves=23, **hybrid),
+        row(delta_v_m_s=9.0, mpc_solves=69, success=False, keep_out_violations=2, **hybrid)
+        | {"min_clearance_m": -500.0},
+    ]
+    columns = (
+        "success", "keep-out violations", "least clearance (km)", "policy share (%)",
+        "before arrival (%)", "solves saved (%)", "Δv over the reference's, mean", "greatest",
+        "a step (ms)", "times less than the reference",
+    )  # fmt: skip
+    assert studies.figures(columns, rows, matched) == [
+        "2/3", "2", "-0.50", "90.0", "80.0", "90.0", "1.0650", "1.100", "0.50", "4.0",
+    ]  # fmt: skip
+    lost = [row(success=False, delta_v_m_s=1.0)]
+    assert studies.figures(["Δv over the reference's, mean"], lost, lost) == ["–"]
+
+
+def test_lines_are_chosen_with_what_they_are_compared_with(studies: ModuleType) -> None:
+    asked = argparse.Namespace(dispersions=TOLD, controller="zero")
+    study = studies.one_at_a_time(asked, load_scenario(None, PLAIN, on_true_state=True))
+    names = [each.name for each in studies.chosen(study, ["truth.size"])]
+    assert names == ["nominal", *(f"truth.size x {multiple}" for multiple in (1, 2, 3))]
+    assert [each.name for each in studies.chosen(study, ["truth.spin x 2"])] == [
+        "nominal", "truth.spin x 2",
+    ]  # fmt: skip
+    with pytest.raises(InputError, match=re.escape("the nearest is 'truth.size x 1'")):
+        studies.chosen(study, ["truth.sise x 1"])

@@ -1,4 +1,4 @@
-"""The benchmark of errors of another form: its true surfaces, and who is told what."""
+"""Worlds of another form than is told: their true surfaces, and who is told what."""
 
 from pathlib import Path
 from types import ModuleType
@@ -15,13 +15,13 @@ from proxops.systems.shapes.self_intersection import self_intersections
 
 
 @pytest.fixture(scope="module")
-def forms() -> ModuleType:
-    return load_script("benchmarks/other_forms.py")
+def worlds() -> ModuleType:
+    return load_script("benchmarks/_worlds.py")
 
 
-def test_boulders_are_few_and_high(forms: ModuleType) -> None:
+def test_boulders_are_few_and_high(worlds: ModuleType) -> None:
     shape = kleopatra().shape
-    found = forms.boulders(shape, 1)
+    found = worlds.boulders(shape, 1)
     heights = np.linalg.norm(found.vertices - shape.vertices, axis=1)
     weights = np.bincount(shape.facets.ravel(), np.repeat(shape.to_trimesh().area_faces, 3))
     assert np.sqrt(weights @ heights**2 / weights.sum()) == pytest.approx(109.4, rel=1e-3)
@@ -30,10 +30,10 @@ def test_boulders_are_few_and_high(forms: ModuleType) -> None:
     assert len(self_intersections(found.vertices, found.facets)) == 0
 
 
-def test_curved_facets_of_a_ball_lie_on_it(forms: ModuleType) -> None:
+def test_curved_facets_of_a_ball_lie_on_it(worlds: ModuleType) -> None:
     """The middles of its edges: they are far less off than the edges themselves."""
     ball = trimesh.creation.icosphere(subdivisions=2, radius=1e3)
-    found = forms.curved(Polyhedron(ball.vertices, ball.faces))
+    found = worlds.curved(Polyhedron(ball.vertices, ball.faces))
     assert len(found.facets) == 4 * len(ball.faces)
     assert found.to_trimesh().is_winding_consistent
     chords = ball.vertices[ball.edges_unique].mean(axis=1)
@@ -44,12 +44,12 @@ def test_curved_facets_of_a_ball_lie_on_it(forms: ModuleType) -> None:
     assert (whole - found.volume) / (whole - ball.volume) == pytest.approx(0.25, abs=0.1)
 
 
-def test_what_is_told_is_the_same_in_every_line(forms: ModuleType, tmp_path: Path) -> None:
-    scenario = load_scenario(None, {"dispersions": forms.TOLD, "assurance": {"bounds": forms.TOLD}})
+def test_what_is_told_is_the_same_in_every_line(worlds: ModuleType, tmp_path: Path) -> None:
+    told = "after_survey"
+    scenario = load_scenario(None, {"dispersions": told, "assurance": {"bounds": told}})
     drawn = draw_world(of_transit(scenario, 7, 0), kleopatra())
-    lines = forms.changes(forms.surfaces(kleopatra(), tmp_path), kleopatra(), scenario)
-    for name, changed in lines.items():
-        flown = forms.world(drawn, kleopatra(), changed)
-        assert (flown == drawn) == (name == forms.AS_TOLD)
+    for changed in worlds.other_forms(scenario, kleopatra(), tmp_path).values():
+        flown = worlds.changed_world(drawn, kleopatra(), changed)
+        assert flown != drawn
         assert flown.navigation == drawn.navigation
         assert flown.assurance == drawn.assurance

@@ -4,24 +4,15 @@ States are drawn near the ellipsoid, at up to the speed limit along each axis, w
 speed from which the backup's law begins to brake sideways, as the law finds it. From there the law
 flies for half an hour, in a world that hurts most at each step (weak thrust that is turned inwards,
 strong gravity, much mass, all unexplained acceleration inwards), with each kind of state errors.
-Gravity is the assurance's own table; the motion is integrated by Runge-Kutta. The program prints
-the least outward speed and how far any state came down, and ends with an error if one came down by
-more than a metre.
-
-    python benchmarks/assurance_end.py --bounds before_survey [--states 20000] [--seed 1]
+Gravity is the assurance's own table; the motion is integrated by Runge-Kutta.
 """
 
-import argparse
 import math
-import os
 import sys
 
-for name in ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-    os.environ[name] = "1"
-
 import numpy as np
-from assurance import STATE, setting
 
+from proxops.systems.assurance import BackupBraking
 from proxops.systems.assurance import _braking_kernel as braking
 from proxops.systems.common import kernel, spread_directions
 
@@ -111,14 +102,11 @@ def starts(backup, bounds, count: int, random: np.random.Generator) -> np.ndarra
     return np.concatenate([position, velocity], axis=1)[kept]
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--bounds", choices=list(STATE), default="before_survey")
-    parser.add_argument("--scenario", help="YAML file, of another body")
-    parser.add_argument("--states", type=int, default=20000)
-    parser.add_argument("--seed", type=int, default=1)
-    options = parser.parse_args()
-    _, _, backup = setting(options.scenario, options.bounds)
+def sample_end(backup: BackupBraking, title: str, count: int, seed: int) -> None:
+    """Prints the least outward speed and how far any state came down, for each kind of errors.
+
+    Ends the program with an error if one came down by more than a metre.
+    """
     bounds = backup.bounds
     axes = np.asarray(backup.limits.keep_out_semi_axes, dtype=np.float64)
     box = np.array([
@@ -127,16 +115,16 @@ def main() -> None:
     ])  # fmt: skip
     worst = 0.0
     for number, errors in enumerate(ERRORS):
-        states = starts(backup, bounds, options.states, np.random.default_rng(options.seed))
+        states = starts(backup, bounds, count, np.random.default_rng(seed))
         found = np.array([
-            fly(row[:3].copy(), row[3:].copy(), number, axes, box, _STEPS, options.seed + k,
+            fly(row[:3].copy(), row[3:].copy(), number, axes, box, _STEPS, seed + k,
                 *backup.arguments)
             for k, row in enumerate(states)
         ])  # fmt: skip
         fall = found[:, 1].max() * axes.max()  # In m, at most: as at the long ends.
         worst = max(worst, fall)
         print(
-            f"{options.bounds}, {errors}: {len(states)} states, least outward speed "
+            f"{title}, {errors}: {len(states)} states, least outward speed "
             f"{found[:, 0].min():.3f} m/s, {np.mean(found[:, 0] <= 0.0):.3%} of them not outwards "
             f"at some step, greatest fall {fall:.2f} m",
             flush=True,
@@ -145,7 +133,3 @@ def main() -> None:
         print("  lowest from", np.array2string(low, precision=4))
     if worst > 1.0:
         sys.exit("outward speed does not stay positive")
-
-
-if __name__ == "__main__":
-    main()
