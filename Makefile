@@ -16,16 +16,17 @@ export PIP_DISABLE_PIP_VERSION_CHECK = 1
 unexport PYTHONDONTWRITEBYTECODE
 
 .DELETE_ON_ERROR:
-.PHONY: help install fly test lint bench notebooks docs note results train gym clean links
+.PHONY: help install fly test quick lint bench notebooks docs note results train gym clean links
 
 help:
 	@echo "make fly        install, and fly one transit with the hybrid into $(FLIGHT)"
 	@echo "make install    install proxops into .venv"
 	@echo "make test       run the tests (pytest -m slow and -m browser run the others)"
+	@echo "make quick      run the tests of the rooms that were touched"
 	@echo "make lint       check format, style and types"
 	@echo "make bench      measure speed, beside other packages, into benchmarks/results.json"
-	@echo "make notebooks  run every notebook"
-	@echo "make docs       build the documentation into build/site"
+	@echo "make notebooks  run every notebook, into build/notebooks"
+	@echo "make docs       build the documentation into build/site, with the notebooks"
 	@echo "make note       build the technical note, build/note.pdf"
 	@echo "make results    take $(REPRODUCTION)/results.json into docs, and write its tables"
 	@echo "make train      install what training needs (PyTorch)"
@@ -39,6 +40,12 @@ fly: .venv/core.stamp
 
 test: .venv/dev.stamp
 	$(bin)/pytest --numprocesses auto --dist worksteal
+
+# What covers the rooms that were touched, or those of `make quick TESTS="tests/systems/lidar …"`.
+quick: TESTS ?= $(shell $(bin)/python .ci/touched.py)
+quick: .venv/dev.stamp
+	@[ -n "$(TESTS)" ] || echo "nothing that was touched has tests of its own: make test"
+	[ -z "$(TESTS)" ] || $(bin)/pytest --numprocesses auto --dist worksteal $(TESTS)
 
 # Tools that read sources can't follow the import hook of an editable installation.
 links:
@@ -70,12 +77,16 @@ bench: .venv/dev.stamp .venv/bench.stamp
 	$(bin)/python benchmarks/flight.py --batch 512
 
 # One on each core; threads of numerical libraries would only be in one another's way.
+executed := $(patsubst %,build/%,$(wildcard notebooks/*.ipynb))
 notebooks: .venv/notebook.stamp
-	@printf '%s\n' notebooks/*.ipynb | OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 \
-	    xargs -n 1 -P "$$(getconf _NPROCESSORS_ONLN)" $(bin)/jupyter execute
+	@$(MAKE) --no-print-directory --jobs "$$(getconf _NPROCESSORS_ONLN)" $(executed)
+
+build/notebooks/%.ipynb: notebooks/%.ipynb $(wildcard */*/*.py) | .venv/notebook.stamp
+	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(bin)/jupyter nbconvert --log-level WARN \
+	    --to notebook --execute --output-dir build/notebooks $<
 
 # The variable silences an advertisement.
-docs: .venv/docs.stamp links
+docs: .venv/docs.stamp links notebooks
 	@NO_MKDOCS_2_WARNING=1 $(bin)/mkdocs build --quiet --strict
 	@echo "open build/site/index.html"
 

@@ -15,6 +15,8 @@ A line of a page that starts with one of these is replaced:
 * `!rooms`: which room imports which, drawn from the code.
 * `!modules FOLDER`: the reference of all rooms of a folder and their public modules.
 
+Executed notebooks (`make notebooks`) become pages, with what they printed and drew.
+
 Equations between dollars become MathML, which browsers show without a script. The front page shows
 `replay.html`, the replay of a transit that the build flies. At the end no page may load anything
 from elsewhere.
@@ -34,6 +36,7 @@ from pathlib import Path
 from latex2mathml.converter import convert
 from mkdocs.exceptions import PluginError
 from mkdocs.structure.files import File
+from nbconvert import MarkdownExporter
 from typer.testing import CliRunner
 
 from proxops import systems
@@ -256,7 +259,27 @@ def on_files(files, config, **_):
         write_replay(log, page)
         content = page.read_bytes()
     files.append(File.generated(config, "replay.html", content=content))
+    for path in (ROOT / "notebooks").glob("*.ipynb"):
+        for name, made in _notebook_files(path.name).items():
+            files.append(File.generated(config, f"notebooks/{name}", content=made))
     return files
+
+
+def _notebook_files(name: str) -> dict[str, str | bytes]:
+    """The page of an executed notebook, its pictures and the pages in its frames, by file name."""
+    executed = ROOT / "build" / "notebooks" / name
+    if not executed.is_file():
+        raise PluginError(f"{executed} is missing: run `make notebooks`")
+    stem, shown = executed.stem, {}
+    names = {"unique_key": f"{stem}_files", "output_files_dir": f"{stem}_files"}
+    text, found = MarkdownExporter().from_filename(executed, resources=names)
+
+    def frame(within: re.Match) -> str:
+        shown[f"{stem}_{len(shown)}.html"] = html.unescape(within[1])
+        return f'src="{list(shown)[-1]}"'
+
+    page = re.sub(r'srcdoc="([^"]*)"', frame, text)
+    return {f"{stem}.md": page, **shown, **found["outputs"]}
 
 
 def on_page_markdown(markdown, page, **_):

@@ -1,0 +1,57 @@
+"""The faces of folders and rooms export what is there, and cost no torch before it is needed."""
+
+import importlib
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+FACES = sorted(
+    ".".join(["proxops", *path.parent.relative_to(ROOT).parts])
+    for folder in ("systems", "diagrams", "training", "studies")
+    for path in (ROOT / folder).rglob("__init__.py")
+)
+ROOMS = [name for name in FACES if name.count(".") == 2]
+# All that needs no PyTorch: flying, its data, its evaluation.
+WITHOUT_TORCH = [
+    *(name for name in FACES if name.startswith(("proxops.systems", "proxops.diagrams"))),
+    "proxops.training.data",
+    "proxops.training.reports",
+    "proxops.studies.evaluation",
+    "proxops.studies.reproduction",
+]
+
+
+@pytest.mark.parametrize("name", [*ROOMS, "proxops.systems"])
+def test_everything_exported_is_there(name: str) -> None:
+    face = importlib.import_module(name)
+    assert face.__all__ == sorted(set(face.__all__), key=face.__all__.index)
+    assert all(hasattr(face, each) for each in face.__all__)
+
+
+@pytest.mark.parametrize("name", ["systems", "diagrams", "training", "studies"])
+def test_no_exported_name_hides_a_module(name: str) -> None:
+    """Or `import proxops.FOLDER.ROOM.MODULE as m` would give a function."""
+    for room in (room for room in ROOMS if room.startswith(f"proxops.{name}.")):
+        face = importlib.import_module(room)
+        folder = Path(face.__file__ or "").parent
+        modules = {path.stem for path in folder.glob("*.py")} - {"__init__"}
+        assert modules & set(face.__all__) == set(), room
+
+
+def test_no_torch_before_it_is_needed() -> None:
+    code = f"import sys, {', '.join(WITHOUT_TORCH)}; print('torch' in sys.modules)"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert run.stdout == "False\n"
+
+
+def test_the_commands_start_without_what_is_slow_to_import() -> None:
+    slow = ["matplotlib", "onnxruntime", "scipy.stats", "torch"]
+    code = (
+        "import sys; from proxops.cli.main import COMMANDS, command; [*map(command, COMMANDS)]\n"
+        f"print([x for x in {slow} if x in sys.modules])"
+    )
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert run.stdout == "[]\n"

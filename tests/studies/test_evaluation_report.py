@@ -1,0 +1,162 @@
+"""The report of an evaluation: its table, which flights it looks into, its figures and pages."""
+
+import itertools
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+from commands import proxops, settings
+from flight_rows import ESTIMATE_ERRORS, row
+from hypothesis import given
+from hypothesis import strategies as st
+from known_policies import Counting, DeadReckoning, write_policy
+
+from proxops.diagrams.logs.flight_log import FlightLog
+from proxops.studies.evaluation.evaluation import aggregate
+from proxops.studies.evaluation.flights import shown_transits, worst_flights
+from proxops.studies.evaluation.table import figure_rows, outcome
+from proxops.systems.vehicle import ArrivalConfig
+
+POLICY = {"policy_sha256": "1" * 64, "mpc_solves": 0, "policy_share": 1.0}
+ESTIMATES = {f"estimate_{name}": value for name, value in ESTIMATE_ERRORS.items()}
+
+
+def results() -> dict[str, Any]:
+    expert = [row(transit=k, delta_v_m_s=100.0) for k in range(20)]
+    flown = [
+        row(transit=k, delta_v_m_s=105.0, control_ms_median=0.125, **POLICY, **ESTIMATES)
+        for k in range(20)
+    ]
+    flown[7] |= {"success": False, "collided": True, "terminal_position_error_m": 3e4}
+    flown[11] |= {"success": False, "arrival_time_s": None, "terminal_position_error_m": 9e4}
+    flown[13] |= {"terminal_position_error_m": 250.0}
+    none = {"control_ms_median": None, "control_ms_p99": None, "arrival_time_s": None}
+    idle = [row(transit=k, success=False, success_2km=False, mpc_solves=0, **none)
+            for k in range(20)]  # fmt: skip
+    return {
+        "mpc": aggregate(expert),
+        "policy:a": aggregate(flown, expert),
+        "zero": aggregate(idle, expert),
+    }
+
+
+# --- the table ------------------------------------------------------------------------------------
+
+
+def test_table() -> None:
+    rows = figure_rows(results(), ArrivalConfig())
+    table = {label: cells for label, cells in rows if label != "95 % interval"}
+    assert all(len(cells) == 3 for _, cells in rows)
+    assert table["success (1 km, 1 m/s)"] == ["20 of 20", "18 of 20", "0 of 20"]
+    assert table["success (2 km, 2 m/s)"] == ["20 of 20", "20 of 20", "0 of 20"]
+    intervals = [cells for label, cells in rows if label == "95 % interval"]
+    # Newcombe 1998, table I: 0 of 20 is 0 to 16.11 %.
+    assert [cells[2] for cells in intervals] == ["0.0–16.1 %"] * 2
+    assert [cells[0] for cells in intervals] == ["83.9–100.0 %"] * 2
+    assert table["collisions"] == ["0", "1", "0"]
+    assert table["end error, greatest (m)"][1] == "90000"
+    assert table["delta-v, median (m/s)"] == ["100", "105", "–"]
+    assert table["over the expert's, median"] == ["–", "1.050", "–"]
+    assert table["over the expert's, of sums"] == ["–", "1.050", "–"]
+    assert table["transits compared"] == ["–", "18", "0"]
+    assert table["position off, median (m)"] == ["–", "40.0", "–"]
+    assert table["velocity off, p95 (m/s)"] == ["–", "0.300", "–"]
+    assert table["policy's share (%)"] == ["0.0", "100.0", "0.0"]
+    assert table["step, median (ms)"] == ["4.00", "0.12", "–"]
+
+
+def test_outcomes() -> None:
+    assert outcome(row()) == "arrived"
+    assert outcome(row(success=False, collided=True, keep_out_violations=1)) == "collision"
+    assert outcome(row(success=False, keep_out_violations=2)) == "inside the keep-out"
+    assert outcome(row(success=False)) == "arrived too late"
+    assert outcome(row(success=False, arrival_time_s=None)) == "no arrival"
+
+
+# --- which flights are looked into ----------------------------------------------------------------
+
+
+def test_first_and_worst() -> None:
+    # 7 and 11 failed; of those that arrived, 13 ended furthest off.
+    assert [flight["transit"] for flight in worst_flights(results()["policy:a"]["flights"])] == [
+        11, 7, 13,
+    ]  # fmt: skip
+    first = [0, 1, 2, 3]
+    assert shown_transits(results()) == {
+        "mpc": first, "policy:a": [*first, 7, 11, 13], "zero": [*first, 4],
+    }  # fmt: skip
+
+
+@given(st.lists(st.tuples(st.booleans(), st.floats(0.0, 1e6)), min_size=1, max_size=12))
+def test_no_flight_left_out_is_worse(ends: list[tuple[bool, float]]) -> None:
+    rows = [
+        row(transit=k, success=success, terminal_position_error_m=error)
+        for k, (success, error) in enumerate(ends)
+    ]
+    chosen = worst_flights(rows)
+    assert len(chosen) == min(3, len(rows))
+    left = [flight for flight in rows if flight not in chosen]
+    for one, other in itertools.product(chosen, left):
+        assert one["success"] <= other["success"]
+        if one["success"] == other["success"]:
+            assert one["terminal_position_error_m"] >= other["terminal_position_error_m"]
+
+
+# --- the command ----------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def evaluate(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+    monkeypatch.chdir(tmp_path)
+
+    def run(*arguments: object) -> Path:
+        brief = settings({"arrival.deadline_s": 100, "arrival.dwell_s": 50})
+        assert proxops("evaluate", *arguments, *brief, "--workers", 1, "--out", "out") == 0
+        return tmp_path / "out"
+
+    return run
+
+
+@pytest.mark.slow
+def test_evaluate_policies_side_by_side(evaluate, tmp_path: Path) -> None:
+    """One that estimates and one that does not; then one transit more, and all logs kept."""
+    write_policy(tmp_path / "a", DeadReckoning(proportional=1e-5))
+    write_policy(tmp_path / "b", Counting())
+    names = ["mpc", "policy:a", "pd:a", "policy:b"]
+    command = ("--controllers", ",".join(names), "--seed", 31)
+    out = evaluate(*command, "--transits", 1)
+    found = json.loads((out / "results.json").read_text())
+    assert list(found) == names
+    assert {flight["controller"] for flight in found["pd:a"]["flights"]} == {"pd:a"}
+    assert found["policy:a"]["expert_pairs"] == 0
+    assert "estimate_position_error_m_p95" in found["pd:a"]
+    assert "estimate_position_error_m_p95" not in found["policy:b"]
+
+    text = (out / "report.md").read_text()
+    assert "proxops evaluate --controllers mpc,policy:a,pd:a,policy:b --seed 31" in text
+    figures = re.findall(r"\]\((figures/.*?)\)$", text, re.MULTILINE)
+    assert len(figures) == 5  # End errors, paths, and the worst of three that fly a policy.
+    assert all((out / name).is_file() for name in figures)
+    page = (out / "report.html").read_text()
+    assert page.count("data:image/png;base64,") == 5
+    for cells in figure_rows(found, ArrivalConfig(deadline_s=100.0, dwell_s=50.0)):
+        assert all(cell in text for cell in cells[1])
+
+    # The flights that are looked into are those that were flown, without their lidar frames.
+    shown = sorted((out / "shown").glob("*.nc"))
+    assert len(shown) == 4
+    logs = [FlightLog.load(path) for path in shown]
+    ends = {log.summary["controller"]: log.summary["terminal_position_error_m"] for log in logs}
+    assert ends == {
+        name: result["flights"][0]["terminal_position_error_m"] for name, result in found.items()
+    }
+    assert all("ranges" not in log.dataset for log in logs)
+
+    times = {path: path.stat().st_mtime_ns for path in shown}
+    evaluate(*command, "--transits", 2, "--keep-logs")
+    assert {path: path.stat().st_mtime_ns for path in (out / "shown").glob("*.nc")} == times
+    kept = sorted((out / "flights").glob("*.nc"))
+    assert len(kept) == 8
+    assert "ranges" in FlightLog.load(kept[0]).dataset

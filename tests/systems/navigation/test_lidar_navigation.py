@@ -1,0 +1,417 @@
+"""The navigation as a system, and step by step along flights that scipy integrates."""
+
+import functools
+from pathlib import Path
+
+import numpy as np
+import pytest
+from navigated_flight import ATTITUDE, MASS, NOISE, PERIOD, Flight, flight, frame, navigation
+from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
+from scipy.spatial.transform import Rotation
+from short_flights import BRIEF, PdController, Scripted, kleopatra, short_scenario
+
+from proxops.diagrams.flight.simulation import fly, make_simulator
+from proxops.diagrams.flight.transit_diagram import make_transit_diagram
+from proxops.diagrams.logs import FlightLog
+from proxops.diagrams.scenario import LidarNavigationConfig, Scenario
+from proxops.systems import ExpectedErrors, LidarNavigation, NavigationPhase
+from proxops.systems.lidar import DEFAULT_GEOMETRY
+from proxops.systems.navigation import Estimate, ReturnUse
+from proxops.systems.navigation.frame_model import FrameModel
+from proxops.systems.navigation.map_error import MapError
+from proxops.systems.navigation.motion import Motion
+from proxops.systems.navigation.navigator import Navigator, Step
+from proxops.systems.shapes import displaced
+
+ACQUIRING, FOLLOWING, LOST = NavigationPhase
+
+
+# --- step by step ---------------------------------------------------------------------------------
+
+
+@functools.cache
+def navigator(delay: int = 0) -> Navigator:
+    body, expected = kleopatra(), ExpectedErrors()
+    model = FrameModel(body.shape, DEFAULT_GEOMETRY, NOISE, MapError(body.shape))
+    motion = Motion(body.gravity_field, body.shape.extents, body.spin_rate, MASS, expected)
+    return Navigator(model, motion, expected, body.spin_rate, 30.0, PERIOD, delay)
+
+
+def follow(flown: Flight, frames: np.ndarray, delay: int = 0) -> list[Step]:
+    """All steps with these frames, the n-th of which arrives at the n-th time."""
+    made, steps = navigator(delay), []
+    memory = made.start()
+    for k, (force, ranges) in enumerate(zip(flown.forces, frames, strict=True)):
+        steps.append(made.step(memory, ranges, force, PERIOD * k))
+        memory = steps[-1].memory
+    return steps
+
+
+def off(now: Estimate | None, state: np.ndarray) -> tuple[float, float, float]:
+    """Errors of position in m, of velocity in m/s and of the attitude in degrees."""
+    assert now is not None
+    turn = Rotation.from_matrix(now.rotation) * ATTITUDE.inv()
+    place, speed = now.state[:3] - state[:3], now.state[3:] - state[3:]
+    return (
+        float(np.linalg.norm(place)), float(np.linalg.norm(speed)),
+        float(np.degrees(turn.magnitude())),
+    )  # fmt: skip
+
+
+def is_close(now: Estimate | None, state: np.ndarray) -> bool:
+    place, speed, turn = off(now, state)
+    return place < 20.0 and speed < 0.1 and turn < 0.02
+
+
+def inside(now: Estimate | None, state: np.ndarray, sigmas: float = 6.0) -> bool:
+    assert now is not None
+    sigma = np.sqrt(np.diag(now.covariance)[:6])
+    return bool((np.abs(now.state - state) < sigmas * sigma).all())
+
+
+def phases(steps: list[Step]) -> list[NavigationPhase]:
+    return [step.memory.phase for step in steps]
+
+
+def test_follows_from_the_first_frame() -> None:
+    flown = flight()
+    steps = follow(flown, flown.frames)
+    assert set(phases(steps)) == {FOLLOWING}
+    for step, state in zip(steps, flown.states, strict=True):
+        assert inside(step.now, state)
+    errors = np.array([off(s.now, y) for s, y in zip(steps[20:], flown.states[20:], strict=True)])
+    assert (np.median(errors, axis=0) < [8.0, 0.03, 0.005]).all()
+    # It knows the attitude of a degree to a thousandth after all.
+    assert off(steps[0].now, flown.states[0])[2] < 0.1
+
+
+def test_it_is_as_certain_as_it_is_good() -> None:
+    """NEES of position and velocity in all steps of a flight, and the innovations."""
+    flown = flight()
+    steps = follow(flown, flown.frames)
+    values = []
+    for step, state in zip(steps[1:], flown.states[1:], strict=True):
+        assert step.now is not None
+        wrong = step.now.state - state
+        values.append(wrong @ np.linalg.solve(step.now.covariance[:6, :6], wrong))
+    # Errors of neighbouring steps are alike, so one flight says this much and no more.
+    assert 2.0 < np.mean(values) < 14.0
+    nis = [step.correction.nis for step in steps[1:] if step.correction]
+    assert np.mean(nis) == pytest.approx(1.0, abs=0.1)
+
+
+def test_five_minutes_without_frames() -> None:
+    """They are predicted through: it goes on following, less and less certain."""
+    flown = flight()
+    frames = flown.frames.copy()
+    frames[30:60] = np.inf
+    steps = follow(flown, frames)
+    assert set(phases(steps)) == {FOLLOWING}
+    assert all(step.correction is None for step in steps[30:60])
+    for step, state in zip(steps[30:], flown.states[30:], strict=True):
+        assert inside(step.now, state)
+    place, speed, _ = off(steps[59].now, flown.states[59])
+    assert place < 60.0
+    assert speed < 0.2
+    sigma = [np.sqrt(np.trace(s.now.covariance[:3, :3])) for s in steps[29:61] if s.now]
+    assert sigma[30] > 1.3 * sigma[0]
+    assert sigma[31] < sigma[30]
+    assert is_close(steps[-1].now, flown.states[-1])
+
+
+def test_late_frames_of_known_age() -> None:
+    flown = flight()
+    late = np.vstack([np.full((1, flown.frames.shape[1]), np.inf), flown.frames[:-1]])
+    steps = follow(flown, late, delay=1)
+    assert phases(steps)[:3] == [ACQUIRING, FOLLOWING, FOLLOWING]
+    for step, state in zip(steps[30:], flown.states[30:], strict=True):
+        assert is_close(step.now, state)
+        assert inside(step.now, state)
+    # Not told, it is where it was a step ago.
+    untold = follow(flown, late)
+    assert off(untold[-1].now, flown.states[-1])[0] > 50.0
+
+
+@pytest.mark.parametrize("share", [0.2])
+def test_false_returns_and_dropout(share: float) -> None:
+    flown, rng = flight(), np.random.default_rng(4)
+    frames = flown.frames.copy()
+    frames[rng.uniform(size=frames.shape) < 0.1] = np.inf
+    false = rng.uniform(0.0, DEFAULT_GEOMETRY.max_range, frames.shape)
+    false[rng.uniform(size=frames.shape) >= share] = np.inf
+    steps = follow(flown, np.minimum(frames, false))
+    assert phases(steps)[2:] == [FOLLOWING] * 68
+    # Not once does it take false returns for true ones, although it knows little at first.
+    for step, state in zip(steps, flown.states, strict=True):
+        assert step.now is None or inside(step.now, state)
+    assert is_close(steps[30].now, flown.states[30])
+    assert is_close(steps[-1].now, flown.states[-1])
+    rejected = [step.correction.rejected for step in steps[30:] if step.correction]
+    assert np.mean(rejected) > 20.0 * share
+
+
+ELSEWHERE = np.array([-120e3, 60e3, 90e3])
+
+
+@pytest.mark.parametrize("wrong", [2, 6])
+def test_frames_from_somewhere_else(wrong: int) -> None:
+    """One or two are not used. More are believed, or it is lost; then it is found again."""
+    flown = flight()
+    frames = flown.frames.copy()
+    for k in range(40, 40 + wrong):
+        frames[k] = frame(ELSEWHERE, k)
+    steps = follow(flown, frames)
+    for step, state in zip(steps[40 : 40 + min(wrong, 2)], flown.states[40:], strict=False):
+        assert step.memory.phase == FOLLOWING
+        assert step.correction is None
+        assert is_close(step.now, state)
+    for step in steps[42 : 40 + wrong]:
+        there = step.now is not None and np.linalg.norm(step.now.state[:3] - ELSEWHERE) < 100.0
+        assert step.memory.phase == LOST or there
+    assert is_close(steps[-1].now, flown.states[-1])
+    assert phases(steps)[-10:] == [FOLLOWING] * 10
+
+
+def test_lost_says_nothing_and_finds_itself() -> None:
+    """Frames that fit no pose: of random returns, for a minute."""
+    flown, rng = flight(), np.random.default_rng(8)
+    frames = flown.frames.copy()
+    size = frames[40:46].shape
+    frames[40:46] = DEFAULT_GEOMETRY.max_range * rng.uniform(size=size)
+    steps = follow(flown, frames)
+    assert phases(steps)[40:46] == [FOLLOWING] * 2 + [LOST] * 4
+    assert all(step.now is None for step in steps[42:46])
+    # It was right all the time, so that the next frame fits.
+    assert phases(steps)[46:] == [FOLLOWING] * 24
+    assert is_close(steps[46].now, flown.states[46])
+
+
+def test_a_push_that_nobody_expected() -> None:
+    """20 m/s at once: it sees it in the next frame, and knows the velocity soon after."""
+    before, after = flight(30), flight(40, (150e3, 20e3, 60e3), 7)
+    # The mean is put to where the second flight starts, with another velocity than that has.
+    steps = follow(before, before.frames)
+    memory = steps[-1].memory
+    assert memory.estimate is not None
+    mean = memory.estimate.mean.copy()
+    mean[:6] = after.states[0] - np.array([0.0, 0.0, 0.0, 15.0, -10.0, 8.0])
+    memory = memory._replace(estimate=memory.estimate._replace(mean=mean))
+    for k in range(1, 40):
+        step = navigator().step(memory, after.frames[k], after.forces[k], PERIOD * (29 + k))
+        memory = step.memory
+        assert memory.phase == FOLLOWING
+    assert is_close(memory.estimate, after.states[-1])
+
+
+@pytest.mark.parametrize("rms", [400.0])
+def test_a_map_that_is_wrong_as_told(rms: float) -> None:
+    """The error of the map is the same from frame to frame, and the covariance knows it."""
+    flown, body = flight(), kleopatra()
+    true = displaced(body.shape, rms, 15e3, 5)
+    expected = ExpectedErrors(surface_rms_m=rms)
+    model = FrameModel(body.shape, DEFAULT_GEOMETRY, NOISE, MapError(body.shape, rms, 15e3))
+    motion = Motion(body.gravity_field, body.shape.extents, body.spin_rate, MASS, expected)
+    made = Navigator(model, motion, expected, body.spin_rate, 30.0, PERIOD, 0)
+    memory, sigma = made.start(), np.inf
+    for k, state in enumerate(flown.states[:40]):
+        ranges = frame(state[:3], 500 + k, body=true)
+        step = made.step(memory, ranges, flown.forces[k], PERIOD * k)
+        memory = step.memory
+        assert memory.phase == FOLLOWING
+        assert inside(step.now, state)
+        assert step.now is not None
+        sigma = float(np.sqrt(np.trace(step.now.covariance[:3, :3])))
+    # As many frames of noise alone would leave a hundredth of this.
+    assert 0.2 * rms < sigma < 5.0 * rms
+
+
+# --- the system -----------------------------------------------------------------------------------
+
+
+def test_ports() -> None:
+    system = navigation()
+    inputs = {p.get_name(): p.size() for p in map(system.get_input_port, range(2))}
+    outputs = {p.get_name(): p.size() for p in map(system.get_output_port, range(5))}
+    assert inputs == {"ranges": 4320, "commanded_force": 3}
+    assert outputs.pop("return_use") == 4320
+    assert outputs == {"state": 6, "attitude": 4, "covariance": 81, "record": 5}
+    logged = system.logged_ports()
+    assert list(logged) == [f"navigation_{name}" for name in outputs]
+    for name, each in logged.items():
+        assert each.port.get_name() == name.removeprefix("navigation_")
+
+
+def seen(system: LidarNavigation, context) -> dict[str, np.ndarray]:
+    names = ("state", "attitude", "covariance", "record")
+    return {name: system.GetOutputPort(name).Eval(context).copy() for name in names}
+
+
+def told(system: LidarNavigation, ranges: np.ndarray, force: np.ndarray, time: float = 0.0):
+    context = system.CreateDefaultContext()
+    context.SetTime(time)
+    system.GetInputPort("ranges").FixValue(context, ranges)
+    system.GetInputPort("commanded_force").FixValue(context, force)
+    return context
+
+
+def test_the_first_frame() -> None:
+    system, flown = navigation(), flight()
+    context = told(system, flown.frames[0], np.zeros(3))
+    found = seen(system, context)
+    estimate = system.estimate(context)
+    assert estimate is not None
+    np.testing.assert_array_equal(found["state"], estimate.state)
+    assert np.linalg.norm(found["state"][:3] - flown.states[0, :3]) < 200.0
+    turn = Rotation.from_quat(found["attitude"], scalar_first=True)
+    np.testing.assert_allclose(turn.as_matrix(), estimate.rotation, atol=1e-12)
+    covariance = found["covariance"].reshape(9, 9)
+    np.testing.assert_array_equal(covariance, estimate.covariance[:9, :9])
+    assert (np.linalg.eigvalsh(covariance) > 0.0).all()
+    rms, used, rejected, nis, phase = found["record"]
+    assert 0.3 * NOISE < rms < 1.1 * NOISE
+    assert used + rejected <= np.isfinite(flown.frames[0]).sum()
+    assert nis == pytest.approx(1.0, abs=0.4)
+    assert phase == FOLLOWING
+
+
+def test_false_returns_are_rejected_and_others_used() -> None:
+    """A return that is twice as far as the surface is false."""
+    system, flown = navigation(), flight()
+    memory = system._navigator.step(
+        system._navigator.start(), flown.frames[0], np.zeros(3), 0.0
+    ).memory
+    ranges = flown.frames[1].copy()
+    returned = np.flatnonzero(np.isfinite(ranges))
+    false = returned[::7]
+    ranges[false] *= 2.0
+    context = told(system, ranges, flown.forces[1], PERIOD)
+    context.SetDiscreteState(system._packed(memory))
+    found = system.GetOutputPort("return_use").Eval(context)
+    record = system.GetOutputPort("record").Eval(context)
+    used, rejected = (np.flatnonzero(found == use) for use in (ReturnUse.USED, ReturnUse.REJECTED))
+    assert set(rejected) <= set(false)
+    assert rejected.size > 0.5 * false.size
+    assert set(used) <= set(returned) - set(false)
+    assert used.size > 0.5 * returned.size
+    assert (used.size, rejected.size) == (record[1], record[2])
+
+
+def through_ports(system: LidarNavigation, flown: Flight, count: int) -> list[dict]:
+    """What the system gives with these frames, as Drake updates it."""
+    simulator = Simulator(system, told(system, flown.frames[0], flown.forces[0]))
+    context, found = simulator.get_mutable_context(), []
+    simulator.Initialize()
+    for k in range(1, count):
+        simulator.AdvanceTo(PERIOD * k - 1.0)
+        system.GetInputPort("ranges").FixValue(context, flown.frames[k])
+        system.GetInputPort("commanded_force").FixValue(context, flown.forces[k])
+        simulator.AdvanceTo(PERIOD * k)
+        found.append(seen(system, context))
+    return found
+
+
+@pytest.mark.parametrize("delay", [0, 2])
+def test_the_system_is_the_navigator(delay: int) -> None:
+    """What it remembers goes through the Context, and nothing is lost on the way."""
+    flown, system = flight(), navigation(frame_delay=delay)
+    frames = np.vstack([np.full((delay, 4320), np.inf), flown.frames])[: len(flown.frames)]
+    late = flown._replace(frames=frames)
+    found = through_ports(system, late, 12)
+    memory = system._navigator.start()
+    for k in range(12):
+        step = system._navigator.step(memory, frames[k], flown.forces[k], PERIOD * k)
+        memory = step.memory
+        if k and step.now is not None:
+            np.testing.assert_array_equal(found[k - 1]["state"], step.now.state)
+            np.testing.assert_array_equal(
+                found[k - 1]["covariance"], step.now.covariance[:9, :9].ravel()
+            )
+            assert found[k - 1]["record"][4] == step.memory.phase
+    assert memory.estimate is not None
+
+
+def test_evaluation_order_changes_nothing() -> None:
+    """The same Context gives the same answer, whatever was asked of the system in between."""
+    system, flown = navigation(), flight()
+    first, second = (told(system, flown.frames[k], np.zeros(3)) for k in (0, 30))
+    before = seen(system, first)
+    seen(system, second)
+    again = system.CreateDefaultContext()
+    again.SetTimeStateAndParametersFrom(first)
+    system.GetInputPort("ranges").FixValue(again, flown.frames[0])
+    system.GetInputPort("commanded_force").FixValue(again, np.zeros(3))
+    for context in (first, again):
+        for name, value in seen(system, context).items():
+            np.testing.assert_array_equal(value, before[name])
+
+
+# --- in a flight ----------------------------------------------------------------------------------
+
+
+def on_lidar(**changes: object) -> Scenario:
+    turned = np.degrees(ATTITUDE.as_rotvec()).tolist()
+    scenario = short_scenario(truth__attitude__constant_deg=turned, **changes)
+    scenario.navigation = LidarNavigationConfig()
+    return scenario
+
+
+@functools.cache
+def short_log():
+    """300 s by a controller that knows only what the navigation tells it."""
+    scenario = on_lidar(arrival__deadline_s=300.0, arrival__dwell_s=290.0)
+    return fly(scenario, PdController(), body=kleopatra())
+
+
+def test_a_short_flight_knows_where_it_is() -> None:
+    data = short_log().dataset
+    assert data["time"].values[-1] >= 290.0
+    wrong = data["navigation_state"].values[-1] - data["state"].values[-1]
+    assert np.linalg.norm(wrong[:3]) < 10.0
+    assert np.linalg.norm(wrong[3:]) < 0.05
+    believed = Rotation.from_quat(data["navigation_attitude"].values[-1], scalar_first=True)
+    assert np.degrees((believed * ATTITUDE.inv()).magnitude()) < 0.01
+    assert (data["navigation_phase"].values == FOLLOWING).all()
+
+
+def test_a_cloned_context_continues_bit_for_bit() -> None:
+    scenario = on_lidar(**BRIEF)
+    diagram = make_transit_diagram(
+        scenario, Scripted(lambda time: np.array([2.0, -1.0, 0.02 * time]), ports=[("state", 6)]),
+        body=kleopatra(),
+    )  # fmt: skip
+    system = diagram.GetSubsystemByName("navigation")
+    first = make_simulator(diagram, scenario)
+    first.AdvanceTo(40.0)
+    copied = first.get_context().Clone()
+    first.AdvanceTo(90.0)
+    ends = [seen(system, system.GetMyContextFromRoot(first.get_context()))]
+    second = Simulator(diagram, copied)
+    ResetIntegratorFromFlags(second, "runge_kutta5", PERIOD).set_fixed_step_mode(True)
+    second.AdvanceTo(90.0)
+    ends.append(seen(system, system.GetMyContextFromRoot(second.get_context())))
+    for name in ends[0]:
+        np.testing.assert_array_equal(ends[0][name], ends[1][name])
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"truth__lidar__false_returns": 0.1, "disturbance": {}},
+        {"truth__lidar__latency_steps": 1, "mpc__solve_delay_s": 3.0},
+    ],
+)
+def test_the_log_says_what_became_of_each_return(changes: dict, tmp_path: Path) -> None:
+    """The counts were recorded by themselves."""
+    data = fly(on_lidar(**BRIEF, **changes), body=kleopatra()).dataset
+    use = data["navigation_return_use"].values
+    rows = slice(0, -1)  # The flight may end between two steps.
+    for kind, name in ((ReturnUse.USED, "returns"), (ReturnUse.REJECTED, "rejected")):
+        recorded = data[f"navigation_{name}"].values[rows]
+        np.testing.assert_array_equal((use == kind).sum(axis=(1, 2))[rows], recorded)
+    assert not use[~np.isfinite(data["ranges"].values)].any()
+    assert (use == ReturnUse.USED).sum() > 100
+    path = tmp_path / "flight.nc"
+    FlightLog(data, kleopatra()).to_netcdf(path)
+    kept = FlightLog.load(path).dataset["navigation_return_use"]
+    np.testing.assert_array_equal(kept, use)
+    assert kept.attrs["flag_meanings"] == "not_used used rejected"
