@@ -41,7 +41,7 @@ from proxops.diagrams.scenario import (
     parse_mapping,
     parse_scenario,
 )
-from proxops.systems.common import InputError, write_whole
+from proxops.systems.common import InputError, States, Values, Vector3, Vectors3, write_whole
 from proxops.systems.shapes import Polyhedron
 
 # Frames: most of their values are the same.
@@ -159,7 +159,7 @@ class FlightLog:
 
 def make_dataset(
     columns: dict[str, np.ndarray],
-    times: np.ndarray,
+    times: Values,
     scenario: Scenario,
     body: Body,
     attributes: dict[str, typing.Any],
@@ -232,7 +232,7 @@ def _mesh(name: str, dimension: str, shape: Polyhedron) -> dict[str, typing.Any]
     }  # fmt: skip
 
 
-def commanded_forces(force: np.ndarray, disturbance: np.ndarray, limit: float) -> np.ndarray:
+def commanded_forces(force: np.ndarray, disturbance: np.ndarray, limit: float) -> Vectors3:
     """The commands (N, 3) in N of logged forces, without what disturbed them.
 
     The difference is rounded, so it may exceed the thrust limit by a last bit; the commands do not.
@@ -241,7 +241,7 @@ def commanded_forces(force: np.ndarray, disturbance: np.ndarray, limit: float) -
 
 
 def inertial_motion(
-    times: np.ndarray, states: np.ndarray, spin: np.ndarray, axis_point: np.ndarray
+    times: Values, states: States, spin: Vector3, axis_point: Vector3
 ) -> tuple[np.ndarray, np.ndarray]:
     """Computes the motion in the inertial frame that coincides with K at time 0.
 

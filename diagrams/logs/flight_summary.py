@@ -13,6 +13,7 @@ from proxops.diagrams.logs.columns import WALL_TIMES
 from proxops.diagrams.logs.navigation_figures import navigation_figures
 from proxops.diagrams.scenario import Body, Scenario, dispersed_values
 from proxops.systems.assurance import InterventionReason
+from proxops.systems.common import States, Values
 from proxops.systems.expert import PlanReason, PlanStatus
 from proxops.systems.hybrid import FlownBy
 from proxops.systems.shapes import clearances
@@ -166,7 +167,7 @@ def fallback_steps(data: xr.Dataset) -> dict[str, int]:
     return counts
 
 
-def dense_positions(times: np.ndarray, states: np.ndarray) -> np.ndarray:
+def dense_positions(times: Values, states: States) -> np.ndarray:
     """Interpolates a path by cubic Hermite splines, with ten positions for each row.
 
     With steps of 10 s the result is within a millimetre of the integrated path.

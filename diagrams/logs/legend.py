@@ -9,7 +9,7 @@ import xarray as xr
 
 from proxops.diagrams.logs.flight_summary import INTERVENTION_TOLERANCE
 from proxops.systems.assurance import InterventionReason
-from proxops.systems.common import InputError, LegendEntry
+from proxops.systems.common import InputError, LegendEntry, Values
 from proxops.systems.expert import ModelPredictiveController
 from proxops.systems.hybrid import FlownBy
 from proxops.systems.policy import NeuralPolicy
@@ -32,7 +32,7 @@ REASONS = {
 """Why the safety filter changed a command, with a colour for each reason."""
 
 
-def flown_by(dataset: xr.Dataset) -> np.ndarray:
+def flown_by(dataset: xr.Dataset) -> Values:
     """Gives the `FlownBy` of each row (N,) of a log: its `decision`, or `SAFETY_FILTER`."""
     codes = dataset["decision"].values.astype(int)
     codes = np.where(np.isin(codes, list(FlownBy)), codes, FlownBy.CONTROLLER)

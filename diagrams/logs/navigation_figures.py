@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from proxops.diagrams.logs.lengths import length_text
 from proxops.diagrams.scenario import Scenario
-from proxops.systems.common import LARGEST
+from proxops.systems.common import LARGEST, Vectors3
 from proxops.systems.navigation import NavigationPhase
 
 # The figures of the errors leave out the beginning (s), in which the navigation settles.
@@ -49,7 +49,7 @@ def navigation_figures(data: xr.Dataset) -> dict[str, float]:
 
 
 def why_never_known(
-    data: xr.Dataset, scenario: Scenario, surface: np.ndarray
+    data: xr.Dataset, scenario: Scenario, surface: Vectors3
 ) -> list[tuple[str, str]]:
     """Says, in rows of a table, why the navigation of a flight never knew where it is.
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from proxops.diagrams.meshcat.meshcat_scene import FIELD_OF_VIEW, Scene
 from proxops.diagrams.scenario import Body
-from proxops.systems.common import directions_of
+from proxops.systems.common import Vector3, Vectors3, directions_of
 from proxops.systems.shapes import blocks_segment
 
 # Elevation of the camera in degrees.
@@ -22,13 +22,13 @@ _FILLED, _ASPECT = 0.8, 4.0 / 3.0
 class View(NamedTuple):
     """A camera's position and its target."""
 
-    eye: np.ndarray
+    eye: Vector3
     """Position (3,) of the camera, in m in K."""
-    target: np.ndarray
+    target: Vector3
     """The point (3,) at which it looks, in m in K."""
 
 
-def viewpoints(body: Body, points: np.ndarray) -> dict[str, View]:
+def viewpoints(body: Body, points: Vectors3) -> dict[str, View]:
     """Gives views that contain the body and `points` (N, 3), in m in K, by name, the best first."""
     azimuth = _best_azimuth(body, points)
     everything = _everything(body, points)
@@ -39,7 +39,7 @@ def viewpoints(body: Body, points: np.ndarray) -> dict[str, View]:
     }
 
 
-def look_at_flight(scene: Scene, points: np.ndarray) -> None:
+def look_at_flight(scene: Scene, points: Vectors3) -> None:
     """Sets camera and sun so that the body and `points` (N, 3), in m in K, are visible and lit."""
     azimuth = _best_azimuth(scene.body, points)
     view = _view(_everything(scene.body, points), azimuth, _ELEVATION)

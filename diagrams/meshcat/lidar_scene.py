@@ -7,6 +7,7 @@ from pydrake.geometry import Rgba
 from pydrake.perception import PointCloud
 
 from proxops.diagrams.meshcat.meshcat_scene import Scene, set_mesh
+from proxops.systems.common import Vector3
 from proxops.systems.lidar import ray_directions
 
 # A ray without a return is drawn for this share of the distance to the body's centre.
@@ -16,7 +17,7 @@ _FAN_ALPHA = 0.22
 _POINT_SIZE = 0.03
 
 
-def plane_edges(position: np.ndarray, ranges: np.ndarray, plane: int) -> np.ndarray:
+def plane_edges(position: Vector3, ranges: np.ndarray, plane: int) -> np.ndarray:
     """Computes the ends of the rays of one plane, (rays, 3) in m in K.
 
     Args:
@@ -31,7 +32,7 @@ def plane_edges(position: np.ndarray, ranges: np.ndarray, plane: int) -> np.ndar
 
 
 def add_planes(
-    scene: Scene, position: np.ndarray, ranges: np.ndarray, planes: tuple[int, ...]
+    scene: Scene, position: Vector3, ranges: np.ndarray, planes: tuple[int, ...]
 ) -> None:
     """Draws planes as fans and their returns as points, under /lidar/plane_NN.
 

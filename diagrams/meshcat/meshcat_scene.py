@@ -18,7 +18,7 @@ from pydrake.math import RigidTransform
 from pydrake.perception import PointCloud
 
 from proxops.diagrams.scenario import Body, TrueBody, spin_axes
-from proxops.systems.common import directions_of
+from proxops.systems.common import Vector3, Vectors3, directions_of
 from proxops.systems.lidar import ray_directions
 from proxops.systems.navigation import ReturnUse
 
@@ -67,7 +67,7 @@ class Scene:
         """Metres per Meshcat unit: half the body's greatest extent, rounded to one digit."""
         return float(f"{self.body.shape.extents.max() / 2.0:.0e}")
 
-    def pose(self, position: np.ndarray) -> RigidTransform:
+    def pose(self, position: Vector3) -> RigidTransform:
         """Gives the pose, in Meshcat units, at a position (3,) in m."""
         scaled: typing.Any = position / self.unit
         return RigidTransform(scaled)
@@ -158,7 +158,7 @@ def add_keep_out(scene: Scene) -> None:
     meshcat.SetLineSegments("/keep_out/graticule", starts, ends, 1.0, _GRATICULE)
 
 
-def add_goal(scene: Scene, position: np.ndarray, name: str = "/goal") -> None:
+def add_goal(scene: Scene, position: Vector3, name: str = "/goal") -> None:
     """Adds a marker at a position (3,) in m in K: a ball with three long thin bars through it."""
     meshcat = scene.meshcat
     meshcat.SetObject(f"{name}/ball", Sphere(0.022), GOAL)
@@ -200,8 +200,8 @@ def add_spacecraft(scene: Scene) -> None:
 
 def move_spacecraft(
     scene: Scene,
-    position: np.ndarray,
-    force: np.ndarray,
+    position: Vector3,
+    force: Vector3,
     thrust_limit: float,
     time_in_recording: float | None = None,
 ) -> None:
@@ -231,7 +231,7 @@ def move_spacecraft(
 def add_returns(
     scene: Scene,
     name: str,
-    position: np.ndarray,
+    position: Vector3,
     ranges: np.ndarray,
     use: np.ndarray | None = None,
 ) -> None:
@@ -267,8 +267,8 @@ def _add_points(scene: Scene, name: str, places: np.ndarray, colour: Rgba, size:
 def set_mesh(
     meshcat: Meshcat,
     name: str,
-    points: np.ndarray,
-    facets: np.ndarray,
+    points: Vectors3,
+    facets: Vectors3,
     colour: Rgba,
     side: Meshcat.SideOfFaceToRender = Meshcat.SideOfFaceToRender.kDoubleSide,
 ) -> None:
@@ -279,7 +279,7 @@ def set_mesh(
     meshcat.SetProperty(f"{name}/<object>", "material.flatShading", False)
 
 
-def add_plan(scene: Scene, positions: np.ndarray) -> None:
+def add_plan(scene: Scene, positions: Vectors3) -> None:
     """Draws the planned path through positions (N, 3) in m in K; it replaces the last plan."""
     points: typing.Any = (positions / scene.unit).T
     scene.meshcat.SetLine("/plan", points, 1.0, _PLAN)

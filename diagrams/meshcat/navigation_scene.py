@@ -19,7 +19,7 @@ from pydrake.math import RigidTransform, RotationMatrix
 
 from proxops.diagrams.logs import navigation_errors
 from proxops.diagrams.meshcat.meshcat_scene import Scene, add_bars
-from proxops.systems.common import LARGEST
+from proxops.systems.common import LARGEST, Values, Vector3, Vectors3
 
 NAVIGATION = Rgba(0.35, 0.95, 0.95)
 _REGION = Rgba(0.35, 0.95, 0.95, 0.22)
@@ -41,15 +41,15 @@ _TURNS = np.array(
 class Region(NamedTuple):
     """Where the navigation believes the spacecraft to be, in each of N rows; NaN: nowhere."""
 
-    errors: np.ndarray
+    errors: Vectors3
     """(N, 3) believed less true position, in m in K."""
-    semi_axes: np.ndarray
+    semi_axes: Vectors3
     """(N, 3) of the ellipsoid of three standard deviations, in m."""
     axes: np.ndarray
     """(N, 3, 3): the columns are the directions of these, in K: a rotation."""
 
     @property
-    def known(self) -> np.ndarray:
+    def known(self) -> Values:
         """Tells (N,) in which rows there is a region."""
         return np.asarray(np.isfinite(self.semi_axes).all(axis=1))
 
@@ -113,7 +113,7 @@ def add_navigation(scene: Scene) -> None:
 
 def move_navigation(
     scene: Scene,
-    position: np.ndarray,
+    position: Vector3,
     region: Region,
     row: int,
     times: float,

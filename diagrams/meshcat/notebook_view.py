@@ -30,6 +30,7 @@ from proxops.diagrams.meshcat.meshcat_scene import (
 )
 from proxops.diagrams.meshcat.replay import add_flight, write_replay
 from proxops.diagrams.scenario import Body
+from proxops.systems.common import Vector3, Vectors3
 
 _HEIGHT = 480
 # Time in s that a browser has to open the live page before the saved page replaces it.
@@ -86,7 +87,7 @@ def show_flight(log: FlightLog) -> Meshcat:
     return meshcat
 
 
-def show_body(body: Body, positions: np.ndarray | None = None) -> Meshcat:
+def show_body(body: Body, positions: Vectors3 | None = None) -> Meshcat:
     """Shows a body, its keep-out ellipsoid, and markers at positions (N, 3) in m in K.
 
     Returns:
@@ -102,7 +103,7 @@ def show_body(body: Body, positions: np.ndarray | None = None) -> Meshcat:
 
 
 def show_lidar(
-    body: Body, position: np.ndarray, ranges: np.ndarray, planes: tuple[int, ...] = (0, 1, 2)
+    body: Body, position: Vector3, ranges: np.ndarray, planes: tuple[int, ...] = (0, 1, 2)
 ) -> Meshcat:
     """Shows some of the lidar's planes, as the first figure of the paper does.
 

@@ -37,7 +37,7 @@ from proxops.diagrams.meshcat.navigation_scene import (
     return_uses,
 )
 from proxops.diagrams.meshcat.replay_panel import panel
-from proxops.systems.common import write_whole
+from proxops.systems.common import Vectors3, write_whole
 
 # Greatest number of lidar frames that a replay shows.
 LIDAR_FRAMES = 40
@@ -123,7 +123,7 @@ def _record_navigation(scene: Scene, data: xr.Dataset, shown: np.ndarray) -> Non
 
 
 def add_path(
-    scene: Scene, positions: np.ndarray, colours: Sequence[tuple[float, float, float]]
+    scene: Scene, positions: Vectors3, colours: Sequence[tuple[float, float, float]]
 ) -> list[tuple[str, int]]:
     """Draws the whole path as a thin line, and the flown path as pieces of tube.
 
@@ -178,7 +178,7 @@ def _add_returns(scene: Scene, data: xr.Dataset) -> list[tuple[str, int]]:
     return frames
 
 
-def tube(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def tube(points: Vectors3) -> tuple[np.ndarray, np.ndarray]:
     """Makes a tube of six sides about a polyline.
 
     Args:

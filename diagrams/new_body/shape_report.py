@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from proxops.diagrams.scenario import Body
+from proxops.systems.common import Values
 from proxops.systems.gravity import synchronous_radius
 from proxops.systems.shapes import Defect, EnclosingEllipsoid, MassProperties, MeshFile
 
@@ -35,10 +36,10 @@ class HoverMap:
     """A map of the greatest force per axis that hovering over the keep-out ellipsoid takes."""
 
     craft_mass_kg: float
-    longitudes: np.ndarray
+    longitudes: Values
     """Longitudes (M,) in degrees. They and the latitudes are angles after the ellipsoid is scaled
     to a sphere."""
-    latitudes: np.ndarray
+    latitudes: Values
     """Latitudes (N,) in degrees."""
     forces: np.ndarray
     """Forces (N, M) in N."""
@@ -52,7 +53,7 @@ class ShapeReport:
     questions: Questions
     defects: list[Defect]
     remarks: list[str]
-    angles: np.ndarray
+    angles: Values
     """The smallest angle (F,) of each facet in degrees; empty if they were not measured."""
     shells: int | None = None
     crossings: np.ndarray | None = None

@@ -7,6 +7,7 @@ from matplotlib.axes import Axes
 
 from proxops.diagrams.logs import FlightLog
 from proxops.diagrams.scenario import Body
+from proxops.systems.common import Values
 
 MINUTE = 60.0
 """A minute in s."""
@@ -23,12 +24,12 @@ def unit_at(body: Body) -> tuple[float, str]:
     return length_unit(float(body.shape.extents.max()))
 
 
-def minutes_of(log: FlightLog) -> np.ndarray:
+def minutes_of(log: FlightLog) -> Values:
     """Gives the times (N,) of a log's rows in minutes."""
     return log.dataset["time"].values / MINUTE
 
 
-def force_edges(log: FlightLog) -> np.ndarray:
+def force_edges(log: FlightLog) -> Values:
     """Gives the times (N,) in minutes between which the forces of a log's rows but the last act.
 
     The last row is the end of the flight; no force acts after it.

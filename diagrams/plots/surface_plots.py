@@ -20,6 +20,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patheffects import Normal, Stroke
 
 from proxops.diagrams.plots.shared_axes import length_unit
+from proxops.systems.common import Values
 from proxops.systems.gravity import (
     AXES,
     BodyField,
@@ -90,7 +91,7 @@ def plot_surface_maps(field: BodyField, spin: float, title: str = "") -> Figure:
 def draw_surface(
     ax: Axes,
     shape: Polyhedron,
-    values: np.ndarray,
+    values: Values,
     view: str = "+z",
     colours: str = "viridis",
     norm: Normalize | None = None,

@@ -14,6 +14,7 @@ from proxops.diagrams.logs import three_digits
 from proxops.diagrams.plots.flight_plot import BODY, GOAL, KEEP_OUT, draw_body, true_handles
 from proxops.diagrams.plots.shared_axes import AXIS_COLOURS, MINUTE, frame_plane, unit_at
 from proxops.diagrams.scenario import Body, TrueBody
+from proxops.systems.common import Vector3, Vectors3
 from proxops.systems.gravity import AXES
 
 PLANES = ("xy", "xz")
@@ -50,7 +51,7 @@ class TransitPicture:
         handles: list[Artist] = [*fixed, *true_handles(body, true_body)]
         figure.legend(handles=handles, loc="outside lower center", ncols=6, frameon=False)
 
-    def pixels(self, path: np.ndarray, goal: np.ndarray, time: float) -> np.ndarray:
+    def pixels(self, path: Vectors3, goal: Vector3, time: float) -> np.ndarray:
         """Draws a transit.
 
         Args:

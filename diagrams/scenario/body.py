@@ -9,7 +9,7 @@ import numpy as np
 
 from proxops.assets import ASSETS
 from proxops.diagrams.scenario.typed_yaml import is_yaml_path, load_typed, read_mapping
-from proxops.systems.common import InputError, check_limits, number
+from proxops.systems.common import InputError, Vector3, check_limits, number
 from proxops.systems.gravity import BodyField, GravityField, TabulatedField
 from proxops.systems.shapes import Polyhedron
 
@@ -52,7 +52,7 @@ class Body:
         return 2.0 * np.pi / (self.config.rotation_period_h * 3600.0)
 
     @property
-    def keep_out_semi_axes(self) -> np.ndarray:
+    def keep_out_semi_axes(self) -> Vector3:
         """Semi-axes (3,) in m along x, y, z of the keep-out ellipsoid."""
         return np.array(self.config.keep_out_semi_axes_m)
 

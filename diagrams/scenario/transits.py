@@ -8,7 +8,7 @@ import numpy as np
 
 from proxops.diagrams.scenario.body import Body, load_body
 from proxops.diagrams.scenario.scenario_config import Scenario
-from proxops.systems.common import InputError, generator
+from proxops.systems.common import InputError, Values, Vector3, Vectors3, generator
 from proxops.systems.shapes import blocks_segment, clearances
 
 # Of every ten transits, the ones with these numbers are blocked by the keep-out ellipsoid.
@@ -30,7 +30,7 @@ class Transit:
     index: int
     start: np.ndarray
     goal: np.ndarray
-    start_velocity: np.ndarray = dc.field(default_factory=lambda: np.zeros(3))
+    start_velocity: Vector3 = dc.field(default_factory=lambda: np.zeros(3))
     """Velocity (3,) in K at the start, in m/s; by default the spacecraft is at rest in K."""
 
 
@@ -62,7 +62,7 @@ def of_transit(scenario: Scenario, seed: int, index: int) -> Scenario:
 
 
 def with_ends(
-    scenario: Scenario, start: np.ndarray, goal: np.ndarray, velocity: np.ndarray | None = None
+    scenario: Scenario, start: Vector3, goal: Vector3, velocity: Vector3 | None = None
 ) -> Scenario:
     """Gives a copy of the scenario whose transit has these ends.
 
@@ -112,7 +112,7 @@ def draw_transit(seed: int, index: int, scenario: Scenario, body: Body) -> Trans
     )
 
 
-def hover_force(positions: np.ndarray, mass: float, body: Body) -> np.ndarray:
+def hover_force(positions: Vectors3, mass: float, body: Body) -> Values:
     """Gives the greatest force per axis (N,), in N, that hovering takes.
 
     Args:

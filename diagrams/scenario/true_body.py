@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from proxops.diagrams.scenario.body import Body
 from proxops.diagrams.scenario.scenario_config import Scenario, TruthConfig
 from proxops.diagrams.scenario.transits import Transit, UnflyableWorldError
-from proxops.systems.common import InputError
+from proxops.systems.common import InputError, Vector3, Vectors3
 from proxops.systems.gravity import BodyField, GravityField
 from proxops.systems.shapes import Polyhedron, displaced, registered
 
@@ -31,12 +31,12 @@ class TrueBody:
     """The true surface."""
     gravity_field: BodyField
     """Gravity of the true masses."""
-    spin: np.ndarray
+    spin: Vector3
     """Angular velocity (3,) in rad/s."""
-    axis_point: np.ndarray
+    axis_point: Vector3
     """(3,) in m: the true centre of mass, through which the spin axis goes."""
 
-    def apparent_gravity(self, positions: np.ndarray) -> np.ndarray:
+    def apparent_gravity(self, positions: Vectors3) -> Vectors3:
         """Acceleration (N, 3) in m/s^2 of a body released at rest in K at positions (N, 3) in m."""
         arms = positions - self.axis_point
         centrifugal = np.cross(self.spin, np.cross(self.spin, arms))

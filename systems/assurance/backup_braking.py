@@ -19,7 +19,7 @@ from proxops.systems.assurance.certification import (
 )
 from proxops.systems.assurance.least_change import Box, Path, along_path, least_change
 from proxops.systems.assurance.outer_gravity import outer_gravity
-from proxops.systems.common import InputError, check_limits, check_positive
+from proxops.systems.common import InputError, State, Vector3, check_limits, check_positive
 from proxops.systems.gravity import FieldTables, GravityField, TabulatedField
 from proxops.systems.vehicle import FlightLimits
 
@@ -58,7 +58,7 @@ class InterventionReason(IntEnum):
 class Assured(NamedTuple):
     """The result of `BackupBraking.assure`."""
 
-    force: np.ndarray
+    force: Vector3
     """(3,) in N in K. Where the reason is NONE, it is the command itself, bit for bit."""
     reason: InterventionReason
     margin: float = np.nan
@@ -274,7 +274,7 @@ class BackupBraking:
             f"without runtime assurance, or {tightest(parts)}"
         )
 
-    def force(self, state: np.ndarray) -> np.ndarray:
+    def force(self, state: State) -> np.ndarray:
         """The backup's force (3,) in N at a state (6,) in K."""
         r, v = self._split(state)
         thrust = np.empty(3)
@@ -290,11 +290,11 @@ class BackupBraking:
         r, v = self._split(state)
         return kernel.backup_margin(r, v, *self.arguments)
 
-    def admitted(self, state: np.ndarray) -> bool:
+    def admitted(self, state: State) -> bool:
         """Whether the backup's flight from a state (6,) stays out of the ellipsoid."""
         return self.backup_margin(state) >= 0.0
 
-    def can_hold(self, position: np.ndarray, position_error: float, velocity_error: float) -> bool:
+    def can_hold(self, position: Vector3, position_error: float, velocity_error: float) -> bool:
         """Whether the backup, started at rest, settles with these bounds of the state's errors.
 
         Args:
@@ -305,8 +305,8 @@ class BackupBraking:
 
     def assure(
         self,
-        state: np.ndarray,
-        force: np.ndarray,
+        state: State,
+        force: Vector3,
         position_error: float | None = None,
         velocity_error: float | None = None,
     ) -> Assured:

@@ -6,7 +6,7 @@ import numpy as np
 
 from proxops.systems.assurance import _braking_kernel as kernel
 from proxops.systems.assurance.assurance_bounds import AssuranceBounds
-from proxops.systems.common import spread_directions
+from proxops.systems.common import Vector3, spread_directions
 from proxops.systems.gravity import FieldTables
 from proxops.systems.shapes import outward_normals
 
@@ -22,7 +22,7 @@ Arguments = tuple[FieldTables, np.record]
 
 
 def rooms(
-    arguments: Arguments, semi_axes: np.ndarray, speed: float = 0.0
+    arguments: Arguments, semi_axes: Vector3, speed: float = 0.0
 ) -> tuple[np.ndarray, np.ndarray]:
     """The clearance that a state needs to be admitted, at places all around the ellipsoid.
 
@@ -99,6 +99,6 @@ def tightest(parts: dict[str, float]) -> str:
     return f"tighten assurance.bounds.{name} first: it takes {parts[name]:.3g} m/s^2"
 
 
-def describe(place: np.ndarray) -> str:
+def describe(place: Vector3) -> str:
     """A place (3,) in m, for a message."""
     return f"({place[0]:.4g}, {place[1]:.4g}, {place[2]:.4g}) m"

@@ -8,6 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from proxops.systems.common import Vector3
+
 Margin = Callable[[np.ndarray], float]
 """Gives the margin of a command (3,), which is safe if that is not negative. -inf means that the
 distance to safety is not known."""
@@ -19,7 +21,7 @@ class Path(NamedTuple):
     """The commands start + share * toward, clipped to the box, with a share from 0 to `far`."""
 
     start: np.ndarray
-    toward: np.ndarray
+    toward: Vector3
     """(3,) each."""
     first: float
     """The share to try first."""
@@ -39,7 +41,7 @@ _FAR = 20.0
 
 
 def least_change(
-    margin: Margin, start: np.ndarray, shortfall: float, box: Box, limit: float, enough: float
+    margin: Margin, start: Vector3, shortfall: float, box: Box, limit: float, enough: float
 ) -> np.ndarray | None:
     """Finds the safe command nearest to an unsafe one, to first order; None if the search fails.
 

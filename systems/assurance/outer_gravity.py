@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from proxops.systems.assurance._braking_kernel import SURFACE
-from proxops.systems.common import spread_directions
+from proxops.systems.common import Matrix3, Vector3, spread_directions
 from proxops.systems.gravity import (
     GRAVITATIONAL_CONSTANT,
     FieldTables,
@@ -33,10 +33,10 @@ class OuterGravity(NamedTuple):
     """What `proxops.systems.gravity.gravity_at` takes."""
     error: float
     """In m/s^2: the bound of the table's error outside the ellipsoid."""
-    greatest: np.ndarray
+    greatest: Vector3
     """(3,) in m/s^2: the greatest size of each component of the field outside the ellipsoid, as
     sampled: it may be up to 1 % more."""
-    places: np.ndarray
+    places: Matrix3
     """(3, 3) in m: where on the ellipsoid each component is greatest."""
     strongest: float
     """The greatest size of the field outside the ellipsoid, in m/s^2."""

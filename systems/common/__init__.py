@@ -6,11 +6,20 @@ arguments that make no sense. Random numbers are pure functions of a seed and a 
 systems that draw them. `write_whole` and `write_json` give a file its name only when all of it is
 written. `decoded` gives the text of a file in any encoding. `kernel` compiles functions.
 `keep_arrays` puts what took long to compute into the user's cache folder, and `kept_arrays` finds
-it there. `read_bundle` reads the folder of a trained network, and `offers_of` what a controller
-offers to a flight and its log. Read `errors` and `counter_noise` first. This room imports nothing
-else of proxops, and every other room depends on it.
+it there. `Vector3`, `States` and the like say the shape of an array in signatures. `read_bundle`
+reads the folder of a trained network, and `offers_of` what a controller offers to a flight and its
+log. Read `errors` and `counter_noise` first. This room imports nothing else of proxops, and every
+other room depends on it.
 """
 
+from proxops.systems.common.array_types import (
+    Matrix3,
+    State,
+    States,
+    Values,
+    Vector3,
+    Vectors3,
+)
 from proxops.systems.common.bundles import MODEL_FILE, BundleKind, open_session, read_bundle
 from proxops.systems.common.checks import (
     LARGEST,
@@ -73,11 +82,17 @@ __all__ = [
     "InputError",
     "LegendEntry",
     "LoggedPort",
+    "Matrix3",
     "Progress",
     "Quaternion",
     "SeededSystem",
     "SolverFailure",
+    "State",
+    "States",
+    "Values",
     "Vector",
+    "Vector3",
+    "Vectors3",
     "cache_folder",
     "check_finite",
     "check_limits",

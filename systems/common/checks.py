@@ -8,6 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from proxops.systems.common.array_types import Vector3
 from proxops.systems.common.errors import InputError
 
 LARGEST = 1e15
@@ -52,7 +53,7 @@ def check_not_negative(owner: str, **values: float) -> None:
             raise InputError(f"{owner} needs {name} from 0 to below {LARGEST:g}, got {value}")
 
 
-def checked_semi_axes(owner: str, axes: typing.Any) -> np.ndarray:
+def checked_semi_axes(owner: str, axes: typing.Any) -> Vector3:
     """The semi-axes (3,) of an ellipsoid, in m.
 
     Raises:

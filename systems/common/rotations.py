@@ -10,6 +10,7 @@ import math
 
 import numpy as np
 
+from proxops.systems.common.array_types import Matrix3
 from proxops.systems.common.checks import Vector
 from proxops.systems.common.errors import InputError
 from proxops.systems.common.kernels import kernel
@@ -57,7 +58,7 @@ def rotated(rotation: Quaternion, vector: Vector) -> Vector:
     return (a + w * p + (y * r - z * q), b + w * q + (z * p - x * r), c + w * r + (x * q - y * p))
 
 
-def rotation_matrix(quaternion: np.ndarray) -> np.ndarray:
+def rotation_matrix(quaternion: np.ndarray) -> Matrix3:
     """The rotation matrix (3, 3) of a quaternion (w, x, y, z), which is scaled to length 1.
 
     The identity quaternion gives the identity to the last bit. R = (w² - v²) I + 2 v vᵀ + 2 w [v]×

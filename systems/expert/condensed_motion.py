@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from proxops.systems.common import kernel
+from proxops.systems.common import State, States, Values, Vector3, Vectors3, kernel
 from proxops.systems.gravity import Field
 
 # Terms of the exponential's series for one interval, after 1. With 16 intervals |A| dt is at most
@@ -27,21 +27,21 @@ _EXPONENTIAL_TERMS = 8
 class Reference(NamedTuple):
     """What the motion is linearised about."""
 
-    states: np.ndarray
+    states: States
     """(N + 1, 6) at the knots, in K, in m and m/s."""
-    controls: np.ndarray
+    controls: Vectors3
     """(N, 3) between them."""
-    lengths: np.ndarray
+    lengths: Values
     """(N,) of the intervals, in s."""
 
 
 def condensed_motion(
     field: Field,
     spin: float,
-    start: np.ndarray,
+    start: State,
     reference: Reference,
     acceleration: float,
-    disturbance: np.ndarray,
+    disturbance: Vector3,
 ) -> np.ndarray:
     """Coefficients (N, 6, 3 N + 2) of the states at the ends of N intervals in (u, stretch, 1).
 

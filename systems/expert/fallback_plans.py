@@ -6,6 +6,7 @@ import dataclasses
 
 import numpy as np
 
+from proxops.systems.common import State
 from proxops.systems.expert.plan import Horizon, Plan, PlanStatus, empty_plan
 from proxops.systems.gravity import Field
 from proxops.systems.vehicle import FlightLimits
@@ -31,7 +32,7 @@ def continued_plan(last: Plan, age: float, horizon: Horizon, least: float) -> Pl
 
 
 def braking(
-    state: np.ndarray,
+    state: State,
     field: Field,
     spin: float,
     limits: FlightLimits,

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from proxops.systems.common import Vector3
 from proxops.systems.shapes import blocks_segment
 
 # If the ends' unit vectors add up to less than this, they are nearly opposite. A fixed axis then
@@ -13,7 +14,7 @@ _ONE_SIDED = 3.0**0.5
 
 
 def initial_paths(
-    fractions: np.ndarray, start: np.ndarray, end: np.ndarray, axes: np.ndarray
+    fractions: np.ndarray, start: Vector3, end: Vector3, axes: Vector3
 ) -> list[np.ndarray]:
     """Positions (N + 1, 3) at the knots of one or two initial paths from start (3,) to end (3,).
 

@@ -36,7 +36,7 @@ from pydrake.solvers import (
     SolverOptions,
 )
 
-from proxops.systems.common import SolverFailure
+from proxops.systems.common import SolverFailure, State, States, Vector3, Vectors3
 from proxops.systems.expert.condensed_motion import Reference, condensed_motion
 from proxops.systems.expert.initial_guess import initial_paths
 from proxops.systems.expert.path_limits import PathLimits, slack_of_limits
@@ -63,9 +63,9 @@ _TOLERANCE = 1e-8
 class TransitSolution:
     """A solution of one linearisation."""
 
-    states: np.ndarray
+    states: States
     """(N + 1, 6) at the knots, in m and m/s."""
-    controls: np.ndarray
+    controls: Vectors3
     """(N, 3), forces over the limit."""
     stretch: float
     """Relative change of the plan's length."""
@@ -171,7 +171,7 @@ class LinearisedTransit:
     def _share_constraint(self, constraint: Binding) -> None:
         self.bare.AddConstraint(constraint)
 
-    def initial_plans(self, state: np.ndarray, target: np.ndarray, duration: float) -> list[Plan]:
+    def initial_plans(self, state: State, target: State, duration: float) -> list[Plan]:
         """Plans to linearise about, which depend on state and target alone; the likeliest is first.
 
         Args:
@@ -204,11 +204,11 @@ class LinearisedTransit:
 
     def linearise(
         self,
-        start: np.ndarray,
-        states: np.ndarray,
+        start: State,
+        states: States,
         controls: np.ndarray,
         duration: float,
-        disturbance: np.ndarray,
+        disturbance: Vector3,
     ) -> None:
         """Linearises the motion and its limits about a plan.
 
@@ -232,7 +232,7 @@ class LinearisedTransit:
         self._limits = PathLimits(self.limits, self.units, states[1:])
         self._room = self._limits.room(states[1:] / self.units)
 
-    def aim(self, target: np.ndarray) -> None:
+    def aim(self, target: State) -> None:
         """Makes the plan that was linearised last end at the target (6,)."""
         assert self._bare_end is not None
         self._to_go = target / self.units - self.drift[-1]

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from proxops.systems.common import kernel
+from proxops.systems.common import States, kernel
 from proxops.systems.shapes import tangent_half_spaces
 from proxops.systems.vehicle import FlightLimits
 
@@ -33,7 +33,7 @@ class PathLimits:
         self._normals, offsets = tangent_half_spaces(limits.keep_out_semi_axes, states[:, :3])
         self._offsets, self._speed = offsets / units[0], limits.speed / units[3]
 
-    def room(self, states: np.ndarray) -> np.ndarray:
+    def room(self, states: States) -> np.ndarray:
         """Distances (7 N,) of scaled states (N, 6) at the knots to the limits without slack."""
         return _room(self._normals, self._offsets, self._speed, states)
 

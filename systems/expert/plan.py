@@ -8,7 +8,17 @@ from typing import Protocol
 
 import numpy as np
 
-from proxops.systems.common import InputError, check_not_negative, check_positive, kernel
+from proxops.systems.common import (
+    InputError,
+    State,
+    States,
+    Values,
+    Vector3,
+    Vectors3,
+    check_not_negative,
+    check_positive,
+    kernel,
+)
 from proxops.systems.gravity import Field
 from proxops.systems.vehicle import FlightLimits
 
@@ -56,11 +66,11 @@ class Plan:
 
     times: np.ndarray
     """(N + 1,) knots in s from the plan's own start."""
-    states: np.ndarray
+    states: States
     """(N + 1, 6) in m and m/s."""
-    forces: np.ndarray
+    forces: Vectors3
     """(N, 3) in N, constant between knots."""
-    target: np.ndarray
+    target: State
     """(6,) in m and m/s: where the plan should end; it does so if `slack` is 0."""
     cost: float
     """The integral that the program minimises, in s, without the price of slack."""
@@ -75,14 +85,14 @@ class Plan:
     """Wall time of the MPC's step in s; the controller sets it."""
     reason: int = PlanReason.SOLVED_ANEW_NO_PLAN
     """A `PlanReason`; the controller sets it."""
-    disturbance: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    disturbance: Vector3 = field(default_factory=lambda: np.zeros(3))
     """(3,) in m/s^2: the assumed acceleration besides gravity and thrust."""
 
-    def states_at(self, times: np.ndarray) -> np.ndarray:
+    def states_at(self, times: Values) -> np.ndarray:
         """States (M, 6) at times (M,): linear between knots, constant past the last knot."""
         return _interpolated(times, self.times, self.states)
 
-    def forces_at(self, times: np.ndarray) -> np.ndarray:
+    def forces_at(self, times: Values) -> np.ndarray:
         """Forces (M, 3) at times (M,); outside the plan those of its first or last interval."""
         return _of_intervals(times, self.times, self.forces)
 
@@ -176,7 +186,7 @@ class Horizon:
         )
         check_not_negative("Horizon", fuel_weight=self.fuel_weight)
 
-    def time_to_go(self, state: np.ndarray, target: np.ndarray) -> float:
+    def time_to_go(self, state: State, target: State) -> float:
         """An initial guess of the plan's length T, in s, from state (6,) and target (6,) alone.
 
         Without gravity, the motion of least quadratic effort from rest to rest over the distance D

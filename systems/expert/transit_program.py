@@ -30,7 +30,7 @@ from typing import NamedTuple
 import numpy as np
 from pydrake.solvers import SolutionResult
 
-from proxops.systems.common import SolverFailure, kernel
+from proxops.systems.common import SolverFailure, State, Vector3, kernel
 from proxops.systems.expert.linearised_transit import KEEP_OUT_PRICE, LinearisedTransit
 from proxops.systems.expert.plan import Horizon, Plan
 from proxops.systems.gravity import Field
@@ -81,12 +81,12 @@ class TransitProgram:
 
     def solve(
         self,
-        state: np.ndarray,
-        target: np.ndarray,
+        state: State,
+        target: State,
         previous: Plan | None = None,
         age: float = 0.0,
         iterations: int = 1,
-        disturbance: np.ndarray | None = None,
+        disturbance: Vector3 | None = None,
         longest: float = np.inf,
     ) -> Plan:
         """The plan from `state` (6,) to `target` (6,).

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from proxops.systems.common import InputError, cross_matrix
+from proxops.systems.common import InputError, Matrix3, Vector3, Vectors3, cross_matrix
 from proxops.systems.gravity.gravity_field import GRAVITATIONAL_CONSTANT, BodyField
 from proxops.systems.gravity.surface_maps import effective_field
 
@@ -25,7 +25,7 @@ _NO_GROWTH = 1e-6
 class Equilibrium(NamedTuple):
     """A point of K where gravity and centrifugal force cancel."""
 
-    position: np.ndarray
+    position: Vector3
     """(3,) in m in K."""
     potential: float
     """The effective potential there, in m^2/s^2: see `EffectiveField`."""
@@ -46,7 +46,7 @@ def synchronous_radius(mass: float, spin: float) -> float:
     return float(np.cbrt(GRAVITATIONAL_CONSTANT * mass / spin**2)) if spin else np.inf
 
 
-def linear_modes(gradient: np.ndarray, spin: float) -> np.ndarray:
+def linear_modes(gradient: Matrix3, spin: float) -> np.ndarray:
     """Eigenvalues (6,), complex, in 1/s, of the motion r'' = H r - 2 w x r' near a point of rest.
 
     They come in pairs of opposite sign. Jiang, Baoyin, Li & Li, Astrophys. Space Sci. 349 (2014)
@@ -60,7 +60,7 @@ def linear_modes(gradient: np.ndarray, spin: float) -> np.ndarray:
 
 
 def find_equilibria(
-    field: BodyField, spin: float, starts: np.ndarray | None = None
+    field: BodyField, spin: float, starts: Vectors3 | None = None
 ) -> list[Equilibrium]:
     """Equilibria of a body, outside and inside it, by Newton's method from many starts.
 

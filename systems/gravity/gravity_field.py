@@ -13,7 +13,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from proxops.systems.common import InputError
+from proxops.systems.common import InputError, Values, Vector3, Vectors3
 from proxops.systems.gravity import _polyhedral_kernel as kernel
 from proxops.systems.gravity._far_field import fit_masses
 from proxops.systems.gravity._polyhedral_tables import Tables, make_tables
@@ -36,20 +36,20 @@ _log = logging.getLogger(__name__)
 class Gravity(NamedTuple):
     """The result of `GravityField.evaluate` for N points."""
 
-    potential: np.ndarray
+    potential: Values
     """(N,) in m^2/s^2, positive and falling to 0 far away (Werner & Scheeres's sign)."""
-    acceleration: np.ndarray
+    acceleration: Vectors3
     """(N, 3) in m/s^2: the potential's gradient, so it points towards the body."""
     gradient: np.ndarray
     """(N, 3, 3) in 1/s^2: the derivative of the acceleration by position, symmetric."""
-    inside: np.ndarray
+    inside: Values
     """(N,) bool: whether the point is within the surface (a solid angle above 2 pi)."""
 
 
 class Field(Protocol):
     """The interface of all gravity fields."""
 
-    def evaluate(self, points: np.ndarray) -> Gravity:
+    def evaluate(self, points: Vectors3) -> Gravity:
         """The field at points (N, 3) in m."""
         ...
 
@@ -68,7 +68,7 @@ class BodyField(Field, Protocol):
         ...
 
     @property
-    def centre_of_mass(self) -> np.ndarray:
+    def centre_of_mass(self) -> Vector3:
         """Centre of mass (3,) in m in the mesh's frame."""
         ...
 
@@ -144,20 +144,20 @@ class GravityField:
         return self.shape.sha256, self.mass, self.contrast
 
     @property
-    def centre_of_mass(self) -> np.ndarray:
+    def centre_of_mass(self) -> Vector3:
         """Centre of mass (3,) in m in the mesh's frame, with the contrast in density."""
         if len(self._parts) == 1:
             return self.shape.centre_of_mass
         masses = np.array([part.mass for part in self._parts])
         return masses @ np.array([part.centre_of_mass for part in self._parts]) / masses.sum()
 
-    def evaluate(self, points: np.ndarray) -> Gravity:
+    def evaluate(self, points: Vectors3) -> Gravity:
         """The field at points (N, 3) in m; large batches are computed by all of numba's threads."""
         columns = self.columns(as_points(points))
         gradient = columns[:, 4:13].reshape(-1, 3, 3)
         return Gravity(columns[:, 0], columns[:, 1:4], gradient, columns[:, 13] > 2.0 * np.pi)
 
-    def columns(self, points: np.ndarray) -> np.ndarray:
+    def columns(self, points: Vectors3) -> np.ndarray:
         """The kernel's columns (N, 14) at points (N, 3) in m: see `evaluate_serial`."""
         columns = self._parts[0].columns(points)
         for part in self._parts[1:]:
@@ -165,7 +165,7 @@ class GravityField:
         return columns
 
 
-def as_points(points: np.ndarray) -> np.ndarray:
+def as_points(points: Vectors3) -> Vectors3:
     """The points (N, 3) as float64.
 
     Raises:
@@ -205,7 +205,7 @@ class _UniformPart:
             *fit_masses(lambda offsets: self.columns(offsets + self.centre_of_mass)[:, 0], size)
         )
 
-    def columns(self, points: np.ndarray) -> np.ndarray:
+    def columns(self, points: Vectors3) -> np.ndarray:
         """The kernel's columns (N, 14) at points (N, 3) in m in the mesh's frame."""
         columns = np.empty((len(points), 14))
         if len(points) < _PARALLEL_FROM:

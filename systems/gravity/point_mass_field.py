@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from proxops.systems.common import InputError
+from proxops.systems.common import InputError, Vectors3
 from proxops.systems.gravity.gravity_field import GRAVITATIONAL_CONSTANT, Gravity, as_points
 
 
@@ -17,7 +17,7 @@ class PointMassField:
             raise InputError(f"mass must be positive and finite, got {mass}")
         self.mass = mass
 
-    def evaluate(self, points: np.ndarray) -> Gravity:
+    def evaluate(self, points: Vectors3) -> Gravity:
         """The field at points (N, 3) in m. It is not finite at the origin; no point is inside."""
         points = as_points(points)
         mu = GRAVITATIONAL_CONSTANT * self.mass

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from proxops.systems.common import InputError
+from proxops.systems.common import InputError, Values, Vectors3
 from proxops.systems.gravity.gravity_field import BodyField, Gravity
 
 AXES = {"x": 0, "y": 1, "z": 2}
@@ -20,30 +20,30 @@ AXES = {"x": 0, "y": 1, "z": 2}
 class EffectiveField(NamedTuple):
     """Gravity and centrifugal acceleration together, at N points at rest in K."""
 
-    potential: np.ndarray
+    potential: Values
     """(N,) in m^2/s^2: V = -U - w^2 (x^2 + y^2) / 2, so that v^2/2 + V is Jacobi's constant."""
-    acceleration: np.ndarray
+    acceleration: Vectors3
     """(N, 3) in m/s^2: -grad V."""
     gradient: np.ndarray
     """(N, 3, 3) in 1/s^2: the derivative of the acceleration by position, symmetric."""
-    inside: np.ndarray
+    inside: Values
     """(N,) bool: within the body."""
 
 
 class SurfaceMap(NamedTuple):
     """The effective field at the centroids of the F facets."""
 
-    centroids: np.ndarray
+    centroids: Vectors3
     """(F, 3) in m."""
-    gravity: np.ndarray
+    gravity: Values
     """(F,) in m/s^2: magnitude of the body's attraction alone."""
-    acceleration: np.ndarray
+    acceleration: Vectors3
     """(F, 3) in m/s^2: attraction and centrifugal acceleration, the direction of a plumb line."""
-    slope: np.ndarray
+    slope: Values
     """(F,) in rad, from 0 to pi: angle between the plumb line and the facet's inward normal.
 
     A stone slides where the slope exceeds its angle of friction, and lifts off above pi / 2."""
-    potential: np.ndarray
+    potential: Values
     """(F,) in m^2/s^2: the effective potential V of `EffectiveField`."""
 
 
@@ -54,9 +54,9 @@ class PlaneCut(NamedTuple):
     """The axes of the columns and of the rows, for instance "xy"."""
     offset: float
     """Coordinate in m along the third axis."""
-    across: np.ndarray
+    across: Values
     """(N,) in m: coordinate of the columns."""
-    up: np.ndarray
+    up: Values
     """(M,) in m: coordinate of the rows."""
     potential: np.ndarray
     """(M, N) in m^2/s^2: V of `EffectiveField`."""
@@ -66,7 +66,7 @@ class PlaneCut(NamedTuple):
     """(M, N) bool: within the body."""
 
 
-def effective_field(field: BodyField, spin: float, points: np.ndarray) -> EffectiveField:
+def effective_field(field: BodyField, spin: float, points: Vectors3) -> EffectiveField:
     """The effective field at points (N, 3) in m in K of a body that spins at `spin` rad/s about z.
 
     The axis goes through the centre of mass. Scheeres, Orbital Motion in Strongly Perturbed

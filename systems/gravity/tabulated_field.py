@@ -8,7 +8,14 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from proxops.systems.common import InputError, checked_semi_axes, keep_arrays, kept_arrays, name_of
+from proxops.systems.common import (
+    InputError,
+    Vectors3,
+    checked_semi_axes,
+    keep_arrays,
+    kept_arrays,
+    name_of,
+)
 from proxops.systems.gravity import _table_kernel as kernel
 from proxops.systems.gravity._far_field import SWITCH, fit_masses
 from proxops.systems.gravity._harmonic_boxes import DEGREE, Boxes, entries, make_boxes, recursion
@@ -80,7 +87,7 @@ class TabulatedField:
         """
         return _kept_boxes(_name_of(field, semi_axes, relative_error)) is not None
 
-    def evaluate(self, points: np.ndarray) -> Gravity:
+    def evaluate(self, points: Vectors3) -> Gravity:
         """The field at points (N, 3) in m."""
         points = as_points(points)
         columns = np.empty((len(points), 14))

@@ -12,6 +12,7 @@ from pydrake.systems.framework import BasicVector, LeafSystem, ValueProducer
 
 from proxops.systems.common import (
     FAR,
+    Vector3,
     check_not_negative,
     check_positive,
     config,
@@ -85,7 +86,7 @@ class DecisionReason(IntEnum):
 class Decision(NamedTuple):
     """What the selector decides at one step."""
 
-    force: np.ndarray
+    force: Vector3
     """(3,) in N in K."""
     reason: DecisionReason
     left: int

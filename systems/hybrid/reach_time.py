@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from proxops.systems.common import kernel, spread_directions
+from proxops.systems.common import State, Values, Vector3, kernel, spread_directions
 from proxops.systems.gravity import Field
 from proxops.systems.shapes import normal_below
 
@@ -32,15 +32,15 @@ _GAPS = 1.05
 class ReachModel(NamedTuple):
     """Bounds of the motion near a keep-out ellipsoid."""
 
-    semi_axes: np.ndarray
+    semi_axes: Vector3
     """(3,) of the keep-out ellipsoid in m."""
     spin: float
     """rad/s about z."""
     acceleration: float
     """Greatest acceleration by the thrusters along each axis of K, in m/s^2."""
-    heights: np.ndarray
+    heights: Values
     """(L,) in m, rising from 0."""
-    gravity: np.ndarray
+    gravity: Values
     """(L,) greatest gravity, with all other accelerations, in m/s^2 beyond each height."""
     weakest: float
     """Least acceleration that the thrusters can be relied on to give along each axis, in m/s^2."""
@@ -49,7 +49,7 @@ class ReachModel(NamedTuple):
     def of(
         cls,
         field: Field,
-        semi_axes: np.ndarray,
+        semi_axes: Vector3,
         spin: float,
         acceleration: float,
         weakest: float | None = None,
@@ -81,7 +81,7 @@ class ReachModel(NamedTuple):
 
     def steps_out_of_reach(
         self,
-        state: np.ndarray,
+        state: State,
         step: float,
         longest: int,
         position_error: float = 0.0,
@@ -111,7 +111,7 @@ class ReachModel(NamedTuple):
         )
 
 
-def greatest_gravity(field: Field, semi_axes: np.ndarray, heights: np.ndarray) -> np.ndarray:
+def greatest_gravity(field: Field, semi_axes: np.ndarray, heights: Values) -> Values:
     """Bounds (L,) in m/s^2 of gravity farther than heights (L,), in m, from an ellipsoid.
 
     A point farther away than a height is outside the ellipsoid whose semi-axes are longer by that

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from proxops.systems.common import Matrix3, Values, Vector3
 from proxops.systems.lidar._beam_kernel import Fan, Mesh, nearest_in_beams
 from proxops.systems.lidar.lidar_geometry import LidarGeometry
 from proxops.systems.shapes import Polyhedron
@@ -44,11 +45,11 @@ class Beams:
 
     def ranges(
         self,
-        position: np.ndarray,
-        rotation: np.ndarray | None,
-        rays: np.ndarray,
-        distances: np.ndarray,
-        facets: np.ndarray,
+        position: Vector3,
+        rotation: Matrix3 | None,
+        rays: Values,
+        distances: Values,
+        facets: Values,
     ) -> np.ndarray:
         """Ranges (planes * rays,) in m, float64; +inf where nothing is in the cone.
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from proxops.systems.common import FAR, InputError, config, number
+from proxops.systems.common import FAR, InputError, Vector3, config, number
 from proxops.systems.lidar.lidar_bundle import FRAME_NETWORK, LidarBundle
 from proxops.systems.lidar.lidar_errors import (
     DEFAULT_ERRORS,
@@ -113,7 +113,7 @@ class LearnedLidar(PlanarLidar):
             self._fan = ChordFan(self.bundle.centre, self.bundle.semi_axes, self.directions)
         self._least_logit = math.log(hit_probability / (1.0 - hit_probability))
 
-    def true_returns(self, position: np.ndarray, rotation: np.ndarray | None = None) -> TrueReturns:
+    def true_returns(self, position: Vector3, rotation: np.ndarray | None = None) -> TrueReturns:
         """The rays from a position (3,) in m in K that return: see `PlanarLidar`.
 
         Raises:

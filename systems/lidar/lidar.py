@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from proxops.systems.common import FAR, check_type, config, number
+from proxops.systems.common import FAR, Vector3, check_type, config, number
 from proxops.systems.lidar.beams import Beams
 from proxops.systems.lidar.lidar_errors import DEFAULT_ERRORS, LidarErrors, TrueReturns, too_grazing
 from proxops.systems.lidar.lidar_geometry import DEFAULT_GEOMETRY, LidarGeometry
@@ -80,7 +80,7 @@ class Lidar(PlanarLidar):
         self._fan = ray_caster(shape).fan(self.directions)
         self._beams = Beams(shape, geometry, errors.beam_width) if errors.beam_width > 0.0 else None
 
-    def true_returns(self, position: np.ndarray, rotation: np.ndarray | None = None) -> TrueReturns:
+    def true_returns(self, position: Vector3, rotation: np.ndarray | None = None) -> TrueReturns:
         """The rays from a position (3,) in m in K that meet the mesh: see `PlanarLidar`."""
         _, rays, distances, facets = self._fan.hits(position[None], rotation)
         grazing, max_incidence = None, self.errors.max_incidence

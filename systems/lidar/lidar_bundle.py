@@ -8,7 +8,14 @@ from pathlib import Path
 
 import numpy as np
 
-from proxops.systems.common import BundleKind, InputError, open_session, read_bundle
+from proxops.systems.common import (
+    BundleKind,
+    InputError,
+    States,
+    Vector3,
+    open_session,
+    read_bundle,
+)
 
 if typing.TYPE_CHECKING:
     import onnxruntime as ort
@@ -47,9 +54,9 @@ class LidarBundle:
     rays: int
     cube: float
     """Edge in m of the cube about the body that the training positions filled."""
-    centre: np.ndarray
+    centre: Vector3
     """(3,) in m in K: centre of the ellipsoid whose chords describe the rays; ray network only."""
-    semi_axes: np.ndarray
+    semi_axes: Vector3
     """(3,) in m along x, y, z: semi-axes of that ellipsoid; ray network only."""
     length_unit: float
     """Unit of length in m of a frame network's ranges."""
@@ -109,12 +116,12 @@ class LidarBundle:
         bundle._check_network()
         return bundle
 
-    def predict(self, ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def predict(self, ends: States) -> tuple[np.ndarray, np.ndarray]:
         """Logits of the hit's probability and depths (K,), float32, for chord ends (K, 6)."""
         hit, depth = self.session.run([HIT_OUTPUT, DEPTH_OUTPUT], {CHORDS_INPUT: ends})
         return np.asarray(hit), np.asarray(depth)
 
-    def predict_frame(self, position: np.ndarray) -> np.ndarray:
+    def predict_frame(self, position: Vector3) -> np.ndarray:
         """Ranges (planes * rays,) in m from a position (3,) in m in K; not positive: no return."""
         scaled = (position / (0.5 * self.cube)).astype(np.float32)
         (ranges,) = self.session.run([RANGES_OUTPUT], {POSITION_INPUT: scaled[None]})

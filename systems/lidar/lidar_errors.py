@@ -18,6 +18,8 @@ from proxops.systems.common import (
     FAR,
     LARGEST,
     InputError,
+    Values,
+    Vectors3,
     check_not_negative,
     config,
     generator,
@@ -101,11 +103,11 @@ class LidarErrors:
 class TrueReturns(NamedTuple):
     """The K rays of a frame that meet a surface."""
 
-    rays: np.ndarray
+    rays: Values
     """(K,) int: index of the ray, ascending."""
-    distances: np.ndarray
+    distances: Values
     """(K,) float64: distance in m to the surface."""
-    grazing: np.ndarray | None = None
+    grazing: Values | None = None
     """(K,) bool: whether the ray meets the surface at too flat an angle to return. None: no ray
     does."""
 
@@ -114,7 +116,7 @@ DEFAULT_ERRORS = LidarErrors(noise_std=50.0)
 """Range noise of 50 m and nothing else."""
 
 
-def measured_ranges(distances: np.ndarray, errors: LidarErrors, seed: int, step: int) -> np.ndarray:
+def measured_ranges(distances: Values, errors: LidarErrors, seed: int, step: int) -> Values:
     """What the lidar reads (K,) in m, float64, for true distances (K,) in m: never negative.
 
     range = (1 + scale error) distance + bias + noise.
@@ -126,7 +128,7 @@ def measured_ranges(distances: np.ndarray, errors: LidarErrors, seed: int, step:
     return np.maximum(ranges, 0.0, out=ranges)
 
 
-def too_grazing(normals: np.ndarray, directions: np.ndarray, max_incidence: float) -> np.ndarray:
+def too_grazing(normals: Vectors3, directions: Vectors3, max_incidence: float) -> Values:
     """Which rays (K,), bool, meet the surface at too flat an angle to return.
 
     A matt (Lambertian) surface reflects less light the flatter a ray meets it, as the cosine of the

@@ -6,7 +6,7 @@ import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.perception import PointCloud
 
-from proxops.systems.common import SeededSystem, rotation_matrix
+from proxops.systems.common import Matrix3, SeededSystem, Values, Vector3, Vectors3, rotation_matrix
 from proxops.systems.lidar.lidar_errors import (
     LidarErrors,
     TrueReturns,
@@ -52,7 +52,7 @@ class PlanarLidar(SeededSystem):
             depends,
         )
 
-    def true_returns(self, position: np.ndarray, rotation: np.ndarray | None = None) -> TrueReturns:
+    def true_returns(self, position: Vector3, rotation: Matrix3 | None = None) -> TrueReturns:
         """The rays that meet the body, at any range, without the errors of ranges.
 
         Args:
@@ -63,8 +63,8 @@ class PlanarLidar(SeededSystem):
 
     def frames(
         self,
-        times: np.ndarray,
-        positions: np.ndarray,
+        times: Values,
+        positions: Vectors3,
         seed: int,
         attitudes: np.ndarray | None = None,
     ) -> np.ndarray:
@@ -107,7 +107,7 @@ class PlanarLidar(SeededSystem):
         output.set_value(point_cloud(ranges, self.directions))
 
 
-def point_cloud(ranges: np.ndarray, directions: np.ndarray) -> PointCloud:
+def point_cloud(ranges: Values, directions: Vectors3) -> PointCloud:
     """The points in m of the rays that returned, from ranges (R,) and directions (R, 3)."""
     hits = np.isfinite(ranges)
     points = ranges[hits, None] * directions[hits]

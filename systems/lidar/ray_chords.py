@@ -6,19 +6,21 @@ from typing import NamedTuple
 
 import numpy as np
 
+from proxops.systems.common import States, Values, Vectors3
+
 
 class Chords(NamedTuple):
     """The K rays that pass through the ellipsoid, position by position, ray by ray."""
 
-    places: np.ndarray
+    places: Values
     """(K,) int: index of the ray's position, ascending."""
-    rays: np.ndarray
+    rays: Values
     """(K,) int: index of the ray's direction, ascending within a position."""
-    ends: np.ndarray
+    ends: States
     """(K, 6) float32: points where the ray enters and leaves, scaled to the unit ball."""
-    starts: np.ndarray
+    starts: Values
     """(K,) float64: distance in m from the position to the point where the ray enters."""
-    lengths: np.ndarray
+    lengths: Values
     """(K,) float64: length in m of the chord."""
 
 
@@ -43,7 +45,7 @@ class ChordFan:
         scaled = directions / self.semi_axes
         return scaled, np.einsum("ri,ri->r", scaled, scaled)
 
-    def chords(self, positions: np.ndarray, rotation: np.ndarray | None = None) -> Chords:
+    def chords(self, positions: Vectors3, rotation: np.ndarray | None = None) -> Chords:
         """The chords of the rays from positions (N, 3) in m; the memory needed grows with N R.
 
         With a rotation matrix (3, 3), every ray points along it times its direction.

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from proxops.systems.common import Matrix3, Vector3
 from proxops.systems.navigation._motion_kernel import turned
 from proxops.systems.navigation.correction import ENOUGH, GATE
 from proxops.systems.navigation.frame_model import FrameModel
@@ -36,9 +37,9 @@ _MISFIT_OF_FALSE, _MOST_OF_FALSE = 0.75, 0.15
 class Acquired(NamedTuple):
     """A pose that explains a frame."""
 
-    position: np.ndarray
+    position: Vector3
     """(3,) in m in K."""
-    rotation: np.ndarray
+    rotation: Matrix3
     """R_KS (3, 3)."""
     misfit: float
     """Share of the rays of the measured and of the predicted body that disagree by far."""
@@ -50,7 +51,7 @@ class Acquired(NamedTuple):
 def acquire(
     model: FrameModel,
     ranges: np.ndarray,
-    attitude: np.ndarray,
+    attitude: Matrix3,
     attitude_std: float,
     search: int = 0,
 ) -> Acquired | None:
@@ -108,7 +109,7 @@ def acquire(
 
 
 def outlier_share(
-    model: FrameModel, position: np.ndarray, rotation: np.ndarray, ranges: np.ndarray
+    model: FrameModel, position: Vector3, rotation: Matrix3, ranges: np.ndarray
 ) -> float:
     """Share of the rays that see the body, or should, which no noise or false return explains.
 

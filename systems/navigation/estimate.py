@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from proxops.systems.common import Matrix3, State, Values, Vector3
 from proxops.systems.navigation.expected_errors import ExpectedErrors
 
 # Where each quantity is in the vector of the estimate. Errors of the attitude are rotation vectors
@@ -40,7 +41,7 @@ class Estimate(NamedTuple):
 
     mean: np.ndarray
     """(BASE + M,)."""
-    rotation: np.ndarray
+    rotation: Matrix3
     """R_KS (3, 3)."""
     covariance: np.ndarray
     """(BASE + M, BASE + M)."""
@@ -48,13 +49,13 @@ class Estimate(NamedTuple):
     """Velocity change commanded so far, in m/s: the sum over the axes of S."""
 
     @property
-    def state(self) -> np.ndarray:
+    def state(self) -> State:
         """Position and velocity (6,) in K, in m and m/s."""
         return self.mean[:6]
 
 
 def first_estimate(
-    position: np.ndarray, rotation: np.ndarray, sigma: np.ndarray, spent: float = 0.0
+    position: Vector3, rotation: Matrix3, sigma: np.ndarray, spent: float = 0.0
 ) -> Estimate:
     """What is believed before the first frame is used.
 
@@ -84,7 +85,7 @@ def first_sigmas(
     return sigma
 
 
-def sigmas(expected: ExpectedErrors, spin: float) -> np.ndarray:
+def sigmas(expected: ExpectedErrors, spin: float) -> Values:
     """Standard deviations (BASE,) of an estimate; 0 for position and velocity.
 
     Args:

@@ -7,7 +7,7 @@ import functools
 import numpy as np
 import scipy.linalg
 
-from proxops.systems.common import one_thread
+from proxops.systems.common import Values, one_thread
 from proxops.systems.shapes import Polyhedron, vertex_normals
 
 # Points of the surface at which the smooth displacements are computed; between them they are
@@ -56,7 +56,7 @@ class MapError:
         return made
 
     @property
-    def deviations(self) -> np.ndarray:
+    def deviations(self) -> Values:
         """Standard deviation (V,) in m of each vertex along its normal."""
         return np.sqrt(np.einsum("vm,vm->v", self.table, self.table) + self.rest / _SEEN_AGAIN)
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from proxops.systems.common import InputError, one_thread, write_whole
+from proxops.systems.common import InputError, Values, one_thread, write_whole
 from proxops.systems.navigation.estimate import BASE, SIZE, Estimate
 from proxops.systems.navigation.map_error import MapError
 from proxops.systems.shapes import Polyhedron, mesh_bytes, metres_per, vertex_normals
@@ -30,7 +30,7 @@ class MendedMap(NamedTuple):
     error: MapError
 
     @property
-    def deviations(self) -> np.ndarray:
+    def deviations(self) -> Values:
         """Standard deviation (V,) in m of each vertex along its normal."""
         return self.error.deviations
 

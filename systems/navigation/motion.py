@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from proxops.systems.common import Vector3
 from proxops.systems.gravity import Field
 from proxops.systems.navigation._motion_kernel import Interval, LocalGravity, ProcessNoise, predict
 from proxops.systems.navigation.estimate import CENTRE_OF_MASS, POSITION, VELOCITY, Estimate
@@ -39,7 +40,7 @@ class Motion:
         self._expected = expected
 
     def predicted(
-        self, estimate: Estimate, force: np.ndarray, time: float, duration: float
+        self, estimate: Estimate, force: Vector3, time: float, duration: float
     ) -> Estimate:
         """The estimate `duration` s after `time`, under a force (3,) in N along the axes of S."""
         speed = math.hypot(*estimate.mean[VELOCITY].tolist())

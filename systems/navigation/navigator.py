@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from proxops.systems.common import one_thread
+from proxops.systems.common import Matrix3, Vector3, Vectors3, one_thread
 from proxops.systems.navigation.acquisition import FEWEST, Acquired, acquire, outlier_share
 from proxops.systems.navigation.correction import Correction, corrected
 from proxops.systems.navigation.estimate import (
@@ -87,12 +87,12 @@ class Memory(NamedTuple):
 
     estimate: Estimate | None
     """At the last frame's time; None: there is none."""
-    forces: np.ndarray
+    forces: Vectors3
     """(D + 1, 3) commanded forces in N of the last periods, the oldest first."""
     contradictions: int
     """Number of frames in a row that contradicted the prediction, or that no place explained."""
     phase: NavigationPhase
-    attitude: np.ndarray
+    attitude: Matrix3
     """R_KS (3, 3) with which the next acquisition starts."""
 
 
@@ -152,7 +152,7 @@ class Navigator:
         forces = np.zeros((self._delay + 1, 3))
         return Memory(None, forces, 0, NavigationPhase.ACQUIRING, np.eye(3))
 
-    def step(self, memory: Memory, ranges: np.ndarray, force: np.ndarray, time: float) -> Step:
+    def step(self, memory: Memory, ranges: np.ndarray, force: Vector3, time: float) -> Step:
         """Uses the frame that arrives at a time.
 
         Args:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from proxops.systems.common import BundleKind, InputError, read_bundle
+from proxops.systems.common import BundleKind, InputError, Vector3, read_bundle
 from proxops.systems.policy.guidance_network import GuidanceNetwork
 from proxops.systems.policy.surroundings import NUMBERS, Surroundings
 
@@ -107,7 +107,7 @@ class GuidanceBundle:
         gravity, spin = (numbers[name] / self.ranges[name][1] for name in ("gravity", "spin"))
         return max(gravity, spin**2)
 
-    def semi_axes_short(self, around: Surroundings) -> np.ndarray:
+    def semi_axes_short(self, around: Surroundings) -> Vector3:
         """By how much in m each semi-axis (3,) in K falls short of those that are flown.
 
         Those across z must be long against that along z, and none may be far shorter than another.

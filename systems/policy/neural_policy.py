@@ -11,7 +11,14 @@ import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import LeafSystem, ValueProducer
 
-from proxops.systems.common import InputError, LegendEntry, LoggedPort, check_positive
+from proxops.systems.common import (
+    InputError,
+    LegendEntry,
+    LoggedPort,
+    State,
+    Vector3,
+    check_positive,
+)
 from proxops.systems.lidar import DEFAULT_GEOMETRY, LidarGeometry
 from proxops.systems.policy.policy_bundle import PolicyBundle, run_network
 
@@ -27,9 +34,9 @@ class PolicyStatus(IntEnum):
 class PolicyAnswer(NamedTuple):
     """The result of one step of a policy."""
 
-    force: np.ndarray
+    force: Vector3
     """(3,) in N in K, within the thrust limit."""
-    estimate: np.ndarray
+    estimate: State
     """(6,) position and velocity in K in m and m/s; NaN if there is none."""
     memory: np.ndarray
     """Input of the next step."""
@@ -146,8 +153,8 @@ class NeuralPolicy(LeafSystem):
 def policy_answer(
     bundle: PolicyBundle,
     ranges: np.ndarray,
-    target: np.ndarray,
-    commanded_force: np.ndarray,
+    target: State,
+    commanded_force: Vector3,
     memory: np.ndarray,
     thrust_limit: float,
 ) -> PolicyAnswer:

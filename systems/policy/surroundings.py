@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from proxops.systems.common import check_positive, kernel
+from proxops.systems.common import States, Vector3, Vectors3, check_positive, kernel
 from proxops.systems.gravity import GRAVITATIONAL_CONSTANT, Field
 
 # The unit of length is this share of the longest semi-axis, so that positions are about 1.
@@ -46,7 +46,7 @@ class Surroundings:
     """Of the body, in kg."""
     spin: float
     """About z, in rad/s."""
-    semi_axes: np.ndarray
+    semi_axes: Vector3
     """(3,) in m, of the ellipsoid to stay out of, with all margins."""
     acceleration: float
     """Thrust limit per axis over the spacecraft's mass, in m/s^2."""
@@ -111,7 +111,7 @@ class Surroundings:
             return list(numbers.values())
         return [float(np.clip(value, *self.ranges[name])) for name, value in numbers.items()]
 
-    def inputs(self, states: np.ndarray, goals: np.ndarray) -> np.ndarray:
+    def inputs(self, states: States, goals: Vectors3) -> np.ndarray:
         """What the network is given.
 
         Args:
@@ -126,7 +126,7 @@ class Surroundings:
         self.fill_way(states, goals, given)
         return given
 
-    def at_rest(self, goals: np.ndarray) -> np.ndarray:
+    def at_rest(self, goals: Vectors3) -> np.ndarray:
         """Gives `inputs` (N, 23) at rest at goals (N, 3)."""
         given = np.empty((len(goals), INPUTS), dtype=np.float32)
         self.fill_way(np.concatenate([goals, np.zeros_like(goals)], axis=1), goals, given)
@@ -140,7 +140,7 @@ class Surroundings:
         units = _Units(self.length, self.speed, self.acceleration)
         _fill_way(states, goals, gravity, self.spin, units, self.turned, given)
 
-    def in_body_frame(self, x: float, y: float, z: float) -> np.ndarray:
+    def in_body_frame(self, x: float, y: float, z: float) -> Vector3:
         """Gives a vector of the network as (3,) in K."""
         return np.array([-y, x, z] if self.turned else [x, y, z])
 

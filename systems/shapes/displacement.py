@@ -6,6 +6,7 @@ import numpy as np
 
 from proxops.systems.common import (
     InputError,
+    Vectors3,
     check_not_negative,
     check_positive,
     generator,
@@ -57,7 +58,7 @@ def displaced(shape: Polyhedron, rms: float, correlation: float, seed: int) -> P
     return Polyhedron(vertices, shape.facets, shape.name)
 
 
-def random_field(points: np.ndarray, correlation: float, seed: int) -> np.ndarray:
+def random_field(points: Vectors3, correlation: float, seed: int) -> np.ndarray:
     """A random field (N,) of variance 1 at points (N, 3), with covariance exp(-d^2 / (2 l^2)).
 
     It is a sum of waves of random direction, length and phase: Rahimi & Recht, Random features for

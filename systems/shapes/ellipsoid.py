@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from proxops.systems.common import kernel
+from proxops.systems.common import Vector3, Vectors3, kernel
 
 
 @kernel(error_model="numpy")
@@ -65,7 +65,7 @@ def squared_norm(semi_axes, point):
     return total
 
 
-def ellipsoidal_norms(semi_axes: np.ndarray, points: np.ndarray) -> np.ndarray:
+def ellipsoidal_norms(semi_axes: np.ndarray, points: Vectors3) -> np.ndarray:
     """|(x/a, y/b, z/c)| (N,) of points (N, 3): below 1 inside, 1 on the surface."""
     return np.linalg.norm(points / semi_axes, axis=1)
 
@@ -110,14 +110,14 @@ def normal_below(semi_axes, point):
     return normal
 
 
-def outward_normals(semi_axes: np.ndarray, points: np.ndarray) -> np.ndarray:
+def outward_normals(semi_axes: np.ndarray, points: Vectors3) -> Vectors3:
     """Outward unit normals (N, 3), at points (N, 3), of the ellipsoids of these proportions."""
     normals = points / semi_axes**2
     normals /= np.linalg.norm(normals, axis=1)[:, None]
     return normals
 
 
-def tangent_half_spaces(semi_axes: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def tangent_half_spaces(semi_axes: Vector3, points: Vectors3) -> tuple[np.ndarray, np.ndarray]:
     """Half-spaces n.r >= b, one for each point, that touch the ellipsoid and lie outside it.
 
     For a point outside, the half-space touches the ellipsoid where the line from the origin to the
@@ -145,7 +145,7 @@ def _tangents(semi_axes, points):
     return normals, offsets
 
 
-def blocks_segment(semi_axes: np.ndarray, start: np.ndarray, end: np.ndarray) -> bool:
+def blocks_segment(semi_axes: np.ndarray, start: Vector3, end: Vector3) -> bool:
     """Whether the segment from start (3,) to end (3,) passes through the ellipsoid's inside."""
     a, d = start / semi_axes, (end - start) / semi_axes
     t = np.clip(-(a @ d) / (d @ d), 0.0, 1.0) if d @ d > 0 else 0.0

@@ -8,14 +8,14 @@ import numpy as np
 from pydrake.solvers import ClarabelSolver, MathematicalProgram
 from scipy.spatial import ConvexHull
 
-from proxops.systems.common import InputError
+from proxops.systems.common import InputError, Vector3, Vectors3
 
 
 @dataclass(frozen=True)
 class EnclosingEllipsoid:
     """An ellipsoid about the origin, with proof that it contains all points and is small."""
 
-    semi_axes: np.ndarray
+    semi_axes: Vector3
     """(3,) in m along x, y, z, the margin included."""
     margin: float
     """Share by which each semi-axis is longer than that of the smallest ellipsoid."""
@@ -37,7 +37,7 @@ class EnclosingEllipsoid:
         return self.volume / (1.0 + self.margin) ** 3 / self.volume_bound
 
 
-def smallest_ellipsoid(points: np.ndarray, margin: float = 0.0) -> EnclosingEllipsoid:
+def smallest_ellipsoid(points: Vectors3, margin: float = 0.0) -> EnclosingEllipsoid:
     """The ellipsoid of least volume that contains points (N, 3) in m, with a margin.
 
     In w = 1/a^2 the points' levels are linear, and the volume is proportional to the product of

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from proxops.systems.common import Matrix3, Vector3, Vectors3
 from proxops.systems.shapes.mesh_checks import areas, six_volumes
 
 
@@ -17,13 +18,13 @@ class MassProperties:
     """m^3."""
     area: float
     """m^2."""
-    centre_of_mass: np.ndarray
+    centre_of_mass: Vector3
     """(3,) in m."""
-    inertia: np.ndarray
+    inertia: Matrix3
     """(3, 3) in kg m^2 per kg/m^3, about the centre of mass, in the mesh's axes."""
-    principal_moments: np.ndarray
+    principal_moments: Vector3
     """(3,), ascending, in the units of `inertia`."""
-    principal_axes: np.ndarray
+    principal_axes: Matrix3
     """(3, 3): the unit vectors of the moments, in rows, right-handed.
 
     They point as close to +x, +y and +z as their order allows. For a body whose long axis is x and
@@ -36,7 +37,7 @@ class MassProperties:
         return float(np.cbrt(6.0 * self.volume / np.pi))
 
 
-def mass_properties(vertices: np.ndarray, facets: np.ndarray) -> MassProperties:
+def mass_properties(vertices: Vectors3, facets: Vectors3) -> MassProperties:
     """The exact mass properties of the body bounded by vertices (V, 3) in m and facets (F, 3).
 
     A tetrahedron of volume V with one corner at the origin and the others at a, b, c has the second

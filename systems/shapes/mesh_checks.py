@@ -12,6 +12,8 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from proxops.systems.common import Values, Vector3, Vectors3
+
 # A facet of which twice the area is below this share of the square of the body's length has none.
 FLAT = 1e-12
 # A volume below this share of the cube of the body's length is none.
@@ -44,7 +46,7 @@ def directed_edges(
     return directed, owner, np.lexsort((owner, key))
 
 
-def edge_groups(directed: np.ndarray, order: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def edge_groups(directed: np.ndarray, order: Values) -> tuple[np.ndarray, np.ndarray]:
     """Where each of E edges begins in the order of `directed_edges`, and how many facets it has.
 
     Returns:
@@ -55,19 +57,19 @@ def edge_groups(directed: np.ndarray, order: np.ndarray) -> tuple[np.ndarray, np
     return starts, np.diff(np.r_[starts, len(low)])
 
 
-def six_volumes(vertices: np.ndarray, facets: np.ndarray) -> np.ndarray:
+def six_volumes(vertices: np.ndarray, facets: np.ndarray) -> Values:
     """Six times the signed volumes (F,) of the tetrahedra from the mean vertex to each facet."""
     a, b, c = np.moveaxis(vertices[facets] - vertices.mean(axis=0), 1, 0)
     return (a * np.cross(b, c)).sum(axis=1)
 
 
-def area_vectors(vertices: np.ndarray, facets: np.ndarray) -> np.ndarray:
+def area_vectors(vertices: np.ndarray, facets: np.ndarray) -> Vectors3:
     """Normals (F, 3) of the facets, each twice as long as its facet's area."""
     a, b, c = np.moveaxis(vertices[facets], 1, 0)
     return np.cross(b - a, c - a)
 
 
-def areas(vertices: np.ndarray, facets: np.ndarray) -> np.ndarray:
+def areas(vertices: np.ndarray, facets: np.ndarray) -> Values:
     """Areas (F,) of the facets."""
     return 0.5 * np.linalg.norm(area_vectors(vertices, facets), axis=1)
 
@@ -84,7 +86,7 @@ def flat_facets(vertices: np.ndarray, facets: np.ndarray) -> np.ndarray:
     return np.flatnonzero(2.0 * areas(vertices, facets) <= FLAT * scale**2)
 
 
-def smallest_angles(vertices: np.ndarray, facets: np.ndarray) -> np.ndarray:
+def smallest_angles(vertices: np.ndarray, facets: np.ndarray) -> Values:
     """The smallest angle (F,) of each facet in degrees; 0 for one without area."""
     corners = vertices[facets]
     sides = np.roll(corners, -1, axis=1) - corners
@@ -102,7 +104,7 @@ def shell_labels(facets: np.ndarray, vertex_count: int) -> tuple[int, np.ndarray
     return components(len(facets), (owner[order[:-1][same]], owner[order[1:][same]]))
 
 
-def winding_number(vertices: np.ndarray, facets: np.ndarray, point: np.ndarray) -> float:
+def winding_number(vertices: np.ndarray, facets: np.ndarray, point: Vector3) -> float:
     """How often the facets wind around a point (3,): 1 inside a closed shell wound outwards.
 
     van Oosterom & Strackee, IEEE Trans. Biomed. Eng. 30 (1983) 125.
@@ -119,13 +121,13 @@ def winding_number(vertices: np.ndarray, facets: np.ndarray, point: np.ndarray) 
 class Shells(NamedTuple):
     """The closed shells of a mesh, and how they lie in each other."""
 
-    labels: np.ndarray
+    labels: Values
     """The shell (F,) of each facet."""
-    volumes: np.ndarray
+    volumes: Values
     """Volumes (S,) in m^3, negative of those that wind inwards."""
-    depths: np.ndarray
+    depths: Values
     """How many others each shell (S,) lies in."""
-    around: np.ndarray
+    around: Values
     """The smallest of these (S,); -1: none."""
 
     @property
@@ -180,7 +182,7 @@ def _contains(vertices: np.ndarray, outer: np.ndarray, inner: np.ndarray) -> boo
     return all(abs(winding_number(vertices, outer, points[k])) > 0.5 for k in sample)
 
 
-def find_defects(vertices: np.ndarray, facets: np.ndarray) -> list[Defect]:
+def find_defects(vertices: Vectors3, facets: Vectors3) -> list[Defect]:
     """All defects because of which vertices (V, 3) and facets (F, 3) do not bound a body.
 
     The mesh must be closed: every edge is shared by two facets that run along it in opposite

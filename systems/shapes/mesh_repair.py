@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import KDTree
 
-from proxops.systems.common import InputError
+from proxops.systems.common import InputError, Vector3, Vectors3
 from proxops.systems.shapes._hole_filling import boundary_loops, triangulate_loop
 from proxops.systems.shapes.mass import mass_properties
 from proxops.systems.shapes.mesh_checks import (
@@ -38,7 +38,7 @@ class Size(NamedTuple):
     """m^3, as its facets stand: signed tetrahedra."""
     area: float
     """m^2."""
-    extents: np.ndarray
+    extents: Vector3
     """Lengths (3,) in m of the box around its facets."""
 
 
@@ -46,9 +46,9 @@ class Size(NamedTuple):
 class Repair:
     """A mesh under repair and the actions so far."""
 
-    vertices: np.ndarray
+    vertices: Vectors3
     """(V, 3) in m."""
-    facets: np.ndarray
+    facets: Vectors3
     """(F, 3)."""
     actions: list[str] = field(default_factory=list)
     """One sentence for each action; empty if nothing had to be done."""
@@ -70,7 +70,7 @@ class Repair:
 
 
 def repair_mesh(
-    vertices: np.ndarray, facets: np.ndarray, *, align: bool = False, flip: bool = False
+    vertices: Vectors3, facets: Vectors3, *, align: bool = False, flip: bool = False
 ) -> Repair:
     """Repairs vertices (V, 3) and facets (F, 3) so that they bound a body.
 

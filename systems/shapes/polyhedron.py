@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from proxops.systems.common import InputError
+from proxops.systems.common import InputError, Vector3
 from proxops.systems.shapes.mesh_checks import directed_edges, find_defects, six_volumes
 from proxops.systems.shapes.shape_files import metres_per, read_mesh
 from proxops.systems.shapes.surface import Surface
@@ -77,7 +77,7 @@ class Polyhedron(Surface):
         return float(six_volumes(self.vertices, self.facets).sum() / 6.0)
 
     @cached_property
-    def centre_of_mass(self) -> np.ndarray:
+    def centre_of_mass(self) -> Vector3:
         """Centre of mass (3,) in m, at uniform density."""
         origin = self.vertices.mean(axis=0)
         corner_sums = (self.vertices[self.facets] - origin).sum(axis=1)

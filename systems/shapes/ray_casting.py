@@ -10,6 +10,7 @@ from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore import EmbreeDevice
 from embreex.rtcore_scene import EmbreeScene
 
+from proxops.systems.common import Matrix3, Values, Vector3, Vectors3
 from proxops.systems.shapes._turned_rays import turned_rays
 from proxops.systems.shapes.polyhedron import Polyhedron
 from proxops.systems.shapes.surface import Surface
@@ -28,22 +29,22 @@ _UNTURNED = np.eye(3)
 class Hits(NamedTuple):
     """The K rays of a fan that meet the mesh, position by position, ray by ray."""
 
-    places: np.ndarray
+    places: Values
     """(K,) int: index of the ray's position, ascending."""
-    rays: np.ndarray
+    rays: Values
     """(K,) int: index of the ray's direction, ascending within a position."""
-    distances: np.ndarray
+    distances: Values
     """(K,) float32: distance in m to the nearest facet."""
-    facets: np.ndarray
+    facets: Values
     """(K,) int32: index of that facet."""
 
 
 class FirstHits(NamedTuple):
     """What N rays meet."""
 
-    distances: np.ndarray
+    distances: Values
     """(N,) float64 in m; of no meaning where a ray meets nothing."""
-    facets: np.ndarray
+    facets: Values
     """(N,) int32: index of the facet; -1 where a ray meets nothing."""
     places: np.ndarray
     """(N, 2) float32: weights of the facet's second and third vertex at the point met."""
@@ -66,7 +67,7 @@ class RayCaster:
         vertices = shape.vertices.astype(np.float32)
         self._mesh = TriangleMesh(self.scene, vertices, shape.facets.astype(np.int32))
 
-    def distances(self, origins: np.ndarray, directions: np.ndarray) -> np.ndarray:
+    def distances(self, origins: Vectors3, directions: Vectors3) -> np.ndarray:
         """Distances (N,) in m, float64, from origins (N, 3) along unit directions (N, 3).
 
         +inf where a ray meets nothing.
@@ -79,7 +80,7 @@ class RayCaster:
         found[found > 1e30] = np.inf  # Embree's "nothing" is 1e37.
         return found
 
-    def first_hits(self, position: np.ndarray, directions: np.ndarray) -> FirstHits:
+    def first_hits(self, position: Vector3, directions: Vectors3) -> FirstHits:
         """What rays from a position (3,), or one each (N, 3), in m, meet first.
 
         They point along unit directions (N, 3).
@@ -93,7 +94,7 @@ class RayCaster:
         places[:, 0], places[:, 1] = found["u"], found["v"]
         return FirstHits(found["tfar"].astype(np.float64), found["primID"], places)
 
-    def fan(self, directions: np.ndarray) -> RayFan:
+    def fan(self, directions: Vectors3) -> RayFan:
         """A fan of rays along unit directions (R, 3), to cast from many positions."""
         return RayFan(self, directions)
 
@@ -120,7 +121,7 @@ class RayFan:
         reach = np.linalg.norm((vertices - self._centre) / axes, axis=1).max()
         self._axes = axes * reach * (1.0 + _INFLATION)
 
-    def hits(self, positions: np.ndarray, rotation: np.ndarray | None = None) -> Hits:
+    def hits(self, positions: Vectors3, rotation: Matrix3 | None = None) -> Hits:
         """The hits of the rays from positions (N, 3) in m; the memory needed grows with N R.
 
         Args:
@@ -136,7 +137,7 @@ class RayFan:
         met = np.flatnonzero(found["primID"] >= 0)
         return Hits(places[met], rays[met], found["tfar"][met], found["primID"][met])
 
-    def frames(self, positions: np.ndarray) -> np.ndarray:
+    def frames(self, positions: Vectors3) -> np.ndarray:
         """Distances (N, R) in m, float32, from positions (N, 3) in m along the rays.
 
         +inf where a ray meets nothing. The result is that of `RayCaster.distances`, ray by ray, but

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from proxops.systems.common import InputError, kernel
+from proxops.systems.common import InputError, Values, Vectors3, kernel
 from proxops.systems.shapes.mesh_checks import area_vectors
 
 # Relative error bounds of the plain determinants below: Shewchuk, "Adaptive Precision
@@ -25,7 +25,7 @@ _MOST_EACH = 40
 _BLOCK = 500_000
 
 
-def self_intersections(vertices: np.ndarray, facets: np.ndarray) -> np.ndarray:
+def self_intersections(vertices: Vectors3, facets: Vectors3) -> np.ndarray:
     """Pairs (N, 2) of facets, the lesser index first, that meet where they should not.
 
     Facets without a common vertex must not meet at all. Facets with one common vertex may meet only
@@ -122,7 +122,7 @@ class _Numbers:
         lowest = used.min() if used.size else 0
         self._wholes = whole << np.where(mantissa != 0.0, exponent - lowest, 0).astype(object)
 
-    def side(self, a, b, c, d) -> np.ndarray:
+    def side(self, a, b, c, d) -> Values:
         """On which side of the plane of a, b, c the vertex d is.
 
         Args:
@@ -140,7 +140,7 @@ class _Numbers:
             signs[unsure] = _signs(exact)
         return signs
 
-    def turn(self, drop: np.ndarray, a, b, c) -> np.ndarray:
+    def turn(self, drop: Values, a, b, c) -> Values:
         """Signs (N,) int of the turn from a over b to c, seen along the axis `drop` (N,)."""
         keep = np.stack([(drop + 1) % 3, (drop + 2) % 3], axis=1)
         flat = [np.take_along_axis(self.floats[k], keep, axis=1) for k in (a, b, c)]

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from proxops.systems.common import InputError, decoded
+from proxops.systems.common import InputError, Vectors3, decoded
 from proxops.systems.shapes._binary_meshes import read_dsk, read_ply, read_stl
 from proxops.systems.shapes._text_meshes import Read, read_obj, read_tables, read_vrml
 from proxops.systems.shapes.mesh_checks import six_volumes
@@ -53,9 +53,9 @@ _INSTEAD = (
 class MeshFile:
     """The content of a mesh file."""
 
-    vertices: np.ndarray
+    vertices: Vectors3
     """(V, 3) in m."""
-    facets: np.ndarray
+    facets: Vectors3
     """(F, 3) indices into the vertices, from 0."""
     name: str
     """The file's name, for messages."""
@@ -168,7 +168,7 @@ def _refuse_what_is_none(content: bytes, suffix: str) -> None:
             raise ValueError(f"it is {what}")
 
 
-def mesh_bytes(vertices: np.ndarray, facets: np.ndarray, suffix: str, comment: str = "") -> bytes:
+def mesh_bytes(vertices: Vectors3, facets: Vectors3, suffix: str, comment: str = "") -> bytes:
     """The content of a mesh file of vertices (V, 3), in the file's unit, and facets (F, 3).
 
     `.obj` and `.tab` keep every digit; `.obj` keeps the comment; `.ply` and `.stl` have single

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from proxops.systems.common import InputError
+from proxops.systems.common import InputError, Vector3, Vectors3
 from proxops.systems.shapes.mesh_checks import area_vectors
 from proxops.systems.shapes.shape_files import metres_per
 
@@ -52,12 +52,12 @@ class Surface:
         return cls(mesh.vertices * metres_per(unit), mesh.faces, name)
 
     @cached_property
-    def extents(self) -> np.ndarray:
+    def extents(self) -> Vector3:
         """Lengths (3,) in m of the bounding box along x, y, z."""
         return np.ptp(self.vertices, axis=0)
 
     @cached_property
-    def normals(self) -> np.ndarray:
+    def normals(self) -> Vectors3:
         """Unit normals (F, 3) by the winding, outwards if closed; 0 of a facet without an area."""
         vectors = area_vectors(self.vertices, self.facets)
         return vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-300)

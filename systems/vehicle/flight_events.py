@@ -12,6 +12,11 @@ from scipy.optimize import brentq
 from proxops.systems.common import (
     FAR,
     LONG,
+    State,
+    States,
+    Values,
+    Vector3,
+    Vectors3,
     check_not_negative,
     check_positive,
     checked_semi_axes,
@@ -37,7 +42,7 @@ ENTERED_GOAL, VIOLATIONS, COLLIDED, FINISHED = range(4)
 _DEPTH, _SHARE = 1.0, 1e-5
 
 
-def containing_ellipsoid(semi_axes: np.ndarray, vertices: np.ndarray) -> np.ndarray:
+def containing_ellipsoid(semi_axes: Vector3, vertices: Vectors3) -> Vector3:
     """Semi-axes (3,) of an ellipsoid that contains a mesh: the given ones, or all longer alike.
 
     Args:
@@ -66,7 +71,7 @@ class ArrivalConfig:
 class _Regions(NamedTuple):
     """Where something can happen."""
 
-    around: np.ndarray
+    around: Vector3
     """Semi-axes (3,) in m of an ellipsoid that contains the body and the keep-out ellipsoid."""
     radius: float
     speed: float
@@ -120,14 +125,14 @@ class FlightEvents:
         self._regions = _Regions(self._around, float(radius), float(speed))
         self._caster = ray_caster(field.shape)
 
-    def is_in_body(self, position: np.ndarray) -> bool:
+    def is_in_body(self, position: Vector3) -> bool:
         """Whether a position (3,) in m lies inside the true mesh."""
         x, y, z = (position / self._around).tolist()
         if x * x + y * y + z * z >= 1.0:
             return False
         return bool(self._field.evaluate(position[None]).inside[0])
 
-    def is_in_region(self, state: np.ndarray, target: np.ndarray) -> bool:
+    def is_in_region(self, state: State, target: State) -> bool:
         """Whether a state (6,) lies in the goal region of a target (6,)."""
         return self._level(state - target) <= 1.0
 
@@ -147,9 +152,7 @@ class FlightEvents:
             outcome[COLLIDED] = 1.0
         return outcome
 
-    def nothing_happens(
-        self, starts: np.ndarray, ends: np.ndarray, targets: np.ndarray, span: float
-    ) -> np.ndarray:
+    def nothing_happens(self, starts: States, ends: States, targets: States, span: float) -> Values:
         """Which of many paths (N,), bool, surely leave an outcome outside the goal region as it is.
 
         Such a path ends outside the goal region, far from the ellipsoid. Of others it says False.

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
-from proxops.systems.common import check_positive, checked_semi_axes
+from proxops.systems.common import Vector3, check_positive, checked_semi_axes
 
 
 @dataclass(frozen=True)
@@ -19,7 +17,7 @@ class FlightLimits:
     """N per axis."""
     speed: float
     """m/s per axis, in K."""
-    keep_out_semi_axes: np.ndarray
+    keep_out_semi_axes: Vector3
     """(3,) in m, of the ellipsoid to stay out of; a margin is part of it."""
 
     def __post_init__(self) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from proxops.systems.common import SeededSystem, check_positive
+from proxops.systems.common import SeededSystem, Vector3, check_positive
 
 
 class ForceDisturbance(SeededSystem):
@@ -40,7 +40,7 @@ class ForceDisturbance(SeededSystem):
         )
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update_added)
 
-    def next_added(self, command: np.ndarray, last: np.ndarray, seed: int, step: int) -> np.ndarray:
+    def next_added(self, command: Vector3, last: Vector3, seed: int, step: int) -> Vector3:
         """Returns the force (3,) in N that is added over a period.
 
         Args:

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from proxops.systems.common import LONG, check_not_negative, config, generator, number
+from proxops.systems.common import LONG, Vector3, check_not_negative, config, generator, number
 from proxops.systems.vehicle.force_disturbance import ForceDisturbance
 
 
@@ -56,7 +56,7 @@ class ForceNoise(ForceDisturbance):
         self.std = std
         self.kept = math.exp(-period / correlation_time) if correlation_time > 0 else 0.0
 
-    def next_added(self, command: np.ndarray, last: np.ndarray, seed: int, step: int) -> np.ndarray:
+    def next_added(self, command: np.ndarray, last: np.ndarray, seed: int, step: int) -> Vector3:
         """Returns the next value (3,) of the sequence, in N."""
         drawn = self.std * generator(seed, step).standard_normal(3)
         if step == 0:

@@ -7,6 +7,7 @@ import numpy as np
 from proxops.systems.common import (
     LONG,
     InputError,
+    Vector3,
     check_not_negative,
     check_positive,
     config,
@@ -67,7 +68,7 @@ class RandomWalkDisturbance(ForceDisturbance):
         self.max_relative_magnitude, self.increment_std = max_relative_magnitude, increment_std
         self._steps_per_reset = round(reset_period / period)
 
-    def next_added(self, command: np.ndarray, last: np.ndarray, seed: int, step: int) -> np.ndarray:
+    def next_added(self, command: np.ndarray, last: np.ndarray, seed: int, step: int) -> Vector3:
         """Returns the next value (3,) of the walk, in N."""
         stretch, since_reset = divmod(step, self._steps_per_reset)
         # Steps count up from 0 and stretches down from the greatest key, so that no two keys are

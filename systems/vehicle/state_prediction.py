@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from proxops.systems.common import State, Vector3
 from proxops.systems.gravity import Field
 from proxops.systems.vehicle.spacecraft import rotating_frame_acceleration
 
@@ -16,8 +17,8 @@ _LONGEST_STEP = 5.0
 
 
 def predicted_state(
-    state: np.ndarray, force: np.ndarray, duration: float, field: Field, mass: float, spin: float
-) -> np.ndarray:
+    state: State, force: Vector3, duration: float, field: Field, mass: float, spin: float
+) -> State:
     """The state (6,) after `duration` s under gravity and a constant force, by Runge-Kutta.
 
     Args:
@@ -57,14 +58,14 @@ def moved_by(disturbance: np.ndarray, duration: float) -> np.ndarray:
 
 
 def unexplained_acceleration(
-    before: np.ndarray,
-    after: np.ndarray,
+    before: State,
+    after: State,
     force: np.ndarray,
     duration: float,
     field: Field,
     mass: float,
     spin: float,
-) -> np.ndarray:
+) -> Vector3:
     """The mean acceleration (3,), in m/s^2, that gravity and a constant force do not explain.
 
     Args:

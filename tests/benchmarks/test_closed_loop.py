@@ -5,6 +5,7 @@ import dataclasses
 import functools
 import re
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 import pytest
@@ -151,9 +152,9 @@ def test_the_navigation_is_told_the_dispersions_and_nothing_of_the_world(
         assert flight.scenario.navigation == draw_world(asked, body).navigation
 
 
-def row(transit: int = 0, **changes: object) -> dict:
+def row(**changes: Any) -> dict[str, Any]:
     figures = {
-        "seed": 1, "transit": transit, "success": True, "collided": False, "keep_out_violations": 0,
+        "seed": 1, "transit": 0, "success": True, "collided": False, "keep_out_violations": 0,
         "min_clearance_m": 3000.0, "steps": 460, "control_ms_mean": 2.0, "mpc_solves": 460,
     }  # fmt: skip
     return figures | changes
