@@ -7,7 +7,6 @@ import typing
 
 import numpy as np
 import xarray as xr
-from scipy.interpolate import CubicHermiteSpline
 
 from proxops.diagrams.logs.columns import WALL_TIMES
 from proxops.diagrams.logs.navigation_figures import navigation_figures
@@ -17,6 +16,7 @@ from proxops.systems.common import States, Values
 from proxops.systems.expert import PlanReason, PlanStatus
 from proxops.systems.hybrid import FlownBy
 from proxops.systems.shapes import clearances
+from proxops.systems.vehicle import hermite_curve
 
 # A second figure, `success_2km`, accepts arrival within this multiple of the scenario's radius and
 # speed, because a policy that only has lidar knows its state less well. Its name comes from the
@@ -183,7 +183,7 @@ def dense_positions(times: Values, states: States) -> np.ndarray:
         return states[:, :3]
     shares = np.arange(_SUBSTEPS * (len(times) - 1) + 1) / _SUBSTEPS
     dense_times = np.interp(shares, np.arange(len(times)), times)
-    return CubicHermiteSpline(times, states[:, :3], states[:, 3:])(dense_times)
+    return hermite_curve(times, states)(dense_times)
 
 
 def _arrives(data: xr.Dataset, scenario: Scenario, radius: float, speed: float) -> bool:

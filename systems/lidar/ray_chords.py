@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from proxops.systems.common import States, Values, Vectors3
+from proxops.systems.common import Values, Vectors3
 
 
 class Chords(NamedTuple):
@@ -16,7 +16,7 @@ class Chords(NamedTuple):
     """(K,) int: index of the ray's position, ascending."""
     rays: Values
     """(K,) int: index of the ray's direction, ascending within a position."""
-    ends: States
+    ends: np.ndarray
     """(K, 6) float32: points where the ray enters and leaves, scaled to the unit ball."""
     starts: Values
     """(K,) float64: distance in m from the position to the point where the ray enters."""

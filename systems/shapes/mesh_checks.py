@@ -9,8 +9,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from proxops.systems.common import Values, Vector3, Vectors3
 
@@ -76,6 +74,10 @@ def areas(vertices: np.ndarray, facets: np.ndarray) -> Values:
 
 def components(count: int, pairs: tuple[np.ndarray, np.ndarray]) -> tuple[int, np.ndarray]:
     """The number of sets into which pairs of indices join `count` things, and the set of each."""
+    # Slow to import, and only new meshes need it.
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
     links = coo_array((np.ones(len(pairs[0]), dtype=np.int8), pairs), shape=(count, count))
     return connected_components(links, directed=False)
 

@@ -36,6 +36,7 @@ from proxops.systems.vehicle.flight_events import (
     ArrivalConfig,
     FlightEvents,
     FlownPath,
+    hermite_curve,
 )
 from proxops.systems.vehicle.flight_limits import FlightLimits
 from proxops.systems.vehicle.flight_monitor import FlightMonitor
@@ -92,6 +93,7 @@ __all__ = [
     "TrueThrustersConfig",
     "UnexplainedAcceleration",
     "VelocityKicks",
+    "hermite_curve",
     "moved_by",
     "predicted_state",
     "rotating_frame_acceleration",

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.interpolate import CubicHermiteSpline
-from scipy.optimize import brentq
 
 from proxops.systems.common import (
     FAR,
@@ -40,6 +38,13 @@ ENTERED_GOAL, VIOLATIONS, COLLIDED, FINISHED = range(4)
 # The keep-out ellipsoid counts as violated from this depth in m on, or from this share of its
 # longest semi-axis, whichever is less.
 _DEPTH, _SHARE = 1.0, 1e-5
+
+
+def hermite_curve(times: Values, states: States) -> Any:
+    """The cubic spline of positions (3,) in m by time in s through states: `CubicHermiteSpline`."""
+    from scipy.interpolate import CubicHermiteSpline  # Slow to import.
+
+    return CubicHermiteSpline(times, states[:, :3], states[:, 3:])
 
 
 def containing_ellipsoid(semi_axes: Vector3, vertices: Vectors3) -> Vector3:
@@ -189,7 +194,9 @@ class FlightEvents:
     def _crossing(self, path: FlownPath) -> float:
         """How long, in s, after its start a path crosses the edge of the goal region."""
         states, targets, _, span = path
-        curve = CubicHermiteSpline([0.0, span], states[:, :3], states[:, 3:])
+        from scipy.optimize import brentq  # Slow to import; few flights cross it in most steps.
+
+        curve = hermite_curve(np.array([0.0, span]), states)
         rate = curve.derivative()
 
         def level(time: float) -> float:
@@ -216,7 +223,7 @@ class FlightEvents:
         if ends[0] > np.linalg.norm(others - start[:3], axis=1).max():
             return False
         states, times = np.stack([start, end]), np.array([0.0, duration])
-        path = CubicHermiteSpline(times, states[:, :3], states[:, 3:])
+        path = hermite_curve(times, states)
         along = clearances(self._keep_out, path(np.linspace(0.0, duration, 11)[1:-1]))
         return bool(along.min() + self._tolerance <= 0.0)
 
