@@ -159,7 +159,6 @@ def test_summary_counts() -> None:
     assert summary["control_ms_p99"] == pytest.approx(np.quantile(solve_ms, 0.99))
     assert summary["control_ms_mean"] == pytest.approx(np.mean(solve_ms))
     assert 0.0 < summary["wall_s"] < 600.0
-    assert solve_ms.sum() < 1e3 * summary["wall_s"]
 
 
 def test_delta_v() -> None:
