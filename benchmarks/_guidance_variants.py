@@ -12,7 +12,7 @@ import torch
 
 from proxops.diagrams.flight import Workers
 from proxops.diagrams.scenario import load_scenario
-from proxops.studies.reproduction import Stages
+from proxops.studies.campaigns import Stages
 from proxops.systems.common import Progress
 from proxops.systems.policy import GUIDANCE_FILE, INPUTS, GuidanceBundle
 from proxops.training.any_body import AnyBodyGuidance, export_guidance, family_plans, recipe

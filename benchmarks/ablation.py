@@ -25,13 +25,13 @@ from it, `--paper` the one of `proxops train --recipe paper`.
 import argparse
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from _campaign import campaign_parser, fly_with_bar, show
 
 from proxops.diagrams.flight import Row
 from proxops.diagrams.scenario import is_blocked, load_scenario
-from proxops.studies.evaluation import Variant, aggregate_all
+from proxops.studies.campaigns import Variant
+from proxops.studies.figures import Result, aggregate_all
 from proxops.training.reports import number_text
 
 SHIPPED = (
@@ -68,20 +68,20 @@ def arrivals(rows: Sequence[Row]) -> str:
     return f"{sum(row['success'] for row in rows)}/{len(rows)}"
 
 
-def cells(result: dict[str, Any]) -> list[str]:
-    """One line of the table, from an entry of `results.json`."""
-    rows = result["flights"]
+def cells(result: Result) -> list[str]:
+    """One line of the table."""
+    rows = result.flights
     return [
         arrivals(rows),
         arrivals([row for row in rows if not is_blocked(row["transit"])]),
         arrivals([row for row in rows if is_blocked(row["transit"])]),
-        str(result["collisions"]),
+        str(result.collisions),
         str(sum(row["keep_out_violations"] > 0 for row in rows)),
-        number_text(result.get("expert_delta_v_ratio"), ".3f"),
-        number_text(result.get("terminal_position_error_m_median"), ".3f", 1e-3),
-        number_text(result.get("terminal_position_error_m_p95"), ".3f", 1e-3),
-        number_text(result.get("estimate_position_error_m_median"), ".0f"),
-        number_text(result.get("estimate_velocity_error_m_s_median"), ".3f"),
+        number_text(result.expert_delta_v_ratio, ".3f"),
+        number_text(result.terminal_position_error_m_median, ".3f", 1e-3),
+        number_text(result.terminal_position_error_m_p95, ".3f", 1e-3),
+        number_text(result.estimate_position_error_m_median, ".0f"),
+        number_text(result.estimate_velocity_error_m_s_median, ".3f"),
     ]
 
 

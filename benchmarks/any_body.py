@@ -27,7 +27,8 @@ from _campaign import Lines, campaign_parser, fly_with_bar, show
 
 from proxops.diagrams.flight import Row
 from proxops.diagrams.scenario import Scenario, dump_scenario, load_body, load_scenario
-from proxops.studies.evaluation import Variant, command_count, delta_v_pairs
+from proxops.studies.campaigns import Variant
+from proxops.studies.figures import command_count, delta_v_pairs
 from proxops.systems.common import InputError, make_folder, write_whole
 
 MPC = "MPC"

@@ -30,8 +30,7 @@ from _bodies import KLEOPATRA
 from _campaign import campaign_parser, show, workers_with_bar
 from any_body import HEADINGS, MPC, table_of_flights
 
-from proxops.studies.evaluation import Variant
-from proxops.studies.reproduction import Stages
+from proxops.studies.campaigns import Stages, Variant
 
 ON_TRUTH = {"navigation": {"_tag": "!TrueState"}}
 # A network that learned at one body knows a family of one.

@@ -31,7 +31,8 @@ from matplotlib.ticker import NullLocator
 
 from proxops.diagrams.flight import Row, run_groups
 from proxops.diagrams.scenario import Body, Scenario, change_scenario, load_body, load_scenario
-from proxops.studies.evaluation import Variant, delta_v_pairs, variant_flights
+from proxops.studies.campaigns import Variant, variant_flights
+from proxops.studies.figures import delta_v_pairs
 from proxops.systems.common import write_whole
 from proxops.systems.gravity import GRAVITATIONAL_CONSTANT
 from proxops.training.any_body import spacecraft_numbers, write_family

@@ -20,7 +20,8 @@ from _farther_off import farther_off
 
 from proxops.diagrams.flight import Row
 from proxops.diagrams.scenario import is_blocked, load_scenario
-from proxops.studies.evaluation import Variant, delta_v_pairs
+from proxops.studies.campaigns import Variant
+from proxops.studies.figures import delta_v_pairs
 
 HEADINGS = (
     "success", "flights that entered", "least clearance (km)", "Δv over that without", "greatest",

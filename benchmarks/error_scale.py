@@ -20,7 +20,8 @@ from _farther_off import farther_off
 
 from proxops.diagrams.flight import Row
 from proxops.diagrams.scenario import load_scenario
-from proxops.studies.evaluation import Variant, delta_v_pairs, exact_interval
+from proxops.studies.campaigns import Variant
+from proxops.studies.figures import delta_v_pairs, exact_interval
 from proxops.training.reports import interval_text
 
 HEADINGS = (

@@ -18,7 +18,7 @@ from _campaign import campaign_parser, fly_with_bar, show
 
 from proxops.diagrams.flight import Row
 from proxops.diagrams.scenario import load_scenario
-from proxops.studies.evaluation import Variant, describe_flight
+from proxops.studies.campaigns import Variant, describe_flight
 
 MATCHED = "time_and_fuel"
 MISMATCHES: dict[str, dict] = {

@@ -13,7 +13,7 @@ from _campaign import campaign_parser, logs_with_bar, show
 
 from proxops.diagrams.logs import FlightLog
 from proxops.diagrams.scenario import load_scenario
-from proxops.studies.evaluation import Variant
+from proxops.studies.campaigns import Variant
 
 WAYS = ("exact", "table")
 HEADINGS = ("success, exact", "success, table", "apart on the way (m)", "apart at the end (m)")

@@ -25,7 +25,8 @@ from _campaign import campaign_parser, fly_with_bar, show
 from proxops.assets import ASSETS
 from proxops.diagrams.flight import Row
 from proxops.diagrams.scenario import load_scenario
-from proxops.studies.evaluation import Variant, command_count, delta_v_pairs
+from proxops.studies.campaigns import Variant
+from proxops.studies.figures import command_count, delta_v_pairs
 from proxops.systems.common import write_whole
 
 SHIPPED = ASSETS / "end_to_end"

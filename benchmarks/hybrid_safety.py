@@ -20,7 +20,8 @@ from pydrake.systems.framework import Diagram, LeafSystem
 
 from proxops.diagrams.flight import Row, make_backup, make_hybrid
 from proxops.diagrams.scenario import AssuranceConfig, Body, Scenario, load_scenario
-from proxops.studies.evaluation import Variant, command_count
+from proxops.studies.campaigns import Variant
+from proxops.studies.figures import command_count
 
 # Limit of the gate in N; thrust is at most 7 N per axis.
 OPEN = 1e3

@@ -24,7 +24,8 @@ from _campaign import campaign_parser, fly_with_bar, show
 
 from proxops.diagrams.flight import Row
 from proxops.diagrams.scenario import Body, Scenario, change_scenario, load_body, load_scenario
-from proxops.studies.evaluation import Variant, delta_v_pairs, exact_interval
+from proxops.studies.campaigns import Variant
+from proxops.studies.figures import delta_v_pairs, exact_interval
 from proxops.systems.common import generator, make_folder, write_whole
 from proxops.systems.shapes import Polyhedron, mesh_bytes
 from proxops.training.reports import interval_text

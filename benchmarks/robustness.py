@@ -52,7 +52,7 @@ from proxops.diagrams.scenario.distributions import (
 )
 from proxops.diagrams.scenario.quantities import QUANTITY
 from proxops.diagrams.scenario.world import world_of
-from proxops.studies.evaluation import Variant
+from proxops.studies.campaigns import Variant
 from proxops.systems.common import InputError, derived_seed, generator
 from proxops.systems.shapes import clearances
 

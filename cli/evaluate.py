@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses as dc
+import typing
 from pathlib import Path
 from typing import Annotated
 
@@ -25,6 +27,9 @@ from proxops.cli.common import (
 from proxops.diagrams.flight import Workers, named_controller
 from proxops.diagrams.scenario import Scenario, draw_transit, load_body, load_scenario
 from proxops.systems.common import InputError, write_json
+
+if typing.TYPE_CHECKING:
+    from proxops.studies.figures import Results
 
 
 def evaluate_command(
@@ -64,7 +69,8 @@ def evaluate_command(
       proxops evaluate --controllers mpc,policy:out/paper-policy/bundle,pd,zero --transits 50
     """
     # matplotlib is slow to import.
-    from proxops.studies.evaluation import Variant, aggregate_all, describe_flight, fly_variants
+    from proxops.studies.campaigns import Variant, describe_flight, fly_variants
+    from proxops.studies.figures import aggregate_all
 
     names = [name.strip() for name in controllers.split(",") if name.strip()]
     if not names or len(set(names)) != len(names):
@@ -90,7 +96,7 @@ def evaluate_command(
     if any(row.get("dispersed") for group in rows.values() for row in group):
         status.print("Ranking what drives failure")  # Some seconds for each controller.
     results = aggregate_all(rows)
-    write_json(out / "results.json", results)
+    write_json(out / "results.json", {name: dc.asdict(each) for name, each in results.items()})
     _print(results, wanted, seed)
     with work_bar("flying those that are shown") as progress:
         fleet = Workers(workers, scheduler, progress)
@@ -98,8 +104,8 @@ def evaluate_command(
     status.print(f"Wrote results.json, report.html and report.md in {out}")
 
 
-def _print(results: dict[str, dict], scenario: Scenario, seed: int) -> None:
-    from proxops.studies.evaluation import figure_rows
+def _print(results: Results, scenario: Scenario, seed: int) -> None:
+    from proxops.studies.figures import figure_rows
 
     table = Table(title=f"transits of seed {seed}", title_justify="left")
     table.add_column()
@@ -112,13 +118,13 @@ def _print(results: dict[str, dict], scenario: Scenario, seed: int) -> None:
 
 def _write_report(
     out: Path,
-    results: dict[str, dict],
+    results: Results,
     scenario: Scenario,
     seed: int,
     keep_logs: bool,
     workers: Workers,
 ) -> None:
-    from proxops.studies.evaluation import Evaluation, evaluation_sections, shown_logs, write_worst
+    from proxops.studies.report import Evaluation, evaluation_sections, shown_logs, write_worst
     from proxops.training.reports import write_report
 
     folder = out / ("flights" if keep_logs else "shown")

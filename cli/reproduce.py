@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import contextlib
+import dataclasses as dc
 import enum
-import typing
-from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated
 
 import typer
-from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
 
 from proxops.cli.common import (
     EVALUATION_SEEDS,
@@ -20,19 +17,15 @@ from proxops.cli.common import (
     check_folder,
     check_transits_drawn,
     print_rows,
-    progress_bar,
     status,
     training_extra,
     typed_command,
+    work_bar,
 )
 from proxops.diagrams.flight import Workers
 from proxops.diagrams.scenario import load_body, load_scenario
 from proxops.systems.common import InputError
 
-if typing.TYPE_CHECKING:
-    from proxops.studies.beyond import Campaign
-
-Tell = Callable[[str, float, str], Any]
 _QUICK_TRANSITS, _QUICK_BODIES = 2, 2
 
 
@@ -43,24 +36,14 @@ class LidarNetwork(enum.StrEnum):
     PAPER = "paper"
 
 
-FramesNetwork = Annotated[
-    LidarNetwork,
-    typer.Option(
-        help="Network that makes the frames of the paper's disturbed flights: our ray network "
-        "(learned), or an MLP like the paper's (paper)."
-    ),
-]
-CampaignNames = Annotated[
-    list[str] | None,
-    typer.Argument(
-        metavar="[NAME]...",
-        help="paper, believed, worlds, or a campaign such as flagship. Default: all.",
-    ),
-]
-
-
 def reproduce_command(
-    names: CampaignNames = None,
+    names: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="[NAME]...",
+            help="paper, believed, worlds, or a campaign such as flagship. Default: all.",
+        ),
+    ] = None,
     scenario: Annotated[
         Path | None, typer.Option(help="Scenario file (YAML). Default: Kleopatra.")
     ] = None,
@@ -83,7 +66,13 @@ def reproduce_command(
             help="Seed of the paper's transits; seeds below 10,000 are for training.",
         ),
     ] = EVALUATION_SEEDS,
-    lidar: FramesNetwork = LidarNetwork.LEARNED,
+    lidar: Annotated[
+        LidarNetwork,
+        typer.Option(
+            help="Network that makes the frames of the paper's disturbed flights: our ray network "
+            "(learned), or an MLP like the paper's (paper)."
+        ),
+    ] = LidarNetwork.LEARNED,
     bodies: Annotated[
         Path | None,
         typer.Option(help="Folder of bodies of your own, YAML files of proxops shape --body."),
@@ -117,127 +106,61 @@ def reproduce_command(
     """
     check_folder(out)
     # matplotlib is slow to import.
-    from proxops.studies import beyond
+    from proxops.studies import campaigns, reproduction
 
-    wanted = load_scenario(scenario, settings or [])
+    names, settings, folder = names or [], settings or [], out / reproduction.PAPER
+    wanted = load_scenario(scenario, settings)
     check_transits_drawn(wanted, settings)
     load_body(wanted.body)
-    own = [] if bodies is None else beyond.own_bodies(bodies)
-    with _stage_bar() as tell, Workers(workers, scheduler).kept() as fleet:
-        asked = _Asked(names or [], scenario, settings or [], quick, transits, own, out, fleet)
-        asked.check(seed, lidar)
-        paper = None
-        if asked.wants(beyond.PAPER):
-            paper = _reproduce_paper(asked, seed, lidar, tell)
-        found = _go_beyond(asked, tell)
+    own = [] if bodies is None else reproduction.own_bodies(bodies)
+    transits = _QUICK_TRANSITS if quick and transits is None else transits
+    with_paper = not names or reproduction.PAPER in names
+
+    def known(recipe: Path | None) -> list[campaigns.Campaign]:
+        """All campaigns that can be flown with the policy of the paper's recipe."""
+        count = _QUICK_BODIES if quick else len(campaigns.BODIES)
+        found = campaigns.all_campaigns(recipe, own, count)
+        return [dc.replace(each, transits=transits or each.transits) for each in found]
+
+    to_be_trained = folder if with_paper and not quick else None
+    recipe = reproduction.paper_policy(folder) or to_be_trained
+    chosen = reproduction.chosen_campaigns(names, known(recipe))
+    if own and not {str(path) for path in own} & {each.body for each in chosen}:
+        raise InputError("--bodies names bodies at which nothing is flown: name worlds too")
+    if seed != EVALUATION_SEEDS and not with_paper:
+        raise InputError("--seed is that of the paper's transits: name paper too, or leave it out")
+    if lidar != LidarNetwork.LEARNED and to_be_trained is None:
+        raise InputError("--lidar is for the paper's training: name paper too, without --quick")
+    command, paper = typed_command(), None
+    with work_bar() as progress, Workers(workers, scheduler).kept() as fleet:
+
+        def tell(stage: str, done: float, text: str) -> None:
+            progress(done, f"{stage} {text}")
+
+        if with_paper:
+            judged = reproduction.ReproductionSettings(seed=seed)
+            judged = judged if transits is None else judged.of_transits(transits)
+            training = None
+            if not quick:
+                with training_extra("; or give --quick"):
+                    training = reproduction.TrainingSettings(lidar_network=lidar.value)
+            paper = reproduction.reproduce(
+                load_scenario(scenario, settings, on_true_state=True), folder, judged, training,
+                command=command, workers=fleet, tell=tell,
+            )  # fmt: skip
+        # Frames of so many flights would fill a disk, and a table takes a minute at each body.
+        gravity = wanted.gravity if quick else "table"
+        shared = dc.replace(wanted, log_ranges=False, gravity=gravity)
+        flown = known(reproduction.paper_policy(folder))
+        found = reproduction.fly_and_tell(
+            flown, reproduction.chosen_campaigns(names, flown), shared, out,
+            command=command, workers=fleet, tell=tell,
+        )  # fmt: skip
     if paper is not None:
         lines = [(f"{line['what']} (paper: {line['paper']})", line["ours"])
                  for line in paper["paper_and_ours"]]  # fmt: skip
         print_rows("the paper's numbers, and ours", lines)
         if paper["not_run"]:
             status.print(f"Not run: {', '.join(paper['not_run'])}")
-    print_rows("success", beyond.success_lines(found))
+    print_rows("success", reproduction.success_lines(found))
     status.print(f"Wrote report.html, report.md and results.json in {out}")
-
-
-class _Asked(NamedTuple):
-    """What the command line asks for."""
-
-    names: list[str]
-    scenario: Path | None
-    settings: list[str]
-    quick: bool
-    transits: int | None
-    bodies: list[Path]
-    out: Path
-    workers: Workers
-
-    def wants(self, name: str) -> bool:
-        """Whether a part or a campaign is asked for by its name, or all are."""
-        return not self.names or name in self.names
-
-    def campaigns(self, to_be_trained: bool = False) -> list[Campaign]:
-        """All campaigns that can be flown now; with --quick or --transits they are shorter.
-
-        Args:
-          to_be_trained: whether those of the paper's recipe count before it is trained.
-        """
-        from proxops.studies import beyond
-        from proxops.studies.reproduction import paper_policy
-
-        folder = self.out / beyond.PAPER
-        papers = paper_policy(folder) or (folder if to_be_trained else None)
-        bodies = _QUICK_BODIES if self.quick else len(beyond.BODIES)
-        known = beyond.all_campaigns(papers, self.bodies, bodies)
-        count = self.transits if self.transits is not None else _QUICK_TRANSITS
-        if not self.quick and self.transits is None:
-            return known
-        return [each.of_transits(count) for each in known]
-
-    def check(self, seed: int, lidar: LidarNetwork) -> None:
-        """Raises `InputError` if a name is wrong, or if nothing heeds an option that is given.
-
-        Args:
-          seed, lidar: options of the paper's reproduction.
-        """
-        from proxops.studies import beyond
-
-        paper = self.wants(beyond.PAPER)
-        known = self.campaigns(to_be_trained=paper and not self.quick)
-        chosen = beyond.chosen_campaigns(self.names, known)
-        if self.bodies and not {str(path) for path in self.bodies} & {each.body for each in chosen}:
-            raise InputError("--bodies names bodies at which nothing is flown: name worlds too")
-        if seed != EVALUATION_SEEDS and not paper:
-            raise InputError(
-                "--seed is that of the paper's transits: name paper too, or leave it out"
-            )
-        if lidar != LidarNetwork.LEARNED and (self.quick or not paper):
-            raise InputError("--lidar is for the paper's training: name paper too, without --quick")
-
-
-def _reproduce_paper(asked: _Asked, seed: int, lidar: LidarNetwork, tell: Tell) -> dict[str, Any]:
-    """Runs what is left of the paper's reproduction; returns what its report.json holds."""
-    from proxops.studies import beyond
-    from proxops.studies.reproduction import ReproductionSettings, reproduce
-
-    wanted = load_scenario(asked.scenario, asked.settings, on_true_state=True)
-    judged = ReproductionSettings(seed=seed)
-    judged = judged.quick() if asked.quick else judged
-    judged = judged if asked.transits is None else judged.of_transits(asked.transits)
-    training = None
-    if not asked.quick:
-        with training_extra("; or give --quick"):
-            from proxops.studies.reproduction import TrainingSettings
-        training = TrainingSettings(lidar_network=lidar.value)
-    return reproduce(
-        wanted, asked.out / beyond.PAPER, judged, training,
-        command=typed_command(), workers=asked.workers, tell=tell,
-    )  # fmt: skip
-
-
-def _go_beyond(asked: _Asked, tell: Tell) -> dict[str, Any]:
-    """Flies what is left of the campaigns that are asked for; returns what results.json holds."""
-    from proxops.studies import beyond
-
-    known = asked.campaigns()
-    chosen = beyond.chosen_campaigns(asked.names, known)
-    wanted = load_scenario(asked.scenario, asked.settings)
-    # Frames of so many flights would fill a disk, and a table takes a minute at each body.
-    wanted.log_ranges = False
-    wanted.gravity = wanted.gravity if asked.quick else "table"
-    return beyond.fly_and_tell(
-        known, chosen, wanted, asked.out, command=typed_command(), workers=asked.workers, tell=tell
-    )
-
-
-@contextlib.contextmanager
-def _stage_bar() -> Iterator[Tell]:
-    """Shows a progress bar with the stage, the done share of the stage, and a text."""
-    columns = (TextColumn("{task.fields[stage]}"), BarColumn(), TimeElapsedColumn())
-    with progress_bar(*columns, TextColumn("{task.description}")) as bar:
-        task = bar.add_task("", total=1.0, stage="")
-
-        def tell(stage: str, done: float, text: str) -> None:
-            bar.update(task, completed=done, description=text, stage=stage)
-
-        yield tell

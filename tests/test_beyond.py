@@ -16,19 +16,19 @@ from proxops.diagrams.scenario import (
     load_body,
     load_dispersions,
 )
-from proxops.studies.beyond.campaigns import (
+from proxops.studies.campaigns import Variant
+from proxops.studies.campaigns.flying import _inputs, campaign_scenario
+from proxops.studies.campaigns.table import (
     BODIES,
     Campaign,
     all_campaigns,
 )
-from proxops.studies.beyond.flying import _inputs, campaign_scenario
-from proxops.studies.beyond.story import (
+from proxops.studies.reproduction.evidence import (
     chosen_campaigns,
     fly_and_tell,
     own_bodies,
     success_lines,
 )
-from proxops.studies.evaluation import Variant
 from proxops.systems import InputError
 from proxops.systems.policy import PolicyConfig
 

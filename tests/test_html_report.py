@@ -9,7 +9,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from proxops.systems import InputError
-from proxops.training.reports.report_writer import (
+from proxops.training.reports.report import (
     Section,
     Table,
     Text,

@@ -18,7 +18,7 @@ from proxops.diagrams.scenario.transits import (
     of_transit,
 )
 from proxops.diagrams.scenario.world import draw_world
-from proxops.studies.evaluation.variants import Variant, variant_flights
+from proxops.studies.campaigns.variants import Variant, variant_flights
 from proxops.systems.navigation import LidarNavigationConfig
 
 COUNT = 30

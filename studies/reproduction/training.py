@@ -10,7 +10,7 @@ from typing import Any
 
 from proxops.diagrams.flight import Workers, provenance
 from proxops.diagrams.scenario import LearnedLidarConfig, Scenario, dump_scenario, load_body
-from proxops.studies.reproduction.stages import Stage, Stages
+from proxops.studies.campaigns import Stage, Stages
 from proxops.systems.common import Progress
 from proxops.systems.lidar import LidarBundle
 from proxops.systems.policy import PolicyBundle

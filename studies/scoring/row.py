@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from proxops.diagrams.flight import Workers, run_campaign
-from proxops.studies.evaluation import exact_interval
+from proxops.studies.figures import exact_interval
 from proxops.studies.scoring.track import Track
 from proxops.systems.common import InputError, write_json
 from proxops.training.reports import number_text

@@ -66,7 +66,21 @@ _NINETY = 1.645
 # Indices that are equal may differ by rounding, which is less than this.
 _ROUNDING = 1e-9
 
-Ranking = list[dict[str, typing.Any]]
+
+@dc.dataclass(frozen=True)
+class Ranked:
+    """A quantity of a ranking."""
+
+    quantity: str
+    index: float
+    low: float
+    """With `high`: the 90 % interval of the index, by 20 resamples of the flights."""
+    high: float
+    above_chance: bool
+    """Whether the index exceeds the greatest of any quantity in each of 19 shuffles."""
+
+
+Ranking = list[Ranked]
 
 
 @dc.dataclass(frozen=True)
@@ -88,11 +102,10 @@ def rank_drivers(rows: Sequence[Row]) -> dict[str, Ranking]:
       rows: of the flights that were flown, with what was `dispersed`.
 
     Returns:
-      By output, from the strongest: `quantity`; `index`; `low` and `high`, its 90 % interval by 20
-      resamples of the flights; `above_chance`, whether it exceeds the greatest index of any
-      quantity in each of 19 shuffles of the output. `DUMMY` is an entry of its own with these 19
-      greatest indices: their median as index, the least as `low` and the greatest as `high`. An
-      output that is equal in all flights, or that fewer than 50 flights have, has an empty ranking.
+      By output, from the strongest. `DUMMY` is an entry of its own with the greatest indices of 19
+      shuffles of the output: their median as index, the least as `low` and the greatest as `high`.
+      An output that is equal in all flights, or that fewer than 50 flights have, has an empty
+      ranking.
     """
     return {output: _rank(rows, output) for output in OUTPUTS}
 
@@ -134,7 +147,7 @@ def drawn_columns(rows: Sequence[Row]) -> dict[str, Column]:
 
 def told_from_chance(ranking: Ranking) -> list[str]:
     """Returns the quantities that stand above chance, the strongest first."""
-    return [entry["quantity"] for entry in ranking if entry["above_chance"]]
+    return [entry.quantity for entry in ranking if entry.above_chance]
 
 
 def _column(values: Sequence[typing.Any]) -> Column:
@@ -164,21 +177,15 @@ def _rank(rows: Sequence[Row], output: str) -> Ranking:
     picks = generator(seed, count, 2).integers(count, size=(_RESAMPLES, count))
     spread = _NINETY * np.std([_pawn(inputs[pick], found[pick]) for pick in picks], axis=0, ddof=1)
     ranking = [
-        _entry(name, index, index - half, index + half, index > max(chance) + _ROUNDING)
+        _ranked(name, index, index - half, index + half, index > max(chance) + _ROUNDING)
         for name, index, half in zip(columns, indices, spread, strict=True)
     ]
-    ranking.append(_entry(DUMMY, float(np.median(chance)), min(chance), max(chance), False))
-    return sorted(ranking, key=lambda entry: -entry["index"])
+    ranking.append(_ranked(DUMMY, float(np.median(chance)), min(chance), max(chance), False))
+    return sorted(ranking, key=lambda entry: -entry.index)
 
 
-def _entry(name: str, index: float, low: float, high: float, above: bool) -> dict[str, typing.Any]:
-    return {
-        "quantity": name,
-        "index": float(index),
-        "low": max(0.0, float(low)),
-        "high": min(1.0, float(high)),
-        "above_chance": bool(above),
-    }
+def _ranked(name: str, index: float, low: float, high: float, above: bool) -> Ranked:
+    return Ranked(name, float(index), max(0.0, float(low)), min(1.0, float(high)), bool(above))
 
 
 def _ranks(values: np.ndarray, seed: int) -> np.ndarray:
