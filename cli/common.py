@@ -15,12 +15,7 @@ from pathlib import Path
 import rich.progress
 import typer
 from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
+from rich.progress import BarColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
 from proxops.diagrams.scenario import Body, Scenario, given_keys, scenario_remarks

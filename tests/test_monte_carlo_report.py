@@ -9,13 +9,13 @@ import pytest
 from synthetic_log import synthetic_log
 from test_evaluation import row, unflyable
 
-from proxops.diagrams.scenario.scenario_config import Scenario
 from proxops.studies.figures.results import Result, aggregate_all
 from proxops.studies.figures.sensitivity import Ranked
 from proxops.studies.report import shown_flights
-from proxops.studies.report.evaluation_report import Evaluation, evaluation_sections
+from proxops.studies.report.evaluation_report import evaluation_sections
 from proxops.studies.report.plots import plot_drivers, strongest
 from proxops.studies.report.shown_flights import replayed_flights, shown_transits, write_worst
+from proxops.systems.vehicle import ArrivalConfig
 from proxops.training.reports import markdown_page
 
 
@@ -57,8 +57,7 @@ def results() -> dict[str, Result]:
 def page(results: dict[str, Result]) -> str:
     log = synthetic_log(20, False)
     logs = {name: dict.fromkeys(numbers, log) for name, numbers in shown_transits(results).items()}
-    evaluation = Evaluation("proxops evaluate", "Kleopatra", 1, Scenario(), results, logs)
-    return markdown_page("Report", evaluation_sections(evaluation))
+    return markdown_page("Report", evaluation_sections(results, logs, ArrivalConfig()))
 
 
 @pytest.fixture(scope="module")

@@ -80,9 +80,6 @@ def fly_campaign(
       scenario: the one that all campaigns share.
       bodies: a folder for the files of generated bodies.
       workers: fly.
-
-    Raises:
-      InputError: see `fly_variants`.
     """
     shared = campaign_scenario(campaign, scenario, bodies)
     body = load_body(shared.body)
@@ -159,9 +156,6 @@ def campaign_scenario(campaign: Campaign, scenario: Scenario, bodies: Path) -> S
     """The scenario that a campaign's controllers share; writes a generated body's files.
 
     At another body the spacecraft is in proportion to it, as `proxops shape` scales it.
-
-    Raises:
-      InputError: see `change_scenario`, `load_body` and `scaled_scenario`.
     """
     if campaign.body is None:
         return change_scenario(scenario, campaign.changes)

@@ -45,8 +45,8 @@ _TOLD_DISPERSIONS = (
     "be, by the same dispersions."
 )
 _TOLD_LESS = (
-    "Nobody is told the state or the world. Assurance refuses errors as large as these, because the "
-    "thrust would not hold the spacecraft; it is told those of before_survey."
+    "Nobody is told the state or the world. Assurance refuses errors as large as these, because "
+    "the thrust would not hold the spacecraft; it is told those of before_survey."
 )
 
 

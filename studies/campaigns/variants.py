@@ -118,11 +118,7 @@ def fly_logs(
 def load_logs(
     folder: Path, seed: int, transits: Mapping[str, Sequence[int]]
 ) -> dict[str, dict[int, FlightLog]]:
-    """The logs that `fly_logs` wrote into a folder.
-
-    Raises:
-      InputError: see `FlightLog.load`.
-    """
+    """The logs that `fly_logs` wrote into a folder."""
     return {
         name: {k: FlightLog.load(folder / f"{_flight_name(name, seed, k)}.nc") for k in numbers}
         for name, numbers in transits.items()
@@ -132,11 +128,7 @@ def load_logs(
 def variant_flights(
     variant: Variant, scenario: Scenario, seed: int, transits: Iterable[int]
 ) -> list[Flight]:
-    """The flights of one variant on some transits of a seed.
-
-    Raises:
-      InputError: see `Variant.applied_to` and `transit_flights`.
-    """
+    """The flights of one variant on some transits of a seed."""
     numbers = list(transits)
     changed = variant.applied_to(scenario)
     drawn = transit_flights(changed, variant.controller, seed, max(numbers, default=-1) + 1)

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import typing
 from collections.abc import Sequence
-from dataclasses import dataclass
 from importlib import metadata
+from pathlib import Path
 
 import numpy as np
 
-from proxops.diagrams.flight import Row
+from proxops.diagrams.flight import Row, Workers
 from proxops.diagrams.logs import length_text, three_digits
-from proxops.diagrams.scenario import ArrivalConfig, Scenario
+from proxops.diagrams.scenario import ArrivalConfig, Scenario, load_body
 from proxops.studies.campaigns import Logs
 from proxops.studies.figures import (
     EXPERT,
@@ -41,9 +41,20 @@ from proxops.studies.report.shown_flights import (
     path_transits,
     replay_page,
     replayed_flights,
+    shown_logs,
     worst_flights,
+    write_worst,
 )
-from proxops.training.reports import DASH, Block, Link, Section, Table, Text, picture
+from proxops.training.reports import (
+    DASH,
+    Block,
+    Link,
+    Section,
+    Table,
+    Text,
+    picture,
+    write_report,
+)
 
 _MOST_LINES = 30
 _DRIVERS_CAPTION = (
@@ -54,28 +65,46 @@ _DRIVERS_CAPTION = (
 )
 
 
-@dataclass(frozen=True)
-class Evaluation:
-    """Everything that the report of an evaluation is made from."""
+def write_evaluation(
+    out: Path,
+    results: Results,
+    scenario: Scenario,
+    seed: int,
+    *,
+    command: str,
+    keep_logs: bool,
+    workers: Workers,
+) -> None:
+    """Writes the report of an evaluation, and pages that replay the worst flights.
 
-    command: str
-    """The command as it was typed."""
-    body: str
-    seed: int
-    scenario: Scenario
-    results: Results
-    logs: Logs
-    """They include those of the flights that `shown_transits` names."""
+    Args:
+      out: a folder; with `keep_logs` its folder `flights` has the logs of all flights, else those
+        that are shown are flown again into its folder `shown`.
+      command: as it was typed.
+    """
+    folder = out / ("flights" if keep_logs else "shown")
+    logs = shown_logs(results, scenario, seed, folder, frames=keep_logs, workers=workers)
+    write_worst(out, results, logs)
+    body = load_body(scenario.body).config.name
+    head = [Text(command, code=True), *_head(results, scenario.arrival, body)]
+    count = len(next(iter(results.values())).rows)
+    sections = [
+        Section(f"{count} transits of seed {seed}", head),
+        *evaluation_sections(results, logs, scenario.arrival),
+    ]
+    write_report(out, f"{body}: {', '.join(results)}", sections)
 
 
-def evaluation_sections(evaluation: Evaluation) -> list[Section]:
-    """Makes the report, which `write_report` writes."""
-    results, logs = evaluation.results, evaluation.logs
+def evaluation_sections(results: Results, logs: Logs, arrival: ArrivalConfig) -> list[Section]:
+    """Makes the report below its head.
+
+    Args:
+      logs: they include those of the flights that `shown_transits` names.
+    """
     looks = controller_looks(list(results))
     sections = [
-        _head(evaluation),
         Section("Worlds that can't be flown", _unflyable(results)),
-        Section("How flights end", _end_errors(evaluation, looks)),
+        Section("How flights end", _end_errors(results, arrival, looks)),
         Section("Fuel against the expert's", _delta_v(results, looks)),
         Section("Paths", _paths(path_transits(results), logs, looks)),
         Section("What drives failure", driver_blocks(results)),
@@ -113,26 +142,19 @@ def driver_blocks(results: Results) -> list[Block]:
     ]
 
 
-def _head(evaluation: Evaluation) -> Section:
-    arrival, results = evaluation.scenario.arrival, evaluation.results
-    count = len(next(iter(results.values())).rows)
-    return Section(
-        f"{count} transits of seed {evaluation.seed}",
-        [
-            Text(evaluation.command, code=True),
-            Text(
-                f"{evaluation.body}, proxops {metadata.version('proxops')}. "
-                f"{success_text(arrival)}. "
-                "Intervals are Wilson's, unless they are called exact (Clopper and Pearson's). "
-                "Δv and arrival count the flights that succeeded; Δv over the expert's counts the "
-                "transits in which both succeeded. “Delta-v, p99, at most” is an upper bound of "
-                "that percentile with 90 % confidence; it needs 230 flights that succeeded. "
-                "Position off and velocity off are errors of a policy's estimates: medians over "
-                "flights of each flight's median and p95."
-            ),
-            figure_table(results, arrival),
-        ],
-    )
+def _head(results: Results, arrival: ArrivalConfig, body: str) -> list[Block]:
+    return [
+        Text(
+            f"{body}, proxops {metadata.version('proxops')}. {success_text(arrival)}. "
+            "Intervals are Wilson's, unless they are called exact (Clopper and Pearson's). "
+            "Δv and arrival count the flights that succeeded; Δv over the expert's counts the "
+            "transits in which both succeeded. “Delta-v, p99, at most” is an upper bound of "
+            "that percentile with 90 % confidence; it needs 230 flights that succeeded. "
+            "Position off and velocity off are errors of a policy's estimates: medians over "
+            "flights of each flight's median and p95."
+        ),
+        figure_table(results, arrival),
+    ]
 
 
 def _table(head: Sequence[str], lines: Sequence[Sequence[str | Link]]) -> list[Block]:
@@ -155,17 +177,17 @@ def _unflyable(results: Results) -> list[Block]:
     return [*said, *_table(["transit", "controllers", "why"], lines)]
 
 
-def _end_errors(evaluation: Evaluation, looks: Looks) -> list[Block]:
+def _end_errors(results: Results, arrival: ArrivalConfig, looks: Looks) -> list[Block]:
     errors = {
         name: np.array([row["terminal_position_error_m"] for row in result.flights])
-        for name, result in evaluation.results.items()
+        for name, result in results.items()
         if result.flights
     }
     if not errors:
         return []
     caption = "Share of flights that end within a distance of the goal; dashed: arrival's radius."
-    radius = evaluation.scenario.arrival.radius_m
-    return [picture("end-errors", plot_end_errors(errors, radius, looks), caption)]
+    figure = plot_end_errors(errors, arrival.radius_m, looks)
+    return [picture("end-errors", figure, caption)]
 
 
 def _delta_v(results: Results, looks: Looks) -> list[Block]:

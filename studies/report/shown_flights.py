@@ -82,9 +82,6 @@ def shown_logs(
       frames: keeps lidar frames, as the logs in the folder of all flights do. The report does not
         need them, and they take most of the space.
       options: those of `run_campaign`.
-
-    Raises:
-      InputError: see `fly_logs`.
     """
     flown = dc.replace(scenario, log_ranges=scenario.log_ranges and frames)
     variants = [Variant(name, name) for name in results]
@@ -105,9 +102,6 @@ def write_worst(folder: Path, results: Results, logs: Logs) -> None:
       folder: of the report.
       results: by the controller's name.
       logs: they include those of `replayed_flights`.
-
-    Raises:
-      InputError: the folder cannot be made or written.
     """
     for name, result in results.items():
         worst = replayed_flights(result)

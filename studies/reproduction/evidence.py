@@ -113,9 +113,6 @@ def fly_and_tell(
 
     Returns:
       What results.json holds.
-
-    Raises:
-      InputError: see `fly_campaign`.
     """
     stages, bodies = Stages(out, tell), out / "bodies"
     ended = [each for each in known if stages.latest(each.name) is not None]

@@ -113,11 +113,7 @@ def markdown_table(table: Table) -> list[str]:
 
 
 def write_report(folder: Path, title: str, sections: Sequence[Section]) -> None:
-    """Writes `report.html`, and `report.md` with its `figures/`, into a folder.
-
-    Raises:
-      InputError: the folder cannot be made or written.
-    """
+    """Writes `report.html`, and `report.md` with its `figures/`, into a folder."""
     write_markdown(folder, title, sections, "figures")
     _write(folder / "report.html", html_page(title, sections).encode())
 
@@ -125,11 +121,7 @@ def write_report(folder: Path, title: str, sections: Sequence[Section]) -> None:
 def write_markdown(
     folder: Path, title: str, sections: Sequence[Section], figures: str = ""
 ) -> None:
-    """Writes `report.md` into a folder, with what it shows beside it or in the folder `figures`.
-
-    Raises:
-      InputError: the folder cannot be made or written.
-    """
+    """Writes `report.md` into a folder, with what it shows beside it or in the folder `figures`."""
     make_folder(folder / figures)
     for block in (block for section in sections for block in section.blocks):
         if isinstance(block, Picture):
