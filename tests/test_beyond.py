@@ -52,13 +52,6 @@ def test_nobody_sees_the_truth_unless_it_is_said() -> None:
         assert bool(told) == each.true_state == (each.name == "true-state")
 
 
-def test_the_flagship_is_dispersed_and_assured() -> None:
-    (flagship,) = chosen_campaigns(["flagship"], all_campaigns())
-    (hybrid,) = flagship.variants
-    assert (hybrid.controller, dict(hybrid.changes)) == ("hybrid", {"assurance": {}})
-    assert (flagship.dispersions, flagship.transits) == ("after_survey", 852)
-
-
 def test_the_papers_recipe_must_be_trained_first() -> None:
     with pytest.raises(InputError, match=r"train it first: proxops reproduce paper$"):
         chosen_campaigns(["paper-recipe"], all_campaigns())

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses as dc
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cached_property
 from importlib import metadata
 from pathlib import Path
@@ -326,34 +326,35 @@ def _share(results: Results, name: str, key: str) -> str:
     return number_text(getattr(results[name], key), ".1f", 100.0) if name in results else _NOT_RUN
 
 
+def _by_name(names: Iterable[str], columns: Mapping[str, Callable[[str], str]]) -> Table:
+    """A table with a line for each name, and for each column its head and what it tells of one."""
+    lines = [[name, *(tell(name) for tell in columns.values())] for name in names]
+    return Table(["", *columns], lines)
+
+
 def _controllers(findings: Findings) -> list[Block]:
-    lines = [
-        [
-            name,
-            result.succeeded(),
-            interval_text(result.success_rate_exact_interval),
-            result.succeeded(wide=True),
-            str(result.collisions),
-            str(result.keep_out_violations),
-            str(paper.blind_flights(result)),
-            length_text(result.min_clearance_m),
-            number_text(result.terminal_position_error_m_median, ".1f"),
-            number_text(result.delta_v_m_s_median, ".1f"),
-            number_text(result.expert_delta_v_ratio, ".3f"),
-        ]
-        for name, result in findings.results.items()
-    ]
-    head = [
-        "", "success", "exact 95 % interval", "success, twice as wide", "collisions", "violations",
-        "lost", "least clearance", "end error, median (m)", "Δv, median (m/s)", "Δv / MPC's",
-    ]  # fmt: skip
+    of = findings.results
+    columns: dict[str, Callable[[str], str]] = {
+        "success": lambda name: of[name].succeeded(),
+        "exact 95 % interval": lambda name: interval_text(of[name].success_rate_exact_interval),
+        "success, twice as wide": lambda name: of[name].succeeded(wide=True),
+        "collisions": lambda name: str(of[name].collisions),
+        "violations": lambda name: str(of[name].keep_out_violations),
+        "lost": lambda name: str(paper.blind_flights(of[name])),
+        "least clearance": lambda name: length_text(of[name].min_clearance_m),
+        "end error, median (m)": lambda name: number_text(
+            of[name].terminal_position_error_m_median, ".1f"
+        ),
+        "Δv, median (m/s)": lambda name: number_text(of[name].delta_v_m_s_median, ".1f"),
+        "Δv / MPC's": lambda name: number_text(of[name].expert_delta_v_ratio, ".3f"),
+    }
     who = "The MPC, the hybrid's check, runtime assurance and PD use the "
     if isinstance(findings.scenario.navigation, TrueStateConfig):
         told = f"{who}true state (navigation: !TrueState), as the paper's do."
     else:
         told = f"{who}state that the lidar navigation makes of the frames; the paper's do not."
     return [
-        Table(head, lines),
+        _by_name(of, columns),
         Text(
             "Lost counts flights with a step at which no ray of the lidar returns. Δv / MPC's is "
             f"over the transits in which both succeed. {told} Assured means with runtime assurance "
@@ -364,33 +365,30 @@ def _controllers(findings: Findings) -> list[Block]:
 
 
 def _gates(findings: Findings) -> list[Block]:
+    of, costs = findings.results, findings.costs
     # Only hybrids compare forces.
-    passed = {name: paper.checks_passed(each) for name, each in findings.results.items()}
+    passed = {name: paper.checks_passed(result) for name, result in of.items()}
     shown = [name for name, share in passed.items() if share is not None]
-    lines, points = [], {}
-    for name in shown:
-        result, saved = findings.results[name], findings.costs[name].saved
-        lines.append(
-            [
-                name,
-                number_text(result.policy_share, ".1f", 100.0),
-                number_text(result.policy_share_to_arrival, ".1f", 100.0),
-                number_text(saved, ".1f", 100.0),
-                number_text(passed[name], ".1f", 100.0),
-                result.succeeded(),
-                str(result.keep_out_violations),
-                number_text(result.expert_delta_v_ratio, ".3f"),
-            ]
+    columns: dict[str, Callable[[str], str]] = {
+        "flown by the policy (%)": lambda name: _share(of, name, "policy_share"),
+        "before arrival (%)": lambda name: _share(of, name, "policy_share_to_arrival"),
+        "solves saved (%)": lambda name: number_text(costs[name].saved, ".1f", 100.0),
+        "checks passed (%)": lambda name: number_text(passed[name], ".1f", 100.0),
+        "success": lambda name: of[name].succeeded(),
+        "violations": lambda name: str(of[name].keep_out_violations),
+        "Δv / MPC's": lambda name: number_text(of[name].expert_delta_v_ratio, ".3f"),
+    }
+    points = {
+        name: (
+            costs[name].saved or 0.0,
+            of[name].expert_delta_v_ratio or float("nan"),
+            of[name].min_clearance_m,
         )
-        fuel = result.expert_delta_v_ratio or float("nan")
-        points[name] = (saved or 0.0, fuel, result.min_clearance_m)
-    head = [
-        "", "flown by the policy (%)", "before arrival (%)", "solves saved (%)",
-        "checks passed (%)", "success", "violations", "Δv / MPC's",
-    ]  # fmt: skip
+        for name in shown
+    }
     caption = "Solves saved against fuel and clearance, over all transits."
     return [
-        Table(head, lines),
+        _by_name(shown, columns),
         Text(
             "Always zero is the hybrid with a policy that never thrusts. Its share is what a "
             "policy gets that has learned nothing."
@@ -400,26 +398,18 @@ def _gates(findings: Findings) -> list[Block]:
 
 
 def _costs(findings: Findings) -> list[Block]:
-    lines = [
-        [
-            name,
-            number_text(cost.policy_s, ".3f", 1e3),
-            number_text(cost.solve_s, ".3f", 1e3),
-            number_text(cost.saved, ".1f", 100.0),
-            number_text(cost.step_s, ".3f", 1e3),
-            number_text(cost.step_s, ".4f", paper.CPU_W),
-            number_text(cost.gain_arithmetic, ".2f"),
-            number_text(cost.gain_measured, ".2f"),
-        ]
-        for name, cost in findings.costs.items()
-        if cost.step_s is not None
-    ]
-    head = [
-        "", "network, median (ms)", "a solve, mean (ms)", "solves saved (%)",
-        "a step in all, mean (ms)", f"at {paper.CPU_W:g} W (J)", "gain, by arithmetic", "measured",
-    ]  # fmt: skip
+    of = findings.costs
+    columns: dict[str, Callable[[str], str]] = {
+        "network, median (ms)": lambda name: number_text(of[name].policy_s, ".3f", 1e3),
+        "a solve, mean (ms)": lambda name: number_text(of[name].solve_s, ".3f", 1e3),
+        "solves saved (%)": lambda name: number_text(of[name].saved, ".1f", 100.0),
+        "a step in all, mean (ms)": lambda name: number_text(of[name].step_s, ".3f", 1e3),
+        f"at {paper.CPU_W:g} W (J)": lambda name: number_text(of[name].step_s, ".4f", paper.CPU_W),
+        "gain, by arithmetic": lambda name: number_text(of[name].gain_arithmetic, ".2f"),
+        "measured": lambda name: number_text(of[name].gain_measured, ".2f"),
+    }
     return [
-        Table(head, lines),
+        _by_name((name for name, cost in of.items() if cost.step_s is not None), columns),
         Text(
             "Gain by arithmetic is 1 / ((1 − saved) + policy time / MPC time), from medians; the "
             "MPC's time is that of its own flights. Gain measured is the MPC's mean time of a step "
