@@ -3,6 +3,7 @@
 import dataclasses as dc
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -38,8 +39,8 @@ def brief() -> Track:
     return draw_track("brief", load_scenario(None, SHORT, on_true_state=True), 3, 2)
 
 
-def outcome(**changes: object) -> Outcome:
-    good: dict = {"success": True, "collided": False, "keep_out_violations": 0}
+def outcome(**changes: Any) -> Outcome:
+    good: dict[str, Any] = {"success": True, "collided": False, "keep_out_violations": 0}
     good |= {"delta_v_m_s": 100.0, "terminal_position_error_m": 10.0, "arrival_time_s": 5000.0}
     return Outcome(**good | changes)
 

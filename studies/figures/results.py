@@ -44,6 +44,10 @@ class _Flights(typing.NamedTuple):
         """One figure of the flights of a group that have it."""
         return [row[name] for row in getattr(self, group) if row.get(name) is not None]
 
+    def count(self, name: str) -> int:
+        """The sum of a figure of all flights that is a number of something, or true or false."""
+        return int(sum(self.values(name)))
+
     def ratio(self, of: Callable[[np.ndarray], typing.Any]) -> Number:
         """A ratio of delta-v to the expert's; None where nothing is compared."""
         return None if self.pairs is None or not len(self.pairs) else float(of(self.pairs))
@@ -115,13 +119,13 @@ def _mean(name: str, label: str = "", group: str = "flown") -> typing.Any:
 
 
 def _sum(name: str, label: str = "", text: Text = _WHOLE) -> typing.Any:
-    return _figure(lambda each: sum(each.values(name)), label, text)
+    return _figure(lambda each: each.count(name), label, text)
 
 
 def _of_trials(
     name: str, make: Callable[[int, int], typing.Any], label: str = "", text: Text = _interval
 ) -> typing.Any:
-    return _figure(lambda each: make(sum(each.values(name)), len(each.flown)), label, text)
+    return _figure(lambda each: make(each.count(name), len(each.flown)), label, text)
 
 
 def _clearance(percent: float, label: str) -> typing.Any:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses as dc
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cached_property
 from importlib import metadata
@@ -332,6 +333,10 @@ def _by_name(names: Iterable[str], columns: Mapping[str, Callable[[str], str]]) 
     return Table(["", *columns], lines)
 
 
+def _length(metres: float | None) -> str:
+    return DASH if metres is None else length_text(metres)
+
+
 def _controllers(findings: Findings) -> list[Block]:
     of = findings.results
     columns: dict[str, Callable[[str], str]] = {
@@ -341,7 +346,7 @@ def _controllers(findings: Findings) -> list[Block]:
         "collisions": lambda name: str(of[name].collisions),
         "violations": lambda name: str(of[name].keep_out_violations),
         "lost": lambda name: str(paper.blind_flights(of[name])),
-        "least clearance": lambda name: length_text(of[name].min_clearance_m),
+        "least clearance": lambda name: _length(of[name].min_clearance_m),
         "end error, median (m)": lambda name: number_text(
             of[name].terminal_position_error_m_median, ".1f"
         ),
@@ -381,8 +386,8 @@ def _gates(findings: Findings) -> list[Block]:
     points = {
         name: (
             costs[name].saved or 0.0,
-            of[name].expert_delta_v_ratio or float("nan"),
-            of[name].min_clearance_m,
+            of[name].expert_delta_v_ratio or math.nan,
+            of[name].min_clearance_m or math.nan,
         )
         for name in shown
     }
