@@ -90,31 +90,17 @@ def fly_command(
     """
     check_folder(out)
     keep = _MapKeeper(mended_map)
-    server = None
-    if meshcat:
-        # Its usual host is every network interface.
-        server = Meshcat(MeshcatParams(host="localhost"))
-        status.print(f"Meshcat is at {server.web_url()}")
+    server = _meshcat() if meshcat else None
     original = None
     if log_file is not None:
         given = (scenario, settings or None, seed, transit, dispersions)
         if any(value is not None for value in given):
             raise InputError("--from repeats a flight as it was: give no scenario or settings")
-        if (out / "flight.nc").resolve() == log_file.resolve():
-            raise InputError(f"--out {out} holds the log that is repeated: give another folder")
-        original = FlightLog.load(log_file)
-        _check_controller(original, controller)
+        original = _log_to_repeat(log_file, controller, out)
         wanted, body, true_body = original.scenario, original.body, original.true_body
         controller = original.dataset.attrs["controller"]
     else:
-        ends = {"transit.seed": seed, "transit.index": transit}
-        chosen = [f"{key}={value}" for key, value in ends.items() if value is not None]
-        wanted = load_scenario(scenario, [*with_dispersions(settings, dispersions), *chosen])
-        if wanted.transit.start_m is not None and chosen:
-            raise InputError(
-                "the scenario gives a start and a goal: leave out either --seed and --transit, or "
-                "transit.start_m and transit.goal_m"
-            )
+        wanted = _scenario(scenario, with_dispersions(settings, dispersions), seed, transit)
         body, true_body = load_body(wanted.body), None
         wanted = _without_making_a_table(wanted, body)
         print_remarks(wanted, body)
@@ -135,6 +121,27 @@ def fly_command(
         with contextlib.suppress(KeyboardInterrupt):
             while True:
                 time.sleep(1.0)
+
+
+def _meshcat() -> Meshcat:
+    # Its usual host is every network interface.
+    server = Meshcat(MeshcatParams(host="localhost"))
+    status.print(f"Meshcat is at {server.web_url()}")
+    return server
+
+
+def _scenario(
+    path: Path | None, changes: list[str], seed: int | None, transit: int | None
+) -> Scenario:
+    ends = {"transit.seed": seed, "transit.index": transit}
+    chosen = [f"{key}={value}" for key, value in ends.items() if value is not None]
+    wanted = load_scenario(path, [*changes, *chosen])
+    if wanted.transit.start_m is not None and chosen:
+        raise InputError(
+            "the scenario gives a start and a goal: leave out either --seed and --transit, or "
+            "transit.start_m and transit.goal_m"
+        )
+    return wanted
 
 
 def _without_making_a_table(scenario: Scenario, body: Body) -> Scenario:
@@ -188,15 +195,20 @@ class _MapKeeper:
             )
 
 
-def _check_controller(log: FlightLog, named: str | None) -> None:
-    """Checks that a controller MODULE:FACTORY flies again only if the user names it.
+def _log_to_repeat(log_file: Path, named: str | None, out: Path) -> FlightLog:
+    """Loads a log, and checks that its flight may be repeated into a folder.
 
-    A log may come from a stranger, and flying MODULE:FACTORY imports and runs a module.
+    A controller MODULE:FACTORY flies again only if the user names it: a log may come from a
+    stranger, and flying MODULE:FACTORY imports and runs a module.
 
     Raises:
-      InputError: the user names another controller than the log's; the log's controller is
-        MODULE:FACTORY and the user names none; or it has no name by which it can be made.
+      InputError: the folder holds the log; the user names another controller than the log's; the
+        log's controller is MODULE:FACTORY and the user names none; or it has no name by which it
+        can be made.
     """
+    if (out / "flight.nc").resolve() == log_file.resolve():
+        raise InputError(f"--out {out} holds the log that is repeated: give another folder")
+    log = FlightLog.load(log_file)
     flown = str(log.dataset.attrs["controller"])
     if named is not None and named != flown:
         raise InputError(
@@ -214,6 +226,7 @@ def _check_controller(log: FlightLog, named: str | None) -> None:
             f"the log names the controller {flown!r}, a module that would be imported and run: "
             f"if you trust it, add --controller {shlex.quote(flown)}"
         )
+    return log
 
 
 def _save(log: FlightLog, out: Path, as_json: bool) -> None:

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import dataclasses as dc
 import enum
+import functools
+import typing
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -23,9 +26,13 @@ from proxops.cli.common import (
     work_bar,
 )
 from proxops.diagrams.flight import Workers
-from proxops.diagrams.scenario import load_body, load_scenario
-from proxops.systems.common import InputError
+from proxops.diagrams.scenario import Scenario, load_body, load_scenario
+from proxops.systems.common import InputError, Progress
 
+if typing.TYPE_CHECKING:
+    from proxops.studies.campaigns import Campaign
+
+Tell = Callable[[str, float, str], Any]
 _QUICK_TRANSITS, _QUICK_BODIES = 2, 2
 
 
@@ -36,14 +43,24 @@ class LidarNetwork(enum.StrEnum):
     PAPER = "paper"
 
 
+CampaignNames = Annotated[
+    list[str] | None,
+    typer.Argument(
+        metavar="[NAME]...",
+        help="paper, believed, worlds, or a campaign such as flagship. Default: all.",
+    ),
+]
+FramesNetwork = Annotated[
+    LidarNetwork,
+    typer.Option(
+        help="Network that makes the frames of the paper's disturbed flights: our ray network "
+        "(learned), or an MLP like the paper's (paper)."
+    ),
+]
+
+
 def reproduce_command(
-    names: Annotated[
-        list[str] | None,
-        typer.Argument(
-            metavar="[NAME]...",
-            help="paper, believed, worlds, or a campaign such as flagship. Default: all.",
-        ),
-    ] = None,
+    names: CampaignNames = None,
     scenario: Annotated[
         Path | None, typer.Option(help="Scenario file (YAML). Default: Kleopatra.")
     ] = None,
@@ -66,13 +83,7 @@ def reproduce_command(
             help="Seed of the paper's transits; seeds below 10,000 are for training.",
         ),
     ] = EVALUATION_SEEDS,
-    lidar: Annotated[
-        LidarNetwork,
-        typer.Option(
-            help="Network that makes the frames of the paper's disturbed flights: our ray network "
-            "(learned), or an MLP like the paper's (paper)."
-        ),
-    ] = LidarNetwork.LEARNED,
+    lidar: FramesNetwork = LidarNetwork.LEARNED,
     bodies: Annotated[
         Path | None,
         typer.Option(help="Folder of bodies of your own, YAML files of proxops shape --body."),
@@ -105,62 +116,117 @@ def reproduce_command(
       proxops reproduce worlds --bodies my_bodies
     """
     check_folder(out)
-    # matplotlib is slow to import.
-    from proxops.studies import campaigns, reproduction
-
-    names, settings, folder = names or [], settings or [], out / reproduction.PAPER
-    wanted = load_scenario(scenario, settings)
+    wanted, options = load_scenario(scenario, settings or []), Workers(workers, scheduler)
     check_transits_drawn(wanted, settings)
     load_body(wanted.body)
-    own = [] if bodies is None else reproduction.own_bodies(bodies)
     transits = _QUICK_TRANSITS if quick and transits is None else transits
-    with_paper = not names or reproduction.PAPER in names
+    asked = _Asked(names or [], quick, transits, bodies, out)
+    asked.check(seed, lidar)
+    with work_bar() as progress, options.kept() as fleet:
+        tell = functools.partial(_tell, progress)
+        paper = None
+        if asked.with_paper:
+            on_true_state = load_scenario(scenario, settings or [], on_true_state=True)
+            paper = _reproduce_paper(asked, on_true_state, seed, lidar, fleet, tell)
+        found = _go_beyond(asked, wanted, fleet, tell)
+    _print(paper, found)
+    status.print(f"Wrote report.html, report.md and results.json in {out}")
 
-    def known(recipe: Path | None) -> list[campaigns.Campaign]:
-        """All campaigns that can be flown with the policy of the paper's recipe."""
-        count = _QUICK_BODIES if quick else len(campaigns.BODIES)
-        found = campaigns.all_campaigns(recipe, own, count)
-        return [dc.replace(each, transits=transits or each.transits) for each in found]
 
-    to_be_trained = folder if with_paper and not quick else None
-    recipe = reproduction.paper_policy(folder) or to_be_trained
-    chosen = reproduction.chosen_campaigns(names, known(recipe))
-    if own and not {str(path) for path in own} & {each.body for each in chosen}:
-        raise InputError("--bodies names bodies at which nothing is flown: name worlds too")
-    if seed != EVALUATION_SEEDS and not with_paper:
-        raise InputError("--seed is that of the paper's transits: name paper too, or leave it out")
-    if lidar != LidarNetwork.LEARNED and to_be_trained is None:
-        raise InputError("--lidar is for the paper's training: name paper too, without --quick")
-    command, paper = typed_command(), None
-    with work_bar() as progress, Workers(workers, scheduler).kept() as fleet:
+class _Asked(typing.NamedTuple):
+    """What the command line asks for."""
 
-        def tell(stage: str, done: float, text: str) -> None:
-            progress(done, f"{stage} {text}")
+    names: list[str]
+    quick: bool
+    transits: int | None
+    bodies: Path | None
+    out: Path
 
-        if with_paper:
-            judged = reproduction.ReproductionSettings(seed=seed)
-            judged = judged if transits is None else judged.of_transits(transits)
-            training = None
-            if not quick:
-                with training_extra("; or give --quick"):
-                    training = reproduction.TrainingSettings(lidar_network=lidar.value)
-            paper = reproduction.reproduce(
-                load_scenario(scenario, settings, on_true_state=True), folder, judged, training,
-                command=command, workers=fleet, tell=tell,
-            )  # fmt: skip
-        # Frames of so many flights would fill a disk, and a table takes a minute at each body.
-        gravity = wanted.gravity if quick else "table"
-        shared = dc.replace(wanted, log_ranges=False, gravity=gravity)
-        flown = known(reproduction.paper_policy(folder))
-        found = reproduction.fly_and_tell(
-            flown, reproduction.chosen_campaigns(names, flown), shared, out,
-            command=command, workers=fleet, tell=tell,
-        )  # fmt: skip
+    @property
+    def paper(self) -> Path:
+        """The folder of the paper's reproduction."""
+        from proxops.studies.reproduction import PAPER  # matplotlib is slow to import.
+
+        return self.out / PAPER
+
+    @property
+    def with_paper(self) -> bool:
+        """Whether the paper is reproduced, too."""
+        return not self.names or self.paper.name in self.names
+
+    def campaigns(self, *, to_be_trained: bool = False) -> tuple[list[Campaign], list[Campaign]]:
+        """All campaigns that can be flown now, and those of them that are asked for.
+
+        Args:
+          to_be_trained: whether those of the paper's recipe count before it is trained.
+        """
+        from proxops.studies.campaigns import BODIES, all_campaigns
+        from proxops.studies.reproduction import chosen_campaigns, own_bodies, paper_policy
+
+        recipe = paper_policy(self.paper) or (self.paper if to_be_trained else None)
+        own = [] if self.bodies is None else own_bodies(self.bodies)
+        known = all_campaigns(recipe, own, _QUICK_BODIES if self.quick else len(BODIES))
+        known = [dc.replace(each, transits=self.transits or each.transits) for each in known]
+        return known, chosen_campaigns(self.names, known)
+
+    def check(self, seed: int, lidar: LidarNetwork) -> None:
+        """Raises `InputError` if a name is wrong, or if nothing heeds an option that is given."""
+        from proxops.studies.reproduction import own_bodies
+
+        trains = self.with_paper and not self.quick
+        _, chosen = self.campaigns(to_be_trained=trains)
+        own = set() if self.bodies is None else {str(path) for path in own_bodies(self.bodies)}
+        if own and not own & {each.body for each in chosen}:
+            raise InputError("--bodies names bodies at which nothing is flown: name worlds too")
+        if seed != EVALUATION_SEEDS and not self.with_paper:
+            raise InputError(
+                "--seed is that of the paper's transits: name paper too, or leave it out"
+            )
+        if lidar != LidarNetwork.LEARNED and not trains:
+            raise InputError("--lidar is for the paper's training: name paper too, without --quick")
+
+
+def _tell(progress: Progress, stage: str, done: float, text: str) -> None:
+    progress(done, f"{stage} {text}")
+
+
+def _reproduce_paper(
+    asked: _Asked, scenario: Scenario, seed: int, lidar: LidarNetwork, fleet: Workers, tell: Tell
+) -> dict[str, Any]:
+    """Runs what is left of the paper's reproduction; returns what its report.json holds."""
+    from proxops.studies import reproduction
+
+    judged = reproduction.ReproductionSettings(seed=seed)
+    judged = judged if asked.transits is None else judged.of_transits(asked.transits)
+    training = None
+    if not asked.quick:
+        with training_extra("; or give --quick"):
+            training = reproduction.TrainingSettings(lidar_network=lidar.value)
+    return reproduction.reproduce(
+        scenario, asked.paper, judged, training,
+        command=typed_command(), workers=fleet, tell=tell,
+    )  # fmt: skip
+
+
+def _go_beyond(asked: _Asked, scenario: Scenario, fleet: Workers, tell: Tell) -> dict[str, Any]:
+    """Flies what is left of the campaigns that are asked for; returns what results.json holds."""
+    from proxops.studies.reproduction import fly_and_tell
+
+    # Frames of so many flights would fill a disk, and a table takes a minute at each body.
+    gravity = scenario.gravity if asked.quick else "table"
+    shared = dc.replace(scenario, log_ranges=False, gravity=gravity)
+    return fly_and_tell(
+        *asked.campaigns(), shared, asked.out, command=typed_command(), workers=fleet, tell=tell
+    )
+
+
+def _print(paper: dict[str, Any] | None, found: dict[str, Any]) -> None:
+    from proxops.studies.reproduction import success_lines
+
     if paper is not None:
         lines = [(f"{line['what']} (paper: {line['paper']})", line["ours"])
                  for line in paper["paper_and_ours"]]  # fmt: skip
         print_rows("the paper's numbers, and ours", lines)
         if paper["not_run"]:
             status.print(f"Not run: {', '.join(paper['not_run'])}")
-    print_rows("success", reproduction.success_lines(found))
-    status.print(f"Wrote report.html, report.md and results.json in {out}")
+    print_rows("success", success_lines(found))
