@@ -83,7 +83,7 @@ def write_evaluation(
       command: as it was typed.
     """
     folder = out / ("flights" if keep_logs else "shown")
-    logs = shown_logs(results, scenario, seed, folder, frames=keep_logs, workers=workers)
+    logs = shown_logs(results, scenario, seed, folder, keep_logs, workers)
     write_worst(out, results, logs)
     body = load_body(scenario.body).config.name
     head = [Text(command, code=True), *_head(results, scenario.arrival, body)]

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import dataclasses as dc
-import typing
 from collections.abc import Sequence
 from pathlib import Path
 
-from proxops.diagrams.flight import Row, controller_label
+from proxops.diagrams.flight import Row, Workers, controller_label
 from proxops.diagrams.meshcat import write_replay
 from proxops.diagrams.scenario import Scenario
 from proxops.studies.campaigns import Logs, Variant, fly_logs
@@ -66,26 +65,18 @@ def shown_transits(results: Results) -> dict[str, list[int]]:
 
 
 def shown_logs(
-    results: Results,
-    scenario: Scenario,
-    seed: int,
-    folder: Path,
-    *,
-    frames: bool = False,
-    **options: typing.Any,
+    results: Results, scenario: Scenario, seed: int, folder: Path, frames: bool, workers: Workers
 ) -> Logs:
     """Returns the logs of the flights that `shown_transits` names, flown again if need be.
 
     Args:
-      results: by the controller's name.
       folder: a folder for these flights alone; or, if all logs were kept, that of all flights.
       frames: keeps lidar frames, as the logs in the folder of all flights do. The report does not
         need them, and they take most of the space.
-      options: those of `run_campaign`.
     """
     flown = dc.replace(scenario, log_ranges=scenario.log_ranges and frames)
     variants = [Variant(name, name) for name in results]
-    return fly_logs(variants, flown, seed, shown_transits(results), folder, **options)
+    return fly_logs(variants, flown, seed, shown_transits(results), folder, workers=workers)
 
 
 def replay_page(name: str, row: Row) -> str:
@@ -96,11 +87,8 @@ def replay_page(name: str, row: Row) -> str:
 def write_worst(folder: Path, results: Results, logs: Logs) -> None:
     """Writes a replay page of each of the worst flights of each controller, `worst/NAME.html`.
 
-    The report links to them. Each page is written completely or not at all.
-
     Args:
-      folder: of the report.
-      results: by the controller's name.
+      folder: of the report, which links to them.
       logs: they include those of `replayed_flights`.
     """
     for name, result in results.items():

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -122,12 +121,18 @@ def fly_and_tell(
         flown = [each for campaign in known if (each := found.get(campaign.name)) is not None]
         others = [name for name, each in found.items() if each is None]
         missing = [each.name for each in known if each.name not in found]
-        story = _Story(command, flown, missing, others, _paper_record(out), scenario.arrival)
-        title = "Close to an asteroid, and nobody on board sees the truth"
-        write_report(out, title, _sections(story))
+        paper = _paper_record(out)
+        sections = [
+            Section("Question", _asked(command, scenario.arrival, flown, missing, others)),
+            Section("What the paper showed", _paper(paper)),
+            Section("Failure modes of the baseline", [Text(_broke(paper, flown))]),
+            Section("Results", [_holds(flown)]),
+            *(Section(each.campaign.title, _campaign(each)) for each in flown),
+        ]
+        write_report(out, "Close to an asteroid, and nobody on board sees the truth", sections)
         content = {
             "proxops_version": metadata.version("proxops"),
-            "paper": story.paper,
+            "paper": paper,
             "campaigns": {each.campaign.name: each.entry for each in flown},
         }
         write_json(out / "results.json", content, indent=1)
@@ -160,39 +165,26 @@ def _paper_record(out: Path) -> dict[str, Any] | None:
 # --- the report -----------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class _Story:
-    """Everything that the report is made from."""
+def _asked(
+    command: str,
+    arrival: ArrivalConfig,
+    flown: Sequence[FlownCampaign],
+    missing: Sequence[str],
+    others: Sequence[str],
+) -> list[Block]:
+    """Says what the task is, and which campaigns are told.
 
-    command: str
-    flown: Sequence[FlownCampaign]
-    missing: Sequence[str]
-    """Names of campaigns that have not been flown."""
-    others: Sequence[str]
-    """Names of campaigns that were flown with other settings than these."""
-    paper: Mapping[str, Any] | None
-    arrival: ArrivalConfig
-
-
-def _sections(story: _Story) -> list[Section]:
-    return [
-        Section("Question", _asked(story)),
-        Section("What the paper showed", _paper(story.paper)),
-        Section("Failure modes of the baseline", [Text(_broke(story))]),
-        Section("Results", [_holds(story.flown)]),
-        *(Section(each.campaign.title, _campaign(each)) for each in story.flown),
-    ]
-
-
-def _asked(story: _Story) -> list[Block]:
-    arrival = story.arrival
+    Args:
+      missing: names of campaigns that have not been flown.
+      others: names of campaigns that were flown with other settings than these.
+    """
     lines = [
         [each.campaign.name, str(each.campaign.transits), each.stage.folder.name,
          f"{each.stage.wall_s:.0f}"]
-        for each in story.flown
+        for each in flown
     ]  # fmt: skip
     blocks: list[Block] = [
-        Text(story.command, code=True),
+        Text(command, code=True),
         Text(
             "A spacecraft with weak thrusters is to go from one point to another close to an "
             f"asteroid, and arrive within {arrival_text(arrival)} of the goal by "
@@ -204,10 +196,10 @@ def _asked(story: _Story) -> list[Block]:
         ),
         Table(["campaign", "flights of each controller", "folder", "wall time (s)"], lines),
     ]
-    if story.missing:
-        blocks.append(Text(f"Not run: {', '.join(story.missing)}."))
-    if story.others:
-        names = ", ".join(story.others)
+    if missing:
+        blocks.append(Text(f"Not run: {', '.join(missing)}."))
+    if others:
+        names = ", ".join(others)
         blocks.append(Text(f"Flown with other settings, and so not shown: {names}."))
     return blocks
 
@@ -227,15 +219,15 @@ def _paper(paper: Mapping[str, Any] | None) -> list[Block]:
     ]
 
 
-def _broke(story: _Story) -> str:
+def _broke(paper: Mapping[str, Any] | None, flown: Sequence[FlownCampaign]) -> str:
     """Says what leaves the paper's world, and how often it still arrives."""
     told = []
-    papers = results_from_json({} if story.paper is None else story.paper["controllers"])
+    papers = results_from_json({} if paper is None else paper["controllers"])
     for name, who in (("policy, paper's recipe", "the paper's recipe"), ("policy", "our policy")):
         if name in papers:
             found = papers[name].succeeded()
             told.append(f"In the paper's world {who} succeeds in {found} transits")
-    results = {each.campaign.name: each.results for each in story.flown}
+    results = {each.campaign.name: each.results for each in flown}
     for name, place in (
         (PAPER_RECIPE, "in a world that is as believed"),
         ("navigation", "in a world that is as believed"),
