@@ -13,7 +13,7 @@ from rich.table import Table
 from proxops.diagrams.flight import Row, Workers
 from proxops.diagrams.logs import FlightLog
 from proxops.diagrams.scenario import Scenario
-from proxops.studies.evaluation import Variant, fly_logs, fly_variants
+from proxops.studies.campaigns import Variant, fly_logs, fly_variants
 from proxops.systems.common import InputError, write_whole
 from proxops.training import reports
 

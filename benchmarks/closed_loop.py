@@ -47,13 +47,8 @@ from proxops.diagrams.scenario import (
     load_dispersions,
     load_scenario,
 )
-from proxops.studies.evaluation import (
-    Variant,
-    command_count,
-    delta_v_pairs,
-    describe_flight,
-    exact_interval,
-)
+from proxops.studies.campaigns import Variant, describe_flight
+from proxops.studies.figures import command_count, delta_v_pairs, exact_interval
 from proxops.systems.common import InputError, make_folder, write_whole
 from proxops.training.reports import interval_text
 

@@ -46,7 +46,7 @@ from scipy.integrate import solve_ivp
 
 from proxops.diagrams.logs import FlightLog
 from proxops.diagrams.scenario import Body, Scenario, is_blocked, load_body, load_scenario
-from proxops.studies.evaluation import Variant
+from proxops.studies.campaigns import Variant
 from proxops.systems.shapes import clearances
 
 UNITS = np.repeat([1e4, 10.0], 3)

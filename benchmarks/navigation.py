@@ -58,7 +58,8 @@ from _navigation_poses import (
 
 from proxops.diagrams.flight import Row, run_groups
 from proxops.diagrams.scenario import Scenario, dump_scenario, load_scenario
-from proxops.studies.evaluation import Variant, delta_v_pairs, variant_flights
+from proxops.studies.campaigns import Variant, variant_flights
+from proxops.studies.figures import delta_v_pairs
 from proxops.systems.common import InputError, write_whole
 from proxops.training import reports
 

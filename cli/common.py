@@ -15,13 +15,7 @@ from pathlib import Path
 import rich.progress
 import typer
 from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    ProgressColumn,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
+from rich.progress import BarColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
 from proxops.diagrams.scenario import Body, Scenario, given_keys, scenario_remarks
@@ -98,29 +92,6 @@ class LogLines(logging.Handler):
         status.print(f"proxops: {record.getMessage()}")
 
 
-class _Bar(rich.progress.Progress):
-    """A progress bar; without a terminal it prints a line every ten minutes, and nothing else."""
-
-    def __init__(self, *columns: ProgressColumn):
-        quiet = not status.is_terminal
-        super().__init__(*columns, console=status, transient=True, disable=quiet)
-        self._last_line = time.monotonic()
-
-    def update(self, task_id: rich.progress.TaskID, **changes: typing.Any) -> None:
-        super().update(task_id, **changes)
-        now = time.monotonic()
-        if self.disable and now - self._last_line >= _SECONDS_PER_LINE:
-            self._last_line = now
-            task = self.tasks[task_id]
-            words = (task.fields.get("stage", ""), f"{task.percentage:.0f} %", task.description)
-            status.print(" ".join(word for word in words if word))
-
-
-def progress_bar(*columns: ProgressColumn) -> rich.progress.Progress:
-    """Makes a progress bar. Without a terminal it prints a line every ten minutes in its place."""
-    return _Bar(*columns)
-
-
 @contextlib.contextmanager
 def training_extra(instead: str = "") -> Iterator[None]:
     """Reports a missing extra `train`; use it around imports that need the extra.
@@ -141,11 +112,25 @@ def training_extra(instead: str = "") -> Iterator[None]:
 
 @contextlib.contextmanager
 def work_bar(text: str = "") -> Iterator[Progress]:
-    """Shows a bar for a long piece of work; gives the `Progress` that moves it."""
+    """Shows a bar for a long piece of work; gives the `Progress` that moves it.
+
+    Without a terminal it prints a line every ten minutes in its place.
+    """
+    quiet, told = not status.is_terminal, time.monotonic()
     columns = (BarColumn(), TimeElapsedColumn(), TimeRemainingColumn())
-    with progress_bar(*columns, TextColumn("{task.description}")) as bar:
+    with rich.progress.Progress(
+        *columns, TextColumn("{task.description}"), console=status, transient=True, disable=quiet
+    ) as bar:
         task = bar.add_task(text, total=1.0)
-        yield lambda done, text: bar.update(task, completed=done, description=text)
+
+        def progress(done: float, text: str) -> None:
+            nonlocal told
+            bar.update(task, completed=done, description=text)
+            if quiet and time.monotonic() - told >= _SECONDS_PER_LINE:
+                told = time.monotonic()
+                status.print(f"{100 * done:.0f} % {text}")
+
+        yield progress
 
 
 def check_folder(folder: Path, option: str = "--out") -> None:

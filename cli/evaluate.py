@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses as dc
 from pathlib import Path
 from typing import Annotated
 
@@ -23,7 +24,7 @@ from proxops.cli.common import (
     work_bar,
 )
 from proxops.diagrams.flight import Workers, named_controller
-from proxops.diagrams.scenario import Scenario, draw_transit, load_body, load_scenario
+from proxops.diagrams.scenario import draw_transit, load_body, load_scenario
 from proxops.systems.common import InputError, write_json
 
 
@@ -64,7 +65,9 @@ def evaluate_command(
       proxops evaluate --controllers mpc,policy:out/paper-policy/bundle,pd,zero --transits 50
     """
     # matplotlib is slow to import.
-    from proxops.studies.evaluation import Variant, aggregate_all, describe_flight, fly_variants
+    from proxops.studies.campaigns import Variant, describe_flight, fly_variants
+    from proxops.studies.figures import aggregate_all, figure_rows
+    from proxops.studies.report import write_evaluation
 
     names = [name.strip() for name in controllers.split(",") if name.strip()]
     if not names or len(set(names)) != len(names):
@@ -79,52 +82,26 @@ def evaluate_command(
     print_remarks(wanted, body)
     for index in range(min(transits, 2)):  # One clear transit and one blocked transit.
         draw_transit(seed, index, wanted, body)
-    variants = [Variant(name, name) for name in names]
-    flights = out / "flights"
     with work_bar("preparing the flights") as progress:
-        fleet = Workers(workers, scheduler, progress)
         rows = fly_variants(
-            variants, wanted, seed, transits, flights, keep_logs=keep_logs,
-            describe=describe_flight, workers=fleet,
+            [Variant(name, name) for name in names], wanted, seed, transits, out / "flights",
+            keep_logs=keep_logs, describe=describe_flight,
+            workers=Workers(workers, scheduler, progress),
         )  # fmt: skip
     if any(row.get("dispersed") for group in rows.values() for row in group):
         status.print("Ranking what drives failure")  # Some seconds for each controller.
     results = aggregate_all(rows)
-    write_json(out / "results.json", results)
-    _print(results, wanted, seed)
-    with work_bar("flying those that are shown") as progress:
-        fleet = Workers(workers, scheduler, progress)
-        _write_report(out, results, wanted, seed, keep_logs, fleet)
-    status.print(f"Wrote results.json, report.html and report.md in {out}")
-
-
-def _print(results: dict[str, dict], scenario: Scenario, seed: int) -> None:
-    from proxops.studies.evaluation import figure_rows
-
+    write_json(out / "results.json", {name: dc.asdict(each) for name, each in results.items()})
     table = Table(title=f"transits of seed {seed}", title_justify="left")
     table.add_column()
     for name in results:
         table.add_column(name, justify="right")
-    for label, cells in figure_rows(results, scenario.arrival):
+    for label, cells in figure_rows(results, wanted.arrival):
         table.add_row(label, *cells)
     console.print(table)
-
-
-def _write_report(
-    out: Path,
-    results: dict[str, dict],
-    scenario: Scenario,
-    seed: int,
-    keep_logs: bool,
-    workers: Workers,
-) -> None:
-    from proxops.studies.evaluation import Evaluation, evaluation_sections, shown_logs, write_worst
-    from proxops.training.reports import write_report
-
-    folder = out / ("flights" if keep_logs else "shown")
-    logs = shown_logs(results, scenario, seed, folder, frames=keep_logs, workers=workers)
-    write_worst(out, results, logs)
-    name = load_body(scenario.body).config.name
-    command = typed_command()
-    evaluation = Evaluation(command, name, seed, scenario, results, logs)
-    write_report(out, f"{name}: {', '.join(results)}", evaluation_sections(evaluation))
+    with work_bar("flying those that are shown") as progress:
+        write_evaluation(
+            out, results, wanted, seed, command=typed_command(), keep_logs=keep_logs,
+            workers=Workers(workers, scheduler, progress),
+        )  # fmt: skip
+    status.print(f"Wrote results.json, report.html and report.md in {out}")

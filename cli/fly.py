@@ -7,7 +7,6 @@ import dataclasses as dc
 import json
 import shlex
 import time
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -15,7 +14,6 @@ import numpy as np
 import typer
 from pydrake.geometry import Meshcat, MeshcatParams
 from pydrake.systems.framework import Context, Diagram
-from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
 
 from proxops.cli.common import (
     AsJson,
@@ -24,9 +22,9 @@ from proxops.cli.common import (
     check_folder,
     print_remarks,
     print_rows,
-    progress_bar,
     status,
     with_dispersions,
+    work_bar,
 )
 from proxops.diagrams.flight import WITH_BUNDLE, fly, mended_map_of_flight
 from proxops.diagrams.logs import (
@@ -38,7 +36,7 @@ from proxops.diagrams.logs import (
     why_never_known,
 )
 from proxops.diagrams.meshcat import write_replay
-from proxops.diagrams.scenario import Scenario, TransitConfig, load_body, load_scenario
+from proxops.diagrams.scenario import Body, Scenario, TransitConfig, load_body, load_scenario
 from proxops.systems.common import InputError, make_folder, write_json
 from proxops.systems.navigation import MendedMap, save_mended_map
 
@@ -92,33 +90,69 @@ def fly_command(
     """
     check_folder(out)
     keep = _MapKeeper(mended_map)
-    server = None
-    if meshcat:
-        # Its usual host is every network interface.
-        server = Meshcat(MeshcatParams(host="localhost"))
-        status.print(f"Meshcat is at {server.web_url()}")
+    server = _meshcat() if meshcat else None
+    original = None
     if log_file is not None:
         given = (scenario, settings or None, seed, transit, dispersions)
         if any(value is not None for value in given):
             raise InputError("--from repeats a flight as it was: give no scenario or settings")
-        _fly_again(log_file, controller, server, out, as_json, keep)
+        original = _log_to_repeat(log_file, controller, out)
+        wanted, body, true_body = original.scenario, original.body, original.true_body
+        controller = original.dataset.attrs["controller"]
     else:
-        overrides = with_dispersions(settings, dispersions)
-        if seed is not None:
-            overrides.append(f"transit.seed={seed}")
-        if transit is not None:
-            overrides.append(f"transit.index={transit}")
-        wanted = load_scenario(scenario, overrides)
-        if wanted.transit.start_m is not None and (seed is not None or transit is not None):
-            raise InputError(
-                "the scenario gives a start and a goal: leave out either --seed and --transit, or "
-                "transit.start_m and transit.goal_m"
-            )
-        _fly_new(wanted, controller or "mpc", server, out, as_json, keep)
+        wanted = _scenario(scenario, with_dispersions(settings, dispersions), seed, transit)
+        body, true_body = load_body(wanted.body), None
+        wanted = _without_making_a_table(wanted, body)
+        print_remarks(wanted, body)
+    with work_bar("flying") as progress:
+        log = fly(
+            wanted, controller or "mpc", meshcat=server, progress=progress, body=body,
+            true_body=true_body, finished=keep,
+        )  # fmt: skip
+    _save(log, out, as_json)
+    keep.save()
+    if original is not None:
+        if changed := differences(original, log):
+            status.print(f"The flight differs from its log in: {', '.join(changed)}")
+            raise typer.Exit(1)
+        status.print(f"The flight repeats {log_file} bit for bit.")
     if server is not None:
         status.print("Press Ctrl-C to end.")
         with contextlib.suppress(KeyboardInterrupt):
-            _wait_for_ever()
+            while True:
+                time.sleep(1.0)
+
+
+def _meshcat() -> Meshcat:
+    # Its usual host is every network interface.
+    server = Meshcat(MeshcatParams(host="localhost"))
+    status.print(f"Meshcat is at {server.web_url()}")
+    return server
+
+
+def _scenario(
+    path: Path | None, changes: list[str], seed: int | None, transit: int | None
+) -> Scenario:
+    ends = {"transit.seed": seed, "transit.index": transit}
+    chosen = [f"{key}={value}" for key, value in ends.items() if value is not None]
+    wanted = load_scenario(path, [*changes, *chosen])
+    if wanted.transit.start_m is not None and chosen:
+        raise InputError(
+            "the scenario gives a start and a goal: leave out either --seed and --transit, or "
+            "transit.start_m and transit.goal_m"
+        )
+    return wanted
+
+
+def _without_making_a_table(scenario: Scenario, body: Body) -> Scenario:
+    """The scenario; in exact gravity, if a table would have to be made for one flight."""
+    if scenario.gravity != "table" or body.gravity_table_is_kept:
+        return scenario
+    status.print(
+        f"This machine has no gravity table of {body.config.name} yet, so the flight takes "
+        "exact gravity; its log says so. The first campaign (proxops evaluate) makes the table."
+    )
+    return dc.replace(scenario, gravity="exact")
 
 
 class _MapKeeper:
@@ -161,70 +195,20 @@ class _MapKeeper:
             )
 
 
-def _fly_new(
-    scenario: Scenario,
-    controller: str,
-    server: Meshcat | None,
-    out: Path,
-    as_json: bool,
-    keep: _MapKeeper,
-) -> None:
-    """Flies a scenario; in exact gravity, if a table would have to be made for one flight."""
-    body = load_body(scenario.body)
-    if scenario.gravity == "table" and not body.gravity_table_is_kept:
-        status.print(
-            f"This machine has no gravity table of {body.config.name} yet, so the flight takes "
-            "exact gravity; its log says so. The first campaign (proxops evaluate) makes the table."
-        )
-        scenario = dc.replace(scenario, gravity="exact")
-    print_remarks(scenario, body)
-    with _progress_bar() as progress:
-        log = fly(scenario, controller, meshcat=server, progress=progress, body=body, finished=keep)
-    _save(log, out, as_json)
-    keep.save()
+def _log_to_repeat(log_file: Path, named: str | None, out: Path) -> FlightLog:
+    """Loads a log, and checks that its flight may be repeated into a folder.
 
-
-def _fly_again(
-    log_file: Path,
-    controller: str | None,
-    server: Meshcat | None,
-    out: Path,
-    as_json: bool,
-    keep: _MapKeeper,
-) -> None:
-    """Repeats the flight of a log, in the world that was drawn for it."""
-    if (out / "flight.nc").resolve() == log_file.resolve():
-        raise InputError(f"--out {out} holds the log that is repeated: give another folder")
-    original = FlightLog.load(log_file)
-    _check_controller(original, controller)
-    with _progress_bar() as progress:
-        log = fly(
-            original.scenario,
-            original.dataset.attrs["controller"],
-            meshcat=server,
-            progress=progress,
-            body=original.body,
-            true_body=original.true_body,
-            finished=keep,
-        )
-    _save(log, out, as_json)
-    keep.save()
-    changed = differences(original, log)
-    if changed:
-        status.print(f"The flight differs from its log in: {', '.join(changed)}")
-        raise typer.Exit(1)
-    status.print(f"The flight repeats {log_file} bit for bit.")
-
-
-def _check_controller(log: FlightLog, named: str | None) -> None:
-    """Checks that a controller MODULE:FACTORY flies again only if the user names it.
-
-    A log may come from a stranger, and flying MODULE:FACTORY imports and runs a module.
+    A controller MODULE:FACTORY flies again only if the user names it: a log may come from a
+    stranger, and flying MODULE:FACTORY imports and runs a module.
 
     Raises:
-      InputError: the user names another controller than the log's; the log's controller is
-        MODULE:FACTORY and the user names none; or it has no name by which it can be made.
+      InputError: the folder holds the log; the user names another controller than the log's; the
+        log's controller is MODULE:FACTORY and the user names none; or it has no name by which it
+        can be made.
     """
+    if (out / "flight.nc").resolve() == log_file.resolve():
+        raise InputError(f"--out {out} holds the log that is repeated: give another folder")
+    log = FlightLog.load(log_file)
     flown = str(log.dataset.attrs["controller"])
     if named is not None and named != flown:
         raise InputError(
@@ -242,6 +226,7 @@ def _check_controller(log: FlightLog, named: str | None) -> None:
             f"the log names the controller {flown!r}, a module that would be imported and run: "
             f"if you trust it, add --controller {shlex.quote(flown)}"
         )
+    return log
 
 
 def _save(log: FlightLog, out: Path, as_json: bool) -> None:
@@ -287,24 +272,15 @@ def _table(log: FlightLog, summary: dict[str, Any]) -> list[tuple[str, str]]:
         rows.append((f"{who} step, median and p99", f"{median:.2f} ms, {p99:.2f} ms"))
     if summary["policy_share"] > 0.0 and summary["policy_share_to_arrival"] is not None:
         shares = [100.0 * summary[name] for name in ("policy_share", "policy_share_to_arrival")]
-        rows.append(
-            (
-                "steps flown by the policy, all and to arrival",
-                f"{shares[0]:.1f} %, {shares[1]:.1f} %",
-            )
-        )
-    if "estimate_position_error_m_median" in summary:
-        median, p95 = (summary[f"estimate_position_error_m_{part}"] for part in ("median", "p95"))
-        error = f"{length_text(median)}, {length_text(p95)}"
-        rows.append(("position error of the estimate, median and p95", error))
+        told = f"{shares[0]:.1f} %, {shares[1]:.1f} %"
+        rows.append(("steps flown by the policy, all and to arrival", told))
+    rows += _error(summary, "estimate")
     if "navigation_following" in summary:
         followed = f"{summary['navigation_following']:.1%}"
         rows.append(("steps at which the navigation knew where it is", followed))
         rows += why_never_known(log.dataset, log.scenario, log.true_body.shape.vertices)
-    if "navigation_position_error_m_median" in summary:
-        median, p95 = (summary[f"navigation_position_error_m_{part}"] for part in ("median", "p95"))
-        error = f"{length_text(median)}, {length_text(p95)}"
-        rows.append(("position error of the navigation, median and p95", error))
+    if "navigation_consistent" in summary:
+        rows += _error(summary, "navigation")
         consistent = f"{summary['navigation_consistent']:.1%}"
         rows.append(("navigation within its 3 sigma, worst of 9 components", consistent))
     if "interventions" in summary:
@@ -316,28 +292,16 @@ def _table(log: FlightLog, summary: dict[str, Any]) -> list[tuple[str, str]]:
     return rows
 
 
+def _error(summary: dict[str, Any], whose: str) -> list[tuple[str, str]]:
+    """The line of a position's error, if the flight has one."""
+    names = [f"{whose}_position_error_m_{part}" for part in ("median", "p95")]
+    if names[0] not in summary:
+        return []
+    error = ", ".join(length_text(summary[name]) for name in names)
+    return [(f"position error of the {whose}, median and p95", error)]
+
+
 def _transit_text(transit: TransitConfig) -> str:
     if transit.start_m is not None:
         return "from start_m to goal_m"
     return f"{transit.index} of seed {transit.seed}"
-
-
-@contextlib.contextmanager
-def _progress_bar() -> Iterator[Any]:
-    columns = (TextColumn("flying"), BarColumn(), TextColumn("{task.description}"))
-    with progress_bar(*columns, TimeElapsedColumn()) as bar:
-        task = bar.add_task("", total=1.0)
-        shown = 0.0
-
-        def show(done: float, text: str) -> None:
-            nonlocal shown
-            if done - shown >= 0.01 or done < shown:
-                shown = done
-                bar.update(task, completed=done, description=text)
-
-        yield show
-
-
-def _wait_for_ever() -> None:
-    while True:
-        time.sleep(1.0)

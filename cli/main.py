@@ -90,19 +90,16 @@ for _name, _line in COMMANDS.items():
 
 def command(name: str) -> typing.Any:
     """Imports a command and gives it, as an object of typer's."""
-    function = getattr(importlib.import_module(_module(name)), f"{_word(name)}_command")
+    module = importlib.import_module(_module(name))
+    function = getattr(module, f"{name.replace('-', '_')}_command")
     alone = typer.Typer(add_completion=False)
     alone.command(name)(function)
     _find_folder_for_matplotlib()
     return get_command(alone)
 
 
-def _word(name: str) -> str:
-    return name.replace("-", "_")
-
-
 def _module(name: str) -> str:
-    return f"proxops.cli.{_word(name)}"
+    return f"proxops.cli.{name.replace('-', '_')}"
 
 
 def _find_folder_for_matplotlib() -> None:
@@ -112,16 +109,15 @@ def _find_folder_for_matplotlib() -> None:
 
     if os.environ.get("MPLCONFIGDIR"):
         return
+    linux = {"XDG_CONFIG_HOME": ".config", "XDG_CACHE_HOME": ".cache"}
     try:
-        own = [
-            Path(os.environ.get(name) or Path.home() / folder) / "matplotlib"
-            for name, folder in (("XDG_CONFIG_HOME", ".config"), ("XDG_CACHE_HOME", ".cache"))
-        ]
-        for folder in own if sys.platform == "linux" else [Path.home() / ".matplotlib"]:
-            check_folder(folder)
+        if sys.platform == "linux":
+            for name, folder in linux.items():
+                check_folder(Path(os.environ.get(name) or Path.home() / folder) / "matplotlib")
+        else:
+            check_folder(Path.home() / ".matplotlib")
     except (InputError, RuntimeError):  # RuntimeError: the user has no home.
-        found = cache_folder("matplotlib")
-        if found is not None:
+        if (found := cache_folder("matplotlib")) is not None:
             os.environ["MPLCONFIGDIR"] = str(found)
 
 
@@ -143,20 +139,23 @@ def main() -> None:
 
         if not isinstance(error, InputError):
             raise
-        print(f"proxops: error: {_one_line(str(error))}", file=sys.stderr)
-        sys.exit(2)
+        _end(2, f"error: {_one_line(str(error))}")
     except SystemExit as end:
         if end.code == _INTERRUPTED:  # Typer has caught the KeyboardInterrupt.
             hint = "; run the same command again to go on" if _goes_on(sys.argv[1:2]) else ""
-            print(f"proxops: interrupted{hint}", file=sys.stderr)
+            _end(_INTERRUPTED, f"interrupted{hint}")
         raise
     except BrokenPipeError:
         # The reader of the output has ended, so nothing more is printed.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(1)
     except OSError as error:  # Such as a folder that may not be read.
-        print(f"proxops: error: {_one_line(str(error))}", file=sys.stderr)
-        sys.exit(2)
+        _end(2, f"error: {_one_line(str(error))}")
+
+
+def _end(code: int, message: str) -> typing.NoReturn:
+    print(f"proxops: {message}", file=sys.stderr)
+    sys.exit(code)
 
 
 def _warning(message: Warning | str, *_: object) -> str:

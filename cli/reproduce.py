@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import contextlib
+import dataclasses as dc
 import enum
+import functools
 import typing
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any
 
 import typer
-from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
 
 from proxops.cli.common import (
     EVALUATION_SEEDS,
@@ -20,17 +20,17 @@ from proxops.cli.common import (
     check_folder,
     check_transits_drawn,
     print_rows,
-    progress_bar,
     status,
     training_extra,
     typed_command,
+    work_bar,
 )
 from proxops.diagrams.flight import Workers
-from proxops.diagrams.scenario import load_body, load_scenario
-from proxops.systems.common import InputError
+from proxops.diagrams.scenario import Scenario, load_body, load_scenario
+from proxops.systems.common import InputError, Progress
 
 if typing.TYPE_CHECKING:
-    from proxops.studies.beyond import Campaign
+    from proxops.studies.campaigns import Campaign
 
 Tell = Callable[[str, float, str], Any]
 _QUICK_TRANSITS, _QUICK_BODIES = 2, 2
@@ -43,18 +43,18 @@ class LidarNetwork(enum.StrEnum):
     PAPER = "paper"
 
 
-FramesNetwork = Annotated[
-    LidarNetwork,
-    typer.Option(
-        help="Network that makes the frames of the paper's disturbed flights: our ray network "
-        "(learned), or an MLP like the paper's (paper)."
-    ),
-]
 CampaignNames = Annotated[
     list[str] | None,
     typer.Argument(
         metavar="[NAME]...",
         help="paper, believed, worlds, or a campaign such as flagship. Default: all.",
+    ),
+]
+FramesNetwork = Annotated[
+    LidarNetwork,
+    typer.Option(
+        help="Network that makes the frames of the paper's disturbed flights: our ray network "
+        "(learned), or an MLP like the paper's (paper)."
     ),
 ]
 
@@ -116,128 +116,117 @@ def reproduce_command(
       proxops reproduce worlds --bodies my_bodies
     """
     check_folder(out)
-    # matplotlib is slow to import.
-    from proxops.studies import beyond
-
-    wanted = load_scenario(scenario, settings or [])
+    wanted, options = load_scenario(scenario, settings or []), Workers(workers, scheduler)
     check_transits_drawn(wanted, settings)
     load_body(wanted.body)
-    own = [] if bodies is None else beyond.own_bodies(bodies)
-    with _stage_bar() as tell, Workers(workers, scheduler).kept() as fleet:
-        asked = _Asked(names or [], scenario, settings or [], quick, transits, own, out, fleet)
-        asked.check(seed, lidar)
+    transits = _QUICK_TRANSITS if quick and transits is None else transits
+    asked = _Asked(names or [], quick, transits, bodies, out)
+    asked.check(seed, lidar)
+    with work_bar() as progress, options.kept() as fleet:
+        tell = functools.partial(_tell, progress)
         paper = None
-        if asked.wants(beyond.PAPER):
-            paper = _reproduce_paper(asked, seed, lidar, tell)
-        found = _go_beyond(asked, tell)
+        if asked.with_paper:
+            on_true_state = load_scenario(scenario, settings or [], on_true_state=True)
+            paper = _reproduce_paper(asked, on_true_state, seed, lidar, fleet, tell)
+        found = _go_beyond(asked, wanted, fleet, tell)
+    _print(paper, found)
+    status.print(f"Wrote report.html, report.md and results.json in {out}")
+
+
+class _Asked(typing.NamedTuple):
+    """What the command line asks for."""
+
+    names: list[str]
+    quick: bool
+    transits: int | None
+    bodies: Path | None
+    out: Path
+
+    @property
+    def paper(self) -> Path:
+        """The folder of the paper's reproduction."""
+        from proxops.studies.reproduction import PAPER  # matplotlib is slow to import.
+
+        return self.out / PAPER
+
+    @property
+    def with_paper(self) -> bool:
+        """Whether the paper is reproduced, too."""
+        return not self.names or self.paper.name in self.names
+
+    def campaigns(self, *, to_be_trained: bool = False) -> tuple[list[Campaign], list[Campaign]]:
+        """All campaigns that can be flown now, and those of them that are asked for.
+
+        Args:
+          to_be_trained: whether those of the paper's recipe count before it is trained.
+        """
+        from proxops.studies.campaigns import BODIES, all_campaigns
+        from proxops.studies.reproduction import chosen_campaigns, own_bodies, paper_policy
+
+        recipe = paper_policy(self.paper) or (self.paper if to_be_trained else None)
+        own = [] if self.bodies is None else own_bodies(self.bodies)
+        known = all_campaigns(recipe, own, _QUICK_BODIES if self.quick else len(BODIES))
+        known = [dc.replace(each, transits=self.transits or each.transits) for each in known]
+        return known, chosen_campaigns(self.names, known)
+
+    def check(self, seed: int, lidar: LidarNetwork) -> None:
+        """Raises `InputError` if a name is wrong, or if nothing heeds an option that is given."""
+        from proxops.studies.reproduction import own_bodies
+
+        trains = self.with_paper and not self.quick
+        _, chosen = self.campaigns(to_be_trained=trains)
+        own = set() if self.bodies is None else {str(path) for path in own_bodies(self.bodies)}
+        if own and not own & {each.body for each in chosen}:
+            raise InputError("--bodies names bodies at which nothing is flown: name worlds too")
+        if seed != EVALUATION_SEEDS and not self.with_paper:
+            raise InputError(
+                "--seed is that of the paper's transits: name paper too, or leave it out"
+            )
+        if lidar != LidarNetwork.LEARNED and not trains:
+            raise InputError("--lidar is for the paper's training: name paper too, without --quick")
+
+
+def _tell(progress: Progress, stage: str, done: float, text: str) -> None:
+    progress(done, f"{stage} {text}")
+
+
+def _reproduce_paper(
+    asked: _Asked, scenario: Scenario, seed: int, lidar: LidarNetwork, fleet: Workers, tell: Tell
+) -> dict[str, Any]:
+    """Runs what is left of the paper's reproduction; returns what its report.json holds."""
+    from proxops.studies import reproduction
+
+    judged = reproduction.ReproductionSettings(seed=seed)
+    judged = judged if asked.transits is None else judged.of_transits(asked.transits)
+    training = None
+    if not asked.quick:
+        with training_extra("; or give --quick"):
+            training = reproduction.TrainingSettings(lidar_network=lidar.value)
+    return reproduction.reproduce(
+        scenario, asked.paper, judged, training,
+        command=typed_command(), workers=fleet, tell=tell,
+    )  # fmt: skip
+
+
+def _go_beyond(asked: _Asked, scenario: Scenario, fleet: Workers, tell: Tell) -> dict[str, Any]:
+    """Flies what is left of the campaigns that are asked for; returns what results.json holds."""
+    from proxops.studies.reproduction import fly_and_tell
+
+    # Frames of so many flights would fill a disk, and a table takes a minute at each body.
+    gravity = scenario.gravity if asked.quick else "table"
+    shared = dc.replace(scenario, log_ranges=False, gravity=gravity)
+    return fly_and_tell(
+        *asked.campaigns(), shared, asked.out, command=typed_command(), workers=fleet, tell=tell
+    )
+
+
+def _print(paper: dict[str, Any] | None, found: dict[str, Any]) -> None:
+    from proxops.studies.reproduction import success_lines
+
     if paper is not None:
         lines = [(f"{line['what']} (paper: {line['paper']})", line["ours"])
                  for line in paper["paper_and_ours"]]  # fmt: skip
         print_rows("the paper's numbers, and ours", lines)
         if paper["not_run"]:
             status.print(f"Not run: {', '.join(paper['not_run'])}")
-    print_rows("success", beyond.success_lines(found))
-    status.print(f"Wrote report.html, report.md and results.json in {out}")
-
-
-class _Asked(NamedTuple):
-    """What the command line asks for."""
-
-    names: list[str]
-    scenario: Path | None
-    settings: list[str]
-    quick: bool
-    transits: int | None
-    bodies: list[Path]
-    out: Path
-    workers: Workers
-
-    def wants(self, name: str) -> bool:
-        """Whether a part or a campaign is asked for by its name, or all are."""
-        return not self.names or name in self.names
-
-    def campaigns(self, to_be_trained: bool = False) -> list[Campaign]:
-        """All campaigns that can be flown now; with --quick or --transits they are shorter.
-
-        Args:
-          to_be_trained: whether those of the paper's recipe count before it is trained.
-        """
-        from proxops.studies import beyond
-        from proxops.studies.reproduction import paper_policy
-
-        folder = self.out / beyond.PAPER
-        papers = paper_policy(folder) or (folder if to_be_trained else None)
-        bodies = _QUICK_BODIES if self.quick else len(beyond.BODIES)
-        known = beyond.all_campaigns(papers, self.bodies, bodies)
-        count = self.transits if self.transits is not None else _QUICK_TRANSITS
-        if not self.quick and self.transits is None:
-            return known
-        return [each.of_transits(count) for each in known]
-
-    def check(self, seed: int, lidar: LidarNetwork) -> None:
-        """Raises `InputError` if a name is wrong, or if nothing heeds an option that is given.
-
-        Args:
-          seed, lidar: options of the paper's reproduction.
-        """
-        from proxops.studies import beyond
-
-        paper = self.wants(beyond.PAPER)
-        known = self.campaigns(to_be_trained=paper and not self.quick)
-        chosen = beyond.chosen_campaigns(self.names, known)
-        if self.bodies and not {str(path) for path in self.bodies} & {each.body for each in chosen}:
-            raise InputError("--bodies names bodies at which nothing is flown: name worlds too")
-        if seed != EVALUATION_SEEDS and not paper:
-            raise InputError(
-                "--seed is that of the paper's transits: name paper too, or leave it out"
-            )
-        if lidar != LidarNetwork.LEARNED and (self.quick or not paper):
-            raise InputError("--lidar is for the paper's training: name paper too, without --quick")
-
-
-def _reproduce_paper(asked: _Asked, seed: int, lidar: LidarNetwork, tell: Tell) -> dict[str, Any]:
-    """Runs what is left of the paper's reproduction; returns what its report.json holds."""
-    from proxops.studies import beyond
-    from proxops.studies.reproduction import ReproductionSettings, reproduce
-
-    wanted = load_scenario(asked.scenario, asked.settings, on_true_state=True)
-    judged = ReproductionSettings(seed=seed)
-    judged = judged.quick() if asked.quick else judged
-    judged = judged if asked.transits is None else judged.of_transits(asked.transits)
-    training = None
-    if not asked.quick:
-        with training_extra("; or give --quick"):
-            from proxops.studies.reproduction import TrainingSettings
-        training = TrainingSettings(lidar_network=lidar.value)
-    return reproduce(
-        wanted, asked.out / beyond.PAPER, judged, training,
-        command=typed_command(), workers=asked.workers, tell=tell,
-    )  # fmt: skip
-
-
-def _go_beyond(asked: _Asked, tell: Tell) -> dict[str, Any]:
-    """Flies what is left of the campaigns that are asked for; returns what results.json holds."""
-    from proxops.studies import beyond
-
-    known = asked.campaigns()
-    chosen = beyond.chosen_campaigns(asked.names, known)
-    wanted = load_scenario(asked.scenario, asked.settings)
-    # Frames of so many flights would fill a disk, and a table takes a minute at each body.
-    wanted.log_ranges = False
-    wanted.gravity = wanted.gravity if asked.quick else "table"
-    return beyond.fly_and_tell(
-        known, chosen, wanted, asked.out, command=typed_command(), workers=asked.workers, tell=tell
-    )
-
-
-@contextlib.contextmanager
-def _stage_bar() -> Iterator[Tell]:
-    """Shows a progress bar with the stage, the done share of the stage, and a text."""
-    columns = (TextColumn("{task.fields[stage]}"), BarColumn(), TimeElapsedColumn())
-    with progress_bar(*columns, TextColumn("{task.description}")) as bar:
-        task = bar.add_task("", total=1.0, stage="")
-
-        def tell(stage: str, done: float, text: str) -> None:
-            bar.update(task, completed=done, description=text, stage=stage)
-
-        yield tell
+    print_rows("success", success_lines(found))

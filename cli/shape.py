@@ -7,7 +7,6 @@ import json
 import os
 import re
 import typing
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -37,6 +36,7 @@ from proxops.systems.shapes import (
 
 # This room imports matplotlib, which is slow, so the functions import it where they use it.
 if typing.TYPE_CHECKING:
+    from proxops.assets.random_bodies import RandomBody
     from proxops.diagrams.new_body import Questions, ShapeReport
 
 
@@ -126,81 +126,32 @@ def shape_command(
                 "--out, --margin, --craft-mass, --name and --json with it"
             )
         check_folder(out)
-        made = _generate(random, out)
-        mesh_file, unit, density, period = made.mesh, "m", made.density, made.period
+        made = _random_body(random)
+        mesh_file, unit = _write_generated(made, out), "m"
+        density, period = made.density_kg_m3, made.rotation_period_h
         body, scenario = mesh_file.with_suffix(".yaml"), out / "scenario.yaml"
     if mesh_file is None:
         raise InputError("give the mesh file, or --random SEED:NUMBER to generate a body")
-    _need_body({"--scenario": scenario, "--name": name}, body)
-    if body is not None and ((mass is None and density is None) or period is None):
-        raise InputError("--body needs --mass or --density, and --period")
-    _check_fix(fix, {"--align": align, "--flip": flip}, mesh_file)
-    scale = _Scale(unit, size, diameter, longitude)
-    scale.check(density, fix, body)
-    _check_output("--body", body, (".yaml", ".yml"))
-    _check_output("--scenario", scenario, (".yaml", ".yml"))
-    if body is not None and scenario is not None and body.resolve() == scenario.resolve():
-        raise InputError(f"--scenario {scenario} is the file of --body: give another name")
-    check_folder(out.parent if out.suffix.lower() == ".png" else out)
-    asked = Questions(mass, density, period, craft_mass, margin)
-    _set_up(_Files(mesh_file, scale, fix, align, flip, body, scenario, name, out), asked, as_json)
+    asked = _Asked(
+        mesh_file, unit, size, diameter, longitude, fix, align, flip, body, scenario, name, out,
+        Questions(mass, density, period, craft_mass, margin),
+    )  # fmt: skip
+    asked.check()
+    _set_up(asked, as_json)
 
 
-def _need_body(options: Mapping[str, object], body: Path | None) -> None:
-    for option, value in options.items():
-        if value is not None and body is None:
-            raise InputError(f"{option} needs --body: it belongs to the body's YAML file")
+# What an option is of no use without.
+_NEEDED = {"scenario": "body", "name": "body", "align": "fix", "flip": "fix"}
 
 
-def _check_fix(fix: Path | None, turns: Mapping[str, bool], mesh_file: Path) -> None:
-    for option, wanted in turns.items():
-        if wanted and fix is None:
-            raise InputError(f"{option} needs --fix: it changes the mesh")
-    if fix is not None and fix.resolve() == mesh_file.resolve():
-        raise InputError(f"--fix {fix} is the mesh that is read: give another name")
-    _check_output("--fix", fix, MESH_FORMATS)
+class _Asked(typing.NamedTuple):
+    """What `proxops shape` reads and writes, as its options say."""
 
-
-class _Scale(typing.NamedTuple):
-    """What says how the numbers of a mesh file are meant."""
-
+    mesh: Path
     unit: str | None
     size: float | None
     diameter: float | None
     longitude: str | None
-
-    def check(self, density: float | None, fix: Path | None, body: Path | None) -> None:
-        """Raises `InputError` if something is missing, not known, or said twice."""
-        lengths = (self.unit, self.size, self.diameter)
-        if sum(each is not None for each in lengths) > 1:
-            raise InputError("give one of --unit, --size and --diameter: each says how large it is")
-        if density is not None and lengths == (None, None, None):
-            raise InputError(
-                "--density needs --unit, --size or --diameter: nothing else says how large the "
-                "body is"
-            )
-        if self.longitude not in (None, *LONGITUDES):
-            raise InputError(f"--longitude must be {' or '.join(LONGITUDES)}, got {self.longitude}")
-        for option in ("size", "diameter", "longitude"):
-            if getattr(self, option) is not None and body is not None and fix is None:
-                raise InputError(
-                    f"--{option} with --body needs --fix: the body's YAML file names a mesh, which "
-                    "has to be written"
-                )
-
-    def read(self, path: Path) -> MeshFile:
-        """Reads a mesh file."""
-        file = read_mesh(path, self.unit or "km", self.longitude)
-        if self.size is None and self.diameter is None:
-            return file
-        return file.scaled(size=self.size, diameter=self.diameter)
-
-
-class _Files(typing.NamedTuple):
-    """What `proxops shape` reads and writes, as its options say."""
-
-    mesh: Path
-    scale: _Scale
     fix: Path | None
     align: bool
     flip: bool
@@ -208,77 +159,115 @@ class _Files(typing.NamedTuple):
     scenario: Path | None
     name: str | None
     out: Path
+    questions: Questions
+
+    @property
+    def picture(self) -> Path:
+        """The file of the picture."""
+        return self.out if self.out.suffix.lower() == ".png" else self.out / "shape.png"
+
+    def check(self) -> None:
+        """Raises `InputError` if options contradict each other, or a file could not be written."""
+        given = {
+            name: value for name, value in self._asdict().items() if value not in (None, False)
+        }
+        lengths, known = given.keys() & {"unit", "size", "diameter"}, self.questions
+        why = {"body": "it belongs to the body's YAML file", "fix": "it changes the mesh"}
+        for option, needed in _NEEDED.items():
+            if option in given and needed not in given:
+                raise InputError(f"--{option} needs --{needed}: {why[needed]}")
+        massless = known.mass_kg is None and known.density_kg_m3 is None
+        if "body" in given and (massless or known.rotation_period_h is None):
+            raise InputError("--body needs --mass or --density, and --period")
+        if len(lengths) > 1:
+            raise InputError("give one of --unit, --size and --diameter: each says how large it is")
+        if known.density_kg_m3 is not None and not lengths:
+            raise InputError(
+                "--density needs --unit, --size or --diameter: nothing else says how large the "
+                "body is"
+            )
+        if self.longitude not in (None, *LONGITUDES):
+            raise InputError(f"--longitude must be {' or '.join(LONGITUDES)}, got {self.longitude}")
+        for option in ("size", "diameter", "longitude"):
+            if option in given and self.body is not None and self.fix is None:
+                raise InputError(
+                    f"--{option} with --body needs --fix: the body's YAML file names a mesh, which "
+                    "has to be written"
+                )
+        if self.fix is not None and self.fix.resolve() == self.mesh.resolve():
+            raise InputError(f"--fix {self.fix} is the mesh that is read: give another name")
+        if self.body and self.scenario and self.body.resolve() == self.scenario.resolve():
+            raise InputError(f"--scenario {self.scenario} is the file of --body: give another name")
+        yaml = (".yaml", ".yml")
+        for option, suffixes in {"fix": MESH_FORMATS, "body": yaml, "scenario": yaml}.items():
+            path = given.get(option)
+            if path is not None:
+                check_folder(path.parent, f"--{option}")
+                if path.suffix.lower() not in suffixes:
+                    raise InputError(f"{path}: its name must end in {' or '.join(suffixes)}")
+        check_folder(self.picture.parent)
+
+    def read(self) -> MeshFile:
+        """Reads the mesh."""
+        file = read_mesh(self.mesh, self.unit or "km", self.longitude)
+        if self.size is None and self.diameter is None:
+            return file
+        return file.scaled(size=self.size, diameter=self.diameter)
 
 
-class _Generated(typing.NamedTuple):
-    mesh: Path
-    density: float
-    period: float
-
-
-def _generate(text: str, out: Path) -> _Generated:
-    """Writes the mesh of the generated body that a text SEED:NUMBER names.
-
-    Raises:
-      InputError: the text is not of this form.
-    """
+def _random_body(text: str) -> RandomBody:
     from proxops.assets.random_bodies import random_body
 
     parts = re.fullmatch("([0-9]{1,19}):([0-9]{1,19})", text)
     if parts is None:
         raise InputError(f"--random {text}: it must be SEED:NUMBER, two whole numbers such as 1:7")
-    made = random_body(*map(int, parts.groups()))
+    return random_body(*map(int, parts.groups()))
+
+
+def _write_generated(made: RandomBody, out: Path) -> Path:
+    """Writes the mesh of a generated body; returns its path."""
     mesh = out / f"{made.name}.obj"
     comment = f"{made.name}, m: a {made.kind} generated by proxops shape"
     content = mesh_bytes(made.vertices, made.facets, mesh.suffix, comment)
     make_folder(out)
     write_whole(mesh, lambda path: path.write_bytes(content))
     status.print(f"Wrote {mesh}: a {made.kind}")
-    return _Generated(mesh, made.density_kg_m3, made.rotation_period_h)
+    return mesh
 
 
-def _set_up(files: _Files, asked: Questions, as_json: bool) -> None:
+def _set_up(asked: _Asked, as_json: bool) -> None:
     """Examines and mends the mesh, and writes what is asked for; may exit with code 1."""
-    from proxops.diagrams.new_body import examine
+    from proxops.diagrams.new_body import examine, plot_shape
 
-    out = files.out
-    picture = out if out.suffix.lower() == ".png" else out / "shape.png"
     with work_bar("reading") as progress:
-        file = files.scale.read(files.mesh)
-        report = examine(file, asked, progress, with_hover=files.fix is None)
+        file = asked.read()
+        report = examine(file, asked.questions, progress, with_hover=asked.fix is None)
     findings: dict[str, Any] = {}
-    if files.fix is not None:
+    if asked.fix is not None:
         findings["before"] = report.to_dict()
-        report, findings["repair"] = _mend(report, files)
+        report, findings["repair"] = _mend(report, asked, asked.fix)
     findings = report.to_dict() | findings
-    make_folder(picture.parent)
-    _draw(report, picture)
-    if picture != out:
-        write_json(out / "shape.json", findings)
+    make_folder(asked.picture.parent)
+    figure = plot_shape(report)
+    write_whole(asked.picture, lambda name: figure.savefig(name, dpi=120, format="png"))
+    written = [asked.picture]
+    if asked.picture != asked.out:
+        written.append(asked.out / "shape.json")
+        write_json(written[-1], findings)
     if as_json:
         print(json.dumps(findings, indent=2))
     _print(report, findings, status if as_json else console)
-    status.print(f"Wrote {picture}" + ("" if picture == out else f" and {out / 'shape.json'}"))
+    status.print(f"Wrote {' and '.join(map(str, written))}")
     refused = "refused" in findings.get("repair", {})
-    if files.body is not None and report.body is not None and not refused:
-        mesh = files.fix if files.fix is not None else files.mesh
-        _write_body(report, mesh, files.body, files.scenario, files.name)
-    elif files.body is not None:
-        status.print(f"{files.body} is not written: the mesh is not sound")
+    if asked.body is not None and report.body is not None and not refused:
+        _write_body(report, asked, asked.body)
+    elif asked.body is not None:
+        status.print(f"{asked.body} is not written: the mesh is not sound")
     if refused or not report.sound:
         raise typer.Exit(1)
 
 
-def _check_output(option: str, path: Path | None, suffixes: tuple[str, ...]) -> None:
-    """Raises `InputError` if a file, where one is asked for, could not be written or named so."""
-    if path is None:
-        return
-    check_folder(path.parent, option)
-    if path.suffix.lower() not in suffixes:
-        raise InputError(f"{path}: its name must end in {' or '.join(suffixes)}")
-
-
-def _mend(report: ShapeReport, files: _Files) -> tuple[ShapeReport, dict[str, Any]]:
+def _mend(report: ShapeReport, asked: _Asked, fix: Path) -> tuple[ShapeReport, dict[str, Any]]:
     """Mends the mesh and writes it.
 
     Returns:
@@ -287,11 +276,10 @@ def _mend(report: ShapeReport, files: _Files) -> tuple[ShapeReport, dict[str, An
     """
     from proxops.diagrams.new_body import examine
 
-    file, fix = report.file, files.fix
-    assert fix is not None
+    file = report.file
     with work_bar("mending") as progress:
         try:
-            repair = repair_mesh(file.vertices, file.facets, align=files.align, flip=files.flip)
+            repair = repair_mesh(file.vertices, file.facets, align=asked.align, flip=asked.flip)
         except InputError as error:
             return report, {"refused": str(error)}
         scale = metres_per(file.unit)
@@ -305,13 +293,6 @@ def _mend(report: ShapeReport, files: _Files) -> tuple[ShapeReport, dict[str, An
         for name, size in (("before", repair.before), ("after", repair.size))
     }
     return mended, {"out": str(fix), "actions": repair.actions} | sizes
-
-
-def _draw(report: ShapeReport, path: Path) -> None:
-    from proxops.diagrams.new_body import plot_shape
-
-    figure = plot_shape(report)
-    write_whole(path, lambda name: figure.savefig(name, dpi=120, format="png"))
 
 
 def _print(report: ShapeReport, findings: dict[str, Any], where: Console) -> None:
@@ -363,26 +344,30 @@ def _counted(kinds: int) -> str:
     return "1 kind of defect" if kinds == 1 else f"{kinds} kinds of defects"
 
 
-def _write_body(
-    report: ShapeReport, mesh: Path, path: Path, scenario: Path | None, name: str | None
-) -> None:
+def _write_body(report: ShapeReport, asked: _Asked, path: Path) -> None:
     from proxops.diagrams.new_body import body_yaml, scaled_scenario
 
     assert report.body is not None
     make_folder(path.parent)
+    mesh = asked.mesh if asked.fix is None else asked.fix
     config = dataclasses.replace(
         report.body.config,
-        name=name or path.stem,
+        name=asked.name or path.stem,
         mesh=Path(os.path.relpath(mesh, path.parent)).as_posix(),
     )
     check_constants(config, str(path))
     remark = f"Set up by proxops shape from {report.file.name}, {report.questions.margin:g} margin"
-    write_whole(path, lambda file: file.write_text(body_yaml(config, remark), encoding="utf-8"))
+    _write(path, body_yaml(config, remark))
     status.print(f"Wrote {path}")
-    if scenario is not None:
+    if (scenario := asked.scenario) is not None:
         make_folder(scenario.parent)
         named = Path(os.path.relpath(path, scenario.parent)).as_posix()
         text = dump_scenario(scaled_scenario(report.body, named, report.questions.craft_mass_kg))
-        remark = f"# Kleopatra's scenario, scaled to {config.name} by proxops shape\n"
-        write_whole(scenario, lambda file: file.write_text(remark + text, encoding="utf-8"))
+        _write(
+            scenario, f"# Kleopatra's scenario, scaled to {config.name} by proxops shape\n{text}"
+        )
         status.print(f"Wrote {scenario}: proxops fly {scenario}")
+
+
+def _write(path: Path, text: str) -> None:
+    write_whole(path, lambda file: file.write_text(text, encoding="utf-8"))

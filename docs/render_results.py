@@ -33,8 +33,8 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from proxops.studies.beyond import BODIES, PAPER_RECIPE, all_campaigns, campaign_name
-from proxops.studies.evaluation import exact_interval
+from proxops.studies.campaigns import BODIES, PAPER_RECIPE, all_campaigns, campaign_name
+from proxops.studies.figures import Result, exact_interval, results_from_json
 from proxops.studies.scoring import ScoreRow, load_row, load_track, row_table
 from proxops.systems.common import write_json, write_whole
 from proxops.training.reports import DASH, interval_text, number_text
@@ -157,40 +157,48 @@ def _place(name: str) -> tuple[int, list[int], str]:
 # --- tables ---------------------------------------------------------------------------------------
 
 
-def _counts(*flown: Mapping[str, Any]) -> tuple[int, int]:
+def _results(campaigns: Campaigns, name: str) -> dict[str, Result]:
+    """The results of a campaign by controller; none where it was not flown."""
+    return results_from_json(campaigns[name]["controllers"]) if name in campaigns else {}
+
+
+def _counts(*flown: Result) -> tuple[int, int]:
     """Of all flights of some controllers, how many succeed, and how many there are."""
-    good = sum(round(each["success_rate"] * each["transits"]) for each in flown)
-    return good, sum(each["transits"] for each in flown)
+    return sum(each.successes for each in flown), sum(each.transits for each in flown)
 
 
-def _successes(*flown: Mapping[str, Any]) -> str:
+def _successes(*flown: Result) -> str:
     """Of all flights of some controllers, how many succeed."""
     return "{} of {}".format(*_counts(*flown))
 
 
-def _entries(*flown: Mapping[str, Any]) -> str:
+def _entries(*flown: Result) -> str:
     """How often flights of some controllers enter the keep-out."""
-    return str(sum(each["keep_out_violations"] for each in flown))
+    return str(sum(each.keep_out_violations for each in flown))
 
 
-def _at_bodies(campaigns: Campaigns) -> dict[str, Campaign]:
-    """The campaigns at bodies that the policy never saw."""
-    return {name: each for name, each in campaigns.items() if name.startswith("at-")}
+def _fuel(result: Result) -> str:
+    """Δv over the MPC's."""
+    return number_text(result.expert_delta_v_ratio, ".3f")
 
 
-def _of(who: str, campaigns: Campaigns) -> list[Mapping[str, Any]]:
-    """The figures of a controller, from the campaigns that it did not refuse."""
-    return [each["controllers"][who] for each in campaigns.values() if who in each["controllers"]]
+def _at_bodies(campaigns: Campaigns) -> dict[str, dict[str, Result]]:
+    """The results of the campaigns at bodies that the policy never saw."""
+    return {name: _results(campaigns, name) for name in campaigns if name.startswith("at-")}
 
 
-def _interval(*flown: Mapping[str, Any]) -> str:
+def _of(who: str, flown: Mapping[str, Mapping[str, Result]]) -> list[Result]:
+    """The results of a controller, from the campaigns that it did not refuse."""
+    return [results[who] for results in flown.values() if who in results]
+
+
+def _interval(*flown: Result) -> str:
     """The exact interval of 95 % of the probability of success."""
     return interval_text(exact_interval(*_counts(*flown)), " to ")
 
 
-def _digits(figures: Mapping[str, Any], name: str, digits: int, scale: float = 1.0) -> str:
+def _digits(value: float | None, digits: int, scale: float = 1.0) -> str:
     """A figure with this number of digits: bodies differ in size by a factor of thousands."""
-    value = figures.get(name)
     small = value is not None and abs(scale * value) < 10**digits
     return number_text(value, f".{digits}g" if small else ",.0f", scale)
 
@@ -207,16 +215,16 @@ _SHOWN = ("policy", "hybrid", "hybrid, assured")
 def _bodies(results: Mapping[str, Any]) -> str:
     """Bodies that the policy never saw: one line each, and their sum."""
     flown, lines = _at_bodies(results["campaigns"]), []
-    for name, campaign in flown.items():
+    for name, results_there in flown.items():
         cells = [name.removeprefix("at-").replace("-", ":")]
         for who in _SHOWN:
-            found = campaign["controllers"].get(who)
-            if found is None:
-                cells += ["refused", "", ""]
-            else:
-                ratio = number_text(found.get("expert_delta_v_ratio"), ".3f")
-                cells += [_successes(found), _entries(found), ratio]
-        lines.append([*cells, _successes(campaign["controllers"]["mpc"])])
+            found = results_there.get(who)
+            cells += (
+                ["refused", "", ""]
+                if found is None
+                else [_successes(found), _entries(found), _fuel(found)]
+            )
+        lines.append([*cells, _successes(results_there["mpc"])])
     sums = [cell for who in _SHOWN
             for cell in (_successes(*_of(who, flown)), _entries(*_of(who, flown)), "")]  # fmt: skip
     head = [
@@ -228,9 +236,9 @@ def _bodies(results: Mapping[str, Any]) -> str:
     return "\n\n".join(told)
 
 
-def _intervals(campaigns: Campaigns) -> str:
+def _intervals(flown: Mapping[str, Mapping[str, Result]]) -> str:
     """What the successes that are shown say of the probability of success."""
-    shown = [found for who in (*_SHOWN, "mpc") for found in _of(who, campaigns)]
+    shown = [found for who in (*_SHOWN, "mpc") for found in _of(who, flown)]
     known = {_counts(found): f"{_successes(found)}: {_interval(found)}" for found in shown}
     return f"Exact 95 % intervals: {'; '.join(known[each] for each in sorted(known))}."
 
@@ -243,12 +251,12 @@ _OUTCOMES = {
 }
 
 
-def _drivers(campaign: Campaign) -> str:
+def _drivers(results: Mapping[str, Result]) -> str:
     """What drives the outcomes of a dispersed campaign."""
     told = [
         f"{_OUTCOMES[output]} of {who}: {', '.join(f'`{each}`' for each in names)}"
-        for who, found in campaign["controllers"].items()
-        for output, names in found.get("drivers", {}).items()
+        for who, found in results.items()
+        for output, names in (found.drivers or {}).items()
         if names
     ]
     return (
@@ -257,33 +265,33 @@ def _drivers(campaign: Campaign) -> str:
     )
 
 
-def _percentile(figures: Mapping[str, Any]) -> list[str]:
+def _percentile(result: Result) -> list[str]:
     """The 99th percentile of delta-v and its bound; from too few flights for a bound, neither."""
-    names = "delta_v_99_m_s", "delta_v_99_m_s_bound"
-    if figures.get(names[1]) is None:
+    if result.delta_v_99_m_s_bound is None:
         return [DASH, DASH]
-    return [_digits(figures, name, 4) for name in names]
+    return [_digits(result.delta_v_99_m_s, 4), _digits(result.delta_v_99_m_s_bound, 4)]
 
 
 def _controllers(campaign: Campaign) -> str:
     """The controllers of one campaign, a line each."""
+    results = results_from_json(campaign["controllers"])
     lines = [
         [
             who,
             _successes(found),
             _interval(found),
-            number_text(found.get("success_shown_90"), ".2f", 100.0),
+            number_text(found.success_shown_90, ".2f", 100.0),
             _entries(found),
-            _digits(found, "min_clearance_m", 3, 1e-3),
-            _digits(found, "terminal_position_error_m_median", 3),
-            _digits(found, "terminal_position_error_m_max", 3),
-            _digits(found, "delta_v_m_s_median", 4),
-            _digits(found, "delta_v_m_s_max", 4),
+            _digits(found.min_clearance_m, 3, 1e-3),
+            _digits(found.terminal_position_error_m_median, 3),
+            _digits(found.terminal_position_error_m_max, 3),
+            _digits(found.delta_v_m_s_median, 4),
+            _digits(found.delta_v_m_s_max, 4),
             *_percentile(found),
-            number_text(found.get("expert_delta_v_ratio"), ".3f"),
-            number_text(found.get("policy_share"), ".1f", 100.0),
+            _fuel(found),
+            number_text(found.policy_share, ".1f", 100.0),
         ]
-        for who, found in campaign["controllers"].items()
+        for who, found in results.items()
     ]
     head = [
         "", "success", "exact 95 % interval", "shown with 90 % confidence (%)", "entries",
@@ -293,8 +301,8 @@ def _controllers(campaign: Campaign) -> str:
     command = (
         f"`{campaign['command']}` (seed {campaign['seed']}, taken at commit {campaign['commit']})"
     )
-    ranked = any("drivers" in found for found in campaign["controllers"].values())
-    told = [_table(head, lines), *([_drivers(campaign)] if ranked else [])]
+    ranked = any(found.drivers is not None for found in results.values())
+    told = [_table(head, lines), *([_drivers(results)] if ranked else [])]
     return "\n\n".join([*told, f"Flown by {command}."])
 
 
@@ -319,10 +327,11 @@ def _steps(sources: Sources) -> str:
         if name not in campaigns:
             continue
         own = 0.0 if key is None else _latest(sources.speed, key)
-        flown = campaigns[name]["controllers"]
-        expert = flown["mpc"]["control_ms_mean"]
+        flown = _results(campaigns, name)
+        steps = {who: each.control_ms_mean or 0.0 for who, each in flown.items()}
+        expert = steps["mpc"]
         for who in ("mpc", "policy", "hybrid", "hybrid, adaptive"):
-            step = flown[who]["control_ms_mean"]
+            step = steps[who]
             both = [DASH, DASH] if key is None else [
                 f"{step + own:.2f}", f"{(expert + own) / (step + own):.1f}"
             ]  # fmt: skip
@@ -362,10 +371,10 @@ def _headline(results: Mapping[str, Any]) -> str:
     campaigns = results["campaigns"]
     lines = []
     for world, name, who in _HEADLINE:
-        found = campaigns.get(name, {"controllers": {}})["controllers"].get(who)
+        found = _results(campaigns, name).get(who)
         if found is not None:
-            ratio = number_text(found.get("expert_delta_v_ratio"), ".3f")
-            lines.append([world, who, _successes(found), _interval(found), _entries(found), ratio])
+            cells = [_successes(found), _interval(found), _entries(found), _fuel(found)]
+            lines.append([world, who, *cells])
     for who in _SHOWN:
         flown = _of(who, _at_bodies(campaigns))
         if flown:
@@ -383,8 +392,8 @@ def _headline(results: Mapping[str, Any]) -> str:
 
 def _front(results: Mapping[str, Any]) -> str:
     """The paper beside us in four lines, for the first page."""
-    flown = results["campaigns"].get("flagship")
-    if results["paper"] is None or flown is None:
+    found = _results(results["campaigns"], "flagship").get("hybrid, assured")
+    if results["paper"] is None or found is None:
         return _missing(results, ["paper", "flagship"])
     told = {line["what"]: line for line in results["paper"]["paper_and_ours"]}
     lines = [
@@ -396,7 +405,6 @@ def _front(results: Mapping[str, Any]) -> str:
         )
     ]
     lines[0][1] = told["pure policy, paper's recipe"]["paper"]
-    found = flown["controllers"]["hybrid, assured"]
     of_all = f"{_successes(found)} ({_interval(found)})"
     lines.append(["hybrid on lidar navigation, a drawn world for each flight", "–", of_all])
     return _table(["", "paper", "ours"], lines)
@@ -415,18 +423,20 @@ def _paper_controllers(results: Mapping[str, Any]) -> str:
     """Who flew in the paper's setting, and how."""
     if results["paper"] is None:
         return _missing(results, ["paper"])
+    controllers = results["paper"]["controllers"]
+    costs = {who: each["costs"] for who, each in controllers.items()}
     lines = [
         [
             who,
             _successes(found),
             _interval(found),
             _entries(found),
-            number_text(found.get("expert_delta_v_ratio"), ".3f"),
-            number_text(found.get("policy_share"), ".1f", 100.0),
-            number_text(found["costs"].get("saved"), ".1f", 100.0),
-            number_text(found["costs"].get("step_s"), ".2f", 1e3),
+            _fuel(found),
+            number_text(found.policy_share, ".1f", 100.0),
+            number_text(costs[who].get("saved"), ".1f", 100.0),
+            number_text(costs[who].get("step_s"), ".2f", 1e3),
         ]
-        for who, found in results["paper"]["controllers"].items()
+        for who, found in results_from_json(controllers).items()
     ]
     head = [
         "", "success", "exact 95 % interval", "entries", "Δv / MPC's", "policy's share (%)",

@@ -12,7 +12,7 @@ import matplotlib.pyplot as plt
 
 from proxops.diagrams.flight import run_campaign, transit_flights
 from proxops.diagrams.scenario import load_scenario
-from proxops.studies.evaluation import exact_interval
+from proxops.studies.figures import exact_interval
 
 COUNT = 8
 

@@ -1,1 +1,1 @@
-"""Many flights and what they show."""
+"""Many flights and what they show: what is flown, its figures, and one report."""

@@ -1,29 +1,39 @@
-"""Runs the paper's experiments again, from data to report.
+"""All evidence in one sequence: the paper's experiments, then the campaigns that go beyond it.
 
-Start with `reproduce`, a sequence of stages that resumes after an interruption. A new variant goes
-into `flights`, and a new number of the paper into `numbers` and `tables`. Only the training stages
-need PyTorch, so `TrainingSettings` is imported when it is first used.
+Start with `reproduce`, which runs the paper's experiments from data to report, and with
+`fly_and_tell`, which flies campaigns; both are stages that resume. A new variant goes into
+`paper_flights`, and a new number of the paper into `costs` and `paper_report`. Only the stages of
+training need PyTorch, so `TrainingSettings` is imported when it is first used.
 """
 
 import typing
 
-from proxops.studies.reproduction.reproduction import (
+from proxops.studies.reproduction.evidence import (
+    PAPER,
+    chosen_campaigns,
+    fly_and_tell,
+    own_bodies,
+    success_lines,
+)
+from proxops.studies.reproduction.paper_experiments import (
     ReproductionSettings,
     paper_policy,
     reproduce,
 )
-from proxops.studies.reproduction.stages import Stage, Stages
 
 if typing.TYPE_CHECKING:
     from proxops.studies.reproduction.training import TrainingSettings
 
 __all__ = [
+    "PAPER",
     "ReproductionSettings",
-    "Stage",
-    "Stages",
     "TrainingSettings",
+    "chosen_campaigns",
+    "fly_and_tell",
+    "own_bodies",
     "paper_policy",
     "reproduce",
+    "success_lines",
 ]
 
 

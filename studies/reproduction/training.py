@@ -10,7 +10,7 @@ from typing import Any
 
 from proxops.diagrams.flight import Workers, provenance
 from proxops.diagrams.scenario import LearnedLidarConfig, Scenario, dump_scenario, load_body
-from proxops.studies.reproduction.stages import Stage, Stages
+from proxops.studies.campaigns import Stage, Stages
 from proxops.systems.common import Progress
 from proxops.systems.lidar import LidarBundle
 from proxops.systems.policy import PolicyBundle
@@ -51,36 +51,41 @@ def train_everything(
 
     Args:
       workers: fly and compute plans; networks are trained in this process.
-
-    Raises:
-      InputError: see the functions of the stages.
     """
     plain = dc.replace(scenario, policy=dc.replace(scenario.policy, bundle=None))
-    flown = provenance(plain, load_body(scenario.body), "mpc")
+    body = load_body(scenario.body)
+    flown = provenance(plain, body, "mpc")
     origin: dict[str, Any] = {"scenario": dump_scenario(plain), "body": flown.body}
     if flown.files:
         origin["files"] = flown.files
-    data = _collected(
-        stages, "data-full", origin, plain, ("full", 1, settings.pilot_flights), workers
-    )
-    pilot = _pilot(stages, data, settings, workers)
-    _dagger(stages, data, pilot, settings, workers)
-    lidar = _lidar(stages, origin, plain, settings)
-    learned = learned_lidar_of(plain, lidar.folder / LIDAR_BUNDLES[settings.lidar_network])
-    paper_data = _collected(
-        stages, "data-paper", origin, plain, ("paper", 0, settings.paper_flights), workers, learned
-    )
-    _paper_policy(stages, paper_data, settings)
 
+    def train(folder: Path, tell: Progress) -> dict[str, Any]:
+        return train_lidar(plain, body, settings.lidar, folder, tell)
 
-def _lidar(
-    stages: Stages, origin: Mapping[str, Any], scenario: Scenario, settings: TrainingSettings
-) -> Stage:
-    def work(folder: Path, tell: Progress) -> dict[str, Any]:
-        body = load_body(scenario.body)
-        return train_lidar(scenario, body, settings.lidar, folder, tell)
+    def learn(folder: Path, tell: Progress) -> dict[str, Any]:
+        fleet = workers.reporting(tell)
+        return _trained(train_pilot(data.folder, folder, settings.pilot, fleet), folder)
 
-    return stages.run("lidar", {**origin, "settings": dc.asdict(settings.lidar)}, work)
+    def go_on(folder: Path, tell: Progress) -> dict[str, Any]:
+        fleet, begun = workers.reporting(tell), pilot.folder
+        return _trained(run_dagger(data.folder, begun, folder, settings.rounds, fleet), folder)
+
+    def learn_as_the_paper(folder: Path, tell: Progress) -> dict[str, Any]:
+        return _trained(train_paper_policy(papers.folder, folder, settings.paper, tell), folder)
+
+    data = _collected(stages, "data-full", origin, plain, ("full", 1, settings.pilot_flights),
+                      workers)  # fmt: skip
+    learned_from = _learning(data, settings.pilot)
+    pilot = stages.run("policy-pilot", learned_from, learn)
+    # A budget of minutes that is infinite is no JSON.
+    rounds = {key: str(value) for key, value in dc.asdict(settings.rounds).items()}
+    begun_from = {"rounds": rounds, "pilot_sha256": pilot.result["bundle_sha256"]}
+    stages.run("policy-dagger", learned_from | begun_from, go_on)
+    lidar = stages.run("lidar", {**origin, "settings": dc.asdict(settings.lidar)}, train)
+    network = learned_lidar_of(plain, lidar.folder / LIDAR_BUNDLES[settings.lidar_network])
+    papers = _collected(stages, "data-paper", origin, plain, ("paper", 0, settings.paper_flights),
+                        workers, network)  # fmt: skip
+    stages.run("policy-paper", _learning(papers, settings.paper), learn_as_the_paper)
 
 
 def _collected(
@@ -97,14 +102,9 @@ def _collected(
 
     def work(folder: Path, tell: Progress) -> dict[str, Any]:
         manifest, report = collect(
-            scenario,
-            MIXES[mix],
-            seed,
-            count,
-            folder,
-            learned_lidar=learned,
-            workers=workers.reporting(tell),
-        )
+            scenario, MIXES[mix], seed, count, folder,
+            learned_lidar=learned, workers=workers.reporting(tell),
+        )  # fmt: skip
         hashes = " ".join(flight["sha256"] for flight in manifest["flights"])
         return {
             "mix": mix,
@@ -118,40 +118,6 @@ def _collected(
     lidar = None if learned is None else LidarBundle.load(learned.bundle).sha256
     inputs = {**origin, "mix": MIXES[mix], "seed": seed, "count": count, "lidar": lidar}
     return stages.run(name, inputs, work)
-
-
-def _paper_policy(stages: Stages, data: Stage, settings: TrainingSettings) -> Stage:
-    def work(folder: Path, tell: Progress) -> dict[str, Any]:
-        report = train_paper_policy(data.folder, folder, settings.paper, tell)
-        return _trained(report, folder)
-
-    return stages.run("policy-paper", _learning(data, settings.paper), work)
-
-
-def _pilot(stages: Stages, data: Stage, settings: TrainingSettings, workers: Workers) -> Stage:
-    def work(folder: Path, tell: Progress) -> dict[str, Any]:
-        report = train_pilot(data.folder, folder, settings.pilot, workers.reporting(tell))
-        return _trained(report, folder)
-
-    return stages.run("policy-pilot", _learning(data, settings.pilot), work)
-
-
-def _dagger(
-    stages: Stages, data: Stage, pilot: Stage, settings: TrainingSettings, workers: Workers
-) -> Stage:
-    def work(folder: Path, tell: Progress) -> dict[str, Any]:
-        report = run_dagger(
-            data.folder, pilot.folder, folder, settings.rounds, workers.reporting(tell)
-        )
-        return _trained(report, folder)
-
-    # A budget of minutes that is infinite is no JSON.
-    rounds = {k: str(v) for k, v in dc.asdict(settings.rounds).items()}
-    inputs = _learning(data, settings.pilot) | {
-        "rounds": rounds,
-        "pilot_sha256": pilot.result["bundle_sha256"],
-    }
-    return stages.run("policy-dagger", inputs, work)
 
 
 def _learning(data: Stage, settings: Any) -> dict[str, Any]:

@@ -5,27 +5,59 @@ from __future__ import annotations
 import dataclasses as dc
 import hashlib
 import json
-import typing
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
-from proxops.diagrams.flight import Workers, run_campaign
-from proxops.studies.evaluation import exact_interval
+from proxops.diagrams.flight import Row, Workers, run_campaign
+from proxops.studies.figures import exact_interval
 from proxops.studies.scoring.track import Track
 from proxops.systems.common import InputError, write_json
 from proxops.training.reports import number_text
 
-# Of a flight's summary, with the digits that are kept.
-_KEPT = {
-    "success": None,
-    "collided": None,
-    "keep_out_violations": None,
-    "delta_v_m_s": 4,
-    "terminal_position_error_m": 2,
-    "arrival_time_s": 1,
-}
+
+@dc.dataclass(frozen=True)
+class Outcome:
+    """What a row keeps of a flight."""
+
+    success: bool
+    collided: bool
+    keep_out_violations: int
+    delta_v_m_s: float
+    terminal_position_error_m: float
+    arrival_time_s: float | None
+
+    @classmethod
+    def of(cls, row: Row) -> Outcome:
+        """Of a flight's summary, with the digits that are kept."""
+        time = row["arrival_time_s"]
+        return cls(
+            row["success"],
+            row["collided"],
+            row["keep_out_violations"],
+            round(row["delta_v_m_s"], 4),
+            round(row["terminal_position_error_m"], 2),
+            None if time is None else round(time, 1),
+        )
+
+
+@dc.dataclass(frozen=True)
+class Score:
+    """The figures of a row."""
+
+    transits: int
+    successes: int
+    interval: tuple[float, float]
+    """The exact interval of 95 % of the probability of success."""
+    violations: int
+    """Flights that enter the keep-out ellipsoid or collide."""
+    delta_v_ratio: float | None
+    """The sum of Δv over that of the MPC on the transits in which both succeeded; None if there are
+    none."""
+    error_m: float | None
+    """With `time_s`: medians of the flights that succeeded; None if there are none."""
+    time_s: float | None
 
 
 @dc.dataclass(frozen=True)
@@ -42,7 +74,7 @@ class ScoreRow:
     """The name of the track."""
     track_sha256: str
     """Its hash."""
-    flights: Sequence[dict[str, typing.Any]]
+    flights: Sequence[Outcome]
     """The outcome of each transit, in their order."""
 
     @property
@@ -55,43 +87,32 @@ class ScoreRow:
         """Hash of all of the row."""
         return hashlib.sha256(json.dumps(dc.asdict(self), sort_keys=True).encode()).hexdigest()
 
-    def figures(self, track: Track) -> dict[str, typing.Any]:
+    def figures(self, track: Track) -> Score:
         """The figures of the row.
-
-        Returns:
-          `transits`, `successes`, their exact 95 % `interval`, `violations` (flights that enter the
-          keep-out ellipsoid or collide), `delta_v_ratio` (the sum of Δv over that of the MPC on the
-          transits in which both succeeded; None if there are none), and of the flights that
-          succeeded the medians `error_m` and `time_s` (None if there are none).
 
         Raises:
           InputError: the row is of another track.
         """
         if self.track_sha256 != track.sha256:
             raise InputError(f"the row {self.name!r} is not of the track {track.name!r} as it is")
-        low, high = exact_interval(sum(f["success"] for f in self.flights), len(self.flights))
         expert = track.expert_delta_v_m_s or [None] * len(self.flights)
-        good = [flight for flight in self.flights if flight["success"]]
+        good = [each for each in self.flights if each.success]
         pairs = [
-            (flight["delta_v_m_s"], best)
-            for flight, best in zip(self.flights, expert, strict=True)
-            if flight["success"] and best
+            (each.delta_v_m_s, best)
+            for each, best in zip(self.flights, expert, strict=True)
+            if each.success and best
         ]
-
-        def median(key: str) -> float | None:
-            return float(np.median([flight[key] for flight in good])) if good else None
-
-        return {
-            "transits": len(self.flights),
-            "successes": len(good),
-            "interval": (low, high),
-            "violations": sum(
-                bool(f["keep_out_violations"] or f["collided"]) for f in self.flights
-            ),
-            "delta_v_ratio": float(np.divide(*np.sum(pairs, axis=0))) if pairs else None,
-            "error_m": median("terminal_position_error_m"),
-            "time_s": median("arrival_time_s"),
-        }
+        errors, times = ([getattr(each, name) for each in good]
+                         for name in ("terminal_position_error_m", "arrival_time_s"))  # fmt: skip
+        return Score(
+            len(self.flights),
+            len(good),
+            exact_interval(len(good), len(self.flights)),
+            sum(bool(each.keep_out_violations or each.collided) for each in self.flights),
+            float(np.divide(*np.sum(pairs, axis=0))) if pairs else None,
+            float(np.median(errors)) if good else None,
+            float(np.median(times)) if good else None,
+        )
 
 
 def score(
@@ -129,7 +150,7 @@ def score(
         str(flights[0].provenance),
         track.name,
         track.sha256,
-        [_kept(row) for row in rows],
+        [Outcome.of(row) for row in rows],
     )
 
 
@@ -145,18 +166,13 @@ def with_expert(track: Track, row: ScoreRow) -> Track:
     Raises:
       InputError: the row is of another track.
     """
-    if row.track_sha256 != track.sha256:
-        raise InputError(f"the row {row.name!r} is not of the track {track.name!r} as it is")
-    taken = [each["delta_v_m_s"] if each["success"] else None for each in row.flights]
+    row.figures(track)
+    taken = [each.delta_v_m_s if each.success else None for each in row.flights]
     return dc.replace(track, expert_delta_v_m_s=taken)
 
 
 def save_row(row: ScoreRow, path: Path) -> None:
-    """Writes a row as a JSON file, with its hash.
-
-    Raises:
-      InputError: see `write_json`.
-    """
+    """Writes a row as a JSON file, with its hash."""
     write_json(path, dc.asdict(row) | {"sha256": row.sha256}, indent=None)
 
 
@@ -169,7 +185,8 @@ def load_row(path: Path) -> ScoreRow:
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
         told = content.pop("sha256")
-        row = ScoreRow(**content)
+        flights = [Outcome(**each) for each in content.pop("flights")]
+        row = ScoreRow(**content, flights=flights)
     except (AttributeError, KeyError, OSError, TypeError, ValueError) as error:
         raise InputError(f"{path} is not a row of the benchmark: {error}") from error
     if row.sha256 != told:
@@ -187,33 +204,24 @@ def row_table(track: Track, rows: Sequence[ScoreRow]) -> list[list[str]]:
     """
     head = ["controller", "proxops", "success", "exact 95 % interval (%)", "keep-out violated"]
     head += ["Δv over the MPC's", "error (m)", "time (s)", "row"]
-    found = [(row, row.figures(track)) for row in rows]
 
-    def place(each: tuple[ScoreRow, dict[str, typing.Any]]) -> tuple[float, ...]:
-        figures = each[1]
-        return -figures["successes"], figures["violations"], figures["delta_v_ratio"] or np.inf
+    def place(each: tuple[ScoreRow, Score]) -> tuple[float, ...]:
+        score = each[1]
+        return -score.successes, score.violations, score.delta_v_ratio or np.inf
 
-    return [head, *(_cells(row, figures) for row, figures in sorted(found, key=place))]
-
-
-def _cells(row: ScoreRow, figures: dict[str, typing.Any]) -> list[str]:
-    low, high = figures["interval"]
-    return [
-        row.name,
-        row.version,
-        f"{figures['successes']} of {figures['transits']}",
-        f"{100 * low:.1f} to {100 * high:.1f}",
-        str(figures["violations"]),
-        number_text(figures["delta_v_ratio"], ".3f"),
-        number_text(figures["error_m"], ".0f"),
-        number_text(figures["time_s"], ".0f"),
-        row.sha256[:12],
+    scored = sorted(((row, row.figures(track)) for row in rows), key=place)
+    lines = [
+        [
+            row.name,
+            row.version,
+            f"{score.successes} of {score.transits}",
+            " to ".join(f"{100 * end:.1f}" for end in score.interval),
+            str(score.violations),
+            number_text(score.delta_v_ratio, ".3f"),
+            number_text(score.error_m, ".0f"),
+            number_text(score.time_s, ".0f"),
+            row.sha256[:12],
+        ]
+        for row, score in scored
     ]
-
-
-def _kept(summary: dict[str, typing.Any]) -> dict[str, typing.Any]:
-    """What a row keeps of a flight."""
-    return {
-        key: summary[key] if digits is None or summary[key] is None else round(summary[key], digits)
-        for key, digits in _KEPT.items()
-    }
+    return [head, *lines]

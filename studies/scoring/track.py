@@ -95,12 +95,7 @@ class Track:
 
 
 def draw_track(name: str, scenario: Scenario, seed: int, count: int) -> Track:
-    """Draws transits 0 … count - 1 of a seed, and their worlds, to be written down.
-
-    Raises:
-      InputError: see `draw_transit` and `World.of`.
-      UnflyableWorldError: a transit cannot begin in its world.
-    """
+    """Draws transits 0 … count - 1 of a seed, and their worlds, to be written down."""
     body = load_body(scenario.body)
     worlds = []
     for index in range(count):
@@ -126,18 +121,16 @@ def load_track(name: str) -> Track:
         )
     try:
         track = Track(**json.loads(path.read_text(encoding="utf-8")))
-    except (TypeError, UnicodeDecodeError, ValueError) as error:
+    except (TypeError, ValueError) as error:
         raise InputError(f"{path} is not a track: {error}") from error
-    listed = isinstance(track.changes, list) and all(isinstance(k, dict) for k in track.changes)
-    if not (isinstance(track.scenario, str) and listed and track.changes):
-        raise InputError(f"{path} is not a track: it needs a scenario's text and a list of changes")
-    taken = track.expert_delta_v_m_s
-    if not isinstance(taken, list) or any(not isinstance(k, int | float | None) for k in taken):
-        raise InputError(f"{path} is not a track: expert_delta_v_m_s is no list of figures in m/s")
-    if len(taken) not in (0, len(track.changes)):
+    changes, taken = track.changes, track.expert_delta_v_m_s
+    whole = isinstance(track.scenario, str) and isinstance(changes, list) and changes
+    whole = whole and all(isinstance(each, dict) for each in changes) and isinstance(taken, list)
+    whole = whole and len(taken) in (0, len(changes))
+    if not whole or any(not isinstance(each, int | float | None) for each in taken):
         raise InputError(
-            f"{path} is not a track: it has {len(track.changes)} transits, and what the MPC took "
-            f"for {len(taken)}"
+            f"{path} is not a track: it needs a scenario's text, a list of changes, and as many Δv "
+            "of the MPC in m/s or none"
         )
     if name in TRACKS and track.sha256 != TRACKS[name]:
         raise InputError(
@@ -148,23 +141,12 @@ def load_track(name: str) -> Track:
 
 
 def save_track(track: Track, path: Path) -> None:
-    """Writes a track as a JSON file.
-
-    Raises:
-      InputError: see `write_whole`.
-    """
+    """Writes a track as a JSON file."""
     write_whole(path, lambda name: name.write_text(_text(track), encoding="utf-8"))
 
 
 def _text(track: Track) -> str:
-    """The JSON of a track, with one line for each transit."""
-    parts = dc.asdict(track)
-    lines = [
-        f"{json.dumps(key)}: {_rows(value) if key == 'changes' else json.dumps(value)}"
-        for key, value in parts.items()
-    ]
-    return "{\n" + ",\n".join(lines) + "\n}\n"
-
-
-def _rows(changes: Sequence[Mapping[str, typing.Any]]) -> str:
-    return "[\n" + ",\n".join(json.dumps(change) for change in changes) + "\n]"
+    """The JSON of a track, with one line for each transit; its hash is that of this text."""
+    parts = {key: json.dumps(value) for key, value in dc.asdict(track).items()}
+    parts["changes"] = "[\n" + ",\n".join(map(json.dumps, track.changes)) + "\n]"
+    return "{\n" + ",\n".join(f"{json.dumps(k)}: {text}" for k, text in parts.items()) + "\n}\n"

@@ -17,7 +17,7 @@ from proxops.diagrams.scenario.scenario import load_scenario
 from proxops.diagrams.scenario.scenario_config import Scenario
 from proxops.diagrams.scenario.transits import of_transit
 from proxops.diagrams.scenario.world import draw_world
-from proxops.studies.evaluation.variants import Variant, variant_flights
+from proxops.studies.campaigns.variants import Variant, variant_flights
 from proxops.systems.common import InputError
 from proxops.systems.navigation import LidarNavigationConfig
 

@@ -19,7 +19,9 @@ WITHOUT_TORCH = [
     *(name for name in FACES if name.startswith(("proxops.systems", "proxops.diagrams"))),
     "proxops.training.data",
     "proxops.training.reports",
-    "proxops.studies.evaluation",
+    "proxops.studies.figures",
+    "proxops.studies.campaigns",
+    "proxops.studies.report",
     "proxops.studies.reproduction",
 ]
 

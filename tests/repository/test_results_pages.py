@@ -9,7 +9,7 @@ from pages import ROOT
 from scripts import load_script
 from whole_results import results_with_all
 
-from proxops.studies.beyond import all_campaigns
+from proxops.studies.campaigns import all_campaigns
 
 render = load_script("docs/render_results.py")
 SOURCES = render.load_sources()

@@ -16,19 +16,19 @@ from proxops.diagrams.scenario import (
     load_body,
     load_dispersions,
 )
-from proxops.studies.beyond.campaigns import (
+from proxops.studies.campaigns import Variant
+from proxops.studies.campaigns.flying import _inputs, campaign_scenario
+from proxops.studies.campaigns.table import (
     BODIES,
     Campaign,
     all_campaigns,
 )
-from proxops.studies.beyond.flying import _inputs, campaign_scenario
-from proxops.studies.beyond.story import (
+from proxops.studies.reproduction.evidence import (
     chosen_campaigns,
     fly_and_tell,
     own_bodies,
     success_lines,
 )
-from proxops.studies.evaluation import Variant
 from proxops.systems import InputError
 from proxops.systems.policy import PolicyConfig
 
@@ -50,13 +50,6 @@ def test_nobody_sees_the_truth_unless_it_is_said() -> None:
     for each in all_campaigns():
         told = [change for change in each.changes if "TrueState" in change]
         assert bool(told) == each.true_state == (each.name == "true-state")
-
-
-def test_the_flagship_is_dispersed_and_assured() -> None:
-    (flagship,) = chosen_campaigns(["flagship"], all_campaigns())
-    (hybrid,) = flagship.variants
-    assert (hybrid.controller, dict(hybrid.changes)) == ("hybrid", {"assurance": {}})
-    assert (flagship.dispersions, flagship.transits) == ("after_survey", 852)
 
 
 def test_the_papers_recipe_must_be_trained_first() -> None:

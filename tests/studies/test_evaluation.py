@@ -1,14 +1,14 @@
 """Figures over many flights."""
 
+import dataclasses as dc
 import math
 
 import numpy as np
 import pytest
 from flight_rows import row, unflyable
 
-from proxops.studies.evaluation.evaluation import aggregate, aggregate_all, delta_v_pairs, every_row
-from proxops.studies.evaluation.statistics_of_flights import success_interval
-from proxops.studies.evaluation.table import successes_text
+from proxops.studies.figures.intervals import success_interval
+from proxops.studies.figures.results import aggregate, aggregate_all, delta_v_pairs
 
 
 def test_interval_of_published_examples() -> None:
@@ -43,10 +43,10 @@ def test_aggregate_of_navigation() -> None:
         for k, (factor, share) in enumerate([(1.0, 1.0), (2.0, 0.9), (9.0, 0.8)])
     ]  # fmt: skip
     found = aggregate([*rows, row(transit=3, navigation_following=0.5)])
-    assert [found[name] for name in names] == [2.0 * (1.0 + place) for place in range(6)]
-    assert found["navigation_consistent"] == pytest.approx(0.9)
-    assert found["navigation_following"] == 1.0
-    assert not [name for name in aggregate([row()]) if name.startswith("navigation")]
+    assert [getattr(found, name) for name in names] == [2.0 * (1.0 + place) for place in range(6)]
+    assert found.navigation_consistent == pytest.approx(0.9)
+    assert found.navigation_following == 1.0
+    assert all(getattr(aggregate([row()]), name) is None for name in names)
 
 
 def test_aggregate() -> None:
@@ -67,30 +67,30 @@ def test_aggregate() -> None:
         ),
     ]  # fmt: skip
     found = aggregate(rows)
-    assert found["transits"] == 5
-    assert found["success_rate"] == 0.6
-    assert found["success_rate_interval"] == success_interval(3, 5)
-    assert found["success_rate_2km"] == 0.8
-    assert found["success_rate_2km_interval"] == success_interval(4, 5)
-    assert not [name for name in found if name.startswith("expert")]
-    assert found["collisions"] == 1
-    assert found["keep_out_violations"] == 3
-    assert found["min_clearance_m"] == -2e4
-    assert found["terminal_position_error_m_median"] == 3.0
-    assert found["terminal_position_error_m_max"] == 9e4
-    assert 1500.0 < found["terminal_position_error_m_p95"] < 9e4
-    assert found["terminal_speed_m_s_max"] == 45.0
+    assert found.transits == 5
+    assert found.success_rate == 0.6
+    assert found.success_rate_interval == success_interval(3, 5)
+    assert found.success_rate_2km == 0.8
+    assert found.success_rate_2km_interval == success_interval(4, 5)
+    assert found.expert_pairs is found.expert_delta_v_ratio is None
+    assert found.collisions == 1
+    assert found.keep_out_violations == 3
+    assert found.min_clearance_m == -2e4
+    assert found.terminal_position_error_m_median == 3.0
+    assert found.terminal_position_error_m_max == 9e4
+    assert 1500.0 < (found.terminal_position_error_m_p95 or 0.0) < 9e4
+    assert found.terminal_speed_m_s_max == 45.0
     # Only flights that arrived count: one that never ends must not look cheap or dear.
-    assert found["arrival_time_s_median"] == 4000.0
-    assert found["delta_v_m_s_median"] == 150.0
-    assert found["delta_v_m_s_mean"] == pytest.approx(500.0 / 3.0)
-    assert found["policy_share"] == 0.2
-    assert found["policy_share_to_arrival"] == 0.2
-    assert found["mpc_solves"] == 460 * 3 + 10
-    assert found["control_ms_mean"] == 5.0
-    assert found["control_ms_median"] == 4.0
-    assert found["control_ms_p99"] == 30.0
-    assert found["flights"] == rows
+    assert found.arrival_time_s_median == 4000.0
+    assert found.delta_v_m_s_median == 150.0
+    assert found.delta_v_m_s_mean == pytest.approx(500.0 / 3.0)
+    assert found.policy_share == 0.2
+    assert found.policy_share_to_arrival == 0.2
+    assert found.mpc_solves == 460 * 3 + 10
+    assert found.control_ms_mean == 5.0
+    assert found.control_ms_median == 4.0
+    assert found.control_ms_p99 == 30.0
+    assert found.flights == rows
 
 
 def test_nobody_arrives_and_nobody_asks_the_mpc() -> None:
@@ -99,11 +99,11 @@ def test_nobody_arrives_and_nobody_asks_the_mpc() -> None:
         "control_ms_mean": None,
     }  # fmt: skip
     found = aggregate([row(success=False, success_2km=False, mpc_solves=0, **nothing)])
-    assert found["success_rate"] == 0.0
+    assert found.success_rate == 0.0
     for name in ("arrival_time_s_median", "delta_v_m_s_median", "delta_v_m_s_mean",
                  "control_ms_median", "control_ms_p99", "control_ms_mean"):  # fmt: skip
-        assert found[name] is None
-    numbers = [value for value in found.values() if isinstance(value, float)]
+        assert getattr(found, name) is None
+    numbers = [value for value in vars(found).values() if isinstance(value, float)]
     assert not any(math.isnan(value) for value in numbers)
 
 
@@ -112,10 +112,10 @@ def test_successes_are_counted(good: int) -> None:
     rows = [row(transit=k, success=k < good, success_2km=k < min(good + 1, 852))
             for k in range(852)]  # fmt: skip
     found = aggregate(rows)
-    assert (found["successes"], found["successes_2km"]) == (good, min(good + 1, 852))
-    assert successes_text(found) == f"{good} of 852"
-    assert successes_text(found, wide=True) == f"{min(good + 1, 852)} of 852"
-    assert successes_text(aggregate([])) == "0 of 0"
+    assert (found.successes, found.successes_2km) == (good, min(good + 1, 852))
+    assert found.succeeded() == f"{good} of 852"
+    assert found.succeeded(wide=True) == f"{min(good + 1, 852)} of 852"
+    assert aggregate([]).succeeded() == "0 of 0"
 
 
 def test_percentiles_and_worst() -> None:
@@ -129,16 +129,16 @@ def test_percentiles_and_worst() -> None:
     for name in ("delta_v_m_s_{}", "terminal_position_error_m_{}", "arrival_time_s_{}"):
         p99 = "delta_v_99_m_s" if name.startswith("delta") else name.format("p99")
         keys = (name.format("median"), name.format("p90"), p99, name.format("max"))
-        assert [found[key] for key in keys] == pytest.approx([50.0, 90.0, 99.0, 100.0])
+        assert [getattr(found, key) for key in keys] == pytest.approx([50.0, 90.0, 99.0, 100.0])
     lows = ("min_clearance_m", "min_clearance_m_p1", "min_clearance_m_p10")
-    assert [found[key] for key in lows] == pytest.approx([0.0, 1.0, 10.0])
-    assert found["terminal_position_error_m_p95"] == pytest.approx(95.0)
-    assert found["min_clearance_m_median"] == pytest.approx(50.0)
-    assert found["delta_v_99_m_s_bound"] is None  # 230 flights are needed.
+    assert [getattr(found, key) for key in lows] == pytest.approx([0.0, 1.0, 10.0])
+    assert found.terminal_position_error_m_p95 == pytest.approx(95.0)
+    assert found.min_clearance_m_median == pytest.approx(50.0)
+    assert found.delta_v_99_m_s_bound is None  # 230 flights are needed.
     more = aggregate([row(transit=k, delta_v_m_s=float(k)) for k in range(230)])
-    assert more["delta_v_99_m_s_bound"] == 229.0
-    assert found["success_shown_90"] == pytest.approx(0.1 ** (1 / 101))
-    assert found["success_rate_exact_interval"] == pytest.approx((0.025 ** (1 / 101), 1.0))
+    assert more.delta_v_99_m_s_bound == 229.0
+    assert found.success_shown_90 == pytest.approx(0.1 ** (1 / 101))
+    assert found.success_rate_exact_interval == pytest.approx((0.025 ** (1 / 101), 1.0))
 
 
 # --- worlds that can't be flown -------------------------------------------------------------------
@@ -148,20 +148,17 @@ def test_unflyable_worlds_are_counted_apart() -> None:
     flown = [row(transit=k, delta_v_m_s=100.0 + k) for k in (0, 2, 4)]
     rows = [flown[0], unflyable(1), flown[1], unflyable(3), flown[2]]
     found, plain = aggregate(rows), aggregate(flown)
-    assert found.pop("unflyable") == 2
-    assert found.pop("unflyable_worlds") == [rows[1], rows[3]]
-    assert plain.pop("unflyable") == 0
-    assert plain.pop("unflyable_worlds") == []
-    assert found == plain
-    assert every_row(aggregate(rows)) == rows
+    assert (found.unflyable, found.unflyable_worlds) == (2, [rows[1], rows[3]])
+    assert dc.replace(found, unflyable=0, unflyable_worlds=[]) == plain
+    assert found.rows == rows
 
 
 def test_delta_v_is_compared_where_both_flew() -> None:
     rows = [row(delta_v_m_s=110.0), unflyable(1), row(transit=2, delta_v_m_s=120.0), row(transit=3)]
     expert = [row(delta_v_m_s=100.0), unflyable(1), row(transit=2, delta_v_m_s=100.0), unflyable(3)]
     np.testing.assert_array_equal(delta_v_pairs(rows, expert), [[110.0, 100.0], [120.0, 100.0]])
-    assert aggregate(rows, expert)["expert_pairs"] == 2
-    assert aggregate_all({"mpc": expert, "pd": rows})["pd"]["expert_delta_v_ratio"] == 1.15
+    assert aggregate(rows, expert).expert_pairs == 2
+    assert aggregate_all({"mpc": expert, "pd": rows})["pd"].expert_delta_v_ratio == 1.15
 
 
 # --- against the expert ---------------------------------------------------------------------------
@@ -177,9 +174,9 @@ def test_delta_v_against_the_expert_on_the_same_transits() -> None:
     rows[3] |= {"success": False, "arrival_time_s": None}
     rows[4] |= {"success": False, "keep_out_violations": 1}
     found = aggregate(rows, expert)
-    assert found["expert_pairs"] == 3
-    assert found["expert_delta_v_ratio_median"] == pytest.approx(2.0)  # Of 1.1, 2.0 and 2.0.
-    assert found["expert_delta_v_ratio"] == pytest.approx(1110.0 / 600.0)
+    assert found.expert_pairs == 3
+    assert found.expert_delta_v_ratio_median == pytest.approx(2.0)  # Of 1.1, 2.0 and 2.0.
+    assert found.expert_delta_v_ratio == pytest.approx(1110.0 / 600.0)
     np.testing.assert_array_equal(
         delta_v_pairs(rows, expert), [[110.0, 100.0], [300.0, 150.0], [700.0, 350.0]]
     )

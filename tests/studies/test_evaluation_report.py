@@ -4,7 +4,6 @@ import itertools
 import json
 import re
 from pathlib import Path
-from typing import Any
 
 import pytest
 from commands import proxops, settings
@@ -14,16 +13,15 @@ from hypothesis import strategies as st
 from known_policies import Counting, DeadReckoning, write_policy
 
 from proxops.diagrams.logs.flight_log import FlightLog
-from proxops.studies.evaluation.evaluation import aggregate
-from proxops.studies.evaluation.flights import shown_transits, worst_flights
-from proxops.studies.evaluation.table import figure_rows, outcome
+from proxops.studies.figures.results import Result, aggregate, figure_rows, results_from_json
+from proxops.studies.report.shown_flights import outcome, shown_transits, worst_flights
 from proxops.systems.vehicle import ArrivalConfig
 
 POLICY = {"policy_sha256": "1" * 64, "mpc_solves": 0, "policy_share": 1.0}
 ESTIMATES = {f"estimate_{name}": value for name, value in ESTIMATE_ERRORS.items()}
 
 
-def results() -> dict[str, Any]:
+def results() -> dict[str, Result]:
     expert = [row(transit=k, delta_v_m_s=100.0) for k in range(20)]
     flown = [
         row(transit=k, delta_v_m_s=105.0, control_ms_median=0.125, **POLICY, **ESTIMATES)
@@ -80,7 +78,7 @@ def test_outcomes() -> None:
 
 def test_first_and_worst() -> None:
     # 7 and 11 failed; of those that arrived, 13 ended furthest off.
-    assert [flight["transit"] for flight in worst_flights(results()["policy:a"]["flights"])] == [
+    assert [flight["transit"] for flight in worst_flights(results()["policy:a"].flights)] == [
         11, 7, 13,
     ]  # fmt: skip
     first = [0, 1, 2, 3]
@@ -131,8 +129,8 @@ def test_evaluate_policies_side_by_side(evaluate, tmp_path: Path) -> None:
     assert list(found) == names
     assert {flight["controller"] for flight in found["pd:a"]["flights"]} == {"pd:a"}
     assert found["policy:a"]["expert_pairs"] == 0
-    assert "estimate_position_error_m_p95" in found["pd:a"]
-    assert "estimate_position_error_m_p95" not in found["policy:b"]
+    assert found["pd:a"]["estimate_position_error_m_p95"] is not None
+    assert found["policy:b"]["estimate_position_error_m_p95"] is None
 
     text = (out / "report.md").read_text()
     assert "proxops evaluate --controllers mpc,policy:a,pd:a,policy:b --seed 31" in text
@@ -141,7 +139,9 @@ def test_evaluate_policies_side_by_side(evaluate, tmp_path: Path) -> None:
     assert all((out / name).is_file() for name in figures)
     page = (out / "report.html").read_text()
     assert page.count("data:image/png;base64,") == 5
-    for cells in figure_rows(found, ArrivalConfig(deadline_s=100.0, dwell_s=50.0)):
+    for cells in figure_rows(
+        results_from_json(found), ArrivalConfig(deadline_s=100.0, dwell_s=50.0)
+    ):
         assert all(cell in text for cell in cells[1])
 
     # The flights that are looked into are those that were flown, without their lidar frames.

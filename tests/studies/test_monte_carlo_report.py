@@ -1,5 +1,6 @@
 """What a report says of dispersed worlds: what drives failure, the worst, the unflyable."""
 
+import dataclasses
 from pathlib import Path
 from typing import Any
 
@@ -8,26 +9,18 @@ import pytest
 from flight_rows import row, unflyable
 from synthetic_log import synthetic_log
 
-from proxops.diagrams.scenario.scenario_config import Scenario
-from proxops.studies.evaluation import monte_carlo_report
-from proxops.studies.evaluation.driver_figures import plot_drivers, strongest
-from proxops.studies.evaluation.evaluation import aggregate_all
-from proxops.studies.evaluation.flights import replayed_flights, shown_transits
-from proxops.studies.evaluation.monte_carlo_report import (
-    driver_sections,
-    unflyable_sections,
-    worst_tables,
-    write_worst,
-)
-from proxops.studies.evaluation.report import Evaluation, evaluation_sections
+from proxops.studies.figures.results import Result, aggregate_all
+from proxops.studies.figures.sensitivity import Ranked
+from proxops.studies.report import shown_flights
+from proxops.studies.report.evaluation_report import evaluation_sections
+from proxops.studies.report.plots import plot_drivers, strongest
+from proxops.studies.report.shown_flights import replayed_flights, shown_transits, write_worst
+from proxops.systems.vehicle import ArrivalConfig
 from proxops.training.reports import markdown_page
 
 
-def entry(name: str, index: float, above: bool = True) -> dict[str, Any]:
-    return {
-        "quantity": name, "index": index, "low": index - 0.05, "high": index + 0.05,
-        "above_chance": above,
-    }  # fmt: skip
+def entry(name: str, index: float, above: bool = True) -> Ranked:
+    return Ranked(name, index, index - 0.05, index + 0.05, above)
 
 
 CHANCE = [entry("dummy", 0.10, above=False), entry("truth.mass", 0.08, above=False)]
@@ -53,24 +46,22 @@ def dispersed_rows(count: int, failures: tuple[int, ...]) -> list[dict[str, Any]
 
 
 @pytest.fixture(scope="module")
-def results() -> dict[str, Any]:
+def results() -> dict[str, Result]:
     flown = dispersed_rows(9, (3, 8))
     flown[1] = unflyable(1)
     flown[4] = unflyable(4, "hovering needs 9 N")
     found = aggregate_all({"mpc": dispersed_rows(9, ()), "pd": flown})
-    found["pd"]["sensitivity"] = RANKINGS
-    return found
+    return found | {"pd": dataclasses.replace(found["pd"], sensitivity=RANKINGS)}
 
 
-def page(results: dict[str, Any]) -> str:
+def page(results: dict[str, Result]) -> str:
     log = synthetic_log(20, False)
     logs = {name: dict.fromkeys(numbers, log) for name, numbers in shown_transits(results).items()}
-    evaluation = Evaluation("proxops evaluate", "Kleopatra", 1, Scenario(), results, logs)
-    return markdown_page("Report", evaluation_sections(evaluation))
+    return markdown_page("Report", evaluation_sections(results, logs, ArrivalConfig()))
 
 
 @pytest.fixture(scope="module")
-def text(results: dict[str, Any]) -> str:
+def text(results: dict[str, Result]) -> str:
     return page(results)
 
 
@@ -85,7 +76,7 @@ def test_strongest_are_taken_in_turns() -> None:
 
 
 def test_bars_end_at_the_index_and_chance_is_marked() -> None:
-    figure = plot_drivers(RANKINGS | {"delta_v_m_s": []})
+    figure = plot_drivers({name: each for name, each in RANKINGS.items() if name != "delta_v_m_s"})
     assert [axis.get_title() for axis in figure.axes] == ["failure", "end error"]
     axis = figure.axes[0]
     bars: Any = axis.patches
@@ -100,7 +91,7 @@ def test_bars_end_at_the_index_and_chance_is_marked() -> None:
 # --- the worst flights ----------------------------------------------------------------------------
 
 
-def test_the_five_worst_are_replayed(results: dict[str, Any]) -> None:
+def test_the_five_worst_are_replayed(results: dict[str, Result]) -> None:
     assert [flown["transit"] for flown in replayed_flights(results["pd"])] == [8, 3, 7, 6, 5]
     assert len(replayed_flights(results["mpc"])) == 5  # Dispersed.
     plain = aggregate_all({"mpc": [row()], "pd": [row(success=False)]})
@@ -110,11 +101,9 @@ def test_the_five_worst_are_replayed(results: dict[str, Any]) -> None:
 
 @pytest.mark.slow
 def test_report_leads_to_the_replays(
-    results: dict[str, Any], text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    results: dict[str, Result], text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(
-        monte_carlo_report, "write_replay", lambda log, path: path.write_text(str(log))
-    )
+    monkeypatch.setattr(shown_flights, "write_replay", lambda log, path: path.write_text(str(log)))
     logs = {name: {k: k for k in numbers} for name, numbers in shown_transits(results).items()}
     written: Any = logs
     write_worst(tmp_path, results, written)
@@ -137,6 +126,7 @@ def test_report_says_what_drives_failure(text: str) -> None:
     assert "mpc: nothing can be told, fewer than 50 flights." in text
     assert "(figures/drivers-1.png)" in text
     assert "(figures/scatter-1.png)" in text
-    plain = aggregate_all({"mpc": [row()]})
-    assert driver_sections(plain) == unflyable_sections(plain) == []
-    assert worst_tables("mpc", plain["mpc"]) == []
+    assert "## Worlds that can't be flown" in text
+    plain = page(aggregate_all({"mpc": [row()]}))
+    for title in ("What drives failure", "Worlds that can't", "Worst flights", "without success"):
+        assert title not in plain

@@ -14,13 +14,13 @@ from short_flights import BRIEF, short_scenario
 
 from proxops.diagrams.flight import Workers
 from proxops.diagrams.scenario import Scenario, dump_scenario
-from proxops.studies.evaluation.variants import Variant, fly_variants
-from proxops.studies.reproduction.flights import variants
-from proxops.studies.reproduction.reproduction import (
+from proxops.studies.campaigns.variants import Variant, fly_variants
+from proxops.studies.reproduction.paper_experiments import (
     ReproductionSettings,
     _origin,
     reproduce,
 )
+from proxops.studies.reproduction.paper_flights import paper_variants
 from proxops.studies.reproduction.training import TrainingSettings
 from proxops.systems import InputError
 from proxops.systems.policy import PolicyConfig
@@ -81,7 +81,9 @@ def test_report_says_what_was_not_run(reproduced: tuple[Path, Any], bundle: Path
     out, report = reproduced
     assert "policy-paper" in report["not_run"]
     assert "Not run" in (out / "report.md").read_text()
-    assert list(report["controllers"]) == [each.name for each in variants(bundle, None, brief())]
+    assert list(report["controllers"]) == [
+        each.name for each in paper_variants(bundle, None, brief())
+    ]
     assert json.loads((out / "report.json").read_text())["not_run"] == report["not_run"]
 
 

@@ -4,7 +4,8 @@ from typing import Any
 
 import pytest
 
-from proxops.studies.reproduction.numbers import (
+from proxops.studies.figures import Result
+from proxops.studies.reproduction.costs import (
     CPU_W,
     GPU_W,
     MPC_S,
@@ -43,25 +44,27 @@ def test_gain_of_the_policy_alone_and_of_none() -> None:
 
 
 def test_costs_of_known_times() -> None:
-    results = {"mpc": {"flights": [row(), row(steps=299, mpc_solves=300, solve_s=3.0)]},
-               "hybrid": {"flights": [HYBRID]}}  # fmt: skip
+    results = {
+        "mpc": Result(flights=[row(), row(steps=299, mpc_solves=300, solve_s=3.0)]),
+        "hybrid": Result(flights=[HYBRID]),
+    }
     found = costs(results, "hybrid")
-    assert found["saved"] == pytest.approx(0.8)
-    assert found["solve_s"] == pytest.approx(0.015)
-    assert found["step_s"] == pytest.approx(0.005)
-    assert found["gain_measured"] == pytest.approx(2.0)
-    assert found["gain_arithmetic"] == pytest.approx(1.0 / 0.3)
+    assert found.saved == pytest.approx(0.8)
+    assert found.solve_s == pytest.approx(0.015)
+    assert found.step_s == pytest.approx(0.005)
+    assert found.gain_measured == pytest.approx(2.0)
+    assert found.gain_arithmetic == pytest.approx(1.0 / 0.3)
     own = costs(results, "mpc")
-    assert (own["gain_measured"], own["saved"], own["policy_s"]) == (1.0, 0.0, None)
+    assert (own.gain_measured, own.saved, own.policy_s) == (1.0, 0.0, None)
 
 
 def test_what_asks_nobody_costs_nothing() -> None:
     idle = row(mpc_solves=0, solve_s=0.0, solve_s_median=None)
-    found = costs({"mpc": {"flights": [row()]}, "zero": {"flights": [idle]}}, "zero")
-    assert found["step_s"] is found["gain_measured"] is found["saved"] is None
+    found = costs({"mpc": Result(flights=[row()]), "zero": Result(flights=[idle])}, "zero")
+    assert found.step_s is found.gain_measured is found.saved is None
 
 
 def test_counts() -> None:
-    assert blind_flights({"flights": [row(), row(blind_steps=3), row(blind_steps=None)]}) == 1
-    assert checks_passed({"flights": [HYBRID, row(checks=10, agreed=0)]}) == pytest.approx(0.45)
-    assert checks_passed({"flights": [row()]}) is None
+    assert blind_flights(Result(flights=[row(), row(blind_steps=3), row(blind_steps=None)])) == 1
+    assert checks_passed(Result(flights=[HYBRID, row(checks=10, agreed=0)])) == pytest.approx(0.45)
+    assert checks_passed(Result(flights=[row()])) is None

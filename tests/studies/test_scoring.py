@@ -3,6 +3,7 @@
 import dataclasses as dc
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -24,6 +25,7 @@ from proxops.studies.scoring import (
     score,
     with_expert,
 )
+from proxops.studies.scoring.row import Outcome
 from proxops.systems import InputError
 
 ROOT = Path(__file__).parents[2]
@@ -37,19 +39,13 @@ def brief() -> Track:
     return draw_track("brief", load_scenario(None, SHORT, on_true_state=True), 3, 2)
 
 
-def outcome(**changes: object) -> dict:
-    good = {
-        "success": True,
-        "collided": False,
-        "keep_out_violations": 0,
-        "delta_v_m_s": 100.0,
-        "terminal_position_error_m": 10.0,
-        "arrival_time_s": 5000.0,
-    }
-    return good | changes
+def outcome(**changes: Any) -> Outcome:
+    good: dict[str, Any] = {"success": True, "collided": False, "keep_out_violations": 0}
+    good |= {"delta_v_m_s": 100.0, "terminal_position_error_m": 10.0, "arrival_time_s": 5000.0}
+    return Outcome(**good | changes)
 
 
-def row_of(track: Track, name: str, *flights: dict) -> ScoreRow:
+def row_of(track: Track, name: str, *flights: Outcome) -> ScoreRow:
     return ScoreRow(name, "mine:make", "proxops 1", track.name, track.sha256, flights)
 
 
@@ -99,8 +95,8 @@ def test_flights_are_those_of_the_seed(brief: Track, tmp_path: Path) -> None:
     scenario = load_scenario(None, SHORT, on_true_state=True)
     for number, flight in enumerate(row.flights):
         summary = fly(of_transit(scenario, 3, number), "pd").summary
-        assert flight["delta_v_m_s"] == pytest.approx(summary["delta_v_m_s"], abs=1e-4)
-        assert flight["terminal_position_error_m"] == pytest.approx(
+        assert flight.delta_v_m_s == pytest.approx(summary["delta_v_m_s"], abs=1e-4)
+        assert flight.terminal_position_error_m == pytest.approx(
             summary["terminal_position_error_m"], abs=0.01
         )
     assert score(brief, "pd", tmp_path, workers=Workers(1)) == row
@@ -186,12 +182,12 @@ def test_figures(brief: Track) -> None:
         outcome(success=False, keep_out_violations=1),
     ]
     figures = row_of(track, "mine", *flights).figures(track)
-    assert (figures["transits"], figures["successes"], figures["violations"]) == (4, 2, 2)
+    assert (figures.transits, figures.successes, figures.violations) == (4, 2, 2)
     # Only in the first did both succeed.
-    assert figures["delta_v_ratio"] == 2.0
-    assert (figures["error_m"], figures["time_s"]) == (20.0, 5300.0)
+    assert figures.delta_v_ratio == 2.0
+    assert (figures.error_m, figures.time_s) == (20.0, 5300.0)
     expected = (beta.ppf(0.025, 2, 3), beta.ppf(0.975, 3, 2))
-    np.testing.assert_allclose(figures["interval"], expected)
+    np.testing.assert_allclose(figures.interval, expected)
     with pytest.raises(InputError, match="'mine' is not of the track 'brief' as it is"):
         row_of(track, "mine", *flights).figures(brief)
 

@@ -9,8 +9,8 @@ import pytest
 from flight_rows import row
 from SALib.analyze import pawn
 
-from proxops.studies.evaluation.evaluation import aggregate_all
-from proxops.studies.evaluation.sensitivity import (
+from proxops.studies.figures.results import aggregate_all
+from proxops.studies.figures.sensitivity import (
     DUMMY,
     OUTPUTS,
     _pawn,
@@ -58,20 +58,20 @@ def found() -> dict[str, Any]:
 
 def test_drivers_are_found(found: dict[str, Any]) -> None:
     assert tuple(found) == OUTPUTS
-    assert found["failure"][0]["quantity"] == "|truth.attitude.constant_deg|"
-    assert found["terminal_position_error_m"][0]["quantity"] == "|truth.attitude.constant_deg|"
+    assert found["failure"][0].quantity == "|truth.attitude.constant_deg|"
+    assert found["terminal_position_error_m"][0].quantity == "|truth.attitude.constant_deg|"
     assert told_from_chance(found["delta_v_m_s"]) == ["truth.gravity"]
 
 
 def test_the_rest_is_not_told_from_chance(found: dict[str, Any]) -> None:
     for ranking in found.values():
-        indices = [entry["index"] for entry in ranking]
+        indices = [entry.index for entry in ranking]
         assert indices == sorted(indices, reverse=True)
-        [dummy] = [entry for entry in ranking if entry["quantity"] == DUMMY]
+        [dummy] = [entry for entry in ranking if entry.quantity == DUMMY]
         for entry in ranking:
-            assert 0.0 <= entry["low"] <= entry["index"] <= entry["high"] <= 1.0
+            assert 0.0 <= entry.low <= entry.index <= entry.high <= 1.0
             if entry is not dummy:
-                assert entry["above_chance"] == (entry["index"] > dummy["high"])
+                assert entry.above_chance == (entry.index > dummy.high)
     told = {name for ranking in found.values() for name in told_from_chance(ranking)}
     assert all("gravity" in name or "attitude" in name for name in told)
 
@@ -120,8 +120,8 @@ def test_a_driver_is_named_among_thirty_quantities() -> None:
     ]  # fmt: skip
     ranking = rank_drivers(rows)["delta_v_m_s"]
     assert told_from_chance(ranking) == ["x7"]
-    [chance] = [entry for entry in ranking if entry["quantity"] == DUMMY]
-    assert 0.0 < chance["low"] <= chance["index"] <= chance["high"] < ranking[0]["index"]
+    [chance] = [entry for entry in ranking if entry.quantity == DUMMY]
+    assert 0.0 < chance.low <= chance.index <= chance.high < ranking[0].index
 
 
 def test_equal_rows_give_equal_rankings() -> None:
@@ -136,7 +136,7 @@ def test_index_of_failure_by_hand() -> None:
     ]  # fmt: skip
     entry = rank_drivers(rows)["failure"][0]
     # SALib leaves the greatest value out of its slice.
-    assert entry["index"] == pytest.approx((0.9 + 9 * 0.1) / 10, abs=1e-9)
+    assert entry.index == pytest.approx((0.9 + 9 * 0.1) / 10, abs=1e-9)
 
 
 def test_a_text_can_be_the_driver() -> None:
@@ -191,5 +191,6 @@ def test_results_have_a_ranking_where_something_was_dispersed() -> None:
     rows = flights(3, turned)
     plain = [row(transit=k, dispersed={}) for k in range(3)]
     results = aggregate_all({"pd": plain, "zero": rows})
-    assert "sensitivity" not in results["pd"]
-    assert results["zero"]["sensitivity"] == NOTHING
+    assert results["pd"].sensitivity is results["pd"].drivers is None
+    assert results["zero"].sensitivity == NOTHING
+    assert results["zero"].drivers == {}

@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from proxops.studies.reproduction.stages import Progress, Stages
-from proxops.studies.reproduction.tables import stage_table
+from proxops.studies.campaigns.stages import Progress, Stages
+from proxops.studies.reproduction.paper_report import stage_table
 from proxops.systems import InputError
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import beta
 
-from proxops.studies.evaluation.statistics_of_flights import (
+from proxops.studies.figures.intervals import (
     exact_interval,
     percentile,
     percentile_bound,

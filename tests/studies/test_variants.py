@@ -13,8 +13,8 @@ from proxops.diagrams.scenario.body import Body
 from proxops.diagrams.scenario.scenario import dump_scenario, load_scenario
 from proxops.diagrams.scenario.scenario_config import Scenario
 from proxops.diagrams.scenario.transits import Transit, draw_transit, scenario_transit
-from proxops.studies.evaluation.flights import describe_flight
-from proxops.studies.evaluation.variants import (
+from proxops.studies.campaigns.describing import describe_flight
+from proxops.studies.campaigns.variants import (
     Variant,
     fly_logs,
     fly_variants,

@@ -14,7 +14,7 @@ from proxops.training.reports.force_errors import (
     policy_sections,
 )
 from proxops.training.reports.lidar_frames import plot_frames
-from proxops.training.reports.report_writer import (
+from proxops.training.reports.report import (
     Block,
     Link,
     Page,

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from proxops.training.reports.figure_text import SMALL_COMMAND, number_text
-from proxops.training.reports.report_writer import Block, Picture, Section, Table, Text
+from proxops.training.reports.report import Block, Picture, Section, Table, Text
 
 if typing.TYPE_CHECKING:
     from matplotlib.figure import Figure

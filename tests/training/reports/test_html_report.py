@@ -9,7 +9,8 @@ import pytest
 from matplotlib.figure import Figure
 
 from proxops.systems import InputError
-from proxops.training.reports.report_writer import (
+from proxops.training.reports.figure_text import interval_text
+from proxops.training.reports.report import (
     Section,
     Table,
     Text,
@@ -83,6 +84,12 @@ def test_html_holds_everything_and_asks_for_nothing(sections: list[Section]) -> 
     assert page.cells == [["", "one", AWKWARD], ["first", "1", "2"], [AWKWARD, "3", "4"]]
 
 
+def test_long_reports_list_their_sections(sections: list[Section]) -> None:
+    text = html_page("A title", sections * 2)
+    links = re.findall(r'<a href="#(\d)">', text)
+    assert links == re.findall(r'<h2 id="(\d)">', text) == ["1", "2", "3", "4"]
+
+
 def test_markdown_tables_keep_their_columns(sections: list[Section]) -> None:
     lines = markdown_page("A title", sections).splitlines()
     rows = [line for line in lines if line.startswith("|")]
@@ -107,3 +114,22 @@ def test_files(sections: list[Section], tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="cannot make the folder"):
         write_report(tmp_path / "file", "Title", sections)
+
+
+# --- figures in tables ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("interval", "text"),
+    [
+        ((0.981725, 1.0), "98.2–100.0 %"),
+        ((0.972, 0.99987), "97.2–under 100 %"),
+        ((0.0, 0.0183), "0.0–1.8 %"),
+        ((0.0001, 0.5), "over 0–50.0 %"),
+    ],
+)
+def test_an_interval_is_rounded_but_never_to_certainty(
+    interval: tuple[float, float], text: str
+) -> None:
+    assert interval_text(interval) == text
+    assert interval_text(interval, " to ") == text.replace("–", " to ")

@@ -118,11 +118,7 @@ def fly_logs(
 def load_logs(
     folder: Path, seed: int, transits: Mapping[str, Sequence[int]]
 ) -> dict[str, dict[int, FlightLog]]:
-    """The logs that `fly_logs` wrote into a folder.
-
-    Raises:
-      InputError: see `FlightLog.load`.
-    """
+    """The logs that `fly_logs` wrote into a folder."""
     return {
         name: {k: FlightLog.load(folder / f"{_flight_name(name, seed, k)}.nc") for k in numbers}
         for name, numbers in transits.items()
@@ -132,37 +128,28 @@ def load_logs(
 def variant_flights(
     variant: Variant, scenario: Scenario, seed: int, transits: Iterable[int]
 ) -> list[Flight]:
-    """The flights of one variant on some transits of a seed.
-
-    Raises:
-      InputError: see `Variant.applied_to` and `transit_flights`.
-    """
+    """The flights of one variant on some transits of a seed."""
     numbers = list(transits)
-    if not numbers:
-        return []
     changed = variant.applied_to(scenario)
-    flights = transit_flights(changed, variant.controller, seed, max(numbers) + 1)
-    if variant.world is not None or variant.start is not None:
-        body = load_body(changed.body)
-        if variant.world is not None:
-            flights = [_in_world(flight, variant.world, body) for flight in flights]
-        if variant.start is not None:
-            flights = [_moved(flight, variant.start, body) for flight in flights]
-    return [
-        dc.replace(flights[number], name=_flight_name(variant.name, seed, number))
+    drawn = transit_flights(changed, variant.controller, seed, max(numbers, default=-1) + 1)
+    flights = [
+        dc.replace(drawn[number], name=_flight_name(variant.name, seed, number))
         for number in numbers
     ]
+    if variant.world is None and variant.start is None:
+        return flights
+    body = load_body(changed.body)
+    if variant.world is not None:
+        flights = [_in_world(flight, variant.world, body) for flight in flights]
+    if variant.start is not None:
+        flights = [_moved(flight, variant.start, body) for flight in flights]
+    return flights
 
 
 def _check_names(variants: Sequence[Variant]) -> None:
-    by_label: dict[str, str] = {}
-    for each in variants:
-        label = controller_label(each.name)
-        if label in by_label:
-            raise InputError(
-                f"variants {by_label[label]!r} and {each.name!r} would write the same files"
-            )
-        by_label[label] = each.name
+    names = [controller_label(each.name) for each in variants]
+    if twice := {name for name in names if names.count(name) > 1}:
+        raise InputError(f"two variants would write the same files: {', '.join(sorted(twice))}")
 
 
 def _in_world(flight: Flight, world: World, body: Body) -> Flight:

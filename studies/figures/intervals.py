@@ -1,4 +1,4 @@
-"""Statistics of a Monte Carlo campaign: intervals and bounds from a number of flights.
+"""Intervals and bounds of what a number of flights shows.
 
 The figures follow J. M. Hanson and B. B. Beard, Applying Monte Carlo Simulation to Launch Vehicle
 Design and Requirements Analysis, NASA/TP-2010-216447. They assume that flights are independent

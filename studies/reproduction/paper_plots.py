@@ -8,16 +8,24 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
 from proxops.diagrams.logs import FlightLog
 from proxops.diagrams.plots import length_unit
-from proxops.studies.evaluation import Looks, draw_paths
+from proxops.studies.report import (
+    BLACK,
+    BLUE,
+    GOAL,
+    ORANGE,
+    Looks,
+    add_legend,
+    draw_paths,
+    label_axis,
+    new_figure,
+    path_handles,
+)
 
 _MINUTE = 60.0
 _ACROSS = 3
-_TRAINING, _VALIDATION = "#0072b2", "#d55e00"
-_HYBRID, _EXPERT, _DIFFERENCE = "#d55e00", "#1d2430", "#0072b2"
 
 Curve = list[dict[str, float]]
 """One row for each epoch, as `write_curves` writes them."""
@@ -38,17 +46,15 @@ def read_curves(folder: Path) -> dict[str, Curve]:
 def plot_curves(curves: Mapping[str, Curve]) -> Figure:
     """Draws the loss on the training and validation parts over epochs, one plot for each curve."""
     rows = -(-len(curves) // _ACROSS)
-    figure = Figure(figsize=(4.0 * _ACROSS, 2.9 * rows), layout="constrained")
+    figure = new_figure(4.0 * _ACROSS, 2.9 * rows)
     axes = figure.subplots(rows, _ACROSS, squeeze=False).ravel()
     for axis, (name, curve) in zip(axes, curves.items(), strict=False):
         epochs = np.arange(1, len(curve) + 1)
-        for key, colour in (("training_loss", _TRAINING), ("validation_loss", _VALIDATION)):
+        for key, colour in (("training_loss", BLUE), ("validation_loss", ORANGE)):
             losses = [row.get(key, np.nan) for row in curve]
             axis.plot(epochs, losses, color=colour, marker=".", label=key.split("_")[0])
         axis.set_title(name, fontsize="medium")
-        axis.set_xlabel("epoch")
-        axis.set_ylabel("loss")
-        axis.grid(alpha=0.25)
+        label_axis(axis, "epoch", "loss")
     for axis in axes[len(curves) :]:
         axis.set_axis_off()
     axes[0].legend(frameon=False, fontsize="small")
@@ -57,14 +63,10 @@ def plot_curves(curves: Mapping[str, Curve]) -> Figure:
 
 def plot_views(logs: Mapping[str, FlightLog], looks: Looks) -> Figure:
     """Draws the paths of one transit in the frame of the body, seen along its three axes."""
-    figure = Figure(figsize=(12.0, 4.9), layout="constrained")
+    figure = new_figure(12.0, 4.9)
     for axis, plane in zip(figure.subplots(1, 3), ("xy", "xz", "yz"), strict=True):
         draw_paths(axis, logs, plane, looks)
-    handles = [
-        Line2D([], [], color=looks[name].colour, linestyle=looks[name].style, label=name)
-        for name in logs
-    ]
-    figure.legend(handles=handles, loc="outside lower center", ncols=4, frameon=False)
+    add_legend(figure, 4, handles=path_handles(logs, looks))
     return figure
 
 
@@ -82,38 +84,33 @@ def path_errors(expert: FlightLog, log: FlightLog) -> tuple[np.ndarray, np.ndarr
 
 def plot_path_errors(expert: FlightLog, logs: Mapping[str, FlightLog], looks: Looks) -> Figure:
     """Draws the position error over time against the MPC's path, on a logarithmic scale."""
-    figure = Figure(figsize=(9.0, 4.4), layout="constrained")
+    figure = new_figure(9.0, 4.4)
     axis = figure.subplots()
     length, unit = length_unit(float(expert.body.shape.extents.max()))
     for name, log in logs.items():
         times, errors = path_errors(expert, log)
         shown = np.maximum(errors, 1.0) / length  # A log scale has no zero.
-        axis.semilogy(times / _MINUTE, shown, color=looks[name].colour, linestyle=looks[name].style,
-                      label=name)  # fmt: skip
+        colour, style = looks[name]
+        axis.semilogy(times / _MINUTE, shown, color=colour, linestyle=style, label=name)
     radius = expert.scenario.arrival.radius_m / length
-    axis.axhline(radius, color="#128a3a", linestyle=":", linewidth=1.0, label="arrival's radius")
-    axis.set_xlabel("time (min)")
-    axis.set_ylabel(f"distance from the MPC's flight ({unit})")
-    axis.grid(alpha=0.25)
-    figure.legend(loc="outside lower center", ncols=3, frameon=False, fontsize="small")
+    axis.axhline(radius, color=GOAL, linestyle=":", linewidth=1.0, label="arrival's radius")
+    label_axis(axis, "time (min)", f"distance from the MPC's flight ({unit})")
+    add_legend(figure, 3, fontsize="small")
     return figure
 
 
 def plot_effort(log: FlightLog, expert: np.ndarray) -> Figure:
     """Draws a flight's force by axis; `expert` (N, 3) is the MPC's at the same states, in N."""
-    figure = Figure(figsize=(10.0, 8.0), layout="constrained")
+    figure = new_figure(10.0, 8.0)
     axes = figure.subplots(4, 1, sharex=True)
     minutes = log.dataset["time"].values[:-1] / _MINUTE
     force = log.dataset["force"].values[:-1]
     for k, axis in enumerate(axes[:3]):
-        axis.plot(minutes, force[:, k], color=_HYBRID, linewidth=1.2, label="flown")
-        axis.plot(minutes, expert[:, k], "--", color=_EXPERT, linewidth=0.9, label="MPC's there")
-        axis.set_ylabel(f"{'xyz'[k]} (N)")
-        axis.grid(alpha=0.25)
-    axes[3].plot(minutes, np.linalg.norm(force - expert, axis=1), color=_DIFFERENCE, linewidth=1.0)
-    axes[3].set_ylabel("size of difference (N)")
-    axes[3].set_xlabel("time (min)")
-    axes[3].grid(alpha=0.25)
+        axis.plot(minutes, force[:, k], color=ORANGE, linewidth=1.2, label="flown")
+        axis.plot(minutes, expert[:, k], "--", color=BLACK, linewidth=0.9, label="MPC's there")
+        label_axis(axis, "", f"{'xyz'[k]} (N)")
+    axes[3].plot(minutes, np.linalg.norm(force - expert, axis=1), color=BLUE, linewidth=1.0)
+    label_axis(axes[3], "time (min)", "size of difference (N)")
     axes[0].legend(frameon=False, fontsize="small", ncols=2, loc="upper right")
     return figure
 
@@ -125,19 +122,16 @@ def plot_gates(points: Mapping[str, tuple[float, float, float]]) -> Figure:
       points: for each name the share of solves saved, Δv over the MPC's (NaN where no transit is
         compared), and the least clearance in m.
     """
-    figure = Figure(figsize=(10.0, 4.4), layout="constrained")
+    figure = new_figure(10.0, 4.4)
     left, right = figure.subplots(1, 2, sharex=True)
     for k, (name, (saved, fuel, clearance)) in enumerate(points.items()):
         marker = "s" if name.startswith("always zero") else "o"
         for axis, value in ((left, fuel), (right, clearance / 1e3)):
             label = name if axis is left else None
             axis.plot(100.0 * saved, value, marker, color=f"C{k}", markersize=8, label=label)
-    left.axhline(1.0, color=_EXPERT, linewidth=0.8)
-    left.set_ylabel("Δv over the MPC's, where both arrive")
+    left.axhline(1.0, color=BLACK, linewidth=0.8)
     right.axhline(0.0, color="#b03030", linewidth=0.8)
-    right.set_ylabel("least clearance of the keep-out (km)")
-    for axis in (left, right):
-        axis.set_xlabel("MPC solves saved (%)")
-        axis.grid(alpha=0.25)
-    figure.legend(loc="outside lower center", ncols=3, frameon=False, fontsize="small")
+    label_axis(left, "MPC solves saved (%)", "Δv over the MPC's, where both arrive")
+    label_axis(right, "MPC solves saved (%)", "least clearance of the keep-out (km)")
+    add_legend(figure, 3, fontsize="small")
     return figure

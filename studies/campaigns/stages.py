@@ -1,4 +1,4 @@
-"""Stages of a long piece of work, with records of their inputs and results."""
+"""Stages of a long study: each is worked on once, and goes on after an interruption."""
 
 from __future__ import annotations
 
@@ -17,6 +17,9 @@ from proxops.systems.common import InputError, Progress, make_folder, write_json
 _DIGITS = 8
 # The wall time of a stage that goes on is kept this often (s).
 _KEPT_EVERY_S = 5.0
+
+Work = Callable[[Path, Progress], Mapping[str, Any]]
+"""Does the work of a stage in its folder, and returns a result that JSON can hold."""
 
 
 @dc.dataclass(frozen=True)
@@ -49,46 +52,30 @@ class Stages:
         # All that `run` returned, in this order.
         self.over: list[Stage] = []
         self._out = out
-        self._records = out / "stages"
         self._tell = tell or (lambda name, done, text: None)
 
-    def run(
-        self,
-        name: str,
-        inputs: Mapping[str, Any],
-        work: Callable[[Path, Progress], dict[str, Any]],
-    ) -> Stage:
+    def run(self, name: str, inputs: Mapping[str, Any], work: Work) -> Stage:
         """Returns a stage, which is run only if its result is not known.
 
         Args:
           inputs: everything that the result depends on, as JSON: settings, results of other stages.
-          work: takes the stage's folder and its progress, and returns a result that JSON can hold.
+          work: see `Work`.
 
         Raises:
           InputError: the record of the stage is damaged, or cannot be written; or what `work`
             raises.
         """
         known, label = _identified(name, inputs)
-        folder, record = self._out / label, self._records / f"{label}.json"
-        make_folder(self._records)
-        if self._has(record):
-            stage = self._read(name, record)
-        else:
-            make_folder(folder)
+        stage = self._read(self._record(label), name)
+        if stage is None:
             self._tell(name, 0.0, "")
-            watch = _Watch(folder / ".wall_s")
-
-            def told(done: float, text: str) -> None:
-                watch.look()
-                self._tell(name, done, text)
-
-            try:
-                result = work(folder, told)
-            finally:
-                wall = watch.stopped()
+            result, wall = self._worked(name, self._out / label, work)
+            make_folder(self._record(label).parent)
             content = {"inputs": known, "result": result, "wall_s": wall}
-            write_json(record, content, indent=1)
-            stage = dc.replace(self._read(name, record), skipped=False)
+            write_json(self._record(label), content, indent=1)
+            # As JSON holds it: so that it is the same when it is read again.
+            result = json.loads(json.dumps(result))
+            stage = Stage(name, self._out / label, result, wall, False, known["proxops"])
         self._tell(name, 1.0, "")
         self.over.append(stage)
         return stage
@@ -99,8 +86,7 @@ class Stages:
         Raises:
           InputError: the record of the stage is damaged.
         """
-        record = self._records / f"{_identified(name, inputs)[1]}.json"
-        return self._read(name, record) if self._has(record) else None
+        return self._read(self._record(_identified(name, inputs)[1]), name)
 
     def latest(self, name: str, *, any_version: bool = False) -> Stage | None:
         """Returns the stage of a name that ended last, with any inputs; None if there is none.
@@ -109,22 +95,25 @@ class Stages:
           any_version: whether a stage of another version of proxops counts, too.
 
         Raises:
-          InputError: the record of the stage is damaged.
+          InputError: the record of a stage of this name is damaged.
         """
-        records = [
-            record
-            for record in self._records.glob(f"{name}-{'[0-9a-f]' * _DIGITS}.json")
-            if self._has(record) and (any_version or _is_of_this_version(record))
-        ]
-        if not records:
+        records = self._record(f"{name}-{'[0-9a-f]' * _DIGITS}")
+        newest = sorted(
+            records.parent.glob(records.name), key=lambda path: -path.stat().st_mtime_ns
+        )
+        stages = (self._read(record, name) for record in newest)
+        wanted = metadata.version("proxops")
+        return next((each for each in stages if each and (any_version or each.version == wanted)),
+                    None)  # fmt: skip
+
+    def _record(self, label: str) -> Path:
+        return self._out / "stages" / f"{label}.json"
+
+    def _read(self, record: Path, name: str) -> Stage | None:
+        """The stage of a record; None where the record or the folder of the stage is missing."""
+        folder = self._out / record.stem
+        if not (record.is_file() and folder.is_dir()):
             return None
-        return self._read(name, max(records, key=lambda record: record.stat().st_mtime_ns))
-
-    def _has(self, record: Path) -> bool:
-        """Whether there are a record and the folder of its stage."""
-        return record.is_file() and (self._out / record.stem).is_dir()
-
-    def _read(self, name: str, record: Path) -> Stage:
         try:
             content = json.loads(record.read_text())
             result, wall = dict(content["result"]), float(content["wall_s"])
@@ -133,31 +122,32 @@ class Stages:
             raise InputError(
                 f"{record} is not the record of a stage: remove it and run again"
             ) from error
-        return Stage(name, self._out / record.stem, result, wall, True, version)
+        return Stage(name, folder, result, wall, True, version)
 
+    def _worked(self, name: str, folder: Path, work: Work) -> tuple[Mapping[str, Any], float]:
+        """The result, and the wall time in s of all runs; a file keeps the time between them."""
+        make_folder(folder)
+        path = folder / ".wall_s"
+        before = float(path.read_text()) if path.is_file() else 0.0
+        started = kept = time.monotonic()
 
-class _Watch:
-    """Measures the wall time of a stage over all runs that it takes; a file keeps the sum."""
+        def total() -> float:
+            nonlocal kept
+            kept = time.monotonic()
+            wall = before + kept - started
+            write_whole(path, lambda part: part.write_text(repr(wall)))
+            return wall
 
-    def __init__(self, path: Path):
-        self._path = path
-        self._started = self._kept = time.monotonic()
+        def tell(done: float, text: str) -> None:
+            if time.monotonic() - kept >= _KEPT_EVERY_S:
+                total()
+            self._tell(name, done, text)
+
         try:
-            self._before = float(path.read_text())
-        except (OSError, ValueError):
-            self._before = 0.0
-
-    def look(self) -> None:
-        """Keeps the time in the file, now and then."""
-        if time.monotonic() - self._kept >= _KEPT_EVERY_S:
-            self.stopped()
-
-    def stopped(self) -> float:
-        """Keeps the time in the file, and gives it in s."""
-        self._kept = time.monotonic()
-        total = self._before + self._kept - self._started
-        write_whole(self._path, lambda path: path.write_text(repr(total)))
-        return total
+            result = work(folder, tell)
+        finally:
+            wall = total()
+        return result, wall
 
 
 def _identified(name: str, inputs: Mapping[str, Any]) -> tuple[dict[str, Any], str]:
@@ -165,10 +155,3 @@ def _identified(name: str, inputs: Mapping[str, Any]) -> tuple[dict[str, Any], s
     known = json.loads(json.dumps({**inputs, "proxops": metadata.version("proxops")}))
     digest = hashlib.sha256(json.dumps(known, sort_keys=True).encode()).hexdigest()
     return known, f"{name}-{digest[:_DIGITS]}"
-
-
-def _is_of_this_version(record: Path) -> bool:
-    try:
-        return json.loads(record.read_text())["inputs"]["proxops"] == metadata.version("proxops")
-    except (OSError, ValueError, KeyError, TypeError):
-        return False

@@ -1,4 +1,4 @@
-"""Flights of the paper's reproduction: the variants, what is kept of each flight, and forces."""
+"""Flights of the paper's reproduction: the variants that are compared, and forces along flights."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from proxops.diagrams.flight import Row, make_mpc
+from proxops.diagrams.flight import make_mpc
 from proxops.diagrams.logs import FlightLog, commanded_forces
 from proxops.diagrams.scenario import Scenario
-from proxops.studies import evaluation
-from proxops.studies.evaluation import EXPERT, Variant
+from proxops.studies.campaigns import Variant
+from proxops.studies.figures import EXPERT
 from proxops.systems.policy import PolicyBundle, policy_answer
 from proxops.training.data import plans_along
 
@@ -19,16 +19,18 @@ POLICY, PAPER_POLICY = "policy", "policy, paper's recipe"
 STRICT, PAPER_GATE, PRINTED = "hybrid, strict gate", "hybrid, paper's gate", "hybrid, printed gate"
 ADAPTIVE = "hybrid, adaptive"
 PAPER_HYBRID = "hybrid, paper's gate and recipe"
-ASSURED = "policy, assured"
 ZERO_STRICT, ZERO_PAPER = "always zero, strict gate", "always zero, paper's gate"
 ZERO_ADAPTIVE = "always zero, adaptive"
 """Names of controllers in the report."""
+HYBRIDS = (STRICT, PAPER_GATE, ADAPTIVE, PAPER_HYBRID, ZERO_STRICT)
+"""The hybrids whose control effort is compared with the MPC's."""
+DRAWN_VARIANTS = (EXPERT, POLICY, PAPER_POLICY, *HYBRIDS)
+"""The variants whose paths are drawn."""
 
-_TIMES = {"solve": "solve_time", "policy": "policy_time", "decision": "decision_time"}
 _ZERO_HYBRID = "proxops.diagrams.flight.hybrid_controller:zero_hybrid"
 
 
-def variants(policy: Path, paper_policy: Path | None, scenario: Scenario) -> list[Variant]:
+def paper_variants(policy: Path, paper_policy: Path | None, scenario: Scenario) -> list[Variant]:
     """Makes all variants that are compared, the expert first.
 
     Args:
@@ -48,7 +50,7 @@ def variants(policy: Path, paper_policy: Path | None, scenario: Scenario) -> lis
     flown = [
         Variant(EXPERT, "mpc", plain),
         Variant(POLICY, f"policy:{policy}", plain),
-        Variant(ASSURED, f"policy:{policy}", assured),
+        Variant("policy, assured", f"policy:{policy}", assured),
         Variant(STRICT, hybrid, plain),
         Variant(PAPER_GATE, hybrid, papers),
         Variant(PRINTED, hybrid, printed),
@@ -65,38 +67,6 @@ def variants(policy: Path, paper_policy: Path | None, scenario: Scenario) -> lis
         flown[2:2] = [Variant(PAPER_POLICY, f"policy:{paper_policy}", plain)]
         flown.append(Variant(PAPER_HYBRID, f"hybrid:{paper_policy}", papers))
     return flown
-
-
-def describe_flight(log: FlightLog, path: Path | None) -> Row:
-    """Returns the row that an evaluation keeps of a flight, with more figures.
-
-    `blind_steps` counts the steps at which no ray returned; it is None if the log has no frames.
-    `checks` counts the checks of a hybrid, `agreed` those that passed. `solve_s`, `policy_s` and
-    `decision_s` are the wall times in s of all solves of the MPC, of the network, and of deciding
-    between them; `solve_s_median` and so on are the medians of one, None if there is none.
-    """
-    data = log.dataset
-    blind = None
-    if "ranges" in data:
-        seen = np.isfinite(data["ranges"].values[:-1]).any(axis=(1, 2))
-        blind = int(np.sum(~seen))
-    times: dict[str, float | None] = {}
-    for name, column in _TIMES.items():
-        taken = data[column].values if column in data else np.zeros(0)
-        taken = taken[np.isfinite(taken)]
-        times[f"{name}_s"] = float(taken.sum())
-        times[f"{name}_s_median"] = float(np.median(taken)) if taken.size else None
-    agreement = data["agreement"].values[:-1] if "agreement" in data else np.zeros(0)
-    checks = {
-        "checks": int(np.isfinite(agreement).sum()), "agreed": int((agreement == 1.0).sum())
-    }  # fmt: skip
-    return evaluation.describe_flight(log, path) | {"blind_steps": blind, **checks, **times}
-
-
-def label(name: str) -> str:
-    """A variant's name as part of the name of a figure's file."""
-    words = "".join(letter if letter.isalnum() else " " for letter in name.replace("'", ""))
-    return "-".join(words.split())
 
 
 def expert_forces(log: FlightLog) -> np.ndarray:

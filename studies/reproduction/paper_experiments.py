@@ -1,4 +1,4 @@
-"""Reproduces the paper in one sequence: data, lidar networks, policies, evaluation and report."""
+"""The paper's experiments in one sequence: data, lidar networks, policies, flights and report."""
 
 from __future__ import annotations
 
@@ -8,27 +8,28 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from proxops.diagrams.flight import Workers, bundle_of, provenance
-from proxops.diagrams.logs import FlightLog
 from proxops.diagrams.scenario import Scenario, dump_scenario, load_body
-from proxops.studies.evaluation import (
-    EXPERT,
+from proxops.studies.campaigns import (
+    Logs,
+    Stage,
+    Stages,
     Variant,
-    aggregate_all,
+    describe_steps,
     fly_logs,
     fly_variants,
     load_logs,
 )
-from proxops.studies.reproduction.findings import HYBRIDS, SHOWN, Findings
-from proxops.studies.reproduction.flights import (
+from proxops.studies.figures import EXPERT, Results, aggregate_all, results_from_json
+from proxops.studies.reproduction.paper_flights import (
+    DRAWN_VARIANTS,
+    HYBRIDS,
     PAPER_POLICY,
     POLICY,
-    describe_flight,
     expert_forces,
     forces_along,
-    variants,
+    paper_variants,
 )
-from proxops.studies.reproduction.report import findings_json, reproduction_sections
-from proxops.studies.reproduction.stages import Stage, Stages
+from proxops.studies.reproduction.paper_report import Findings, findings_json, paper_sections
 from proxops.systems.common import InputError, Progress, write_json
 from proxops.systems.policy import PolicyBundle
 from proxops.training.reports import write_report
@@ -53,10 +54,6 @@ class ReproductionSettings:
     """Number of transits that each controller flies."""
     along: int = 8
     """Number of flights of the MPC along which forces are compared."""
-
-    def quick(self) -> ReproductionSettings:
-        """The same for a small evaluation, as a first look."""
-        return dc.replace(self, transits=2, along=2)
 
     def of_transits(self, transits: int) -> ReproductionSettings:
         """The same with another number of transits."""
@@ -93,18 +90,24 @@ def reproduce(
       InputError: the scenario logs no frames, or names a policy although one is to be trained; no
         policy is named, trained or shipped; or see the functions of the stages.
     """
-    _check(scenario, training)
+    if not scenario.log_ranges:
+        raise InputError("the report shows what the lidar saw: it needs log_ranges: true")
+    if training is not None and scenario.policy.bundle is not None:
+        raise InputError(
+            "the policy that is trained is the one that flies: name another with policy.bundle "
+            "only where nothing is trained (--quick)"
+        )
     stages = Stages(out, tell)
     trained = _trained(stages, scenario, training, workers)
-    policy, paper_policy = _policy(scenario, trained), _bundle(trained.get("policy-paper"))
-    flown = variants(policy, paper_policy, scenario)
+    policy, papers = _policy(scenario, trained), _bundle(trained.get("policy-paper"))
+    flown = paper_variants(policy, papers, scenario)
     origin = _origin(scenario, settings, flown)
     results = _evaluated(stages, origin, flown, scenario, settings, workers)
     logs = _logged(stages, origin, flown, scenario, settings, workers)
     bundle = PolicyBundle.load(policy)
     compared = {POLICY: bundle}
-    if paper_policy is not None:
-        compared[PAPER_POLICY] = PolicyBundle.load(paper_policy)
+    if papers is not None:
+        compared[PAPER_POLICY] = PolicyBundle.load(papers)
     findings = Findings(
         command=command,
         scenario=scenario,
@@ -114,7 +117,7 @@ def reproduce(
         stages=stages.over,
         trained=trained,
         missing=[name for name in TRAINING_STAGES if name not in trained],
-        policy=bundle,
+        policy_sha256=bundle.sha256,
         results=results,
         logs=logs,
         forces={
@@ -122,7 +125,11 @@ def reproduce(
         },
         efforts={name: expert_forces(logs[name][DRAWN]) for name in HYBRIDS if name in logs},
     )
-    return _write(out, findings)
+    title = "End-to-end imitation learning near an asteroid, reproduced"
+    write_report(out, title, paper_sections(findings))
+    content = findings_json(findings)
+    write_json(out / "report.json", content, indent=1)
+    return content
 
 
 def paper_policy(out: Path) -> Path | None:
@@ -133,21 +140,8 @@ def paper_policy(out: Path) -> Path | None:
     return _bundle(Stages(out).latest("policy-paper"))
 
 
-def _check(scenario: Scenario, training: TrainingSettings | None) -> None:
-    if not scenario.log_ranges:
-        raise InputError("the report shows what the lidar saw: it needs log_ranges: true")
-    if training is not None and scenario.policy.bundle is not None:
-        raise InputError(
-            "the policy that is trained is the one that flies: name another with policy.bundle "
-            "only where nothing is trained (--quick)"
-        )
-
-
 def _trained(
-    stages: Stages,
-    scenario: Scenario,
-    training: TrainingSettings | None,
-    workers: Workers,
+    stages: Stages, scenario: Scenario, training: TrainingSettings | None, workers: Workers
 ) -> dict[str, Stage]:
     """The stages of training by name: those run now, or without `training` those of earlier.
 
@@ -175,17 +169,16 @@ def _evaluated(
     scenario: Scenario,
     settings: ReproductionSettings,
     workers: Workers,
-) -> dict[str, Any]:
-    """Each variant's entry of `results.json`, by its name."""
-
+) -> Results:
     def work(folder: Path, progress: Progress) -> dict[str, Any]:
         rows = fly_variants(
-            flown, scenario, settings.seed, settings.transits, folder, describe=describe_flight,
+            flown, scenario, settings.seed, settings.transits, folder, describe=describe_steps,
             workers=workers.reporting(progress),
         )  # fmt: skip
-        return aggregate_all(rows)
+        return {name: dc.asdict(result) for name, result in aggregate_all(rows).items()}
 
-    return stages.run("evaluation", {**origin, "transits": settings.transits}, work).result
+    stage = stages.run("evaluation", {**origin, "transits": settings.transits}, work)
+    return results_from_json(stage.result)
 
 
 def _logged(
@@ -195,9 +188,10 @@ def _logged(
     scenario: Scenario,
     settings: ReproductionSettings,
     workers: Workers,
-) -> dict[str, dict[int, FlightLog]]:
-    """Logs of the flights that the report draws, by the variant's name and the transit's number."""
-    transits = _shown_transits(flown, settings)
+) -> Logs:
+    """Logs of the flights that the report draws."""
+    transits = {each.name: [DRAWN] for each in flown if each.name in DRAWN_VARIANTS}
+    transits[EXPERT] = sorted({DRAWN, *range(min(settings.along, settings.transits))})
 
     def work(folder: Path, progress: Progress) -> dict[str, Any]:
         fly_logs(
@@ -207,15 +201,6 @@ def _logged(
 
     stage = stages.run("shown", {**origin, "transits": transits}, work)
     return load_logs(stage.folder, settings.seed, transits)
-
-
-def _write(out: Path, findings: Findings) -> dict[str, Any]:
-    """Writes the report in all its forms; returns what report.json holds."""
-    sections = reproduction_sections(findings)
-    write_report(out, "End-to-end imitation learning near an asteroid, reproduced", sections)
-    content = findings_json(findings)
-    write_json(out / "report.json", content, indent=1)
-    return content
 
 
 def _policy(scenario: Scenario, trained: Mapping[str, Stage]) -> Path:
@@ -249,11 +234,3 @@ def _origin(
         "seed": settings.seed,
         "shown": DRAWN,
     }
-
-
-def _shown_transits(
-    flown: Sequence[Variant], settings: ReproductionSettings
-) -> dict[str, list[int]]:
-    shown = {each.name: [DRAWN] for each in flown if each.name in SHOWN}
-    shown[EXPERT] = sorted({DRAWN, *range(min(settings.along, settings.transits))})
-    return shown

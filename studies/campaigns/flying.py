@@ -1,4 +1,4 @@
-"""Flies a campaign as a stage, and makes its entry of results.json."""
+"""Flies a campaign as a stage, and gives its entry of results.json."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from proxops.diagrams.flight import (
 )
 from proxops.diagrams.new_body import scaled_scenario, write_generated_body
 from proxops.diagrams.scenario import (
+    ArrivalConfig,
     Body,
     Scenario,
     UnflyableWorldError,
@@ -24,22 +25,54 @@ from proxops.diagrams.scenario import (
     dump_scenario,
     load_body,
 )
-from proxops.studies.beyond.campaigns import Campaign
-from proxops.studies.evaluation import (
-    aggregate_all,
-    describe_flight,
-    fly_variants,
-    told_from_chance,
-    variant_flights,
-    without_flights,
-)
-from proxops.studies.reproduction import Stage, Stages
+from proxops.studies.campaigns.describing import describe_flight
+from proxops.studies.campaigns.stages import Stage, Stages
+from proxops.studies.campaigns.table import Campaign
+from proxops.studies.campaigns.variants import fly_variants, variant_flights
+from proxops.studies.figures import Results, aggregate_all, results_from_json
 from proxops.systems.common import InputError, Progress
+
+
+@dc.dataclass(frozen=True)
+class FlownCampaign:
+    """A campaign that has ended, and what it shows."""
+
+    campaign: Campaign
+    """With the dispersions with which it was flown."""
+    stage: Stage
+    results: Results
+    refused: Mapping[str, str]
+    """Why a controller refuses to fly there, by its name."""
+    body: str
+    """The body's name."""
+    arrival: ArrivalConfig
+    """The limits by which flights were judged."""
+
+    @property
+    def entry(self) -> dict[str, Any]:
+        """Its entry of results.json: figures without the flights that they were made from."""
+        campaign = self.campaign
+        return {
+            "part": campaign.part,
+            "title": campaign.title,
+            "told": campaign.told,
+            "command": f"proxops reproduce {campaign.name}",
+            "body": self.body,
+            "dispersions": campaign.dispersions,
+            "seed": campaign.seed,
+            "transits": campaign.transits,
+            "wall_s": round(self.stage.wall_s),
+            "refused": self.refused,
+            "controllers": {
+                name: {key: _rounded(value) for key, value in result.figures.items()}
+                for name, result in self.results.items()
+            },
+        }
 
 
 def fly_campaign(
     stages: Stages, campaign: Campaign, scenario: Scenario, bodies: Path, workers: Workers
-) -> Stage:
+) -> FlownCampaign:
     """Flies what is left of a campaign.
 
     Args:
@@ -47,70 +80,70 @@ def fly_campaign(
       scenario: the one that all campaigns share.
       bodies: a folder for the files of generated bodies.
       workers: fly.
-
-    Returns:
-      The stage. Its result has `results`, the figures of each controller by its name with the rows
-      of the flights, as `aggregate_all` makes them; `refused`, the reason of each controller that
-      refuses to fly there; `body`, the body's name; `arrival`, the fields of the `ArrivalConfig` by
-      which flights were judged; and `dispersions`, as they were flown.
-
-    Raises:
-      InputError: see `fly_variants`.
     """
-    flown = campaign_scenario(campaign, scenario, bodies)
-    body = load_body(flown.body)
+    shared = campaign_scenario(campaign, scenario, bodies)
+    body = load_body(shared.body)
 
     def work(folder: Path, progress: Progress) -> dict[str, Any]:
         with workers.reporting(progress).kept() as fleet:
-            refused = _refused(campaign, flown, fleet)
+            refused = _refused(campaign, shared, fleet)
             rows = fly_variants(
                 [each for each in campaign.variants if each.name not in refused],
-                flown, campaign.seed, campaign.transits, folder,
+                shared, campaign.seed, campaign.transits, folder,
                 describe=describe_flight, workers=fleet,
             )  # fmt: skip
         return {
-            "results": aggregate_all(rows),
+            "results": {name: dc.asdict(each) for name, each in aggregate_all(rows).items()},
             "refused": refused,
             "body": body.config.name,
-            "arrival": dc.asdict(flown.arrival),
-            "dispersions": flown.dispersions,
+            "arrival": dc.asdict(shared.arrival),
+            "dispersions": shared.dispersions,
         }
 
-    return stages.run(campaign.name, _inputs(campaign, flown, body), work)
+    return _told(campaign, stages.run(campaign.name, _inputs(campaign, shared, body), work))
 
 
 def flown_campaign(
     stages: Stages, campaign: Campaign, scenario: Scenario, bodies: Path
-) -> Stage | None:
-    """The stage of a campaign that was flown just as `fly_campaign` would fly it; None without one.
+) -> FlownCampaign | None:
+    """A campaign that was flown just as `fly_campaign` would fly it; None without one.
 
     The arguments are those of `fly_campaign`.
 
     Raises:
       InputError: the record of the stage is damaged, or a file that the flights need is missing.
     """
-    flown = campaign_scenario(campaign, scenario, bodies)
-    return stages.ended(campaign.name, _inputs(campaign, flown, load_body(flown.body)))
+    shared = campaign_scenario(campaign, scenario, bodies)
+    inputs = _inputs(campaign, shared, load_body(shared.body))
+    stage = stages.ended(campaign.name, inputs)
+    return None if stage is None else _told(campaign, stage)
 
 
-def as_flown(campaign: Campaign, stage: Stage) -> Campaign:
-    """The campaign with the dispersions with which its stage was flown."""
-    return dc.replace(campaign, dispersions=stage.result["dispersions"])
+def _told(campaign: Campaign, stage: Stage) -> FlownCampaign:
+    found = stage.result
+    return FlownCampaign(
+        dc.replace(campaign, dispersions=found["dispersions"]),
+        stage,
+        results_from_json(found["results"]),
+        found["refused"],
+        found["body"],
+        ArrivalConfig(**found["arrival"]),
+    )
 
 
-def _inputs(campaign: Campaign, flown: Scenario, body: Body) -> dict[str, Any]:
+def _inputs(campaign: Campaign, shared: Scenario, body: Body) -> dict[str, Any]:
     """Everything that a campaign's flights depend on.
 
     Policies count by their content, and bodies by theirs, not by where they lie.
     """
-    policy = dc.replace(flown.policy, bundle=None)
+    policy = dc.replace(shared.policy, bundle=None)
     return {
-        "scenario": dump_scenario(dc.replace(flown, policy=policy, body="")),
+        "scenario": dump_scenario(dc.replace(shared, policy=policy, body="")),
         "variants": [
             {
                 "name": each.name,
                 "changes": dict(each.changes),
-                "controller": str(provenance(each.applied_to(flown), body, each.controller)),
+                "controller": str(provenance(each.applied_to(shared), body, each.controller)),
             }
             for each in campaign.variants
         ],
@@ -123,9 +156,6 @@ def campaign_scenario(campaign: Campaign, scenario: Scenario, bodies: Path) -> S
     """The scenario that a campaign's controllers share; writes a generated body's files.
 
     At another body the spacecraft is in proportion to it, as `proxops shape` scales it.
-
-    Raises:
-      InputError: see `change_scenario`, `load_body` and `scaled_scenario`.
     """
     if campaign.body is None:
         return change_scenario(scenario, campaign.changes)
@@ -140,12 +170,12 @@ def campaign_scenario(campaign: Campaign, scenario: Scenario, bodies: Path) -> S
     return change_scenario(scaled, campaign.changes)
 
 
-def _refused(campaign: Campaign, flown: Scenario, workers: Workers) -> dict[str, str]:
+def _refused(campaign: Campaign, shared: Scenario, workers: Workers) -> dict[str, str]:
     """The reason of each controller that refuses to fly, by its name.
 
     The policy refuses bodies outside its family, and assurance errors that thrust can't hold.
     """
-    first = {each.name: variant_flights(each, flown, campaign.seed, [0])[0]
+    first = {each.name: variant_flights(each, shared, campaign.seed, [0])[0]
              for each in campaign.variants}  # fmt: skip
     reasons = dict(workers.results(list(first.values()), _refusal))
     return {
@@ -167,39 +197,6 @@ def _refusal(flight: Flight) -> str | None:
     except InputError as error:
         return str(error)
     return None
-
-
-def entry(campaign: Campaign, stage: Stage) -> dict[str, Any]:
-    """A campaign's entry of results.json: figures without the flights that they were made from.
-
-    Where worlds were dispersed, `drivers` has, for each output, what drives it by more than chance.
-
-    Args:
-      campaign: as its stage was flown: see `as_flown`.
-      stage: what `fly_campaign` gives.
-    """
-    results: Mapping[str, Mapping[str, Any]] = stage.result["results"]
-    return {
-        "part": campaign.part,
-        "title": campaign.title,
-        "told": campaign.told,
-        "command": f"proxops reproduce {campaign.name}",
-        "body": stage.result["body"],
-        "dispersions": campaign.dispersions,
-        "seed": campaign.seed,
-        "transits": campaign.transits,
-        "wall_s": round(stage.wall_s),
-        "refused": stage.result["refused"],
-        "controllers": {
-            name: {key: _rounded(value) for key, value in without_flights(result).items()}
-            | ({"drivers": _drivers(result["sensitivity"])} if "sensitivity" in result else {})
-            for name, result in results.items()
-        },
-    }
-
-
-def _drivers(sensitivity: Mapping[str, Any]) -> dict[str, list[str]]:
-    return {output: told_from_chance(ranked) for output, ranked in sensitivity.items() if ranked}
 
 
 def _rounded(value: Any) -> Any:

@@ -1,0 +1,386 @@
+"""`Result`: what the flights of one controller show, a field for each figure."""
+
+from __future__ import annotations
+
+import dataclasses as dc
+import typing
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+
+from proxops.diagrams.flight import Row
+from proxops.diagrams.logs import WIDE_ARRIVAL, length_text, three_digits
+from proxops.diagrams.scenario import ArrivalConfig
+from proxops.studies.figures.intervals import (
+    exact_interval,
+    percentile,
+    percentile_bound,
+    shown_success,
+    success_interval,
+)
+from proxops.studies.figures.sensitivity import Ranked, Ranking, rank_drivers, told_from_chance
+from proxops.training.reports import DASH, interval_text
+
+EXPERT = "mpc"
+"""The controller that the others are measured against."""
+
+Interval = Sequence[float]
+Number = float | None
+
+
+class _Flights(typing.NamedTuple):
+    """What the figures are made from."""
+
+    flown: Sequence[Row]
+    arrived: Sequence[Row]
+    """Those that succeeded."""
+    settled: Sequence[Row]
+    """Those with a navigation that had time to settle."""
+    unflyable: int
+    pairs: np.ndarray | None
+    """See `delta_v_pairs`; None without an expert."""
+
+    def values(self, name: str, group: str = "flown") -> list[float]:
+        """One figure of the flights of a group that have it."""
+        return [row[name] for row in getattr(self, group) if row.get(name) is not None]
+
+    def count(self, name: str) -> int:
+        """The sum of a figure of all flights that is a number of something, or true or false."""
+        return int(sum(self.values(name)))
+
+    def ratio(self, of: Callable[[np.ndarray], typing.Any]) -> Number:
+        """A ratio of delta-v to the expert's; None where nothing is compared."""
+        return None if self.pairs is None or not len(self.pairs) else float(of(self.pairs))
+
+
+Text = Callable[[typing.Any, "Result"], str]
+"""Shows a figure of a result."""
+
+
+class _Shown(typing.NamedTuple):
+    """How a field of `Result` is made, and its line in the table; with no label there is none."""
+
+    make: Callable[[_Flights], typing.Any]
+    label: str
+    text: Text
+
+
+# --- how figures are shown ------------------------------------------------------------------------
+
+
+def _fixed(form: str, scale: float = 1.0) -> Text:
+    return lambda value, _: format(scale * value, form)
+
+
+def _digits(value: float, _: Result) -> str:
+    return three_digits(value)
+
+
+def _length(value: float, _: Result) -> str:
+    return length_text(value)
+
+
+def _interval(value: Interval, _: Result) -> str:
+    return interval_text(value)
+
+
+def _of_all(value: int, result: Result) -> str:
+    return f"{value} of {result.transits}"
+
+
+def _if_any(value: int, _: Result) -> str:
+    return str(value) if value else DASH
+
+
+_WHOLE, _SECONDS, _RATIO = _fixed("d", 1), _fixed(".0f"), _fixed(".3f")
+_PERCENT, _MILLISECONDS = _fixed(".1f", 100.0), _fixed(".2f")
+
+# --- how figures are made -------------------------------------------------------------------------
+
+
+def _figure(
+    make: Callable[[_Flights], typing.Any], label: str = "", text: Text = _WHOLE
+) -> typing.Any:
+    return dc.field(default=None, metadata={"shown": _Shown(make, label, text)})
+
+
+def _percentile(
+    name: str, percent: float, label: str = "", text: Text = _digits, group: str = "flown"
+) -> typing.Any:
+    return _figure(lambda each: percentile(each.values(name, group), percent), label, text)
+
+
+def _mean(name: str, label: str = "", group: str = "flown") -> typing.Any:
+    def make(flights: _Flights) -> Number:
+        values = flights.values(name, group)
+        return float(np.mean(values)) if values else None
+
+    return _figure(make, label, _PERCENT)
+
+
+def _sum(name: str, label: str = "", text: Text = _WHOLE) -> typing.Any:
+    return _figure(lambda each: each.count(name), label, text)
+
+
+def _of_trials(
+    name: str, make: Callable[[int, int], typing.Any], label: str = "", text: Text = _interval
+) -> typing.Any:
+    return _figure(lambda each: make(each.count(name), len(each.flown)), label, text)
+
+
+def _clearance(percent: float, label: str) -> typing.Any:
+    return _percentile("min_clearance_m", percent, label, _length)
+
+
+def _end(percent: float, label: str) -> typing.Any:
+    return _percentile("terminal_position_error_m", percent, label)
+
+
+def _delta_v(percent: float, label: str) -> typing.Any:
+    return _percentile("delta_v_m_s", percent, label, group="arrived")
+
+
+def _arrival(percent: float, label: str) -> typing.Any:
+    return _percentile("arrival_time_s", percent, label, _SECONDS, "arrived")
+
+
+def _navigation(name: str, label: str = "", text: Text = _digits) -> typing.Any:
+    return _percentile(f"navigation_{name}", 50, label, text, "settled")
+
+
+def _rate(successes: int, trials: int) -> Number:
+    return successes / trials if trials else None
+
+
+def _share_of_small(flights: _Flights) -> Number:
+    """Of all steps."""
+    shares = flights.values("small_command_share")
+    if not shares or len(shares) < len(flights.flown):
+        return None
+    return float(np.average(shares, weights=[row["steps"] for row in flights.flown]))
+
+
+# --- the figures ----------------------------------------------------------------------------------
+
+
+@dc.dataclass(frozen=True)
+class Result:
+    """What the flights of one controller show; an entry of `results.json`.
+
+    Each field says how it is made from the rows of flights, and its line in the table. Terminal
+    figures and clearances count all flights; delta-v and arrival time those that succeeded. Errors
+    of a policy's estimates and of the navigation are medians over flights of each flight's median
+    and p95; the shares of the navigation are means over the flights in which it settled. A world
+    that could not be flown is no flight: `unflyable` counts them, and no other figure does. Figures
+    over the expert's are of the transits in which both succeeded. A figure of no flights is None.
+    """
+
+    # fmt: off
+    transits: int = _figure(lambda each: len(each.flown))
+    unflyable: int = _figure(lambda each: each.unflyable, "worlds that can't be flown", _if_any)
+    successes: int = _sum("success", "success ({near})", _of_all)
+    success_rate: Number = _of_trials("success", _rate)
+    success_rate_interval: Interval = _of_trials("success", success_interval, "95 % interval")
+    success_rate_exact_interval: Interval = _of_trials("success", exact_interval,
+                                                       "exact 95 % interval")
+    success_shown_90: float = _of_trials("success", shown_success, "shown with 90 % confidence (%)",
+                                         _fixed(".2f", 100.0))
+    successes_2km: int = _sum("success_2km", "success ({wide})", _of_all)
+    success_rate_2km: Number = _of_trials("success_2km", _rate)
+    success_rate_2km_interval: Interval = _of_trials("success_2km", success_interval,
+                                                     "95 % interval")
+    collisions: int = _sum("collided", "collisions")
+    keep_out_violations: int = _sum("keep_out_violations", "keep-out violations")
+    min_clearance_m: Number = _clearance(0, "least clearance")
+    min_clearance_m_p1: Number = _clearance(1, "least clearance, p1")
+    min_clearance_m_p10: Number = _clearance(10, "least clearance, p10")
+    min_clearance_m_median: Number = _clearance(50, "least clearance, median")
+    terminal_position_error_m_median: Number = _end(50, "end error, median (m)")
+    terminal_position_error_m_p90: Number = _end(90, "end error, p90 (m)")
+    terminal_position_error_m_p95: Number = _end(95, "end error, p95 (m)")
+    terminal_position_error_m_p99: Number = _end(99, "end error, p99 (m)")
+    terminal_position_error_m_max: Number = _end(100, "end error, greatest (m)")
+    terminal_speed_m_s_max: Number = _percentile("terminal_speed_m_s", 100,
+                                                 "end speed, greatest (m/s)")
+    delta_v_m_s_mean: Number = _mean("delta_v_m_s", group="arrived")
+    delta_v_m_s_median: Number = _delta_v(50, "delta-v, median (m/s)")
+    delta_v_m_s_p90: Number = _delta_v(90, "delta-v, p90 (m/s)")
+    delta_v_99_m_s: Number = _delta_v(99, "delta-v, p99 (m/s)")
+    delta_v_99_m_s_bound: Number = _figure(
+        lambda each: percentile_bound(each.values("delta_v_m_s", "arrived")),
+        "delta-v, p99, at most (m/s)", _digits)
+    delta_v_m_s_max: Number = _delta_v(100, "delta-v, greatest (m/s)")
+    expert_delta_v_ratio_median: Number = _figure(
+        lambda each: each.ratio(lambda pairs: np.median(pairs[:, 0] / pairs[:, 1])),
+        "over the expert's, median", _RATIO)
+    expert_delta_v_ratio: Number = _figure(
+        lambda each: each.ratio(lambda pairs: np.divide(*pairs.sum(axis=0))),
+        "over the expert's, of sums", _RATIO)
+    expert_pairs: int | None = _figure(
+        lambda each: None if each.pairs is None else len(each.pairs), "transits compared")
+    arrival_time_s_median: Number = _arrival(50, "arrival, median (s)")
+    arrival_time_s_p90: Number = _arrival(90, "arrival, p90 (s)")
+    arrival_time_s_p99: Number = _arrival(99, "arrival, p99 (s)")
+    arrival_time_s_max: Number = _arrival(100, "arrival, greatest (s)")
+    estimate_position_error_m_median: Number = _percentile(
+        "estimate_position_error_m_median", 50, "position off, median (m)")
+    estimate_position_error_m_p95: Number = _percentile(
+        "estimate_position_error_m_p95", 50, "position off, p95 (m)")
+    estimate_velocity_error_m_s_median: Number = _percentile(
+        "estimate_velocity_error_m_s_median", 50, "velocity off, median (m/s)")
+    estimate_velocity_error_m_s_p95: Number = _percentile(
+        "estimate_velocity_error_m_s_p95", 50, "velocity off, p95 (m/s)")
+    navigation_position_error_m_median: Number = _navigation(
+        "position_error_m_median", "navigation off, median (m)")
+    navigation_position_error_m_p95: Number = _navigation(
+        "position_error_m_p95", "navigation off, p95 (m)")
+    navigation_velocity_error_m_s_median: Number = _navigation(
+        "velocity_error_m_s_median", "its velocity off, median (m/s)")
+    navigation_velocity_error_m_s_p95: Number = _navigation("velocity_error_m_s_p95")
+    navigation_attitude_error_deg_median: Number = _navigation(
+        "attitude_error_deg_median", "its attitude off, median (deg)", _fixed(".4f"))
+    navigation_attitude_error_deg_p95: Number = _navigation("attitude_error_deg_p95")
+    navigation_consistent: Number = _mean("navigation_consistent", "steps within its 3 sigma (%)",
+                                          "settled")
+    navigation_following: Number = _mean("navigation_following", group="settled")
+    policy_share: Number = _mean("policy_share", "policy's share (%)")
+    policy_share_to_arrival: Number = _mean("policy_share_to_arrival")
+    small_command_share: Number = _figure(
+        _share_of_small, "steps below 3 % of the thrust limit (%)", _PERCENT)
+    mpc_solves: int = _sum("mpc_solves", "MPC solves")
+    control_ms_mean: Number = _mean("control_ms_mean")
+    control_ms_median: Number = _percentile(
+        "control_ms_median", 50, "step, median (ms)", _MILLISECONDS)
+    control_ms_p99: Number = _percentile(
+        "control_ms_p99", 100, "step, greatest p99 (ms)", _MILLISECONDS)
+    # fmt: on
+    drivers: Mapping[str, Sequence[str]] | None = None
+    """By output what drives it by more than chance, strongest first; None: nothing was dispersed.
+    """
+    sensitivity: Mapping[str, Ranking] | None = None
+    """See `rank_drivers`."""
+    flights: Sequence[Row] = ()
+    unflyable_worlds: Sequence[Row] = ()
+    """Rows of worlds that could not be flown."""
+
+    @property
+    def rows(self) -> list[Row]:
+        """Rows of flights and of unflyable worlds in the order of the transits."""
+        return sorted([*self.flights, *self.unflyable_worlds], key=lambda row: row["transit"])
+
+    @property
+    def figures(self) -> dict[str, typing.Any]:
+        """The result as JSON holds it, without what has a part for each flight or quantity."""
+        left = ("sensitivity", "flights", "unflyable_worlds")
+        return {name: value for name, value in vars(self).items() if name not in left}
+
+    def succeeded(self, *, wide: bool = False) -> str:
+        """How many flights succeeded, such as "199 of 200"; `wide`: within twice the limits."""
+        return _of_all(self.successes_2km if wide else self.successes, self)
+
+
+Results = Mapping[str, Result]
+"""The result of each controller, by its name."""
+
+
+def aggregate(rows: Sequence[Row], expert: Sequence[Row] | None = None) -> Result:
+    """Makes one controller's result from the rows of its flights.
+
+    Args:
+      rows: one for each flight or unflyable world.
+      expert: the MPC's rows of the same transits in the same order.
+    """
+    flown = [row for row in rows if "unflyable" not in row]
+    flights = _Flights(
+        flown,
+        [row for row in flown if row["success"]],
+        [row for row in flown if "navigation_consistent" in row],
+        len(rows) - len(flown),
+        None if expert is None else delta_v_pairs(rows, expert),
+    )
+    made = {each.name: each.metadata["shown"].make(flights) for each in _SHOWN_FIELDS}
+    unflyable = [row for row in rows if "unflyable" in row]
+    return Result(**made, flights=flown, unflyable_worlds=unflyable)
+
+
+_SHOWN_FIELDS = [field for field in dc.fields(Result) if field.metadata]
+
+
+def aggregate_all(groups: Mapping[str, Sequence[Row]]) -> dict[str, Result]:
+    """Aggregates each controller's rows; if the expert is there, compares all others with it.
+
+    Where something was dispersed, a result also has `sensitivity` and `drivers`.
+
+    Args:
+      groups: the rows of each controller in the order of the transits, by its name.
+    """
+    expert = groups.get(EXPERT)
+    results = {
+        name: aggregate(rows, None if name == EXPERT else expert) for name, rows in groups.items()
+    }
+    for name, result in results.items():
+        if any(row.get("dispersed") for row in result.flights):
+            ranked = rank_drivers(result.flights)
+            drivers = {output: told_from_chance(each) for output, each in ranked.items() if each}
+            results[name] = dc.replace(result, sensitivity=ranked, drivers=drivers)
+    return results
+
+
+def results_from_json(content: Mapping[str, Mapping[str, typing.Any]]) -> dict[str, Result]:
+    """Reads results, with or without their flights; leaves out what is no field of `Result`."""
+    known = {field.name for field in dc.fields(Result)}
+    results = {}
+    for name, entry in content.items():
+        fields = {key: value for key, value in entry.items() if key in known}
+        if fields.get("sensitivity") is not None:
+            fields["sensitivity"] = {
+                output: [Ranked(**each) for each in ranking]
+                for output, ranking in fields["sensitivity"].items()
+            }
+        results[name] = Result(**fields)
+    return results
+
+
+def figure_rows(results: Results, arrival: ArrivalConfig) -> list[tuple[str, list[str]]]:
+    """Makes the table's lines: a label, and each controller's figure.
+
+    Lines without a figure are left out. "At most" is a 90 % confidence bound. Steps are timed where
+    the MPC or a network computes; the greatest p99 is that of one flight.
+    """
+    limits = {"near": arrival_text(arrival), "wide": arrival_text(arrival, WIDE_ARRIVAL)}
+    lines = []
+    for field in _SHOWN_FIELDS:
+        _, label, text = field.metadata["shown"]
+        if label:
+            figures = [(getattr(result, field.name), result) for result in results.values()]
+            cells = [DASH if value is None else text(value, result) for value, result in figures]
+            lines.append((label.format(**limits), cells))
+    return [line for line in lines if any(cell != DASH for cell in line[1])]
+
+
+def arrival_text(arrival: ArrivalConfig, multiple: float = 1.0) -> str:
+    """The limits of arrival times a multiple, for instance "1 km, 1 m/s"."""
+    radius = multiple * arrival.radius_m
+    place = f"{radius:g} m" if radius < 1e3 else f"{radius / 1e3:g} km"
+    return f"{place}, {multiple * arrival.speed_m_s:g} m/s"
+
+
+def command_count(rows: Sequence[Row]) -> int:
+    """How often a controller commanded: at each step, and once more at the end of each flight."""
+    return sum(row["steps"] + 1 for row in rows)
+
+
+def delta_v_pairs(rows: Sequence[Row], expert: Sequence[Row]) -> np.ndarray:
+    """Returns the delta-v (N, 2) in m/s of a controller and of the MPC, where both succeeded.
+
+    A flight that starts in the goal region needs no delta-v, and is left out. So is a world that
+    one of them could not fly.
+    """
+    pairs = []
+    for row, best in zip(rows, expert, strict=True):
+        assert all(row[name] == best[name] for name in ("seed", "transit")), "other transits"
+        if "unflyable" in row or "unflyable" in best:
+            continue
+        if row["success"] and best["success"] and best["delta_v_m_s"] > 0.0:
+            pairs.append((row["delta_v_m_s"], best["delta_v_m_s"]))
+    return np.array(pairs).reshape(-1, 2)

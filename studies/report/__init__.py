@@ -1,0 +1,47 @@
+"""What studies show: the report of an evaluation, and the figures that all reports share.
+
+Start with `write_evaluation`, which writes the report of `proxops evaluate` from `driver_blocks`
+and others like it. A new figure goes into `plots`, and its section into `evaluation_report`.
+"""
+
+from proxops.studies.report.evaluation_report import (
+    driver_blocks,
+    figure_table,
+    success_text,
+    write_evaluation,
+)
+from proxops.studies.report.plots import (
+    BLACK,
+    BLUE,
+    GOAL,
+    ORANGE,
+    Looks,
+    add_legend,
+    controller_looks,
+    draw_paths,
+    label_axis,
+    new_figure,
+    path_handles,
+    plot_flights,
+)
+from proxops.studies.report.shown_flights import outcome
+
+__all__ = [
+    "BLACK",
+    "BLUE",
+    "GOAL",
+    "ORANGE",
+    "Looks",
+    "add_legend",
+    "controller_looks",
+    "draw_paths",
+    "driver_blocks",
+    "figure_table",
+    "label_axis",
+    "new_figure",
+    "outcome",
+    "path_handles",
+    "plot_flights",
+    "success_text",
+    "write_evaluation",
+]

@@ -1,0 +1,300 @@
+"""The report of an evaluation: controllers beside each other, what drives failure, the worst."""
+
+from __future__ import annotations
+
+import typing
+from collections.abc import Sequence
+from importlib import metadata
+from pathlib import Path
+
+import numpy as np
+
+from proxops.diagrams.flight import Row, Workers
+from proxops.diagrams.logs import length_text, three_digits
+from proxops.diagrams.scenario import ArrivalConfig, Scenario, load_body
+from proxops.studies.campaigns import Logs
+from proxops.studies.figures import (
+    EXPERT,
+    LEAST_FLIGHTS,
+    Result,
+    Results,
+    arrival_text,
+    delta_v_pairs,
+    figure_rows,
+    told_from_chance,
+)
+from proxops.studies.report.plots import (
+    OUTPUT_NAMES,
+    Looks,
+    controller_looks,
+    plot_delta_v,
+    plot_drivers,
+    plot_end_errors,
+    plot_flights,
+    plot_paths,
+    plot_scatter,
+    strongest,
+)
+from proxops.studies.report.shown_flights import (
+    flew_a_policy,
+    outcome,
+    path_transits,
+    replay_page,
+    replayed_flights,
+    shown_logs,
+    worst_flights,
+    write_worst,
+)
+from proxops.training.reports import (
+    DASH,
+    Block,
+    Link,
+    Section,
+    Table,
+    Text,
+    picture,
+    write_report,
+)
+
+_MOST_LINES = 30
+_DRIVERS_CAPTION = (
+    "Blue: above chance. Hatched: the greatest index of all quantities where the outcomes are "
+    "shuffled among the flights, as the median of 19 shuffles; dashed: the greatest of the 19, "
+    "which chance exceeds in one ranking of 20. Lines are 90 % intervals: what the index would be "
+    "with other flights."
+)
+
+
+def write_evaluation(
+    out: Path,
+    results: Results,
+    scenario: Scenario,
+    seed: int,
+    *,
+    command: str,
+    keep_logs: bool,
+    workers: Workers,
+) -> None:
+    """Writes the report of an evaluation, and pages that replay the worst flights.
+
+    Args:
+      out: a folder; with `keep_logs` its folder `flights` has the logs of all flights, else those
+        that are shown are flown again into its folder `shown`.
+      command: as it was typed.
+    """
+    folder = out / ("flights" if keep_logs else "shown")
+    logs = shown_logs(results, scenario, seed, folder, keep_logs, workers)
+    write_worst(out, results, logs)
+    body = load_body(scenario.body).config.name
+    head = [Text(command, code=True), *_head(results, scenario.arrival, body)]
+    count = len(next(iter(results.values())).rows)
+    sections = [
+        Section(f"{count} transits of seed {seed}", head),
+        *evaluation_sections(results, logs, scenario.arrival),
+    ]
+    write_report(out, f"{body}: {', '.join(results)}", sections)
+
+
+def evaluation_sections(results: Results, logs: Logs, arrival: ArrivalConfig) -> list[Section]:
+    """Makes the report below its head.
+
+    Args:
+      logs: they include those of the flights that `shown_transits` names.
+    """
+    looks = controller_looks(list(results))
+    sections = [
+        Section("Worlds that can't be flown", _unflyable(results)),
+        Section("How flights end", _end_errors(results, arrival, looks)),
+        Section("Fuel against the expert's", _delta_v(results, looks)),
+        Section("Paths", _paths(path_transits(results), logs, looks)),
+        Section("What drives failure", driver_blocks(results)),
+        *(
+            Section(f"Worst flights of {name}", _worst(f"worst-{k}", name, result, logs))
+            for k, (name, result) in enumerate(results.items())
+        ),
+        Section("Flights without success", _failures(results)),
+    ]
+    return [section for section in sections if section.blocks]
+
+
+def success_text(arrival: ArrivalConfig) -> str:
+    """Says what a success is, as the start of a sentence."""
+    return (
+        f"Success is arrival within {arrival_text(arrival)} of the goal by "
+        f"{arrival.deadline_s:g} s, to stay there for {arrival.dwell_s:g} s, with no collision and "
+        "no keep-out violation"
+    )
+
+
+def figure_table(results: Results, arrival: ArrivalConfig) -> Table:
+    """Makes the table of all figures, with a column for each controller."""
+    return Table(
+        ["", *results], [[label, *cells] for label, cells in figure_rows(results, arrival)]
+    )
+
+
+def driver_blocks(results: Results) -> list[Block]:
+    """Says what drives failure; nothing where nothing was dispersed."""
+    return [
+        block
+        for k, (name, result) in enumerate(results.items())
+        for block in _drivers(k, name, result)
+    ]
+
+
+def _head(results: Results, arrival: ArrivalConfig, body: str) -> list[Block]:
+    return [
+        Text(
+            f"{body}, proxops {metadata.version('proxops')}. {success_text(arrival)}. "
+            "Intervals are Wilson's, unless they are called exact (Clopper and Pearson's). "
+            "Δv and arrival count the flights that succeeded; Δv over the expert's counts the "
+            "transits in which both succeeded. “Delta-v, p99, at most” is an upper bound of "
+            "that percentile with 90 % confidence; it needs 230 flights that succeeded. "
+            "Position off and velocity off are errors of a policy's estimates: medians over "
+            "flights of each flight's median and p95."
+        ),
+        figure_table(results, arrival),
+    ]
+
+
+def _table(head: Sequence[str], lines: Sequence[Sequence[str | Link]]) -> list[Block]:
+    """A table of the first lines; it says how many are left out."""
+    left = len(lines) - _MOST_LINES
+    more = [Text(f"{left} more are in results.json.")] if left > 0 else []
+    return [Table(head, lines[:_MOST_LINES]), *more] if lines else []
+
+
+def _unflyable(results: Results) -> list[Block]:
+    worlds: dict[tuple[int, str], list[str]] = {}
+    for name, result in results.items():
+        for row in result.unflyable_worlds:
+            worlds.setdefault((row["transit"], row["unflyable"]), []).append(name)
+    lines = [
+        [str(transit), "all" if len(names) == len(results) else ", ".join(names), reason]
+        for (transit, reason), names in sorted(worlds.items())
+    ]
+    said = [Text("They are counted apart, and are in no other figure.")] if lines else []
+    return [*said, *_table(["transit", "controllers", "why"], lines)]
+
+
+def _end_errors(results: Results, arrival: ArrivalConfig, looks: Looks) -> list[Block]:
+    errors = {
+        name: np.array([row["terminal_position_error_m"] for row in result.flights])
+        for name, result in results.items()
+        if result.flights
+    }
+    if not errors:
+        return []
+    caption = "Share of flights that end within a distance of the goal; dashed: arrival's radius."
+    figure = plot_end_errors(errors, arrival.radius_m, looks)
+    return [picture("end-errors", figure, caption)]
+
+
+def _delta_v(results: Results, looks: Looks) -> list[Block]:
+    if EXPERT not in results:
+        return []
+    best = results[EXPERT].rows
+    found = {
+        name: delta_v_pairs(result.rows, best) for name, result in results.items() if name != EXPERT
+    }
+    pairs = {name: each for name, each in found.items() if len(each)}
+    caption = "Each dot is a transit in which both succeeded; their number is in brackets."
+    return [picture("delta-v", plot_delta_v(pairs, looks), caption)] if pairs else []
+
+
+def _paths(transits: Sequence[int], logs: Logs, looks: Looks) -> list[Block]:
+    if not transits:
+        return []
+    shown = {name: [flown[transit] for transit in transits] for name, flown in logs.items()}
+    caption = "The first transits in the frame that turns with the body; a cross is a collision."
+    return [picture("paths", plot_paths(shown, looks), caption)]
+
+
+def _drivers(number: int, name: str, result: Result) -> list[Block]:
+    if result.sensitivity is None:
+        return []
+    rankings = {output: ranked for output, ranked in result.sensitivity.items() if ranked}
+    if not rankings:
+        few = result.transits < LEAST_FLIGHTS
+        why = f"fewer than {LEAST_FLIGHTS} flights" if few else "all flights ended alike"
+        return [Text(f"{name}: nothing can be told, {why}.")]
+    sentences = [f"{name}."]
+    for output, label in OUTPUT_NAMES.items():
+        told = "too few flights, or all alike"
+        if output in rankings:
+            names = told_from_chance(rankings[output])
+            told = ", ".join(names) or "nothing that is told from chance"
+        sentences.append(f"{label}: {told}.")
+    blocks: list[Block] = [
+        Text(" ".join(sentences)),
+        picture(f"drivers-{number}", plot_drivers(rankings), f"{name}. {_DRIVERS_CAPTION}"),
+    ]
+    if quantities := strongest(rankings):
+        caption = f"{name}. Each mark is a flight; crosses are flights without success."
+        figure = plot_scatter(result.flights, quantities)
+        blocks.append(picture(f"scatter-{number}", figure, caption))
+    return blocks
+
+
+def _worst(figure: str, name: str, result: Result, logs: Logs) -> list[Block]:
+    """A controller's worst flights: replays, what was drawn, and plots if it flew a policy."""
+    replayed = replayed_flights(result)
+    lines = [
+        [
+            Link(f"transit {row['transit']}", replay_page(name, row)),
+            outcome(row),
+            length_text(row["terminal_position_error_m"]),
+            length_text(row["min_clearance_m"]),
+            f"{three_digits(row['delta_v_m_s'])} m/s",
+        ]
+        for row in replayed
+    ]
+    head = ["replay", "what happened", "end error", "least clearance", "Δv"]
+    blocks = [*_table(head, lines), *_drawn(replayed)]
+    if flew_a_policy(result):
+        worst = worst_flights(result.flights)
+        flights = [logs[name][row["transit"]] for row in worst]
+        titles = [
+            f"transit {row['transit']}: {outcome(row)}, "
+            f"{length_text(row['terminal_position_error_m'])} off at the end"
+            for row in worst
+        ]
+        caption = "Green: the limits and the time of arrival; blue: the keep-out ellipsoid."
+        if all("estimate" in log.dataset for log in flights):
+            caption = f"Distance to the goal, true (solid) and estimated (dashed). {caption}"
+        blocks.append(picture(figure, plot_flights(flights, titles), caption))
+    return blocks
+
+
+def _drawn(rows: Sequence[Row]) -> list[Block]:
+    """What was drawn of the worlds of some flights."""
+    names = dict.fromkeys(name for row in rows for name in row.get("dispersed", {}))
+    lines = [[name, *(_value(row["dispersed"].get(name)) for row in rows)] for name in names]
+    head = ["what was drawn", *(f"transit {row['transit']}" for row in rows)]
+    return [Table(head, lines)] if lines else []
+
+
+def _value(value: typing.Any) -> str:
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return f"({', '.join(_value(part) for part in value)})"
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    return DASH if value is None else str(value)
+
+
+def _failures(results: Results) -> list[Block]:
+    lines = [
+        [
+            row["controller"],
+            str(row["transit"]),
+            outcome(row),
+            length_text(row["terminal_position_error_m"]),
+            f"{three_digits(row['terminal_speed_m_s'])} m/s",
+            length_text(row["min_clearance_m"]),
+        ]
+        for result in results.values()
+        for row in result.flights
+        if not row["success"]
+    ]
+    head = ["controller", "transit", "what happened", "end error", "end speed", "least clearance"]
+    return _table(head, lines)
