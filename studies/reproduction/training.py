@@ -16,8 +16,14 @@ from proxops.systems.lidar import LidarBundle
 from proxops.systems.policy import PolicyBundle
 from proxops.training.data import MIXES, collect, learned_lidar_of
 from proxops.training.lidar import LidarSettings, train_lidar
-from proxops.training.paper import PaperSettings, train_paper_policy
-from proxops.training.pilot import DaggerSettings, PilotSettings, run_dagger, train_pilot
+from proxops.training.recipes import (
+    DaggerSettings,
+    PaperSettings,
+    PilotSettings,
+    run_dagger,
+    train_paper_policy,
+    train_pilot,
+)
 
 LIDAR_BUNDLES = {"learned": "bundle", "paper": "paper_bundle"}
 """Folders in which `train_lidar` leaves its two networks: our ray network and the paper's MLP."""
@@ -122,7 +128,7 @@ def _collected(
 
 def _paper_policy(stages: Stages, data: Stage, settings: TrainingSettings) -> Stage:
     def work(folder: Path, tell: Progress) -> dict[str, Any]:
-        report = train_paper_policy(data.folder, folder, settings.paper, tell)
+        report = train_paper_policy(data.folder, folder, settings.paper, Workers(progress=tell))
         return _trained(report, folder)
 
     return stages.run("policy-paper", _learning(data, settings.paper), work)

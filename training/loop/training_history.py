@@ -25,8 +25,18 @@ class Trained:
     """One row for each epoch: its number, losses, learning rate, and times so far."""
     best_epoch: int
     """The epoch whose weights are kept."""
-    cpu_s: float
-    """CPU time of the training in s, summed over all its runs."""
+
+    def figures(self) -> dict[str, float]:
+        """Figures for a report: losses of the weights that are kept, and times over all runs."""
+        best, last = self.history[self.best_epoch], self.history[-1]
+        return {
+            "epochs": len(self.history),
+            "best_epoch": self.best_epoch,
+            "training_loss": best["training_loss"],
+            "validation_loss": best["validation_loss"],
+            "cpu_s": last["cpu_s"],
+            "wall_s": last["wall_s"],
+        }
 
 
 def best_epoch(history: History) -> int:

@@ -218,7 +218,7 @@ class _Training:
             self._task.network.load_state_dict(self._best)
         self._task.network.eval()
         kept = len(self._history) - 1 if self._task.keep_last else best_epoch(self._history)
-        return Trained(self._history, kept, self._history[-1]["cpu_s"])
+        return Trained(self._history, kept)
 
     def _learn(self, epoch: int, progress: Progress) -> tuple[float, float]:
         """One epoch of steps; returns the mean training loss and the last learning rate."""

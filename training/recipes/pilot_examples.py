@@ -10,7 +10,7 @@ from torch import Tensor
 
 from proxops.systems.common import derived_seed, generator
 from proxops.training.data import PARTS, Labels, PackedFlights, part_rows, scaling_of
-from proxops.training.pilot.lidar_hits import HitSelection
+from proxops.training.networks import HitSelection
 
 # Of positions of a flight that are closer together than this (m, at Kleopatra) one is used.
 _SPREAD = 300.0
@@ -125,25 +125,19 @@ def transitions_of(flights: PackedFlights, part: str) -> Transitions:
     return Transitions(*(_tensor(column) for column in given))
 
 
-def commands_of(flights: PackedFlights, part: str) -> Commands:
-    """The commands of the expert along a part's flights."""
+def flight_labels(flights: PackedFlights, part: str) -> Labels:
+    """States, goals and the expert's forces along a part's flights."""
     rows = part_rows(flights, part)
     rows = rows[np.isfinite(flights.mpc_force[rows]).all(axis=1)]
-    state = flights.state[rows]
-    given = state[:, :3], state[:, 3:], flights.target[rows, :3], flights.mpc_force[rows]
-    return Commands(*(_tensor(column) for column in given))
+    goal, force = flights.target[rows, :3], flights.mpc_force[rows]
+    return {"state": flights.state[rows], "goal": goal, "force": force}
 
 
-def labelled_commands(labels: Labels) -> Commands:
-    """The commands of the expert from files of labels."""
+def commands_of(labels: Labels) -> Commands:
+    """The commands of the expert, as tensors."""
     state = labels["state"]
     given = state[:, :3], state[:, 3:], labels["goal"], labels["force"]
     return Commands(*(_tensor(column) for column in given))
-
-
-def joined(parts: list[Commands]) -> Commands:
-    """Joins commands."""
-    return Commands(*(torch.cat(column) for column in zip(*parts, strict=True)))
 
 
 def _tensor(values: np.ndarray) -> Tensor:

@@ -1,8 +1,11 @@
-"""The training tasks of the pilot's parts: a network, its loss and its examples for each."""
+"""The training tasks of the pilot's parts: what each learns from, and its loss."""
 
 from __future__ import annotations
 
+import dataclasses as dc
 import math
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 import torch
@@ -19,13 +22,18 @@ from proxops.training.loop import (
     force_loss,
     frame_batches,
 )
-from proxops.training.pilot.coarse_position import CoarsePosition
-from proxops.training.pilot.examples import Commands, Hits, Transitions
-from proxops.training.pilot.geometry_layer import GeometryLayer
-from proxops.training.pilot.guidance import Guidance
-from proxops.training.pilot.network import Pilot
-from proxops.training.pilot.settings import PilotSettings
-from proxops.training.pilot.state_filter import MEMORY, Motion, StateFilter, measurement_noise
+from proxops.training.networks import (
+    MEMORY,
+    CoarsePosition,
+    GeometryLayer,
+    Guidance,
+    Motion,
+    Pilot,
+    StateFilter,
+    measurement_noise,
+)
+from proxops.training.recipes.pilot_examples import Commands, Hits, Transitions
+from proxops.training.recipes.recipe import RecipeSettings, of_epochs
 
 # Number of a frame's returns in one step of learning the surface; each step draws others.
 _HITS_A_STEP = 96
@@ -50,12 +58,59 @@ _BLOCK = 512
 _ROWS = 65536
 
 
+@dc.dataclass(frozen=True, kw_only=True)
+class PilotSettings(RecipeSettings):
+    """Settings of a training by our recipe: numbers of examples, sizes, schedules."""
+
+    frames: int = 60_000
+    """Greatest number of frames from which the position is learned."""
+    hits: int = 64
+    """Returns of a frame that the pilot uses."""
+    cells: int = 48
+    """Cells of the surface's grid along the body's longest side."""
+    plans: int = 24_000
+    """Transits whose plans the guidance learns from, besides the flights."""
+    windows: int = 1200
+    """Greatest number of windows of flights that the filter learns from."""
+    window: int = 40
+    """Steps in a window, for the filter and for the end-to-end training."""
+    width: int = 256
+    """Width of the guidance's layers."""
+    coarse: Schedule = Schedule(epochs=80, batch=512, learning_rate=3e-3, patience=80)
+    geometry: Schedule = Schedule(epochs=12, batch=256, learning_rate=3e-2, patience=12)
+    motion: Schedule = Schedule(epochs=50, batch=1024, learning_rate=4e-3, patience=50)
+    filter: Schedule = Schedule(epochs=20, batch=64, learning_rate=1e-1, patience=20)
+    guidance: Schedule = Schedule(epochs=20, batch=1024, learning_rate=2e-3, patience=20)
+    end_to_end: Schedule = Schedule(epochs=2, batch=32, learning_rate=2e-4, patience=2)
+
+    def quick(self) -> PilotSettings:
+        """Settings for a smaller pilot, trained in about a minute; it flies less well."""
+        return dc.replace(
+            self,
+            frames=3000,
+            cells=32,
+            plans=200,
+            windows=32,
+            width=64,
+            coarse=dc.replace(self.coarse, epochs=20, batch=64),
+            geometry=dc.replace(self.geometry, batch=64),
+            motion=dc.replace(self.motion, epochs=20, batch=256),
+            filter=dc.replace(self.filter, epochs=6, batch=8),
+            guidance=dc.replace(self.guidance, epochs=8, batch=256),
+            end_to_end=dc.replace(self.end_to_end, batch=8),
+        )
+
+    def limited(self, epochs: int | None, minutes: float | None = None) -> PilotSettings:
+        """These, with another number of epochs of the guidance."""
+        guidance = of_epochs(dc.replace(self.guidance, minutes=minutes), epochs)
+        return dc.replace(self, guidance=guidance)
+
+
 def coarse_task(
     coarse: CoarsePosition,
     training: Hits,
     validation: Hits,
-    schedule: Schedule,
-    seed: int,
+    settings: PilotSettings,
     identity: str,
 ) -> TrainingTask:
     """The coarse position learns from its distance to the true position.
@@ -72,11 +127,7 @@ def coarse_task(
         normal, wanted = batch
         return (network(normal) - wanted).norm(dim=1).mean()
 
-    batches = TensorBatches(columns, schedule.batch, shuffle=True, seed=seed)
-    validation_batches = TensorBatches(held, schedule.batch)
-    return TrainingTask(
-        "coarse", coarse.network, loss, batches, validation_batches, schedule, identity, threads=1
-    )
+    return _task("coarse", coarse.network, loss, columns, held, settings, identity)
 
 
 def _features(coarse: CoarsePosition, hits: Hits) -> tuple[Tensor, Tensor]:
@@ -99,8 +150,7 @@ def geometry_task(
     training: Hits,
     validation: Hits,
     scaling: Scaling,
-    schedule: Schedule,
-    seed: int,
+    settings: PilotSettings,
     identity: str,
 ) -> TrainingTask:
     """The layer learns the surface from where two of its steps lead from a start that is off."""
@@ -124,11 +174,8 @@ def geometry_task(
         off = _SURFACE_WEIGHT * off + _NORMAL_WEIGHT * (length - 1.0) ** 2
         return total + (share * off).sum(1).mean()
 
-    batches, held = (
-        TensorBatches((hits.points, hits.valid, hits.position), schedule.batch, **options)
-        for hits, options in ((training, {"shuffle": True, "seed": seed}), (validation, {}))
-    )
-    return TrainingTask("geometry", geometry, loss, batches, held, schedule, identity, threads=1)
+    columns, held = ((hits.points, hits.valid, hits.position) for hits in (training, validation))
+    return _task("geometry", geometry, loss, columns, held, settings, identity)
 
 
 def _rounded(error: Tensor, small: float) -> Tensor:
@@ -140,8 +187,7 @@ def motion_task(
     motion: Motion,
     training: Transitions,
     validation: Transitions,
-    schedule: Schedule,
-    seed: int,
+    settings: PilotSettings,
     identity: str,
 ) -> TrainingTask:
     """The motion learns the mean acceleration of each step."""
@@ -151,10 +197,10 @@ def motion_task(
         found = network.natural(position, velocity) + network.thrust(force)
         return (found - wanted).abs().mean() / network.acceleration
 
-    batches = TensorBatches(training, schedule.batch, shuffle=True, seed=seed)
-    held = TensorBatches(validation, 4 * schedule.batch)
-    methods = ("natural", "thrust")
-    return TrainingTask("motion", motion, loss, batches, held, schedule, identity, 1, methods)
+    size, methods = 4 * settings.motion.batch, ("natural", "thrust")
+    return _task(
+        "motion", motion, loss, training, validation, settings, identity, size, methods=methods
+    )
 
 
 def guidance_task(
@@ -162,8 +208,7 @@ def guidance_task(
     motion: Motion,
     training: Commands,
     validation: Commands,
-    schedule: Schedule,
-    seed: int,
+    settings: PilotSettings,
     identity: str,
 ) -> TrainingTask:
     """The guidance learns the expert's commands.
@@ -176,11 +221,9 @@ def guidance_task(
         *given, wanted = batch
         return force_loss(network(*given), wanted, network.thrust_limit)
 
-    columns, kept = (_with_natural(motion, commands) for commands in (training, validation))
-    batches = TensorBatches(columns, schedule.batch, shuffle=True, seed=seed)
-    held = TensorBatches(kept, 8192)
-    return TrainingTask(
-        "guidance", guidance, loss, batches, held, schedule, identity, threads=1, keep_last=True
+    columns, held = (_with_natural(motion, commands) for commands in (training, validation))
+    return _task(
+        "guidance", guidance, loss, columns, held, settings, identity, 8192, keep_last=True
     )
 
 
@@ -223,13 +266,8 @@ def filter_task(
             ("training", settings.windows), ("validation", settings.windows // 4)
         )
     }  # fmt: skip
-    size = settings.filter.batch
-    batches = TensorBatches(columns["training"], size, shuffle=True, seed=settings.seed)
-    held = TensorBatches(columns["validation"], size)
-    methods = ("predict", "correct")
-    return TrainingTask(
-        "filter", pilot.filter, loss, batches, held, settings.filter, identity, 1, methods
-    )
+    given, methods = (columns["training"], columns["validation"]), ("predict", "correct")
+    return _task("filter", pilot.filter, loss, *given, settings, identity, methods=methods)
 
 
 def end_to_end_task(
@@ -244,7 +282,6 @@ def end_to_end_task(
     The windows begin in flight, where the filter has to find position and velocity first. Its
     first steps do not count.
     """
-    schedule = settings.end_to_end
 
     def loss(network: Pilot, batch: Batch) -> Tensor:
         forces, estimates, _ = network.sequence(
@@ -257,9 +294,10 @@ def end_to_end_task(
         lost = estimate_error(estimates[:, settled], batch["state"][:, settled], scaling)
         return off + _ESTIMATE_WEIGHT * lost.mean()
 
+    schedule, methods = settings.end_to_end, ("sequence",)
     batches = frame_batches(flights, settings.window, None, schedule.batch, settings.seed)
     return TrainingTask(
-        "end_to_end", pilot, loss, *batches, schedule, identity, threads=1, methods=("sequence",)
+        "end_to_end", pilot, loss, *batches, schedule, identity, threads=1, methods=methods
     )
 
 
@@ -309,3 +347,25 @@ def _fixes(
     state = torch.from_numpy(flights.state[rows].astype(np.float32))
     shape = rows.shape
     return torch.cat(fixes).unflatten(0, shape), torch.cat(noises).unflatten(0, shape), force, state
+
+
+def _task(
+    name: str,
+    network: nn.Module,
+    loss: Callable[..., Tensor],
+    training: Sequence[Tensor],
+    validation: Sequence[Tensor],
+    settings: PilotSettings,
+    identity: str,
+    held_size: int | None = None,
+    **options: Any,
+) -> TrainingTask:
+    """The task of a part on columns of examples; its schedule is the setting of its name.
+
+    Args:
+      held_size: of the batches of validation; None: that of the others.
+    """
+    schedule: Schedule = getattr(settings, name)
+    batches = TensorBatches(training, schedule.batch, shuffle=True, seed=settings.seed)
+    held = TensorBatches(validation, held_size or schedule.batch)
+    return TrainingTask(name, network, loss, batches, held, schedule, identity, 1, **options)
