@@ -5,13 +5,12 @@ turns logs into memory maps; `expert_plans` and `labels_by_flight` add the exper
 states.
 """
 
-from proxops.training.data.collecting import collect
-from proxops.training.data.collection import collection_flights, learned_lidar_of
+from proxops.training.data.collection import collect, collection_flights, learned_lidar_of
 from proxops.training.data.collection_report import histogram_rows, report_rows
 from proxops.training.data.flight_labels import labels_by_flight, plans_along
 from proxops.training.data.label_files import Labels, joined_labels
 from proxops.training.data.normalisation import Normalisation
-from proxops.training.data.packed_flights import PackedFlights, part_rows
+from proxops.training.data.packed_flights import PARTS, PackedFlights, part_rows
 from proxops.training.data.packing import pack_flights
 from proxops.training.data.plans import expert_plans, portion_labels, portions_of
 from proxops.training.data.recovery import (
@@ -28,7 +27,6 @@ from proxops.training.data.scaling import (
     scaling_for,
     scaling_of,
 )
-from proxops.training.data.transit_split import PARTS
 
 __all__ = [
     "MIXES",

@@ -63,7 +63,10 @@ ROWS: dict[str, tuple[int | None, str]] = {
     "mpc_force": (3, "<f8"),  # N, the label; NaN where the MPC was not asked
     "kick": (3, "<f8"),  # m/s^2, acceleration by a velocity kick up to the next step
 }
-HITS = {"ray": "<u2", "range": "<f4"}  # plane * rays + ray in it; m
+HITS: dict[str, tuple[int | None, str]] = {
+    "ray": (None, "<u2"),  # plane * rays + ray in it
+    "range": (None, "<f4"),  # m
+}
 
 
 def read_columns(path: Path) -> FlightColumns:
@@ -109,7 +112,7 @@ def read_columns(path: Path) -> FlightColumns:
         scenario_sha256=str(attributes["scenario_sha256"]),
         rows={name: rows[name].astype(kind) for name, (_, kind) in ROWS.items()},
         hit_counts=np.bincount(step, minlength=steps),
-        hits={"ray": ray.astype(HITS["ray"]), "range": frames[step, ray].astype(HITS["range"])},
+        hits={"ray": ray.astype("<u2"), "range": frames[step, ray].astype("<f4")},
     )
 
 

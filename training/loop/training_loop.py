@@ -121,6 +121,14 @@ def train(
 
 
 @contextlib.contextmanager
+def seeded(seed: int) -> Iterator[None]:
+    """Inside, torch's random numbers begin with `seed`; afterwards they go on as before."""
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(seed)
+        yield
+
+
+@contextlib.contextmanager
 def _tiny_is_zero() -> Generator[None]:
     """Takes numbers below 1.2e-38 for zero, in this thread.
 
@@ -167,20 +175,16 @@ class _Training:
         """Takes over what a checkpoint holds.
 
         Raises:
-          InputError: its contents do not fit this network, or are no history.
+          InputError: its contents do not fit this network.
         """
         try:
-            self._network.load_state_dict(saved["best"])  # Only to see that they fit.
             self._network.load_state_dict(saved["network"])
             self._optimizer.load_state_dict(saved["optimizer"])
-            self._history = [dict(row) for row in saved["history"]]
-            self._best = saved["best"]
-            best_epoch(self._history)
-            float(self._history[-1]["cpu_s"] + self._history[-1]["wall_s"])
         except Exception as error:  # torch raises all sorts of errors for what does not fit.
             raise InputError(
                 f"{self._checkpoint} is not a checkpoint of a training: remove it"
             ) from error
+        self._history, self._best = saved["history"], saved["best"]
 
     def is_over(self) -> bool:
         """Whether the epochs, the patience or the minutes are used up."""

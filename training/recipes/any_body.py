@@ -17,13 +17,14 @@ from proxops.systems.common import Progress, write_json, write_whole
 from proxops.systems.policy import INPUTS, Surroundings
 from proxops.training.data import Labels
 from proxops.training.export import export_guidance
-from proxops.training.loop import Schedule, TensorBatches, TrainingTask, force_loss, seeded
+from proxops.training.loop import Schedule, TensorBatches, TrainingTask, seeded
 from proxops.training.networks import AnyBodyGuidance
 from proxops.training.recipes.family import family_plans, write_family
 from proxops.training.recipes.recipe import (
     Learner,
     RecipeSettings,
     Round,
+    force_loss,
     learned,
     of_epochs,
     report_head,

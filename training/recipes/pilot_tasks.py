@@ -19,7 +19,6 @@ from proxops.training.loop import (
     TensorBatches,
     TrainingTask,
     WindowDataset,
-    force_loss,
     frame_batches,
 )
 from proxops.training.networks import (
@@ -33,7 +32,7 @@ from proxops.training.networks import (
     measurement_noise,
 )
 from proxops.training.recipes.pilot_examples import Commands, Hits, Transitions
-from proxops.training.recipes.recipe import RecipeSettings, of_epochs
+from proxops.training.recipes.recipe import RecipeSettings, force_loss, of_epochs
 
 # Number of a frame's returns in one step of learning the surface; each step draws others.
 _HITS_A_STEP = 96
