@@ -6,7 +6,8 @@ import torch
 from flight_folders import copy_flights
 
 from proxops.training.data import PackedFlights, pack_flights
-from proxops.training.pilot.examples import (
+from proxops.training.networks.lidar_hits import HitSelection
+from proxops.training.recipes.pilot_examples import (
     box_of,
     commands_of,
     hits_of,
@@ -14,7 +15,6 @@ from proxops.training.pilot.examples import (
     spread_rows,
     transitions_of,
 )
-from proxops.training.pilot.lidar_hits import HitSelection
 
 
 @pytest.fixture(scope="module")

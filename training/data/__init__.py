@@ -8,11 +8,11 @@ states.
 from proxops.training.data.collection import collect, collection_flights, learned_lidar_of
 from proxops.training.data.collection_report import histogram_rows, report_rows
 from proxops.training.data.flight_labels import labels_by_flight, plans_along
-from proxops.training.data.label_files import Labels, joined_labels
+from proxops.training.data.label_files import Labels, joined_labels, kept_labels
 from proxops.training.data.normalisation import Normalisation
 from proxops.training.data.packed_flights import PARTS, PackedFlights, part_rows
 from proxops.training.data.packing import pack_flights
-from proxops.training.data.plans import expert_plans, portion_labels, portions_of
+from proxops.training.data.plans import expert_plans, portions_of
 from proxops.training.data.recovery import (
     MIXES,
     at_rest,
@@ -44,6 +44,7 @@ __all__ = [
     "histogram_rows",
     "joined_labels",
     "keep_out_of",
+    "kept_labels",
     "kind_of",
     "labels_by_flight",
     "learned_lidar_of",
@@ -51,7 +52,6 @@ __all__ = [
     "parse_mix",
     "part_rows",
     "plans_along",
-    "portion_labels",
     "portions_of",
     "report_rows",
     "scaling_for",

@@ -50,8 +50,6 @@ class PackedFlight:
     seed: int
     transit: int
     part: str
-    controller: str
-    scenario_sha256: str
     start: int
     """Its first row."""
     steps: int

@@ -142,8 +142,6 @@ def _entry(path: Path, columns: FlightColumns, row: int) -> PackedFlight:
         seed=columns.seed,
         transit=columns.transit,
         part=part_of_transit(columns.seed, columns.transit),
-        controller=columns.controller,
-        scenario_sha256=columns.scenario_sha256,
         start=row,
         steps=len(columns.rows["time"]),
     )

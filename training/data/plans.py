@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import dataclasses as dc
 import functools
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -96,7 +95,8 @@ def expert_plans(
     Raises:
       InputError: a file in the folder is damaged or holds other plans.
     """
-    return joined_labels(portion_labels(portions_of(scenario, seed, transits), folder, workers))
+    portions = portions_of(scenario, seed, transits)
+    return joined_labels(kept_labels(portions, folder, workers, "plans of transits"))
 
 
 def portions_of(scenario: Scenario, seed: int, transits: int, name: str = "plans") -> list[Portion]:
@@ -118,13 +118,6 @@ def portions_of(scenario: Scenario, seed: int, transits: int, name: str = "plans
         )
         for first in range(0, transits, _PORTION)
     ]
-
-
-def portion_labels(
-    portions: Sequence[Portion], folder: Path, workers: Workers = Workers()
-) -> list[Labels]:
-    """Labels of each portion, of one scenario or of many; see `kept_labels`."""
-    return kept_labels(portions, folder, workers, "plans of transits")
 
 
 def transit_plans(

@@ -23,7 +23,7 @@ from proxops.diagrams.scenario import (
     dump_scenario,
 )
 from proxops.systems.common import derived_seed, generator, write_whole
-from proxops.training.data import Labels, joined_labels, portion_labels, portions_of
+from proxops.training.data import Labels, joined_labels, kept_labels, portions_of
 
 _STREAM = 8
 
@@ -179,7 +179,7 @@ def family_plans(
         )
         portions += own
         members += [number] * len(own)
-    parts = portion_labels(portions, folder, workers)
+    parts = kept_labels(portions, folder, workers, "plans of transits")
     for member, part in zip(members, parts, strict=True):
         part["member"] = np.full(len(part["state"]), member)
     return joined_labels(parts)
