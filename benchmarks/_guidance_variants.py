@@ -4,7 +4,6 @@ Each is a stage: it is made once from the same inputs, and goes on after an inte
 """
 
 import dataclasses as dc
-import json
 from pathlib import Path
 
 import numpy as np
@@ -14,9 +13,17 @@ from proxops.diagrams.flight import Workers
 from proxops.diagrams.scenario import load_scenario
 from proxops.studies.reproduction import Stages
 from proxops.systems.common import Progress
-from proxops.systems.policy import GUIDANCE_FILE, INPUTS, GuidanceBundle
-from proxops.training.any_body import AnyBodyGuidance, export_guidance, family_plans, recipe
-from proxops.training.any_body.dagger import trained_settings
+from proxops.systems.policy import INPUTS, GuidanceBundle
+from proxops.training.export import export_guidance
+from proxops.training.networks import AnyBodyGuidance
+from proxops.training.recipes import (
+    AnyBodySettings,
+    Family,
+    family_plans,
+    known_family,
+    learn,
+    trained_settings,
+)
 
 # Where the natural accelerations and the constants are in a row of inputs.
 NATURAL, AT_GOAL, NUMBERS = slice(9, 12), slice(12, 15), slice(15, INPUTS)
@@ -46,15 +53,15 @@ def bare_law(dagger: Path, stages: Stages) -> Path:
 
     def work(folder: Path, progress: Progress) -> dict:
         rounds = sorted(dagger.glob("round-*"), key=lambda each: int(each.name.split("-")[1]))
-        settings = trained_settings(dagger)
-        report = json.loads((dagger / "report.json").read_text())
+        settings, report = trained_settings(dagger, AnyBodySettings, "any-body")
         network = AnyBodyGuidance(settings.width)
         network.load_state_dict(torch.load(rounds[-1] / "guidance.ckpt")["network"])
         last = network.network[-1]
         with torch.no_grad():
             last.weight.zero_()
             last.bias.zero_()
-        ranges = json.loads((dagger / "bundle" / GUIDANCE_FILE).read_text())["ranges"]
+        known = GuidanceBundle.load(dagger / "bundle").ranges
+        ranges = {name: list(ends) for name, ends in known.items()}
         rows = torch.from_numpy(np.random.default_rng(0).uniform(0.3, 1.0, (64, INPUTS))).float()
         bundle, told = folder / "bundle", "The bare law.\n"
         export_guidance(network.eval(), bundle, rows, ranges, report, told)
@@ -71,10 +78,10 @@ def no_body_inputs(guidance: Path, stages: Stages, workers: Workers) -> Path:
     """
 
     def work(folder: Path, progress: Progress) -> dict:
-        settings = trained_settings(guidance)
-        family, labels = recipe.known_family(guidance, settings, workers.reporting(progress))
-        told = {"recipe": "ablation: no body inputs"}
-        recipe.learn(family, labels, settings, folder, told, progress, Blind)
+        settings, _ = trained_settings(guidance, AnyBodySettings, "any-body")
+        family, labels = known_family(guidance, settings, workers.reporting(progress))
+        name = "ablation: no body inputs"
+        learn(family, labels, settings, folder, name, progress, kind=Blind)
         return {}
 
     return stages.run("blind", {"guidance": _sha256(guidance)}, work).folder / "bundle"
@@ -89,7 +96,8 @@ def one_body(guidance: Path, transits: int, stages: Stages, workers: Workers) ->
     """
 
     def work(folder: Path, progress: Progress) -> dict:
-        settings, scenario = dc.replace(trained_settings(guidance), held=1), load_scenario()
+        settings, _ = trained_settings(guidance, AnyBodySettings, "any-body")
+        settings, scenario = dc.replace(settings, held=1), load_scenario()
         counts = {"learned": transits, "held": max(1, transits // 10)}
         plan = workers.reporting(progress)
         parts = [
@@ -98,9 +106,8 @@ def one_body(guidance: Path, transits: int, stages: Stages, workers: Workers) ->
         ]
         parts[1]["member"] = parts[1]["member"] + 1
         labels = {name: np.concatenate([each[name] for each in parts]) for name in parts[0]}
-        family = recipe.family_of([scenario, scenario], settings.held)
-        told = {"recipe": "ablation: one body"}
-        recipe.learn(family, labels, settings, folder, told, progress)
+        family = Family.of([scenario, scenario], settings.held)
+        learn(family, labels, settings, folder, "ablation: one body", progress)
         return {}
 
     inputs = {"guidance": _sha256(guidance), "transits": transits}

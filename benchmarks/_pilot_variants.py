@@ -12,7 +12,7 @@ from proxops.diagrams.scenario import load_body, load_scenario
 from proxops.systems.shapes import Polyhedron
 from proxops.training.data import pack_flights
 from proxops.training.export import export_recipe, onnx_export
-from proxops.training.pilot import MEMORY, Pilot, load_pilot, measurement_noise
+from proxops.training.networks import MEMORY, Pilot, load_pilot, measurement_noise
 
 # Relative difference that the export accepts: velocities that are differences of unfiltered fixes
 # hold rounding errors of positions.
@@ -80,7 +80,7 @@ class Mapped(Pilot):
 
 def pilot_variant(kind: type[Pilot], folder: Path) -> Pilot:
     """The pilot of a folder, with the navigation of `kind`."""
-    dimensions, whole, _ = load_pilot(folder)
+    dimensions, whole = load_pilot(folder)
     made = dimensions.make()
     pilot = kind(made.hits, made.coarse, made.geometry, made.filter, made.guidance)
     pilot.load_state_dict(whole.state_dict())

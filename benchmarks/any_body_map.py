@@ -34,7 +34,7 @@ from proxops.diagrams.scenario import Body, Scenario, change_scenario, load_body
 from proxops.studies.evaluation import Variant, delta_v_pairs, variant_flights
 from proxops.systems.common import write_whole
 from proxops.systems.gravity import GRAVITATIONAL_CONSTANT
-from proxops.training.any_body import spacecraft_numbers, write_family
+from proxops.training.recipes import spacecraft_numbers, write_family
 
 # Where the axes have numbers.
 _TICKS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)

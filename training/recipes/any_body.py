@@ -42,9 +42,6 @@ _THREADS = 2
 _COMPARED = 64
 # Vectors of a row of inputs: state, goal, and both natural accelerations.
 _VECTORS = 5
-# The worlds that the first round of DAgger flies in. Later rounds fly as believed, which takes a
-# third of the time.
-_FIRST_WORLDS = "after_survey"
 # Epochs of a round: more than the first training, because there is more to learn.
 _ROUND_EPOCHS = 80
 # So many states of a flight are labelled: more flights teach more than more of the states of one.
@@ -132,11 +129,13 @@ def train_any_body(
     return learn(family, labels, settings, out, "any-body", progress)
 
 
-def any_body_learner(first: Path, workers: Workers) -> Learner:
+def any_body_learner(first: Path, dispersions: str | None, workers: Workers) -> Learner:
     """The guidance in a folder, which DAgger goes on with: it flies at each member, on navigation.
 
     Args:
       first: what `train_any_body` wrote.
+      dispersions: the worlds that the first round flies in; None: as believed. Later rounds fly as
+        believed, which takes a third of the time.
 
     Raises:
       InputError: there is none, or it was trained by another version.
@@ -145,7 +144,7 @@ def any_body_learner(first: Path, workers: Workers) -> Learner:
     family, labels = known_family(first, settings, workers)
 
     def scenarios(number: int) -> list[Scenario]:
-        worlds = _FIRST_WORLDS if number == 1 else None
+        worlds = dispersions if number == 1 else None
         # With the margin of flights, not the expert's, a member at the edge may be just beyond.
         return [
             dc.replace(each, policy=dc.replace(each.policy, beyond_family=True), dispersions=worlds)
@@ -210,7 +209,8 @@ def learn(
     parts = {"training": _rows(examples, ~held), "held out": _rows(examples, held)}
     with seeded(settings.seed):
         network = kind(settings.width)
-    task = guidance_task(network, *parts.values(), settings, f"proxops any-body, data {data}")
+    seen, unseen = parts.values()
+    task = guidance_task(network, seen, unseen, settings, f"proxops any-body, data {data}")
     figures = learned(task, out, settings, progress).figures()
     network.eval()
     report = report_head(recipe, settings, {"data_sha256": data}) | (told or {})

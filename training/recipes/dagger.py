@@ -48,6 +48,8 @@ class DaggerSettings:
     epochs: int | None = None
     """Epochs of each round's training; None: for any body 80, for a pilot those of its first
     training, see `pilot_learner`."""
+    dispersions: str | None = "after_survey"
+    """For any body: see `any_body_learner`. A pilot flies in the worlds of its data."""
 
 
 def run_dagger(
@@ -78,7 +80,7 @@ def run_dagger(
     started, resumed = time.monotonic(), True
     preparing = workers.part(0.0, _PREPARED)
     if data is None:
-        learner = any_body_learner(first, preparing)
+        learner = any_body_learner(first, settings.dispersions, preparing)
     else:
         learner = pilot_learner(data, first, preparing)
     folder, labels, outcomes, report = learner.folder, learner.labels, [], {}

@@ -12,7 +12,6 @@ from typing import Any, Self, TypeVar
 
 from torch import Tensor
 
-from proxops.diagrams.flight import Workers
 from proxops.diagrams.scenario import Scenario
 from proxops.systems.common import InputError, Progress, silent
 from proxops.training.data import Labels
@@ -56,7 +55,7 @@ class Recipe:
     """A kind of policy: its settings and its training."""
 
     settings: type[RecipeSettings]
-    train: Callable[[Path | None, Path, Any, Workers], dict[str, Any]]
+    train: Callable[..., dict[str, Any]]
     """Takes the data, the folder to write to, the settings and the workers; gives the report."""
 
 
