@@ -99,9 +99,8 @@ def train_command(
 ) -> None:
     """Train a policy to predict the MPC's force.
 
-    The command writes the policy, training curves, report.md and report.json.
-    `proxops fly --controller policy:OUT/bundle` flies the policy. Run it again to continue after
-    an interruption.
+    The command writes the policy, training curves, report.md and report.json. `proxops fly
+    --controller policy:OUT/bundle` flies it. Run it again to continue after an interruption.
 
     Examples:
 
@@ -114,15 +113,14 @@ def train_command(
     out = out or _FOLDERS[recipe]
     check_folder(out)
     _check_options(recipe, data, minutes, workers)
+    options = {} if device == "auto" else {"device": device}
     with training_extra():
         # torch is slow to import.
         from proxops.training.recipes import RECIPES
-    chosen = RECIPES[recipe]
-    options = {} if device == "auto" else {"device": device}
-    settings = chosen.settings(seed=seed, precision=precision.value, **options)
+    settings = RECIPES[recipe].settings(seed=seed, precision=precision.value, **options)
     settings = (settings.quick() if quick else settings).limited(epochs, minutes)
     with work_bar() as tell:
-        report = chosen.train(data, out, settings, Workers(workers).reporting(tell))
+        report = RECIPES[recipe].train(data, out, settings, Workers(workers).reporting(tell))
     if as_json:
         typer.echo(json.dumps(report, indent=2))
     else:
