@@ -19,7 +19,7 @@ from proxops.training.networks.guidance import Guidance
 from proxops.training.networks.lidar_hits import HitSelection
 from proxops.training.networks.pilot_network import Pilot
 from proxops.training.networks.state_filter import MEMORY, Motion, StateFilter
-from proxops.training.recipes.pilot_tasks import force_loss
+from proxops.training.recipes.pilot_losses import force_loss
 
 PLACES = np.array([[150e3, 20e3, 10e3], [-60e3, 110e3, -50e3], [10e3, -20e3, 140e3]])
 

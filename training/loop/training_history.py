@@ -44,12 +44,11 @@ def best_epoch(history: History) -> int:
     return min(range(len(history)), key=lambda epoch: history[epoch]["validation_loss"])
 
 
-def finished(history: History, epochs: int, patience: int) -> bool:
+def finished(history: History, epochs: int, patience: int | None) -> bool:
     """Whether the epochs are used up, or the last `patience` of them brought no better loss."""
-    if not history:
-        return False
-    idle = len(history) - 1 - best_epoch(history)
-    return len(history) >= epochs or idle >= patience
+    if not history or patience is None:
+        return len(history) >= epochs
+    return len(history) >= epochs or len(history) - 1 - best_epoch(history) >= patience
 
 
 def learning_rate(greatest: float, done: float) -> float:

@@ -51,8 +51,8 @@ class Schedule:
     """Examples in a batch: frames, states, or windows."""
     learning_rate: float
     """Its greatest value, after the warm-up."""
-    patience: int
-    """Training ends early after this many epochs without a better validation loss."""
+    patience: int | None = None
+    """Training ends early after this many epochs without a better validation loss; None: never."""
     minutes: float | None = None
     """Training ends after this time, summed over all its runs; None: only by epochs."""
 

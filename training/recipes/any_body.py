@@ -60,7 +60,7 @@ class AnyBodySettings(RecipeSettings):
     """Transits at each body whose plans are learned from."""
     width: int = 320
     """Width of the network's layers."""
-    schedule: Schedule = Schedule(epochs=30, batch=1024, learning_rate=2e-3, patience=30)
+    schedule: Schedule = Schedule(epochs=30, batch=1024, learning_rate=2e-3)
 
     def quick(self) -> AnyBodySettings:
         """Settings for a first try of a few minutes; what it gives flies less well."""

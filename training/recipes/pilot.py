@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import dataclasses as dc
+import functools
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from proxops.diagrams.flight import Workers
 from proxops.diagrams.scenario import Scenario, parse_scenario
@@ -25,7 +26,14 @@ from proxops.training.data import (
     scaling_of,
 )
 from proxops.training.export import export_recipe, report_title, write_report
-from proxops.training.loop import Trained, TrainingTask, seeded
+from proxops.training.loop import (
+    Schedule,
+    TensorBatches,
+    Trained,
+    TrainingTask,
+    frame_batches,
+    seeded,
+)
 from proxops.training.networks import (
     MEMORY,
     PILOT_FILE,
@@ -36,26 +44,31 @@ from proxops.training.networks import (
     save_pilot,
 )
 from proxops.training.recipes.pilot_examples import (
+    Commands,
     Hits,
     box_of,
+    coarse_examples,
     commands_of,
+    fixes_of,
     flight_labels,
     hits_of,
+    natural_commands,
     transitions_of,
 )
-from proxops.training.recipes.pilot_tasks import (
-    PilotSettings,
-    coarse_task,
-    end_to_end_task,
-    filter_task,
-    geometry_task,
-    guidance_task,
-    motion_task,
+from proxops.training.recipes.pilot_losses import (
+    coarse_loss,
+    end_to_end_loss,
+    filter_loss,
+    geometry_loss,
+    guidance_loss,
+    motion_loss,
 )
 from proxops.training.recipes.recipe import (
     Learner,
+    RecipeSettings,
     Round,
     learned,
+    of_epochs,
     report_head,
     sha256_of,
     trained_settings,
@@ -82,6 +95,54 @@ _PLANS_SEED = 1
 _LEARNED_PARTS = ("training", "validation")
 # Returns that are kept of each training frame; each step of training sees some of them.
 _KEPT_RETURNS = 192
+
+
+@dc.dataclass(frozen=True, kw_only=True)
+class PilotSettings(RecipeSettings):
+    """Settings of a training by our recipe: numbers of examples, sizes, schedules."""
+
+    frames: int = 60_000
+    """Greatest number of frames from which the position is learned."""
+    hits: int = 64
+    """Returns of a frame that the pilot uses."""
+    cells: int = 48
+    """Cells of the surface's grid along the body's longest side."""
+    plans: int = 24_000
+    """Transits whose plans the guidance learns from, besides the flights."""
+    windows: int = 1200
+    """Greatest number of windows of flights that the filter learns from."""
+    window: int = 40
+    """Steps in a window, for the filter and for the end-to-end training."""
+    width: int = 256
+    """Width of the guidance's layers."""
+    coarse: Schedule = Schedule(epochs=80, batch=512, learning_rate=3e-3)
+    geometry: Schedule = Schedule(epochs=12, batch=256, learning_rate=3e-2)
+    motion: Schedule = Schedule(epochs=50, batch=1024, learning_rate=4e-3)
+    filter: Schedule = Schedule(epochs=20, batch=64, learning_rate=1e-1)
+    guidance: Schedule = Schedule(epochs=20, batch=1024, learning_rate=2e-3)
+    end_to_end: Schedule = Schedule(epochs=2, batch=32, learning_rate=2e-4)
+
+    def quick(self) -> PilotSettings:
+        """Settings for a smaller pilot, trained in about a minute; it flies less well."""
+        return dc.replace(
+            self,
+            frames=3000,
+            cells=32,
+            plans=200,
+            windows=32,
+            width=64,
+            coarse=dc.replace(self.coarse, epochs=20, batch=64),
+            geometry=dc.replace(self.geometry, batch=64),
+            motion=dc.replace(self.motion, epochs=20, batch=256),
+            filter=dc.replace(self.filter, epochs=6, batch=8),
+            guidance=dc.replace(self.guidance, epochs=8, batch=256),
+            end_to_end=dc.replace(self.end_to_end, batch=8),
+        )
+
+    def limited(self, epochs: int | None, minutes: float | None = None) -> PilotSettings:
+        """These, with another number of epochs of the guidance."""
+        guidance = of_epochs(dc.replace(self.guidance, minutes=minutes), epochs)
+        return dc.replace(self, guidance=guidance)
 
 
 def train_pilot(
@@ -115,27 +176,46 @@ def train_pilot(
         trained[task.name] = learned(task, out, settings, progress)
 
     _stage("frames", workers).progress(0.0, "choosing frames")
-    frames, held_frames = (_frames(flights, part, settings) for part in _LEARNED_PARTS)
-    dimensions = dimensions_of(flights, frames, settings)
+    frames = [_frames(flights, part, settings) for part in _LEARNED_PARTS]
+    dimensions = dimensions_of(flights, frames[0], settings)
     with seeded(settings.seed):
         pilot = dimensions.make()
-    motion = pilot.filter.motion
-    train_part(coarse_task(pilot.coarse, frames, held_frames, settings, identity))
-    train_part(geometry_task(pilot.geometry, frames, held_frames, scaling, settings, identity))
-    position_errors = _fit_residual(pilot, held_frames)
-    del frames, held_frames  # Up to some GB.
+    examples = coarse_examples(pilot.coarse, *frames)
+    train_part(part_task("coarse", pilot.coarse.network, coarse_loss, examples, settings, identity))
+    loss = functools.partial(geometry_loss, scaling=scaling)
+    train_part(part_task("geometry", pilot.geometry, loss, frames, settings, identity))
+    position_errors = _fit_residual(pilot, frames[1])
+    del frames, examples  # Up to some GB.
 
-    steps, held_steps = (transitions_of(flights, part) for part in _LEARNED_PARTS)
-    train_part(motion_task(motion, steps, held_steps, settings, identity))
+    motion, steps = pilot.filter.motion, [transitions_of(flights, part) for part in _LEARNED_PARTS]
+    task = part_task(
+        "motion", motion, motion_loss, steps, settings, identity, 4 * settings.motion.batch
+    )
+    train_part(dc.replace(task, methods=("natural", "thrust")))
     motion.requires_grad_(False)
-    train_part(filter_task(pilot, flights, scaling, settings, identity))
+    counts = settings.windows, settings.windows // 4
+    fixes = [
+        fixes_of(pilot, flights, part, count, settings.window, settings.seed)
+        for part, count in zip(_LEARNED_PARTS, counts, strict=True)
+    ]
+    loss = functools.partial(filter_loss, scaling=scaling)
+    task = part_task("filter", pilot.filter, loss, fixes, settings, identity)
+    train_part(dc.replace(task, methods=("predict", "correct")))
 
     labels = known_labels(scenario, flights, out, settings, _stage("plans", workers))
     commands, held = commands_of(labels), commands_of(flight_labels(flights, "validation"))
     data_sha256 = sha256_of(commands, flights.logs_sha256)
     identity = f"{identity}, {data_sha256}"
-    train_part(guidance_task(pilot.guidance, motion, commands, held, settings, identity))
-    train_part(end_to_end_task(pilot, flights, scaling, settings, f"{identity}, {settings}"))
+    train_part(guidance_task(pilot, commands, held, settings, identity))
+    # All parts but the motion learn from the force.
+    loss, schedule = functools.partial(end_to_end_loss, scaling=scaling), settings.end_to_end
+    windows = frame_batches(flights, settings.window, None, schedule.batch, settings.seed)
+    identity = f"{identity}, {settings}"
+    train_part(
+        TrainingTask(
+            "end_to_end", pilot, loss, *windows, schedule, identity, 1, methods=("sequence",)
+        )
+    )
 
     workers.progress(_STAGES["end_to_end"], "replaying the logged flights")
     report = report_head("proxops", settings, {"logs_sha256": flights.logs_sha256})
@@ -165,10 +245,8 @@ def pilot_learner(data: Path, first: Path, workers: Workers) -> Learner:
         raise InputError(f"the pilot in {first} was trained from other data than {data}")
     labels = known_labels(scenario, flights, first, settings, workers.part(0.5, 1.0))
     expert_only = len(labels["state"])
-    held, origin = (
-        commands_of(flight_labels(flights, "validation")),
-        file_sha256(first / PILOT_FILE),
-    )
+    held = commands_of(flight_labels(flights, "validation"))
+    origin = file_sha256(first / PILOT_FILE)
 
     def learn(labels: Labels, folder: Path, this: Round, progress: Progress) -> dict[str, Any]:
         share = 1.0 if this.last else expert_only / len(labels["state"])
@@ -178,8 +256,7 @@ def pilot_learner(data: Path, first: Path, workers: Workers) -> Learner:
         fresh, commands = restarted(dimensions, pilot, own.seed), commands_of(labels)
         data_sha256 = sha256_of(commands, flights.logs_sha256)
         identity = f"proxops recipe, DAgger from {origin}, data {data_sha256}"
-        motion = fresh.filter.motion
-        task = guidance_task(fresh.guidance, motion, commands, held, own, identity)
+        task = guidance_task(fresh, commands, held, own, identity)
         # If more rounds are asked for later, the last one becomes another, of fewer epochs.
         task = dc.replace(task, name=f"guidance_{epochs}_epochs")
         trained = {"guidance": learned(task, folder, own, progress)}
@@ -189,6 +266,43 @@ def pilot_learner(data: Path, first: Path, workers: Workers) -> Learner:
 
     files = (PILOT_FILE, "report.json", "report.md", "forces.png")
     return Learner(first, labels, lambda number: [scenario], learn, files, flights=240)
+
+
+def part_task(
+    name: str,
+    network: nn.Module,
+    loss: Callable[..., Tensor],
+    columns: Sequence[Sequence[Tensor]],
+    settings: PilotSettings,
+    identity: str,
+    held_size: int | None = None,
+) -> TrainingTask:
+    """The task of a part; its schedule is the setting of its name.
+
+    Args:
+      columns: examples to train on, and those for validation.
+      held_size: of the batches of validation; None: that of the others.
+    """
+    schedule: Schedule = getattr(settings, name)
+    training, validation = columns
+    batches = TensorBatches(training, schedule.batch, shuffle=True, seed=settings.seed)
+    held = TensorBatches(validation, held_size or schedule.batch)
+    return TrainingTask(name, network, loss, batches, held, schedule, identity, threads=1)
+
+
+def guidance_task(
+    pilot: Pilot, training: Commands, validation: Commands, settings: PilotSettings, identity: str
+) -> TrainingTask:
+    """The guidance learns the expert's commands.
+
+    The last epoch is kept. Most of the remaining error on other flights is which way round the body
+    the expert goes, and that says little about how well the guidance flies.
+    """
+    columns = [natural_commands(pilot.filter.motion, each) for each in (training, validation)]
+    task = part_task(
+        "guidance", pilot.guidance, guidance_loss, columns, settings, identity, held_size=8192
+    )
+    return dc.replace(task, keep_last=True)
 
 
 def restarted(dimensions: PilotDimensions, pilot: Pilot, seed: int) -> Pilot:

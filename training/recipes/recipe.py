@@ -97,7 +97,7 @@ class Round:
 
 def of_epochs(schedule: Schedule, epochs: int | None) -> Schedule:
     """A schedule with another number of epochs, all of which are run; None: with its own."""
-    return schedule if epochs is None else dc.replace(schedule, epochs=epochs, patience=epochs)
+    return schedule if epochs is None else dc.replace(schedule, epochs=epochs, patience=None)
 
 
 def force_loss(force: Tensor, wanted: Tensor, thrust_limit: float) -> Tensor:
