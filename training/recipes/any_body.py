@@ -26,7 +26,6 @@ from proxops.training.recipes.recipe import (
     Round,
     force_loss,
     learned,
-    of_epochs,
     report_head,
     sha256_of,
     trained_settings,
@@ -66,11 +65,6 @@ class AnyBodySettings(RecipeSettings):
         """Settings for a first try of a few minutes; what it gives flies less well."""
         schedule = dc.replace(self.schedule, epochs=8, batch=256)
         return dc.replace(self, members=6, held=1, transits=20, width=64, schedule=schedule)
-
-    def limited(self, epochs: int | None, minutes: float | None = None) -> AnyBodySettings:
-        """These, with another number of epochs and a limit of time."""
-        schedule = of_epochs(dc.replace(self.schedule, minutes=minutes), epochs)
-        return dc.replace(self, schedule=schedule)
 
 
 @dc.dataclass(frozen=True)

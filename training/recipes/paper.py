@@ -13,7 +13,7 @@ from proxops.training.data import PackedFlights, pack_flights
 from proxops.training.export import export_recipe, write_report
 from proxops.training.loop import Batch, Schedule, TrainingTask, frame_batches, seeded
 from proxops.training.networks import PaperPolicy
-from proxops.training.recipes.recipe import RecipeSettings, learned, of_epochs, report_head
+from proxops.training.recipes.recipe import RecipeSettings, learned, report_head
 
 # Shares of the whole work at which packing and training end; the report follows.
 _PACKED, _TRAINED = 0.05, 0.95
@@ -39,11 +39,6 @@ class PaperSettings(RecipeSettings):
         schedule = dc.replace(self.schedule, epochs=2)
         small: dict[str, Any] = {"window": 8, "stride": 64, "channels": (8, 8, 8), "width": 32}
         return dc.replace(self, schedule=schedule, **small)
-
-    def limited(self, epochs: int | None, minutes: float | None = None) -> PaperSettings:
-        """These, with another number of epochs and a limit of time."""
-        schedule = of_epochs(dc.replace(self.schedule, minutes=minutes), epochs)
-        return dc.replace(self, schedule=schedule)
 
 
 def train_paper_policy(

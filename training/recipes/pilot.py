@@ -68,7 +68,6 @@ from proxops.training.recipes.recipe import (
     RecipeSettings,
     Round,
     learned,
-    of_epochs,
     report_head,
     sha256_of,
     trained_settings,
@@ -101,6 +100,7 @@ _KEPT_RETURNS = 192
 class PilotSettings(RecipeSettings):
     """Settings of a training by our recipe: numbers of examples, sizes, schedules."""
 
+    MAIN = "guidance"
     frames: int = 60_000
     """Greatest number of frames from which the position is learned."""
     hits: int = 64
@@ -139,11 +139,6 @@ class PilotSettings(RecipeSettings):
             end_to_end=dc.replace(self.end_to_end, batch=8),
         )
 
-    def limited(self, epochs: int | None, minutes: float | None = None) -> PilotSettings:
-        """These, with another number of epochs of the guidance."""
-        guidance = of_epochs(dc.replace(self.guidance, minutes=minutes), epochs)
-        return dc.replace(self, guidance=guidance)
-
 
 def train_pilot(
     data: Path, out: Path, settings: PilotSettings, workers: Workers = Workers()
@@ -169,6 +164,7 @@ def train_pilot(
         f"{settings.cells} cells, {settings.plans} plans, windows of {settings.window}, "
         f"{settings.hits} returns"
     )
+    part = functools.partial(part_task, settings=settings, identity=identity)
     trained: dict[str, Trained] = {}
 
     def train_part(task: TrainingTask) -> None:
@@ -176,31 +172,25 @@ def train_pilot(
         trained[task.name] = learned(task, out, settings, progress)
 
     _stage("frames", workers).progress(0.0, "choosing frames")
-    frames = [_frames(flights, part, settings) for part in _LEARNED_PARTS]
+    frames = [_frames(flights, name, settings) for name in _LEARNED_PARTS]
     dimensions = dimensions_of(flights, frames[0], settings)
     with seeded(settings.seed):
         pilot = dimensions.make()
     examples = coarse_examples(pilot.coarse, *frames)
-    train_part(part_task("coarse", pilot.coarse.network, coarse_loss, examples, settings, identity))
+    train_part(part("coarse", pilot.coarse.network, coarse_loss, examples))
     loss = functools.partial(geometry_loss, scaling=scaling)
-    train_part(part_task("geometry", pilot.geometry, loss, frames, settings, identity))
+    train_part(part("geometry", pilot.geometry, loss, frames))
     position_errors = _fit_residual(pilot, frames[1])
     del frames, examples  # Up to some GB.
 
-    motion, steps = pilot.filter.motion, [transitions_of(flights, part) for part in _LEARNED_PARTS]
-    task = part_task(
-        "motion", motion, motion_loss, steps, settings, identity, 4 * settings.motion.batch
-    )
-    train_part(dc.replace(task, methods=("natural", "thrust")))
+    motion, steps = pilot.filter.motion, [transitions_of(flights, name) for name in _LEARNED_PARTS]
+    size, methods = 4 * settings.motion.batch, ("natural", "thrust")
+    train_part(part("motion", motion, motion_loss, steps, held_size=size, methods=methods))
     motion.requires_grad_(False)
-    counts = settings.windows, settings.windows // 4
-    fixes = [
-        fixes_of(pilot, flights, part, count, settings.window, settings.seed)
-        for part, count in zip(_LEARNED_PARTS, counts, strict=True)
-    ]
-    loss = functools.partial(filter_loss, scaling=scaling)
-    task = part_task("filter", pilot.filter, loss, fixes, settings, identity)
-    train_part(dc.replace(task, methods=("predict", "correct")))
+    counts = zip(_LEARNED_PARTS, (settings.windows, settings.windows // 4), strict=True)
+    fixes = [fixes_of(pilot, flights, *each, settings.window, settings.seed) for each in counts]
+    loss, methods = functools.partial(filter_loss, scaling=scaling), ("predict", "correct")
+    train_part(part("filter", pilot.filter, loss, fixes, methods=methods))
 
     labels = known_labels(scenario, flights, out, settings, _stage("plans", workers))
     commands, held = commands_of(labels), commands_of(flight_labels(flights, "validation"))
@@ -210,12 +200,8 @@ def train_pilot(
     # All parts but the motion learn from the force.
     loss, schedule = functools.partial(end_to_end_loss, scaling=scaling), settings.end_to_end
     windows = frame_batches(flights, settings.window, None, schedule.batch, settings.seed)
-    identity = f"{identity}, {settings}"
-    train_part(
-        TrainingTask(
-            "end_to_end", pilot, loss, *windows, schedule, identity, 1, methods=("sequence",)
-        )
-    )
+    told, methods = f"{identity}, {settings}", ("sequence",)
+    train_part(TrainingTask("end_to_end", pilot, loss, *windows, schedule, told, 1, methods))
 
     workers.progress(_STAGES["end_to_end"], "replaying the logged flights")
     report = report_head("proxops", settings, {"logs_sha256": flights.logs_sha256})
@@ -276,18 +262,20 @@ def part_task(
     settings: PilotSettings,
     identity: str,
     held_size: int | None = None,
+    **options: Any,
 ) -> TrainingTask:
     """The task of a part; its schedule is the setting of its name.
 
     Args:
       columns: examples to train on, and those for validation.
       held_size: of the batches of validation; None: that of the others.
+      options: of `TrainingTask`.
     """
     schedule: Schedule = getattr(settings, name)
     training, validation = columns
     batches = TensorBatches(training, schedule.batch, shuffle=True, seed=settings.seed)
     held = TensorBatches(validation, held_size or schedule.batch)
-    return TrainingTask(name, network, loss, batches, held, schedule, identity, threads=1)
+    return TrainingTask(name, network, loss, batches, held, schedule, identity, 1, **options)
 
 
 def guidance_task(
@@ -299,10 +287,10 @@ def guidance_task(
     the expert goes, and that says little about how well the guidance flies.
     """
     columns = [natural_commands(pilot.filter.motion, each) for each in (training, validation)]
-    task = part_task(
-        "guidance", pilot.guidance, guidance_loss, columns, settings, identity, held_size=8192
+    options: dict[str, Any] = {"held_size": 8192, "keep_last": True}
+    return part_task(
+        "guidance", pilot.guidance, guidance_loss, columns, settings, identity, **options
     )
-    return dc.replace(task, keep_last=True)
 
 
 def restarted(dimensions: PilotDimensions, pilot: Pilot, seed: int) -> Pilot:

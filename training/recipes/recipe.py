@@ -8,7 +8,7 @@ import json
 from collections.abc import Callable, Iterable, Sequence
 from importlib import metadata
 from pathlib import Path
-from typing import Any, Self, TypeVar
+from typing import Any, ClassVar, Self, TypeVar
 
 from torch import Tensor
 
@@ -29,6 +29,8 @@ _LENGTH_SHARE = 1.4
 class RecipeSettings:
     """Settings that every recipe has; each adds its own sizes and schedules."""
 
+    MAIN: ClassVar[str] = "schedule"
+    """Name of the schedule of the network that learns the expert's force."""
     seed: int = 0
     """Seed of the first weights and of the order of the examples."""
     device: str = "cpu"
@@ -42,9 +44,12 @@ class RecipeSettings:
     def limited(self, epochs: int | None, minutes: float | None = None) -> Self:
         """These, with another number of epochs, all of which are run, and a limit of time.
 
-        They are those of the network that learns the expert's force. None: as they are.
+        They are those of the network that learns the expert's force. None: as many as before.
         """
-        raise NotImplementedError
+        schedule: Schedule = dc.replace(getattr(self, self.MAIN), minutes=minutes)
+        if epochs is not None:
+            schedule = dc.replace(schedule, epochs=epochs, patience=None)
+        return dc.replace(self, **{self.MAIN: schedule})
 
 
 Settings = TypeVar("Settings", bound=RecipeSettings)
@@ -93,11 +98,6 @@ class Round:
     """Epochs that are asked for; None: as the recipe does."""
     outcomes: Sequence[dict[str, int]]
     """How the flights of this round and those before went."""
-
-
-def of_epochs(schedule: Schedule, epochs: int | None) -> Schedule:
-    """A schedule with another number of epochs, all of which are run; None: with its own."""
-    return schedule if epochs is None else dc.replace(schedule, epochs=epochs, patience=None)
 
 
 def force_loss(force: Tensor, wanted: Tensor, thrust_limit: float) -> Tensor:
