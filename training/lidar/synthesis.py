@@ -37,7 +37,7 @@ from proxops.training.lidar.frames import (
     ray_examples,
 )
 from proxops.training.lidar.networks import FrameNetwork, RayNetwork, frame_loss, ray_loss
-from proxops.training.loop import Schedule, TensorBatches, Trained, TrainingTask, seeded, train
+from proxops.training.loop import Schedule, Trained, TrainingTask, seeded, train
 from proxops.training.reports import Picture, picture, plot_frames, write_markdown
 
 _RAY_SCHEDULE = Schedule(epochs=24, batch=8192, learning_rate=4e-3, patience=8)
@@ -131,16 +131,14 @@ def train_lidar(
         "nearest grid frame": frame_errors.nearest_frames(grid),
         "inverse distance, 8 frames": frame_errors.weighted_frames(grid),
     }
-    report = (
-        facts
-        | made
-        | {
-            "bundle_sha256": ours.bundle.sha256,
-            "paper_bundle_sha256": papers.bundle.sha256,
-            "settings": asdict(settings),
-            "training": {name: each.figures() for name, each in trained.items()},
-        }
-    )
+    report = {
+        **facts,
+        **made,
+        "bundle_sha256": ours.bundle.sha256,
+        "paper_bundle_sha256": papers.bundle.sha256,
+        "settings": asdict(settings),
+        "training": {name: each.figures() for name, each in trained.items()},
+    }
     positions = random_positions(body, cube, settings.test_positions, settings.seed + _TEST_STREAM)
     figures, pictures = _judge(methods, fan, positions, lidar, cube)
     report |= figures
@@ -162,19 +160,17 @@ def _train_ray_network(
     held, _ = ray_examples(fan, grid.positions[~kept], grid.frames[~kept], planes)
     with seeded(settings.seed):
         network = RayNetwork(settings.width)
-    task = TrainingTask(
+    task = TrainingTask.on_tensors(
         "ray_network",
         network,
         lambda network, batch: ray_loss(network, *batch),
-        TensorBatches(
-            examples, settings.ray.batch, shuffle=True, seed=settings.seed,
-            often=near.nonzero()[:, 0],
-        ),
-        TensorBatches(held, settings.ray.batch),
+        (examples, held),
         settings.ray,
+        settings.seed,
         _identity(facts, settings),
+        often=near.nonzero()[:, 0],
         threads=1,
-    )  # fmt: skip
+    )
     trained = train(task, out, settings.seed, device="cpu", progress=progress)
     checks = next(iter(task.validation))[0][:_EXPORT_CHECKS].numpy()
     write_bundle(out / "bundle", network, _told(facts, trained), ellipsoid, checks)
@@ -186,19 +182,18 @@ def _train_frame_network(
 ) -> Trained:
     """Trains the paper's network and writes its bundle."""
     cube, kept = facts["cube_m"], ~grid.held_out
-    examples, held = (
-        frame_examples(grid.positions[chosen], grid.frames[chosen], cube)
-        for chosen in (kept, ~kept)
-    )
+    columns = [
+        frame_examples(grid.positions[rows], grid.frames[rows], cube) for rows in (kept, ~kept)
+    ]
     with seeded(settings.seed):
         network = FrameNetwork(grid.frames.shape[1])
-    task = TrainingTask(
+    task = TrainingTask.on_tensors(
         "frame_network",
         network,
         lambda network, batch: frame_loss(network, *batch),
-        TensorBatches(examples, settings.frame.batch, shuffle=True, seed=settings.seed),
-        TensorBatches(held, settings.frame.batch),
+        columns,
         settings.frame,
+        settings.seed,
         _identity(facts, settings),
         threads=1,
     )

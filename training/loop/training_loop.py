@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 import time
-from collections.abc import Callable, Generator, Iterator, Sized
+from collections.abc import Callable, Generator, Iterator, Sequence, Sized
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
@@ -17,6 +17,7 @@ from torch import Tensor, nn
 
 from proxops.systems.common import InputError, Progress, derived_seed, make_folder, silent
 from proxops.training.loop.checkpoints import load_checkpoint, save_checkpoint
+from proxops.training.loop.tensor_batches import TensorBatches
 from proxops.training.loop.training_history import (
     History,
     Trained,
@@ -77,6 +78,34 @@ class TrainingTask:
     """Methods of the network, besides `forward`, that the loss calls."""
     keep_last: bool = False
     """Keeps the weights of the last epoch, not those of the best one on validation."""
+
+    @classmethod
+    def on_tensors(
+        cls,
+        name: str,
+        network: nn.Module,
+        loss: Callable[[Any, Any], Tensor],
+        columns: Sequence[Sequence[Tensor]],
+        schedule: Schedule,
+        seed: int,
+        identity: str,
+        *,
+        often: Tensor | None = None,
+        held_size: int | None = None,
+        **options: Any,
+    ) -> TrainingTask:
+        """A task on examples in memory.
+
+        Args:
+          columns: examples to train on, and those for validation, as `TensorBatches` takes them.
+          seed: of the order of the examples. often: see `TensorBatches`.
+          held_size: of the batches of validation; None: that of the others.
+          options: the other fields.
+        """
+        training, held = columns
+        batches = TensorBatches(training, schedule.batch, shuffle=True, seed=seed, often=often)
+        validation = TensorBatches(held, held_size or schedule.batch)
+        return cls(name, network, loss, batches, validation, schedule, identity, **options)
 
 
 def train(

@@ -17,7 +17,7 @@ from proxops.systems.common import Progress, write_json, write_whole
 from proxops.systems.policy import INPUTS, Surroundings
 from proxops.training.data import Labels
 from proxops.training.export import export_guidance
-from proxops.training.loop import Schedule, TensorBatches, TrainingTask, seeded
+from proxops.training.loop import Schedule, TrainingTask, seeded
 from proxops.training.networks import AnyBodyGuidance
 from proxops.training.recipes.family import family_plans, write_family
 from proxops.training.recipes.recipe import (
@@ -260,12 +260,17 @@ def guidance_task(
             given, force = mirrored(given, force, torch.cat([turn, turn, mirror], dim=1))
         return force_loss(network(given), force, 1.0)
 
-    schedule = settings.schedule
-    batches = TensorBatches(training, schedule.batch, shuffle=True, seed=settings.seed)
-    held = TensorBatches(validation, 8192)
-    text = f"{identity}, {settings}"
-    return TrainingTask(
-        "guidance", network, loss, batches, held, schedule, text, threads=_THREADS, keep_last=True
+    return TrainingTask.on_tensors(
+        "guidance",
+        network,
+        loss,
+        (training, validation),
+        settings.schedule,
+        settings.seed,
+        f"{identity}, {settings}",
+        held_size=8192,
+        threads=_THREADS,
+        keep_last=True,
     )
 
 

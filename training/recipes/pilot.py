@@ -28,7 +28,6 @@ from proxops.training.data import (
 from proxops.training.export import export_recipe, report_title, write_report
 from proxops.training.loop import (
     Schedule,
-    TensorBatches,
     Trained,
     TrainingTask,
     frame_batches,
@@ -261,21 +260,13 @@ def part_task(
     columns: Sequence[Sequence[Tensor]],
     settings: PilotSettings,
     identity: str,
-    held_size: int | None = None,
     **options: Any,
 ) -> TrainingTask:
-    """The task of a part; its schedule is the setting of its name.
-
-    Args:
-      columns: examples to train on, and those for validation.
-      held_size: of the batches of validation; None: that of the others.
-      options: of `TrainingTask`.
-    """
-    schedule: Schedule = getattr(settings, name)
-    training, validation = columns
-    batches = TensorBatches(training, schedule.batch, shuffle=True, seed=settings.seed)
-    held = TensorBatches(validation, held_size or schedule.batch)
-    return TrainingTask(name, network, loss, batches, held, schedule, identity, 1, **options)
+    """The task of a part, see `TrainingTask.on_tensors`; its schedule is the setting of its name."""
+    schedule, seed = getattr(settings, name), settings.seed
+    return TrainingTask.on_tensors(
+        name, network, loss, columns, schedule, seed, identity, threads=1, **options
+    )
 
 
 def guidance_task(
