@@ -262,7 +262,7 @@ def part_task(
     identity: str,
     **options: Any,
 ) -> TrainingTask:
-    """The task of a part, see `TrainingTask.on_tensors`; its schedule is the setting of its name."""
+    """The task of a part, as of `TrainingTask.on_tensors`; its schedule is named as the part."""
     schedule, seed = getattr(settings, name), settings.seed
     return TrainingTask.on_tensors(
         name, network, loss, columns, schedule, seed, identity, threads=1, **options
