@@ -81,22 +81,13 @@ def dagger_command(
     check_folder(out)
     if out.resolve() == pilot.resolve():
         raise InputError(f"--out {out} is the folder of --pilot: give another, to keep the pilot")
+    if data is None and (pilot / "pilot.ckpt").exists():
+        raise InputError(f"name the folder of flights that {pilot} was trained from")
     with training_extra():
-        from proxops.training.any_body import AnyBodyDagger, run_any_body_dagger
-        from proxops.training.pilot import DaggerSettings, run_dagger
+        from proxops.training.recipes import DaggerSettings, run_dagger
+    settings = DaggerSettings(rounds=rounds, flights=flights, seed=seed, minutes=minutes)
     with work_bar() as tell, Workers(workers, scheduler, tell).kept() as fleet:
-        if data is None:
-            if (pilot / "pilot.ckpt").exists():
-                raise InputError(f"name the folder of flights that {pilot} was trained from")
-            if minutes < math.inf:
-                raise InputError("--minutes is for a pilot of one body: give --rounds")
-            count = flights or AnyBodyDagger.flights
-            own = AnyBodyDagger(rounds=rounds, flights=count, seed=seed)
-            report = run_any_body_dagger(pilot, out, own, fleet)
-        else:
-            count = flights or DaggerSettings.flights
-            settings = DaggerSettings(rounds=rounds, flights=count, seed=seed, minutes=minutes)
-            report = run_dagger(data, pilot, out, settings, fleet)
+        report = run_dagger(data, pilot, out, settings, fleet)
     if as_json:
         typer.echo(json.dumps(report, indent=2))
     else:

@@ -5,8 +5,6 @@ from __future__ import annotations
 import enum
 import json
 import math
-from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -21,14 +19,10 @@ from proxops.cli.common import (
     work_bar,
 )
 from proxops.diagrams.flight import Workers
-from proxops.systems.common import InputError, Progress
-
-Training = Callable[[Path | None, Path, dict[str, Any], bool, int | None, Progress], dict[str, Any]]
-"""Trains on a folder of flights into another, with common settings, quickly or not, for a number of
-epochs, and tells its progress; gives the report."""
+from proxops.systems.common import InputError
 
 
-class Recipe(enum.StrEnum):
+class RecipeName(enum.StrEnum):
     """The kind of policy and how it is trained."""
 
     PROXOPS = "proxops"
@@ -38,9 +32,9 @@ class Recipe(enum.StrEnum):
 
 # One for each: in the other's folder, a training would replace the bundle.
 _FOLDERS = {
-    Recipe.PROXOPS: Path("out/pilot"),
-    Recipe.PAPER: Path("out/paper-policy"),
-    Recipe.ANY_BODY: Path("out/any-body"),
+    RecipeName.PROXOPS: Path("out/pilot"),
+    RecipeName.PAPER: Path("out/paper-policy"),
+    RecipeName.ANY_BODY: Path("out/any-body"),
 }
 
 
@@ -58,12 +52,12 @@ def train_command(
         typer.Argument(help="Folder that `proxops collect` wrote; any-body needs none."),
     ] = None,
     recipe: Annotated[
-        Recipe,
+        RecipeName,
         typer.Option(
             help="proxops: our pilot, from lidar frames; paper: the paper's CNN, LSTM and MLP; "
             "any-body: from the navigation's state, for a family of bodies."
         ),
-    ] = Recipe.PROXOPS,
+    ] = RecipeName.PROXOPS,
     epochs: Annotated[
         int | None,
         typer.Option(
@@ -105,9 +99,8 @@ def train_command(
 ) -> None:
     """Train a policy to predict the MPC's force.
 
-    The command writes the policy, training curves, report.md and report.json.
-    `proxops fly --controller policy:OUT/bundle` flies the policy. Run it again to continue after
-    an interruption.
+    The command writes the policy, training curves, report.md and report.json. `proxops fly
+    --controller policy:OUT/bundle` flies it. Run it again to continue after an interruption.
 
     Examples:
 
@@ -120,91 +113,35 @@ def train_command(
     out = out or _FOLDERS[recipe]
     check_folder(out)
     _check_options(recipe, data, minutes, workers)
-    train = _training(recipe, minutes, Workers(workers))
-    # The networks of our recipes are small, so a CPU is as fast as any other device.
-    device = "cpu" if device == "auto" and recipe != Recipe.PAPER else device
-    common = {"seed": seed, "device": device, "precision": precision.value}
+    options = {} if device == "auto" else {"device": device}
+    with training_extra():
+        # torch is slow to import.
+        from proxops.training.recipes import RECIPES
+    settings = RECIPES[recipe].settings(seed=seed, precision=precision.value, **options)
+    settings = (settings.quick() if quick else settings).limited(epochs, minutes)
     with work_bar() as tell:
-        report = train(data, out, common, quick, epochs, tell)
+        report = RECIPES[recipe].train(data, out, settings, Workers(workers).reporting(tell))
     if as_json:
         typer.echo(json.dumps(report, indent=2))
     else:
-        (print_any_body if recipe == Recipe.ANY_BODY else print_report)(report)
+        (print_any_body if recipe == RecipeName.ANY_BODY else print_report)(report)
     status.print(f"Wrote bundle, the trained policy, report.md and curves in {out}")
 
 
 def _check_options(
-    recipe: Recipe, data: Path | None, minutes: float | None, workers: int | None
+    recipe: RecipeName, data: Path | None, minutes: float | None, workers: int | None
 ) -> None:
-    """Raises `InputError` if an option is given that the recipe does not take."""
+    """Raises `InputError` if the recipe does not take an option that is given, or needs data."""
     if minutes is not None and math.isnan(minutes):
         raise InputError("--minutes must be a number")
-    if minutes is not None and recipe != Recipe.PAPER:
+    if minutes is not None and recipe != RecipeName.PAPER:
         raise InputError("--minutes needs --recipe paper: give --epochs or --quick")
-    if recipe == Recipe.ANY_BODY and data is not None:
+    if recipe == RecipeName.ANY_BODY and data is not None:
         raise InputError(f"--recipe any-body makes its own examples: leave out {data}")
-    if recipe == Recipe.PAPER and workers is not None:
-        raise InputError("--workers is for recipes that compute plans: leave it out")
-
-
-def _training(recipe: Recipe, minutes: float | None, workers: Workers) -> Training:
-    if recipe == Recipe.PAPER:
-        return _paper(minutes)
-    return _any_body(workers) if recipe == Recipe.ANY_BODY else _pilot(workers)
-
-
-def _given(data: Path | None) -> Path:
-    if data is None:
+    if recipe != RecipeName.ANY_BODY and data is None:
         raise InputError("name the folder that `proxops collect` wrote")
-    return data
-
-
-def _of_epochs(schedule: Any, epochs: int | None) -> Any:
-    """A schedule with another number of epochs, all of which are run; None: with its own."""
-    return schedule if epochs is None else replace(schedule, epochs=epochs, patience=epochs)
-
-
-def _paper(minutes: float | None) -> Training:
-    """The training by the paper's recipe."""
-    with training_extra():
-        # torch is slow to import.
-        from proxops.training.paper import PaperSettings, train_paper_policy
-
-    def train(data, out, common, quick, epochs, tell):
-        settings = PaperSettings(**common)
-        settings = settings.quick() if quick else settings
-        schedule = _of_epochs(replace(settings.schedule, minutes=minutes), epochs)
-        return train_paper_policy(_given(data), out, replace(settings, schedule=schedule), tell)
-
-    return train
-
-
-def _pilot(workers: Workers) -> Training:
-    """The training of our pilot, from lidar frames to force."""
-    with training_extra():
-        from proxops.training.pilot import PilotSettings, train_pilot
-
-    def train(data, out, common, quick, epochs, tell):
-        settings = PilotSettings(**common)
-        settings = settings.quick() if quick else settings
-        settings = replace(settings, guidance=_of_epochs(settings.guidance, epochs))
-        return train_pilot(_given(data), out, settings, workers.reporting(tell))
-
-    return train
-
-
-def _any_body(workers: Workers) -> Training:
-    """The training of the policy for any body."""
-    with training_extra():
-        from proxops.training.any_body import AnyBodySettings, train_any_body
-
-    def train(data, out, common, quick, epochs, tell):
-        settings = AnyBodySettings(**common)
-        settings = settings.quick() if quick else settings
-        settings = replace(settings, schedule=_of_epochs(settings.schedule, epochs))
-        return train_any_body(out, settings, workers.reporting(tell))
-
-    return train
+    if recipe == RecipeName.PAPER and workers is not None:
+        raise InputError("--workers is for recipes that compute plans: leave it out")
 
 
 def print_any_body(report: dict[str, Any]) -> None:

@@ -17,11 +17,10 @@ from proxops.diagrams.scenario import (
     dump_typed,
     is_yaml_path,
 )
-from proxops.systems import GuidanceBundle, PolicyBundle
 from proxops.systems.common import file_sha256
 from proxops.systems.lidar import LidarBundle
 from proxops.systems.navigation import map_files
-from proxops.systems.policy import GUIDANCE_FILE
+from proxops.systems.policy import load_policy
 
 
 @dc.dataclass(frozen=True)
@@ -64,8 +63,7 @@ def provenance(scenario: Scenario, body: Body, controller: str) -> Provenance:
     files["dispersions"] = [file_sha256(Path(each)) for each in drawn if is_yaml_path(each)]
     bundle = bundle_of(controller, scenario)
     if bundle is not None:
-        kind = GuidanceBundle if (bundle / GUIDANCE_FILE).exists() else PolicyBundle
-        files["policy"] = [kind.load(bundle).sha256]
+        files["policy"] = [load_policy(bundle).sha256]
     files["controller"] = [*map(file_sha256, controller_files(controller))]
     used = {kind: hashes for kind, hashes in files.items() if hashes}
     return dc.replace(Provenance.of(body), files=used)

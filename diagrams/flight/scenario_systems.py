@@ -24,6 +24,7 @@ from proxops.systems import (
     ErrorWeights,
     ExpectedErrors,
     FlightLimits,
+    GuidanceBundle,
     GuidancePolicy,
     Horizon,
     InputError,
@@ -44,7 +45,7 @@ from proxops.systems import (
 )
 from proxops.systems.gravity import BodyField
 from proxops.systems.navigation import load_map
-from proxops.systems.policy import GUIDANCE_FILE
+from proxops.systems.policy import load_policy
 from proxops.systems.vehicle import FlightEvents
 
 # The navigation takes the lidar's noise for at least this share of the body's size, 2 m at
@@ -100,13 +101,14 @@ def make_policy(
         control period, or for other proportions of body and spacecraft.
     """
     thrust, period = scenario.spacecraft.thrust_limit_n, scenario.control_period_s
-    if (bundle / GUIDANCE_FILE).exists():
+    policy = load_policy(bundle)
+    if isinstance(policy, GuidanceBundle):
         around = surroundings(scenario, body, checked)
         beyond = scenario.policy.beyond_family
         latest = _latest(scenario, scenario.mpc.min_horizon_s)
-        return GuidancePolicy(bundle, around, thrust, beyond_family=beyond, latest=latest)
+        return GuidancePolicy(policy, around, thrust, beyond_family=beyond, latest=latest)
     return NeuralPolicy(
-        bundle, thrust, period, _lidar_geometry(scenario), shape_sha256=body.shape.sha256
+        policy, thrust, period, _lidar_geometry(scenario), shape_sha256=body.shape.sha256
     )
 
 

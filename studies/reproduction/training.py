@@ -16,8 +16,14 @@ from proxops.systems.lidar import LidarBundle
 from proxops.systems.policy import PolicyBundle
 from proxops.training.data import MIXES, collect, learned_lidar_of
 from proxops.training.lidar import LidarSettings, train_lidar
-from proxops.training.paper import PaperSettings, train_paper_policy
-from proxops.training.pilot import DaggerSettings, PilotSettings, run_dagger, train_pilot
+from proxops.training.recipes import (
+    DaggerSettings,
+    PaperSettings,
+    PilotSettings,
+    run_dagger,
+    train_paper_policy,
+    train_pilot,
+)
 
 LIDAR_BUNDLES = {"learned": "bundle", "paper": "paper_bundle"}
 """Folders in which `train_lidar` leaves its two networks: our ray network and the paper's MLP."""
@@ -71,7 +77,10 @@ def train_everything(
         return _trained(run_dagger(data.folder, begun, folder, settings.rounds, fleet), folder)
 
     def learn_as_the_paper(folder: Path, tell: Progress) -> dict[str, Any]:
-        return _trained(train_paper_policy(papers.folder, folder, settings.paper, tell), folder)
+        return _trained(
+            train_paper_policy(papers.folder, folder, settings.paper, workers.reporting(tell)),
+            folder,
+        )
 
     data = _collected(stages, "data-full", origin, plain, ("full", 1, settings.pilot_flights),
                       workers)  # fmt: skip

@@ -6,10 +6,10 @@ arguments that make no sense. Random numbers are pure functions of a seed and a 
 systems that draw them. `write_whole` and `write_json` give a file its name only when all of it is
 written. `decoded` gives the text of a file in any encoding. `kernel` compiles functions.
 `keep_arrays` puts what took long to compute into the user's cache folder, and `kept_arrays` finds
-it there. `Vector3`, `States` and the like say the shape of an array in signatures. `read_bundle`
-reads the folder of a trained network, and `offers_of` what a controller offers to a flight and its
-log. Read `errors` and `counter_noise` first. This room imports nothing else of proxops, and every
-other room depends on it.
+it there. `Vector3`, `States` and the like say the shape of an array in signatures. A `BundleKind`
+reads and writes the folders of trained networks, and `offers_of` says what a controller offers to a
+flight and its log. Read `errors` and `counter_noise` first. This room imports nothing else of
+proxops, and every other room depends on it.
 """
 
 from proxops.systems.common.array_types import (
@@ -20,7 +20,7 @@ from proxops.systems.common.array_types import (
     Vector3,
     Vectors3,
 )
-from proxops.systems.common.bundles import MODEL_FILE, BundleKind, open_session, read_bundle
+from proxops.systems.common.bundles import BundleKind, open_session
 from proxops.systems.common.checks import (
     LARGEST,
     Vector,
@@ -43,7 +43,13 @@ from proxops.systems.common.deviations import error_bounds
 from proxops.systems.common.directions import directions_of, spread_directions
 from proxops.systems.common.errors import InputError, SolverFailure
 from proxops.systems.common.extras import needed
-from proxops.systems.common.files import file_sha256, make_folder, write_json, write_whole
+from proxops.systems.common.files import (
+    file_sha256,
+    make_folder,
+    whole_folder,
+    write_json,
+    write_whole,
+)
 from proxops.systems.common.kernels import kernel
 from proxops.systems.common.progress import Progress, part_of, silent
 from proxops.systems.common.rotations import (
@@ -77,7 +83,6 @@ __all__ = [
     "FAR",
     "LARGEST",
     "LONG",
-    "MODEL_FILE",
     "BundleKind",
     "InputError",
     "LegendEntry",
@@ -127,7 +132,6 @@ __all__ = [
     "quaternion_inverse",
     "quaternion_of",
     "quaternion_product",
-    "read_bundle",
     "rotated",
     "rotation_matrix",
     "silent",
@@ -135,6 +139,7 @@ __all__ = [
     "turned_vector",
     "values_in_words",
     "vector",
+    "whole_folder",
     "write_json",
     "write_whole",
 ]

@@ -1,4 +1,4 @@
-"""Bundles of trained networks: a folder with an ONNX model and a JSON file that describes it."""
+"""Bundles of trained networks: one format, reader and writer for all that fly."""
 
 from __future__ import annotations
 
@@ -6,67 +6,102 @@ import hashlib
 import json
 import typing
 from dataclasses import dataclass
+from importlib import metadata
 from pathlib import Path
 
 from proxops.systems.common.errors import InputError
+from proxops.systems.common.files import whole_folder
 
 if typing.TYPE_CHECKING:
     import onnxruntime as ort
 
-MODEL_FILE = "model.onnx"
-
 
 @dataclass(frozen=True)
 class BundleKind:
-    """What a bundle of one kind must contain."""
+    """A kind of bundle: a folder with a network and a JSON file, the manifest, that describes it.
+
+    The manifest holds the network's hash, so its own hash identifies the bundle.
+    """
 
     noun: str
     """What the bundle holds, for messages: for instance "policy"."""
     file: str
-    """Name of the JSON file."""
+    """Name of the manifest."""
     format: str
-    """Value of the key `format` in that file."""
+    """Value of the key `format` in it."""
     keys: dict[str, type]
-    """The file's keys, `model_sha256` among them, and the types of their values."""
+    """Its other keys, besides those that every kind has, and the types of their values."""
     command: str
     """The command that makes such a bundle."""
-    model: str = MODEL_FILE
+    model: str = "model.onnx"
     """Name of the network's file."""
 
+    def read(self, folder: Path) -> tuple[dict[str, typing.Any], str, bytes]:
+        """Reads and checks a bundle.
 
-def read_bundle(folder: Path, kind: BundleKind) -> tuple[dict[str, typing.Any], str, bytes]:
-    """Reads and checks a bundle.
+        Returns:
+          The content of its manifest, the manifest's SHA-256, and the content of the network's
+          file.
 
-    Returns:
-      The content of its JSON file, that file's SHA-256, and the content of the network's file. The
-      JSON file holds the network's hash, so its own hash identifies the bundle.
-
-    Raises:
-      InputError: there is no bundle of this kind, it has another format, or it is damaged; the
-        message says which.
-    """
-    text = _read(folder / kind.file, folder, kind)
-    model = _read(folder / kind.model, folder, kind)
-    try:
-        content = json.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"{folder / kind.file} is damaged: it is not JSON") from error
-    if not isinstance(content, dict) or content.get("format") != kind.format:
-        raise InputError(
-            f"{folder / kind.file} is not of the format {kind.format!r}; train the {kind.noun} "
-            f"again with {kind.command}"
-        )
-    for key, kind_of_value in kind.keys.items():
-        if not isinstance(content.get(key), kind_of_value):
+        Raises:
+          InputError: there is no bundle of this kind, it has another format, or it is damaged; the
+            message says which.
+        """
+        try:
+            text, model = ((folder / name).read_bytes() for name in (self.file, self.model))
+        except OSError as error:
             raise InputError(
-                f"{folder / kind.file} is damaged: {key} is no {kind_of_value.__name__}"
+                f"{folder} is not the bundle of a {self.noun}: {Path(error.filename).name} cannot "
+                f"be read ({error.strerror}); {self.command} makes one"
+            ) from error
+        try:
+            content = json.loads(text)
+        except (ValueError, RecursionError) as error:
+            raise InputError(f"{folder / self.file} is damaged: it is not JSON") from error
+        if not isinstance(content, dict) or content.get("format") != self.format:
+            raise InputError(
+                f"{folder / self.file} is not of the format {self.format!r}; train the {self.noun} "
+                f"again with {self.command}"
             )
-    if hashlib.sha256(model).hexdigest() != content["model_sha256"]:
-        raise InputError(
-            f"{folder / kind.model} is damaged or of another bundle: its hash is not the one "
-            f"in {kind.file}; train it again with {kind.command}"
-        )
-    return content, hashlib.sha256(text).hexdigest(), model
+        for key, kind in (self.keys | {"model_sha256": str, "versions": dict}).items():
+            if not isinstance(content.get(key), kind):
+                raise InputError(f"{folder / self.file} is damaged: {key} is no {kind.__name__}")
+        if hashlib.sha256(model).hexdigest() != content["model_sha256"]:
+            raise InputError(
+                f"{folder / self.model} is damaged or of another bundle: its hash is not the one "
+                f"in {self.file}; train it again with {self.command}"
+            )
+        return content, hashlib.sha256(text).hexdigest(), model
+
+    def write(
+        self,
+        folder: Path,
+        content: dict[str, typing.Any],
+        model: bytes,
+        report: str | None = None,
+    ) -> None:
+        """Writes a bundle; an older one is replaced as a whole.
+
+        Args:
+          content: values of `keys`.
+          model: content of the network's file.
+          report: content of `report.md`, if there is to be one.
+
+        Raises:
+          InputError: the folder cannot be written.
+        """
+        origin = {
+            "model_sha256": hashlib.sha256(model).hexdigest(),
+            "versions": {
+                name: metadata.version(name) for name in ("proxops", "torch", "onnx", "onnxruntime")
+            },
+        }
+        told = {"format": self.format} | content | origin
+        with whole_folder(folder) as part:
+            (part / self.model).write_bytes(model)
+            (part / self.file).write_text(json.dumps(told, indent=2, allow_nan=False) + "\n")
+            if report is not None:
+                (part / "report.md").write_text(report, encoding="utf-8")
 
 
 def open_session(model: bytes) -> ort.InferenceSession:
@@ -88,14 +123,4 @@ def open_session(model: bytes) -> ort.InferenceSession:
     except Exception as error:  # ONNX Runtime's exceptions have no common type.
         raise InputError(
             f"the network is not one that ONNX Runtime takes: {str(error).partition(chr(10))[0]}"
-        ) from error
-
-
-def _read(path: Path, folder: Path, kind: BundleKind) -> bytes:
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise InputError(
-            f"{folder} is not the bundle of a {kind.noun}: {path.name} cannot be read "
-            f"({error.strerror}); {kind.command} makes one"
         ) from error

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
+import glob
 import hashlib
 import json
 import os
+import shutil
 import tempfile
 import typing
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 from pathlib import Path
 
 from proxops.systems.common.errors import InputError
@@ -53,6 +56,41 @@ def write_whole(path: Path, write: Callable[[Path], typing.Any]) -> None:
         raise InputError(f"cannot write {path}: {error.strerror or error}") from error
     finally:
         temporary.unlink(missing_ok=True)
+
+
+@contextlib.contextmanager
+def whole_folder(folder: Path) -> Generator[Path]:
+    """Inside, gives an empty folder to fill; afterwards this replaces `folder`, as a whole.
+
+    What an earlier call left that was killed is removed; if it was killed between taking the older
+    folder away and putting the new one in its place, the older one is put back first. No two
+    processes may write one folder at once.
+
+    Raises:
+      InputError: the folder cannot be written.
+    """
+    make_folder(folder.parent)
+    try:
+        for left in folder.parent.glob(f".{glob.escape(folder.name)}.*.folder"):
+            if left.stem.endswith(".old") and not folder.exists():
+                left.rename(folder)
+            else:
+                shutil.rmtree(left)
+        part = Path(
+            tempfile.mkdtemp(dir=folder.parent, prefix=f".{folder.name}.", suffix=".folder")
+        )
+        part.chmod(0o777 & ~_umask)
+        try:
+            yield part
+            older = part.with_suffix(".old.folder")
+            if folder.exists():
+                folder.rename(older)
+            part.rename(folder)
+            shutil.rmtree(older, ignore_errors=True)
+        finally:
+            shutil.rmtree(part, ignore_errors=True)
+    except OSError as error:
+        raise InputError(f"cannot write {folder}: {error.strerror or error}") from error
 
 
 def write_json(path: Path, content: typing.Any, indent: int | None = 2) -> None:

@@ -8,20 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from proxops.systems.common import (
-    BundleKind,
-    InputError,
-    States,
-    Vector3,
-    open_session,
-    read_bundle,
-)
+from proxops.systems.common import BundleKind, InputError, States, Vector3, open_session
 
 if typing.TYPE_CHECKING:
     import onnxruntime as ort
 
-LIDAR_FORMAT = "proxops learned lidar 1"
-LIDAR_FILE = "bundle.json"
 RAY_NETWORK, FRAME_NETWORK = "ray network", "frame network"
 """Kinds of networks: ours answers for each ray, and the paper's gives whole frames."""
 CHORDS_INPUT, HIT_OUTPUT, DEPTH_OUTPUT = "chords", "hit_logit", "depth"
@@ -31,13 +22,13 @@ POSITION_INPUT, RANGES_OUTPUT = "position", "ranges"
 """Names in a frame network: positions (1, 3) in K, over half of the cube's edge, in; ranges
 (1, planes * rays) in the bundle's unit of length, not positive where no ray returns, out; all
 float32."""
-_KIND = BundleKind(
+LIDAR_BUNDLE = BundleKind(
     noun="learned lidar",
-    file=LIDAR_FILE,
-    format=LIDAR_FORMAT,
+    file="bundle.json",
+    format="proxops learned lidar 1",
     keys={
-        "planes": int, "rays": int, "cube_m": float,
-        "body": str, "shape_sha256": str, "model_sha256": str, "training": dict, "versions": dict,
+        "planes": int, "rays": int, "cube_m": float, "body": str, "shape_sha256": str,
+        "training": dict,
     },
     command="proxops train-lidar",
 )  # fmt: skip
@@ -75,12 +66,12 @@ class LidarBundle:
             says which.
         """
         folder = Path(path)
-        content, sha256, model = read_bundle(folder, _KIND)
+        content, sha256, model = LIDAR_BUNDLE.read(folder)
         try:
             session = open_session(model)
         except InputError as error:
             raise InputError(f"{folder} is no learned lidar: {error}") from error
-        source = folder / LIDAR_FILE
+        source = folder / LIDAR_BUNDLE.file
         kind = content.get("kind", RAY_NETWORK)
         centre = semi_axes = np.zeros(3)
         length_unit = 1.0

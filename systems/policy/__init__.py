@@ -2,28 +2,23 @@
 
 Start with `GuidancePolicy`, which flies from state and goal at any body of a family, and
 `Surroundings`, all that it is told of the body. `NeuralPolicy` is end-to-end: from lidar frames to
-force, at one body. Their networks are in the folders of a `GuidanceBundle` and a `PolicyBundle`,
-which say what they were trained for. `ProportionalDerivative` is a simple controller to compare
-others with. PyTorch is not needed here. The names of the network's inputs
-and outputs (`POLICY_INPUTS`, `POLICY_OUTPUTS`) are the format of every `PolicyBundle`: change them
-and each has to be trained again.
+force, at one body. `load_policy` reads the network of either from its folder, as a `GuidanceBundle`
+or a `PolicyBundle`, which says what it was trained for. `ProportionalDerivative` is a simple
+controller to compare others with. PyTorch is not needed here. The names of the network's inputs and
+outputs (`POLICY_INPUTS`, `POLICY_OUTPUTS`) are the format of every `PolicyBundle`: change them and
+each has to be trained again.
 """
 
-from proxops.systems.policy.guidance_bundle import (
-    GUIDANCE_FILE,
-    GUIDANCE_FORMAT,
-    WEIGHTS_FILE,
-    GuidanceBundle,
-)
+from proxops.systems.policy.guidance_bundle import GUIDANCE_BUNDLE, GuidanceBundle, load_policy
 from proxops.systems.policy.guidance_network import GuidanceNetwork
 from proxops.systems.policy.guidance_policy import GuidancePolicy, PolicyConfig
 from proxops.systems.policy.neural_policy import NeuralPolicy, PolicyStatus, policy_answer
 from proxops.systems.policy.policy_bundle import (
-    POLICY_FILE,
-    POLICY_FORMAT,
+    POLICY_BUNDLE,
     POLICY_INPUTS,
     POLICY_OUTPUTS,
     PolicyBundle,
+    PolicyFacts,
     check_network,
     run_network,
 )
@@ -31,24 +26,23 @@ from proxops.systems.policy.proportional_derivative import ProportionalDerivativ
 from proxops.systems.policy.surroundings import INPUTS, Surroundings
 
 __all__ = [
-    "GUIDANCE_FILE",
-    "GUIDANCE_FORMAT",
+    "GUIDANCE_BUNDLE",
     "INPUTS",
-    "POLICY_FILE",
-    "POLICY_FORMAT",
+    "POLICY_BUNDLE",
     "POLICY_INPUTS",
     "POLICY_OUTPUTS",
-    "WEIGHTS_FILE",
     "GuidanceBundle",
     "GuidanceNetwork",
     "GuidancePolicy",
     "NeuralPolicy",
     "PolicyBundle",
     "PolicyConfig",
+    "PolicyFacts",
     "PolicyStatus",
     "ProportionalDerivative",
     "Surroundings",
     "check_network",
+    "load_policy",
     "policy_answer",
     "run_network",
 ]

@@ -1,6 +1,6 @@
 """Compiled kernel of `GuidanceNetwork`: the forward pass of one row of inputs.
 
-It computes what `proxops.training.any_body.network.AnyBodyGuidance` does, which explains it, in
+It computes what `proxops.training.networks.AnyBodyGuidance` does, which explains it, in
 some 40 us where caches are cold. A runtime for networks takes three times that, for dozens of small
 operations beside the four large ones.
 """

@@ -8,22 +8,21 @@ from pathlib import Path
 
 import numpy as np
 
-from proxops.systems.common import BundleKind, InputError, Vector3, read_bundle
+from proxops.systems.common import BundleKind, InputError, Vector3
 from proxops.systems.policy.guidance_network import GuidanceNetwork
+from proxops.systems.policy.policy_bundle import PolicyBundle
 from proxops.systems.policy.surroundings import NUMBERS, Surroundings
 
-GUIDANCE_FORMAT = "proxops guidance 3"
-GUIDANCE_FILE, WEIGHTS_FILE = "guidance.json", "weights.npz"
-_KIND = BundleKind(
+GUIDANCE_BUNDLE = BundleKind(
     noun="guidance",
-    file=GUIDANCE_FILE,
-    format=GUIDANCE_FORMAT,
+    file="guidance.json",
+    format="proxops guidance 3",
     keys={
-        "recipe": str, "ranges": dict, "data_sha256": str, "metrics": dict, "model_sha256": str,
-        "kernel_difference": float, "versions": dict,
+        "recipe": str, "ranges": dict, "data_sha256": str, "metrics": dict,
+        "kernel_difference": float,
     },
     command="proxops train --recipe any-body",
-    model=WEIGHTS_FILE,
+    model="weights.npz",
 )  # fmt: skip
 
 # How far below and above its range a number may be, as factors of the range's ends. The network is
@@ -64,7 +63,7 @@ class GuidanceBundle:
             which.
         """
         folder = Path(path)
-        content, sha256, weights = read_bundle(folder, _KIND)
+        content, sha256, weights = GUIDANCE_BUNDLE.read(folder)
         try:
             ranges = {
                 name: (float(low), float(high)) for name, (low, high) in content["ranges"].items()
@@ -74,8 +73,8 @@ class GuidanceBundle:
         sound = all(math.isfinite(low) and low <= high < math.inf for low, high in ranges.values())
         if not sound or set(ranges) != set(NUMBERS):
             raise InputError(
-                f"{folder / GUIDANCE_FILE} is damaged: its ranges are not a least and a greatest "
-                f"number each for {', '.join(NUMBERS)}"
+                f"{folder / GUIDANCE_BUNDLE.file} is damaged: its ranges are not a least and a "
+                f"greatest number each for {', '.join(NUMBERS)}"
             )
         try:
             network = GuidanceNetwork.from_bytes(weights)
@@ -143,3 +142,13 @@ class GuidanceBundle:
             if not low - slack <= value <= high + slack:
                 found[name] = f"{name} is {value:.3g}, and it flies {low:.3g} to {high:.3g}"
         return found
+
+
+def load_policy(folder: Path) -> PolicyBundle | GuidanceBundle:
+    """Reads the bundle of a policy of either kind.
+
+    Raises:
+      InputError: see `PolicyBundle.load`.
+    """
+    kind = GuidanceBundle if (folder / GUIDANCE_BUNDLE.file).exists() else PolicyBundle
+    return kind.load(folder)

@@ -19,7 +19,7 @@ _FEATURES = INPUTS + 37
 class GuidanceNetwork(NamedTuple):
     """A law of least effort that a network corrects; all arrays are float32 of rows and columns.
 
-    `proxops.training.any_body.AnyBodyGuidance` explains and trains it. The network has three layers
+    `proxops.training.networks.AnyBodyGuidance` explains and trains it. The network has three layers
     of one width, each followed by SiLU, and a last one for the six corrections.
     """
 

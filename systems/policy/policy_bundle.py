@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import math
 import typing
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 
 import numpy as np
 
-from proxops.systems.common import BundleKind, InputError, open_session, read_bundle
+from proxops.systems.common import BundleKind, InputError, open_session
 
 if typing.TYPE_CHECKING:
     import onnxruntime as ort
 
-POLICY_FORMAT = "proxops policy 1"
-POLICY_FILE = "policy.json"
 POLICY_INPUTS = ("ranges", "target", "commanded_force", "memory")
 POLICY_OUTPUTS = ("force", "estimate", "next_memory")
 """Names of the network's inputs and outputs; each is one row of float32.
@@ -24,24 +22,25 @@ Inputs: ranges (planes * rays) in m, +inf where nothing returned; target (6) in 
 (3) in N that was commanded over the last period, 0 at the first step; memory, 0 at the start of a
 flight. Outputs: force (3) in N; estimate (6) of position and velocity in m and m/s, NaN if the
 network makes none; the memory for the next step."""
-_KIND = BundleKind(
+POLICY_BUNDLE = BundleKind(
     noun="policy",
-    file=POLICY_FILE,
-    format=POLICY_FORMAT,
+    file="policy.json",
+    format="proxops policy 1",
     keys={
         "recipe": str, "planes": int, "rays": int, "period_s": float, "thrust_limit_n": float,
         "memory": int, "estimates": bool, "body": str, "shape_sha256": str, "data_sha256": str,
-        "metrics": dict, "model_sha256": str, "onnx_difference": float, "versions": dict,
+        "metrics": dict, "onnx_difference": float,
     },
     command="proxops train",
 )  # fmt: skip
+# Fields of `PolicyFacts` that have another name, with their unit, in the manifest.
+_UNITS = {"period": "period_s", "thrust_limit": "thrust_limit_n"}
 
 
-@dataclass(frozen=True)
-class PolicyBundle:
-    """A policy that was read from its folder."""
+@dataclass(frozen=True, kw_only=True)
+class PolicyFacts:
+    """What a bundle says of its policy."""
 
-    path: Path
     recipe: str
     """Name of the training recipe."""
     planes: int
@@ -51,15 +50,35 @@ class PolicyBundle:
     thrust_limit: float
     """Greatest force per axis in N in its training data."""
     memory: int
-    """Length of the memory, which goes from step to step."""
+    """Length of the memory, which goes from step to step; at least 1."""
     estimates: bool
     """Whether it estimates position and velocity."""
     body: str
     """Name of the body that it was trained at."""
     shape_sha256: str
     """`Polyhedron.sha256` of that body."""
+    data_sha256: str
+    """Hash of the training data."""
+    metrics: dict[str, typing.Any] = field(default_factory=dict)
+    """Further figures of the training, as JSON takes them."""
+
+    def told(self) -> dict[str, typing.Any]:
+        """Gives the facts as the manifest has them."""
+        return {key: getattr(self, name) for name, key in _keys().items()}
+
+
+def _keys() -> dict[str, str]:
+    """The manifest's keys by the names of the facts."""
+    return {each.name: _UNITS.get(each.name, each.name) for each in fields(PolicyFacts)}
+
+
+@dataclass(frozen=True, kw_only=True)
+class PolicyBundle(PolicyFacts):
+    """A policy that was read from its folder."""
+
+    path: Path
     sha256: str
-    """Hash of `policy.json`, which holds the network's hash. It identifies the bundle."""
+    """Hash of the manifest, which holds the network's hash. It identifies the bundle."""
     session: ort.InferenceSession = field(repr=False)
 
     @classmethod
@@ -71,29 +90,17 @@ class PolicyBundle:
             which.
         """
         folder = Path(path)
-        content, sha256, model = read_bundle(folder, _KIND)
+        content, sha256, model = POLICY_BUNDLE.read(folder)
         for key in ("planes", "rays", "period_s", "thrust_limit_n", "memory"):
             if not 0 < content[key] < math.inf:
-                raise InputError(f"{folder / POLICY_FILE} is damaged: {key} is not positive")
+                raise InputError(f"{folder / POLICY_BUNDLE.file} is damaged: {key} is not positive")
         try:
             session = open_session(model)
             check_network(session, content["planes"] * content["rays"], content["memory"])
         except InputError as error:
             raise InputError(f"{folder} is no policy: {error}") from error
-        return cls(
-            path=folder,
-            recipe=content["recipe"],
-            planes=content["planes"],
-            rays=content["rays"],
-            period=content["period_s"],
-            thrust_limit=content["thrust_limit_n"],
-            memory=content["memory"],
-            estimates=content["estimates"],
-            body=content["body"],
-            shape_sha256=content["shape_sha256"],
-            sha256=sha256,
-            session=session,
-        )
+        facts = {name: content[key] for name, key in _keys().items()}
+        return cls(path=folder, sha256=sha256, session=session, **facts)
 
 
 def check_network(session: ort.InferenceSession, rays: int, memory: int) -> None:

@@ -10,7 +10,7 @@ from torch import Tensor, nn
 
 from proxops.systems import Polyhedron, ray_directions
 from proxops.systems.lidar.ray_chords import ChordFan
-from proxops.training.lidar.bundle import BundleFacts, write_bundle, write_frame_bundle
+from proxops.training.lidar.bundle import Facts, write_bundle, write_frame_bundle
 
 RADIUS = 50e3
 CENTRE = np.array([1e3, -2e3, 3e3])
@@ -61,15 +61,9 @@ def ball_shape() -> Polyhedron:
     return Polyhedron.from_trimesh(mesh, "m")
 
 
-def ball_facts(rays: int = 360, shape_sha256: str = "") -> BundleFacts:
-    return BundleFacts(
-        planes=12,
-        rays=rays,
-        cube=340e3,
-        body="Ball",
-        shape_sha256=shape_sha256,
-        training={},
-    )
+def ball_facts(rays: int = 360, shape_sha256: str = "") -> Facts:
+    body = {"body": "Ball", "shape_sha256": shape_sha256}
+    return {"planes": 12, "rays": rays, "cube_m": 340e3, "training": {}} | body
 
 
 def chord_ends() -> np.ndarray:

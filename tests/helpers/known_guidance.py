@@ -7,9 +7,10 @@ from short_flights import kleopatra, short_scenario
 
 from proxops.diagrams.flight import surroundings
 from proxops.systems.policy import INPUTS
-from proxops.training.any_body.export import export_guidance, ranges_of
-from proxops.training.any_body.network import AnyBodyGuidance
+from proxops.training.export import export_guidance
 from proxops.training.loop import seeded
+from proxops.training.networks import AnyBodyGuidance
+from proxops.training.recipes.any_body import ranges_of
 
 
 def write_guidance(folder: Path) -> Path:

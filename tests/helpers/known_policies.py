@@ -11,7 +11,8 @@ from short_flights import SHORT, kleopatra
 from torch import Tensor, nn
 
 from proxops.systems import NeuralPolicy
-from proxops.training.export.policy_export import Example, PolicyFacts, export_policy
+from proxops.systems.policy import PolicyFacts
+from proxops.training.export.policy_export import Example, export_policy
 
 RAYS = 4320
 PERIOD, MASS = 10.0, 100.0

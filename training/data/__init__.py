@@ -1,20 +1,18 @@
 """Data to learn from: collected flights, the expert's plans, packed arrays. No PyTorch.
 
 Start with `collection_flights` (which flights are flown to learn from) and `pack_flights`, which
-turns logs into memory maps; `expert_plans` and `label_flights` add the expert's answers at other
+turns logs into memory maps; `expert_plans` and `labels_by_flight` add the expert's answers at other
 states.
 """
 
-from proxops.training.data.collecting import collect
-from proxops.training.data.collection import collection_flights, learned_lidar_of
+from proxops.training.data.collection import collect, collection_flights, learned_lidar_of
 from proxops.training.data.collection_report import histogram_rows, report_rows
-from proxops.training.data.dagger_rounds import hard_transits, round_logs, round_outcome
-from proxops.training.data.flight_labels import label_flights, labels_by_flight, plans_along
-from proxops.training.data.label_files import Labels, joined_labels
+from proxops.training.data.flight_labels import labels_by_flight, plans_along
+from proxops.training.data.label_files import Labels, joined_labels, kept_labels
 from proxops.training.data.normalisation import Normalisation
-from proxops.training.data.packed_flights import PackedFlights, part_rows
+from proxops.training.data.packed_flights import PARTS, PackedFlights, part_rows
 from proxops.training.data.packing import pack_flights
-from proxops.training.data.plans import expert_plans, portion_labels, portions_of
+from proxops.training.data.plans import expert_plans, portions_of
 from proxops.training.data.recovery import (
     MIXES,
     at_rest,
@@ -29,7 +27,6 @@ from proxops.training.data.scaling import (
     scaling_for,
     scaling_of,
 )
-from proxops.training.data.transit_split import PARTS
 
 __all__ = [
     "MIXES",
@@ -44,23 +41,19 @@ __all__ = [
     "collect",
     "collection_flights",
     "expert_plans",
-    "hard_transits",
     "histogram_rows",
     "joined_labels",
     "keep_out_of",
+    "kept_labels",
     "kind_of",
-    "label_flights",
     "labels_by_flight",
     "learned_lidar_of",
     "pack_flights",
     "parse_mix",
     "part_rows",
     "plans_along",
-    "portion_labels",
     "portions_of",
     "report_rows",
-    "round_logs",
-    "round_outcome",
     "scaling_for",
     "scaling_of",
 ]

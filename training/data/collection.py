@@ -1,4 +1,4 @@
-"""A training set: its expert flights, what the manifest keeps of each, and the manifest."""
+"""A training set: its expert flights, their manifest, and the report on them."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from proxops.diagrams.flight import Flight, Row, body_sha256, provenance
+from proxops.diagrams.flight import Flight, Row, Workers, body_sha256, provenance, run_campaign
 from proxops.diagrams.logs import FlightLog
 from proxops.diagrams.scenario import (
     Body,
@@ -18,16 +18,64 @@ from proxops.diagrams.scenario import (
     Scenario,
     draw_world,
     dump_scenario,
+    load_body,
 )
-from proxops.systems.common import InputError, file_sha256
+from proxops.systems.common import InputError, file_sha256, write_json
 from proxops.systems.lidar import LidarBundle
 from proxops.systems.shapes import clearances
+from proxops.training.data.collection_report import (
+    CLEARANCE_EDGES,
+    GOAL_EDGES,
+    collection_report,
+    collection_sections,
+)
 from proxops.training.data.recovery import flight_scenario, kind_of
-from proxops.training.reports import SMALL_COMMAND
+from proxops.training.reports import SMALL_COMMAND, write_markdown
 
-# Edges of the distance histograms, as multiples of the radius of arrival (1 km).
-GOAL_EDGES = (0.0, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)
-CLEARANCE_EDGES = (0.0, 1.0, 3.0, 8.0, 20.0, 50.0, 100.0)
+
+def collect(
+    scenario: Scenario,
+    mix: Mapping[str, int],
+    seed: int,
+    count: int,
+    out: Path,
+    *,
+    learned_lidar: LearnedLidarConfig | None = None,
+    workers: Workers = Workers(),
+) -> tuple[dict[str, typing.Any], dict[str, typing.Any]]:
+    """Flies the expert flights 0 … count - 1 of a seed; returns their manifest and report.
+
+    Writes a log of each to `out`/flights, and manifest.json, report.json and report.md to `out`.
+    Flights that are there already are not flown again: see `run_campaign`, also for `workers`.
+
+    Args:
+      learned_lidar: as of `collection_flights`.
+
+    Raises:
+      InputError: the folder has logs of other flights, no flight can begin in its world, or see
+        `collection_flights`, `run_campaign` and `check_files`.
+    """
+    body = load_body(scenario.body)
+    flights = collection_flights(scenario, body, mix, seed, count, learned_lidar)
+    _refuse_others(flights, out / "flights")
+    rows = run_campaign(
+        flights,
+        out / "flights",
+        keep_logs=True,
+        describe=describe_flight,
+        workers=workers,
+    )
+    check_files(out / "flights", rows)
+    manifest = make_manifest(scenario, body, mix, seed, rows)
+    if not manifest["flights"]:
+        reason = manifest["unflyable"][0]["unflyable"]
+        raise InputError(f"none of the {count} flights can begin in its world; the first: {reason}")
+    report = collection_report(manifest)
+    write_json(out / "manifest.json", manifest)
+    write_json(out / "report.json", report)
+    title = f"Expert flights of seed {report['seed']}"
+    write_markdown(out, title, collection_sections(report))
+    return manifest, report
 
 
 def collection_flights(
@@ -151,3 +199,13 @@ def check_files(folder: Path, rows: Sequence[Row]) -> None:
                 f"{path} has {length} bytes and had {row['bytes']} when it was written: remove "
                 f"it and run again to fly it anew"
             )
+
+
+def _refuse_others(flights: Sequence[Flight], folder: Path) -> None:
+    """Raises `InputError` if a folder has logs of other flights, which a training would learn."""
+    others = {path.name for path in folder.glob("*.nc")} - {f"{each.name}.nc" for each in flights}
+    if others:
+        raise InputError(
+            f"{folder} has {len(others)} logs of other flights, such as {min(others)}, from which "
+            "a training would learn too: remove them, or give another --out"
+        )

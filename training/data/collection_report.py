@@ -9,10 +9,14 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from proxops.diagrams.logs import length_text, three_digits
-from proxops.training.data.collection import CLEARANCE_EDGES, GOAL_EDGES
 from proxops.training.reports import DASH, SMALL_COMMAND, Section, Table, Text, number_text
 
 Figures = dict[str, typing.Any]
+
+GOAL_EDGES = (0.0, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)
+CLEARANCE_EDGES = (0.0, 1.0, 3.0, 8.0, 20.0, 50.0, 100.0)
+"""Edges of the histograms of distances from the goal and from the keep-out ellipsoid, as multiples
+of the radius of arrival (1 km)."""
 
 
 def collection_report(manifest: Mapping[str, typing.Any]) -> Figures:

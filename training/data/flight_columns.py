@@ -44,8 +44,6 @@ class FlightColumns:
     setting: Setting
     seed: int
     transit: int
-    controller: str
-    scenario_sha256: str
     rows: dict[str, np.ndarray]
     """Arrays by the names of `ROWS`, with one row for each step."""
     hit_counts: np.ndarray
@@ -63,7 +61,10 @@ ROWS: dict[str, tuple[int | None, str]] = {
     "mpc_force": (3, "<f8"),  # N, the label; NaN where the MPC was not asked
     "kick": (3, "<f8"),  # m/s^2, acceleration by a velocity kick up to the next step
 }
-HITS = {"ray": "<u2", "range": "<f4"}  # plane * rays + ray in it; m
+HITS: dict[str, tuple[int | None, str]] = {
+    "ray": (None, "<u2"),  # plane * rays + ray in it
+    "range": (None, "<f4"),  # m
+}
 
 
 def read_columns(path: Path) -> FlightColumns:
@@ -83,8 +84,8 @@ def read_columns(path: Path) -> FlightColumns:
         raise
     except Exception as error:  # A damaged file makes h5py raise all sorts of errors.
         raise InputError(f"{path} is not a flight log: {error}") from error
-    wanted = ("scenario", "body", "shape_sha256", "seed", "transit", "controller")
-    missing = [name for name in (*wanted, "scenario_sha256") if name not in attributes]
+    wanted = ("scenario", "body", "shape_sha256", "seed", "transit")
+    missing = [name for name in wanted if name not in attributes]
     missing += [name for name in _NEEDED if name not in raw]
     if missing == ["ranges"]:
         raise InputError(f"{path} has no ranges: fly it again with the lidar's frames in the log")
@@ -105,11 +106,9 @@ def read_columns(path: Path) -> FlightColumns:
         setting=setting,
         seed=int(attributes["seed"]),
         transit=int(attributes["transit"]),
-        controller=str(attributes["controller"]),
-        scenario_sha256=str(attributes["scenario_sha256"]),
         rows={name: rows[name].astype(kind) for name, (_, kind) in ROWS.items()},
         hit_counts=np.bincount(step, minlength=steps),
-        hits={"ray": ray.astype(HITS["ray"]), "range": frames[step, ray].astype(HITS["range"])},
+        hits={"ray": ray.astype("<u2"), "range": frames[step, ray].astype("<f4")},
     )
 
 

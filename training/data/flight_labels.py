@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses as dc
-import functools
 from collections.abc import Iterator, Sequence
 from importlib import metadata
 from pathlib import Path
@@ -12,15 +11,9 @@ import numpy as np
 
 from proxops.diagrams.flight import Workers, make_mpc
 from proxops.diagrams.logs import FlightLog
-from proxops.systems.common import InputError, SolverFailure, file_sha256, make_folder
+from proxops.systems.common import InputError, SolverFailure, file_sha256
 from proxops.systems.expert import Plan, PlanProgram
-from proxops.training.data.label_files import (
-    Labels,
-    joined_labels,
-    labels_of,
-    load_labels,
-    save_labels,
-)
+from proxops.training.data.label_files import Labels, joined_labels, kept_labels, labels_of
 
 # At every eighth labelled state the later knots of the plan are labels too: the states that follow
 # if the expert takes over.
@@ -30,21 +23,42 @@ _SOON, _LATER = 1, 2
 
 
 @dc.dataclass(frozen=True)
-class _Piece:
+class _Flight:
     """A flight to be labelled."""
 
-    name: str
     log: Path
     most: int | None
+    count: int = 1
 
+    @property
+    def name(self) -> str:
+        return self.log.stem
 
-def label_flights(logs: Sequence[Path], folder: Path, workers: Workers = Workers()) -> Labels:
-    """The labels of all states of all flights together; see `labels_by_flight`."""
-    return joined_labels(labels_by_flight(logs, folder, workers, None))
+    @property
+    def origin(self) -> str:
+        """Names all that the labels of a flight depend on."""
+        made = f"proxops {metadata.version('proxops')}, flight {file_sha256(self.log)}"
+        states = "every state" if self.most is None else f"{self.most} states at most"
+        return f"{made}, {states}, whole plans every {_WHOLE_PLAN_EVERY}"
+
+    def compute(self) -> Labels:
+        log = FlightLog.load(self.log)
+        scenario = log.scenario
+        states = log.dataset["state"].values[:-1]
+        every = 1 if self.most is None else max(1, -(-len(states) // self.most))
+        return labels_along(
+            make_mpc(scenario, log.body).program,
+            states[::every],
+            log.dataset["target"].values[0],
+            every * scenario.control_period_s,
+            scenario.mpc.cold_iterations,
+            scenario.mpc.min_horizon_s,
+            _SOON if every == 1 else _LATER,
+        )
 
 
 def labels_by_flight(
-    logs: Sequence[Path], folder: Path, workers: Workers, most: int | None
+    logs: Sequence[Path], folder: Path, workers: Workers = Workers(), most: int | None = None
 ) -> list[Labels]:
     """Labels states of flights, and the later knots of some plans from these states.
 
@@ -67,16 +81,7 @@ def labels_by_flight(
         raise InputError(
             f"there is no flight to label for {folder}: none of the round could begin in its world"
         )
-    make_folder(folder)
-    pieces = [_Piece(log.stem, log.resolve(), most) for log in logs]
-    todo = [piece for piece in pieces if not _path(piece, folder).exists()]
-    task = functools.partial(_label, folder=folder.resolve())
-    ready = len(logs) - len(todo)
-    workers.progress(ready / len(logs), f"labelling, {ready} of {len(logs)}")
-    for _ in workers.results(todo, task):
-        ready += 1
-        workers.progress(ready / len(logs), f"labelling, {ready} of {len(logs)}")
-    return [load_labels(_path(piece, folder), _origin(piece)) for piece in pieces]
+    return kept_labels([_Flight(log.resolve(), most) for log in logs], folder, workers, "labelling")
 
 
 def labels_along(
@@ -129,33 +134,3 @@ def plans_along(
         except SolverFailure:
             last = None
         yield last
-
-
-def _label(piece: _Piece, folder: Path) -> int:
-    log = FlightLog.load(piece.log)
-    scenario = log.scenario
-    expert = make_mpc(scenario, log.body)
-    states = log.dataset["state"].values[:-1]
-    every = 1 if piece.most is None else max(1, -(-len(states) // piece.most))
-    labels = labels_along(
-        expert.program,
-        states[::every],
-        log.dataset["target"].values[0],
-        every * scenario.control_period_s,
-        scenario.mpc.cold_iterations,
-        scenario.mpc.min_horizon_s,
-        _SOON if every == 1 else _LATER,
-    )
-    save_labels(_path(piece, folder), labels, _origin(piece))
-    return len(labels["state"])
-
-
-def _origin(piece: _Piece) -> str:
-    """Names all that the labels of a flight depend on."""
-    made = f"proxops {metadata.version('proxops')}, flight {file_sha256(piece.log)}"
-    states = "every state" if piece.most is None else f"{piece.most} states at most"
-    return f"{made}, {states}, whole plans every {_WHOLE_PLAN_EVERY}"
-
-
-def _path(piece: _Piece, folder: Path) -> Path:
-    return folder / f"{piece.name}.npz"

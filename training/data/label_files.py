@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 
-from proxops.systems.common import InputError, write_whole
+from proxops.diagrams.flight import Workers
+from proxops.systems.common import InputError, make_folder, write_whole
 from proxops.systems.expert import Plan
 
 Labels = dict[str, np.ndarray]
-"""`state` (N, 6), `goal` (N, 3) and `force` (N, 3), in K and SI."""
+"""`state` (N, 6), `goal` (N, 3) and `force` (N, 3), in K and SI; in those of a family also `member`
+(N,), the number of the scenario that they are of."""
 
 _NAMES = ("state", "goal", "force")
 # A plan with more slack breaks a limit or misses the target: its later knots are no examples.
@@ -47,17 +52,69 @@ def labels_of(plans: list[Plan], least_horizon: float | None = None) -> Labels:
 
 
 def joined_labels(parts: list[Labels]) -> Labels:
-    """Joins labels."""
-    return {name: np.concatenate([part[name] for part in parts]) for name in _NAMES}
+    """Joins labels; the columns are those of the first."""
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+
+
+class Piece(Protocol):
+    """What is labelled together and kept in one file; plain values that any worker can receive."""
+
+    @property
+    def name(self) -> str:
+        """Name of the file, without its ending."""
+        ...
+
+    @property
+    def count(self) -> int:
+        """How much it is, for the progress."""
+        ...
+
+    @property
+    def origin(self) -> str:
+        """Names all that the labels depend on."""
+        ...
+
+    def compute(self) -> Labels:
+        """Computes the labels."""
+        ...
+
+
+def kept_labels(
+    pieces: Sequence[Piece], folder: Path, workers: Workers, words: str
+) -> list[Labels]:
+    """Labels of each piece; those that the folder does not hold yet are computed and kept there.
+
+    Args:
+      folder: for one file of each.
+      workers: compute the labels, and report how many are ready.
+      words: what is done, for the progress.
+
+    Raises:
+      InputError: a file in the folder is damaged or holds other labels.
+    """
+    make_folder(folder)
+    total = sum(piece.count for piece in pieces)
+    todo = [piece for piece in pieces if not (folder / f"{piece.name}.npz").exists()]
+    counts = {piece.name: piece.count for piece in todo}
+    ready = total - sum(counts.values())
+    workers.progress(ready / total, f"{words}, {ready} of {total}")
+    for name, _ in workers.results(todo, functools.partial(_keep, folder=folder.resolve())):
+        ready += counts[name]
+        workers.progress(ready / total, f"{words}, {ready} of {total}")
+    return [load_labels(folder / f"{piece.name}.npz", piece.origin) for piece in pieces]
+
+
+def _keep(piece: Piece, folder: Path) -> None:
+    """Writes the labels of a piece and their origin; the file is complete or not there."""
+    save_labels(folder / f"{piece.name}.npz", piece.compute(), piece.origin)
 
 
 def save_labels(path: Path, labels: Labels, origin: str) -> None:
     """Writes labels and their origin; the file is complete or not there."""
-    content = labels | {"origin": np.array(origin)}
 
     def write(name: Path) -> None:
         with name.open("wb") as file:
-            np.savez(file, allow_pickle=False, **content)
+            np.savez(file, allow_pickle=False, origin=np.array(origin), **labels)
 
     write_whole(path, write)
 
@@ -73,12 +130,8 @@ def load_labels(path: Path, origin: str) -> Labels:
         with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
             content = {key: file[key] for key in (*_NAMES, "origin")}
         known = str(content.pop("origin"))
-        count = len(content["state"])
-        shapes = {"state": (count, 6), "goal": (count, 3), "force": (count, 3)}
-        sound = all(
-            content[key].shape == shape and content[key].dtype == np.float64
-            for key, shape in shapes.items()
-        )
+        shapes = [content[key].shape for key in _NAMES]
+        sound = shapes == [(len(content["state"]), width) for width in (6, 3, 3)]
     except Exception as error:  # A damaged file makes numpy raise all sorts of errors.
         raise InputError(f"{path} holds no labels: remove it") from error
     if not sound:

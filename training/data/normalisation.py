@@ -3,15 +3,8 @@
 from __future__ import annotations
 
 import dataclasses as dc
-import math
-import typing
 
 import numpy as np
-
-from proxops.systems.common import InputError
-
-# name: number of components
-QUANTITIES = {"position": 3, "velocity": 3, "force": 3, "range": 1}
 
 
 @dc.dataclass(frozen=True)
@@ -41,43 +34,12 @@ class Normalisation:
     range: Scale
     """m, one component; only rays that returned"""
 
-    def to_json(self) -> dict[str, typing.Any]:
-        """The scales as plain lists and numbers, which `from_json` reads."""
-        return {
-            name: {"mean": list(scale.mean), "std": list(scale.std)}
-            for name, scale in ((name, getattr(self, name)) for name in QUANTITIES)
-        }
-
     @classmethod
-    def from_json(cls, tree: typing.Any, source: str) -> Normalisation:
-        """Reads what `to_json` gave.
-
-        Args:
-          tree: lists and numbers.
-          source: where they come from, for messages.
-
-        Raises:
-          InputError: a quantity is missing, or its numbers make no sense.
-        """
-        scales = {}
-        for name, components in QUANTITIES.items():
-            try:
-                mean = tuple(float(value) for value in tree[name]["mean"])
-                std = tuple(float(value) for value in tree[name]["std"])
-            except (KeyError, TypeError, ValueError) as error:
-                raise InputError(
-                    f"{source}: the normalisation of {name} needs lists of numbers, mean and std"
-                ) from error
-            if len(mean) != components or len(std) != components:
-                raise InputError(
-                    f"{source}: the normalisation of {name} needs {components} of mean and of std"
-                )
-            if not all(map(math.isfinite, mean)) or not all(0.0 < s < math.inf for s in std):
-                raise InputError(
-                    f"{source}: the normalisation of {name} must be finite, std above 0"
-                )
-            scales[name] = Scale(mean, std)
-        return cls(**scales)
+    def of(cls, tree: dict[str, dict[str, list[float]]]) -> Normalisation:
+        """Reads the scales from what `dataclasses.asdict` gave, after its way through JSON."""
+        return cls(**{
+            name: Scale(tuple(scale["mean"]), tuple(scale["std"])) for name, scale in tree.items()
+        })  # fmt: skip
 
 
 class Moments:

@@ -5,22 +5,37 @@ from __future__ import annotations
 import dataclasses as dc
 import hashlib
 import json
-import typing
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 
-from proxops.diagrams.scenario import parse_mapping
-from proxops.systems.common import InputError
-from proxops.training.data.column_file import open_column
+from proxops.systems.common import InputError, derived_seed
 from proxops.training.data.flight_columns import HITS, ROWS, Setting
 from proxops.training.data.normalisation import Normalisation
-from proxops.training.data.transit_split import PARTS
 
-SCHEMA = 3
+SCHEMA = 4
 INDEX = "packed_flights.json"
 # Where the hits of each step begin; one more at the end.
 OFFSET = "offset"
+COLUMNS: dict[str, tuple[int | None, str]] = {**ROWS, **HITS, OFFSET: (None, "<i8")}
+"""By the name of a file NAME.bin: length of a row, None for a number, and type."""
+PARTS = ("training", "validation", "test")
+# Of each block of five transits: 60 %, 20 %, 20 %.
+_BLOCK = ("training", "training", "training", "validation", "test")
+
+
+def part_of_transit(seed: int, transit: int) -> str:
+    """The part of transit number `transit` of a seed; it depends on the arguments alone.
+
+    Of each block of five transits (0 … 4, 5 … 9, …) three are drawn for training, one for
+    validation and one for testing. So the shares are exact over whole blocks. Flights that are
+    added later move no earlier transit to another part. All flights of one transit, disturbed or
+    not, are in the same part.
+    """
+    block, place = divmod(transit, len(_BLOCK))
+    order = np.random.default_rng(derived_seed(0, seed, block)).permutation(len(_BLOCK))
+    return _BLOCK[order[place]]
 
 
 @dc.dataclass(frozen=True)
@@ -35,8 +50,6 @@ class PackedFlight:
     seed: int
     transit: int
     part: str
-    controller: str
-    scenario_sha256: str
     start: int
     """Its first row."""
     steps: int
@@ -54,8 +67,7 @@ class PackedFlights:
     - `ray`, `range` (m) and `offset`: the returns of row k are those from `offset[k]` up to
       `offset[k + 1]`. Ray r is ray r mod `rays` of plane r // `rays`.
 
-    All are read-only memory maps. Only the folder's name is pickled: a worker process opens the
-    maps itself, and refuses a folder that was packed again in the meantime.
+    All are read-only memory maps.
     """
 
     time: np.ndarray
@@ -68,69 +80,39 @@ class PackedFlights:
     range: np.ndarray
     offset: np.ndarray
 
+    def __init__(self, folder: str | Path):
+        """Opens what `pack_flights` wrote.
+
+        Raises:
+          InputError: the folder holds no packed set, or one of another version, or a file is
+            missing or cut.
+        """
+        self.folder = Path(folder).resolve()
+        try:
+            index = json.loads((self.folder / INDEX).read_text())
+            if index["schema"] != SCHEMA:
+                raise ValueError(f"it is of version {index['schema']}, not {SCHEMA}")
+            self.flights = tuple(PackedFlight(**flight) for flight in index["flights"])
+            self.setting = Setting(**index["setting"])
+            self.normalisation = Normalisation.of(index["normalisation"])
+            for name in COLUMNS:
+                setattr(self, name, _column(self.folder, name))
+            steps = {len(getattr(self, name)) for name in ROWS} | {len(self.offset) - 1}
+            if steps != {sum(flight.steps for flight in self.flights)} or self.offset[-1] != len(
+                self.ray
+            ):
+                raise ValueError("its files do not fit together")
+        except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
+            raise InputError(
+                f"{self.folder} is no packed set of flights, or it is damaged: {error}; pack the "
+                "logs again"
+            ) from error
+        self.logs_sha256 = logs_sha256(self.flights)
+
     def __repr__(self) -> str:
         return (
             f"PackedFlights({str(self.folder)!r}: {len(self.flights)} flights, {len(self)} steps)"
         )
-
-    def __init__(self, folder: str | Path, *, verify: bool = True):
-        """Opens what `pack_flights` wrote.
-
-        Args:
-          verify: reads every file to check that no bit has changed and that the contents make
-            sense.
-
-        Raises:
-          InputError: the folder holds no packed set, or one of another version, or it is damaged;
-            the message names the file.
-        """
-        self.folder = Path(folder).resolve()
-        path = self.folder / INDEX
-        try:
-            index = json.loads(path.read_text())
-            schema = index["schema"]
-        except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
-            raise InputError(
-                f"{self.folder} is no packed set of flights: {INDEX} in it cannot be read ({error})"
-            ) from error
-        if schema != SCHEMA:
-            raise InputError(f"{path} is of version {schema}, not {SCHEMA}: pack the logs again")
-        try:
-            self.flights = tuple(PackedFlight(**flight) for flight in index["flights"])
-            self.setting = Setting(**index["setting"])
-            self.logs_sha256 = str(index["logs_sha256"])
-            columns = {name: dict(index["columns"][name]) for name in (*ROWS, *HITS, OFFSET)}
-        except (KeyError, TypeError, ValueError) as error:
-            raise InputError(f"{path} is damaged: {error}; pack the logs again") from error
-        self.normalisation = Normalisation.from_json(index.get("normalisation"), str(path))
-        for name, described in columns.items():
-            setattr(self, name, open_column(self.folder / f"{name}.npy", described, verify))
-        steps = sum(flight.steps for flight in self.flights)
-        lengths = {name: len(getattr(self, name)) for name in ROWS} | {OFFSET: len(self.offset) - 1}
-        wrong = [name for name, length in lengths.items() if length != steps]
-        wrong += [name for name in HITS if len(getattr(self, name)) != self.offset[-1]]
-        if wrong or logs_sha256(self.flights) != self.logs_sha256:
-            raise InputError(f"{path} is damaged: it does not fit {', '.join(wrong) or 'itself'}")
-        if verify:
-            self._check_contents(path)
-
-    def _check_contents(self, path: Path) -> None:
-        """Raises `InputError` for a set that no packing gives, though its hashes fit."""
-        if not _is_sound(self.setting):
-            raise InputError(f"{path} is damaged: its setting cannot be; pack the logs again")
-        ends = np.cumsum([0, *(flight.steps for flight in self.flights)])
-        starts = [flight.start for flight in self.flights]
-        sound = {
-            "flights": starts == ends[:-1].tolist() and (np.diff(ends) >= 0).all(),
-            "parts": all(flight.part in PARTS for flight in self.flights),
-            "offset": self.offset[0] == 0 and (np.diff(self.offset) >= 0).all(),
-            "ray": self.ray.max(initial=0) < self.setting.planes * self.setting.rays,
-        }
-        wrong = [name for name, good in sound.items() if not good]
-        if wrong:
-            raise InputError(
-                f"{path} is damaged: {', '.join(wrong)} cannot be; pack the logs again"
-            )
 
     def __len__(self) -> int:
         """Number of steps."""
@@ -151,36 +133,16 @@ class PackedFlights:
         frames[np.repeat(np.arange(len(rows)), counts), self.ray[hits]] = self.range[hits]
         return frames.reshape(-1, self.setting.planes, self.setting.rays)
 
-    def __getstate__(self) -> dict[str, typing.Any]:
-        return {"folder": str(self.folder), "logs_sha256": self.logs_sha256}
 
-    def __setstate__(self, state: dict[str, typing.Any]) -> None:
-        self.__init__(state["folder"], verify=False)
-        if self.logs_sha256 != state["logs_sha256"]:
-            raise InputError(f"{self.folder} has been packed anew since it was opened; start again")
-
-
-def _is_sound(setting: Setting) -> bool:
-    """Whether a setting has numbers that can be, and a body with a keep-out ellipsoid."""
-    counts = setting.planes, setting.rays
-    sizes = (
-        setting.max_range_m, setting.control_period_s, setting.mass_kg, setting.thrust_limit_n
-    )  # fmt: skip
-    try:
-        body = parse_mapping(setting.body, "the body")
-        axes = np.array(body["keep_out_semi_axes_m"], dtype=float)
-        return (
-            all(isinstance(count, int) and count >= 1 for count in counts)
-            and all(isinstance(size, float | int) and size > 0.0 for size in sizes)
-            and isinstance(body["name"], str)
-            and axes.shape == (3,)
-            and bool((np.isfinite(axes) & (axes > 0.0)).all())
-        )
-    except Exception:  # YAML from a stranger makes its reader raise all sorts of errors.
-        return False
+def _column(folder: Path, name: str) -> np.ndarray:
+    """A column as a read-only memory map; there is none of an empty file."""
+    path, (width, kind) = folder / f"{name}.bin", COLUMNS[name]
+    # Plain arrays on the same memory: numpy is faster with them than with its own memmap class.
+    column = np.asarray(np.memmap(path, kind, "r")) if path.stat().st_size else np.empty(0, kind)
+    return column if width is None else column.reshape(-1, width)
 
 
-def logs_sha256(flights: typing.Iterable[PackedFlight]) -> str:
+def logs_sha256(flights: Iterable[PackedFlight]) -> str:
     """Hash of the names, sizes and contents of the logs that a set is packed from."""
     lines = [f"{flight.name}\t{flight.size}\t{flight.sha256}\n" for flight in flights]
     return hashlib.sha256("".join(lines).encode()).hexdigest()

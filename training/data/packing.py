@@ -5,28 +5,32 @@ from __future__ import annotations
 import contextlib
 import dataclasses as dc
 import fcntl
-import json
-import os
-import shutil
-import typing
 from collections.abc import Generator, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from proxops.systems.common import InputError, Progress, file_sha256, make_folder, silent
-from proxops.training.data.column_file import ColumnWriter
-from proxops.training.data.flight_columns import HITS, ROWS, FlightColumns, Setting, read_columns
-from proxops.training.data.normalisation import QUANTITIES, Moments, Normalisation
+from proxops.systems.common import (
+    InputError,
+    Progress,
+    file_sha256,
+    make_folder,
+    silent,
+    whole_folder,
+    write_json,
+)
+from proxops.training.data.flight_columns import FlightColumns, Setting, read_columns
+from proxops.training.data.normalisation import Moments
 from proxops.training.data.packed_flights import (
+    COLUMNS,
     INDEX,
     OFFSET,
     SCHEMA,
     PackedFlight,
     PackedFlights,
-    logs_sha256,
+    part_of_transit,
 )
-from proxops.training.data.transit_split import part_of_transit
 
 # Flights of a set may differ in mass by this share: the load differs from day to day.
 _MASS_SPREAD = 0.05
@@ -66,8 +70,9 @@ def pack_flights(
             packed = PackedFlights(cache)
             if _unchanged(packed, logs):
                 return packed
-        _build(logs, cache, progress)
-    return PackedFlights(cache, verify=False)
+        with whole_folder(cache) as part:
+            write_json(part / INDEX, _write_columns(logs, part, progress), indent=1)
+    return PackedFlights(cache)
 
 
 def _unchanged(packed: PackedFlights, logs: Sequence[Path]) -> bool:
@@ -83,71 +88,46 @@ def _unchanged(packed: PackedFlights, logs: Sequence[Path]) -> bool:
     return True
 
 
-def _build(logs: Sequence[Path], cache: Path, progress: Progress) -> None:
-    """Writes the set under a temporary name, then renames it."""
-    part, old = (cache.with_name(f".{cache.name}.{suffix}") for suffix in ("part", "old"))
-    try:
-        for leftover in (part, old):  # Left by a process that was killed.
-            shutil.rmtree(leftover, ignore_errors=True)
-        part.mkdir()
-        index = _write_columns(logs, part, progress)
-        with (part / INDEX).open("w") as file:
-            json.dump(index, file, indent=1)
-            file.flush()
-            os.fsync(file.fileno())
-        if cache.exists():
-            cache.rename(old)
-        part.rename(cache)
-    except OSError as error:
-        raise InputError(f"cannot write {cache}: {error.strerror or error}") from error
-    finally:
-        shutil.rmtree(part, ignore_errors=True)
-        shutil.rmtree(old, ignore_errors=True)
-
-
-def _write_columns(logs: Sequence[Path], part: Path, progress: Progress) -> dict[str, typing.Any]:
+def _write_columns(logs: Sequence[Path], part: Path, progress: Progress) -> dict[str, Any]:
     """Writes all columns into the folder `part`; returns the index."""
-    kinds = {**ROWS, **{name: (None, kind) for name, kind in HITS.items()}, OFFSET: (None, "<i8")}
+    flights: list[PackedFlight] = []
+    masses: list[float] = []
+    setting: Setting | None = None
+    moments = {name: Moments(n) for name, n in (
+        ("position", 3), ("velocity", 3), ("force", 3), ("range", 1)
+    )}  # fmt: skip
+    row = hit = 0
     with contextlib.ExitStack() as stack:
-        writers = {}
-        for name, (width, kind) in kinds.items():
-            writers[name] = ColumnWriter(part / f"{name}.npy", kind, width)
-            stack.callback(writers[name].abandon)
-        flights: list[PackedFlight] = []
-        setting: Setting | None = None
-        masses: list[float] = []
-        moments = {name: Moments(components) for name, components in QUANTITIES.items()}
-        row = hit = 0
-        writers[OFFSET].append(np.zeros(1))
+        files = {name: stack.enter_context((part / f"{name}.bin").open("wb")) for name in COLUMNS}
+        np.zeros(1, COLUMNS[OFFSET][1]).tofile(files[OFFSET])
         for done, path in enumerate(logs, start=1):
             columns = read_columns(path)
             setting = setting or columns.setting
             _check_together(path, columns.setting, logs[0], setting)
             masses.append(columns.setting.mass_kg)
-            flight = _entry(path, columns, row)
-            for name, values in {**columns.rows, **columns.hits}.items():
-                writers[name].append(values)
-            writers[OFFSET].append(hit + np.cumsum(columns.hit_counts))
-            if flight.part == "training":
-                _add_moments(moments, columns)
-            flights.append(flight)
-            row += flight.steps
+            flights.append(_entry(path, columns, row))
+            ends = {OFFSET: hit + np.cumsum(columns.hit_counts)}
+            for name, values in {**columns.rows, **columns.hits, **ends}.items():
+                values.astype(COLUMNS[name][1]).tofile(files[name])
+            if flights[-1].part == "training":
+                state, label = columns.rows["state"], columns.rows["mpc_force"]
+                moments["position"].add(state[:, :3])
+                moments["velocity"].add(state[:, 3:])
+                moments["force"].add(label[np.isfinite(label).all(axis=1)])
+                moments["range"].add(columns.hits["range"][:, None])
+            row += flights[-1].steps
             hit += len(columns.hits["ray"])
             progress(done / len(logs), f"packing, {done} of {len(logs)}")
-        described = {name: writer.close() for name, writer in writers.items()}
     if not any(flight.part == "training" and flight.steps for flight in flights):
         raise InputError(
             f"{logs[0].parent}: none of its transits is of the training part, which normalisation "
             "needs: collect more (of five in a row three are)"
         )
     assert setting is not None
-    normalisation = Normalisation(**{name: each.scale() for name, each in moments.items()})
     return {
         "schema": SCHEMA,
-        "logs_sha256": logs_sha256(flights),
         "setting": dc.asdict(dc.replace(setting, mass_kg=float(np.mean(masses)))),
-        "normalisation": normalisation.to_json(),
-        "columns": described,
+        "normalisation": {name: dc.asdict(each.scale()) for name, each in moments.items()},
         "flights": [dc.asdict(flight) for flight in flights],
     }
 
@@ -162,22 +142,13 @@ def _entry(path: Path, columns: FlightColumns, row: int) -> PackedFlight:
         seed=columns.seed,
         transit=columns.transit,
         part=part_of_transit(columns.seed, columns.transit),
-        controller=columns.controller,
-        scenario_sha256=columns.scenario_sha256,
         start=row,
         steps=len(columns.rows["time"]),
     )
 
 
-def _add_moments(moments: dict[str, Moments], columns: FlightColumns) -> None:
-    state, label = columns.rows["state"], columns.rows["mpc_force"]
-    moments["position"].add(state[:, :3])
-    moments["velocity"].add(state[:, 3:])
-    moments["force"].add(label[np.isfinite(label).all(axis=1)])
-    moments["range"].add(columns.hits["range"][:, None])
-
-
 def _check_together(path: Path, setting: Setting, first: Path, wanted: Setting) -> None:
+    """Raises `InputError` if a flight differs from the first in what a set must share."""
     for field in dc.fields(Setting):
         here, there = getattr(setting, field.name), getattr(wanted, field.name)
         if field.name == "mass_kg" and abs(here - there) <= _MASS_SPREAD * there:

@@ -9,23 +9,16 @@ from __future__ import annotations
 
 import dataclasses as dc
 import functools
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from proxops.diagrams.flight import Provenance, Workers, make_mpc
 from proxops.diagrams.scenario import Body, Scenario, dump_scenario, load_body, parse_scenario
-from proxops.systems.common import InputError, SolverFailure, derived_seed, generator, make_folder
+from proxops.systems.common import InputError, SolverFailure, derived_seed, generator
 from proxops.systems.expert import Plan, PlanProgram
 from proxops.systems.shapes import blocks_segment
-from proxops.training.data.label_files import (
-    Labels,
-    joined_labels,
-    labels_of,
-    load_labels,
-    save_labels,
-)
+from proxops.training.data.label_files import Labels, joined_labels, kept_labels, labels_of
 from proxops.training.data.scaling import body_length, scaling_for
 
 # Transits whose plans are computed, and kept in one file, together.
@@ -49,7 +42,7 @@ _STREAM = 5
 
 @dc.dataclass(frozen=True)
 class Portion:
-    """Transits whose plans are computed together; plain values that any worker can receive."""
+    """Transits whose plans are computed together."""
 
     name: str
     scenario: str
@@ -58,6 +51,30 @@ class Portion:
     seed: int
     first: int
     count: int
+
+    @property
+    def origin(self) -> str:
+        """Names all that the plans depend on; the body by its content, so that folders may move."""
+        scenario = parse_scenario(self.scenario)
+        parts = scenario.spacecraft, scenario.mpc, scenario.transit
+        count = f"{self.first}, {self.count}, {self.seed}"
+        return f"{self.body}, share {_BLOCKED_SHARE} blocked, of {count}, {parts}"
+
+    def compute(self) -> Labels:
+        """Computes the plans; gives the labels at their knots."""
+        scenario = parse_scenario(self.scenario)
+        body = _body(scenario.body, self.body)
+        program = make_mpc(scenario, body).program
+        plans = []
+        for index in range(self.first, self.first + self.count):
+            plans += transit_plans(program, scenario, body, self.seed, index)
+        return labels_of(plans, scenario.mpc.min_horizon_s)
+
+
+# Bodies are large, so each worker loads them once. Where the file has changed, so has the content.
+@functools.lru_cache(maxsize=1)
+def _body(name: str, content: str) -> Body:
+    return load_body(name)
 
 
 def expert_plans(
@@ -78,7 +95,8 @@ def expert_plans(
     Raises:
       InputError: a file in the folder is damaged or holds other plans.
     """
-    return joined_labels(portion_labels(portions_of(scenario, seed, transits), folder, workers))
+    portions = portions_of(scenario, seed, transits)
+    return joined_labels(kept_labels(portions, folder, workers, "plans of transits"))
 
 
 def portions_of(scenario: Scenario, seed: int, transits: int, name: str = "plans") -> list[Portion]:
@@ -100,32 +118,6 @@ def portions_of(scenario: Scenario, seed: int, transits: int, name: str = "plans
         )
         for first in range(0, transits, _PORTION)
     ]
-
-
-def portion_labels(
-    portions: Sequence[Portion], folder: Path, workers: Workers = Workers()
-) -> list[Labels]:
-    """Labels of each portion; those that the folder does not hold yet are computed and kept there.
-
-    Args:
-      portions: of one scenario or of many.
-      folder: for one file of each.
-      workers: compute the plans, and report how many transits are ready.
-
-    Raises:
-      InputError: a file in the folder is damaged or holds other plans.
-    """
-    make_folder(folder)
-    transits = sum(portion.count for portion in portions)
-    todo = [portion for portion in portions if not (folder / f"{portion.name}.npz").exists()]
-    counts = {portion.name: portion.count for portion in todo}
-    ready = transits - sum(counts.values())
-    workers.progress(ready / transits, f"plans of transits, {ready} of {transits}")
-    task = functools.partial(_compute, folder=folder.resolve())
-    for name, _ in workers.results(todo, task):
-        ready += counts[name]
-        workers.progress(ready / transits, f"plans of transits, {ready} of {transits}")
-    return [load_labels(folder / f"{portion.name}.npz", _origin(portion)) for portion in portions]
 
 
 def transit_plans(
@@ -190,32 +182,3 @@ def _ends(
             continue
         if draws > _DRAWS or blocks_segment(axes, start, goal) == blocked:
             return start, goal
-
-
-def _compute(portion: Portion, folder: Path) -> int:
-    scenario = parse_scenario(portion.scenario)
-    body = _body(scenario.body, portion.body)
-    program = make_mpc(scenario, body).program
-    plans = []
-    for index in range(portion.first, portion.first + portion.count):
-        plans += transit_plans(program, scenario, body, portion.seed, index)
-    save_labels(
-        folder / f"{portion.name}.npz",
-        labels_of(plans, scenario.mpc.min_horizon_s),
-        _origin(portion),
-    )
-    return len(plans)
-
-
-def _origin(portion: Portion) -> str:
-    """Names all that the plans depend on; the body by its content, so that folders may move."""
-    scenario = parse_scenario(portion.scenario)
-    parts = scenario.spacecraft, scenario.mpc, scenario.transit
-    count = f"{portion.first}, {portion.count}, {portion.seed}"
-    return f"{portion.body}, share {_BLOCKED_SHARE} blocked, of {count}, {parts}"
-
-
-# Bodies are large, so each worker loads them once. Where the file has changed, so has the content.
-@functools.lru_cache(maxsize=1)
-def _body(name: str, content: str) -> Body:
-    return load_body(name)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import dataclasses as dc
 import math
 from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 
@@ -36,6 +37,9 @@ MIXES = {
     },
 }  # fmt: skip
 """Named mixes: weights of the kinds."""
+KINDS = tuple(MIXES["full"])
+"""All kinds. The paper's random walk scales with the command, noise does not; kicks change the
+velocity at once; the others begin where something has gone wrong, or at the goal."""
 
 # Share of the thrust limit that a start leaves for braking before the keep-out ellipsoid.
 _BRAKING_SHARE = 0.35
@@ -110,7 +114,24 @@ def flight_scenario(kind: str, scenario: Scenario, body: Body, seed: int, index:
     plain = dc.replace(
         at_rest(of_transit(scenario, seed, index)), disturbance=None, force_noise=None, kicks=None
     )
-    return KINDS[kind](plain, scenario, body)
+    if kind in _STARTS:
+        return _STARTS[kind](plain, body)
+    return dc.replace(plain, **_disturbances(plain, scenario)[kind])
+
+
+def _disturbances(plain: Scenario, wanted: Scenario) -> dict[str, dict[str, Any]]:
+    """What the scenario has in flights of a kind: the disturbances asked for, or the usual ones."""
+    thrust, speed = plain.spacecraft.thrust_limit_n, plain.spacecraft.speed_limit_m_s
+    period = plain.control_period_s
+    walk = RandomWalkDisturbanceConfig(reset_period_s=10.0 * period, increment_std_n=thrust / 14.0)
+    noise = ForceNoiseConfig(std_n=thrust / 10.0, correlation_time_s=10.0 * period)
+    kicks = KicksConfig(velocity_std_m_s=speed / 20.0, mean_interval_s=90.0 * period)
+    return {
+        "nominal": {},
+        "random_walk": {"disturbance": wanted.disturbance or walk},
+        "noise": {"force_noise": wanted.force_noise or noise},
+        "kicks": {"kicks": wanted.kicks or kicks},
+    }
 
 
 def at_rest(scenario: Scenario) -> Scenario:
@@ -118,33 +139,7 @@ def at_rest(scenario: Scenario) -> Scenario:
     return dc.replace(scenario, transit=dc.replace(scenario.transit, start_velocity_m_s=None))
 
 
-def _nominal(plain: Scenario, wanted: Scenario, body: Body) -> Scenario:
-    """A flight without disturbance."""
-    return plain
-
-
-def _random_walk(plain: Scenario, wanted: Scenario, body: Body) -> Scenario:
-    """A flight with the paper's disturbance, which scales with the command."""
-    thrust, period = plain.spacecraft.thrust_limit_n, plain.control_period_s
-    usual = RandomWalkDisturbanceConfig(reset_period_s=10.0 * period, increment_std_n=thrust / 14.0)
-    return dc.replace(plain, disturbance=wanted.disturbance or usual)
-
-
-def _noise(plain: Scenario, wanted: Scenario, body: Body) -> Scenario:
-    """A flight with noise on the command that does not depend on the command."""
-    thrust, period = plain.spacecraft.thrust_limit_n, plain.control_period_s
-    usual = ForceNoiseConfig(std_n=thrust / 10.0, correlation_time_s=10.0 * period)
-    return dc.replace(plain, force_noise=wanted.force_noise or usual)
-
-
-def _kicks(plain: Scenario, wanted: Scenario, body: Body) -> Scenario:
-    """A flight with velocity kicks."""
-    speed, period = plain.spacecraft.speed_limit_m_s, plain.control_period_s
-    usual = KicksConfig(velocity_std_m_s=speed / 20.0, mean_interval_s=90.0 * period)
-    return dc.replace(plain, kicks=wanted.kicks or usual)
-
-
-def _overshoot(plain: Scenario, wanted: Scenario, body: Body) -> Scenario:
+def _overshoot(plain: Scenario, body: Body) -> Scenario:
     """A flight that begins behind the goal, as seen from the start, and moves away from it.
 
     The distance is uniform up to `transit.end_clearance_m` (8 km), and the speed up to 8 times
@@ -162,7 +157,7 @@ def _overshoot(plain: Scenario, wanted: Scenario, body: Body) -> Scenario:
     raise _no_start("overshoot", drawn)
 
 
-def _keep_out(plain: Scenario, wanted: Scenario, body: Body) -> Scenario:
+def _keep_out(plain: Scenario, body: Body) -> Scenario:
     """A flight that begins near the keep-out ellipsoid, at up to `transit.end_clearance_m` (8 km).
 
     The clearance is uniform. The velocity per axis is normal, with an eighth of the speed limit
@@ -188,7 +183,7 @@ def _keep_out(plain: Scenario, wanted: Scenario, body: Body) -> Scenario:
     raise _no_start("keep_out", drawn)
 
 
-def _holding(plain: Scenario, wanted: Scenario, body: Body) -> Scenario:
+def _holding(plain: Scenario, body: Body) -> Scenario:
     """A flight that begins at the goal: uniform within the radius and the speed of arrival."""
     drawn, random = _draw(plain, body, "holding")
     ways = random.standard_normal((2, 3))
@@ -198,22 +193,17 @@ def _holding(plain: Scenario, wanted: Scenario, body: Body) -> Scenario:
     return with_ends(plain, drawn.goal + away[0], drawn.goal, away[1])
 
 
-KINDS: dict[str, Callable[[Scenario, Scenario, Body], Scenario]] = {
-    "nominal": _nominal,
-    "random_walk": _random_walk,
-    "noise": _noise,
-    "kicks": _kicks,
+_STARTS: dict[str, Callable[[Scenario, Body], Scenario]] = {
     "overshoot": _overshoot,
     "keep_out": _keep_out,
     "holding": _holding,
 }
-"""Each function takes the plain transit, the scenario asked for and the body."""
 
 
 def _draw(plain: Scenario, body: Body, kind: str) -> tuple[Transit, np.random.Generator]:
     """The transit with the goal, and the generator from which the start is drawn."""
     seed, index = plain.transit.seed, plain.transit.index
-    stream = list(KINDS).index(kind)
+    stream = KINDS.index(kind)
     return draw_transit(seed, index, plain, body), generator(derived_seed(seed, stream), index)
 
 

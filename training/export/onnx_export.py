@@ -1,17 +1,11 @@
-"""From a torch module to a bundle's folder; all kinds of bundles use this."""
+"""From a torch module to an ONNX file, and how far that differs."""
 
 from __future__ import annotations
 
-import glob
-import hashlib
-import json
 import logging
 import shutil
-import tempfile
-import typing
 import warnings
 from collections.abc import Sequence
-from importlib import metadata
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +13,7 @@ import onnx
 import torch
 from torch import Tensor, nn
 
-from proxops.systems.common import MODEL_FILE, InputError, make_folder, write_whole
+from proxops.systems.common import InputError, whole_folder, write_whole
 
 # Greatest difference of an output between the exported network and torch, relative to the greatest
 # magnitude of the output. It is not taken value by value: logits near 0 are differences of numbers
@@ -98,65 +92,6 @@ def accepted_difference(wanted: np.ndarray, got: np.ndarray) -> float:
     return difference
 
 
-def describing(content: dict[str, typing.Any], model: bytes) -> str:
-    """The text of a bundle's JSON file: content, hash of the model, and versions of libraries."""
-    origin = {
-        "model_sha256": hashlib.sha256(model).hexdigest(),
-        "versions": {
-            name: metadata.version(name) for name in ("proxops", "torch", "onnx", "onnxruntime")
-        },
-    }
-    return json.dumps(content | origin, indent=2, allow_nan=False) + "\n"
-
-
-def write_bundle_folder(folder: Path, model: bytes, texts: dict[str, str]) -> None:
-    """Writes a bundle's model and text files: see `write_folder`."""
-    files = {name: text.encode() for name, text in texts.items()}
-    write_folder(folder, {MODEL_FILE: model, **files})
-
-
-def write_folder(folder: Path, files: dict[str, bytes]) -> None:
-    """Writes a folder of files by their names; an older folder is replaced.
-
-    The folder appears under its name only when it is complete. What an earlier call left that was
-    killed is removed; if it was killed between taking the older folder away and putting the new one
-    in its place, the older one is put back first. No two processes may write one folder at once.
-
-    Raises:
-      InputError: the folder cannot be written.
-    """
-    make_folder(folder.parent)
-    try:
-        _tidy_up(folder)
-        part = Path(tempfile.mkdtemp(dir=folder.parent, prefix=f".{folder.name}.", suffix=".part"))
-        part.chmod(folder.parent.stat().st_mode & 0o777)
-        try:
-            for name, content in files.items():
-                (part / name).write_bytes(content)
-            older = part.with_suffix(".old")
-            if folder.exists():
-                folder.rename(older)
-            part.rename(folder)
-            shutil.rmtree(older, ignore_errors=True)
-        finally:
-            shutil.rmtree(part, ignore_errors=True)
-    except OSError as error:
-        raise InputError(f"cannot write {folder}: {error.strerror or error}") from error
-
-
-def _tidy_up(folder: Path) -> None:
-    """Removes what calls of `write_folder` left that were killed."""
-    name = f".{glob.escape(folder.name)}.*"
-    left = [path for end in (".old", ".part") for path in folder.parent.glob(name + end)]
-    for path in left:
-        if not path.is_dir():
-            continue  # `write_whole` is writing a file whose name begins so.
-        if path.suffix == ".old" and not folder.exists():
-            path.rename(folder)
-        else:
-            shutil.rmtree(path)
-
-
 def publish(folder: Path, out: Path, names: Sequence[str]) -> None:
     """Copies files of a training by their names, and its bundle; each appears only when complete.
 
@@ -169,5 +104,5 @@ def publish(folder: Path, out: Path, names: Sequence[str]) -> None:
     for name in names:
         content = (folder / name).read_bytes()
         write_whole(out / name, lambda path, content=content: path.write_bytes(content))
-    files = {path.name: path.read_bytes() for path in sorted((folder / "bundle").iterdir())}
-    write_folder(out / "bundle", files)
+    with whole_folder(out / "bundle") as part:
+        shutil.copytree(folder / "bundle", part, dirs_exist_ok=True)

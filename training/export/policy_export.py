@@ -1,12 +1,11 @@
-"""From a trained policy to its bundle, which flies."""
+"""From a trained policy of either kind to its bundle, which flies."""
 
 from __future__ import annotations
 
 import copy
-import typing
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -14,50 +13,20 @@ from torch import Tensor, nn
 
 from proxops.systems.common import InputError, open_session
 from proxops.systems.policy import (
-    POLICY_FILE,
-    POLICY_FORMAT,
+    GUIDANCE_BUNDLE,
+    POLICY_BUNDLE,
     POLICY_INPUTS,
     POLICY_OUTPUTS,
+    PolicyFacts,
     check_network,
     run_network,
 )
-from proxops.training.export.onnx_export import (
-    accepted_difference,
-    describing,
-    onnx_bytes,
-    write_bundle_folder,
-)
-
-REPORT_FILE = "report.md"
+from proxops.training.export.onnx_export import accepted_difference, onnx_bytes
+from proxops.training.networks import AnyBodyGuidance
 
 Example = tuple[np.ndarray, np.ndarray, np.ndarray]
 """Consecutive steps from a flight's start: ranges (T, planes * rays) in m, +inf where nothing
 returned; target (T, 6) in m and m/s; the force commanded before each step (T, 3) in N."""
-
-
-@dataclass(frozen=True)
-class PolicyFacts:
-    """The facts in a bundle beside its network."""
-
-    recipe: str
-    """Name of the recipe."""
-    planes: int
-    rays: int
-    period: float
-    """Control period in s."""
-    thrust_limit: float
-    """Greatest force per axis in N in the data."""
-    memory: int
-    """Length of the memory from step to step; at least 1."""
-    estimates: bool
-    """Whether it estimates position and velocity."""
-    body: str
-    """Name of the body."""
-    shape_sha256: str
-    data_sha256: str
-    """Hash of the training data."""
-    metrics: dict[str, typing.Any] = field(default_factory=dict)
-    """Further figures of the training, as JSON takes them."""
 
 
 def export_policy(
@@ -88,25 +57,8 @@ def export_policy(
     blank = tuple(torch.zeros(1, size) for size in sizes)
     model = onnx_bytes(module, blank, POLICY_INPUTS, POLICY_OUTPUTS)
     check_network(open_session(model), rays, facts.memory)
-    content = {
-        "format": POLICY_FORMAT,
-        "recipe": facts.recipe,
-        "planes": facts.planes,
-        "rays": facts.rays,
-        "period_s": float(facts.period),
-        "thrust_limit_n": float(facts.thrust_limit),
-        "memory": facts.memory,
-        "estimates": facts.estimates,
-        "body": facts.body,
-        "shape_sha256": facts.shape_sha256,
-        "data_sha256": facts.data_sha256,
-        "metrics": facts.metrics,
-        "onnx_difference": check_policy(model, module, facts, examples),
-    }
-    texts = {POLICY_FILE: describing(content, model)}
-    if report is not None:
-        texts[REPORT_FILE] = report
-    write_bundle_folder(folder, model, texts)
+    content = facts.told() | {"onnx_difference": check_policy(model, module, facts, examples)}
+    POLICY_BUNDLE.write(folder, content, model, report)
 
 
 def check_policy(
@@ -151,3 +103,35 @@ def _parts(answers: np.ndarray) -> dict[str, np.ndarray]:
     """Outputs (steps, size) by name; position and velocity apart, because their sizes differ."""
     names = ("force", "position", "velocity", "memory")
     return dict(zip(names, np.split(answers, [3, 6, 9], axis=1), strict=True))
+
+
+@torch.no_grad()
+def export_guidance(
+    network: AnyBodyGuidance,
+    folder: Path,
+    examples: Tensor,
+    ranges: dict[str, list[float]],
+    report: dict[str, Any],
+    text: str,
+) -> None:
+    """Exports a guidance for any body, checks it, and writes its bundle; an older one is replaced.
+
+    Args:
+      examples: (N, 23) rows on which what flies is run against torch.
+      ranges: least and greatest value of each of `Surroundings.numbers` that it learned.
+      report: of the training. text: content of `report.md`.
+
+    Raises:
+      InputError: the networks differ by more than 1e-4 of a force, or the folder cannot be written.
+    """
+    compiled = network.compiled()
+    compiled.check()
+    got = np.array([compiled.run(row) for row in examples.numpy()])
+    content = {
+        "recipe": report["recipe"],
+        "ranges": ranges,
+        "data_sha256": report["data_sha256"],
+        "metrics": report["training"],
+        "kernel_difference": accepted_difference(network(examples).numpy(), got),
+    }
+    GUIDANCE_BUNDLE.write(folder, content, compiled.to_bytes(), text)

@@ -11,8 +11,9 @@ import torch
 
 from proxops.diagrams.scenario import parse_mapping
 from proxops.systems.common import write_json
+from proxops.systems.policy import PolicyFacts
 from proxops.training.data import PARTS, PackedFlights, part_rows
-from proxops.training.export.policy_export import PolicyFacts, export_policy
+from proxops.training.export.policy_export import export_policy
 from proxops.training.reports import (
     HISTOGRAMS_CAPTION,
     force_figures,

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import typing
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
-from torch import Tensor, nn
+from torch import nn
 
 from proxops.systems.common import InputError, open_session
 from proxops.systems.lidar import (
@@ -16,60 +16,26 @@ from proxops.systems.lidar import (
     DEPTH_OUTPUT,
     FRAME_NETWORK,
     HIT_OUTPUT,
-    LIDAR_FILE,
-    LIDAR_FORMAT,
+    LIDAR_BUNDLE,
     POSITION_INPUT,
     RANGES_OUTPUT,
     RAY_NETWORK,
 )
-from proxops.training.export import accepted_difference, describing, onnx_bytes, write_bundle_folder
+from proxops.training.export import accepted_difference, onnx_bytes
 
-_RAY_OUTPUTS = (HIT_OUTPUT, DEPTH_OUTPUT)
-
-
-@dataclass(frozen=True)
-class BundleFacts:
-    """What the bundles of both kinds say besides their network."""
-
-    planes: int
-    rays: int
-    cube: float
-    """Edge in m of the cube of training positions."""
-    body: str
-    """Name of the body."""
-    shape_sha256: str
-    training: dict[str, typing.Any]
-    """Figures of the training, as JSON takes them."""
-
-
-def onnx_model(network: nn.Module) -> bytes:
-    """A ray network as an ONNX file, for any number of rays, none included."""
-    rays = ({0: torch.export.Dim("rays")},)
-    return onnx_bytes(network, (torch.zeros(2, 6),), [CHORDS_INPUT], _RAY_OUTPUTS, rays)
-
-
-def check_model(model: bytes, network: nn.Module, ends: np.ndarray) -> float:
-    """The greatest relative difference between ONNX Runtime and torch for a ray network.
-
-    Args:
-      ends: (K, 6) chord ends to compare on.
-
-    Raises:
-      InputError: it is above 1e-4, or an output is not finite.
-    """
-    return _difference(model, network, CHORDS_INPUT, _RAY_OUTPUTS, [ends])
+Facts = dict[str, Any]
+"""What the manifests of both kinds say besides their network: planes, rays, cube_m, body,
+shape_sha256 and training."""
 
 
 def write_bundle(
     folder: Path,
     network: nn.Module,
-    facts: BundleFacts,
+    facts: Facts,
     ellipsoid: tuple[np.ndarray, np.ndarray],
     ends: np.ndarray,
 ) -> None:
     """Exports a ray network, checks it, and writes its bundle; an older bundle is replaced.
-
-    The folder appears under its name only when it is complete.
 
     Args:
       ellipsoid: centre (3,) and semi-axes (3,) in m of the ellipsoid that cuts rays to chords.
@@ -78,20 +44,18 @@ def write_bundle(
     Raises:
       InputError: the check fails, or the folder cannot be written.
     """
-    centre, semi_axes = ellipsoid
-    model = onnx_model(network)
-    own = {
-        "kind": RAY_NETWORK,
-        "centre_m": [float(x) for x in centre],
-        "semi_axes_m": [float(x) for x in semi_axes],
-    }
-    _write(folder, model, facts, own, check_model(model, network, ends))
+    outputs = (HIT_OUTPUT, DEPTH_OUTPUT)
+    rays = ({0: torch.export.Dim("rays")},)  # Any number of rays, none included.
+    model = onnx_bytes(network, (torch.zeros(2, 6),), [CHORDS_INPUT], outputs, rays)
+    centre, semi_axes = (each.tolist() for each in ellipsoid)
+    own = {"kind": RAY_NETWORK, "centre_m": centre, "semi_axes_m": semi_axes}
+    _write(folder, model, facts | own, difference(model, network, CHORDS_INPUT, outputs, [ends]))
 
 
 def write_frame_bundle(
     folder: Path,
     network: nn.Module,
-    facts: BundleFacts,
+    facts: Facts,
     length_unit: float,
     positions: np.ndarray,
 ) -> None:
@@ -105,29 +69,31 @@ def write_frame_bundle(
     Raises:
       InputError: the check fails, or the folder cannot be written.
     """
-    model = onnx_bytes(network, (torch.zeros(1, 3),), [POSITION_INPUT], [RANGES_OUTPUT])
-    scaled = (positions / (0.5 * facts.cube)).astype(np.float32)
-    rows = [row[None] for row in scaled]
-    difference = _difference(model, network, POSITION_INPUT, (RANGES_OUTPUT,), rows)
+    outputs = (RANGES_OUTPUT,)
+    model = onnx_bytes(network, (torch.zeros(1, 3),), [POSITION_INPUT], outputs)
+    rows = (positions / (0.5 * facts["cube_m"])).astype(np.float32)[:, None]
     own = {"kind": FRAME_NETWORK, "length_unit_m": float(length_unit)}
-    _write(folder, model, facts, own, difference)
+    _write(folder, model, facts | own, difference(model, network, POSITION_INPUT, outputs, rows))
 
 
-def _difference(
+@torch.no_grad()
+def difference(
     model: bytes,
     network: nn.Module,
     input_name: str,
-    outputs: tuple[str, ...],
-    inputs: list[np.ndarray],
+    outputs: Sequence[str],
+    inputs: Sequence[np.ndarray] | np.ndarray,
 ) -> float:
-    """The greatest relative difference of all outputs, between ONNX Runtime and torch."""
+    """The greatest relative difference of all outputs, between ONNX Runtime and torch.
+
+    Raises:
+      InputError: it is above 1e-4, or an output is not finite.
+    """
     session = open_session(model)
     greatest = 0.0
     for given in inputs:
-        with torch.no_grad():
-            answer: Tensor | tuple[Tensor, ...] = network(torch.from_numpy(given))
-        tensors = (answer,) if isinstance(answer, Tensor) else answer
-        wanted = [tensor.numpy() for tensor in tensors]
+        answer = network(torch.from_numpy(given))
+        wanted = [each.numpy() for each in (answer if isinstance(answer, tuple) else (answer,))]
         if not all(np.isfinite(output).all() for output in wanted):
             raise InputError("the network's output is not finite: no bundle is written")
         got = map(np.asarray, session.run(list(outputs), {input_name: given}))
@@ -135,18 +101,6 @@ def _difference(
     return greatest
 
 
-def _write(
-    folder: Path, model: bytes, facts: BundleFacts, own: dict[str, typing.Any], difference: float
-) -> None:
-    """Writes a bundle; `own` is what only its kind says."""
-    content = {
-        "format": LIDAR_FORMAT,
-        "planes": facts.planes,
-        "rays": facts.rays,
-        "cube_m": float(facts.cube),
-        **own,
-        "body": facts.body,
-        "shape_sha256": facts.shape_sha256,
-        "training": facts.training | {"onnx_difference": difference},
-    }
-    write_bundle_folder(folder, model, {LIDAR_FILE: describing(content, model)})
+def _write(folder: Path, model: bytes, content: Facts, off: float) -> None:
+    training = content["training"] | {"onnx_difference": off}
+    LIDAR_BUNDLE.write(folder, content | {"training": training}, model)

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 
 from proxops.diagrams.scenario import Body, LidarConfig, Scenario
 from proxops.systems.common import (
@@ -28,7 +26,7 @@ from proxops.systems.lidar import (
 )
 from proxops.systems.shapes import RayFan, ray_caster
 from proxops.training.lidar import frame_errors
-from proxops.training.lidar.bundle import BundleFacts, write_bundle, write_frame_bundle
+from proxops.training.lidar.bundle import Facts, write_bundle, write_frame_bundle
 from proxops.training.lidar.frames import (
     LENGTH_UNITS_PER_CUBE,
     GridFrames,
@@ -39,7 +37,7 @@ from proxops.training.lidar.frames import (
     ray_examples,
 )
 from proxops.training.lidar.networks import FrameNetwork, RayNetwork, frame_loss, ray_loss
-from proxops.training.loop import Schedule, TensorBatches, Trained, TrainingTask, seeded, train
+from proxops.training.loop import Schedule, Trained, TrainingTask, seeded, train
 from proxops.training.reports import Picture, picture, plot_frames, write_markdown
 
 _RAY_SCHEDULE = Schedule(epochs=24, batch=8192, learning_rate=4e-3, patience=8)
@@ -106,11 +104,20 @@ def train_lidar(
     cube = scenario.transit.cube_m
     fan = ray_caster(body.shape).fan(ray_directions(lidar.planes, lidar.rays))
     grid = cast_grid(body, fan, cube, settings.spacing, settings.seed)
-    examples = _Examples(body, lidar, cube, grid, settings)
+    made = {"spacing_m": settings.spacing, "grid_positions": len(grid.positions)}
+    facts: Facts = {
+        "planes": lidar.planes,
+        "rays": lidar.rays,
+        "cube_m": float(cube),
+        "body": body.config.name,
+        "shape_sha256": body.shape.sha256,
+        "training": made | {"seed": settings.seed},
+    }
     # One network after the other, so that only one set of examples is in memory.
+    halves = (part_of(progress, 0.0, 0.5), part_of(progress, 0.5, 1.0))
     trained = {
-        OURS: _train_ray_network(examples, out, part_of(progress, 0.0, 0.5)),
-        PAPERS: _train_frame_network(examples, out, part_of(progress, 0.5, 1.0)),
+        OURS: _train_ray_network(grid, facts, settings, out, halves[0]),
+        PAPERS: _train_frame_network(grid, facts, settings, out, halves[1]),
     }
 
     geometry = LidarGeometry(lidar.planes, lidar.rays, np.inf)
@@ -125,17 +132,12 @@ def train_lidar(
         "inverse distance, 8 frames": frame_errors.weighted_frames(grid),
     }
     report = {
-        "body": body.config.name,
-        "shape_sha256": body.shape.sha256,
+        **facts,
+        **made,
         "bundle_sha256": ours.bundle.sha256,
         "paper_bundle_sha256": papers.bundle.sha256,
-        "cube_m": cube,
-        "planes": lidar.planes,
-        "rays": lidar.rays,
-        "spacing_m": settings.spacing,
-        "grid_positions": len(grid.positions),
         "settings": asdict(settings),
-        "training": {name: _training_figures(each) for name, each in trained.items()},
+        "training": {name: each.figures() for name, each in trained.items()},
     }
     positions = random_positions(body, cube, settings.test_positions, settings.seed + _TEST_STREAM)
     figures, pictures = _judge(methods, fan, positions, lidar, cube)
@@ -146,63 +148,72 @@ def train_lidar(
     return report
 
 
-@dataclass(frozen=True)
-class _Examples:
-    """The examples and settings that both networks share."""
-
-    body: Body
-    lidar: LidarConfig
-    cube: float
-    grid: GridFrames
-    settings: LidarSettings
-
-    @property
-    def identity(self) -> str:
-        """Names the examples in the identity of a training."""
-        return (
-            f"body {self.body.shape.sha256}, cube {self.cube}, spacing {self.settings.spacing}, "
-            f"{self.lidar.planes} x {self.lidar.rays}"
-        )
-
-    def facts(self, trained: Trained) -> BundleFacts:
-        """The facts in a bundle of this training."""
-        return BundleFacts(
-            planes=self.lidar.planes,
-            rays=self.lidar.rays,
-            cube=self.cube,
-            body=self.body.config.name,
-            shape_sha256=self.body.shape.sha256,
-            training={
-                "spacing_m": self.settings.spacing,
-                "grid_positions": len(self.grid.positions),
-                "seed": self.settings.seed,
-                **_training_figures(trained),
-            },
-        )
-
-
-def _train_ray_network(examples: _Examples, out: Path, progress: Progress) -> Trained:
+def _train_ray_network(
+    grid: GridFrames, facts: Facts, settings: LidarSettings, out: Path, progress: Progress
+) -> Trained:
     """Trains our network and writes its bundle."""
-    grid, lidar, settings = examples.grid, examples.lidar, examples.settings
-    directions = ray_directions(lidar.planes, lidar.rays)
+    planes = facts["planes"]
+    directions = ray_directions(planes, facts["rays"])
     ellipsoid = enclosing_ellipsoid(grid.positions, grid.frames, directions)
-    chords = ChordFan(*ellipsoid, directions)
-    task = _ray_task(chords, grid, lidar.planes, settings, examples.identity)
+    fan, kept = ChordFan(*ellipsoid, directions), ~grid.held_out
+    examples, near = ray_examples(fan, grid.positions[kept], grid.frames[kept], planes)
+    held, _ = ray_examples(fan, grid.positions[~kept], grid.frames[~kept], planes)
+    with seeded(settings.seed):
+        network = RayNetwork(settings.width)
+    task = TrainingTask.on_tensors(
+        "ray_network",
+        network,
+        lambda network, batch: ray_loss(network, *batch),
+        (examples, held),
+        settings.ray,
+        settings.seed,
+        _identity(facts, settings),
+        often=near.nonzero()[:, 0],
+        threads=1,
+    )
     trained = train(task, out, settings.seed, device="cpu", progress=progress)
     checks = next(iter(task.validation))[0][:_EXPORT_CHECKS].numpy()
-    write_bundle(out / "bundle", task.network, examples.facts(trained), ellipsoid, checks)
+    write_bundle(out / "bundle", network, _told(facts, trained), ellipsoid, checks)
     return trained
 
 
-def _train_frame_network(examples: _Examples, out: Path, progress: Progress) -> Trained:
+def _train_frame_network(
+    grid: GridFrames, facts: Facts, settings: LidarSettings, out: Path, progress: Progress
+) -> Trained:
     """Trains the paper's network and writes its bundle."""
-    grid, cube, settings = examples.grid, examples.cube, examples.settings
-    task = _frame_task(grid, cube, settings, examples.identity)
+    cube, kept = facts["cube_m"], ~grid.held_out
+    columns = [
+        frame_examples(grid.positions[rows], grid.frames[rows], cube) for rows in (kept, ~kept)
+    ]
+    with seeded(settings.seed):
+        network = FrameNetwork(grid.frames.shape[1])
+    task = TrainingTask.on_tensors(
+        "frame_network",
+        network,
+        lambda network, batch: frame_loss(network, *batch),
+        columns,
+        settings.frame,
+        settings.seed,
+        _identity(facts, settings),
+        threads=1,
+    )
     trained = train(task, out, settings.seed, device="cpu", progress=progress)
-    checks = grid.positions[grid.held_out][:_CHECKED_FRAMES]
-    unit = cube / LENGTH_UNITS_PER_CUBE
-    write_frame_bundle(out / "paper_bundle", task.network, examples.facts(trained), unit, checks)
+    checks, unit = grid.positions[grid.held_out][:_CHECKED_FRAMES], cube / LENGTH_UNITS_PER_CUBE
+    write_frame_bundle(out / "paper_bundle", network, _told(facts, trained), unit, checks)
     return trained
+
+
+def _identity(facts: Facts, settings: LidarSettings) -> str:
+    """Names the examples in the identity of a training."""
+    return (
+        f"body {facts['shape_sha256']}, cube {facts['cube_m']}, spacing {settings.spacing}, "
+        f"{facts['planes']} x {facts['rays']}"
+    )
+
+
+def _told(facts: Facts, trained: Trained) -> Facts:
+    """The facts in a bundle, with the figures of its training."""
+    return facts | {"training": facts["training"] | trained.figures()}
 
 
 def _judge(
@@ -242,58 +253,6 @@ def _judge(
     return results, picture("frames", figure, caption)
 
 
-def _ray_task(
-    fan: ChordFan, grid: GridFrames, planes: int, settings: LidarSettings, identity: str
-) -> TrainingTask:
-    with seeded(settings.seed):
-        network = RayNetwork(settings.width)
-    kept = ~grid.held_out
-    examples, near = ray_examples(fan, grid.positions[kept], grid.frames[kept], planes)
-    validation, _ = ray_examples(fan, grid.positions[~kept], grid.frames[~kept], planes)
-    often = near.nonzero()[:, 0]
-    return _task(
-        "ray_network", network, ray_loss, examples, validation, settings.ray, settings.seed,
-        identity, often,
-    )  # fmt: skip
-
-
-def _frame_task(
-    grid: GridFrames, cube: float, settings: LidarSettings, identity: str
-) -> TrainingTask:
-    with seeded(settings.seed):
-        network = FrameNetwork(grid.frames.shape[1])
-    kept = ~grid.held_out
-    examples = frame_examples(grid.positions[kept], grid.frames[kept], cube)
-    validation = frame_examples(grid.positions[~kept], grid.frames[~kept], cube)
-    return _task(
-        "frame_network", network, frame_loss, examples, validation, settings.frame, settings.seed,
-        identity,
-    )  # fmt: skip
-
-
-def _task(
-    name: str,
-    network: torch.nn.Module,
-    loss: Callable[..., torch.Tensor],
-    examples: tuple[torch.Tensor, ...],
-    validation: tuple[torch.Tensor, ...],
-    schedule: Schedule,
-    seed: int,
-    identity: str,
-    often: torch.Tensor | None = None,
-) -> TrainingTask:
-    return TrainingTask(
-        name,
-        network,
-        lambda network, batch: loss(network, *batch),
-        TensorBatches(examples, schedule.batch, shuffle=True, seed=seed, often=often),
-        TensorBatches(validation, schedule.batch),
-        schedule,
-        identity,
-        threads=1,
-    )
-
-
 def _true_frames(lidar: LearnedLidar, positions: np.ndarray) -> np.ndarray:
     """Noiseless frames (N, R) in m of a learned lidar, position by position as in flight."""
     frames = np.full((len(positions), len(lidar.directions)), np.inf, dtype=np.float32)
@@ -301,13 +260,3 @@ def _true_frames(lidar: LearnedLidar, positions: np.ndarray) -> np.ndarray:
         returns = lidar.true_returns(position)
         frame[returns.rays] = returns.distances
     return frames
-
-
-def _training_figures(trained: Trained) -> dict[str, float]:
-    best = trained.history[trained.best_epoch]
-    return {
-        "epochs": len(trained.history),
-        "best_epoch": trained.best_epoch,
-        "best_validation_loss": best["validation_loss"],
-        "cpu_s": trained.cpu_s,
-    }

@@ -6,11 +6,9 @@ new task, not a new loop. The batches come from `TensorBatches` or `WindowBatche
 """
 
 from proxops.training.loop.checkpoints import write_tensors
-from proxops.training.loop.losses import force_loss
-from proxops.training.loop.random_weights import seeded
 from proxops.training.loop.tensor_batches import TensorBatches
 from proxops.training.loop.training_history import Trained
-from proxops.training.loop.training_loop import Schedule, TrainingTask, train
+from proxops.training.loop.training_loop import Schedule, TrainingTask, seeded, train
 from proxops.training.loop.windows import Batch, WindowBatches, WindowDataset, frame_batches
 
 __all__ = [
@@ -21,7 +19,6 @@ __all__ = [
     "TrainingTask",
     "WindowBatches",
     "WindowDataset",
-    "force_loss",
     "frame_batches",
     "seeded",
     "train",

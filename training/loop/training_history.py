@@ -25,8 +25,18 @@ class Trained:
     """One row for each epoch: its number, losses, learning rate, and times so far."""
     best_epoch: int
     """The epoch whose weights are kept."""
-    cpu_s: float
-    """CPU time of the training in s, summed over all its runs."""
+
+    def figures(self) -> dict[str, float]:
+        """Figures for a report: losses of the weights that are kept, and times over all runs."""
+        best, last = self.history[self.best_epoch], self.history[-1]
+        return {
+            "epochs": len(self.history),
+            "best_epoch": self.best_epoch,
+            "training_loss": best["training_loss"],
+            "validation_loss": best["validation_loss"],
+            "cpu_s": last["cpu_s"],
+            "wall_s": last["wall_s"],
+        }
 
 
 def best_epoch(history: History) -> int:
@@ -34,12 +44,11 @@ def best_epoch(history: History) -> int:
     return min(range(len(history)), key=lambda epoch: history[epoch]["validation_loss"])
 
 
-def finished(history: History, epochs: int, patience: int) -> bool:
+def finished(history: History, epochs: int, patience: int | None) -> bool:
     """Whether the epochs are used up, or the last `patience` of them brought no better loss."""
-    if not history:
-        return False
-    idle = len(history) - 1 - best_epoch(history)
-    return len(history) >= epochs or idle >= patience
+    if not history or patience is None:
+        return len(history) >= epochs
+    return len(history) >= epochs or len(history) - 1 - best_epoch(history) >= patience
 
 
 def learning_rate(greatest: float, done: float) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 import time
-from collections.abc import Callable, Generator, Iterator, Sized
+from collections.abc import Callable, Generator, Iterator, Sequence, Sized
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
@@ -17,6 +17,7 @@ from torch import Tensor, nn
 
 from proxops.systems.common import InputError, Progress, derived_seed, make_folder, silent
 from proxops.training.loop.checkpoints import load_checkpoint, save_checkpoint
+from proxops.training.loop.tensor_batches import TensorBatches
 from proxops.training.loop.training_history import (
     History,
     Trained,
@@ -51,8 +52,8 @@ class Schedule:
     """Examples in a batch: frames, states, or windows."""
     learning_rate: float
     """Its greatest value, after the warm-up."""
-    patience: int
-    """Training ends early after this many epochs without a better validation loss."""
+    patience: int | None = None
+    """Training ends early after this many epochs without a better validation loss; None: never."""
     minutes: float | None = None
     """Training ends after this time, summed over all its runs; None: only by epochs."""
 
@@ -77,6 +78,34 @@ class TrainingTask:
     """Methods of the network, besides `forward`, that the loss calls."""
     keep_last: bool = False
     """Keeps the weights of the last epoch, not those of the best one on validation."""
+
+    @classmethod
+    def on_tensors(
+        cls,
+        name: str,
+        network: nn.Module,
+        loss: Callable[[Any, Any], Tensor],
+        columns: Sequence[Sequence[Tensor]],
+        schedule: Schedule,
+        seed: int,
+        identity: str,
+        *,
+        often: Tensor | None = None,
+        held_size: int | None = None,
+        **options: Any,
+    ) -> TrainingTask:
+        """A task on examples in memory.
+
+        Args:
+          columns: examples to train on, and those for validation, as `TensorBatches` takes them.
+          seed: of the order of the examples. often: see `TensorBatches`.
+          held_size: of the batches of validation; None: that of the others.
+          options: the other fields.
+        """
+        training, held = columns
+        batches = TensorBatches(training, schedule.batch, shuffle=True, seed=seed, often=often)
+        validation = TensorBatches(held, held_size or schedule.batch)
+        return cls(name, network, loss, batches, validation, schedule, identity, **options)
 
 
 def train(
@@ -118,6 +147,14 @@ def train(
         return training.end()
     finally:
         torch.set_num_threads(threads)
+
+
+@contextlib.contextmanager
+def seeded(seed: int) -> Iterator[None]:
+    """Inside, torch's random numbers begin with `seed`; afterwards they go on as before."""
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(seed)
+        yield
 
 
 @contextlib.contextmanager
@@ -167,20 +204,16 @@ class _Training:
         """Takes over what a checkpoint holds.
 
         Raises:
-          InputError: its contents do not fit this network, or are no history.
+          InputError: its contents do not fit this network.
         """
         try:
-            self._network.load_state_dict(saved["best"])  # Only to see that they fit.
             self._network.load_state_dict(saved["network"])
             self._optimizer.load_state_dict(saved["optimizer"])
-            self._history = [dict(row) for row in saved["history"]]
-            self._best = saved["best"]
-            best_epoch(self._history)
-            float(self._history[-1]["cpu_s"] + self._history[-1]["wall_s"])
         except Exception as error:  # torch raises all sorts of errors for what does not fit.
             raise InputError(
                 f"{self._checkpoint} is not a checkpoint of a training: remove it"
             ) from error
+        self._history, self._best = saved["history"], saved["best"]
 
     def is_over(self) -> bool:
         """Whether the epochs, the patience or the minutes are used up."""
@@ -218,7 +251,7 @@ class _Training:
             self._task.network.load_state_dict(self._best)
         self._task.network.eval()
         kept = len(self._history) - 1 if self._task.keep_last else best_epoch(self._history)
-        return Trained(self._history, kept, self._history[-1]["cpu_s"])
+        return Trained(self._history, kept)
 
     def _learn(self, epoch: int, progress: Progress) -> tuple[float, float]:
         """One epoch of steps; returns the mean training loss and the last learning rate."""

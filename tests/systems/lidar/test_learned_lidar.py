@@ -22,7 +22,8 @@ from pydrake.perception import PointCloud
 
 from proxops.systems import InputError, LearnedLidar, Lidar, LidarErrors, LidarGeometry
 from proxops.systems.lidar.lidar_bundle import LidarBundle
-from proxops.training.lidar.bundle import check_model, onnx_model, write_bundle
+from proxops.training.lidar import bundle as bundles
+from proxops.training.lidar.bundle import write_bundle
 
 PLACES = np.array([[150e3, 20e3, 10e3], [-90e3, 90e3, -80e3], [0.0, 0.0, 60e3]])
 
@@ -169,25 +170,14 @@ def test_bundle_says_what_it_is(bundle: Path):
     assert {path.name for path in bundle.parent.iterdir()} == {"bundle"}
 
 
-def test_bundle_is_replaced_whole(bundle: Path, tmp_path: Path):
-    folder = copied(bundle, tmp_path)
-    (folder / "leftover").touch()
-    export_ball_bundle(folder, rays=180)
-    assert LidarBundle.load(folder).rays == 180
-    assert {path.name for path in folder.iterdir()} == {"bundle.json", "model.onnx"}
-    assert [path.name for path in tmp_path.iterdir()] == ["bundle"]
-
-
 def test_export_that_differs_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     class Other(BallNetwork):
         def forward(self, chords):
             hit, depth = super().forward(chords)
             return hit, depth * (1.0 + 1e-4)
 
-    model = onnx_model(Other())
-    with pytest.raises(InputError, match="no bundle is written"):
-        check_model(model, BallNetwork(), chord_ends())
-    monkeypatch.setattr("proxops.training.lidar.bundle.onnx_model", lambda network: model)
+    onnx_bytes = bundles.onnx_bytes
+    monkeypatch.setattr(bundles, "onnx_bytes", lambda network, *given: onnx_bytes(Other(), *given))
     with pytest.raises(InputError, match="no bundle is written"):
         write_bundle(tmp_path / "bundle", BallNetwork(), ball_facts(), ELLIPSOID, chord_ends())
     assert list(tmp_path.iterdir()) == []
@@ -203,11 +193,7 @@ def change(path: Path, **changes: object) -> None:
 
 
 DAMAGES = {
-    "cannot be read": lambda folder: (folder / "model.onnx").unlink(),
-    "bundle.json cannot be read": lambda folder: (folder / "bundle.json").unlink(),
     "its hash is not the one": lambda folder: (folder / "model.onnx").write_bytes(b"onnx"),
-    "is not JSON": lambda folder: (folder / "bundle.json").write_text('{"format": "prox'),
-    "is not of the format": lambda folder: change(folder / "bundle.json", format="other"),
     "semi_axes_m is not three numbers": lambda folder: change(
         folder / "bundle.json", semi_axes_m=None
     ),

@@ -32,8 +32,8 @@ from proxops.systems import (
 )
 from proxops.systems.policy import INPUTS, GuidanceNetwork
 from proxops.systems.policy.guidance_policy import COAST
-from proxops.training.any_body.examples import mirrored
-from proxops.training.any_body.network import AnyBodyGuidance
+from proxops.training.networks import AnyBodyGuidance
+from proxops.training.recipes.any_body import mirrored
 
 AXES = np.array([140e3, 65e3, 64e3])
 

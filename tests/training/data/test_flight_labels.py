@@ -10,7 +10,7 @@ from short_flights import kleopatra
 from proxops.diagrams.flight import Workers
 from proxops.diagrams.flight.scenario_systems import make_mpc
 from proxops.systems import InputError
-from proxops.training.data.flight_labels import label_flights, labels_along, labels_by_flight
+from proxops.training.data.flight_labels import labels_along, labels_by_flight
 
 
 def test_labels_along_the_experts_own_flight_are_its_commands():
@@ -45,32 +45,33 @@ def test_few_states_of_a_flight_have_the_experts_commands_too(tmp_path: Path):
     assert seen == len(states[::every]) <= 6
     assert not (labels["state"] == states[1]).all(axis=1).any()
     with pytest.raises(InputError, match="labels of other flights"):
-        label_flights(logs, tmp_path / "labels", Workers(1))
+        labels_by_flight(logs, tmp_path / "labels", Workers(1))
 
 
 def test_where_no_flight_could_begin_it_says_so(tmp_path: Path):
     with pytest.raises(InputError, match="none of the round could begin in its world"):
-        label_flights([], tmp_path / "labels", Workers(1))
+        labels_by_flight([], tmp_path / "labels", Workers(1))
 
 
 def test_labels_are_kept_and_belong_to_their_flight(tmp_path: Path, monkeypatch):
     logs = sorted(copy_flights(tmp_path).glob("*.nc"))[:2]
     told: list[float] = []
     workers = Workers(1, progress=lambda done, text: told.append(done))
-    first = label_flights(logs, tmp_path / "labels", workers)
+    first = labels_by_flight(logs, tmp_path / "labels", workers)
     written = [path.stat().st_mtime_ns for path in sorted((tmp_path / "labels").glob("*.npz"))]
     assert told == [0.0, 0.5, 1.0]
     assert len(written) == 2
-    again = label_flights(logs, tmp_path / "labels", Workers(1))
+    again = labels_by_flight(logs, tmp_path / "labels", Workers(1))
     assert written == [
         path.stat().st_mtime_ns for path in sorted((tmp_path / "labels").glob("*.npz"))
     ]
-    for name, values in first.items():
-        np.testing.assert_array_equal(values, again[name])
+    for one, other in zip(first, again, strict=True):
+        for name, values in one.items():
+            np.testing.assert_array_equal(values, other[name])
     with monkeypatch.context() as other_way:
         other_way.setattr("proxops.training.data.flight_labels._WHOLE_PLAN_EVERY", 4)
         with pytest.raises(InputError, match="labels of other flights"):
-            label_flights(logs, tmp_path / "labels", Workers(1))
+            labels_by_flight(logs, tmp_path / "labels", Workers(1))
     logs[0].write_bytes(logs[1].read_bytes())
     with pytest.raises(InputError, match="another"):
-        label_flights(logs, tmp_path / "labels", Workers(1))
+        labels_by_flight(logs, tmp_path / "labels", Workers(1))

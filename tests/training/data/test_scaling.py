@@ -13,9 +13,9 @@ from proxops.systems import ray_directions
 from proxops.systems.shapes.ray_casting import ray_caster
 from proxops.training.data.packing import pack_flights
 from proxops.training.data.scaling import Scaling, scaling_for, scaling_of
-from proxops.training.pilot.dimensions import PilotDimensions
-from proxops.training.pilot.state_filter import MEMORY
-from proxops.training.pilot.tasks import estimate_error, force_loss
+from proxops.training.networks.pilot_network import PilotDimensions
+from proxops.training.networks.state_filter import MEMORY
+from proxops.training.recipes.pilot_losses import estimate_error, force_loss
 
 # As much smaller; a power of two, so that it rounds nothing.
 SMALL = 1.0 / 128.0

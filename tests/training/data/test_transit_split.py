@@ -5,7 +5,7 @@ from collections import Counter
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from proxops.training.data.transit_split import PARTS, part_of_transit
+from proxops.training.data.packed_flights import PARTS, part_of_transit
 
 SEEDS = st.integers(0, 2**40)
 

@@ -13,7 +13,8 @@ from short_flights import kleopatra
 from torch import nn
 
 from proxops.systems import InputError, NeuralPolicy, PolicyBundle
-from proxops.training.export import policy_export, write_folder
+from proxops.systems.common import whole_folder
+from proxops.training.export import policy_export
 from proxops.training.export.policy_export import export_policy
 
 
@@ -52,25 +53,30 @@ def test_bundle_is_replaced_whole(bundle: Path, tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["bundle"]
 
 
+def write_folder(folder: Path, content: bytes, name: str = "model") -> None:
+    with whole_folder(folder) as part:
+        (part / name).write_bytes(content)
+
+
 def test_what_a_kill_left_is_removed(tmp_path: Path) -> None:
     """But no file that is being written, which has such a name too."""
     folder, other = tmp_path / "bundle", tmp_path / ".bundle.json.abcdefgh.part"
-    write_folder(folder, {"model": b"1"})
+    write_folder(folder, b"1")
     other.write_text("{")
-    for end in ("old", "part"):
+    for end in ("old.folder", "folder"):
         (tmp_path / f".bundle.abcdefgh.{end}").mkdir()
         (tmp_path / f".bundle.abcdefgh.{end}" / "model").write_bytes(b"0")
-    write_folder(folder, {"model": b"2"})
+    write_folder(folder, b"2")
     assert set(tmp_path.iterdir()) == {folder, other}
     assert (folder / "model").read_bytes() == b"2"
 
 
 def test_after_a_kill_between_two_bundles_the_older_one_is_put_back(tmp_path: Path) -> None:
     folder = tmp_path / "bundle"
-    write_folder(folder, {"model": b"1"})
-    folder.rename(tmp_path / ".bundle.abcdefgh.old")
+    write_folder(folder, b"1")
+    folder.rename(tmp_path / ".bundle.abcdefgh.old.folder")
     with pytest.raises(InputError, match="cannot write"):
-        write_folder(folder, {"no/such/file": b"2"})
+        write_folder(folder, b"2", "no/such/file")
     assert set(tmp_path.iterdir()) == {folder}
     assert (folder / "model").read_bytes() == b"1"
 

@@ -13,14 +13,9 @@ from proxops.diagrams.flight import Workers, fly
 from proxops.diagrams.logs import FlightLog
 from proxops.diagrams.scenario import load_scenario
 from proxops.systems import GuidanceBundle, InputError, PointMassField, Surroundings
-from proxops.training.any_body import (
-    AnyBodyDagger,
-    AnyBodySettings,
-    run_any_body_dagger,
-    train_any_body,
-)
-from proxops.training.any_body.examples import examples_of
 from proxops.training.loop import Schedule
+from proxops.training.recipes import AnyBodySettings, DaggerSettings, run_dagger, train_any_body
+from proxops.training.recipes.any_body import Family, examples_of
 
 SMALL = dataclasses.replace(
     AnyBodySettings().quick(),
@@ -45,7 +40,8 @@ def test_examples_are_over_the_thrust_of_their_own_spacecraft() -> None:
         "force": random.normal(size=(6, 3)),
         "member": np.array([1, 0, 1, 1, 0, 0]),
     }
-    found = examples_of(labels, members, [100.0, 50.0])
+    scenarios = [load_scenario(None, {"spacecraft.mass_kg": mass}) for mass in (100.0, 50.0)]
+    found = examples_of(labels, Family(scenarios, members, 0))
     for row in range(6):
         k = labels["member"][row]
         alone = members[k].inputs(labels["state"][row, None], labels["goal"][row, None])
@@ -81,10 +77,10 @@ def test_from_nothing_to_a_flight(tmp_path: Path) -> None:
     assert np.isfinite(log.dataset["policy_force"].values[:-1]).all()
     # Its own flights teach it: on navigation, in worlds that differ, at the member it learns at.
     before = report["force_errors"]["training"]["states"]
-    settings = AnyBodyDagger(rounds=1, flights=1, epochs=2)
+    settings = DaggerSettings(rounds=1, flights=1, epochs=2)
     told: list[str] = []
     workers = Workers(1, progress=lambda done, text: told.append(text))
-    report = run_any_body_dagger(tmp_path, tmp_path / "dagger", settings, workers)
+    report = run_dagger(None, tmp_path, tmp_path / "dagger", settings, workers)
     assert told[0] == "making bodies"
     assert told[1].startswith("plans of transits")
     [outcome] = report["rounds"]
@@ -106,7 +102,7 @@ def test_a_guidance_of_another_version_is_refused_and_left_as_it_is(
     (tmp_path / "report.json").write_text(json.dumps(report))
     (tmp_path / "family").mkdir()
     with pytest.raises(InputError, match=f"by proxops {version or 'before'}.*, and this is"):
-        run_any_body_dagger(tmp_path, tmp_path / "dagger", AnyBodyDagger(rounds=1))
+        run_dagger(None, tmp_path, tmp_path / "dagger", DaggerSettings(rounds=1))
     assert sorted(path.name for path in tmp_path.rglob("*")) == ["family", "report.json"]
 
 
@@ -116,37 +112,23 @@ def test_a_pilot_is_not_replaced_by_what_learns_from_it(tmp_path: Path) -> None:
         app(words, standalone_mode=False)
 
 
-@pytest.fixture
-def asked(monkeypatch: pytest.MonkeyPatch) -> list[AnyBodyDagger]:
-    """The settings with which the command line calls DAgger, which then does nothing."""
-    settings_of_calls: list[AnyBodyDagger] = []
-
-    def run(pilot: Path, out: Path, settings: AnyBodyDagger, workers: Workers) -> dict:
-        settings_of_calls.append(settings)
-        return {"rounds": []}
-
-    monkeypatch.setattr("proxops.training.any_body.run_any_body_dagger", run)
-    return settings_of_calls
-
-
 @pytest.mark.parametrize(("seed", "rounds", "taken"), [(9998, 2, True), (9999, 2, False)])
 def test_no_round_learns_from_a_seed_of_evaluation(
-    tmp_path: Path, asked: list[AnyBodyDagger], seed: int, rounds: int, taken: bool
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, seed: int, rounds: int, taken: bool
 ) -> None:
+    asked: list[DaggerSettings] = []
+
+    def run(data: None, first: Path, out: Path, settings: DaggerSettings, workers: Workers) -> dict:
+        asked.append(settings)
+        return {"rounds": []}
+
+    monkeypatch.setattr("proxops.training.recipes.run_dagger", run)
     given = ("--rounds", str(rounds), "--seed", str(seed), "--json", "--out", str(tmp_path / "out"))
     words = ["dagger", "--pilot", str(tmp_path), *given]
     if taken:
         app(words, standalone_mode=False)
+        assert asked == [DaggerSettings(rounds=rounds, seed=seed)]
     else:
         with pytest.raises(InputError, match=r"transits of seed 10000; seeds from 10,000 on"):
             app(words, standalone_mode=False)
-    assert len(asked) == taken
-
-
-def test_the_command_line_asks_for_the_seed_and_no_other_labels(
-    tmp_path: Path, asked: list[AnyBodyDagger]
-) -> None:
-    given = ("dagger", "--pilot", str(tmp_path), "--rounds", "3", "--seed", "7", "--json")
-    app([*given, "--out", str(tmp_path / "out")], standalone_mode=False)
-    assert asked == [AnyBodyDagger(rounds=3, seed=7)]
-    assert asked[0].labels == AnyBodyDagger().labels
+        assert not asked

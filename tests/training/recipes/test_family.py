@@ -10,15 +10,15 @@ from proxops.diagrams.flight import Workers
 from proxops.diagrams.scenario import Scenario, draw_transit, load_body, load_scenario
 from proxops.systems.common import derived_seed
 from proxops.systems.shapes import clearances
-from proxops.training.any_body.family import (
+from proxops.training.data import expert_plans
+from proxops.training.recipes.family import (
     RANGES,
     SpacecraftNumbers,
+    family_plans,
     member_scenario,
     spacecraft_numbers,
     write_family,
 )
-from proxops.training.any_body.member_plans import family_plans
-from proxops.training.data import expert_plans
 
 SEED = 11
 

@@ -4,7 +4,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from proxops.training.pilot.geometry_layer import GeometryLayer, SurfaceField, _solve
+from proxops.training.networks.geometry_layer import GeometryLayer, SurfaceField, _solve
 
 RADIUS = 50e3
 

@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from proxops.training.data.normalisation import Normalisation, Scale
-from proxops.training.paper.policy import PaperPolicy
+from proxops.training.networks.paper_policy import PaperPolicy
 
 NORMALISATION = Normalisation(
     position=Scale((1e4, -2e4, 3e3), (9e4, 8e4, 7e4)),

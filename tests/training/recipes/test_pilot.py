@@ -9,16 +9,17 @@ from short_flights import kleopatra
 
 from proxops.systems import PolicyBundle, ray_directions
 from proxops.systems.expert.plan import Horizon
+from proxops.systems.policy import PolicyFacts
 from proxops.systems.policy.policy_bundle import run_network
 from proxops.systems.shapes.ray_casting import ray_caster
-from proxops.training.export.policy_export import PolicyFacts, export_policy
-from proxops.training.pilot.coarse_position import CoarsePosition
-from proxops.training.pilot.geometry_layer import GeometryLayer, SurfaceField
-from proxops.training.pilot.guidance import Guidance
-from proxops.training.pilot.lidar_hits import HitSelection
-from proxops.training.pilot.network import Pilot
-from proxops.training.pilot.state_filter import MEMORY, Motion, StateFilter
-from proxops.training.pilot.tasks import force_loss
+from proxops.training.export import export_policy
+from proxops.training.networks.coarse_position import CoarsePosition
+from proxops.training.networks.geometry_layer import GeometryLayer, SurfaceField
+from proxops.training.networks.guidance import Guidance
+from proxops.training.networks.lidar_hits import HitSelection
+from proxops.training.networks.pilot_network import Pilot
+from proxops.training.networks.state_filter import MEMORY, Motion, StateFilter
+from proxops.training.recipes.pilot_losses import force_loss
 
 PLACES = np.array([[150e3, 20e3, 10e3], [-60e3, 110e3, -50e3], [10e3, -20e3, 140e3]])
 
@@ -145,8 +146,9 @@ def small_pilot() -> Pilot:
 def facts() -> PolicyFacts:
     body = kleopatra()
     return PolicyFacts(
-        "proxops", 12, 360, 10.0, 7.0, MEMORY, True, body.config.name, body.shape.sha256, ""
-    )
+        recipe="proxops", planes=12, rays=360, period=10.0, thrust_limit=7.0, memory=MEMORY,
+        estimates=True, body=body.config.name, shape_sha256=body.shape.sha256, data_sha256="",
+    )  # fmt: skip
 
 
 @pytest.fixture(scope="module")

@@ -6,15 +6,16 @@ import torch
 from flight_folders import copy_flights
 
 from proxops.training.data import PackedFlights, pack_flights
-from proxops.training.pilot.examples import (
+from proxops.training.networks.lidar_hits import HitSelection
+from proxops.training.recipes.pilot_examples import (
     box_of,
     commands_of,
+    flight_labels,
     hits_of,
     part_rows,
     spread_rows,
     transitions_of,
 )
-from proxops.training.pilot.lidar_hits import HitSelection
 
 
 @pytest.fixture(scope="module")
@@ -80,7 +81,7 @@ def test_transitions_are_what_flights_did(packed: PackedFlights):
 
 
 def test_commands_are_the_experts(packed: PackedFlights):
-    given = commands_of(packed, "validation")
+    given = commands_of(flight_labels(packed, "validation"))
     rows = part_rows(packed, "validation")
     np.testing.assert_allclose(given.force.numpy(), packed.mpc_force[rows], atol=1e-6)
     np.testing.assert_allclose(given.goal.numpy(), packed.target[rows, :3])

@@ -19,18 +19,11 @@ from proxops.diagrams.logs.flight_log import FlightLog
 from proxops.diagrams.scenario.scenario import load_scenario
 from proxops.systems import InputError
 from proxops.training.export import policy_report
-from proxops.training.pilot.dagger import (
-    DaggerSettings,
-    _forget_shorter_or_longer,
-    dagger_flights,
-    restarted,
-    run_dagger,
-)
-from proxops.training.pilot.dimensions import PilotDimensions
-from proxops.training.pilot.network import Pilot
-from proxops.training.pilot.pilot_file import load_pilot, save_pilot
-from proxops.training.pilot.recipe import collected_scenario, train_pilot
-from proxops.training.pilot.settings import PilotSettings, settings_of
+from proxops.training.networks.pilot_network import Pilot, PilotDimensions, load_pilot, save_pilot
+from proxops.training.recipes import DaggerSettings, PilotSettings, run_dagger, trained_settings
+from proxops.training.recipes.dagger import round_flights
+from proxops.training.recipes.pilot import collected_scenario, restarted, train_pilot
+from proxops.training.recipes.recipe import Learner
 
 DIMENSIONS = PilotDimensions(
     planes=12, rays=360, hits=16, period=10.0, mass=100.0, thrust_limit=7.0, length=98e3,
@@ -55,9 +48,9 @@ def same(first: Pilot, second: Pilot, part: str) -> bool:
 def test_pilot_is_kept_whole(tmp_path: Path):
     pilot = small_pilot()
     pilot.fit_residual(torch.tensor([90.0, 100.0, 110.0]))
-    save_pilot(tmp_path, DIMENSIONS, pilot, {"logs_sha256": "abc"})
-    dimensions, again, origin = load_pilot(tmp_path)
-    assert (dimensions, origin) == (DIMENSIONS, {"logs_sha256": "abc"})
+    save_pilot(tmp_path, DIMENSIONS, pilot)
+    dimensions, again = load_pilot(tmp_path)
+    assert dimensions == DIMENSIONS
     assert same(pilot, again, "")
     assert float(again.usual_residual) == 100.0
     (tmp_path / "pilot.ckpt").write_bytes(b"half a pil")
@@ -65,34 +58,19 @@ def test_pilot_is_kept_whole(tmp_path: Path):
         load_pilot(tmp_path)
 
 
-@pytest.mark.parametrize(
-    "changes",
-    [
-        {"spacing": 1e-9},  # A grid of 1e43 cells.
-        {"rays": 10**12},
-        {"guidance_width": 10**12},
-        {"planes": "many"},
-        {"low": [1.0]},
-    ],
-)
-def test_a_pilot_that_cannot_be_is_refused(tmp_path: Path, changes: dict[str, object]):
-    save_pilot(tmp_path, DIMENSIONS, small_pilot(), {})
-    content = torch.load(tmp_path / "pilot.ckpt", weights_only=True)
-    content["shape"] |= changes
-    torch.save(content, tmp_path / "pilot.ckpt")
-    with pytest.raises(InputError, match="no pilot"):
-        load_pilot(tmp_path)
-
-
-def test_settings_come_back_from_a_file():
+def test_settings_come_back_from_a_report(tmp_path: Path):
     settings = PilotSettings(seed=4).quick()
-    origin = {"proxops": metadata.version("proxops"), "settings": asdict(settings)}
-    kept = json.loads(json.dumps(origin))
-    assert settings_of(kept) == settings
-    with pytest.raises(InputError, match=r"trained by proxops 0\.1\.2, and this is"):
-        settings_of(kept | {"proxops": "0.1.2"})
-    with pytest.raises(InputError, match="does not say how it was trained"):
-        settings_of(kept | {"settings": {"frames": 3, "what": 4}})
+    report = {"proxops": metadata.version("proxops"), "settings": asdict(settings)}
+
+    def read(**changes: object) -> PilotSettings:
+        (tmp_path / "report.json").write_text(json.dumps(report | changes))
+        return trained_settings(tmp_path, PilotSettings, "proxops")[0]
+
+    assert read() == settings
+    with pytest.raises(InputError, match=r"made by proxops 0\.1\.2, and this is"):
+        read(proxops="0.1.2")
+    with pytest.raises(InputError, match=r"its report\.json cannot be read"):
+        read(settings={"frames": 3, "what": 4})
 
 
 def test_restarted_pilot_sees_as_before_and_knows_nothing():
@@ -144,30 +122,17 @@ def test_sequence_is_step_after_step():
 def test_a_round_flies_what_is_hard(tmp_path: Path):
     """Three in four of the transits are blocked; each round has others, all of training seeds."""
     bundle = write_policy(tmp_path / "bundle", Counting())
-    settings = DaggerSettings(flights=40)
-    first = dagger_flights(load_scenario(), bundle, settings, 1)
-    second = dagger_flights(load_scenario(), bundle, settings, 2)
+    nothing: dict = {}
+    learner = Learner(
+        tmp_path, nothing, lambda _: [load_scenario()], lambda *_: nothing, (), flights=40
+    )
+    [first], [second] = (round_flights(learner, bundle, DaggerSettings(), k) for k in (1, 2))
     numbers = [int(flight.name.rsplit("-", 1)[1]) for flight in first]
     blocked = [number for number in numbers if number % 10 in (1, 4, 7)]
     assert len(first) == len(set(numbers)) == 40
     assert len(blocked) / 40 == pytest.approx(0.75, abs=0.1)
     assert not {flight.name for flight in first} & {flight.name for flight in second}
-    assert all(int(flight.name.split("-")[0]) < 10_000 for flight in first + second)
-
-
-def test_of_another_number_of_epochs_nothing_is_kept(tmp_path: Path):
-    """What differs in more stays, and is then refused."""
-    left = tmp_path / "guidance.ckpt"
-    for identity, stays in (
-        ("round 1, seed 3, 8 epochs", True),
-        ("round 1, seed 3, 8 epochs", True),
-        ("round 1, seed 3, 7 epochs", False),
-        ("round 1, seed 4, 8 epochs", True),
-    ):
-        left.write_text("a checkpoint")
-        (tmp_path / "bundle").mkdir(exist_ok=True)
-        _forget_shorter_or_longer(tmp_path, identity)
-        assert left.exists() == (tmp_path / "bundle").exists() == stays, identity
+    assert all(flight.scenario.transit.seed < 10_000 for flight in first + second)
 
 
 def test_data_must_be_a_collection(tmp_path: Path):
@@ -281,10 +246,8 @@ def test_dagger_learns_from_its_flights_and_goes_on_after_a_kill(
     states = sum(len(FlightLog.load(path).dataset["time"]) - 1 for path in flown)
     assert row["flights"] == 1
     assert row["labels"] >= states
-    _, before, origin = load_pilot(trained)
-    _, after, _ = load_pilot(tmp_path)
+    (_, before), (_, after) = map(load_pilot, (trained, tmp_path))
     assert same(before, after, "geometry.")
     assert not same(before, after, "guidance.network.")
     scenario = load_scenario(None, {"policy.bundle": str(tmp_path / "bundle")})
     assert np.isfinite(fly(scenario, "policy").dataset["policy_force"].values[:-1]).all()
-    assert settings_of(origin) == PilotSettings().quick()

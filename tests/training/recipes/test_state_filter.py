@@ -5,7 +5,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from proxops.training.pilot.state_filter import MEMORY, Motion, StateFilter
+from proxops.training.networks.state_filter import MEMORY, Motion, StateFilter
 
 PERIOD = 10.0
 

@@ -10,8 +10,8 @@ from matplotlib.contour import QuadContourSet
 from matplotlib.figure import Figure
 from short_flights import kleopatra
 
-from proxops.training.pilot.geometry_layer import SurfaceField
-from proxops.training.pilot.surface_picture import plot_cut
+from proxops.training.networks.geometry_layer import SurfaceField
+from proxops.training.networks.surface_picture import plot_cut
 
 HIGH = np.array([120e3, 60e3, 40e3])
 PLANES = [("xy", 0, 1), ("xz", 0, 2), ("yz", 1, 2)]

@@ -1,6 +1,7 @@
 """`proxops train --recipe paper`: learning from short flights, what it writes, what it refuses."""
 
 import csv
+import dataclasses
 import json
 import sys
 from pathlib import Path
@@ -19,7 +20,8 @@ from proxops.training.data import PackedFlights, pack_flights
 from proxops.training.export.policy_report import replay_flights
 from proxops.training.loop import WindowDataset
 from proxops.training.loop.training_loop import Schedule
-from proxops.training.paper.recipe import (
+from proxops.training.recipes import RECIPES
+from proxops.training.recipes.paper import (
     PaperSettings,
     make_policy,
     rms_force_loss,
@@ -145,15 +147,11 @@ def test_quick_command_writes_all_that_it_says(
 
 
 @pytest.mark.parametrize(
-    ("recipe", "function", "folder"),
-    [
-        ("proxops", "pilot.train_pilot", "out/pilot"),
-        ("paper", "paper.train_paper_policy", "out/paper-policy"),
-        ("any-body", "any_body.train_any_body", "out/any-body"),
-    ],
+    ("recipe", "folder"),
+    [("proxops", "out/pilot"), ("paper", "out/paper-policy"), ("any-body", "out/any-body")],
 )
 def test_each_recipe_has_a_folder_of_its_own(
-    recipe: str, function: str, folder: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    recipe: str, folder: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     """In the folder of another, it would replace the bundle."""
     given: list[Any] = []
@@ -163,7 +161,7 @@ def test_each_recipe_has_a_folder_of_its_own(
         raise InputError("far enough")
 
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(f"proxops.training.{function}", stop)
+    monkeypatch.setitem(RECIPES, recipe, dataclasses.replace(RECIPES[recipe], train=stop))
     data = [] if recipe == "any-body" else ["data"]
     assert proxops("train", *data, "--recipe", recipe) == 2
     assert Path(folder) in given

@@ -1,20 +1,30 @@
-"""The pilot: one exported network from lidar frame, goal and commanded force to force."""
+"""The pilot: one exported network from lidar frame, goal and commanded force to force.
+
+`PilotDimensions` makes one that has learned nothing; `save_pilot` keeps one that has.
+"""
 
 from __future__ import annotations
 
+import dataclasses as dc
 from collections.abc import Callable
+from pathlib import Path
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 
-from proxops.training.pilot.coarse_position import CoarsePosition
-from proxops.training.pilot.geometry_layer import GeometryLayer
-from proxops.training.pilot.guidance import Guidance
-from proxops.training.pilot.lidar_hits import HitSelection
-from proxops.training.pilot.state_filter import (
+from proxops.systems.common import InputError
+from proxops.training.data import scaling_for
+from proxops.training.loop import write_tensors
+from proxops.training.networks.coarse_position import CoarsePosition
+from proxops.training.networks.geometry_layer import GeometryLayer, SurfaceField
+from proxops.training.networks.guidance import Guidance
+from proxops.training.networks.lidar_hits import HitSelection
+from proxops.training.networks.state_filter import (
     MEMORY,
     NATURAL,
     TRUSTED,
+    Motion,
     StateFilter,
     measurement_noise,
 )
@@ -25,6 +35,15 @@ _LEAST_RETURNS = 8
 _CLEARLY_BETTER = 0.5
 # Measurement noise of a fix, over the usual one, from hardly any returns.
 _HOPELESS = 100.0
+# Returns farther from the learned surface than this share of its spacing count less.
+_OUTLIER_SHARE = 1.0 / 6.0
+# Initial values of the guidance: this share of the thrusters' acceleration, and a least time of
+# this many control periods.
+_NOMINAL_SHARE, _LEAST_PERIODS = 0.43, 30.0
+# Units of speed and acceleration, as shares of those that the thrusters reach over the length.
+_SPEED_UNIT, _ACCELERATION_UNIT = 0.24, 0.14
+
+PILOT_FILE = "pilot.ckpt"
 
 
 class Pilot(nn.Module):
@@ -151,3 +170,85 @@ def _if_any(flags: Tensor, function: Callable[..., Tensor], given: tuple[Tensor,
     if torch.compiler.is_exporting():
         return torch.cond(flags.any(), function, lambda first, *_: first.clone(), given)
     return function(*given) if bool(flags.any()) else given[0]
+
+
+@dc.dataclass(frozen=True)
+class PilotDimensions:
+    """The dimensions of a pilot: all that it is before it learns; SI."""
+
+    planes: int
+    rays: int
+    hits: int
+    """Returns of each frame that it uses."""
+    period: float
+    mass: float
+    thrust_limit: float
+    length: float
+    """The body's size, see `body_length`."""
+    keep_out: tuple[float, float, float]
+    """Semi-axes from which the guidance's ellipsoid starts."""
+    low: tuple[float, float, float]
+    high: tuple[float, float, float]
+    """Corners of the box in which the surface is learned."""
+    spacing: float
+    """Spacing of the surface's grid."""
+    coarse_width: int = 256
+    motion_width: int = 128
+    guidance_width: int = 256
+
+    def make(self) -> Pilot:
+        """Makes a pilot, with weights drawn from torch's generator."""
+        reach = self.thrust_limit / self.mass
+        scaling = scaling_for(self.length, self.mass, self.thrust_limit)
+        motion = Motion(
+            self.length,
+            _SPEED_UNIT * float(np.sqrt(reach * self.length)),
+            _ACCELERATION_UNIT * reach,
+            self.period,
+            self.motion_width,
+            scaling.force,
+        )
+        field = SurfaceField(np.array(self.low), np.array(self.high), self.spacing)
+        guidance = Guidance(
+            motion.length,
+            motion.speed,
+            torch.tensor(self.keep_out),
+            self.mass,
+            self.thrust_limit,
+            _LEAST_PERIODS * self.period,
+            _NOMINAL_SHARE * reach,
+            self.guidance_width,
+        )
+        return Pilot(
+            HitSelection(self.planes, self.rays, self.hits, scaling.length),
+            CoarsePosition(self.length, self.coarse_width),
+            GeometryLayer(field, _OUTLIER_SHARE * self.spacing),
+            StateFilter(motion, scaling),
+            guidance,
+        )
+
+
+def save_pilot(folder: Path, dimensions: PilotDimensions, pilot: Pilot) -> None:
+    """Writes a pilot and its dimensions to `folder`; the file is complete or not there."""
+    content = {"shape": dc.asdict(dimensions), "weights": pilot.state_dict()}
+    write_tensors(folder / PILOT_FILE, content)
+
+
+def load_pilot(folder: Path) -> tuple[PilotDimensions, Pilot]:
+    """Reads what `save_pilot` wrote.
+
+    Raises:
+      InputError: there is no such file, or it holds no pilot.
+    """
+    path = folder / PILOT_FILE
+    try:
+        # Only tensors and plain values are read, so that a file from a stranger runs no code.
+        content = torch.load(path, map_location="cpu", weights_only=True)
+        dimensions = PilotDimensions(**content["shape"])
+        pilot = dimensions.make()
+        pilot.load_state_dict(content["weights"])
+    except Exception as error:  # A damaged file makes torch raise all sorts.
+        raise InputError(
+            f"{path} is no pilot that `proxops train --recipe proxops` wrote: {error}"
+        ) from error
+    return dimensions, pilot.eval()

@@ -98,18 +98,7 @@ class PaperPolicy(nn.Module):
     def forward(
         self, ranges: Tensor, target: Tensor, commanded_force: Tensor, memory: Tensor
     ) -> tuple[Tensor, Tensor, Tensor]:
-        """One step of B flights.
-
-        Args:
-          ranges: (B, planes * rays) m, plane by plane; +inf where nothing returned.
-          target: (B, 6) m and m/s in K.
-          commanded_force: (B, 3) N; the paper's policy does not use it.
-          memory: (B, M) from the step before, zeros at the first step.
-
-        Returns:
-          force: (B, 3) N in K. estimate: (B, 6) of the state: NaN, because this policy has none.
-          memory: (B, M) for the next step.
-        """
+        """One step of B flights: ranges (B, planes * rays), and so on as of `sequence`."""
         force, estimate, memory = self.sequence(
             ranges[:, None], target[:, None], commanded_force[:, None], memory
         )
@@ -121,11 +110,14 @@ class PaperPolicy(nn.Module):
         """T consecutive steps, with the same result as T calls of `forward`.
 
         Args:
-          ranges: (B, T, planes * rays) or (B, T, planes, rays). target: (B, T, 6).
-          commanded_force: (B, T, 3). memory: (B, M); None: zeros.
+          ranges: (B, T, planes * rays) or (B, T, planes, rays) m; +inf where nothing returned.
+          target: (B, T, 6) m and m/s in K.
+          commanded_force: (B, T, 3) N; the paper's policy does not use it.
+          memory: (B, M) from the step before; None: zeros, as at the first step.
 
         Returns:
-          force (B, T, 3), estimate (B, T, 6), memory (B, M) after the last step.
+          force: (B, T, 3) N in K. estimate: (B, T, 6) of the state: NaN, because there is none.
+          memory: (B, M) after the last step.
         """
         batch, steps = target.shape[:2]
         if memory is None:

@@ -12,7 +12,7 @@ from trimesh.intersections import mesh_plane
 
 from proxops.diagrams.plots import length_unit
 from proxops.diagrams.scenario import Body
-from proxops.training.pilot.geometry_layer import SurfaceField
+from proxops.training.networks.geometry_layer import SurfaceField
 
 _MESH, _LEARNED = "#b5aea4", "#d55e00"
 # Number of points along the longer side of a cut.

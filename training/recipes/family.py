@@ -1,13 +1,15 @@
-"""A family of generated bodies, each with a spacecraft of its own; written as scenario files."""
+"""A family of generated bodies, each with a spacecraft of its own, and the expert's plans there."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from importlib import metadata
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
+from proxops.diagrams.flight import Workers
 from proxops.diagrams.new_body import (
     hover_map,
     scaled_scenario,
@@ -21,6 +23,7 @@ from proxops.diagrams.scenario import (
     dump_scenario,
 )
 from proxops.systems.common import derived_seed, generator, write_whole
+from proxops.training.data import Labels, joined_labels, kept_labels, portions_of
 
 _STREAM = 8
 
@@ -141,3 +144,42 @@ def _begins_with(path: Path, line: str) -> bool:
         return False
     with path.open(encoding="utf-8") as file:
         return file.readline().rstrip("\n") == line
+
+
+def family_plans(
+    scenarios: Sequence[Scenario],
+    transits_each: int,
+    seed: int,
+    folder: Path,
+    workers: Workers = Workers(),
+) -> Labels:
+    """States, goals and forces as of `expert_plans`, and the number of the scenario of each.
+
+    Every scenario has transits of its own, drawn from the seed and the scenario's number. Plans are
+    kept in the folder, in portions, and are not computed again, also if scenarios are added.
+
+    Args:
+      scenarios: in a fixed order.
+      transits_each: number of transits of each.
+      seed: of the transits.
+      folder: for the plans.
+      workers: compute the plans, and report how many transits are ready.
+
+    Returns:
+      `state` (N, 6), `goal` (N, 3) and `force` (N, 3) in K and SI, and `member` (N,), int: the
+      index in `scenarios`.
+
+    Raises:
+      InputError: a file in the folder is damaged or holds other plans.
+    """
+    portions, members = [], []
+    for number, scenario in enumerate(scenarios):
+        own = portions_of(
+            scenario, derived_seed(seed, number), transits_each, f"member-{number:05d}"
+        )
+        portions += own
+        members += [number] * len(own)
+    parts = kept_labels(portions, folder, workers, "plans of transits")
+    for member, part in zip(members, parts, strict=True):
+        part["member"] = np.full(len(part["state"]), member)
+    return joined_labels(parts)

@@ -8,16 +8,26 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from proxops.systems.common import derived_seed, generator
+from proxops.systems.common import InputError, derived_seed, generator
 from proxops.training.data import PARTS, Labels, PackedFlights, part_rows, scaling_of
-from proxops.training.pilot.lidar_hits import HitSelection
+from proxops.training.loop import WindowDataset
+from proxops.training.networks import (
+    CoarsePosition,
+    HitSelection,
+    Motion,
+    Pilot,
+    measurement_noise,
+)
 
 # Of positions of a flight that are closer together than this (m, at Kleopatra) one is used.
 _SPREAD = 300.0
 # Stream of derived seeds.
 _FRAMES_STREAM = 6
-# Number of frames that are processed together.
-_BLOCK = 256
+# Number of frames that are spoiled together: the errors of a frame depend on it. Number of frames
+# whose returns are fitted together, and of rows whose natural acceleration is computed together.
+_BLOCK, _FITTED, _ROWS = 256, 512, 65536
+# Distance in m, at Kleopatra, from the true position at which the filter's fixes start.
+_FIX_START = 30.0
 # Errors that are added to frames, each line to one quarter: share of lost returns, share of false
 # returns among all rays, and standard deviation in m, at Kleopatra, of additional noise.
 _SPOILED = ((0.0, 0.0, 0.0), (0.2, 0.0, 0.0), (0.0, 0.01, 0.0), (0.05, 0.0, 150.0))
@@ -125,25 +135,89 @@ def transitions_of(flights: PackedFlights, part: str) -> Transitions:
     return Transitions(*(_tensor(column) for column in given))
 
 
-def commands_of(flights: PackedFlights, part: str) -> Commands:
-    """The commands of the expert along a part's flights."""
+def flight_labels(flights: PackedFlights, part: str) -> Labels:
+    """States, goals and the expert's forces along a part's flights."""
     rows = part_rows(flights, part)
     rows = rows[np.isfinite(flights.mpc_force[rows]).all(axis=1)]
-    state = flights.state[rows]
-    given = state[:, :3], state[:, 3:], flights.target[rows, :3], flights.mpc_force[rows]
-    return Commands(*(_tensor(column) for column in given))
+    goal, force = flights.target[rows, :3], flights.mpc_force[rows]
+    return {"state": flights.state[rows], "goal": goal, "force": force}
 
 
-def labelled_commands(labels: Labels) -> Commands:
-    """The commands of the expert from files of labels."""
+def commands_of(labels: Labels) -> Commands:
+    """The commands of the expert, as tensors."""
     state = labels["state"]
     given = state[:, :3], state[:, 3:], labels["goal"], labels["force"]
     return Commands(*(_tensor(column) for column in given))
 
 
-def joined(parts: list[Commands]) -> Commands:
-    """Joins commands."""
-    return Commands(*(torch.cat(column) for column in zip(*parts, strict=True)))
+@torch.no_grad()
+def coarse_examples(
+    coarse: CoarsePosition, training: Hits, validation: Hits
+) -> list[tuple[Tensor, Tensor]]:
+    """Inputs (N, F) and labels (N, 3) of the coarse position's network, of both parts.
+
+    The features are computed once, and their scale is set from those to train on.
+    """
+    features = []
+    for hits in (training, validation):
+        blocks = zip(*(column.split(_FITTED) for column in hits[:4]), strict=True)
+        parts = [coarse.features(*block) for block in blocks]
+        features.append([torch.cat(column) for column in zip(*parts, strict=True)])
+    coarse.fit_scale(features[0][0])
+    return [
+        (coarse.normalised(found), coarse.wanted(hits.position, centre))
+        for (found, centre), hits in zip(features, (training, validation), strict=True)
+    ]
+
+
+@torch.no_grad()
+def natural_commands(motion: Motion, commands: Commands) -> tuple[Tensor, ...]:
+    """Positions, velocities, goals, natural accelerations and forces (N, 3)."""
+    position, velocity, goal, force = commands
+    parts = zip(position.split(_ROWS), velocity.split(_ROWS), strict=True)
+    natural = torch.cat([motion.natural(*part) for part in parts])
+    return position, velocity, goal, natural, force
+
+
+@torch.no_grad()
+def fixes_of(
+    pilot: Pilot, flights: PackedFlights, part: str, count: int, length: int, seed: int
+) -> tuple[Tensor, ...]:
+    """What the filter learns from: windows of flights without kicks, with the pilot's fixes.
+
+    The fixes start as far off as the filter's own predictions are.
+
+    Args:
+      count: greatest number of windows. length: T, the number of steps in a window.
+
+    Returns:
+      Fixes (W, T, 3), their measurement noise (W, T, 1), forces (W, T, 3) and states (W, T, 6).
+    """
+    dataset, off = WindowDataset(flights, part, length), scaling_of(flights.setting).length
+    order = torch.randperm(len(dataset), generator=torch.Generator().manual_seed(seed))
+    rows = dataset.starts[order[:count].numpy()][:, None] + np.arange(length)
+    rows = rows[~flights.kick[rows].any(axis=(1, 2))]
+    if not len(rows):
+        raise InputError(
+            f"{flights.folder}: all windows of the {part} part have a kick of the velocity: "
+            "collect flights without kicks, too"
+        )
+    fixes, noises = [], []
+    for start in range(0, rows.size, _FITTED):
+        block = rows.ravel()[start : start + _FITTED]
+        points, _, valid, _ = pilot.hits(
+            torch.from_numpy(flights.frames(block).reshape(len(block), -1))
+        )
+        place = _tensor(flights.state[block, :3])
+        drawn = torch.randn(place.shape, generator=torch.Generator().manual_seed(start))
+        place = place + _FIX_START * off * drawn
+        residual = place[:, :1]
+        for _ in range(2):
+            place, residual = pilot.geometry(place, points, valid)
+        fixes.append(place)
+        noises.append(measurement_noise(residual, pilot.usual_residual))
+    fix, noise = (torch.cat(each).unflatten(0, rows.shape) for each in (fixes, noises))
+    return fix, noise, _tensor(flights.commanded_force[rows]), _tensor(flights.state[rows])
 
 
 def _tensor(values: np.ndarray) -> Tensor:
