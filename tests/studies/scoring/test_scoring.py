@@ -28,7 +28,7 @@ from proxops.studies.scoring import (
 from proxops.studies.scoring.row import Outcome
 from proxops.systems import InputError
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 SEED = 22000
 # Over after a few steps, wherever it is then.
 SHORT = {"arrival.deadline_s": 30.0, "arrival.dwell_s": 20.0, "log_ranges": False}
