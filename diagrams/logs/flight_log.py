@@ -65,7 +65,7 @@ class FlightLog:
     missing, which means 0.
 
     The frame of row k is the one that was received then. With `truth.lidar.latency_steps` it was
-    measured so many rows earlier.
+    measured that number of rows earlier.
 
     Other global attributes hold the scenario, the body's constants, the package version and the
     shape's hash. `mesh_vertices` and `mesh_facets` hold the body's mesh as believed, the map;

@@ -88,7 +88,7 @@ class Motion:
         return float(gravity @ gravity) * ratio**2 / 3.0
 
     def _noise(self, step: float, uneven: float) -> ProcessNoise:
-        """The noise of a step of so many seconds."""
+        """The process noise of a step of a length in s."""
         expected = self._expected
         decay = math.exp(-step / expected.acceleration_correlation_s)
         attitude = math.radians(expected.attitude_varying_deg)
