@@ -21,8 +21,9 @@ class Gate(NamedTuple):
     """If the lesser of this and the number of usable residuals is below 2 C, they are thinned to at
     most this number."""
     uninformed: int
-    """Number of the first measured quantities whose prior is uninformative: gate on the others alone,
-    with variance 1, at the place where the frame was linearised. 0: gate on the whole prior."""
+    """Number of the first measured quantities whose prior is uninformative: gate on the others
+    alone, with variance 1, at the place where the frame was linearised. 0: gate on all of the
+    prior."""
 
 
 class Gated(NamedTuple):
