@@ -44,6 +44,7 @@ from proxops.systems.common.directions import directions_of, spread_directions
 from proxops.systems.common.errors import InputError, SolverFailure
 from proxops.systems.common.extras import needed
 from proxops.systems.common.files import file_sha256, make_folder, write_json, write_whole
+from proxops.systems.common.html_tables import html_table
 from proxops.systems.common.kernels import kernel
 from proxops.systems.common.progress import Progress, part_of, silent
 from proxops.systems.common.rotations import (
@@ -111,6 +112,7 @@ __all__ = [
     "finite_vector",
     "force_port",
     "generator",
+    "html_table",
     "keep_arrays",
     "kept_arrays",
     "kernel",
