@@ -28,7 +28,7 @@ _IN_PLACE = {
     "position": {"x": 0.0, "y": 0.0, "z": 0.0},
     "orientation": {"w": 1.0, "x": 0.0, "y": 0.0, "z": 0.0},
 }
-# A message holds at most so many numbers; the frames of the lidar have a topic of their own.
+# Most numbers in a message; the frames of the lidar have a topic of their own.
 _MOST = 16
 Message = dict[str, typing.Any]
 

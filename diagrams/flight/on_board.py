@@ -26,7 +26,7 @@ _OPTIONAL_PORTS = {"enable", "covariance"}
 
 
 def add_on_board(
-    wiring: Wiring, controller: System, signals: Signals, told: LeafSystem
+    wiring: Wiring, controller: System, signals: Signals, command_hold: LeafSystem
 ) -> tuple[OutputPort, Signals]:
     """Adds controller and runtime assurance, and the navigation if anything reads what it gives.
 
@@ -37,7 +37,7 @@ def add_on_board(
       wiring: the diagram.
       controller: the controller.
       signals: what feeds it, with the true motion.
-      told: the hold of the command that the controller is told.
+      command_hold: holds the command that controller and navigation know.
 
     Returns:
       The command (3,) in N in S, and the signals as they are known on board: with a navigation,
@@ -46,14 +46,14 @@ def add_on_board(
     Raises:
       InputError: the controller does not fit, or acts later than runtime assurance allows for.
     """
-    delay = told.delay if isinstance(told, DelayedHold) else 0.0
+    delay = command_hold.delay if isinstance(command_hold, DelayedHold) else 0.0
     assured = wiring.scenario.assurance is not None
     navigated = isinstance(wiring.scenario.navigation, LidarNavigationConfig)
     if not navigated or not (assured or any(map(controller.HasInputPort, STATE_PORTS))):
         command = _add_controller(wiring, controller, signals)
         return _assured(wiring, command, signals, delay), signals
     # A command that acts late acts over a part of two periods.
-    acted = told.GetOutputPort("mean" if delay > 0.0 else "y")
+    acted = command_hold.GetOutputPort("mean" if delay > 0.0 else "y")
     world = wiring.world
     navigation = make_navigation(world.belief, world.body, world.filter_tuning)
     wiring.add("navigation", navigation, ranges=signals["ranges"], commanded_force=acted)

@@ -171,17 +171,17 @@ def diagram_of(
     wiring.logged["target"] = target
     hold = wiring.add("hold", _make_hold(period, delay))
     add_thrust(wiring, hold.GetOutputPort("y"), attitude, craft)
-    told = hold
+    command_hold = hold
     if scenario.disturbance is not None or scenario.force_noise is not None:
-        told = wiring.add("command_hold", _make_hold(period, delay))
+        command_hold = wiring.add("command_hold", _make_hold(period, delay))
     true = {
         **{name: craft.GetOutputPort(name) for name in STATE_PORTS},
         "target": target,
         "ranges": received(wiring, lidar),
-        "commanded_force": told.GetOutputPort("y"),
+        "commanded_force": command_hold.GetOutputPort("y"),
     }
-    command, known = add_on_board(wiring, controller, true, told)
-    hold_command(wiring, command, hold, told)
+    command, known = add_on_board(wiring, controller, true, command_hold)
+    hold_command(wiring, command, hold, command_hold)
     add_monitor(wiring, true["state"], target)
     # The lidar has no sink: see `KeptFrames`. The column `force` is the force that the hold takes
     # over at this step and holds until the next.

@@ -168,8 +168,10 @@ def has_thruster_errors(truth: TruthConfig) -> bool:
     return truth.thrusters != TrueThrustersConfig() or truth.specific_impulse_s is not None
 
 
-def hold_command(wiring: Wiring, command: OutputPort, hold: LeafSystem, told: LeafSystem) -> None:
-    """Connects a command to the hold of the thrusters and to that of what the controller is told.
+def hold_command(
+    wiring: Wiring, command: OutputPort, hold: LeafSystem, command_hold: LeafSystem
+) -> None:
+    """Connects a command to the hold of the thrusters, and to that of what is known on board.
 
     The thrusters are to give the command, disturbed and limited.
     """
@@ -177,8 +179,10 @@ def hold_command(wiring: Wiring, command: OutputPort, hold: LeafSystem, told: Le
     force = _limited(wiring, _disturbed(wiring, command), "thrusters")
     wiring.logged["force"] = force
     wiring.builder.Connect(force, hold.get_input_port())
-    if told is not hold:
-        wiring.builder.Connect(_limited(wiring, command, "command_limits"), told.get_input_port())
+    if command_hold is not hold:
+        wiring.builder.Connect(
+            _limited(wiring, command, "command_limits"), command_hold.get_input_port()
+        )
 
 
 def _disturbed(wiring: Wiring, force: OutputPort) -> OutputPort:

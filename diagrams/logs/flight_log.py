@@ -41,7 +41,15 @@ from proxops.diagrams.scenario import (
     parse_mapping,
     parse_scenario,
 )
-from proxops.systems.common import InputError, States, Values, Vector3, Vectors3, write_whole
+from proxops.systems.common import (
+    InputError,
+    States,
+    Values,
+    Vector3,
+    Vectors3,
+    html_table,
+    write_whole,
+)
 from proxops.systems.shapes import Polyhedron
 
 # Frames: most of their values are the same.
@@ -65,7 +73,7 @@ class FlightLog:
     missing, which means 0.
 
     The frame of row k is the one that was received then. With `truth.lidar.latency_steps` it was
-    measured so many rows earlier.
+    measured that number of rows earlier.
 
     Other global attributes hold the scenario, the body's constants, the package version and the
     shape's hash. `mesh_vertices` and `mesh_facets` hold the body's mesh as believed, the map;
@@ -79,6 +87,23 @@ class FlightLog:
     def scenario(self) -> Scenario:
         """The scenario of the flight."""
         return parse_scenario(self.dataset.attrs["scenario"], "the log's scenario")
+
+    def _repr_html_(self) -> str:
+        found = self.summary
+        rows = {
+            "success": found["success"],
+            "arrival (s)": found["arrival_time_s"],
+            "Δv (m/s)": found["delta_v_m_s"],
+            "end error (m)": found["terminal_position_error_m"],
+            "least clearance of the keep-out ellipsoid (m)": found["min_clearance_m"],
+            "keep-out violations": found["keep_out_violations"],
+            "flown by the policy (share)": found["policy_share"],
+            "navigation off, median (m)": found.get("navigation_position_error_m_median"),
+        }
+        texts = {name: f"{value:.4g}" if isinstance(value, float) else value
+                 for name, value in rows.items() if value is not None}  # fmt: skip
+        title = f"{self.body.config.name}, {found['controller']}, transit {found['transit']}"
+        return html_table(f"{title} of seed {found['seed']}", texts)
 
     def __getstate__(self) -> dict[str, typing.Any]:
         """Gives what a copy is made from: the fields, without what was computed from them."""

@@ -122,7 +122,7 @@ _PAGE = """
     animator.display_progress(slider.valueAsNumber);
   };
   let lit = false;
-  // The path shines a little, so that its colours are told in the shade too.
+  // The path shines a little, so that its colours differ in the shade too.
   function light() {
     viewer.scene_tree.find(["path"]).object.traverse(part => {
       if (part.isMesh) part.material.emissive?.copy(part.material.color).multiplyScalar(0.3);

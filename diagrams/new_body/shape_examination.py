@@ -50,7 +50,7 @@ def examine(
     Args:
       file: the mesh.
       asked: mass, density, period and margins, as far as they are known.
-      progress: is told of it; a million facets take minutes.
+      progress: called with the share done; a million facets take minutes.
       with_hover: whether to make the hover map, which takes most of them.
 
     Raises:
@@ -166,7 +166,7 @@ def hover_map(
       body: the body.
       craft_mass_kg: mass of the spacecraft.
       grow: length in m that is added to each semi-axis of the ellipsoid.
-      progress: is told of it.
+      progress: called with the share done.
     """
     longitudes = np.arange(-180.0, 180.0 + _MAP_STEP, _MAP_STEP)
     latitudes = np.arange(-90.0, 90.0 + _MAP_STEP, _MAP_STEP)

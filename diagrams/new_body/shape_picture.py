@@ -18,7 +18,7 @@ _BODY = np.array([0.71, 0.68, 0.64])
 _DEFECT = np.array([0.85, 0.10, 0.10])
 # Pixels of a view along a side.
 _PIXELS = 700
-# So many facets with defects are outlined.
+# Most facets with defects that are outlined.
 _MOST_OUTLINED = 5000
 _KEEP_OUT, _SYNCHRONOUS = "#5577bb", "#128a3a"
 _PRINCIPAL = ("#7a3fa0", "#c07a1f", "#1f8a9a")

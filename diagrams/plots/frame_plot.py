@@ -22,7 +22,7 @@ from proxops.systems.navigation import ReturnUse, load_map
 from proxops.systems.shapes import Polyhedron, ray_caster
 
 _PREDICTED = "#a8b0bd"
-# Residuals up to so many times the noise are drawn to scale.
+# Multiple of the noise up to which residuals are drawn to scale.
 _LINEAR = 10.0
 _KINDS = {
     ReturnUse.USED: ("used", "#33415c"),

@@ -9,7 +9,7 @@ import numpy as np
 
 from proxops.assets import ASSETS
 from proxops.diagrams.scenario.typed_yaml import is_yaml_path, load_typed, read_mapping
-from proxops.systems.common import InputError, Vector3, check_limits, number
+from proxops.systems.common import InputError, Vector3, check_limits, html_table, number
 from proxops.systems.gravity import BodyField, GravityField, TabulatedField
 from proxops.systems.shapes import Polyhedron
 
@@ -80,6 +80,18 @@ class Body:
         other = dc.replace(self, gravity=gravity)
         other.__dict__["exact_field"] = self.exact_field  # Built once for both.
         return other
+
+    def _repr_html_(self) -> str:
+        config, sizes = self.config, " × ".join(f"{x:.4g}" for x in self.shape.extents)
+        rows = {
+            "extents (m)": sizes,
+            "mass (kg)": f"{config.mass_kg:.4g}",
+            "rotation period (h)": f"{config.rotation_period_h:g}",
+            "keep-out semi-axes (m)": " × ".join(f"{x:g}" for x in config.keep_out_semi_axes_m),
+            "facets": len(self.shape.facets),
+            "gravity": self.gravity,
+        }
+        return html_table(config.name, rows)
 
 
 def load_body(name_or_path: str | Path) -> Body:

@@ -18,14 +18,14 @@ class Quantity:
     """The number that the error is counted from: what is believed, or 0 of a spread in itself."""
     tunes: str | None = None
     """The key of `navigation.expected` that tells the navigation how large the error may be. Where
-    several quantities tune one, their deviations are combined. None: it is not told."""
+    several quantities tune one, their deviations are combined. None: no state models it."""
     bounds: str | None = None
     """The key of `assurance.bounds` that covers it, or `HARMLESS`. None: nothing covers it, so
     runtime assurance refuses dispersions of it."""
     needs: str | None = None
     """The key without which it means nothing."""
     known: bool = False
-    """Whether the spacecraft is told the value of the day, which differs from flight to flight."""
+    """Whether the value of each flight is known on board: it is measured before the flight."""
 
 
 QUANTITIES = (

@@ -6,9 +6,10 @@ differs from what is believed; with the defaults, it is as believed.
 """
 
 import dataclasses as dc
+from collections.abc import Iterator, Mapping
 
 from proxops.systems.assurance import AssuranceConfig
-from proxops.systems.common import FAR, config, number, one_of, vector
+from proxops.systems.common import FAR, config, html_table, number, one_of, vector
 from proxops.systems.expert import MpcConfig
 from proxops.systems.hybrid import HybridConfig
 from proxops.systems.lidar import LearnedLidarConfig, LidarConfig, TrueLidarConfig
@@ -155,3 +156,19 @@ class Scenario:
     # Seed of all random systems of a flight: lidar noise, disturbance, force noise, kicks, varying
     # errors of attitude and acceleration, and the state noise of the hybrid.
     noise_seed: int = number(0, at_least=0, at_most=_LARGEST_WHOLE)
+
+    def _repr_html_(self) -> str:
+        changed = dict(_differences(dc.asdict(self), dc.asdict(Scenario())))
+        return html_table("Scenario: what differs from the default", changed)
+
+
+def _differences(
+    values: Mapping[str, object], usual: Mapping[str, object], prefix: str = ""
+) -> Iterator[tuple[str, object]]:
+    """Dotted keys and values of nested mappings that differ from the usual ones."""
+    for name, value in values.items():
+        other = usual.get(name)
+        if isinstance(value, dict) and isinstance(other, dict):
+            yield from _differences(value, other, f"{prefix}{name}.")
+        elif value != other:
+            yield f"{prefix}{name}", value

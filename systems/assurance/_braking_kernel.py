@@ -96,7 +96,7 @@ class _Axis(NamedTuple):
 _LOWEST_LEVEL = 0.95
 # The level of places on the surface, with room for rounding.
 SURFACE = 1.0 + 1e-12
-# A backup that does not fly outwards after so many steps counts as failed.
+# Steps after which a backup that does not fly outwards counts as failed.
 _LONGEST_BACKUP = 300
 # An axis with at most this share of the normal is braked even if it moves outwards.
 _SIDEWAYS = 0.2

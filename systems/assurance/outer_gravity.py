@@ -19,8 +19,8 @@ from proxops.systems.gravity import (
 # Of the table. It takes a thousandth of what gravity takes within a box of 10 %, and a table with a
 # closer bound takes longer to make.
 _RELATIVE_ERROR = 1e-4
-# The field is sampled in so many directions at these levels, |(x/a, y/b, z/c)|. The factor covers
-# the gaps between the directions.
+# Number of directions in which the field is sampled, at these ellipsoidal norms |(x/a, y/b, z/c)|.
+# The factor covers the gaps between the directions.
 _DIRECTIONS = 2000
 _LEVELS = (SURFACE, 1.1, 1.25, 1.5, 2.0, 3.0, 5.0, 10.0)
 _GAPS = 1.05

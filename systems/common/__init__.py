@@ -50,6 +50,7 @@ from proxops.systems.common.files import (
     write_json,
     write_whole,
 )
+from proxops.systems.common.html_tables import html_table
 from proxops.systems.common.kernels import kernel
 from proxops.systems.common.progress import Progress, part_of, silent
 from proxops.systems.common.rotations import (
@@ -116,6 +117,7 @@ __all__ = [
     "finite_vector",
     "force_port",
     "generator",
+    "html_table",
     "keep_arrays",
     "kept_arrays",
     "kernel",

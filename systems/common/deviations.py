@@ -14,7 +14,7 @@ def error_bounds(
 
     Args:
       covariance: (81,) of position in m, velocity in m/s and attitude, row by row.
-      deviations: so many standard deviations along the longest axis count.
+      deviations: number of standard deviations along the longest axis.
       position, velocity: what is added to them, in m and m/s.
 
     Returns:

@@ -324,7 +324,7 @@ class LinearisedTransit:
         cost: float,
         iterations: int,
     ) -> Plan:
-        """The plan of a solution, `duration` s long, after so many linearisations."""
+        """The plan of a solution, `duration` s long, after a number of linearisations."""
         return Plan(
             times=duration * self.fractions,
             states=solution.states,

@@ -29,8 +29,8 @@ from proxops.systems.expert.plan_memory import memory_size, packed, unpacked
 from proxops.systems.expert.weighted_program import WeightedCostConfig
 from proxops.systems.vehicle import moved_by, predicted_state, unexplained_acceleration
 
-# About an old plan, the program is linearised up to so many times, until the first force changes by
-# less than this share of the thrust limit. Once or twice is usual.
+# Most linearisations about an old plan, which end when the first force changes by less than this
+# share of the thrust limit. One or two are usual.
 _MOST_FOR_OLD_PLAN, _SETTLED = 5, 1e-2
 _MOST_ITERATIONS = 1000
 # The reasons in the log for the solver's results. All others are SOLVER_ERROR.

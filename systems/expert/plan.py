@@ -143,7 +143,7 @@ def _rest(knots, states, forces, start, duration, fractions):
 
 
 def empty_plan(intervals: int) -> Plan:
-    """A plan of so many intervals without thrust: a blank to fill in."""
+    """A plan without thrust, with a number of intervals: a blank to fill in."""
     return Plan(
         times=np.zeros(intervals + 1),
         states=np.zeros((intervals + 1, 6)),

@@ -14,7 +14,7 @@ _HEAD = 9
 
 
 def memory_size(intervals: int) -> int:
-    """Length of the vector for plans of so many intervals."""
+    """Length of the vector that holds a plan with a number of intervals."""
     return _HEAD + 6 * (intervals + 1) + 3 * intervals + 3
 
 

@@ -43,7 +43,7 @@ _TRUSTED_STRETCH = 0.1
 # c = 0, the cost is w T + K / T^3, least where 3 K = w T^4. In the relative change of T the true
 # curvature there is 4 w T; linearised motion gives 8 w T / 3.
 _STRETCH_CURVATURE = 1.0
-# Without a plan, all initial guesses are improved for so many linearisations, then only the best. A
+# Without a plan: linearisations of all initial guesses; after them only the best is improved. A
 # guess is better than an earlier one if its plan costs less than this share of the other's.
 _TRIED, _CLEARLY_LESS = 5, 0.999
 
@@ -117,7 +117,7 @@ class TransitProgram:
         return last
 
     def _best_start(self, task: _Task, iterations: int) -> Plan:
-        """The best of the plans that so many iterations make of the initial guesses.
+        """The best plan after a number of iterations from each of the initial guesses.
 
         Raises:
           SolverFailure: no guess leads to a plan; the failure is that of the last guess.

@@ -64,7 +64,7 @@ def make_boxes(evaluate: Evaluate, semi_axes: np.ndarray, half: float, error: fl
         cells = (centres[:, None] + 2.0 * half * octants).reshape(-1, 3)
         entry = np.full(len(cells), -1, dtype=np.int32)
         some = np.sum(((np.abs(cells) + half) / semi_axes) ** 2, axis=1) > 1.0
-        # None sticks out, or there is no room for so many.
+        # No cell sticks out, or the table would be too large.
         if not some.any() or (made + np.count_nonzero(some)) * numbers > _MOST_NUMBERS:
             break
         places, halves = _outer_boxes(cells[some], half, semi_axes)

@@ -152,8 +152,8 @@ class HybridSelector(LeafSystem):
           reach: bounds the motion near the keep-out ellipsoid.
           period: control period in s.
           position_error, velocity_error: bounds, in m and m/s, of the errors of `state`.
-          deviations: so many standard deviations of `covariance` (9, 9), that of `LidarNavigation`,
-            are added to these bounds, if that port is connected.
+          deviations: number of standard deviations of `covariance` (9, 9), that of
+            `LidarNavigation`, added to these bounds if that port is connected.
         """
         super().__init__()
         check_positive("HybridSelector", period=period)

@@ -20,7 +20,12 @@ _V, _A = layout.VELOCITY.start, layout.ATTITUDE.start
 _CONSTANT, _VARYING = layout.CONSTANT_ACCELERATION.start, layout.VARYING_ACCELERATION.start
 _SPIN, _CENTRE = layout.SPIN.start, layout.CENTRE_OF_MASS.start
 _THRUST, _DIRECTION = layout.THRUST.start, layout.THRUST_DIRECTION.start
-_GRAVITY, _PROPELLANT, _BASE = layout.GRAVITY, layout.PROPELLANT, layout.BASE
+_GRAVITY, _PROPELLANT, _SIZE, _BASE = (
+    layout.GRAVITY,
+    layout.PROPELLANT,
+    layout.SIZE,
+    layout.BASE,
+)
 
 # What is left of the mass is more than this share, whatever the estimate is.
 _LEAST_MASS = 0.1
@@ -299,8 +304,12 @@ def predict(estimate, gravity, force, interval, noise, spin, mass):
     by = _derivative(
         _Middle(rotation, axes, thrust, given, commanded, believed, turn, tide, v, offset)
     )
+    scale = 1.0 + mean[_SIZE]
+    stretched = _along(gravity.gradient, offset)
     for i in range(3):
         by[i, _PROPELLANT] = thrust[i] * (spent * mass / now)
+        # Of a body of the same mass: d/ds of g(r / s) / s^2.
+        by[i, _SIZE] = -factor * (2.0 * believed[i] + stretched[i]) / scale
     by_constants = _times(np.ascontiguousarray(gamma[:, 3:]), by)
     f = np.zeros((_CONSTANT, _BASE))
     for i in range(6):

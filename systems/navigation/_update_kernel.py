@@ -16,13 +16,13 @@ class Gate(NamedTuple):
     """Which residuals may be used."""
 
     sigmas: float
-    """A residual may be off by so many of its standard deviations."""
+    """Gate: standard deviations of a residual beyond which it is rejected."""
     most: int
     """If the lesser of this and the number of usable residuals is below 2 C, they are thinned to at
     most this number."""
     uninformed: int
-    """The prior knows next to nothing of the first so many measured quantities: gate on the others
-    alone, of variance 1, at the place where the frame was linearised. 0: gate on all of the
+    """Number of the first measured quantities whose prior is uninformative: gate on the others
+    alone, with variance 1, at the place where the frame was linearised. 0: gate on all of the
     prior."""
 
 

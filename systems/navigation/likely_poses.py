@@ -11,21 +11,21 @@ from proxops.systems.navigation._motion_kernel import turned
 from proxops.systems.navigation.frame_model import FrameModel
 
 # The surface at the nearest point faces the spacecraft, but for this angle (cosine): rays are far
-# apart. So many places above it are compared with the frame.
+# apart. Number of places above it that are compared with the frame.
 _FACING, _NEAR_PLACES = np.cos(np.radians(35.0)), 250
-# Then so many poses around each of the best, within these shares of the length and these multiples
-# of the attitude's deviation; a pose is better if fewer rays are off by this share of the length.
+# Number of poses around each of the best; each round: their spread over the length and over the
+# attitude's deviation, and the error over the length beyond which a ray counts as off.
 _AROUND, _ROUNDS = 30, ((0.03, 1.0, 0.03), (0.012, 1.0, 0.02))
 _MORE_ROUNDS = ((0.03, 1.5, 0.03), (0.02, 1.0, 0.02), (0.012, 0.5, 0.01))
 # Poses kept, poses refined, and rays that they are compared by; then these of a thorough search.
 _KEPT, _REFINED, _SAMPLE = 8, 2, 80
 _MORE_KEPT, _MORE_REFINED, _MORE_SAMPLE = 16, 5, 160
-# Anywhere: so many places in a ball of this radius over the body's length, then so many
+# Anywhere: number of places in a ball of this radius over the body's length; then number of places
 # around each of the best, of which again the best are refined.
 _WIDE, _CLOSE = (300, 0.45), (40, 0.07)
 # The error, over the body's length, that counts as one ray where poses are compared at first.
 _FAR = 0.05
-# So many searches differ; then they come again.
+# Number of searches that differ; then they repeat.
 _SEARCHES = 200
 
 
@@ -91,7 +91,7 @@ class Sight:
         return [(pose[:3], turned(self._rotation, pose[3:])) for pose in poses[: self._refined]]
 
     def _with_others(self, poses: np.ndarray, count: int, spread: np.ndarray) -> np.ndarray:
-        """Poses and so many around each of them, off by up to `spread` (6,)."""
+        """Poses, and a number of others around each of them, off by up to `spread` (6,)."""
         around = poses[:, None] + spread * _balls(count, self._search)
         return np.concatenate([poses, around.reshape(-1, 6)])
 

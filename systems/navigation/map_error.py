@@ -13,10 +13,9 @@ from proxops.systems.shapes import Polyhedron, vertex_normals
 # Points of the surface at which the smooth displacements are computed; between them they are
 # interpolated by the same covariance.
 _POINTS = 1200
-# Displacements are kept until they hold this share of the variance, but not more than so many.
+# Modes are kept until they hold this share of the variance; and the greatest number of modes.
 _SHARE, _MOST = 0.985, 160
-# What is left is the same whenever the same place is seen, which is in many frames. It counts as
-# noise of so many times its variance.
+# The truncation error is correlated between frames: the factor on its variance, as noise.
 _SEEN_AGAIN = 10.0
 # Vertices interpolated at once: limits memory.
 _BLOCK = 20_000

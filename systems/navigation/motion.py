@@ -6,10 +6,10 @@ import math
 
 import numpy as np
 
-from proxops.systems.common import Vector3
+from proxops.systems.common import Vector3, Vectors3
 from proxops.systems.gravity import Field
 from proxops.systems.navigation._motion_kernel import Interval, LocalGravity, ProcessNoise, predict
-from proxops.systems.navigation.estimate import CENTRE_OF_MASS, POSITION, VELOCITY, Estimate
+from proxops.systems.navigation.estimate import CENTRE_OF_MASS, POSITION, SIZE, VELOCITY, Estimate
 from proxops.systems.navigation.expected_errors import ExpectedErrors
 
 # In one step of the prediction, the body turns by at most this angle (rad), and the spacecraft
@@ -53,11 +53,7 @@ class Motion:
             mean = estimate.mean
             half = 0.5 * step * mean[VELOCITY]
             middle = mean[POSITION] + half - mean[CENTRE_OF_MASS]
-            gravity = self._field.evaluate(middle + _POINTS * half)
-            local = LocalGravity(
-                0.5 * (gravity.acceleration[0] + gravity.acceleration[1]),
-                0.5 * (gravity.gradient[0] + gravity.gradient[1]),
-            )
+            local = self._gravity(middle + _POINTS * half, 1.0 + mean[SIZE])
             moved: tuple[np.ndarray, np.ndarray, np.ndarray] = predict(
                 estimate,
                 local,
@@ -69,6 +65,14 @@ class Motion:
             )
             estimate = Estimate(*moved, estimate.spent + spent)
         return estimate
+
+    def _gravity(self, points: Vectors3, scale: float) -> LocalGravity:
+        """The mean at two points of a body of the believed mass, all lengths times `scale`."""
+        gravity = self._field.evaluate(points / scale)
+        return LocalGravity(
+            0.5 * (gravity.acceleration[0] + gravity.acceleration[1]) / scale**2,
+            0.5 * (gravity.gradient[0] + gravity.gradient[1]) / scale**3,
+        )
 
     def _uneven(self, position: np.ndarray, gravity: np.ndarray) -> float:
         """Variance, along each axis, of the gravity (m/s^2) of an uneven density.
@@ -84,7 +88,7 @@ class Motion:
         return float(gravity @ gravity) * ratio**2 / 3.0
 
     def _noise(self, step: float, uneven: float) -> ProcessNoise:
-        """The noise of a step of so many seconds."""
+        """The process noise of a step of a length in s."""
         expected = self._expected
         decay = math.exp(-step / expected.acceleration_correlation_s)
         attitude = math.radians(expected.attitude_varying_deg)

@@ -285,7 +285,7 @@ class Navigator:
 
 
 def _spread(returns: int) -> float:
-    """The standard deviation of a chi square of so many degrees of freedom, over their number."""
+    """The standard deviation of a chi-square variable over its degrees of freedom."""
     return math.sqrt(2.0 / returns)
 
 

@@ -1,4 +1,4 @@
-"""`Surroundings`: what a guidance network is told of body and spacecraft, without dimensions."""
+"""`Surroundings`: dimensionless parameters of body and spacecraft, inputs of a guidance network."""
 
 from __future__ import annotations
 

@@ -18,10 +18,10 @@ from proxops.systems.shapes.mesh_checks import area_vectors
 # Floating-Point Arithmetic and Fast Robust Geometric Predicates" (1997), doubled for safety.
 _BOUND_3 = 2.0 * (7.0 + 56.0 * np.finfo(float).eps / 2.0) * np.finfo(float).eps / 2.0
 _BOUND_2 = 2.0 * (3.0 + 16.0 * np.finfo(float).eps / 2.0) * np.finfo(float).eps / 2.0
-# So many pairs may be close together, or so many for each facet, if these are more.
+# Most pairs that may be close together: the greater of this and the next, times the facets.
 _MOST_PAIRS = 20_000_000
 _MOST_EACH = 40
-# Pairs that are judged at a time, so that memory does not grow with the mesh.
+# Pairs tested at a time, so that memory does not grow with the mesh.
 _BLOCK = 500_000
 
 

@@ -472,3 +472,16 @@ def test_the_true_body_is_made_once() -> None:
     assert vars(again).keys() == {"dataset", "body"}
     assert differences(log, again) == []
     np.testing.assert_array_equal(again.true_body.spin, log.true_body.spin)
+
+
+def test_a_notebook_shows_figures_not_a_repr() -> None:
+    log = kleopatra_flight()
+    shown = log._repr_html_()
+    assert f"{log.summary['delta_v_m_s']:.4g}" in shown
+    assert "flown by the policy" in shown
+    body = log.body._repr_html_()
+    assert "2.97e+18" in body
+    assert load_scenario()._repr_html_().count("<tr>") == 0
+    changed = load_scenario(None, {"mpc.fuel_weight": 3.0, "body": "<kleopatra>"})
+    assert "mpc.fuel_weight" in changed._repr_html_()
+    assert "&lt;kleopatra&gt;" in changed._repr_html_()

@@ -1,108 +1,61 @@
-"""Meshcat in a notebook: live where a browser comes to it, a whole page where none does."""
+"""Meshcat in a notebook: whole pages, which stay when the notebook is saved."""
 
 import html
 import re
-import socket
 import sys
 import types
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
 import trimesh
+from meshcat_pages import messages
 from short_flights import kleopatra
 from synthetic_log import synthetic_log
 
-from proxops.diagrams.meshcat import notebook_view
 from proxops.diagrams.meshcat.lidar_scene import plane_edges
-from proxops.diagrams.meshcat.meshcat_scene import quiet_meshcat
-from proxops.diagrams.meshcat.notebook_view import (
-    show_body,
-    show_flight,
-    show_meshcat,
-)
+from proxops.diagrams.meshcat.notebook_view import show_body, show_flight, show_page
 from proxops.systems import Lidar, LidarErrors
 
 POSITION = np.array([150e3, 40e3, 60e3])
 
 
-class Notebook:
-    """Collects what IPython shows under a cell; it may open the page as a browser does."""
-
-    def __init__(self) -> None:
-        self.address = self.page = ""
-        self.opens: Callable[[], Any] | None = None
-
-    def display(self, frame: str, display_id: bool) -> "Notebook":
-        assert display_id
-        self.address = frame
-        if self.opens is not None:
-            self.opens()
-        return self
-
-    def update(self, shown: str) -> None:
-        (source,) = re.findall(r'srcdoc="([^"]*)"', shown)
-        self.page = html.unescape(source)
-
-
 @pytest.fixture
-def notebook(monkeypatch: pytest.MonkeyPatch) -> Notebook:
-    shown = Notebook()
+def pages(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """What IPython shows under a cell, one page after the other."""
+    shown: list[str] = []
+
+    def display(content: str) -> None:
+        (source,) = re.findall(r'srcdoc="([^"]*)"', content)
+        shown.append(html.unescape(source))
+
     module: Any = types.ModuleType("IPython.display")
-    module.HTML = str
-    module.IFrame = lambda address, _width, _height: address
-    module.display = shown.display
+    module.HTML, module.display = str, display
     monkeypatch.setitem(sys.modules, "IPython.display", module)
-    monkeypatch.setattr(notebook_view, "_PATIENCE", 0.2)
     return shown
 
 
-def test_without_a_browser_a_whole_page_takes_its_place(notebook: Notebook) -> None:
-    meshcat = quiet_meshcat()
+def test_a_page_is_embedded_as_it_is(pages: list[str]) -> None:
     page = "<p class=\"x\">a < b & 'c'</p>"
-    show_meshcat(meshcat, page)
-    assert notebook.address == meshcat.web_url()
-    assert notebook.page == page
-    show_meshcat(meshcat)
-    assert notebook.page == meshcat.StaticHtml()
+    show_page(page)
+    assert pages == [page]
 
 
-def test_a_browser_that_comes_keeps_the_live_page(
-    notebook: Notebook, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    meshcat = quiet_meshcat()
-    with socket.create_connection(("localhost", meshcat.port())) as browser:
-        lines = (
-            "GET / HTTP/1.1", f"Host: localhost:{meshcat.port()}", "Upgrade: websocket",
-            "Connection: Upgrade", "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==",
-            "Sec-WebSocket-Version: 13", "", "",
-        )  # fmt: skip
-        notebook.opens = lambda: browser.sendall("\r\n".join(lines).encode())
-        with monkeypatch.context() as patched:
-            patched.setattr(notebook_view, "_PATIENCE", 20.0)
-            show_meshcat(meshcat, "saved")
-        assert notebook.address == meshcat.web_url()
-        assert notebook.page == ""
-        # Somebody who looks already is not a reader of this cell.
-        notebook.opens = None
-        show_meshcat(meshcat, "saved")
-        assert notebook.page == "saved"
-
-
-def test_flight_is_the_replay(notebook: Notebook) -> None:
+def test_flight_is_the_replay(pages: list[str]) -> None:
     log = synthetic_log(30)
-    meshcat = show_flight(log)
-    assert meshcat.HasPath("/path/piece_000")
-    assert f"<title>{log.body.config.name}, hybrid</title>" in notebook.page
-    assert 'id="legend"' in notebook.page
+    show_flight(log)
+    assert f"<title>{log.body.config.name}, hybrid</title>" in pages[0]
+    assert 'id="legend"' in pages[0]
 
 
-def test_body_with_markers(notebook: Notebook) -> None:
-    meshcat = show_body(kleopatra(), np.array([[150e3, 0.0, 0.0], [0.0, 110e3, 0.0]]))
-    assert all(meshcat.HasPath(name) for name in ("/body", "/keep_out", "/markers/2"))
-    assert not meshcat.HasPath("/markers/3")
-    assert not show_body(kleopatra()).HasPath("/markers")
+def test_body_with_markers(pages: list[str]) -> None:
+    show_body(kleopatra(), np.array([[150e3, 0.0, 0.0], [0.0, 110e3, 0.0]]))
+    show_body(kleopatra())
+    marked, plain = (b"".join(messages(page)) for page in pages)
+    for name in (b"/body", b"/keep_out", b"/markers/2"):
+        assert name in marked
+    assert b"/markers/3" not in marked
+    assert b"/markers" not in plain
 
 
 def test_rays_end_on_the_body_or_short_of_its_distance() -> None:

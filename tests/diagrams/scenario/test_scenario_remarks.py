@@ -63,3 +63,13 @@ def test_what_the_mpc_does_not_fly_well_with() -> None:
     assert said("control_period_s=200", "mpc.min_horizon_s=400") == []
     (remark,) = said("transit.start_m=[0, 110e3, 0]", "transit.goal_m=[0, 71e3, 0]")
     assert "the MPC stops short of it" in remark
+
+
+def test_a_lidar_that_does_not_reach_the_body() -> None:
+    (remark,) = said("lidar.max_range_m=50e3")
+    assert "lidar.max_range_m is 50000 m, and a transit may begin" in remark
+    assert said("lidar.max_range_m=50e3", "navigation=!TrueState {}") == []
+    ends = "transit.start_m=[0, 0, 100e3]", "transit.goal_m=[0, 80e3, 0]"
+    (remark,) = said("lidar.max_range_m=50e3", *ends)
+    assert "the transit begins" in remark
+    assert said("lidar.max_range_m=90e3", *ends) == []

@@ -23,6 +23,7 @@ from proxops.systems.navigation.estimate import (
     GRAVITY,
     POSITION,
     PROPELLANT,
+    SIZE,
     SPIN,
     THRUST,
     THRUST_DIRECTION,
@@ -51,7 +52,7 @@ def estimate() -> Estimate:
     mean = np.zeros(BASE + MODES)
     mean[POSITION], mean[VELOCITY] = [120e3, 60e3, -50e3], [-20.0, 15.0, 8.0]
     mean[CONSTANT_ACCELERATION], mean[VARYING_ACCELERATION] = [1e-4, -2e-4, 3e-4], [5e-5, 4e-5, 0]
-    mean[GRAVITY], mean[PROPELLANT] = 0.07, 4e-4
+    mean[GRAVITY], mean[PROPELLANT], mean[SIZE] = 0.07, 4e-4, 0.04
     mean[SPIN] = RATE * np.array([0.004, -0.006, 1e-3])
     mean[CENTRE_OF_MASS] = [900.0, -500.0, 300.0]
     mean[THRUST], mean[THRUST_DIRECTION] = [0.05, -0.03, 0.02], [0.01, 0.02, -0.015]
@@ -65,7 +66,10 @@ def cross(v: np.ndarray) -> np.ndarray:
 
 def integrated(given: Estimate, duration: float) -> tuple[np.ndarray, np.ndarray]:
     """State (6,) and rotation (3, 3) by the equations in continuous time."""
-    mean, field = given.mean, kleopatra().gravity_field
+    mean, body = given.mean, kleopatra()
+    # A body of another size has the believed mass.
+    shape = Polyhedron((1.0 + mean[SIZE]) * body.shape.vertices, body.shape.facets)
+    field = GravityField(shape, mass=body.gravity_field.mass)
     spin = np.array([0.0, 0.0, RATE]) + mean[SPIN]
     thrust = (np.eye(3) + cross(mean[THRUST_DIRECTION])) @ np.diag(1.0 + mean[THRUST])
 
