@@ -181,6 +181,15 @@ def _derivative(middle):
 
 
 @_inlined
+def _by_size(gravity, offset, factor, size):
+    """How the acceleration depends on the size of a body of the same mass (3,): eq. 6."""
+    out = _along(gravity.gradient, offset)
+    for i in range(3):
+        out[i] = -factor * (2.0 * gravity.acceleration[i] + out[i]) / (1.0 + size)
+    return out
+
+
+@_inlined
 def _moved_covariance(covariance, f, noise):
     """The covariance after a step with its transition and noise: eq. 8.
 
@@ -304,12 +313,10 @@ def predict(estimate, gravity, force, interval, noise, spin, mass):
     by = _derivative(
         _Middle(rotation, axes, thrust, given, commanded, believed, turn, tide, v, offset)
     )
-    scale = 1.0 + mean[_SIZE]
-    stretched = _along(gravity.gradient, offset)
+    by_size = _by_size(gravity, offset, factor, mean[_SIZE])
     for i in range(3):
         by[i, _PROPELLANT] = thrust[i] * (spent * mass / now)
-        # Of a body of the same mass: d/ds of g(r / s) / s^2.
-        by[i, _SIZE] = -factor * (2.0 * believed[i] + stretched[i]) / scale
+        by[i, _SIZE] = by_size[i]
     by_constants = _times(np.ascontiguousarray(gamma[:, 3:]), by)
     f = np.zeros((_CONSTANT, _BASE))
     for i in range(6):
