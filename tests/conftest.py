@@ -21,16 +21,19 @@ if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
+# The longest of the slow modules: at the end they would run alone.
+LONGEST = ("test_docs.py", "test_pilot_recipe.py", "test_benchmarks_run.py", "test_examples.py")
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Puts the tests of the navigation first, then those of the pages.
+    """Puts the tests of the navigation first, then the longest modules.
 
     numba takes long to compile the navigation's kernels. So one process does that, while the
     others, which start further down, run what needs none of them; later they find them in the
-    user's cache folder. The commands of the pages are the longest of the slow tests: at the end
-    they would run alone.
+    user's cache folder.
     """
 
     def place(item: pytest.Item) -> tuple[bool, bool]:
-        return "navigation" not in item.path.name, item.path.name != "test_docs.py"
+        return "navigation" not in item.path.name, item.path.name not in LONGEST
 
     items.sort(key=place)

@@ -53,9 +53,10 @@ def test_a_benchmark_runs(name: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_flights_are_the_same_again(tmp_path: Path) -> None:
-    run(SAME_FLIGHTS, ["record", "flights.json"], tmp_path)
-    run(SAME_FLIGHTS, ["compare", "flights.json"], tmp_path)
+def test_a_flight_is_the_same_again(tmp_path: Path) -> None:
+    one = ["flights.json", "--only", "on navigation, drawn world, assured"]
+    run(SAME_FLIGHTS, ["record", *one], tmp_path)
+    run(SAME_FLIGHTS, ["compare", *one], tmp_path)
 
 
 def run(name: str, options: list[str], folder: Path) -> str:

@@ -151,7 +151,7 @@ def trained_settings(
     """
     try:
         report = json.loads((folder / "report.json").read_text())
-        version, fields = report.get("proxops", "before 1.5.0"), dict(report["settings"])
+        version, fields = report.get("proxops", "before 1.6.0"), dict(report["settings"])
         for name, value in fields.items():
             if isinstance(value, dict):
                 fields[name] = Schedule(**value)
