@@ -40,6 +40,9 @@ from proxops.diagrams.scenario import Body, Scenario, TransitConfig, load_body, 
 from proxops.systems.common import InputError, make_folder, write_json
 from proxops.systems.navigation import MendedMap, save_mended_map
 
+# A navigation that is within three standard deviations in a smaller share of the steps is told of.
+_CONSISTENT = 0.9
+
 
 def fly_command(
     scenario: Annotated[
@@ -110,6 +113,13 @@ def fly_command(
             true_body=true_body, finished=keep,
         )  # fmt: skip
     _save(log, out, as_json)
+    consistent = log.summary.get("navigation_consistent", 1.0)
+    if consistent < _CONSISTENT:
+        status.print(
+            f"Note: the navigation was overconfident: within its 3 sigma in {consistent:.0%} of "
+            "the steps. An error of the world is larger than it expects, or of another kind: see "
+            "navigation.expected, and docs/method/truth.md."
+        )
     keep.save()
     if original is not None:
         if changed := differences(original, log):
