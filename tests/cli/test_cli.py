@@ -92,6 +92,7 @@ def test_the_table_says_whether_the_navigation_knew_where_it_is(run) -> None:
     ran = run("fly", *BRIEF, *wrong, "--set", "log_ranges=false", "--out", "out")
     assert "steps at which the navigation knew where it is" in ran.out
     assert "why it never did" not in ran.out
+    assert "Note: the navigation was overconfident" in " ".join(ran.err.split())
 
 
 def test_the_table_says_why_the_navigation_never_knew_where_it_is(run) -> None:
