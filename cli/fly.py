@@ -40,7 +40,7 @@ from proxops.diagrams.scenario import Body, Scenario, TransitConfig, load_body, 
 from proxops.systems.common import InputError, make_folder, write_json
 from proxops.systems.navigation import MendedMap, save_mended_map
 
-# A navigation that is within three standard deviations in a smaller share of the steps is told of.
+# Share of the steps below which a navigation within three standard deviations is overconfident.
 _CONSISTENT = 0.9
 
 
@@ -113,13 +113,7 @@ def fly_command(
             true_body=true_body, finished=keep,
         )  # fmt: skip
     _save(log, out, as_json)
-    consistent = log.summary.get("navigation_consistent", 1.0)
-    if consistent < _CONSISTENT:
-        status.print(
-            f"Note: the navigation was overconfident: within its 3 sigma in {consistent:.0%} of "
-            "the steps. An error of the world is larger than it expects, or of another kind: see "
-            "navigation.expected, and docs/method/truth.md."
-        )
+    _tell_if_overconfident(log)
     keep.save()
     if original is not None:
         if changed := differences(original, log):
@@ -127,10 +121,24 @@ def fly_command(
             raise typer.Exit(1)
         status.print(f"The flight repeats {log_file} bit for bit.")
     if server is not None:
-        status.print("Press Ctrl-C to end.")
-        with contextlib.suppress(KeyboardInterrupt):
-            while True:
-                time.sleep(1.0)
+        _wait_for_ctrl_c()
+
+
+def _wait_for_ctrl_c() -> None:
+    status.print("Press Ctrl-C to end.")
+    with contextlib.suppress(KeyboardInterrupt):
+        while True:
+            time.sleep(1.0)
+
+
+def _tell_if_overconfident(log: FlightLog) -> None:
+    consistent = log.summary.get("navigation_consistent", 1.0)
+    if consistent < _CONSISTENT:
+        status.print(
+            f"Note: the navigation was overconfident: within its 3 sigma in {consistent:.0%} of "
+            "the steps. An error of the world is larger than it expects, or of another kind: see "
+            "navigation.expected, and docs/method/truth.md."
+        )
 
 
 def _meshcat() -> Meshcat:
