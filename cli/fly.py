@@ -113,7 +113,6 @@ def fly_command(
             true_body=true_body, finished=keep,
         )  # fmt: skip
     _save(log, out, as_json)
-    _tell_if_overconfident(log)
     keep.save()
     if original is not None:
         if changed := differences(original, log):
@@ -131,8 +130,8 @@ def _wait_for_ctrl_c() -> None:
             time.sleep(1.0)
 
 
-def _tell_if_overconfident(log: FlightLog) -> None:
-    consistent = log.summary.get("navigation_consistent", 1.0)
+def _tell_if_overconfident(summary: dict[str, Any]) -> None:
+    consistent = summary.get("navigation_consistent", 1.0)
     if consistent < _CONSISTENT:
         status.print(
             f"Note: the navigation was overconfident: within its 3 sigma in {consistent:.0%} of "
@@ -259,6 +258,7 @@ def _save(log: FlightLog, out: Path, as_json: bool) -> None:
     else:
         print_rows(f"{log.body.config.name}, {summary['controller']}", _table(log, summary))
     status.print(f"Wrote flight.nc, summary.json and replay.html in {out}")
+    _tell_if_overconfident(summary)
 
 
 def _table(log: FlightLog, summary: dict[str, Any]) -> list[tuple[str, str]]:

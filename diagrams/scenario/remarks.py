@@ -30,7 +30,8 @@ def scenario_remarks(scenario: Scenario, body: Body) -> list[str]:
     Args:
       scenario: as the user gave it, before a draw. body: as believed.
     """
-    return [*_untold(scenario, body), *_proportions(scenario, body), *_mpc(scenario, body)]
+    parts = _untold, _proportions, _reach, _mpc
+    return [remark for part in parts for remark in part(scenario, body)]
 
 
 def _untold(scenario: Scenario, body: Body) -> Iterator[str]:
@@ -62,12 +63,18 @@ def _proportions(scenario: Scenario, body: Body) -> Iterator[str]:
             f"transit.cube_m is {ratio:.0f} times the length of {body.config.name}: the scenario "
             "is made for another body; proxops shape FILE --scenario writes one in its proportions"
         )
-    reach, ends = scenario.lidar.max_range_m, scenario.transit.start_m
+
+
+def _reach(scenario: Scenario, body: Body) -> Iterator[str]:
+    """On a lidar that sees nothing where a transit begins."""
+    if not isinstance(scenario.navigation, LidarNavigationConfig):
+        return
+    reach, start = scenario.lidar.max_range_m, scenario.transit.start_m
     # The middles of the cube's faces, unless the scenario gives its start.
-    starts = 0.5 * scenario.transit.cube_m * np.eye(3) if ends is None else np.array([ends])
+    starts = 0.5 * scenario.transit.cube_m * np.eye(3) if start is None else np.array([start])
     far = np.linalg.norm(starts[:, None] - body.shape.vertices, axis=2).min(axis=1).max()
-    if isinstance(scenario.navigation, LidarNavigationConfig) and reach < far:
-        where = "a transit may begin" if ends is None else "the transit begins"
+    if reach < far:
+        where = "a transit may begin" if start is None else "the transit begins"
         yield (
             f"lidar.max_range_m is {reach:g} m, and {where} {far:.3g} m from the surface: nothing "
             "returns there, so the navigation cannot know where it is; give a longer range, or a "

@@ -7,8 +7,6 @@ import typing
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 
-import numpy as np
-
 from proxops.diagrams.flight import (
     Flight,
     Row,
@@ -22,16 +20,11 @@ from proxops.diagrams.logs import FlightLog
 from proxops.diagrams.scenario import (
     Body,
     Scenario,
-    Transit,
     change_scenario,
-    draw_transit,
     load_body,
-    with_ends,
 )
 from proxops.systems.common import InputError
 
-Start = Callable[[Transit, Scenario, Body], tuple[np.ndarray, np.ndarray]]
-"""Gives the position (3,) in m and the velocity (3,) in m/s in K at which a flight starts."""
 World = Callable[[Scenario, Body], Scenario]
 """Gives the scenario of a flight in its world, from the scenario with the flight's transit."""
 Logs = Mapping[str, Mapping[int, FlightLog]]
@@ -48,8 +41,6 @@ class Variant:
     """A name that `named_controller` takes."""
     changes: Mapping[str, typing.Any] = dc.field(default_factory=dict)
     """Keys and values of the scenario that `change_scenario` changes."""
-    start: Start | None = None
-    """Gives the start of each flight; None: flights start where the transit does."""
     world: World | None = None
     """Gives the world of each flight; None: that of the scenario."""
 
@@ -136,14 +127,10 @@ def variant_flights(
         dc.replace(drawn[number], name=_flight_name(variant.name, seed, number))
         for number in numbers
     ]
-    if variant.world is None and variant.start is None:
+    if variant.world is None:
         return flights
     body = load_body(changed.body)
-    if variant.world is not None:
-        flights = [_in_world(flight, variant.world, body) for flight in flights]
-    if variant.start is not None:
-        flights = [_moved(flight, variant.start, body) for flight in flights]
-    return flights
+    return [_in_world(flight, variant.world, body) for flight in flights]
 
 
 def _check_names(variants: Sequence[Variant]) -> None:
@@ -159,15 +146,6 @@ def _in_world(flight: Flight, world: World, body: Body) -> Flight:
     if scenario.truth.mesh is not None:
         origin = provenance(scenario, body, flight.controller)
     return dc.replace(flight, scenario=scenario, provenance=origin)
-
-
-def _moved(flight: Flight, start: Start, body: Body) -> Flight:
-    """The flight from another start to the goal of its transit."""
-    scenario = flight.scenario
-    transit = draw_transit(scenario.transit.seed, scenario.transit.index, scenario, body)
-    position, velocity = start(transit, scenario, body)
-    moved = with_ends(scenario, position, transit.goal, velocity)
-    return dc.replace(flight, scenario=moved)
 
 
 def _flight_name(name: str, seed: int, number: int) -> str:

@@ -7,7 +7,7 @@ import numpy as np
 Vector3 = Annotated[np.ndarray, "(3,)"]
 """A position, velocity, force or direction; semi-axes."""
 Vectors3 = Annotated[np.ndarray, "(N, 3)"]
-"""Points, directions, or the vertices of a mesh."""
+"""Points, directions or vertices; of facets, the whole numbers of their vertices."""
 State = Annotated[np.ndarray, "(6,)"]
 """Position in m and velocity in m/s."""
 States = Annotated[np.ndarray, "(N, 6)"]

@@ -12,7 +12,7 @@ from proxops.diagrams.flight.parallel import Workers
 from proxops.diagrams.scenario.body import Body
 from proxops.diagrams.scenario.scenario import dump_scenario, load_scenario
 from proxops.diagrams.scenario.scenario_config import Scenario
-from proxops.diagrams.scenario.transits import Transit, draw_transit, scenario_transit
+from proxops.diagrams.scenario.transits import draw_transit, scenario_transit, with_ends
 from proxops.studies.campaigns.describing import describe_flight
 from proxops.studies.campaigns.variants import (
     Variant,
@@ -35,11 +35,14 @@ def test_a_variant_changes_its_keys_alone() -> None:
     assert shared.hybrid.gate == "strict"
 
 
-def test_flights_start_where_the_variant_says() -> None:
-    def above(transit: Transit, scenario: Scenario, body: Body) -> tuple[np.ndarray, np.ndarray]:
-        return np.array([0.0, 0.0, 1e5 + transit.index]), np.array([1.0, 2.0, 3.0])
+def test_flights_start_where_the_world_says() -> None:
+    def above(scenario: Scenario, body: Body) -> Scenario:
+        index = scenario.transit.index
+        goal = draw_transit(scenario.transit.seed, index, scenario, body).goal
+        start = np.array([0.0, 0.0, 1e5 + index])
+        return with_ends(scenario, start, goal, np.array([1.0, 2.0, 3.0]))
 
-    variant = Variant("above", "zero", start=above)
+    variant = Variant("above", "zero", world=above)
     flights = variant_flights(variant, load_scenario(), 5, [4, 2])
     for flight, number in zip(flights, (4, 2), strict=True):
         flown = scenario_transit(flight.scenario, kleopatra())
