@@ -53,10 +53,17 @@ def add_on_board(
         command = _add_controller(wiring, controller, signals)
         return _assured(wiring, command, signals, delay), signals
     # A command that acts late acts over a part of two periods.
-    acted = command_hold.GetOutputPort("mean" if delay > 0.0 else "y")
+    acted = command_hold.GetOutputPort("mean") if delay > 0.0 else signals["commanded_force"]
     world = wiring.world
     navigation = make_navigation(world.belief, world.body, world.filter_tuning)
-    wiring.add("navigation", navigation, ranges=signals["ranges"], commanded_force=acted)
+    body_attitude = signals.get("body_attitude")
+    wiring.add(
+        "navigation",
+        navigation,
+        ranges=signals["ranges"],
+        commanded_force=acted,
+        body_attitude=body_attitude,
+    )
     wiring.logged.update({name: each.port for name, each in navigation.logged_ports().items()})
     state = navigation.GetOutputPort("state")
     parts = wiring.add("navigation_parts", Demultiplexer([3, 3]), u0=state)
@@ -70,7 +77,7 @@ def add_on_board(
     # From K into S as the navigation believes it to be.
     axes = CommandAxes(wiring.scenario.spacecraft.thrust_limit_n)
     attitude = navigation.GetOutputPort("attitude")
-    wiring.add("command_axes", axes, force=command, attitude=attitude)
+    wiring.add("command_axes", axes, force=command, attitude=attitude, body_attitude=body_attitude)
     return axes.GetOutputPort("force"), known
 
 

@@ -38,7 +38,7 @@ Columns = dict[str, np.ndarray]
 _ROUNDING = 1e-9
 # Columns of the last row if the flight ended between two control steps: the motion then, by the
 # system that knows it, and what was held. What is on board has no other outputs then.
-_MOVING = {"state": "spacecraft", "mass": "spacecraft", "attitude": "attitude"}
+_MOVING = ("state", "mass", "attitude", "angular_velocity", "wheel_momentum")
 _HELD = ("target", "command", "force", "kick", "decision")
 
 
@@ -131,7 +131,7 @@ def make_log(flown: Flown, wall_time: float) -> FlightLog:
     scenario = flown.world.scenario
     if flown.frames is not None:
         columns |= _frames(flown, flown.frames)
-    if has_thruster_errors(scenario.truth):
+    if has_thruster_errors(scenario):
         errors, period = scenario.truth.thrusters.errors(), scenario.control_period_s
         columns["thrust"] = np.array(
             [
@@ -182,7 +182,8 @@ def _with_end(flown: Flown, times: np.ndarray, columns: Columns) -> tuple[np.nda
     columns = {name: np.concatenate([rows, rows[-1:]]) for name, rows in columns.items()}
     for name, rows in columns.items():
         if name in _MOVING:
-            rows[-1] = flown.value(_MOVING[name], name)
+            own = name == "attitude" and flown.diagram.HasSubsystemNamed(name)
+            rows[-1] = flown.value(name if own else "spacecraft", name)
         elif name not in _HELD:
             rows[-1] = np.nan
     return np.append(times, end), columns

@@ -17,6 +17,7 @@ from proxops.diagrams.logs import FlightLog
 from proxops.diagrams.meshcat import PLAYBACK_SPEED, add_flight
 from proxops.diagrams.scenario import (
     Body,
+    RigidBodyConfig,
     Scenario,
     TrueBody,
     World,
@@ -148,9 +149,12 @@ def make_simulator(diagram: Diagram, scenario: Scenario) -> Simulator:
     simulator = Simulator(diagram)
     # Without an accuracy in the Context, events fire at the end of their step.
     simulator.get_mutable_context().SetAccuracy(_EVENT_ACCURACY)
-    steps = math.ceil(scenario.control_period_s / _LONGEST_STEP)
+    steps, scheme = math.ceil(scenario.control_period_s / _LONGEST_STEP), "runge_kutta5"
+    if isinstance(scenario.spacecraft, RigidBodyConfig):
+        steps = round(scenario.control_period_s / scenario.spacecraft.attitude_period_s)
+        scheme = "runge_kutta3"
     integrator = ResetIntegratorFromFlags(
-        simulator, scheme="runge_kutta5", max_step_size=scenario.control_period_s / steps
+        simulator, scheme=scheme, max_step_size=scenario.control_period_s / steps
     )
     # The Context does not hold the size of an adaptive step. With adaptive steps, a flight that is
     # continued from a cloned Context would differ in its last bits.

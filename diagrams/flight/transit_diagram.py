@@ -16,6 +16,7 @@ from pydrake.systems.framework import (
 from pydrake.systems.primitives import VectorLogSink, ZeroOrderHold
 
 from proxops.diagrams.flight.on_board import STATE_PORTS, add_on_board
+from proxops.diagrams.flight.rigid_body import add_actuation, add_attitude_sensors
 from proxops.diagrams.flight.scenario_systems import make_mpc
 from proxops.diagrams.flight.wiring import Signals, Wiring
 from proxops.diagrams.flight.world import (
@@ -30,7 +31,7 @@ from proxops.diagrams.flight.world import (
 )
 from proxops.diagrams.meshcat import LiveView, Scene, prepare_live_view
 from proxops.diagrams.scenario import Body, Scenario, TrueBody, World
-from proxops.systems import DelayedHold, InputError, PlanarLidar
+from proxops.systems import DelayedHold, InputError, PlanarLidar, RigidSpacecraft
 from proxops.systems.common import offers_of
 
 
@@ -164,13 +165,12 @@ def diagram_of(
     delay, period = offers_of(controller).delay, scenario.control_period_s
     craft = add_spacecraft(wiring)
     add_accelerations(wiring, craft)
-    attitude = add_attitude(wiring)
+    attitude = add_attitude(wiring, craft)
     lidar = add_lidar(wiring, craft.GetOutputPort("position"), attitude)
     goal = np.concatenate([world.transit.goal, np.zeros(3)])
     target = wiring.add("target", _Target(goal)).get_output_port()
     wiring.logged["target"] = target
     hold = wiring.add("hold", _make_hold(period, delay))
-    add_thrust(wiring, hold.GetOutputPort("y"), attitude, craft)
     command_hold = hold
     if scenario.disturbance is not None or scenario.force_noise is not None:
         command_hold = wiring.add("command_hold", _make_hold(period, delay))
@@ -180,8 +180,17 @@ def diagram_of(
         "ranges": received(wiring, lidar),
         "commanded_force": command_hold.GetOutputPort("y"),
     }
-    command, known = add_on_board(wiring, controller, true, command_hold)
-    hold_command(wiring, command, hold, command_hold)
+    if not isinstance(craft, RigidSpacecraft):
+        add_thrust(wiring, hold.GetOutputPort("y"), attitude, craft)
+        command, known = add_on_board(wiring, controller, true, command_hold)
+        hold_command(wiring, command, hold, command_hold)
+    else:
+        sensed = add_attitude_sensors(wiring, craft)
+        true |= {name: sensed[name] for name in ("body_attitude", "commanded_force")}
+        command, known = add_on_board(wiring, controller, true, command_hold)
+        hold_command(wiring, command, hold, command_hold)
+        acting = hold.GetOutputPort("y") if delay > 0.0 else wiring.logged["force"]
+        add_actuation(wiring, craft, acting, {**sensed, "position": known["position"]})
     add_monitor(wiring, true["state"], target)
     # The lidar has no sink: see `KeptFrames`. The column `force` is the force that the hold takes
     # over at this step and holds until the next.

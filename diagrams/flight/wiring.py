@@ -15,7 +15,7 @@ Signals = dict[str, OutputPort]
 """Output ports by their names."""
 # Streams of the derived seeds, one for each random system.
 LIDAR_STREAM, DISTURBANCE_STREAM, NOISE_STREAM, KICKS_STREAM = range(4)
-ATTITUDE_STREAM, ACCELERATION_STREAM = 4, 5
+ATTITUDE_STREAM, ACCELERATION_STREAM, GYRO_STREAM, THRUSTERS_STREAM = range(4, 8)
 # Far from the others, which may become more without a change of any random number.
 STATE_NOISE_STREAM = 100
 

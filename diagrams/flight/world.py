@@ -8,6 +8,7 @@ import numpy as np
 from pydrake.systems.framework import LeafSystem, OutputPort
 from pydrake.systems.primitives import Adder, ZeroOrderHold
 
+from proxops.diagrams.flight.rigid_body import add_rigid_spacecraft
 from proxops.diagrams.flight.scenario_systems import make_events, make_lidar
 from proxops.diagrams.flight.wiring import (
     ACCELERATION_STREAM,
@@ -18,7 +19,7 @@ from proxops.diagrams.flight.wiring import (
     NOISE_STREAM,
     Wiring,
 )
-from proxops.diagrams.scenario import TrueThrustersConfig, TruthConfig, turns_the_axes
+from proxops.diagrams.scenario import Scenario, TrueThrustersConfig, turns_the_axes
 from proxops.systems import (
     ActualThrust,
     AttitudeError,
@@ -28,6 +29,7 @@ from proxops.systems import (
     PlanarLidar,
     PolyhedralGravity,
     RandomWalkDisturbance,
+    RigidSpacecraft,
     Spacecraft,
     UnexplainedAcceleration,
     VelocityKicks,
@@ -35,8 +37,10 @@ from proxops.systems import (
 from proxops.systems.vehicle import Thrusters
 
 
-def add_spacecraft(wiring: Wiring) -> Spacecraft:
-    """Adds the spacecraft with its true mass and spin, at the start of the transit."""
+def add_spacecraft(wiring: Wiring) -> Spacecraft | RigidSpacecraft:
+    """Adds the spacecraft as it truly is, at the start of the transit."""
+    if wiring.scenario.is_rigid:
+        return add_rigid_spacecraft(wiring)
     scenario, transit, true_body = wiring.scenario, wiring.world.transit, wiring.world.true_body
     about_z = not (true_body.spin[:2].any() or true_body.axis_point.any())
     craft = Spacecraft(
@@ -52,11 +56,14 @@ def add_spacecraft(wiring: Wiring) -> Spacecraft:
     return wiring.add("spacecraft", craft)
 
 
-def add_accelerations(wiring: Wiring, craft: Spacecraft) -> None:
+def add_accelerations(wiring: Wiring, craft: Spacecraft | RigidSpacecraft) -> None:
     """Connects true gravity, kicks and unexplained acceleration, as far as there are any."""
     field = wiring.world.true_body.gravity_field
     position = craft.GetOutputPort("position")
     gravity = wiring.add("gravity", PolyhedralGravity(field), position=position)
+    if craft.HasInputPort("gravity_gradient"):
+        gradient = gravity.GetOutputPort("gradient")
+        wiring.builder.Connect(gradient, craft.GetInputPort("gravity_gradient"))
     parts = [gravity.GetOutputPort("acceleration")]
     if wiring.scenario.kicks is not None:
         parts.append(_kicks(wiring))
@@ -102,9 +109,11 @@ def _held(wiring: Wiring, port: OutputPort, name: str) -> OutputPort:
     return wiring.add(name, hold, u=port).get_output_port()
 
 
-def add_attitude(wiring: Wiring) -> OutputPort | None:
+def add_attitude(wiring: Wiring, craft: Spacecraft | RigidSpacecraft) -> OutputPort | None:
     """Adds the rotation of the spacecraft's axes S against K; None if they are the same."""
     truth = wiring.scenario.truth
+    if craft.HasOutputPort("attitude"):
+        return craft.GetOutputPort("attitude")
     if not turns_the_axes(truth):
         return None
     error = AttitudeError(
@@ -149,7 +158,7 @@ def add_thrust(
       craft: the spacecraft.
     """
     truth, thrust = wiring.scenario.truth, held
-    if attitude is not None or has_thruster_errors(truth):
+    if attitude is not None or has_thruster_errors(wiring.scenario):
         period = wiring.scenario.control_period_s
         actual = ActualThrust(truth.thrusters.errors(), period, truth.specific_impulse_s)
         wiring.add("actual_thrust", actual, force=held)
@@ -163,8 +172,11 @@ def add_thrust(
     wiring.builder.Connect(thrust, craft.GetInputPort("force"))
 
 
-def has_thruster_errors(truth: TruthConfig) -> bool:
-    """Tells whether the true thrusters give another force than is commanded, or use up mass."""
+def has_thruster_errors(scenario: Scenario) -> bool:
+    """Tells whether a point's thrusters give another force than is commanded, or use up mass."""
+    truth = scenario.truth
+    if scenario.is_rigid:
+        return False  # It has thrusters of its own.
     return truth.thrusters != TrueThrustersConfig() or truth.specific_impulse_s is not None
 
 

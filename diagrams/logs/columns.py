@@ -66,6 +66,21 @@ VARIABLES = {
     "attitude": Column(
         ("quaternion",), "1", "true rotation of S against K: unit quaternion w, x, y, z",
     ),
+    "angular_velocity": Column(("axis",), "rad/s", "true angular velocity of S against N, in S"),
+    "inertial_attitude": Column(
+        ("quaternion",), "1", "true rotation of S against N, the axes of K as believed at time 0",
+    ),
+    "reference_attitude": Column(
+        ("quaternion",), "1", "rotation of S against N that the guidance wants",
+    ),
+    "wheel_momentum": Column(("wheel",), "N m s", "true momentum of each reaction wheel"),
+    "on_times": Column(
+        ("thruster",), "s", "time for which each thruster is on in the attitude period before",
+    ),
+    "centre_of_mass": Column(
+        ("axis",), "m", "centre of mass as it is estimated, less that of the data sheet, in S",
+    ),
+    "failed_thrusters": Column(("thruster",), "1", "1: the thruster is found to have failed"),
     "kick": Column(
         ("axis",), "m/s^2", "acceleration by a kick from this time on, until the next, in K",
     ),

@@ -16,7 +16,7 @@ from proxops.systems.common import States, Values
 from proxops.systems.expert import PlanReason, PlanStatus
 from proxops.systems.hybrid import FlownBy
 from proxops.systems.shapes import clearances
-from proxops.systems.vehicle import hermite_curve
+from proxops.systems.vehicle import STANDARD_GRAVITY, hermite_curve
 
 # A second figure, `success_2km`, accepts arrival within this multiple of the scenario's radius and
 # speed, because a policy that only has lidar knows its state less well. Its name comes from the
@@ -140,6 +140,11 @@ def _interventions(data: xr.Dataset, scenario: Scenario) -> dict[str, float]:
 
 def _true_acceleration(data: xr.Dataset, scenario: Scenario) -> np.ndarray:
     """Gives the sum over the axes of the true thrust over the true mass, of each step, in m/s^2."""
+    impulse = scenario.true_specific_impulse_s
+    if scenario.is_rigid and impulse is not None:
+        # What its thrusters gave, by the rocket equation.
+        mass = data["mass"].values
+        return STANDARD_GRAVITY * impulse * -np.diff(np.log(mass)) / np.diff(data["time"].values)
     name = "thrust" if "thrust" in data else "force"
     mass = data["mass"].values[:-1] if "mass" in data else _true_mass(scenario)
     return np.abs(data[name].values[:-1]).sum(axis=1) / mass

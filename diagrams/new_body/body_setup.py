@@ -14,8 +14,8 @@ from proxops.diagrams.scenario import (
     HybridConfig,
     LidarConfig,
     MpcConfig,
+    PointMassConfig,
     Scenario,
-    SpacecraftConfig,
     TransitConfig,
     TruthConfig,
     WeightedCostConfig,
@@ -90,7 +90,7 @@ def scenario_in_proportion(
     force = thrust_n / given.spacecraft.thrust_limit_n
     scenario = Scenario(
         body=body_path,
-        spacecraft=SpacecraftConfig(
+        spacecraft=PointMassConfig(
             mass_kg=craft_mass_kg,
             thrust_limit_n=_scaled(thrust_n, 1.0),
             speed_limit_m_s=_scaled(given.spacecraft.speed_limit_m_s, speed),

@@ -28,6 +28,11 @@ from proxops.diagrams.scenario.scenario_config import (
     TrueStateConfig,
     TruthConfig,
 )
+from proxops.diagrams.scenario.spacecraft_model import (
+    RigidBodyConfig,
+    SpacecraftModel,
+    load_spacecraft,
+)
 from proxops.diagrams.scenario.transits import (
     Transit,
     UnflyableWorldError,
@@ -62,8 +67,8 @@ from proxops.systems.vehicle import (
     ArrivalConfig,
     ForceNoiseConfig,
     KicksConfig,
+    PointMassConfig,
     RandomWalkDisturbanceConfig,
-    SpacecraftConfig,
     TrueThrustersConfig,
 )
 
@@ -81,9 +86,11 @@ __all__ = [
     "LidarConfig",
     "LidarNavigationConfig",
     "MpcConfig",
+    "PointMassConfig",
     "RandomWalkDisturbanceConfig",
+    "RigidBodyConfig",
     "Scenario",
-    "SpacecraftConfig",
+    "SpacecraftModel",
     "Transit",
     "TransitConfig",
     "TrueBody",
@@ -114,6 +121,7 @@ __all__ = [
     "load_body",
     "load_dispersions",
     "load_scenario",
+    "load_spacecraft",
     "load_typed",
     "make_true_body",
     "of_transit",

@@ -164,7 +164,8 @@ def bounds_of_dispersions(dispersions: Dispersions) -> AssuranceBounds:
     velocity_change = _SPEEDS * dispersions.scenario.spacecraft.speed_limit_m_s
     bounds = AssuranceBounds(
         gravity=error("truth.gravity"),
-        thrust=error("truth.thrusters.scale"),
+        thrust=error("truth.thrusters.scale")
+        + _DEVIATIONS * error("truth.rigid_body.thruster_scale_std"),
         thrust_direction_deg=_direction(dispersions),
         mass=_mass(
             error("truth.mass"), dispersions.ends("truth.specific_impulse_s"), velocity_change
@@ -225,6 +226,7 @@ def _direction(dispersions: Dispersions) -> float:
     end, scenario = dispersions.greatest_error, dispersions.scenario
     axes = end("truth.thrusters.direction_deg") + end("truth.attitude.constant_deg")
     axes += _DEVIATIONS * end("truth.attitude.varying_std_deg")
+    axes += _DEVIATIONS * end("truth.rigid_body.thruster_direction_std_deg")
     angle = math.sqrt(3.0) * axes
     if isinstance(scenario.navigation, LidarNavigationConfig):
         return angle

@@ -27,7 +27,7 @@ Overrides = typing.Sequence[str] | typing.Mapping[str, typing.Any]
 # The value of each key is a path, or null.
 _PATHS = ("lidar.bundle", "policy.bundle", "truth.mesh", "navigation.map")
 # The value of each key is the path of a YAML file, or a name that is none.
-_NAMES_OR_PATHS = ("body", "dispersions", "assurance.bounds")
+_NAMES_OR_PATHS = ("body", "dispersions", "assurance.bounds", "spacecraft.model")
 
 
 # --- fields and values ----------------------------------------------------------------------------

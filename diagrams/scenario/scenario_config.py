@@ -8,7 +8,9 @@ differs from what is believed; with the defaults, it is as believed.
 import dataclasses as dc
 from collections.abc import Iterator, Mapping
 
+from proxops.diagrams.scenario.spacecraft_model import RigidBodyConfig
 from proxops.systems.assurance import AssuranceConfig
+from proxops.systems.attitude import TrueRigidBodyConfig
 from proxops.systems.common import FAR, config, html_table, number, one_of, vector
 from proxops.systems.expert import MpcConfig
 from proxops.systems.hybrid import HybridConfig
@@ -19,8 +21,8 @@ from proxops.systems.vehicle import (
     ArrivalConfig,
     ForceNoiseConfig,
     KicksConfig,
+    PointMassConfig,
     RandomWalkDisturbanceConfig,
-    SpacecraftConfig,
     TrueAccelerationConfig,
     TrueAttitudeConfig,
     TrueThrustersConfig,
@@ -105,6 +107,7 @@ class TruthConfig:
     # The thrusters' specific impulse; null: the mass is constant.
     specific_impulse_s: float | None = number(None, at_least=1e-3, at_most=1e9, unit="s")
     acceleration: TrueAccelerationConfig = dc.field(default_factory=TrueAccelerationConfig)
+    rigid_body: TrueRigidBodyConfig = dc.field(default_factory=TrueRigidBodyConfig)
 
 
 @config
@@ -122,7 +125,7 @@ class Scenario:
     # first use and kept in the user's cache folder. A true body that differs from the believed one
     # is always exact.
     gravity: str = one_of("exact", ("exact", "table"))
-    spacecraft: SpacecraftConfig = dc.field(default_factory=SpacecraftConfig)
+    spacecraft: PointMassConfig | RigidBodyConfig = dc.field(default_factory=PointMassConfig)
     lidar: LidarConfig | LearnedLidarConfig = dc.field(default_factory=LidarConfig)
     # From what controllers and runtime assurance know the state of the spacecraft.
     navigation: LidarNavigationConfig | TrueStateConfig = dc.field(
@@ -156,6 +159,18 @@ class Scenario:
     # Seed of all random systems of a flight: lidar noise, disturbance, force noise, kicks, varying
     # errors of attitude and acceleration, and the state noise of the hybrid.
     noise_seed: int = number(0, at_least=0, at_most=_LARGEST_WHOLE)
+
+    @property
+    def is_rigid(self) -> bool:
+        """Whether the spacecraft is a rigid body, not a point."""
+        return isinstance(self.spacecraft, RigidBodyConfig)
+
+    @property
+    def true_specific_impulse_s(self) -> float | None:
+        """True specific impulse of the thrusters; None: the mass is constant."""
+        if self.truth.specific_impulse_s is None and isinstance(self.spacecraft, RigidBodyConfig):
+            return self.spacecraft.specific_impulse_s
+        return self.truth.specific_impulse_s
 
     def _repr_html_(self) -> str:
         changed = dict(_differences(dc.asdict(self), dc.asdict(Scenario())))

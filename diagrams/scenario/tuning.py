@@ -81,7 +81,7 @@ def expected_errors(dispersions: Dispersions) -> ExpectedErrors:
     # It is estimated in flight, so a generous value costs little.
     errors.attitude_deg = max(errors.attitude_deg, usual.attitude_deg)
     # A specific impulse that the scenario gives is told, too, because engines are known.
-    impulse = dispersions.rms("truth.specific_impulse_s") or scenario.truth.specific_impulse_s
+    impulse = dispersions.rms("truth.specific_impulse_s") or scenario.true_specific_impulse_s
     if impulse is not None:
         errors.propellant_s_per_m = 1.0 / (STANDARD_GRAVITY * impulse)
     contrast = dispersions.rms("truth.density_contrast")

@@ -6,7 +6,8 @@ import sys
 
 import numpy as np
 from pydrake.autodiffutils import AutoDiffXd, ExtractGradient, ExtractValue, InitializeAutoDiff
-from pydrake.systems.framework import LeafSystem_
+from pydrake.common.value import AbstractValue
+from pydrake.systems.framework import LeafSystem_, ValueProducer
 from pydrake.systems.scalar_conversion import TemplateSystem
 
 from proxops.systems.common import InputError
@@ -56,9 +57,10 @@ def PolyhedralGravity_(T):  # noqa: N802 (Drake's own naming of templates)
                      └───────────────────┘
         ```
 
-        Each output depends on the position alone and is computed when it is asked for. In
-        AutoDiffXd, acceleration and potential carry derivatives; there is no gradient port, because
-        its derivative would need the third derivatives of the potential.
+        Each output depends on the position alone and is computed when it is asked for; all come
+        from one evaluation of the field. In AutoDiffXd, acceleration and potential carry
+        derivatives; there is no gradient port, because its derivative would need the third
+        derivatives of the potential.
 
         Args:
           field: any field whose frame is K, such as `load_body(path).gravity_field`.
@@ -71,7 +73,14 @@ def PolyhedralGravity_(T):  # noqa: N802 (Drake's own naming of templates)
             super().__init__(converter=converter)
             self.field = _checked(field)
             self._position_port = self.DeclareVectorInputPort("position", 3)
-            depends = {self._position_port.ticket()}
+            self._gravity = self.DeclareCacheEntry(
+                "gravity",
+                ValueProducer(
+                    allocate=lambda: AbstractValue.Make(object()), calc=self._calc_gravity
+                ),
+                {self._position_port.ticket()},
+            )
+            depends = {self._gravity.ticket()}
             self.DeclareVectorOutputPort("acceleration", 3, self._calc_acceleration, depends)
             if T is float:
                 self.DeclareVectorOutputPort("gradient", 9, self._calc_gradient, depends)
@@ -80,23 +89,26 @@ def PolyhedralGravity_(T):  # noqa: N802 (Drake's own naming of templates)
         def _construct_copy(self, other, converter=None):
             Impl._construct(self, other.field, converter=converter)
 
+        def _calc_gravity(self, context, value):
+            value.set_value(_evaluate(self.field, self._position_port.Eval(context)))
+
         def _calc_acceleration(self, context, output):
-            position = self._position_port.Eval(context)
-            gravity = _evaluate(self.field, position)
+            gravity = self._gravity.Eval(context)
             value = gravity.acceleration[0]
             if T is not float:
+                position = self._position_port.Eval(context)
                 value = _with_derivatives(value, gravity.gradient[0], position)
             output.SetFromVector(value)
 
         def _calc_gradient(self, context, output):
-            gravity = _evaluate(self.field, self._position_port.Eval(context))
+            gravity = self._gravity.Eval(context)
             output.SetFromVector(gravity.gradient[0].ravel())
 
         def _calc_potential(self, context, output):
-            position = self._position_port.Eval(context)
-            gravity = _evaluate(self.field, position)
+            gravity = self._gravity.Eval(context)
             value = gravity.potential
             if T is not float:
+                position = self._position_port.Eval(context)
                 value = _with_derivatives(value, gravity.acceleration, position)
             output.SetFromVector(value)
 

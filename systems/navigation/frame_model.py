@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import copy
+from functools import cached_property
+
 import numpy as np
 
+from proxops.systems.common import Matrix3
 from proxops.systems.lidar import LidarGeometry
 from proxops.systems.navigation._frame_kernel import (
     Comparison,
@@ -15,7 +19,7 @@ from proxops.systems.navigation._frame_kernel import (
 )
 from proxops.systems.navigation.estimate import BASE, MEASURED, SIZE, Estimate
 from proxops.systems.navigation.map_error import MapError
-from proxops.systems.shapes import Polyhedron, ray_caster
+from proxops.systems.shapes import Polyhedron, RayFan, ray_caster
 
 
 class FrameModel:
@@ -46,9 +50,20 @@ class FrameModel:
         self._surface = Surface(shape.normals, np.array(shape.facets), map_error.table)
         self.centres = shape.vertices[shape.facets].mean(axis=1)
         self.first_hits, self.distances = ray_caster(shape).first_hits, ray_caster(shape).distances
-        self.fan = ray_caster(shape).fan(self.directions)
         # Where the measured quantities are in an estimate.
         self.columns = np.concatenate([MEASURED, BASE + np.arange(map_error.modes)])
+
+    @cached_property
+    def fan(self) -> RayFan:
+        """The rays, for the search of an acquisition."""
+        return ray_caster(self.shape).fan(self.directions)
+
+    def turned(self, axes: Matrix3) -> FrameModel:
+        """The model of a frame that was measured with the lidar turned by a rotation (3, 3)."""
+        model = copy.copy(self)
+        model.directions = self.directions @ axes.T
+        vars(model).pop("fan", None)
+        return model
 
     def compared(self, estimate: Estimate, ranges: np.ndarray) -> Comparison:
         """A frame (planes * rays,), in m, +inf for no return, beside the predicted one."""

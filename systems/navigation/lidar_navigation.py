@@ -12,12 +12,14 @@ from pydrake.systems.framework import LeafSystem, ValueProducer
 from proxops.systems.common import (
     InputError,
     LoggedPort,
+    Matrix3,
     check_limits,
     check_not_negative,
     check_positive,
     config,
     number,
     one_of,
+    rotation_matrix,
 )
 from proxops.systems.gravity import GRAVITATIONAL_CONSTANT, BodyField
 from proxops.systems.lidar import DEFAULT_GEOMETRY, LidarGeometry
@@ -64,6 +66,7 @@ class LidarNavigation(LeafSystem):
                                ┌─────────────────┐
     ranges (planes * rays) ───►│ LidarNavigation ├─► state (6), m and m/s, K; NaN: it has none
     commanded_force (3), N, S ►│                 ├─► attitude (4), R_KS
+    body_attitude (4), R_KS ──►│                 │
                                │                 ├─► covariance (81)
                                │                 ├─► record (5)
                                └─────────────────┴─► return_use (planes * rays)
@@ -72,6 +75,10 @@ class LidarNavigation(LeafSystem):
     It needs no training and no start: it acquires its pose from a frame alone, with the attitude
     known to about a degree, and acquires it again when it is lost. It is made from belief: the map,
     gravity and spin as believed, the data sheet of lidar and spacecraft, and how wrong they may be.
+
+    `body_attitude` may remain open: then the spacecraft holds S to what it takes for K. Else it is
+    R_KS as measured against the stars, with the spin as believed, at the frame's time; the filter
+    estimates what is wrong with that, and `commanded_force` is along K's axes as they are measured.
 
     `commanded_force` is the command along the spacecraft's own axes S that was held over the last
     period. `attitude` is the rotation of S against K as a unit quaternion (w, x, y, z).
@@ -133,6 +140,7 @@ class LidarNavigation(LeafSystem):
         self._size = BASE + map_error.modes
         self._ranges_port = self.DeclareVectorInputPort("ranges", geometry.size)
         self._force_port = self.DeclareVectorInputPort("commanded_force", 3)
+        self._body_port = self.DeclareVectorInputPort("body_attitude", 4)
         self._memory = self.DeclareDiscreteState(self._packed(self._navigator.start()))
         self._step = self.DeclareCacheEntry(
             "step",
@@ -184,7 +192,13 @@ class LidarNavigation(LeafSystem):
         memory = self._unpacked(context.get_discrete_state(self._memory).value())
         ranges = self._ranges_port.Eval(context)
         force = self._force_port.Eval(context)
-        value.set_value(self._navigator.step(memory, ranges, force, context.get_time()))
+        navigator = self._navigator
+        if self._body_port.HasValue(context):
+            navigator = navigator.with_axes(self._body_axes(context))
+        value.set_value(navigator.step(memory, ranges, force, context.get_time()))
+
+    def _body_axes(self, context) -> Matrix3:
+        return rotation_matrix(self._body_port.Eval(context))
 
     def _calc_state(self, context, output):
         now = self.estimate(context)
@@ -193,6 +207,8 @@ class LidarNavigation(LeafSystem):
     def _calc_attitude(self, context, output):
         step = self._step.Eval(context)
         rotation = step.memory.attitude if step.now is None else step.now.rotation
+        if self._body_port.HasValue(context):
+            rotation = rotation @ self._body_axes(context)
         # A hundred times as fast as scipy's; w is not negative.
         output.SetFromVector(RotationMatrix(rotation).ToQuaternion().wxyz())
 

@@ -11,6 +11,7 @@ The phases, and what a frame does (docs/method/navigation.md has the whole of it
 
 from __future__ import annotations
 
+import copy
 import dataclasses as dc
 import math
 from typing import NamedTuple
@@ -151,6 +152,12 @@ class Navigator:
         """The memory before the first frame."""
         forces = np.zeros((self._delay + 1, 3))
         return Memory(None, forces, 0, NavigationPhase.ACQUIRING, np.eye(3))
+
+    def with_axes(self, axes: Matrix3) -> Navigator:
+        """The navigator of frames that were measured with the lidar turned by a rotation (3, 3)."""
+        navigator = copy.copy(self)
+        navigator.model = self.model.turned(axes)
+        return navigator
 
     def step(self, memory: Memory, ranges: np.ndarray, force: Vector3, time: float) -> Step:
         """Uses the frame that arrives at a time.

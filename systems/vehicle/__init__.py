@@ -1,9 +1,10 @@
 """The spacecraft, its thrusters, what disturbs it, and the monitor of its flight.
 
-Start with `Spacecraft`, the equations of motion in K. `RandomWalkDisturbance` and `ForceNoise`
-disturb the commanded force, `Thrusters` limits it and `DelayedHold` delays it. `ActualThrust` makes
-of the held command what thrusters with errors give. `AttitudeError` is how the spacecraft's axes S
-are turned against K, and `CommandAxes` turns a command into S as the attitude is believed.
+Start with `Spacecraft`, the equations of motion in K; `RigidSpacecraft` turns, too.
+`RandomWalkDisturbance` and `ForceNoise` disturb the commanded force, `Thrusters` limits it and
+`DelayedHold` delays it; `FreshHold` holds without delay. `ActualThrust` makes of the held command
+what thrusters with errors give. `AttitudeError` is how the spacecraft's axes S are turned against
+K, and `CommandAxes` turns a command into S as the attitude is believed.
 `VelocityKicks` and `UnexplainedAcceleration` push the spacecraft from outside, and `StateNoise`
 adds errors to a state. `FlightMonitor` finds arrival, collision and keep-out violations as events;
 `FlightEvents` says what a path does to them. `FlightLimits` are what plans and
@@ -20,7 +21,11 @@ from proxops.systems.vehicle.actual_thrust import (
     TrueThrustersConfig,
     thrust_given,
 )
-from proxops.systems.vehicle.attitude_error import AttitudeError, TrueAttitudeConfig
+from proxops.systems.vehicle.attitude_error import (
+    AttitudeError,
+    TrueAttitudeConfig,
+    believed_axes,
+)
 from proxops.systems.vehicle.command_axes import CommandAxes
 from proxops.systems.vehicle.delayed_hold import DelayedHold
 from proxops.systems.vehicle.disturbance_acceleration import (
@@ -41,14 +46,22 @@ from proxops.systems.vehicle.flight_events import (
 from proxops.systems.vehicle.flight_limits import FlightLimits
 from proxops.systems.vehicle.flight_monitor import FlightMonitor
 from proxops.systems.vehicle.force_noise import ForceNoise, ForceNoiseConfig
+from proxops.systems.vehicle.fresh_hold import FreshHold
+from proxops.systems.vehicle.gauss_markov import gauss_markov_at, white_noise_at
 from proxops.systems.vehicle.random_walk_disturbance import (
     RandomWalkDisturbance,
     RandomWalkDisturbanceConfig,
 )
+from proxops.systems.vehicle.rigid_spacecraft import (
+    RigidBodyStart,
+    RigidSpacecraft,
+    RigidSpacecraft_,
+    check_inertia,
+)
 from proxops.systems.vehicle.spacecraft import (
+    PointMassConfig,
     Spacecraft,
     Spacecraft_,
-    SpacecraftConfig,
     rotating_frame_acceleration,
 )
 from proxops.systems.vehicle.state_noise import StateNoise
@@ -79,11 +92,15 @@ __all__ = [
     "FlownPath",
     "ForceNoise",
     "ForceNoiseConfig",
+    "FreshHold",
     "KicksConfig",
+    "PointMassConfig",
     "RandomWalkDisturbance",
     "RandomWalkDisturbanceConfig",
+    "RigidBodyStart",
+    "RigidSpacecraft",
+    "RigidSpacecraft_",
     "Spacecraft",
-    "SpacecraftConfig",
     "Spacecraft_",
     "StateNoise",
     "ThrusterErrors",
@@ -93,6 +110,9 @@ __all__ = [
     "TrueThrustersConfig",
     "UnexplainedAcceleration",
     "VelocityKicks",
+    "believed_axes",
+    "check_inertia",
+    "gauss_markov_at",
     "hermite_curve",
     "moved_by",
     "predicted_state",
@@ -100,4 +120,5 @@ __all__ = [
     "runge_kutta_step",
     "thrust_given",
     "unexplained_acceleration",
+    "white_noise_at",
 ]

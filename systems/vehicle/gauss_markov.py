@@ -12,6 +12,7 @@ from proxops.systems.common import (
     SeededSystem,
     Vector,
     check_not_negative,
+    derived_seed,
     finite_vector,
     generator,
 )
@@ -49,6 +50,26 @@ def gauss_markov_at(
     part = steps - step
     (a, b, c), (d, e, f) = sequence[step], sequence[step + 1]
     return std * (a + part * (d - a)), std * (b + part * (e - b)), std * (c + part * (f - c))
+
+
+def white_noise_at(time: float, *, std: float, period: float, seed: int) -> Vector:
+    """Independent normal numbers (3,) of each step, the same for the same seed.
+
+    They are independent of `gauss_markov_at` of the same seed.
+
+    Args:
+      time: s; a whole multiple of the period. std: of each number. period: s. seed: of all.
+    """
+    if std == 0.0:
+        return 0.0, 0.0, 0.0
+    step = max(round(time / period), 0)
+    x, y, z = _sequence(_other_seed(seed), 0.0, max(_SHORTEST, 1 << (step + 1).bit_length()))[step]
+    return std * x, std * y, std * z
+
+
+@functools.lru_cache(maxsize=16)
+def _other_seed(seed: int) -> int:
+    return derived_seed(seed, 1)
 
 
 @functools.lru_cache(maxsize=16)

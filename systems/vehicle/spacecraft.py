@@ -26,7 +26,7 @@ _LEAST_MASS = 1e-3
 
 
 @config
-class SpacecraftConfig:
+class PointMassConfig:
     """The spacecraft: a point mass with one thruster pair per axis.
 
     It holds its axes S to those of the body-fixed frame K; `truth` says how they are turned.

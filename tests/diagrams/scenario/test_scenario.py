@@ -36,7 +36,7 @@ from proxops.systems.vehicle import (
     ForceNoiseConfig,
     KicksConfig,
     RandomWalkDisturbanceConfig,
-    SpacecraftConfig,
+    PointMassConfig,
     TrueThrustersConfig,
 )
 
@@ -56,7 +56,7 @@ def scenarios(draw: st.DrawFn) -> Scenario:
     assurance = draw(st.none() | st.builds(AssuranceConfig, bounds, not_negative))
     return Scenario(
         body=draw(st.text(st.characters(categories=["L", "N", "P", "Zs"]), min_size=1)),
-        spacecraft=draw(st.builds(SpacecraftConfig, positive, positive, positive)),
+        spacecraft=draw(st.builds(PointMassConfig, positive, positive, positive)),
         lidar=draw(
             st.builds(LidarConfig, not_negative, positive)
             | st.builds(LearnedLidarConfig, st.text(min_size=1, max_size=9).map(repr), not_negative)
@@ -258,7 +258,7 @@ def test_no_path_stays_none(key: str, tmp_path: Path) -> None:
 def test_overrides(tmp_path: Path, overrides) -> None:
     path = write(tmp_path, "spacecraft: {thrust_limit_n: 3}\ndisturbance: null\ntransit: {seed: 4}")
     expected = Scenario(disturbance=RandomWalkDisturbanceConfig(reset_period_s=50.0))
-    expected.spacecraft = SpacecraftConfig(mass_kg=250.0, thrust_limit_n=3.0)
+    expected.spacecraft = PointMassConfig(mass_kg=250.0, thrust_limit_n=3.0)
     expected.transit = TransitConfig(seed=4, index=7)
     assert load_scenario(path, overrides) == expected
 

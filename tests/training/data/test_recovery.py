@@ -18,7 +18,7 @@ from proxops.systems.vehicle import (
     ForceNoiseConfig,
     KicksConfig,
     RandomWalkDisturbanceConfig,
-    SpacecraftConfig,
+    PointMassConfig,
 )
 from proxops.training.data.recovery import KINDS, MIXES, flight_scenario, kind_of, parse_mix
 
@@ -199,7 +199,7 @@ def test_where_no_start_is_to_be_found() -> None:
 def test_what_disturbs_a_weaker_and_slower_craft_is_weaker_and_slower() -> None:
     """Half the thrust and the speed, twice the period: the same shares of these."""
     wanted = Scenario(control_period_s=20.0)
-    wanted.spacecraft = SpacecraftConfig(thrust_limit_n=3.5, speed_limit_m_s=20.0)
+    wanted.spacecraft = PointMassConfig(thrust_limit_n=3.5, speed_limit_m_s=20.0)
     assert flown("random_walk", 0, wanted).disturbance == RandomWalkDisturbanceConfig(
         reset_period_s=200.0, max_relative_magnitude=2.0, increment_std_n=0.25
     )

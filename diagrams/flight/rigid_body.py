@@ -1,0 +1,270 @@
+"""Adds a rigid spacecraft, its attitude sensors, what controls its attitude, and its actuators."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from pydrake.systems.framework import OutputPort
+from pydrake.systems.primitives import Demultiplexer, Multiplexer, ZeroOrderHold
+
+from proxops.diagrams.flight.wiring import (
+    ATTITUDE_STREAM,
+    GYRO_STREAM,
+    THRUSTERS_STREAM,
+    Signals,
+    Wiring,
+)
+from proxops.diagrams.scenario import (
+    RigidBodyConfig,
+    SpacecraftModel,
+    load_spacecraft,
+)
+from proxops.systems.attitude import (
+    AttitudeControl,
+    AttitudeFilter,
+    AttitudeGuidance,
+    Failure,
+    GivenForce,
+    Gyro,
+    InertialAttitude,
+    ReactionWheels,
+    StarTracker,
+    ThrusterAllocation,
+    ThrusterCluster,
+    TorqueEstimator,
+    WheelFriction,
+    true_layout,
+)
+from proxops.systems.common import quaternion_of, quaternion_product
+from proxops.systems.vehicle import (
+    FreshHold,
+    RigidBodyStart,
+    RigidSpacecraft,
+    believed_axes,
+)
+
+
+class _Attitude(NamedTuple):
+    """What is known on board of the attitude."""
+
+    settings: RigidBodyConfig
+    model: SpacecraftModel
+    period: float
+
+
+def add_rigid_spacecraft(wiring: Wiring) -> RigidSpacecraft:
+    """Adds the rigid spacecraft as it truly is, at the start of the transit."""
+    scenario, world = wiring.scenario, wiring.world
+    settings, truth = scenario.spacecraft, scenario.truth
+    assert isinstance(settings, RigidBodyConfig)
+    model = load_spacecraft(settings.model)
+    share = truth.mass * settings.mass
+    inertia = share * truth.rigid_body.inertia * model.inertia
+    wheels = model.wheels
+    craft = RigidSpacecraft(
+        share * model.mass,
+        inertia,
+        world.true_body.spin,
+        _start(wiring),
+        world.true_body.axis_point,
+        None if wheels is None else wheels.axes,
+        0.0 if wheels is None else wheels.inertia,
+    )
+    for name in ("state", "mass", "attitude", "angular_velocity"):
+        wiring.logged[name] = craft.GetOutputPort(name)
+    if wheels is not None:
+        wiring.logged["wheel_momentum"] = craft.GetOutputPort("wheel_momentum")
+    return wiring.add("spacecraft", craft)
+
+
+def _start(wiring: Wiring) -> RigidBodyStart:
+    """The spacecraft at the start: it keeps to K as it believes K to turn."""
+    world, truth = wiring.world, wiring.scenario.truth
+    axes = believed_axes(
+        0.0,
+        believed_spin=world.body.spin_rate,
+        true_spin=world.true_body.spin,
+        phase=math.radians(truth.phase_deg),
+    )
+    x, y, z = np.radians(truth.attitude.constant_deg).tolist()
+    state = np.concatenate([world.transit.start, world.transit.start_velocity])
+    attitude = quaternion_product(axes, quaternion_of((x, y, z)))
+    return RigidBodyStart(state, attitude, (0.0, 0.0, world.body.spin_rate))
+
+
+def add_attitude_sensors(wiring: Wiring, craft: RigidSpacecraft) -> Signals:
+    """Adds star tracker, gyro and the filter on board.
+
+    Returns:
+      `attitude` (R_NS) and `angular_velocity` as known on board, and `body_attitude`, the attitude
+      R_KS with the spin as believed, and `commanded_force`, what the thrusters gave over the last
+      control period, as far as is known.
+    """
+    scenario, world, truth = wiring.scenario, wiring.world, wiring.scenario.truth
+    settings = scenario.spacecraft
+    assert isinstance(settings, RigidBodyConfig)
+    model, period = load_spacecraft(settings.model), settings.attitude_period_s
+    attitude = craft.GetOutputPort("attitude")
+    inertial = wiring.add(
+        "inertial_attitude",
+        InertialAttitude(world.true_body.spin, math.radians(truth.phase_deg)),
+        attitude=attitude,
+    )
+    x, y, z = np.radians(truth.attitude.constant_deg).tolist()
+    tracker = StarTracker(
+        model.config.star_tracker,
+        period,
+        wiring.seed(ATTITUDE_STREAM),
+        constant=(x, y, z),
+        varying_std=math.radians(truth.attitude.varying_std_deg),
+        correlation_time=truth.attitude.correlation_time_s,
+    )
+    wiring.add(
+        "star_tracker",
+        tracker,
+        attitude=inertial.get_output_port(),
+        body_attitude=attitude,
+        position=craft.GetOutputPort("position"),
+    )
+    gyro = Gyro(model.config.gyro, period, wiring.seed(GYRO_STREAM))
+    wiring.add("gyro", gyro, angular_velocity=craft.GetOutputPort("angular_velocity"))
+    known = wiring.add(
+        "attitude_filter",
+        AttitudeFilter(model.noise, world.body.spin_rate, period),
+        star_tracker=tracker.get_output_port(),
+        gyro=gyro.get_output_port(),
+    )
+    wiring.logged["inertial_attitude"] = inertial.get_output_port()
+    given = wiring.add("given_force", GivenForce(period, round(scenario.control_period_s / period)))
+    names = ("attitude", "angular_velocity", "body_attitude")
+    outputs = {name: known.GetOutputPort(name) for name in names}
+    return {**outputs, "commanded_force": given.get_output_port()}
+
+
+def add_actuation(
+    wiring: Wiring, craft: RigidSpacecraft, command: OutputPort, known: Signals
+) -> None:
+    """Adds what turns a commanded force into pulses of thrusters and torques of wheels.
+
+    Args:
+      wiring: the diagram.
+      craft: the spacecraft.
+      command: force (3,) in N along K's axes as believed, of control steps.
+      known: see `add_attitude_sensors`, and `position` (3,) in m in K as known on board.
+    """
+    settings = wiring.scenario.spacecraft
+    assert isinstance(settings, RigidBodyConfig)
+    own = _Attitude(settings, load_spacecraft(settings.model), settings.attitude_period_s)
+    fresh = wiring.add("force_sample", FreshHold(wiring.scenario.control_period_s, 3), u=command)
+    torque = _add_control(wiring, own, craft, known)
+    layout, wheels = own.model.thrusters, own.model.wheels
+    n, m = layout.count, 0 if wheels is None else len(wheels.axes)
+    allocation = wiring.add(
+        "thruster_allocation",
+        ThrusterAllocation(layout, own.period),
+        force=fresh.get_output_port(),
+        attitude=known["body_attitude"],
+    )
+    builder, momentum = wiring.builder, None
+    given = builder.GetSubsystemByName("given_force").get_input_port()
+    builder.Connect(allocation.GetOutputPort("given_force"), given)
+    times = allocation.GetOutputPort("on_times")
+    wheel_torque = None
+    if wheels is None:
+        builder.Connect(torque, allocation.GetInputPort("torque"))
+    else:
+        momentum = craft.GetOutputPort("wheel_momentum")
+        share = wiring.add(
+            "reaction_wheels",
+            ReactionWheels(wheels),
+            torque=torque,
+            wheel_momentum=momentum,
+            given_torque=allocation.GetOutputPort("given_torque"),
+        )
+        asked = share.GetOutputPort("thruster_torque")
+        builder.Connect(asked, allocation.GetInputPort("torque"))
+        both = wiring.add("actuators", Multiplexer([n, m]))
+        builder.Connect(times, both.get_input_port(0))
+        builder.Connect(share.GetOutputPort("wheel_torque"), both.get_input_port(1))
+        times = both.get_output_port()
+    held = wiring.add("actuator_hold", ZeroOrderHold(own.period, n + m), u=times)
+    times = held.get_output_port()
+    if wheels is not None:
+        parts = wiring.add("actuator_parts", Demultiplexer([n, m]), u0=times)
+        times, wheel_torque = parts.get_output_port(0), parts.get_output_port(1)
+    estimator = builder.GetSubsystemByName("torque_estimator")
+    builder.Connect(times, estimator.GetInputPort("on_times"))
+    for name in ("thruster_torques", "failed"):
+        builder.Connect(estimator.GetOutputPort(name), allocation.GetInputPort(name))
+    if wheel_torque is not None:
+        builder.Connect(wheel_torque, estimator.GetInputPort("wheel_torque"))
+        _add_wheels(wiring, own, craft, wheel_torque)
+    _add_thrusters(wiring, own, craft, times)
+    wiring.logged["on_times"] = times
+
+
+def _add_control(
+    wiring: Wiring, own: _Attitude, craft: RigidSpacecraft, known: Signals
+) -> OutputPort:
+    """Adds guidance, control and what estimates torques; returns the torque on the bus."""
+    spin, wheels = wiring.world.body.spin_rate, own.model.wheels
+    axes = None if wheels is None else wheels.axes
+    inertia = own.settings.mass * own.model.bus_inertia
+    guidance = wiring.add(
+        "attitude_guidance",
+        AttitudeGuidance(own.settings.pointing, spin, own.period),
+        position=known["position"],
+    )
+    momentum = None if wheels is None else craft.GetOutputPort("wheel_momentum")
+    estimator = TorqueEstimator(
+        own.model.thrusters, inertia, own.period, own.model.noise.gyro, axes
+    )
+    wiring.add("torque_estimator", estimator, angular_velocity=known["angular_velocity"])
+    control = AttitudeControl(inertia, axes)
+    wiring.add(
+        "attitude_control",
+        control,
+        attitude=known["attitude"],
+        angular_velocity=known["angular_velocity"],
+        reference=guidance.GetOutputPort("reference"),
+        reference_rate=guidance.GetOutputPort("reference_rate"),
+        disturbance=estimator.GetOutputPort("torque"),
+    )
+    if momentum is not None:
+        for system in (estimator, control):
+            wiring.builder.Connect(momentum, system.GetInputPort("wheel_momentum"))
+    wiring.logged["reference_attitude"] = guidance.GetOutputPort("reference")
+    wiring.logged["centre_of_mass"] = estimator.GetOutputPort("centre_of_mass")
+    wiring.logged["failed_thrusters"] = estimator.GetOutputPort("failed")
+    return control.get_output_port()
+
+
+def _add_wheels(wiring: Wiring, own: _Attitude, craft: RigidSpacecraft, torque: OutputPort) -> None:
+    """Connects the torque of the wheels' motors, less friction, to the spacecraft."""
+    assert own.model.wheels is not None
+    friction = wiring.scenario.truth.rigid_body.wheel_friction_per_s
+    wheels = wiring.add(
+        "wheel_friction",
+        WheelFriction(own.model.wheels, friction),
+        wheel_torque=torque,
+        wheel_momentum=craft.GetOutputPort("wheel_momentum"),
+    )
+    wiring.builder.Connect(wheels.get_output_port(), craft.GetInputPort("wheel_torque"))
+
+
+def _add_thrusters(
+    wiring: Wiring, own: _Attitude, craft: RigidSpacecraft, times: OutputPort
+) -> None:
+    """Connects the thrusters as they truly are to the spacecraft."""
+    truth = wiring.scenario.truth
+    seed = wiring.seed(THRUSTERS_STREAM)
+    layout = true_layout(own.model.thrusters, truth.rigid_body, truth.thrusters.errors(), seed)
+    failure = None
+    if truth.rigid_body.failed_thruster >= 0:
+        failure = Failure(truth.rigid_body.failed_thruster, truth.rigid_body.failure_time_s)
+    cluster = ThrusterCluster(layout, own.period, wiring.scenario.true_specific_impulse_s, failure)
+    wiring.add("thruster_cluster", cluster, on_times=times)
+    for name in ("force", "torque", "mass_flow"):
+        wiring.builder.Connect(cluster.GetOutputPort(name), craft.GetInputPort(name))

@@ -1,0 +1,125 @@
+"""`AttitudeControl`: the torque that holds a spacecraft to a reference attitude."""
+
+from __future__ import annotations
+
+import numpy as np
+from pydrake.systems.framework import LeafSystem
+
+from proxops.systems.common import (
+    Matrix3,
+    Values,
+    Vector3,
+    check_positive,
+    cross_matrix,
+    quaternion_inverse,
+    quaternion_product,
+    rotated,
+)
+
+
+def attitude_error(attitude: Values, reference: Values) -> Vector3:
+    """The rotation vector (3,) in S, for small angles, from the reference to the attitude.
+
+    Args: unit quaternions (4,) of S and of its reference, against the same axes.
+    """
+    a, b, c, d = reference.tolist()
+    p, q, r, s = attitude.tolist()
+    w, x, y, z = quaternion_product(quaternion_inverse((a, b, c, d)), (p, q, r, s))
+    # The shorter way round.
+    return np.array([x, y, z]) * (2.0 if w >= 0.0 else -2.0)
+
+
+def control_torque(
+    error: Vector3, rate_error: Vector3, inertia: Matrix3, frequency: float, damping: float
+) -> Vector3:
+    """The torque (3,) in N m of a quaternion feedback whose gains follow from the inertia.
+
+    Wie, Space Vehicle Dynamics and Control, 2nd ed., 7.3.1: -J (w0^2 e + 2 z w0 dw).
+
+    Args:
+      error: `attitude_error`. rate_error: (3,) in rad/s in S. inertia: (3, 3) in kg m^2.
+      frequency: w0 in rad/s. damping: z.
+    """
+    return -inertia @ (frequency**2 * error + 2.0 * damping * frequency * rate_error)
+
+
+class AttitudeControl(LeafSystem):
+    """The torque on the bus that holds S to a reference.
+
+    ```
+    attitude (4), R_NS ──────────────►┌─────────────────┐
+    angular_velocity (3), rad/s, S ──►│                 │
+    reference (4), R_NS as wanted ───►│ AttitudeControl ├─► torque (3), N m, S
+    reference_rate (3), rad/s, S ────►│                 │
+    wheel_momentum (n), N m s ───────►│                 │
+    disturbance (3), N m, S ─────────►└─────────────────┘
+    ```
+
+    `control_torque`, and w x (J w + h), less the disturbance that is estimated. `wheel_momentum`
+    and `disturbance` may remain open. The output depends on the inputs alone.
+    """
+
+    def __init__(
+        self,
+        inertia: Matrix3,
+        wheel_axes: np.ndarray | None = None,
+        frequency: float = 0.15,
+        damping: float = 0.9,
+    ):
+        """Takes the inertia as believed (3, 3) in kg m^2, the wheels' axes (n, 3), and gains.
+
+        Args:
+          inertia: of all of it, about its centre of mass.
+          wheel_axes: unit vectors; None: no wheels.
+          frequency: natural frequency of the closed loop in rad/s. damping: its damping ratio.
+        """
+        super().__init__()
+        check_positive("AttitudeControl", frequency=frequency, damping=damping)
+        self.inertia, self.frequency, self.damping = inertia, frequency, damping
+        self.wheel_axes = np.zeros((0, 3)) if wheel_axes is None else wheel_axes
+        declare = self.DeclareVectorInputPort
+        self._attitude_port = declare("attitude", 4)
+        self._rate_port = declare("angular_velocity", 3)
+        self._reference_port = declare("reference", 4)
+        self._reference_rate_port = declare("reference_rate", 3)
+        self._disturbance_port = declare("disturbance", 3)
+        if len(self.wheel_axes):
+            self._momentum_port = declare("wheel_momentum", len(self.wheel_axes))
+        self.DeclareVectorOutputPort("torque", 3, self._calc, {self.all_input_ports_ticket()})
+
+    def _calc(self, context, output):
+        error = attitude_error(
+            self._attitude_port.Eval(context), self._reference_port.Eval(context)
+        )
+        rate = self._rate_port.Eval(context)
+        wanted = self._reference_rate_port.Eval(context)
+        # The reference rate is along the reference's axes; S is turned against them by the error.
+        rate_error = rate - (wanted - cross_matrix(error) @ wanted)
+        torque = control_torque(error, rate_error, self.inertia, self.frequency, self.damping)
+        momentum = self.inertia @ rate
+        if len(self.wheel_axes):
+            momentum = momentum + self._momentum_port.Eval(context) @ self.wheel_axes
+        torque = torque + cross_matrix(rate) @ momentum
+        if self._disturbance_port.HasValue(context):
+            torque = torque - self._disturbance_port.Eval(context)
+        output.SetFromVector(torque)
+
+
+def pointing_error(attitude: Values, reference: Values) -> float:
+    """The angle in rad between an attitude and its reference, unit quaternions (4,)."""
+    a, b, c, d = reference.tolist()
+    p, q, r, s = attitude.tolist()
+    _, x, y, z = quaternion_product(quaternion_inverse((a, b, c, d)), (p, q, r, s))
+    return 2.0 * float(np.arcsin(min(1.0, np.sqrt(x * x + y * y + z * z))))
+
+
+def boresight_error(attitude: Values, boresight: Vector3, wanted: Vector3) -> float:
+    """The angle in rad from a direction of S, as it points, to the one where it should point.
+
+    Args:
+      attitude: R_AS (4,) against any axes A. boresight: (3,) unit vector in S.
+      wanted: (3,) unit vector in A.
+    """
+    a, b, c, d = attitude.tolist()
+    x, y, z = boresight.tolist()
+    return float(np.arccos(np.clip(np.dot(rotated((a, b, c, d), (x, y, z)), wanted), -1.0, 1.0)))

@@ -1,0 +1,188 @@
+"""`AttitudeFilter`: attitude and angular velocity from star tracker and gyro."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from pydrake.common.value import AbstractValue
+from pydrake.systems.framework import LeafSystem, ValueProducer
+
+from proxops.systems.attitude.gyro import DRIFT_TIME, GyroConfig
+from proxops.systems.attitude.star_tracker import StarTrackerConfig
+from proxops.systems.common import (
+    Values,
+    Vector3,
+    cross_matrix,
+    quaternion_inverse,
+    quaternion_of,
+    quaternion_product,
+)
+
+# Deviations below these would make the covariance singular: rad, and rad/s.
+_LEAST_NOISE, _LEAST_BIAS = 1e-7, 1e-9
+
+
+class AttitudeEstimate(NamedTuple):
+    """What the filter believes."""
+
+    attitude: Values
+    """R_NS (4,): a unit quaternion (w, x, y, z)."""
+    bias: Vector3
+    """(3,) of the gyro in rad/s."""
+    covariance: np.ndarray
+    """(6, 6) of the attitude's rotation vector in S in rad, and of the bias."""
+
+
+class AttitudeNoise(NamedTuple):
+    """The noise of the sensors, as on their data sheets."""
+
+    tracker: float
+    """rad about each axis."""
+    gyro: float
+    """rad/s."""
+    bias: float
+    """rad/s."""
+
+    @classmethod
+    def of(cls, tracker: StarTrackerConfig, gyro: GyroConfig) -> AttitudeNoise:
+        """Takes it from data sheets."""
+        return cls(
+            max(math.radians(tracker.noise_deg), _LEAST_NOISE),
+            max(gyro.noise_rad_s, _LEAST_BIAS),
+            max(gyro.bias_rad_s, _LEAST_BIAS),
+        )
+
+
+def first_attitude(measured: Values, noise: AttitudeNoise) -> AttitudeEstimate:
+    """The estimate from a first measurement R_NS (4,) of the star tracker."""
+    variances = np.repeat([noise.tracker**2, noise.bias**2], 3)
+    return AttitudeEstimate(measured, np.zeros(3), np.diag(variances))
+
+
+def propagated(
+    before: AttitudeEstimate, rate: Vector3, period: float, noise: AttitudeNoise
+) -> AttitudeEstimate:
+    """The estimate after a period, by the gyro.
+
+    Multiplicative extended Kalman filter: Lefferts, Markley and Shuster, J. Guidance 5 (1982) 417.
+    The gyro's noise is that of single measurements, the bias a Gauss-Markov process.
+
+    Args:
+      before: the period before. rate: (3,) measured in rad/s, the mean over the period.
+      period: s. noise: of the sensors.
+    """
+    turn = period * (rate - before.bias)
+    x, y, z = turn.tolist()
+    a, b, c, d = before.attitude.tolist()
+    attitude = np.array(quaternion_product((a, b, c, d), quaternion_of((x, y, z))))
+    kept = math.exp(-period / DRIFT_TIME)
+    change = np.eye(6)
+    cross = cross_matrix(turn)
+    change[:3, :3] += 0.5 * cross @ cross - cross
+    change[:3, 3:] = -period * np.eye(3)
+    change[3:, 3:] *= kept
+    added = np.repeat([(period * noise.gyro) ** 2, noise.bias**2 * (1.0 - kept**2)], 3)
+    covariance = change @ before.covariance @ change.T
+    covariance.flat[::7] += added
+    return AttitudeEstimate(attitude / math.hypot(*attitude), kept * before.bias, covariance)
+
+
+def corrected_attitude(
+    prior: AttitudeEstimate, measured: Values, noise: AttitudeNoise
+) -> AttitudeEstimate:
+    """The estimate after a measurement R_NS (4,) of the star tracker."""
+    error = _turn_between(prior.attitude, measured)
+    covariance = prior.covariance
+    total = covariance[:3, :3] + noise.tracker**2 * np.eye(3)
+    gain = np.linalg.solve(total, covariance[:3]).T
+    change = gain @ error
+    x, y, z = change[:3].tolist()
+    a, b, c, d = prior.attitude.tolist()
+    attitude = np.array(quaternion_product((a, b, c, d), quaternion_of((x, y, z))))
+    after = covariance - gain @ covariance[:3]
+    return AttitudeEstimate(attitude, prior.bias + change[3:], 0.5 * (after + after.T))
+
+
+def _turn_between(before: Values, after: Values) -> Vector3:
+    """The rotation vector (3,) in S from one attitude to another, both near each other."""
+    a, b, c, d = before.tolist()
+    p, q, r, s = after.tolist()
+    w, x, y, z = quaternion_product(quaternion_inverse((a, b, c, d)), (p, q, r, s))
+    return np.array([x, y, z]) * math.copysign(2.0, w)
+
+
+class AttitudeFilter(LeafSystem):
+    """A Kalman filter of attitude and gyro bias, at attitude steps.
+
+    ```
+    star_tracker (4), R_NS; NaN: none ─►┌────────────────┐─► attitude (4), R_NS
+    gyro (3), rad/s, S ────────────────►│ AttitudeFilter │─► body_attitude (4), R_KS as believed
+                                        │                │─► angular_velocity (3), rad/s, S
+                                        └────────────────┘─► covariance (36), rad^2 and (rad/s)^2
+    ```
+
+    Without a measurement of the star tracker it goes on by the gyro alone. `body_attitude` is
+    Rot(z, w_b t)^T R_NS, with the believed spin w_b. What it remembers is discrete state. Before
+    the first measurement of all the attitude is that of K.
+    """
+
+    def __init__(self, noise: AttitudeNoise, believed_spin: float, period: float):
+        """Takes the noise of the sensors, the believed spin in rad/s, and the period in s."""
+        super().__init__()
+        self.noise, self.believed_spin, self.period = noise, believed_spin, period
+        self._tracker_port = self.DeclareVectorInputPort("star_tracker", 4)
+        self._gyro_port = self.DeclareVectorInputPort("gyro", 3)
+        # Whether there is an estimate, the last rate, and the estimate.
+        self._memory = self.DeclareDiscreteState(1 + 3 + 4 + 3 + 36)
+        self._step = self.DeclareCacheEntry(
+            "step",
+            ValueProducer(allocate=lambda: AbstractValue.Make(object()), calc=self._calc_step),
+            {self.all_input_ports_ticket(), self.xd_ticket()},
+        )
+        step, time = self._step.ticket(), self.time_ticket()
+        declare = self.DeclareVectorOutputPort
+        declare("attitude", 4, self._calc_attitude, {step})
+        declare("body_attitude", 4, self._calc_body_attitude, {step, time})
+        declare("angular_velocity", 3, self._calc_rate, {step, self._gyro_port.ticket()})
+        declare("covariance", 36, self._calc_covariance, {step})
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._remember)
+
+    def estimate(self, context) -> AttitudeEstimate:
+        """The estimate in a Context of this system, at an attitude step."""
+        return self._step.Eval(context)
+
+    def _calc_step(self, context, value):
+        memory = context.get_discrete_state(self._memory).value()
+        measured, rate = self._tracker_port.Eval(context), self._gyro_port.Eval(context)
+        seen = bool(np.isfinite(measured[0]))
+        if not memory[0]:
+            start = measured if seen else np.array([1.0, 0.0, 0.0, 0.0])
+            value.set_value(first_attitude(start, self.noise))
+            return
+        before = AttitudeEstimate(memory[4:8], memory[8:11], memory[11:].reshape(6, 6))
+        now = propagated(before, 0.5 * (memory[1:4] + rate), self.period, self.noise)
+        value.set_value(corrected_attitude(now, measured, self.noise) if seen else now)
+
+    def _calc_attitude(self, context, output):
+        output.SetFromVector(self.estimate(context).attitude)
+
+    def _calc_body_attitude(self, context, output):
+        a, b, c, d = self.estimate(context).attitude.tolist()
+        back = quaternion_of((0.0, 0.0, -self.believed_spin * context.get_time()))
+        output.SetFromVector(quaternion_product(back, (a, b, c, d)))
+
+    def _calc_rate(self, context, output):
+        output.SetFromVector(self._gyro_port.Eval(context) - self.estimate(context).bias)
+
+    def _calc_covariance(self, context, output):
+        output.SetFromVector(self.estimate(context).covariance.ravel())
+
+    def _remember(self, context, discrete_state):
+        now, known = self.estimate(context), context.get_discrete_state(self._memory).value()[0]
+        if not known and not np.isfinite(self._tracker_port.Eval(context)[0]):
+            return
+        rate = self._gyro_port.Eval(context)
+        packed = [[1.0], rate, now.attitude, now.bias, now.covariance.ravel()]
+        discrete_state.set_value(self._memory, np.concatenate(packed))

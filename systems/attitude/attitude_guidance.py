@@ -1,0 +1,130 @@
+"""`AttitudeGuidance`: the attitude that a spacecraft should have."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from pydrake.systems.framework import LeafSystem
+
+from proxops.systems.common import (
+    LONG,
+    Values,
+    Vector3,
+    config,
+    number,
+    one_of,
+    quaternion_inverse,
+    quaternion_of,
+    quaternion_product,
+    rotated,
+    vector,
+)
+
+
+@config
+class AttitudeGuidanceConfig:
+    """Where the spacecraft points."""
+
+    # hold: S keeps to the axes of K. body: the boresight points at the body's centre.
+    mode: str = one_of("hold", ("hold", "body"))
+    # A direction of S.
+    boresight: list[float] = vector([0.0, 0.0, 1.0], at_least=-1.0, at_most=1.0)
+    # Greatest rate of a slew, and the time in which it is reached.
+    slew_deg_s: float = number(0.2, at_least=1e-4, at_most=90.0, unit="degrees/s")
+    slew_time_s: float = number(20.0, at_least=0.1, at_most=LONG, unit="s")
+
+
+def next_turn(way: Vector3, before: Vector3, period: float, rate: float, rise: float) -> Vector3:
+    """The rotation vector (3,) in rad of the next period of a slew.
+
+    The rate grows to its limit within the rise time, and falls so that the slew ends at rest.
+
+    Args:
+      way: (3,) in rad, what remains to be turned. before: (3,) in rad/s, the rate now.
+      period: s. rate: limit in rad/s. rise: s.
+    """
+    angle = math.hypot(*way.tolist())
+    acceleration = rate / rise
+    # Braking evenly from here, in steps of a period.
+    half = 0.5 * acceleration * period
+    braking = math.sqrt(half * half + 2.0 * acceleration * angle) - half
+    wanted = way * (min(rate, braking, angle / period) / angle) if angle > 0.0 else way
+    change = wanted - before
+    size = math.hypot(*change.tolist())
+    if size > acceleration * period:
+        change = change * (acceleration * period / size)
+    return period * (before + change)
+
+
+class AttitudeGuidance(LeafSystem):
+    """The reference attitude, at attitude steps.
+
+    ```
+                               ┌──────────────────┐─► reference (4), R_NS as wanted
+    position (3), m, K; NaN ──►│ AttitudeGuidance │
+                               └──────────────────┘─► reference_rate (3), rad/s, S as wanted
+    ```
+
+    K turns as believed, Rot(z, w_b t). `hold`: S keeps to K's axes; `body`: the boresight goes the
+    shortest way to the body's centre and follows it, with limits on rate and acceleration, and S
+    does not turn about it more than it must. The position is as it is known; where it is not (NaN),
+    S stays as it is in K. The reference against K and its rate there are discrete state.
+    """
+
+    def __init__(self, settings: AttitudeGuidanceConfig, believed_spin: float, period: float):
+        """Takes where to point, the believed spin about z in rad/s, and the period in s."""
+        super().__init__()
+        self.settings, self.believed_spin, self.period = settings, believed_spin, period
+        axis = np.array(settings.boresight)
+        x, y, z = (axis / np.linalg.norm(axis)).tolist()
+        self._boresight = x, y, z
+        self._limits = math.radians(settings.slew_deg_s), settings.slew_time_s
+        self._position_port = self.DeclareVectorInputPort("position", 3)
+        # R_KS as wanted, and the rate at which that changes, in K.
+        self._state = self.DeclareDiscreteState(np.array([1.0, 0, 0, 0, 0, 0, 0]))
+        depends = {self.xd_ticket(), self.time_ticket()}
+        self.DeclareVectorOutputPort("reference", 4, self._calc_reference, depends)
+        self.DeclareVectorOutputPort("reference_rate", 3, self._calc_rate, {self.xd_ticket()})
+        if settings.mode == "body":
+            self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._turn)
+
+    def _wanted(self, context) -> tuple[Values, Vector3]:
+        state = context.get_discrete_state(self._state).value()
+        return state[:4], state[4:]
+
+    def _calc_reference(self, context, output):
+        a, b, c, d = self._wanted(context)[0].tolist()
+        body = quaternion_of((0.0, 0.0, self.believed_spin * context.get_time()))
+        output.SetFromVector(quaternion_product(body, (a, b, c, d)))
+
+    def _calc_rate(self, context, output):
+        attitude, rate = self._wanted(context)
+        a, b, c, d = attitude.tolist()
+        x, y, z = rate.tolist()
+        whole = (x, y, z + self.believed_spin)
+        output.SetFromVector(rotated(quaternion_inverse((a, b, c, d)), whole))
+
+    def _turn(self, context, discrete_state):
+        attitude, rate = self._wanted(context)
+        position = self._position_port.Eval(context)
+        a, b, c, d = attitude.tolist()
+        way = np.zeros(3)
+        if np.isfinite(position).all() and position.any():
+            now = np.array(rotated((a, b, c, d), self._boresight))
+            way = _shortest_turn(now, -position / np.linalg.norm(position))
+        x, y, z = (turn := next_turn(way, rate, self.period, *self._limits)).tolist()
+        after = quaternion_product(quaternion_of((x, y, z)), (a, b, c, d))
+        discrete_state.set_value(self._state, np.concatenate([after, turn / self.period]))
+
+
+def _shortest_turn(before: Vector3, after: Vector3) -> Vector3:
+    """The rotation vector (3,) that turns one unit vector (3,) into another."""
+    across = np.cross(before, after)
+    sine, cosine = float(np.linalg.norm(across)), float(before @ after)
+    if sine < 1e-12:
+        if cosine > 0.0:
+            return np.zeros(3)
+        across = np.cross(before, np.eye(3)[np.argmin(np.abs(before))])  # Any way round.
+        return across * (math.pi / np.linalg.norm(across))
+    return across * (math.atan2(sine, cosine) / sine)

@@ -1,0 +1,144 @@
+"""`StarTracker`: the attitude against the stars, as it is measured."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from pydrake.systems.framework import LeafSystem
+
+from proxops.systems.common import (
+    SeededSystem,
+    Vector,
+    config,
+    number,
+    quaternion_inverse,
+    quaternion_of,
+    quaternion_product,
+    vector,
+)
+from proxops.systems.vehicle import gauss_markov_at, white_noise_at
+
+
+@config
+class StarTrackerConfig:
+    """The data sheet of a star tracker."""
+
+    # Standard deviation of each measurement, about each axis.
+    noise_deg: float = number(0.003, at_least=0.0, at_most=10.0, unit="degrees")
+    # The direction of its optical axis in S, and the angle from there within which the body blinds
+    # it.
+    boresight: list[float] = vector([0.0, 0.0, 1.0], at_least=-1.0, at_most=1.0)
+    blinded_within_deg: float = number(0.0, at_least=0.0, at_most=90.0, unit="degrees")
+
+
+class InertialAttitude(LeafSystem):
+    """The attitude against the stars, R_NS, from that against the body, R_KS.
+
+    ```
+    attitude (4): R_KS ──► InertialAttitude ──► attitude (4): R_NS
+    ```
+
+    K turns about a fixed axis a, R_NK = Rot(z, -phase) Rot(a, |w| t). Those who believe that K
+    turns as Rot(z, w_b t) are `phase` ahead, which belongs to truth alone.
+    """
+
+    def __init__(self, spin: Vector, phase: float = 0.0):
+        """Takes the body's angular velocity (3,) in rad/s in K, and the phase in rad."""
+        super().__init__()
+        self.spin, self._phase = tuple(map(float, spin)), quaternion_of((0.0, 0.0, -phase))
+        self._port = self.DeclareVectorInputPort("attitude", 4)
+        self.DeclareVectorOutputPort(
+            "attitude", 4, self._calc, {self._port.ticket(), self.time_ticket()}
+        )
+
+    def _calc(self, context, output):
+        time = context.get_time()
+        x, y, z = self.spin
+        body = quaternion_product(self._phase, quaternion_of((time * x, time * y, time * z)))
+        a, b, c, d = self._port.Eval(context).tolist()
+        output.SetFromVector(quaternion_product(body, (a, b, c, d)))
+
+
+class StarTracker(SeededSystem):
+    """The attitude that a star tracker measures, at attitude steps.
+
+    ```
+    attitude (4), R_NS ──────►┌─────────────┐
+    body_attitude (4), R_KS ─►│ StarTracker ├─► measured (4): R_NS as measured; NaN: blinded
+    position (3), m, K ──────►└─────────────┘
+    ```
+
+    It measures R_NS Rot(constant + varying)^T Rot(noise): a constant and a slowly varying error of
+    mounting and tracker, which no filter can tell from the truth, and independent noise. It is
+    blinded while the direction to the body's centre lies within an angle of its optical axis; the
+    last two ports matter only then.
+    """
+
+    def __init__(
+        self,
+        sheet: StarTrackerConfig,
+        period: float,
+        seed: int,
+        *,
+        constant: Vector = (0.0, 0.0, 0.0),
+        varying_std: float = 0.0,
+        correlation_time: float = 3600.0,
+    ):
+        """Takes the data sheet, the attitude period in s, a seed, and the errors of mounting.
+
+        Args:
+          sheet: the data sheet. period: s. seed: the seed of a new Context.
+          constant: (3,) rotation vector in rad in S.
+          varying_std: standard deviation per axis in rad of the rotation vector that varies.
+          correlation_time: s, of the part that varies.
+        """
+        super().__init__(period, seed)
+        self.sheet = sheet
+        self.constant, self.varying_std = constant, varying_std
+        self.correlation_time = correlation_time
+        axis = np.array(sheet.boresight)
+        self._boresight = axis / np.linalg.norm(axis)
+        self._blinded = math.cos(math.radians(sheet.blinded_within_deg))
+        self._attitude_port = self.DeclareVectorInputPort("attitude", 4)
+        self._body_port = self.DeclareVectorInputPort("body_attitude", 4)
+        self._position_port = self.DeclareVectorInputPort("position", 3)
+        self.DeclareVectorOutputPort(
+            "measured", 4, self._calc, {self.all_input_ports_ticket(), *self.seed_tickets()}
+        )
+
+    def _calc(self, context, output):
+        if self._is_blinded(context):
+            output.SetFromVector(np.full(4, np.nan))
+            return
+        slow = gauss_markov_at(
+            context.get_time(),
+            std=self.varying_std,
+            correlation_time=self.correlation_time,
+            period=self.period,
+            seed=self.seed_of(context),
+        )
+        a, b, c = (x + y for x, y in zip(self.constant, slow, strict=True))
+        x, y, z = white_noise_at(
+            context.get_time(),
+            std=math.radians(self.sheet.noise_deg),
+            period=self.period,
+            seed=self.seed_of(context),
+        )
+        error = quaternion_product(
+            quaternion_inverse(quaternion_of((a, b, c))), quaternion_of((x, y, z))
+        )
+        p, q, r, s = self._attitude_port.Eval(context).tolist()
+        output.SetFromVector(quaternion_product((p, q, r, s), error))
+
+    def _is_blinded(self, context) -> bool:
+        if self.sheet.blinded_within_deg <= 0.0:
+            return False
+        w, x, y, z = self._body_port.Eval(context).tolist()
+        down = -self._position_port.Eval(context)
+        turn = np.array([x, y, z])
+        # The boresight in K.
+        axis = self._boresight + 2.0 * np.cross(
+            turn, np.cross(turn, self._boresight) + w * self._boresight
+        )
+        return float(axis @ down) > self._blinded * float(np.linalg.norm(down))

@@ -1,0 +1,154 @@
+"""`ThrusterAllocation`: which thrusters give a force and a torque, and for how long."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from pydrake.common.value import AbstractValue
+from pydrake.solvers import ClpSolver, MathematicalProgram
+from pydrake.systems.framework import LeafSystem, ValueProducer
+
+from proxops.systems.attitude.thruster_layout import ThrusterLayout
+from proxops.systems.common import SolverFailure, Values, Vector3, rotation_matrix
+
+# What a missing N m, and a missing share of the force, cost beside a N of thrust: torque comes
+# first, then force, then propellant.
+_TORQUE, _FORCE = 1e6, 1e4
+
+
+class Allocated(NamedTuple):
+    """What thrusters are to do in a period."""
+
+    shares: Values
+    """(n,) of the period for which each is on, from 0 to 1."""
+    force: float
+    """Share of the wanted force that is given, from 0 to 1."""
+
+
+class AllocationProgram:
+    """The linear program of an allocation, on Drake's MathematicalProgram.
+
+    ::
+
+        minimise    sum f_i a_i - M_F s + M_t sum |e|
+        subject to  sum F_i a_i = s F,   sum T_i a_i + e = T,   0 <= a_i <= 1,   0 <= s <= 1
+
+    F_i and T_i are force and torque of thruster i, f_i its size. A pseudo-inverse takes twice the
+    propellant. The direction of the force is kept where its size cannot be given.
+    """
+
+    def __init__(self, layout: ThrusterLayout):
+        """Takes the thrusters."""
+        n = layout.count
+        self.layout = layout
+        program = MathematicalProgram()
+        x = program.NewContinuousVariables(n + 7)
+        self._matrix = np.zeros((6, n + 7))
+        self._matrix[3:, n + 1 :] = np.hstack([np.eye(3), -np.eye(3)])
+        self._balance = program.AddLinearEqualityConstraint(self._matrix, np.zeros(6), x)
+        self._upper = np.append(np.ones(n + 1), np.full(6, np.inf))
+        self._bounds = program.AddBoundingBoxConstraint(np.zeros(n + 7), self._upper, x)
+        program.AddLinearCost(np.concatenate([layout.forces, [-_FORCE], np.full(6, _TORQUE)]), x)
+        self._program, self._solver = program, ClpSolver()
+
+    def solve(self, force: Vector3, torque: Vector3, wrenches: np.ndarray) -> Allocated:
+        """Gives the cheapest shares for a force (3,) in N and a torque (3,) in N m, in S.
+
+        Args:
+          wrenches: (6, n) of each thruster that is on; a zero column is not used.
+
+        Raises:
+          SolverFailure: the program has no solution, which a finite force and torque always have.
+        """
+        n, matrix = self.layout.count, self._matrix
+        matrix[:, :n], matrix[:3, n] = wrenches, -force
+        self._balance.evaluator().UpdateCoefficients(matrix, np.append(np.zeros(3), torque))
+        self._upper[:n] = wrenches.any(axis=0)
+        self._bounds.evaluator().UpdateUpperBound(self._upper)
+        result = self._solver.Solve(self._program)
+        if not result.is_success():
+            raise SolverFailure(f"no thruster allocation of {force} N and {torque} N m")
+        x = result.get_x_val()
+        return Allocated(np.clip(x[:n], 0.0, 1.0), float(x[n]))
+
+
+def pulses(wanted: Values, owed: Values, period: float, least: float) -> tuple[Values, Values]:
+    """On-times (n,) in s of a period, and what is still owed after it.
+
+    What is shorter than the least on-time is added to what is wanted next.
+
+    Args:
+      wanted: (n,) in s. owed: (n,) in s, from the period before. period: s.
+      least: on-time in s.
+    """
+    due = wanted + owed
+    on = np.where(due < least, 0.0, np.minimum(due, period))
+    # What a whole period cannot hold is lost, else it would come when nobody wants it.
+    return on, np.where(on < period, due - on, 0.0)
+
+
+class ThrusterAllocation(LeafSystem):
+    """Makes on-times of thrusters from a force and a torque, at each attitude step.
+
+    ```
+    force (3), N, K as believed ──►┌────────────────────┐
+    attitude (4), R_KS as believed►│                    │─► on_times (n), s
+    torque (3), N m, S ───────────►│ ThrusterAllocation │─► given_force (3), N, K as believed
+    thruster_torques (3 n), N m ──►│                    │─► given_torque (3), N m, S
+    failed (n) ───────────────────►└────────────────────┘
+    ```
+
+    `thruster_torques` is what each thruster that is on gives, as estimated, and `failed` is 1 of
+    those that give nothing; both may remain open: then the data sheet holds. `given_…` is what the
+    on-times give in the mean over the period, as far as is known, so that wheels give the rest of
+    the torque and navigation knows the force. What is owed because a pulse was too short is
+    discrete state.
+    """
+
+    def __init__(self, layout: ThrusterLayout, period: float):
+        """Takes the thrusters and the attitude period in s."""
+        super().__init__()
+        self.layout, self.period = layout, period
+        self._program, self._wrenches = AllocationProgram(layout), layout.wrenches()
+        n = layout.count
+        declare = self.DeclareVectorInputPort
+        self._force_port, self._torque_port = declare("force", 3), declare("torque", 3)
+        self._attitude_port = declare("attitude", 4)
+        self._torques_port = declare("thruster_torques", 3 * n)
+        self._failed_port = declare("failed", n)
+        self._owed = self.DeclareDiscreteState(n)
+        self._step = self.DeclareCacheEntry(
+            "step",
+            ValueProducer(allocate=lambda: AbstractValue.Make(object()), calc=self._calc_step),
+            {self.all_input_ports_ticket(), self.xd_ticket()},
+        )
+        for k, (name, size) in enumerate(
+            (("on_times", n), ("given_force", 3), ("given_torque", 3))
+        ):
+            self.DeclareVectorOutputPort(
+                name,
+                size,
+                lambda context, output, k=k: output.SetFromVector(self._step.Eval(context)[k]),
+                {self._step.ticket()},
+            )
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._remember)
+
+    def _calc_step(self, context, value):
+        # Forces stay those of the data sheet. An estimate from torques would be a scale that
+        # changes while it is learned; the navigation takes scales for constant.
+        wrenches = self._wrenches.copy()
+        if self._torques_port.HasValue(context):
+            wrenches[3:] = self._torques_port.Eval(context).reshape(3, -1)
+        if self._failed_port.HasValue(context):
+            wrenches *= 1.0 - self._failed_port.Eval(context)
+        axes = rotation_matrix(self._attitude_port.Eval(context))
+        force = axes.T @ self._force_port.Eval(context)
+        found = self._program.solve(force, self._torque_port.Eval(context), wrenches)
+        owed = context.get_discrete_state(self._owed).value()
+        on, owed = pulses(self.period * found.shares, owed, self.period, self.layout.least_on_time)
+        given = wrenches @ (on / self.period)
+        value.set_value((on, axes @ given[:3], given[3:], owed))
+
+    def _remember(self, context, discrete_state):
+        discrete_state.set_value(self._owed, self._step.Eval(context)[3])

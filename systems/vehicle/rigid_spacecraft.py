@@ -1,0 +1,316 @@
+"""`RigidSpacecraft`: a rigid bus with reaction wheels, in the frame of a spinning body."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+
+import numpy as np
+from pydrake.autodiffutils import AutoDiffXd
+from pydrake.systems.framework import BasicVector_, LeafSystem_
+from pydrake.systems.scalar_conversion import TemplateSystem
+
+from proxops.systems.common import (
+    InputError,
+    Matrix3,
+    State,
+    Vector3,
+    Vectors3,
+    check_positive,
+    finite_vector,
+    kernel,
+)
+
+# Below this share of the first mass, all propellant must have been used up long ago.
+_LEAST_MASS = 1e-3
+_IDENTITY = (1.0, 0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class RigidBodyStart:
+    """The state of a `RigidSpacecraft` at the start."""
+
+    state: State
+    """p_KS and v_KS (6,) in m and m/s in K: of the centre of mass."""
+    attitude: tuple[float, ...] = _IDENTITY
+    """R_KS: a unit quaternion (w, x, y, z)."""
+    angular_velocity: tuple[float, ...] = (0.0, 0.0, 0.0)
+    """w_NS (3,) in rad/s, in S."""
+
+
+@kernel(error_model="numpy")
+def rigid_rates(motion, momentum, push, pull, turn, body):
+    """The time derivatives of attitude, position, angular velocity and velocity.
+
+    With w = w_NS in S, w_K the body's angular velocity, h the momentum of the wheels in S,
+    L = J w + h and R = R_KS (Hughes, Spacecraft Attitude Dynamics, 1986, sections 3.3 and 6.1)::
+
+        q'  = 1/2 q (0, w - R^T w_K)
+        J w' = torque + t_g - w x L - h'
+        r'' = g(r) - 2 w_K x r' - w_K x (w_K x (r - c)) + R F / m
+
+    t_g is the torque of the gravity gradient G on the whole inertia I: with A = R^T G R I its
+    components are A_yz - A_zy and so on (Hughes, equation 8.1.9, for any field).
+
+    It is plain arithmetic on numbers, so that it also runs uncompiled on Drake's AutoDiffXd.
+
+    Args:
+      motion: 13 numbers: q_KS (w, x, y, z), p_KS (m, K), w_NS (rad/s, S), v_KS (m/s, K).
+      momentum: 6 numbers: h (N m s) and h' (N m), in S.
+      push: 7 numbers: force (N, S) and torque (N m, S) of the thrusters, and mass (kg).
+      pull: 12 numbers: gravity (m/s^2, K) and its gradient (1/s^2, K) row by row.
+      turn: 6 numbers: w_K (rad/s, K), and c (m, K), a point of the spin axis.
+      body: 27 numbers: J without the wheels' axial inertia, J^-1, and I with it (kg m^2), each row
+        by row.
+
+    Returns:
+      13 numbers, in the order of `motion`.
+    """
+    qw, qx, qy, qz = motion[0], motion[1], motion[2], motion[3]
+    x, y, z = motion[4] - turn[3], motion[5] - turn[4], motion[6] - turn[5]
+    wx, wy, wz = motion[7], motion[8], motion[9]
+    vx, vy, vz = motion[10], motion[11], motion[12]
+    # R_KS, of a quaternion whose length may have drifted by rounding.
+    s = 2.0 / (qw * qw + qx * qx + qy * qy + qz * qz)
+    r00, r01, r02 = (
+        1.0 - s * (qy * qy + qz * qz),
+        s * (qx * qy - qw * qz),
+        s * (qx * qz + qw * qy),
+    )
+    r10, r11, r12 = (
+        s * (qx * qy + qw * qz),
+        1.0 - s * (qx * qx + qz * qz),
+        s * (qy * qz - qw * qx),
+    )
+    r20, r21, r22 = (
+        s * (qx * qz - qw * qy),
+        s * (qy * qz + qw * qx),
+        1.0 - s * (qx * qx + qy * qy),
+    )
+    a, b, c = turn[0], turn[1], turn[2]
+    # Of S against K, in S.
+    ux = wx - (r00 * a + r10 * b + r20 * c)
+    uy = wy - (r01 * a + r11 * b + r21 * c)
+    uz = wz - (r02 * a + r12 * b + r22 * c)
+    dq = (
+        -0.5 * (qx * ux + qy * uy + qz * uz),
+        0.5 * (qw * ux + qy * uz - qz * uy),
+        0.5 * (qw * uy + qz * ux - qx * uz),
+        0.5 * (qw * uz + qx * uy - qy * ux),
+    )
+    # The gradient in S times the whole inertia.
+    g00, g01, g02 = pull[3], pull[4], pull[5]
+    g10, g11, g12 = pull[6], pull[7], pull[8]
+    g20, g21, g22 = pull[9], pull[10], pull[11]
+    t00, t01, t02 = (
+        g00 * r00 + g01 * r10 + g02 * r20,
+        g00 * r01 + g01 * r11 + g02 * r21,
+        g00 * r02 + g01 * r12 + g02 * r22,
+    )
+    t10, t11, t12 = (
+        g10 * r00 + g11 * r10 + g12 * r20,
+        g10 * r01 + g11 * r11 + g12 * r21,
+        g10 * r02 + g11 * r12 + g12 * r22,
+    )
+    t20, t21, t22 = (
+        g20 * r00 + g21 * r10 + g22 * r20,
+        g20 * r01 + g21 * r11 + g22 * r21,
+        g20 * r02 + g21 * r12 + g22 * r22,
+    )
+    sxx = r00 * t00 + r10 * t10 + r20 * t20
+    sxy = r00 * t01 + r10 * t11 + r20 * t21
+    sxz = r00 * t02 + r10 * t12 + r20 * t22
+    syy = r01 * t01 + r11 * t11 + r21 * t21
+    syz = r01 * t02 + r11 * t12 + r21 * t22
+    szz = r02 * t02 + r12 * t12 + r22 * t22
+    i00, i01, i02 = body[18], body[19], body[20]
+    i11, i12, i22 = body[22], body[23], body[26]
+    gx = (sxy * i02 + syy * i12 + syz * i22) - (sxz * i01 + syz * i11 + szz * i12)
+    gy = (sxz * i00 + syz * i01 + szz * i02) - (sxx * i02 + sxy * i12 + sxz * i22)
+    gz = (sxx * i01 + sxy * i11 + sxz * i12) - (sxy * i00 + syy * i01 + syz * i02)
+    # Euler's equation.
+    lx = body[0] * wx + body[1] * wy + body[2] * wz + momentum[0]
+    ly = body[3] * wx + body[4] * wy + body[5] * wz + momentum[1]
+    lz = body[6] * wx + body[7] * wy + body[8] * wz + momentum[2]
+    nx = push[3] + gx - (wy * lz - wz * ly) - momentum[3]
+    ny = push[4] + gy - (wz * lx - wx * lz) - momentum[4]
+    nz = push[5] + gz - (wx * ly - wy * lx) - momentum[5]
+    dw = (
+        body[9] * nx + body[10] * ny + body[11] * nz,
+        body[12] * nx + body[13] * ny + body[14] * nz,
+        body[15] * nx + body[16] * ny + body[17] * nz,
+    )
+    # Motion in K: w x (2 v + w x (r - c)).
+    px = 2.0 * vx + (b * z - c * y)
+    py = 2.0 * vy + (c * x - a * z)
+    pz = 2.0 * vz + (a * y - b * x)
+    mass = push[6]
+    fx, fy, fz = push[0] / mass, push[1] / mass, push[2] / mass
+    dv = (
+        pull[0] - (b * pz - c * py) + (r00 * fx + r01 * fy + r02 * fz),
+        pull[1] - (c * px - a * pz) + (r10 * fx + r11 * fy + r12 * fz),
+        pull[2] - (a * py - b * px) + (r20 * fx + r21 * fy + r22 * fz),
+    )
+    return (
+        dq[0], dq[1], dq[2], dq[3], vx, vy, vz, dw[0], dw[1], dw[2], dv[0], dv[1], dv[2],
+    )  # fmt: skip
+
+
+def check_inertia(owner: str, inertia) -> Matrix3:
+    """The inertia (3, 3) in kg m^2, about the centre of mass.
+
+    Raises:
+      InputError: it is not symmetric, or a moment is not positive or exceeds the sum of the others,
+        which no distribution of mass can have.
+    """
+    matrix = np.array(inertia, dtype=np.float64)
+    if matrix.shape != (3, 3) or not np.allclose(matrix, matrix.T, rtol=1e-9, atol=1e-12):
+        raise InputError(f"{owner} needs a symmetric inertia of 3 x 3 numbers, got {inertia}")
+    moments = np.linalg.eigvalsh(matrix)
+    if not moments[0] > 0.0:
+        raise InputError(f"{owner}: the inertia's moments must be positive, got {moments}")
+    if moments[2] > (1.0 + 1e-9) * (moments[0] + moments[1]):
+        a, b, c = moments
+        raise InputError(
+            f"{owner}: no body has the principal moments {a:.4g}, {b:.4g} and {c:.4g} kg m^2: the "
+            "greatest exceeds the sum of the others"
+        )
+    return matrix
+
+
+# Without the scope Drake searches the stack for this module, which slows each import.
+@TemplateSystem.define("RigidSpacecraft_", T_list=[float, AutoDiffXd], scope=sys.modules[__name__])
+def RigidSpacecraft_(T):  # noqa: N802 (Drake's own naming of templates)
+    """`RigidSpacecraft` for the scalar type T, float or AutoDiffXd."""
+
+    class Impl(LeafSystem_[T]):
+        """A rigid spacecraft with reaction wheels, in the body-fixed rotating frame K.
+
+        ```
+        force (3), N, S ─────────────►┌─────────────────┐─► state (6), m and m/s: p_KS, v_KS
+        torque (3), N m, S ──────────►│                 │─► position (3), m: p_KS
+        gravity (3), m/s^2, K ───────►│                 │─► velocity (3), m/s: v_KS, as seen in K
+        gravity_gradient (9), 1/s^2 ─►│ RigidSpacecraft │─► attitude (4): R_KS, w, x, y, z
+        mass_flow (1), kg/s ─────────►│                 │─► angular_velocity (3), rad/s: w_NS, S
+        wheel_torque (n), N m ───────►│                 │─► wheel_momentum (n), N m s
+                                      └─────────────────┘─► mass (1), kg
+        ```
+
+        The motion is that of `rigid_rates`. S has its origin in the centre of mass. Force and
+        torque are those of thrusters. `wheel_torque` is what the motors give each wheel about its
+        axis; the bus gets the opposite. A wheel's momentum is Js (w·a + Omega), with its axis a, so
+        that its derivative is the motor's torque. The propellant lies at the centre of mass: the
+        mass falls by the flow, centre of mass and inertia stay. The ports of wheels are missing if
+        there are none.
+
+        The state is continuous: attitude, position, angular velocity, velocity, then momenta and
+        mass. The attitude is not projected back to length 1, only where it is put out: RK3 in steps
+        of 1 s lets it drift by 1e-9 an hour.
+
+        Args:
+          mass: kg at the start.
+          inertia: (3, 3) in kg m^2 of all of it about its centre of mass, in S.
+          spin: (3,) in rad/s: the body's angular velocity, constant in K.
+          start: the state at the start; None: at rest at the origin, aligned with K.
+          axis_point: (3,) in m in K: a point of the spin axis.
+          wheel_axes: (n, 3) unit vectors in S.
+          wheel_inertia: kg m^2 of each wheel about its axis, included in `inertia`.
+        """
+
+        def _construct(
+            self,
+            mass: float,
+            inertia: Matrix3,
+            spin: Vector3,
+            start: RigidBodyStart | None = None,
+            axis_point: Vector3 | tuple[float, ...] = (0.0, 0.0, 0.0),
+            wheel_axes: Vectors3 | None = None,
+            wheel_inertia: float = 0.0,
+            *,
+            converter=None,
+        ):
+            super().__init__(converter=converter)
+            check_positive("RigidSpacecraft", mass=mass)
+            self.mass, self.wheel_inertia = float(mass), float(wheel_inertia)
+            self.inertia = check_inertia("RigidSpacecraft", inertia)
+            self.spin = np.array(finite_vector("RigidSpacecraft", "spin", spin))
+            self.axis_point = np.array(finite_vector("RigidSpacecraft", "axis_point", axis_point))
+            self.start = start or RigidBodyStart(np.zeros(6))
+            self.wheel_axes = np.zeros((0, 3)) if wheel_axes is None else np.array(wheel_axes)
+            self._turn = np.concatenate([self.spin, self.axis_point])
+            bus = self.inertia - wheel_inertia * self.wheel_axes.T @ self.wheel_axes
+            matrices = check_inertia("RigidSpacecraft's bus", bus), np.linalg.inv(bus), self.inertia
+            self._body = np.concatenate([each.ravel() for each in matrices])
+            self._declare_ports()
+
+        def _declare_ports(self):
+            wheels = len(self.wheel_axes)
+            declare = self.DeclareVectorInputPort
+            self._push_ports = [declare("force", 3), declare("torque", 3)]
+            self._pull_ports = [declare("gravity", 3), declare("gravity_gradient", 9)]
+            self._flow_port = declare("mass_flow", 1)
+            start, end = self.start, 13 + wheels
+            w = np.array(start.angular_velocity)
+            momenta = self.wheel_inertia * self.wheel_axes @ w
+            state = np.concatenate(
+                [start.attitude, start.state[:3], w, start.state[3:], momenta, [self.mass]]
+            )
+            self.DeclareContinuousState(
+                model_vector=BasicVector_[T](state), num_q=7, num_v=6, num_z=wheels + 1
+            )
+            self._output("state", np.r_[4:7, 10:13])
+            self._output("position", np.r_[4:7])
+            self._output("velocity", np.r_[10:13])
+            self._output("attitude", np.r_[0:4], unit=True)
+            self._output("angular_velocity", np.r_[7:10])
+            self._output("mass", np.r_[end : end + 1])
+            if wheels:
+                self._wheel_port = declare("wheel_torque", wheels)
+                self._output("wheel_momentum", np.r_[13:end])
+
+        def _output(self, name: str, part: np.ndarray, unit: bool = False):
+            def calc(context, output):
+                value = context.get_continuous_state_vector().CopyToVector()[part]
+                output.SetFromVector(value / np.sqrt(value @ value) if unit else value)
+
+            self.DeclareVectorOutputPort(name, part.size, calc, {self.xc_ticket()})
+
+        def _construct_copy(self, other, converter=None):
+            Impl._construct(
+                self,
+                other.mass,
+                other.inertia,
+                other.spin,
+                other.start,
+                other.axis_point,
+                other.wheel_axes,
+                other.wheel_inertia,
+                converter=converter,
+            )
+
+        def DoCalcTimeDerivatives(self, context, derivatives):  # noqa: N802
+            state = context.get_continuous_state_vector().CopyToVector()
+            rates = np.empty_like(state)
+            mass = state[-1]
+            if not mass >= _LEAST_MASS * self.mass:
+                raise InputError(
+                    f"the propellant is used up: of {self.mass:g} kg, less than "
+                    f"{_LEAST_MASS * self.mass:g} kg are left; raise the specific impulse or the "
+                    "mass, or fly for a shorter time"
+                )
+            momentum = np.zeros(6, dtype=state.dtype)
+            if len(self.wheel_axes):
+                rates[13:-1] = torque = self._wheel_port.Eval(context)
+                momentum[:3] = state[13:-1] @ self.wheel_axes
+                momentum[3:] = torque @ self.wheel_axes
+            push = np.concatenate([*(port.Eval(context) for port in self._push_ports), [mass]])
+            pull = np.concatenate([port.Eval(context) for port in self._pull_ports])
+            function = rigid_rates if T is float else rigid_rates.py_func
+            rates[:13] = function(state[:13], momentum, push, pull, self._turn, self._body)
+            rates[-1] = -self._flow_port.Eval(context)[0]
+            derivatives.get_mutable_vector().SetFromVector(rates)
+
+    return Impl
+
+
+RigidSpacecraft = RigidSpacecraft_[None]
