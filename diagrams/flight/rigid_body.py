@@ -37,7 +37,7 @@ from proxops.systems.attitude import (
     WheelFriction,
     true_layout,
 )
-from proxops.systems.common import quaternion_of, quaternion_product
+from proxops.systems.common import Vector, Vector3, quaternion_of, quaternion_product
 from proxops.systems.vehicle import (
     FreshHold,
     RigidBodyStart,
@@ -85,13 +85,18 @@ def _start(wiring: Wiring) -> RigidBodyStart:
     axes = believed_axes(
         0.0,
         believed_spin=world.body.spin_rate,
-        true_spin=world.true_body.spin,
+        true_spin=_three(world.true_body.spin),
         phase=math.radians(truth.phase_deg),
     )
-    x, y, z = np.radians(truth.attitude.constant_deg).tolist()
+    error = quaternion_of(_three(np.radians(truth.attitude.constant_deg)))
     state = np.concatenate([world.transit.start, world.transit.start_velocity])
-    attitude = quaternion_product(axes, quaternion_of((x, y, z)))
+    attitude = quaternion_product(axes, error)
     return RigidBodyStart(state, attitude, (0.0, 0.0, world.body.spin_rate))
+
+
+def _three(values: Vector3) -> Vector:
+    x, y, z = values.tolist()
+    return x, y, z
 
 
 def add_attitude_sensors(wiring: Wiring, craft: RigidSpacecraft) -> Signals:
@@ -109,15 +114,14 @@ def add_attitude_sensors(wiring: Wiring, craft: RigidSpacecraft) -> Signals:
     attitude = craft.GetOutputPort("attitude")
     inertial = wiring.add(
         "inertial_attitude",
-        InertialAttitude(world.true_body.spin, math.radians(truth.phase_deg)),
+        InertialAttitude(_three(world.true_body.spin), math.radians(truth.phase_deg)),
         attitude=attitude,
     )
-    x, y, z = np.radians(truth.attitude.constant_deg).tolist()
     tracker = StarTracker(
         model.config.star_tracker,
         period,
         wiring.seed(ATTITUDE_STREAM),
-        constant=(x, y, z),
+        constant=_three(np.radians(truth.attitude.constant_deg)),
         varying_std=math.radians(truth.attitude.varying_std_deg),
         correlation_time=truth.attitude.correlation_time_s,
     )
@@ -264,7 +268,8 @@ def _add_thrusters(
     failure = None
     if truth.rigid_body.failed_thruster >= 0:
         failure = Failure(truth.rigid_body.failed_thruster, truth.rigid_body.failure_time_s)
-    cluster = ThrusterCluster(layout, own.period, wiring.scenario.true_specific_impulse_s, failure)
+    impulse = truth.specific_impulse_s or own.settings.specific_impulse_s
+    cluster = ThrusterCluster(layout, own.period, impulse, failure)
     wiring.add("thruster_cluster", cluster, on_times=times)
     for name in ("force", "torque", "mass_flow"):
         wiring.builder.Connect(cluster.GetOutputPort(name), craft.GetInputPort(name))
