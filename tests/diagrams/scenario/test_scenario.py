@@ -35,8 +35,8 @@ from proxops.systems.vehicle import (
     ArrivalConfig,
     ForceNoiseConfig,
     KicksConfig,
-    RandomWalkDisturbanceConfig,
     PointMassConfig,
+    RandomWalkDisturbanceConfig,
     TrueThrustersConfig,
 )
 

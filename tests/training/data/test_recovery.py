@@ -17,8 +17,8 @@ from proxops.systems import InputError
 from proxops.systems.vehicle import (
     ForceNoiseConfig,
     KicksConfig,
-    RandomWalkDisturbanceConfig,
     PointMassConfig,
+    RandomWalkDisturbanceConfig,
 )
 from proxops.training.data.recovery import KINDS, MIXES, flight_scenario, kind_of, parse_mix
 
