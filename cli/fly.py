@@ -301,12 +301,28 @@ def _table(log: FlightLog, summary: dict[str, Any]) -> list[tuple[str, str]]:
         rows += _error(summary, "navigation")
         consistent = f"{summary['navigation_consistent']:.1%}"
         rows.append(("navigation within its 3 sigma, worst of 9 components", consistent))
+    rows += _attitude(summary)
     if "interventions" in summary:
         counts = f"{summary['interventions']}, {summary['interventions_keep_out']}"
         rows.append(("interventions of runtime assurance, all and to keep out", counts))
     rows += [(f"steps {what}", str(count)) for what, count in fallback_steps(log.dataset).items()]
     rows.append(("simulated", f"{flown:.0f} s in {summary['wall_s']:.1f} s"))
     rows.append(("speed against real time", f"{flown / summary['wall_s']:.0f} x"))
+    return rows
+
+
+def _attitude(summary: dict[str, Any]) -> list[tuple[str, str]]:
+    """Rows of a table on the attitude of a rigid spacecraft; none for a point."""
+    rows = []
+    if "pointing_error_deg_median" in summary:
+        median, p99 = (summary[f"pointing_error_deg_{part}"] for part in ("median", "p99"))
+        rows.append(("pointing error, median and p99", f"{median:.3f} deg, {p99:.3f} deg"))
+    if "wheel_load" in summary:
+        rows.append(("greatest momentum of a wheel, of its limit", f"{summary['wheel_load']:.0%}"))
+    if summary.get("thrusters_failed"):
+        rows.append(("thrusters found to have failed", str(summary["thrusters_failed"])[1:-1]))
+    if summary.get("lost_directions"):
+        rows.append(("no force is left along", ", ".join(summary["lost_directions"])))
     return rows
 
 

@@ -140,13 +140,19 @@ def let_go(diagram: Diagram, kept: System | None) -> None:
             del held[name]
 
 
-def make_simulator(diagram: Diagram, scenario: Scenario) -> Simulator:
-    """Makes an initialised Simulator that integrates by RK5 in equal steps.
+def make_simulator(
+    diagram: Diagram, scenario: Scenario, context: Context | None = None
+) -> Simulator:
+    """Makes an initialised Simulator that integrates in equal steps.
+
+    A point by RK5 in steps of at most 10 s; a rigid body by RK3, in steps of an attitude period,
+    within 1e-7 m of the exact motion after 500 s, because thrust is constant over each.
 
     Args:
       diagram: a transit diagram, or one that holds it. scenario: the transit's.
+      context: the diagram's, to go on from; None: a new one.
     """
-    simulator = Simulator(diagram)
+    simulator = Simulator(diagram, context)
     # Without an accuracy in the Context, events fire at the end of their step.
     simulator.get_mutable_context().SetAccuracy(_EVENT_ACCURACY)
     steps, scheme = math.ceil(scenario.control_period_s / _LONGEST_STEP), "runge_kutta5"

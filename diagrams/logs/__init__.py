@@ -6,6 +6,7 @@ navigation; `legend` tells which controller flew each step, and why the safety
 filter intervened. To add a column to the log, add a line to `VARIABLES` in `columns`.
 """
 
+from proxops.diagrams.logs.attitude_figures import pointing_errors
 from proxops.diagrams.logs.columns import (
     CONTROLLER_COLUMNS,
     NAVIGATION_COLUMNS,
@@ -60,6 +61,7 @@ __all__ = [
     "length_text",
     "make_dataset",
     "navigation_errors",
+    "pointing_errors",
     "three_digits",
     "why_never_known",
 ]

@@ -8,6 +8,7 @@ import typing
 import numpy as np
 import xarray as xr
 
+from proxops.diagrams.logs.attitude_figures import attitude_figures
 from proxops.diagrams.logs.columns import WALL_TIMES
 from proxops.diagrams.logs.navigation_figures import navigation_figures
 from proxops.diagrams.scenario import Body, Scenario, dispersed_values
@@ -82,6 +83,7 @@ def summarise(data: xr.Dataset, scenario: Scenario, body: Body) -> dict[str, typ
         **_transit(data, body),
         **_estimate_errors(data),
         **navigation_figures(data),
+        **attitude_figures(data, scenario),
         **_interventions(data, scenario),
     }
 

@@ -4,6 +4,7 @@ Start with `plot_flight`, an overview of one flight. Each module draws one kind 
 returns it; no module writes files.
 """
 
+from proxops.diagrams.plots.attitude_plot import plot_attitude
 from proxops.diagrams.plots.decision_plot import plot_decisions
 from proxops.diagrams.plots.diagram_drawing import diagram_picture
 from proxops.diagrams.plots.flight_plot import (
@@ -28,6 +29,7 @@ __all__ = [
     "draw_body",
     "frame_plane",
     "length_unit",
+    "plot_attitude",
     "plot_clearance",
     "plot_decisions",
     "plot_distance",

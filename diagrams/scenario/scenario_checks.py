@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 from proxops.diagrams.scenario.keys import names_and_paths, why_not_dispersed
 from proxops.diagrams.scenario.scenario_config import Scenario, TransitConfig
+from proxops.diagrams.scenario.spacecraft_model import RigidBodyConfig, load_spacecraft
 from proxops.systems.common import InputError, check_limits
 from proxops.systems.lidar import LearnedLidarConfig
 
@@ -26,6 +27,8 @@ def check_scenario(scenario: Scenario, source: str = "scenario") -> None:
       InputError: a value is beyond its limits or does not fit another; the message names its key.
     """
     check_limits(scenario, source)
+    if isinstance(scenario.spacecraft, RigidBodyConfig):
+        load_spacecraft(scenario.spacecraft.model)  # It says itself what is wrong.
     fastest = scenario.spacecraft.speed_limit_m_s
     for complaint in itertools.chain(
         _times(scenario),
@@ -39,6 +42,13 @@ def check_scenario(scenario: Scenario, source: str = "scenario") -> None:
 def _times(scenario: Scenario) -> Iterator[str]:
     """Yields a message for each time that does not fit the control period."""
     period, arrival = scenario.control_period_s, scenario.arrival
+    if isinstance(scenario.spacecraft, RigidBodyConfig):
+        steps = period / scenario.spacecraft.attitude_period_s
+        if abs(steps - round(steps)) > 1e-9 or round(steps) < 1:
+            yield (
+                f"spacecraft.attitude_period_s must divide control_period_s, {period:g} s, into "
+                f"equal parts, got {scenario.spacecraft.attitude_period_s}"
+            )
     if scenario.mpc.solve_delay_s > period:
         yield (
             "mpc.solve_delay_s must be from 0 to control_period_s, "

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses as dc
 import functools
+import logging
 import math
 from pathlib import Path
 
@@ -31,6 +32,8 @@ from proxops.systems.vehicle import check_inertia
 
 _FOLDER = ASSETS / "spacecraft"
 _MOST_THRUSTERS = 100
+# Radii of gyration in m of anything from a cube of 10 cm to a space station.
+_GYRATION = (0.03, 100.0)
 
 
 @config
@@ -119,7 +122,6 @@ class RigidBodyConfig:
         return load_spacecraft(self.model).config.specific_impulse_s
 
 
-@functools.lru_cache(maxsize=8)
 def load_spacecraft(name_or_path: str) -> SpacecraftModel:
     """Loads the model that ships under a name ("smallsat") or that a YAML file describes.
 
@@ -137,8 +139,27 @@ def load_spacecraft(name_or_path: str) -> SpacecraftModel:
                 f"spacecraft {name_or_path!r} does not ship with proxops ({', '.join(known)} do); "
                 "for another one give the path of its .yaml file"
             )
+    settings = _settings(path, _changed(path))
+    bus = path.parent / settings.bus
+    return _made(path, _changed(path), _changed(bus) if settings.bus else 0)
+
+
+def _changed(path: Path) -> int:
+    """When a file was last changed, so that it is read again; 0: it does not exist."""
+    return path.stat().st_mtime_ns if path.is_file() else 0
+
+
+@functools.lru_cache(maxsize=8)
+def _settings(path: Path, changed: int) -> SpacecraftModelConfig:
     settings = load_typed(SpacecraftModelConfig, read_mapping(path), str(path))
     check_limits(settings, str(path))
+    return settings
+
+
+@functools.lru_cache(maxsize=8)
+def _made(path: Path, changed: int, bus_changed: int) -> SpacecraftModel:
+    """The model of a YAML file and its bus, both as they were when they were last changed."""
+    settings = _settings(path, changed)
     rows = _thruster_rows(settings, path)
     if not settings.bus:
         raise InputError(f"{path}: bus must name a URDF or SDF file with mass and inertia")
@@ -176,6 +197,18 @@ def _thruster_rows(settings: SpacecraftModelConfig, path: Path) -> np.ndarray:
     return np.array(rows, dtype=np.float64)
 
 
+class _Complaints(logging.Handler):
+    """Keeps the first lines of what Drake's parser complains about."""
+
+    def __init__(self):
+        super().__init__(logging.WARNING)
+        self.found: list[str] = []
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Keeps a record."""
+        self.found.append(record.getMessage().splitlines()[0])
+
+
 def _read_bus(
     path: Path, joints: list[str]
 ) -> tuple[float, Vector3, Matrix3, tuple[np.ndarray, float]]:
@@ -186,25 +219,23 @@ def _read_bus(
 
     if not path.is_file():
         raise InputError(f"{path}, the bus of a spacecraft, does not exist")
-    plant = MultibodyPlant(0.0)
+    plant, complaints = MultibodyPlant(0.0), _Complaints()
+    log = logging.getLogger("drake")
+    log.addHandler(complaints)
     try:
         (model,) = Parser(plant).AddModels(str(path))
         plant.Finalize()
     except (RuntimeError, ValueError) as error:
         raise InputError(f"{path} cannot be read: {str(error).splitlines()[0]}") from error
+    finally:
+        log.removeHandler(complaints)
+    if complaints.found:
+        # Drake would go on with a mass and an inertia of its own.
+        raise InputError(f"a mass or inertia that no body has: {complaints.found[0]}")
     context, bodies = plant.CreateDefaultContext(), plant.GetBodyIndices(model)
     root = plant.get_body(bodies[0])
-    for index in bodies:
-        body = plant.get_body(index)
-        inertia = body.default_spatial_inertia()
-        if not inertia.IsPhysicallyValid():
-            raise InputError(
-                f"{path}: link {body.name()!r} has a mass and an inertia that no body has"
-            )
     whole = plant.CalcSpatialInertia(context, root.body_frame(), bodies)
     mass = whole.get_mass()
-    if not mass > 0.0:
-        raise InputError(f"{path}: the links have no mass")
     centre = whole.get_com()
     inertia = whole.Shift(centre).CalcRotationalInertia().CopyToFullMatrix3()
     axes, moments = [], []
@@ -214,8 +245,14 @@ def _read_bus(
         moments.append(moment)
     if moments and max(moments) > (1.0 + 1e-6) * min(moments):
         raise InputError(f"{path}: the wheels must have equal inertias about their axes")
-    where = f"{path}: mass and inertia in another unit than kg and m?"
-    inertia = check_inertia(where, inertia)
+    inertia = check_inertia(str(path), inertia)
+    gyration = math.sqrt(float(np.linalg.eigvalsh(inertia)[2]) / mass)
+    low, high = _GYRATION
+    if not low < gyration < high:
+        raise InputError(
+            f"{path}: {mass:.4g} kg with these inertias lie {gyration:.3g} m about the centre in "
+            "the mean: are they in kg, m and kg m^2?"
+        )
     return mass, centre, inertia, (np.array(axes), moments[0] if moments else 0.0)
 
 

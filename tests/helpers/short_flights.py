@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import trimesh
-from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
 from pydrake.systems.framework import Context, Diagram, LeafSystem
 
 from proxops.diagrams.flight.simulation import fly, make_simulator
@@ -65,8 +64,7 @@ def flown_and_taken_up(
     simulator.AdvanceTo(cloned_at)
     clone = simulator.get_context().Clone()
     simulator.AdvanceTo(end)
-    again = Simulator(diagram, clone)
-    ResetIntegratorFromFlags(again, "runge_kutta5", 10.0).set_fixed_step_mode(True)
+    again = make_simulator(diagram, scenario, clone)
     again.AdvanceTo(end)
     return simulator.get_context(), again.get_context()
 

@@ -1,0 +1,61 @@
+"""Figures of merit of the attitude of a rigid spacecraft in one flight."""
+
+from __future__ import annotations
+
+import typing
+
+import numpy as np
+import xarray as xr
+
+from proxops.diagrams.scenario import RigidBodyConfig, Scenario, load_spacecraft
+from proxops.systems.attitude import pointing_error
+from proxops.systems.common import Values, Vector3, Vectors3
+
+# The figures leave out the first time (s), in which the centre of mass is not known yet.
+_SETTLED = 60.0
+_DIRECTIONS = np.concatenate([np.eye(3), -np.eye(3)])
+
+
+def pointing_errors(data: xr.Dataset) -> Values:
+    """Gives the angle (N,) in rad of each row, from the attitude that is wanted to the true one."""
+    both = data["inertial_attitude"].values, data["reference_attitude"].values
+    return np.array([pointing_error(*pair) for pair in zip(*both, strict=True)])
+
+
+def attitude_figures(data: xr.Dataset, scenario: Scenario) -> dict[str, typing.Any]:
+    """Computes the figures of a rigid spacecraft's attitude; {} for a point.
+
+    Returns:
+      Of the steps after the first 60 s, `pointing_error_deg_median` and `_p99`; `wheel_load`, the
+      greatest momentum of a wheel over its limit; `thrusters_failed`, the numbers of those that
+      were found to have failed; and `lost_directions`, such as ["+x"]: where no force can be given
+      any more without a torque.
+    """
+    settings = scenario.spacecraft
+    if not isinstance(settings, RigidBodyConfig) or "inertial_attitude" not in data:
+        return {}
+    model = load_spacecraft(settings.model)
+    errors = np.degrees(pointing_errors(data))[data["time"].values >= _SETTLED]
+    failed = np.flatnonzero(np.nan_to_num(data["failed_thrusters"].values).any(axis=0))
+    figures: dict[str, typing.Any] = {"thrusters_failed": failed.tolist()}
+    wrenches = np.delete(model.thrusters.wrenches(), failed, axis=1)
+    figures["lost_directions"] = [
+        f"{'+' if axis.sum() > 0.0 else '-'}{'xyz'[int(np.argmax(np.abs(axis)))]}"
+        for axis in _DIRECTIONS
+        if len(failed) and not _can_push(wrenches, axis)
+    ]
+    if errors.size:
+        figures["pointing_error_deg_median"] = float(np.median(errors))
+        figures["pointing_error_deg_p99"] = float(np.percentile(errors, 99))
+    if model.wheels is not None:
+        momentum = np.abs(data["wheel_momentum"].values).max()
+        figures["wheel_load"] = float(momentum) / model.wheels.momentum
+    return figures
+
+
+def _can_push(wrenches: Vectors3, axis: Vector3) -> bool:
+    """Tells whether thrusters (6, n) can push along an axis (3,) without a torque."""
+    from scipy.optimize import nnls  # Slow to import.
+
+    _, rest = nnls(wrenches, np.append(axis, np.zeros(3)))
+    return bool(rest < 1e-6)

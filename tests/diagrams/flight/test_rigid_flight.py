@@ -1,0 +1,146 @@
+"""Flights of a rigid spacecraft: as a point's where they must be, and who is told what."""
+
+import dataclasses as dc
+
+import numpy as np
+import pytest
+from short_flights import SHORT, flown_and_taken_up
+
+from proxops.diagrams.flight import fly
+from proxops.diagrams.flight.transit_diagram import make_transit_diagram
+from proxops.diagrams.logs import FlightLog
+from proxops.diagrams.scenario import RigidBodyConfig, Scenario, load_scenario, load_spacecraft
+from proxops.systems.attitude import pointing_error
+from proxops.systems.vehicle import STANDARD_GRAVITY
+
+# Errors of everything that a rigid spacecraft has, and of all else, are drawn and declared.
+DISPERSED = {"dispersions": "after_survey_rigid", "transit.index": 3}
+
+
+def rigid(model: str = "smallsat", navigated: bool = True, **changes: object) -> Scenario:
+    """`SHORT` with a rigid spacecraft; dots in keys are written as two underscores."""
+    own = {key.replace("__", "."): value for key, value in changes.items()}
+    scenario = load_scenario(None, {**SHORT, **own}, on_true_state=not navigated)
+    return dc.replace(scenario, spacecraft=RigidBodyConfig(model=model))
+
+
+def pointing_errors(log: FlightLog) -> np.ndarray:
+    """The angles (N,) in degrees from the reference attitude to the true one."""
+    pairs = zip(
+        log.dataset["inertial_attitude"].values,
+        log.dataset["reference_attitude"].values,
+        strict=True,
+    )
+    return np.degrees([pointing_error(true, wanted) for true, wanted in pairs])
+
+
+@pytest.fixture(scope="module")
+def dispersed() -> FlightLog:
+    """By the MPC on lidar navigation, with all errors."""
+    return fly(rigid(**DISPERSED))
+
+
+def test_it_arrives_and_points_though_nothing_is_as_on_the_data_sheet(dispersed):
+    figures = dispersed.summary
+    assert figures["success"]
+    assert figures["navigation_consistent"] > 0.9
+    # The star tracker's own error is not its to know; guidance and control are.
+    mounting = np.linalg.norm(dispersed.scenario.truth.attitude.constant_deg)
+    assert np.percentile(pointing_errors(dispersed)[5:], 99) < mounting + 0.1
+    wheels = load_spacecraft("smallsat").wheels
+    assert np.abs(dispersed.dataset["wheel_momentum"].values).max() < 0.5 * wheels.momentum
+    assert not dispersed.dataset["failed_thrusters"].values.any()
+
+
+def test_what_its_thrusters_gave_is_what_they_burned(dispersed):
+    """Tsiolkovsky, and little more than the point takes that thrusts along its axes for nothing."""
+    mass = dispersed.dataset["mass"].values
+    change = STANDARD_GRAVITY * 220.0 * np.log(mass[0] / mass[-1])
+    figures = dispersed.summary
+    total = figures["delta_v_m_s"] + figures["hold_delta_v_m_s"]
+    assert total == pytest.approx(change, rel=1e-6)
+    point = fly(load_scenario(None, SHORT | DISPERSED | {"dispersions": "after_survey"})).summary
+    assert total < 1.1 * (point["delta_v_m_s"] + point["hold_delta_v_m_s"])
+
+
+def test_a_log_is_the_same_each_time_and_when_read_again(dispersed, tmp_path):
+    brief = rigid(**DISPERSED, arrival__deadline_s=100.0, arrival__dwell_s=50.0)
+    again = fly(brief).dataset
+    for name in ("state", "inertial_attitude", "on_times", "wheel_momentum", "mass"):
+        rows = again.sizes["time"]
+        np.testing.assert_array_equal(again[name], dispersed.dataset[name][:rows])
+    dispersed.to_netcdf(tmp_path / "flight.nc")
+    read = FlightLog.load(tmp_path / "flight.nc")
+    assert read.summary == dispersed.summary
+    assert read.scenario.is_rigid
+
+
+def test_a_flight_goes_on_from_a_clone_of_its_context():
+    scenario = rigid(**DISPERSED)
+    first, second = flown_and_taken_up(make_transit_diagram(scenario), scenario, 33.0, 70.0)
+    np.testing.assert_array_equal(
+        first.get_continuous_state_vector().CopyToVector(),
+        second.get_continuous_state_vector().CopyToVector(),
+    )
+
+
+def test_without_thrust_it_falls_as_a_point_does():
+    """Another integrator and another plant, in the same gravity."""
+    brief = {"arrival__deadline_s": 500.0, "arrival__dwell_s": 10.0}
+    turning = fly(rigid(navigated=False, **brief), "zero")
+    point = fly(
+        load_scenario(
+            None,
+            {**SHORT, **{k.replace("__", "."): v for k, v in brief.items()}},
+            on_true_state=True,
+        ),
+        "zero",
+    )
+    np.testing.assert_allclose(
+        turning.dataset["state"].values[:, :3], point.dataset["state"].values[:, :3], atol=1e-3
+    )
+    assert pointing_errors(turning).max() < 0.05
+
+
+def test_a_thruster_that_fails_is_found_and_flown_without():
+    log = fly(
+        rigid(
+            "smallsat_16",
+            truth__rigid_body__failed_thruster=5,
+            truth__rigid_body__failure_time_s=50.0,
+        )
+    )
+    assert log.summary["success"]
+    assert np.flatnonzero(log.dataset["failed_thrusters"].values[-1]).tolist() == [5]
+
+
+# What may know how the spacecraft truly moves and turns: the world, its sensors, and the log.
+WORLD = {
+    "gravity", "accelerations", "lidar", "monitor", "inertial_attitude", "star_tracker", "gyro", "wheel_friction",
+    "thruster_cluster", "spacecraft",
+}  # fmt: skip
+
+
+def test_no_wire_brings_the_truth_to_what_turns_the_spacecraft():
+    diagram = make_transit_diagram(rigid(**DISPERSED, assurance={}))
+    told = set()
+    for (to, port), (source, out) in diagram.connection_map().items():
+        names = source.get_name(), source.get_output_port(out).get_name()
+        told.add((*names, to.get_name(), to.get_input_port(port).get_name()))
+    for source, out, to, port in told:
+        if to in WORLD or to.startswith("log_"):
+            continue
+        if source == "spacecraft":
+            # Tachometers tell the speed of the wheels.
+            assert (out, port) == ("wheel_momentum", "wheel_momentum"), (to, port)
+        assert source not in ("inertial_attitude", "gravity", "thruster_cluster", "wheel_friction")
+    readers = {to for source, _, to, _ in told if source in ("star_tracker", "gyro")}
+    assert readers == {"attitude_filter"}
+    # What is on board is made from the data sheet: it holds neither the true layout nor inertia.
+    true = diagram.GetSubsystemByName("thruster_cluster").layout.places
+    for name in ("thruster_allocation", "torque_estimator"):
+        known = diagram.GetSubsystemByName(name).layout.places
+        assert np.abs(known - true).max() > 1e-3
+    inertia = diagram.GetSubsystemByName("spacecraft").inertia
+    for name in ("attitude_control", "torque_estimator"):
+        assert np.abs(diagram.GetSubsystemByName(name).inertia - inertia).max() > 0.1
