@@ -35,9 +35,10 @@ from proxops.systems.attitude import (
     ThrusterCluster,
     TorqueEstimator,
     WheelFriction,
+    shortest_turn,
     true_layout,
 )
-from proxops.systems.common import Vector, Vector3, quaternion_of, quaternion_product
+from proxops.systems.common import Quaternion, Vector, Vector3, quaternion_of, quaternion_product
 from proxops.systems.vehicle import (
     FreshHold,
     RigidBodyStart,
@@ -80,7 +81,7 @@ def add_rigid_spacecraft(wiring: Wiring) -> RigidSpacecraft:
 
 
 def _start(wiring: Wiring) -> RigidBodyStart:
-    """The spacecraft at the start: it keeps to K as it believes K to turn."""
+    """The spacecraft at the start: at rest in K as believed, and pointed as it should be."""
     world, truth = wiring.world, wiring.scenario.truth
     axes = believed_axes(
         0.0,
@@ -90,8 +91,19 @@ def _start(wiring: Wiring) -> RigidBodyStart:
     )
     error = quaternion_of(_three(np.radians(truth.attitude.constant_deg)))
     state = np.concatenate([world.transit.start, world.transit.start_velocity])
-    attitude = quaternion_product(axes, error)
+    attitude = quaternion_product(axes, quaternion_product(_pointed(wiring), error))
     return RigidBodyStart(state, attitude, (0.0, 0.0, world.body.spin_rate))
+
+
+def _pointed(wiring: Wiring) -> Quaternion:
+    """R_KS as wanted at the start: after an approach the boresight is at the body, if asked for."""
+    settings = wiring.scenario.spacecraft
+    assert isinstance(settings, RigidBodyConfig)
+    if settings.pointing.mode == "hold":
+        return quaternion_of((0.0, 0.0, 0.0))
+    boresight, start = np.array(settings.pointing.boresight), wiring.world.transit.start
+    turn = shortest_turn(boresight / np.linalg.norm(boresight), -start / np.linalg.norm(start))
+    return quaternion_of(_three(turn))
 
 
 def _three(values: Vector3) -> Vector:
@@ -220,6 +232,7 @@ def _add_control(
         "attitude_guidance",
         AttitudeGuidance(own.settings.pointing, spin, own.period),
         position=known["position"],
+        body_attitude=known["body_attitude"],
     )
     momentum = None if wheels is None else craft.GetOutputPort("wheel_momentum")
     estimator = TorqueEstimator(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -289,4 +290,5 @@ def _navigation_map(
 
 def _lidar_geometry(scenario: Scenario) -> LidarGeometry:
     sensor = scenario.lidar
-    return LidarGeometry(sensor.planes, sensor.rays, sensor.max_range_m)
+    field = math.radians(sensor.field_of_view_deg) if isinstance(sensor, LidarConfig) else 0.0
+    return LidarGeometry(sensor.planes, sensor.rays, sensor.max_range_m, field)

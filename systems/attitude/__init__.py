@@ -20,7 +20,11 @@ from proxops.systems.attitude.attitude_control import (
     pointing_error,
 )
 from proxops.systems.attitude.attitude_filter import AttitudeFilter, AttitudeNoise
-from proxops.systems.attitude.attitude_guidance import AttitudeGuidance, AttitudeGuidanceConfig
+from proxops.systems.attitude.attitude_guidance import (
+    AttitudeGuidance,
+    AttitudeGuidanceConfig,
+    shortest_turn,
+)
 from proxops.systems.attitude.given_force import GivenForce
 from proxops.systems.attitude.gyro import Gyro, GyroConfig
 from proxops.systems.attitude.reaction_wheels import ReactionWheels, WheelArray, WheelFriction
@@ -61,5 +65,6 @@ __all__ = [
     "attitude_error",
     "control_torque",
     "pointing_error",
+    "shortest_turn",
     "true_layout",
 ]

@@ -61,15 +61,16 @@ class AttitudeGuidance(LeafSystem):
     """The reference attitude, at attitude steps.
 
     ```
-                               ┌──────────────────┐─► reference (4), R_NS as wanted
-    position (3), m, K; NaN ──►│ AttitudeGuidance │
+    position (3), m, K; NaN ──►┌──────────────────┐─► reference (4), R_NS as wanted
+    body_attitude (4), R_KS ──►│ AttitudeGuidance │
                                └──────────────────┘─► reference_rate (3), rad/s, S as wanted
     ```
 
     K turns as believed, Rot(z, w_b t). `hold`: S keeps to K's axes; `body`: the boresight goes the
     shortest way to the body's centre and follows it, with limits on rate and acceleration, and S
-    does not turn about it more than it must. The position is as it is known; where it is not (NaN),
-    S stays as it is in K. The reference against K and its rate there are discrete state.
+    does not turn about it more than it must. It begins with the attitude that it has. The position
+    is as it is known; where it is not (NaN), S stays as it is in K. The reference against K and its
+    rate there are discrete state.
     """
 
     def __init__(self, settings: AttitudeGuidanceConfig, believed_spin: float, period: float):
@@ -81,17 +82,20 @@ class AttitudeGuidance(LeafSystem):
         self._boresight = x, y, z
         self._limits = math.radians(settings.slew_deg_s), settings.slew_time_s
         self._position_port = self.DeclareVectorInputPort("position", 3)
-        # R_KS as wanted, and the rate at which that changes, in K.
-        self._state = self.DeclareDiscreteState(np.array([1.0, 0, 0, 0, 0, 0, 0]))
-        depends = {self.xd_ticket(), self.time_ticket()}
+        self._attitude_port = self.DeclareVectorInputPort("body_attitude", 4)
+        # R_KS as wanted, 0 before the first step, and the rate at which that changes, in K.
+        first = [1.0 if settings.mode == "hold" else 0.0, *np.zeros(6)]
+        self._state = self.DeclareDiscreteState(np.array(first))
+        depends = {self.xd_ticket(), self.time_ticket(), self._attitude_port.ticket()}
         self.DeclareVectorOutputPort("reference", 4, self._calc_reference, depends)
-        self.DeclareVectorOutputPort("reference_rate", 3, self._calc_rate, {self.xd_ticket()})
+        self.DeclareVectorOutputPort("reference_rate", 3, self._calc_rate, depends)
         if settings.mode == "body":
             self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._turn)
 
     def _wanted(self, context) -> tuple[Values, Vector3]:
         state = context.get_discrete_state(self._state).value()
-        return state[:4], state[4:]
+        begun = bool(state.any())
+        return state[:4] if begun else self._attitude_port.Eval(context), state[4:]
 
     def _calc_reference(self, context, output):
         a, b, c, d = self._wanted(context)[0].tolist()
@@ -112,13 +116,13 @@ class AttitudeGuidance(LeafSystem):
         way = np.zeros(3)
         if np.isfinite(position).all() and position.any():
             now = np.array(rotated((a, b, c, d), self._boresight))
-            way = _shortest_turn(now, -position / np.linalg.norm(position))
+            way = shortest_turn(now, -position / np.linalg.norm(position))
         x, y, z = (turn := next_turn(way, rate, self.period, *self._limits)).tolist()
         after = quaternion_product(quaternion_of((x, y, z)), (a, b, c, d))
         discrete_state.set_value(self._state, np.concatenate([after, turn / self.period]))
 
 
-def _shortest_turn(before: Vector3, after: Vector3) -> Vector3:
+def shortest_turn(before: Vector3, after: Vector3) -> Vector3:
     """The rotation vector (3,) that turns one unit vector (3,) into another."""
     across = np.cross(before, after)
     sine, cosine = float(np.linalg.norm(across)), float(before @ after)

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from proxops.systems.common import FAR, Vector3, check_type, config, number
+from proxops.systems.common import FAR, InputError, Vector3, check_type, config, number
 from proxops.systems.lidar.beams import Beams
 from proxops.systems.lidar.lidar_errors import DEFAULT_ERRORS, LidarErrors, TrueReturns, too_grazing
 from proxops.systems.lidar.lidar_geometry import DEFAULT_GEOMETRY, LidarGeometry
@@ -28,6 +28,9 @@ class LidarConfig:
     # Number of planes, turned by equal angles about a common axis, and of rays in each plane.
     planes: int = number(12, at_least=1, at_most=360)
     rays: int = number(360, at_least=1, at_most=3600)
+    # Full angle of a square field of view about S's z, of planes by rays pixels, as a flash lidar
+    # has it; 0: planes all around. The policy that reads frames needs them all around.
+    field_of_view_deg: float = number(0.0, at_least=0.0, at_most=170.0, unit="degrees")
     # A ray that meets the surface at a greater angle from the normal has no return. With 90, every
     # ray that meets the surface has a return.
     max_incidence_deg: float = number(90.0, at_least=1e-3, at_most=90.0, unit="degrees")
@@ -78,6 +81,11 @@ class Lidar(PlanarLidar):
         super().__init__(errors, geometry, period, seed)
         self._normals = shape.normals
         self._fan = ray_caster(shape).fan(self.directions)
+        if errors.beam_width > 0.0 and geometry.field_of_view > 0.0:
+            raise InputError(
+                "beams with a width are computed for planes all around: set "
+                "lidar.field_of_view_deg or truth.lidar.beam_width_rad to 0"
+            )
         self._beams = Beams(shape, geometry, errors.beam_width) if errors.beam_width > 0.0 else None
 
     def true_returns(self, position: Vector3, rotation: np.ndarray | None = None) -> TrueReturns:
