@@ -6,7 +6,7 @@ import trimesh
 from jacobi import jacobi_integral
 
 from proxops.diagrams.scenario.body import load_body
-from proxops.systems import GravityField, InputError, Polyhedron
+from proxops.systems import GravityField, Polyhedron
 from proxops.systems.gravity.equilibria import find_equilibria, linear_modes, synchronous_radius
 from proxops.systems.gravity.surface_maps import effective_field, plane_cut, surface_map
 
@@ -134,18 +134,6 @@ def test_slope_where_a_fast_spinner_sheds(sphere: GravityField) -> None:
     assert np.degrees(found.slope[np.abs(latitude) > 85.0].max()) < 12.0
 
 
-def test_map_of_kleopatra(kleopatra: GravityField) -> None:
-    found = surface_map(kleopatra, PUBLISHED_SPIN)
-    assert {len(column) for column in found} == {4000}
-    felt = effective_field(kleopatra, PUBLISHED_SPIN, found.centroids[::400])
-    np.testing.assert_array_equal(found.potential[::400], felt.potential)
-    inward = -np.einsum("fi,fi->f", found.acceleration, kleopatra.shape.normals)
-    magnitude = np.linalg.norm(found.acceleration, axis=1)
-    np.testing.assert_allclose(np.cos(found.slope), inward / magnitude, atol=1e-12)
-    assert 0.03 < found.gravity.min() < found.gravity.max() < 0.06
-    assert np.degrees(found.slope.max()) < 60.0
-
-
 # --- on a plane -----------------------------------------------------------------------------------
 
 
@@ -257,13 +245,3 @@ def test_about_z_of_the_radar_model_they_are_nearly_the_same(kleopatra: GravityF
     assert [point.growing for point in found] == PUBLISHED_GROWING
     apart = np.linalg.norm([point.position for point in found] - 1e3 * PUBLISHED, axis=1)
     assert apart.max() < 1000.0
-
-
-def test_starts_may_be_given(kleopatra: GravityField) -> None:
-    near = np.array([[140e3, 0.0, 0.0], [141e3, 1e3, 0.0]])
-    [point] = find_equilibria(kleopatra, PUBLISHED_SPIN, near)
-    assert point.position == pytest.approx(1e3 * PUBLISHED[0], abs=1e3)
-    with pytest.raises(InputError, match="points must have shape"):
-        find_equilibria(kleopatra, PUBLISHED_SPIN, np.zeros(3))
-    with pytest.raises(InputError, match="spin must be finite"):
-        find_equilibria(kleopatra, np.nan)
