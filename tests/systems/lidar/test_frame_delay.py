@@ -15,7 +15,7 @@ GEOMETRY = LidarGeometry(planes=4, rays=60)
 
 # With 0.1 s and 0.7 s, sums of periods and multiples of them differ in the last bit.
 @pytest.mark.parametrize("period", [10.0, 0.1, 0.7])
-@pytest.mark.parametrize("steps", [1, 3])
+@pytest.mark.parametrize("steps", [3])
 def test_frames_late_by_steps(period: float, steps: int) -> None:
     """A spacecraft that moves past Kleopatra; the flight ends between two control steps."""
     end, builder = 12.4 * period, DiagramBuilder()
