@@ -8,7 +8,6 @@ import shutil
 import subprocess
 import sys
 import tempfile
-import time
 from pathlib import Path
 
 import numba
@@ -115,16 +114,6 @@ def test_other_functions_keep_numba_s_own_folder() -> None:
     assert folder() == before
 
 
-def test_folders_that_are_not_used_for_a_month_go(tmp_path: Path) -> None:
-    month = 31 * 86400.0
-    for name, age in (("old", month), ("new", 0.0)):
-        (tmp_path / name).mkdir()
-        (tmp_path / name / "kept.nbi").write_text("")
-        os.utime(tmp_path / name, (time.time() - age, time.time() - age))
-    kernels._remove_unused(tmp_path)
-    assert [path.name for path in tmp_path.iterdir()] == ["new"]
-
-
 @pytest.mark.parametrize("home", ["/dev/null/x"])
 @pytest.mark.parametrize("temporary", [True, pytest.param(False, marks=pytest.mark.slow)])
 def test_without_a_home_it_works_and_says_nothing(
@@ -173,12 +162,6 @@ def test_the_cache_lies_in_the_user_s_own_folder(
     assert cache_folder("gravity") == tmp_path / ".cache" / "proxops" / "gravity"
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "other"))
     assert cache_folder("gravity") == tmp_path / "other" / "proxops" / "gravity"
-
-
-def test_a_user_without_a_home_has_a_folder_among_temporary_files(homeless: Path) -> None:
-    own = homeless / f"proxops-{os.getuid()}"
-    assert cache_folder("kernels") == own / "kernels"
-    assert own.stat().st_mode & 0o777 == 0o700
 
 
 def test_a_folder_in_which_others_may_write_is_not_used(homeless: Path) -> None:
