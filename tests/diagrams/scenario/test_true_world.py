@@ -191,14 +191,6 @@ def test_thrust_turns_with_the_axes() -> None:
     np.testing.assert_allclose(both, [0.0, 0.05, 0.0], atol=3e-4)
 
 
-def test_thrust_has_its_scale_and_mass() -> None:
-    push = first_push(
-        [5.0, 5.0, 0.04], truth__thrusters__scale=[0.8, 1.2, 1.0], truth__mass=1.25,
-        truth__thrusters__least_impulse_n_s=0.5,
-    )  # fmt: skip
-    np.testing.assert_allclose(push, [0.032, 0.048, 0.0], atol=2e-4)
-
-
 def test_delta_v_is_that_of_the_propellant() -> None:
     """Tsiolkovsky: Isp g0 ln(m0 / m1), if every axis has thrusters of its own."""
     scenario = short_scenario(truth__specific_impulse_s=20.0, truth__mass=1.1, **BRIEF)
@@ -224,15 +216,6 @@ def test_inertial_motion_of_a_log_is_motion() -> None:
     pull = field.evaluate(data["state"].values[:, :3]).acceleration
     sizes = np.linalg.norm(change[2:-2], axis=1)
     np.testing.assert_allclose(sizes, np.linalg.norm(pull[2:-2], axis=1), rtol=2e-4)
-
-
-def test_true_body_is_the_map_by_default() -> None:
-    body = kleopatra()
-    true_body = make_true_body(body, TruthConfig())
-    assert true_body.shape is body.shape
-    assert true_body.gravity_field is body.gravity_field
-    np.testing.assert_array_equal(true_body.spin, [0.0, 0.0, body.spin_rate])
-    assert not true_body.axis_point.any()
 
 
 def test_spin_axis_goes_through_the_centre_of_mass() -> None:
