@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from short_flights import BRIEF, kleopatra, short_scenario
+from short_flights import kleopatra, short_scenario
 
 from proxops.diagrams.flight.simulation import fly, make_simulator
 from proxops.diagrams.flight.transit_diagram import make_transit_diagram
 from proxops.diagrams.logs.flight_log import FlightLog
 from proxops.diagrams.scenario.scenario import load_scenario
-from proxops.systems import DelayedHold, InputError, ModelPredictiveController
+from proxops.systems import DelayedHold
 
 SPIN = 2.0 * np.pi / (5.38528 * 3600.0)
 DELAYS = [2.0, 10.0]
@@ -116,46 +116,3 @@ def test_plans_begin_where_the_flight_is_by_then(delay: float) -> None:
         simulator.AdvanceTo(10.0 * step + delay + 1e-3)
         assert now(hold, "y").tolist() == np.clip(plan.forces[0], -7.0, 7.0).tolist()
     assert max(moved) > 8.0 * delay
-
-
-def test_disturbance_is_applied_less_commanded() -> None:
-    changes = {"mpc__solve_delay_s": 4.0, "disturbance": {}, **BRIEF}
-    data = fly(short_scenario(**changes), body=kleopatra()).dataset
-    asked = np.isfinite(data["mpc_force"].values).all(axis=1)
-    sum_of_both = (data["mpc_force"] + data["disturbance"]).values[asked]
-    np.testing.assert_allclose(data["force"].values[asked], sum_of_both, atol=1e-12)
-    assert np.abs(data["disturbance"]).max() > 0.1
-
-
-@pytest.mark.parametrize("gain", [1.0])
-def test_estimator_stays_offset_free(gain: float) -> None:
-    """With a delay of a whole period, and even unsmoothed, it neither errs nor swings."""
-    place = [20e3, 95e3, 40e3]
-    scenario = load_scenario(
-        None,
-        {
-            "transit.start_m": place, "transit.goal_m": place, "arrival.dwell_s": 1500,
-            "arrival.deadline_s": 10, "mpc.solve_delay_s": 10.0, "mpc.estimator_gain": gain,
-            "truth.gravity": 0.8,
-        },
-        on_true_state=True,
-    )  # fmt: skip
-    log = fly(scenario)
-    assert log.summary["terminal_position_error_m"] < 1.0
-    assert np.abs(np.diff(log.dataset["force"].values[-20:-1], axis=0)).max() < 0.05
-
-
-@pytest.mark.parametrize(
-    ("delay", "complaint"),
-    [
-        (-1.0, "must not be negative"),
-        (10.5, "must be from 0 to control_period_s"),
-    ],
-)
-def test_senseless_delay_refused(delay: float, complaint: str) -> None:
-    with pytest.raises(InputError, match=f"mpc.solve_delay_s {complaint}"):
-        load_scenario(None, {"mpc.solve_delay_s": delay})
-    program = make_transit_diagram(short_scenario()).GetSubsystemByName("controller")
-    assert isinstance(program, ModelPredictiveController)
-    with pytest.raises(InputError, match="delay must be from 0 to its period"):
-        ModelPredictiveController(program.program, 10.0, delay=delay)
