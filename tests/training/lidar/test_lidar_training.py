@@ -13,21 +13,9 @@ from proxops.training.lidar.frames import (
     enclosing_ellipsoid,
     frame_examples,
     grid_positions,
-    random_positions,
     ray_examples,
 )
 from proxops.training.lidar.networks import FrameNetwork, RayNetwork, frame_loss, ray_loss
-from proxops.training.loop.training_history import learning_rate
-
-
-def test_learning_rate_rises_then_falls_to_nothing():
-    rates = [learning_rate(1e-1, done) for done in np.linspace(0.0, 1.0, 101)]
-    assert max(rates) == pytest.approx(1e-1)
-    assert int(np.argmax(rates)) == 10
-    assert rates[:11] == sorted(rates[:11])
-    assert rates[10:] == sorted(rates[10:], reverse=True)
-    assert rates[-1] == pytest.approx(0.0, abs=1e-12)
-
 
 # --- data -----------------------------------------------------------------------------------------
 
@@ -43,15 +31,6 @@ def test_grid_fills_the_cube_outside_the_body():
     assert inside == pytest.approx(body.shape.volume / (20e3) ** 3, rel=0.15)
     assert not body.gravity_field.evaluate(grid).inside.any()
     assert np.abs(grid_positions(body, 340e3, 50e3)).max() == pytest.approx(150e3)
-
-
-def test_random_positions_repeat_and_lie_outside():
-    body = kleopatra()
-    places = random_positions(body, 340e3, 500, 7)
-    assert np.array_equal(places, random_positions(body, 340e3, 500, 7))
-    assert places.shape == (500, 3)
-    assert np.abs(places).max() <= 170e3
-    assert not body.gravity_field.evaluate(places).inside.any()
 
 
 def test_ray_examples_say_where_the_surface_is():

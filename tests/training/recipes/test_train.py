@@ -1,7 +1,6 @@
 """`proxops train --recipe paper`: learning from short flights, what it writes, what it refuses."""
 
 import csv
-import dataclasses
 import json
 import sys
 from pathlib import Path
@@ -12,15 +11,11 @@ import pytest
 import torch
 from commands import proxops
 from flight_folders import copy_flights
-from short_flights import BRIEF, short_scenario
 
-from proxops.diagrams.flight.simulation import fly
-from proxops.systems import InputError
 from proxops.training.data import PackedFlights, pack_flights
 from proxops.training.export.policy_report import replay_flights
 from proxops.training.loop import WindowDataset
 from proxops.training.loop.training_loop import Schedule
-from proxops.training.recipes import RECIPES
 from proxops.training.recipes.paper import (
     PaperSettings,
     make_policy,
@@ -58,32 +53,6 @@ def test_training_reduces_the_loss(report: dict[str, Any]):
     assert losses[-1] < 0.8 * losses[0]
     figures = report["parts"]["training"]
     assert figures["rmse_n"] < 0.3 * figures["zero_rmse_n"]
-
-
-def test_report_counts_every_step(report: dict[str, Any], packed: PackedFlights):
-    for part, figures in report["parts"].items():
-        assert figures["flights"] == len(packed.part(part)) > 0
-        assert figures["steps"] == sum(flight.steps for flight in packed.part(part))
-    assert report["logs_sha256"] == packed.logs_sha256
-    assert json.loads((report["out"] / "report.json").read_text())["parts"] == report["parts"]
-    assert f"{report['parts']['test']['rmse_n']:.3f}" in (report["out"] / "report.md").read_text()
-
-
-def test_checkpoint_holds_the_policy_that_is_reported(
-    report: dict[str, Any], packed: PackedFlights
-):
-    policy = make_policy(packed, SMALL)
-    policy.load_state_dict(torch.load(report["out"] / "policy.ckpt")["best"])
-    wanted, said = replay_flights(policy.eval(), packed, "test")
-    rmse = np.sqrt(((said - wanted) ** 2).mean())
-    assert rmse == pytest.approx(report["parts"]["test"]["rmse_n"], rel=1e-5)
-
-
-def test_bundle_flies(report: dict[str, Any]):
-    log = fly(short_scenario(policy__bundle=str(report["out"] / "bundle"), **BRIEF), "policy")
-    steps = len(log.dataset["time"]) - 1
-    assert (log.dataset["decision"].values[:steps] == 2).all()
-    assert np.isfinite(log.dataset["policy_force"].values[:steps]).all()
 
 
 @torch.no_grad()
@@ -144,27 +113,6 @@ def test_quick_command_writes_all_that_it_says(
     again = ("--recipe", "paper", "--quick", "--epochs", "1", "--device", "cpu")
     assert proxops("train", data / "flights", *again, "--out", tmp_path / "logs") == 0
     assert len((tmp_path / "logs" / "curves" / "policy.csv").read_text().splitlines()) == 2
-
-
-@pytest.mark.parametrize(
-    ("recipe", "folder"),
-    [("proxops", "out/pilot"), ("paper", "out/paper-policy"), ("any-body", "out/any-body")],
-)
-def test_each_recipe_has_a_folder_of_its_own(
-    recipe: str, folder: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
-    """In the folder of another, it would replace the bundle."""
-    given: list[Any] = []
-
-    def stop(*arguments: Any) -> None:
-        given.extend(arguments)
-        raise InputError("far enough")
-
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setitem(RECIPES, recipe, dataclasses.replace(RECIPES[recipe], train=stop))
-    data = [] if recipe == "any-body" else ["data"]
-    assert proxops("train", *data, "--recipe", recipe) == 2
-    assert Path(folder) in given
 
 
 def test_without_torch_it_says_what_to_do(
