@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from commands import proxops
 from scipy.stats import beta
 
 from proxops.diagrams.flight import Flight, Workers, fly
@@ -79,17 +78,6 @@ def test_tracks_are_what_was_drawn(name: str) -> None:
     assert len({json.dumps(change, sort_keys=True) for change in track.changes}) == 200
 
 
-def test_worlds_are_written_down() -> None:
-    """Nothing is left to be drawn when a flight begins."""
-    track = load_track("lidar-after-survey")
-    for flight in dc.replace(track, changes=track.changes[::25]).flights("zero"):
-        scenario = flight.scenario
-        assert scenario.dispersions is None
-        assert scenario.transit.start_m is not None
-        assert scenario.transit.goal_m is not None
-        assert scenario.truth.gravity != 1.0
-
-
 def test_flights_are_those_of_the_seed(brief: Track, tmp_path: Path) -> None:
     row = score(brief, "pd", tmp_path, workers=Workers(1))
     scenario = load_scenario(None, SHORT, on_true_state=True)
@@ -101,21 +89,6 @@ def test_flights_are_those_of_the_seed(brief: Track, tmp_path: Path) -> None:
         )
     assert score(brief, "pd", tmp_path, workers=Workers(1)) == row
     assert len(list(tmp_path.glob("*.json"))) == 2
-
-
-def test_a_world_that_cannot_be_flown_is_named(brief: Track, tmp_path: Path) -> None:
-    heavy = dc.replace(brief, changes=[brief.changes[0], {**brief.changes[1], "truth.mass": 20.0}])
-    with pytest.raises(InputError, match="track brief: transit 1 cannot be flown: hovering at"):
-        score(heavy, "zero", tmp_path, workers=Workers(1))
-
-
-def test_settings(brief: Track) -> None:
-    flights = brief.flights("mpc", ["mpc.intervals=12", "hybrid.gate=paper"])
-    scenario = flights[1].scenario
-    assert (scenario.mpc.intervals, scenario.hybrid.gate) == (12, "paper")
-    for setting in ("truth.gravity=1.0", "navigation=!TrueState {}", "arrival.radius_m=5e3"):
-        with pytest.raises(InputError, match="only what is on board may be changed: mpc, policy"):
-            brief.flights("mpc", [setting])
 
 
 def test_tracks_that_were_changed(
@@ -221,20 +194,6 @@ def test_rows_keep_their_hash(brief: Track, tmp_path: Path) -> None:
     path.write_text("[]")
     with pytest.raises(InputError, match="is not a row of the benchmark"):
         load_row(path)
-
-
-def test_command(brief: Track, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    path, out = tmp_path / "brief.json", tmp_path / "out"
-    save_track(brief, path)
-    words = ["score", path, "--controller", "zero", "--name", "nothing", "--out", out]
-    assert proxops(*words, "--workers", 1) == 0
-    told = capfd.readouterr().out
-    row = load_row(out / f"brief-{brief.sha256[:12]}-zero.json")
-    assert (row.name, row.controller, len(row.flights)) == ("nothing", "zero", 2)
-    assert row.sha256[:12] in told
-    assert "0 of 2" in told
-    assert proxops(*words, "--set", "truth.gravity=2") == 2
-    assert "only what is on board may be changed" in capfd.readouterr().err
 
 
 # --- the page -------------------------------------------------------------------------------------
